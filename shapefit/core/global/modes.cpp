@@ -1,7 +1,7 @@
 #include "modes.hpp"
 
 #include "../base/registry.hpp"
-#include "descent.hpp"
+#include "objective.hpp"
 #include "search.hpp"
 
 namespace shapefit {

@@ -1,7 +1,7 @@
 // All readings of each image, and the proof that there is none besides.
 #pragma once
 
-#include "data.hpp"
+#include "objective.hpp"
 
 namespace shapefit {
 

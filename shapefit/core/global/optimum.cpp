@@ -1,10 +1,15 @@
-#include "optimum.hpp"
-
+// The global optimum of each image by branch and bound, and the tree that proves it.
 #include "../base/registry.hpp"
-#include "descent.hpp"
+#include "objective.hpp"
 #include "search.hpp"
 
 namespace shapefit {
+
+// The global optimum of each image with its certificate.
+
+// Search all rotations for the images of the range; see docs/global.md.
+void find_optimum(const GlobalData& data, Range range);
+
 namespace {
 
 constexpr int DESCENTS = 8;            // from the best of the root vertices
@@ -146,5 +151,98 @@ void find_optimum(const GlobalData& data, Range range) {
 }
 
 const Exported<find_optimum> find_optimum_exported{"find_optimum"};
+
+// The tree of one image's search with the multipliers of its vertices, for a file.
+
+// Search one image with a fixed cut and write what fits into the arrays.
+TreeSize record_tree(const TreeData& data);
+
+TreeSize record_tree(const TreeData& data) {
+    Workspace workspace;
+    const RootCells roots;
+    RotationObjective objective(workspace, data.problem);
+    if (!objective.aim(0)) return {0, 0, false};
+    CellSearch cells(workspace, objective, roots, data.most_cells);
+    Cell cell;
+    int edge = 0, middle = 0;
+    bool complete = true;
+    cells.begin_image();
+    cells.vertices.set_cut(data.cut);
+    cells.begin();
+    while (complete && cells.take(cell)) {
+        const long at = cells.tested;
+        complete = at < data.most_cells;
+        if (!complete) break;
+        const bool dropped = cells.is_dropped(cell, edge);
+        if (at < data.splits.size[0]) data.splits[at] = dropped ? -1 : edge;
+        if (!dropped) complete = cells.split(cell, edge, middle);
+    }
+    const long p = data.problem.weights.size[1];
+    for (int v = 0; v < smaller(cells.vertices.count(), data.vertices.size[0]); ++v) {
+        Vertex& vertex = cells.vertices[v];
+        const double scale = cells.vertices.reaches(vertex) ? vertex.scale : 0;
+        for (int e = 0; e < 4; ++e) data.vertices[v][e] = vertex.q[e];
+        for (int a = 0; a < 2; ++a) {
+            double* Y = data.multipliers[v][a].data;
+            objective.reduction.expand(vertex.Y + a * objective.atoms.row, Y, p);
+            for (long j = 0; j < p; ++j) Y[j] *= scale;
+        }
+    }
+    return {cells.tested, cells.vertices.count(), complete};
+}
+
+const Exported<record_tree> record_tree_exported{"record_tree"};
+
+// Single steps of the search with arrays, for tests.
+
+// The 600-cell modulo sign: quaternions (60, 4) and the vertices of each cell (300, 4).
+void root_cells(Matrix<double> vertices, Matrix<int64_t> cells);
+
+// Whether the cell can be dropped; excess (20,) of the coefficients over their bounds, all nan where
+// a vertex does not reach the cut.
+bool judge_alone(const CellData& cell);
+
+// Descend from the quaternion q; returns the objective there.
+double descend_alone(const DescentData& data);
+
+void root_cells(Matrix<double> vertices, Matrix<int64_t> cells) {
+    const RootCells roots;
+    for (int v = 0; v < ROOT_VERTICES; ++v)
+        for (int e = 0; e < 4; ++e) vertices[v][e] = roots.vertex[v][e];
+    for (int c = 0; c < ROOT_CELLS; ++c)
+        for (int a = 0; a < 4; ++a) cells[c][a] = roots.cell[c].vertex[a];
+}
+
+bool judge_alone(const CellData& cell) {
+    const Vector<double> excess = cell.excess;
+    Workspace workspace;
+    RotationObjective objective(workspace, cell.problem);
+    objective.aim(0);
+    Vertices vertices(workspace, objective, 4);
+    vertices.set_cut(cell.cut);
+    const Vertex* corner[4];
+    for (long t = 0; t < excess.size[0]; ++t) excess[t] = NOT_A_NUMBER;
+    bool reached = true;
+    for (int a = 0; a < 4; ++a) {
+        Vertex& vertex = vertices.add(cell.corners[a].data, nullptr);
+        reached &= vertices.reaches(vertex);
+        corner[a] = &vertex;
+    }
+    if (!reached) return false;
+    const CellTest test(objective);
+    test.find_excess(corner, excess.data);
+    return test.judge(corner).dropped;
+}
+
+double descend_alone(const DescentData& data) {
+    Workspace workspace;
+    RotationObjective objective(workspace, data.problem);
+    objective.aim(0);
+    return descend(objective, data.q.data, data.share);
+}
+
+const Exported<root_cells> root_cells_exported{"root_cells", PART};
+const Exported<judge_alone> judge_cell_exported{"judge_cell", PART};
+const Exported<descend_alone> descend_exported{"descend", PART};
 
 }  // namespace shapefit

@@ -2,9 +2,127 @@
 // rotation below it.
 #pragma once
 
-#include "bound.hpp"
+#include "objective.hpp"
 
 namespace shapefit {
+
+// Cells of rotations: cones over four unit quaternions, of which q and -q are one rotation.
+//
+// The 600-cell has 120 vertices and 600 tetrahedra; modulo sign 60 and 300, which cover all
+// rotations. Neighbouring vertices are 72 degrees of rotation apart.
+
+// Four vertices, by number. Their signs are those of the hemisphere about the first.
+struct Cell {
+    int vertex[4];
+    int passed = 0;  // splits in a row that spared its longest edge
+};
+
+constexpr int ROOT_VERTICES = 60, ROOT_CELLS = 300;
+constexpr int EDGES = 6;
+constexpr int EDGE[EDGES][2] = {{0, 1}, {0, 2}, {0, 3}, {1, 2}, {1, 3}, {2, 3}};
+
+// The 600-cell modulo sign.
+struct RootCells {
+    RootCells();
+
+    double vertex[ROOT_VERTICES][4];
+    Cell cell[ROOT_CELLS];
+};
+
+// The vertices of an image's cells: at each rotation the best coefficients, and their multiplier.
+//
+// The multiplier Y = w - Rbar sum_i c_i B_i is feasible at its own rotation; scaled by s it has the
+// value D(s Y) = s <Y, w> - s^2 ||Y||^2 / 2, and s is the least one at which that reaches the cut.
+
+struct Vertex {
+    double q[4];
+    double objective;  // v
+    double square;     // ||Y||^2
+    double along;      // <Y, w>
+    double largest;    // max_i ||Y B_i^T||_F
+    double scale;      // s; nan where no scaled Y reaches the cut
+    long scaled_for;   // number of the cut
+    double* products;  // Y B_i^T (6, padded k), atoms innermost
+    double* Y;         // (2, row)
+    long count;        // coefficients that are not 0
+    long* index;       // (room,) their atoms
+    double* x;         // (room,)
+};
+
+class Vertices {
+  public:
+    Vertices(Workspace& workspace, RotationObjective& objective, long most);
+
+    // Forget all and begin with those of the 600-cell.
+    void begin(const RootCells& roots);
+
+    // A new vertex at q, whose coefficients start from those of another one, if any.
+    Vertex& add(const double* q, const Vertex* like);
+
+    // The vertex half-way between two; false where there is no room for it.
+    bool middle(int a, int b, int& number);
+
+    // Change what a scaled multiplier has to reach.
+    void set_cut(double value);
+
+    // s of the vertex, for the cut; false where it does not reach it.
+    bool reaches(Vertex& vertex) const;
+
+    Vertex& operator[](int number) { return *all_[number]; }
+    int count() const { return count_; }
+    double cut() const { return cut_; }
+
+  private:
+    void lay(Vertex& vertex);
+    void find_products(Vertex& vertex);
+    void grow_table();
+    long* place_of_edge(uint64_t key);
+
+    Workspace& workspace_;
+    RotationObjective& objective_;
+    const long most_;
+    Vertex** all_;
+    int laid_ = 0, count_ = 0;
+    double cut_ = 0;
+    long number_of_cut_ = 0;
+    uint64_t* keys_ = nullptr;  // of the edges whose middle is known: open addressing
+    long* middles_ = nullptr;
+    long table_ = 0;
+};
+
+// The test of a cell: whether no rotation in it has an objective below the cut.
+//
+// At q = sum_a mu_a q_a, mu >= 0, sum_a mu_a = 1, the multiplier Y(mu) = sum_a mu_a s_a Y_a has a value
+// D >= cut, for D is concave and reaches the cut at the vertices. It is feasible where for every
+// atom <Y(mu), Q(q, q) B_i> <= lambda |q|^2. Both sides are cubic in mu; in Bernstein form the
+// inequality holds on the whole cell if it holds for the coefficients of all a <= b <= c:
+//
+//   s_a <G_a, Q(q_b, q_c)> + s_b <G_b, Q(q_a, q_c)> + s_c <G_c, Q(q_a, q_b)>
+//       <= lambda (q_b.q_c + q_a.q_c + q_a.q_b),          G_a = Y_a B_i^T.
+//
+// Rounding is on the safe side: lambda is lowered by what it may add to the left.
+
+// Whether all coefficients hold, and if not by how much they fail at most: of the two on each edge.
+struct Verdict {
+    bool dropped;
+    double excess[EDGES];
+};
+
+constexpr int TRIPLES = 20;
+
+class CellTest {
+  public:
+    CellTest(const RotationObjective& objective) : objective_(objective) {}
+
+    // Four vertices that reach the cut, in any signs.
+    Verdict judge(const Vertex* const* corner) const;
+
+    // By how much the left side of each inequality exceeds the right one, rounding included.
+    void find_excess(const Vertex* const* corner, double* excess) const;
+
+  private:
+    const RotationObjective& objective_;
+};
 
 constexpr long CELLS_BETWEEN_LOOKS = 256;  // at the clock
 

@@ -3,7 +3,7 @@
 #include "../base/registry.hpp"
 #include "../base/symmetric_eigen.hpp"
 #include "../convex/blocks.hpp"
-#include "../global/quaternions.hpp"
+#include "../global/objective.hpp"
 #include "rotations.hpp"
 #include "../shared/synchronisation.hpp"
 

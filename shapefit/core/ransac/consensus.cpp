@@ -1,10 +1,303 @@
-#include "consensus.hpp"
+// RANSAC: the pose that most landmarks agree on, from triples of them.
+#include <stdint.h>
 
+#include "../base/arguments.hpp"
+#include "../base/lanes.hpp"
+#include "../base/logarithm.hpp"
 #include "../base/registry.hpp"
 #include "../base/vectors.hpp"
+#include "../base/workspace.hpp"
+#include "../pose/rotations.hpp"
 #include "../shared/rotation_step.hpp"
 
 namespace shapefit {
+
+// What the search for outliers reads and writes, as Python lays it out.
+
+// Landmarks of n images that agree with one pose of a known shape.
+struct ConsensusData {
+    Arguments& from;
+    Tensor<const double> landmarks = from("landmarks", "n 2 p");  // W
+    // omega^2, of mean 1 where not 0, which is hidden
+    Matrix<const double> squares = from("squares", "n p");
+    Matrix<const double> shape = from("shape", "3 p");  // S
+    Vector<const uint64_t> seeds = from("seeds", "n");  // of the draws
+    double threshold = from("threshold");  // of a residual, in units of the size of the shape
+    long draws = from("draws");
+    long most_rounds = from("max_rounds");  // of fits of a pose to its inliers
+    Matrix<bool> inliers = from("inliers", "n p");
+};
+
+// The visible landmarks of one image beside those of the shape, without the hidden ones.
+
+struct SeenLandmarks {
+    long count = 0;
+    double *x, *y;   // w
+    double* h;       // omega^2
+    double* S[3];    // the shape
+    int64_t* index;  // among all landmarks
+};
+
+inline SeenLandmarks room_for_landmarks(Workspace& workspace, long p) {
+    SeenLandmarks seen;
+    seen.x = workspace.zeros<double>(p);
+    seen.y = workspace.zeros<double>(p);
+    seen.h = workspace.zeros<double>(p);
+    for (double*& row : seen.S) row = workspace.zeros<double>(p);
+    seen.index = workspace.zeros<int64_t>(p);
+    return seen;
+}
+
+// Gather the landmarks of w (2, p) and S (3, p) with omega^2 > 0.
+inline void see(Matrix<const double> w, Vector<const double> squares, Matrix<const double> S,
+                SeenLandmarks& seen) {
+    seen.count = 0;
+    for (long j = 0; j < squares.size[0]; ++j) {
+        if (!(squares[j] > 0)) continue;
+        const long at = seen.count++;
+        seen.x[at] = w[0][j];
+        seen.y[at] = w[1][j];
+        seen.h[at] = squares[j];
+        for (int b = 0; b < 3; ++b) seen.S[b][at] = S[b][j];
+        seen.index[at] = j;
+    }
+}
+
+// Landmarks drawn at random: the same numbers on every machine for the same seed.
+
+constexpr int TRIPLE = 3;
+
+struct Triple {
+    long index[TRIPLE];
+};
+
+// An integer of 0..m-1 and the next state: SplitMix64 of Steele, Lea and Flood (2014).
+inline long draw_below(uint64_t& state, long m) {
+    state += 0x9E3779B97F4A7C15u;
+    uint64_t z = state;
+    z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
+    z = (z ^ (z >> 27)) * 0x94D049BB133111EBu;
+    z ^= z >> 31;
+    return static_cast<long>(((z >> 32) * static_cast<uint64_t>(m)) >> 32);
+}
+
+// Three different integers of 0..m-1, m >= 3, all ordered triples equally likely.
+inline Triple draw_triple(uint64_t& state, long m) {
+    const long i = draw_below(state, m);
+    long j = draw_below(state, m - 1), k = draw_below(state, m - 2);
+    if (j >= i) ++j;
+    const long low = i < j ? i : j, high = i < j ? j : i;
+    if (k >= low) ++k;
+    if (k >= high) ++k;
+    return {{i, j, k}};
+}
+
+// Weak perspective poses that three landmarks determine, of as many triples at a time as there are lanes.
+//
+// With an orthonormal basis Q of the plane of the triple i, j, k in the shape, its normal n and
+// s Rbar = G Q^T + a n^T, the landmarks w_j - w_i, w_k - w_i give G, and rows of equal length at
+// right angles mean a a^T = s^2 I - G G^T. That has rank one: s is the spectral norm of G, and a is
+// known but for its sign, which reflects the depths.
+// Source: Huttenlocher and Ullman, Recognizing solid objects by alignment, IJCV 1990.
+
+// Poses x -> s Rbar x + T, one a lane.
+struct PoseLanes {
+    Lanes size;  // s, 0 where the triple determines no pose
+    Lanes R[9];
+    Lanes T[2];
+};
+
+// Both poses of each triple.
+void pose_triples(const SeenLandmarks& seen, const Triple* triples, PoseLanes poses[2]);
+
+// How much a weak perspective pose s, Rbar, T explains beyond its own triple:
+//
+//     gain = log(A / (pi tol)) (sum_j omega_j^2 max(0, 1 - r_j^2 / tol) - 3),   tol = (threshold s)^2,
+//
+// with residuals r_j = ||w_j - s Rbar S_j - T||, visible landmarks spread over an area A, and
+// omega^2 of mean 1. The sum is the truncated one of MSAC; residuals count in units of the size of
+// the shape. The logarithm is the surprise of a landmark that keeps to its place, where a wrong one
+// could be anywhere in A: without it a shape blown up far beyond the image finds some landmarks in
+// its wide tolerance always. Three landmarks fit whatever they are.
+
+struct WeakPose {
+    double size;
+    double R[9];
+    double T[2];
+};
+
+// What residuals are measured by.
+struct Tolerance {
+    double threshold;
+    double area;
+};
+
+// 12 sqrt(det Cov) of the visible landmarks: the area of a rectangle with their covariance.
+double find_area(const SeenLandmarks& seen);
+
+// The gain of a pose; inside (count,) becomes 1 for the landmarks in its tolerance, else 0.
+// -infinity, and no landmark inside, where the tolerance covers the whole area.
+double judge(const SeenLandmarks& seen, const WeakPose& pose, const Tolerance& tolerance,
+             double* inside);
+
+// The gains of a pose a lane, -infinity also where there is none.
+void judge_lanes(const SeenLandmarks& seen, const PoseLanes& poses, const Tolerance& tolerance,
+                 Lanes& gains);
+
+namespace {
+
+constexpr double FLAT = 1e-6;  // a triangle as flat as this determines no pose
+
+// The three landmarks of each triple: the first, and the others seen from it.
+struct TripleLanes {
+    Lanes w[2], S[3];
+    Lanes to_w[2][2], to_S[2][3];
+};
+
+void gather(const SeenLandmarks& seen, const Triple* triples, TripleLanes& lanes) {
+    const double* w[2] = {seen.x, seen.y};
+    for (int l = 0; l < WIDTH; ++l) {
+        const long i = triples[l].index[0];
+        for (int a = 0; a < 2; ++a) lanes.w[a][l] = w[a][i];
+        for (int b = 0; b < 3; ++b) lanes.S[b][l] = seen.S[b][i];
+        for (int other = 0; other < 2; ++other) {
+            const long j = triples[l].index[1 + other];
+            for (int a = 0; a < 2; ++a) lanes.to_w[other][a][l] = w[a][j] - w[a][i];
+            for (int b = 0; b < 3; ++b) lanes.to_S[other][b][l] = seen.S[b][j] - seen.S[b][i];
+        }
+    }
+}
+
+// The plane of a triangle in the shape.
+struct Plane {
+    Lanes Q[9];           // an orthonormal basis, and the normal
+    Lanes base, along, height;  // to_S = base Q_0 and along Q_0 + height Q_1
+};
+
+inline Plane span(const TripleLanes& triple) {
+    Plane plane;
+    plane.base = root(inner3(triple.to_S[0], triple.to_S[0]));
+    for (int b = 0; b < 3; ++b) plane.Q[b] = triple.to_S[0][b] / plane.base;
+    plane.along = inner3(plane.Q, triple.to_S[1]);
+    for (int b = 0; b < 3; ++b) plane.Q[3 + b] = triple.to_S[1][b] - plane.along * plane.Q[b];
+    plane.height = root(inner3(plane.Q + 3, plane.Q + 3));
+    orthonormalise(plane.Q);
+    return plane;
+}
+
+}  // namespace
+
+void pose_triples(const SeenLandmarks& seen, const Triple* triples, PoseLanes poses[2]) {
+    TripleLanes triple;
+    gather(seen, triples, triple);
+    const Plane plane = span(triple);
+    Lanes G[2][2], normal[2];
+    for (int a = 0; a < 2; ++a) {
+        G[a][0] = triple.to_w[0][a] / plane.base;
+        G[a][1] = (triple.to_w[1][a] - plane.along * G[a][0]) / plane.height;
+    }
+    const Lanes xx = square(G[0][0]) + square(G[0][1]), yy = square(G[1][0]) + square(G[1][1]);
+    const Lanes xy = G[0][0] * G[1][0] + G[0][1] * G[1][1];
+    const Lanes largest = 0.5 * (xx + yy + root(square(xx - yy) + 4.0 * square(xy)));
+    const Lanes s = root(largest), zero{};
+    normal[0] = root(larger(largest - xx, zero));
+    normal[1] = root(larger(largest - yy, zero));
+    normal[1] = xy > 0 ? -normal[1] : normal[1];
+    const Lanes flat = FLAT * larger(plane.base, magnitude(plane.along));
+    const Lanes size = plane.base > 0 ? (plane.height > flat ? (largest > 0 ? s : zero) : zero) : zero;
+    for (int side = 0; side < 2; ++side) {
+        PoseLanes& pose = poses[side];
+        const double sign = 1 - 2 * side;
+        pose.size = size;
+        for (int a = 0; a < 2; ++a)
+            for (int b = 0; b < 3; ++b)
+                pose.R[3 * a + b] = (G[a][0] * plane.Q[b] + G[a][1] * plane.Q[3 + b] +
+                                     sign * normal[a] * plane.Q[6 + b]) / s;
+        orthonormalise(pose.R);
+        for (int a = 0; a < 2; ++a) pose.T[a] = triple.w[a] - s * inner3(pose.R + 3 * a, triple.S);
+    }
+}
+
+namespace {
+
+constexpr double PI = 0x1.921fb54442d18p1;
+
+}  // namespace
+
+double find_area(const SeenLandmarks& seen) {
+    const long m = seen.count;
+    double x = 0, y = 0, xx = 0, yy = 0, xy = 0;
+    for (long j = 0; j < m; ++j) {
+        x += seen.x[j] / m;
+        y += seen.y[j] / m;
+    }
+    for (long j = 0; j < m; ++j) {
+        xx += square(seen.x[j] - x) / m;
+        yy += square(seen.y[j] - y) / m;
+        xy += (seen.x[j] - x) * (seen.y[j] - y) / m;
+    }
+    return 12 * root(larger(xx * yy - xy * xy, 0));
+}
+
+double judge(const SeenLandmarks& seen, const WeakPose& pose, const Tolerance& tolerance,
+             double* __restrict inside) {
+    const double limit = square(tolerance.threshold * pose.size), inverse = 1 / limit;
+    if (!(PI * limit < tolerance.area)) {
+        for (long j = 0; j < seen.count; ++j) inside[j] = 0;
+        return -INFINITE;
+    }
+    double M[6], total = 0;
+    for (int e = 0; e < 6; ++e) M[e] = pose.size * pose.R[e];
+    const double *X = seen.S[0], *Y = seen.S[1], *Z = seen.S[2];
+    for (long j = 0; j < seen.count; ++j) {
+        const double x = seen.x[j] - pose.T[0] - M[0] * X[j] - M[1] * Y[j] - M[2] * Z[j];
+        const double y = seen.y[j] - pose.T[1] - M[3] * X[j] - M[4] * Y[j] - M[5] * Z[j];
+        const double residual = x * x + y * y;
+        inside[j] = residual <= limit ? 1.0 : 0.0;
+        total += seen.h[j] * larger(1 - residual * inverse, 0);
+    }
+    return (total - TRIPLE) * log(tolerance.area * inverse / PI);
+}
+
+void judge_lanes(const SeenLandmarks& seen, const PoseLanes& poses, const Tolerance& tolerance,
+                 Lanes& gains) {
+    const Lanes limit = square(tolerance.threshold * poses.size), inverse = 1 / limit, zero{};
+    Lanes M[6], total = zero - TRIPLE;
+    for (int e = 0; e < 6; ++e) M[e] = poses.size * poses.R[e];
+    const Lanes Tx = poses.T[0], Ty = poses.T[1];
+    for (long j = 0; j < seen.count; ++j) {
+        const double X = seen.S[0][j], Y = seen.S[1][j], Z = seen.S[2][j];
+        const Lanes x = seen.x[j] - Tx - M[0] * X - M[1] * Y - M[2] * Z;
+        const Lanes y = seen.y[j] - Ty - M[3] * X - M[4] * Y - M[5] * Z;
+        total += seen.h[j] * larger(1 - (x * x + y * y) * inverse, zero);
+    }
+    // area / (pi limit) > 1 where the logarithm counts
+    const Lanes surprise = tolerance.area * inverse / PI - 1;
+    for (int l = 0; l < WIDTH; ++l) {
+        const bool judged = poses.size[l] > 0 && PI * limit[l] < tolerance.area;
+        gains[l] = judged ? total[l] * log_of_one_plus(surprise[l]) : -INFINITE;
+    }
+}
+
+// RANSAC: poses of one shape on random triples of landmarks, and the one of the largest gain.
+
+// The inliers of the pose of S of the largest gain. Each draw that gains more than all draws before
+// is fitted to its inliers, and these are judged again; the better of the drawn and the fitted poses
+// counts. An image has at most `draws` draws: they stop early by the share of inliers found. One in
+// which no triple determines a pose has no inliers.
+void find_consensus(const ConsensusData& data, Range range);
+
+// S Omega^2 S^T and w Omega^2 S^T of the inliers about their weighted means, and the means.
+struct Moments {
+    double P[9];
+    double D[6];
+    double middle[3];  // of the shape
+    double origin[2];  // of the landmarks
+};
+
+// inside (count,) is 1 for inliers, else 0.
+Moments find_moments(const SeenLandmarks& seen, const double* inside);
+
 namespace {
 
 // Triples of inliers to be expected among the draws, after which none is drawn any more. One would do
@@ -158,5 +451,118 @@ Moments find_moments(const SeenLandmarks& seen, const double* inside) {
 }
 
 const Exported<find_consensus> find_consensus_exported{"find_consensus"};
+
+// The steps of the search for outliers on plain arrays, for the tests.
+
+// Three different candidates (m,) into triple (3,); state (1,) of the generator moves on.
+void draw_candidates(Vector<const int64_t> candidates, Vector<uint64_t> state,
+                     Vector<int64_t> triple);
+
+// s and both R (2, 3, 3) of landmarks w (2, p) and shape S (3, p) on a triple.
+double pose_triple(Matrix<const double> w, Matrix<const double> S, Vector<const int64_t> triple,
+                   Tensor<double> R);
+
+double area_of(Matrix<const double> w, Vector<const int64_t> visible);
+
+// The gain of a pose, and its inliers (p,); with `lanes` the gain as the search has it.
+double gain_of(Matrix<const double> w, Vector<const double> squares, Matrix<const double> S,
+               double size, Matrix<const double> R, Vector<const double> T, double threshold,
+               double area, bool lanes, Vector<bool> inliers);
+
+void moments_of(Matrix<const double> w, Vector<const double> squares, Matrix<const double> S,
+                Vector<const bool> inliers, Matrix<double> P, Matrix<double> D,
+                Vector<double> middle, Vector<double> origin);
+
+namespace {
+
+// All p landmarks of w, of weight 1 each.
+SeenLandmarks see_all(Workspace& workspace, Matrix<const double> w, Matrix<const double> S) {
+    const long p = w.size[1];
+    const Vector<double> ones = workspace.vector<double>(p);
+    for (long j = 0; j < p; ++j) ones[j] = 1;
+    SeenLandmarks seen = room_for_landmarks(workspace, p);
+    see(w, {ones.data, {p}}, S, seen);
+    return seen;
+}
+
+void copy(const double* from, long count, double* to) {
+    for (long e = 0; e < count; ++e) to[e] = from[e];
+}
+
+}  // namespace
+
+void draw_candidates(Vector<const int64_t> candidates, Vector<uint64_t> state,
+                     Vector<int64_t> triple) {
+    const Triple drawn = draw_triple(state[0], candidates.size[0]);
+    for (int i = 0; i < TRIPLE; ++i) triple[i] = candidates[drawn.index[i]];
+}
+
+double pose_triple(Matrix<const double> w, Matrix<const double> S, Vector<const int64_t> triple,
+                   Tensor<double> R) {
+    Workspace workspace;
+    const SeenLandmarks seen = see_all(workspace, w, S);
+    Triple triples[WIDTH];
+    for (Triple& lane : triples)
+        for (int i = 0; i < TRIPLE; ++i) lane.index[i] = triple[i];
+    PoseLanes poses[2];
+    pose_triples(seen, triples, poses);
+    for (int side = 0; side < 2; ++side)
+        for (int e = 0; e < 9; ++e) R[side].data[e] = poses[side].R[e][WIDTH - 1];
+    return poses[0].size[WIDTH - 1];
+}
+
+double area_of(Matrix<const double> w, Vector<const int64_t> visible) {
+    Workspace workspace;
+    SeenLandmarks seen = room_for_landmarks(workspace, visible.size[0]);
+    seen.count = visible.size[0];
+    for (long j = 0; j < seen.count; ++j) {
+        seen.x[j] = w[0][visible[j]];
+        seen.y[j] = w[1][visible[j]];
+    }
+    return find_area(seen);
+}
+
+double gain_of(Matrix<const double> w, Vector<const double> squares, Matrix<const double> S,
+               double size, Matrix<const double> R, Vector<const double> T, double threshold,
+               double area, bool lanes, Vector<bool> inliers) {
+    Workspace workspace;
+    SeenLandmarks seen = room_for_landmarks(workspace, inliers.size[0]);
+    see(w, squares, S, seen);
+    WeakPose pose{size, {}, {T[0], T[1]}};
+    copy(R.data, 9, pose.R);
+    double* inside = workspace.zeros<double>(inliers.size[0]);
+    double gain = judge(seen, pose, {threshold, area}, inside);
+    for (long j = 0; j < inliers.size[0]; ++j) inliers[j] = false;
+    for (long j = 0; j < seen.count; ++j) inliers[seen.index[j]] = inside[j] > 0;
+    if (!lanes) return gain;
+    PoseLanes poses;
+    Lanes gains;
+    poses.size = all(size);
+    for (int e = 0; e < 9; ++e) poses.R[e] = all(pose.R[e]);
+    for (int a = 0; a < 2; ++a) poses.T[a] = all(T[a]);
+    judge_lanes(seen, poses, {threshold, area}, gains);
+    return gains[WIDTH - 1];
+}
+
+void moments_of(Matrix<const double> w, Vector<const double> squares, Matrix<const double> S,
+                Vector<const bool> inliers, Matrix<double> P, Matrix<double> D,
+                Vector<double> middle, Vector<double> origin) {
+    Workspace workspace;
+    SeenLandmarks seen = room_for_landmarks(workspace, inliers.size[0]);
+    see(w, squares, S, seen);
+    double* inside = workspace.zeros<double>(inliers.size[0]);
+    for (long j = 0; j < seen.count; ++j) inside[j] = inliers[seen.index[j]];
+    const Moments moments = find_moments(seen, inside);
+    copy(moments.P, 9, P.data);
+    copy(moments.D, 6, D.data);
+    copy(moments.middle, 3, middle.data);
+    copy(moments.origin, 2, origin.data);
+}
+
+const Exported<draw_candidates> draw_triple_exported{"draw_triple", PART};
+const Exported<area_of> find_area_exported{"find_area", PART};
+const Exported<moments_of> find_moments_exported{"find_moments", PART};
+const Exported<gain_of> judge_exported{"judge", PART};
+const Exported<pose_triple> pose_triple_exported{"pose_triple", PART};
 
 }  // namespace shapefit

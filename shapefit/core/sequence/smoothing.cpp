@@ -1,10 +1,53 @@
-#include "smoothing.hpp"
-
 #include "../base/registry.hpp"
-#include "banded.hpp"
 #include "../base/triangles.hpp"
+#include "../base/vectors.hpp"
+#include "../base/workspace.hpp"
+#include "banded.hpp"
+#include "data.hpp"
 
 namespace shapefit {
+
+// The precisions of the modes of images.
+
+// C -> (C + more I)^-1 with log det (C + more I); nan where that is not positive definite.
+void find_precisions(const PrecisionData& data, Range range);
+
+void find_precisions(const PrecisionData& data, Range range) {
+    const long K = data.there.size[1], d = data.matrices.size[2], D = padded(d);
+    Workspace workspace;
+    double *S = workspace.zeros<double>(D * D), *V = workspace.zeros<double>(D * D);
+    for (long image = range.first; image < range.last; ++image)
+        for (long k = 0; k < K; ++k) {
+            if (!data.there[image][k]) continue;
+            double *C = data.matrices[image][k].data, factor = data.factor[image][k];
+            for (long i = 0; i < D; ++i)
+                for (long j = 0; j < D; ++j)
+                    S[i * D + j] = i >= d || j >= d ? (i == j ? 1.0 : 0.0)
+                                   : factor > 0     ? factor * C[i * d + j]
+                                                    : 0.0;
+            for (long i = 0; i < d; ++i) S[i * D + i] += data.more[image][k];
+            data.log_det[image][k] = factorise_block(S, V, D, D);
+            multiply_out(V, S, D, D);
+            mirror(S, D, D);
+            for (long i = 0; i < d; ++i)
+                for (long j = 0; j < d; ++j) C[i * d + j] = S[i * D + j];
+        }
+}
+
+const Exported<find_precisions> find_precisions_exported{"find_precisions"};
+
+// The shapes of a whole sequence at once.
+//
+//   sum_f -log sum_k share_fk N(y_f; m_fk, P_fk^-1)  +  1/2 sum_(f,j) weight_fj ||w_fj - y_fj||^2
+//     + 1/2 sum_(f,j) ||y_(f-1)j - 2 y_fj + y_(f+1)j||^2 / a_j^2
+//     + 1/2 sum_(f, bones ij) (||y_fi - y_fj|| - l_ij)^2 / b_ij^2  +  1/2 (l - known)^T H (l - known)
+//
+// over frames and lengths l together, by the method of Levenberg and Marquardt.
+
+// A local minimum near the start, and the deviations there, the lengths held; no step raises the
+// objective.
+void smooth_sequence(const SequenceData& data);
+
 namespace {
 
 constexpr double LONGEST_STEP = 0.5;  // of a coordinate, in units of the size of the landmarks

@@ -185,5 +185,6 @@ const Exported<rotation_value> rotation_value_exported{"rotation_value", PART};
 const Exported<rotation_model> rotation_model_exported{"rotation_model", PART};
 const Exported<trusted_step> truncated_cg_exported{"truncated_cg", PART};
 const Exported<retract_rotation> retract_exported{"retract", PART};
+const Exported<orthonormalise_rows> orthonormalise_exported{"orthonormalise", PART};
 
 }  // namespace shapefit
