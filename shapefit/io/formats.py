@@ -17,9 +17,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from shapefit.errors import InputError, abbreviate, input_error, listed
+from shapefit.errors import InputError, input_error, listed
 from shapefit.io.foreign.headers import anipose_landmarks, decode, understand
-from shapefit.io.head import Head
+from shapefit.io.head import Head, something_else, unknown_json
 from shapefit.io.options import InputOptions
 from shapefit.io.sources import (
     HDF5_SIGNATURE,
@@ -273,12 +273,11 @@ def _table(head: Head) -> bool:
     return "\0" not in line and not own and understand(line) is not None
 
 
-ZIP = b"PK\x03\x04"
 _LISTS = re.compile(rb"\s*\[\s*\[\s*(?:\[\s*)?[-\dnN]")
 
 
 def _array(head: Head) -> bool:
-    archive = head.bytes.startswith(ZIP) and head.named(".npz")
+    archive = head.bytes.startswith(b"PK\x03\x04") and head.named(".npz")
     lists = head.named(".json") and _LISTS.match(head.text) is not None
     return archive or lists or head.bytes.startswith(b"\x93NUMPY")
 
@@ -367,7 +366,7 @@ FORMATS: dict[str, FileFormat] = {
         *("an anipose 3D CSV", ".csv", SHAPES),
         *(lambda head: bool(anipose_landmarks(head.columns)), "tables:read_anipose"),
     ),
-    "bvh": _read("a BVH motion", ".bvh", SHAPES, _bvh, "bvh:read_bvh"),
+    "bvh": _read("a BVH motion", ".bvh", SHAPES, _bvh, "motion_text:read_bvh"),
     "c3d": _read("a C3D file", ".c3d", SHAPES, _c3d, "c3d:read_c3d"),
     "mesh": FileFormat(
         title="a mesh with landmarks",
@@ -378,7 +377,7 @@ FORMATS: dict[str, FileFormat] = {
     ),
     "trc": _read(
         *("a TRC file", ".trc", SHAPES),
-        *(lambda head: head.text.lstrip()[:12].lower() == b"pathfiletype", "trc:read_trc"),
+        *(lambda head: head.text.lstrip()[:12].lower() == b"pathfiletype", "motion_text:read_trc"),
     ),
     "table": _read(
         "a table of landmarks", ".csv .tsv .txt", EITHER, _table, "tables:read_any_table",
@@ -443,12 +442,12 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     if HDF5.has_suffix(path):
         fix = "give an HDF5 file, or name it .csv if it is CSV"
         raise input_error(path, "is not an HDF5 file", fix)
-    if (error := _something_else(head)) is not None:
+    if (error := something_else(head)) is not None:
         raise error
     if b"\0" in head.bytes and not CSV.has_suffix(path):
         raise _unknown(path)
     if head.json.kind:
-        raise _unknown_json(head)
+        raise unknown_json(head)
     return CSV
 
 
@@ -482,86 +481,12 @@ def _likely_first(path: Path) -> Iterator[FileFormat]:
     yield from (known for known in ordered if not known.has_suffix(path))
 
 
-UNPACK = "unpack it first"
-LANDMARKS = "give the file of landmarks that a detector made of it"
-EXPORT = "export its points as CSV"
-PICKLE = "is a pickle of Python, which is never executed here"
-
-SIGNS: tuple[tuple[tuple[bytes, ...], str, str], ...] = (
-    ((b"\x1f\x8b",), "is compressed by gzip", UNPACK),
-    ((b"BZh",), "is compressed by bzip2", UNPACK),
-    ((b"\xfd7zXZ\0",), "is compressed by xz", UNPACK),
-    ((b"\x28\xb5\x2f\xfd",), "is compressed by zstd", UNPACK),
-    (
-        (ZIP,),
-        "is a zip archive, as models of PyTorch are, too",
-        "give a file of landmarks; unpack it first if it holds one",
-    ),
-    (
-        tuple(bytes([128, protocol]) for protocol in range(2, 6)),
-        PICKLE,
-        "give the CSV or HDF5 file that its program exports",
-    ),
-    ((b"MATLAB ",), "is a file of MATLAB", EXPORT),
-    ((b"CDF",), "is netCDF 3", "write it as netCDF 4: to_netcdf(..., engine='h5netcdf')"),
-    ((b"RIFF", b"\x1aE\xdf\xa3"), "is a video, or a part of one", LANDMARKS),
-    (
-        (b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"BM"),
-        "is an image",
-        "give the file of landmarks found in it",
-    ),
-)
-"""First bytes, what such a file is, and the fix."""
-
-
-def _something_else(head: Head) -> InputError | None:
-    """Return the error for a file whose first bytes say what else it is; None without such."""
-    if head.bytes[4:8] in (b"ftyp", b"moov", b"mdat"):
-        return input_error(head.path, "is a video, or a part of one", LANDMARKS)
-    for starts, found, fix in SIGNS:
-        if head.bytes.startswith(starts) and not _is_text(head.bytes):
-            return input_error(head.path, found, fix)
-    return None
-
-
-def _is_text(data: bytes) -> bool:
-    """Whether bytes are the beginning of a text; the last letter may be cut."""
-    try:
-        data.decode()
-    except UnicodeDecodeError as error:
-        return error.start > len(data) - 4 and b"\0" not in data
-    return b"\0" not in data
-
-
 def _unknown(path: Path) -> InputError:
     """Return the error for a binary file that is in none of the known formats."""
     near = next((known for known in FORMATS.values() if known.has_suffix(path)), None)
     fix = f"it is named like {near.title}, but does not begin like one; " if near else ""
     titles = listed(known.title for known in FORMATS.values())
     return input_error(path, "is of no known format", f"{fix}known are {titles}")
-
-
-_JSON = {
-    "COCO annotations": ("images", "annotations", "categories"),
-    "COCO results": ("image_id", "category_id", "keypoints", "score"),
-    "OpenPose": ("version", "people", "pose_keypoints_2d"),
-    "MMPose": ("frame_id", "instances", "keypoints", "keypoint_scores", "meta_info"),
-}
-
-
-def _unknown_json(head: Head) -> InputError:
-    """Return the error for JSON that is in no known format: what it has, what was looked for."""
-    keys = head.json.keys
-    place = "an object" if head.json.kind == "{" else "a list of objects"
-    found = f"{place} with {abbreviate(sorted(keys))}" if keys else f"{place} without names"
-    looked = "; ".join(f"{title} ({', '.join(names)})" for title, names in _JSON.items())
-    shared = {title: len(keys & set(names)) for title, names in _JSON.items()}
-    near = max(shared, key=lambda title: shared[title])
-    hint = f"the nearest is {near}" if shared[near] else "none of them is near"
-    if {"shapes", "imagePath"} <= keys:
-        hint = "it is LabelMe's: export it as COCO keypoints"
-    fix = f"known are {looked}; {hint}"
-    return input_error(head.path, f"is JSON of no known kind, {found}", fix)
 
 
 def group_inputs(

@@ -10,6 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
+from shapefit.errors import InputError, abbreviate, input_error
 from shapefit.io.sources import BYTE_ORDER_MARK, HDF5_SIGNATURE
 from shapefit.stores.opening import StoreError
 from shapefit.stores.reading import read_head
@@ -168,3 +169,77 @@ def _keys_of(file: Any) -> Hdf5Keys:
 
 def _is_pandas(group: Any) -> bool:
     return "pandas_type" in group.attrs
+
+
+UNPACK = "unpack it first"
+LANDMARKS = "give the file of landmarks that a detector made of it"
+EXPORT = "export its points as CSV"
+PICKLE = "is a pickle of Python, which is never executed here"
+
+SIGNS: tuple[tuple[tuple[bytes, ...], str, str], ...] = (
+    ((b"\x1f\x8b",), "is compressed by gzip", UNPACK),
+    ((b"BZh",), "is compressed by bzip2", UNPACK),
+    ((b"\xfd7zXZ\0",), "is compressed by xz", UNPACK),
+    ((b"\x28\xb5\x2f\xfd",), "is compressed by zstd", UNPACK),
+    (
+        (b"PK\x03\x04",),
+        "is a zip archive, as models of PyTorch are, too",
+        "give a file of landmarks; unpack it first if it holds one",
+    ),
+    (
+        tuple(bytes([128, protocol]) for protocol in range(2, 6)),
+        PICKLE,
+        "give the CSV or HDF5 file that its program exports",
+    ),
+    ((b"MATLAB ",), "is a file of MATLAB", EXPORT),
+    ((b"CDF",), "is netCDF 3", "write it as netCDF 4: to_netcdf(..., engine='h5netcdf')"),
+    ((b"RIFF", b"\x1aE\xdf\xa3"), "is a video, or a part of one", LANDMARKS),
+    (
+        (b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"BM"),
+        "is an image",
+        "give the file of landmarks found in it",
+    ),
+)
+"""First bytes, what such a file is, and the fix."""
+
+
+def something_else(head: Head) -> InputError | None:
+    """Return the error for a file whose first bytes say what else it is; None without such."""
+    if head.bytes[4:8] in (b"ftyp", b"moov", b"mdat"):
+        return input_error(head.path, "is a video, or a part of one", LANDMARKS)
+    for starts, found, fix in SIGNS:
+        if head.bytes.startswith(starts) and not _is_text(head.bytes):
+            return input_error(head.path, found, fix)
+    return None
+
+
+def _is_text(data: bytes) -> bool:
+    """Whether bytes are the beginning of a text; the last letter may be cut."""
+    try:
+        data.decode()
+    except UnicodeDecodeError as error:
+        return error.start > len(data) - 4 and b"\0" not in data
+    return b"\0" not in data
+
+
+_JSON = {
+    "COCO annotations": ("images", "annotations", "categories"),
+    "COCO results": ("image_id", "category_id", "keypoints", "score"),
+    "OpenPose": ("version", "people", "pose_keypoints_2d"),
+    "MMPose": ("frame_id", "instances", "keypoints", "keypoint_scores", "meta_info"),
+}
+
+
+def unknown_json(head: Head) -> InputError:
+    """Return the error for JSON that is in no known format: what it has, what was looked for."""
+    keys = head.json.keys
+    place = "an object" if head.json.kind == "{" else "a list of objects"
+    found = f"{place} with {abbreviate(sorted(keys))}" if keys else f"{place} without names"
+    looked = "; ".join(f"{title} ({', '.join(names)})" for title, names in _JSON.items())
+    shared = {title: len(keys & set(names)) for title, names in _JSON.items()}
+    near = max(shared, key=lambda title: shared[title])
+    hint = f"the nearest is {near}" if shared[near] else "none of them is near"
+    if {"shapes", "imagePath"} <= keys:
+        hint = "it is LabelMe's: export it as COCO keypoints"
+    fix = f"known are {looked}; {hint}"
+    return input_error(head.path, f"is JSON of no known kind, {found}", fix)

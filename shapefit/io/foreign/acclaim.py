@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,8 +10,8 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error, listed
 from shapefit.geometry.rotations import turns
+from shapefit.io.foreign.motion_text import read_blocks, read_head, read_table, read_words
 from shapefit.io.foreign.recording import Recording, one_individual
-from shapefit.io.foreign.text import read_blocks, read_head, read_table, read_words
 from shapefit.io.layout import UNKNOWN_UNIT
 
 ROOT = "root"
@@ -226,91 +225,85 @@ def find_skeleton(motion: Path, given: list[Path]) -> Path:
     raise input_error(motion, found, "give the right one with it, or rename it")
 
 
-def read_ends(path: Path, skeleton: Skeleton) -> tuple[list[str], Floats]:
-    """Return the labels of the frames of a motion, and the ends (n, bones, 3) of all bones."""
-    settings = {line.strip().upper() for line in read_head(path, HEAD_LINES)}
-    degrees = ":DEGREES" in settings or (":RADIANS" not in settings and skeleton.degrees)
-    labels: list[str] = []
-    parts = [np.empty((0, len(skeleton.bones), 3))]
-    for own, values in read_motion(path, skeleton, degrees):
-        labels += own
-        parts.append(find_ends(skeleton, values))
-    return labels, np.concatenate(parts)
-
-
 SAME_BONES = "give a whole file; every frame must list the same bones"
 OTHER_SKELETON = "give the ASF file of this motion"
 
-Values = list[Floats]
-"""Per bone the numbers (n, m) of its degrees of freedom, angles in radians; 0 where not given."""
+Line = tuple[int, list[str]]
+"""The number of a line, and its words."""
 
 
-def read_motion(
-    path: Path, skeleton: Skeleton, degrees: bool
-) -> Iterator[tuple[list[str], Values]]:
-    """Yield the labels of frames and what moves each bone, block by block."""
+def read_ends(path: Path, skeleton: Skeleton) -> tuple[list[str], Floats]:
+    """Return the labels of the frames of a motion, and the ends (n, bones, 3) of all bones.
+
+    Raises InputError, naming the line, for frames that list other bones than the first.
+    """
+    settings = {line.strip().upper() for line in read_head(path, HEAD_LINES)}
+    degrees = ":DEGREES" in settings or (":RADIANS" not in settings and skeleton.degrees)
     labels: list[str] = []
-    rows: list[tuple[int, list[str]]] = []  # the lines of the frames: bone, then numbers
+    rows: list[Line] = []
     size = 0
     for first, texts in read_blocks(path):
         for line, text in enumerate(texts, first):
             words = text.split()
             if not words or words[0][0] in "#:":
                 continue
-            if len(words) == 1 and words[0].isdigit():
-                if len(labels) == 1:
-                    size = len(rows)
-                labels.append(words[0])
-            elif not labels:
-                found = f"{text.strip()[:40]!r} stands before the first frame"
-                raise input_error(f"{path}:{line}", found, "number every frame")
-            else:
+            if len(words) > 1 or not words[0].isdigit():
+                if not labels:
+                    found = f"{text.strip()[:40]!r} stands before the first frame"
+                    raise input_error(f"{path}:{line}", found, "number every frame")
                 rows.append((line, words))
-        whole = len(labels) - 1
-        if size and whole > 0:
-            yield labels[:whole], _values(path, skeleton, degrees, rows[: whole * size], whole)
-            labels, rows = labels[whole:], rows[whole * size :]
-    if labels and rows:
-        if size and len(rows) != size * len(labels):
-            raise input_error(f"{path}:{rows[-1][0]}", "the last frame lacks bones", SAME_BONES)
-        yield labels, _values(path, skeleton, degrees, rows, len(labels))
-
-
-def _values(
-    path: Path, skeleton: Skeleton, degrees: bool, rows: list[tuple[int, list[str]]], frames: int
-) -> Values:
-    """Return the numbers of some frames, whose bones all come in the same order."""
-    size, rest = divmod(len(rows), frames)
+                continue
+            if len(labels) == 1:
+                size = len(rows)
+            labels.append(words[0])
+    if not rows:
+        return [], np.empty((0, len(skeleton.bones), 3))
+    size = size or len(rows)
+    _check_bones(path, rows, size, len(labels))
+    values = [np.zeros((len(labels), len(bone.motion))) for bone in skeleton.bones]
     index = {bone.name: number for number, bone in enumerate(skeleton.bones)}
-    values = [np.zeros((frames, len(bone.motion))) for bone in skeleton.bones]
     for place in range(size):
-        lines, cells = zip(*rows[place : size * frames : size], strict=True)
-        name = cells[0][0]
-        for line, words in zip(lines, cells, strict=True):
-            if words[0] != name:
-                found = f"{words[0]!r} stands where other frames have {name!r}"
-                raise input_error(f"{path}:{line}", found, SAME_BONES)
+        own = rows[place::size]
+        name = own[0][1][0]
         if name not in index:
             found = f"the skeleton has no bone {name!r} ({abbreviate([*index])})"
-            raise input_error(f"{path}:{lines[0]}", found, OTHER_SKELETON)
-        bone = skeleton.bones[index[name]]
-        for line, words in zip(lines, cells, strict=True):
-            if len(words) - 1 != len(bone.motion):
-                there = counted(len(words) - 1, "number")
-                found = f"{there} for the {len(bone.motion)} degrees of freedom of {name}"
-                raise input_error(f"{path}:{line}", found, OTHER_SKELETON)
-        if bone.motion:
-            numbers = read_table([words[1:] for words in cells], lines, path, finite=True)
-            angles = [is_rotation and degrees for is_rotation, _ in bone.motion]
-            values[index[name]] = np.where(angles, np.radians(numbers), numbers)
-    if rest:
+            raise input_error(f"{path}:{own[0][0]}", found, OTHER_SKELETON)
+        values[index[name]] = _numbers(path, skeleton.bones[index[name]], degrees, own)
+    return labels, find_ends(skeleton, values)
+
+
+def _check_bones(path: Path, rows: list[Line], size: int, frames: int) -> None:
+    """Raise InputError where a frame lists other bones than the first, which has `size`."""
+    names = [words[0] for _, words in rows[:size]]
+    for place, (line, words) in enumerate(rows):
+        if words[0] != names[place % size]:
+            found = f"{words[0]!r} stands where other frames have {names[place % size]!r}"
+            raise input_error(f"{path}:{line}", found, SAME_BONES)
+    if len(rows) != size * frames:
         found = "the last frame lacks bones, or has too many"
         raise input_error(f"{path}:{rows[-1][0]}", found, SAME_BONES)
-    return values
 
 
-def find_ends(skeleton: Skeleton, values: Values) -> Floats:
+def _numbers(path: Path, bone: Bone, degrees: bool, rows: list[Line]) -> Floats:
+    """Return what moves a bone (n, m), angles in radians, from its line in every frame."""
+    for line, words in rows:
+        if len(words) - 1 != len(bone.motion):
+            there = counted(len(words) - 1, "number")
+            found = f"{there} for the {len(bone.motion)} degrees of freedom of {bone.name}"
+            raise input_error(f"{path}:{line}", found, OTHER_SKELETON)
+    if not bone.motion:
+        return np.zeros((len(rows), 0))
+    lines, cells = zip(*((line, words[1:]) for line, words in rows), strict=True)
+    numbers = read_table(cells, lines, path, finite=True)
+    return np.where(
+        [is_turn and degrees for is_turn, _ in bone.motion], np.radians(numbers), numbers
+    )
+
+
+def find_ends(skeleton: Skeleton, values: list[Floats]) -> Floats:
     """Return the ends (n, bones, 3) of all bones in the unit of the skeleton.
+
+    values has for each bone the numbers (n, m) of its degrees of freedom, angles in radians.
 
     R = R_parent C M C^T, x = x_parent + R offset: C is the frame of the bone, M its motion, whose
     first angle turns first.

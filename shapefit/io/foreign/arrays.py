@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.errors import InputError, counted, input_error, listed
-from shapefit.io.foreign.frame_files import are_series
+from shapefit.io.foreign.detections import are_series, read_json
 from shapefit.io.foreign.items import are_fractions
-from shapefit.io.foreign.json_text import read_json
 from shapefit.io.foreign.recording import ANYBODY, FRACTION, Recording, video_name
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.memory import check_fits

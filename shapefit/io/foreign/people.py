@@ -16,10 +16,17 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error
-from shapefit.io.foreign.detections import Detections, as_recording, image_key, numbered
-from shapefit.io.foreign.frame_files import are_series, images_in
+from shapefit.io.foreign.detections import (
+    Detections,
+    are_series,
+    as_recording,
+    image_key,
+    images_in,
+    numbered,
+    read_json,
+    without_collection,
+)
 from shapefit.io.foreign.items import are_fractions
-from shapefit.io.foreign.json_text import read_json, without_collection
 from shapefit.io.foreign.recording import FRACTION, Recording, edges_of, video_name
 from shapefit.io.layout import UNKNOWN_UNIT
 

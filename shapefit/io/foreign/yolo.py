@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.io.foreign.detections import Detections, as_recording
-from shapefit.io.foreign.frame_files import images_in
+from shapefit.io.foreign.detections import Detections, as_recording, images_in
 from shapefit.io.foreign.recording import FRACTION, Recording, edges_of
 from shapefit.io.sources import BYTE_ORDER_MARK, read_whole
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io.foreign.frame_files import frame_files
+from shapefit.io.foreign.detections import frame_files
 from shapefit.io.formats import FORMATS, detect_format
 
 from .conftest import read_images as read

@@ -1,0 +1,425 @@
+"""TRC and BVH, motion as text: the places of markers, and a tree of joints with their angles."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import orjson
+from numpy.typing import NDArray
+
+from shapefit.arrays import Floats
+from shapefit.errors import abbreviate, counted, input_error, printable
+from shapefit.geometry.length_units import as_metres
+from shapefit.geometry.rotations import turns
+from shapefit.io.csv.text import read_numbers
+from shapefit.io.foreign.recording import Recording, one_individual
+from shapefit.io.layout import UNKNOWN_UNIT
+
+HEAD_LINES = 12
+"""Within which the names of the markers stand; five as a rule, more with empty lines between."""
+
+AT_ORIGIN = "points at exactly 0, 0, 0 taken for missing"
+TOO_FEW = "frames are announced in the header, but not there"
+
+
+@dataclass(frozen=True)
+class Header:
+    """What stands above the frames; `lines` is the number of its lines."""
+
+    separator: str
+    values: dict[str, str]
+    labels: list[str]
+    lines: int
+
+
+def read_trc(paths: tuple[Path, ...]) -> Recording:
+    """Return the markers of a TRC file.
+
+    A point is missing where a coordinate is empty or nan, and where all three are exactly 0.
+    Raises InputError for a header without markers, and for frames that are no numbers.
+    """
+    path = paths[0]
+    header = read_header(path)
+    names, notes = unique_names(header.labels)
+    factor, unit = as_metres(header.values.get("units", ""))
+    rate = _number(header.values.get("datarate", ""))
+    labels, numbers = read_frames(path, header, len(names))
+    points = factor * numbers.reshape(len(labels), len(names), 3)
+    origin: NDArray[np.bool_] = (points == 0).all(axis=2)
+    points[origin] = np.nan
+    lost = {
+        TOO_FEW: int(_number(header.values.get("numframes", ""))) - len(labels),
+        AT_ORIGIN: int(origin.sum()),
+    }
+    notes += tuple(f"{number} {what}" for what, number in lost.items() if number > 0)
+    return Recording(
+        name=str(path),
+        video=path.stem,
+        **one_individual(points, labels),
+        landmark_names=names,
+        frame_rate=rate if rate > 0 else None,
+        unit=unit or UNKNOWN_UNIT,
+        notes=notes,
+    )
+
+
+def read_header(path: Path) -> Header:
+    """Read what stands above the frames. Raises InputError where there are no markers."""
+    lines = read_head(path, HEAD_LINES)
+    firsts = [line.replace(",", "\t").split("\t")[0].strip().lower() for line in lines]
+    place = next((i for i, first in enumerate(firsts) if first in ("frame#", "frame")), None)
+    if place is None:
+        fix = "give a TRC file whose fourth line is `Frame#  Time  NAME ...`"
+        raise input_error(path, "has no line with the names of markers", fix)
+    separator = "\t" if "\t" in lines[place] else ","
+    values: dict[str, str] = {}
+    if "datarate" in firsts:
+        at = firsts.index("datarate")
+        keys, cells = (line.split(separator) for line in lines[at : at + 2])
+        values = {k.strip().lower(): c.strip() for k, c in zip(keys, cells, strict=False)}
+    cells = [cell.strip() for cell in lines[place].split(separator)[2:]]
+    axes = 0
+    if place + 1 < len(lines) and not firsts[place + 1] and lines[place + 1].strip():
+        axes = sum(bool(cell.strip()) for cell in lines[place + 1].split(separator)[2:])
+        place += 1
+    given = [cell for cell in cells if cell]
+    markers = axes // 3 or int(max(_number(values.get("nummarkers", "")), 0)) or len(given)
+    side_by_side = len(given) == markers and cells[: len(given)] == given and markers > 1
+    labels = given if side_by_side else cells[::3][:markers]
+    labels += [""] * (min(markers, max(len(cells), axes)) - len(labels))
+    if not labels or not (given or axes):
+        raise input_error(f"{path}:{place + 1}", "there are no markers", "give a TRC with markers")
+    return Header(separator, values, labels, place + 1)
+
+
+def read_frames(path: Path, header: Header, p: int) -> tuple[list[str], NDArray[np.float64]]:
+    """Read the labels of the frames, and their coordinates (n, 3 p)."""
+    width = 2 + 3 * p
+    labels: list[str] = []
+    parts = [np.empty((0, 3 * p))]
+    for first, texts in read_blocks(path, header.lines):
+        own = [text.partition(header.separator)[0].strip() for text in texts]
+        plain = read_plain(texts, header.separator, width) if all(own) else None
+        if plain is None:
+            own, numbers = read_rows(path, header, first, texts, width)
+        else:
+            numbers = plain[:, 2:]
+        labels += [label or str(frame) for frame, label in enumerate(own, len(labels))]
+        parts.append(numbers)
+    return labels, np.concatenate(parts)
+
+
+def read_rows(
+    path: Path, header: Header, first: int, texts: list[str], width: int
+) -> tuple[list[str], NDArray[np.float64]]:
+    """Read lines cell by cell: the labels of their frames, and their coordinates (n, 3p)."""
+    lines, rows = [], []
+    for line, text in enumerate(texts, first):
+        if not text.strip(" \t,"):
+            continue
+        row = text.split(header.separator) if header.separator in text else text.split()
+        if len(row) != width:
+            row = _fitted(row, width, f"{path}:{line}")
+        rows.append(row)
+        lines.append(line)
+    if not rows:
+        return [], np.empty((0, width - 2))
+    return [row[0].strip() for row in rows], read_table([row[2:] for row in rows], lines, path)
+
+
+def _fitted(row: list[str], width: int, place: str) -> list[str]:
+    """Return a row of this width: cells that are not there at its end are empty."""
+    if len(row) < 2 or any(cell.strip() for cell in row[width:]):
+        found = f"has {len(row)} cells for {width} columns"
+        raise input_error(place, found, "write three cells per marker")
+    return (row + [""] * (width - len(row)))[:width]
+
+
+def _number(cell: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        return 0.0
+    return value if np.isfinite(value) else 0.0
+
+
+NO_FRAMES = "frames are announced, but not there"
+
+
+@dataclass
+class Joint:
+    """A joint, or an End Site, at `offset` (3,) from its parent, -1 for none.
+
+    channels are (is_rotation, axis, column of the motion), in the order of the file.
+    """
+
+    name: str
+    parent: int
+    is_end: bool = False
+    offset: tuple[float, ...] = (0.0, 0.0, 0.0)
+    channels: list[tuple[bool, int, int]] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Hierarchy:
+    """All joints, parents first; `lines` stand before the motion."""
+
+    joints: list[Joint]
+    width: int
+    lines: int
+    frames: int
+    frame_time: float
+
+
+def read_bvh(paths: tuple[Path, ...]) -> Recording:
+    """Return the joints of a BVH file, in its unit, and then the ends of the last bones.
+
+    The end of joint J is `J_end`. Raises InputError for a tree or a motion that cannot be read.
+    """
+    path = paths[0]
+    tree = read_hierarchy(path)
+    order = sorted(range(len(tree.joints)), key=lambda number: tree.joints[number].is_end)
+    names, notes = unique_names([tree.joints[number].name for number in order])
+    place = {number: row for row, number in enumerate(order)}
+    edges = [(place[j.parent], place[i]) for i, j in enumerate(tree.joints) if j.parent >= 0]
+    motion = np.concatenate([np.empty((0, tree.width)), *read_motion(path, tree)])
+    if len(motion) < tree.frames:
+        notes += (f"{tree.frames - len(motion)} {NO_FRAMES}",)
+    return Recording(
+        name=str(path),
+        video=path.stem,
+        **one_individual(find_places(tree, motion)[:, order]),
+        landmark_names=names,
+        frame_rate=_rate(tree.frame_time),
+        edges=tuple(edges),
+        notes=notes,
+    )
+
+
+def read_hierarchy(path: Path) -> Hierarchy:
+    """Read the tree and the head of the motion. Raises InputError, naming the line."""
+    joints: list[Joint] = []
+    open_joints: list[int] = []
+    width, frames = 0, -1
+    for first, lines in read_blocks(path):
+        for number, line in enumerate(lines, first):
+            place = f"{path}:{number}"
+            words = line.replace("{", " ").replace("}", " ").split()
+            word = words[0].upper() if words else ""
+            if word in ("ROOT", "JOINT", "END"):
+                parent = open_joints[-1] if open_joints else -1
+                if (parent < 0) != (word == "ROOT"):
+                    raise input_error(place, f"{word} stands in the wrong place", "correct it")
+                name = f"{joints[parent].name}_end" if word == "END" else " ".join(words[1:])
+                joints.append(Joint(name, parent, word == "END"))
+                open_joints.append(len(joints) - 1)
+            elif word in ("OFFSET", "CHANNELS") and not open_joints:
+                raise input_error(place, f"{word} belongs to no joint", "correct it")
+            elif word == "OFFSET":
+                joints[open_joints[-1]].offset = read_words(words[1:], 3, place)
+            elif word == "CHANNELS":
+                channels = [_channel(name, place) for name in words[2:]]
+                if words[1:2] != [str(len(channels))]:
+                    found = f"{' '.join(words[1:2])} channels, and {len(channels)} names"
+                    raise input_error(place, found, "name as many as there are")
+                joints[open_joints[-1]].channels = [
+                    (kind, axis, width + i) for i, (kind, axis) in enumerate(channels)
+                ]
+                width += len(channels)
+            elif word == "FRAMES:":
+                frames = int(read_words(words[1:2], 1, place)[0])
+            elif word == "FRAME" and words[1:2] == ["Time:"]:
+                if not joints or open_joints:
+                    raise input_error(place, "the tree of joints is not complete", "correct it")
+                seconds = read_words(words[2:3], 1, place)[0]
+                return Hierarchy(joints, width, number, frames, seconds)
+            elif word not in ("", "HIERARCHY", "MOTION"):
+                found = f"begins with {printable(words[0])!r}, which is no word of BVH"
+                raise input_error(place, found, "correct it")
+            if "}" in line and open_joints:
+                del open_joints[-line.count("}") :]
+    raise input_error(path, "has no motion, or is cut off before it", "give a complete BVH file")
+
+
+def read_motion(path: Path, tree: Hierarchy) -> Iterator[Floats]:
+    """Yield the numbers (n, width) of the frames, block by block."""
+    for first, texts in read_blocks(path, tree.lines):
+        separator = "\t" if "\t" in texts[0].strip() else " "
+        plain = read_plain([text.strip() for text in texts], separator, tree.width)
+        if plain is not None and np.isfinite(plain).all():
+            yield plain
+            continue
+        rows, lines = split_lines(path, first, texts, None, tree.width, ("numbers", "channels"))
+        if rows:
+            yield read_table(rows, lines, path, finite=True)
+
+
+def find_places(tree: Hierarchy, values: Floats) -> Floats:
+    """Return the places (n, joints, 3) of all joints and ends.
+
+    x = x_parent + R_parent (offset), R = R_parent R_1 R_2 ...: rotations in the order of the
+    channels; a channel of position stands for the offset along its axis.
+    """
+    n = len(values)
+    places = np.empty((n, len(tree.joints), 3))
+    rotations: list[Floats] = []
+    for number, joint in enumerate(tree.joints):
+        offset = np.tile(np.array(joint.offset), (n, 1))
+        for is_rotation, axis, column in joint.channels:
+            if not is_rotation:
+                offset[:, axis] = values[:, column]
+        turned = [(axis, column) for is_rotation, axis, column in joint.channels if is_rotation]
+        angles = np.radians(values[:, [column for _, column in turned]])
+        local = turns([axis for axis, _ in turned], angles)
+        if joint.parent < 0:
+            places[:, number] = offset
+            rotations.append(local)
+            continue
+        above = rotations[joint.parent]
+        places[:, number] = places[:, joint.parent] + (above @ offset[..., None])[..., 0]
+        rotations.append(above if joint.is_end else above @ local)
+    return places
+
+
+def _channel(name: str, place: str) -> tuple[bool, int]:
+    axis = "xyz".find(name[:1].lower())
+    kind = name[1:].lower()
+    if axis < 0 or kind not in ("rotation", "position"):
+        raise input_error(place, f"there is no channel {name!r}", "use Xrotation, Yposition, ...")
+    return kind == "rotation", axis
+
+
+def _rate(frame_time: float) -> float | None:
+    """Return the frame rate in Hz: whole, where the time was rounded (0.033333 s is 30 Hz)."""
+    if frame_time <= 0:
+        return None
+    rate = 1.0 / frame_time
+    return float(round(rate)) if abs(rate - round(rate)) < 1e-3 * rate and rate > 1 else rate
+
+
+BLOCK_LINES = 4096
+
+
+def read_blocks(path: Path, skip: int = 0) -> Iterator[tuple[int, list[str]]]:
+    r"""Yield the number of the first line, from 1, and lines without their ends, block by block.
+
+    The first `skip` lines are left out. Bytes that are not UTF-8 become \xe9.
+    """
+    with path.open(encoding="utf-8-sig", errors="backslashreplace") as file:
+        line = 1 + sum(1 for _ in islice(file, skip))
+        while block := [text.rstrip("\n") for text in islice(file, BLOCK_LINES)]:
+            yield line, block
+            line += len(block)
+
+
+def read_head(path: Path, count: int) -> list[str]:
+    """Return the first lines of a file, `count` at most."""
+    with path.open(encoding="utf-8-sig", errors="backslashreplace") as file:
+        return [text.rstrip("\n") for text in islice(file, count)]
+
+
+def read_plain(lines: Sequence[str], separator: str, width: int) -> NDArray[np.float64] | None:
+    """Return lines of so many plain numbers as an array (n, width), NaN where a cell is empty.
+
+    None where one is not so plain: `read_table` takes them cell by cell, several times as slow.
+    """
+    if any(line.count(separator) != width - 1 for line in lines):
+        return None
+    text = ",".join(lines)
+    if separator != ",":
+        text = text.replace(separator, ",")
+    if ",," in text or text.endswith(",") or text.startswith(","):
+        text = f",{text},".replace(",,", ",null,").replace(",,", ",null,")[1:-1]
+    try:
+        values = orjson.loads(f"[{text}]")
+    except orjson.JSONDecodeError:
+        return None
+    kinds = set(map(type, values))
+    if len(values) != len(lines) * width or not kinds <= {float, int, type(None)}:
+        return None
+    plain = kinds <= {float, int}
+    numbers = (
+        np.fromiter(values, np.float64, len(values)) if plain else np.array(values, np.float64)
+    )
+    return numbers.reshape(len(lines), width)
+
+
+def read_table(
+    rows: Sequence[Sequence[str]], lines: Sequence[int], place: object, *, finite: bool = False
+) -> NDArray[np.float64]:
+    """Return rows of as many cells each as numbers, NaN where a cell is empty.
+
+    Raises InputError that names the line of the first cell that is no number; where they are to
+    be `finite`, nan and inf are none.
+    """
+    numbers = read_numbers([cell for row in rows for cell in row])
+    wrong = numbers.strange | ~np.isfinite(numbers.values) if finite else numbers.strange
+    if wrong.any():
+        row, column = divmod(int(wrong.argmax()), len(rows[0]))
+        cell = rows[row][column]
+        raise input_error(f"{place}:{lines[row]}", f"{cell[:40]!r} is no number", "correct it")
+    return numbers.values.reshape(len(rows), -1)
+
+
+def split_lines(
+    place: object,
+    first: int,
+    texts: Sequence[str],
+    separator: str | None,
+    width: int,
+    of: tuple[str, str] = ("cells", "columns"),
+) -> tuple[list[list[str]], list[int]]:
+    """Return the cells of lines that are not empty, from the line `first` on, and their numbers.
+
+    Raises InputError for lines that have not as many, in the words `of` what for what.
+    """
+    rows, lines = [], []
+    for line, text in enumerate(texts, first):
+        if not text.strip(" \t,"):
+            continue
+        rows.append(text.split(separator))
+        lines.append(line)
+        if len(rows[-1]) != width:
+            found = f"has {len(rows[-1])} {of[0]} for {width} {of[1]}"
+            raise input_error(f"{place}:{line}", found, "write as many")
+    return rows, lines
+
+
+def read_words(words: Sequence[str], count: int, place: str) -> tuple[float, ...]:
+    """Return so many words as finite numbers. Raises InputError where they are none."""
+    try:
+        numbers = tuple(float(word) for word in words)
+    except ValueError:
+        numbers = ()
+    if len(numbers) != count or not np.isfinite(numbers).all():
+        found = f"expected {count} numbers, found {' '.join(words)[:40]!r}"
+        raise input_error(place, found, "correct it")
+    return numbers
+
+
+def unique_names(labels: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return labels as names that occur once, and a note on those that had to change.
+
+    A point without a label is `*7`, as C3D files call the eighth; what repeats gets a number.
+    """
+    names = [label.strip() or f"*{place}" for place, label in enumerate(labels)]
+    taken, seen = set(names), Counter[str]()
+    changed = []
+    for place, name in enumerate(names):
+        seen[name] += 1
+        if seen[name] > 1:
+            number = seen[name]
+            while f"{name}_{number}" in taken:
+                number += 1
+            names[place] = f"{name}_{number}"
+            taken.add(names[place])
+            changed.append(names[place])
+    if not changed:
+        return tuple(names), ()
+    note = f"{counted(len(changed), 'label')} repeated, and numbered ({abbreviate(changed)})"
+    return tuple(names), (note,)
