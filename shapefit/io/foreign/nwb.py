@@ -86,9 +86,7 @@ def read_nwb(paths: tuple[Path, ...]) -> Recording:
         frames=frames,
         labels=[number_label(own[4][frame]) for own in read for frame in own[2].tolist()],
         individuals=individuals,
-        videos=[m for m, own in zip(modules, read, strict=False) for _ in own[2]]
-        if several
-        else None,
+        videos=called if several else None,
         landmark_names=names,
         individual_names=people,
         frame_count=sum(map(len, times)),
