@@ -14,6 +14,14 @@ from shapefit.geometry.normalisation import normalise
 LEARNED_FROM = "learned_from"
 """Of the provenance: what a dictionary was learned from where it was no 3D shapes."""
 
+VERDICT = "verdict"
+"""Provenance: how sure depth is that was learned from 2D landmarks, as `judgement` says it."""
+
+NEAR_AND_FAR = "near_and_far"
+"""Provenance: what told near from far where shapes were learned from 2D landmarks, or `OPEN`."""
+
+OPEN = "open"
+
 SUITS = "suits"
 """Provenance: names of the configs of `fit` that suit the dictionary, with spaces between."""
 
@@ -108,6 +116,11 @@ class Dictionary:
         if self.atom_items is None:
             raise ValueError("the atoms have no items: they are not exemplars")
         return np.array([name != item for name in self.atom_items], dtype=bool)
+
+    @property
+    def depth_is_open(self) -> bool:
+        """Whether nothing has told near from far: the class may be its mirror image in depth."""
+        return LEARNED_FROM in self.provenance and self.provenance.get(NEAR_AND_FAR, OPEN) == OPEN
 
     @property
     def groups(self) -> dict[str, tuple[str, tuple[str, ...]]]:

@@ -5,6 +5,7 @@ An image is trusted unless one of these holds, in this order; the first is its r
 - There is no shape.
 - Its landmarks leave no degree of freedom: m points have 2 m coordinates, and a view takes 6.
 - Its plausibility is below a limit.
+- The class was learned from 2D landmarks, and nothing has told near from far.
 - Its error bars are wide: mean_j sqrt(sum_a sd_aj^2) exceeds a share of the spread of the shape,
   the root of the mean variance of its coordinates.
 - The solver stopped before the optimum of the convex program from which the view starts.
@@ -13,12 +14,14 @@ An image is trusted unless one of these holds, in this order; the first is its r
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.convex.solution import Status
+from shapefit.lifting.estimate import CORRELATION, Estimate
 from shapefit.lifting.posterior.plausibility import VIEWED
 
 TRUSTED, DOUBT, PLAUSIBILITY = "trusted", "doubt", "plausibility"
@@ -27,6 +30,7 @@ TRUSTED, DOUBT, PLAUSIBILITY = "trusted", "doubt", "plausibility"
 NO_SHAPE = "no shape"
 TOO_FEW = "too few landmarks seen"
 IMPLAUSIBLE = "implausible landmarks"
+MIRRORED = "near and far not told apart"
 WIDE = "wide error bars"
 NOT_OPTIMAL = "not optimal"
 
@@ -40,11 +44,13 @@ def find_doubts(
     *,
     implausible: float,
     widest: float,
+    depth_is_open: bool = False,
 ) -> NDArray[np.object_]:
     """Return why each of n images is not to be trusted, "" where it is.
 
     shapes (n, 3, p), nan where there is none, and the standard deviations (n, 3, p) of their
-    coordinates, in one unit; seen (n, p); plausibility (n,), nan where nothing can be said.
+    coordinates, in one unit; seen (n, p); plausibility (n,), nan where nothing can be said;
+    depth_is_open, see `Dictionary`.
     """
     failed = ~np.isfinite(shapes).all(axis=(1, 2))
     stopped = np.array([each is Status.ITERATION_LIMIT for each in status], dtype=bool)
@@ -53,6 +59,7 @@ def find_doubts(
             (failed, NO_SHAPE),
             (2 * seen.sum(axis=1) <= VIEWED, TOO_FEW),
             (plausibility < implausible, IMPLAUSIBLE),
+            (np.full(len(shapes), depth_is_open), MIRRORED),
             (relative_width(shapes, deviation) > widest, WIDE),
             (stopped, NOT_OPTIMAL),
         )
@@ -60,6 +67,31 @@ def find_doubts(
     for holds, text in reversed(reasons):
         doubt[holds] = text
     return doubt
+
+
+def cover_mirror_image(estimate: Estimate) -> Estimate:
+    """Widen error bars to those of a shape and its mirror image in depth, both as likely.
+
+    About the shape S itself, with depths z of mean 0 and their covariance C:
+
+        E (z' - z)(z' - z)^T = (C + (C + 4 z z^T)) / 2 = C + 2 z z^T,
+
+    and depth is not correlated with x and y, as its sign is open.
+    """
+    if estimate.deviation is None:
+        return estimate
+    z = estimate.shapes[:, 2] - estimate.shapes[:, 2].mean(axis=1, keepdims=True)
+    deviation = estimate.deviation.copy()
+    deviation[:, 2] = np.sqrt(deviation[:, 2] ** 2 + 2 * z**2)
+    covariance, p = estimate.covariance, z.shape[1]
+    if covariance is not None:
+        covariance = covariance.copy()
+        covariance[:, : 2 * p, 2 * p :] = covariance[:, 2 * p :, : 2 * p] = 0.0
+        covariance[:, 2 * p :, 2 * p :] += 2 * z[:, :, None] * z[:, None]
+    further = dict(estimate.further)
+    if CORRELATION in further:  # of x with y, x with z, y with z
+        further[CORRELATION] = further[CORRELATION] * np.array([1, 0, 0], np.float32)
+    return replace(estimate, deviation=deviation, covariance=covariance, further=further)
 
 
 def relative_width(shapes: Floats, deviation: Floats) -> Floats:

@@ -11,7 +11,7 @@ import numpy as np
 
 from shapefit.config import InfoConfig
 from shapefit.config.named_files import find_dictionaries
-from shapefit.dictionary.origin import origin_of
+from shapefit.dictionary.origin import describe_learning, origin_of
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
 from shapefit.io import (
     LandmarkSet,
@@ -231,6 +231,7 @@ def _of_dictionary(path: Path) -> list[Line]:
         ("prior", has),
         ("unit", dictionary.unit if dictionary.unit != UNKNOWN_UNIT else "not said"),
     ]
+    lines += [("learned", text) for text in describe_learning(dictionary)]
     lines += [(key, text) for key, text in origin_of(dictionary)._asdict().items() if text]
     installed = {file: name for name, file in find_dictionaries().items()}
     given = installed.get(path) or _typed(path)

@@ -134,9 +134,10 @@ class LearnDictConfig(CommandConfig):
     its prior stays as it is, and keys of learning do not count."""
     start_weight: float | None = Field(default=None, gt=0)
     """Images that `start` counts as; by default as many as there are."""
-    flip: bool = False
-    """Shapes learned from 2D landmarks: exchange near and far, which landmarks alone do not tell
-    apart."""
+    flip: bool | None = None
+    """Shapes learned from 2D landmarks, which alone do not tell near from far: true exchanges them,
+    false states that they are right. Without it no shape that the dictionary lifts is trusted,
+    unless cameras tell."""
     origin: Annotated[OriginConfig, OF_THE_DATA] = section(OriginConfig)
     suits: Annotated[tuple[str, ...], FromLists, OF_THE_DATA] = ()
     """Installed configs that `fit` takes with this dictionary where it is given none: for single

@@ -19,6 +19,7 @@ from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss
 from shapefit.core import STRETCH
 from shapefit.dictionary.model import Dictionary
+from shapefit.dictionary.origin import describe_learning
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, LandmarkSource
 from shapefit.io.formats import FORMATS, FileFormat, find_target_format
@@ -148,7 +149,7 @@ def plan_fit(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence
         threads=config.threads,
         stores_names=not target.points_only,
         needs_rate=method.sequences and not config.sequences.frame_rate,
-        warnings=mismatch(config, dictionary),
+        warnings=(*mismatch(config, dictionary), *describe_learning(dictionary)),
     )
 
 

@@ -159,7 +159,7 @@ def further_datasets(
         "shape_covariance": by_landmark(found.in_unit(lifting.scale[:, None, None]).covariance),
         METRES_PER_UNIT: metres_per_unit(lifting.shapes, dictionary),
         **found.further,
-        **verdict(images, lifting, options),
+        **verdict(images, lifting, dictionary, options),
     }
     if options.left_out is not None:
         own["left_out"] = options.left_out(images).astype(object)
@@ -179,7 +179,7 @@ def carried_of_file(images: LandmarkSet) -> tuple[str, ...]:
 
 
 def verdict(
-    images: LandmarkSet, lifting: Lifting, options: RecordOptions
+    images: LandmarkSet, lifting: Lifting, dictionary: Dictionary, options: RecordOptions
 ) -> dict[str, NDArray[Any] | None]:
     """Say of each image whether its shape is to be trusted, where the method knows its error."""
     found = lifting.estimate
@@ -193,6 +193,7 @@ def verdict(
         found.status,
         implausible=options.implausible,
         widest=options.widest,
+        depth_is_open=dictionary.depth_is_open,
     )
     return {TRUSTED: doubt == "", DOUBT: doubt}
 

@@ -10,6 +10,7 @@ import json
 import time
 from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 from shapefit import __version__
@@ -24,6 +25,7 @@ from shapefit.io import (
     result_writer,
 )
 from shapefit.io.options import OutputOptions
+from shapefit.lifting.verdict import cover_mirror_image
 from shapefit.pipelines.export.run import open_exports, plan_exports
 from shapefit.pipelines.fit.chain import fit_images
 from shapefit.pipelines.fit.labels import check_labels
@@ -91,9 +93,10 @@ def lift_source(source: LandmarkSource, plan: Plan) -> Generator[Batch, None, No
 
     def lift(images: LandmarkSet) -> tuple[Batch, float]:
         began = time.perf_counter()
-        lifting, inputs = plan.mapped.back(
-            fit_images(images, seen, plan.lift), images.landmarks, plan.lift.weigh(images) > 0
-        )
+        lifting = fit_images(images, seen, plan.lift)
+        if plan.dictionary.depth_is_open:
+            lifting = replace(lifting, estimate=cover_mirror_image(lifting.estimate))
+        lifting, inputs = plan.mapped.back(lifting, images.landmarks, plan.lift.weigh(images) > 0)
         ended = time.perf_counter()
         record = as_result(images, lifting, plan.dictionary, plan.record, inputs)
         return Batch(images, lifting, record, ended - began), ended

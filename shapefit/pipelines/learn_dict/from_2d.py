@@ -15,7 +15,7 @@ from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, UNLIKE, Judge
 from shapefit.dictionary.from_2d.learning import State, learn
 from shapefit.dictionary.from_2d.model import Images
 from shapefit.dictionary.mixture import Mixture
-from shapefit.dictionary.model import LEARNED_FROM, Dictionary
+from shapefit.dictionary.model import LEARNED_FROM, NEAR_AND_FAR, OPEN, VERDICT, Dictionary
 from shapefit.errors import InputError, counted, input_error
 from shapefit.geometry.normalisation import normalise, spread
 from shapefit.geometry.procrustes import rotation_onto
@@ -56,11 +56,11 @@ class Learned:
     shapes: ShapeSet
     state: State
     judgement: Judgement
-    flip: bool
+    flip: bool | None
 
 
 def learn_from_landmarks(
-    source: LandmarkSource, place: str, flip: bool
+    source: LandmarkSource, place: str, flip: bool | None
 ) -> Generator[Outcome, None, Learned]:
     """Lift the images by what they have in common; an outcome a round.
 
@@ -95,7 +95,7 @@ def learn_from_landmarks(
     yield Outcome(
         line=f"{counted(len(some), 'image')}: {judgement.verdict}; {report(judgement, size)}; "
         f"{gross} gross and set aside",
-        warnings=tuple(find_doubts(judgement, flip or CAMERA_MATRIX in some.columns)),
+        warnings=tuple(find_doubts(judgement, flip is not None or CAMERA_MATRIX in some.columns)),
     )
     # the gross ones, too: a mixture may believe them, and sets aside those that it does not
     lifted = np.where(some.seen()[:, None], images.landmarks, np.nan)
@@ -144,7 +144,7 @@ def images_of(given: LandmarkSet) -> Images:
     return Images(placed / size[:, None, None], given.weights(), sequence)
 
 
-def flipped(shapes: Floats, flip: bool) -> Floats:
+def flipped(shapes: Floats, flip: bool | None) -> Floats:
     """Return shapes (n, 3, p), near and far exchanged where asked for."""
     return shapes * np.array([1.0, 1.0, -1.0 if flip else 1.0])[:, None]
 
@@ -195,27 +195,38 @@ def report(found: Judgement, size: float) -> str:
 
 
 MIRRORED = (
-    "near and far cannot be distinguished in 2D landmarks alone: look at some shapes, and set "
-    "`flip=true` if near is far"
+    "near and far cannot be distinguished in 2D landmarks alone, and no image that is lifted is "
+    "trusted before they are: look at some shapes, and learn again with `flip=true` if near is "
+    "far, `flip=false` if it is not"
 )
 SURE = 5.0
 """Standard errors of the evidence beyond which perspective decides what is near."""
 
 
 def decide_what_is_near(learned: Learned, made: Dictionary) -> Generator[Outcome, None, Dictionary]:
-    """Return the dictionary, or its mirror image where the known cameras see that one."""
-    if learned.flip or CAMERA_MATRIX not in learned.given.columns:
-        return made
+    """Return the dictionary, or its mirror image where the known cameras see that one.
+
+    Its provenance says what has decided; the key `flip` goes before cameras.
+    """
+    if learned.flip is not None:
+        return with_near_and_far(made, "stated by `flip`")
+    if CAMERA_MATRIX not in learned.given.columns:
+        return with_near_and_far(made, OPEN)
     gain, deviation = evidence_of_mirror(learned.given, made)
     if abs(gain) < SURE * deviation:
         yield Outcome(warnings=(MIRRORED,))
-        return made
+        return with_near_and_far(made, OPEN)
     done = "exchanged" if gain > 0 else "kept"
     yield Outcome(
         line=f"perspective: near and far {done}, log evidence {abs(gain):.2f} +- {deviation:.2f} "
         "an image"
     )
-    return mirror_image(made) if gain > 0 else made
+    return with_near_and_far(mirror_image(made) if gain > 0 else made, "told by perspective")
+
+
+def with_near_and_far(made: Dictionary, told: str) -> Dictionary:
+    """Return the dictionary with what told near from far in its provenance."""
+    return replace(made, provenance={**made.provenance, NEAR_AND_FAR: told})
 
 
 def mirror_image(made: Dictionary) -> Dictionary:
@@ -282,7 +293,8 @@ def relift(
         fine = (grown > 1 / LARGER) & (grown < LARGER)  # not so where it is nan
         shapes = shapes.replaced(shapes=np.where(fine[:, None, None], lifted, shapes.shapes))
     made = yield from make(of_best, number if varied else 0, iterations, varied)
-    provenance = {**made.provenance, LEARNED_FROM: "landmarks"}
+    verdict = "doubtful" if learned.judgement.verdict == DOUBTFUL else "learned"
+    provenance = {**made.provenance, LEARNED_FROM: "landmarks", VERDICT: verdict}
     if varied:
         return replace(made, provenance=provenance)
     return replace(made, prior=best.prior, misfit=best.misfit, provenance=provenance)

@@ -7,16 +7,21 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.config import LearnDictConfig
+from shapefit.config import InfoConfig, LearnDictConfig
 from shapefit.dictionary.from_2d.judgement import DOUBTFUL, LEARNED, Judgement
+from shapefit.dictionary.model import Dictionary
+from shapefit.dictionary.origin import describe_learning
 from shapefit.errors import InputError
+from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import (
     LandmarkSet,
     ShapeSet,
     read_dictionary,
+    write_dictionary,
     write_shapes,
 )
+from shapefit.pipelines import info
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.learn_dict.from_2d import find_doubts
 from tests.io.files import save
@@ -82,6 +87,49 @@ def test_what_was_learned_lifts_the_images_and_flip_exchanges_near_and_far(
     assert min(flipped) < 0.1
 
 
+def told_of(tmp_path):
+    """Return what `info` says of the dictionary that was learned."""
+    return next(iter(info.run(InfoConfig(files=(tmp_path / "dict.h5",))))).note
+
+
+def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
+    learn, tmp_path, class_of_shapes
+):
+    learn(class_of_shapes[:, :2])
+    files = [tmp_path / name for name in ("images.h5", "dict.h5", "result.h5")]
+    result, outcomes = fit_file(*files, method="posterior")
+    assert not result.columns["trusted"].any()
+    assert (result.columns["doubt"] == "near and far not told apart").mean() > 0.9
+    (warning,) = [str(text) for each in outcomes for text in each.warnings]
+    assert "learned from 2D landmarks: learned; near and far open" in warning
+    assert "near and far open" in told_of(tmp_path)
+    found = result.shapes - result.shapes.mean(axis=2, keepdims=True)
+    for sign in (1, -1):  # whichever of both the class is
+        off = np.abs(found[:, 2] - sign * 100.0 * class_of_shapes[:, 2])
+        assert (off < 1.645 * result.shape_sd[:, 2]).mean() > 0.9
+
+
+@pytest.mark.parametrize("flip", [True, False])
+def test_who_states_what_is_near_has_images_trusted(learn, tmp_path, class_of_shapes, flip):
+    learn(class_of_shapes[:, :2], flip=flip)
+    result = lift(tmp_path)
+    assert result.columns["trusted"].mean() > 0.9
+    assert "learned; near and far stated by `flip`" in told_of(tmp_path)
+
+
+def test_the_verdict_stays_with_the_dictionary(tmp_path):
+    shape = normalise(np.random.default_rng(0).standard_normal((3, 4))).points
+    made = Dictionary(shape[None], tuple("abcd"), shape)
+    assert describe_learning(made) == ()
+    assert not made.depth_is_open
+    old = replace(made, provenance={"learned_from": "landmarks"})
+    assert old.depth_is_open
+    known = {"verdict": "doubtful", "near_and_far": "told by perspective"}
+    write_dictionary(tmp_path / "dict.h5", replace(old, provenance=old.provenance | known))
+    (line,) = describe_learning(read_dictionary(tmp_path / "dict.h5"))
+    assert line.endswith("doubtful; near and far told by perspective")
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_known_camera_decides_what_is_near(learn, tmp_path, class_of_shapes, sign):
     shapes = class_of_shapes * [[sign], [1.0], [1.0]]
@@ -91,6 +139,7 @@ def test_a_known_camera_decides_what_is_near(learn, tmp_path, class_of_shapes, s
     outcomes = learn(seen, {"further": {"camera_matrix": camera}})
     assert any("perspective: near and far" in outcome.line for outcome in outcomes)
     found = lift(tmp_path)
+    assert found.columns["trusted"].any()
     assert error(found, shapes, 1) < 0.3 < error(found, shapes, -1)
 
 
