@@ -7,10 +7,9 @@ import os
 import sys
 from multiprocessing import get_context
 
-from .campaign import Tally, run
-from .case import Case
+from .campaign import Case, Tally, run
 from .kinds import KINDS
-from .past_findings import FINDINGS, SEEDS
+from .past_findings import FINDINGS
 
 BLOCK = 250
 """Seeds of each kind that a process runs."""
@@ -26,7 +25,7 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     arguments = parser.parse_args()
     if arguments.past:
-        return ended(run([*(Case(name, 0) for name in FINDINGS), *(Case(*seed) for seed in SEEDS)]))
+        return ended(run([Case(name, 0) for name in FINDINGS]))
     seeds = range(arguments.first, arguments.first - (-arguments.cases // len(arguments.kinds)))
     blocks = [
         [Case(kind, seed) for seed in seeds[at : at + BLOCK] for kind in arguments.kinds]

@@ -28,10 +28,6 @@ FIT = ("fit", "views.h5", "-d", "dict.h5")
 MESHES = ("--set", "export.folder=out/meshes")
 LEARN = ("learn-dict", "shapes.h5", "-o", "out/d.h5", "--set", "iterations=2", "--set", "k=3")
 EVAL = ("eval", "--truth", "shapes.h5", "-o", "out/report", "--set=plots=false")
-SIMULATE = (
-    *("simulate", "-o", "out/s", "--set=k=6", "--set=landmarks=[5]", "--set=active_atoms=[1]"),
-    *("--set=plots=false", "--set=threads=1"),
-)
 PROJECT = ("project", "shapes.h5")
 
 COMMANDS = {
@@ -44,7 +40,6 @@ COMMANDS = {
     "learn-dict": ((*LEARN, "--set=beta=0.3"), (*LEARN, "--set=beta=0.1")),
     "project": ((*PROJECT, "-o", "out/v.h5"), (*PROJECT, "-o", "out/v.h5", "--set=noise=0.1")),
     "eval": ((*EVAL, "result.csv"), (*EVAL, "result.h5")),
-    "simulate": ((*SIMULATE, "--set=trials=1"), (*SIMULATE, "--set=trials=2")),
 }
 """Commands whose outputs are there already, made by the first, when the second runs."""
 
@@ -78,8 +73,8 @@ def build(folder: Path) -> Path:
 
 def run(commands: Sequence[str], kills: int, *, quick: bool) -> int:
     """Run the cases of these commands; returns the exit code."""
-    from .base_files import make_base_files
     from .campaign import silenced
+    from .kinds import make_base_files
 
     shim = ctypes.CDLL(os.environ["LD_PRELOAD"])
     failed = cases = 0

@@ -1,26 +1,445 @@
-"""The table of what is fuzzed: a file format is added by one line here."""
+"""Kinds of cases: good files, and what spoils one of them and names the command that reads it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from random import Random
+from typing import Any, Literal, get_args, get_origin
 
-from . import (
-    config_cases,
-    csv_cases,
-    detector_cases,
-    hdf5_cases,
-    motion_cases,
-    tracker_cases,
+import numpy as np
+from pydantic import BaseModel
+from shapefit.cli.main import run
+
+from benchmarks import detector_files, tracker_files
+from shapefit.config.loader import CONFIGS
+from shapefit.config.model import field_keys, submodel
+from shapefit.io import read_shapes, write_shapes
+from shapefit.io.records import ShapeSet
+
+from .spoil import (
+    NAMES,
+    NUMBERS,
+    insert,
+    spoil_bytes,
+    spoil_hdf5,
+    spoil_json,
+    spoil_table,
+    spoil_text_bytes,
+    spoil_words,
 )
-from .case import Make
+
+Command = tuple[str, ...]
+Make = Callable[[Random, Path], Command]
+"""Spoil the files of a folder, and return the command line that reads them."""
+
+SAMPLE = Path(__file__).resolve().parents[1] / "sample_data" / "people_test.h5"
+
+ITEMS = 8
+"""Shapes and images in each file: a case should take some milliseconds."""
+
+FIT = ("fit", "views.h5", "-d", "dict.h5", "-o", "out.h5", "--set=threads=1")
+LEARN = ("-o", "out.h5", "--set=k=3", "--set=iterations=2")
+NO_PLOTS = "--set=plots=false"
+
+
+def make_base_files(folder: Path) -> None:
+    """Fill the folder by the commands themselves; raises RuntimeError where one of them fails.
+
+    They also import and compile whatever the cases need, so that these can be forked.
+    """
+    os.chdir(folder)
+    people = read_shapes([SAMPLE])
+    rng = np.random.default_rng(0)
+    few = people.take(np.linspace(0, len(people) - 1, ITEMS).astype(int))
+    meshed = ShapeSet(
+        few.shapes,
+        few.landmark_names,
+        few.items,
+        sequences=tuple("ab"[number % 2] for number in range(ITEMS)),
+        edges=few.edges,
+        mesh_vertices=few.shapes[:, :, :6] + 0.1 * rng.standard_normal((ITEMS, 3, 6)),
+        mesh_faces=np.array([[0, 1, 2], [3, 4, 5]]),
+        unit="m",
+        columns={"weight": rng.uniform(size=ITEMS), "model": np.array(few.items, object)},
+    )
+    write_shapes(Path("shapes.h5"), meshed)
+    write_shapes(Path("shapes.csv"), few)
+    for files, (n, p) in ((tracker_files, (5, 4)), (detector_files, (4, 5))):
+        points = rng.integers(1, 600, (n, 2, p, 2)).astype(float)
+        for name, write in files.WRITERS.items():
+            write(folder / name, points, rng.uniform(size=(n, 2, p)))
+    learn = ("learn-dict", "shapes.h5")
+    camera = ("--set", "camera.view=random", "--set", "hidden=0.1")
+    for command in (
+        (*learn, "--set", "iterations=2", "--set", "k=4", "-o", "dict.h5"),
+        (*learn, "--set", "method=exemplars", "-o", "exemplars.h5"),
+        (*learn, "--set", "method=pca-bases", "-o", "bases.h5"),
+        ("project", "shapes.h5", *camera, "-o", "views.h5"),
+        ("project", "shapes.csv", *camera, "-o", "views.csv"),
+        ("fit", "views.h5", "-d", "dict.h5", "-o", "result.h5"),
+        ("fit", "views.csv", "-d", "dict.h5", "-o", "result.csv"),
+        ("fit", "views.h5", "-d", "dict.h5", "-o", "x.h5", "--set", "loss=exact"),
+        ("fit", "views.h5", "-d", "dict.h5", "-o", "refined.h5", "--set=method=convex+refine"),
+        ("fit", "views.h5", "-d", "bases.h5", "-o", "x.h5", "--set", "method=pmp"),
+        ("eval", "result.h5", "--truth", "shapes.h5", "-o", "report", NO_PLOTS),
+        ("verify", "result.h5", "-d", "dict.h5", "--landmarks", "views.h5"),
+        ("view", "result.h5", "--truth", "shapes.h5", "-o", "page.html"),
+    ):
+        if run(command) not in (0, 1):
+            raise RuntimeError(f"a good command fails: {' '.join(command)}")
+
+
+# Our own files
+
+
+def _method(rng: Random) -> str:
+    losses = ("loss=squared", "loss=exact", "outliers.method=l1", "outliers.method=sparse-error")
+    methods = ("convex+refine", "alternate", "mean-shape")
+    return rng.choice([*losses] + [f"method={name}" for name in methods])
+
+
+def make_table(rng: Random, folder: Path) -> Command:
+    """Spoil one of our CSV files, and read it."""
+    name = rng.choice(("shapes.csv", "views.csv", "result.csv"))
+    spoil_table(rng, folder / name)
+    out = rng.choice(("out.h5", "out.csv"))
+    if name == "views.csv":
+        return ("fit", name, "-d", "dict.h5", "-o", out, "--set=threads=1", "--set", _method(rng))
+    if rng.random() < 0.15:
+        return ("view", name, "-o", "out.html")
+    if name == "result.csv":
+        return ("eval", name, "--truth", "shapes.h5", "-o", "out", NO_PLOTS)
+    return rng.choice(
+        (
+            ("learn-dict", name, *LEARN),
+            ("project", name, "-o", out, "--set", f"noise={rng.choice((0, 0.1))}"),
+            ("eval", "result.h5", "--truth", name, "-o", "out", NO_PLOTS),
+        )
+    )
+
+
+FITS = (
+    *("export.folder=out_meshes", "rotations=orthogonal", "transforms=true", "leave_out=model"),
+    *("outliers.method=ransac", "camera={model: perspective, focal: 1000}", "lambda=auto"),
+    *("noise=0.1", "rotations=per-atom", "strict=true", "solver.max_iterations=2"),
+)
+
+
+def make_hdf5(rng: Random, folder: Path) -> Command:
+    """Spoil one of our HDF5 files, and read it."""
+    dictionaries = ("dict.h5", "exemplars.h5", "bases.h5")
+    results = ("result.h5", "result.h5", "refined.h5")
+    name = rng.choice(("views.h5", "shapes.h5", *dictionaries, *results))
+    spoil_hdf5(rng, folder / name)
+    out = rng.choice(("out.h5", "out.csv"))
+    verify = ("verify", "result.h5", "-d", "dict.h5", "--landmarks", "views.h5")
+    if name == "shapes.h5":
+        return rng.choice(
+            (
+                ("learn-dict", name, *LEARN),
+                ("learn-dict", name, "-o", "out.h5", "--set", "method=exemplars"),
+                ("learn-dict", name, "-o", "out.h5", "--set", "method=pca-bases"),
+                ("project", name, "-o", out, "--set", "hidden=0.2"),
+                ("eval", "result.h5", "--truth", name, "-o", "out", NO_PLOTS),
+            )
+        )
+    if name in results:
+        return rng.choice(
+            (
+                ("eval", name, "--truth", "shapes.h5", "-o", "out", NO_PLOTS),
+                ("verify", name, *verify[2:]),
+                ("view", "views.h5", name, "--truth", "shapes.h5", "-o", "out.html"),
+            )
+        )
+    if rng.random() < 0.1:
+        if name == "views.h5":
+            return rng.choice((verify, ("view", name, "-o", "out.html")))
+        view = ("view", "result.h5", "-d", name, "-o", "out.html")
+        return rng.choice((("verify", "result.h5", "-d", name), view))
+    dictionary = name if name in dictionaries else "dict.h5"
+    chosen = "method=pmp" if name == "bases.h5" else _method(rng)
+    further = ("--set", rng.choice(FITS)) if rng.random() < 0.4 else ()
+    fit = ("fit", "views.h5", "-d", dictionary, "-o", out, "--set=threads=1", "--set", chosen)
+    return (*fit, *further)
+
+
+# Files of other tools
+
+
+def make_tracker(rng: Random, folder: Path) -> Command:
+    """Spoil a file of a tracker of animals, and convert it."""
+    name = rng.choice(list(tracker_files.WRITERS))
+    with suppress(ValueError, IndexError):  # changes that need a row with cells
+        (spoil_table if name.endswith(".csv") else spoil_hdf5)(rng, folder / name)
+    return ("convert", name, "-o", rng.choice(("out.h5", "out.csv")))
+
+
+def make_detector(rng: Random, folder: Path) -> Command:
+    """Spoil a file of a detector of people, or one of its folder, and convert it."""
+    name = rng.choice(list(detector_files.WRITERS))
+    path = folder / name
+    if path.is_dir():
+        path = rng.choice(sorted(path.iterdir()))
+    if path.suffix == ".json" and rng.random() < 0.8:
+        spoil_json(rng, path)
+    elif path.suffix.startswith(".np"):
+        spoil_bytes(rng, path)
+    else:
+        path.write_bytes(spoil_text_bytes(rng, path.read_bytes()))
+    given = name if rng.random() < 0.7 else str(path.relative_to(folder))
+    track = f"track={rng.choice(('nearest', 'none'))}"
+    return ("convert", given, "-o", rng.choice(("out.h5", "out.csv")), "--set", track)
+
+
+TRC = """PathFileType\t4\t(X/Y/Z)\twalk.trc
+DataRate\tNumFrames\tNumMarkers\tUnits
+50\t3\t4\tmm
+Frame#\tTime\ta\t\t\tb\t\t\tc\t\t\td\t\t
+\t\tX1\tY1\tZ1\tX2\tY2\tZ2\tX3\tY3\tZ3\tX4\tY4\tZ4
+1\t0.00\t1\t2\t3\t4\t5\t6\t7\t9\t8\t1\t0\t1
+2\t0.02\t1\t3\t3\t4\t5\t7\t7\t8\t8\t1\t0\t2
+3\t0.04\t2\t2\t3\t4\t6\t6\t7\t9\t9\t\t\t
+"""
+
+BVH = """HIERARCHY
+ROOT a
+{
+  OFFSET 0 1 0
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+  JOINT b
+  {
+    OFFSET 0 -4 0
+    CHANNELS 3 Xrotation Yrotation Zrotation
+    End Site
+    {
+      OFFSET 0 0 2
+    }
+  }
+}
+MOTION
+Frames: 3
+Frame Time: 0.04
+0 0 0 0 0 0 0 0 0
+1 2 3 90 0 0 90 9 0
+1 2 3 30 5 0 40 8 1
+"""
+
+ASF = """:version 1.10
+:units
+  length 0.45
+  angle deg
+:root
+  order TX TY TZ RX RY RZ
+  axis XYZ
+  position 0 0 0
+  orientation 0 0 0
+:bonedata
+  begin
+    name b
+    direction 0 -1 0
+    length 2
+    axis 0 0 90 XYZ
+    dof rx
+  end
+  begin
+    name c
+    direction 1 0 0
+    length 1
+    axis 0 0 0 XYZ
+    dof rx rz
+  end
+:hierarchy
+  begin
+    root b
+    b c
+  end
+"""
+
+AMC = """:FULLY-SPECIFIED
+:DEGREES
+1
+root 1 2 3 0 0 0
+b 0
+c 0 0
+2
+root 1 2 3 0 0 90
+b 30
+c 0 20
+"""
+
+ANIPOSE = """a_x,a_y,a_z,a_error,a_ncams,a_score,b_x,b_y,b_z,b_ncams,c_x,c_y,c_z,c_ncams,fnum
+1,2,3,0.5,3,0.9,4,5,6,2,7,9,8,2,0
+1.5,2,3,0.5,3,0.9,4,5,7,2,7,8,8,2,1
+,,,,,,4,5,7,2,7,8,8,2,2
+"""
+
+TOML = """[cam_0]
+name = "left"
+size = [640, 480]
+matrix = [[500.0, 0.0, 320.0], [0.0, 501.0, 240.0], [0.0, 0.0, 1.0]]
+distortions = [-0.1, 0.01, 0.001, 0.002, 0.0]
+rotation = [0.0, 0.0, 1.57]
+translation = [1.0, 2.0, 3.0]
+"""
+
+MOTION = {"m.trc": TRC, "m.bvh": BVH, "m.asf": ASF, "m.amc": AMC, "m.csv": ANIPOSE, "m.toml": TOML}
+
+
+def make_motion(rng: Random, folder: Path) -> Command:
+    """Spoil a file of 3D motion or a calibration, and read it."""
+    name = rng.choice([*MOTION])
+    for other, text in MOTION.items():
+        (folder / other).write_text(text)
+    text = MOTION[name]
+    for _ in range(rng.randrange(1, 4)):
+        text = spoil_words(rng, text)
+    (folder / name).write_bytes(text.encode("utf-8", "surrogatepass"))
+    if name == "m.toml":
+        return (*FIT, "--set=camera.calibration=m.toml", f"--set=camera.name={rng.choice('l0x')}")
+    source = "m.amc" if name == "m.asf" else name
+    if rng.random() < 0.5:
+        return ("convert", source, "-o", rng.choice(("out.h5", "out.csv")))
+    return ("learn-dict", source, *LEARN)
+
+
+# Configs
+
+
+COMMANDS = {
+    "learn-dict": {"shapes": "shapes.h5", "output": "out.h5", "k": "3", "iterations": "2"},
+    "project": {"shapes": "shapes.h5", "output": "out.h5"},
+    "fit": {"landmarks": "views.h5", "dictionary": "dict.h5", "output": "out.h5", "threads": "1"},
+    "eval": {"results": "result.h5", "truth": "shapes.h5", "output": "out", "plots": "false"},
+    "view": {"files": "result.h5", "truth": "shapes.h5", "output": "out.html"},
+}
+"""A good config of each command."""
+
+YAML_VALUES = (
+    *(
+        *NUMBERS,
+        "[]",
+        "{}",
+        "[1]",
+        "[a, b]",
+        "{a: 1}",
+        "[[1], 2]",
+        "{a: {b: 1}}",
+        "~",
+        "*a",
+        "&a 1",
+    ),
+    *("!!int x", "!!python/object:os.system x", "!!binary aGk=", "2020-01-01", "yes", "no", "off"),
+    *("|", ">", "'", '"', "[", "{", "- a", "? a", "<<: {a: 1}", "!!set {a}", '"\\ud800"', '"\\0"'),
+    *("@a", "%a", "/", "/dev/null", "/dev/full", "-", ".", "shapes.h5", "dict.h5", "views.h5"),
+    *("nowhere.h5", "'*.h5'", "result.h5", "[views.h5, views.csv]", "views.csv", "{m: result.h5}"),
+    *("all", "auto", "[nose, neck, pelvis]", "item", "model", "weight", "none", "[0.3, 0.2]"),
+)
+
+
+def _dotted(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, field in field_keys(model).items():
+        yield prefix + key, field.annotation
+        inner = submodel(field)
+        if inner is not None:
+            yield from _dotted(inner, f"{prefix}{key}.")
+
+
+KEYS = {command: list(_dotted(CONFIGS[command])) for command in COMMANDS}
+
+
+def _right_value(rng: Random, annotation: Any) -> str:
+    """Return a value that the type admits, whatever else the schema says."""
+    literal = get_origin(annotation) is Literal
+    kind = rng.choice([annotation] if literal else [annotation, *get_args(annotation)])
+    if get_origin(kind) is Literal:
+        return str(rng.choice(get_args(kind)))
+    if kind is bool:
+        return rng.choice(("true", "false"))
+    if kind is int:
+        return str(rng.choice((0, 1, 2, 3, 7, 50)))
+    if kind is float:
+        return f"{10.0 ** rng.uniform(-9, 9):.3g}"
+    return rng.choice(YAML_VALUES)
+
+
+def _setting(rng: Random, command: str) -> tuple[str, str]:
+    key, annotation = rng.choice(KEYS[command])
+    right = rng.random() < 0.6
+    value = _right_value(rng, annotation) if right else rng.choice(YAML_VALUES)
+    if key == "k" and value.strip("'\"+-").isdigit():  # large ones are right and take long
+        value = str(min(int(value.strip("'\"+-")), 4))
+    return key, value
+
+
+def make_options(rng: Random, _folder: Path) -> Command:
+    """A good command with some options more."""
+    command = rng.choice(list(COMMANDS))
+    settings = [*COMMANDS[command].items()]
+    settings += [_setting(rng, command) for _ in range(rng.choice((1, 1, 2, 3)))]
+    if rng.random() < 0.1:
+        settings.append((rng.choice(("", "a", ".", "a..b", "output.x", "fit", "\x1b[2J")), "1"))
+    options = [f"{key}={value}".replace("\0", "") for key, value in settings]
+    # what a shell can hand over
+    encodable = [option.encode("utf-8", "replace").decode() for option in options]
+    return (command, *(word for option in encodable for word in ("--set", option)))
+
+
+def make_yaml(rng: Random, folder: Path) -> Command:
+    """A good config with some keys more, spoiled as text."""
+    command = rng.choice(list(COMMANDS))
+    more = dict(_setting(rng, command) for _ in range(rng.choice((0, 1, 2))))
+    lines = []
+    for key, value in (COMMANDS[command] | more).items():
+        *sections, last = key.split(".")
+        text = f"{last}: {value}"
+        for section in reversed(sections):
+            text = f"{section}: {{{text}}}"
+        lines.append(text)
+    text = "\n".join(lines) + "\n"
+    for _ in range(rng.choice((0, 1, 1, 2))):
+        text = _spoil_yaml(rng, text)
+    (folder / "config.yaml").write_bytes(text.encode("utf-8", "surrogatepass"))
+    return (command, "-c", "config.yaml")
+
+
+def _spoil_yaml(rng: Random, text: str) -> str:
+    marks = (*":-[]{}#&*!|>'\"%@`,?\t\n\0\r\x85\u2028", "[" * 10, "[" * 3000)
+    letters = tuple(map(chr, (0xD800, 0xFEFF, 0x10FFFF, 0xE9, 7)))
+    match rng.randrange(7):
+        case 0:
+            return text[: rng.randrange(len(text) + 1)]
+        case 1:
+            return text + rng.choice(text.splitlines() or [""]) + "\n"
+        case 2:
+            ends = ("\n  ", "\r", "\n---\n", "\n...\n", "\n\t")
+            return text.replace("\n", rng.choice(ends))
+        case 3:
+            return text + aliases_of_aliases(rng.randrange(9))
+        case 4:
+            return "%YAML 1.1\n---\n" + text
+        case _:
+            return str(insert(rng, text, rng.choice((*marks, *letters, *YAML_VALUES, *NAMES))))
+
+
+def aliases_of_aliases(depth: int) -> str:
+    """Return a key whose value is ten times the one before, so many times."""
+    lists = ["&a [x,x,x,x,x,x,x,x,x,x]"]
+    for number in range(depth):
+        alias = "*" + chr(97 + number)
+        lists.append(f"&{chr(98 + number)} [{','.join([alias] * 10)}]")
+    return f"metrics: [{', '.join(lists)}]\n"
+
 
 KINDS: Mapping[str, Make] = {
-    "csv": csv_cases.make,
-    "detectors": detector_cases.make,
-    "hdf5": hdf5_cases.make,
-    "motion": motion_cases.make,
-    "trackers": tracker_cases.make,
-    "yaml": config_cases.make_yaml,
-    "set": config_cases.make_options,
+    "csv": make_table,
+    "detectors": make_detector,
+    "hdf5": make_hdf5,
+    "motion": make_motion,
+    "trackers": make_tracker,
+    "yaml": make_yaml,
+    "set": make_options,
 }
 """Kind -> what spoils the files of a folder and returns the command line that reads them."""

@@ -1,8 +1,7 @@
 """Inputs that once ended in an internal error, a crash, a hang or nonsense, one by one.
 
 Each is made from the good files of a folder, as the cases of the other kinds are, and judged as
-they are. `SEEDS` are cases of those kinds that failed; they mean the same as long as nobody changes
-the generators, while the functions here always do.
+they are.
 """
 
 from __future__ import annotations
@@ -16,19 +15,10 @@ from typing import Any
 import h5py
 import numpy as np
 
-Command = tuple[str, ...]
+from .kinds import FIT, LEARN, Command, aliases_of_aliases
+
 Finding = Callable[[Path], Command]
 
-SEEDS = (
-    *(("hdf5", 118), ("hdf5", 231), ("hdf5", 239), ("hdf5", 362), ("hdf5", 487), ("hdf5", 526)),
-    *(("hdf5", 53), ("hdf5", 5630), ("detectors", 4241), ("trackers", 4331)),
-    *(("hdf5", 6168), ("set", 1663), ("trackers", 700051)),
-    ("set", 9808),
-)
-"""Kinds and seeds of cases that failed."""
-
-FIT = ("fit", "views.h5", "-d", "dict.h5", "-o", "out.h5", "--set=threads=1")
-LEARN = ("-o", "out.h5", "--set=k=3", "--set=iterations=2")
 BEYOND_INT64 = 10**20
 
 
@@ -111,16 +101,8 @@ def _half_a_letter_in_an_option(_folder: Path) -> Command:
 
 
 def _aliases_of_aliases(folder: Path) -> Command:
-    lists = ["&a [x,x,x,x,x,x,x,x,x,x]"]
-    for number in range(8):
-        alias = "*" + chr(97 + number)
-        lists.append(f"&{chr(98 + number)} [{','.join([alias] * 10)}]")
-    (folder / "config.yaml").write_text(f"metrics: [{', '.join(lists)}]\n")
+    (folder / "config.yaml").write_text(aliases_of_aliases(8))
     return ("eval", "-c", "config.yaml")
-
-
-def _fewer_atoms_than_are_active_by_default(_folder: Path) -> Command:
-    return ("simulate", "-o", "out", "--set=k=5", "--set=trials=1", "--set=landmarks=[5]")
 
 
 def _depths_of_empty_shapes(folder: Path) -> Command:
@@ -232,7 +214,6 @@ FINDINGS: Mapping[str, Finding] = {
         _a_chunk_for_each_value,
         _mesh_beyond_single_precision,
         _aliases_of_aliases,
-        _fewer_atoms_than_are_active_by_default,
         _depths_of_empty_shapes,
         _zero_byte_in_an_item,
         _dataset_whose_name_is_not_utf8,

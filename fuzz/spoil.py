@@ -1,0 +1,354 @@
+"""What spoils tables, text, JSON, HDF5 and bytes, with values that programs stumble over."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from copy import deepcopy
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import h5py
+import numpy as np
+
+NUMBERS = (
+    *("0", "-0", "1", "-1", "0.5", "1e-8", "1e-320", "1e150", "1e154", "1e160", "1e308", "1e400"),
+    *("nan", "NaN", "inf", "-inf", "0x10", "1_000", "1,5", "１", "+1", ".5", "5.", "1e", "--1"),
+    *("9223372036854775807", "9223372036854775808", "-9223372036854775809", "1" + 400 * "0"),
+    *("3000000000", "65536", "true", "null", "", " ", "1 2", "'1'", '"1"', "1e1e1"),
+)
+NAMES = (
+    *("", " ", "a", "item", "a,b", 'a"b', "a\nb", "a\tb", "a\0b", "\x1b[31mred", "café"),
+    *("cafe\u0301", "\u202e", "\ud800", "../up", "/root", "-", ".", "..", "=1+1", "x" * 3000),
+    *("😀", "NaN", "%41", "{data}", "*", "[a]", "~", "$HOME", "`id`", "#1", "|", "item#2", "²"),
+)
+JSON_VALUES: tuple[Any, ...] = (
+    *(None, True, False, -1, 0, 1, 2.5, 1e308, -1e308, 10**18, 10**30, float("nan"), float("inf")),
+    *("", "a", "0", [], {}, [[]], [{}], {"a": 1}, [1], [1, 2, 3], [None], ["x"], [1, [2], 3]),
+)
+JSON_KEYS = ("images", "people", "id", "track_id", "idx", "person_id", "instances", "keypoints")
+VALUES = (
+    *(0.0, -0.0, 1.0, -1.0, 0.5, 1e-320, 1e-160, 1e100, 1e149, 1e151, 1e154, 1e160, 1e308, -1e308),
+    *(np.nan, np.inf, -np.inf, 2.0**63, 95.0),
+)
+TYPES = ("f2", "f4", "f8", "g", "i1", "u1", "i8", "u8", ">f8", ">i4", "?", "c16", "S3", "V4")
+
+MOST_VALUES = 10**6
+"""Of a dataset that is changed: one made sparse before it would take all memory."""
+
+Rows = list[list[str]]
+
+
+# Tables
+
+
+def spoil_table(rng: Random, path: Path) -> None:
+    """Change cells, columns and rows of a CSV file, at times its bytes as well."""
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    for _ in range(rng.choice((0, 1, 1, 2, 3))):
+        if rows[0]:  # a header without any column cannot be spoiled further
+            rng.choice(TABLE_CHANGES)(rng, rows)
+    text = "\n".join(",".join(row) for row in rows) + "\n"
+    data = text.encode("utf-8", "surrogatepass")
+    if rng.random() < 0.4:
+        data = spoil_text_bytes(rng, data)
+    path.write_bytes(data)
+
+
+def _cell(rng: Random, rows: Rows) -> None:
+    row = rng.choice(rows[1:] or rows)
+    if row:
+        row[rng.randrange(len(row))] = rng.choice(NUMBERS + NAMES)
+
+
+def _column(rng: Random, rows: Rows) -> None:
+    place = rng.randrange(len(rows[0]))
+    for row in rows[1:]:
+        if place < len(row):
+            row[place] = rng.choice((row[place], rng.choice(NUMBERS), rng.choice(NAMES)))
+
+
+def _scale_column(rng: Random, rows: Rows) -> None:
+    factor = 10.0 ** rng.uniform(-330, 308)
+    for row in rows[1:]:
+        for place in range(2, min(5, len(row))):
+            with suppress(ValueError):
+                row[place] = str(float(row[place] or "nan") * factor)
+
+
+def _header(rng: Random, rows: Rows) -> None:
+    names = ("item", "landmark", "x", "y", "z", "confidence", "sequence", *NAMES)
+    rows[0][rng.randrange(len(rows[0]))] = rng.choice(names)
+
+
+def _drop_column(rng: Random, rows: Rows) -> None:
+    place = rng.randrange(len(rows[0]))
+    rows[:] = [row[:place] + row[place + 1 :] for row in rows]
+
+
+def _add_column(rng: Random, rows: Rows) -> None:
+    name = rng.choice(("confidence", "sequence", "z", "weight"))
+    values = (rng.choice(NUMBERS + NAMES), str(rng.random()), "95")
+    for number, row in enumerate(rows):
+        row.append(name if number == 0 else rng.choice(values))
+
+
+def _rows(rng: Random, rows: Rows) -> None:
+    start = rng.randrange(1, len(rows) + 1)
+    rows[start : start + rng.randrange(40)] = rng.choice(([], rows[1:3], [[]], [[""] * 9]))
+
+
+def _shuffle(rng: Random, rows: Rows) -> None:
+    rows[1:] = rng.sample(rows[1:], len(rows) - 1)
+
+
+def _width(rng: Random, rows: Rows) -> None:
+    row = rng.choice(rows)
+    row[:] = row[: rng.randrange(len(row) + 1)] + [""] * rng.randrange(4)
+
+
+TABLE_CHANGES: tuple[Callable[[Random, Rows], object], ...] = (
+    *(_cell, _column, _scale_column, _header, _drop_column, _add_column, _rows, _shuffle, _width),
+)
+
+
+# Text, JSON and bytes
+
+
+def insert(rng: Random, data: Any, piece: Any) -> Any:
+    """Put a piece somewhere into a text or bytes."""
+    place = rng.randrange(len(data) + 1)
+    return data[:place] + piece + data[place:]
+
+
+def spoil_text_bytes(rng: Random, data: bytes) -> bytes:
+    """Cut text off, change line ends, delimiters or the encoding, or put bytes in."""
+    ends = (b"\r\n", b"\r", b"\n\n", b"\n\r\n", b"")
+    delimiters = (b";", b"\t", b", ", b",,")
+    pieces = (b'"', b"'", b"\0", b"\xff", b"\\", b"\r", b"x" * 200_000, rng.randbytes(5))
+    files = (b"", b"\n", b"item", b"\x89HDF\r\n\x1a\n", b"PK\3\4", b"\0" * 999)
+    with suppress(UnicodeError):
+        match rng.randrange(8):
+            case 0:
+                return data[: rng.randrange(len(data) + 1)]
+            case 1:
+                return data.replace(b"\n", rng.choice(ends))
+            case 2:
+                return data.replace(b",", rng.choice(delimiters), rng.randrange(99))
+            case 3:
+                return b"\xef\xbb\xbf" + data
+            case 4:
+                return data.decode().encode(rng.choice(("utf-16", "utf-32", "utf-7")))
+            case 5:
+                return rng.choice(files)
+            case _:
+                return bytes(insert(rng, data, rng.choice(pieces)))
+    return data
+
+
+def spoil_words(rng: Random, text: str) -> str:
+    """Replace a word, cut the text off, or drop and repeat lines."""
+    kind = rng.randrange(6)
+    if kind < 3:
+        words = re.split(r"(\s|,)", text)
+        words[rng.randrange(len(words))] = rng.choice(NUMBERS + NAMES)
+        return "".join(words)
+    if kind == 3:
+        return text[: rng.randrange(len(text) + 1)]
+    lines = text.split("\n")
+    place = rng.randrange(len(lines))
+    lines[place : place + rng.randrange(2)] = rng.choice(([], lines[:2], [lines[place]] * 2))
+    return "\n".join(lines)
+
+
+def spoil_json(rng: Random, path: Path) -> None:
+    """Replace, drop, repeat or add values somewhere in a JSON file."""
+    found = json.loads(path.read_text("utf-8"))
+    for _ in range(rng.choice((1, 1, 2, 3))):
+        places = list(_places(found))
+        if not places:
+            break
+        *way, last = rng.choice(places)
+        at = found
+        for key in way:
+            at = at[key]
+        kind = rng.random()
+        if kind < 0.6:
+            at[last] = deepcopy(rng.choice(JSON_VALUES))  # since it may be spoiled next
+        elif kind < 0.8:
+            del at[last]
+        elif isinstance(at, list):
+            at.insert(last, deepcopy(at[last]))
+        else:
+            at[rng.choice(JSON_KEYS)] = deepcopy(rng.choice(JSON_VALUES))
+    path.write_text(json.dumps(found), encoding="utf-8")
+
+
+def _places(found: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    if path:
+        yield path
+    keys = found if isinstance(found, dict) else range(len(found) if isinstance(found, list) else 0)
+    for key in keys:
+        yield from _places(found[key], (*path, key))
+
+
+def spoil_bytes(rng: Random, path: Path) -> None:
+    """Cut a file off, change some of its bytes, or put others before it."""
+    data = bytearray(path.read_bytes())
+    match rng.randrange(4):
+        case 0:
+            data = data[: rng.randrange(len(data))]
+        case 1:
+            for _ in range(rng.choice((1, 4, 32))):
+                data[rng.randrange(len(data))] = rng.randrange(256)
+        case 2:
+            start = rng.randrange(len(data))
+            data[start : start + rng.randrange(500)] = bytes(rng.randrange(500))
+        case _:
+            data[:0] = rng.randbytes(512)
+    path.write_bytes(data)
+
+
+# HDF5
+
+
+def spoil_hdf5(rng: Random, path: Path) -> None:
+    """Change datasets, links and attributes of a file or of a group in it, or its bytes."""
+    with h5py.File(path, "a") as file:
+        groups = [file]
+        file.visititems(lambda _, node: groups.append(node) if hasattr(node, "keys") else None)
+        group = rng.choice(groups) if rng.random() < 0.5 else file
+        for _ in range(rng.choice((1, 1, 2, 3))):
+            with suppress(IndexError, KeyError, TypeError, ValueError, RuntimeError, OSError):
+                rng.choice(HDF5_CHANGES)(rng, group)
+    if rng.random() < 0.15:
+        spoil_bytes(rng, path)
+
+
+def put(file: Any, name: str, values: Any, **keys: Any) -> None:
+    """Put a dataset in the place of what has its name."""
+    if name in file:
+        del file[name]
+    with suppress(TypeError, ValueError, OSError):
+        file.create_dataset(name, data=values, **keys)
+
+
+def _dataset(rng: Random, file: Any) -> Any:
+    """Choose a dataset that can be read."""
+    nodes = [file.get(name) for name in file]
+    datasets = [node for node in nodes if isinstance(node, h5py.Dataset)]
+    return rng.choice([one for one in datasets if (one.size or 0) <= MOST_VALUES])
+
+
+def _delete(rng: Random, file: Any) -> None:
+    del file[_dataset(rng, file).name]
+
+
+def _numbers(rng: Random, file: Any) -> None:
+    """Change one number, some, or all; by a value, by a factor, or by a byte."""
+    dataset = _dataset(rng, file)
+    values = np.asarray(dataset[()])
+    if not values.size or values.dtype.kind not in "fiu":
+        return
+    kind = rng.randrange(4)
+    with np.errstate(all="ignore"):
+        if kind < 2:
+            flat = values.reshape(-1)
+            for _ in range(rng.choice((1, 1, 3, flat.size))):
+                flat[rng.randrange(flat.size)] = np.float64(rng.choice(VALUES)).astype(flat.dtype)
+        elif kind == 2:
+            values = (values * 10.0 ** rng.uniform(-320, 300)).astype(values.dtype)
+        else:
+            data = bytearray(values.tobytes())
+            for _ in range(rng.choice((1, 2, 8))):
+                data[rng.randrange(len(data))] = rng.randrange(256)
+            values = np.frombuffer(bytes(data), values.dtype).reshape(values.shape)
+    put(file, dataset.name, values)
+
+
+def _texts(rng: Random, file: Any) -> None:
+    dataset = _dataset(rng, file)
+    if dataset.dtype.kind != "O" or dataset.ndim != 1 or not len(dataset):
+        return
+    texts = [text.encode() for text in dataset.asstr()[()]]
+    for _ in range(rng.choice((1, 2, len(texts)))):
+        name = rng.choice((*NAMES, texts[0].decode("utf-8", "ignore")))
+        texts[rng.randrange(len(texts))] = name.encode("utf-8", "surrogatepass")
+    if rng.random() < 0.5:
+        put(file, dataset.name, np.array(texts, "S"))
+    else:
+        whole = [text.replace(b"\0", b"") for text in texts]
+        put(file, dataset.name, whole, dtype=h5py.string_dtype())
+
+
+def _type(rng: Random, file: Any) -> None:
+    dataset = _dataset(rng, file)
+    kind = rng.choice(TYPES)
+    with np.errstate(all="ignore"), suppress(TypeError, ValueError):
+        zeros = rng.random() < 0.3
+        values = np.zeros(dataset.shape, kind) if zeros else np.asarray(dataset[()]).astype(kind)
+        put(file, dataset.name, values)
+
+
+def _shape(rng: Random, file: Any) -> None:
+    dataset = _dataset(rng, file)
+    values = np.asarray(dataset[()])
+    changed: list[Any] = [values[None], values.ravel(), values.T, h5py.Empty("f8")]
+    if values.ndim:
+        changed += [values[..., :-1], values[1:], values[:0], np.concatenate([values, values])]
+    text = {"dtype": h5py.string_dtype()} if dataset.dtype.kind == "O" else {}
+    put(file, dataset.name, rng.choice(changed), **text)
+
+
+def _sparse(rng: Random, file: Any) -> None:
+    dataset = _dataset(rng, file)
+    name, rank = dataset.name, dataset.ndim
+    if rank and dataset.dtype.kind != "O":
+        shape = (10 ** rng.randrange(5, 12), *dataset.shape[1:])
+        del file[name]
+        file.create_dataset(name, shape, "f8", chunks=(1,) * rank)
+
+
+def _further(rng: Random, file: Any) -> None:
+    names = ("further", b"\xff\xfe", "deep/er", "outliers", "bounding_box", "camera_matrix", "a\nb")
+    values = (
+        *(np.zeros(8), np.zeros((3, 3)), "text", [b"\xff"], np.zeros(0), h5py.Empty("f4")),
+        np.zeros((8, 15), "?"),
+    )
+    file[rng.choice(names)] = rng.choice(values)
+
+
+def _link(rng: Random, file: Any) -> None:
+    name = _dataset(rng, file).name
+    del file[name]
+    links = (h5py.SoftLink("/nowhere"), h5py.SoftLink(name), h5py.SoftLink("/"))
+    elsewhere = (h5py.ExternalLink("shapes.h5", "/shapes"), h5py.ExternalLink("nowhere.h5", "/"))
+    file[name] = rng.choice((*links, *elsewhere))
+
+
+def _group(rng: Random, file: Any) -> None:
+    name = _dataset(rng, file).name
+    del file[name]
+    file.create_group(name)
+
+
+def _attribute(rng: Random, file: Any) -> None:
+    known = ("y_axis", "unit", "frame_rate", "solve_seconds", "config", "kind", "method")
+    name = rng.choice([*file.attrs, *known])
+    values = (
+        *(np.nan, np.inf, -1, 2, "text", "", "\x1b[2J", b"\xff", [1, 2], np.zeros((2, 2)), 10**18),
+        *(h5py.Empty("f8"), True),
+    )
+    if name in file.attrs:
+        del file.attrs[name]
+    if rng.random() < 0.8:
+        file.attrs[name] = rng.choice(values)
+
+
+HDF5_CHANGES: tuple[Callable[[Random, Any], object], ...] = (
+    *(_delete, _numbers, _numbers, _numbers, _texts, _texts, _type, _shape, _sparse),
+    *(_further, _link, _group, _attribute),
+)
