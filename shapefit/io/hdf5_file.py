@@ -46,7 +46,10 @@ def refuse_links(file: h5py.File, path: Path) -> None:
     external storage, and virtual datasets, which also can be made of themselves.
     """
     links: list[tuple[bytes, int]] = []
-    file.id.links.visit(lambda name, info: links.append((name, info.type)), info=True)
+    try:
+        file.id.links.visit(lambda name, info: links.append((name, info.type)), info=True)
+    except RuntimeError as error:  # damaged where the links are: as if it could not be opened
+        raise OSError(str(error)) from error
 
     def refuse(name: bytes, found: str, fix: str = COPY_FIX) -> None:
         raise input_error(f"{path}:/{printable(name.decode('utf-8', 'replace'))}", found, fix)
