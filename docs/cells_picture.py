@@ -19,7 +19,7 @@ from shapefit.geometry.rotations import rotation_about
 from shapefit.io import read_shapes
 from shapefit.lifting.global_optimum.optimum import find_optimum
 from shapefit.lifting.global_optimum.tree import record_tree
-from shapefit.verification.proofs.rotation_tree import Tree, unfold
+from shapefit.verification.tree import Tree, unfold
 
 PROJECT = Path(__file__).resolve().parents[1]
 REACH, STEPS = 100, 260  # degrees to each side, points

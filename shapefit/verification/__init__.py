@@ -1,5 +1,4 @@
-"""The proofs in a result file, computed again in plain NumPy and without the solver's code.
+"""The certificates and statements of a result, computed again without the code that made them.
 
-Every number is compared within a bound on what rounding can do to it, see check.py. Nothing
-here imports `convex` or `lifting`: a mistake there does not repeat itself here.
+Nothing here knows the solvers: it rests on arrays, geometry and the files alone.
 """

@@ -9,7 +9,7 @@ from shapefit import core
 from shapefit.convex.problem import Problem
 from shapefit.lifting.global_optimum.optimum import find_optimum
 from shapefit.lifting.global_optimum.tree import record_tree
-from shapefit.verification.proofs.rotation_tree import Tree, unfold
+from shapefit.verification.tree import Tree, unfold
 from tests.lifting.global_optimum.conftest import TRIPLES, best_at, rotation_rows
 
 

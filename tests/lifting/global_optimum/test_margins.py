@@ -10,7 +10,7 @@ from shapefit.convex.problem import Problem, build_problem
 from shapefit.convex.solution import Status
 from shapefit.lifting.global_optimum.optimum import Limits, find_optimum
 from shapefit.lifting.global_optimum.tree import record_tree
-from shapefit.verification.proofs.rotation_tree import SLIVER, Tree, bilinear, unfold
+from shapefit.verification.tree import SLIVER, Tree, bilinear, unfold
 from tests.lifting.global_optimum.conftest import TRIPLES
 
 exact = np.frompyfunc(Fraction, 1, 1)

@@ -4,7 +4,6 @@ import shutil
 from types import SimpleNamespace
 
 import h5py
-import numpy as np
 import pytest
 
 from shapefit.config import LearnDictConfig
@@ -36,14 +35,16 @@ def dictionaries(project, tmp_path_factory):
     for name, keys in kinds.items():
         paths[name] = folder / f"{name}.h5"
         list(learn_dict.run(LearnDictConfig(output=str(paths[name]), **keys)))
-    return paths | {"prior": project / "shapefit/dictionaries/people.h5"}
+    prior = project / "shapefit/dictionaries/people.h5"
+    return paths | {"prior": prior, "detected": prior}
 
 
 @pytest.fixture(scope="session")
 def landmarks(project):
     data = project / "sample_data"
     people = data / "people_views.csv"
-    return {"people": people, "prior": people, "cars": data / "cars_views.h5"}
+    cars, walk = data / "cars_views.h5", data / "openpose"
+    return {"people": people, "prior": people, "cars": cars, "detected": walk}
 
 
 @pytest.fixture(scope="session")
@@ -52,6 +53,7 @@ def fitted(dictionaries, landmarks, tmp_path_factory):
     folder, known = tmp_path_factory.mktemp("fitted"), {}
 
     def fit_once(kind, **keys):
+        keys = {"input": {"keypoints": "body_25"}} | keys if kind == "detected" else keys
         name = f"{kind} {sorted(keys.items())}"
         if name not in known:
             known[name] = folder / f"{len(known)}.h5"
@@ -99,9 +101,3 @@ def item_of():
             return file["item"].asstr()[image]
 
     return item
-
-
-@pytest.fixture
-def first_transform():
-    """Return what gives the row of the first active transform of an image."""
-    return lambda file, image: int(np.sum(file["transform_count"][:image]))

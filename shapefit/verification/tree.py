@@ -23,14 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
-from shapefit.verification.check import Check, check
-from shapefit.verification.images import Images
-from shapefit.verification.proofs.transforms import Atoms
-from shapefit.verification.subject import Subject
+from shapefit.verification.checks import FLOOR, Checks
+from shapefit.verification.fit import OPTIMAL, Images
+from shapefit.verification.program import Atoms
 
 Indices = NDArray[np.integer]
 
-HOLD_ALL = "the cells hold all rotations"
 ROOTS = 60
 EDGES = tuple(combinations(range(4), 2))
 TRIPLES = tuple(combinations_with_replacement(range(4), 3))
@@ -51,50 +49,56 @@ class Tree:
     multipliers: Floats
 
 
-def check_trees(subject: Subject) -> list[Check]:
-    """Check the trees that a result holds, and that they prove the bound stated."""
-    n = len(subject.rows)
-    trees = read_trees(subject)
-    made = np.zeros(n, dtype=bool)
-    whole = np.ones(n, dtype=bool)
+def check_certificate(images: Images, atoms: Atoms, kept: Flags | None, checks: Checks) -> Flags:
+    """Check the trees that there are, and that an optimal image is within the tolerance.
+
+    Returns the images (n,) that have a tree.
+    """
+    stated, n = images.columns, len(images.fitted)
+    gap, objective = stated["relative_gap"], stated["objective"]
+    whole = (images.inliers[:, None] ** 2 * images.points**2).sum(axis=(1, 2))
+    allowed = images.allow(1 + whole / objective, 1.0)
+    claim = "an optimal image is within the tolerance"
+    optimal = stated["status"].astype(str) == OPTIMAL
+    checks.add(claim, gap - images.fit.tolerance, allowed, of=optimal)
+    trees, complete = read_trees(images), np.ones(n, dtype=bool)
     low, low_error, over, over_error, unbalanced, balance = np.zeros((6, n))
-    bound = subject.stated("objective") * (1 - subject.stated("relative_gap"))
+    bound = objective * (1 - gap)
     for image, tree in trees.items():
-        made[image] = True
         leaves = unfold(tree)
-        whole[image] = leaves is not None
+        complete[image] = leaves is not None
         if leaves is None:
             continue
-        one = SingleImage.of(subject.images, image)
-        kept = None if subject.kept is None else subject.kept[image]
+        one = SingleImage.of(images, image)
         value, low_error[image] = one.least_value(tree.multipliers)
         low[image] = bound[image] - value
+        low_error[image] += FLOOR * abs(bound[image])
         unbalanced[image], balance[image] = one.imbalance(tree.multipliers)
-        over[image], over_error[image] = one.excess(
-            tree, leaves, subject.atoms, kept, signed=subject.terms.signed
-        )
-    return [
-        check(HOLD_ALL, np.where(whole, 0.0, np.inf), 0.0, made),
-        check("the multipliers are balanced", unbalanced, balance, made),
-        check("the multipliers have the value of the bound", low, low_error, made),
-        check("the multipliers are feasible in every cell", over, over_error, made),
-    ]
+        own = None if kept is None else kept[image]
+        over[image], over_error[image] = one.excess(tree, leaves, atoms, own)
+    made = np.isin(np.arange(n), list(trees))
+    checks.hold("the cells hold all rotations", complete, of=made)
+    checks.add("the multipliers are balanced", unbalanced, balance, of=made)
+    checks.add("the multipliers have the value of the bound", low, low_error, of=made)
+    checks.add("the multipliers are feasible in every cell", over, over_error, of=made)
+    if made.any():
+        checks.settled.update(name for name in stated if name.startswith("tree_"))
+    return made
 
 
-def read_trees(subject: Subject) -> dict[int, Tree]:
+def read_trees(images: Images) -> dict[int, Tree]:
     """Return the trees of the images that have one."""
-    r = subject.result
-    parts = (r.tree_cells, r.tree_splits, r.tree_vertices, r.tree_rotations, r.tree_multipliers)
-    if any(part is None for part in parts):
+    stated = images.columns
+    if "tree_cells" not in stated:
         return {}
-    cells, splits, vertices, rotations, multipliers = (np.asarray(part) for part in parts)
+    cells, vertices = stated["tree_cells"], stated["tree_vertices"]
     end_of_cells, end_of_vertices = np.cumsum(cells), np.cumsum(vertices)
     trees = {}
-    for image, row in enumerate(subject.rows.tolist()):
-        if cells[row]:
-            c = slice(end_of_cells[row] - cells[row], end_of_cells[row])
-            v = slice(end_of_vertices[row] - vertices[row], end_of_vertices[row])
-            trees[image] = Tree(splits[c], rotations[v], multipliers[v])
+    for image in np.flatnonzero((cells > 0) & images.fitted).tolist():
+        c = slice(end_of_cells[image] - cells[image], end_of_cells[image])
+        v = slice(end_of_vertices[image] - vertices[image], end_of_vertices[image])
+        parts = stated["tree_rotations"][v], stated["tree_multipliers"][v]
+        trees[image] = Tree(stated["tree_splits"][c], *parts)
     return trees
 
 
@@ -220,10 +224,10 @@ class SingleImage:
         """Largest |Y omega| of Y (v, 2, p), and what rounding allows."""
         weighted = Y * self.omega
         size = np.abs(weighted).sum(axis=2).max()
-        return float(np.abs(weighted.sum(axis=2)).max()), self.factor * float(size)
+        return float(np.abs(weighted.sum(axis=2)).max()), max(self.factor, FLOOR) * float(size)
 
     def excess(
-        self, tree: Tree, leaves: Indices, atoms: Atoms, kept: Flags | None, *, signed: bool
+        self, tree: Tree, leaves: Indices, atoms: Atoms, kept: Flags | None
     ) -> tuple[float, float]:
         """Largest excess of a coefficient in cells (l, 4), and what rounding allows."""
         v, _, p = tree.multipliers.shape
@@ -236,11 +240,13 @@ class SingleImage:
         worst = -np.inf
         for start in range(0, len(leaves), LEAVES):
             some = leaves[start : start + LEAVES]
-            worst = max(worst, self._excess_in(products, tree, some, signed))
+            worst = max(worst, self._excess_in(products, tree, some))
         entries = np.abs(weighted).sum(axis=1).max() * atoms.reach
-        return worst + 3 * SLIVER * size, 6 * self.factor * (float(entries) + self.lam)
+        return worst + 3 * SLIVER * size, 6 * max(self.factor, FLOOR / 6) * (
+            float(entries) + self.lam
+        )
 
-    def _excess_in(self, G: Floats, tree: Tree, leaves: Indices, signed: bool) -> float:
+    def _excess_in(self, G: Floats, tree: Tree, leaves: Indices) -> float:
         q = tree.rotations[leaves]
         q = q * np.where((q[:, :1] * q).sum(axis=2) < 0, -1.0, 1.0)[..., None]
         Q = bilinear(q[:, :, None], q[:, None]).reshape(*leaves.shape, 4, 6)
@@ -251,6 +257,5 @@ class SingleImage:
             left += np.einsum("le,lei->li", Q[:, a, c], G[leaves[:, b]])
             left += np.einsum("le,lei->li", Q[:, a, b], G[leaves[:, c]])
             right = self.lam * (inner[:, b, c] + inner[:, a, c] + inner[:, a, b])
-            size = np.abs(left) if signed else left
-            worst = max(worst, float((size - right[:, None]).max(initial=-np.inf)))
+            worst = max(worst, float((left - right[:, None]).max(initial=-np.inf)))
         return worst

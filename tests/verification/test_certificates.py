@@ -1,0 +1,104 @@
+"""Norms in closed form beside LAPACK's, rotations that pass for the nearest, missed claims."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from shapefit.geometry.rotations import nearest_rotation, random_rotations, rotation_about
+from shapefit.verification.checks import Checks
+from shapefit.verification.program import Transforms, nuclear_norms, polar_rows
+from shapefit.verification.rotation import check_nearest, check_proper
+
+N = 40
+
+
+def transforms(blocks):
+    columns = {
+        "active_transforms": blocks,
+        "transform_count": np.ones(len(blocks), int),
+        "transform_atom": np.zeros(len(blocks), int),
+    }
+    return Transforms.of(SimpleNamespace(columns=columns), 1)
+
+
+def test_norms_are_sums_of_singular_values(rng):
+    some = rng.standard_normal((64, 2, 3))
+    turned = np.linalg.svd(some, full_matrices=False)
+    flat, line = some.copy(), some.copy()
+    flat[:, 1], line[:, 1] = 2 * flat[:, 0] + 1e-9 * flat[:, 1], 0
+    blocks = np.concatenate([some, turned.U @ turned.Vh, flat, line, np.zeros((1, 2, 3))])
+    s = np.linalg.svd(blocks, compute_uv=False)
+    x, y = blocks[:, 0, :, None], blocks[:, 1, :, None]
+    assert nuclear_norms(x, y)[:, 0] == pytest.approx(s.sum(axis=1), rel=1e-14, abs=1e-28)
+    assert transforms(blocks).norms == pytest.approx(s[:, 0], rel=1e-14, abs=1e-28)
+
+
+def test_polar_rows_are_the_nearest_and_are_completed_to_rotations(rng):
+    blocks = rng.standard_normal((64, 2, 3))
+    svd = np.linalg.svd(blocks, full_matrices=False)
+    M = transforms(blocks)
+    rows, condition = polar_rows(blocks, M.norms)
+    assert condition == pytest.approx(svd.S[:, 0] / svd.S[:, 1])
+    off = np.abs(rows - M.norms[:, None, None] * (svd.U @ svd.Vh)).max(axis=(1, 2))
+    assert (off <= 1e-14 * M.norms * condition).all()
+    R = M.completed(orthogonal=True)[0] / M.norms[:, None, None]
+    assert R @ R.swapaxes(1, 2) == pytest.approx(np.tile(np.eye(3), (64, 1, 1)), abs=1e-9)
+    assert np.linalg.det(R) == pytest.approx(np.ones(64))
+
+
+@pytest.fixture
+def sums(rng):
+    """Sums of scaled rotations (n, 3, 3), some of them nearer to reflections than to rotations."""
+    A = rng.standard_normal((N, 3, 3))
+    return A / np.linalg.norm(A, axis=(1, 2))[:, None, None]
+
+
+def missed(rotation, total, size=1.0):
+    checks = Checks(np.ones(N, dtype=bool))
+    bound = np.full(N, 1e-12)
+    with np.errstate(all="ignore"):
+        check_nearest(rotation, total, np.full(N, size), bound, checks)
+    return checks.missed()
+
+
+def test_the_nearest_rotation_passes_and_no_other_stationary_one(sums, rng):
+    assert (np.linalg.det(sums) < 0).any()
+    nearest = nearest_rotation(sums)
+    assert not missed(nearest, sums).any()
+    turn = rotation_about(rng.standard_normal(3), np.array([1e-9]))[0]
+    assert missed(turn @ nearest, sums).all()
+    U, _, Vt = np.linalg.svd(sums)
+    proper = np.sign(np.linalg.det(U @ Vt))
+    for flips in ([1, -1, -1], [-1, 1, -1], [-1, -1, 1]):  # R^T A stays symmetric
+        signs = np.tile(np.array(flips, dtype=float), (N, 1))
+        signs[:, 2] *= proper
+        assert missed((U * signs[:, None]) @ Vt, sums).all()
+    assert missed(nearest, np.zeros_like(sums), 0.0).all()
+    assert not missed(np.full_like(nearest, np.nan), np.zeros_like(sums), 0.0).any()
+
+
+@pytest.mark.parametrize("change", [-1.0, 0.0, 2.0, 1e-300, 1 + 1e-6, np.inf])
+def test_what_is_no_rotation_is_found(rng, change):
+    R, factor = random_rotations(N, rng), np.zeros(N)
+    for values, found in ((R, False), (change * R, True), (np.full_like(R, np.nan), False)):
+        checks = Checks(np.ones(N, dtype=bool))
+        with np.errstate(all="ignore"):
+            check_proper(values, factor, checks)
+        assert (checks.missed() == found).all()
+
+
+def test_the_worst_of_an_image_counts_and_nan_misses():
+    checks = Checks(np.array([True, True, True, False]))
+    off = np.array([[1.0, 3.0], [1.0, 2.0], [np.nan, 0.0], [9.0, 9.0]])
+    checks.add("c", off, 2.0)
+    assert checks.missed().tolist() == [True, False, True, False]
+    checks.add("d", off, np.array([[9.0, 9.0], [0.5, 9.0], [9.0, 9.0], [9.0, 9.0]]), "x y")
+    assert checks.missed().tolist() == [True, True, True, False]
+    assert checks.settled == {"x", "y"}
+    assert [image for image, _ in checks.reasons()] == [0, 1, 2]
+    checks.add("e", off, np.full(4, np.nan), of=np.array([False, False, False, True]))
+    assert checks.missed()[3]
+    none = Checks(np.zeros(0, dtype=bool))
+    none.add("c", np.zeros((0, 3)), 1.0)
+    assert none.missed().tolist() == []
