@@ -13,7 +13,7 @@ from typing import NoReturn
 import click
 
 from shapefit import __version__
-from shapefit.errors import InputError
+from shapefit.errors import InputError, lacks_memory
 
 from .command import make_command
 from .commands import COMMANDS
@@ -99,12 +99,16 @@ def _run(arguments: Sequence[str]) -> int:
     except click.ClickException as error:
         error.show()
         return INPUT_ERROR
-    except MemoryError as error:
-        tell(f"Error: memory: {error or 'there is not enough'}; give fewer items at a time")
-        return INPUT_ERROR
     except InputError as error:
         for problem in error.problems:
             tell(f"Error: {problem}")
+        return INPUT_ERROR
+    except Exception as error:
+        if not lacks_memory(error):
+            raise
+        said = f": {error}" if isinstance(error, MemoryError) and str(error) else ""
+        fix = "give fewer items at a time, or raise the limit of memory (ulimit -v)"
+        tell(f"Error: memory: there is not enough{said}; {fix}")
         return INPUT_ERROR
 
 

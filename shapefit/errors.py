@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterable, Sequence
 from os import PathLike
@@ -28,6 +29,31 @@ def input_error(place: str | PathLike[str], found: str, fix: str) -> InputError:
     return InputError(f"{place}: {found}; {fix}")
 
 
+NO_MEMORY = (
+    "cannot allocate memory",
+    "failed to map segment",
+    "can't start new thread",
+    "resource temporarily unavailable",
+    "unable to allocate",
+    "memory allocation failed",
+)
+"""Words of what libraries raise where there is no memory for them, or for a thread."""
+
+
+def lacks_memory(error: BaseException | None) -> bool:
+    """Whether an error, or one that it came from, says that there was not enough memory."""
+    seen = 0
+    while error is not None and seen < 10:
+        said = str(error).lower()
+        if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
+            return True
+        library = isinstance(error, ImportError | OSError | RuntimeError)
+        if library and any(words in said for words in NO_MEMORY):
+            return True
+        error, seen = error.__cause__ or error.__context__, seen + 1
+    return False
+
+
 def path_text(path: str | PathLike[str]) -> str:
     r"""Return a path as text that any file can hold: bytes that are not UTF-8 as \xe9."""
     return os.fsencode(str(path)).decode("utf-8", "backslashreplace")
@@ -47,9 +73,10 @@ def counted(number: int, noun: str) -> str:
     return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
 
 
-def abbreviate(names: Sequence[str]) -> str:
-    """Name the first five, and count the others."""
-    return ", ".join(names[:5]) + (f" and {len(names) - 5} more" if len(names) > 5 else "")
+def abbreviate(names: Sequence[str], most: int = 5) -> str:
+    """Name the first ones, by default five, and count the others."""
+    more = len(names) - most
+    return ", ".join(names[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def _escape(letter: str) -> str:

@@ -254,6 +254,8 @@ def _text(path: Path) -> str:
     name = STANDARD_INPUT if stream else path
     if stream and sys.stdin is None:
         raise input_error(name, "is closed", "send a config there, or name a file")
+    if path.is_fifo() and path.parent.name != "fd":  # but <(...) of a shell is /dev/fd/63
+        raise input_error(name, "is a pipe", "save the config to a file, or send it to -")
     try:
         with nullcontext(sys.stdin.buffer) if stream else path.open("rb") as file:
             data = file.read(MOST_BYTES + 1)

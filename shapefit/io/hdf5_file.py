@@ -27,6 +27,8 @@ def open_hdf5(path: Path, cache_bytes: int | None = None) -> h5py.File:
     cache_bytes is the room for chunks of a dataset, by default that of HDF5. Raises what h5py
     raises, and InputError where a store does not answer, and for links as `refuse_links`.
     """
+    if path.is_fifo():  # opening it would wait for whoever writes
+        raise input_error(path, "is a pipe, and HDF5 cannot come through one", "save it to a file")
     file = h5py.File(os.fspath(path), "r", rdcc_nbytes=cache_bytes)
     try:
         refuse_links(file, path)

@@ -9,9 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate, input_error
-from shapefit.io.problems import input_problems
+from shapefit.io.problems import LIMIT, input_problems
 
 KEY = "rename"
+
+MOST_COMPARED = 1000
+"""Known names that a name is compared with, to say which it is like."""
 
 
 def match_landmarks(
@@ -33,13 +36,14 @@ def match_landmarks(
         )
         raise input_error(place, found, "give files with the same landmark names")
     if strange:
-        raise input_problems([_strange_landmark(place, name, have) for name in strange])
+        told = [_strange_landmark(place, name, have) for name in strange[:LIMIT]]
+        raise input_problems(told, len(strange))
     return np.array([index[name] for name in want], dtype=np.intp)
 
 
 def nearest_names(name: str, known: Sequence[str]) -> list[str]:
     """Return the up to three known names that look most like a name."""
-    return get_close_matches(name, known, n=3, cutoff=0.5)
+    return get_close_matches(name, known[:MOST_COMPARED], n=3, cutoff=0.5)
 
 
 def renamed(names: tuple[str, ...], rename: Mapping[str, str], place: str) -> tuple[str, ...]:
@@ -63,7 +67,7 @@ def check_known(rename: Mapping[str, str], files: Sequence[tuple[str, Sequence[s
     unknown = [name for name in rename if name not in set(known)]
     if not unknown:
         return
-    near = {name: nearest_names(name, known) for name in unknown}
+    near = {name: nearest_names(name, known) for name in unknown[:LIMIT]}
     hints = [
         f"'{name}' -> {' or '.join(map(repr, close))}" for name, close in near.items() if close
     ]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,16 +23,17 @@ from shapefit.io import (
 from shapefit.io.foreign.items import fitting_skeletons, peek_recording
 from shapefit.io.formats import FileFormat, detect_format, group_inputs
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.listing import find_kind
+from shapefit.io.listing import OPTIONAL, find_kind
 from shapefit.io.options import InputOptions, input_options
+from shapefit.io.records import Records
 from shapefit.io.skeletons import PEOPLE, SKELETONS, people_joints
-from shapefit.io.source import read_results
+from shapefit.io.source import open_results
 from shapefit.io.sources import is_stream, source_name
 from shapefit.pipelines.outcome import Failure, Outcome, unread
 from shapefit.pipelines.parts.manifest import Manifest, damage_of, find_folders, sum_up
 
 BATCH = 16384
-"""Items that are read at a time."""
+"""Items that are looked at, the first of a file."""
 
 CAMERA = ("camera_matrix", "distortion", "image_size", "extrinsic_rotation")
 """Datasets that say how the camera saw the landmarks."""
@@ -135,12 +136,10 @@ def _told(
             names = SKELETONS[fitting[0]].landmark_names
             following = _following(kind, paths, replace(options, keypoints="NAME"), names)
             return [*title, ("go on with", following)], recording.notes
-    opened = open_landmarks(paths, options) if kind == "landmarks" else None
-    with opened or open_shapes(paths, options, gaps=True) as source:
-        found = _Found()
-        for chunk in source.batches(BATCH):
-            found.add(chunk)
-        lines = title + _of_records(source.head, found, source.count, kind)
+    opened = open_landmarks(paths, options, check=False) if kind == "landmarks" else None
+    with opened or open_shapes(paths, options, gaps=True, check=False) as source:
+        sample = source.first(BATCH)
+        lines = title + _of_records(sample, source.count, kind)
         if isinstance(source.head, LandmarkSet):
             stated = "" if source.states_y_axis else ", as the file does not say"
             lines.append(("y axis", source.head.y_axis + stated))
@@ -148,46 +147,24 @@ def _told(
         return lines, source.notes
 
 
-@dataclass
-class _Found:
-    """What was counted over all chunks."""
-
-    placed: int = 0
-    places: int = 0
-    sequences: dict[str, None] | None = None
-    most: float = 0.0
-    least: float = np.inf
-
-    def add(self, chunk: LandmarkSet | ShapeSet) -> None:
-        """Count a chunk."""
-        points = chunk.landmarks if isinstance(chunk, LandmarkSet) else chunk.shapes
-        known = np.isfinite(points).all(axis=1)
-        self.placed += int(known.sum())
-        self.places += known.size
-        if chunk.sequences is not None:
-            self.sequences = {**(self.sequences or {}), **dict.fromkeys(chunk.sequences)}
-        confidence = chunk.confidence if isinstance(chunk, LandmarkSet) else None
-        if confidence is not None and known.any():
-            self.most = max(self.most, float(confidence[known].max()))
-            self.least = min(self.least, float(confidence[known].min()))
-
-
-def _of_records(head: LandmarkSet | ShapeSet, found: _Found, count: int, kind: str) -> list[Line]:
+def _of_records(sample: LandmarkSet | ShapeSet, count: int, kind: str) -> list[Line]:
+    """Describe a file by its head and its first items."""
     noun = "image" if kind == "landmarks" else "shape"
-    names = head.landmark_names
+    names, of = sample.landmark_names, _of_the_first(sample, count)
     lines = [(f"{noun}s", f"{count:,}"), ("landmarks", f"{len(names)}: {abbreviate(names)}")]
-    sequences = [name for name in found.sequences or () if name]
+    sequences = [name for name in dict.fromkeys(sample.sequences or ()) if name]
     if sequences:
-        lines.append(("sequences", f"{len(sequences)}: {abbreviate(sequences)}"))
-    rate = head.frame_rate
-    if sequences:
+        lines.append(("sequences", f"{len(sequences)}: {abbreviate(sequences)}{of}"))
+        rate = sample.frame_rate
         lines.append(("frame rate", "unknown" if rate is None else f"{rate:g} Hz"))
-    missing = 1 - found.placed / max(found.places, 1)
-    lines.append(("missing", f"{missing:.1%} of the landmarks"))
-    if np.isfinite(found.least):
-        lines.append(("confidence", f"{found.least:.3g} to {found.most:.3g}"))
-    lines.append(("unit", head.unit if head.unit != UNKNOWN_UNIT else "not said"))
-    camera = [name for name in CAMERA if name in head.columns]
+    known = np.isfinite(sample.points).all(axis=1)
+    lines.append(("missing", f"{1 - known.sum() / max(known.size, 1):.1%} of the landmarks{of}"))
+    confidence = sample.confidence if isinstance(sample, LandmarkSet) else None
+    if confidence is not None and known.any():
+        least, most = confidence[known].min(), confidence[known].max()
+        lines.append(("confidence", f"{least:.3g} to {most:.3g}"))
+    lines.append(("unit", sample.unit if sample.unit != UNKNOWN_UNIT else "not said"))
+    camera = [name for name in CAMERA if name in sample.columns]
     if camera:
         lines.append(("camera", listed(camera, "and")))
     return lines
@@ -202,22 +179,29 @@ def _of_folder(folder: Path, manifest: Manifest, first: Mapping[str, str]) -> li
 
 
 def _of_result(path: Path) -> list[Line]:
-    result = read_results(path)
-    names = result.landmark_names
-    failed = int((~np.isfinite(result.shapes).all(axis=(1, 2))).sum())
-    lines = [
-        ("kind", f"result of {result.attributes.get('method', 'fit')}"),
-        ("images", f"{len(result):,}" + (f", {failed} without a shape" if failed else "")),
-        ("landmarks", f"{len(names)}: {abbreviate(names)}"),
-    ]
-    sequences = [name for name in dict.fromkeys(result.sequences or ()) if name]
-    if sequences:
-        lines.append(("sequences", f"{len(sequences)}: {abbreviate(sequences)}"))
-        rate = result.frame_rate
-        lines.append(("frame rate", "unknown" if rate is None else f"{rate:g} Hz"))
-    lines.append(("unit", result.unit if result.unit != UNKNOWN_UNIT else "not said"))
-    lines.append(("go on with", f"shapefit view {_typed(path)}"))
-    return lines
+    with open_results([path], OPTIONAL, check=False) as source:
+        head, sample = source.head, source.first(BATCH)
+        names = head.landmark_names
+        failed = int((~np.isfinite(sample.shapes).all(axis=(1, 2))).sum())
+        of = _of_the_first(sample, source.count)
+        lines = [
+            ("kind", f"result of {head.attributes.get('method', 'fit')}"),
+            ("images", f"{source.count:,}" + (f", {failed} without a shape{of}" if failed else "")),
+            ("landmarks", f"{len(names)}: {abbreviate(names)}"),
+        ]
+        sequences = [name for name in dict.fromkeys(sample.sequences or ()) if name]
+        if sequences:
+            lines.append(("sequences", f"{len(sequences)}: {abbreviate(sequences)}{of}"))
+            rate = head.frame_rate
+            lines.append(("frame rate", "unknown" if rate is None else f"{rate:g} Hz"))
+        lines.append(("unit", head.unit if head.unit != UNKNOWN_UNIT else "not said"))
+        lines.append(("go on with", f"shapefit view {_typed(path)}"))
+        return lines
+
+
+def _of_the_first(sample: Records, count: int) -> str:
+    """Say of how many items something was counted, where it is not all."""
+    return "" if len(sample) == count else f" (of the first {len(sample):,})"
 
 
 def _of_dictionary(path: Path) -> list[Line]:

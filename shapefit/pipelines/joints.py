@@ -198,6 +198,9 @@ class Mapped:
 FEWEST_LANDMARKS = 3
 """Of a file that the dictionary must know, so that it can do without the others."""
 
+LISTED, COMPARED = 80, 200
+"""Names that a message lists, and that are compared with others for the likely pairs."""
+
 _SIDE = re.compile(r"(?:^|[^a-z])(?:(l)(?:eft)?|(r)(?:ight)?)(?:$|[^a-z])|^(?:(l)|(r))")
 
 
@@ -216,7 +219,8 @@ def match_names(
 
 def find_strange(own: Sequence[str], known: Sequence[str]) -> list[str]:
     """List the landmarks that the dictionary lacks and a fit can do without: three others match."""
-    strange = [name for name in own if name not in set(known)]
+    theirs = set(known)
+    strange = [name for name in own if name not in theirs]
     return strange if len(own) - len(strange) >= FEWEST_LANDMARKS else []
 
 
@@ -225,7 +229,8 @@ def check_enough(own: Sequence[str], known: Sequence[str], place: str) -> None:
 
     The error has both lists of names, and the pairs that look alike where these are enough.
     """
-    matching = [name for name in own if name in set(known)]
+    files, theirs = set(own), set(known)
+    matching = [name for name in own if name in theirs]
     if len(matching) >= FEWEST_LANDMARKS or len(matching) == len(own):
         return
     if {name.strip() for name in own} & set(known) - set(matching):
@@ -235,12 +240,12 @@ def check_enough(own: Sequence[str], known: Sequence[str], place: str) -> None:
         raise input_error(place, found, "give the files of each skeleton in a separate call")
     found = (
         f"{len(matching)} of the {counted(len(own), 'landmark')} of the files are in the "
-        f"dictionary, and {FEWEST_LANDMARKS} must be; the files have {', '.join(own)}; the "
-        f"dictionary has {', '.join(known)}"
+        f"dictionary, and {FEWEST_LANDMARKS} must be; the files have {abbreviate(own, LISTED)}; "
+        f"the dictionary has {abbreviate(known, LISTED)}"
     )
     pairs = _likely_pairs(
-        [name for name in own if name not in set(known)],
-        [name for name in known if name not in set(own)],
+        [name for name in own if name not in theirs][:COMPARED],
+        [name for name in known if name not in files][:COMPARED],
     )
     if len(matching) + len(pairs) >= FEWEST_LANDMARKS:
         raise input_error(place, found, f"name them alike: {_as_rename(pairs)}")
@@ -276,7 +281,7 @@ def left_out_landmarks(strange: Sequence[str], known: Sequence[str]) -> tuple[st
     """Warn of landmarks that the dictionary lacks, with the names that they may mean."""
     if not strange:
         return ()
-    pairs = _likely_pairs(strange, known)
+    pairs = _likely_pairs(strange[:COMPARED], known)
     hint = f"; if they are the same: {_as_rename(pairs)}" if pairs else ""
     found = f"{counted(len(strange), 'landmark')} left out, which the dictionary lacks"
     return (f"{found} ({abbreviate(strange)}){hint}",)

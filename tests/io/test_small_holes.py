@@ -1,0 +1,112 @@
+"""Pipes where a file must be, a million strange names, no memory, and heads of large files."""
+
+import os
+import resource
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from shapefit.cli.main import run
+
+from shapefit.dictionary.model import Dictionary
+from shapefit.io import LandmarkSet, ResultSet, landmark_writer, result_writer, write_dictionary
+
+NAMES = ("a", "b", "c", "d")
+
+
+@pytest.fixture
+def folder(tmp_path, rng, monkeypatch):
+    """A working folder with a dictionary and landmarks."""
+    atoms = rng.normal(size=(3, 3, 4))
+    model = Dictionary(atoms=atoms, landmark_names=NAMES, mean_shape=atoms[0])
+    write_dictionary(tmp_path / "dict.h5", model)
+    views = LandmarkSet(rng.normal(size=(3, 2, 4)), NAMES, ("x", "y", "z"))
+    with landmark_writer(tmp_path / "views.h5") as writer:
+        writer.append(views)
+    os.mkfifo(tmp_path / "pipe")
+    os.mkfifo(tmp_path / "pipe.h5")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def shapefit(*arguments: str, seconds: float = 20) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "shapefit", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=seconds, check=False)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "fit -c pipe views.h5 -d dict.h5 -o out.h5",
+        "fit views.h5 -d pipe -o out.h5",
+        "fit views.h5 -d pipe.h5 -o out.h5",
+        "eval -c pipe views.h5 --truth views.h5 -o out",
+        "verify views.h5 -d pipe.h5",
+    ],
+)
+def test_a_pipe_as_config_or_dictionary_is_refused_at_once(folder, command):
+    done = shapefit(*command.split())
+    assert done.returncode == 2
+    assert "pipe" in done.stderr
+    assert not (folder / "out.h5").exists()
+
+
+def test_a_config_may_come_from_a_pipe_of_the_shell(folder, capsys):
+    read, write = os.pipe()
+    os.write(write, b"{}\n")
+    os.close(write)
+    assert run(["info", "-c", f"/dev/fd/{read}", "views.h5"]) == 0
+
+
+def test_a_message_about_very_many_names_is_short_and_quick(folder, capsys):
+    p = 100_000
+    names = tuple(f"point {i}" for i in range(p))
+    with landmark_writer(folder / "wide.h5") as writer:
+        writer.append(LandmarkSet(np.zeros((1, 2, p)) + np.arange(p), names, ("x",)))
+    before = time.process_time()
+    assert run(["fit", "wide.h5", "-d", "dict.h5", "-o", "out.h5"]) == 2
+    told = capsys.readouterr().err
+    assert len(told) < 4000
+    assert "99920 more" in told
+    assert time.process_time() - before < 10
+
+
+def test_no_memory_is_no_internal_error(folder):
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_AS, (60_000_000, 60_000_000))
+
+    done = subprocess.run(
+        [sys.executable, "-m", "shapefit", "info", "views.h5"],
+        capture_output=True, text=True, preexec_fn=limit, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2, done.stderr
+    assert "memory: there is not enough" in done.stderr
+
+
+def test_info_reads_the_heads_of_large_files(folder, rng, capsys, monkeypatch):
+    n = 40_000
+    items = tuple(map(str, range(n)))
+    shapes = np.zeros((n, 3, 4)) + np.arange(4)
+    shapes[5] = np.nan
+    with result_writer(folder / "result.h5") as writer:
+        writer.append(ResultSet(shapes, NAMES, items, ("walk",) * n))
+    with landmark_writer(folder / "large.h5") as writer:
+        writer.append(LandmarkSet(shapes[:, :2], NAMES, items, confidence=np.ones((n, 4))))
+    from shapefit.io.hdf5_records import Hdf5Reader
+
+    rows, real = [], Hdf5Reader.read
+
+    def counted(reader, name, part=slice(None)):
+        values = real(reader, name, part)
+        rows.append(len(values) if values is not None and name != "landmark_names" else 0)
+        return values
+
+    monkeypatch.setattr(Hdf5Reader, "read", counted)
+    assert run(["info", "result.h5", "large.h5"]) == 0
+    told = capsys.readouterr().out
+    assert "40,000, 1 without a shape (of the first 16,384)" in told
+    assert "sequences:    1: walk (of the first 16,384)" in told
+    assert "0.0% of the landmarks (of the first 16,384)" in told
+    assert max(rows) <= 16_384
