@@ -13,7 +13,7 @@ from typing import NoReturn
 import click
 
 from shapefit import __version__
-from shapefit.errors import InputError, lacks_memory
+from shapefit.errors import InputError
 
 from .command import make_command
 from .commands import COMMANDS
@@ -104,6 +104,8 @@ def _run(arguments: Sequence[str]) -> int:
             tell(f"Error: {problem}")
         return INPUT_ERROR
     except Exception as error:
+        from shapefit.errors import lacks_memory
+
         if not lacks_memory(error):
             raise
         said = f": {error}" if isinstance(error, MemoryError) and str(error) else ""

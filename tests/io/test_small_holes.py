@@ -22,7 +22,9 @@ def folder(tmp_path, rng, monkeypatch):
     atoms = rng.normal(size=(3, 3, 4))
     model = Dictionary(atoms=atoms, landmark_names=NAMES, mean_shape=atoms[0])
     write_dictionary(tmp_path / "dict.h5", model)
-    views = LandmarkSet(rng.normal(size=(3, 2, 4)), NAMES, ("x", "y", "z"))
+    views = LandmarkSet(
+        landmarks=rng.normal(size=(3, 2, 4)), landmark_names=NAMES, items=("x", "y", "z")
+    )
     with landmark_writer(tmp_path / "views.h5") as writer:
         writer.append(views)
     os.mkfifo(tmp_path / "pipe")
@@ -64,7 +66,11 @@ def test_a_message_about_very_many_names_is_short_and_quick(folder, capsys):
     p = 100_000
     names = tuple(f"point {i}" for i in range(p))
     with landmark_writer(folder / "wide.h5") as writer:
-        writer.append(LandmarkSet(np.zeros((1, 2, p)) + np.arange(p), names, ("x",)))
+        writer.append(
+            LandmarkSet(
+                landmarks=np.zeros((1, 2, p)) + np.arange(p), landmark_names=names, items=("x",)
+            )
+        )
     before = time.process_time()
     assert run(["fit", "wide.h5", "-d", "dict.h5", "-o", "out.h5"]) == 2
     told = capsys.readouterr().err
