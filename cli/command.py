@@ -94,12 +94,19 @@ def run_command(
     given = (overrides, arguments)
     config = load_config(spec.name, file, *given, to_show=print_config, final=not chooses)
     if chooses:
-        name = importlib.import_module(f"shapefit.pipelines.{spec.chooser}").find_suited(config)
-        if name is not None:
-            file = find_config(spec.name, Path(name))
+        chooser = importlib.import_module(f"shapefit.pipelines.{spec.chooser}")
+        default = chooser.choose_default(config)
+        line = ""
+        if default.config is not None:
+            file = find_config(spec.name, Path(default.config))
+            line = f"Config: {default.config}, which suits the dictionary; -c names another."
+        elif default.method is not None:
+            given = ([f"method={default.method}", *overrides], arguments)
+            line = f"Method: {default.method}, for the dictionary has a prior over shapes; "
+            line += "`--set method=convex` does without."
         config = load_config(spec.name, file, *given, to_show=print_config)
-        if name is not None and not quiet:
-            tell(f"Config: {name}, which suits the dictionary; -c names another.")
+        if line and not quiet:
+            tell(line)
     if print_config:
         click.echo(dump_config(config), nl=False)
         return 0

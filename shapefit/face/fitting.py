@@ -30,11 +30,11 @@ from shapefit.io.foreign.items import landmarks_of
 from shapefit.io.options import InputOptions, Track, input_options
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.io.source import source_of
+from shapefit.pipelines.fit.defaults import Default, are_long, choose_by_dictionary, fits
 from shapefit.pipelines.fit.plan import plan_fit
+from shapefit.pipelines.fit.prepare import prepare
 from shapefit.pipelines.fit.report import Report
 from shapefit.pipelines.fit.run import attributes_of, lift_source
-from shapefit.pipelines.fit.settle import plan_settling
-from shapefit.pipelines.fit.suited import are_long, choose_suited
 from shapefit.pipelines.joints import name_warnings
 from shapefit.pipelines.outcome import Counted, Note, add_up
 
@@ -74,7 +74,8 @@ def fit(
     and method as `lambda` and `method` of the command. camera: matrices (3, 3) or (n, 3, 3) for a
     refinement under perspective, or the section `camera` of the command, where `intrinsics` may be
     such matrices.
-    config: a YAML file or an installed config; by default that which suits the dictionary.
+    config: a YAML file or an installed config; by default that which suits the dictionary. A
+    dictionary that suits none and has a prior is fitted by it: method "posterior", or "sequences".
     options are further keys of the command, sections as mappings, such as
     `outliers={"method": "ransac"}` (docs/config.md). Images without a shape are in `failures` of
     the result; what the command warns of is a Python warning. Raises InputError.
@@ -94,19 +95,32 @@ def fit(
     names = atoms.marked(()).landmark_names
     images = _with_weights(_images(landmarks, keypoints, names, reading), weights)
     if config is None:
-        config = choose_suited(atoms.provenance, method, lambda: are_long(images.sequences))
+        default = choose_by_dictionary(
+            atoms.provenance,
+            method,
+            lambda: are_long(images.sequences),
+            prior=atoms.prior is not None,
+        )
+        config = default.config
+    else:
+        default = Default()
     wanted = config_of(FitConfig, "fit", given, options, FILES, config)
+    if default.method is not None and fits(default, wanted):
+        given["method"] = default.method
+        wanted = config_of(FitConfig, "fit", given, options, FILES, config)
     if matrices is not None:
         images = images.with_columns({CAMERA: matrices})
-    settle = plan_settling(wanted, atoms)
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
     with source_of(images, "landmarks", wanted.input.rename) as source:
-        wanted, _ = settle(source)
+        setup = prepare(wanted, atoms, source)
+        wanted = setup.apply(wanted)
         plan = plan_fit(wanted, atoms, source.head.landmark_names)
         atoms = plan.dictionary
         report = Report(plan.report, atoms)
-        messages: dict[str, str | Counted] = {text: text for text in plan.warnings}
+        messages: dict[str, str | Counted] = {
+            text: text for text in (*setup.warnings, *plan.warnings)
+        }
         doubts = name_warnings(source.head.landmark_names, atoms.landmark_names)
         for batch in lift_source(source, plan):
             outcome = report.of(batch)

@@ -61,6 +61,17 @@ def read_provenance(path: Path) -> dict[str, str]:
     return read_attributes(path)
 
 
+def has_prior(path: Path) -> bool:
+    """Whether a dictionary has a prior over shapes; not read, and raises as `read_provenance`."""
+    from shapefit.io.hdf5_records import open_hdf5
+
+    try:
+        with open_hdf5(path) as file:
+            return "prior_weights" in file
+    except OSError:
+        return False
+
+
 def _read_prior(reader: Hdf5Reader, fields: dict[str, Any]) -> Mixture | None:
     """Take the parts of the prior out of the fields; None without one."""
     names = ("prior_weights", "prior_means", "prior_covariances")

@@ -11,6 +11,7 @@ import numpy as np
 
 from shapefit.config import InfoConfig
 from shapefit.config.named_files import find_dictionaries
+from shapefit.dictionary.model import SUITS
 from shapefit.dictionary.origin import describe_learning, origin_of
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
 from shapefit.io import (
@@ -26,9 +27,10 @@ from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.listing import OPTIONAL, find_kind
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.records import Records
-from shapefit.io.skeletons import PEOPLE, SKELETONS, people_joints
+from shapefit.io.skeletons import SKELETONS
 from shapefit.io.source import open_results
 from shapefit.io.sources import is_stream, source_name
+from shapefit.pipelines.joints import is_of_people
 from shapefit.pipelines.outcome import Failure, Outcome, unread
 from shapefit.pipelines.parts.manifest import Manifest, damage_of, find_folders, sum_up
 
@@ -37,12 +39,6 @@ BATCH = 16384
 
 CAMERA = ("camera_matrix", "distortion", "image_size", "extrinsic_rotation")
 """Datasets that say how the camera saw the landmarks."""
-
-FEWEST_JOINTS = 6
-"""Of people that landmarks are recognised by."""
-
-PEOPLE_ALONE = {f"{side}{joint}" for side in "lr" for joint in ("wrist", "ankle")}
-"""Joints of which one must be there: animals with four legs have the others, too."""
 
 LISTED_FILES = 3
 """Of one recording that a command names one by one."""
@@ -219,7 +215,9 @@ def _of_dictionary(path: Path) -> list[Line]:
     lines += [(key, text) for key, text in origin_of(dictionary)._asdict().items() if text]
     installed = {file: name for name, file in find_dictionaries().items()}
     given = installed.get(path) or _typed(path)
-    lines.append(("go on with", f"shapefit fit LANDMARKS -d {given} -o result.h5"))
+    with_prior = prior is not None and SUITS not in dictionary.provenance
+    method = " --set method=posterior" if with_prior else ""
+    lines.append(("go on with", f"shapefit fit LANDMARKS -d {given} -o result.h5{method}"))
     return lines
 
 
@@ -235,9 +233,7 @@ def _following(
     files = [paths[0].parent / f"*{paths[0].suffix}"] if len(paths) > LISTED_FILES else paths
     what = " ".join(map(_typed, files))
     if kind == "landmarks":
-        known = set(names) & set(PEOPLE) | {*people_joints(names).values()}
-        person = len(known) >= FEWEST_JOINTS and bool(known & PEOPLE_ALONE)
-        with_what = "-d people" if person else "-d DICT.h5"
+        with_what = "-d people" if is_of_people(names) else "-d DICT.h5"
         return f"shapefit fit {what} {with_what} -o result.h5{more}"
     return f"shapefit learn-dict {what} -o dict.h5{more}"
 

@@ -21,7 +21,7 @@ from shapefit.dictionary.model import WHERE_MARKED, Dictionary
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io import LandmarkSet
 from shapefit.io.landmark_names import match_landmarks, nearest_names
-from shapefit.io.skeletons import THETA, Part, people_joints, people_parts
+from shapefit.io.skeletons import PEOPLE, THETA, Part, people_joints, people_parts
 from shapefit.lifting.aside import place_aside
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.unmapped import as_joints, see_rows
@@ -82,8 +82,21 @@ class Joints:
         """Standard deviations (p,) of the landmarks from A x."""
         found = np.zeros(len(self.known))
         for joint, landmarks in self.stand_ins.items():
-            found[self.known.index(joint)] = max(self.parts[name].apart for name in landmarks)
+            found[self.known.index(joint)] = self.parts[landmarks[0]].apart
         return found
+
+
+FEWEST_JOINTS = 6
+"""Of people that landmarks are recognised by."""
+
+PEOPLE_ALONE = {f"{side}{joint}" for side in "lr" for joint in ("wrist", "ankle")}
+"""Joints that people have, and hardly any tracked animal."""
+
+
+def is_of_people(names: Sequence[str]) -> bool:
+    """Whether landmarks are joints of people, by their names."""
+    known = set(names) & set(PEOPLE) | {*people_joints(names).values()}
+    return len(known) >= FEWEST_JOINTS and bool(known & PEOPLE_ALONE)
 
 
 def find_joints(own: Sequence[str], known: Sequence[str], *, in_place: bool = True) -> Joints:

@@ -112,6 +112,9 @@ def test_the_landmarks_of_the_files_come_back_in_3d(images, lift):
     assert sd.shape == (24, len(names), 3)
     assert (sd > 0).all()
     np.testing.assert_allclose(sd[:, names.index("LKnee")], found.shape_sd[..., 5], rtol=1e-9)
+    # What stands for a joint has its error bars: how far apart they may be is in the prior already.
+    toe = found.shape_sd[..., found.landmark_names.index("rtoe")]
+    np.testing.assert_allclose(sd[:, names.index("RBigToe")], toe, rtol=1e-9)
 
 
 @pytest.mark.parametrize(("head", "hips"), [(1.5, 1.15), (1.7, 1.0), (1.3, 1.3)])
@@ -249,3 +252,22 @@ def test_hints_keep_to_one_side(name, meant):
     (warning,) = left_out_landmarks([name], PEOPLE)
     assert (f"{name}: {meant}" if meant else "(Rumpf)") in warning
     assert ("rename" in warning) == (meant is not None)
+
+
+def test_two_ears_for_a_head_are_as_sure_as_the_mean_of_those_seen():
+    own = (*PEOPLE[:6], "left_ear", "right_ear")
+    joints = find_joints(own, PEOPLE)
+    assert joints.stand_ins["head"] == ("left_ear", "right_ear")
+    confidence = np.full((3, 8), 0.7)
+    confidence[:, 6:] = [[0.9, 0.5], [0.0, 0.6], [0.0, 0.0]]
+    images = LandmarkSet(
+        landmarks=np.arange(48.0).reshape(3, 2, 8),
+        landmark_names=own,
+        items=tuple("abc"),
+        confidence=confidence,
+    )
+    named = named_as_joints(images, joints, "place")
+    column = named.landmark_names.index("head")
+    np.testing.assert_allclose(named.confidence[:, column], [0.7, 0.6, 0.0])
+    np.testing.assert_allclose(named.landmarks[0, :, column], images.landmarks[0, :, 6:].mean(1))
+    np.testing.assert_allclose(named.landmarks[1, :, column], images.landmarks[1, :, 7])

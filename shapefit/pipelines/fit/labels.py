@@ -21,11 +21,9 @@ from numpy.typing import NDArray
 from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.pinhole import depth_sign
-from shapefit.io import LandmarkSet, LandmarkSource
+from shapefit.io import LandmarkSet
 from shapefit.io.skeletons import SKELETONS
 from shapefit.lifting.lift import Lifting
-from shapefit.lifting.methods import METHODS
-from shapefit.pipelines.fit.camera import find_calibrated, straightened
 from shapefit.pipelines.fit.chain import lift_images
 from shapefit.pipelines.fit.plan import choose_chain
 from shapefit.pipelines.joints import MEANS, Mapped, find_joints, named_as_joints, of_files
@@ -35,7 +33,6 @@ from shapefit.pipelines.joints import MEANS, Mapped, find_joints, named_as_joint
 class LabelLimits:
     """When a sample of the images speaks for other names.
 
-    first        images of the files among which the sample is chosen
     fewest       of the sample; fewer say nothing
     landmarks    of the dictionary that the names must give; with fewer there is nothing to lift
     sample       images that are lifted under each naming
@@ -52,7 +49,6 @@ class LabelLimits:
                  less than half of that share is named
     """
 
-    first: int = 1024
     fewest: int = 10
     landmarks: int = 4
     sample: int = 48
@@ -67,19 +63,12 @@ class LabelLimits:
 LIMITS = LabelLimits()
 
 
-def check_labels(
-    config: FitConfig, source: LandmarkSource, dictionary: Dictionary
-) -> tuple[str, ...]:
+def check_labels(config: FitConfig, images: LandmarkSet, dictionary: Dictionary) -> tuple[str, ...]:
     """Return warnings about the names of the landmarks, tried on a sample of the first images.
 
-    Only methods with a prior over shapes weigh them. The config has its camera and skeleton.
+    The config has its camera and skeleton, and a method with a prior; the images no distortion.
     """
-    if not METHODS[config.method].has_prior:
-        return ()
-    first = next(iter(source.batches(LIMITS.first)), None)
-    if first is None:
-        return ()
-    sample = choose_sample(straightened(first, find_calibrated(config.camera)))
+    sample = choose_sample(images)
     if len(sample.images) < LIMITS.fewest:
         return ()
     found = lift_named(sample.images, config, dictionary)

@@ -28,12 +28,11 @@ from shapefit.io.options import OutputOptions
 from shapefit.lifting.verdict import cover_mirror_image
 from shapefit.pipelines.export.run import open_exports, plan_exports
 from shapefit.pipelines.fit.chain import fit_images
-from shapefit.pipelines.fit.labels import check_labels
 from shapefit.pipelines.fit.plan import Plan, plan_fit, read_options
+from shapefit.pipelines.fit.prepare import Setup, prepare
 from shapefit.pipelines.fit.read import read_images
 from shapefit.pipelines.fit.record import as_result
 from shapefit.pipelines.fit.report import Batch, Report, said_of_y
-from shapefit.pipelines.fit.settle import plan_settling
 from shapefit.pipelines.joints import said_of_names
 from shapefit.pipelines.outcome import Outcome
 from shapefit.pipelines.overlap import side_by_side, written_behind
@@ -41,8 +40,13 @@ from shapefit.stores.shelf import local_copy, on_threads
 from shapefit.stores.urls import UrlPath
 
 
-def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
-    """Lift every image of the landmark files, or these rows of the one; an Outcome per batch."""
+def run(
+    config: FitConfig, rows: slice | None = None, setup: Setup | None = None
+) -> Iterator[Outcome]:
+    """Lift every image of the landmark files, or these rows of the one; an Outcome per batch.
+
+    setup is what was estimated of all inputs, where these are a part of them.
+    """
     output = config.output
     assert isinstance(output, Path), "a folder is written part by part"
     # A part of a file is known by the manifest: nobody reads the whole file for each part.
@@ -50,12 +54,12 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     # The digest of an object takes the whole of it.
     on_threads(local_copy, (path for path in files if isinstance(path, UrlPath)))
     dictionary = read_dictionary(config.dictionary)
-    settle, wanted = plan_settling(config, dictionary), plan_exports(config, dictionary)
+    wanted = plan_exports(config, dictionary)
     seconds, done, inputs = 0.0, 0, dict[str, str]()
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
-        config, said = settle(source)
-        said = (said_of_y(source), *said)
-        of_labels = check_labels(config, source, dictionary)
+        setup = setup or prepare(config, dictionary, source)
+        config = setup.apply(config)
+        said = (said_of_y(source), *setup.lines)
         wanted = wanted.seen_through(config.camera)
         plan = plan_fit(config, dictionary, source.head.landmark_names)
         dictionary = plan.dictionary
@@ -73,7 +77,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
                 exports.add(batch.record, batch.lifting.estimate.transforms)
                 seconds += batch.seconds
                 done += len(batch.images)
-            warnings = plan.warn_of(source) + report.warnings
+            warnings = setup.warnings + plan.warn_of(source) + report.warnings
             writer.attributes.update(attributes_of(config, dictionary, inputs, seconds, done))
     of_writer = writer.summary.warnings
     if plan.needs_rate and not source.head.frame_rate:
@@ -81,7 +85,7 @@ def run(config: FitConfig, rows: slice | None = None) -> Iterator[Outcome]:
     names = said_of_names(source.head.landmark_names, dictionary.landmark_names)
     yield Outcome(
         total=source.count,
-        warnings=of_labels + warnings + exports.warnings + of_writer,
+        warnings=warnings + exports.warnings + of_writer,
         note="; ".join(filter(None, (*said, names, exports.note, writer.summary.note))),
         written=(*(writer.summary.written or (output,)), *exports.folders, *exports.sheets),
     )

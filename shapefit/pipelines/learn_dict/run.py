@@ -95,6 +95,9 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
         yield outcome
         outcome = following
     write_dictionary(config.output, dictionary)
+    if dictionary.prior is not None and not config.suits:
+        command = f"shapefit fit LANDMARKS -d {config.output.name} -o result.h5"
+        yield Outcome(line=f"Go on with: {command} --set method=posterior")
     yield replace(outcome, written=(config.output,))
 
 

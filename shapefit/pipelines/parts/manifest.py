@@ -45,10 +45,12 @@ class Manifest:
     """The parts of a folder that are done, by the names of their files.
 
     terms: digests of what all parts depend on beside their inputs: the config, the dictionary.
+    estimated: what the config left open, the same for all parts, and the digest of that config.
     """
 
     terms: Mapping[str, str]
     parts: dict[str, Entry] = field(default_factory=dict)
+    estimated: Mapping[str, Any] = field(default_factory=dict)
     due: float = 0.0
 
     def holds(self, part: Part) -> bool:
@@ -69,6 +71,7 @@ class Manifest:
     def write(self, path: Path) -> None:
         """Write the manifest, whole or not at all, with a line for each part."""
         said = {"version": VERSION, "shapefit": __version__, **self.terms}
+        said |= {"estimated": self.estimated}
         lines = [_line(name, self.parts[name]) for name in sorted(self.parts, key=by_length)]
         with atomic_path(path) as temporary, temporary.open("w", encoding="utf-8") as file:
             file.write(json.dumps(said)[:-1] + ', "parts": [\n' + ",".join(lines) + TAIL)
@@ -116,6 +119,7 @@ def read_manifest(path: Path) -> Manifest | None:
             raise input_error(path, found, "choose another folder")
         parts = {entry.pop("file"): entry for entry in content["parts"]}
         terms = {key: content[key] for key in ("config", "dictionary")}
+        estimated = dict(content.get("estimated") or {})
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -123,7 +127,7 @@ def read_manifest(path: Path) -> Manifest | None:
     except (ValueError, KeyError, TypeError, AttributeError):
         found = "is not a manifest of results"
         raise input_error(path, found, "choose another folder, or remove it") from None
-    return Manifest(terms, parts)
+    return Manifest(terms, parts, estimated)
 
 
 def damage_of(result: Path, entry: Mapping[str, Any]) -> InputError | None:

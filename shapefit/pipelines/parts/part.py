@@ -12,6 +12,7 @@ from shapefit import __version__
 from shapefit.config import FitConfig
 from shapefit.errors import InputError, input_error
 from shapefit.io.name_index import stable_hashes
+from shapefit.pipelines.fit.prepare import Setup
 from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.outcome import Counted, Failure, Outcome, add_up
 from shapefit.pipelines.parts.equal_items import Span
@@ -28,12 +29,14 @@ MOST_TOLD = 20
 class Job:
     """A part, the config of the whole run, as a worker gets them, and where its result goes.
 
-    version of the program that planned it.
+    setup   what was estimated of all parts together
+    version  of the program that planned it.
     """
 
     part: Part
     config: FitConfig
     folder: Path
+    setup: Setup | None = None
     version: str = __version__
 
 
@@ -98,7 +101,7 @@ def _fit(job: Job, began: float) -> Done:
     doubts: dict[str, str | Counted] = {}
     try:
         replace_link(target)
-        for outcome in run(config, rows):
+        for outcome in run(config, rows, job.setup):
             images += outcome.done
             failed += len(outcome.failures)
             if outcome.items:

@@ -10,7 +10,7 @@ import json
 import time
 from collections import deque
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import get_args
@@ -20,14 +20,13 @@ import numpy as np
 from shapefit.config import FitConfig
 from shapefit.config.commands.fit import PartFormat
 from shapefit.config.paths import ResultFolder
-from shapefit.errors import InputError, abbreviate, counted, input_error, printable
-from shapefit.io import digest, open_landmarks, read_dictionary
-from shapefit.io.formats import FORMATS, detect_format, find_writer, group_inputs
+from shapefit.errors import abbreviate, counted, input_error, printable
+from shapefit.io import digest, read_dictionary
+from shapefit.io.formats import FORMATS, find_writer
 from shapefit.io.layout import RESULTS
 from shapefit.io.name_index import Equal, Hashes
 from shapefit.io.sources import is_stream
-from shapefit.pipelines.fit.plan import read_options
-from shapefit.pipelines.fit.settle import FIRST, plan_settling
+from shapefit.pipelines.fit.prepare import Setup, prepare_parts
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
 from shapefit.pipelines.parts.cluster import (
     RETRIES,
@@ -61,35 +60,23 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     folder = config.output
     assert isinstance(folder, ResultFolder), "the output is a folder"
     check_parts(config)
-    config = settle_first(config)
-    terms = find_terms(config)
     known = read_manifest(folder.manifest)
-    done = known.parts.values() if known is not None and known.terms == terms else ()
+    asked = find_terms(config)
+    kept = known is not None and known.estimated.get("asked") == asked
+    done = known.parts.values() if known is not None and (kept or not known.estimated) else ()
     parts = plan_parts(config, done)
+    if known is not None and kept and any(map(known.holds, parts)):
+        setup = Setup.restored(known.estimated)
+    else:
+        setup = prepare_parts(config, read_dictionary(config.dictionary))
+    config = setup.apply(config)
+    estimated = {"asked": asked, "method": config.method, **asdict(setup)}
+    manifest = Manifest(find_terms(config), estimated=estimated)
     if config.dry_run:
-        yield _dry(parts, _known(folder, terms)[0])
+        yield _dry(parts, _known(folder, manifest)[0])
         return
     with held_folder(folder.path):
-        yield from _run(config, folder, parts, terms)
-
-
-def settle_first(config: FitConfig) -> FitConfig:
-    """Return the config with nothing left open that the first recording settles for all parts.
-
-    Where it cannot be read its part reports it, and each settles its own.
-    """
-    dictionary, options = read_dictionary(config.dictionary), read_options(config)
-    inputs = config.landmarks
-    try:
-        known = detect_format(inputs[0], options.format)
-        folder = inputs[0].parent
-        near = [path for path in inputs if path.parent == folder] if known.together else inputs[:1]
-        ((known, first), *_) = group_inputs(near, options)
-        rows = None if known.reader is None else slice(0, FIRST)
-        with open_landmarks(first, options, rows) as source:
-            return plan_settling(config, dictionary)(source)[0]
-    except InputError:
-        return config
+        yield from _run(config, folder, parts, manifest, setup)
 
 
 def check_parts(config: FitConfig) -> None:
@@ -115,14 +102,15 @@ def find_terms(config: FitConfig) -> dict[str, str]:
     }
 
 
-def _known(folder: ResultFolder, terms: dict[str, str]) -> tuple[Manifest, str | None]:
+def _known(folder: ResultFolder, new: Manifest) -> tuple[Manifest, str | None]:
     """Return the manifest of the parts that count, and why those of an earlier run do not."""
     known = read_manifest(folder.manifest)
     if known is None:
-        return Manifest(terms), None
-    changed = [name for name, value in terms.items() if known.terms.get(name) != value]
+        return new, None
+    changed = [name for name, value in new.terms.items() if known.terms.get(name) != value]
     if changed:
-        return Manifest(terms), f"all parts are done again: another {' and another '.join(changed)}"
+        return new, f"all parts are done again: another {' and another '.join(changed)}"
+    known.estimated = new.estimated
     there = files_in(folder.path)
     known.parts = {
         name: entry for name, entry in known.parts.items() if there.get(name) == entry.get("bytes")
@@ -152,16 +140,24 @@ def _lost(part: Part, error: str) -> Failure:
 
 
 def _run(
-    config: FitConfig, folder: ResultFolder, planned: Sequence[Part], terms: dict[str, str]
+    config: FitConfig,
+    folder: ResultFolder,
+    planned: Sequence[Part],
+    manifest: Manifest,
+    setup: Setup,
 ) -> Iterator[Outcome]:
-    manifest, again = _known(folder, terms)
+    manifest, again = _known(folder, manifest)
     parts = {part.file: part for part in planned}
     manifest.parts = {file: manifest.parts[file] for file in parts if manifest.holds(parts[file])}
     alone = {"threads": 1} if wants_cluster(config) and config.threads == 0 else {}
     shared = config.model_copy(update={"landmarks": (), **alone})  # each part names its own
-    job = partial(Job, config=shared, folder=folder.path)
+    job = partial(
+        Job, config=shared, folder=folder.path, setup=replace(setup, lines=(), warnings=())
+    )
     todo = deque(job(part) for file, part in parts.items() if file not in manifest.parts)
-    warnings = () if again is None else (again,)
+    warnings = (*setup.warnings, *(() if again is None else (again,)))
+    for line in setup.lines:
+        yield Outcome(line=line)
     before = len(parts) - len(todo)
     note = f"{before} of {counted(len(parts), 'part')} done before"
     yield Outcome(warnings=warnings, note=note)

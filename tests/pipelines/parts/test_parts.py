@@ -64,7 +64,7 @@ def test_parts_are_the_same_bits_as_one_run(folder):
     same_as_one_run()
 
 
-@pytest.mark.parametrize("name", ["manifest.json", "part-00000.h5"])
+@pytest.mark.parametrize("name", ["manifest.json.h5", "part-00000.h5"])
 def test_a_file_is_never_a_folder_of_results(folder, name):
     """A folder is known by its type, whatever the output is called: nothing else appears in it."""
     Path("part-00007.h5").write_text("of somebody else")

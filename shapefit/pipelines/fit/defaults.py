@@ -1,10 +1,11 @@
-"""The installed config that suits a dictionary: a fit takes it where it names none itself."""
+"""The installed config, or the method, that a fit takes where it names none itself."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,8 +16,9 @@ from shapefit.config.paths import STANDARD_STREAM
 from shapefit.dictionary.model import SUITS
 from shapefit.errors import InputError
 from shapefit.io import open_landmarks
-from shapefit.io.dictionaries import read_provenance
+from shapefit.io.dictionaries import has_prior, read_provenance
 from shapefit.io.options import input_options
+from shapefit.lifting.methods import find_conflict
 
 ENOUGH = 10
 """Frames of a sequence whose motion says something of its shapes."""
@@ -24,31 +26,58 @@ ENOUGH = 10
 LOOKED_AT = 4096
 """Images whose sequences are counted."""
 
+WITH_PRIOR = ("posterior", "sequences")
+"""The methods of a dictionary with a prior: for single images, for whole sequences."""
 
-def find_suited(config: FitConfig) -> str | None:
-    """Return the name of the installed config that suits dictionary and images; None without one.
 
-    A dictionary names one for single images and, after it, one for whole sequences. Where
-    the method is set, the one that has it is meant. `config` may lack its inputs.
+class Default(NamedTuple):
+    """The name of an installed config, or else a method; both None where the schema's serve."""
+
+    config: str | None = None
+    method: str | None = None
+
+
+def choose_default(config: FitConfig) -> Default:
+    """Return the default for the dictionary and the images of a config, which may lack its inputs.
+
+    A dictionary names an installed config for single images and, after it, one for whole
+    sequences. One that names none and has a prior over shapes is fitted by it, unless the config
+    asks for what these methods do not have. Where the method is set, the config that has it is
+    meant.
     """
     try:
         known = {} if config.dictionary is None else read_provenance(config.dictionary)
+        prior = config.dictionary is not None and has_prior(config.dictionary)
     except InputError:  # the fit says what is wrong with it
-        return None
+        return Default()
     method = config.method if "method" in config.model_fields_set else None
-    return choose_suited(known, method, lambda: in_sequences(config))
+    found = choose_by_dictionary(known, method, lambda: in_sequences(config), prior=prior)
+    return found if fits(found, config) else Default()
 
 
-def choose_suited(
-    provenance: Mapping[str, str], method: str | None, has_sequences: Callable[[], bool]
-) -> str | None:
-    """Choose among the installed configs that the provenance of a dictionary names."""
+def choose_by_dictionary(
+    provenance: Mapping[str, str],
+    method: str | None,
+    has_sequences: Callable[[], bool],
+    *,
+    prior: bool,
+) -> Default:
+    """Choose by what a dictionary says of itself, and by whether the images are of sequences."""
     suits = [name for name in provenance.get(SUITS, "").split() if name in find_presets("fit")]
     if method is not None:
-        return next((name for name in suits if method_of(name) == method), None)
+        return Default(next((name for name in suits if method_of(name) == method), None))
+    if not suits and prior:
+        return Default(method=WITH_PRIOR[has_sequences()])
     if len(suits) < 2:
-        return next(iter(suits), None)
-    return suits[1 if has_sequences() else 0]
+        return Default(next(iter(suits), None))
+    return Default(suits[has_sequences()])
+
+
+def fits(default: Default, config: FitConfig) -> bool:
+    """Whether nothing that the config asks for is in conflict with a default method."""
+    if default.method is None:
+        return True
+    return find_conflict(config.model_copy(update={"method": default.method})) is None
 
 
 def method_of(name: str) -> str:

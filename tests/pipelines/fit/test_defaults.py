@@ -8,7 +8,7 @@ import pytest
 from shapefit.config import load_config
 from shapefit.io import read_dictionary, write_dictionary
 from shapefit.io.records import LandmarkSet
-from shapefit.pipelines.fit.suited import ENOUGH, find_suited
+from shapefit.pipelines.fit.defaults import ENOUGH, choose_default
 from tests.io.files import save
 
 NAMES = tuple("abcd")
@@ -29,7 +29,7 @@ def suited(tmp_path):
         save(tmp_path / "images.h5", images)
         files = {"landmarks": (str(tmp_path / "images.h5"),), "dictionary": str(dictionary)}
         files["output"] = str(tmp_path / "result.h5")
-        return find_suited(load_config("fit", None, overrides, files))
+        return choose_default(load_config("fit", None, overrides, files)).config
 
     return find
 

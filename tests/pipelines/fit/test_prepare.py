@@ -1,0 +1,231 @@
+"""What is estimated before lifting: once, from all inputs together, whatever they are cut into."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import shapefit
+from shapefit.config import FitConfig
+from shapefit.config.named_files import find_dictionaries
+from shapefit.io import LandmarkSet, read_dictionary
+from shapefit.io.skeletons import SKELETONS
+from shapefit.pipelines.fit.run import run
+from shapefit.pipelines.parts.run import run as run_parts
+from tests.io.files import save
+from tests.pipelines.told import texts
+
+COMMAND = Path(sys.executable).with_name("shapefit")
+SIZE = np.array([1920.0, 1080.0])
+
+
+def look(shapes, focal, centre, distance):
+    """Shapes (n, 3, p) as a camera at a distance in their unit sees them: (n, 2, p)."""
+    moved = shapes + np.array([0.0, 0.0, distance])[:, None]
+    return focal * moved[:, :2] / moved[:, 2:] + np.asarray(centre, float)[:, None]
+
+
+@pytest.fixture(scope="module")
+def bodies():
+    """Shapes of the dictionary of people, 12 landmarks by the names of a detector, y down."""
+    people = read_dictionary(find_dictionaries()["people"])
+    people = people.marked(())
+    rng = np.random.default_rng(3)
+    shapes = []
+    for _ in range(40):
+        drawn = people.prior.means[rng.integers(len(people.prior.means))]
+        angle = rng.uniform(0, 2 * np.pi)
+        c, s = np.cos(angle), np.sin(angle)
+        shapes.append(np.array([[c, 0, s], [0, -1, 0], [s, 0, -c]]) @ drawn)
+    joint = dict(zip(people.landmark_names, range(len(people.landmark_names)), strict=True))
+    sides = {"left": "l", "right": "r"}
+    names = {
+        f"{side}_{part}": joint[f"{letter}{part}"]
+        for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+        for side, letter in sides.items()
+    }
+    shapes = np.array(shapes)[..., list(names.values())]
+    # Hips of detectors are further apart than the joints.
+    hips = [list(names).index(f"{side}_hip") for side in sides]
+    middle = shapes[..., hips].mean(axis=2, keepdims=True)
+    shapes[..., hips] = middle + 1.15 * (shapes[..., hips] - middle)
+    return shapes, tuple(names)
+
+
+def frames(bodies, rows=slice(None), focal=2100.0, distance=20.0, noise=2.0, reach=0.0, **whole):
+    """Images of these bodies; the later ones stand further to the right by up to `reach` px."""
+    shapes, names = bodies
+    rng = np.random.default_rng(5)
+    points = look(shapes, focal, SIZE / 2, distance)
+    points += noise * rng.standard_normal(points.shape)
+    points[:, 0] += np.linspace(-reach, reach, len(points))[:, None]
+    return LandmarkSet(
+        landmarks=points[rows],
+        landmark_names=names,
+        items=tuple(f"{i:03}" for i in range(len(shapes)))[rows],
+        unit="px",
+        y_axis="down",
+        columns=whole,
+        of_file=whole,
+    )
+
+
+def fit(landmarks, output, dictionary="people", **keys):
+    files = [str(path) for path in ([landmarks] if isinstance(landmarks, Path) else landmarks)]
+    config = {"landmarks": files, "dictionary": str(dictionary), "output": output}
+    config |= {"method": "posterior"} | keys
+    config = FitConfig(**config)
+    return list((run_parts if str(output).endswith("/") else run)(config))
+
+
+def shapes_in(path):
+    files = sorted(path.glob("part-*")) if path.is_dir() else [path]
+    found = []
+    for file in files:
+        with h5py.File(file) as result:
+            found.append(result["shapes"][:])
+    return np.concatenate(found)
+
+
+def write_openpose(folder, images):
+    """One JSON file a frame, BODY_25 with what it has of these landmarks."""
+    order = SKELETONS["body_25"].landmark_names
+    own = {
+        ("L" if name[0] == "l" else "R") + name.partition("_")[2].title(): column
+        for column, name in enumerate(images.landmark_names)
+    }
+    folder.mkdir()
+    for item, points in zip(images.items, images.landmarks, strict=True):
+        flat = []
+        for name in order:
+            column = own.get(name)
+            flat += [0, 0, 0] if column is None else [*points[:, column].tolist(), 0.9]
+        people = [{"person_id": [-1], "pose_keypoints_2d": flat}]
+        path = folder / f"{folder.name}_{item}_keypoints.json"
+        path.write_text(json.dumps({"version": 1.3, "people": people}))
+
+
+@pytest.fixture(scope="module")
+def halves(bodies, tmp_path_factory):
+    """Two folders of OpenPose files and two files of HDF5, of which the second half reaches out."""
+    folder = tmp_path_factory.mktemp("halves")
+    images = frames(bodies, reach=300.0)
+    cut = 17
+    for name, rows in (("a", slice(0, cut)), ("b", slice(cut, None))):
+        write_openpose(folder / name, images.take(rows))
+        save(folder / f"{name}.h5", images.take(rows))
+    save(folder / "both.h5", images)
+    for number in (0, 1):  # a folder with one file per part
+        save(folder / f"part{number}.h5", images.take(slice(20 * number, 20 * number + 20)))
+    fit(folder / "both.h5", folder / "result.h5")
+    return folder
+
+
+def test_two_recordings_in_one_run_and_in_parts_are_the_same_bits(halves, tmp_path):
+    inputs = [halves / "a", halves / "b"]
+    keys = {"input": {"keypoints": "body_25"}}
+    fit(inputs, tmp_path / "one.h5", **keys)
+    told = fit(inputs, f"{tmp_path}/parts/", partition=10, **keys)
+    assert len(list((tmp_path / "parts").glob("part-*"))) == 2
+    np.testing.assert_array_equal(shapes_in(tmp_path / "parts"), shapes_in(tmp_path / "one.h5"))
+    lines = [outcome.line for outcome in told if "perspective camera" in outcome.line]
+    assert len(lines) == 1
+
+
+@pytest.mark.parametrize("keys", [{}, {"partition": 1}, {"partition": 64}, {"workers": 2}])
+@pytest.mark.parametrize("names", [("both",), ("a", "b"), ("part0", "part1")])
+def test_files_and_parts_are_the_same_bits(halves, tmp_path, names, keys):
+    if "workers" in keys:
+        pytest.importorskip("distributed")
+    inputs = [halves / f"{name}.h5" for name in names]
+    output = f"{tmp_path}/parts/" if keys else tmp_path / "one.h5"
+    fit(inputs, output, **keys)
+    written = tmp_path / ("parts" if keys else "one.h5")
+    np.testing.assert_array_equal(shapes_in(written), shapes_in(halves / "result.h5"))
+
+
+def test_python_has_the_same_bits(halves):
+    images = shapefit.read_landmarks(halves / "both.h5")
+    found = shapefit.fit(images, "people", method="posterior")
+    save_config = ["-d", "people", "-o", str(halves / "named.h5"), "--set", "method=posterior"]
+    subprocess.run([COMMAND, "fit", halves / "both.h5", *save_config], check=True)
+    np.testing.assert_array_equal(found.shapes, shapes_in(halves / "named.h5"))
+
+
+def test_the_manifest_holds_what_was_estimated_and_a_later_run_takes_it(halves, tmp_path):
+    inputs = [halves / "a.h5", halves / "b.h5"]
+    fit(inputs[:1], f"{tmp_path}/parts/", partition=1)
+    first = {p.name: p.read_bytes() for p in (tmp_path / "parts").glob("part-*")}
+    fit(inputs, f"{tmp_path}/parts/", partition=1)
+    for name, content in first.items():
+        assert (tmp_path / "parts" / name).read_bytes() == content
+    text = next((tmp_path / "parts").glob("manifest.json*")).read_text()
+    assert '"focal"' in text
+    assert '"theta"' in text
+    assert '"posterior"' in text
+
+
+# --- the camera -----------------------------------------------------------------------------------
+
+MATRIX = np.array([[1674.0, 0, 980], [0, 1690, 530], [0, 0, 1]])
+
+
+def focal_of(path):
+    with h5py.File(path) as file:
+        return file["focal"][:], file["principal_point"][:]
+
+
+def test_a_measured_camera_is_obeyed(bodies, tmp_path):
+    images = frames(bodies, camera_matrix=MATRIX, image_size=SIZE)
+    save(tmp_path / "views.h5", images)
+    fit(tmp_path / "views.h5", tmp_path / "result.h5")
+    focal, centre = focal_of(tmp_path / "result.h5")
+    np.testing.assert_array_equal(focal, np.tile([1674.0, 1690.0], (40, 1)))
+    np.testing.assert_array_equal(centre, np.tile([980.0, 530.0], (40, 1)))
+
+
+def test_evidence_against_a_measured_camera_is_said(bodies, tmp_path):
+    seen = {"focal": 900.0, "distance": 8.0}
+    for focal, warned in ((900.0, False), (300.0, True)):
+        matrix = np.array([[focal, 0, 960], [0, focal, 540], [0, 0, 1]])
+        images = frames(bodies, camera_matrix=matrix, image_size=SIZE, **seen)
+        save(tmp_path / "views.h5", images)
+        said = [text for text in texts(fit(tmp_path / "views.h5", tmp_path / "result.h5"))
+                if "speak against the measured camera" in text]  # fmt: skip
+        assert bool(said) == warned
+        if warned:
+            assert "in place of 300 px" in said[0]
+            assert "model: perspective" in said[0]
+        assert (focal_of(tmp_path / "result.h5")[0] == focal).all()
+
+
+def test_half_of_the_frames_have_the_shapes_of_all(bodies, tmp_path):
+    """The size of the image is not guessed from how far landmarks reach."""
+    for name, rows in (("all", slice(None)), ("half", slice(0, 20))):
+        save(tmp_path / f"{name}.h5", frames(bodies, rows, reach=300.0))
+        fit(tmp_path / f"{name}.h5", tmp_path / f"{name}_result.h5", theta={"hips": 1.15})
+    whole, half = (shapes_in(tmp_path / f"{name}_result.h5") for name in ("all", "half"))
+    size = np.ptp(whole, axis=2).max()
+    assert np.abs(whole[:20] - half).max() < 1e-3 * size
+
+
+def test_dictionaries_that_are_not_of_people_get_no_assumed_size(tmp_path, dictionary, images):
+    animals = images.replaced(landmarks=images.landmarks * 4, further={})  # 80 px at 400, 200
+    save(tmp_path / "views.h5", animals)
+    told = fit(tmp_path / "views.h5", tmp_path / "result.h5", dictionary)
+    with h5py.File(tmp_path / "result.h5") as file:
+        assert "focal" not in file
+    assert told
+
+
+def test_the_command_says_what_it_assumes(bodies, tmp_path):
+    save(tmp_path / "views.h5", frames(bodies))
+    line = [COMMAND, "fit", "views.h5", "-d", "people", "-o", "result.h5"]
+    done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert "focal length 2112 px assumed" in done.stderr
+    assert "1920 x 1080" in done.stderr
+    assert "set `image_size`" in done.stderr
