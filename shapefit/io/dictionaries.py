@@ -63,7 +63,7 @@ def read_provenance(path: Path) -> dict[str, str]:
 
 def has_prior(path: Path) -> bool:
     """Whether a dictionary has a prior over shapes; not read, and raises as `read_provenance`."""
-    from shapefit.io.hdf5_records import open_hdf5
+    from shapefit.io.hdf5_file import open_hdf5
 
     try:
         with open_hdf5(path) as file:
