@@ -19,16 +19,16 @@ double reduce_atoms(const Planes& all, const double* omega, const Reduction& red
     reduced.padded_atoms = k;
     double largest = 0;
     for (long i = 0; i < k; i += WIDTH) {
-        Lanes squares = {};
+        Doubles squares = {};
         for (int b = 0; b < 3; ++b) {
-            Lanes along = {};
+            Doubles along = {};
             for (long m = 0; m < reduction.seen; ++m) {
                 const long j = reduction.visible[m];
                 along += (omega[j] * reduction.h[m]) * load(all.at(b, j, i));
             }
             for (long m = 0; m < q; ++m) {
                 const long j = reduction.visible[m];
-                const Lanes x = omega[j] * load(all.at(b, j, i)) - reduction.h[m] * along;
+                const Doubles x = omega[j] * load(all.at(b, j, i)) - reduction.h[m] * along;
                 squares += x * x;
                 store(reduced.at(b, m, i), x);
             }
@@ -48,11 +48,11 @@ namespace {
 template <int count>
 [[gnu::always_inline]] inline void correlate_some(const Planes& B, const double* y0,
                                                   const double* y1, double* N, long i) {
-    Lanes sums[6][count] = {};
+    Doubles sums[6][count] = {};
     for (long j = 0; j < B.columns; ++j)
         for (int b = 0; b < 3; ++b)
             for (int v = 0; v < count; ++v) {
-                const Lanes atoms = load(B.at(b, j, i + v * WIDTH));
+                const Doubles atoms = load(B.at(b, j, i + v * WIDTH));
                 sums[b][v] += y0[j] * atoms;
                 sums[3 + b][v] += y1[j] * atoms;
             }

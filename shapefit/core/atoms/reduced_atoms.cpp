@@ -20,7 +20,7 @@ void ReducedAtoms::reduce(const double* omega, const Reduction& reduction) {
         for (long i = 0; i < padded_atoms; i += WIDTH) {
             const double* from = all_ + b * p_ * padded_atoms + i;
             double* to = planes + b * q * padded_atoms + i;
-            Lanes along = {};
+            Doubles along = {};
             for (long m = 0; m < reduction.seen; ++m) {
                 const long j = reduction.visible[m];
                 along += (omega[j] * reduction.h[m]) * load(from + j * padded_atoms);

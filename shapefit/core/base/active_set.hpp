@@ -49,6 +49,12 @@ struct ActiveSet {
         sign[count++] = its_sign;
     }
 
+    // All coefficients c, those that are 0 among them.
+    void write(Vector<double> c) const {
+        for (long i = 0; i < c.size[0]; ++i) c[i] = 0;
+        for (long e = 0; e < count; ++e) c[index[e]] = x[e];
+    }
+
     void drop(long at) {
         if (at < factor.size()) factor.remove(at);
         --count;

@@ -117,7 +117,7 @@ class Cholesky {
 
     // 8 columns of row `size_` of the Gram matrix, less the products of the rows of U above.
     void subtract_rows_above(double* current, long block) {
-        Lanes rest[PADDING / WIDTH];
+        Doubles rest[PADDING / WIDTH];
         for (long l = 0; l < PADDING / WIDTH; ++l) rest[l] = load(current + block + l * WIDTH);
         for (long e = 0; e < size_; ++e) {
             const double factor = row(e)[size_];

@@ -104,9 +104,9 @@ void invert(long n, Triangle<Lanes> L, const Lanes* reciprocal) {
     }
 }
 
-template Lanes factorise(long, Triangle<Lanes>, Lanes*);
-template SingleLanes factorise(long, Triangle<SingleLanes>, SingleLanes*);
-template void invert(long, Triangle<Lanes>, const Lanes*);
-template void invert(long, Triangle<SingleLanes>, const SingleLanes*);
+template Doubles factorise(long, Triangle<Doubles>, Doubles*);
+template Singles factorise(long, Triangle<Singles>, Singles*);
+template void invert(long, Triangle<Doubles>, const Doubles*);
+template void invert(long, Triangle<Singles>, const Singles*);
 
 }  // namespace shapefit

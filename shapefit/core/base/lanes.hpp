@@ -15,24 +15,24 @@ constexpr int WIDTH = 4;
 constexpr int WIDTH = 2;
 #endif
 
-typedef double Lanes __attribute__((vector_size(WIDTH * sizeof(double))));
-// Twice as many of half the precision.
-typedef float SingleLanes __attribute__((vector_size(WIDTH * sizeof(double))));
-typedef double LooseLanes
+typedef double Doubles __attribute__((vector_size(WIDTH * sizeof(double))));
+// Twice as many in single precision.
+typedef float Singles __attribute__((vector_size(WIDTH * sizeof(double))));
+typedef double LooseDoubles
     __attribute__((vector_size(WIDTH * sizeof(double)), aligned(sizeof(double)), may_alias));
 
 // Rows are padded with zeros to this many numbers, whatever the width.
 constexpr long PADDING = 8;
 constexpr long padded(long n) { return (n + PADDING - 1) / PADDING * PADDING; }
 
-inline Lanes load(const double* x) {
-    return *reinterpret_cast<const LooseLanes*>(x);
+inline Doubles load(const double* x) {
+    return *reinterpret_cast<const LooseDoubles*>(x);
 }
-inline void store(double* x, Lanes value) {
-    *reinterpret_cast<LooseLanes*>(x) = value;
+inline void store(double* x, Doubles value) {
+    *reinterpret_cast<LooseDoubles*>(x) = value;
 }
 // What <immintrin.h> names _mm_sqrt_pd and so on, without the seconds that it takes to read.
-inline Lanes root(Lanes x) {
+inline Doubles root(Doubles x) {
 #if defined(__AVX512F__) && !defined(__clang__)
     return __builtin_ia32_sqrtpd512_mask(x, x, -1, 4);  // all lanes, rounded as elsewhere
 #elif defined(__AVX__) && !defined(__clang__)
@@ -44,7 +44,7 @@ inline Lanes root(Lanes x) {
     return x;
 #endif
 }
-inline SingleLanes root(SingleLanes x) {
+inline Singles root(Singles x) {
 #if defined(__AVX512F__) && !defined(__clang__)
     return __builtin_ia32_sqrtps512_mask(x, x, -1, 4);
 #elif defined(__AVX__) && !defined(__clang__)
@@ -56,13 +56,13 @@ inline SingleLanes root(SingleLanes x) {
     return x;
 #endif
 }
-inline Lanes larger(Lanes a, Lanes b) { return a > b ? a : b; }
-inline Lanes smaller(Lanes a, Lanes b) { return a < b ? a : b; }
-inline SingleLanes larger(SingleLanes a, SingleLanes b) { return a > b ? a : b; }
-inline SingleLanes smaller(SingleLanes a, SingleLanes b) { return a < b ? a : b; }
-inline Lanes magnitude(Lanes x) { return x < 0.0 ? -x : x; }
+inline Doubles larger(Doubles a, Doubles b) { return a > b ? a : b; }
+inline Doubles smaller(Doubles a, Doubles b) { return a < b ? a : b; }
+inline Singles larger(Singles a, Singles b) { return a > b ? a : b; }
+inline Singles smaller(Singles a, Singles b) { return a < b ? a : b; }
+inline Doubles magnitude(Doubles x) { return x < 0.0 ? -x : x; }
 // All lanes alike.
-inline Lanes all(double x) { return Lanes{} + x; }
+inline Doubles all(double x) { return Doubles{} + x; }
 // For functions of lanes of either precision: what a lane holds, how many there are, all alike.
 template <class Lanes>
 using Number = std::remove_cvref_t<decltype(Lanes{}[0])>;
@@ -78,12 +78,12 @@ inline double largest(Lanes x) {
     for (int lane = 1; lane < width<Lanes>; ++lane) result = larger(result, x[lane]);
     return result;
 }
-inline double sum(Lanes x) {
+inline double sum(Doubles x) {
     double total = 0;
     for (int lane = 0; lane < WIDTH; ++lane) total += x[lane];
     return total;
 }
 
-inline Lanes square(Lanes x) { return x * x; }
+inline Doubles square(Doubles x) { return x * x; }
 
 }  // namespace shapefit

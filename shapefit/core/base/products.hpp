@@ -28,10 +28,10 @@ constexpr long TILE_ROWS = 4;
 template <int vectors>
 [[gnu::always_inline]] inline void add_tile(double sign, Factor A, const double* B, double* C,
                                             long stride, Inner k, long stride_of_B) {
-    Lanes sums[TILE_ROWS][vectors] = {};
+    Doubles sums[TILE_ROWS][vectors] = {};
     for (long e = k.first; e < k.last; ++e) {
         const double* a = A.data + e * A.by_k;
-        Lanes b[vectors];
+        Doubles b[vectors];
         for (int v = 0; v < vectors; ++v) b[v] = load(B + e * stride_of_B + v * WIDTH);
         for (int r = 0; r < TILE_ROWS; ++r)
             for (int v = 0; v < vectors; ++v) sums[r][v] += a[r * A.by_i] * b[v];

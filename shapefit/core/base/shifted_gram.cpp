@@ -22,9 +22,9 @@ constexpr long blocks_of(long n) { return (n + BLOCK - 1) / BLOCK * BLOCK; }
 // sums += sign * share^T row for one row of F or of the factor.
 template <int count>
 [[gnu::always_inline]] inline void add_row(const double* row, const double* share, double sign,
-                                           Lanes (&sums)[BLOCK][count]) {
+                                           Doubles (&sums)[BLOCK][count]) {
     for (int v = 0; v < count; ++v) {
-        const Lanes columns = load(row + v * WIDTH);
+        const Doubles columns = load(row + v * WIDTH);
         for (int r = 0; r < BLOCK; ++r) sums[r][v] += (sign * share[r]) * columns;
     }
 }
@@ -34,13 +34,13 @@ template <int count>
 // would wait for the one before.
 template <int count>
 [[gnu::always_inline]] inline void sum_tile(const GramSystem& s, long i, long j,
-                                            Lanes (&sums)[BLOCK][count]) {
+                                            Doubles (&sums)[BLOCK][count]) {
     constexpr int TURNS = count < 3 ? 2 : 1;
-    Lanes parts[TURNS][BLOCK][count];
+    Doubles parts[TURNS][BLOCK][count];
     for (int r = 0; r < BLOCK; ++r)
         for (int v = 0; v < count; ++v) {
             parts[0][r][v] = load(s.factor + (i + r) * s.factor_stride + j + v * WIDTH);
-            for (int t = 1; t < TURNS; ++t) parts[t][r][v] = Lanes{};
+            for (int t = 1; t < TURNS; ++t) parts[t][r][v] = Doubles{};
         }
     long f = 0;
     for (; f + TURNS <= s.rows; f += TURNS)
@@ -63,7 +63,7 @@ template <int count>
 // L D L^T of the diagonal block: share[m][r] is what row r gives up of row m.
 template <int count>
 [[gnu::always_inline]] inline void factorise_diagonal(const GramSystem& s, long i,
-                                                      const Lanes (&sums)[BLOCK][count],
+                                                      const Doubles (&sums)[BLOCK][count],
                                                       double (&share)[BLOCK][BLOCK]) {
     const long at = i - grid_at(i);
     double block[BLOCK][DIAGONAL * WIDTH];
@@ -83,7 +83,7 @@ template <int count>
 template <int count>
 [[gnu::always_inline]] inline void eliminate_and_store(const GramSystem& s, long i, long j,
                                                        const double (&share)[BLOCK][BLOCK],
-                                                       Lanes (&sums)[BLOCK][count]) {
+                                                       Doubles (&sums)[BLOCK][count]) {
     for (int r = 0; r < BLOCK; ++r)
         for (int v = 0; v < count; ++v) {
             for (int m = 0; m < r; ++m) sums[r][v] -= share[m][r] * sums[m][v];
@@ -95,7 +95,7 @@ template <int count>
 
 template <int count, bool first>
 void finish_tile(const GramSystem& s, long i, long j, double (&share)[BLOCK][BLOCK]) {
-    Lanes sums[BLOCK][count];
+    Doubles sums[BLOCK][count];
     sum_tile<count>(s, i, j, sums);
     if constexpr (first) factorise_diagonal<count>(s, i, sums, share);
     eliminate_and_store<count>(s, i, j, share, sums);
@@ -163,7 +163,7 @@ void begin_with_shift(const GramSystem& s, double shift, const double* r, long n
     const long width = s.columns + 1;
     for (long i = 0; i < s.columns; ++i) {
         double* row = s.factor + i * s.factor_stride;
-        for (long j = grid_at(i); j < width; j += WIDTH) store(row + j, Lanes{});
+        for (long j = grid_at(i); j < width; j += WIDTH) store(row + j, Doubles{});
         row[i] = i < n ? shift : 1;
         row[s.columns] = i < n ? r[i] : 0;
     }

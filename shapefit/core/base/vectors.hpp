@@ -12,6 +12,12 @@ namespace shapefit {
     return total;
 }
 
+inline bool are_equal(const double* x, const double* y, long n) {
+    for (long i = 0; i < n; ++i)
+        if (x[i] != y[i]) return false;
+    return true;
+}
+
 // y += factor x; x and y are disjoint.
 [[gnu::always_inline]] inline void add_to(double* __restrict y, double factor,
                                           const double* __restrict x, long n) {
@@ -20,7 +26,7 @@ namespace shapefit {
 
 // <a, b> of padded rows.
 [[gnu::always_inline]] inline double dot_padded(const double* a, const double* b, long n) {
-    Lanes even = {}, odd = {};
+    Doubles even = {}, odd = {};
     long i = 0;
     for (; i + 2 * WIDTH <= n; i += 2 * WIDTH) {
         even += load(a + i) * load(b + i);
@@ -30,11 +36,18 @@ namespace shapefit {
     return sum(even + odd);
 }
 
+// P = S S^T (3, 3) of three padded rows.
+inline void find_gram(const double* S, long row, double* P) {
+    for (int a = 0; a < 3; ++a)
+        for (int b = 0; b <= a; ++b)
+            P[3 * a + b] = P[3 * b + a] = dot_padded(S + a * row, S + b * row, row);
+}
+
 // `count` vectors from `column` of sum_r x_r row_r; see mix_rows.
 template <int count>
 [[gnu::always_inline]] inline void mix_columns(const double* x, long m, const double* rows,
                                                long stride, long column, double* out) {
-    Lanes sums[count] = {};
+    Doubles sums[count] = {};
     for (long r = 0; r < m; ++r)
         for (int v = 0; v < count; ++v)
             sums[v] += x[r] * load(rows + r * stride + column + v * WIDTH);

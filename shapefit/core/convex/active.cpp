@@ -9,7 +9,7 @@ constexpr double RANK_ONE = 1e-14;  // s2 / s1, below which any direction orthog
 constexpr double HALF_ROOT = 0.70710678118654752440;
 
 struct Vector3 {
-    Lanes x[3];
+    Doubles x[3];
 };
 
 [[gnu::always_inline]] inline Vector3 load3(const double* rows, long stride, long c) {
@@ -18,10 +18,10 @@ struct Vector3 {
 [[gnu::always_inline]] inline void store3(double* rows, long stride, long c, const Vector3& v) {
     for (int b = 0; b < 3; ++b) store(rows + b * stride + c, v.x[b]);
 }
-[[gnu::always_inline]] inline Lanes dot(const Vector3& u, const Vector3& v) {
+[[gnu::always_inline]] inline Doubles dot(const Vector3& u, const Vector3& v) {
     return u.x[0] * v.x[0] + u.x[1] * v.x[1] + u.x[2] * v.x[2];
 }
-[[gnu::always_inline]] inline Vector3 combine(Lanes a, const Vector3& u, Lanes b, const Vector3& v) {
+[[gnu::always_inline]] inline Vector3 combine(Doubles a, const Vector3& u, Doubles b, const Vector3& v) {
     return {{a * u.x[0] + b * v.x[0], a * u.x[1] + b * v.x[1], a * u.x[2] + b * v.x[2]}};
 }
 [[gnu::always_inline]] inline Vector3 cross(const Vector3& u, const Vector3& v) {
@@ -36,7 +36,7 @@ struct Turned {
 [[gnu::always_inline]] inline Turned turn(const ActiveBlocks& a, const double* G, long c) {
     const long n = a.room;
     const Vector3 top = load3(G, n, c), low = load3(G + 3 * n, n, c);
-    const Lanes cosine = load(a.cosine + c), sine = load(a.sine + c);
+    const Doubles cosine = load(a.cosine + c), sine = load(a.sine + c);
     const Vector3 along = combine(cosine, top, sine, low), across = combine(cosine, low, -sine, top);
     const Vector3 v = load3(a.v, n, c), w = load3(a.w, n, c), z = load3(a.z, n, c);
     return {{{dot(along, v), dot(along, w), dot(along, z)}},
@@ -96,17 +96,17 @@ void ActiveBlocks::find(const double* M, const double* N, double sigma, double t
 void ActiveBlocks::decompose(long c, double t) {
     const long n = room;
     const Vector3 x = load3(argument, n, c), y = load3(argument + 3 * n, n, c), normal = cross(x, y);
-    const Lanes A = dot(x, x), C = dot(y, y), D = dot(x, y), product = root(dot(normal, normal));
-    const Lanes plus = root(A + C + 2.0 * product);
-    const Lanes half = 0.5 * (A - C), radius = root(half * half + D * D);
-    const Lanes minus = 2.0 * radius / plus, s1 = 0.5 * (plus + minus), s2 = product / s1;
+    const Doubles A = dot(x, x), C = dot(y, y), D = dot(x, y), product = root(dot(normal, normal));
+    const Doubles plus = root(A + C + 2.0 * product);
+    const Doubles half = 0.5 * (A - C), radius = root(half * half + D * D);
+    const Doubles minus = 2.0 * radius / plus, s1 = 0.5 * (plus + minus), s2 = product / s1;
 
     // u1 = (cosine, sine) is the eigenvector of [[A, D], [D, C]] for s1^2.
-    const Lanes a = half >= 0.0 ? half + radius : D, b = half >= 0.0 ? D : radius - half;
-    const Lanes span = root(a * a + b * b);
-    const Lanes u = span > 0.0 ? a / span : all(1), s = span > 0.0 ? b / span : Lanes{};
+    const Doubles a = half >= 0.0 ? half + radius : D, b = half >= 0.0 ? D : radius - half;
+    const Doubles span = root(a * a + b * b);
+    const Doubles u = span > 0.0 ? a / span : all(1), s = span > 0.0 ? b / span : Doubles{};
 
-    const Lanes none = {};
+    const Doubles none = {};
     Vector3 right = combine(u, x, s, y), other = combine(u, y, -s, x);
     right = combine(1.0 / root(dot(right, right)), right, none, right);
     other = combine(all(1), other, -dot(other, right), right);
@@ -118,8 +118,8 @@ void ActiveBlocks::decompose(long c, double t) {
     other = combine(1.0 / root(dot(other, other)), other, none, other);
 
     const auto equal = minus <= t;
-    const Lanes both = larger(0.5 * (plus - t), none);
-    const Lanes f1 = equal ? both : s1 - t, f2 = equal ? both : s2;
+    const Doubles both = larger(0.5 * (plus - t), none);
+    const Doubles f1 = equal ? both : s1 - t, f2 = equal ? both : s2;
     store(cosine + c, u), store(sine + c, s);
     store(first + c, s1), store(second + c, s2), store(difference + c, minus);
     store(norm + c, f1);
@@ -132,21 +132,21 @@ void ActiveBlocks::weigh(double t, Weighing weighing) {
     const long n = room;
     const bool resolvent = weighing == Weighing::resolvent;
     const double whole = resolvent ? MOST_WEIGHT : 1;
-    const Lanes none = {}, most = all(whole);
+    const Doubles none = {}, most = all(whole);
     // The eigenvalue is part / (part + rest).
-    const auto weigh_one = [&](Lanes part, Lanes rest) {
-        const Lanes base = resolvent ? rest : part + rest;
+    const auto weigh_one = [&](Doubles part, Doubles rest) {
+        const Doubles base = resolvent ? rest : part + rest;
         return base > 0.0 ? smaller(part / base, most) : part > 0.0 ? most : none;
     };
     for (long c = 0; c < count; c += WIDTH) {
-        const Lanes s1 = load(first + c), s2 = load(second + c), f1 = load(norm + c);
-        const Lanes plus = s1 + s2, minus = load(difference + c), level = all(t);
+        const Doubles s1 = load(first + c), s2 = load(second + c), f1 = load(norm + c);
+        const Doubles plus = s1 + s2, minus = load(difference + c), level = all(t);
         const auto equal = minus <= t;
         store(weight + c, most);
         store(weight + n + c, weigh_one(larger(plus - t, none), level));
         store(weight + 2 * n + c, weigh_one(f1, equal ? 0.5 * (minus + t) : level));
-        const Lanes rest = larger(0.5 * (t - minus), none);
-        const Lanes third = s2 > 0.0 ? weigh_one(f1, rest) : none;
+        const Doubles rest = larger(0.5 * (t - minus), none);
+        const Doubles third = s2 > 0.0 ? weigh_one(f1, rest) : none;
         store(weight + 3 * n + c, equal ? third : most);
         store(weight + 4 * n + c, equal ? none : most);
         store(weight + 5 * n + c, equal ? none : weigh_one(minus - t, level));
@@ -156,13 +156,13 @@ void ActiveBlocks::weigh(double t, Weighing weighing) {
 // Row r of block c is (top . B, low . B): top and low in the coordinates of B, three numbers each.
 void ActiveBlocks::lay_directions(double sigma, const double* moved) {
     const long n = room;
-    const Lanes none = {};
+    const Doubles none = {};
     for (long c = 0; c < count; c += WIDTH) {
         const Vector3 v1 = load3(v, n, c), w1 = load3(w, n, c), z1 = load3(z, n, c);
-        const Lanes u = load(cosine + c), s = load(sine + c);
+        const Doubles u = load(cosine + c), s = load(sine + c);
         Turned X = {};
         if (moved) X = turn(*this, moved, c);
-        const Lanes along[6] = {X.first.x[0] + X.second.x[1], X.first.x[1] - X.second.x[0],
+        const Doubles along[6] = {X.first.x[0] + X.second.x[1], X.first.x[1] - X.second.x[0],
                                 X.first.x[2],                 X.second.x[2],
                                 X.first.x[0] - X.second.x[1], X.first.x[1] + X.second.x[0]};
         const Vector3 top[6] = {combine(u, v1, -s, w1), combine(s, v1, u, w1),
@@ -173,7 +173,7 @@ void ActiveBlocks::lay_directions(double sigma, const double* moved) {
                                 combine(s, v1, -u, w1), combine(u, v1, s, w1)};
         for (int r = 0; r < 6; ++r) {
             const double unit = r == 2 || r == 3 ? 1 : HALF_ROOT;
-            const Lanes scale = unit * root(sigma * load(weight + r * n + c));
+            const Doubles scale = unit * root(sigma * load(weight + r * n + c));
             store3(row_ + 7 * r * n, n, c, combine(scale, top[r], none, top[r]));
             store3(row_ + (7 * r + 3) * n, n, c, combine(scale, low[r], none, low[r]));
             store(row_ + (7 * r + 6) * n + c, -scale / sigma * along[r]);
@@ -187,8 +187,8 @@ template <int directions>
                                                long atom_stride, long q, double* row, long stride) {
     for (int half = 0; half < 2; ++half)  // the second writes over what pads the first
         for (long j = 0; j < atom_stride; j += WIDTH) {
-            const Lanes b0 = load(B + j), b1 = load(B + atom_stride + j);
-            const Lanes b2 = load(B + 2 * atom_stride + j);
+            const Doubles b0 = load(B + j), b1 = load(B + atom_stride + j);
+            const Doubles b2 = load(B + 2 * atom_stride + j);
             for (int r = 0; r < directions; ++r) {
                 const double* t = number + (7 * r + 3 * half) * room;
                 store(row + r * stride + half * q + j, t[0] * b0 + t[room] * b1 + t[2 * room] * b2);
@@ -222,18 +222,18 @@ void ActiveBlocks::apply_weights(const double* X, double* out) const {
     const long n = room;
     for (long c = 0; c < count; c += WIDTH) {
         const Turned G = turn(*this, X, c);
-        const auto scaled = [&](int r, Lanes value) { return load(weight + r * n + c) * value; };
-        const Lanes same = scaled(0, 0.5 * (G.first.x[0] + G.second.x[1]));
-        const Lanes skew = scaled(1, 0.5 * (G.first.x[1] - G.second.x[0]));
-        const Lanes differ = scaled(4, 0.5 * (G.first.x[0] - G.second.x[1]));
-        const Lanes symmetric = scaled(5, 0.5 * (G.first.x[1] + G.second.x[0]));
+        const auto scaled = [&](int r, Doubles value) { return load(weight + r * n + c) * value; };
+        const Doubles same = scaled(0, 0.5 * (G.first.x[0] + G.second.x[1]));
+        const Doubles skew = scaled(1, 0.5 * (G.first.x[1] - G.second.x[0]));
+        const Doubles differ = scaled(4, 0.5 * (G.first.x[0] - G.second.x[1]));
+        const Doubles symmetric = scaled(5, 0.5 * (G.first.x[1] + G.second.x[0]));
         const Vector3 v1 = load3(v, n, c), w1 = load3(w, n, c), z1 = load3(z, n, c);
-        const Lanes one = all(1);
+        const Doubles one = all(1);
         const Vector3 along = combine(one, combine(same + differ, v1, symmetric + skew, w1),
                                       scaled(2, G.first.x[2]), z1);
         const Vector3 across = combine(one, combine(symmetric - skew, v1, same - differ, w1),
                                        scaled(3, G.second.x[2]), z1);
-        const Lanes u = load(cosine + c), s = load(sine + c);
+        const Doubles u = load(cosine + c), s = load(sine + c);
         store3(out, n, c, combine(u, along, -s, across));
         store3(out + 3 * n, n, c, combine(s, along, u, across));
     }
@@ -242,10 +242,10 @@ void ActiveBlocks::apply_weights(const double* X, double* out) const {
 void ActiveBlocks::subtract_fit(LaidAtoms& atoms, double* y0, double* y1, long q) const {
     const long stride = atoms.stride(), n = room;
     for (long j = 0; j < q; j += WIDTH) {
-        Lanes top = {}, low = {};
+        Doubles top = {}, low = {};
         for (long c = 0; c < count; ++c) {
             const double *B = atoms.at(index[c]) + j, *m = prox + c;
-            const Lanes b0 = load(B), b1 = load(B + stride), b2 = load(B + 2 * stride);
+            const Doubles b0 = load(B), b1 = load(B + stride), b2 = load(B + 2 * stride);
             top += m[0] * b0 + m[n] * b1 + m[2 * n] * b2;
             low += m[3 * n] * b0 + m[4 * n] * b1 + m[5 * n] * b2;
         }

@@ -4,19 +4,19 @@ namespace shapefit {
 
 double moreau(const double* M, const double* N, double step, const double* dN, double sigma,
               double t, double* total, long k) {
-    Lanes value = {};
+    Doubles value = {};
     for (long i = 0; i < k; i += WIDTH) {
         const BlockLanes m = load_blocks(M, k, i), n = load_blocks(N, k, i);
         const BlockLanes d = load_blocks(dN, k, i);
-        Lanes q[6];
+        Doubles q[6];
         for (int e = 0; e < 6; ++e) q[e] = m.q[e] + sigma * (n.q[e] + step * d.q[e]);
-        const Invariants<Lanes> block = invariants(q);
-        const Lanes plus = nuclear_norm(block);
-        const Lanes minus = block.spread / larger(plus, all(TINY));
+        const Invariants<Doubles> block = invariants(q);
+        const Doubles plus = nuclear_norm(block);
+        const Doubles minus = block.spread / larger(plus, all(TINY));
         store(total + i, plus);
         // both singular values become (plus - t) / 2, or the first alone falls by t
-        const Lanes excess = larger(plus - t, Lanes{}), first = 0.5 * (plus + minus) - t;
-        const Lanes second = 0.5 * (plus - minus);
+        const Doubles excess = larger(plus - t, Doubles{}), first = 0.5 * (plus + minus) - t;
+        const Doubles second = 0.5 * (plus - minus);
         value += minus <= t ? 0.5 * excess * excess : first * first + second * second;
     }
     return sum(value);
@@ -25,16 +25,16 @@ double moreau(const double* M, const double* N, double step, const double* dN, d
 void sum_singular_values(const double* M, const double* N, double sigma, double* total, long k) {
     for (long i = 0; i < k; i += WIDTH) {
         const BlockLanes m = load_blocks(M, k, i), n = load_blocks(N, k, i);
-        Lanes q[6];
+        Doubles q[6];
         for (int e = 0; e < 6; ++e) q[e] = m.q[e] + sigma * n.q[e];
         store(total + i, nuclear_norm(invariants(q)));
     }
 }
 
 double largest_nuclear_norm(const double* N, long k) {
-    Lanes found = {};
+    Doubles found = {};
     for (long i = 0; i < k; i += WIDTH) {
-        const Invariants<Lanes> block = invariants(load_blocks(N, k, i).q);
+        const Invariants<Doubles> block = invariants(load_blocks(N, k, i).q);
         found = larger(found, block.trace + 2.0 * block.product);
     }
     return root(largest(found));

@@ -3,7 +3,7 @@
 // For a block Q with rows x, y let A = |x|^2, C = |y|^2, D = x.y and r = |x x y| = s1 s2. Then
 //     s1 + s2 = sqrt(A + C + 2 r),   s1 - s2 = sqrt((A - C)^2 + 4 D^2) / (s1 + s2),
 // which stays exact where the two are equal; no singular value decomposition is needed. `Number` is
-// a double or Lanes.
+// a double or Doubles.
 #pragma once
 
 #include "../base/lanes.hpp"
@@ -39,7 +39,7 @@ template <class Number>
 
 // Blocks i, i + 1, ... of six rows of `stride` numbers.
 struct BlockLanes {
-    Lanes q[6];
+    Doubles q[6];
 };
 [[gnu::always_inline]] inline BlockLanes load_blocks(const double* Q, long stride, long i) {
     BlockLanes blocks;

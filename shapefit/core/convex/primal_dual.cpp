@@ -47,7 +47,7 @@ double move_transforms(const ReducedProgram& program, double sigma, const double
         BlockLanes M = load_blocks(room.weighted, k, c);
         for (int e = 0; e < 6; ++e) M.q[e] += load(active.prox + e * k + c);
         for (int e = 0; e < 6; ++e) store(room.weighted + e * k + c, M.q[e]);
-        const Lanes sizes = spectral_norm(invariants(M.q));
+        const Doubles sizes = spectral_norm(invariants(M.q));
         for (int lane = 0; lane < WIDTH && c + lane < active.count; ++lane) norms += sizes[lane];
     }
     for (int e = 0; e < 6; ++e)

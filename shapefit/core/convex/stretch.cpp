@@ -106,9 +106,7 @@ class StretchSolver {
     // Reduce the atoms where the weights are not the last image's; returns whether they are.
     bool take_weights(long image) {
         const Vector<const double> omega = program_.weights[image];
-        bool same = true;
-        for (long j = 0; j < p_; ++j) same &= omega[j] == last_weights_[j];
-        if (same) return true;
+        if (are_equal(omega.data, last_weights_.data, p_)) return true;
         for (long j = 0; j < p_; ++j) {
             last_weights_[j] = omega[j];
             // Without a quadratic the weights move from the residual to the bounds of the dual,
@@ -175,7 +173,7 @@ class StretchSolver {
     void list_active(const double* M) {
         active_.count = 0;
         for (long i = 0; i < padded_; i += WIDTH) {
-            Lanes size = {};
+            Doubles size = {};
             for (int e = 0; e < 6; ++e) size += magnitude(load(M + e * padded_ + i));
             for (int lane = 0; lane < WIDTH && i + lane < k_; ++lane) {
                 active_.atom[active_.count] = i + lane;

@@ -40,12 +40,6 @@ void turn_by(const double* turn, double* q) {
 
 namespace {
 
-bool same(const double* x, const double* y, long n) {
-    for (long i = 0; i < n; ++i)
-        if (x[i] != y[i]) return false;
-    return true;
-}
-
 double largest_norm(const ReducedAtoms& atoms) {
     double largest = 0;
     for (long i = 0; i < atoms.k; ++i) {
@@ -69,7 +63,7 @@ RotationObjective::RotationObjective(Workspace& workspace, const SearchProblem& 
 bool RotationObjective::aim(long image) {
     const Vector<const double> omega = problem.weights[image];
     const long p = omega.size[0];
-    if (image_ < 0 || !same(omega.data, problem.weights[image_].data, p)) {
+    if (image_ < 0 || !are_equal(omega.data, problem.weights[image_].data, p)) {
         reduction.find(omega);
         atoms.reduce(omega.data, reduction);
         largest = largest_norm(atoms);
@@ -96,9 +90,9 @@ void RotationObjective::derivatives(double* gradient, double* curvature) {
     const long row = atoms.row;
     const double *u = step_.residual(), *v = u + row;
     double P[9], turned[9], moment[6];
+    find_gram(shape_, row, P);
     for (int b = 0; b < 3; ++b) {
         const double* S = shape_ + b * row;
-        for (int a = 0; a <= b; ++a) P[3 * a + b] = P[3 * b + a] = dot_padded(S, shape_ + a * row, row);
         moment[b] = dot_padded(S, u, row);      // S u^T
         moment[3 + b] = dot_padded(S, v, row);  // S v^T
     }
@@ -124,8 +118,7 @@ void RotationObjective::derivatives(double* gradient, double* curvature) {
 }
 
 void RotationObjective::write_coefficients(Vector<double> c) const {
-    for (long i = 0; i < c.size[0]; ++i) c[i] = 0;
-    for (long e = 0; e < step_.set.count; ++e) c[step_.set.index[e]] = step_.set.x[e];
+    step_.set.write(c);
 }
 
 void find_coefficients(const CoefficientsData& data, Range range) {

@@ -159,16 +159,16 @@ void Vertices::lay(Vertex& vertex) {
 void Vertices::find_products(Vertex& vertex) {
     const ReducedAtoms& atoms = objective_.atoms;
     const long k = atoms.padded_atoms, q = atoms.q;
-    Lanes most = {};
+    Doubles most = {};
     for (long i = 0; i < k; i += WIDTH) {
-        Lanes sums[6] = {};
+        Doubles sums[6] = {};
         for (int b = 0; b < 3; ++b)
             for (long j = 0; j < q; ++j) {
-                const Lanes B = load(atoms.planes + (b * q + j) * k + i);
+                const Doubles B = load(atoms.planes + (b * q + j) * k + i);
                 sums[b] += vertex.Y[j] * B;
                 sums[3 + b] += vertex.Y[atoms.row + j] * B;
             }
-        Lanes squares = {};
+        Doubles squares = {};
         for (int e = 0; e < 6; ++e) {
             store(vertex.products + e * k + i, sums[e]);
             squares += sums[e] * sums[e];
@@ -272,16 +272,16 @@ void find_forms(const Vertex* const* corner, Forms& forms) {
 // Not inlined: out of its loop the compiler would copy each number of the forms into a vector.
 template <bool is_signed>
 [[gnu::noinline]] void raise(const Vertex* const* corner, long k, long i, const Forms& forms,
-                             Lanes* most) {
-    Lanes left[TRIPLES] = {};
+                             Doubles* most) {
+    Doubles left[TRIPLES] = {};
 #pragma GCC unroll 4
     for (int a = 0; a < 4; ++a) {
-        Lanes G[6];
+        Doubles G[6];
         for (int e = 0; e < 6; ++e) G[e] = load(corner[a]->products + e * k + i);
 #pragma GCC unroll 10
         for (int pair = 0; pair < PAIRS; ++pair) {
             const double* Q = forms.rows[a][pair];
-            Lanes& sum = left[TARGETS.triple[a][pair]];
+            Doubles& sum = left[TARGETS.triple[a][pair]];
 #pragma GCC unroll 6
             for (int e = 0; e < 6; ++e) sum += Q[e] * G[e];
         }
@@ -292,7 +292,7 @@ template <bool is_signed>
 
 template <bool is_signed>
 void find_largest(const Vertex* const* corner, long k, const Forms& forms, double* out) {
-    Lanes most[TRIPLES];
+    Doubles most[TRIPLES];
     for (int t = 0; t < TRIPLES; ++t) most[t] = all(-INFINITE);
     for (long i = 0; i < k; i += WIDTH) raise<is_signed>(corner, k, i, forms, most);
     for (int t = 0; t < TRIPLES; ++t) out[t] = largest(most[t]);

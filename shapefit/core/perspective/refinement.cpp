@@ -289,10 +289,10 @@ void sum_squares(const NormalEquations& equations, long rows) {
     const double* J = equations.J.data;
     for (long i = 0; i < width; i += TALL)
         for (long j = i; j < width; j += WIDTH) {
-            Lanes total[TALL] = {};
+            Doubles total[TALL] = {};
             for (long row = 0; row < rows; ++row) {
                 const double* left = J + row * width + i;
-                const Lanes right = load(J + row * width + j);
+                const Doubles right = load(J + row * width + j);
                 for (int e = 0; e < TALL; ++e) total[e] += left[e] * right;
             }
             for (int e = 0; e < TALL; ++e) store(equations.H[i + e].data + j, total[e]);

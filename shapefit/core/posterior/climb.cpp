@@ -115,7 +115,7 @@ Lanes propose(const Climb<Lanes>& at, Lanes* step) {
     return 0.5 * slope;
 }
 
-// A rotation to the last digit, from one in half precision.
+// A rotation to the last digit, from one in single precision.
 template <class Lanes>
 void orthonormalise(Lanes* R) {
     Lanes *x = R, *y = R + 3, *z = R + 6;
@@ -233,17 +233,17 @@ void finish(const PosteriorData& data, const Observed<Number<Lanes>>& seen,
     at.found.value += take_last_step(at);
 }
 
-template struct ClimbSpace<Lanes>;
-template struct ClimbSpace<SingleLanes>;
-template void begin(const PosteriorData&, const Observed<float>&, const Pack<SingleLanes>&,
-                    ClimbSpace<SingleLanes>&, Climb<SingleLanes>&);
-template void climb(const PosteriorData&, const Observed<float>&, const Pack<SingleLanes>&, long,
-                    ClimbSpace<SingleLanes>&, Climb<SingleLanes>&);
-template void begin(const PosteriorData&, const Observed<double>&, const Pack<Lanes>&,
-                    ClimbSpace<Lanes>&, Climb<Lanes>&);
-template void climb(const PosteriorData&, const Observed<double>&, const Pack<Lanes>&, long,
-                    ClimbSpace<Lanes>&, Climb<Lanes>&);
-template void finish(const PosteriorData&, const Observed<double>&, const Pack<Lanes>&,
-                     ClimbSpace<Lanes>&, Climb<Lanes>&);
+template struct ClimbSpace<Doubles>;
+template struct ClimbSpace<Singles>;
+template void begin(const PosteriorData&, const Observed<float>&, const Pack<Singles>&,
+                    ClimbSpace<Singles>&, Climb<Singles>&);
+template void climb(const PosteriorData&, const Observed<float>&, const Pack<Singles>&, long,
+                    ClimbSpace<Singles>&, Climb<Singles>&);
+template void begin(const PosteriorData&, const Observed<double>&, const Pack<Doubles>&,
+                    ClimbSpace<Doubles>&, Climb<Doubles>&);
+template void climb(const PosteriorData&, const Observed<double>&, const Pack<Doubles>&, long,
+                    ClimbSpace<Doubles>&, Climb<Doubles>&);
+template void finish(const PosteriorData&, const Observed<double>&, const Pack<Doubles>&,
+                     ClimbSpace<Doubles>&, Climb<Doubles>&);
 
 }  // namespace shapefit

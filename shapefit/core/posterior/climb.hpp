@@ -5,7 +5,7 @@
 
 namespace shapefit {
 
-// Where the lanes of a block stand. A block is an array of Lanes, and lanes can move between blocks:
+// Where the lanes of a block stand. A block is an array of Doubles, and lanes can move between blocks:
 // these, then the belief (m,) and the next one (m,).
 template <class Lanes>
 struct Climb {

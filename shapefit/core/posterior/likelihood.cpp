@@ -378,19 +378,19 @@ void find_likelihood(const PosteriorData& data, const Observed<Number<Lanes>>& s
     believe(data, seen, view, shrink * shrink, belief, by_others, space, found, next);
 }
 
-template struct LikelihoodSpace<Lanes>;
-template struct LikelihoodSpace<SingleLanes>;
+template struct LikelihoodSpace<Doubles>;
+template struct LikelihoodSpace<Singles>;
 template Observed<double> room_for_observed(Workspace&, long);
 template Observed<float> room_for_observed(Workspace&, long);
 template void observe(const PosteriorData&, long, Observed<double>&);
 template void observe(const PosteriorData&, long, Observed<float>&);
-template void find_likelihood(const PosteriorData&, const Observed<double>&, const Pack<Lanes>&,
-                              const LaneView<Lanes>&, const Lanes*, bool, bool,
-                              const LikelihoodSpace<Lanes>&, Likelihood<Lanes>&, Lanes*);
+template void find_likelihood(const PosteriorData&, const Observed<double>&, const Pack<Doubles>&,
+                              const LaneView<Doubles>&, const Doubles*, bool, bool,
+                              const LikelihoodSpace<Doubles>&, Likelihood<Doubles>&, Doubles*);
 template void find_likelihood(const PosteriorData&, const Observed<float>&,
-                              const Pack<SingleLanes>&, const LaneView<SingleLanes>&,
-                              const SingleLanes*, bool, bool,
-                              const LikelihoodSpace<SingleLanes>&, Likelihood<SingleLanes>&,
-                              SingleLanes*);
+                              const Pack<Singles>&, const LaneView<Singles>&,
+                              const Singles*, bool, bool,
+                              const LikelihoodSpace<Singles>&, Likelihood<Singles>&,
+                              Singles*);
 
 }  // namespace shapefit

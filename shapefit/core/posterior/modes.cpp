@@ -116,10 +116,10 @@ void differentiate(const Observed<double>& seen, const Mode& mode, double s, Mod
 void whiten_view(const Mode& mode, ModeSpace& space) {
     const long D = space.J.size[1];
     for (long e = 0; e < D; e += WIDTH) {
-        Lanes row[VIEW];
+        Doubles row[VIEW];
         for (int i = 0; i < VIEW; ++i) row[i] = load(space.J[i].data + e);
         for (int i = 0; i < VIEW; ++i) {
-            Lanes total = {};
+            Doubles total = {};
             for (int j = 0; j < VIEW; ++j) total += mode.root[VIEW * i + j] * row[j];
             store(space.J[i].data + e, total);
         }

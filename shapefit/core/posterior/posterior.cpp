@@ -37,7 +37,7 @@ struct Curvature {
     bool definite;
 };
 
-Curvature weigh_view(const Climb<Lanes>& at, long lane, double* root_of) {
+Curvature weigh_view(const Climb<Doubles>& at, long lane, double* root_of) {
     double H[VIEW * VIEW], values[VIEW], axes[VIEW * VIEW], log_det = 0;
     for (int e = 0; e < VIEW * VIEW; ++e) H[e] = at.curvature[e][lane];
     symmetric_eigen({H, {VIEW, VIEW}}, {values, {VIEW}}, {axes, {VIEW, VIEW}});
@@ -51,8 +51,8 @@ Curvature weigh_view(const Climb<Lanes>& at, long lane, double* root_of) {
 
 // The point on which climb i ended, with its evidence.
 void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) {
-    const Climbs<Lanes>& climbs = search.arrived;
-    Climb<Lanes>& at = climbs[i];
+    const Climbs<Doubles>& climbs = search.arrived;
+    Climb<Doubles>& at = climbs[i];
     const long lane = i % WIDTH;
     const Curvature curvature = weigh_view(at, lane, mode.root);
     mode.stationary = curvature.definite && !(at.moving[lane] > 0);

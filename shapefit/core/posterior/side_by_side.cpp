@@ -192,8 +192,8 @@ void place_all(const PosteriorData& data, long image, const Observed<double>& se
 // The likelihood in double precision and its Hessian, where those stand that are near the best.
 // Whether one of them stands on a stationary point, and all are worth what the climb took them for.
 bool finish_all(const PosteriorData& data, double margin, Search& search) {
-    Climbs<Lanes>& arrived = search.arrived;
-    Side<Lanes>& late = search.late;
+    Climbs<Doubles>& arrived = search.arrived;
+    Side<Doubles>& late = search.late;
     double best = -INFINITE;
     for (long i = 0; i < arrived.count; ++i) best = larger(value_of(data, arrived, i), best);
     const long count = arrived.count;
@@ -201,13 +201,13 @@ bool finish_all(const PosteriorData& data, double margin, Search& search) {
     for (long i = 0; i < count; ++i)
         if (value_of(data, arrived, i) > best - margin) arrived.append(arrived, i);
     arrived.pad();
-    Lanes apart = {}, standing = {};
+    Doubles apart = {}, standing = {};
     for (long b = 0; b < arrived.blocks(); ++b) {
-        Climb<Lanes>& at = arrived.block(b);
-        const Lanes before = at.found.value;
+        Climb<Doubles>& at = arrived.block(b);
+        const Doubles before = at.found.value;
         fetch(search.components, b, arrived, late);
         finish(data, late.seen, late.pack, late.space, at);
-        const Lanes difference = magnitude(at.found.value - before);
+        const Doubles difference = magnitude(at.found.value - before);
         apart = difference < AGREEMENT ? apart : all(1.0);
         standing = larger(1.0 - at.moving, standing);
     }
@@ -217,9 +217,9 @@ bool finish_all(const PosteriorData& data, double margin, Search& search) {
 }  // namespace
 
 long climb_all(const PosteriorData& data, long image, double margin, Search& search) {
-    Side<SingleLanes>& going = search.going;
-    Side<Lanes>& late = search.late;
-    Climbs<Lanes>& arrived = search.arrived;
+    Side<Singles>& going = search.going;
+    Side<Doubles>& late = search.late;
+    Climbs<Doubles>& arrived = search.arrived;
     double best = -INFINITE;
     observe(data, image, going.seen);
     place_all(data, image, late.seen, going.climbs);

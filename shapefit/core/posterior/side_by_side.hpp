@@ -49,9 +49,9 @@ struct Search {
     Search(Workspace& workspace, const PosteriorData& data);
 
     Components components;
-    Side<SingleLanes> going;
-    Side<Lanes> late;
-    Climbs<Lanes> arrived;
+    Side<Singles> going;
+    Side<Doubles> late;
+    Climbs<Doubles> arrived;
 };
 
 // Climb from all starts of an image under every component. What has `arrived` is not further than

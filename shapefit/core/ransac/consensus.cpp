@@ -102,9 +102,9 @@ inline Triple draw_triple(uint64_t& state, long m) {
 
 // Poses x -> s Rbar x + T, one a lane.
 struct PoseLanes {
-    Lanes size;  // s, 0 where the triple determines no pose
-    Lanes R[9];
-    Lanes T[2];
+    Doubles size;  // s, 0 where the triple determines no pose
+    Doubles R[9];
+    Doubles T[2];
 };
 
 // Both poses of each triple.
@@ -142,7 +142,7 @@ double judge(const SeenLandmarks& seen, const WeakPose& pose, const Tolerance& t
 
 // The gains of a pose a lane, -infinity also where there is none.
 void judge_lanes(const SeenLandmarks& seen, const PoseLanes& poses, const Tolerance& tolerance,
-                 Lanes& gains);
+                 Doubles& gains);
 
 namespace {
 
@@ -150,8 +150,8 @@ constexpr double FLAT = 1e-6;  // a triangle as flat as this determines no pose
 
 // The three landmarks of each triple: the first, and the others seen from it.
 struct TripleLanes {
-    Lanes w[2], S[3];
-    Lanes to_w[2][2], to_S[2][3];
+    Doubles w[2], S[3];
+    Doubles to_w[2][2], to_S[2][3];
 };
 
 void gather(const SeenLandmarks& seen, const Triple* triples, TripleLanes& lanes) {
@@ -170,8 +170,8 @@ void gather(const SeenLandmarks& seen, const Triple* triples, TripleLanes& lanes
 
 // The plane of a triangle in the shape.
 struct Plane {
-    Lanes Q[9];           // an orthonormal basis, and the normal
-    Lanes base, along, height;  // to_S = base Q_0 and along Q_0 + height Q_1
+    Doubles Q[9];           // an orthonormal basis, and the normal
+    Doubles base, along, height;  // to_S = base Q_0 and along Q_0 + height Q_1
 };
 
 inline Plane span(const TripleLanes& triple) {
@@ -191,20 +191,20 @@ void pose_triples(const SeenLandmarks& seen, const Triple* triples, PoseLanes po
     TripleLanes triple;
     gather(seen, triples, triple);
     const Plane plane = span(triple);
-    Lanes G[2][2], normal[2];
+    Doubles G[2][2], normal[2];
     for (int a = 0; a < 2; ++a) {
         G[a][0] = triple.to_w[0][a] / plane.base;
         G[a][1] = (triple.to_w[1][a] - plane.along * G[a][0]) / plane.height;
     }
-    const Lanes xx = square(G[0][0]) + square(G[0][1]), yy = square(G[1][0]) + square(G[1][1]);
-    const Lanes xy = G[0][0] * G[1][0] + G[0][1] * G[1][1];
-    const Lanes largest = 0.5 * (xx + yy + root(square(xx - yy) + 4.0 * square(xy)));
-    const Lanes s = root(largest), zero{};
+    const Doubles xx = square(G[0][0]) + square(G[0][1]), yy = square(G[1][0]) + square(G[1][1]);
+    const Doubles xy = G[0][0] * G[1][0] + G[0][1] * G[1][1];
+    const Doubles largest = 0.5 * (xx + yy + root(square(xx - yy) + 4.0 * square(xy)));
+    const Doubles s = root(largest), zero{};
     normal[0] = root(larger(largest - xx, zero));
     normal[1] = root(larger(largest - yy, zero));
     normal[1] = xy > 0 ? -normal[1] : normal[1];
-    const Lanes flat = FLAT * larger(plane.base, magnitude(plane.along));
-    const Lanes size = plane.base > 0 ? (plane.height > flat ? (largest > 0 ? s : zero) : zero) : zero;
+    const Doubles flat = FLAT * larger(plane.base, magnitude(plane.along));
+    const Doubles size = plane.base > 0 ? (plane.height > flat ? (largest > 0 ? s : zero) : zero) : zero;
     for (int side = 0; side < 2; ++side) {
         PoseLanes& pose = poses[side];
         const double sign = 1 - 2 * side;
@@ -260,19 +260,19 @@ double judge(const SeenLandmarks& seen, const WeakPose& pose, const Tolerance& t
 }
 
 void judge_lanes(const SeenLandmarks& seen, const PoseLanes& poses, const Tolerance& tolerance,
-                 Lanes& gains) {
-    const Lanes limit = square(tolerance.threshold * poses.size), inverse = 1 / limit, zero{};
-    Lanes M[6], total = zero - TRIPLE;
+                 Doubles& gains) {
+    const Doubles limit = square(tolerance.threshold * poses.size), inverse = 1 / limit, zero{};
+    Doubles M[6], total = zero - TRIPLE;
     for (int e = 0; e < 6; ++e) M[e] = poses.size * poses.R[e];
-    const Lanes Tx = poses.T[0], Ty = poses.T[1];
+    const Doubles Tx = poses.T[0], Ty = poses.T[1];
     for (long j = 0; j < seen.count; ++j) {
         const double X = seen.S[0][j], Y = seen.S[1][j], Z = seen.S[2][j];
-        const Lanes x = seen.x[j] - Tx - M[0] * X - M[1] * Y - M[2] * Z;
-        const Lanes y = seen.y[j] - Ty - M[3] * X - M[4] * Y - M[5] * Z;
+        const Doubles x = seen.x[j] - Tx - M[0] * X - M[1] * Y - M[2] * Z;
+        const Doubles y = seen.y[j] - Ty - M[3] * X - M[4] * Y - M[5] * Z;
         total += seen.h[j] * larger(1 - (x * x + y * y) * inverse, zero);
     }
     // area / (pi limit) > 1 where the logarithm counts
-    const Lanes surprise = tolerance.area * inverse / PI - 1;
+    const Doubles surprise = tolerance.area * inverse / PI - 1;
     for (int l = 0; l < WIDTH; ++l) {
         const bool judged = poses.size[l] > 0 && PI * limit[l] < tolerance.area;
         gains[l] = judged ? total[l] * log_of_one_plus(surprise[l]) : -INFINITE;
@@ -383,7 +383,7 @@ WeakPose pose_of_lane(const PoseLanes& poses, int lane) {
 void compete(const SeenLandmarks& seen, const Triple* triples, int count, long most,
              const Tolerance& tolerance, Best& best, Inside& inside, Vector<bool> inliers) {
     PoseLanes poses[2];
-    Lanes gains[2];
+    Doubles gains[2];
     pose_triples(seen, triples, poses);
     for (int side = 0; side < 2; ++side) judge_lanes(seen, poses[side], tolerance, gains[side]);
     for (int lane = 0; lane < count; ++lane)
@@ -536,7 +536,7 @@ double gain_of(Matrix<const double> w, Vector<const double> squares, Matrix<cons
     for (long j = 0; j < seen.count; ++j) inliers[seen.index[j]] = inside[j] > 0;
     if (!lanes) return gain;
     PoseLanes poses;
-    Lanes gains;
+    Doubles gains;
     poses.size = all(size);
     for (int e = 0; e < 9; ++e) poses.R[e] = all(pose.R[e]);
     for (int a = 0; a < 2; ++a) poses.T[a] = all(T[a]);

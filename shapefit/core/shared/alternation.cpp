@@ -8,24 +8,9 @@ namespace {
 
 // P = S S^T and D = w S^T, from rows of `row` numbers.
 void find_moments(const double* w, const double* S, long row, double* P, double* D) {
-    for (int a = 0; a < 3; ++a) {
-        for (int b = 0; b <= a; ++b) {
-            P[3 * a + b] = dot_padded(S + a * row, S + b * row, row);
-            P[3 * b + a] = P[3 * a + b];
-        }
+    find_gram(S, row, P);
+    for (int a = 0; a < 3; ++a)
         for (int b = 0; b < 2; ++b) D[3 * b + a] = dot_padded(w + b * row, S + a * row, row);
-    }
-}
-
-bool same(const double* x, const double* y, long n) {
-    for (long i = 0; i < n; ++i)
-        if (x[i] != y[i]) return false;
-    return true;
-}
-
-void scatter(const ActiveSet& set, Vector<double> c) {
-    for (long i = 0; i < c.size[0]; ++i) c[i] = 0;
-    for (long e = 0; e < set.count; ++e) c[set.index[e]] = set.x[e];
 }
 
 void lay_rows(Matrix<const double> w, long row, double* out) {
@@ -44,7 +29,7 @@ void alternate_starts(const AlternationData& data, long image, AlternationRoom& 
         data.rounds[image] += ended.steps / 2;
         if (!(room.trace[ended.steps - 1] < least)) continue;
         least = room.trace[ended.steps - 1];
-        scatter(room.coefficients.set, data.coefficients[image]);
+        room.coefficients.set.write(data.coefficients[image]);
         for (int e = 0; e < 9; ++e) data.rotation[image].data[e] = R[e];
         data.status[image] = ended.converged ? LocalStatus::CONVERGED : LocalStatus::ITERATION_LIMIT;
     }
@@ -66,7 +51,7 @@ void alternate(const AlternationData& data, Range range) {
     AlternationRoom room(workspace, data.atoms, data.most_rounds);
     for (long image = range.first; image < range.last; ++image) {
         const Vector<const double> omega = data.weights[image];
-        if (image == range.first || !same(omega.data, data.weights[image - 1].data, p)) {
+        if (image == range.first || !are_equal(omega.data, data.weights[image - 1].data, p)) {
             reduction.find(omega);
             room.atoms.reduce(omega.data, reduction);
             for (long j = 0; j < 2 * room.atoms.row; ++j) room.w[j] = 0;
@@ -114,7 +99,7 @@ double solve_lasso(Matrix<const double> w, Tensor<const double> atoms, Matrix<co
         if (c[i] != 0) set.use(i, c[i], sign_of(c[i]));
     room.coefficients.aim(room.w, lam, is_signed);
     const double least = room.coefficients.minimise_at(R.data);
-    scatter(set, c);
+    set.write(c);
     return least;
 }
 
@@ -127,7 +112,7 @@ AlternationEnd alternate_once(Matrix<const double> w, Tensor<const double> atoms
     lay_rows(w, room.atoms.row, room.w);
     const AlternationEnd ended = alternate_image(room, lam, is_signed, tolerance, rounds, R.data);
     for (long step = 0; step < ended.steps; ++step) trace[step] = room.trace[step];
-    scatter(room.coefficients.set, c);
+    room.coefficients.set.write(c);
     return ended;
 }
 

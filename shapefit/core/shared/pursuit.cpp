@@ -359,12 +359,6 @@ Pursued pursue_image(const ReducedImage& image, const PursuitRules& rules, Chose
     return {error, rounds};
 }
 
-bool equal(Vector<const double> a, Vector<const double> b) {
-    for (long j = 0; j < a.size[0]; ++j)
-        if (a[j] != b[j]) return false;
-    return true;
-}
-
 }  // namespace
 
 void pursue(const PursuitData& data, Range range) {
@@ -380,7 +374,7 @@ void pursue(const PursuitData& data, Range range) {
     double *w = workspace.zeros<double>(2 * p), *reduced = workspace.zeros<double>(shapes * 3 * p);
     for (long i = range.first; i < range.last; ++i) {
         const Vector<const double> omega = data.weights[i];
-        if (i == range.first || !equal(omega, data.weights[i - 1])) {
+        if (i == range.first || !are_equal(omega.data, data.weights[i - 1].data, p)) {
             reduction.find(omega);
             if (reduction.seen > 1)
                 for (long row = 0; row < 3 * shapes; ++row)
