@@ -1,4 +1,4 @@
-#include "logarithm.hpp"
+#include "lane_functions.hpp"
 
 #include "registry.hpp"
 namespace shapefit {

@@ -1,14 +1,19 @@
-#include "stretch.hpp"
-
-#include "../base/registry.hpp"
 #include <string.h>
 
+#include "../base/registry.hpp"
 #include "blocks.hpp"
 #include "certificate.hpp"
+#include "data.hpp"
 #include "lagrangian.hpp"
 #include "primal_dual.hpp"
 
 namespace shapefit {
+
+// A stretch of images, each solved from its neighbour's solution where that explains it.
+
+// Solve the images of the range in turn, stretch by stretch, and certify each.
+void solve_convex(const ConvexTask& task, Range range);
+
 namespace {
 
 enum Code : long { OPTIMAL, ITERATION_LIMIT, DEGENERATE, NUMERICAL_FAILURE };

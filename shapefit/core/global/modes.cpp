@@ -1,10 +1,18 @@
-#include "modes.hpp"
-
 #include "../base/registry.hpp"
 #include "objective.hpp"
 #include "search.hpp"
 
 namespace shapefit {
+
+// All readings of each image, and the proof that there is none besides.
+
+// List the modes of the images of the range.
+//
+// Every rotation whose objective is at most (1 + within) times the least lies within `apart` of a
+// minimum that was found, or of a rotation from which the descent ends at one: its valley. Of
+// minima that are not `apart` the best one is listed.
+void find_modes(const ModesData& data, Range range);
+
 namespace {
 
 constexpr double BEYOND = 1.25;    // of `within`: up to here a rotation outside all balls gets its own

@@ -1,11 +1,17 @@
-#include "posterior.hpp"
-
 #include "../base/registry.hpp"
 #include "../base/symmetric_eigen.hpp"
+#include "data.hpp"
 #include "modes.hpp"
 #include "side_by_side.hpp"
 
 namespace shapefit {
+
+// The posterior over shape and view of each image, its modes combined.
+
+// Climb from every start under every component; weigh the maxima by their evidence, the view
+// integrated out by Laplace's approximation; mean and covariance of the mixture of those that count.
+void find_posterior(const PosteriorData& data, Range range);
+
 namespace {
 
 constexpr double SAME_VIEW = 1e-2;    // rotations as close are one mode (Frobenius norm)

@@ -3,7 +3,7 @@
 
 #include "../base/arguments.hpp"
 #include "../base/lanes.hpp"
-#include "../base/logarithm.hpp"
+#include "../base/lane_functions.hpp"
 #include "../base/registry.hpp"
 #include "../base/vectors.hpp"
 #include "../base/workspace.hpp"
