@@ -6,10 +6,8 @@ import numpy as np
 
 from shapefit import core
 from shapefit.convex.problem import Loss, Problem
-from shapefit.convex.solution import Solution, Status
+from shapefit.convex.solution import Solution, read_statuses
 from shapefit.convex.transforms import Transforms
-
-_STATUS = (Status.OPTIMAL, Status.ITERATION_LIMIT, Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 
 
 def solve_newton(
@@ -46,5 +44,5 @@ def solve_newton(
     if problem.loss is Loss.SQUARED:
         errors = np.broadcast_to(0.0, dual.shape)
     transforms = Transforms.gathered(first, count, atom, blocks, k)
-    status = tuple(map(_STATUS.__getitem__, codes.tolist()))
+    status = read_statuses(codes)
     return Solution(transforms, translation, dual, errors, objective, gap, residual, steps, status)

@@ -26,6 +26,11 @@ class Status(Enum):
     NUMERICAL_FAILURE = "numerical failure"
 
 
+def read_statuses(codes: NDArray[np.int64]) -> tuple[Status, ...]:
+    """Return the statuses of the codes (n,) that kernels write: their order above."""
+    return tuple(map(tuple(Status).__getitem__, codes.tolist()))
+
+
 @dataclass(frozen=True)
 class Solution:
     """Optimum of the convex program for n images.

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from shapefit.lifting.posterior.posterior import Modes as PosteriorModes
 
 
-STATUS = (Status.CONVERGED, Status.ITERATION_LIMIT, Status.DEGENERATE, Status.NUMERICAL_FAILURE)
-"""What the codes of the kernels of local methods mean."""
-
 CORRELATION = "shape_correlation"
 """Dataset (n, p, 3) of the correlations of x with y, x with z and y with z of each landmark."""
 

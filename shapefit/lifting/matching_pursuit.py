@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
-from shapefit.convex.solution import Status
+from shapefit.convex.solution import Status, read_statuses
 from shapefit.geometry.rotations import complete_rotation
-from shapefit.lifting.estimate import STATUS, Estimate, fit_translation
+from shapefit.lifting.estimate import Estimate, fit_translation
 from shapefit.lifting.methods import Settings
 from shapefit.lifting.reconstruction import combine
 
@@ -96,7 +96,7 @@ def pursue(
         status=codes,
         threads=threads,
     )
-    status = tuple(STATUS[code] for code in codes)
+    status = read_statuses(codes)
     return Pursuit(coefficients[:, 1:], coefficients[:, 0], camera, error, rounds, status)
 
 

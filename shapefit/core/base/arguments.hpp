@@ -27,6 +27,11 @@ struct AnyArray {
     long size[4] = {};
 };
 
+// How the work on an image ended, in the order of `Status` in convex/solution.py.
+struct Status {
+    enum : int64_t { OPTIMAL, CONVERGED, ITERATION_LIMIT, DEGENERATE, NUMERICAL_FAILURE };
+};
+
 class Arguments;
 
 // One of them; the type is that of the member that takes it.

@@ -16,8 +16,6 @@ void solve_convex(const ConvexTask& task, Range range);
 
 namespace {
 
-enum Code : long { OPTIMAL, ITERATION_LIMIT, DEGENERATE, NUMERICAL_FAILURE };
-
 // The solver aims a little below the tolerance, so that the certificate in the units of the data,
 // which rounds differently, agrees with it. This saves a second round, and decides nothing else.
 constexpr double CLOSER = 0.99;
@@ -90,7 +88,7 @@ class StretchSolver {
         remember(same_mask);
         write(image);
         judge(image);
-        if (task_.end.status[image] == ITERATION_LIMIT && steps < reduced.most_steps) {
+        if (task_.end.status[image] == Status::ITERATION_LIMIT && steps < reduced.most_steps) {
             reduced.tolerance *= STILL_CLOSER;
             take_errors_back(image);
             steps += solve_reduced(image, reduced, false, steps);
@@ -251,12 +249,12 @@ class StretchSolver {
         const double gap = magnitude(task_.proof.relative_gap[image]);
         last_.known = is_finite(gap);
         if (!last_.known) {
-            task_.end.status[image] = NUMERICAL_FAILURE;
+            task_.end.status[image] = Status::NUMERICAL_FAILURE;
             return;
         }
         const bool exact = !quadratic() && !robust();
         const double judged = exact ? larger(gap, task_.proof.residual[image]) : gap;
-        task_.end.status[image] = judged <= task_.options.tolerance ? OPTIMAL : ITERATION_LIMIT;
+        task_.end.status[image] = judged <= task_.options.tolerance ? Status::OPTIMAL : Status::ITERATION_LIMIT;
     }
 
     // E, in the units of the residual after `judge`, in those of the solver, and in the landmarks'.
@@ -287,7 +285,7 @@ class StretchSolver {
     }
 
     void give_up(long image) {
-        task_.end.status[image] = DEGENERATE;
+        task_.end.status[image] = Status::DEGENERATE;
         task_.proof.objective[image] = NOT_A_NUMBER;
         task_.proof.relative_gap[image] = NOT_A_NUMBER;
         task_.proof.residual[image] = NOT_A_NUMBER;

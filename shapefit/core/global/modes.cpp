@@ -137,7 +137,7 @@ void list(const ModesData& data, long image, const Findings& found, bool* done) 
     for (long m = found.take_best(done); m >= 0; m = found.take_best(done)) {
         if (found[m].value > (1 + data.within) * least) break;
         if (count == data.rotation.size[1]) {
-            data.status[image] = SearchStatus::LIMIT;
+            data.status[image] = Status::ITERATION_LIMIT;
             break;
         }
         rotation_of(found[m].q, data.rotation[image][count].data);
@@ -158,7 +158,7 @@ void find_modes(const ModesData& data, Range range) {
     bool* done = workspace.zeros<bool>(MOST_BALLS);
     for (long image = range.first; image < range.last; ++image) {
         if (!objective.aim(image)) {
-            data.status[image] = SearchStatus::DEGENERATE;
+            data.status[image] = Status::DEGENERATE;
             continue;
         }
         double best[4];
@@ -168,7 +168,7 @@ void find_modes(const ModesData& data, Range range) {
         found.add_minimum(best, least);
         cells.begin_image();
         const bool complete = search(data, objective, cells, least, found);
-        data.status[image] = complete ? SearchStatus::OPTIMAL : SearchStatus::LIMIT;
+        data.status[image] = complete ? Status::OPTIMAL : Status::ITERATION_LIMIT;
         data.cells[image] = cells.tested;
         list(data, image, found, done);
     }

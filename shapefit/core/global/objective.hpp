@@ -10,11 +10,6 @@ namespace shapefit {
 
 // What the search over all rotations reads and writes, as Python lays it out.
 
-// How the search of an image ended, as in lifting/estimate.py.
-struct SearchStatus {
-    enum : int64_t { OPTIMAL = 0, LIMIT = 1, DEGENERATE = 2, FAILED = 3 };
-};
-
 // Where a search gives up.
 struct SearchLimits {
     Arguments& from;
@@ -46,7 +41,7 @@ struct GlobalData {
     Vector<double> bound = from("bound", "n");  // L: no rotation has an objective below it
     Vector<int64_t> cells = from("cells", "n");  // tests
     Vector<int64_t> vertices = from("vertices", "n");  // rotations whose coefficients were found
-    Vector<int64_t> status = from("status", "n");  // a SearchStatus
+    Vector<int64_t> status = from("status", "n");  // a Status
 };
 
 // All readings of each image: minima within a share of the optimum, apart from one another.
@@ -64,7 +59,7 @@ struct ModesData {
     // rotations beside the modes that their valleys reach
     Vector<int64_t> valleys = from("valleys", "n");
     Vector<int64_t> cells = from("cells", "n");  // tests
-    // a SearchStatus: OPTIMAL where the list is complete
+    // a Status: OPTIMAL where the list is complete
     Vector<int64_t> status = from("status", "n");
 };
 

@@ -126,7 +126,7 @@ void find_optimum(const GlobalData& data, Range range) {
     CellSearch cells(workspace, objective, roots, 2 * data.limits.cells);
     for (long image = range.first; image < range.last; ++image) {
         if (!objective.aim(image)) {
-            data.status[image] = SearchStatus::DEGENERATE;
+            data.status[image] = Status::DEGENERATE;
             continue;
         }
         Best best;
@@ -134,7 +134,7 @@ void find_optimum(const GlobalData& data, Range range) {
         cells.begin_image();
         find_upper_bound(data, image, objective, cells.vertices, best);
         if (!is_finite(best.objective)) {
-            data.status[image] = SearchStatus::FAILED;
+            data.status[image] = Status::NUMERICAL_FAILURE;
             continue;
         }
         const Ended ended = search_within_limits(data, clock, objective, cells, best);
@@ -146,7 +146,7 @@ void find_optimum(const GlobalData& data, Range range) {
         data.bound[image] = larger(0, ended.bound - ROUNDING * objective.square);
         data.cells[image] = cells.tested;
         data.vertices[image] = cells.vertices.count();
-        data.status[image] = ended.complete ? SearchStatus::OPTIMAL : SearchStatus::LIMIT;
+        data.status[image] = ended.complete ? Status::OPTIMAL : Status::ITERATION_LIMIT;
     }
 }
 

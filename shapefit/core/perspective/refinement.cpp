@@ -509,18 +509,18 @@ Refined refine(Refinement& refinement, double softness, long most_rounds) {
     double soft = larger(1, softness), damping = FIRST_DAMPING;
     project(refinement.shapes, refinement.sight, refinement.here().at, refinement.here().seen);
     double F = refinement.evaluate_at(refinement.here(), soft);
-    if (!refinement.here().seen.in_front) return {NOT_A_NUMBER, 0, LocalStatus::DEGENERATE};
-    if (!is_finite(F)) return {NOT_A_NUMBER, 0, LocalStatus::FAILED};
+    if (!refinement.here().seen.in_front) return {NOT_A_NUMBER, 0, Status::DEGENERATE};
+    if (!is_finite(F)) return {NOT_A_NUMBER, 0, Status::NUMERICAL_FAILURE};
     for (long round = 1; round <= most_rounds; ++round) {
         const double fall = improve(refinement, soft, damping, F);
-        if (soft <= softness && fall <= SETTLED) return {F, round, LocalStatus::CONVERGED};
+        if (soft <= softness && fall <= SETTLED) return {F, round, Status::CONVERGED};
         if (soft > softness && fall <= FLEETING) {
             soft = larger(0.5 * soft, softness);
             damping = FIRST_DAMPING;
             F = refinement.evaluate_at(refinement.here(), soft);
         }
     }
-    return {refinement.evaluate_at(refinement.here(), softness), most_rounds, LocalStatus::ITERATION_LIMIT};
+    return {refinement.evaluate_at(refinement.here(), softness), most_rounds, Status::ITERATION_LIMIT};
 }
 
 void start(const PerspectiveData& data, long image, Unknowns& at) {

@@ -50,7 +50,7 @@ void lay_rows(Matrix<const double> w, long row, double* out) {
 
 void alternate_starts(const AlternationData& data, long image, AlternationRoom& room) {
     double least = INFINITE;
-    data.status[image] = LocalStatus::FAILED;
+    data.status[image] = Status::NUMERICAL_FAILURE;
     for (long start = 0; start < data.starts.size[1]; ++start) {
         double R[9];
         for (int e = 0; e < 9; ++e) R[e] = data.starts[image][start].data[e];
@@ -61,7 +61,7 @@ void alternate_starts(const AlternationData& data, long image, AlternationRoom& 
         least = room.trace[ended.steps - 1];
         room.coefficients.set.write(data.coefficients[image]);
         for (int e = 0; e < 9; ++e) data.rotation[image].data[e] = R[e];
-        data.status[image] = ended.converged ? LocalStatus::CONVERGED : LocalStatus::ITERATION_LIMIT;
+        data.status[image] = ended.converged ? Status::CONVERGED : Status::ITERATION_LIMIT;
     }
 }
 
@@ -87,7 +87,7 @@ void alternate(const AlternationData& data, Range range) {
             for (long j = 0; j < 2 * room.atoms.row; ++j) room.w[j] = 0;
         }
         if (reduction.seen < 2) {
-            data.status[image] = LocalStatus::DEGENERATE;
+            data.status[image] = Status::DEGENERATE;
             continue;
         }
         reduction.reduce_landmarks(data.landmarks[image], omega.data, room.w, room.atoms.row);

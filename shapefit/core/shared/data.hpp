@@ -5,11 +5,6 @@
 
 namespace shapefit {
 
-// How the search for a local minimum ended, as in lifting/estimate.py.
-struct LocalStatus {
-    enum : int64_t { CONVERGED = 0, ITERATION_LIMIT = 1, DEGENERATE = 2, FAILED = 3 };
-};
-
 // 1/2 ||w - s Rbar S||^2 - 1/2 ||w||^2 at a rotation, and s.
 struct Misfit {
     double value;
@@ -119,7 +114,7 @@ struct AlternationData {
     Matrix<double> coefficients = from("coefficients", "n k");
     Tensor<double> rotation = from("rotation", "n 3 3");
     Vector<int64_t> rounds = from("rounds", "n");  // of all starts together
-    Vector<int64_t> status = from("status", "n");  // a LocalStatus
+    Vector<int64_t> status = from("status", "n");  // a Status
 };
 
 }  // namespace shapefit

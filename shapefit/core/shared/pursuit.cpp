@@ -383,12 +383,12 @@ void pursue(const PursuitData& data, Range range) {
         }
         const long q = reduction.coordinates();
         if (q < 1) {
-            data.status[i] = LocalStatus::DEGENERATE;
+            data.status[i] = Status::DEGENERATE;
             continue;
         }
         reduction.reduce_landmarks(data.landmarks[i], omega.data, w, q);
         if (!is_finite(dot(w, w, 2 * q) + dot(reduced, reduced, 3 * q))) {
-            data.status[i] = LocalStatus::FAILED;
+            data.status[i] = Status::NUMERICAL_FAILURE;
             continue;
         }
         chosen.Q.size[2] = q;
@@ -397,7 +397,7 @@ void pursue(const PursuitData& data, Range range) {
                                                   data.coefficients[i], data.cameras[i].data);
         data.errors[i] = error;
         data.rounds[i] = rounds;
-        data.status[i] = error <= data.rules.goal ? LocalStatus::CONVERGED : LocalStatus::ITERATION_LIMIT;
+        data.status[i] = error <= data.rules.goal ? Status::CONVERGED : Status::ITERATION_LIMIT;
     }
 }
 

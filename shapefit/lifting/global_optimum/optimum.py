@@ -11,17 +11,9 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
-from shapefit.convex.solution import Status
+from shapefit.convex.solution import Status, read_statuses
 
 Indices = NDArray[np.int64]
-
-STATUS = (
-    Status.OPTIMAL,
-    Status.ITERATION_LIMIT,
-    Status.DEGENERATE,
-    Status.NUMERICAL_FAILURE,
-)
-"""What the codes of the search mean."""
 
 
 @dataclass(frozen=True)
@@ -97,4 +89,4 @@ def find_optimum(
         threads=threads,
     )
     found["rotation"][~found["coefficients"].any(axis=1)] = np.nan
-    return GlobalOptimum(**found, status=tuple(STATUS[code] for code in codes))
+    return GlobalOptimum(**found, status=read_statuses(codes))

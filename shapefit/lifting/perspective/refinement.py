@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from shapefit import core
 from shapefit.arrays import Floats
-from shapefit.convex.solution import Status
+from shapefit.convex.solution import Status, read_statuses
 from shapefit.geometry.pinhole import Camera
-from shapefit.lifting.estimate import STATUS
 from shapefit.lifting.options import PerspectiveOptions
 from shapefit.lifting.perspective.start import place_in_depth
 
@@ -78,6 +77,6 @@ def refine_perspective(
         status=codes,
         threads=options.threads,
     )
-    failed = np.isin(codes, [STATUS.index(status) for status in FAILED])
+    failed = np.isin(codes, [list(Status).index(status) for status in FAILED])
     R[failed], t[failed], c[failed] = np.nan, np.nan, np.nan
-    return Refined(R, t, c, objective, rounds, tuple(STATUS[code] for code in codes))
+    return Refined(R, t, c, objective, rounds, read_statuses(codes))

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
-from shapefit.convex.solution import Status
-from shapefit.lifting.estimate import STATUS
+from shapefit.convex.solution import Status, read_statuses
 from shapefit.lifting.methods import AlternationOptions
 
 
@@ -65,5 +64,5 @@ def alternate(
         threads=threads,
     )
     rotation[~coefficients.any(axis=1)] = np.nan
-    status = tuple(map(STATUS.__getitem__, codes.tolist()))
+    status = read_statuses(codes)
     return Alternation(coefficients, rotation, rounds, status)
