@@ -7,12 +7,13 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Self
+from typing import TYPE_CHECKING, Any, Generic, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.io.checks import InMemory, check_values, named
+from shapefit.io.effects import Opened, check_effects
 from shapefit.io.foreign.items import are_fractions, keep_landmarks, size_needed
 from shapefit.io.formats import HDF5, FileFormat, detect_format, find_reader, group_inputs, mixture
 from shapefit.io.joined import common_head, conform
@@ -60,6 +61,7 @@ def open_landmarks(
     rows: slice | None = None,
     *,
     check: bool = True,
+    obeyed: Collection[str] = (),
 ) -> LandmarkSource:
     """Open files of landmarks in any format (`-` is standard input) as one source.
 
@@ -68,7 +70,8 @@ def open_landmarks(
     units, directions of y, frame rates, or further datasets), and for names of landmarks to rename
     that no file has. HDF5 is read a batch at a time, all else whole. `rows` are those of the one
     HDF5 file that are given out: nothing else of it is read. Without `check` nothing but heads is
-    read of HDF5, and values and names are believed.
+    read of HDF5, and values and names are believed. Raises InputError for options without effect,
+    but for those that are `obeyed` elsewhere.
     """
     groups = group_inputs(paths, options)
     held = MOST_HELD // len(groups)
@@ -77,6 +80,7 @@ def open_landmarks(
         for known, own in groups
     ]
     files[0] = replace(files[0], notes=files[0].notes + mixture(groups))
+    _check_effects(groups, files, options, obeyed)
     return Source(_renamed(files, options), options.y_axis, check=check)
 
 
@@ -86,6 +90,7 @@ def open_shapes(
     *,
     gaps: bool = False,
     check: bool = True,
+    obeyed: Collection[str] = (),
 ) -> ShapeSource:
     """Open files of shapes in any format (`-` is standard input) as one source.
 
@@ -96,10 +101,12 @@ def open_shapes(
     landmarks, units, meshes or further datasets). HDF5 is read a batch at a time, all else whole.
 
     With `gaps` a landmark of an item may be unknown: it is NaN, in all coordinates where it is in
-    one, and may lack its row in CSV. Without, that is wrong. `check` as in `open_landmarks`.
+    one, and may lack its row in CSV. Without, that is wrong. `check` and `obeyed` as in
+    `open_landmarks`.
     """
     groups = group_inputs(paths, options)
     files = [_open(SHAPES, known, own, options, gaps=gaps, check=check) for known, own in groups]
+    _check_effects(groups, files, options, obeyed)
     return Source(_renamed(files, options), check=check)
 
 
@@ -453,6 +460,26 @@ def _read(
     fields = reader.fields(rows, without=without)
     found = kind(**fields, **further, **said)
     return found if kind is ResultSet else found.with_whole_points()
+
+
+def _check_effects(
+    groups: Sequence[tuple[FileFormat, tuple[Path, ...]]],
+    files: Sequence[SourceFile[Any]],
+    options: InputOptions,
+    obeyed: Collection[str],
+) -> None:
+    """Raise InputError for options that change nothing in any of the files."""
+    if options == AS_THEY_ARE:
+        return
+    opened = []
+    for (known, _), file in zip(groups, files, strict=True):
+        head, foreign = file.head, known.recorder is not None
+        kind: Literal["landmarks", "shapes"] = (
+            "shapes" if isinstance(head, ShapeSet) else "landmarks"
+        )
+        scored = head.columns.get("confidence") is not None
+        opened.append((file.name, Opened(foreign, kind, head.landmark_names, scored)))
+    check_effects(opened, options, obeyed)
 
 
 def _renamed(files: Sequence[SourceFile[Any]], options: InputOptions) -> list[SourceFile[Any]]:

@@ -13,7 +13,7 @@ from shapefit.config import ConvertConfig
 from shapefit.config.commands.input import InputConfig
 from shapefit.errors import abbreviate, input_error
 from shapefit.io import LandmarkSource, ShapeSource, open_landmarks, open_shapes
-from shapefit.io.formats import find_target_format
+from shapefit.io.formats import CSV, find_target_format
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.listing import Kind, find_kind
 from shapefit.io.options import InputOptions, OutputOptions, input_options
@@ -23,6 +23,9 @@ from shapefit.io.writing import record_writer
 from shapefit.pipelines.outcome import Outcome, nothing_in
 
 FORMS = {"landmarks": LANDMARKS, "shapes": SHAPES, "result": RESULTS}
+
+OBEYED = ("individual",)
+"""Keys of `input` that are obeyed here, for files of ours, too."""
 
 Source = LandmarkSource | ShapeSource | ResultSource
 
@@ -37,6 +40,9 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
         raise input_error(config.files[0], found, "give landmarks, shapes or results")
     if kind == "result":
         _check_keys_of_results(config.input)
+    if config.frame_rate is not None and target is CSV:
+        found = "`frame_rate` has no effect here: CSV does not hold it"
+        raise input_error("frame_rate", found, "leave it out, or write .h5 or .parquet")
     placed = OutputOptions(
         height=config.height, unit=config.unit, up=config.up, world_unit=config.world_unit
     )
@@ -83,9 +89,9 @@ def find_common_kind(files: Sequence[Path], options: InputOptions) -> Kind:
 
 def _open(kind: Kind, files: Sequence[Path], options: InputOptions) -> Source:
     if kind == "landmarks":
-        return open_landmarks(files, options)
+        return open_landmarks(files, options, obeyed=OBEYED)
     if kind == "shapes":
-        return open_shapes(files, options, gaps=True)
+        return open_shapes(files, options, gaps=True, obeyed=OBEYED)
     return open_results(files, without=())
 
 
