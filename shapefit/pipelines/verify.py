@@ -332,7 +332,7 @@ def read_chunks(
     """Give out the results, with the landmarks of the same images where they are given."""
     k, _, p = model.atoms.shape
     size = min(max(CHUNK_BYTES // (72 * k + 96 * p), FEWEST), MOST)
-    chunks = results.batches(size)
+    chunks = results.batches(size) if results.count else iter(())
     return (
         ((result, None) for result in chunks)
         if given is None

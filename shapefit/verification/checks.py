@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,7 +42,7 @@ class Check:
     allowed: Floats
     made: Flags
 
-    @property
+    @cached_property
     def missed(self) -> Flags:
         """The images (n,) for which the claim is false."""
         return np.asarray(self.made & ~((self.off <= self.allowed) & (self.allowed < np.inf)))

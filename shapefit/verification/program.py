@@ -178,6 +178,10 @@ def check_program(
         f"{before}relative_gap",
     )
     checks.add(claim, np.abs(stated[name] - gap.value), gap.error, name)
+    if own and not orthogonal:
+        left = relative(images, r, error)
+        off = np.abs(stated["residual"] - left.value)
+        checks.add("residual follows from the fit", off, left.error, "residual")
     if own:
         _check_solution(images, M, r, error, gap, checks)
         size = total + doubt

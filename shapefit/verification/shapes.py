@@ -140,7 +140,7 @@ def check_seen(images: Images, A: Floats, checks: Checks) -> None:
 def check_residual(images: Images, checks: Checks) -> None:
     """Check the relative residual of the landmarks fitted, the weighted ones that were kept."""
     stated, fit = images.columns, images.fit
-    if "residual" not in stated or fit.method == "sequences":
+    if "residual" not in stated or fit.method == "sequences" or "residual" in checks.settled:
         return
     if fit.perspective and not fit.has_posterior:
         return
