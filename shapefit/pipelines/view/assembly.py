@@ -20,7 +20,14 @@ from shapefit.io.options import input_options
 from shapefit.io.skeletons import edges_of
 from shapefit.pipelines.export.origin import fit_dictionary
 from shapefit.pipelines.view.frames import Frames
-from shapefit.pipelines.view.gathering import Gathered, Truth, gather, read_truth, renamed_edges
+from shapefit.pipelines.view.gathering import (
+    Gathered,
+    Truth,
+    as_judged,
+    gather,
+    read_truth,
+    renamed_edges,
+)
 from shapefit.pipelines.view.layers import (
     laid_onto,
     mesh_obstacle,
@@ -50,6 +57,7 @@ def assemble(
             f"Every {_ordinal(frames.step)} of {frames.count:,} frames is shown: with all of "
             f"them the page would be larger than {config.megabytes:g} MB. `items` chooses others."
         )
+    listings = {name: [as_judged(config, one) for one in own] for name, own in listings.items()}
     every = [listing for own in listings.values() for listing in own]
     landmarks = tuple(dict.fromkeys(name for one in every for name in one.landmark_names))
     found = [gather(n, own, frames.index, landmarks, config.match) for n, own in listings.items()]

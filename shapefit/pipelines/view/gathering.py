@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Any
 
@@ -18,7 +18,10 @@ from shapefit.io.foreign.items import FRAME
 from shapefit.io.listing import AnyRecords, Listing, read_chunks
 from shapefit.io.options import input_options
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+from shapefit.io.source import open_results
 from shapefit.lifting.verdict import DOUBT
+from shapefit.pipelines.evaluate.measurement import as_named
+from shapefit.pipelines.joints import INPUT_NAMES
 from shapefit.pipelines.view.frames import Frames
 
 CAMERA = ("camera_translation", "focal", "principal_point")
@@ -73,6 +76,8 @@ def gather(
     for listing in listings:
         columns = np.array([column[landmark] for landmark in listing.landmark_names], dtype=np.intp)
         for chunk in read_chunks(listing, OF_RESULTS):
+            if isinstance(chunk, ResultSet) and chunk.landmark_names != listing.landmark_names:
+                chunk = as_named(chunk, listing.landmark_names).without(["edges"])
             rows = np.array(
                 [r for r, item in enumerate(chunk.items) if item in index], dtype=np.intp
             )
@@ -172,6 +177,20 @@ class Truth:
     shapes: ShapeSet
     rows: NDArray[np.intp]
     points: Floats
+
+
+def as_judged(config: ViewConfig, listing: Listing) -> Listing:
+    """Return a result with the landmarks that `eval` compares with the truth of the config.
+
+    Those are a detector's landmarks, where more of the truth's names are of these than of joints.
+    """
+    if not config.truth or listing.kind != "result" or INPUT_NAMES not in listing.datasets:
+        return listing
+    with open_shapes(config.truth, input_options(config.input), gaps=True) as source:
+        names = source.head.landmark_names
+    with open_results([listing.path]) as results:
+        judged = as_named(results.head, names)
+    return replace(listing, landmark_names=judged.landmark_names)
 
 
 def read_truth(

@@ -235,3 +235,20 @@ def test_shapes_of_another_tool_may_have_gaps(tmp_path):
     scene = make_page(ViewConfig(files={"gaps": (file,)}, output=tmp_path / "page.html")).scene
     (layer,) = scene.layers
     assert np.isnan(layer.points[:, 0, 2]).sum() == 4
+
+
+def test_a_truth_of_the_detectors_landmarks_is_compared_as_eval_does(desk):
+    """A result has joints and the landmarks of its files; the truth names the latter."""
+    own = desk.shapes(6)
+    columns = {
+        "landmarks": desk.shapes(6)[:, :2].swapaxes(1, 2),
+        "input_shapes": own.swapaxes(1, 2),
+        "input_landmark_names": np.array([f"detected_{name}" for name in "abcde"], dtype=object),
+        "edges": np.array([[0, 4]]),
+    }
+    truth = desk.truth(landmark_names=[f"detected_{name}" for name in "abcde"])
+    made = desk.view(desk.result(extras=columns), truth=(truth,))
+    measures = made.data["layers"][0]["measures"]
+    (error,) = (one["values"] for one in measures if one["name"] == "error")
+    expected = metrics.similarity(own, read_shapes([truth]).shapes)
+    np.testing.assert_allclose(decoded(error), expected, rtol=0.004)
