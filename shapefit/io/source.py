@@ -47,6 +47,9 @@ a centre in a unit of their own."""
 MOST_HELD = 1 << 21
 """Landmarks of all items and files together that are held, some 50 MB; more are read again."""
 
+BLOCK = 1 << 12
+"""Images by which landmarks are first looked at."""
+
 GAP = 1 << 10
 """Rows that are read and dropped rather than begun anew behind them."""
 
@@ -507,6 +510,9 @@ def in_pixels(images: LandmarkSet, options: InputOptions, name: str) -> Landmark
 
     Raises InputError for fractions without `image_size`.
     """
+    first = images.landmarks[:BLOCK]
+    if np.isfinite(first).any() and not are_fractions(first[np.isfinite(first)]):
+        return images  # whatever the others are; a copy of all would be half of what is held
     placed = images.landmarks[np.isfinite(images.landmarks)]
     if not are_fractions(placed) or (placed < 0).mean() > CENTRED:
         return images
