@@ -74,7 +74,6 @@ class PosteriorOptions:
     widening       factor of all covariances, for bodies and motions that the prior lacks
     views          views, spread evenly, to start from besides that of the convex program
     covariance     whether the covariance of all landmarks together is wanted
-    max_rounds     most steps from one start under one component
     """
 
     misfit: float = 0.01
@@ -84,7 +83,6 @@ class PosteriorOptions:
     widening: float = 1.0
     views: int = 0
     covariance: bool = False
-    max_rounds: int = 30
 
 
 @dataclass(frozen=True, kw_only=True)

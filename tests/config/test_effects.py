@@ -58,7 +58,6 @@ IDLE = {
         "posterior.implausible=0.5": "",
         "posterior.widest=0.5": "",
         "posterior.views=3": "",
-        "posterior.max_rounds=3": "",
         "sequences.lengths=a.csv": "method=posterior",
         "solver.tolerance=0.01": "method=alternate",
         "solver.max_iterations=9": "method=pmp",

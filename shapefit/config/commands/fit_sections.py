@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, model_validator
 
-from shapefit.config.model import MOST_STEPS, ConfigModel, FromLists
+from shapefit.config.model import ConfigModel, FromLists
 from shapefit.config.paths import OF_THE_DATA, Expected, Folder, OptionalInputPath
 from shapefit.lifting.methods import PosteriorOptions
 from shapefit.lifting.options import PerspectiveOptions
@@ -146,8 +146,6 @@ class PosteriorConfig(ConfigModel):
     HDF5)."""
     csv_deviations: bool = False
     """CSV: also write the standard deviations, as sd_x, sd_y, sd_z."""
-    max_rounds: int = Field(default=PosteriorOptions.max_rounds, ge=1, le=MOST_STEPS)
-    """Maximum steps per start and component."""
     implausible: float = Field(default=0.05, ge=0, lt=1)
     """Images with a plausibility below this are not to be trusted."""
     widest: float = Field(default=0.8, gt=0)
