@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, judge
 from shapefit.dictionary.from_2d.learning import learn
 from shapefit.evaluation.metrics import similarity
-from shapefit.evaluation.tables.document import markdown_table
+from shapefit.evaluation.report import markdown_table
 from shapefit.geometry.normalisation import spread
 from shapefit.geometry.rotations import turn_about_axis
 from shapefit.io import LandmarkSet, landmark_writer, open_landmarks, read_results, read_shapes

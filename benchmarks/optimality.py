@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.evaluation.tables.document import markdown_table
+from shapefit.evaluation.report import markdown_table
 
 METHODS = {"Convex+refine": "refine", "Alternate, c >= 0": "alternate-nonnegative"}
 WITHIN = 0.01

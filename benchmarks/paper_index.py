@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import optimality, rotation_recovery
-from shapefit.evaluation.tables.document import markdown_table
+from shapefit.evaluation.report import markdown_table
 from shapefit.io.whole.atomic import atomic_path
 
 PUBLISHED_MILLISECONDS = {"convex": 330, "alternate": 440, "pmp": 3020}

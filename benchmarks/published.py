@@ -9,19 +9,25 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
 
-from shapefit.evaluation.calibration import Coverage, Kept
+from benchmarks.oracles import oracle_rows
+from shapefit.evaluation.calibration import Coverage
 from shapefit.evaluation.recovery import Place, shares_table
-from shapefit.evaluation.report import Method, Report, Solving
-from shapefit.evaluation.summary import Summary
-from shapefit.evaluation.tables.csv_json import report_json
-from shapefit.evaluation.tables.errors_document import markdown
+from shapefit.evaluation.report import (
+    Method,
+    Report,
+    Solving,
+    as_markdown,
+    report_blocks,
+    report_json,
+)
+from shapefit.evaluation.summaries import Kept, Summary
 from shapefit.io.whole.folder import Write, write_folder
 
 QUOTED = Path(__file__).with_name("published.yaml")
@@ -30,7 +36,7 @@ OF_A_REPORT = {"methods", "summaries", "published", "caveats", "warnings"}
 OF_ERROR_BARS = {"calibration", "trusted", "without_error_bars", "parallel_error_bars"}
 
 
-def beside_errors(name: str, folder: Path) -> str:
+def beside_errors(name: str, folder: Path, oracles: Sequence[Summary] = ()) -> str:
     """Add rows and caveats to the report of an evaluation; return its page."""
     quoted = _quoted(name)
     known = _read(folder / "report.json")
@@ -45,7 +51,7 @@ def beside_errors(name: str, folder: Path) -> str:
             )
             for method in known["methods"]
         ),
-        summaries=tuple(Summary(**_with_nan(summary)) for summary in known["summaries"]),
+        summaries=(*(Summary(**_with_nan(s)) for s in known["summaries"]), *oracles),
         published=quoted["rows"],
         caveats=tuple(quoted["caveats"]),
         warnings=tuple(known["warnings"]),
@@ -57,7 +63,7 @@ def beside_errors(name: str, folder: Path) -> str:
             key: value for key, value in known.items() if key not in OF_A_REPORT | OF_ERROR_BARS
         },
     )
-    page = markdown(report)
+    page = as_markdown(report_blocks(report))
     plots = (folder / "report.md").read_text(encoding="utf-8").partition("\n## Plots\n")
     write_folder(
         folder,
@@ -113,8 +119,8 @@ def beside_shares(folder: Path) -> str:
 def _heat_maps(panels: dict[str, dict[Place, float]]) -> dict[str, Write]:
     if find_spec("matplotlib") is None:
         return {}
-    from shapefit.evaluation.plots.experiment_plots import heat_maps
-    from shapefit.evaluation.plots.style import writers
+    from shapefit.evaluation.experiment_plots import heat_maps
+    from shapefit.evaluation.plots import writers
 
     return {**writers("recovery", heat_maps(panels, "landmarks p", "atoms in use z"))}
 
@@ -151,7 +157,7 @@ def _text(text: str) -> Write:
 
 REPORTS: dict[str, Callable[[Path], str]] = {
     "mocap": lambda folder: beside_errors("mocap", folder),
-    "cars": lambda folder: beside_errors("cars", folder),
+    "cars": lambda folder: beside_errors("cars", folder, oracle_rows(folder)),
     "recovery": beside_shares,
 }
 

@@ -22,7 +22,7 @@ from shapefit.arrays import Floats
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
 from shapefit.convex.solution import Status
-from shapefit.evaluation.tables.document import markdown_table
+from shapefit.evaluation.report import markdown_table
 from shapefit.geometry.rotations import random_rotations, rotation_angle
 from shapefit.io.whole.atomic import atomic_path
 from shapefit.lifting.methods import Settings, choose_method

@@ -23,7 +23,7 @@ from benchmarks.cases import LAMBDA, Case, cars_case, hide, mocap_case
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
 from shapefit.convex.solution import Status
-from shapefit.evaluation.tables.document import markdown_table
+from shapefit.evaluation.report import markdown_table
 from shapefit.lifting.methods import SearchOptions, Settings, choose_method
 
 IMAGES = 256

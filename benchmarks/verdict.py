@@ -16,7 +16,7 @@ import h5py
 import numpy as np
 
 from benchmarks.detected import FOLDER, WITH_BARS
-from shapefit.evaluation.tables.document import markdown_table
+from shapefit.evaluation.report import markdown_table
 
 
 def errors_of(folder: Path, method: str) -> dict[str, float]:

@@ -8,7 +8,7 @@ from benchmarks.footage import SIZE, choose_clips, film, gaps, lasting_noise, lo
 from shapefit.evaluation.metrics import similarity
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import read_shapes
-from shapefit.pipelines.evaluate.measurement import as_named
+from shapefit.pipelines.evaluate.judge import with_shapes_of
 from tests.io.files import load
 from tests.pipelines.fitted import fit_images
 
@@ -20,7 +20,7 @@ def error(tmp_path):
     """Mean normalised similarity error of landmarks lifted by the dictionary people."""
 
     def error(images, truth, names, **keys):
-        found = as_named(fit_images(tmp_path, images, "people", **keys)[0], names)
+        found = with_shapes_of(fit_images(tmp_path, images, "people", **keys)[0], names)
         rows = [truth.items.index(item) for item in found.items]
         true = truth.shapes[rows][..., [truth.landmark_names.index(name) for name in names]]
         own = found.shapes[..., [found.landmark_names.index(name) for name in names]]

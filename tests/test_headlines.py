@@ -141,7 +141,7 @@ def paper_report(project: Path, data: Path, folder: Path, every: int) -> dict:
     if every > 1:  # the posterior, by the dictionary of the package, which has seen both subjects
         own["People"] = "results/paper/people.h5"
         run("fit", "people/fit", str(views), "-d", "people", "-o", own["People"])
-    run("eval", "paper/eval", "--set", "examples=0", "--set", f"results={json.dumps(own)}")
+    run("eval", "paper/eval", "--set", f"results={json.dumps(own)}")
     return report(folder / "results/paper/mocap/report.csv")
 
 

@@ -89,6 +89,12 @@ EFFECTS: dict[str, tuple[Effect, ...]] = {
             "with `outliers: {method: ransac}`",
         ),
         Effect(
+            ("outliers.lambda",),
+            lambda fit: fit.outliers.method == "truncated",
+            ("outliers", "outliers.method"),
+            "with `outliers: {method: truncated}`",
+        ),
+        Effect(
             ("camera.image_size",),
             lambda fit: fit.camera.model == "auto" and METHODS[fit.method].perspective == "own",
             ("camera", "camera.model", "method"),
@@ -165,9 +171,6 @@ EFFECTS: dict[str, tuple[Effect, ...]] = {
             lambda eval: {"camera", "rotation"} & set(eval.metrics) or eval.calibration,
             ("metrics", "calibration"),
             "for the metrics camera and rotation, and for `calibration`",
-        ),
-        Effect(
-            ("examples",), lambda eval: eval.plots, ("plots",), "with `plots`, of which they are"
         ),
     ),
     "view": (

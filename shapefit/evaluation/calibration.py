@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cache
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
-from shapefit.evaluation.averages import labels_of, mean
+from shapefit.arrays import Flags, Floats
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, placed_apart, visible_in_both
-from shapefit.evaluation.summary import ImageErrors, group_sequences
+from shapefit.evaluation.summaries import labels_of
 
 LEVELS = (0.5, 0.9)
 """Nominal shares of the truth inside the ellipsoids that are reported."""
@@ -31,24 +28,24 @@ INSIDE = f"inside_{100 * WIDTH_OF:.0f}"
 CURVE = tuple(np.linspace(0, 1, 41).tolist())
 """Nominal levels at which the share of all landmarks is drawn."""
 
-SQUARES = np.exp(np.linspace(-14, 5, 3801))
-"""Squared Mahalanobis distances up to which landmarks are counted, beside those of the levels."""
-
-BELOW = 40
-"""Last bits of a width that are left out where widths are counted: an eight-thousandth of it."""
+FARTHEST = math.exp(5)
+"""Squared Mahalanobis distance beyond which no factor makes error bars true."""
 
 SMALLEST = 1e-12
 """Share of a variance that is left where correlations leave none."""
 
+PAIRS = ((0, 1), (0, 2), (1, 2))
+"""Coordinates of a landmark, in the order of the correlations."""
+
 
 @dataclass(frozen=True)
 class ErrorBars:
-    """The truth in the error bars of n images of one method, in one of its files.
+    """The truth in the error bars of n images of one method.
 
-    square (n, p): the squared Mahalanobis distance of the truth, chi^2 with 3 degrees of freedom
-    where error bars are true; width (n, p): root of the mean squared semi-axis of the 90%
-    ellipsoid, by unit. nan where there is no truth or no error bar. parallel: without
-    correlations, so that the ellipsoids are parallel to the axes of the camera.
+    landmarks (p), sequences (n); square (n, p): the squared Mahalanobis distance of the truth,
+    chi^2 with 3 degrees of freedom where error bars are true; width (n, p): root of the mean
+    squared semi-axis of the 90% ellipsoid, by unit. nan where there is no truth or no error bar.
+    parallel: without correlations, so that the ellipsoids are parallel to the axes of the camera.
     """
 
     landmarks: tuple[str, ...]
@@ -62,8 +59,8 @@ class ErrorBars:
 class Coverage:
     """How often the truth of one landmark of a group, or of all (`landmark` None), is inside.
 
-    judged landmarks; inside, the share of each of `LEVELS`; the median width by unit, to four
-    digits. Every image of the group has the same weight.
+    judged landmarks; inside, the share of each of `LEVELS`; the median width by unit. Every image
+    of the group has the same weight.
     """
 
     method: str
@@ -118,13 +115,13 @@ def mahalanobis(z: Floats, correlation: Floats | None) -> Floats:
     return found
 
 
-class _Radii(NamedTuple):
-    """Squared radii up to which landmarks are counted, the last infinite; the places of some."""
-
-    all: Floats
-    of_levels: NDArray[np.intp]
-    of_curve: NDArray[np.intp]
-    of_squares: NDArray[np.intp]
+def correlations_of(covariance: Floats) -> Floats:
+    """Correlations (n, 3, p) of the coordinates of each landmark, from covariance (n, 3p, 3p)."""
+    n, size, _ = covariance.shape
+    own = np.einsum("npapb->nabp", covariance.reshape(n, size // 3, 3, size // 3, 3))
+    sd = np.sqrt(np.einsum("naap->nap", own))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.stack([own[:, a, b] / (sd[:, a] * sd[:, b]) for a, b in PAIRS], axis=1)
 
 
 def quantile(level: float) -> float:
@@ -141,139 +138,95 @@ def quantile(level: float) -> float:
     return high
 
 
-@cache
-def _radii() -> _Radii:
-    parts = [*(np.array([*map(quantile, nominal)]) for nominal in (LEVELS, CURVE)), SQUARES]
-    radii = np.unique(np.concatenate(parts))
-    return _Radii(radii, *(np.searchsorted(radii, part) for part in parts))
+def join_bars(parts: Sequence[ErrorBars]) -> ErrorBars:
+    """Return the error bars of several files of one method; nan where a file lacks a landmark."""
+    names = tuple(dict.fromkeys(name for part in parts for name in part.landmarks))
+
+    def joined(arrays: Iterable[Floats]) -> Floats:
+        wide = []
+        for part, values in zip(parts, arrays, strict=True):
+            own = np.full((len(values), len(names)), np.nan)
+            own[:, [names.index(name) for name in part.landmarks]] = values
+            wide.append(own)
+        return np.concatenate(wide)
+
+    return ErrorBars(
+        landmarks=names,
+        sequences=tuple(name for part in parts for name in part.sequences),
+        square=joined(part.square for part in parts),
+        width={unit: joined(part.width[unit] for part in parts) for unit in parts[0].width},
+        parallel=any(part.parallel for part in parts),
+    )
 
 
-class _Counts:
-    """Landmarks by the squared distance of the truth, and by width in a unit."""
-
-    def __init__(self) -> None:
-        self.within = np.zeros(len(_radii().all), np.int64)
-        self.widths: dict[str, tuple[NDArray[np.int64], NDArray[np.int64]]] = {}
-
-    @classmethod
-    def of(cls, square: Floats, width: Mapping[str, Floats]) -> _Counts:
-        """Count those of one landmark (n,)."""
-        counts = cls()
-        counts.within = np.searchsorted(np.sort(square), _radii().all, side="right")
-        for unit, values in width.items():
-            leading = values[~np.isnan(values)].view(np.int64) >> BELOW
-            counts.widths[unit] = np.unique(leading, return_counts=True)
-        return counts
-
-    def add(self, other: _Counts) -> None:
-        """Add the landmarks of other counts."""
-        self.within = self.within + other.within
-        for unit, own in other.widths.items():
-            both = (own, self.widths.get(unit, (own[0][:0], own[1][:0])))
-            leading, counts = map(np.concatenate, zip(*both, strict=True))
-            found, places = np.unique(leading, return_inverse=True)
-            self.widths[unit] = found, np.bincount(places, counts, len(found)).astype(np.int64)
-
-    def median_width(self, unit: str) -> float:
-        """Return the median width in a unit; nan of none."""
-        leading, counts = self.widths[unit]
-        within = np.cumsum(counts)
-        if not len(within):
-            return float("nan")
-        middle = np.searchsorted(within, [(within[-1] - 1) // 2, within[-1] // 2], side="right")
-        return float(((leading[middle] << BELOW) + (1 << BELOW - 1)).view(np.float64).mean())
+def by_group(bars: ErrorBars, grouping: Mapping[str, Sequence[str]]) -> dict[str, ErrorBars]:
+    """Return the error bars of the images of each group, of those that have any."""
+    labels = labels_of(bars.sequences)
+    found = {group: _take(bars, labels.among(members)) for group, members in grouping.items()}
+    return {group: own for group, own in found.items() if not np.isnan(own.square).all()}
 
 
-class Coverages:
-    """Counts how the truth lies in the error bars of one method, group by group.
+def _take(bars: ErrorBars, rows: Flags) -> ErrorBars:
+    if rows.all():
+        return bars
+    width = {unit: values[rows] for unit, values in bars.width.items()}
+    return replace(bars, square=bars.square[rows], width=width)
 
-    parallel: whether those of any file are. Counts do not depend on how results are divided into
-    files.
+
+def cover(method: str, group: str, bars: ErrorBars) -> list[Coverage]:
+    """Sum up the error bars of a group: all its landmarks, then one by one."""
+    columns: list[tuple[str | None, NDArray[np.intp]]] = [
+        (None, np.arange(len(bars.landmarks))),
+        *((name, np.array([j])) for j, name in enumerate(bars.landmarks)),
+    ]
+    found = []
+    for landmark, own in columns:
+        square = bars.square[:, own]
+        judged = int((~np.isnan(square)).sum())
+        inside = [int((square <= quantile(level)).sum()) for level in LEVELS]
+        shares = tuple(count / judged if judged else math.nan for count in inside)
+        widths = {unit: _median(values[:, own]) for unit, values in bars.width.items()}
+        found.append(Coverage(method, group, landmark, judged, shares, widths))
+    return found
+
+
+def _median(widths: Floats) -> float:
+    """Median of the widths that are known; nan of none.
+
+    The two in the middle are cut to 12 bits behind the point, so that it is the same on every
+    machine: the last bits of a width are not.
     """
-
-    def __init__(self, groups: Mapping[str, str]) -> None:
-        """Take the groups, name -> glob, as `group_sequences` does."""
-        self.parallel = False
-        self._groups = groups
-        self._every: dict[str, _Counts] = {}
-        self._counts: dict[str, dict[str, _Counts]] = {}
-
-    def add(self, bars: ErrorBars) -> None:
-        """Add the images of a file."""
-        self.parallel |= bars.parallel
-        sequences = labels_of(bars.sequences)
-        every = _count(bars, slice(None))
-        _add(self._every, every)
-        for group, members in group_sequences(self._groups, filter(None, sequences.names)).items():
-            rows = sequences.among(members)
-            if rows.any():
-                own = every if rows.all() else _count(bars, rows)
-                _add(self._counts.setdefault(group, {}), own)
-
-    def cover(self, method: str, grouping: Mapping[str, Sequence[str]]) -> list[Coverage]:
-        """Sum up each group: all its landmarks, then one by one; groups without any are left out.
-
-        The groups are those of `grouping`, in its order.
-        """
-        found = []
-        for group in grouping:
-            counts = self._counts.get(group, {})
-            whole = _sum(counts.values())
-            if whole.within[-1]:
-                found.append(_coverage(whole, method, group, None))
-                found += [_coverage(own, method, group, name) for name, own in counts.items()]
-        return found
-
-    def curve(self, group: str) -> list[float]:
-        """Share of the truth of a group inside the ellipsoid of each level of `CURVE`."""
-        within = _sum(self._counts[group].values()).within
-        return [int(count) / int(within[-1]) for count in within[_radii().of_curve]]
-
-    def find_factors(self) -> dict[str, float | None]:
-        """Return how many times as wide error bars are true at each of `LEVELS`, by its name.
-
-        sqrt(r / q) for the distance r that as many of the m landmarks do not exceed as split
-        conformal prediction asks for, ceil((m + 1) level), and the quantile q of chi^2. None
-        where these are too few, or bars too narrow by more than 3 times.
-        """
-        radii, found = _radii(), {}
-        every = _sum(self._every.values()).within
-        for nominal, q in zip(LEVELS, radii.all[radii.of_levels], strict=True):
-            wanted = np.ceil((every[-1] + 1) * nominal)
-            at = int(np.searchsorted(every[radii.of_squares], wanted))
-            there = at < len(SQUARES)
-            found[f"{100 * nominal:.0f}%"] = float(np.sqrt(SQUARES[at] / q)) if there else None
-        return found
+    known = widths[~np.isnan(widths)]
+    if not len(known):
+        return math.nan
+    places = [(len(known) - 1) // 2, len(known) // 2]
+    middle = np.partition(known, places)[places].view(np.int64) >> 40
+    return float(((middle << 40) + (1 << 39)).view(np.float64).mean())
 
 
-def _count(bars: ErrorBars, rows: NDArray[np.bool_] | slice) -> dict[str, _Counts]:
-    """Count the landmarks of some images, by name."""
-    square = bars.square[rows].T
-    width = {unit: values[rows].T for unit, values in bars.width.items()}
-    return {
-        name: _Counts.of(square[j], {unit: values[j] for unit, values in width.items()})
-        for j, name in enumerate(bars.landmarks)
-    }
+def curve(bars: ErrorBars) -> list[float]:
+    """Share of the truth inside the ellipsoid of each level of `CURVE`."""
+    known = np.sort(bars.square[~np.isnan(bars.square)])
+    within = np.searchsorted(known, [quantile(level) for level in CURVE], side="right")
+    return [int(count) / len(known) for count in within]
 
 
-def _add(counts: dict[str, _Counts], further: Mapping[str, _Counts]) -> None:
-    for name, own in further.items():
-        counts.setdefault(name, _Counts()).add(own)
+def widening_factors(bars: ErrorBars) -> dict[str, float | None]:
+    """Return how many times as wide error bars are true at each of `LEVELS`, by its name.
 
-
-def _sum(parts: Iterable[_Counts]) -> _Counts:
-    total = _Counts()
-    for part in parts:
-        total.add(part)
-    return total
-
-
-def _coverage(counts: _Counts, method: str, group: str, landmark: str | None) -> Coverage:
-    n = int(counts.within[-1])
-    inside = counts.within[_radii().of_levels].tolist()
-    shares = tuple(count / n if n else float("nan") for count in inside)
-    width = {unit: counts.median_width(unit) for unit in counts.widths}
-    return Coverage(method, group, landmark, n, shares, width)
+    sqrt(r / q) for the distance r that as many of the m landmarks do not exceed as split
+    conformal prediction asks for, ceil((m + 1) level), and the quantile q of chi^2. None
+    where these are too few, or lie beyond `FARTHEST`.
+    """
+    known = np.sort(bars.square[~np.isnan(bars.square)])
+    found: dict[str, float | None] = {}
+    for level in LEVELS:
+        rank = math.ceil((len(known) + 1) * level)
+        there = rank <= len(known) and known[rank - 1] <= FARTHEST
+        # A little more, so that rounding leaves none of them out.
+        factor = math.sqrt(known[rank - 1] / quantile(level)) * (1 + 1e-9) if there else None
+        found[f"{100 * level:.0f}%"] = factor
+    return found
 
 
 def image_shares(bars: ErrorBars) -> tuple[NDArray[np.intp], Floats]:
@@ -284,60 +237,3 @@ def image_shares(bars: ErrorBars) -> tuple[NDArray[np.intp], Floats]:
     judged = ~np.isnan(bars.square)
     rows = np.flatnonzero(judged.any(axis=1))
     return rows, (bars.square[rows] <= QUANTILE).sum(axis=1) / judged[rows].sum(axis=1)
-
-
-LEAST_TRUSTED = 0.1
-"""Share of the images of a group that is left out, the least plausible ones."""
-
-
-@dataclass(frozen=True)
-class Kept:
-    """Mean error over the images of a group, and over those that are kept.
-
-    Every image has the same weight. `plausibility` is the least that was kept.
-    """
-
-    method: str
-    metric: str
-    unit: str
-    group: str
-    images: int
-    mean: float
-    kept: int
-    mean_kept: float
-    plausibility: float
-
-
-def keep_trusted(errors: ImageErrors, grouping: Mapping[str, Sequence[str]]) -> list[Kept]:
-    """Leave out the least plausible tenth of each group, rounded down; ties by order of images.
-
-    Images without an error or a plausibility do not count, nor do groups without any other.
-    """
-    if errors.plausibility is None:
-        return []
-    values, trust = errors.values[:], errors.plausibility[:]
-    both = ~np.isnan(values) & ~np.isnan(trust)
-    found = []
-    for group, members in grouping.items():
-        rows = np.flatnonzero(errors.sequences.among(members) & both)
-        if not len(rows):
-            continue
-        left_out, own = int(LEAST_TRUSTED * len(rows)), trust[rows]
-        least = np.partition(own, left_out)[left_out]
-        out = own < least
-        out[np.flatnonzero(own == least)[: left_out - out.sum()]] = True
-        kept = rows[~out]
-        found.append(
-            Kept(
-                method=errors.method,
-                metric=errors.metric,
-                unit=errors.unit,
-                group=group,
-                images=len(rows),
-                mean=mean(values[rows]),
-                kept=len(kept),
-                mean_kept=mean(values[kept]),
-                plausibility=float(least),
-            )
-        )
-    return found

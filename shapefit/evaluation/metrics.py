@@ -6,7 +6,11 @@ on either side. An image with too few landmarks left has the error nan: it faile
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit import core
 from shapefit.arrays import Flags, Floats
@@ -115,3 +119,22 @@ def _share(part: Flags, whole: Flags) -> Floats:
     count = whole.sum(axis=-1)
     nothing = np.full(len(count), np.nan)
     return np.divide(part.sum(axis=-1), count, out=nothing, where=count > 0)
+
+
+TOGETHER = 1 << 10
+"""Images that are measured together: what is made of them stays in the processor's cache."""
+
+
+def in_blocks(measure: Callable[..., Any], *arrays: NDArray[Any] | None) -> Any:
+    """Return what a function of images, on their first axis, makes of arrays; some at a time.
+
+    It returns an array (n, ...) or a tuple of them.
+    """
+    count = next(len(array) for array in arrays if array is not None)
+    parts = [
+        measure(*(None if array is None else array[row : row + TOGETHER] for array in arrays))
+        for row in range(0, count, TOGETHER)
+    ]
+    if isinstance(parts[0], tuple):
+        return tuple(map(np.concatenate, zip(*parts, strict=True)))
+    return np.concatenate(parts)

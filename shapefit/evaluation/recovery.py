@@ -15,8 +15,7 @@ from shapefit.arrays import Floats
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, build_problem
 from shapefit.convex.solution import Status
-from shapefit.evaluation.tables.csv_json import as_json, write_table
-from shapefit.evaluation.tables.document import markdown_table
+from shapefit.evaluation.report import as_json, markdown_table, table_text
 from shapefit.geometry.rotations import random_rotations
 
 
@@ -144,7 +143,8 @@ class RecoveryGrid:
 def write_csv(path: Path, grid: RecoveryGrid) -> None:
     """Write recovery.csv, one row per cell; `success` is a share."""
     rows = ((c.p, c.z, len(c.attempts), c.success) for c in grid.cells)
-    write_table(path, ("p", "z", "trials", "success"), rows)
+    text = table_text(("p", "z", "trials", "success"), rows)
+    path.write_text(text, encoding="utf-8")
 
 
 def grid_json(grid: RecoveryGrid) -> str:

@@ -10,20 +10,17 @@ from typing import Any
 
 import numpy as np
 
-from shapefit.evaluation.averages import by_name, percentiles
 from shapefit.evaluation.metric_table import METRICS
-from shapefit.evaluation.summary import ALL, ImageErrors, summarise
-from shapefit.evaluation.tables.csv_json import as_json, write_table
-from shapefit.evaluation.tables.document import (
+from shapefit.evaluation.report import (
     ABSENT,
     HOW_TO_READ_PAIRS,
-    Block,
-    Table,
-    Title,
+    as_json,
     as_markdown,
+    markdown_table,
     pairs,
-    percent,
+    table_text,
 )
+from shapefit.evaluation.summaries import ALL, ImageErrors, of_sequences, summarise, without_nan
 
 Value = str | bool | int | float
 
@@ -96,9 +93,9 @@ def points(
     """
     summaries = summarise(errors, grouping)
     quartiles = {
-        name: percentiles(known, (25, 75))
-        for name, _, known in by_name(errors.values, errors.sequences)
-        if len(known)
+        name: np.percentile(known, (25, 75))
+        for name, own in of_sequences(errors).items()
+        if len(known := without_nan(own))
     }
     found = []
     for group in (summary for summary in summaries if summary.sequence is None):
@@ -140,7 +137,8 @@ def write_csv(path: Path, sweep: Sweep) -> None:
         {"key": sweep.key, **asdict(point), "value": value_text(point.value)}
         for point in sweep.points
     )
-    write_table(path, COLUMNS, ([row[column] for column in COLUMNS] for row in known))
+    rows = ([row[column] for column in COLUMNS] for row in known)
+    path.write_text(table_text(COLUMNS, rows), encoding="utf-8")
 
 
 def sweep_json(sweep: Sweep) -> str:
@@ -154,7 +152,7 @@ def markdown(sweep: Sweep) -> str:
     return as_markdown(document(sweep))
 
 
-def document(sweep: Sweep) -> list[Block]:
+def document(sweep: Sweep) -> list[str]:
     """One table: values down, mean and median of each group in each metric and the time across.
 
     Where images failed, the share of those that did not stands behind the errors of their group.
@@ -173,13 +171,13 @@ def document(sweep: Sweep) -> list[Block]:
     rows = [
         [value_text(v), *(column.get(v, ABSENT) for column in columns.values())] for v in values
     ]
-    parts: list[Block] = [Title(f"Error against {sweep.key}"), HOW_TO_READ_PAIRS]
+    parts: list[str] = [f"# Error against {sweep.key}", HOW_TO_READ_PAIRS]
     if any(METRICS[point.metric].of_labels for point in sweep.points):
         parts.append(_LABELS)
-    parts += [Table([sweep.key, *columns], rows), _TIMES]
+    parts += [markdown_table([sweep.key, *columns], rows), _TIMES]
     return parts
 
 
 def _share_with_shape(point: Point) -> str:
     images = point.images + point.failed
-    return percent(point.images / images, 0) if images else ABSENT
+    return f"{math.floor(100 * point.images / images + 1e-9)} %" if images else ABSENT

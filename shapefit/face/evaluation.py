@@ -13,12 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from shapefit.config import EvalConfig
 from shapefit.errors import input_error
-from shapefit.evaluation.summary import Summary, summarise
+from shapefit.evaluation.summaries import Summary, group_sequences, summarise
 from shapefit.face.options import config_of, default
 from shapefit.face.records import Fit, Shapes, result_set, shape_set
 from shapefit.io.source import source_of
-from shapefit.pipelines.evaluate.judgement import find_grouping, image_errors, judge
-from shapefit.pipelines.evaluate.measurement import visible_enough
+from shapefit.pipelines.evaluate.judge import Truth, judge
 
 FILES = {"results": {"result": "-"}, "truth": (Path("truth"),), "output": Path("report")}
 """What stands for the files of the command in messages."""
@@ -78,11 +77,12 @@ def evaluate(
             found = f"has {len(true)} shapes for {len(record)} images"
             raise input_error("truth", found, "give one for each, or name them: Shapes(..., items)")
         true = type(true)(**{**vars(true), "items": record.items})
-    record, messages = visible_enough(Path("result"), record, config.least_visible)
-    judged = judge(Path("result"), record, lambda _: true, config.match, config.metrics)
-    errors = image_errors("result", judged)
-    grouping, ungrouped = find_grouping(config.groups, errors)
-    for message in (*messages, *judged.warnings, *ungrouped):
+    asked = config.model_copy(update={"calibration": False})
+    judged = judge(Path("result"), record, Truth(true, true.items, true.take), asked)
+    errors = judged.image_errors("result")
+    sequences = (name for each in errors for name in each.sequences.names)
+    grouping, ungrouped = group_sequences(config.groups, sequences)
+    for message in (*judged.warnings, *ungrouped):
         warnings.warn(message, stacklevel=2)
     return Evaluation(
         items=judged.items,

@@ -1,6 +1,6 @@
 """Pictures of fitted shapes: rows of panels, a contact sheet, skeletons side by side.
 
-Functions take arrays and give figures, which need no screen; `shapefit.evaluation.plots.style.save`
+Functions take arrays and give figures, which need no screen; `shapefit.evaluation.plots.save`
 writes them as PNG or SVG.
 """
 

@@ -15,8 +15,8 @@ from shapefit import __version__
 from shapefit.config import SimulateConfig
 from shapefit.errors import counted
 from shapefit.evaluation import recovery
-from shapefit.evaluation.plots.experiment_plots import heat_maps
-from shapefit.evaluation.plots.style import writers as drawings
+from shapefit.evaluation.experiment_plots import heat_maps
+from shapefit.evaluation.plots import writers as drawings
 from shapefit.evaluation.recovery import Attempt, Cell, RecoveryGrid, plant, recover
 from shapefit.io.memory import check_fits
 from shapefit.io.whole.folder import Write, check_folder, write_folder

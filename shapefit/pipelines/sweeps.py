@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import re
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -12,14 +11,15 @@ from pathlib import Path
 import numpy as np
 
 from shapefit import __version__
-from shapefit.config import SweepConfig, ViewConfig
+from shapefit.config import EvalConfig, SweepConfig
 from shapefit.config.commands.fit_sections import ExportConfig, PicturesConfig
 from shapefit.config.commands.sweep import CorruptionConfig, Value
 from shapefit.errors import input_error
+from shapefit.evaluation.experiment_plots import sweep_plot
 from shapefit.evaluation.metric_table import of_labels
-from shapefit.evaluation.plots.experiment_plots import sweep_plot
-from shapefit.evaluation.plots.style import writers as drawings
-from shapefit.evaluation.summary import ImageErrors
+from shapefit.evaluation.plots import writers as drawings
+from shapefit.evaluation.report import as_markdown
+from shapefit.evaluation.summaries import ImageErrors, group_sequences
 from shapefit.evaluation.sweep import (
     Point,
     Sweep,
@@ -40,13 +40,12 @@ from shapefit.io import (
     read_results,
     read_shapes,
 )
-from shapefit.io.csv.writing import write_per_image
+from shapefit.io.csv.writing import per_image_header, per_image_rows
 from shapefit.io.layout import CORRUPTED
 from shapefit.io.whole.folder import Write, check_folder, write_folder
 from shapefit.pipelines import projection as project
 from shapefit.pipelines.drawing import draws_plots, plots_left_out
-from shapefit.pipelines.evaluate.judgement import find_grouping, image_errors, judge
-from shapefit.pipelines.evaluate.report_pages import report_pages
+from shapefit.pipelines.evaluate.judge import Truth, judge
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.imperfections import BATCH, Purpose, corrupt, stream
 from shapefit.pipelines.learn_dict import run as learn_dict
@@ -245,7 +244,8 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         _check_match(config, config.fit.landmarks)
     work = config.output / "work"
     files: Files | None = None
-    truth = read_shapes(config.truth, gaps=True)
+    true = read_shapes(config.truth, gaps=True)
+    truth = Truth(true, true.items, true.take)
     judged: list[ImageErrors] = []
     found: list[Point] = []
     for value in config.values:
@@ -257,49 +257,26 @@ def run(config: SweepConfig) -> Iterator[Outcome]:
         failed = yield from fit_value(config, value, files, result)
         results = read_results(result)
         metrics = _metrics(config, value, results)
-        judgement = judge(result, results, lambda _: truth, config.match, metrics)
+        asked = EvalConfig.model_construct(match=config.match, metrics=metrics, calibration=False)
+        judgement = judge(result, results, truth, asked)
         new = (Failure(i, why) for i, why in judgement.failures.items() if i not in failed)
-        errors = _in_first_units(image_errors(value_text(value), judgement))
-        grouping, ungrouped = find_grouping(config.groups, errors)
+        errors = _in_first_units(judgement.image_errors(value_text(value)))
+        sequences = (name for each in errors for name in each.sequences.names)
+        grouping, ungrouped = group_sequences(config.groups, sequences)
         yield Outcome(
             failures=named(new, setting(config, value)),
-            warnings=judgement.warnings + ungrouped,
+            warnings=(*judgement.warnings, *ungrouped),
         )
         seconds = 1 / float(results.attributes["images_per_second"])
         judged += errors
         found += [point for e in errors for point in points(value, e, grouping, seconds)]
     sweep = Sweep(config.key, tuple(found), _provenance(config))
     writers = _writers(sweep, judged, with_plot=draws)
-    best = best_value(sweep)
-    pages = report_pages(
-        "sweep",
-        document(sweep),
-        writers,
-        [e for e in judged if e.method == value_text(best)],
-        _view_of(config, best) if config.view else None,
-        sweep.provenance,
-    )
-    written = write_folder(config.output, writers | pages.writers)
-    warnings = plots_left_out(config.plots) + pages.warnings
-    yield Outcome(note=markdown(sweep).rstrip(), warnings=warnings, written=written)
-
-
-def best_value(sweep: Sweep) -> Value:
-    """Return the value with the least mean error in the first metric, over its groups."""
-    first = next(iter(sweep.of_metric().values()))
-    means: dict[Value, list[float]] = {}
-    for point in (point for found in first.values() for point in found):
-        means.setdefault(point.value, []).append(point.mean)
-    known = {value: sum(each) / len(each) for value, each in means.items()}
-    return min(known, key=lambda value: (math.isnan(known[value]), known[value]))
-
-
-def _view_of(config: SweepConfig, value: Value) -> ViewConfig | None:
-    """Return what the viewer shows: the fit at one value. None where the truth was a pipe."""
-    if not all(file.is_file() for file in config.truth):
-        return None
-    result = value_folder(config, value) / "result.h5"
-    return ViewConfig(files={value_text(value): (result,)}, truth=config.truth, match=config.match)
+    page = as_markdown([*document(sweep), *(["![sweep](sweep.png)"] if draws else [])])
+    writers["sweep.md"] = lambda path: path.write_text(page, encoding="utf-8")
+    written = write_folder(config.output, writers)
+    note, warnings = markdown(sweep).rstrip(), plots_left_out(config.plots)
+    yield Outcome(note=note, warnings=warnings, written=written)
 
 
 def _check_match(config: SweepConfig, landmarks: Sequence[Path]) -> None:
@@ -338,7 +315,15 @@ def _provenance(config: SweepConfig) -> dict[str, object]:
 
 def _writers(sweep: Sweep, judged: Sequence[ImageErrors], *, with_plot: bool) -> dict[str, Write]:
     writers: dict[str, Write] = {
-        "per_image.csv": lambda path: write_per_image(path, judged, of="value"),
+        "per_image.csv": lambda path: path.write_bytes(
+            b"".join(
+                [
+                    b"value,",
+                    per_image_header().partition(b",")[2],
+                    *(rows for e in judged for rows in per_image_rows(e)),
+                ]
+            )
+        ),
         "sweep.csv": lambda path: write_csv(path, sweep),
         "sweep.json": lambda path: path.write_text(sweep_json(sweep), encoding="utf-8"),
     }

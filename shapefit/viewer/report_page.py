@@ -1,89 +1,72 @@
-"""A report as one HTML file that needs nothing else: tables, plots and pictures inlined."""
+"""A report as one HTML file that needs nothing else: its Markdown with the plots inlined."""
 
 from __future__ import annotations
 
 import json
+import re
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
 from typing import Any
 from urllib.parse import quote
 
-from shapefit.evaluation.tables.document import (
-    Block,
-    Italic,
-    Listing,
-    Picture,
-    Section,
-    Table,
-    Title,
-)
 from shapefit.viewer.page import fill, list_items, resource
 
-
-@dataclass(frozen=True)
-class Card:
-    """One image of a gallery: its item, a line about it, its drawing (SVG of our own making)."""
-
-    item: str
-    line: str
-    drawing: str
-
-
-@dataclass(frozen=True)
-class Gallery:
-    """Images under a heading, such as the worst of a method."""
-
-    heading: str
-    cards: Sequence[Card]
+Links = Mapping[str, Sequence[tuple[str, str]]]
+"""Headings, and below each the items of images with a line about each."""
 
 
 def report_page(
-    blocks: Sequence[Block],
+    blocks: Sequence[str],
     *,
     drawings: Mapping[str, bytes],
-    galleries: Sequence[Gallery] = (),
-    view: str | None = None,
     provenance: Mapping[str, Any],
+    view: str | None = None,
+    links: Links | None = None,
 ) -> str:
     """Return the page.
 
-    `drawings` are the SVG files that pictures among the blocks name; other pictures are links.
-    `view` is the file of the viewer beside the report, which the images link to. Whatever comes
-    from a file is escaped; the Content-Security-Policy forbids foreign code and every request.
+    `blocks` are those of the Markdown; `drawings` the SVG files that pictures among them name,
+    other pictures are links; `links` lead to images in `view`, the file of the viewer beside the
+    report. Whatever comes from a file is escaped; the Content-Security-Policy forbids foreign code
+    and every request.
     """
     body = [_html(block, drawings) for block in blocks]
-    if galleries:
-        body.append("<h2>Images</h2>")
     if view is not None:
-        body.append(f'<p><a href="{_address(view)}">All images, to turn and play</a></p>')
-    body += [_gallery(gallery, view) for gallery in galleries]
+        body.append(f'<h2>Images</h2><p><a href="{_address(view)}">All, to turn and play</a></p>')
+        for heading, images in (links or {}).items():
+            lines = "".join(_link(view, item, line) for item, line in images)
+            body.append(f'<h3>{escape(heading)}</h3><ul class="images">{lines}</ul>')
     body += _provenance(provenance)
-    title = next((block.text for block in blocks if isinstance(block, Title)), "Report")
     return fill(
         resource("report.html"),
         style=resource("report.css"),
         script=resource("report.js"),
-        title=escape(title),
+        title=escape(blocks[0].removeprefix("# ")),
         body="\n".join(body),
     )
 
 
-def _html(block: Block, drawings: Mapping[str, bytes]) -> str:
-    match block:
-        case Title(text):
-            return f"<h1>{escape(text)}</h1>"
-        case Section(text):
-            return f"<h2>{escape(text)}</h2>"
-        case Table(header, rows):
-            return _table(header, rows)
-        case Listing(lines):
-            return f"<ul>{list_items(lines)}</ul>"
-        case Picture(file, text):
-            return _picture(file, text, drawings.get(file))
-        case text:
-            return f"<p>{escape(text)}</p>"
+def _html(block: str, drawings: Mapping[str, bytes]) -> str:
+    """Return one block, which is a heading, a table, a list, a picture or a paragraph."""
+    if block.startswith("# "):
+        return f"<h1>{escape(block[2:])}</h1>"
+    if block.startswith("## "):
+        return f"<h2>{escape(block[3:])}</h2>"
+    if block.startswith("| "):
+        header, _, *rows = [_cells(line) for line in block.splitlines()]
+        return _table(header, rows)
+    if block.startswith("- "):
+        return f"<ul>{list_items(line[2:] for line in block.splitlines())}</ul>"
+    if picture := re.fullmatch(r"!\[(.*)\]\((.*)\)", block):
+        return _picture(picture[2], picture[1], drawings.get(picture[2]))
+    return f"<p>{escape(block)}</p>"
+
+
+def _cells(line: str) -> list[str]:
+    """Return the cells of a line of a table; a bar inside a cell stands behind a backslash."""
+    cells = re.split(r"(?<!\\)\|", line)[1:-1]
+    return [cell.strip(" ").replace("\\|", "|") for cell in cells]
 
 
 def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -94,8 +77,9 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _cell(cell: str) -> str:
-    text = f"<bdi>{escape(cell)}</bdi>"
-    return f"<em>{text}</em>" if isinstance(cell, Italic) else text
+    quoted = re.fullmatch(r"\*(.+)\*", cell)
+    text = f"<bdi>{escape(quoted[1] if quoted else cell)}</bdi>"
+    return f"<em>{text}</em>" if quoted else text
 
 
 def _picture(file: str, text: str, drawing: bytes | None) -> str:
@@ -106,17 +90,9 @@ def _picture(file: str, text: str, drawing: bytes | None) -> str:
     return f"<figure>{image}<figcaption>{escape(text)}</figcaption></figure>"
 
 
-def _gallery(gallery: Gallery, view: str | None) -> str:
-    cards = "".join(_card(card, view) for card in gallery.cards)
-    return f'<h3>{escape(gallery.heading)}</h3><div class="cards">{cards}</div>'
-
-
-def _card(card: Card, view: str | None) -> str:
-    inside = f"{card.drawing}<bdi>{escape(card.item)}</bdi>{escape(card.line)}"
-    if view is None:
-        return f'<div class="card">{inside}</div>'
-    address = f"{_address(view)}#item={quote(card.item, safe='', errors='replace')}"
-    return f'<a class="card" href="{address}" title="{escape(card.item)}">{inside}</a>'
+def _link(view: str, item: str, line: str) -> str:
+    address = f"{_address(view)}#item={quote(item, safe='', errors='replace')}"
+    return f'<li><a href="{address}"><bdi>{escape(item)}</bdi></a> {escape(line)}</li>'
 
 
 def _address(file: str) -> str:

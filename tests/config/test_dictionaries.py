@@ -84,9 +84,6 @@ def test_every_command_with_a_dictionary_takes_a_name():
         "view", None, (), {"files": ("a.h5",), "dictionary": "people", "output": "page.html"}
     )
     assert view.dictionary == PEOPLE
-    judged = {"results": ("a.h5",), "truth": ("a.h5",), "output": "report"}
-    report = load_config("eval", None, ["floors={dictionary: people}"], judged)
-    assert report.floors.dictionary == PEOPLE
 
 
 def test_python_takes_a_name_too():

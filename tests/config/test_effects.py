@@ -29,8 +29,7 @@ ALWAYS = {
     "threads chunk strict transforms sequences.frame_rate",
     "learn-dict": "shapes output frame_rate start "
     "origin.source origin.licence origin.acknowledgement suits",
-    "eval": "results truth output match groups metrics least_visible calibration "
-    "floors.dictionary floors.leave_out plots view",
+    "eval": "results truth output match groups metrics least_visible calibration plots view",
     "project": "shapes output camera.view camera.scale y_axis noise hidden",
     "convert": "files output to every every frame_rate height unit up world_unit chunk",
     "info": "files",
@@ -94,8 +93,7 @@ IDLE = {
             )
         },
     },
-    "eval": {"truth_frame=camera": "metrics=[similarity] calibration=false",
-             "examples=3": "plots=false"},
+    "eval": {"truth_frame=camera": "metrics=[similarity] calibration=false"},
     "project": {"camera.up=z": "camera.view=random", "seed=3": ""},
     "view": {"match=model": ""},
 }  # fmt: skip

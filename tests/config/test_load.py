@@ -234,9 +234,7 @@ LEARN = {"shapes": "a.h5", "output": "d.h5"}
 @pytest.mark.parametrize(
     ("command", "keys"),
     [
-        *(("eval", EVAL | {"examples": n}) for n in (0, 20, ("walk/00", "no", "13_*"))),
-        ("eval", EVAL | {"floors": {"dictionary": "b.h5", "leave_out": None}}),
-        ("eval", EVAL | {"floors": {"dictionary": "b.h5", "leave_out": "true_model"}}),
+        ("eval", EVAL | {"groups": {"walks": "13_*"}}),
         ("learn-dict", LEARN | {"data": "far", "align": ["no", "1e-3", "hip: left"]}),
         ("learn-dict", LEARN | {"method": "pca-bases"}),
         ("learn-dict", LEARN | {"method": "pca-bases", "bases": 3}),
@@ -246,7 +244,7 @@ LEARN = {"shapes": "a.h5", "output": "d.h5"}
 def test_a_printed_config_loads_again(folder, command, keys):
     config = CONFIGS[command](**keys)
     assert load_config(command, write(folder, dump_config(config))) == config
-    for key in keys.keys() & {"examples", "bases", "k"}:
+    for key in keys.keys() & {"bases", "k"}:
         assert getattr(config, key) == keys[key]
 
 

@@ -53,7 +53,7 @@ def test_what_a_preset_says_of_its_own_data_is_left_out():
     assert config.export.folder is None
     assert config.pictures.folder is None
     report = load("eval", "cars", results=("a.h5",), truth=("d.h5",), output="report")
-    assert (report.match, report.floors, report.groups) == ("item", None, {})
+    assert (report.match, report.groups) == ("item", {})
     assert report.least_visible == 20
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shapefit.evaluation.report import Method, Report
-from shapefit.evaluation.summary import ImageErrors, summarise
+from shapefit.evaluation.summaries import ImageErrors, summarise
 
 NAN = float("nan")
 ITEMS = ("a", "b", "c", "d")

@@ -6,13 +6,16 @@ from scipy.stats import chi2
 
 from shapefit.evaluation.calibration import (
     CURVE,
-    Coverages,
     ErrorBars,
+    by_group,
+    cover,
+    curve,
     find_squares,
-    keep_trusted,
+    join_bars,
     quantile,
+    widening_factors,
 )
-from shapefit.evaluation.summary import ImageErrors
+from shapefit.evaluation.summaries import ImageErrors, keep_plausible
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
 BINOMIAL = 4
@@ -112,9 +115,9 @@ def test_groups_and_landmarks_are_summed_up():
     width = {"normalised": np.array([[1.0, 2.0], [3.0, np.nan], [5.0, 6.0]])}
     sequences = ("13_1", "13_1", "14_1")
     bars = ErrorBars(("hip", "knee"), sequences, chi2.ppf(level, 3), width, False)
-    found = Coverages({"13": "13_*", "14": "14_*", "15": "15_*"})
-    found.add(bars)
-    whole, hip, knee, *other = found.cover("m", {"13": ("13_1",), "14": ("14_1",), "15": ()})
+    groups = by_group(bars, {"13": ("13_1",), "14": ("14_1",), "15": ()})
+    found = [each for group, own in groups.items() for each in cover("m", group, own)]
+    whole, hip, knee, *other = found
     assert (whole.group, whole.landmark, whole.judged) == ("13", None, 3)
     assert whole.inside == pytest.approx((1 / 3, 1.0))
     assert whole.median_width["normalised"] == pytest.approx(2.0, rel=1 / 8192)
@@ -131,13 +134,21 @@ def test_files_of_a_method_are_counted_together(rng):
     names = ("hip", "knee", "toe")
 
     def found(*parts):
-        coverages = Coverages({"all": "*", "14": "14"})
-        for rows, own in parts:
-            values = {"m": width["m"][rows, own]}
-            bars = ErrorBars(names[own], sequences[rows], square[rows, own], values, False)
-            coverages.add(bars)
-        groups = {"all": ("13", "14"), "14": ("14",)}
-        return coverages.cover("m", groups), coverages.curve("14"), coverages.find_factors()
+        bars = join_bars(
+            [
+                ErrorBars(
+                    names[own],
+                    sequences[rows],
+                    square[rows, own],
+                    {"m": width["m"][rows, own]},
+                    False,
+                )
+                for rows, own in parts
+            ]
+        )
+        groups = by_group(bars, {"all": ("13", "14"), "14": ("14",)})
+        covered = [each for group, part in groups.items() for each in cover("m", group, part)]
+        return covered, curve(groups["14"]), widening_factors(bars)
 
     whole = found((slice(None), slice(None)))
     assert found((slice(30), slice(2)), (slice(30, 60), slice(1, 3))) == whole
@@ -151,7 +162,7 @@ def test_the_least_plausible_tenth_of_a_group_is_left_out():
     items = tuple(f"item{i}" for i in range(22))
     sequences, trust = ("a",) * 20 + ("b", "a"), 1 - 0.01 * np.arange(22)
     errors = ImageErrors("posterior", "similarity", "m", items, sequences, values, trust)
-    first, second = keep_trusted(errors, {"A": ("a",), "B": ("b",)})
+    first, second = keep_plausible(errors, {"A": ("a",), "B": ("b",)})
     assert (first.images, first.mean) == (20, 10.5)
     assert (first.kept, first.mean_kept) == (18, 9.5)
     assert first.plausibility == pytest.approx(1 - 0.17)
@@ -163,7 +174,7 @@ def test_of_equally_plausible_images_the_first_are_left_out(rng):
     values[::17], trust[::13] = np.nan, np.nan
     sequences = np.array(["a", "b", "c"])[rng.integers(0, 3, 300)]
     errors = ImageErrors("m", "similarity", "m", ("",) * 300, tuple(sequences), values, trust)
-    (kept,) = keep_trusted(errors, {"A": ("a", "c"), "none": ("d",)})
+    (kept,) = keep_plausible(errors, {"A": ("a", "c"), "none": ("d",)})
     rows = np.flatnonzero(~np.isnan(values + trust) & (sequences != "b"))
     order = rows[np.argsort(trust[rows], kind="stable")]
     expected = order[len(order) // 10 :]
@@ -178,10 +189,8 @@ def test_factors_undo_what_error_bars_lack(rng):
     z = np.sort((rng.standard_normal((40_000, 3)) ** 2).sum(axis=1))
 
     def factors(squares):
-        bars = Coverages({"all": "*"})
-        bars.add(ErrorBars(("a",), ("s",) * len(squares), squares[:, None], {}, False))
-        bars.cover("m", {"all": ("s",)})
-        return bars.find_factors()
+        names = ("s",) * len(squares)
+        return widening_factors(ErrorBars(("a",), names, squares[:, None], {}, False))
 
     assert list(factors(4 * z).values()) == pytest.approx([2, 2], rel=0.01)
     outer = np.where(z > np.quantile(z, 0.6), 4 * z, z)

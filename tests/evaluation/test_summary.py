@@ -3,18 +3,8 @@
 import numpy as np
 import pytest
 
-from shapefit.evaluation.averages import (
-    by_name,
-    labels_of,
-    mean,
-    median,
-    of_names,
-    percentiles,
-    slices,
-)
-from shapefit.evaluation.report import Run, Solving, sum_up
-from shapefit.evaluation.summary import ImageErrors, group_sequences, summarise
-from shapefit.pipelines.evaluate.method_images import count_solved
+from shapefit.evaluation.report import Run, Solving, sum_up_runs
+from shapefit.evaluation.summaries import ImageErrors, group_sequences, join_errors, summarise
 
 NAN = float("nan")
 
@@ -58,12 +48,15 @@ def test_images_of_a_sequence_need_not_stand_together():
 
 def test_groups_take_their_sequences_by_glob_in_order_of_appearance():
     names = ["14_02", "13_01", "14_01", "13_01"]
-    grouping = group_sequences({"thirteen": "13_*", "fourteen": "14_*", "none": "15_*"}, names)
+    grouping, warnings = group_sequences(
+        {"thirteen": "13_*", "fourteen": "14_*", "none": "15_*"}, names
+    )
     assert grouping == {"thirteen": ("13_01",), "fourteen": ("14_02", "14_01"), "none": ()}
+    assert warnings == ["group none: no sequence matches '15_*'"]
 
 
 def test_without_groups_all_sequences_are_in_one():
-    assert group_sequences({}, ["b", "a", "b"]) == {"all": ("b", "a")}
+    assert group_sequences({}, ["b", "a", "b"]) == ({"all": ("b", "a")}, [])
 
 
 def test_groups_and_sequences_without_an_image_are_left_out():
@@ -71,60 +64,37 @@ def test_groups_and_sequences_without_an_image_are_left_out():
     assert [(row.group, row.sequence) for row in rows] == [("one", None), ("one", "a")]
 
 
-def test_of_nothing_there_is_nothing():
-    nothing = np.empty(0)
-    assert all(np.isnan([mean(nothing), median(nothing), *percentiles(nothing, (90, 5))]))
-
-
-def test_statistics_have_the_bits_of_numpy(rng):
-    values = rng.lognormal(size=10_001)
-    assert (mean(values), median(values)) == (values.mean(), np.median(values))
-    assert percentiles(values, (5, 90)) == tuple(np.percentile(values, (5, 90)))
-
-
-def test_values_by_name_are_those_of_a_mask(rng):
-    # Some names come together, some are spread over all, one has next to all of the values.
-    names = np.array([*["a"] * 5, *rng.choice([*"bcde", "much", "much", "much"], 300), *["f"] * 20])
-    values = rng.standard_normal(len(names))
-    values[rng.random(len(names)) < 0.1] = np.nan
-    values[names == "e"] = np.nan
-    labels = labels_of(names.tolist())
-    found = {name: (count, known) for name, count, known in by_name(values, labels)}
-    assert sorted(found) == sorted(set(names.tolist()))
-    for name, (count, known) in found.items():
-        own = values[names == name]
-        assert count == len(own)
-        np.testing.assert_array_equal(known, own[~np.isnan(own)])
-    two = of_names(values, labels, ("b", "f", "none"))
-    expected = values[np.isin(names, ["b", "f"]) & ~np.isnan(values)]
-    np.testing.assert_array_equal(two, expected)
-
-
-def test_slices_cover_all_rows():
-    assert [list(range(*part.indices(9))) for part in slices(7, 3)] == [[0, 1, 2], [3, 4, 5], [6]]
+def test_errors_of_files_are_joined_by_kind(rng):
+    values, names = rng.standard_normal(60), [f"s{i}" for i in rng.integers(0, 4, 60)]
+    items = [f"i{i}" for i in range(60)]
+    trust = rng.random(60)
+    whole = ImageErrors("m", "similarity", "m", items, tuple(names), values, trust)
+    parts = [whole.take(np.arange(start, stop)) for start, stop in ((0, 7), (7, 8), (8, 60))]
+    (joined,) = join_errors(parts)
+    assert joined.items == items
+    assert [joined.sequences.names[code] for code in joined.sequences.codes] == names
+    np.testing.assert_array_equal(joined.values, values)
+    np.testing.assert_array_equal(joined.plausibility, trust)
+    grouping = {"all": ("s0", "s1", "s2", "s3")}
+    assert summarise(joined, grouping) == summarise(whole, grouping)
 
 
 def test_each_image_weighs_the_same():
-    found = sum_up(Run(5, np.array([1.0, 2.0, 3.0, np.nan, 10.0]), 3, 0.75))
+    found = sum_up_runs([Run(5, np.array([1.0, 2.0, 3.0, np.nan, 10.0]), 3, 0.75)])
     assert found.mean_objective == pytest.approx((1 + 2 + 3 + 10) / 4)
     assert found.milliseconds == pytest.approx(750 / 5)
     assert found.solved == pytest.approx(3 / 5)
 
 
-@pytest.mark.parametrize("status", ["optimal", "converged"])
-def test_both_good_ends_count_as_solved(status):
-    assert count_solved(np.array([status, "numerical failure"])) == 1
-
-
 def test_what_is_not_told_is_unknown():
-    assert sum_up(Run(1)) == Solving()
-    assert sum_up(Run(1, np.array([1.0]), 1, 0.5)) == Solving(1.0, 500.0, 1.0)
+    assert sum_up_runs([Run(1)]) == Solving()
+    assert sum_up_runs([Run(1, np.array([1.0]), 1, 0.5)]) == Solving(1.0, 500.0, 1.0)
 
 
 def test_without_a_known_objective_there_is_no_mean():
     for objective in (np.nan, np.inf, 1e300):
         run = Run(1, np.array([objective]), 0, 0.5)
-        assert sum_up(run) == Solving(None, 500.0, 0.0)
+        assert sum_up_runs([run]) == Solving(None, 500.0, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.evaluation.plots.experiment_plots import sweep_plot
-from shapefit.evaluation.summary import ImageErrors
+from shapefit.evaluation.experiment_plots import sweep_plot
+from shapefit.evaluation.summaries import ImageErrors
 from shapefit.evaluation.sweep import Sweep, markdown, points, sweep_json, write_csv
 
 GROUPING = {"ab": ("a", "b"), "c": ("c",)}
@@ -78,8 +78,8 @@ def test_true_and_false_are_written_as_in_yaml(tmp_path):
 
 
 def test_every_metric_has_a_column_and_a_panel():
-    degrees = ERRORS.replaced(metric="rotation", unit="deg", values=10 * ERRORS.values)
-    recall = ERRORS.replaced(metric="recall", unit="share", values=ERRORS.values / 2)
+    degrees = replace(ERRORS, metric="rotation", unit="deg", values=10 * ERRORS.values)
+    recall = replace(ERRORS, metric="recall", unit="share", values=ERRORS.values / 2)
     whole = {"all": ("a", "b", "c")}
     found = sweep(0.1, 0.2, data=(ERRORS, degrees), grouping=whole)
     # at the second value only, as where the share of wrong landmarks varies from 0

@@ -80,8 +80,7 @@ def test_an_image_that_failed_has_no_error(chain, sample):
         ({"metrics": ["simlarity"]}, "did you mean 'similarity'"),
         ({"metrics": []}, "expected at least one metric"),
         ({"match": "model"}, "there is no dataset 'model' with one name"),
-        ({"floors": {"dictionary": "x.h5"}}, "x.h5"),
-        ({"examples": 3}, r"^evaluate\.examples: is a key of reports only"),
+        ({"plots": True}, r"^evaluate\.plots: is a key of reports only"),
         ({"groups": {"a": "nobody*"}}, "no sequence matches any group"),
     ],
 )

@@ -10,7 +10,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgba
 from matplotlib.image import imread
 
-from shapefit.evaluation.plots.style import save
+from shapefit.evaluation.plots import save
 from shapefit.geometry.rotations import rotation_about
 from shapefit.meshes import panels
 from shapefit.meshes.pictures import (

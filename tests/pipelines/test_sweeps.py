@@ -24,9 +24,7 @@ from tests.pipelines.told import done, warnings
 PEOPLE = Path(__file__).resolve().parents[2] / "sample_data"
 TRUTH = PEOPLE / "people_test.h5"
 LEARNING = {"shapes": str(PEOPLE / "people_train.h5"), "k": 8, "iterations": 1, "every": 10}
-REPORT = {
-    "per_image.csv", "sweep.csv", "sweep.json", "sweep.md", "report.html", "view.html", "work",
-}  # fmt: skip
+REPORT = {"per_image.csv", "sweep.csv", "sweep.json", "sweep.md", "work"}  # fmt: skip
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from shapefit.config import LearnDictConfig, ViewConfig
 from shapefit.io import read_results
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.view.run import make_page
-from shapefit.viewer.thumbnails import in_image
 from tests.pipelines.fitted import fit_file
+from tests.viewer.projected import in_image
 
 ITEMS = ("sedan_2/view_1", "pickup_1/view_4")
 MESH = "return Array.from(shapefit.layer(arguments[0]).mesh(shapefit.frame))"

@@ -1,4 +1,4 @@
-"""A report as a page: the blocks of the Markdown, tables that sort, images that open the viewer."""
+"""A report as a page: the blocks of the Markdown, tables that sort, links that open the viewer."""
 
 import csv
 import json
@@ -6,35 +6,21 @@ import json
 import numpy as np
 import pytest
 
-from shapefit.config import EvalConfig, SweepConfig
-from shapefit.evaluation.summary import ImageErrors
-from shapefit.evaluation.tables.document import (
-    Italic,
-    Listing,
-    Picture,
-    Section,
-    Table,
-    Title,
-    as_markdown,
-)
-from shapefit.pipelines import sweeps as sweep
+from shapefit.config import EvalConfig
+from shapefit.evaluation.report import as_markdown, markdown_table
+from shapefit.evaluation.summaries import ImageErrors
 from shapefit.pipelines.evaluate import run as evaluate
-from shapefit.pipelines.evaluate.report_pages import (
-    SHOWN,
-    contact_sheet,
-    contact_sheets,
-    rank,
-)
+from shapefit.pipelines.evaluate.run import RANKED, contact_sheets, rank
 from shapefit.viewer.report_page import report_page
 
 BLOCKS = [
-    Title("Errors"),
+    "# Errors",
     "A paragraph.",
-    Table(["method", "mean"], [["b", "10.5 / 2"], ["a", "9.25 / 3"], [Italic("paper"), "–"]]),
-    Section("Failed"),
-    Listing(["one: why"]),
-    Picture("bars.svg", "bars"),
-    Picture("../pictures/contact_sheet.png", "Contact sheet of a"),
+    markdown_table(["method", "mean"], [["b", "10.5 / 2"], ["a|c", "9.25 / 3"], ["*paper*", "–"]]),
+    "## Failed",
+    "- one: why",
+    "![bars](bars.svg)",
+    "![Contact sheet of a](../pictures/contact_sheet.png)",
 ]
 DRAWING = b"<svg xmlns='http://www.w3.org/2000/svg'/>"
 
@@ -64,52 +50,36 @@ def test_tables_sort_by_number_up_and_down(tmp_path, open_page):
     heads[1].click()
     assert column(1)[1:] == ["10.5 / 2", "9.25 / 3"]
     heads[0].click()
-    assert column(0) == ["a", "b", "paper"]
+    assert column(0) == ["a|c", "b", "paper"]
     assert page.run("return document.querySelector('th').getAttribute('aria-sort')") == "ascending"
     assert page.run("return document.querySelector('figure img').complete")
     assert page.complaints() == []
     assert page.requests() == []
 
 
-def test_the_worst_median_and_best_images_are_ranked(rng):
-    values = rng.permutation(np.arange(101.0))
-    values[values == 50] = np.nan
-    items = tuple(f"i{i}" for i in range(101))
-    found = rank(ImageErrors("m", "similarity", "m", items, ("",) * 101, values))
-    assert [found[kind][0].error for kind in ("worst", "best")] == [100, 11]
-    assert [image.error for image in found["best"]] == list(np.arange(11.0, -1, -1))
-    assert all(values[image.row] == image.error for image in found["median"])
-    assert {len(rows) for rows in found.values()} == {SHOWN}
-    middle = np.median([image.error for image in found["median"]])
-    assert abs(middle - np.nanmedian(values)) <= 1
-    few = ImageErrors("m", "similarity", "m", items[:3], ("",) * 3, np.array([1.0, 3, 2]))
-    assert rank(few) == {"all images, worst first": [(1, "i1", 3), (2, "i2", 2), (0, "i0", 1)]}
-
-
 @pytest.mark.parametrize("decimals", [0, 1, 9], ids=["all-equal", "ties", "no-ties"])
-def test_images_of_equal_errors_are_ranked_in_their_order(rng, decimals):
+def test_images_are_ranked_and_those_of_equal_errors_in_their_order(rng, decimals):
     values = np.round(rng.random(150) / 3, decimals)
     values[::7] = np.nan
     items = tuple(f"i{i}" for i in range(150))
     found = rank(ImageErrors("m", "similarity", "m", items, ("",) * 150, values))
     known = np.flatnonzero(~np.isnan(values))
     order = known[np.argsort(-values[known], kind="stable")].tolist()
-    middle = (len(order) - SHOWN) // 2
-    expected = order[:SHOWN], order[middle : middle + SHOWN], order[-SHOWN:]
-    assert tuple([image.row for image in found[kind]] for kind in found) == expected
+    middle = (len(order) - RANKED) // 2
+    expected = order[:RANKED], order[middle : middle + RANKED], order[-RANKED:]
+    assert tuple(found.values()) == expected
+    few = ImageErrors("m", "similarity", "m", items[:3], ("",) * 3, np.array([1.0, 3, 2]))
+    assert rank(few) == {"all images, worst first": [1, 2, 0]}
 
 
 def test_contact_sheets_are_linked_where_they_are(tmp_path):
-    pictures, report = tmp_path / "pictures", tmp_path / "report"
+    pictures = tmp_path / "pictures"
     pictures.mkdir()
     config = json.dumps({"pictures": {"folder": str(pictures), "format": "png"}})
-    assert contact_sheet(config) is None
+    assert contact_sheets("a", {"config": config}) == []
     (pictures / "contact_sheet.png").touch()
-    assert [contact_sheet(other) for other in ("{", "[]", "")] == [None] * 3
-    found = contact_sheet(config)
-    assert found is not None
-    _, sheet = contact_sheets({"a": [found]}, report)
-    assert sheet == Picture("../pictures/contact_sheet.png", "Contact sheet of a")
+    assert [contact_sheets("a", {"config": other}) for other in ("{", "[]", "")] == [[]] * 3
+    assert contact_sheets("a", {"config": config}) == [("a", pictures / "contact_sheet.png")]
 
 
 @pytest.fixture(scope="module")
@@ -130,7 +100,7 @@ def test_a_report_shows_its_plots_and_images(evaluated, open_page):
     page = open_page(evaluated / "report.html")
     titles = page.run("return [...document.querySelectorAll('h2, h3')].map((e) => e.textContent)")
     assert {"Plots", "How it was made", "walker: worst", "walker: best"} <= set(titles)
-    assert page.run("return document.querySelectorAll('.card svg path').length") > 36 * 4
+    assert page.run("return document.querySelectorAll('.images a').length") == 36
     assert page.run("return document.querySelectorAll('figure img').length") == 2
     text = (evaluated / "report.md").read_text("utf-8")
     for name in ("similarity", "similarity_boxes"):
@@ -143,28 +113,9 @@ def test_the_worst_image_leads_to_its_frame(evaluated, open_page):
         rows = [row for row in csv.DictReader(file) if row["unit"] == "normalised"]
     worst = max(rows, key=lambda row: float(row["error"]))["item"]
     page = open_page(evaluated / "report.html")
-    page.find("a.card").click()
+    page.find(".images a").click()
     page.until("return window.shapefit && shapefit.drawn > 0")
     assert page.state("item") == worst
-
-
-def test_a_sweep_shows_its_best_value(project, tmp_path):
-    data = project / "sample_data"
-    config = SweepConfig(
-        project={"shapes": data / "people_test.h5"},
-        learn_dict={"shapes": data / "people_train.h5", "k": 8, "iterations": 2},
-        fit={"method": "convex"},
-        truth=(data / "people_test.h5",),
-        vary={"fit.lambda": (0.1, 50.0)},
-        every=20,
-        output=tmp_path / "sweep",
-        plots=False,
-    )
-    *_, last = sweep.run(config)
-    assert {path.name for path in last.written} >= {"report.html", "view.html", "sweep.md"}
-    html = (tmp_path / "sweep/report.html").read_text("utf-8")
-    assert "<h3>0.1: all images, worst first</h3>" in html or "<h3>0.1: worst</h3>" in html
-    assert "Error against fit.lambda" in html
 
 
 def test_without_a_view_there_are_no_links(sequence, tmp_path):

@@ -109,7 +109,7 @@ def test_hostile_names_stay_text_in_a_report(hostile, tmp_path, open_page):
     for head in page.driver.find_elements("css selector", "th button"):
         head.click()
     check(page)
-    card = page.find("a.card")
+    card = page.find(".images a")
     page.run("arguments[0].removeAttribute('title')", card)
     card.click()
     page.path = tmp_path / "report/view.html"

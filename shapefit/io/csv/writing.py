@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.errors import input_error
-from shapefit.io.columns import Texts
 from shapefit.io.csv.tables import DEVIATIONS
 from shapefit.io.layout import Layout
 from shapefit.io.options import Summary
@@ -25,7 +24,7 @@ from shapefit.io.writing import NOTHING_APPENDED
 from shapefit.lifting.verdict import TRUSTED
 
 if TYPE_CHECKING:
-    from shapefit.evaluation.summary import ImageErrors, Names
+    from shapefit.evaluation.summaries import ImageErrors
 
 Write = Callable[[bytes | memoryview], None]
 
@@ -46,8 +45,8 @@ Y_UP = "y points up, which CSV cannot say: read the file with `--set y_axis=up`"
 IN_QUOTES = ('"', ",", "\r", "\n")
 """A cell with one of these is in quotes."""
 
-PER_IMAGE = ("sequence", "item", "metric", "error", "unit")
-"""Columns of per_image.csv from the second on."""
+PER_IMAGE = ("method", "sequence", "item", "metric", "error", "unit")
+"""Columns of per_image.csv."""
 
 
 class CsvWriter:
@@ -236,31 +235,20 @@ def rows_of(
     return rows.view(np.uint8)[:size].data
 
 
-def write_per_image(path: Path, errors: Sequence[ImageErrors], of: str = "method") -> None:
-    """Write per_image.csv, one row per image, metric and unit; a failed image's error is empty.
-
-    `of` is the name of the first column: what the `method` of the errors is.
-    """
-    with path.open("wb", buffering=0) as file:
-        write_all(file, f"{','.join((of, *PER_IMAGE))}\n".encode())
-        for each in errors:
-            words = (each.method, each.metric, each.unit)
-            sequences = cells_of(each.sequences.names, np.arange(0), empty="")
-            for start in range(0, len(each.values), BLOCK_ROWS):
-                part = slice(start, start + BLOCK_ROWS)
-                values = each.values[part]
-                none = np.zeros(len(values), np.int64)
-                method, metric, unit = (cells_of([word], none, empty="") for word in words)
-                sequence = sequences._replace(rows=each.sequences.codes[part].astype(np.int64))
-                before = [method, sequence, _names(each.items, part), metric]
-                write_all(file, rows_of(before, values[:, None], [unit], as_python=True))
+def per_image_header() -> bytes:
+    """Return the first line of per_image.csv."""
+    return f"{','.join(PER_IMAGE)}\n".encode()
 
 
-def _names(names: Names, part: slice) -> Cells:
-    """Return a column of names, as they stand in a file where they do."""
-    if isinstance(names, Texts):
-        letters, starts = names.encoded(part)
-        if not any(mark.encode() in letters for mark in IN_QUOTES):
-            return Cells(letters, starts, np.arange(len(starts) - 1))
-    texts = names[part]
-    return cells_of(texts, np.arange(len(texts)), empty="")
+def per_image_rows(errors: ImageErrors) -> Iterator[memoryview]:
+    """Yield the lines of per_image.csv of a method in a metric; a failed image's error is empty."""
+    names = cells_of(errors.sequences.names, np.arange(0), empty="")
+    words = (errors.method, errors.metric, errors.unit)
+    for start in range(0, len(errors.values), BLOCK_ROWS):
+        part = slice(start, start + BLOCK_ROWS)
+        values, items = errors.values[part], errors.items[part]
+        none = np.zeros(len(values), np.int64)
+        method, metric, unit = (cells_of([word], none, empty="") for word in words)
+        sequence = names._replace(rows=errors.sequences.codes[part].astype(np.int64))
+        item = cells_of(items, np.arange(len(items)), empty="")
+        yield rows_of([method, sequence, item, metric], values[:, None], [unit], as_python=True)

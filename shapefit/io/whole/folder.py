@@ -18,6 +18,7 @@ from shapefit.io.whole.atomic import (
     new_folders,
     shortened,
     storage_errors,
+    write_all,
 )
 from shapefit.io.whole.litter import lock_new, remove_litter
 from shapefit.stores.urls import UrlPath
@@ -55,6 +56,26 @@ class StagedFiles:
             path.parent.mkdir(parents=True, exist_ok=True)
             write(path)
             self.empty = False
+
+    def write_bytes(self, name: PurePosixPath, content: bytes) -> None:
+        """Write the file that becomes folder/name, and have it on the disk."""
+        write = partial(write_and_sync, lambda path: path.write_bytes(content))
+        self.write(name, write, str(name))
+
+    @contextmanager
+    def opened(self, name: str) -> Iterator[Callable[[bytes | memoryview], None]]:
+        """Give what writes the file that becomes folder/name, piece by piece."""
+        target = self.folder / name
+        check_replaceable(target)
+        self.empty = False
+        with (self._staging / name).open("wb", buffering=0) as file:
+
+            def write(piece: bytes | memoryview) -> None:
+                with storage_errors(target, None):
+                    write_all(file, piece)
+
+            yield write
+            os.fsync(file.fileno())
 
     def publish(self) -> None:
         """Move every file to its place, over the one of an earlier run if there is one.

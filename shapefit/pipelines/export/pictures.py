@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from shapefit.config.commands.fit_sections import PicturesConfig
 from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
-from shapefit.evaluation.plots.style import save
+from shapefit.evaluation.plots import save
 from shapefit.io import ResultSet
 from shapefit.io.whole.folder import StagedFiles
 from shapefit.io.whole.item_files import file_stem

@@ -14,7 +14,6 @@ from shapefit.dictionary.learning import evenly
 from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.motion import MotionSums
 from shapefit.dictionary.size import find_edge_length
-from shapefit.evaluation.averages import median
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import choose, rotation_onto, settle_mean
 from shapefit.geometry.symmetry import lateral_squares, mirror, symmetrise
@@ -96,7 +95,7 @@ def find_training_batches(source: ShapeSource, options: TrainingOptions) -> Trai
     mean, warnings = align_batches(Batched(points, options.batch), head.landmark_names, options)
     if head.mesh_vertices is not None:
         warnings.append("the meshes are left out: leave out `batch` to keep them")
-    unit = median(sizes[:])
+    unit = float(np.median(sizes[:]))
     return TrainingBatches(
         Batched(points, options.batch),
         Batched(scale, options.batch),

@@ -20,7 +20,7 @@ from shapefit.io.options import input_options
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.source import open_results
 from shapefit.lifting.verdict import DOUBT
-from shapefit.pipelines.evaluate.measurement import as_named
+from shapefit.pipelines.evaluate.judge import with_shapes_of
 from shapefit.pipelines.joints import INPUT_NAMES
 from shapefit.pipelines.view.frames import Frames
 
@@ -77,7 +77,7 @@ def gather(
         columns = np.array([column[landmark] for landmark in listing.landmark_names], dtype=np.intp)
         for chunk in read_chunks(listing, OF_RESULTS):
             if isinstance(chunk, ResultSet) and chunk.landmark_names != listing.landmark_names:
-                chunk = as_named(chunk, listing.landmark_names).without(["edges"])
+                chunk = with_shapes_of(chunk, listing.landmark_names).without(["edges"])
             rows = np.array(
                 [r for r, item in enumerate(chunk.items) if item in index], dtype=np.intp
             )
@@ -189,7 +189,7 @@ def as_judged(config: ViewConfig, listing: Listing) -> Listing:
     with open_shapes(config.truth, input_options(config.input), gaps=True) as source:
         names = source.head.landmark_names
     with open_results([listing.path]) as results:
-        judged = as_named(results.head, names)
+        judged = with_shapes_of(results.head, names)
     return replace(listing, landmark_names=judged.landmark_names)
 
 

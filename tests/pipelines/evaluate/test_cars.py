@@ -2,13 +2,9 @@
 
 import numpy as np
 import pytest
-from scipy.optimize import nnls
 
 from shapefit.config import EvalConfig
-from shapefit.dictionary.model import Dictionary
-from shapefit.evaluation.metrics import similarity, truth_scale
-from shapefit.geometry.normalisation import normalise
-from shapefit.io import open_landmarks, read_shapes, write_dictionary
+from shapefit.io import open_landmarks, read_shapes
 from shapefit.io.records import ResultSet
 
 pytestmark = pytest.mark.real_data
@@ -64,34 +60,3 @@ def test_they_are_matched_by_their_model(cars_desk, cars):
             np.testing.assert_allclose(float(row["mean"]), expected, atol=1e-4)
     _, _, width, height = np.asarray(cars.columns["bounding_box"], dtype=float).T
     np.testing.assert_allclose(cars_desk.errors(unit="box"), 5 / np.sqrt(width**2 + height**2))
-
-
-def test_the_floors_of_the_other_models(cars_desk, cars, models, rows):
-    """The best combination against scipy's, which keeps the frame of the models."""
-    B = normalise(models.shapes).points
-    write_dictionary(
-        cars_desk.folder / "models.h5",
-        Dictionary(B, models.landmark_names, B.mean(axis=0), atom_items=models.items),
-    )
-    floors = {"dictionary": cars_desk.folder / "models.h5", "leave_out": "true_model"}
-    cars_desk.run(floors=floors, least_visible=20, metrics=["similarity"])
-    chosen = rows[np.isfinite(cars.landmarks).all(axis=1).sum(axis=1) >= 20]
-    S = models.shapes - models.shapes.mean(axis=-1, keepdims=True)
-    scale = truth_scale(S, S)
-    expected = np.zeros((3, len(S)))
-    for j in np.unique(chosen):
-        others = np.delete(B, j, axis=0)
-        true = np.broadcast_to(S[j], others.shape)
-        c, _ = nnls(others.reshape(len(others), -1).T, S[j].ravel())
-        combined = np.tensordot(c, others, axes=1)
-        expected[0, j] = similarity(others.mean(axis=0)[None], S[j][None])[0] / scale[j]
-        expected[1, j] = similarity(others, true).min() / scale[j]
-        expected[2, j] = similarity(combined[None], S[j][None])[0] / scale[j]
-    floor = [
-        cars_desk.errors(method=f"{name} (oracle)", unit="normalised")
-        for name in ("Mean shape", "Nearest atom", "Best combination")
-    ]
-    np.testing.assert_allclose(floor[:2], expected[:2, chosen])
-    # Turning the models too, which scipy's does not, can only fit them better, by little.
-    assert 0.95 * expected[2, chosen].mean() < floor[2].mean() <= expected[2, chosen].mean()
-    assert floor[2].mean() < floor[1].mean() < floor[0].mean()

@@ -5,7 +5,8 @@ import errno
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.evaluation.tables import csv_json as tables
+from shapefit.evaluation import report as tables
+from shapefit.io.whole import folder
 
 
 def test_an_item_in_two_files_of_one_method_is_an_error(desk, results):
@@ -37,11 +38,11 @@ def test_a_full_disk_is_told_and_replaces_nothing(desk, monkeypatch, fault):
     desk.run()
     old = {path.name: path.read_bytes() for path in desk.config.output.iterdir()}
 
-    def fill(report):
+    def fill(write, path):
         raise fault
 
-    monkeypatch.setattr(tables, "report_json", fill)
-    with pytest.raises(InputError, match=r"report/report.json: cannot be written: No space left"):
+    monkeypatch.setattr(folder, "write_and_sync", fill)
+    with pytest.raises(InputError, match=r"report/report.csv: cannot be written: No space left"):
         desk.run(metrics=["similarity"])
     assert {path.name: path.read_bytes() for path in desk.config.output.iterdir()} == old
 

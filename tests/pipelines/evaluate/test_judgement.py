@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from shapefit.config import EvalConfig
 from shapefit.errors import InputError
 from shapefit.evaluation import metrics
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.io.records import ResultSet, ShapeSet
-from shapefit.pipelines.evaluate.judgement import judge
+from shapefit.pipelines.evaluate.judge import Truth, judge
 
 FILE = Path("/results/convex.h5")
 NAMES = ("head", "left", "right", "foot", "hand")
@@ -53,7 +54,8 @@ def fields(truth, rotations, rng):
 
 
 def judged(fields, truth, match="item", metrics=METRICS):
-    return judge(FILE, ResultSet(**fields), lambda _: truth, match, metrics)
+    config = EvalConfig.model_construct(match=match, metrics=metrics)
+    return judge(FILE, ResultSet(**fields), Truth(truth, truth.items, truth.take), config)
 
 
 def test_every_metric_in_its_units(fields, truth, rotations):
@@ -290,12 +292,12 @@ class TestInputErrors:
 
     def test_no_images(self, fields, truth):
         with pytest.raises(InputError, match="holds no images"):
-            judge(FILE, ResultSet(**fields).take([]), lambda _: truth, "item", METRICS)
+            judge(FILE, ResultSet(**fields).take([]), Truth(truth, (), truth.take), EvalConfig)
 
 
 def test_a_truth_without_shapes(truth, fields):
     with pytest.raises(InputError) as caught:
-        judge(FILE, ResultSet(**fields), lambda _: truth.take([]), "item", METRICS)
+        judged(fields, truth.take([]))
     assert caught.value.problems == (
         f"truth: holds no shapes; give the truth of the images of {FILE}",
     )

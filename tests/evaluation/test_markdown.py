@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
-from shapefit.evaluation.report import Method, Report, Solving
-from shapefit.evaluation.summary import ImageErrors, summarise
-from shapefit.evaluation.tables.errors_document import markdown
+from shapefit.evaluation.report import Method, Report, Solving, as_markdown, report_blocks
+from shapefit.evaluation.summaries import ImageErrors, summarise
 
 ALL_IMAGES = {"all": ("13_01", "13_02", "14_01")}
+
+
+def markdown(report):
+    return as_markdown(report_blocks(report))
 
 
 def cells(text, heading):

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from shapefit.evaluation.plots import style
-from shapefit.evaluation.plots.experiment_plots import heat_maps
+from shapefit.evaluation import plots
+from shapefit.evaluation.experiment_plots import heat_maps
 
 NAN = float("nan")
 OURS = {(5, 1): 0.1, (5, 2): 0.0, (10, 1): 1.0, (10, 2): 0.55}
@@ -50,8 +50,8 @@ def test_panels_share_their_rows_and_columns_and_missing_cells_stay_empty():
 
 def test_files_are_the_same_every_time(tmp_path):
     for turn in ("first", "second"):
-        for name, write in style.writers(turn, heat_maps({"ours": OURS}, "p", "z")).items():
+        for name, write in plots.writers(turn, heat_maps({"ours": OURS}, "p", "z")).items():
             write(tmp_path / name)
-    for form in style.FORMATS:
+    for form in plots.FORMATS:
         first, second = (tmp_path / f"{turn}.{form}" for turn in ("first", "second"))
         assert first.read_bytes() == second.read_bytes()

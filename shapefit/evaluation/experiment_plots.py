@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from shapefit.evaluation.metric_table import METRICS
-from shapefit.evaluation.plots.style import COLOURS, INK, axis_label, style
-from shapefit.evaluation.summary import ALL
+from shapefit.evaluation.plots import COLOURS, error_label
+from shapefit.evaluation.summaries import ALL
 from shapefit.evaluation.sweep import Point, Sweep, value_text
 
 if TYPE_CHECKING:
@@ -20,6 +20,8 @@ LOGARITHMIC = 10
 """Ratio of the largest to the smallest value from which the axis is logarithmic."""
 
 MARKERS = "osD^v<>P"
+
+INK, FAINT = "#333333", "#DDDDDD"
 
 
 COLUMNS = 3
@@ -50,7 +52,7 @@ def sweep_plot(sweep: Sweep) -> Figure:
         else:
             _draw_bars(axis, groups)
         axis.set_title(METRICS[metric].title, loc="left", fontsize=10, color=INK)
-        axis.set_ylabel(f"{axis_label(unit)}, mean and quartiles", color=INK)
+        axis.set_ylabel(f"{error_label(unit)}, mean and quartiles", color=INK)
         axis.set_ylim(bottom=0)
     if not sweep.is_numeric:
         _draw_times(axes[len(metrics)], next(iter(groups.values())))
@@ -159,3 +161,13 @@ def _write_numbers(axis: Axes, table: np.ndarray) -> None:
             ink = "white" if share < 0.5 else "black"
             text = f"{share:.2f}".removeprefix("0") if 0 < share < 1 else f"{share:.0f}"
             axis.text(column, row, text, ha="center", va="center", fontsize=7, color=ink)
+
+
+def style(axis: Axes, *hidden: str, grid: Literal["x", "y", "both"] | None = None) -> None:
+    """Give an axis the look of its lines and letters, without the spines that are hidden."""
+    if grid is not None:
+        axis.grid(axis=grid, color=FAINT, linewidth=0.8, zorder=0)
+    axis.set_axisbelow(True)
+    axis.spines[list(hidden)].set_visible(False)
+    axis.spines[:].set_color(INK)
+    axis.tick_params(length=0, colors=INK, labelsize=8)

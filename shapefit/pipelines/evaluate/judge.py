@@ -1,0 +1,456 @@
+"""One result file beside the truth: which shape belongs to which image, the errors, what failed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import Flags, Floats
+from shapefit.config import EvalConfig
+from shapefit.convex.solution import Status
+from shapefit.errors import abbreviate, input_error
+from shapefit.evaluation.calibration import ErrorBars, correlations_of, find_squares
+from shapefit.evaluation.metric_table import (
+    BOX,
+    CORRELATION,
+    DEVIATION,
+    ESTIMATE,
+    IMAGE,
+    LANDMARKS,
+    LENGTH,
+    METRICS,
+    PLAUSIBILITY,
+    ROTATION,
+    TRUE_ROTATION,
+    TRUTH,
+    Dataset,
+)
+from shapefit.evaluation.metrics import (
+    FEWEST_LANDMARKS,
+    box_diagonal,
+    in_blocks,
+    truth_scale,
+    visible_in_both,
+)
+from shapefit.evaluation.report import Run
+from shapefit.evaluation.summaries import ALL, NORMALISED, ImageErrors, Kind, labels_of
+from shapefit.geometry.normalisation import centroid
+from shapefit.geometry.procrustes import coincide
+from shapefit.io.landmark_names import match_landmarks
+from shapefit.io.layout import RESULTS
+from shapefit.io.records import ResultSet, ShapeSet
+from shapefit.pipelines.items import named_items
+from shapefit.pipelines.joints import INPUT_CORRELATION, INPUT_NAMES, INPUT_SD, INPUT_SHAPES
+
+OF_THE_BOX = "box"
+"""Unit of distances in an image as shares of the diagonal of the object's box."""
+
+COVARIANCE = "shape_covariance"
+"""Dataset (n, 3p, 3p) of x, y, z of one landmark after the other."""
+
+OF_JOINTS = ("landmarks", "confidence", "outliers", "corrupted", "shape_covariance")
+"""Datasets with an axis of the joints, which the landmarks of the files have no part in."""
+
+SOLVED = (Status.OPTIMAL.value, Status.CONVERGED.value)
+"""Words of the images that the method finished within its tolerance."""
+
+FIELDS = {dataset.name: dataset.attribute for dataset in RESULTS.datasets}
+
+
+class Truth:
+    """True shapes, found by their items: head, all but the shapes; take(rows) reads some."""
+
+    def __init__(
+        self, head: ShapeSet, items: Sequence[str], take: Callable[[NDArray[np.intp]], ShapeSet]
+    ) -> None:
+        self.head = head
+        self._items = items
+        self._rows = {item: row for row, item in enumerate(items)}
+        self._take = take
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def find(self, file: Path, keys: Sequence[str]) -> tuple[ShapeSet, NDArray[np.intp]]:
+        """Return shapes, and the row among them of each key, -1 where there is none.
+
+        Raises InputError where no key is known; `file` has the images that they belong to.
+        """
+        if not self._items:
+            fix = f"give the truth of the images of {file}"
+            raise input_error("truth", "holds no shapes", fix)
+        rows = np.array([self._rows.get(key, -1) for key in keys], dtype=np.intp)
+        if (rows < 0).all():
+            found = f"none of its {len(keys)} images is in the truth, which has no '{keys[0]}'"
+            fix = f"give the truth of these images, or set `match` (an item: '{self._items[0]}')"
+            raise input_error(file, found, fix)
+        unique, places = np.unique(rows, return_inverse=True)
+        unknown = int(unique[0] < 0)
+        return self._take(unique[unknown:]), places.reshape(-1) - unknown
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Errors of the n images of one result file.
+
+    items and sequences (n), a sequence that nobody knows is empty; errors maps a metric and unit
+    to (n,), nan where an image failed or, in precision and recall, has nothing to judge; failures
+    maps the failed items to the reason; bars says how the truth lies in the error bars, and
+    plausibility (n,), where the method has them; run is what the file says of the fit.
+    """
+
+    file: Path
+    items: tuple[str, ...]
+    sequences: tuple[str, ...]
+    errors: Mapping[Kind, Floats]
+    failures: Mapping[str, str]
+    warnings: tuple[str, ...]
+    bars: ErrorBars | None
+    plausibility: Floats | None
+    run: Run
+
+    def image_errors(self, method: str) -> list[ImageErrors]:
+        """Return the errors in each metric and unit, of the images that count in it.
+
+        Those that leave labels undefined do not, unless they failed.
+        """
+        found = []
+        failed = np.array([item in self.failures for item in self.items], dtype=np.bool_)
+        every = labels_of(self.sequences)
+        for kind, values in self.errors.items():
+            whole = ImageErrors(method, *kind, self.items, every, values, self.plausibility)
+            counts = failed | ~np.isnan(values) | (not METRICS[kind[0]].of_labels)
+            if counts.any():
+                found.append(whole if counts.all() else whole.take(np.flatnonzero(counts)))
+        return found
+
+
+def judge(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) -> Judged:
+    """Measure every image of a result file in the metrics that its datasets allow.
+
+    Images and true shapes are matched by `match`, landmarks by name; those that only one side has
+    are left out, and images with fewer than `least_visible` observed ones. Raises InputError where
+    no image or too few landmarks match, and where no metric can be measured.
+    """
+    if not len(results):
+        raise input_error(file, "holds no images", "check the run that wrote it")
+    run = _run_of(results)
+    results, too_few = take_visible(file, results, config.least_visible)
+    keys = named_items(results, config.match, file, "match")
+    shapes, rows = truth.find(file, keys)
+    names = common_landmarks(file, results.landmark_names, shapes.landmark_names)
+    # `take` gives them in the order of the core, an index gives them landmark by landmark.
+    own = match_landmarks(results.landmark_names, names)
+    estimate = results.shapes.take(own, axis=2)
+    true = shapes.shapes[rows].take(match_landmarks(shapes.landmark_names, names), axis=2)
+    true[rows < 0] = np.nan
+    rotation = _true_rotation(file, results, true, config.truth_frame)
+    with np.errstate(all="ignore"):  # overflow is not an error to report
+        scale = in_blocks(truth_scale, estimate, true)
+    arrays = {ESTIMATE: estimate, TRUTH: true, TRUE_ROTATION: rotation}
+    units = (shapes.unit, results.unit)
+    errors, unmeasured = _measure(file, results, config.metrics, arrays, scale, units)
+    judged = in_blocks(visible_in_both, estimate, true)
+    for values in errors.values():
+        values[~judged.any(axis=-1)] = np.nan
+    bars: ErrorBars | None = None
+    unjudged: list[str] = []
+    if config.calibration:
+        bars, unjudged = _judge_bars(file, results, own, arrays, scale, units[0])
+    sequences = _sequences(results, shapes, rows)
+    return Judged(
+        file=file,
+        items=results.items,
+        sequences=sequences,
+        errors=errors,
+        failures=_failures(results, keys, rows, judged, errors),
+        warnings=(
+            *too_few,
+            *_left_out(file, results, shapes, names),
+            *unmeasured,
+            *_partial(file, judged),
+            *unjudged,
+        ),
+        bars=None if bars is None else replace(bars, landmarks=names, sequences=sequences),
+        plausibility=find_dataset(file, results, PLAUSIBILITY) if config.calibration else None,
+        run=run,
+    )
+
+
+def find_dataset(file: Path, results: ResultSet, wanted: Dataset) -> NDArray[Any] | None:
+    """Return a dataset that a metric takes, in the paper's orientation; None if it is absent.
+
+    Raises InputError where the dataset has another shape than the metric expects.
+    """
+    if wanted.name in FIELDS:
+        known: NDArray[Any] | None = getattr(results, FIELDS[wanted.name])
+        return known
+    data = results.columns.get(wanted.name)
+    if data is None:
+        return None
+    p = len(results.landmark_names)
+    expected = (len(results), *(p if size == "p" else size for size in wanted.shape))
+    if data.shape != expected:
+        found = f"has the shape {data.shape}"
+        raise input_error(f"{file}:/{wanted.name}", found, f"its shape must be {expected}")
+    if wanted.labels:
+        return np.asarray(data, dtype=np.bool_)
+    if data.dtype.kind not in "biuf":
+        raise input_error(f"{file}:/{wanted.name}", f"holds {data.dtype}", "it must hold numbers")
+    numbers = np.asarray(data, dtype=np.float64)
+    # Carried datasets come as they stand in the file, one landmark per row.
+    return np.swapaxes(numbers, -1, -2) if wanted.points else numbers
+
+
+def with_shapes_of(results: ResultSet, names: Sequence[str]) -> ResultSet:
+    """Return the result with its joints or with the input's landmarks, whichever fit the names.
+
+    Where a fit lifted a detector's landmarks with a dictionary of joints, its result has both.
+    """
+    known = results.columns
+    if INPUT_NAMES not in known or INPUT_SHAPES not in known:
+        return results
+    own = tuple(map(str, known[INPUT_NAMES]))
+    if len(set(own) & set(names)) <= len(set(results.landmark_names) & set(names)):
+        return results
+    sd, correlation = results.per_item(INPUT_SD), results.per_item(INPUT_CORRELATION)
+    apart = results.without((*OF_JOINTS, CORRELATION.name, "landmarks_fitted", "dual"))
+    shown = apart.replaced(
+        shapes=np.swapaxes(known[INPUT_SHAPES], 1, 2),
+        shape_sd=None if sd is None else np.swapaxes(sd, 1, 2),
+        landmark_names=own,
+    )
+    return shown if correlation is None else shown.with_columns({CORRELATION.name: correlation})
+
+
+def take_visible(file: Path, results: ResultSet, least: int) -> tuple[ResultSet, tuple[str, ...]]:
+    """Return the images with at least so many observed landmarks, and a warning about the others.
+
+    Raises InputError where the file has no observed landmarks, or no such image.
+    """
+    if not least:
+        return results, ()
+    observed = find_dataset(file, results, LANDMARKS)
+    if observed is None:
+        fix = "fit to a file that ends in .h5, or leave out `least_visible`"
+        found = "has no dataset 'landmarks', which `least_visible` counts in"
+        raise input_error(file, found, fix)
+    count = visible_in_both(observed, observed).sum(axis=-1)
+    enough = count >= least
+    if not enough.any():
+        found = f"none of its {len(results)} images has {least} observed landmarks"
+        raise input_error(file, found, f"set `least_visible` to {max(count, default=0)} or less")
+    if enough.all():
+        return results, ()
+    # Without the name of the file: results of the same images have one warning together.
+    left_out = f"{(~enough).sum()} of {len(results)} images left out"
+    return results.take(np.flatnonzero(enough)), (
+        f"{left_out}: fewer than {least} observed landmarks",
+    )
+
+
+def common_landmarks(file: Path, own: Sequence[str], true: Sequence[str]) -> tuple[str, ...]:
+    """Return the landmarks of a file that the truth has too, in the order of the file.
+
+    Raises InputError where these are fewer than three.
+    """
+    common = tuple(name for name in own if name in set(true))
+    if len(common) < FEWEST_LANDMARKS:
+        found = f"the truth has {len(common)} of its landmarks ({abbreviate(own)})"
+        fix = (
+            f"at least {FEWEST_LANDMARKS} must have the names that they have in the truth "
+            f"({abbreviate(true)})"
+        )
+        raise input_error(file, found, fix)
+    return common
+
+
+def _run_of(results: ResultSet) -> Run:
+    """Return what a file says of its fit; seconds that are no time are None."""
+    seconds, status = results.attributes.get("solve_seconds"), results.status
+    timed = isinstance(seconds, int | float) and np.isfinite(seconds) and seconds >= 0
+    return Run(
+        images=len(results),
+        objective=results.objective,
+        solved=None if status is None else int(np.isin(status.astype(str), SOLVED).sum()),
+        seconds=float(seconds) if timed else None,  # type: ignore[arg-type]
+    )
+
+
+def _true_rotation(file: Path, results: ResultSet, true: Floats, frame: str) -> Floats | None:
+    """Rotation (n, 3, 3) from the frame of the truth (n, 3, p) to that of the camera.
+
+    None where the results should state it and do not. For the line of sight it takes the centroid
+    of the truth onto the optical axis, by the smallest turn.
+    """
+    if frame == "object":
+        return find_dataset(file, results, TRUE_ROTATION)
+    if frame == "camera":
+        return np.tile(np.eye(3), (len(results), 1, 1))
+    ray = centroid(true, visible_in_both(true, true))
+    length = np.linalg.norm(ray, axis=1)
+    somewhere = (length > 0) & np.isfinite(length)
+    x, y, z = np.where(somewhere[:, None], ray, [0.0, 0.0, 1.0]).T / np.where(somewhere, length, 1)
+    depth, none = np.where(z < 0, -1.0, 1.0), np.zeros(len(ray))
+    K = np.stack([none, none, -depth * x, none, none, -depth * y, depth * x, depth * y, none])
+    K = K.T.reshape(-1, 3, 3)
+    turn: Floats = np.eye(3) + K + K @ K / (1 + np.abs(z))[:, None, None]
+    return turn
+
+
+def _measure(
+    file: Path,
+    results: ResultSet,
+    metrics: Sequence[str],
+    arrays: Mapping[Dataset, NDArray[Any] | None],
+    scale: Floats,
+    units: tuple[str, str],
+) -> tuple[dict[Kind, Floats], list[str]]:
+    """Errors (n,) in each metric and unit, and warnings about metrics that lack a dataset.
+
+    arrays holds the shapes and the true rotation; scale (n,) as `truth_scale` has it; units are
+    those of the truth and of the images. Raises InputError where all metrics lack something.
+    """
+    errors: dict[Kind, Floats] = {}
+    unmeasured = []
+    for metric in metrics:
+        known = METRICS[metric]
+        further = (*known.datasets, *((LANDMARKS, BOX) if known.unit == IMAGE else ()))
+        data = {each: find_dataset(file, results, each) for each in further} | dict(arrays)
+        lacking = [dataset for dataset in known.datasets if data[dataset] is None]
+        if lacking:
+            datasets = " and ".join(f"`{dataset.name}`" for dataset in lacking)
+            unmeasured.append(f"no {metric} without the dataset {datasets}")
+            continue
+        with np.errstate(all="ignore"):
+            error: Floats = in_blocks(known.load(), *(data[dataset] for dataset in known.needs))
+            if known.unit == LENGTH:  # once, where the unit of the truth is `normalised`
+                measured = {NORMALISED: error / scale}
+                measured |= {} if units[0] == NORMALISED else {units[0]: error}
+            elif known.unit == IMAGE:
+                measured = {units[1]: error, OF_THE_BOX: error / _diagonal(data)}
+            else:
+                measured = {known.unit: error}
+        for unit, values in measured.items():
+            errors[metric, unit] = np.where(np.isfinite(values), values, np.nan)
+    if not errors:
+        fix = "add the metric `similarity`, which needs only shapes"
+        raise input_error(file, "; ".join(unmeasured), fix)
+    return errors, [f"{file}: {metric}" for metric in unmeasured]
+
+
+def _diagonal(data: Mapping[Dataset, NDArray[Any] | None]) -> Floats:
+    """Diagonal (n,) of the given boxes (n, 4), x y w h, else of those of the observed landmarks.
+
+    nan where it is 0 or unknown.
+    """
+    boxes, observed = data[BOX], data[LANDMARKS]
+    if boxes is None:
+        assert observed is not None  # a metric in an image takes them
+        return box_diagonal(observed)
+    diagonal = np.hypot(boxes[:, 2], boxes[:, 3])
+    return np.where(diagonal > 0, diagonal, np.nan)
+
+
+def _judge_bars(
+    file: Path,
+    results: ResultSet,
+    own: NDArray[np.intp],
+    arrays: Mapping[Dataset, NDArray[Any] | None],
+    scale: Floats,
+    unit: str,
+) -> tuple[ErrorBars | None, list[str]]:
+    """Return how the truth lies in the error bars of the landmarks `own`, None without any.
+
+    And a warning where there are some, but no rotation of the truth to the camera.
+    """
+    deviation = find_dataset(file, results, DEVIATION)
+    if deviation is None:
+        return None, []
+    if arrays[TRUE_ROTATION] is None:
+        lacking = f"without the dataset `{TRUE_ROTATION.name}` or a `truth_frame`"
+        return None, [f"{file}: the error bars are not judged, {lacking}"]
+    correlation = find_dataset(file, results, CORRELATION)
+    covariance = results.columns.get(COVARIANCE)
+    if correlation is None and covariance is not None:
+        n, _, p = deviation.shape
+        if np.shape(covariance) != (n, 3 * p, 3 * p):
+            found = f"has the shape {np.shape(covariance)}"
+            fix = f"its shape must be {(n, 3 * p, 3 * p)}"
+            raise input_error(f"{file}:/{COVARIANCE}", found, fix)
+        correlation = correlations_of(np.asarray(covariance, dtype=np.float64))
+    with np.errstate(all="ignore"):  # overflow is not an error to report
+        square, width = in_blocks(
+            find_squares,
+            *(arrays[ESTIMATE], arrays[TRUTH], arrays[TRUE_ROTATION]),
+            deviation.take(own, axis=2),
+            None if correlation is None else correlation.take(own, axis=2),
+        )
+        widths = {NORMALISED: width / scale[:, None], unit: width}
+    return ErrorBars((), (), square, widths, parallel=correlation is None), []
+
+
+def _left_out(file: Path, results: ResultSet, truth: ShapeSet, common: Sequence[str]) -> list[str]:
+    """Warnings about the landmarks that one side has alone."""
+    sides = {"results": results.landmark_names, "truth": truth.landmark_names}
+    alone = {side: [n for n in names if n not in set(common)] for side, names in sides.items()}
+    return [
+        f"{file}: landmarks in the {side} alone are left out: {abbreviate(names)}"
+        for side, names in alone.items()
+        if names
+    ]
+
+
+def _partial(file: Path, judged: Flags) -> list[str]:
+    """Warn of images of which some landmarks (n, p) are judged."""
+    partial = int((judged.any(axis=-1) & ~judged.all(axis=-1)).sum())
+    lack = f"lack some of the {judged.shape[1]} landmarks, there or in the truth"
+    return [f"{file}: {partial} images {lack}; judged on the others"] if partial else []
+
+
+def _sequences(results: ResultSet, truth: ShapeSet, rows: NDArray[np.intp]) -> tuple[str, ...]:
+    """Sequence of each image: of the results, else of the truth, else one for all.
+
+    One without a name is called `all` too; the empty text stands for an image without truth.
+    """
+    if results.sequences is not None:
+        return tuple(sequence or ALL for sequence in results.sequences)
+    if truth.sequences is not None:
+        return tuple(truth.sequences[row] or ALL if row >= 0 else "" for row in rows)
+    return (ALL,) * len(results)
+
+
+def _failures(
+    results: ResultSet,
+    keys: Sequence[str],
+    rows: NDArray[np.intp],
+    judged: Flags,
+    errors: Mapping[Kind, Floats],
+) -> dict[str, str]:
+    """Why each image without one or more errors has none."""
+
+    def reason(i: int) -> str:
+        if rows[i] < 0:
+            return f"the truth has no item '{keys[i]}'"
+        if not np.isfinite(results.shapes[i]).any():
+            status = "" if results.status is None else f" (status {results.status[i]})"
+            return f"the results hold no shape{status}"
+        if judged[i].sum() < FEWEST_LANDMARKS:
+            return f"only {judged[i].sum()} landmarks are known on both sides"
+        lost = [kind for kind, values in certain.items() if np.isnan(values[i])]
+        empty = np.isfinite(results.shapes[i]).all() and coincide(results.shapes[i])
+        if empty and all(ROTATION in METRICS[metric].needs for metric, _ in lost):
+            return "no rotation (deg): the shape is empty, with all its landmarks at one point"
+        kinds = ", ".join(f"{metric} ({unit})" for metric, unit in lost)
+        return f"a value needed for {kinds} is nan, or true landmarks are all at one point"
+
+    certain = {kind: v for kind, v in errors.items() if not METRICS[kind[0]].of_labels}
+    failed = ~judged.any(axis=-1)
+    for values in certain.values():
+        failed |= np.isnan(values)
+    return {results.items[i]: reason(i) for i in np.flatnonzero(failed).tolist()}

@@ -1,0 +1,66 @@
+"""What bar and box plots show: heights, quartiles, looks, files."""
+
+import subprocess
+import sys
+
+import numpy as np
+
+from shapefit.evaluation.plots import MOST_SEQUENCES, draw_bars, draw_boxes, writers
+from shapefit.evaluation.summaries import ImageErrors, summarise
+
+NAN = float("nan")
+GROUPS = {"13": ("13_1", "13_2"), "14": ("14_1",)}
+
+
+def errors(method="a", shift=0.0):
+    sequences = ("13_1", "13_1", "13_2", "14_1", "14_1")
+    values = np.array([1.0, 3.0, 6.0, 5.0, NAN]) + shift
+    return ImageErrors(method, "similarity", "m", tuple("pqrst"), sequences, values)
+
+
+def heights(axis):
+    return {bars.get_label(): [bar.get_height() for bar in bars] for bars in axis.containers}
+
+
+def ticks(axis):
+    return [text.get_text() for text in axis.get_xticklabels()]
+
+
+def test_bars_are_the_means_of_sequences_and_of_groups():
+    summaries = [s for e in (errors(), errors("b", 1)) for s in summarise(e, GROUPS)]
+    first, second = draw_bars(summaries).axes
+    assert heights(first) == {"a": [2.0, 6.0, 4.0], "b": [3.0, 7.0, 5.0]}
+    assert ticks(first) == ["13_1", "13_2", "mean"]
+    assert heights(second) == {"a": [5.0], "b": [6.0]}
+    assert [axis.get_title() for axis in (first, second)] == ["13", "14"]
+    assert first.get_ylabel() == "mean error (m)"
+
+
+def test_of_too_many_sequences_the_mean_alone_is_drawn():
+    names = tuple(f"s{i}" for i in range(MOST_SEQUENCES + 1))
+    every = ImageErrors("a", "similarity", "m", names, names, np.arange(len(names), dtype=float))
+    (axis,) = draw_bars(summarise(every, {"all": names})).axes
+    assert heights(axis) == {"a": [MOST_SEQUENCES / 2]}
+
+
+def test_boxes_are_the_quartiles_of_the_images_that_did_not_fail():
+    first, second = draw_boxes([errors()], GROUPS).axes
+    (box,) = first.patches
+    bottom, top = box.get_path().vertices[:, 1].min(), box.get_path().vertices[:, 1].max()
+    assert (bottom, top) == tuple(np.percentile([1, 3, 6], (25, 75)))
+    assert [text.get_text() for text in first.texts] == ["3"]
+    assert [text.get_text() for text in second.texts] == ["5"]
+
+
+def test_files_are_the_same_every_time_and_need_no_screen(tmp_path):
+    for turn in ("first", "second"):
+        for name, write in writers(turn, draw_boxes([errors()], GROUPS)).items():
+            write(tmp_path / name)
+    for form in ("png", "svg"):
+        first, second = (tmp_path / f"{turn}.{form}" for turn in ("first", "second"))
+        assert first.read_bytes() == second.read_bytes()
+
+
+def test_plots_are_imported_without_matplotlib():
+    code = "import sys, shapefit.evaluation.plots; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
