@@ -132,39 +132,6 @@ def kmeans(X: Floats, k: int, w: Floats) -> NDArray[np.intp]:
     return label
 
 
-def cross_validate(
-    shapes: Floats,
-    groups: NDArray[np.intp],
-    components: int,
-    *,
-    shrinkage: float,
-    floor: float,
-    weights: Floats | None = None,
-) -> float:
-    """Mean log likelihood of a shape under the mixture learned without its group.
-
-    groups (n,) number the sequences, or blocks, that are left out together. A shape has noise of
-    the floor, as in learning.
-    """
-    total, count = 0.0, 0.0
-    w = np.ones(len(shapes)) if weights is None else weights
-    for group in np.unique(groups):
-        out = groups == group
-        learned = learn_mixture(
-            shapes[~out],
-            min(components, int((~out).sum())),
-            shrinkage=shrinkage,
-            floor=floor,
-            weights=w[~out],
-        )
-        X = shapes[out].reshape(int(out.sum()), -1)
-        density = expected_log_density(X, learned.mixture, floor)
-        top = density.max(axis=1)
-        total += float(w[out] @ (np.log(np.exp(density - top[:, None]).sum(axis=1)) + top))
-        count += float(w[out].sum())
-    return total / count
-
-
 def _scatter(X: Floats, w: Floats, mean: Floats) -> Floats:
     """sum_n w_n (x_n - mean) (x_n - mean)^T."""
     apart = X - mean

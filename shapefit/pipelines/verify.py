@@ -11,7 +11,7 @@ import json
 import os
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from itertools import islice
 from pathlib import Path
@@ -200,6 +200,7 @@ def verify_file(
     """Verify the images of one file, and what it states of them all; `path` of the dictionary."""
     with open_proofs(part.file) as results:
         fit = read_fit(results.head.attributes, part.file)
+        fit = replace(fit, depth_is_open=dictionary.depth_is_open)
         head = columns_of(results.head)
         tally.fit, tally.datasets = (
             fit,

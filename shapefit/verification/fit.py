@@ -38,10 +38,14 @@ FEWEST, FLAT = 3, 1e-9
 
 @dataclass(frozen=True)
 class Fit:
-    """A fit by the resolved config that its result stores; `inputs` are digests of its files."""
+    """A fit by the resolved config that its result stores; `inputs` are digests of its files.
+
+    depth_is_open, whether the dictionary may be its own mirror image in depth.
+    """
 
     config: Mapping[str, Any]
     inputs: Mapping[str, str]
+    depth_is_open: bool = False
 
     def key(self, path: str, default: Any = None) -> Any:
         """Return the value of a key, `section.key`; the default where an older config lacks it."""

@@ -31,6 +31,7 @@ PAIRS = ((0, 1), (0, 2), (1, 2))
 DOUBTS = (
     "too few landmarks seen",
     "implausible landmarks",
+    "near and far not told apart",
     "wide error bars",
     "not optimal",
 )
@@ -204,6 +205,7 @@ def find_doubts(images: Images, nearly: float) -> np.ndarray[tuple[int], np.dtyp
     reasons = (
         2 * seen_in(stated).sum(axis=1) <= VIEWED,
         stated["plausibility"] < fit.key("posterior.implausible", 0.0) * nearly,
+        np.full(len(bar), fit.depth_is_open),
         ~(bar <= widest * nearly * spread),
         stated["status"].astype(str) == LIMITED,
     )

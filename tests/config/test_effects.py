@@ -89,7 +89,7 @@ IDLE = {
             f"prior.{key}": "start=people"
             for key in (
                 "components=2", "shrinkage=0.5", "floor=0.1", "copies=3", "stretch=0.5",
-                "exchange=0.5", "weights=a", "max_rounds=3", "folds=3",
+                "exchange=0.5", "weights=a", "max_rounds=3",
             )
         },
     },

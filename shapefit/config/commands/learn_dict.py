@@ -69,9 +69,6 @@ class PriorConfig(ConfigModel):
     """Dataset of the shapes that holds the weight of each."""
     max_rounds: int = Field(default=20, ge=1, le=MOST_STEPS)
     """Maximum rounds of expectation maximisation."""
-    folds: int = Field(default=0, ge=0, le=100)
-    """Cross-validates the mixture on as many groups of whole sequences (without sequences: blocks
-    of shapes), and reports the log likelihood of a shape left out; 0 skips this."""
 
 
 class LearnDictConfig(CommandConfig):

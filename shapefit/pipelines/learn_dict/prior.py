@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.config.commands.learn_dict import PriorConfig
 from shapefit.dictionary.mixture import Mixture
-from shapefit.dictionary.mixture_learning import cross_validate, learn_mixture
+from shapefit.dictionary.mixture_learning import learn_mixture
 from shapefit.dictionary.variations import find_skeleton, vary
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
@@ -26,7 +26,7 @@ FEWEST_COPIES, MOST_COPIES, ENOUGH = 2, 100, 1500
 def learn_prior(
     training: TrainingShapes, options: PriorConfig, aligned: TrainingOptions
 ) -> tuple[Mixture, str]:
-    """Return the mixture over the aligned shapes, varied, and a note on how likely shapes are.
+    """Return the mixture over the aligned shapes, varied, and a note.
 
     Raises InputError for more components than shapes, weights that are none, and bones that are no
     tree where they are to vary.
@@ -47,19 +47,6 @@ def learn_prior(
         max_rounds=options.max_rounds,
     )
     note = f"prior of {counted(len(learned.mixture), 'component')}"
-    if options.folds > 1:
-        likelihood = cross_validate(
-            shapes,
-            np.tile(
-                find_groups(training.original.sequences, len(training), options.folds),
-                copies,
-            ),
-            options.components,
-            shrinkage=options.shrinkage,
-            floor=options.floor,
-            weights=weights,
-        )
-        note += f", log likelihood of a shape left out {likelihood:.2f}"
     return learned.mixture, note
 
 

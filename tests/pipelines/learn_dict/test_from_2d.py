@@ -21,7 +21,7 @@ from shapefit.io import (
     write_dictionary,
     write_shapes,
 )
-from shapefit.pipelines import info
+from shapefit.pipelines import info, verify
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.learn_dict.from_2d import find_doubts
 from tests.io.files import save
@@ -104,6 +104,8 @@ def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
     (warning,) = [text for text in texts if "learned from 2D" in text]
     assert "learned from 2D landmarks: learned; near and far open" in warning
     assert "near and far open" in told_of(tmp_path)
+    request = verify.Request(files[2], files[1], (files[0],))
+    assert not [each.failures for each in verify.run(request) if each.failures]
     found = result.shapes - result.shapes.mean(axis=2, keepdims=True)
     for sign in (1, -1):  # whichever of both the class is
         off = np.abs(found[:, 2] - sign * 100.0 * class_of_shapes[:, 2])
