@@ -216,8 +216,9 @@ def _for_each(images: LandmarkSet, name: str) -> NDArray[Any]:
 def estimate(config: FitConfig, dictionary: Dictionary, first: LandmarkSet) -> Setup:
     """Estimate the camera, then the skeleton as it sees it, and check both on a sample.
 
-    A class that was learned of landmarks under weak perspective is seen so unless a camera was
-    measured.
+    A class that was learned of landmarks under weak perspective is seen so unless a calibration is
+    given: it has the sizes that weak perspective gave it, and a matrix of the files has told near
+    from far already.
     """
     calibrated = find_calibrated(config.camera)
     config, of_bars = with_calibration(config)
@@ -225,7 +226,7 @@ def estimate(config: FitConfig, dictionary: Dictionary, first: LandmarkSet) -> S
     whole = dictionary
     measured = calibrated is not None or CAMERA_MATRIX in images.columns
     dictionary = of_files(dictionary, images.landmark_names)
-    if LEARNED_FROM in dictionary.provenance and not measured:
+    if LEARNED_FROM in dictionary.provenance and calibrated is None:
         config = without_camera(config)
     is_open = config.camera.model == "auto"
     of_people = is_of_people(dictionary.landmark_names)
