@@ -138,7 +138,7 @@ store (s3://, gs://).""",
                 "Dictionary that learn-dict wrote, or the name of an installed one, such as people."
             ),
             click.Option(
-                ["--workers"], type=int, metavar="N", help="Do the parts with N processes (Dask)."
+                ["--workers"], type=int, metavar="N", help="Do the parts with N processes."
             ),
             click.Option(
                 ["--scheduler"], metavar="ADDRESS", help="Do the parts on a running Dask cluster."

@@ -26,6 +26,7 @@ OPTIONS = {
 
 def both(tmp_path, landmarks, dictionary, **options):
     """Fit by the command and by the function; the files of both."""
+    options = {"method": "convex"} | options
     keys = {("lambda" if key == "lam" else key): value for key, value in options.items()}
     run_command(
         "fit", landmarks=str(landmarks), dictionary=str(dictionary),
@@ -81,8 +82,8 @@ def test_arrays_alone_are_enough(people, views):
         shapefit.read_dictionary(people["sparse-coding"]),
         shapefit.read_landmarks(views),
     )
-    named = shapefit.fit(images, atoms)
-    plain = shapefit.fit(images.landmarks, atoms, weights=images.confidence)
+    named = shapefit.fit(images, atoms, method="convex")
+    plain = shapefit.fit(images.landmarks, atoms, weights=images.confidence, method="convex")
     np.testing.assert_array_equal(plain.shapes, named.shapes)
     assert plain.items[:2] == ("0", "1")
     assert plain.shapes.shape == (150, 15, 3)
@@ -111,7 +112,8 @@ def test_an_image_without_landmarks_fails_and_the_others_do_not(people, views):
 def test_what_the_command_warns_of_is_a_warning(people, views):
     atoms = shapefit.read_dictionary(people["sparse-coding"])
     with pytest.warns(UserWarning, match="not optimal") as told:
-        shapefit.fit(shapefit.read_landmarks(views), atoms, solver={"max_iterations": 1})
+        images = shapefit.read_landmarks(views)
+        shapefit.fit(images, atoms, method="convex", solver={"max_iterations": 1})
     assert told[0].filename == __file__
     with pytest.warns(UserWarning, match="pmp is made for"):
         shapefit.fit(shapefit.read_landmarks(views), atoms, method="pmp")

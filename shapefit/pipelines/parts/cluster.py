@@ -1,11 +1,10 @@
-"""Parts on a Dask cluster: one that is running, or one of this machine's processes."""
+"""Parts on a Dask cluster that is running."""
 
 from __future__ import annotations
 
 import json
 import logging
 import os
-import time
 from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -30,20 +29,14 @@ AHEAD = 4
 PATIENCE = 10
 """Seconds to wait for the scheduler to answer."""
 
-STARTING = 60
-"""Seconds to wait for the workers of this machine."""
-
 CLOSING = 5
 """Seconds to wait for it at the end."""
 
-OF_A_NANNY = {"distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None}
-"""By default workers give every free page back, which takes time of the system."""
-
 
 def wants_cluster(config: FitConfig) -> bool:
-    """Whether the parts are to run elsewhere than in this process."""
+    """Whether the parts are to run on a scheduler that config or environment name."""
     named = config.scheduler or config.scheduler_file or os.environ.get(ADDRESS)
-    return bool(named) or config.workers is not None
+    return bool(named) and config.workers is None
 
 
 @contextmanager
@@ -53,22 +46,6 @@ def connected(config: FitConfig) -> Iterator[Any]:
     Raises InputError where Dask is not installed, and where no scheduler answers.
     """
     distributed = _dask()
-    if config.workers is not None:
-        import dask
-
-        with (
-            dask.config.set(OF_A_NANNY),
-            distributed.LocalCluster(
-                n_workers=0,
-                threads_per_worker=1,
-                dashboard_address="127.0.0.1:0",
-                silence_logs=logging.CRITICAL,
-            ) as cluster,
-            distributed.Client(cluster) as client,
-        ):
-            start_workers(cluster, config.workers)
-            yield client
-        return
     address = address_of(config)
     try:
         client = distributed.Client(address, timeout=PATIENCE)
@@ -80,32 +57,6 @@ def connected(config: FitConfig) -> Iterator[Any]:
     finally:
         with suppress(Exception):  # of a scheduler that is gone there is nothing to let go
             client.close(timeout=CLOSING)
-
-
-def start_workers(cluster: Any, count: int) -> None:
-    """Start the processes of this machine; those that die while they start are done without.
-
-    Where none lives they are started again. Raises InputError where none lives in the end.
-    """
-
-    def states() -> list[str]:
-        return [worker.status.name for worker in list(cluster.workers.values())]
-
-    def scale(wanted: int) -> None:
-        cluster.scale(wanted)
-        ends = time.monotonic() + STARTING
-        while len(states()) != wanted or {"init", "created", "starting"} & set(states()):
-            if time.monotonic() > ends:
-                return
-            time.sleep(0.01)
-
-    for _ in range(1 + RETRIES):
-        scale(count)
-        if "running" in states():
-            return
-        scale(0)
-    found = f"none of {counted(count, 'process')} starts"
-    raise input_error("workers", found, "free some memory, or do the parts without --workers")
 
 
 def address_of(config: FitConfig) -> str:
@@ -205,7 +156,7 @@ def _dask() -> Any:
         import distributed
     except ImportError:
         found = "a cluster needs dask distributed, which is not installed"
-        fix = "run `pip install distributed`, or leave out --workers and --scheduler"
+        fix = "run `pip install distributed`, or leave out --scheduler; --workers does without"
         raise input_error("fit", found, fix) from None
     for name in ("distributed", "distributed.client", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL)

@@ -149,7 +149,8 @@ def _run(
     manifest, again = _known(folder, manifest)
     parts = {part.file: part for part in planned}
     manifest.parts = {file: manifest.parts[file] for file in parts if manifest.holds(parts[file])}
-    alone = {"threads": 1} if wants_cluster(config) and config.threads == 0 else {}
+    elsewhere = config.workers is not None or wants_cluster(config)
+    alone = {"threads": 1} if elsewhere and config.threads == 0 else {}
     shared = config.model_copy(update={"landmarks": (), **alone})  # each part names its own
     job = partial(
         Job, config=shared, folder=folder.path, setup=replace(setup, lines=(), warnings=())
@@ -209,10 +210,15 @@ def _warn_of_equal(equal: Equal) -> tuple[Counted, ...]:
 
 
 def _do(config: FitConfig, jobs: deque[Job]) -> Iterator[Done | str]:
-    """Do jobs, on a cluster, which is introduced by one line, or one after the other.
+    """Do jobs on processes, or a cluster, which a line introduces, or one after the other here.
 
     Those that are added meanwhile are done, too.
     """
+    if jobs and config.workers is not None:
+        from shapefit.pipelines.parts.processes import on_processes
+
+        yield from on_processes(jobs, config.workers)
+        return
     if not jobs or not wants_cluster(config):
         while jobs:
             yield _tried(jobs.popleft())

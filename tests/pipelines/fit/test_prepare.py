@@ -190,7 +190,7 @@ def test_a_measured_camera_is_obeyed(bodies, tmp_path):
 
 def test_evidence_against_a_measured_camera_is_said(bodies, tmp_path):
     seen = {"focal": 900.0, "distance": 8.0}
-    for focal, warned in ((900.0, False), (300.0, True)):
+    for focal, warned in ((900.0, False), (150.0, True)):
         matrix = np.array([[focal, 0, 960], [0, focal, 540], [0, 0, 1]])
         images = frames(bodies, camera_matrix=matrix, image_size=SIZE, **seen)
         save(tmp_path / "views.h5", images)
@@ -198,7 +198,7 @@ def test_evidence_against_a_measured_camera_is_said(bodies, tmp_path):
                 if "speak against the measured camera" in text]  # fmt: skip
         assert bool(said) == warned
         if warned:
-            assert "in place of 300 px" in said[0]
+            assert "in place of 150 px" in said[0]
             assert "model: perspective" in said[0]
         assert (focal_of(tmp_path / "result.h5")[0] == focal).all()
 

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from shapefit.config import load_config
-from shapefit.errors import InputError, counted
+from shapefit.errors import InputError
 from shapefit.pipelines.parts import cluster as module
 from shapefit.pipelines.parts.part import Done, Job
 from shapefit.pipelines.parts.plan import Part
@@ -120,7 +120,7 @@ def until(holds: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:
 
 
 def command(output: str, *options: object) -> list[str]:
-    sizes = ("--set", f"partition={SIZE}")
+    sizes = ("--set", f"partition={SIZE}") if output.endswith("/") else ()
     words = (BIN / "shapefit", "fit", "views.h5", "-d", "dict.h5", "-o", output, *SLOW, *sizes)
     return [*map(str, words), *map(str, options)]
 
@@ -172,43 +172,6 @@ def same_bits(data: Path, output: str) -> None:
             np.testing.assert_array_equal(np.concatenate(pieces), whole[name][:], err_msg=name)
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_processes_of_this_machine(data, workers):
-    output = f"local-{workers}/"
-    done = fit(data, output, "--workers", workers)
-    assert done.returncode == 0, done.stderr
-    same_bits(data, output)
-    lines = done.stderr.splitlines()
-    assert lines[0].startswith(f"Dask: {counted(workers, 'worker')}; dashboard: http://127.0.0.1:")
-    assert f"{PARTS} of {PARTS} parts done" in lines[-1]
-    assert all(line.startswith("fit: ") for line in lines[1:]), done.stderr  # none of Dask's own
-    assert done.stdout == ""
-
-
-@pytest.mark.parametrize(("workers", "deaths"), [(2, 1), (1, 1), (1, 3)])
-def test_a_worker_that_dies_while_it_starts(data, tmp_path, monkeypatch, workers, deaths):
-    """Its parts are done by others, or by one that is started again; at last it is an error."""
-    (tmp_path / "die.py").write_text(
-        "import os\n"
-        f"for number in range({deaths}):\n"
-        "    try:\n"
-        f"        os.close(os.open(f'{tmp_path}/{{number}}', os.O_CREAT | os.O_EXCL))\n"
-        "    except FileExistsError:\n"
-        "        continue\n"
-        "    os._exit(1)\n"
-    )
-    monkeypatch.setenv("DASK_DISTRIBUTED__WORKER__PRELOAD", f"['{tmp_path}/die.py']")
-    output = f"dying-{workers}-{deaths}/"
-    done = fit(data, output, "--workers", workers)
-    if deaths > 1:
-        assert (done.returncode, done.stdout) == (2, "")
-        assert "workers: none of 1 process starts; free some memory" in done.stderr
-    else:
-        assert done.returncode == 0, done.stderr
-        assert done.stderr.startswith("Dask: 1 worker;")
-        same_bits(data, output)
-
-
 @pytest.mark.parametrize("by", ["--scheduler", "--scheduler-file", "environment"])
 def test_a_running_cluster(data, cluster, by, monkeypatch):
     options = {
@@ -236,8 +199,8 @@ def test_a_killed_worker(data, cluster):
     same_bits(data, "worker/")
 
 
-def test_a_killed_client(data):
-    with in_the_middle(data, "client/", "--workers", 2) as process:
+def test_a_killed_client(data, cluster):
+    with in_the_middle(data, "client/", "--scheduler", cluster.address) as process:
         process.send_signal(signal.SIGKILL)
         process.wait()
     time.sleep(1)  # its workers notice
@@ -251,7 +214,7 @@ def test_a_killed_client(data):
     litter.write_bytes(b"left by a killed worker")
     before = listed(data / "client") if (data / "client/manifest.json").exists() else []
     stamps = {name: (data / "client" / name).stat().st_mtime_ns for name in before}
-    done = fit(data, "client/", "--workers", 2)
+    done = fit(data, "client/", "--scheduler", cluster.address)
     assert done.returncode == 0, done.stderr
     assert f"fit: {(PARTS - len(before)) * SIZE} images" in done.stderr
     for name, stamp in stamps.items():
@@ -325,7 +288,7 @@ def test_without_dask(data):
         "import sys; sys.modules['distributed'] = None; sys.modules['dask'] = None\n"
         "from shapefit.cli.main import run; sys.exit(run(sys.argv[1:]))"
     )
-    words = [sys.executable, "-c", code, *command("none/", "--workers", 2)[1:]]
+    words = [sys.executable, "-c", code, *command("none/", "--scheduler", "tcp://127.0.0.1:9")[1:]]
     done = subprocess.run(words, cwd=data, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "pip install distributed" in done.stderr
