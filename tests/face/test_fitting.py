@@ -111,8 +111,8 @@ def test_an_image_without_landmarks_fails_and_the_others_do_not(people, views):
 
 def test_what_the_command_warns_of_is_a_warning(people, views):
     atoms = shapefit.read_dictionary(people["sparse-coding"])
+    images = shapefit.read_landmarks(views)
     with pytest.warns(UserWarning, match="not optimal") as told:
-        images = shapefit.read_landmarks(views)
         shapefit.fit(images, atoms, method="convex", solver={"max_iterations": 1})
     assert told[0].filename == __file__
     with pytest.warns(UserWarning, match="pmp is made for"):
