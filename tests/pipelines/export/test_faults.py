@@ -3,6 +3,7 @@
 import errno
 import os
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ def changed(tmp_path, car_atoms):
 
     def write(**fields):
         path = tmp_path / "changed.h5"
-        write_dictionary(path, car_atoms.replaced(**fields))
+        write_dictionary(path, replace(car_atoms, **fields))
         return path
 
     return write
