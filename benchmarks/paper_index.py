@@ -80,7 +80,7 @@ def _mocap(report: Mapping[str, Any]) -> list[str]:
         "subject 15, which is not in these data; medians read off it: *Convex 0.180, Alternate "
         "0.267, Alternate+ 0.229*; mean objectives: *Alternate 0.24, Alternate+ 0.17*.",
         "### Example frames in a novel view (fig. vis-human)",
-        "![Landmarks, truth and the shape of each method](mocap/examples.png)",
+        "Every image, to turn: [mocap/view.html](mocap/view.html).",
     ]
 
 
