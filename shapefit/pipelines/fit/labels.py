@@ -40,10 +40,10 @@ class LabelLimits:
     rate         frames per second where the files do not say
     growth       growth of a body in the image over a step that counts as one nat against names
                  under which it walks backwards
-    gain         nats an image by which exchanged sides must be likelier. Over 55 clips of seven
-                 bodies (benchmarks/footage.py, not those scored) the right names were never less
-                 likely by more than 0.43; exchanged ones were so by 1.1 to 1.8 on average over the
-                 clips of a body, but for one of which there are three
+    gain         nats an image by which exchanged sides must be likelier. Over 55 clips of five
+                 bodies (seen as in benchmarks/footage.py, not those scored) the right names were
+                 never less likely by more than 0.43 on average over a clip; exchanged names of
+                 three bodies are noticed
     errors       and its standard errors
     implausible  share of implausible images from which other skeletons are tried; one that has
                  less than half of that share is named
