@@ -155,11 +155,11 @@ def test_a_failing_part_is_listed_and_the_others_are_done(folder, monkeypatch):
     real = part.run
     tries = []
 
-    def broken(config, rows):
+    def broken(config, rows, setup):
         if rows and rows.start == 256:
             tries.append(rows)
             raise OSError("the disk is full")
-        return real(config, rows)
+        return real(config, rows, setup)
 
     monkeypatch.setattr(part, "run", broken)
     outcomes = fit("out/", "partition=100")
