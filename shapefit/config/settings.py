@@ -63,6 +63,17 @@ SHORT = (
 PRESET, FILE, OPTION = range(3)
 """Who set a value: an installed config, a file, the command line."""
 
+_CONSTANT = "it is a constant of the method now; leave it out"
+
+GONE: Mapping[str, Mapping[str, str]] = {
+    "fit": {
+        "posterior.views": "it starts from the poses of the convex program alone; leave it out",
+        "posterior.max_rounds": _CONSTANT,
+    },
+    "learn-dict": {"prior.max_rounds": _CONSTANT},
+}
+"""Keys of the release before, by command -> what replaces them; for one release."""
+
 Config = TypeVar("Config", bound=ConfigModel)
 
 
@@ -407,6 +418,10 @@ def _schema_at(
 def _known(model: type[BaseModel], owner: type[BaseModel], location: Location) -> str:
     """Return the end of a message on an unknown key: the nearest key, or all that are known."""
     key = str(location[-1])
+    command = getattr(model, "COMMAND", "")
+    gone = GONE.get(command, {}).get(".".join(map(str, location)))
+    if gone is not None:
+        return f"; it is gone: {gone}"
     guess = _did_you_mean(key, field_keys(owner))
     if not guess:
         elsewhere = [known for known in dotted_keys(model) if known.split(".")[-1] == key]

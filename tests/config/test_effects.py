@@ -7,6 +7,7 @@ import pytest
 
 from shapefit.config import CONFIGS, load_config
 from shapefit.config.model import dotted_keys
+from shapefit.config.settings import GONE
 from shapefit.errors import InputError
 from shapefit.pipelines.learn_dict.run import run as learn_dict
 
@@ -56,7 +57,6 @@ IDLE = {
         "posterior.csv_deviations=true": "method=posterior",
         "posterior.implausible=0.5": "",
         "posterior.widest=0.5": "",
-        "posterior.views=3": "",
         "sequences.lengths=a.csv": "method=posterior",
         "solver.tolerance=0.01": "method=alternate",
         "solver.max_iterations=9": "method=pmp",
@@ -89,7 +89,7 @@ IDLE = {
             f"prior.{key}": "start=people"
             for key in (
                 "components=2", "shrinkage=0.5", "floor=0.1", "copies=3", "stretch=0.5",
-                "exchange=0.5", "weights=a", "max_rounds=3",
+                "exchange=0.5", "weights=a",
             )
         },
     },
@@ -185,3 +185,11 @@ def test_keys_of_learn_dict_that_do_not_count_for_shapes(project, tmp_path, sett
     key = setting.partition("=")[0]
     with pytest.raises(InputError, match=re.escape(f"`{key}` has no effect here, {condition}")):
         list(learn_dict(config))
+
+
+def test_a_key_that_is_gone_says_what_replaces_it():
+    for command, keys in GONE.items():
+        for key, instead in keys.items():
+            found = problems(command, [f"{key}=3"])
+            last = key.rpartition(".")[2]
+            assert found == (f"--set {key}=3: unknown key {last!r}; it is gone: {instead}",)

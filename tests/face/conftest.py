@@ -34,7 +34,13 @@ def same_file(one: Path, other: Path, but: tuple[str, ...] = ()) -> None:
                 x, y = x.view(np.uint8), y.view(np.uint8)
             assert np.array_equal(x, y, equal_nan=x.dtype.kind == "f"), name
         for name in ("unit", "method", "y_axis"):
-            assert a.attrs.get(name) == b.attrs.get(name)
+            one, other = (f.attrs.get(name) for f in (a, b))
+            assert _text(one) == _text(other), name
+
+
+def _text(value: object) -> object:
+    """Return an attribute, of a fixed length or not, as text."""
+    return value.decode() if isinstance(value, bytes) else value
 
 
 @pytest.fixture(scope="session")

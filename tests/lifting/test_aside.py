@@ -40,7 +40,7 @@ def images(people, rng):
 @pytest.fixture
 def lift(tmp_path):
     def lift(images, **keys):
-        keys |= {"method": "posterior", "posterior": {"views": 12}}
+        keys |= {"method": "posterior"}
         return fit_images(tmp_path, images, "people", **keys)[0]
 
     return lift

@@ -142,8 +142,6 @@ class PosteriorConfig(ConfigModel):
     calibration: OptionalInputPath = None
     """error_bars.json of a report of eval: error bars get so many times as wide that 90% of that
     truth would have been in their 90% ellipsoids."""
-    views: int = Field(default=PosteriorOptions.views, ge=0, le=1000)
-    """Views, spread evenly, to start from besides that of the convex program."""
     covariance: bool = PosteriorOptions.covariance
     """Also write the covariance of all landmarks together, `shape_covariance` (n, 3p, 3p) (large;
     HDF5)."""

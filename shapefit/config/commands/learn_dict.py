@@ -67,8 +67,6 @@ class PriorConfig(ConfigModel):
     other poses."""
     weights: str | None = Field(default=None, min_length=1)
     """Dataset of the shapes that holds the weight of each."""
-    max_rounds: int = Field(default=20, ge=1, le=MOST_STEPS)
-    """Maximum rounds of expectation maximisation."""
 
 
 class LearnDictConfig(CommandConfig):

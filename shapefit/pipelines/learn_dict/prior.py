@@ -22,6 +22,9 @@ from shapefit.pipelines.learn_dict.training_shapes import (
 FEWEST_COPIES, MOST_COPIES, ENOUGH = 2, 100, 1500
 """Copies of each shape that is varied, and how many shapes are enough for a mixture."""
 
+MOST_ROUNDS = 20
+"""Rounds of expectation maximisation, which ends sooner where it gains nothing."""
+
 
 def learn_prior(
     training: TrainingShapes, options: PriorConfig, aligned: TrainingOptions
@@ -44,7 +47,7 @@ def learn_prior(
         shrinkage=options.shrinkage,
         floor=options.floor,
         weights=weights,
-        max_rounds=options.max_rounds,
+        max_rounds=MOST_ROUNDS,
     )
     note = f"prior of {counted(len(learned.mixture), 'component')}"
     return learned.mixture, note
