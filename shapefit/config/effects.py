@@ -89,12 +89,6 @@ EFFECTS: dict[str, tuple[Effect, ...]] = {
             "with `outliers: {method: ransac}`",
         ),
         Effect(
-            ("outliers.lambda",),
-            lambda fit: fit.outliers.method == "truncated",
-            ("outliers", "outliers.method"),
-            "with `outliers: {method: truncated}`",
-        ),
-        Effect(
             ("camera.image_size",),
             lambda fit: fit.camera.model == "auto" and METHODS[fit.method].perspective == "own",
             ("camera", "camera.model", "method"),

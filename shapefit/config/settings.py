@@ -69,8 +69,16 @@ GONE: Mapping[str, Mapping[str, str]] = {
     "fit": {
         "posterior.views": "it starts from the poses of the convex program alone; leave it out",
         "posterior.max_rounds": _CONSTANT,
+        "outliers.lambda": "truncated least squares went; take `outliers: {method: ransac}`",
     },
-    "learn-dict": {"prior.max_rounds": _CONSTANT},
+    "learn-dict": {
+        "prior.max_rounds": _CONSTANT,
+        "prior.folds": "components are chosen with FOLDS parts of the sequences left out in turn",
+    },
+    "eval": {
+        "floors": "`python -m benchmarks.oracles` measures them",
+        "examples": "`view` shows the best and the worst images, sorted by error",
+    },
 }
 """Keys of the release before, by command -> what replaces them; for one release."""
 

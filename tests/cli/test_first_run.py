@@ -55,7 +55,6 @@ CARS = [
     *(["method=" + method] for method in ("convex+refine", "alternate")),
     ["method=mean-shape", PERSPECTIVE],
     ["outliers.method=ransac", PERSPECTIVE],
-    ["outliers.method=truncated"],
     ["leave_out=true_model"],
     ["rotations=orthogonal"],
     ["method=convex+refine", "alternation.signed=true"],

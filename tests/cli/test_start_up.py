@@ -56,7 +56,6 @@ NOT_FOR_A_FIT_OF_CSV = (
     "shapefit.lifting.perspective.view",
     "shapefit.lifting.outliers.ransac",
     "shapefit.lifting.sequences",
-    "shapefit.lifting.outliers.truncated",
     "shapefit.lifting.posterior.method",
     "shapefit.meshes",
     "shapefit.pipelines.fit.left_out",

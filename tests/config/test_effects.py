@@ -65,7 +65,6 @@ IDLE = {
         "outliers.threshold=0.5": "",
         "outliers.draws=9": "outliers.method=l1",
         "outliers.seed=9": "",
-        "outliers.lambda=3": "outliers.method=ransac",
         "theta={head: 1.5}": "",
         "camera.image_size=[640,480]": "",
         "partition=9": "",

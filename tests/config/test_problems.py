@@ -148,7 +148,7 @@ def test_a_proper_rotation_is_accepted():
         ("lambda=-1", "--set lambda=-1: expected a number > 0 or auto, found -1"),
         ("lambda=", "--set lambda=: expected a number > 0 or auto, found nothing"),
         ("solver.tol=1", "--set solver.tol=1: unknown key 'tol'; the keys here are tolerance, max"),
-        ("outliers.method=l2", "--set outliers.method=l2: expected none or ransac or truncated or"),
+        ("outliers.method=l2", "--set outliers.method=l2: expected none or ransac or sparse-error"),
         ("lambda", "--set lambda: expected key=value or key.key=value"),
         ("=1", "--set =1: expected key=value or key.key=value"),
         ("lambda.x=1", "--set lambda.x=1: expected a number > 0 or auto, found a mapping"),

@@ -17,7 +17,6 @@ OPTIONS = {
     "noise": {"lam": "auto", "noise": 3.0},
     "transforms": {"transforms": True, "rotations": "orthogonal"},
     "ransac": {"outliers": {"method": "ransac", "seed": 3}},
-    "truncated": {"outliers": {"method": "truncated"}},
     "perspective": {"camera": {"model": "perspective", "focal": 900.0}},
     "one thread": {"threads": 1, "chunk": 64},
     "strict": {"strict": True, "solver": {"max_iterations": 2}},

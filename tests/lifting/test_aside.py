@@ -1,13 +1,15 @@
 """Feet hang on ankles: what an image shows of them turns them, and moves nothing else."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from shapefit.config.named_files import find_dictionary
+from shapefit.convex.solution import Status
 from shapefit.io import LandmarkSet, read_dictionary
 from shapefit.io.skeletons import PEOPLE
+from shapefit.lifting.aside import place_aside
+from shapefit.lifting.estimate import Estimate
+from shapefit.lifting.lift import Lifting
 from shapefit.pipelines import verify
 from tests.pipelines.fitted import fit_images
 
@@ -49,7 +51,7 @@ def lift(tmp_path):
 def test_feet_move_no_other_joint(images, lift):
     moved = images.landmarks.copy()
     moved[..., FEET] += 30
-    found, other = lift(images), lift(replace(images, landmarks=moved))
+    found, other = lift(images), lift(images.replaced(landmarks=moved))
     np.testing.assert_array_equal(other.shapes[..., :15], found.shapes[..., :15])
     np.testing.assert_array_equal(other.shape_sd[..., :15], found.shape_sd[..., :15])
     assert (np.abs(found.shapes - other.shapes)[:, :2, FEET].mean(axis=(1, 2)) > 3).all()
@@ -58,7 +60,7 @@ def test_feet_move_no_other_joint(images, lift):
 def test_feet_that_are_seen_are_nearer_to_the_truth_in_the_image_and_surer(images, lift):
     hidden = images.landmarks.copy()
     hidden[..., FEET] = np.nan
-    seen, unseen = lift(images), lift(replace(images, landmarks=hidden))
+    seen, unseen = lift(images), lift(images.replaced(landmarks=hidden))
     off = [
         np.abs(each.landmarks_fitted - images.landmarks)[..., FEET].mean()
         for each in (seen, unseen)
@@ -66,6 +68,49 @@ def test_feet_that_are_seen_are_nearer_to_the_truth_in_the_image_and_surer(image
     assert off[0] < 0.7 * off[1]
     assert seen.shape_sd[:, :2, FEET].mean() < unseen.shape_sd[:, :2, FEET].mean()
     assert (seen.shape_sd > 0).all()
+
+
+def test_the_noise_of_an_ankle_is_shared_by_its_foot():
+    """Against all unknowns at once: the foot (9), and the noise of four landmarks (8)."""
+    rng = np.random.default_rng(0)
+    p, misfit, feet, ankle = 6, 0.02, [3, 4, 5], 1
+    A = rng.standard_normal((3 * p, 3 * p))
+    C = 0.02 * A @ A.T / p
+    foot = np.concatenate([np.array(feet) + p * axis for axis in range(3)])
+    rest = np.setdiff1d(np.arange(3 * p), foot)
+    C[np.ix_(rest, foot)] = C[np.ix_(foot, rest)] = 0.0  # the foot says nothing of the rest
+    shapes, landmarks = rng.standard_normal((1, 3, p)), rng.standard_normal((1, 2, p))
+    estimate = Estimate(
+        shapes=shapes, translation=np.zeros((1, 2)), rotation=np.eye(3)[None],
+        objective=np.zeros(1), residual=np.zeros(1), iterations=np.ones(1, int),
+        status=(Status.CONVERGED,), covariance=C[None],
+    )  # fmt: skip
+    lifting = Lifting(
+        shapes=shapes, landmarks_fitted=shapes[:, :2], translation=np.zeros((1, 2)),
+        scale=np.ones(1), problem=None, estimate=estimate, failures={},
+    )  # fmt: skip
+    hung = np.array([-1, -1, -1, ankle, ankle, ankle])
+    found = place_aside(lifting, landmarks, np.ones((1, p), bool), hung, misfit)
+
+    prior = np.zeros((17, 17))
+    prior[:9, :9] = C[np.ix_(foot, foot)]
+    prior[9:, 9:] = misfit * np.eye(8)  # of the three landmarks in x, in y; of the ankle in x, y
+    H = np.zeros((6, 17))
+    H[:, :6], H[:, 9:15] = np.eye(6), np.eye(6)
+    H[:3, 15] = H[3:, 16] = -1.0
+    gain = prior @ H.T @ np.linalg.inv(H @ prior @ H.T)
+    away = (landmarks - shapes[:, :2])[0]
+    seen = (away[:, feet] - away[:, [ankle]]).ravel()
+    step = (gain @ seen)[:9].reshape(3, 3)
+    np.testing.assert_allclose((found.shapes - shapes)[0][:, feet], step, rtol=1e-4, atol=1e-6)
+    exact = (prior - gain @ H @ prior)[:9, :9]
+    K = gain[:9]
+    at = np.zeros((6, len(rest)))
+    for row in range(6):
+        at[row, list(rest).index(ankle + p * (row // 3))] = 1.0
+    moved = K @ at @ C[np.ix_(rest, rest)] @ at.T @ K.T
+    bars = found.estimate.covariance[0][np.ix_(foot, foot)]  # and where the ankle is
+    np.testing.assert_allclose(bars, exact + moved, rtol=1e-4, atol=1e-6)
 
 
 def test_a_file_without_feet_has_a_result_without(images, lift):

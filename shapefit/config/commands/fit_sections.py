@@ -100,10 +100,9 @@ class ViewingConfig(ConfigModel):
 class OutliersConfig(ConfigModel):
     """How wrong landmarks are found: by a search before the fit, or by a robust loss."""
 
-    method: Literal["none", "ransac", "truncated", "sparse-error", "l1"] = "none"
+    method: Literal["none", "ransac", "sparse-error", "l1"] = "none"
     """none; ransac poses the mean shape on random triples of landmarks, keeps the pose with which
-    most others agree, and the fit rejects the others; truncated rejects those of truncated least
-    squares around the convex program, by graduated non-convexity; sparse-error and l1 are robust
+    most others agree, and the fit rejects the others; sparse-error and l1 are robust
     losses of the program: the squared residual plus sparse errors with weight `threshold`, and the
     sum of absolute residuals."""
     threshold: float | None = Field(default=None, gt=0)
@@ -115,8 +114,6 @@ class OutliersConfig(ConfigModel):
     seed: int = Field(default=0, ge=0)
     """ransac: seed of the draws; those of an image depend on its name, not on its place in the
     file."""
-    lam: float = Field(default=1.0, gt=0, alias="lambda")
-    """truncated: weight of the sum of spectral norms in its programs."""
 
 
 class PosteriorConfig(ConfigModel):

@@ -29,6 +29,7 @@ from shapefit.io.foreign.headers import (
     numbers_of,
     understand,
 )
+from shapefit.io.foreign.motion_text import read_plain
 from shapefit.io.foreign.recording import (
     Recording,
     image_labels,
@@ -76,7 +77,7 @@ class Table:
 
     def first_rows(self, count: int) -> list[Row]:
         """Return the first rows, which stay where they are."""
-        return list(islice(self._rows(), count))
+        return [(line, self._split(row)) for line, row in islice(self._rows(), count)]
 
     def drop(self, header: Sequence[Row], names: Sequence[str]) -> None:
         """Take the header away, whose columns have these names in messages."""
@@ -117,22 +118,25 @@ class Table:
         rows = self._rows()
         at_once = BLOCK_ROWS if self.delimiter == "," else None
         while block := list(islice(rows, at_once)):
+            lines.append(np.array([line for line, _ in block]))
+            if not texts and (plain := self._plain(block)) is not None:
+                parts.append(plain[:, numbers])
+                continue
             cells = self._columns(block)
             for own, column in zip(found, texts, strict=True):
                 own += map(str.strip, cells[column])
-            lines.append(np.array([line for line, _ in block]))
             each = [self._numbers(cells[c], lines[-1], c, problems, finite) for c in numbers]
             parts.append(np.array(each).reshape(len(numbers), len(block)).T)
             problems.raise_if_any()
         return np.concatenate(parts), found, np.concatenate(lines)
 
-    def _rows(self) -> Iterator[Row]:
-        """Yield the line and the cells of each row that has any content."""
+    def _rows(self) -> Iterator[tuple[int, str | list[str]]]:
+        """Yield the line and the text of each row that has content; of a quoted table its cells."""
         if '"' not in self._text:
             nothing = f" \t{self.delimiter}"
             for line, text in enumerate(self._text.split("\n"), self._line):
                 if text.strip(nothing):
-                    yield line, text.split(self.delimiter)
+                    yield line, text
             return
         reader = csv.reader(StringIO(self._text), delimiter=self.delimiter, strict=True)
         line = self._line
@@ -144,10 +148,20 @@ class Table:
         except csv.Error as error:
             raise bad_line(f"{self.path}:{line}", error) from error
 
-    def _columns(self, block: Sequence[Row]) -> list[tuple[str, ...]]:
+    def _split(self, row: str | list[str]) -> list[str]:
+        return row.split(self.delimiter) if isinstance(row, str) else row
+
+    def _plain(self, block: Sequence[tuple[int, str | list[str]]]) -> Floats | None:
+        """Return rows of plain numbers alone (n, width), several times as fast; None for others."""
+        texts = [row for _, row in block if isinstance(row, str)]
+        if self.delimiter != "," or len(texts) < len(block):
+            return None
+        return read_plain(texts, self.delimiter, len(self.names))
+
+    def _columns(self, block: Sequence[tuple[int, str | list[str]]]) -> list[tuple[str, ...]]:
         """Return the cells of some rows by column."""
         width = len(self.names)
-        rows = [cells for _, cells in block]
+        rows = [self._split(row) for _, row in block]
         if self.padded:
             rows = [cells + [""] * (width - len(cells)) for cells in rows]
         if any(len(cells) != width for cells in rows):
@@ -221,10 +235,12 @@ def read_deeplabcut(paths: tuple[Path, ...]) -> Recording:
     )
     table.padded = not numbered
     indices = list(range(named[0] if named else 1))
-    values, parts, lines = table.read(named, indices)
     if numbered:
-        labels = _frame_numbers(path, parts[0], lines)
+        values, _, lines = table.read([0, *named], [])
+        labels = _frame_numbers(path, values[:, 0], lines)
+        values = values[:, 1:]
     else:
+        values, parts, _ = table.read(named, indices)
         labels = image_labels(["/".join(filter(None, row)) for row in zip(*parts, strict=True)])
     return Recording(
         name=str(path),
@@ -239,14 +255,12 @@ def read_deeplabcut(paths: tuple[Path, ...]) -> Recording:
     )
 
 
-def _frame_numbers(path: Path, cells: Sequence[str], lines: Integers) -> list[str]:
+def _frame_numbers(path: Path, numbers: Floats, lines: Integers) -> list[str]:
     """Return numbers of frames, or times, as texts. Raises InputError where one is none."""
-    numbers = read_numbers(cells).values
     wrong = ~np.isfinite(numbers)
     if wrong.any():
-        row = int(np.argmax(wrong))
-        found = f"the frame is {printable(cells[row])!r}, and others are numbers"
-        raise input_error(f"{path}:{lines[row]}", found, "number the frames")
+        found = "does not say its frame, and others are numbers"
+        raise input_error(f"{path}:{lines[int(np.argmax(wrong))]}", found, "number the frames")
     return [number_label(value) for value in numbers.tolist()]
 
 

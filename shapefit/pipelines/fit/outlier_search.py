@@ -18,7 +18,6 @@ from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.options import SEARCHED
 from shapefit.lifting.outliers.ransac import find_consensus
-from shapefit.lifting.outliers.truncated import Solve, find_untruncated
 
 MOST_ROUNDS = 100
 """Of fitting and judging again, per image; they settle after a few."""
@@ -27,20 +26,9 @@ Search = Callable[[LandmarkSet, Floats, Dictionary], Flags]
 """From images, their weights Omega (n, p) and a dictionary to the inliers (n, p)."""
 
 
-def choose_search(config: OutliersConfig, solve: Solve, threads: int) -> Search:
-    """Return the search that the config names; `solve` solves the convex program."""
+def choose_search(config: OutliersConfig, threads: int) -> Search:
+    """Return the search that the config names."""
     threshold = config.threshold or SEARCHED
-    if config.method == "truncated":
-        return lambda images, weights, dictionary: find_untruncated(
-            images.landmarks,
-            weights,
-            dictionary.atoms,
-            solve,
-            lam=config.lam,
-            threshold=threshold,
-            max_rounds=MOST_ROUNDS,
-            threads=threads,
-        )
     consensus = partial(
         find_consensus,
         threshold=threshold,

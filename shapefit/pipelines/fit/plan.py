@@ -189,7 +189,7 @@ def choose_chain(config: FitConfig, dictionary: Dictionary) -> Chain:
         precisions=METHODS[config.method].precisions,
         weigh=choose_weights(config),
         aside=dictionary.hung >= 0 if METHODS[config.method].has_prior else None,
-        search=choose_search(config, solve),
+        search=choose_search(config),
         method=lambda part: choose_method(config.method, choose_settings(config, part, solve)),
         camera=choose_camera(config),
         view=choose_view(config),
@@ -239,14 +239,14 @@ def choose_left_out(
     return partial(find_left_out, dataset=config.leave_out, dictionary=dictionary)
 
 
-def choose_search(config: FitConfig, solve: Solve) -> Search | None:
+def choose_search(config: FitConfig) -> Search | None:
     """Return the search for outliers that the config names, if any."""
     if config.outliers.method in ("none", *ROBUST):
         return None
     from shapefit.pipelines.fit.outlier_search import choose_search as choose
     from shapefit.pipelines.fit.outlier_search import find_inliers
 
-    search = choose(config.outliers, solve, config.threads)
+    search = choose(config.outliers, config.threads)
     return partial(find_inliers, search)
 
 

@@ -12,7 +12,7 @@ import pytest
 from shapefit.io import open_landmarks, read_shapes
 from shapefit.io.foreign.items import FRAME, read_recording
 from shapefit.io.foreign.recording import Recording
-from shapefit.io.formats import FORMATS, group_inputs
+from shapefit.io.formats import FORMATS, detect_format, group_inputs
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 
 PROJECT = Path(__file__).resolve().parents[3]
@@ -43,6 +43,19 @@ READ = [entry for entry in ENTRIES if is_read(entry)] or [ABSENT]
 
 def test_no_entry_is_left_out(real_data):
     assert [entry["path"] for entry in ENTRIES if not is_read(entry)] == []
+
+
+WITHOUT_REAL_FILES = {"alphapose-json", "anipose-csv", "arrays", "mediapipe", "mesh", "table"}
+WITHOUT_REAL_FILES |= {"mmpose-images", "mmpose-video"}
+"""Formats of which there are made files only; files of Acclaim lie beside the motion capture."""
+
+
+def test_every_format_is_read_from_a_real_file_where_there_is_one(real_data):
+    names = {known.title: name for name, known in FORMATS.items()}
+    files = [real_data / "formats" / entry["path"] for entry in ENTRIES]
+    files.append(real_data / "mocap/asfamc/86/86_01.amc")
+    found = {names[detect_format(path).title] for path in files}
+    assert found == FORMATS.keys() - WITHOUT_REAL_FILES - {"hdf5", "parquet", "csv"}
 
 
 @pytest.fixture(params=READ, ids=lambda entry: entry["path"])

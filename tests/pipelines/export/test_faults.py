@@ -4,6 +4,7 @@ import errno
 import os
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,6 @@ from pydantic import ValidationError
 
 from shapefit.errors import InputError
 from shapefit.io import LandmarkSet, write_dictionary
-from shapefit.io.whole import atomic
 
 
 @pytest.fixture
@@ -243,14 +243,14 @@ def test_folders_stay_as_they_were_where_the_result_cannot_be_completed(
     tmp_path, export, earlier, monkeypatch, error, raised
 ):
     before, images = earlier
-    name_file = atomic._name_file
+    replace_file = Path.replace
 
-    def fail(descriptor, target):
+    def fail(temporary, target):
         if target.name != "result.h5":
-            return name_file(descriptor, target)
+            return replace_file(temporary, target)
         raise error
 
-    monkeypatch.setattr(atomic, "_name_file", fail)
+    monkeypatch.setattr(Path, "replace", fail)
     pictures = {"folder": str(tmp_path / "pictures"), "sheet": 2}
     with pytest.raises(raised):
         export(images, fit_keys={"pictures": pictures})

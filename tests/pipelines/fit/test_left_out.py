@@ -95,7 +95,7 @@ def test_what_the_model_looks_like_has_no_say(run, models, images, rng, method, 
     check_same(before, after)
 
 
-@pytest.mark.parametrize("outliers", ["none", "ransac", "truncated"])
+@pytest.mark.parametrize("outliers", ["none", "ransac"])
 @pytest.mark.parametrize("model", ["polo", "up"])
 def test_no_stage_of_the_fit_sees_the_model(run, models, images, rng, outliers, model):
     views = images.take([i for i in range(9) if SHOWN[i] == model])
@@ -175,7 +175,7 @@ def crowd(images):
 @pytest.mark.parametrize("keys", [
     {"method": "convex+refine"},
     {"method": "mean-shape", "outliers": {"method": "ransac"}},
-    {"method": "convex", "outliers": {"method": "truncated"}},
+    {"method": "convex", "outliers": {"method": "sparse-error"}},
 ])  # fmt: skip
 def test_threads_make_no_difference(run, crowd, keys):
     one, _ = run(views=crowd, threads=1, **keys)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from shapefit.config.commands.fit_sections import OutliersConfig
-from shapefit.convex.newton import solve_newton
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import write_dictionary
 from shapefit.pipelines.fit import outlier_search
@@ -13,7 +12,7 @@ from shapefit.pipelines.imperfections import corrupt
 from tests.io.files import load
 from tests.pipelines.told import failures
 
-METHODS = ("ransac", "truncated")
+METHODS = ("ransac",)
 
 
 @pytest.fixture(scope="module")
@@ -86,39 +85,24 @@ def test_the_search_does_without_the_model_left_out(method, run, views, rng, mad
 
 def labels_of(image, dictionary, method):
     """Labels of one image with a dictionary that never had the model."""
-    search = choose_search(OutliersConfig(method=method), solve_newton, 1)
+    search = choose_search(OutliersConfig(method=method), 1)
     visible = image.seen()
     return (visible & ~search(image, visible.astype(float), dictionary))[0]
-
-
-def test_the_rounds_of_a_truncated_search_are_limited(views, made_cars, rng, monkeypatch):
-    monkeypatch.setattr(outlier_search, "MOST_ROUNDS", 3)
-    spoilt, _ = spoil(views, 0.3, rng)
-    solved = []
-
-    def solve(problem):
-        solved.append(len(problem.landmarks))
-        return solve_newton(problem)
-
-    search = choose_search(OutliersConfig(method="truncated"), solve, 1)
-    search(spoilt, spoilt.seen().astype(float), made_cars)
-    assert solved == 3 * [64] + 3 * [44]  # stretch by stretch
 
 
 @pytest.mark.parametrize(
     ("method", "function", "keys"),
     [
         ("ransac", "find_consensus", {"threshold", "draws"}),
-        ("truncated", "find_untruncated", {"lam", "threshold"}),
     ],
 )
 def test_the_search_is_told_what_the_config_says(
     method, function, keys, views, made_cars, monkeypatch
 ):
-    options = {"threshold": 0.4, "draws": 7, "lam": 2.5}
+    options = {"threshold": 0.4, "draws": 7}
     told = {}
     monkeypatch.setattr(outlier_search, function, lambda *_, **given: told.update(given))
-    search = choose_search(OutliersConfig(method=method, **options), solve_newton, 1)
+    search = choose_search(OutliersConfig(method=method, **options), 1)
     search(views, views.seen().astype(float), made_cars)
     assert {key: told[key] for key in keys} == {key: options[key] for key in keys}
 

@@ -120,10 +120,7 @@ class TestShapes:
         [{"method": method} for method in PRIORLESS if method != "pmp"]
         + [{"loss": "exact"}]
         + [{"method": "convex+refine", "outliers": {"method": "l1"}}]
-        + [
-            {"outliers": {"method": method}}
-            for method in ("ransac", "truncated", "l1", "sparse-error")
-        ],
+        + [{"outliers": {"method": method}} for method in ("ransac", "l1", "sparse-error")],
         ids=str,
     )
     def test_chunks_and_threads_do_not_change_a_bit(self, fit, dictionary, views, keys):
