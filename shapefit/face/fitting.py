@@ -132,7 +132,7 @@ def fit(
         if not isinstance(message, Note):
             warnings.warn(str(message), stacklevel=2)
     whole = concatenate(records)
-    attributes = attributes_of(wanted, atoms, {}, seconds, len(whole))
+    attributes = attributes_of(wanted, atoms, setup, {}, seconds, len(whole))
     return fit_of(whole.replaced(attributes=attributes), failures)
 
 

@@ -191,6 +191,8 @@ def _of_result(path: Path) -> list[Line]:
             rate = head.frame_rate
             lines.append(("frame rate", "unknown" if rate is None else f"{rate:g} Hz"))
         lines.append(("unit", head.unit if head.unit != UNKNOWN_UNIT else "not said"))
+        if estimated := head.attributes.get("estimated"):
+            lines.append(("estimated", str(estimated)))
         lines.append(("go on with", f"shapefit view {_typed(path)}"))
         return lines
 

@@ -1,5 +1,6 @@
 """What is in the box: `-d people` in every command that takes a dictionary."""
 
+import re
 from pathlib import Path
 
 import h5py
@@ -28,7 +29,7 @@ def test_info_states_source_licence_and_acknowledgement(views, capsys):
 def test_people_are_lifted_without_a_file_of_theirs(views, tmp_path, capsys):
     assert run(["fit", "-c", "people", views, "-d", "people", "-o", "result.h5"]) == 0
     with h5py.File(tmp_path / "result.h5") as file:
-        assert file.attrs["method"] == "posterior"
+        assert file.attrs["method"].decode() == "posterior"
         assert np.isfinite(file["shapes"][()]).all()
         assert (file["shape_sd"][()] > 0).all()
     assert run(["verify", "result.h5", "-d", "people"]) == 0
@@ -77,3 +78,10 @@ def test_csv_cannot_say_that_y_points_up(views, tmp_path, capsys):
     assert run(["convert", views, "-o", "up.h5", "--set", "y_axis=up"]) == 0
     assert run(["convert", "up.h5", "-o", "up.csv"]) == 0
     assert "read the file with `--set y_axis=up`" in capsys.readouterr().err
+
+
+def test_what_was_assumed_stays_with_the_result(views, tmp_path, capsys):
+    assert run(["fit", views, "-d", "people", "-o", "found.h5"]) == 0
+    assert run(["info", "found.h5"]) == 0
+    report = capsys.readouterr().out
+    assert re.search(r"estimated: +perspective camera: focal length \d+ px assumed", report)

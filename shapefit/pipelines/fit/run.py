@@ -78,7 +78,9 @@ def run(
                 seconds += batch.seconds
                 done += len(batch.images)
             warnings = setup.warnings + plan.warn_of(source) + report.warnings
-            writer.attributes.update(attributes_of(config, dictionary, inputs, seconds, done))
+            writer.attributes.update(
+                attributes_of(config, dictionary, setup, inputs, seconds, done)
+            )
     of_writer = writer.summary.warnings
     if plan.needs_rate and not source.head.frame_rate:
         of_writer = with_rate_warning(of_writer)
@@ -114,6 +116,7 @@ def lift_source(source: LandmarkSource, plan: Plan) -> Generator[Batch, None, No
 def attributes_of(
     config: FitConfig,
     dictionary: Dictionary,
+    setup: Setup,
     inputs: Mapping[str, str],
     seconds: float,
     images: int,
@@ -121,7 +124,7 @@ def attributes_of(
     """Return what is stored of a fit beside its images; `inputs` are the digests of its files.
 
     `training_inputs` are those of the files that the dictionary was learned from: `eval` warns
-    where one of them is the truth.
+    where one of them is the truth. `estimated` says what was found or assumed before lifting.
     """
     return {
         "method": config.method,
@@ -129,6 +132,7 @@ def attributes_of(
         "config": config.as_json(),
         "config_digest": hashlib.sha256(config.as_json().encode()).hexdigest(),
         "inputs": json.dumps(inputs),
+        "estimated": "; ".join(setup.lines),
         "training_inputs": dictionary.provenance.get("inputs", "{}"),
         "solve_seconds": seconds,
         "images_per_second": images / seconds if seconds > 0 else 0.0,
