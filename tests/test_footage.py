@@ -40,7 +40,7 @@ def test_a_body_before_a_camera_at_rest(real_data, error, method, stated):
 
 
 @pytest.mark.real_data
-@pytest.mark.parametrize(("method", "stated"), [("posterior", 0.250), ("sequences", 0.216)])
+@pytest.mark.parametrize(("method", "stated"), [("posterior", 0.250), ("sequences", 0.194)])
 def test_a_detected_man_on_a_beam(real_data, error, method, stated):
     folder = real_data / "detected/pose2sim_balancing"
     images = load(folder / "cam03.h5").take(slice(0, 100, 3))

@@ -20,7 +20,7 @@ def test_machines_that_wait_for_nothing_are_always_busy():
 @pytest.mark.parametrize("busy", ["client", "storage"])
 def test_what_all_wait_for_sets_the_time(busy):
     slow = {"client": {"client": 60.0}, "storage": {"result": 1e6, "link": 1e12}}[busy]
-    run = simulate(1000 * 10_000, 100, 10_000, FREE.replaced(**slow))
+    run = simulate(1000 * 10_000, 100, 10_000, replace(FREE, **slow))
     least = {"client": 1000 * 60.0, "storage": 1e7 * 1e6 / FREE.storage}[busy]
     assert least <= run.seconds < 1.01 * least
     assert getattr(run, busy) > 0.99

@@ -89,7 +89,7 @@ def test_a_method_is_a_file_and_an_entry(folder):
     fit = ("fit", "views.h5", "-d", "dictionary.h5", "--set", "method=flat")
     toy.succeed(*fit, "-o", "result.h5")
     with h5py.File(folder / "views.h5") as views, h5py.File(folder / "result.h5") as result:
-        assert result.attrs["method"] == "flat"
+        assert result.attrs["method"] == b"flat"
         np.testing.assert_allclose(result["landmarks_fitted"], views["landmarks"], atol=1e-12)
         assert not result["shapes"][:, :, 2].any()
         np.testing.assert_array_equal(result["flatness"], np.full((5, 2), 0.5))
@@ -237,7 +237,7 @@ class TestAFormatIsAFileAndAnEntry:
         toy.succeed("fit", name, "-d", "dictionary.h5", "-o", "result.h5")
         with h5py.File(folder / "result.h5") as result:
             np.testing.assert_array_equal(result["landmarks"], views)
-            assert result.attrs["y_axis"] == "down"
+            assert result.attrs["y_axis"] == b"down"
 
     def test_it_is_written_where_the_output_is_named_so(self, toy, views, folder):
         toy.succeed("fit", "views.points", "-d", "dictionary.h5", "-o", "shapes.csv")

@@ -28,7 +28,9 @@ def _names_landmarks(file: Opened, options: InputOptions) -> bool:
     names = tuple(file.landmark_names)
     skeleton = SKELETONS.get(options.keypoints or "")
     by_number = all(name.isdigit() for name in names)
-    return file.foreign and (by_number if skeleton is None else names == skeleton.landmark_names)
+    return file.foreign and (
+        not names or (by_number if skeleton is None else names == skeleton.landmark_names)
+    )
 
 
 EFFECTS: dict[str, tuple[Callable[[Opened, InputOptions], bool], str]] = {

@@ -57,7 +57,8 @@ def test_a_lack_of_memory_is_no_internal_error(shapefit, fake_pipeline):
     result = shapefit("fit", "-c", "fit.yaml")
     assert result.code == 2
     assert result.err == (
-        "Error: memory: Unable to allocate 6.71 GiB for an array; give fewer items at a time\n"
+        "Error: memory: there is not enough: Unable to allocate 6.71 GiB for an array; give fewer "
+        "items at a time, or raise the limit of memory (ulimit -v)\n"
     )
 
 

@@ -84,8 +84,12 @@ def test_it_was_learned_by_the_config_of_the_project(people, project):
     arguments = {"shapes": [str(FILE)], "output": "people.h5"}
     config = load_config("learn-dict", project / "configs/people/learn-box.yaml", (), arguments)
     now = config.as_plain()
+    gone = {"folds", "max_rounds"}  # keys of the release that learned it
     for key in LEARNING:
-        assert stored[key] == now[key], key
+        was = stored[key]
+        if isinstance(was, dict):
+            was = {name: value for name, value in was.items() if name not in gone}
+        assert was == now[key], key
 
 
 @pytest.mark.slow

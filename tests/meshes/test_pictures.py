@@ -88,7 +88,7 @@ def pixels(figure, axes, points):
 
 @pytest.mark.parametrize("sheet", [False, True])
 def test_the_mesh_is_painted_where_it_is(sheet, image, box_faces):
-    image = image.replaced(landmarks=np.full((2, 8), np.nan), outliers=None)
+    image = replace(image, landmarks=np.full((2, 8), np.nan), outliers=None)
     model = Model("up", box_faces)
     figure = contact_sheet([image], model) if sheet else fit_picture([image], model)
     over = figure.axes[0 if sheet else 1]
@@ -148,7 +148,7 @@ def test_the_overlay_shows_the_model_where_the_camera_sees_it(image, box, box_fa
 
 def test_edges_are_drawn_where_the_camera_sees_them(image, box):
     seen = box(5, 4, 1)
-    elsewhere = image.replaced(mesh_vertices=None, seen_shape=seen)
+    elsewhere = replace(image, mesh_vertices=None, seen_shape=seen)
     figure = fit_picture([elsewhere], Model("up", edges=EDGES))
     over, novel = (
         np.array(next(c for c in axes.collections if c.get_zorder() == 3).get_segments())
@@ -181,9 +181,9 @@ def test_novel_views_stand_upright_where_the_rotation_is_known(
     pyramid[::2, top] = 0
     angles = np.array([0.4 + half_turns * np.pi])
     rotation = rotation_about(np.array([1.0, 0, 0]), angles)[0]
-    tilted = image.replaced(shape=rotation @ pyramid, mesh_vertices=rotation @ pyramid)
+    tilted = replace(image, shape=rotation @ pyramid, mesh_vertices=rotation @ pyramid)
     model, view = Model(y_axis, box_faces), [View(90, 0)]
-    known = fit_picture([tilted.replaced(rotation=rotation)], model, view)
+    known = fit_picture([replace(tilted, rotation=rotation)], model, view)
     faces = triangles(known.axes[2])
     np.testing.assert_allclose(extent(faces), [2, 3])
     summit = faces[faces[..., 1] > 0]
@@ -193,16 +193,16 @@ def test_novel_views_stand_upright_where_the_rotation_is_known(
 
 
 def test_edges_are_drawn_where_there_is_no_mesh(image):
-    figure = fit_picture([image.replaced(mesh_vertices=None)], Model("up", edges=EDGES))
+    figure = fit_picture([replace(image, mesh_vertices=None)], Model("up", edges=EDGES))
     for axes, zorder in zip(figure.axes[1:], (3, 3, 3), strict=True):
         (lines,) = (c for c in axes.collections if c.get_zorder() == zorder)
         assert len(lines.get_segments()) == len(EDGES)
-    bare = fit_picture([image.replaced(mesh_vertices=None)], Model("up"))
+    bare = fit_picture([replace(image, mesh_vertices=None)], Model("up"))
     assert len(marks(bare.axes[2])[to_rgba(panels.SEEN)]) == 8
 
 
 def test_the_nearest_edge_is_drawn_last_and_darkest(image):
-    figure = fit_picture([image.replaced(mesh_vertices=None)], Model("up", edges=EDGES))
+    figure = fit_picture([replace(image, mesh_vertices=None)], Model("up", edges=EDGES))
     (lines,) = (c for c in figure.axes[2].collections if c.get_zorder() == 3)
     darkness = -lines.get_colors()[:, :3].sum(axis=1)
     assert (np.diff(darkness) > 0).all()
@@ -212,7 +212,7 @@ def test_the_nearest_edge_is_drawn_last_and_darkest(image):
 
 def test_an_image_whose_fit_failed_says_so(image, box_faces):
     nothing = np.full((3, 8), np.nan)
-    failed = image.replaced(shape=nothing, mesh_vertices=nothing, rotation=np.full((3, 3), np.nan))
+    failed = replace(image, shape=nothing, mesh_vertices=nothing, rotation=np.full((3, 3), np.nan))
     model = Model("down", box_faces)
     for figure in (fit_picture([failed, image], model), contact_sheet([failed, image], model)):
         FigureCanvasAgg(figure).draw()
@@ -278,11 +278,11 @@ def test_the_legend_explains_what_is_drawn_and_no_more(image, box, box_faces):
         ([image], [seen, hidden, outlier, line]),
         ([replace(image, outliers=None)], [seen, hidden, line]),
         ([replace(image, outliers=np.zeros(8, dtype=bool))], [seen, hidden, line]),
-        ([image.replaced(outliers=None, landmarks=whole)], [seen, line]),
+        ([replace(image, outliers=None, landmarks=whole)], [seen, line]),
         ([replace(image, outliers=np.ones(8, dtype=bool))], [hidden, outlier, line]),
         ([replace(image, outliers=None, shape=nothing)], [seen]),
-        ([image.replaced(outliers=None, landmarks=np.full((2, 8), np.nan))], [hidden]),
-        ([image.replaced(landmarks=whole, outliers=None), image], [seen, hidden, outlier, line]),
+        ([replace(image, outliers=None, landmarks=np.full((2, 8), np.nan))], [hidden]),
+        ([replace(image, landmarks=whole, outliers=None), image], [seen, hidden, outlier, line]),
     ]
     for images, expected in cases:
         for draw in (fit_picture, contact_sheet):

@@ -45,14 +45,6 @@ def test_all_and_no_others(parts, rng):
     assert len(equal.examples) == 3
 
 
-def test_several_readings_find_the_same(parts, monkeypatch):
-    rows = [tuple(f"i{n}" for n in range(start, start + 1000)) for start in (0, 500, 900)]
-    once = find_equal(parts(*rows))
-    monkeypatch.setattr(name_index, "MOST_COMPARED", 7)
-    assert find_equal(parts(*rows)) == once
-    assert once.count == 500 + 500
-
-
 def test_equal_hashes_are_not_equal_names(parts, monkeypatch):
     monkeypatch.setattr(name_index, "hashed", lambda names: np.zeros(len(names), np.uint64))
     equal = find_equal(parts(("a", "b"), ("c", "b"), ("b", "d")))
@@ -70,7 +62,7 @@ def test_none_within_one_part(parts):
     assert find_equal(parts(("a", "a"), ("b",))).count == 0
 
 
-def test_memory_is_that_of_a_block(tmp_path, monkeypatch):
+def test_memory_is_that_of_hashes(tmp_path, monkeypatch):
     paths = [tmp_path / f"part-{n:05}.h5" for n in range(200)]
     block = 5000
 
@@ -85,7 +77,7 @@ def test_memory_is_that_of_a_block(tmp_path, monkeypatch):
         peak = tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-    assert peak < 5e6  # 10^6 hashes alone are 8 MB
+    assert peak < 20e6  # 10^6 hashes are 8 MB, and are sorted once
 
 
 def test_a_run_reports_them(tmp_path, rng, monkeypatch):
