@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -51,7 +52,7 @@ LIBVER = ("v110", "v110")
 @contextmanager
 def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
     """Give a writer to a file that appears on a clean exit."""
-    with atomic_path(target) as path, storage_errors(target, None):
+    with atomic_path(target) as path, storage_errors(target, None), _system_errors():
         writer = Hdf5Writer(path, form)
         try:
             yield writer
@@ -243,6 +244,18 @@ class Hdf5Writer:
         needed = self._end + size + SPARE + min(self._end, STEP)
         _allocate(self._space, self._reserved, needed - self._reserved)
         self._reserved = needed
+
+
+@contextmanager
+def _system_errors() -> Iterator[None]:
+    """Turn what HDF5 raises where the system refuses to write into the OSError behind it."""
+    try:
+        yield
+    except RuntimeError as error:
+        found = re.search(r"errno = (\d+), error message = '([^']*)'", str(error))
+        if found is None:
+            raise
+        raise OSError(int(found[1]), found[2]) from error
 
 
 def _allocate(file: int, start: int, size: int) -> None:

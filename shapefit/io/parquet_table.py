@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -40,7 +41,7 @@ class ParquetRows:
         self.name = str(path)
         with _damage(path):
             self._file = pyarrow.parquet.ParquetFile(
-                pyarrow.OSFile(str(path)), page_checksum_verification=True
+                pyarrow.OSFile(os.fspath(path)), page_checksum_verification=True
             )
             self.columns = list(self._file.schema_arrow.names)
             said = self._file.schema_arrow.metadata or {}

@@ -212,8 +212,8 @@ def _boxes(points: Floats) -> tuple[Floats, Floats]:
     """Return the boxes (N, 4) around points (N, p, d), least and largest x and y; the diagonals."""
     flat = points[..., :2]
     known = np.isfinite(flat)
-    low = np.where(known, flat, np.inf).min(axis=1)
-    high = np.where(known, flat, -np.inf).max(axis=1)
+    low = np.where(known, flat, np.inf).min(axis=1, initial=np.inf)
+    high = np.where(known, flat, -np.inf).max(axis=1, initial=-np.inf)
     size = np.sqrt(((high - low) ** 2).sum(axis=1))
     return np.concatenate([low, high], axis=1), np.maximum(size, 1e-9)
 

@@ -148,7 +148,8 @@ def _atomic_path(target: Path, resolved: Path) -> Iterator[Path]:
     with storage_errors(target, None, "created"):
         temporary, descriptor = lock_new(lambda: _temporary_file(resolved))
     try:
-        _copy_mode(resolved, descriptor)
+        with storage_errors(target, None):
+            _copy_mode(resolved, descriptor)
         with storage_errors(target):
             yield temporary
         with storage_errors(target, None):

@@ -68,14 +68,17 @@ class StagedFiles:
         target = self.folder / name
         check_replaceable(target)
         self.empty = False
-        with (self._staging / name).open("wb", buffering=0) as file:
+        with storage_errors(target, None):
+            file = (self._staging / name).open("wb", buffering=0)
+        with file:
 
             def write(piece: bytes | memoryview) -> None:
                 with storage_errors(target, None):
                     write_all(file, piece)
 
             yield write
-            os.fsync(file.fileno())
+            with storage_errors(target, None):
+                os.fsync(file.fileno())
 
     def publish(self) -> None:
         """Move every file to its place, over the one of an earlier run if there is one.
