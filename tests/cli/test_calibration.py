@@ -23,7 +23,7 @@ output: result.h5
 method: posterior
 lambda: 0.1
 solver: {{tolerance: 0.001}}
-posterior: {{misfit: {MISFIT}, gross_chance: 0, views: 8}}
+posterior: {{misfit: {MISFIT}, gross_chance: 0}}
 """
 
 
