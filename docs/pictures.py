@@ -32,7 +32,7 @@ def draw(demo: Path, images: Path) -> None:
         poses.append(
             Pose(
                 title=activity,
-                landmarks=np.asarray(results.extras["landmarks"][image]).T,
+                landmarks=np.asarray(results.columns["landmarks"][image]).T,
                 shapes={
                     "estimate": estimate,
                     "truth": similarity_transform(true, estimate).apply(true),

@@ -237,21 +237,25 @@ def test_real_cars(project, real_data, tmp_path):
     names = {
         "Perspective** (`configs/cars/fit.yaml`)": "Perspective",
         "Mean shape, posed": "Mean shape",
-        "Mean shape, placed by an oracle": "Mean shape (oracle)",
-        "Nearest other model, by an oracle": "Nearest atom (oracle)",
-        "Best combination, fitted to the 3D truth": "Best combination (oracle)",
+    }
+    oracles = {  # `python -m benchmarks.oracles` measures them
+        "Mean shape, placed by an oracle",
+        "Nearest other model, by an oracle",
+        "Best combination, fitted to the 3D truth",
     }
     kinds = [("similarity", "normalised"), ("camera", "normalised"), ("rotation", "deg")]
     kinds.append(("reprojection", "box"))
     checked = 0
     for row, cells in list(rows.items())[2:]:
+        if row in oracles:
+            continue
         for (metric, unit), cell in zip(kinds, cells, strict=False):
             figures = found.get((names.get(row, row), metric, unit, "all"), ())
             stated_figures = re.findall(r"[\d.]+", cell)
             for stated, measured in zip(stated_figures, figures, strict=bool(cell)):
                 assert within(measured, stated), (row, metric, measured, stated)
                 checked += 1
-    assert checked == 2 * (8 * 4 + 3)
+    assert checked == 2 * 8 * 4
 
 
 def test_a_figure_off_by_more_is_seen():
