@@ -188,6 +188,38 @@ def test_a_running_cluster(data, cluster, by, monkeypatch):
     same_bits(data, output)
 
 
+def test_what_is_assumed_of_the_camera_is_the_same_for_all_parts(project, data, cluster):
+    """Two folders of one recording on workers, and in one run: the same bits."""
+    frames = sorted((project / "sample_data/openpose").glob("*.json"))
+    for name, some in (("early", frames[:18]), ("late", frames[18:])):
+        (data / name).mkdir()
+        for frame in some:
+            (data / name / frame.name).write_bytes(frame.read_bytes())
+    line = [str(BIN / "shapefit"), "fit", "early", "late", "-d", "people"]
+    line += ["--set", "keypoints=body_25", "--set", "method=posterior"]
+    for more in (
+        ("-o", "walkers.h5"),
+        ("-o", "walkers/", "--set", "partition=10", "--scheduler", cluster.address),
+    ):
+        told = subprocess.run([*line, *more], cwd=data, capture_output=True, text=True, check=False)
+        assert told.returncode == 0, told.stderr
+        assert "focal length 1408 px assumed" in told.stderr
+    whole = shapes_by_item([data / "walkers.h5"])
+    parts = shapes_by_item(results(data / "walkers"))
+    assert whole.keys() == parts.keys()
+    assert len(results(data / "walkers")) == 2
+    for item, shape in whole.items():
+        np.testing.assert_array_equal(parts[item], shape)
+
+
+def shapes_by_item(paths: Sequence[Path]) -> dict[bytes, np.ndarray]:
+    found: dict[bytes, np.ndarray] = {}
+    for path in paths:
+        with h5py.File(path) as file:
+            found |= dict(zip(file["item"][:], file["shapes"][:], strict=True))
+    return found
+
+
 def test_a_killed_worker(data, cluster):
     with in_the_middle(data, "worker/", "--scheduler", cluster.address) as process:
         assert len(results(data / "worker")) < PARTS - 2
