@@ -67,8 +67,10 @@ def test_a_killed_process_is_replaced_and_no_port_is_open(data):
 def test_a_run_that_was_ended_goes_on(data, by):
     output = f"ended-{by.name}/"
     with in_the_middle(data, output, "--workers", 2) as process:
+        process.send_signal(signal.SIGSTOP)  # looking for its children takes a while
         own = children(process.pid)
         process.send_signal(by)
+        process.send_signal(signal.SIGCONT)
         process.wait(timeout=LIMIT)
     end = time.monotonic() + 10
     while any(Path(f"/proc/{pid}/stat").exists() for pid in own) and time.monotonic() < end:
