@@ -73,17 +73,15 @@ mocap-table: $(RUNS)
 	$(SHAPEFIT) fit -c configs/people/fit.yaml
 	$(SHAPEFIT) fit -c configs/people/sequences.yaml
 	$(SHAPEFIT) eval -c configs/mocap/eval.yaml $(SET_DATA)
-	$(BIN)/python -m benchmarks.published mocap results/mocap/report
+	$(BIN)/python -m benchmarks.paper published mocap results/mocap/report
 	@echo "The report with tables and plots is in results/mocap/report."
 
 recovery: $(RUNS)
-	$(SHAPEFIT) simulate -c configs/recovery.yaml
-	$(BIN)/python -m benchmarks.published recovery results/recovery
+	$(BIN)/python -m benchmarks.paper recovery results/recovery
 
 PAPER_FITS := convex global refine alternate alternate-nonnegative alternate-plus pmp mean-shape
-PAPER_SWEEPS := timing timing-pmp sensitivity-lambda sensitivity-noise sensitivity-hidden sensitivity-k
 
-# A fit or simulation in which single items fail (exit code 1) lists them; the others are used.
+# A fit in which single items fail (exit code 1) lists them; the others are used.
 paper: $(RUNS)
 	$(SHAPEFIT) learn-dict -c configs/mocap/learn-dict.yaml $(SET_DATA)
 	$(SHAPEFIT) learn-dict -c configs/paper/learn-pmp.yaml $(SET_DATA)
@@ -94,13 +92,11 @@ paper: $(RUNS)
 	$(SHAPEFIT) fit -c configs/people/fit.yaml
 	$(SHAPEFIT) fit -c configs/people/sequences.yaml
 	$(SHAPEFIT) eval -c configs/paper/eval.yaml $(SET_DATA) || [ $$? -eq 1 ]
-	$(BIN)/python -m benchmarks.published mocap results/paper/mocap
-	$(SHAPEFIT) simulate -c configs/recovery.yaml -o results/paper/recovery || [ $$? -eq 1 ]
-	$(BIN)/python -m benchmarks.published recovery results/paper/recovery
-	$(BIN)/python -m benchmarks.rotation_recovery results/paper
-	for sweep in $(PAPER_SWEEPS); do \
-	    $(SHAPEFIT) sweep -c configs/paper/$$sweep.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
-	$(BIN)/python -m benchmarks.paper_index results/paper
+	$(BIN)/python -m benchmarks.paper published mocap results/paper/mocap
+	$(BIN)/python -m benchmarks.paper recovery results/paper/recovery
+	$(BIN)/python -m benchmarks.paper rotations results/paper
+	$(BIN)/python -m benchmarks.paper sensitivity results/paper $(if $(DATA),--data '$(DATA)')
+	$(BIN)/python -m benchmarks.paper index results/paper
 
 people: $(RUNS)
 	$(SHAPEFIT) learn-dict -c configs/people/learn-box.yaml $(SET_DATA)
@@ -122,7 +118,6 @@ from-2d: $(RUNS)
 	$(BIN)/python -m benchmarks.from_2d $(if $(DATA),--data '$(DATA)')
 
 CAR_METHODS := $(basename $(notdir $(wildcard configs/cars/methods/*.yaml)))
-CAR_SWEEPS := $(basename $(notdir $(wildcard configs/cars/outliers-*.yaml)))
 
 cars: $(RUNS)
 	$(SHAPEFIT) learn-dict -c configs/cars/learn-dict.yaml $(SET_DATA)
@@ -130,9 +125,8 @@ cars: $(RUNS)
 	for method in $(CAR_METHODS); do \
 	    $(SHAPEFIT) fit -c configs/cars/methods/$$method.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
 	$(SHAPEFIT) eval -c configs/cars/eval.yaml $(SET_DATA) || [ $$? -eq 1 ]
-	$(BIN)/python -m benchmarks.published cars results/cars/report
-	for sweep in $(CAR_SWEEPS); do \
-	    $(SHAPEFIT) sweep -c configs/cars/$$sweep.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
+	$(BIN)/python -m benchmarks.paper published cars results/cars/report
+	$(BIN)/python -m benchmarks.paper cars results/cars $(if $(DATA),--data '$(DATA)')
 	@echo "The report, pictures and meshes are in results/cars."
 
 test: $(READY)

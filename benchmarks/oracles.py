@@ -5,25 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+import shapefit
 from shapefit.arrays import Floats
 from shapefit.dictionary.coding import sparse_code
 from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, similarity, truth_scale
-from shapefit.evaluation.summaries import (
-    ALL,
-    NORMALISED,
-    ImageErrors,
-    Summary,
-    labels_of,
-    summarise,
-)
 from shapefit.geometry.procrustes import rotation_onto
-from shapefit.io import read_dictionary, read_results, read_shapes
-from shapefit.pipelines.evaluate.judge import take_visible
-from shapefit.pipelines.items import named_items
+from shapefit.io import read_dictionary, read_shapes
 
 ORACLES: Mapping[str, Callable[[Floats, Dictionary], Floats]] = {
     "Mean shape (oracle)": lambda true, dictionary: similarity(
@@ -37,44 +29,41 @@ ORACLES: Mapping[str, Callable[[Floats, Dictionary], Floats]] = {
 """Name of a row -> its errors (n,) for true shapes (n, 3, p) and a dictionary of p landmarks."""
 
 
-def oracle_rows(folder: Path) -> list[Summary]:
-    """Return the rows of the oracles for the images of an evaluation in `folder`.
+def oracle_rows(config: Mapping[str, Any]) -> list[list[str]]:
+    """Return mean / median of each oracle, normalised and in the unit of the truth, as texts.
 
-    The dictionary is that of its first result, without the atoms of the shape that an image shows
-    where the fit left these out. Shapes have the landmarks of the dictionary.
+    config: that of an evaluation. The dictionary is that of its first result, without the atoms of
+    the shape that an image shows where the fit left these out. Shapes have its landmarks.
     """
-    stated = json.loads((folder / "report.json").read_text(encoding="utf-8"))["config"]
-    match, least = stated["match"], stated.get("least_visible", 0)
-    file = Path(next(iter(stated["results"].values()))[0])
-    results, _ = take_visible(file, read_results(file), least)
-    fitted = json.loads(str(results.attributes["config"]))
+    found = shapefit.read_results(next(iter(config["results"].values()))[0])
+    fitted = json.loads(str(found.attributes["config"]))
     dictionary = read_dictionary(Path(fitted["dictionary"]))
-    truth = read_shapes([Path(path) for path in stated["truth"]])
+    truth = read_shapes([Path(path) for path in config["truth"]])
     truth = truth.arrange(dictionary.landmark_names)
-    row = {item: row for row, item in enumerate(truth.items)}
-    rows = np.array([row[item] for item in named_items(results, match, file, "match")])
-    left_out = ["" for _ in rows]
-    if key := fitted.get("leave_out"):
-        left_out = list(named_items(results, key, file, "leave_out"))
-    shown = list(dict.fromkeys(zip(rows.tolist(), left_out, strict=True)))
-    place = {each: i for i, each in enumerate(shown)}
-    of_image = [place[each] for each in zip(rows.tolist(), left_out, strict=True)]
-    true = truth.shapes[[shape for shape, _ in shown]]
-    found: list[Summary] = []
+    row_of = {item: row for row, item in enumerate(truth.items)}
+    seen = np.isfinite(found.extras["landmarks"]).all(axis=2).sum(axis=1)
+    kept = np.flatnonzero(seen >= config.get("least_visible", 0))
+    shown = np.array([row_of[name] for name in _names(found, config["match"])])[kept]
+    left_out = np.array(_names(found, fitted.get("leave_out")))[kept]
+    rows = []
     for name, oracle in ORACLES.items():
         error = np.full(len(shown), np.nan)
-        for item in dict.fromkeys(item for _, item in shown):
-            own = [i for i, (_, other) in enumerate(shown) if other == item]
-            known = dictionary.without(item) if item else dictionary
-            error[own] = oracle(true[own], known)
-        for unit, values in {
-            NORMALISED: error / truth_scale(true, true),
-            truth.unit: error,
-        }.items():
-            labels = labels_of((ALL,) * len(rows))
-            images = ImageErrors(name, "similarity", unit, results.items, labels, values[of_image])
-            found += summarise(images, {ALL: (ALL,)})
-    return found
+        for item in np.unique(left_out):
+            own = left_out == item
+            known = dictionary.without(str(item)) if item else dictionary
+            shapes, back = np.unique(shown[own], return_inverse=True)
+            error[own] = oracle(truth.shapes[shapes], known)[back]
+        size = truth_scale(truth.shapes, truth.shapes)[shown]
+        cells = [f"{np.mean(e):.3f} / {np.median(e):.3f}" for e in (error / size, error)]
+        rows.append([name, *cells])
+    return rows
+
+
+def _names(found: shapefit.Fit, dataset: str | None) -> list[str]:
+    """Return what a dataset of a result names, an item for each image; "" without a dataset."""
+    if dataset is None:
+        return [""] * len(found)
+    return list(found.items) if dataset == "item" else list(map(str, found.extras[dataset]))
 
 
 STILL = 1e-9

@@ -170,38 +170,6 @@ config can set other names.""",
         prints_note=True,
     ),
     Spec(
-        "simulate",
-        pipeline="simulate",
-        unit="trial",
-        summary="Measure exact recovery on planted instances.",
-        text="""Measure how often the noiseless program finds planted transforms exactly.
-
-Random instances over a grid of landmarks and atoms in use; prints the table of shares
-(Markdown) to stdout.""",
-        examples="""\
-  shapefit simulate -c recovery.yaml
-  shapefit simulate -o recovery/ --set trials=10 --set 'landmarks=[10, 20]'
-  shapefit simulate -c recovery.yaml --set translation=none -o literal/ > recovery.md""",
-        parameters=(_report_folder(),),
-        prints_note=True,
-    ),
-    Spec(
-        "sweep",
-        pipeline="sweeps",
-        unit="image",
-        summary="Run the chain over the values of one key.",
-        text="""Run learn-dict, project, fit and eval for each value of one key.
-
-Prints the table of errors and times against the key (Markdown) to stdout; the report draws
-it.""",
-        examples="""\
-  shapefit sweep -c sensitivity-lambda.yaml
-  shapefit sweep -c sweep.yaml -o lambda/ --set 'vary={fit.lambda: [0.05, 0.1, 0.2]}'
-  shapefit sweep -c sweep.yaml --set 'vary={fit.method: [convex, alternate]}' > table.md""",
-        parameters=(_report_folder(),),
-        prints_note=True,
-    ),
-    Spec(
         "convert",
         pipeline="convert",
         unit="item",

@@ -29,8 +29,26 @@ INTERNAL_ERROR = 3
 PIPE_CLOSED = 128 + signal.SIGPIPE
 
 
+GONE = {
+    "simulate": "run `python -m benchmarks.paper recovery FOLDER` in a clone (make recovery)",
+    "sweep": "call `shapefit.fit` and `shapefit.evaluate` for each value (docs/experiments.md)",
+}
+"""Commands of the release before -> what replaces them; for one release."""
+
+
+class Commands(click.Group):
+    """All commands; one that there was is an error that says what replaces it."""
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return a command by its name; raise InputError for one that is gone."""
+        if cmd_name in GONE and not ctx.resilient_parsing:
+            raise InputError(f"the command `{cmd_name}` is gone: {GONE[cmd_name]}")
+        return super().get_command(ctx, cmd_name)
+
+
 @click.group(
     name="shapefit",
+    cls=Commands,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="""\b
 Exit codes:

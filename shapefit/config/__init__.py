@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     from shapefit.config.commands.fit import FitConfig
     from shapefit.config.commands.learn_dict import LearnDictConfig
     from shapefit.config.commands.project import ProjectConfig
-    from shapefit.config.commands.simulate import SimulateConfig
-    from shapefit.config.commands.sweep import SweepConfig
     from shapefit.config.commands.view import ViewConfig
 
 __all__ = [
@@ -24,8 +22,6 @@ __all__ = [
     "InfoConfig",
     "LearnDictConfig",
     "ProjectConfig",
-    "SimulateConfig",
-    "SweepConfig",
     "ViewConfig",
     "dump_config",
     "find_config",

@@ -85,8 +85,6 @@ CONFIGS = Schemas(
         "fit": "shapefit.config.commands.fit.FitConfig",
         "eval": "shapefit.config.commands.evaluate.EvalConfig",
         "project": "shapefit.config.commands.project.ProjectConfig",
-        "simulate": "shapefit.config.commands.simulate.SimulateConfig",
-        "sweep": "shapefit.config.commands.sweep.SweepConfig",
         "convert": "shapefit.config.commands.files.ConvertConfig",
         "info": "shapefit.config.commands.files.InfoConfig",
         "view": "shapefit.config.commands.view.ViewConfig",

@@ -25,7 +25,6 @@ class Purpose(IntEnum):
     VIEW = 0
     NOISE = 1
     HIDDEN = 2
-    CORRUPTION = 4
 
 
 def stream(seed: int, purpose: Purpose, batch: int) -> np.random.Generator:
@@ -48,30 +47,6 @@ def hide(landmarks: Floats, share: float, rng: np.random.Generator) -> Floats:
     n, _, p = landmarks.shape
     hidden = _choose(np.ones((n, p), bool), share, p - LEAST_VISIBLE, rng)
     return np.where(hidden[:, None], np.nan, landmarks)
-
-
-def corrupt(
-    landmarks: Floats,
-    visible: NDArray[np.bool_],
-    share: float,
-    margin: float,
-    rng: np.random.Generator,
-) -> tuple[Floats, NDArray[np.bool_]]:
-    """Replace a random `share` of the landmarks (n, 2, p) that are visible (n, p), n <= BATCH.
-
-    The points are uniform over the bounding box of the visible landmarks grown on each side by
-    `margin` times its size; the number in an image is rounded as in `hide`. Returns the landmarks,
-    and which were replaced (n, p): more of them, at the same points, for a larger share.
-    """
-    n, _, p = landmarks.shape
-    chosen = _choose(visible, share, p, rng)
-    place = rng.random((BATCH, 2, p))[:n]
-    seen = visible[:, None]
-    low = np.where(seen, landmarks, np.inf).min(axis=2, keepdims=True)
-    size = np.where(seen, landmarks, -np.inf).max(axis=2, keepdims=True) - low
-    with np.errstate(invalid="ignore"):  # images without visible landmarks
-        points = low - margin * size + (1 + 2 * margin) * size * place
-    return np.where(chosen[:, None], points, landmarks), chosen
 
 
 def _choose(

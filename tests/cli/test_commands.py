@@ -13,7 +13,6 @@ from shapefit.config import (
     FitConfig,
     LearnDictConfig,
     ProjectConfig,
-    SimulateConfig,
     load_config,
 )
 from shapefit.pipelines.outcome import Failure, Outcome
@@ -28,7 +27,6 @@ from shapefit.pipelines.outcome import Failure, Outcome
         (["fit", "views.h5", "-d", "dict.h5", "-o", "manifest.json"], "fit.run", FitConfig),
         (["project", "shapes.h5", "-o", "v.h5"], "projection", ProjectConfig),
         (["eval", "result.h5", "--truth", "shapes.h5", "-o", "r"], "evaluate.run", EvalConfig),
-        (["simulate", "-o", "report"], "simulate", SimulateConfig),
     ],
 )
 def test_each_command_calls_its_pipeline(shapefit, fake_pipeline, arguments, pipeline, kind):

@@ -30,6 +30,9 @@ def test_a_wrong_config_stops_before_the_pipeline(shapefit, fake_pipeline):
     [
         (["fit", "--nonsense"], "No such option"),
         (["nonsense"], "No such command"),
+        (["sweep", "-c", "fit.yaml"], "Error: the command `sweep` is gone: call `shapefit.fit`"),
+        (["simulate"], "Error: the command `simulate` is gone: run `python -m benchmarks.paper"),
+        (["config", "sweep"], "is not one of"),
         (["fit", "-c", "nowhere.yaml"], "Error: nowhere.yaml: no such file"),
         (["fit", "-o"], "requires an argument"),
         ([], "Usage: shapefit"),

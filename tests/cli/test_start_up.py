@@ -49,8 +49,6 @@ NOT_FOR_A_FIT_OF_CSV = (
     "shapefit.config.commands.evaluate",
     "shapefit.config.commands.learn_dict",
     "shapefit.config.commands.project",
-    "shapefit.config.commands.simulate",
-    "shapefit.config.commands.sweep",
     "shapefit.evaluation",
     "shapefit.lifting.perspective.refinement",
     "shapefit.lifting.perspective.view",

@@ -55,7 +55,6 @@ def test_every_command_works_in_a_folder_that_is_not_utf8(tmp_path, project):
         ["project", os.fsdecode(b"caf\xe9.h5"), "-o", os.fsdecode(b"views\xe9.h5")],
         ["fit", os.fsdecode(b"views\xe9.h5"), "-d", "d.h5", "-o", os.fsdecode(b"r\xe9.h5")],
         ["fit", "views*.h5", "-d", "d.h5", "-o", "r.h5", "--print-config"],
-        ["simulate", "-o", "s", "--set=trials=1", "--set=landmarks=[5]", "--set=active_atoms=[1]"],
     )
     report = ["eval", os.fsdecode(b"r\xe9.h5"), "--truth", "people_test.h5", "-o", "report"]
     if find_spec("polars") is None:  # which cannot write to such a path

@@ -68,14 +68,6 @@ def test_half_a_letter_is_no_text():
     assert any("contains an unpaired surrogate" in line for line in lines)
 
 
-def test_the_default_of_active_atoms_is_checked_like_any_other():
-    lines = problems("simulate", "k=5")
-    assert lines == (
-        "command line: expected numbers of atoms in use up to k = 5, found 10; "
-        "leave out larger numbers, or raise k",
-    )
-
-
 def test_a_file_that_is_no_yaml_says_so_and_nothing_else(tmp_path):
     path = tmp_path / "c.yaml"
     path.write_text("landmarks: a\n  b: [\n")
@@ -83,14 +75,6 @@ def test_a_file_that_is_no_yaml_says_so_and_nothing_else(tmp_path):
         load_config("fit", path)
     (line,) = caught.value.problems
     assert line.startswith(f"{path}:2:4: not valid YAML: ")
-
-
-def test_a_value_that_may_be_many_things_is_wrong_once():
-    lines = [line for line in problems("sweep", "vary={fit.lambda: [[1], 2]}") if "vary" in line]
-    assert lines == [
-        "--set vary={fit.lambda: [[1], 2]}: expected a mapping of one key to a list of values, "
-        "found a list"
-    ]
 
 
 @pytest.mark.parametrize("text", ["%YAML 1.1\n---\nlam: 1e400\n", "a: &a 1\nb: &a 2\nc: *a\n"])

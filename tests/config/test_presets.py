@@ -81,8 +81,8 @@ def test_a_file_wins_and_a_folder_does_not(folder):
 
 
 def test_the_path_of_an_installed_file_keeps_its_data(project):
-    config = load_config("simulate", project / "configs/recovery.yaml")
-    assert config.output == project / "results/recovery"
+    config = load_config("project", project / "configs/mocap/project.yaml")
+    assert config.output == project / "results/mocap/landmarks.h5"
 
 
 @pytest.mark.parametrize("name", ["carz", "configs/cars", "cars/fit"])

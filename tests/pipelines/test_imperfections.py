@@ -2,14 +2,12 @@
 
 import numpy as np
 import pytest
-from scipy.stats import kstest
 
 from shapefit.pipelines.imperfections import (
     BATCH,
     LEAST_VISIBLE,
     Purpose,
     add_noise,
-    corrupt,
     hide,
     stream,
 )
@@ -71,7 +69,7 @@ def test_streams_differ_by_seed_purpose_and_block():
 def test_a_seed_means_the_same_in_every_version():
     """Files of old runs can be made again: neither purposes nor their numbers may change."""
     members = {name: purpose.value for name, purpose in Purpose.__members__.items()}
-    assert members == {"VIEW": 0, "NOISE": 1, "HIDDEN": 2, "CORRUPTION": 4}
+    assert members == {"VIEW": 0, "NOISE": 1, "HIDDEN": 2}
 
 
 @pytest.mark.parametrize("spoil", [
@@ -82,52 +80,3 @@ def test_an_image_fares_the_same_however_many_follow(landmarks, spoil):
     whole = spoil(landmarks, np.random.default_rng(3))
     part = spoil(landmarks[:10], np.random.default_rng(3))
     assert np.array_equal(whole[:10], part, equal_nan=True)
-
-
-class TestCorruption:
-    @pytest.fixture
-    def seen(self, landmarks, rng):
-        """The landmarks with a third of them unseen, and one image without any."""
-        hidden = rng.random((BATCH, P)) < 1 / 3
-        hidden[0] = True
-        return np.where(hidden[:, None], np.nan, landmarks)
-
-    @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-    def test_the_share_of_the_visible_landmarks_is_replaced_and_named(self, seen, share, rng):
-        after, wrong = corrupt(seen, np.isfinite(seen[:, 0]), share, 0.1, rng)
-        visible = np.isfinite(seen[:, 0])
-        assert not wrong[~visible].any()
-        off = wrong.sum(axis=1) - share * visible.sum(axis=1)
-        assert np.abs(off).max() < 1
-        changed = ((after != seen) & np.isfinite(seen)).any(axis=1)
-        np.testing.assert_array_equal(changed, wrong)
-        np.testing.assert_array_equal(np.isfinite(after), np.isfinite(seen))
-
-    @pytest.mark.parametrize("margin", [0.0, 0.25])
-    def test_the_points_fill_the_grown_box(self, seen, margin, rng):
-        after, wrong = corrupt(seen, np.isfinite(seen[:, 0]), 0.5, margin, rng)
-        low, high = np.nanmin(seen[1:], axis=2), np.nanmax(seen[1:], axis=2)
-        place = (after[1:] - low[..., None]) / (high - low)[..., None]
-        place = (place.swapaxes(1, 2)[wrong[1:]] + margin) / (1 + 2 * margin)
-        assert ((place >= 0) & (place <= 1)).all()
-        assert kstest(place.ravel(), "uniform").pvalue > 1e-3
-
-    def test_a_larger_share_adds_landmarks_and_moves_no_others(self, seen):
-        visible = np.isfinite(seen[:, 0])
-        few, some = (
-            corrupt(seen, visible, share, 0.1, stream(1, Purpose.CORRUPTION, 0))
-            for share in (0.2, 0.6)
-        )
-        assert (some[1] | ~few[1]).all()
-        moved = np.broadcast_to(few[1][:, None], seen.shape)
-        np.testing.assert_array_equal(few[0][moved], some[0][moved])
-
-    def test_what_is_not_visible_has_no_part_in_it(self, seen, landmarks):
-        visible = np.isfinite(seen[:, 0])
-        far = np.where(visible[:, None], landmarks, 1e6)  # would stretch the box
-        expected, after = (
-            corrupt(given, visible, 0.5, 0.1, stream(1, Purpose.CORRUPTION, 0))
-            for given in (seen, far)
-        )
-        np.testing.assert_array_equal(after[1], expected[1])
-        np.testing.assert_array_equal(after[0], np.where(visible[:, None], expected[0], 1e6))

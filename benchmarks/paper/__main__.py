@@ -1,0 +1,90 @@
+"""The paper's experiments: each is a command, and `make paper` runs all of them.
+
+`python -m benchmarks.paper recovery FOLDER`       exact recovery of planted transforms
+`python -m benchmarks.paper rotations FOLDER`      recovery of one planted rotation, by each method
+`python -m benchmarks.paper sensitivity FOLDER`    timing, and errors against lambda, noise, ...
+`python -m benchmarks.paper cars FOLDER`           cars with wrong landmarks, by each search
+`python -m benchmarks.paper published NAME FOLDER` the paper's numbers in a report of `eval`
+`python -m benchmarks.paper index FOLDER`          every table and figure beside the paper's
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Iterable
+from pathlib import Path
+
+from benchmarks.paper import pages, recovery, sensitivity
+from benchmarks.paper.sensitivity import DATA, Experiment
+
+
+def write_recovery(
+    folder: Path,
+    landmarks: Iterable[int] = recovery.LANDMARKS,
+    active: Iterable[int] = recovery.ACTIVE,
+    trials: int = recovery.TRIALS,
+) -> str:
+    """Write recovery.csv (p,z,trials,success), recovery.md and recovery.png; return the page."""
+    from benchmarks.paper.figures import draw_shares
+
+    shares = recovery.shares_of_transforms(tuple(landmarks), tuple(active), trials)
+    paper = pages.quoted_shares()
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "recovery.csv").open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(("p", "z", "trials", "success"))
+        rows.writerows((p, z, trials, share) for (p, z), share in shares.items())
+    page = recovery.recovery_page(shares, paper, trials, pages.quoted("recovery")["source"])
+    (folder / "recovery.md").write_text(page, encoding="utf-8")
+    shown = {"Share recovered exactly": shares}
+    if common := {at: paper[at] for at in shares if at in paper}:
+        shown["Paper"] = common
+    draw_shares(shown).savefig(folder / "recovery.png", dpi=150)
+    return page
+
+
+def write_experiments(folder: Path, experiments: Iterable[Experiment], only: list[str]) -> None:
+    """Run experiments, those whose names hold one of `only`; write and print their tables."""
+    for experiment in experiments:
+        if not only or any(part in experiment.name for part in only):
+            points = sensitivity.measure(experiment)
+            sensitivity.write_points(folder / experiment.name, points)
+            print(f"# {experiment.name}\n\n{sensitivity.table_of(points)}\n", flush=True)
+
+
+def main() -> None:
+    """Run the experiment of the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    names = ("recovery", "rotations", "sensitivity", "cars", "published", "index")
+    parser.add_argument("experiment", choices=names)
+    parser.add_argument("words", nargs="+", metavar="[NAME] FOLDER")
+    parser.add_argument("--data", type=Path, help="folder of the motion capture files, or cars")
+    parser.add_argument("--trials", type=int, help="in each cell of a recovery")
+    parser.add_argument("--only", nargs="*", default=[], help="parts of the names of experiments")
+    given = parser.parse_args()
+    folder = Path(given.words[-1])
+    folder.mkdir(parents=True, exist_ok=True)
+    if given.experiment == "recovery":
+        print(write_recovery(folder, trials=given.trials or recovery.TRIALS), end="")
+    elif given.experiment == "rotations":
+        path = folder / "rotation-recovery.json"
+        recovery.write_rotation_recovery(path, given.trials or recovery.ROTATION_TRIALS)
+        print("\n\n".join(recovery.rotation_sections(path)))
+    elif given.experiment == "sensitivity":
+        data = given.data or DATA / "mocap"
+        write_experiments(folder, sensitivity.paper_experiments(data), given.only)
+    elif given.experiment == "cars":
+        data = given.data or DATA / "cars"
+        write_experiments(folder, sensitivity.car_experiments(data), given.only)
+    elif given.experiment == "published":
+        print(pages.add_published(given.words[0], folder), end="")
+    else:
+        (folder / "index.md").write_text(pages.index(folder), encoding="utf-8")
+        print(f"The index is {folder / 'index.md'}.")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,295 @@
+"""The paper's experiments: what is planted, what is made wrong, and slices of each experiment."""
+
+import csv
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import kstest
+
+import shapefit
+from benchmarks.paper import pages, recovery, sensitivity
+from benchmarks.paper.__main__ import write_recovery
+from benchmarks.paper.recovery import plant, recover, run_rotation_cell, transform_error
+from shapefit.convex.solution import Status
+from shapefit.geometry.rotations import rotation_about
+from shapefit.lifting.methods import choose_method
+
+
+def instance(p, z, seed, k=50, **how):
+    return plant(k, p, z, np.random.default_rng(seed), **how)
+
+
+def error(planted, *, free=True):
+    found = recover(planted, free_translation=free, tolerance=1e-8)
+    assert found.status[0] is Status.OPTIMAL
+    return transform_error(planted, found)
+
+
+def table(page):
+    lines = [re.split(r" *\| *", line.strip("| ")) for line in page.splitlines() if "|" in line]
+    return {line[0]: line[1:] for line in lines}
+
+
+class TestPlanted:
+    def test_landmarks_are_the_sum_of_transformed_atoms(self):
+        planted = instance(20, 5, 1)
+        pairs = zip(planted.transforms, planted.atoms, strict=True)
+        np.testing.assert_allclose(planted.landmarks, sum(M @ B for M, B in pairs), atol=1e-12)
+        np.testing.assert_allclose(planted.landmarks, planted.shape[:2], atol=1e-12)
+        c = planted.coefficients
+        assert np.count_nonzero(c) == 5
+        gram = planted.transforms @ planted.transforms.swapaxes(1, 2)
+        np.testing.assert_allclose(gram, c[:, None, None] ** 2 * np.eye(2), atol=1e-12)
+        one = instance(20, 5, 1, one_rotation=True)
+        assert (one.rotations == one.rotations[0]).all()
+
+    def test_draws_have_the_distributions_of_the_paper(self):
+        many = [instance(5, 10, seed) for seed in range(100)]
+        atoms = np.concatenate([one.atoms.ravel() for one in many])
+        c = np.concatenate([one.coefficients[one.coefficients > 0] for one in many])
+        # A coordinate of a random direction is uniform on [-1, 1] (Archimedes).
+        entries = np.concatenate([one.rotations[:, 0, 2] for one in many])
+        assert kstest(atoms, "norm").pvalue > 1e-3
+        assert kstest(c, "uniform").pvalue > 1e-3
+        assert kstest((entries + 1) / 2, "uniform").pvalue > 1e-3
+
+    @pytest.mark.parametrize("free", [True, False])
+    def test_one_atom_comes_back_from_many_landmarks_and_ten_never_from_few(self, free):
+        for seed in range(10):
+            assert error(instance(25, 1, seed), free=free) < 1e-5
+            assert error(instance(10, 10, seed), free=free) > 0.1
+
+    @pytest.mark.slow
+    @pytest.mark.parametrize("free", [True, False])
+    @pytest.mark.parametrize(("z", "recovered"), [(1, True), (3, False)])
+    def test_an_independent_solver_finds_the_same(self, z, recovered, free):
+        import cvxpy as cp
+
+        planted = instance(8, z, 8, k=12)  # of a single optimum, with T and without
+        M = [cp.Variable((2, 3)) for _ in planted.atoms]
+        T = cp.Variable((2, 1)) if free else np.zeros((2, 1))
+        W = sum(m @ B for m, B in zip(M, planted.atoms, strict=True)) + T @ np.ones((1, 8))
+        program = cp.Problem(cp.Minimize(sum(map(cp.sigma_max, M))), [planted.landmarks == W])
+        program.solve(solver=cp.CLARABEL)
+        away = np.linalg.norm(np.stack([m.value for m in M]) - planted.transforms)
+        theirs = away / np.linalg.norm(planted.transforms)
+        assert (theirs < 1e-3) == recovered
+        assert error(planted, free=free) == pytest.approx(theirs, rel=1e-3, abs=1e-5)
+
+    def test_a_free_translation_is_centring(self):
+        planted = instance(12, 4, 6)
+        free = error(planted)
+        W, B = (x - x.mean(axis=-1, keepdims=True) for x in (planted.landmarks, planted.atoms))
+        centred = replace(planted, landmarks=W, atoms=B)
+        assert error(centred, free=False) == pytest.approx(free, rel=1e-4)
+        assert error(planted, free=False) != pytest.approx(free, rel=1e-2)
+
+
+def test_recovery_is_written_beside_the_paper(tmp_path):
+    page = write_recovery(tmp_path, landmarks=(10, 20, 60), active=(1, 2, 3), trials=40)
+    with (tmp_path / "recovery.csv").open(newline="", encoding="utf-8") as file:
+        rows = [dict(row) for row in csv.DictReader(file)]
+    assert list(rows[0]) == ["p", "z", "trials", "success"]
+    shares = {(int(r["p"]), int(r["z"])): float(r["success"]) for r in rows}
+    assert len(shares) == 9
+    assert {r["trials"] for r in rows} == {"40"}
+    paper = pages.quoted_shares()
+    assert (len(paper), paper[10, 1], paper[40, 8]) == (100, 0.95, 0.55)
+    for at in shares.keys() & paper.keys():
+        assert abs(shares[at] - paper[at]) < 0.15
+    most = max((shares[at] - paper[at] for at in shares.keys() & paper.keys()), key=abs)
+    assert f"The largest deviation is {most:+.2f}" in page
+    assert (tmp_path / "recovery.png").read_bytes()[1:4] == b"PNG"
+    assert (tmp_path / "recovery.md").read_text(encoding="utf-8") == page
+
+
+class TestOneRotation:
+    def test_recovered_is_up_to_translation_but_neither_scale_nor_rotation(self):
+        planted = instance(12, 3, 0, k=6, one_rotation=True)
+        shape, R = planted.shape, planted.rotations[0]
+        about = np.array([0.0, 0.0, 1.0])
+        assert recovery.is_recovered(planted, shape + np.array([[1.0], [2.0], [3.0]]), R)
+        assert not recovery.is_recovered(planted, 1.02 * shape, R)
+        for degrees, expected in ((0.9, True), (1.1, False)):
+            turned = rotation_about(about, np.radians(degrees)) @ R
+            assert recovery.is_recovered(planted, shape, turned) == expected
+
+    def test_the_search_recovers_where_the_relaxation_does_not(self):
+        easy, hard = run_rotation_cell(30, 2, 3), run_rotation_cell(20, 6, 4)
+        assert set(easy.recovered.values()) >= {1.0}
+        for cell in (easy, hard):
+            assert cell.recovered["global"] == cell.certified == 1
+            assert cell.missed == cell.better == cell.stopped == 0
+        assert hard.recovered["convex"] < 0.5
+
+    def test_a_miss_is_better_than_the_planted_shape_or_stopped(self, monkeypatch):
+        cell = run_rotation_cell(5, 6, 4, k=30)
+        assert (cell.certified, cell.missed, cell.better) == (1, 4, 4)
+
+        def stopped(name, settings):
+            if name == "global":
+                from shapefit.lifting.methods import SearchOptions
+
+                settings = replace(settings, options=SearchOptions(max_cells=1))
+            return choose_method(name, settings)
+
+        monkeypatch.setattr(recovery, "choose_method", stopped)
+        cell = run_rotation_cell(15, 10, 4)
+        assert cell.certified == 0
+        assert cell.missed == cell.better + cell.stopped
+        assert cell.stopped > 0
+
+    def test_the_section_has_a_row_for_each_method(self, tmp_path, monkeypatch):
+        monkeypatch.setattr(recovery, "ROTATION_LANDMARKS", (10,))
+        monkeypatch.setattr(recovery, "ACTIVE", (1, 2))
+        path = tmp_path / "rotations.json"
+        assert recovery.rotation_sections(path) == []
+        recovery.write_rotation_recovery(path, trials=2)
+        cells = json.loads(path.read_text(encoding="utf-8"))
+        found = table("\n".join(recovery.rotation_sections(path)))
+        for name in recovery.METHODS:
+            shares = [f"{100 * cell['recovered'][name]:.0f}" for cell in cells]
+            assert found[f"10, `{name}`"] == shares
+
+
+class TestCorruption:
+    @pytest.fixture
+    def images(self, rng):
+        w = rng.standard_normal((1500, 9, 2))
+        w[rng.random((1500, 9)) < 1 / 3] = np.nan
+        w[0] = np.nan
+        return shapefit.Landmarks(w)
+
+    @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+    def test_the_share_of_the_visible_landmarks_is_replaced_inside_the_grown_box(
+        self, images, share
+    ):
+        after = sensitivity.corrupt(images, share)
+        before, w, wrong = images.landmarks, after.landmarks, after.extras["corrupted"]
+        seen = sensitivity.visible(images)
+        np.testing.assert_array_equal(sensitivity.visible(after), seen)
+        assert np.abs(wrong.sum(axis=1) - share * seen.sum(axis=1)).max() < 1
+        boxed = seen.sum(axis=1) > 1
+        changed = ((w != before) & np.isfinite(before)).any(axis=2)
+        np.testing.assert_array_equal(changed[boxed], wrong[boxed])
+        if share:
+            low, high = (f(before[boxed], axis=1) for f in (np.nanmin, np.nanmax))
+            place = (w[boxed] - low[:, None]) / (high - low)[:, None]
+            place = (place[wrong[boxed]] + 0.1) / 1.2
+            assert kstest(place.ravel(), "uniform").pvalue > 1e-3
+
+    def test_what_is_drawn_depends_on_the_place_of_the_image_alone(self, images):
+        few, many = (sensitivity.corrupt(images, share) for share in (0.2, 0.6))
+        chosen = few.extras["corrupted"]
+        assert (many.extras["corrupted"] | ~chosen).all()
+        np.testing.assert_array_equal(few.landmarks[chosen], many.landmarks[chosen])
+        part = sensitivity.corrupt(sensitivity.take(images, slice(1200)), 0.6)
+        np.testing.assert_array_equal(part.landmarks, many.landmarks[:1200])
+        assert (sensitivity.corrupt(images, 0.6, seed=1).landmarks != many.landmarks).any()
+
+    def test_landmarks_are_arranged_by_name(self):
+        images = shapefit.Landmarks(np.arange(12.0).reshape(2, 3, 2), ("a", "b", "c"))
+        found = sensitivity.arrange(images, ("c", "x", "a"))
+        np.testing.assert_array_equal(found.landmarks[0], [[4, 5], [np.nan, np.nan], [0, 1]])
+
+
+@pytest.fixture(scope="module")
+def points(project):
+    """The error of half the people against lambda, in groups by sequence."""
+    shapes = shapefit.read_shapes(project / "sample_data/people_train.h5")
+    truth = shapefit.read_shapes(project / "sample_data/people_test.h5")
+    images = shapefit.read_landmarks(project / "sample_data/people_views.csv")
+    dictionary = shapefit.learn(shapes, k=8)
+    experiment = sensitivity.Experiment(
+        "lambda", "lambda", (0.1, 1.0), project / "configs/paper/fit-convex.yaml",
+        lambda _: (images, dictionary), lambda: truth, options=lambda value: {"lam": value},
+        groups={"all of them": "*"}, every=2,
+    )  # fmt: skip
+    half = sensitivity.take(images, slice(None, None, 2))
+    expected = {}
+    for lam in experiment.values:
+        fit = shapefit.fit(half, dictionary, lam, method="convex")
+        errors = shapefit.evaluate(fit, truth)
+        values = errors.errors["similarity", "normalised"]
+        names = np.array(errors.sequences)
+        expected[lam] = [values[names == name] for name in dict.fromkeys(errors.sequences)]
+    return sensitivity.measure(experiment), expected
+
+
+def test_statistics_are_means_of_those_of_the_sequences(points):
+    found, expected = points
+    assert [point.value for point in found] == [0.1, 1.0]
+    for point in found:
+        parts = expected[point.value]
+        assert point.images == sum(map(len, parts))
+        assert point.mean == pytest.approx(np.mean([part.mean() for part in parts]))
+        quartiles = np.mean([np.percentile(part, (25, 50, 75)) for part in parts], axis=0)
+        assert [point.p25, point.median, point.p75] == pytest.approx(quartiles)
+        assert point.seconds_per_image > 0
+
+
+def test_tables_figures_and_files_of_an_experiment(points, tmp_path):
+    found, _ = points
+    sensitivity.write_points(tmp_path, found)
+    again = sensitivity.read_points(tmp_path)
+    assert [replace(p, value=str(p.value)) for p in found] == again
+    rows = table((tmp_path / "sweep.md").read_text(encoding="utf-8"))
+    assert rows["0.1"][0] == f"{found[0].mean:.3f} / {found[0].median:.3f}"
+    assert (tmp_path / "sweep.png").stat().st_size > 5000
+    named = [replace(point, value=name) for point, name in zip(found, "ab", strict=True)]
+    sensitivity.write_points(tmp_path, named)
+    failed = [replace(point, failed=point.images) for point in found]
+    assert table(sensitivity.table_of(failed))["0.1"][1] == "50 %"
+
+
+@pytest.fixture
+def reports(tmp_path, points):
+    """Reports as `make paper` leaves them."""
+    row = {"metric": "similarity", "unit": "normalised", "group": "Subject 13", "sequence": None}
+    report = {
+        "methods": [
+            {"name": "Alternate", "solving": {"mean_objective": 0.8046}},
+            {"name": "Alternate+", "solving": {"mean_objective": None}},
+        ],
+        "summaries": [
+            {**row, "method": "Convex", "mean": 0.2891},
+            {**row, "method": "Convex", "sequence": "13_01", "mean": 0.9},
+            {**row, "method": "Convex", "unit": "m", "mean": 0.07},
+        ],
+    }
+    (tmp_path / "mocap").mkdir()
+    (tmp_path / "mocap/report.json").write_text(json.dumps(report), encoding="utf-8")
+    (tmp_path / "mocap/report.md").write_text("# Errors\n", encoding="utf-8")
+    for name, values in {
+        "timing": ("convex", "mean-shape"), "timing-pmp": ("pmp",),
+        **dict.fromkeys(pages.SENSITIVITIES, ("0.5",)),
+    }.items():  # fmt: skip
+        own = [replace(points[0][0], value=v, seconds_per_image=5e-4, mean=0.25) for v in values]
+        sensitivity.write_points(tmp_path / name, own)
+    return tmp_path
+
+
+def test_the_index_sets_numbers_beside_those_of_the_paper(reports):
+    page = pages.index(reports)
+    rows = table(page)
+    assert rows["Convex"] == ["0.289", "–"]
+    assert rows["*Convex (paper)*"] == ["0.259", "0.258"]
+    assert rows["convex"] == ["0.5", "*330*"]
+    assert rows["mean-shape"] == ["0.5", "–"]
+    assert rows["pmp"] == ["0.5", "*3020*"]
+    assert rows["0.5"] == ["0.250"]
+    assert "Mean objectives here: Alternate 0.805, Alternate+ –." in page
+    linked = set(re.findall(r"\]\(([\w-]+/\w+\.md)\)", page))
+    assert linked >= {f"{name}/sweep.md" for name in (*pages.SENSITIVITIES, "timing")}
+
+
+def test_published_rows_are_added_to_a_report_once(reports):
+    folder = reports / "mocap"
+    page = pages.add_published("mocap", folder)
+    assert table(page)["*PMP (paper)*"] == ["0.390", "0.393"]
+    assert "- Sequences 14_31 and 14_36 are one motion." in page
+    assert pages.add_published("mocap", folder) == page
+    assert (folder / "report.md").read_text(encoding="utf-8") == f"# Errors\n\n{page}"
