@@ -83,19 +83,7 @@ EFFECTS: dict[str, tuple[Effect, ...]] = {
             "with a method of `outliers`",
         ),
         Effect(
-            ("outliers.draws", "outliers.seed"),
-            lambda fit: fit.outliers.method == "ransac",
-            ("outliers", "outliers.method"),
-            "with `outliers: {method: ransac}`",
-        ),
-        Effect(
-            ("camera.image_size",),
-            lambda fit: fit.camera.model == "auto" and METHODS[fit.method].perspective == "own",
-            ("camera", "camera.model", "method"),
-            f"with `camera: {{model: auto}}` and {NAMED_PRIOR}",
-        ),
-        Effect(
-            ("partition", "part_format"),
+            ("partition",),
             lambda fit: isinstance(fit.output, ResultFolder),
             ("output",),
             "with a folder as `output`, a name that ends in /",
@@ -105,12 +93,6 @@ EFFECTS: dict[str, tuple[Effect, ...]] = {
             _holds_datasets,
             ("output",),
             "for an `output` in HDF5",
-        ),
-        Effect(
-            ("posterior.csv_deviations",),
-            lambda fit: not _holds_datasets(fit),
-            ("output",),
-            "for an `output` in CSV; other results hold deviations anyway",
         ),
     ),
     "learn-dict": (
@@ -138,12 +120,6 @@ EFFECTS: dict[str, tuple[Effect, ...]] = {
             ("symmetry",),
             "with `symmetry`",
         ),
-        Effect(
-            ("start_weight",),
-            lambda learning: learning.start is not None,
-            ("start",),
-            "with `start`",
-        ),
     ),
     "project": (
         Effect(
@@ -157,14 +133,6 @@ EFFECTS: dict[str, tuple[Effect, ...]] = {
             lambda project: project.noise or project.hidden or project.camera.view == "random",
             ("noise", "hidden", "camera", "camera.view"),
             "with `noise`, `hidden` or `camera: {view: random}`",
-        ),
-    ),
-    "eval": (
-        Effect(
-            ("truth_frame",),
-            lambda eval: {"camera", "rotation"} & set(eval.metrics) or eval.calibration,
-            ("metrics", "calibration"),
-            "for the metrics camera and rotation, and for `calibration`",
         ),
     ),
     "view": (

@@ -64,18 +64,40 @@ PRESET, FILE, OPTION = range(3)
 """Who set a value: an installed config, a file, the command line."""
 
 _CONSTANT = "it is a constant of the method now; leave it out"
+_LEFT_OUT = "leave it out"
+_OF_LANDMARKS = ("keypoints", "track", "likelihood_below", "image_size", "y_axis")
+_NOT_SHAPES = "it counts for landmarks only; leave it out, or `convert` the shapes with it"
 
 GONE: Mapping[str, Mapping[str, str]] = {
     "fit": {
         "posterior.views": "it starts from the poses of the convex program alone; leave it out",
         "posterior.max_rounds": _CONSTANT,
+        "posterior.gross_chance": _CONSTANT,
+        "posterior.gross_density": _CONSTANT,
+        "posterior.csv_deviations": f"CSV has sd_x, sd_y and sd_z where the method knows them; {_LEFT_OUT}",
+        "camera.ridge": _CONSTANT,
+        "camera.softness": _CONSTANT,
+        "camera.image_size": "write `image_size` beside `camera`",
+        "outliers.draws": _CONSTANT,
+        "outliers.seed": _CONSTANT,
+        "part_format": "parts are HDF5; `convert` writes them as Parquet",
+        "search.max_cells": "`search: {max_seconds: ...}` limits the search; leave it out",
+        "pictures.format": "pictures are PNG; leave it out",
+        "export.landmarks": "`convert` writes landmarks as GLB; leave it out",
+        "export.wireframe": "edges are written as tubes; leave it out",
         "outliers.lambda": "truncated least squares went; take `outliers: {method: ransac}`",
     },
     "learn-dict": {
         "prior.max_rounds": _CONSTANT,
+        "start_weight": "`start` counts as many images as there are; leave it out",
         "prior.folds": "components are chosen with FOLDS parts of the sequences left out in turn",
     },
+    "convert": {"chunk": _CONSTANT},
+    "view": {"megabytes": "a page has 20 MB at most; `items` chooses what it shows"},
+    "project": {f"input.{key}": _NOT_SHAPES for key in _OF_LANDMARKS},
     "eval": {
+        **{f"input.{key}": _NOT_SHAPES for key in _OF_LANDMARKS},
+        "calibration": "error bars are judged wherever results have them; leave it out",
         "floors": "`python -m benchmarks.oracles` measures them",
         "examples": "`view` shows the best and the worst images, sorted by error",
     },

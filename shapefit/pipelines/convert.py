@@ -22,6 +22,9 @@ from shapefit.io.sources import is_stream
 from shapefit.io.writing import record_writer
 from shapefit.pipelines.outcome import Outcome, nothing_in
 
+BATCH = 4096
+"""Items in memory at a time."""
+
 FORMS = {"landmarks": LANDMARKS, "shapes": SHAPES, "result": RESULTS}
 
 OBEYED = ("individual",)
@@ -102,7 +105,7 @@ def _choose(source: Source, config: ConvertConfig) -> tuple[Iterator[Any], int]:
     """
     wanted, every = config.input.individual, config.every
     if wanted is None and every == 1:
-        return source.batches(config.chunk), source.count
+        return source.batches(BATCH), source.count
     sequences = list(chain.from_iterable(source.sequences()))
     rows = np.arange(source.count)
     if wanted is not None:
@@ -119,8 +122,8 @@ def _choose(source: Source, config: ConvertConfig) -> tuple[Iterator[Any], int]:
     place = np.empty(len(rows), np.intp)
     place[order] = np.arange(len(rows)) - starts[number[order]]
     rows = rows[place % every == 0]
-    parts = (source.take(rows[at : at + config.chunk]) for at in range(0, len(rows), config.chunk))
-    return parts if len(rows) else source.batches(config.chunk), len(rows)
+    parts = (source.take(rows[at : at + BATCH]) for at in range(0, len(rows), BATCH))
+    return parts if len(rows) else source.batches(BATCH), len(rows)
 
 
 def _with_rate(records: Any, config: ConvertConfig) -> Any:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from shapefit.config.commands.input import InputConfig
+from shapefit.config.commands.input import ShapeInputConfig
 from shapefit.config.model import (
     CommandConfig,
     FromLists,
@@ -39,7 +39,7 @@ class EvalConfig(CommandConfig):
     file, without folder and suffix."""
     truth: InputPaths
     """Files of the true 3D shapes."""
-    input: InputConfig = section(InputConfig)
+    input: ShapeInputConfig = section(ShapeInputConfig)
     output: OutputPath
     """Folder to write the report to."""
     match: Annotated[str, OF_THE_DATA] = Field(default="item", min_length=1)
@@ -59,9 +59,6 @@ class EvalConfig(CommandConfig):
     """Frame of the true shapes: `object`, which the dataset `true_rotation` of the result turns
     into that of the camera; `camera` (x and y as in the image); or `line-of-sight`: that of the
     camera, which is then turned to look straight at each shape, as weak perspective has it."""
-    calibration: bool = True
-    """Also judge error bars and plausibilities, where results have them: the share of the truth
-    inside, and the error without the least plausible images."""
     plots: Plots = "auto"
     """Also draw the errors (PNG and SVG); auto: where matplotlib is installed."""
     view: bool = True

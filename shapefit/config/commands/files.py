@@ -40,8 +40,6 @@ class ConvertConfig(CommandConfig):
     image."""
     world_unit: str | None = Field(default=None, min_length=1)
     """Unit of the translation of a camera's extrinsics; metres by default."""
-    chunk: int = Field(default=4096, ge=1, le=10_000_000)
-    """Items held in memory at a time."""
 
 
 class InfoConfig(CommandConfig):

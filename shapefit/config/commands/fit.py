@@ -97,16 +97,11 @@ class SearchConfig(ConfigModel):
     modes: float = Field(default=SearchOptions.modes, ge=0, le=1)
     """Also list all other readings of an image whose objective is at most this share above the
     least, such as 0.05, and prove that there is none besides; 0 lists none."""
-    max_cells: int = Field(default=SearchOptions.max_cells, ge=1, le=MOST_STEPS)
-    """Maximum number of cells of rotations searched per image."""
     max_seconds: float = Field(default=SearchOptions.max_seconds, gt=0)
     """Maximum seconds per image."""
     proof_every: int = Field(default=SearchOptions.proof_every, ge=0, le=MOST_STEPS)
     """Also store the proof of every so many images, for `shapefit verify` (HDF5; some
     100 KB for each); 0 stores none."""
-
-
-PartFormat = Literal["hdf5", "parquet"]
 
 
 class FitConfig(CommandConfig):
@@ -130,8 +125,6 @@ class FitConfig(CommandConfig):
     """With a folder as output, images per part: of a large HDF5 file, rounded up to a
     multiple of 64, or to whole sequences where those are lifted; of small files together, guessed
     by their bytes."""
-    part_format: PartFormat = "hdf5"
-    """With a folder as output, the format of its results."""
     scheduler: str | None = Field(default=None, min_length=1)
     """Address of a running Dask scheduler that the parts are sent to."""
     scheduler_file: OptionalInputPath = None

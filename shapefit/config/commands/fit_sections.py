@@ -9,7 +9,6 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, mo
 from shapefit.config.model import ConfigModel, FromLists
 from shapefit.config.paths import OF_THE_DATA, Expected, Folder, OptionalInputPath
 from shapefit.lifting.methods import PosteriorOptions
-from shapefit.lifting.options import PerspectiveOptions
 
 CAMERA_MATRIX = "camera_matrix"
 """Dataset (3, 3) or (n, 3, 3) of the landmarks, and where a calibration puts its matrix."""
@@ -30,14 +29,6 @@ class ViewingConfig(ConfigModel):
     calibration or the landmarks hold a camera matrix, or landmarks are pixels: then the focal
     length is 1.1 times the longer side of the image, and the optical axis meets its centre; else
     weak perspective."""
-    image_size: Annotated[
-        tuple[float, float] | None,
-        Expected("two numbers, width and height"),
-        FromLists,
-        OF_THE_DATA,
-    ] = None
-    """auto: width and height of the images in pixels; by default those that the files state, or
-    else as far as the landmarks reach."""
     focal: Annotated[float | None, OF_THE_DATA] = Field(default=None, gt=0)
     """Focal length of all images, in the unit of the landmarks."""
     intrinsics: str | None = Field(default=None, min_length=1)
@@ -56,19 +47,13 @@ class ViewingConfig(ConfigModel):
     ] = Field(default=None, min_length=1)
     """The camera of the calibration that took the images: its section, its `name` or its `port`;
     not needed where there is one only."""
-    ridge: float = Field(default=PerspectiveOptions.ridge, gt=0)
-    """perspective: weight of the squared distance of the coefficients to those of the mean
-    shape."""
-    softness: float = Field(default=PerspectiveOptions.softness, gt=0)
-    """perspective: residual, for normalised landmarks, beyond which the pull of a landmark
-    decreases (Cauchy's loss)."""
 
     @property
     def matrices(self) -> str | None:
         """The dataset that holds the intrinsics of the images, if any does."""
         return self.intrinsics if self.calibration is None else CAMERA_MATRIX
 
-    @field_validator("principal_point", "ridge", "softness")
+    @field_validator("principal_point")
     @classmethod
     def _belongs_to_perspective(cls, value: object, info: ValidationInfo) -> object:
         key = str(info.field_name)
@@ -109,11 +94,6 @@ class OutliersConfig(ConfigModel):
     """Residual beyond which a landmark is wrong. Of a search, in units of the size of the shape as
     given by the other landmarks (the mean standard deviation of its coordinates), 0.25 if not
     given; of a robust loss, for normalised landmarks, 0.1 if not given."""
-    draws: int = Field(default=500, ge=1)
-    """ransac: triples drawn per image."""
-    seed: int = Field(default=0, ge=0)
-    """ransac: seed of the draws; those of an image depend on its name, not on its place in the
-    file."""
 
 
 class PosteriorConfig(ConfigModel):
@@ -130,10 +110,6 @@ class PosteriorConfig(ConfigModel):
     """Hide landmarks whose confidence is below this, and take all others for equally precise: the
     score of a detector is a chance, not a precision. Landmarks with `landmark_covariance` keep
     theirs. With null the variances are divided by the square of the confidence."""
-    gross_chance: float = Field(default=PosteriorOptions.gross_chance, ge=0, lt=1)
-    """Probability that a landmark is grossly wrong, anywhere; 0 trusts all."""
-    gross_density: float = Field(default=PosteriorOptions.gross_density, gt=0)
-    """Density of gross landmarks, per area, for normalised landmarks."""
     widening: float = Field(default=PosteriorOptions.widening, gt=0)
     """Factor applied to all covariances, to allow for what the prior has not seen."""
     calibration: OptionalInputPath = None
@@ -142,8 +118,6 @@ class PosteriorConfig(ConfigModel):
     covariance: bool = PosteriorOptions.covariance
     """Also write the covariance of all landmarks together, `shape_covariance` (n, 3p, 3p) (large;
     HDF5)."""
-    csv_deviations: bool = False
-    """CSV: also write the standard deviations, as sd_x, sd_y, sd_z."""
     implausible: float = Field(default=0.05, ge=0, lt=1)
     """Images with a plausibility below this are not to be trusted."""
     widest: float = Field(default=0.8, gt=0)
@@ -196,10 +170,6 @@ class ExportConfig(_FilesConfig):
     unit: Literal["landmarks", "dictionary"] = "landmarks"
     """Unit of the vertices: that of the landmarks (pixels), or that of the dictionary (metres), in
     which the size is the mean over the atoms used."""
-    landmarks: bool = False
-    """Also write the landmarks, as a second object."""
-    wireframe: Literal["tubes", "lines"] = "tubes"
-    """How edges between fitted landmarks are written if the dictionary has no mesh."""
     items: Items = ("*",)
     """Items to write: names or globs."""
 
@@ -209,8 +179,6 @@ class PicturesConfig(_FilesConfig):
 
     folder: Folder = None
     """Folder to write pictures to; none writes none."""
-    format: Literal["png", "svg"] = "png"
-    """Format of the pictures."""
     items: Items = ("*",)
     """Items to draw a picture of: names or globs."""
     most: int = Field(default=20, ge=0)

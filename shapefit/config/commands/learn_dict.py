@@ -32,17 +32,6 @@ def _landmark_choice(value: Any) -> Any:
     return tuple(value)
 
 
-class OriginConfig(ConfigModel):
-    """Where training shapes come from: root attributes of the dictionary."""
-
-    source: str | None = Field(default=None, min_length=1)
-    """Where the shapes come from; the dictionary states it, and `shapefit info` shows it."""
-    licence: str | None = Field(default=None, min_length=1)
-    """Terms of use, stated alike."""
-    acknowledgement: str | None = Field(default=None, min_length=1)
-    """What those who use the shapes are asked to acknowledge, stated alike."""
-
-
 AtLeastOne = Annotated[int, Field(ge=1)]
 Share = Annotated[float, Field(gt=0, lt=1)]
 
@@ -127,13 +116,19 @@ class LearnDictConfig(CommandConfig):
     start: OptionalDictionaryPath = None
     """A dictionary with a prior, or the name of an installed one, which 2D landmarks adapt. All but
     its prior stays as it is, and keys of learning do not count."""
-    start_weight: float | None = Field(default=None, gt=0)
-    """Images that `start` counts as; by default as many as there are."""
     flip: bool | None = None
     """Shapes learned from 2D landmarks, which alone do not tell near from far: true exchanges them,
     false states that they are right. Without it no shape that the dictionary lifts is trusted,
     unless cameras tell."""
-    origin: Annotated[OriginConfig, OF_THE_DATA] = section(OriginConfig)
+    origin: Annotated[
+        Mapping[Literal["source", "licence", "acknowledgement"], str],
+        Expected("a mapping of source, licence and acknowledgement to texts"),
+        OF_THE_DATA,
+        AS_A_WHOLE,
+    ] = Field(default_factory=dict)
+    """Where the shapes come from (`source`), their terms of use (`licence`) and what their users
+    are asked to acknowledge (`acknowledgement`): the dictionary states it, and `shapefit info`
+    shows it."""
     suits: Annotated[tuple[str, ...], FromLists, OF_THE_DATA] = ()
     """Installed configs that `fit` takes with this dictionary where it is given none: for single
     images and, second, for whole sequences."""

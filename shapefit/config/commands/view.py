@@ -49,7 +49,5 @@ class ViewConfig(CommandConfig):
     """Items to show: names or globs."""
     frame_rate: float | None = Field(default=None, gt=0)
     """Frames per second; by default, as stated in the files."""
-    megabytes: float = Field(default=20, ge=1, le=500)
-    """Maximum size of the page; of more frames than fit, every n-th is shown."""
     output: OptionalPath = None
     """HTML file to write; by default, one in the working directory named after the first file."""

@@ -158,10 +158,7 @@ def judge(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) -> J
     judged = in_blocks(visible_in_both, estimate, true)
     for values in errors.values():
         values[~judged.any(axis=-1)] = np.nan
-    bars: ErrorBars | None = None
-    unjudged: list[str] = []
-    if config.calibration:
-        bars, unjudged = _judge_bars(file, results, own, arrays, scale, units[0])
+    bars, unjudged = _judge_bars(file, results, own, arrays, scale, units[0])
     sequences = _sequences(results, shapes, rows)
     return Judged(
         file=file,
@@ -177,7 +174,7 @@ def judge(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) -> J
             *unjudged,
         ),
         bars=None if bars is None else replace(bars, landmarks=names, sequences=sequences),
-        plausibility=find_dataset(file, results, PLAUSIBILITY) if config.calibration else None,
+        plausibility=find_dataset(file, results, PLAUSIBILITY),
         run=run,
     )
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from shapefit import __version__
 from shapefit.config import EvalConfig, ViewConfig
+from shapefit.config.commands.input import InputConfig
 from shapefit.errors import InputError, counted, input_error, listed, path_text, printable
 from shapefit.evaluation import calibration, report
 from shapefit.evaluation.calibration import ErrorBars, image_shares, join_bars
@@ -376,7 +377,10 @@ def _view(
     from shapefit.pipelines.view.run import make_page
 
     shown = ViewConfig(
-        files=config.results, truth=config.truth, match=config.match, input=config.input
+        files=config.results,
+        truth=config.truth,
+        match=config.match,
+        input=InputConfig(**dict(config.input)),
     )
     try:
         page = make_page(shown, {item for images in ranked.values() for item, _ in images})

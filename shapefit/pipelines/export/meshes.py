@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -17,14 +17,14 @@ from shapefit.errors import input_error
 from shapefit.io import ResultSet
 from shapefit.io.whole.folder import StagedFiles
 from shapefit.io.whole.item_files import file_stem
-from shapefit.meshes.export import Files, MeshFormat, line_files, mesh_files
+from shapefit.meshes.export import Files, MeshFormat, mesh_files
 from shapefit.meshes.wireframe import tubes
 from shapefit.pipelines.export.carried_mesh import Pose, find_meshes, find_obstacle
 from shapefit.pipelines.export.placement import ModelPlacement
 from shapefit.pipelines.items import ChosenItems
 
-Encode = Callable[[Floats, Floats | None], Files]
-"""Takes the points of one image, and its landmarks where they are wanted."""
+Encode = Callable[[Floats], Files]
+"""Takes the points of one image."""
 
 BATCH = 64
 """Images whose vertices are in memory at a time."""
@@ -54,11 +54,9 @@ def choose_encoder(options: ExportConfig, dictionary: Dictionary) -> Encode:
     meshes, edges = find_meshes(dictionary), dictionary.edges
     if meshes is not None:
         faces = meshes.faces
-        return lambda points, landmarks: mesh_files(points, faces, file_format, landmarks)
+        return lambda points: mesh_files(points, faces, file_format)
     assert edges is not None  # see check_mesh_export
-    if options.wireframe == "lines":
-        return lambda points, landmarks: line_files(points, edges, file_format, landmarks)
-    return lambda points, landmarks: mesh_files(*tubes(points, edges), file_format, landmarks)
+    return lambda points: mesh_files(*tubes(points, edges), file_format)
 
 
 class MeshExport:
@@ -108,29 +106,23 @@ class MeshExport:
         )
 
     def _write(self, found: ResultSet, transforms: Transforms | None) -> None:
-        points, landmarks = self._points(
+        points = self._points(
             ModelPlacement(self._options, self._pose, self._dictionary, found, transforms)
         )
-        for item, shape, marks in zip(found.items, points, landmarks, strict=True):
-            every = shape if marks is None else np.hstack([shape, marks])
-            if np.abs(every).max() > self._farthest:
+        for item, shape in zip(found.items, points, strict=True):
+            if np.abs(shape).max() > self._farthest:
                 self._far += 1
                 continue
             stem = file_stem(item)
-            for suffix, content in self._encode(shape, marks).items():
+            for suffix, content in self._encode(shape).items():
                 name = stem.with_name(stem.name + suffix)
                 self._files.write(name, partial(Path.write_bytes, data=content), item)
             self._written += 1
 
-    def _points(self, placement: ModelPlacement) -> tuple[Floats, Iterable[Floats | None]]:
-        """Return mesh vertices (n, 3, q) or ends of edges (n, 3, p), and the landmarks."""
+    def _points(self, placement: ModelPlacement) -> Floats:
+        """Return mesh vertices (n, 3, q) or ends of edges (n, 3, p)."""
         meshes = find_meshes(self._dictionary)
-        if meshes is None:
-            points = landmarks = placement.landmarks()
-        else:
-            points = placement.carry(meshes.vertices)
-            landmarks = placement.carry(self._dictionary.atoms)
-        return points, landmarks if self._options.landmarks else [None] * len(points)
+        return placement.landmarks() if meshes is None else placement.carry(meshes.vertices)
 
 
 def has_shape(found: ResultSet) -> NDArray[np.bool_]:

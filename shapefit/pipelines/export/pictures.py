@@ -93,8 +93,8 @@ class PictureExport:
         return ((f"{found}; {fix}",) if self._missing else ()) + self._items.warnings
 
     def _save(self, stem: PurePosixPath, figure: Figure, item: str) -> None:
-        draw = partial(save, figure, file_format=self._options.format)
+        draw = partial(save, figure, file_format="png")
         self._files.write(self._named(stem), draw, item)
 
     def _named(self, stem: PurePosixPath) -> PurePosixPath:
-        return stem.with_name(f"{stem.name}.{self._options.format}")
+        return stem.with_name(f"{stem.name}.png")

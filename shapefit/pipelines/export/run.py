@@ -89,7 +89,7 @@ def plan_exports(config: FitConfig, dictionary: Dictionary) -> ExportPlan:
         check_mesh_export(meshes, pose, dictionary, config.dictionary)
     if pictures.folder is not None:
         _check_folder(pictures.folder, "pictures.folder", output)
-        _check_output(output, pictures.folder, pictures.format)
+        _check_output(output, pictures.folder, "png")
         check_can_draw("pictures")
         import_module("shapefit.pipelines.export.pictures")
     return ExportPlan(meshes, pictures, pose)

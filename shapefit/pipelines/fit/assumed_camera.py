@@ -141,7 +141,7 @@ def find_size(
 
     None where nobody does, a text where it is no single one.
     """
-    stated = config.camera.image_size or config.input.image_size
+    stated = config.input.image_size
     if stated is not None:
         return ImageSize(np.array(stated), "as given")
     if IMAGE_SIZE in images.columns:

@@ -22,7 +22,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.origin import describe_learning
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, LandmarkSource
-from shapefit.io.formats import FORMATS, FileFormat, find_target_format
+from shapefit.io.formats import HDF5, FileFormat, find_target_format
 from shapefit.io.options import InputOptions, input_options
 from shapefit.lifting.lift import Lifting, Program
 from shapefit.lifting.methods import (
@@ -128,9 +128,6 @@ def plan_fit(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence
         mapped=mapped,
         lift=choose_chain(with_covariance(config) if active else config, mapped.see(dictionary)),
         record=RecordOptions(
-            deviations=not target.points_only
-            or target.by_sequence
-            or config.posterior.csv_deviations,
             transforms=config.transforms,
             proof=config.proof,
             optimum=method.proves == "optimum",
@@ -156,7 +153,7 @@ def plan_fit(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence
 def output_format(config: FitConfig) -> FileFormat:
     """Return the format of the results."""
     if isinstance(config.output, ResultFolder):
-        return FORMATS[config.part_format]
+        return HDF5
     return find_target_format(config.output)
 
 
@@ -274,8 +271,6 @@ def choose_camera(config: FitConfig) -> Callable[[LandmarkSet], Camera] | None:
 def choose_options(config: FitConfig) -> PerspectiveOptions:
     """Return how the config wants shapes refined under perspective."""
     return PerspectiveOptions(
-        ridge=config.camera.ridge,
-        softness=config.camera.softness,
         threads=config.threads,
     )
 

@@ -26,7 +26,6 @@ OF_A_RESULT = RESULTS.names | {dataset.name for dataset in FURTHER_OF_RESULTS}
 class RecordOptions:
     """What is stored of a fit.
 
-    deviations   the standard deviations of the shapes, where the method knows them
     transforms   those of every image
     proof        what proves the optimum of the convex program
     optimum      that program is what the method solves: its certificate is that of the result
@@ -36,7 +35,6 @@ class RecordOptions:
     left_out     names the item (n,) whose atoms the fit of each image did without
     """
 
-    deviations: bool = True
     transforms: bool = False
     proof: bool = True
     optimum: bool = False
@@ -81,7 +79,7 @@ def as_result(
         landmark_names=images.landmark_names,
         items=images.items,
         sequences=images.sequences,
-        shape_sd=bars.deviation if options.deviations else None,
+        shape_sd=bars.deviation,
         transforms=where_fitted(M.dense()) if options.transforms and M is not None else None,
         unit=images.unit,
         y_axis=images.y_axis,

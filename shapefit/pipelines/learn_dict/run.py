@@ -161,7 +161,7 @@ def adapt_start(
         landmarks=config.shapes, dictionary=config.start, output=config.output, method="posterior"
     )
     start = read_dictionary(config.start)
-    made = yield from adapt_to_landmarks(source, start, fit, config.start_weight)
+    made = yield from adapt_to_landmarks(source, start, fit)
     provenance = {
         **start.provenance,
         "version": __version__,
@@ -247,7 +247,7 @@ def make_dictionary(
         "version": __version__,
         "config": config.as_json(),
         "inputs": json.dumps(inputs),
-        **{key: text for key, text in config.origin if text is not None},
+        **config.origin,
         **({SUITS: " ".join(config.suits)} if config.suits else {}),
     }
     return replace(made, prior=prior, provenance=provenance)

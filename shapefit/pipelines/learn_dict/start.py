@@ -33,12 +33,11 @@ BELIEVED = 0.5
 
 
 def adapt_to_landmarks(
-    source: LandmarkSource, start: Dictionary, config: FitConfig, weight: float | None
+    source: LandmarkSource, start: Dictionary, config: FitConfig
 ) -> Generator[Outcome, None, Dictionary]:
     """Adapt the prior of a dictionary to the images; an outcome a round.
 
-    config says where images and dictionary are; weight is that of the start in images, None for
-    as many as there are. What is learned of four fifths of the images must predict the landmarks
+    config says where images and dictionary are; the start counts as many images as there are. What is learned of four fifths of the images must predict the landmarks
     of the rest better than the start does. Raises InputError where it does not.
     """
     place = ", ".join(map(str, config.landmarks))
@@ -68,7 +67,7 @@ def adapt_to_landmarks(
             prior=start.prior,
             landmark_map=A,
             noise=find_misfit(config, start),
-            weight=len(images) if weight is None else weight,
+            weight=len(images),
         )
         for mixture, objective in adapt(single, shapes[rows] / size, of_start):
             made = mixture

@@ -13,7 +13,7 @@ from shapefit.config import FitConfig
 from shapefit.core import STRETCH
 from shapefit.errors import InputError, input_error, path_text
 from shapefit.io import open_landmarks
-from shapefit.io.formats import FORMATS, HDF5, FileFormat, group_inputs
+from shapefit.io.formats import HDF5, FileFormat, group_inputs
 from shapefit.io.layout import LANDMARKS
 from shapefit.io.options import InputOptions
 from shapefit.io.sources import HDF5_SIGNATURE, PARQUET_SIGNATURE, begins_with
@@ -43,7 +43,6 @@ class Part:
     inputs      files, each or some of them a recording
     rows        of the one HDF5 or Parquet file: from the first to before the second; None for all
     state       size and time of change (or etag) of the inputs, by which a changed file is known
-    suffix      of the result
     recordings  how many inputs each recording has, where the part may be divided
     """
 
@@ -51,13 +50,12 @@ class Part:
     inputs: tuple[Path, ...]
     rows: Rows
     state: tuple[State, ...]
-    suffix: str = HDF5.suffixes[0]
     recordings: tuple[int, ...] = field(default=(), compare=False)
 
     @property
     def file(self) -> str:
         """Name of its result."""
-        return f"part-{self.number:05}{self.suffix}"
+        return f"part-{self.number:05}{HDF5.suffixes[0]}"
 
     def describe(self) -> dict[str, Any]:
         """Return what the part is made of, as the manifest says it."""
@@ -79,7 +77,7 @@ class Part:
             first = sum(self.recordings[:start])
             taken = slice(first, first + sum(own))
             number, inputs, state = self.number + first, self.inputs[taken], self.state[taken]
-            yield Part(number, inputs, None, state, self.suffix, own)
+            yield Part(number, inputs, None, state, own)
 
 
 @dataclass(frozen=True)
@@ -119,12 +117,12 @@ def plan_parts(config: FitConfig, done: Iterable[Mapping[str, Any]] = ()) -> lis
     ordered = [pieces[path] for path in states if path in pieces]
     _check_sequences(ordered)
     parts: list[Part] = []
-    number, suffix = 0, FORMATS[config.part_format].suffixes[0]
+    number = 0
     for together, rows in _joined(ordered, config.partition):
         inputs = tuple(path for piece in together for path in piece.inputs)
         recordings = tuple(len(piece.inputs) for piece in together)
         state = tuple(states[path] for path in inputs)
-        parts.append(Part(number, inputs, rows, state, suffix, recordings))
+        parts.append(Part(number, inputs, rows, state, recordings))
         number += len(inputs) if rows is None else 1
     return parts
 

@@ -13,16 +13,14 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path, PurePosixPath
-from typing import get_args
 
 import numpy as np
 
 from shapefit.config import FitConfig
-from shapefit.config.commands.fit import PartFormat
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import abbreviate, counted, input_error, printable
 from shapefit.io import digest, read_dictionary
-from shapefit.io.formats import FORMATS, find_writer
+from shapefit.io.formats import HDF5, find_writer
 from shapefit.io.layout import RESULTS
 from shapefit.io.name_index import Equal, Hashes
 from shapefit.io.sources import is_stream
@@ -85,7 +83,7 @@ def check_parts(config: FitConfig) -> None:
     if any(map(is_stream, config.landmarks)):
         found = "standard input cannot be divided into parts"
         raise input_error("landmarks", found, "save it to a file and name that")
-    find_writer(config.output.manifest, RESULTS.kind, config.part_format)
+    find_writer(config.output.manifest, RESULTS.kind, "hdf5")
     for key in ("export", "pictures"):
         if getattr(config, key).folder is not None:
             fix = "leave it out, and fit the images to be shown once more into a file"
@@ -236,9 +234,8 @@ def _tried(job: Job, retries: int = RETRIES) -> Done:
 
 def _remove_stale(folder: Path, own: Collection[str]) -> None:
     """Remove the results of an earlier run that this one does not have."""
-    suffixes = {FORMATS[name].suffixes[0] for name in get_args(PartFormat)}
     for name in files_in(folder):
-        is_part = name.startswith("part-") and PurePosixPath(name).suffix in suffixes
+        is_part = name.startswith("part-") and PurePosixPath(name).suffix == HDF5.suffixes[0]
         if is_part and name not in own:
             remove(folder / name)
 

@@ -41,6 +41,8 @@ from shapefit.pipelines.view.pictures import embed, find_images
 from shapefit.pipelines.view.sides import find_sides, halves
 from shapefit.viewer.scene import Layer, MeshSet, Picture, Scene
 
+MEGABYTES = 20
+"""Largest page; of more frames than fit, every n-th is shown."""
 MOST_MESHES = 200
 """Meshes of shapes that a page holds, at most."""
 SHARE_OF_PICTURES = 0.7
@@ -55,7 +57,7 @@ def assemble(
     if frames.step > 1:
         notes.append(
             f"Every {_ordinal(frames.step)} of {frames.count:,} frames is shown: with all of "
-            f"them the page would be larger than {config.megabytes:g} MB. `items` chooses others."
+            f"them the page would be larger than {MEGABYTES} MB. `items` chooses others."
         )
     listings = {name: [as_judged(config, one) for one in own] for name, own in listings.items()}
     every = [listing for own in listings.values() for listing in own]
@@ -257,7 +259,7 @@ def _pictures(config: ViewConfig, frames: Frames, notes: list[str]) -> dict[int,
     if config.images is None:
         return {}
     files = find_images(config.images, frames.items)
-    room = SHARE_OF_PICTURES * config.megabytes * 1e6
+    room = SHARE_OF_PICTURES * MEGABYTES * 1e6
     first = embed(next(iter(files.values())))
     step = max(1, -int(-len(files) * len(first.data) // room))
     pictures: dict[int, Picture] = {}

@@ -85,7 +85,7 @@ def make_page(config: ViewConfig, kept: Collection[str] = ()) -> Page:
     listed = list_files(config, options, kept)
     every = [listing for own in listed.listings.values() for listing in own]
     whole = choose_frames(listed)
-    most = config.megabytes * MEGABYTE
+    most = MEGABYTES * MEGABYTE
     step = math.ceil(_least_bytes(whole, every) / (most - CODE_BYTES)) or 1
     for _ in range(ROUNDS):
         frames = thin(whole, step, kept)
