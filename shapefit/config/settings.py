@@ -64,7 +64,6 @@ PRESET, FILE, OPTION = range(3)
 """Who set a value: an installed config, a file, the command line."""
 
 _CONSTANT = "it is a constant of the method now; leave it out"
-_LEFT_OUT = "leave it out"
 _OF_LANDMARKS = ("keypoints", "track", "likelihood_below", "image_size", "y_axis")
 _NOT_SHAPES = "it counts for landmarks only; leave it out, or `convert` the shapes with it"
 
@@ -74,7 +73,7 @@ GONE: Mapping[str, Mapping[str, str]] = {
         "posterior.max_rounds": _CONSTANT,
         "posterior.gross_chance": _CONSTANT,
         "posterior.gross_density": _CONSTANT,
-        "posterior.csv_deviations": f"CSV has sd_x, sd_y and sd_z where the method knows them; {_LEFT_OUT}",
+        "posterior.csv_deviations": "CSV has sd_x, sd_y, sd_z where the method knows them",
         "camera.ridge": _CONSTANT,
         "camera.softness": _CONSTANT,
         "camera.image_size": "write `image_size` beside `camera`",

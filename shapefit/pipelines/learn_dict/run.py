@@ -247,7 +247,7 @@ def make_dictionary(
         "version": __version__,
         "config": config.as_json(),
         "inputs": json.dumps(inputs),
-        **config.origin,
+        **{str(key): text for key, text in config.origin.items()},
         **({SUITS: " ".join(config.suits)} if config.suits else {}),
     }
     return replace(made, prior=prior, provenance=provenance)

@@ -37,8 +37,9 @@ def adapt_to_landmarks(
 ) -> Generator[Outcome, None, Dictionary]:
     """Adapt the prior of a dictionary to the images; an outcome a round.
 
-    config says where images and dictionary are; the start counts as many images as there are. What is learned of four fifths of the images must predict the landmarks
-    of the rest better than the start does. Raises InputError where it does not.
+    config says where images and dictionary are; the start counts as many images as there are.
+    What is learned of four fifths of the images must predict the landmarks of the rest better than
+    the start does. Raises InputError where it does not.
     """
     place = ", ".join(map(str, config.landmarks))
     plan = plan_fit(config, start, source.head.landmark_names)

@@ -16,7 +16,7 @@ from shapefit.io.options import input_options
 from shapefit.io.sources import is_stream
 from shapefit.io.whole.atomic import atomic_path, check_output
 from shapefit.pipelines.outcome import Failure, Outcome
-from shapefit.pipelines.view.assembly import assemble
+from shapefit.pipelines.view.assembly import MEGABYTES, assemble
 from shapefit.pipelines.view.frames import Frames, choose_frames, list_files, thin
 from shapefit.viewer.page import viewer_page
 from shapefit.viewer.scene import Scene
