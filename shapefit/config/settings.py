@@ -92,6 +92,10 @@ GONE: Mapping[str, Mapping[str, str]] = {
         "prior.folds": "components are chosen with FOLDS parts of the sequences left out in turn",
     },
     "convert": {"chunk": _CONSTANT},
+    "info": {
+        f"input.{key}": "it changes nothing that `info` tells; leave it out"
+        for key in ("rename", "landmarks", "likelihood_below")
+    },
     "view": {"megabytes": "a page has 20 MB at most; `items` chooses what it shows"},
     "project": {f"input.{key}": _NOT_SHAPES for key in _OF_LANDMARKS},
     "eval": {

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    from shapefit.config.commands.input import ShapeInputConfig
+    from shapefit.config.commands.input import FilesInput
     from shapefit.geometry.upright import Up
 
 Track = Literal["nearest", "none", "motion"]
@@ -81,7 +81,7 @@ class Summary:
     written: tuple[Path, ...] = ()
 
 
-def input_options(config: ShapeInputConfig, track: Track = "none") -> InputOptions:
+def input_options(config: FilesInput, track: Track = "none") -> InputOptions:
     """Return what the section says; `track` where it leaves that open."""
     said = dict(config)
     return InputOptions(**{**said, "track": said.get("track") or track})

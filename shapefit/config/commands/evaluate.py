@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from shapefit.config.commands.input import ShapeInputConfig
+from shapefit.config.commands.input import ShapesInput
 from shapefit.config.model import (
     CommandConfig,
     FromLists,
@@ -39,7 +39,7 @@ class EvalConfig(CommandConfig):
     file, without folder and suffix."""
     truth: InputPaths
     """Files of the true 3D shapes."""
-    input: ShapeInputConfig = section(ShapeInputConfig)
+    input: ShapesInput = section(ShapesInput)
     output: OutputPath
     """Folder to write the report to."""
     match: Annotated[str, OF_THE_DATA] = Field(default="item", min_length=1)

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from shapefit.config.commands.input import InputConfig
+from shapefit.config.commands.input import DetectionsInput, InputConfig
 from shapefit.config.model import CommandConfig, Height, section
 from shapefit.config.named_files import NamedInputPaths
 from shapefit.config.paths import InputPaths, OutputPath
@@ -48,4 +48,4 @@ class InfoConfig(CommandConfig):
     files: NamedInputPaths
     """Files of any kind and format, folders with one file per frame, and installed dictionaries by
     name, such as people."""
-    input: InputConfig = section(InputConfig)
+    input: DetectionsInput = section(DetectionsInput)

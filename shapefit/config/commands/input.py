@@ -14,13 +14,18 @@ _SIZE = "a list of two numbers > 0"
 Pixels = Annotated[float, Field(gt=0)]
 
 
-class ShapeInputConfig(ConfigModel):
-    """How files of shapes are read. `--set individual=NAME` is short for `input.individual`."""
+class FilesInput(ConfigModel):
+    """How files of any kind are read."""
 
     format: str = Field(default="auto", min_length=1)
     """Format of the files (docs/formats.md); auto: by their content."""
     individual: str | None = Field(default=None, min_length=1)
     """Read only this individual; by default, all."""
+
+
+class ShapesInput(FilesInput):
+    """How files of 3D shapes are read. `--set rename=...` is short for `--set input.rename=...`."""
+
     rename: Renaming = Field(default_factory=dict)
     """Landmarks to rename: name in the files that are read -> name in the dictionary or the
     results."""
@@ -28,8 +33,8 @@ class ShapeInputConfig(ConfigModel):
     """Landmarks to keep, in this order, by their names after `rename`; by default, all."""
 
 
-class InputConfig(ShapeInputConfig):
-    """How files are read. `--set keypoints=NAME` is short for `--set input.keypoints=NAME`."""
+class DetectionsInput(FilesInput):
+    """How files of a detector are understood."""
 
     keypoints: str | None = Field(default=None, min_length=1)
     """Skeleton that names the landmarks of files without names, such as body_25b or coco_17
@@ -37,8 +42,6 @@ class InputConfig(ShapeInputConfig):
     track: Literal["nearest", "none"] | None = None
     """Detections without identity: nearest joins them over frames, none makes each an item of its
     own. By default nearest where sequences are asked for."""
-    likelihood_below: float = Field(default=0, ge=0)
-    """Hide landmarks whose confidence is below this."""
     image_size: Annotated[tuple[Pixels, Pixels] | None, Expected(_SIZE), FromLists] = None
     """Width and height of the images in pixels. Coordinates that are fractions of them (MediaPipe,
     YOLO) are multiplied by it, and `fit` assumes a camera by it; by default as the files state it,
@@ -46,3 +49,10 @@ class InputConfig(ShapeInputConfig):
     y_axis: Literal["down", "up"] | None = None
     """Where y points in landmarks. By default as the format has it, and down, as pixels are
     counted, where it does not say so (CSV); files of ours that state the opposite are refused."""
+
+
+class InputConfig(DetectionsInput, ShapesInput):
+    """How files are read. `--set keypoints=NAME` is short for `--set input.keypoints=NAME`."""
+
+    likelihood_below: float = Field(default=0, ge=0)
+    """Hide landmarks whose confidence is below this."""

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from shapefit.config.commands.input import ShapeInputConfig
+from shapefit.config.commands.input import ShapesInput
 from shapefit.config.model import AS_A_WHOLE, CommandConfig, ConfigModel, FromLists, section
 from shapefit.config.paths import Expected, InputPaths, OutputPath
 
@@ -60,7 +60,7 @@ class ProjectConfig(CommandConfig):
 
     shapes: InputPaths
     """Files of 3D shapes (- is stdin, CSV)."""
-    input: ShapeInputConfig = section(ShapeInputConfig)
+    input: ShapesInput = section(ShapesInput)
     output: OutputPath
     """Landmark file to write: HDF5, or Parquet if it ends in .parquet, or tidy CSV if it ends in
     .csv or is - (stdout)."""
