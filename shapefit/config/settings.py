@@ -71,7 +71,6 @@ GONE: Mapping[str, Mapping[str, str]] = {
     "fit": {
         "posterior.views": "it starts from the poses of the convex program alone; leave it out",
         "posterior.max_rounds": _CONSTANT,
-        "posterior.gross_chance": _CONSTANT,
         "posterior.gross_density": _CONSTANT,
         "posterior.csv_deviations": "CSV has sd_x, sd_y, sd_z where the method knows them",
         "camera.ridge": _CONSTANT,
@@ -80,7 +79,6 @@ GONE: Mapping[str, Mapping[str, str]] = {
         "outliers.draws": _CONSTANT,
         "outliers.seed": _CONSTANT,
         "part_format": "parts are HDF5; `convert` writes them as Parquet",
-        "search.max_cells": "`search: {max_seconds: ...}` limits the search; leave it out",
         "pictures.format": "pictures are PNG; leave it out",
         "export.landmarks": "`convert` writes landmarks as GLB; leave it out",
         "export.wireframe": "edges are written as tubes; leave it out",

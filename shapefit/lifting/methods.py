@@ -12,7 +12,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from shapefit.errors import listed
-from shapefit.lifting.options import PerspectiveOptions
 
 if TYPE_CHECKING:
     import numpy as np
@@ -351,18 +350,6 @@ CONFLICTS: tuple[tuple[Callable[[Method, Any], object], str], ...] = (
         ),
         "`rotations: {fit.rotations}` belongs to the method {free} and weak perspective; the "
         "others have one rotation per image: leave it out",
-    ),
-    *(
-        (
-            lambda method, fit, key=key: (
-                _in_perspective(fit)
-                and method.perspective == "own"
-                and getattr(fit.camera, key) != getattr(PerspectiveOptions, key)
-            ),
-            f"`camera: {{{{{key}: ...}}}}` belongs to the refinement under perspective, which the "
-            "method {fit.method} does without; leave it out",
-        )
-        for key in ("ridge", "softness")
     ),
     (
         lambda method, fit: _in_perspective(fit) and method.perspective == "none",

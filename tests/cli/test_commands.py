@@ -130,7 +130,7 @@ def test_the_bar_shows_states_of_the_work_and_not_the_result(shapefit, fake_pipe
         (["--leave-out", "item"], "--leave-out; it is a key of the config: --set leave_out=item"),
         (["--threshold", "3"], "it is a key of the config: --set outliers.threshold=3"),
         (["--outliers.method=l1"], "it is a key of the config: --set outliers.method=l1"),
-        (["--softness", "1"], "--set camera.softness=1"),
+        (["--widening", "1"], "--set posterior.widening=1"),
     ],
 )
 def test_an_option_that_is_a_key_names_the_setting(shapefit, arguments, hint):

@@ -97,6 +97,8 @@ class SearchConfig(ConfigModel):
     modes: float = Field(default=SearchOptions.modes, ge=0, le=1)
     """Also list all other readings of an image whose objective is at most this share above the
     least, such as 0.05, and prove that there is none besides; 0 lists none."""
+    max_cells: int = Field(default=SearchOptions.max_cells, ge=1, le=MOST_STEPS)
+    """Maximum number of cells of rotations searched per image."""
     max_seconds: float = Field(default=SearchOptions.max_seconds, gt=0)
     """Maximum seconds per image."""
     proof_every: int = Field(default=SearchOptions.proof_every, ge=0, le=MOST_STEPS)

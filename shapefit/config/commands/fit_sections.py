@@ -110,6 +110,8 @@ class PosteriorConfig(ConfigModel):
     """Hide landmarks whose confidence is below this, and take all others for equally precise: the
     score of a detector is a chance, not a precision. Landmarks with `landmark_covariance` keep
     theirs. With null the variances are divided by the square of the confidence."""
+    gross_chance: float = Field(default=PosteriorOptions.gross_chance, ge=0, lt=1)
+    """Probability that a landmark is grossly wrong, anywhere; 0 trusts all."""
     widening: float = Field(default=PosteriorOptions.widening, gt=0)
     """Factor applied to all covariances, to allow for what the prior has not seen."""
     calibration: OptionalInputPath = None

@@ -132,7 +132,7 @@ class Report:
         if self._unsure:
             found.append(
                 f"{counted(self._unsure, 'image')} may have further readings: raise "
-                "`search.max_seconds`"
+                "`search.max_cells` or `search.max_seconds`"
             )
         return tuple(found)
 

@@ -30,9 +30,7 @@ method: alternate; outliers: {method: l1} | 5:11 | the method alternate does not
 outliers: {threshold: 0} | 4:23 | expected a number > 0
 lambda: auto | 4:9 | `lambda: auto` needs `noise`
 method: pmp; camera: {model: perspective, focal: 2} | 5:9 | `camera: {model: perspective}` does not work with the method pmp
-method: posterior; camera: {model: perspective, focal: 2, ridge: 1} | 5:9 | `camera: {ridge: ...}` belongs to the refinement under perspective
 method: posterior; leave_out: true_model | 5:12 | `leave_out` leaves out atoms, but the prior of the method posterior was
-camera: {ridge: 1, model: weak-perspective} | 4:17 | `ridge` belongs to `model: perspective`
 camera: {principal_point: [1, 2]} | 4:27 | `principal_point` belongs to
 export: {format: obj} | 4:18 | `format` does nothing without `folder`
 export: {items: [a, b]} | 4:17 | `items` does nothing without `folder`
@@ -62,7 +60,7 @@ def test_keys_that_do_not_go_together_and_are_said_by_options():
 def test_defaults_are_no_conflict():
     text = (
         "landmarks: a.h5\ndictionary: a.h5\noutput: r.h5\n"
-        "export: {format: ply}\ncamera: {ridge: 0.3}\npictures: {folder: p, sheet: 4}\n"
+        "export: {format: ply}\npictures: {folder: p, sheet: 4}\n"
     )
     Path("c.yaml").write_text(text, encoding="utf-8")
     first = load_config("fit", Path("c.yaml"))

@@ -132,13 +132,6 @@ def test_gaps_of_the_truth_are_left_out(desk, reported, truth):
     assert desk.row("calibration.csv", landmark="", **labels)["judged"] == "24"
 
 
-def test_it_can_be_left_out(desk, reported):
-    page, _ = reported(calibration=False)
-    assert "Error bars" not in page
-    assert "Least plausible" not in page
-    assert not (desk.config.output / "trusted.csv").exists()
-
-
 def test_the_plot_is_drawn(desk, reported):
     page, _ = reported(plots=True)
     for suffix in ("png", "svg"):

@@ -6,7 +6,6 @@ import trimesh
 
 from shapefit.io.records import ResultSet, concatenate
 from shapefit.lifting.reconstruction import complete_transforms
-from shapefit.meshes.wireframe import balls
 from shapefit.pipelines.export.meshes import has_shape
 from tests.pipelines.told import failures
 
@@ -27,27 +26,16 @@ def landmark_vertices(dictionary):
 
 @FORMATS
 def test_the_mesh_is_that_of_the_coefficients_in_every_format(
-    tmp_path, export, car_atoms, file_format, read_one, read, mixed
+    tmp_path, export, car_atoms, file_format, read_one, mixed
 ):
-    found, outcomes = export(format=file_format, landmarks=True, frame="camera")
+    found, outcomes = export(format=file_format, frame="camera")
     assert len(found) == 6
     for image, item in enumerate(found.items):
         place, s, R = origin(found, image), found.scale[image], found.rotation[image]
         expected = s * R @ mixed(car_atoms.mesh_vertices, found, image) + place
         points = s * R @ mixed(car_atoms.atoms, found, image) + place
         np.testing.assert_allclose(points, found.shapes[image], atol=1e-9)
-        objects = read(item, file_format)
-        if file_format.startswith("ply"):
-            (mesh,) = objects.values()
-            cloud = read_one(item, file_format, "-landmarks")
-            np.testing.assert_allclose(cloud.vertices.T, points, atol=PRECISION[file_format])
-        else:
-            assert set(objects) == {"mesh", "landmarks"}
-            mesh = objects["mesh"]
-            marks = balls(points)[0]
-            np.testing.assert_allclose(
-                objects["landmarks"].vertices.T, marks, atol=PRECISION[file_format]
-            )
+        mesh = read_one(item, file_format)
         assert np.isfinite(mesh.vertices).all()
         np.testing.assert_allclose(mesh.vertices.T, expected, atol=PRECISION[file_format])
         np.testing.assert_array_equal(mesh.faces, car_atoms.mesh_faces)
@@ -87,9 +75,9 @@ def test_by_default_a_car_stands_upright_and_looks_ahead(export, car_atoms, read
         assert 1.5 < width < 2.5
         assert 1.2 < height < 2.3
         assert 3.3 < length < 5.6
-    found, _ = export(landmarks=True)
+    found, _ = export()
     for item in found.items:
-        rows = read_one(item, "ply", "-landmarks").vertices
+        rows = read_one(item, "ply").vertices[landmark_vertices(car_atoms)]
         place = dict(zip(names, rows, strict=True))
         assert place["left_windscreen_top"][1] > place["left_front_wheel"][1]
         assert place["left_front_wheel"][2] > place["left_rear_wheel"][2]
@@ -100,12 +88,10 @@ def test_rotations_per_atom_give_the_landmarks_of_the_result(
     export, car_atoms, rotations, read_one
 ):
     keys = {"method": "convex", "rotations": rotations}
-    found, _ = export(fit_keys=keys, landmarks=True, frame="camera", format="ply")
+    found, _ = export(fit_keys=keys, frame="camera", format="ply")
     vertex = landmark_vertices(car_atoms)
     for image, item in enumerate(found.items):
         mesh = read_one(item, "ply")
-        points = read_one(item, "ply", "-landmarks")
-        np.testing.assert_allclose(points.vertices.T, found.shapes[image], atol=6.2e-5)
         np.testing.assert_allclose(mesh.vertices[vertex].T, found.shapes[image], atol=6.2e-5)
 
 
@@ -140,9 +126,8 @@ def test_in_perspective_the_car_is_where_it_is(
         images = views.replaced(landmarks=flipped, y_axis="up")
     centre = [640.0, 480.0 if y_axis == "down" else -480.0]
     camera = {"model": "perspective", "focal": 1600.0, "principal_point": centre}
-    found, _ = export(
-        images, fit_keys={"camera": camera}, frame="camera", unit="dictionary", landmarks=True
-    )
+    found, _ = export(images, fit_keys={"camera": camera}, frame="camera", unit="dictionary")
+    vertex = landmark_vertices(car_atoms)
     sign = 1 if y_axis == "down" else -1
     for image, item in enumerate(found.items):
         size = metres(car_atoms, found, image)
@@ -152,7 +137,7 @@ def test_in_perspective_the_car_is_where_it_is(
         np.testing.assert_allclose(mesh.vertices.T, size * (solid + t), atol=2e-6)
         assert 8 < sign * mesh.centroid[2] < 16
         # the camera sees the landmarks in that place where the fit says
-        x, y, z = read_one(item, "ply", "-landmarks").vertices.T
+        x, y, z = mesh.vertices[vertex].T
         seen = np.array(centre)[:, None] + 1600 * np.array([x, y]) / (sign * z)
         np.testing.assert_allclose(seen, found.landmarks_fitted[image], atol=1e-3)
 
@@ -217,17 +202,6 @@ def test_every_file_has_the_mesh_of_its_own_image_wherever_chunks_end(
             )
         mesh = read_one(found.items[image], "obj")
         np.testing.assert_allclose(mesh.vertices.T, found.scale[image] * expected, atol=5.1e-9)
-
-
-def test_landmarks_lie_on_the_mesh_also_where_the_result_has_them_elsewhere(
-    export, car_atoms, read_one
-):
-    found, _ = export(fit_keys={"method": "convex"}, frame="camera", landmarks=True)
-    vertex = landmark_vertices(car_atoms)
-    for image, item in enumerate(found.items):
-        points = read_one(item, ending="-landmarks").vertices
-        np.testing.assert_array_equal(points, read_one(item).vertices[vertex])
-        assert np.abs(points.T - found.shapes[image]).max() > 1
 
 
 def test_which_images_have_a_shape():

@@ -1,7 +1,5 @@
 """The pictures that `fit` draws: which, of what, and where in them the model lies."""
 
-from xml.etree import ElementTree
-
 import numpy as np
 import pytest
 from matplotlib.image import imread
@@ -56,20 +54,6 @@ def test_chosen_items_and_a_contact_sheet(tmp_path, draw, views):
     assert outcomes[-1].written == (tmp_path / "result.h5", tmp_path / "pictures", sheet)
     assert outcomes[-1].note == "y down in the images; 2 pictures, contact sheet of 4"
     assert outcomes[-1].warnings == ("pictures.items: no item has this name or matches 'lorry*'",)
-
-
-def test_svg(tmp_path, draw, views):
-    draw(items=[views.items[0]], sheet=2, format="svg")
-    assert written(tmp_path) == {f"{views.items[0]}.svg", "contact_sheet.svg"}
-    alone, sheet = (
-        ElementTree.parse(tmp_path / "pictures" / f"{name}.svg")
-        for name in (views.items[0], "contact_sheet")
-    )
-    # every visible face a path, but pixels in the sheet
-    assert len(alone.findall(".//{*}path")) > 2000
-    assert not alone.findall(".//{*}image")
-    assert sheet.findall(".//{*}image")
-    assert len(sheet.findall(".//{*}path")) < 1000
 
 
 def test_at_most_so_many(tmp_path, draw, views):

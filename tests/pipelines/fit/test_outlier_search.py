@@ -94,40 +94,28 @@ def labels_of(image, dictionary, method):
     return (visible & ~search(image, visible.astype(float), dictionary))[0]
 
 
-@pytest.mark.parametrize(
-    ("method", "function", "keys"),
-    [
-        ("ransac", "find_consensus", {"threshold", "draws"}),
-    ],
-)
-def test_the_search_is_told_what_the_config_says(
-    method, function, keys, views, made_cars, monkeypatch
-):
-    options = {"threshold": 0.4, "draws": 7}
+def test_the_search_is_told_what_the_config_says(views, made_cars, monkeypatch):
     told = {}
-    monkeypatch.setattr(outlier_search, function, lambda *_, **given: told.update(given))
-    search = choose_search(OutliersConfig(method=method, **options), 1)
+    monkeypatch.setattr(outlier_search, "find_consensus", lambda *_, **given: told.update(given))
+    search = choose_search(OutliersConfig(method="ransac", threshold=0.4), 1)
     search(views, views.seen().astype(float), made_cars)
-    assert {key: told[key] for key in keys} == {key: options[key] for key in keys}
+    assert told["threshold"] == 0.4
 
 
 @pytest.mark.parametrize("chunk", [1, 7])
 def test_labels_of_ransac_depend_neither_on_chunks_nor_on_order(chunk, run, views, rng):
     spoilt, _ = spoil(views, 0.6, rng)
-    search = {"method": "ransac", "draws": 20}
+    search = {"method": "ransac"}
     found, _ = run(spoilt, outliers=search)
     order = rng.permutation(len(spoilt))
     again, _ = run(spoilt.take(order), outliers=search, chunk=chunk, threads=2)
     np.testing.assert_array_equal(again.columns["outliers"], found.columns["outliers"][order])
-    other, _ = run(spoilt, outliers=search | {"seed": 1})
-    assert (other.columns["outliers"] != found.columns["outliers"]).any()
 
 
 def test_a_seed_belongs_to_the_name_of_an_image(views):
-    seeds = find_seeds(views, 3)
+    seeds = find_seeds(views)
     assert len(set(seeds.tolist())) == len(views)
-    np.testing.assert_array_equal(find_seeds(views.take([4, 1]), 3), seeds[[4, 1]])
-    assert not set(find_seeds(views, 4).tolist()) & set(seeds.tolist())
+    np.testing.assert_array_equal(find_seeds(views.take([4, 1])), seeds[[4, 1]])
 
 
 @pytest.mark.parametrize("method", METHODS)

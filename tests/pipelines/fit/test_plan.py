@@ -83,9 +83,8 @@ def test_the_program(config):
 
 
 def test_options_of_the_perspective_camera(config):
-    told = {"ridge": 0.7, "softness": 0.3}
-    camera = {"model": "perspective", "focal": 500.0, **told}
-    assert choose_options(config(camera=camera)) == PerspectiveOptions(**told, threads=3)
+    camera = {"model": "perspective", "focal": 500.0}
+    assert choose_options(config(camera=camera)) == PerspectiveOptions(threads=3)
 
 
 def images(names):

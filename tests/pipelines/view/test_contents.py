@@ -61,11 +61,12 @@ def test_coarse_floats_keep_three_digits():
     assert np.isinf(back[5])
 
 
-def test_many_frames_are_thinned_and_the_page_says_so(desk):
+def test_many_frames_are_thinned_and_the_page_says_so(desk, monkeypatch):
+    monkeypatch.setattr("shapefit.pipelines.view.run.MEGABYTES", 1)
     n = 20_000
     sequences = tuple("long" if i < 15_000 else "short" for i in range(n))
     result = desk.result(n=n, sequences=sequences, frame_rate=60.0)
-    config = ViewConfig(files={"result": (result,)}, megabytes=1)
+    config = ViewConfig(files={"result": (result,)})
     page = make_page(config, kept=("i7", "i19999"))
     assert len(page.html) <= 1_000_000
     assert len(page.html) > 500_000
