@@ -31,7 +31,7 @@ def fit(project, folder):
         "dictionary: cars.h5\n"
         "output: result.h5\n"
         "method: convex+refine\n"
-        "export: {folder: meshes, format: glb, unit: dictionary, landmarks: true}\n"
+        "export: {folder: meshes, format: glb, unit: dictionary}\n"
         "pictures: {folder: pictures, items: [van_*/view_1], sheet: 6}\n"
     )
 
@@ -58,7 +58,7 @@ def test_cars_come_out_as_meshes_and_pictures(folder, fit):
     assert files == sorted(folder / "meshes" / f"{item}.glb" for item in items)
     for path in files[::20]:
         objects = trimesh.load_scene(path).geometry
-        assert set(objects) == {"mesh", "landmarks"}
+        assert set(objects) == {"mesh"}
         assert objects["mesh"].is_watertight
         np.testing.assert_array_less(objects["mesh"].extents, [2.5, 2.3, 5.6])
         np.testing.assert_array_less([1.5, 1.2, 3.3], objects["mesh"].extents)

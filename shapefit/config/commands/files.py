@@ -15,6 +15,8 @@ from shapefit.config.paths import InputPaths, OutputPath
 class ConvertConfig(CommandConfig):
     """Write what files hold in another format."""
 
+    COMMAND = "convert"
+
     files: InputPaths
     """Files of landmarks, shapes or results, all of one kind, in any format that can be read, or
     folders with one file per frame."""
@@ -44,6 +46,8 @@ class ConvertConfig(CommandConfig):
 
 class InfoConfig(CommandConfig):
     """Tell what files hold, and how to go on with them."""
+
+    COMMAND = "info"
 
     files: NamedInputPaths
     """Files of any kind and format, folders with one file per frame, and installed dictionaries by

@@ -112,13 +112,14 @@ class TestRefused:
     ):
         (tmp_path / "both/sub").mkdir(parents=True)
         suffix = file_format.split("-")[0]
+        form = {} if section == "pictures" else {"format": file_format}
         output = tmp_path / f"both/sub/result.{suffix}"
         with pytest.raises(
             InputError, match=rf"has the same name as the \.{suffix} files that go into"
         ):
             run(
                 output=output,
-                **{section: {"folder": str(tmp_path / "both"), "format": file_format}},
+                **{section: {"folder": str(tmp_path / "both")} | form},
             )
 
     def test_pictures_without_matplotlib(self, tmp_path, run, monkeypatch):
@@ -173,12 +174,6 @@ def test_other_files_of_the_folder_stay(tmp_path, export):
 @pytest.mark.parametrize(
     ("items", "keys", "message"),
     [
-        # the landmarks of the first are the mesh of the second
-        (
-            ("car", "car-landmarks"),
-            {"landmarks": True},
-            r"meshes/car-landmarks\.ply: is a file of another item as well as of 'car-landmarks'",
-        ),
         (
             ("car", "car.ply/1"),
             {},
