@@ -52,7 +52,7 @@ def _holds_datasets(fit: Any) -> bool:
 OF_PRIOR = those(lambda method: method.has_prior)
 NAMED_PRIOR = listed(f"`method: {name}`" for name in OF_PRIOR)
 SIGNED = tuple(name for name in _of_section(ALTERNATION) if METHODS[name].mixes_atoms)
-CODING = ("k", "beta", "iterations", "batch")
+CODING = ("k", "beta", "iterations")
 SOLVED = those(lambda method: method.proves != "nothing")
 
 EFFECTS: dict[str, tuple[Effect, ...]] = {

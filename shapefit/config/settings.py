@@ -85,9 +85,10 @@ GONE: Mapping[str, Mapping[str, str]] = {
         "outliers.lambda": "truncated least squares went; take `outliers: {method: ransac}`",
     },
     "learn-dict": {
+        "batch": "all shapes are in memory; take fewer with `every`",
         "prior.max_rounds": _CONSTANT,
         "start_weight": "`start` counts as many images as there are; leave it out",
-        "prior.folds": "components are chosen with FOLDS parts of the sequences left out in turn",
+        "prior.folds": "`prior.components` states their number",
     },
     "convert": {"chunk": _CONSTANT},
     "info": {

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,74 +83,3 @@ def find_edge_covariance(lengths: Floats) -> Floats:
     e = logs.shape[1]
     found: Floats = away.T @ away + WORTH * SPREAD**2 * np.eye(e)
     return found / (len(bodies) - 1 + WORTH)
-
-
-@dataclass(frozen=True)
-class Lengths:
-    """Of the edges in one sequence: number of shapes, mean and sum of squared differences (e,)."""
-
-    count: int
-    mean: Floats
-    squares: Floats
-
-    def __add__(self, other: Lengths) -> Lengths:
-        """Join the shapes of two. Source: Chan, Golub and LeVeque 1979."""
-        count = self.count + other.count
-        apart = other.mean - self.mean
-        return Lengths(
-            count,
-            self.mean + apart * (other.count / count),
-            self.squares + other.squares + apart**2 * (self.count * other.count / count),
-        )
-
-
-@dataclass
-class MotionSums:
-    """Sums over shapes, block by block, for what `find_acceleration` and `find_give` find at once.
-
-    edges (e, 2). What it keeps grows with the number of sequences, not with that of the shapes.
-    """
-
-    edges: NDArray[np.integer]
-    squares: Floats | float = 0.0
-    count: int = 0
-    last: Floats | None = None
-    names: tuple[str, ...] = ()
-    lengths: dict[str, Lengths] = field(default_factory=dict)
-
-    def add(self, shapes: Floats, sequences: Sequence[str]) -> None:
-        """Add shapes (n, 3, p) with their sequences (n,); they follow those before."""
-        y = shapes - shapes.mean(axis=2, keepdims=True)
-        y = y if self.last is None else np.concatenate([self.last, y])
-        names = np.array((*self.names, *sequences), dtype=object)
-        together = (names[2:] == names[1:-1]) & (names[1:-1] == names[:-2])
-        second = (y[2:] - 2 * y[1:-1] + y[:-2])[together]
-        self.squares += (second**2).sum(axis=(0, 1))
-        self.count += len(second)
-        self.last, self.names = y[-2:], tuple(names[-2:])
-        i, j = self.edges.T
-        lengths = np.linalg.norm(shapes[:, :, i] - shapes[:, :, j], axis=1)
-        numbers = np.array(sequences, dtype=object)
-        for name in dict.fromkeys(sequences):
-            own = lengths[numbers == name]
-            mean = own.mean(axis=0)
-            found = Lengths(len(own), mean, ((own - mean) ** 2).sum(axis=0))
-            self.lengths[name] = self.lengths[name] + found if name in self.lengths else found
-
-    def acceleration(self, unit: float) -> Floats | None:
-        """Return what `find_acceleration` finds, where `unit` is the median size of the shapes."""
-        if self.count < FEWEST:
-            return None
-        found: Floats = np.maximum(np.sqrt(self.squares / (3 * self.count)) / unit, LEAST)
-        return found
-
-    def give(self, unit: float) -> Floats:
-        """Return what `find_give` finds, where `unit` is the median size of the shapes."""
-        count = sum(each.count for each in self.lengths.values())
-        squares = sum(each.squares for each in self.lengths.values())
-        found: Floats = np.sqrt(squares / count) / unit
-        return found
-
-    def mean_lengths(self) -> Floats:
-        """Return the mean lengths (s, e) of the edges in s sequences, as `find_lengths` does."""
-        return np.array([self.lengths[name].mean for name in sorted(self.lengths)])

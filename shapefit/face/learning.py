@@ -14,8 +14,7 @@ from shapefit.face.options import config_of, default
 from shapefit.face.records import Dictionary, Shapes, rows_of, shape_set
 from shapefit.io.layout import DICTIONARY
 from shapefit.io.source import source_of
-from shapefit.pipelines.learn_dict.run import make_dictionary, plan_training
-from shapefit.pipelines.learn_dict.training_shapes import find_training_shapes
+from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes
 from shapefit.pipelines.outcome import Failure, Note, Outcome
 
 FILES = {"shapes": (Path("shapes"),), "output": Path("dictionary")}
@@ -39,8 +38,7 @@ def learn(
     given = {key: value for key, value in own.items() if value != default(LearnDictConfig, key)}
     config = config_of(LearnDictConfig, "learn", given, options, FILES)
     given_set = source_of(shape_set(shapes), "shapes", config.input.rename).whole()
-    training = plan_training(config)
-    making = make_dictionary(find_training_shapes(given_set, training), config, training, {})
+    making = learn_from_shapes(given_set, config, {})
     failures: list[Failure] = []
     messages: list[str] = []
     while True:

@@ -39,7 +39,7 @@ def config_of(
     value) are the keys whose place arrays take; in the config they hold these values, for messages.
     Raises InputError for what the config refuses, each problem with the name of its argument.
     """
-    closed = {*files, "batch", "data", "export", "pictures"} & model.model_fields.keys()
+    closed = {*files, "data", "export", "pictures"} & model.model_fields.keys()
     for key in options.keys() & closed:
         found = f"there is no argument `{key}`"
         fix = f"it is for files: use the command line, or the functions of shapefit for `{key}`"

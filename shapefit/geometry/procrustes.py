@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -116,35 +116,6 @@ def generalised_procrustes(
     R[0] = np.eye(3)
     aligned = R @ shapes
     return Alignment(aligned, aligned.mean(axis=0), R, rounds, still)
-
-
-def settle_mean(
-    batches: Iterable[Floats],
-    mean: Floats,
-    landmarks: Sequence[int] | None = None,
-    tolerance: float = 1e-4,
-    max_rounds: int = 100,
-) -> tuple[Floats, int, bool]:
-    """Go on with the rounds of `generalised_procrustes` from a mean, on shapes too many to hold.
-
-    batches give the shapes (n, 3, p) in the same order every round; mean (3, p), such as that of
-    some of the shapes. Returns the chosen landmarks of the mean, centred, in the frame of the first
-    shape, the number of rounds, and whether the mean came to rest.
-    """
-    target = choose(mean, landmarks)
-    still = False
-    rounds = 0
-    while not still and rounds < max_rounds:
-        rounds += 1
-        total, count = np.zeros(target.shape), 0
-        for shapes in batches:
-            chosen = choose(shapes, landmarks)
-            total += np.einsum("jab,jbp->ap", rotation_onto(chosen, target), chosen)
-            count += len(shapes)
-        previous, target = target, total / count
-        still = bool(np.linalg.norm(target - previous) <= tolerance * np.linalg.norm(previous))
-    first = choose(next(iter(batches))[0], landmarks)
-    return rotation_onto(target, first) @ target, rounds, still
 
 
 def choose(shapes: Floats, landmarks: Sequence[int] | None) -> Floats:

@@ -1,4 +1,4 @@
-"""Left and right: mirror shapes, make them symmetric, or double a set with its mirror images."""
+"""Left and right: mirror images of shapes, and the axis along which the sides lie apart."""
 
 from __future__ import annotations
 
@@ -32,23 +32,8 @@ def lateral_axis(shapes: Floats, mirror_index: Indices) -> int:
     shapes (..., 3, p) in frames that share their lateral axis -> 0, 1 or 2, as `lateral` of the
     other functions. Raises ValueError as `mirror` does.
     """
-    return int(lateral_squares(shapes, mirror_index).argmax())
-
-
-def lateral_squares(shapes: Floats, mirror_index: Indices) -> Floats:
-    """Return the sums (3,) that `lateral_axis` compares; those of several sets add up."""
     apart = shapes - shapes[..., _partners(mirror_index, shapes.shape[-1])]
-    square: Floats = (apart**2).sum(axis=-1).reshape(-1, 3).sum(axis=0)
-    return square
-
-
-def symmetrise(shapes: Floats, mirror_index: Indices, lateral: int = 0) -> Floats:
-    """(S + mirror(S)) / 2: the nearest symmetric shape, its plane of symmetry at 0.
-
-    A shape that is symmetric about a parallel plane is moved there and keeps its form. Arguments
-    and errors as for `mirror`.
-    """
-    return (shapes + mirror(shapes, mirror_index, lateral)) / 2
+    return int((apart**2).sum(axis=-1).reshape(-1, 3).sum(axis=0).argmax())
 
 
 def double(shapes: Floats, mirror_index: Indices, lateral: int = 0) -> Floats:

@@ -74,7 +74,6 @@ IDLE = {
         "k=9": "method=exemplars",
         "beta=0.5": "method=pca-bases",
         "iterations=3": "method=exemplars",
-        "batch=70": "method=exemplars",
         "bases=3": "",
         **{
             f"prior.{key}": "start=people"

@@ -1,9 +1,9 @@
-"""What is known of motion, block by block, is what is known of all shapes at once."""
+"""What dictionaries know of motion and of how rigid bones are."""
 
 import numpy as np
 import pytest
 
-from shapefit.dictionary.motion import MotionSums, find_acceleration, find_give
+from shapefit.dictionary.motion import find_acceleration, find_give
 from shapefit.geometry.normalisation import normalise
 
 EDGES = np.array([[0, 1], [1, 2], [1, 3]])
@@ -16,41 +16,29 @@ def shapes(rng):
     return 50 + rng.uniform(1, 3, (400, 1, 1)) * (rng.standard_normal((3, 4)) + steps)
 
 
-SEQUENCES = {
-    "one": ("",) * 400,
-    "several": ("a",) * 130 + ("b",) * 170 + ("a",) * 100,
-    "in-turns": ("a", "a", "b") * 133 + ("c",),
-}
-
-
-@pytest.mark.parametrize("block", [1, 2, 7, 130, 400])
-@pytest.mark.parametrize("sequences", SEQUENCES.values(), ids=SEQUENCES)
-def test_sums_over_blocks_are_those_of_all(shapes, sequences, block):
-    sums = MotionSums(EDGES)
-    for start in range(0, 400, block):
-        rows = slice(start, start + block)
-        sums.add(shapes[rows], sequences[rows])
-    unit = float(np.median(normalise(shapes).scale))
-    expected = find_acceleration(shapes, sequences)
-    if expected is None:
-        assert sums.acceleration(unit) is None
-    else:
-        np.testing.assert_allclose(sums.acceleration(unit), expected, rtol=1e-10)
-    expected = find_give(shapes, EDGES, sequences)
-    np.testing.assert_allclose(sums.give(unit), expected, rtol=1e-10)
-
-
-def test_rigid_bones_give_nothing(shapes):
-    sums = MotionSums(EDGES)
-    rigid = shapes[0] + np.linspace(0, 1000, 400)[:, None, None]
-    for block in np.array_split(rigid, 9):
-        sums.add(block, ("",) * len(block))
-    assert sums.give(1.0).max() < 1e-10
+@pytest.mark.parametrize("sequences", ["a" * 400, "a" * 130 + "b" * 170 + "a" * 100])
+def test_acceleration_is_the_root_mean_square_of_second_differences(shapes, sequences):
+    y = (shapes - shapes.mean(axis=2, keepdims=True)) / np.median(normalise(shapes).scale)
+    runs = zip(sequences, sequences[1:], sequences[2:], strict=False)
+    inside = [t for t, run in enumerate(runs, 1) if len(set(run)) == 1]
+    squares = [(y[t - 1] - 2 * y[t] + y[t + 1]) ** 2 for t in inside]
+    expected = np.sqrt(np.mean(squares, axis=(0, 1)))
+    np.testing.assert_allclose(find_acceleration(shapes, list(sequences)), expected, rtol=1e-10)
 
 
 def test_too_few_differences_are_none(shapes):
-    sums = MotionSums(EDGES)
-    sums.add(shapes[:101], ("a",) * 101)
-    assert sums.acceleration(1.0) is None
-    sums.add(shapes[101:102], ("a",))
-    assert sums.acceleration(1.0) is not None
+    assert find_acceleration(shapes[:101], ["a"] * 101) is None
+    assert find_acceleration(shapes[:102], ["a"] * 102) is not None
+
+
+def test_give_is_the_deviation_of_lengths_within_each_sequence(shapes):
+    sequences = np.array(list("ab" * 200))
+    lengths = np.linalg.norm(shapes[:, :, EDGES[:, 0]] - shapes[:, :, EDGES[:, 1]], axis=1)
+    variance = [lengths[sequences == name].var(axis=0) for name in "ab"]
+    expected = np.sqrt(np.mean(variance, axis=0)) / np.median(normalise(shapes).scale)
+    np.testing.assert_allclose(find_give(shapes, EDGES, sequences), expected, rtol=1e-10)
+
+
+def test_rigid_bones_give_nothing(shapes):
+    rigid = shapes[0] + np.linspace(0, 1000, 400)[:, None, None]
+    assert find_give(rigid, EDGES, ("",) * 400).max() < 1e-10

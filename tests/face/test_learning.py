@@ -71,7 +71,6 @@ def test_shapes_that_cannot_be_used_are_a_warning(sample):
         (np.ones((4, 5, 3)), {"k": 0}, r"^learn\.k: expected a whole number >= 1, found 0"),
         (np.ones((4, 5, 3)), {"kk": 0}, r"^learn\.kk: unknown key"),
         (np.ones((4, 5, 3)), {"method": "exemplars", "k": 3}, "`k` has no effect here"),
-        (np.ones((4, 5, 3)), {"batch": 100}, r"^learn\.batch: there is no argument `batch`"),
     ],
 )
 def test_what_is_wrong_is_an_error_with_its_place(shapes, options, message):

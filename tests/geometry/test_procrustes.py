@@ -12,7 +12,6 @@ from shapefit.geometry.procrustes import (
     coincide,
     generalised_procrustes,
     rotation_onto,
-    settle_mean,
     similarity_transform,
 )
 from shapefit.geometry.rotations import random_rotations
@@ -302,31 +301,3 @@ def test_motion_capture_comes_to_rest(real_data):
     assert found.still
     more = rotation_onto(found.shapes, found.mean)
     np.testing.assert_allclose(more, np.broadcast_to(np.eye(3), more.shape), atol=1e-6)
-
-
-class TestSettleMean:
-    """Rounds over batches end where those over all shapes end."""
-
-    @pytest.fixture
-    def shapes(self, rng):
-        mixed = rng.standard_normal((3, 9)) + 0.4 * rng.standard_normal((200, 3, 9))
-        mixed -= mixed.mean(axis=-1, keepdims=True)
-        return random_rotations(200, rng) @ mixed
-
-    @pytest.mark.parametrize("landmarks", [None, [5, 0, 3, 8]], ids=["all", "some"])
-    def test_from_the_mean_of_a_sample_to_that_of_all(self, shapes, landmarks):
-        sample = generalised_procrustes(shapes[::20], landmarks)
-        batches = np.array_split(shapes, 7)
-        mean, rounds, still = settle_mean(batches, sample.mean, landmarks)
-        assert still
-        whole = generalised_procrustes(shapes, landmarks).mean
-        expected = whole if landmarks is None else whole[:, landmarks]
-        expected = expected - expected.mean(axis=-1, keepdims=True)
-        assert np.abs(mean - expected).max() < 1e-4
-        precise, more, _ = settle_mean(batches, sample.mean, landmarks, tolerance=1e-12)
-        assert more > rounds
-        assert np.abs(precise - expected).max() < 1e-7
-
-    def test_says_where_the_mean_still_moves(self, shapes):
-        _, rounds, still = settle_mean([shapes], shapes[0], max_rounds=1)
-        assert (rounds, still) == (1, False)

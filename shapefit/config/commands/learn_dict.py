@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field
 
 from shapefit.config.commands.input import InputConfig
 from shapefit.config.model import (
@@ -89,10 +89,9 @@ class LearnDictConfig(CommandConfig):
         BeforeValidator(_landmark_choice),
     ] = "all"
     """Landmarks by which training shapes are aligned; none keeps them in their common frame."""
-    symmetry: Literal["none", "symmetrise", "double"] = "none"
-    """Left and right, as paired by the `mirror_index` of the shapes: symmetrise takes the mean of
-    each training shape and its mirror image; double adds the mirror images as further training
-    shapes. Both drop meshes."""
+    symmetry: Literal["none", "double"] = "none"
+    """Left and right, as paired by the `mirror_index` of the shapes: double adds the mirror images
+    as further training shapes, without meshes."""
     mirror: Annotated[
         dict[str, str] | None, Expected("a mapping of landmark names to landmark names")
     ] = None
@@ -104,9 +103,6 @@ class LearnDictConfig(CommandConfig):
     """Weight of the sparsity of the coefficients (sparse-coding only)."""
     iterations: int = Field(default=15, ge=1, le=MOST_STEPS)
     """Rounds of coding all shapes and updating all atoms (sparse-coding only)."""
-    batch: int = Field(default=0, ge=0)
-    """Shapes in memory at a time, where a file holds more than fit; 0: all at once. Learns from a
-    sample of so many first, then from all (sparse-coding only)."""
     bases: Annotated[
         Share | AtLeastOne, Expected("a whole number >= 1, or a share > 0 and < 1"), AS_A_WHOLE
     ] = 0.99
@@ -133,20 +129,3 @@ class LearnDictConfig(CommandConfig):
     """Installed configs that `fit` takes with this dictionary where it is given none: for single
     images and, second, for whole sequences."""
     prior: PriorConfig = section(PriorConfig)
-
-    @field_validator("batch")
-    @classmethod
-    def _holds_as_many_shapes_as_atoms(cls, batch: int, info: ValidationInfo) -> int:
-        if 0 < batch < info.data.get("k", 0):
-            raise ValueError(f"{batch} shapes are fewer than the {info.data['k']} atoms; raise it")
-        return batch
-
-    @field_validator("prior")
-    @classmethod
-    def _is_learned_at_once(cls, prior: PriorConfig, info: ValidationInfo) -> PriorConfig:
-        if prior.components and info.data.get("batch"):
-            raise ValueError(
-                "a prior is learned from all shapes at once; leave out `batch` and take fewer "
-                "shapes with `every`"
-            )
-        return prior

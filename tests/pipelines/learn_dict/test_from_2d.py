@@ -248,7 +248,7 @@ def test_a_start_that_landmarks_do_not_better_stays(
     learn, tmp_path, class_of_shapes, start, monkeypatch
 ):
     monkeypatch.setattr(
-        "shapefit.pipelines.learn_dict.start.adapt", lambda *given: iter([(given[2].prior, 0.0)])
+        "shapefit.pipelines.learn_dict.from_2d.adapt", lambda *given: iter([(given[2].prior, 0.0)])
     )
     with pytest.raises(InputError, match="the start is as good"):
         learn(class_of_shapes[:, :2], start=start)

@@ -12,6 +12,7 @@ from shapefit.geometry.normalisation import normalise, spread
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.io import ShapeSet, read_dictionary, read_shapes, write_shapes
 from shapefit.meshes.dense import carry_mesh, mesh_of_atoms
+from shapefit.pipelines.learn_dict import from_3d
 from shapefit.pipelines.learn_dict import run as learn_dict
 
 FACES = np.array([(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
@@ -95,10 +96,12 @@ def test_an_atom_that_is_no_mixture_leaves_the_meshes_out(tmp_path, models, monk
         bent = learned.atoms + 0.1 * np.sin(np.arange(15)).reshape(3, 5)
         yield replace(learned, atoms=bent - bent.mean(axis=-1, keepdims=True))
 
-    monkeypatch.setattr(learn_dict, "learn", learn_elsewhere)
+    monkeypatch.setattr(from_3d, "learn", learn_elsewhere)
     few = models.take([0, 1, 2, 3])
     dictionary, warnings = make(tmp_path, few)
-    assert warnings == ["the meshes are left out: an atom is no combination of the training shapes"]
+    assert warnings == [
+        "the meshes are left out: an atom is not a linear combination of the training shapes"
+    ]
     assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
 
 

@@ -22,7 +22,7 @@ from shapefit.io import ShapeSet, digest, read_dictionary, read_shapes, write_sh
 from shapefit.io.source import Source
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.learn_dict import training_shapes
-from shapefit.pipelines.learn_dict.prior import find_copies
+from shapefit.pipelines.learn_dict.from_3d import number_of_copies
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
 from shapefit.pipelines.outcome import Note
 from tests.pipelines.told import failures, warnings
@@ -393,4 +393,4 @@ def test_the_protocol_on_motion_capture(real_data: Path, tmp_path):
     ],
 )
 def test_few_shapes_are_varied_more_often(number, keys, copies):
-    assert find_copies(number, PriorConfig(**keys)) == copies
+    assert number_of_copies(number, PriorConfig(**keys)) == copies

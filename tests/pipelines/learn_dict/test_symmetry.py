@@ -7,7 +7,7 @@ from shapefit.config import LearnDictConfig
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.symmetry import mirror
-from shapefit.io import ShapeSet, read_dictionary, read_shapes, write_shapes
+from shapefit.io import ShapeSet, read_dictionary, write_shapes
 from shapefit.pipelines.learn_dict import run as learn_dict
 
 PARTNERS = np.array([1, 0, 3, 2, 4])
@@ -45,20 +45,8 @@ def make(tmp_path, shapes):
 
 
 def test_the_dictionary_knows_the_pairs(make):
-    for symmetry in ("symmetrise", "double"):
-        dictionary, _ = make(symmetry=symmetry)
-        np.testing.assert_array_equal(dictionary.mirror_index, PARTNERS)
+    np.testing.assert_array_equal(make(symmetry="double")[0].mirror_index, PARTNERS)
     assert make()[0].mirror_index is None
-
-
-def test_symmetric_atoms_are_their_own_mirror_images(make, shapes):
-    dictionary, _ = make(symmetry="symmetrise")
-    np.testing.assert_allclose(mirror(dictionary.atoms, PARTNERS, 2), dictionary.atoms, atol=1e-15)
-    assert np.abs(mirror(shapes.shapes, PARTNERS, 2) - shapes.shapes).max() > 0.1
-    mean = (shapes.shapes + mirror(shapes.shapes, PARTNERS, 2)) / 2
-    np.testing.assert_array_equal(dictionary.atoms, normalise(mean).points)
-    np.testing.assert_array_equal(dictionary.atom_scale, normalise(mean).scale)
-    assert dictionary.atom_items == shapes.items
 
 
 def test_doubled_atoms_are_the_shapes_and_their_mirror_images(make, shapes):
@@ -92,32 +80,25 @@ def test_learned_atoms_come_from_doubled_shapes(make, shapes):
     expected, _ = make(given, **keys)
     np.testing.assert_allclose(dictionary.atoms, expected.atoms, atol=1e-12)
     with pytest.raises(InputError, match="12 atoms are more than the 6 shapes"):
-        make(symmetry="symmetrise", **keys)
+        make(**keys)
 
 
 def test_meshes_are_left_out_and_a_warning_says_why(make, shapes, rng):
     meshed = shapes.replaced(
         mesh_vertices=rng.normal(size=(6, 3, 4)), mesh_faces=np.array([[0, 1, 2]])
     )
-    for symmetry in ("symmetrise", "double"):
-        dictionary, outcomes = make(meshed, symmetry=symmetry)
-        assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
-        (warning,) = outcomes[0].warnings
-        assert warning.startswith("the meshes are left out: `symmetry` mirrors landmarks")
-        assert "`symmetry: none` keeps the meshes" in warning
+    dictionary, outcomes = make(meshed, symmetry="double")
+    assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
+    (warning,) = outcomes[0].warnings
+    assert warning.startswith("the meshes are left out: `symmetry` mirrors landmarks")
     dictionary, outcomes = make(meshed)
     assert outcomes[0].warnings == ()
     assert dictionary.mesh_vertices.shape == (6, 3, 4)
 
 
-def test_shapes_without_pairs_are_refused(make, shapes, tmp_path):
-    for symmetry in ("symmetrise", "double"):
-        with pytest.raises(InputError) as caught:
-            make(shapes.replaced(further={}), symmetry=symmetry)
-        assert str(caught.value) == (
-            f"{tmp_path / 'faces.h5'}: has no dataset `mirror_index`; give `mirror`, store the "
-            "index of each landmark's mirror image, or set `symmetry: none`"
-        )
+def test_shapes_without_pairs_are_refused(make, shapes):
+    with pytest.raises(InputError, match=r"has no dataset `mirror_index`; give `mirror`"):
+        make(shapes.replaced(further={}), symmetry="double")
 
 
 @pytest.mark.parametrize(
@@ -129,20 +110,3 @@ def test_an_index_that_pairs_nothing_is_refused(make, shapes, index):
     broken = shapes.replaced(further={"mirror_index": np.array(index)})
     with pytest.raises(InputError, match=r"faces\.h5:/mirror_index: does not pair the landmarks; "):
         make(broken, symmetry="double")
-
-
-@pytest.mark.real_data
-def test_real_cars_are_symmetric_already(real_data, tmp_path):
-    cars = real_data / "cars" / "models.h5"
-    dictionaries = []
-    for symmetry in ("none", "symmetrise"):
-        config = LearnDictConfig(
-            shapes=str(cars), output=str(tmp_path / f"{symmetry}.h5"), method="exemplars",
-            align="none", symmetry=symmetry,
-        )  # fmt: skip
-        list(learn_dict.run(config))
-        dictionaries.append(read_dictionary(config.output))
-    plain, symmetric = dictionaries
-    np.testing.assert_allclose(symmetric.atoms, plain.atoms, atol=1e-6)
-    index = read_shapes([cars]).columns["mirror_index"]
-    np.testing.assert_allclose(mirror(symmetric.atoms, index), symmetric.atoms, atol=1e-12)

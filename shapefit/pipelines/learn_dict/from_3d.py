@@ -1,0 +1,230 @@
+"""A dictionary of 3D shapes: atoms by one of three methods, and a prior over shapes."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Generator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from shapefit import __version__
+from shapefit.arrays import Floats
+from shapefit.config import LearnDictConfig
+from shapefit.config.commands.learn_dict import PriorConfig
+from shapefit.dictionary.learning import learn
+from shapefit.dictionary.mixture import Mixture
+from shapefit.dictionary.mixture_learning import learn_mixture
+from shapefit.dictionary.model import SUITS, Dictionary
+from shapefit.dictionary.pca_bases import principal_components
+from shapefit.dictionary.summary import Summary, summarise
+from shapefit.dictionary.variations import find_skeleton, vary
+from shapefit.errors import counted, input_error
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.procrustes import choose, rotation_onto
+from shapefit.io import ShapeSet
+from shapefit.meshes.dense import mesh_of_atoms
+from shapefit.pipelines.learn_dict.training_shapes import (
+    TrainingShapes,
+    aligned_landmarks,
+    find_training_shapes,
+    number_of_atoms,
+)
+from shapefit.pipelines.outcome import Outcome
+
+Learning = Generator[Outcome, None, Dictionary]
+"""Yields an outcome a round, and returns the dictionary; the last outcome sums up."""
+
+MOST_ROUNDS = 20
+"""Rounds of expectation maximisation, which ends sooner where it gains nothing."""
+
+FEWEST_COPIES, MOST_COPIES, ENOUGH = 2, 100, 1500
+"""Copies of each shape that is varied, and how many shapes are enough for a mixture."""
+
+
+def learn_from_shapes(
+    given: ShapeSet, config: LearnDictConfig, inputs: Mapping[str, str]
+) -> Learning:
+    """Learn a dictionary from 3D shapes; `inputs` are the digests of their files.
+
+    The first outcome lists the shapes that cannot be used. Raises InputError as
+    `find_training_shapes` and `learn_prior` do, and for bases of sequences that all stand still.
+    """
+    training = find_training_shapes(given, config)
+    note = counted(len(training), "shape")
+    yield Outcome(failures=training.failures, warnings=training.warnings, note=note)
+    match config.method:
+        case "exemplars":
+            made = yield from exemplars(training)
+        case "pca-bases":
+            made = yield from pca_bases(training, config.bases)
+        case _:
+            made = yield from sparse_coding(training, config)
+    prior = None
+    if config.prior.components:
+        prior = learn_prior(training, config)
+        yield Outcome(note=f"prior of {counted(len(prior), 'component')}")
+    provenance = {
+        "method": config.method,
+        "version": __version__,
+        "config": config.as_json(),
+        "inputs": json.dumps(inputs),
+        **{str(key): text for key, text in config.origin.items()},
+        **({SUITS: " ".join(config.suits)} if config.suits else {}),
+    }
+    return replace(made, prior=prior, provenance=provenance)
+
+
+def exemplars(training: TrainingShapes) -> Learning:
+    """Make every training shape an atom, with its mesh."""
+    atoms = training.alignment.shapes
+    yield Outcome(done=len(atoms), unit="shape", note=counted(len(atoms), "atom"))
+    return replace(
+        training.dictionary,
+        atoms=atoms,
+        mesh_vertices=training.mesh_vertices,
+        mesh_faces=training.original.mesh_faces,
+        atom_scale=training.scale,
+        atom_items=training.original.items,
+    )
+
+
+def pca_bases(training: TrainingShapes, wanted: float) -> Learning:
+    """Join the principal components of each sequence, as many as `wanted`, or of that share."""
+    sequences = np.array(training.original.sequences or ("",) * len(training))
+    names = dict.fromkeys(sequences.tolist())
+    found = []
+    for name in names:
+        moving = training.alignment.shapes[sequences == name]
+        found.append(principal_components(moving, wanted))
+        note = f"{len(found[-1])} bases" + (f" of {name}" if name else "")
+        yield Outcome(done=1, total=len(names), unit="sequence", note=note)
+    bases = np.concatenate(found)
+    if not len(bases):
+        problem = "the shapes of each sequence are all alike"
+        raise input_error("shapes", problem, "give sequences that move")
+    warnings: tuple[str, ...] = ()
+    if training.mesh_vertices is not None:
+        warnings = ("the meshes are left out: bases are differences of shapes, not shapes",)
+    yield Outcome(total=len(names), warnings=warnings, note=f"{len(bases)} bases")
+    return replace(training.dictionary, atoms=bases)
+
+
+def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning:
+    """Learn atoms by sparse coding; meshes are mixed as the shapes are, where these give atoms."""
+    shapes, rounds = training.alignment.shapes, config.iterations
+    k = number_of_atoms(len(shapes), config)
+    for learned in learn(shapes, k, config.beta, iterations=rounds):
+        note = f"objective {learned.trace[-1]:.6g}"
+        yield Outcome(done=1, total=rounds, unit="round", note=note)
+    summary = summarise(
+        [(shapes, learned.coefficients, training.scale)], learned.atoms, config.beta
+    )
+    warnings = []
+    if summary.dead_atoms:
+        warnings.append(f"{summary.dead_atoms} of {k} atoms are used by no training shape")
+    meshes = None
+    if training.mesh_vertices is not None:
+        try:
+            meshes = mesh_of_atoms(learned.atoms, shapes, training.mesh_vertices)
+        except ValueError as error:
+            warnings.append(f"the meshes are left out: {error}")
+    yield Outcome(total=rounds, warnings=tuple(warnings), note=describe(summary))
+    return replace(
+        training.dictionary,
+        atoms=learned.atoms,
+        mesh_vertices=meshes,
+        mesh_faces=None if meshes is None else training.original.mesh_faces,
+        atom_scale=summary.atom_scale,
+        objective_trace=learned.trace,
+    )
+
+
+def describe(summary: Summary) -> str:
+    """Say how well the atoms code the shapes."""
+    gap = summary.largest_gap
+    of_coding = "" if gap is None else f"relative gap of the coding at most {gap:.1g}, "
+    return (
+        f"objective {summary.objective:.6g}, relative error {summary.relative_error:.4f}, "
+        f"{of_coding}{summary.active_atoms:.1f} active atoms per shape"
+    )
+
+
+def learn_prior(training: TrainingShapes, config: LearnDictConfig) -> Mixture:
+    """Learn the mixture over the aligned shapes, varied as the section `prior` says.
+
+    Raises InputError for more components than shapes, weights that are none, and bones that are no
+    tree where they are to vary.
+    """
+    prior, number = config.prior, len(training)
+    if prior.components > number:
+        there = counted(number, "shape")
+        found = f"{prior.components} components are more than the {there} to learn from"
+        raise input_error("prior.components", found, "lower it, or give more shapes")
+    varied = bool(prior.stretch or prior.exchange)
+    copies = number_of_copies(number, prior)
+    shapes = training.alignment.shapes
+    if varied or copies > 1:
+        shapes = vary_shapes(training, config, copies)
+    learned = learn_mixture(
+        shapes,
+        prior.components,
+        shrinkage=prior.shrinkage,
+        floor=prior.floor,
+        weights=np.tile(find_weights(training, prior.weights), copies),
+        max_rounds=MOST_ROUNDS,
+    )
+    return learned.mixture
+
+
+def number_of_copies(number: int, prior: PriorConfig) -> int:
+    """Return the copies of each of so many shapes: as stated, or enough of varied ones."""
+    if prior.copies is not None:
+        return prior.copies
+    if not (prior.stretch or prior.exchange):
+        return 1
+    return min(max(FEWEST_COPIES, ENOUGH // number), MOST_COPIES)
+
+
+def vary_shapes(training: TrainingShapes, config: LearnDictConfig, copies: int) -> Floats:
+    """Return varied shapes (copies n, 3, p), normalised and turned onto the mean of all."""
+    edges, points = training.original.edges, training.alignment.shapes.shape[2]
+    try:
+        if edges is None:
+            raise ValueError("the shapes have no edges")
+        skeleton = find_skeleton(edges, points)
+    except ValueError as error:
+        fix = "give shapes whose `edges` are bones, or leave out `stretch`, `exchange` and `copies`"
+        raise input_error("prior", str(error), fix) from None
+    varied = vary(
+        training.alignment.shapes,
+        skeleton,
+        copies=copies,
+        stretch=config.prior.stretch,
+        exchange=config.prior.exchange,
+        partners=training.dictionary.mirror_index,
+    )
+    varied = normalise(varied).points
+    if config.align == "none":
+        return varied
+    # Landmarks that are indexed lie in another order in memory, in which sums round differently.
+    names = training.original.landmark_names
+    chosen = aligned_landmarks(names, config) or list(range(points))
+    turn = rotation_onto(choose(varied, chosen), choose(training.alignment.mean, chosen))
+    turned: Floats = turn @ varied
+    return turned
+
+
+def find_weights(training: TrainingShapes, name: str | None) -> Floats:
+    """Return the weight (n,) of each shape: 1, or as the dataset of that name says."""
+    if name is None:
+        return np.ones(len(training))
+    place = f"prior.weights: {name}"
+    values = training.original.per_item(name)
+    if values is None:
+        raise input_error(place, "the shapes have no such dataset", "name one with their weights")
+    weights = np.asarray(values)
+    fine = weights.shape == (len(training),) and weights.dtype.kind in "fiu"
+    if not fine or not (np.isfinite(weights) & (weights >= 0)).all() or not weights.any():
+        raise input_error(place, "holds no weights", "give each shape a number >= 0, not all 0")
+    return weights.astype(np.float64)
