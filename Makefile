@@ -112,7 +112,6 @@ footage: $(RUNS)
 
 detected: $(RUNS)
 	$(BIN)/python -m benchmarks.detected $(if $(DATA),--data '$(DATA)')
-	$(BIN)/python -m benchmarks.verdict
 
 from-2d: $(RUNS)
 	$(BIN)/python -m benchmarks.from_2d $(if $(DATA),--data '$(DATA)')

@@ -16,6 +16,8 @@ from functools import partial
 from itertools import chain
 from pathlib import Path
 
+from benchmarks.commands import fit_cases, install_cases
+from benchmarks.comparing import Row, Table, read_floors, write_floors
 from benchmarks.environments import (
     PROJECT,
     Environment,
@@ -23,11 +25,8 @@ from benchmarks.environments import (
     find_base,
     this_environment,
 )
-from benchmarks.floors import read_floors, write_floors
-from benchmarks.goals import cars_goals, compare_goal, grid_goals, mocap_goals
+from benchmarks.kernels import cars_goals, compare_goal, grid_goals, mocap_goals
 from benchmarks.peers import peer_cases
-from benchmarks.table import Row, Table
-from benchmarks.whole import fit_cases, install_cases
 from shapefit import core
 
 DATA = PROJECT.parent / "shared" / "data"

@@ -2,30 +2,42 @@
 
 `python -m benchmarks.detected --data FOLDER` learns the dictionaries, fits, judges, and writes
 results/detected/index.md. Of `dlc_reaching` and `fly` the first half of the frames trains and the
-last 40% are judged; the other sets are judged whole.
+last 40% are judged; the other sets are judged whole. Then follow the errors of trusted and of
+doubtful frames.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import json
-import subprocess
-import sys
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+import shapefit
+from benchmarks.judged import (
+    CONFIGS,
+    DATA,
+    WITH_BARS,
+    cells,
+    coverage,
+    errors_and_bars,
+    read_images,
+    run,
+    settings,
+    write_images,
+    write_page,
+)
 from shapefit.evaluation.report import markdown_table
-from shapefit.io import landmark_writer, open_landmarks, read_shapes, write_shapes
+from shapefit.io import read_shapes, write_shapes
 from shapefit.io.records import ShapeSet
-from shapefit.io.whole.atomic import atomic_path
 
-CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 FOLDER = Path("results/detected")
 METHODS = ("convex", "alternate", "posterior", "sequences")
-WITH_BARS = ("posterior", "sequences")
 JUDGED = 0.4
 KNOWN = 0.9
 """Share of the training frames in which a landmark must be known to be learned."""
@@ -87,14 +99,6 @@ CASES = (
 )  # fmt: skip
 
 
-def run(*arguments: str | Path, failures: bool = False) -> None:
-    """Run shapefit; with `failures` single items may fail."""
-    command = [str(Path(sys.executable).with_name("shapefit")), *map(str, arguments)]
-    code = subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode
-    if code and not (failures and code == 1):
-        raise SystemExit(f"failed: {' '.join(command)}")
-
-
 def learn(config: Path, data: Path) -> Path:
     """Learn the dictionary of a config, once; the data are those of the detections or of mocap."""
     target = FOLDER / f"{config.parent.name}-{config.stem}.h5"
@@ -108,8 +112,7 @@ def learn(config: Path, data: Path) -> Path:
 def split(case: Case, data: Path, folder: Path) -> tuple[Path, Path, Path]:
     """Write training shapes, judged landmarks and their truth into the folder."""
     truth = read_shapes([data / f"{case.truth}.h5"], gaps=True)
-    with open_landmarks([data / f"{case.landmarks}.h5"]) as source:
-        (images,) = source.batches(max(source.count, 1))
+    images = read_images(data / f"{case.landmarks}.h5")
     n = len(truth)
     half, last = slice(0, n // 2), slice(n - round(JUDGED * n), n)
     known = np.asarray(np.isfinite(truth.shapes[half]).all(axis=1), dtype=bool)
@@ -117,8 +120,7 @@ def split(case: Case, data: Path, folder: Path) -> tuple[Path, Path, Path]:
     rows = np.flatnonzero(known[:, columns].all(axis=1))
     paths = tuple(folder / name for name in ("training.h5", "landmarks.h5", "truth.h5"))
     write_shapes(paths[0], of_landmarks(truth.take(rows), columns))
-    with landmark_writer(paths[1]) as writer:
-        writer.append(images.take(last))
+    write_images(paths[1], images.take(last))
     write_shapes(paths[2], truth.take(last))
     return paths[0], paths[1], paths[2]
 
@@ -162,8 +164,9 @@ def measure(case: Case, data: Path, methods: Sequence[str], people: str = "") ->
         columns = np.flatnonzero(np.isin(np.array(whole.landmark_names), case.judged))
         write_shapes(truth, of_landmarks(whole, columns))
     methods = [method for method in methods if method in case.methods]
-    known = names_of(landmarks)
-    rename = {old: new for old, new in case.rename.items() if old in known}
+    rename = case.rename and {
+        old: new for old, new in case.rename.items() if old in read_images(landmarks).landmark_names
+    }
     renamed = ["--set", f"rename={json.dumps(rename)}"] if rename else []
     lambdas = dict(zip(("convex", "alternate"), case.lambdas, strict=True))
     results = []
@@ -172,7 +175,7 @@ def measure(case: Case, data: Path, methods: Sequence[str], people: str = "") ->
         dictionary = plain if method in lambdas else prior
         own = ["--set", f"lambda={lambdas[method]}"] if method in lambdas else []
         if method == "sequences":
-            own += [part for setting in case.settings for part in ("--set", setting)]
+            own += settings(case.settings)
         config = CONFIGS / f"detected/fit-{method}.yaml"
         run("fit", "-c", config, landmarks, "-d", dictionary, "-o", result, *own, *renamed,
             failures=True)  # fmt: skip
@@ -182,59 +185,46 @@ def measure(case: Case, data: Path, methods: Sequence[str], people: str = "") ->
     return folder / "report/report.json"
 
 
-def names_of(landmarks: Path) -> frozenset[str]:
-    """Names of the landmarks of a file."""
-    with open_landmarks([landmarks]) as source:
-        return frozenset(source.head.landmark_names)
+def verdict_tables(folder: Path) -> str:
+    """Say whether the verdict on each frame is right: errors of trusted and of doubtful frames.
+
+    One table by set and method, one by doubt over all sets.
+    """
+    rows: list[list[str]] = []
+    reasons: dict[str, list[float]] = defaultdict(list)
+    for report in sorted(folder.glob("*/report/per_image.csv")):
+        for method in WITH_BARS:
+            with report.open(encoding="utf-8") as file:
+                errors = {
+                    row["item"]: float(row["error"] or "nan")
+                    for row in csv.DictReader(file)
+                    if (row["method"], row["metric"]) == (method, "similarity")
+                    and row["unit"] == "normalised"
+                }
+            found = shapefit.read_results(report.parents[1] / f"{method}.h5")
+            doubts = np.array(found.doubt, dtype=str)
+            own = np.array([errors.get(item, np.nan) for item in found.items])
+            judged = np.array([item in errors for item in found.items])
+            for doubt in np.unique(doubts[judged]):
+                reasons[doubt or "trusted"] += own[judged & (doubts == doubt)].tolist()
+            bad = judged & (doubts != "")
+            name = report.parents[1].name
+            counts = f"{bad.sum()} of {judged.sum()}"
+            rows.append([name, method, counts, _mean(own[judged & ~bad]), _mean(own[bad])])
+    of_reasons = [[doubt, str(len(own)), _mean(own)] for doubt, own in sorted(reasons.items())]
+    first = markdown_table(["set", "method", "doubted", "error, trusted", "error, doubted"], rows)
+    return f"{first}\n\n{markdown_table(['doubt', 'frames', 'error'], of_reasons)}\n"
 
 
-def cells(report: Path, methods: Sequence[str]) -> list[str]:
-    """Mean normalised errors of the methods, with millimetres where the truth is in metres."""
-    found = {}
-    for row in json.loads(report.read_text(encoding="utf-8"))["summaries"]:
-        if row["metric"] == "similarity" and row["sequence"] is None:
-            found[row["method"], row["unit"]] = row["mean"]
-    texts = []
-    for method in methods:
-        if (method, "normalised") not in found:
-            texts.append("")
-            continue
-        text = f"{found[method, 'normalised']:.3f}"
-        metres = found.get((method, "m"))
-        texts.append(text if metres is None else f"{text} ({1000 * metres:.3g} mm)")
-    return texts
-
-
-def coverage(report: Path) -> list[str]:
-    """Shares inside the 50% and 90% ellipsoids, and the normalised width, of methods with bars."""
-    texts = {}
-    for row in json.loads(report.read_text(encoding="utf-8"))["calibration"]:
-        if row["landmark"] is None:
-            half, most = (f"{100 * share:.0f}%" for share in row["inside"])
-            texts[row["method"]] = f"{half} / {most} / {row['median_width']['normalised']:.2f}"
-    return [texts.get(method, "") for method in WITH_BARS]
-
-
-def write_page(
-    folder: Path, title: str, head: list[str], rows: list[list[str]], regions: list[list[str]]
-) -> None:
-    """Write index.md: rows of `cells` under the head, and then those of `coverage`; print it."""
-    table = markdown_table(head, rows)
-    bars = markdown_table([head[0], *WITH_BARS], regions)
-    text = (
-        f"{title}\n\nMean similarity error, normalised.\n\n{table}\n\nShare of the "
-        "truth inside the 50% and the 90% ellipsoids of the error bars, and the median width of "
-        f"the latter, normalised.\n\n{bars}\n"
-    )
-    with atomic_path(folder / "index.md") as path:
-        path.write_text(text, encoding="utf-8")
-    print(text)
+def _mean(values: Sequence[float]) -> str:
+    known = np.array([value for value in values if np.isfinite(value)])
+    return f"{known.mean():.3f}" if len(known) else "-"
 
 
 def main() -> None:
     """Measure all cases and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, default=Path("../shared/data/detected"))
+    parser.add_argument("--data", type=Path, default=DATA / "detected")
     parser.add_argument("--only", nargs="*", default=[], help="beginnings of the names of cases")
     parser.add_argument("--methods", nargs="*", default=METHODS, choices=METHODS)
     parser.add_argument("--people", default="", help="dictionary in place of subject 86's: people")
@@ -247,7 +237,8 @@ def main() -> None:
             rows.append([case.name, *cells(report, given.methods)])
             regions.append([case.name, *coverage(report)])
             print(" | ".join(rows[-1]), flush=True)
-    write_page(FOLDER, "# Detected landmarks", ["set", *given.methods], rows, regions)
+    page = errors_and_bars("# Detected landmarks", ["set", *given.methods], rows, regions)
+    write_page(FOLDER, f"{page}\n{verdict_tables(FOLDER)}")
 
 
 if __name__ == "__main__":

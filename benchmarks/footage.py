@@ -24,8 +24,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.detected import CONFIGS, cells, coverage, run, write_page
-from shapefit.io import landmark_writer, read_shapes, write_shapes
+from benchmarks.judged import (
+    CONFIGS,
+    DATA,
+    cells,
+    coverage,
+    errors_and_bars,
+    read_bodies,
+    run,
+    settings,
+    write_images,
+    write_page,
+)
+from shapefit.io import write_shapes
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.io.skeletons import SKELETONS, THETA, people_parts
 
@@ -33,9 +44,6 @@ Floats = NDArray[np.float64]
 
 FOLDER = Path("results/footage")
 METHODS = ("convex", "posterior", "sequences")
-PEER = "peer"
-"""The method of benchmarks/neural_peer.py, whose results are there where it ran."""
-
 FILES = ("subject13", "subject14", "other_subjects")
 SCORED = ("13", "14")
 SECONDS = (1.7, 10.0)
@@ -172,26 +180,12 @@ def film(
     return images, known
 
 
-def bodies_in(data: Path, wanted: Sequence[str]) -> dict[str, ShapeSet]:
-    """Return the shapes of each body, by the number that its sequences begin with."""
-    bodies: dict[str, ShapeSet] = {}
-    for name in FILES:
-        shapes = read_shapes([data / f"{name}_24fps.h5"])
-        numbers = np.array([sequence.split("_")[0] for sequence in shapes.sequences or ()])
-        for body in wanted:
-            if (numbers == body).any():
-                bodies[body] = shapes.take(np.flatnonzero(numbers == body))
-    return bodies
-
-
 def make(data: Path, body: str, shapes: ShapeSet, count: int, longest: float) -> tuple[Path, Path]:
     """Write the footage of a body: landmarks and truth. The same for the same body and clips."""
     rng = np.random.default_rng([int(body), count])
     images, truth = film(shapes, choose_clips(shapes, count, longest, rng), rng)
     paths = FOLDER / body / "landmarks.h5", FOLDER / body / "truth.h5"
-    paths[0].parent.mkdir(parents=True, exist_ok=True)
-    with landmark_writer(paths[0]) as writer:
-        writer.append(images)
+    write_images(paths[0], images)
     write_shapes(paths[1], truth)
     return paths
 
@@ -199,7 +193,7 @@ def make(data: Path, body: str, shapes: ShapeSet, count: int, longest: float) ->
 def main() -> None:
     """Film, lift and judge all bodies, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--data", type=Path, default=Path("../shared/data/mocap"))
+    parser.add_argument("--data", type=Path, default=DATA / "mocap")
     parser.add_argument("--bodies", nargs="*", default=SCORED)
     parser.add_argument("--methods", nargs="*", default=METHODS)
     parser.add_argument("--clips", type=int, default=24)
@@ -211,22 +205,22 @@ def main() -> None:
     if not dictionary.exists():
         config = CONFIGS / "people/learn-dict.yaml"
         run("learn-dict", "-c", config, "-o", dictionary, "--set", f"data={given.data}")
-    own = [part for setting in given.settings for part in ("--set", setting)]
+    own = settings(given.settings)
     rows, regions = [], []
-    for body, shapes in bodies_in(given.data, given.bodies).items():
+    for body, shapes in read_bodies(given.data, FILES, given.bodies).items():
         landmarks, truth = make(given.data, body, shapes, given.clips, given.longest)
         results = [landmarks.with_name(f"{method}.h5") for method in given.methods]
         for method, result in zip(given.methods, results, strict=True):
-            if method != PEER:
-                config = CONFIGS / f"detected/fit-{method}.yaml"
-                run("fit", "-c", config, landmarks, "-d", dictionary, "-o", result, *own)
+            config = CONFIGS / f"detected/fit-{method}.yaml"
+            run("fit", "-c", config, landmarks, "-d", dictionary, "-o", result, *own)
         run("eval", "-c", CONFIGS / "detected/eval.yaml", *results, "--truth", truth,
             "-o", landmarks.with_name("report"), "--set", "plots=false", failures=True)  # fmt: skip
         report = landmarks.with_name("report") / "report.json"
         rows.append([f"subject {body}", *cells(report, given.methods)])
         regions.append([f"subject {body}", *coverage(report)])
         print(" | ".join(rows[-1] + regions[-1][1:]), flush=True)
-    write_page(FOLDER, "# Footage", ["body", *given.methods], rows, regions)
+    page = errors_and_bars("# Footage", ["body", *given.methods], rows, regions)
+    write_page(FOLDER, page)
 
 
 if __name__ == "__main__":

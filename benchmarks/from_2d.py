@@ -23,13 +23,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.judged import read_images, write_images
 from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, judge
 from shapefit.dictionary.from_2d.learning import learn
 from shapefit.evaluation.metrics import similarity
 from shapefit.evaluation.report import markdown_table
 from shapefit.geometry.normalisation import spread
 from shapefit.geometry.rotations import turn_about_axis
-from shapefit.io import LandmarkSet, landmark_writer, open_landmarks, read_results, read_shapes
+from shapefit.io import LandmarkSet, read_results, read_shapes
 from shapefit.io.records import concatenate
 from shapefit.pipelines.learn_dict.from_2d import images_of
 
@@ -88,8 +89,7 @@ def read(paths: list[Path]) -> LandmarkSet:
     """Read all images of some files, their items and sequences kept apart."""
     parts = []
     for path in paths:
-        with open_landmarks([path]) as source:
-            part = concatenate(list(source.batches(4096)))
+        part = read_images(path)
         names = tuple(f"{path.stem}/{name}" for name in part.items)
         sequences = tuple(f"{path.stem}/{name}" for name in part.sequences or ("",) * len(part))
         parts.append(part.replaced(items=names, sequences=sequences, further={}))
@@ -127,15 +127,9 @@ def turntable(
         rank = np.concatenate([np.arange((names == name).sum()) for name in dict.fromkeys(names)])
         shapes = shapes.take(rank < (frames or len(names)))
         names = np.array(shapes.sequences)
-        angle = np.concatenate(
-            [
-                np.linspace(0, 2 * np.pi, (names == name).sum(), endpoint=False)
-                for name in dict.fromkeys(names)
-            ]
-        )
-        c, s, o = np.cos(angle), np.sin(angle), np.zeros(len(angle))
-        turn = np.moveaxis(np.array([[c, o, s], [o, o + 1, o], [-s, o, c]]), -1, 0)
-        X = turn @ shapes.shapes
+        lengths = [(names == name).sum() for name in dict.fromkeys(names)]
+        turns = [np.linspace(0, 2 * np.pi, length, endpoint=False) for length in lengths]
+        X = turn_about_axis(1, np.concatenate(turns)) @ shapes.shapes
         images = LandmarkSet(
             landmarks=X[:, :2],
             landmark_names=shapes.landmark_names,
@@ -209,37 +203,21 @@ CASES = (
 )
 
 
-def write(path: Path, images: LandmarkSet) -> Path:
-    """Write landmarks to a file; return it."""
-    with landmark_writer(path) as writer:
-        writer.append(images)
-    return path
-
-
 def measure(case: Case, data: Path, learned: dict[Path, float]) -> tuple[str, ...]:
     """Learn, fit, judge; return the row of the table. learned: dictionary -> seconds, so far."""
     folder = FOLDER / case.name
     folder.mkdir(parents=True, exist_ok=True)
     dictionary = FOLDER / f"{case.source or case.name}.h5"
     if dictionary not in learned:
-        given = write(folder / "learned.h5", case.learned(data))
+        given = write_images(folder / "learned.h5", case.learned(data))
         before = seconds()
         run("learn-dict", given, "-o", dictionary, *case.options)
         learned[dictionary] = seconds() - before
     images, truth = case.lifted(data)
-    lifted = write(folder / "lifted.h5", images)
+    lifted = write_images(folder / "lifted.h5", images)
     taken = learned[dictionary]
     result = folder / "result.h5"
-    run(
-        "fit",
-        lifted,
-        "-d",
-        dictionary,
-        "-o",
-        result,
-        "--set",
-        f"method={case.method}",
-    )
+    run("fit", lifted, "-d", dictionary, "-o", result, "--set", f"method={case.method}")
     shapes = read_results(result).shapes
     signs = [np.array([[1.0], [1.0], [sign]]) for sign in (1.0, -1.0)]
     error = min(float(np.nanmean(case.judged(sign * shapes, truth))) for sign in signs)

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.admm import solve_admm
-from benchmarks.cases import LAMBDA, Case, cars_case, made_case, mocap_case
-from benchmarks.table import Row
+from benchmarks.comparing import Row
+from benchmarks.kernels import LAMBDA, Case, cars_case, made_case, mocap_case
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
 from shapefit.convex.solution import Status
+from tests.convex.admm import solve_admm
 
 
 def peer_cases(

@@ -13,11 +13,11 @@ import numpy as np
 from pydantic import BaseModel
 from shapefit.cli.main import run
 
-from benchmarks import detector_files, tracker_files
 from shapefit.config.loader import CONFIGS
 from shapefit.config.model import field_keys, submodel
 from shapefit.io import read_shapes, write_shapes
 from shapefit.io.records import ShapeSet
+from tests.io.foreign import detector_files, tracker_files
 
 from .spoil import (
     NAMES,

@@ -2,9 +2,8 @@
 
 import pytest
 
-from benchmarks import floors
-from benchmarks.pairs import Comparison, Turn, compare
-from benchmarks.table import Row, Table, compared
+from benchmarks import comparing
+from benchmarks.comparing import Comparison, Row, Table, Turn, compare, compared
 
 
 def faults(found: Comparison, **options) -> list[str]:
@@ -47,11 +46,11 @@ def test_the_ratio_is_the_median_of_neighbouring_turns():
 
 
 def test_floors_are_a_fifth_under_and_others_stay(tmp_path, monkeypatch):
-    monkeypatch.setattr(floors, "FILE", tmp_path / "floors.toml")
-    floors.write_floors("v1", "x86_64_v4", {"a case, 30% hidden": 10.0, "other": 2.0})
-    floors.write_floors("v1", "x86_64_v3", {"other": 1.5})
-    floors.write_floors("v1", "x86_64_v4", {"other": 3.0})
-    assert floors.read_floors() == {
+    monkeypatch.setattr(comparing, "FLOORS", tmp_path / "floors.toml")
+    comparing.write_floors("v1", "x86_64_v4", {"a case, 30% hidden": 10.0, "other": 2.0})
+    comparing.write_floors("v1", "x86_64_v3", {"other": 1.5})
+    comparing.write_floors("v1", "x86_64_v4", {"other": 3.0})
+    assert comparing.read_floors() == {
         "v1": {
             "x86_64_v3": {"other": 1.2},
             "x86_64_v4": {"a case, 30% hidden": 8.0, "other": 2.4},

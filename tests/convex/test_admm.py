@@ -5,10 +5,10 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from benchmarks.admm import prox_spectral_norm, solve_admm
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Status
+from tests.convex.admm import prox_spectral_norm, solve_admm
 
 
 def paper_steps(

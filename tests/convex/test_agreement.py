@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from benchmarks.admm import solve_admm
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Problem, build_problem
 from shapefit.convex.solution import Status
+from tests.convex.admm import solve_admm
 
 
 def assert_agreement(problem: Problem, iterations: int) -> None:

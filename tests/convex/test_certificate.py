@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from benchmarks.certificate import certify_transforms, lambda_max
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Status
+from tests.convex.certificate import certify_transforms, lambda_max
 
 
 def random_point(

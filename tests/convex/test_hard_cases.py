@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from benchmarks.certificate import lambda_max
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.geometry.rotations import random_rotations
+from tests.convex.certificate import lambda_max
 
 Arrays = dict[str, np.ndarray | float]
 STEPS = 300

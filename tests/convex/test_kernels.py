@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from benchmarks.admm import prox_spectral_norm
 from shapefit.convex.spectral_norm import nuclear_norm
 from shapefit.core import parts
+from tests.convex.admm import prox_spectral_norm
 
 
 def as_rows(blocks: np.ndarray) -> np.ndarray:

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.certificate import certify_transforms
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Solution, Status
 from shapefit.geometry.rotations import rotation_about
+from tests.convex.certificate import certify_transforms
 
 FINE = 1e-10
 

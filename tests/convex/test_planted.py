@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from benchmarks.admm import solve_admm
-from benchmarks.certificate import certify_transforms
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Status
 from shapefit.geometry.rotations import random_rotations
+from tests.convex.admm import solve_admm
+from tests.convex.certificate import certify_transforms
 
 LAM, BETA = 0.7, 0.4
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.detector_files import write_array, write_long, write_mediapipe, write_wide
 from shapefit.errors import InputError
 from shapefit.io import open_landmarks, open_shapes
 from shapefit.io.formats import detect_format
+from tests.io.foreign.detector_files import write_array, write_long, write_mediapipe, write_wide
 
 from .conftest import read_images as read
 

@@ -9,11 +9,11 @@ import h5py
 import numpy as np
 import pytest
 
-from benchmarks import tracker_files as made
-from benchmarks.tracker_files import WRITERS, pickled
 from shapefit.errors import InputError
 from shapefit.io import open_landmarks
 from shapefit.io.formats import detect_format
+from tests.io.foreign import tracker_files as made
+from tests.io.foreign.tracker_files import WRITERS, pickled
 
 HDF5 = [name for name in WRITERS if not name.endswith(".csv")]
 

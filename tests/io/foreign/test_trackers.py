@@ -4,10 +4,10 @@ import h5py
 import numpy as np
 import pytest
 
-from benchmarks import tracker_files as made
-from benchmarks.tracker_files import WRITERS, individual_names, landmark_names
 from shapefit.io import open_landmarks, read_shapes
 from shapefit.io.formats import detect_format
+from tests.io.foreign import tracker_files as made
+from tests.io.foreign.tracker_files import WRITERS, individual_names, landmark_names
 
 FORMAT = {
     "table.csv": "a DeepLabCut or Lightning Pose CSV",

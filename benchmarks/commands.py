@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
@@ -15,13 +16,9 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from benchmarks import small_files
+import shapefit
+from benchmarks.comparing import Comparison, Row, Turn, compare, compared, reached
 from benchmarks.environments import PROJECT, Environment, dependency_bytes, git
-from benchmarks.pairs import Comparison, Turn, compare
-from benchmarks.parts import tile as tile_people
-from benchmarks.processes import spent
-from benchmarks.reports import PART, measure, write_part
-from benchmarks.table import Row, compared, reached
 from shapefit.io import landmark_writer, open_landmarks
 
 FIT = "method: convex\nlambda: 0.1\nsolver: {tolerance: 1e-4}\n"
@@ -30,11 +27,10 @@ FIT = "method: convex\nlambda: 0.1\nsolver: {tolerance: 1e-4}\n"
 TEN, MILLION = 10, 46
 """How often the 21,740 images of subject 13 are taken: 217,400, and just over 10^6."""
 
-FAST, EVALUATED, MINUTE = 100_000, 200_000, 60
-"""Images a second that `verify` and `eval` are to reach, images of an `eval`, seconds of a demo."""
-
-PLANNED = 120
-"""Seconds that 10^5 small files may take beside the lifting."""
+FAST, EVALUATED, PART, MINUTE = 100_000, 200_000, 100_000, 60
+"""Images a second that `verify` and `eval` are to reach, images of an `eval` and of each of its
+files, seconds of a demo.
+"""
 
 NOISE = 1e-3
 """What the landmarks of tiles differ by, beside their standard deviation."""
@@ -64,8 +60,6 @@ def fit_cases(
         yield case, partial(compare_sequences, case, old, new, mocap, folder, min(repeats, 3))
     case = "fit, 300 files of 100 images, parts, CPU"
     yield case, partial(compare_files, case, old, new, folder, min(repeats, 3))
-    case = "plan and manifest of 10^5 files, files/s"
-    yield case, partial(measure_plan, case, folder)
     case = "one image, CSV to CSV"
     yield case, partial(compare_one, case, old, new, folder, 3 * repeats)
     case = "import numpy over one image, CSV to CSV"
@@ -112,9 +106,38 @@ def measure_eval(case: str, new: Environment, folder: Path) -> Row:
     parts = folder / "eval"
     parts.mkdir()
     for number in range(EVALUATED // PART):
-        write_part(parts, number, number * PART, PART)
-    seconds, _ = measure(str(new.python), parts)
-    return reached(case, FAST, EVALUATED / seconds)
+        write_judged(parts, number)
+    command: list[str | Path] = [new.command, "eval", *sorted(parts.glob("part-*.h5")), "-q"]
+    command += ["--truth", "truth-*.h5", "-o", "report", "--set", "view=false"]
+    return reached(case, FAST, EVALUATED / timed(command, parts, spent).seconds)
+
+
+def write_judged(folder: Path, number: int) -> None:
+    """Write PART true shapes, people of the sample data with noise, and results with error bars."""
+    rng = np.random.default_rng(number)
+    people = shapefit.read_shapes(PROJECT / "sample_data/people_test.h5")
+    shapes = np.asarray(people.shapes)
+    rows = np.arange(number * PART, (number + 1) * PART)
+    deviation = 0.05 * shapes.std()
+    true = shapes[rows % len(shapes)]
+    true = true + deviation * rng.standard_normal(true.shape)
+    items = [f"image/{row:09}" for row in rows]
+    sequences = [f"sequence/{row // 5000:06}" for row in rows]
+    truth = shapefit.Shapes(true, people.landmark_names, items, sequences, unit=people.unit)
+    shapefit.write_shapes(folder / f"truth-{number:05}.h5", truth)
+    straight = np.tile(np.eye(3), (PART, 1, 1))
+    found = shapefit.Fit(
+        shapes=true + deviation * rng.standard_normal(true.shape),
+        landmark_names=people.landmark_names or (),
+        items=items,
+        sequences=sequences,
+        shape_sd=np.full(true.shape, deviation),
+        rotation=straight,
+        plausibility=rng.uniform(size=PART),
+        extras={"true_rotation": straight},
+        unit=people.unit,
+    )
+    shapefit.write_results(folder / f"part-{number:05}.h5", found)
 
 
 def mocap_command(old: Environment, mocap: Path, folder: Path, times: int) -> Sequence[str | Path]:
@@ -156,10 +179,15 @@ def compare_files(case: str, old: Environment, new: Environment, folder: Path, r
     return compared(case, compare(partial(parts, old), partial(parts, new), repeats))
 
 
-def measure_plan(case: str, folder: Path) -> Row:
-    """An archive of 10^5 files planned and entered in its manifest, by the clock."""
-    seconds, _ = small_files.measure(folder)
-    return reached(case, small_files.FILES / PLANNED, small_files.FILES / seconds)
+def tile_people(path: Path, count: int, first: int) -> None:
+    """Write images from the `first`: people of the sample data again, a pixel of noise apart."""
+    rng = np.random.default_rng(first)
+    one = shapefit.read_landmarks(PROJECT / "sample_data/people_views.csv")
+    points = np.asarray(one.landmarks)
+    rows = np.arange(first, first + count)
+    moved = points[rows % len(points)] + rng.standard_normal((count, *points.shape[1:]))
+    items = [f"image/{row:08}" for row in rows]
+    shapefit.write_landmarks(path, shapefit.Landmarks(moved, one.landmark_names, items=items))
 
 
 def learn_people(old: Environment, folder: Path) -> Path:
@@ -270,6 +298,12 @@ def clone(revision: str, folder: Path) -> Path:
     commit = git("rev-parse", revision).stdout.decode().strip()
     run(["git", "checkout", "--quiet", commit], folder)
     return folder
+
+
+def spent() -> float:
+    """Return the processor's seconds of all processes that were started here and have ended."""
+    times = os.times()
+    return times.children_user + times.children_system
 
 
 def timed(command: Sequence[str | Path], folder: Path, clock: Clock = time.perf_counter) -> Turn:

@@ -13,12 +13,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.certificate import certify_transforms
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution, Status
 from shapefit.convex.spectral_norm import sum_and_difference
 from shapefit.convex.transforms import Transforms
+from tests.convex.certificate import certify_transforms
 
 BATCH = 256
 CHECK_EVERY = 10

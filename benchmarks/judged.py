@@ -1,0 +1,112 @@
+"""What the benchmarks on real data share: commands, bodies of motion capture, tables of errors."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from shapefit.evaluation.report import markdown_table
+from shapefit.io import landmark_writer, open_landmarks, read_shapes
+from shapefit.io.records import LandmarkSet, ShapeSet
+from shapefit.io.whole.atomic import atomic_path
+
+CONFIGS = Path(__file__).resolve().parent.parent / "configs"
+DATA = Path("../shared/data")
+WITH_BARS = ("posterior", "sequences")
+
+
+def run(*arguments: str | Path, failures: bool = False) -> None:
+    """Run shapefit; with `failures` single items may fail. Raises SystemExit where it fails."""
+    command = [str(Path(sys.executable).with_name("shapefit")), *map(str, arguments)]
+    code = subprocess.run(command, check=False, stdout=subprocess.DEVNULL).returncode
+    if code and not (failures and code == 1):
+        raise SystemExit(f"failed: {' '.join(command)}")
+
+
+def settings(values: Sequence[str]) -> list[str]:
+    """Return `--set value` for each."""
+    return [part for value in values for part in ("--set", value)]
+
+
+def read_bodies(
+    data: Path, files: Sequence[str], wanted: Sequence[str] = ()
+) -> dict[str, ShapeSet]:
+    """Return the shapes of each body, by the number that its sequences begin with; all or some."""
+    bodies: dict[str, ShapeSet] = {}
+    for name in files:
+        shapes = read_shapes([data / f"{name}_24fps.h5"])
+        numbers = np.array([sequence.split("_")[0] for sequence in shapes.sequences or ()])
+        for body in wanted or dict.fromkeys(numbers.tolist()):
+            if (numbers == body).any():
+                bodies[body] = shapes.take(np.flatnonzero(numbers == body))
+    return bodies
+
+
+def read_images(path: Path) -> LandmarkSet:
+    """Read all images of a file."""
+    with open_landmarks([path]) as source:
+        return source.whole()
+
+
+def write_images(path: Path, images: LandmarkSet) -> Path:
+    """Write images to a file, in its folder; return the path."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with landmark_writer(path) as writer:
+        writer.append(images)
+    return path
+
+
+def mean_errors(report: Path) -> dict[tuple[str, str], float]:
+    """Return the mean similarity error of each method and unit of a report of `eval`, as JSON."""
+    summaries = json.loads(report.read_text(encoding="utf-8"))["summaries"]
+    return {
+        (row["method"], row["unit"]): row["mean"]
+        for row in summaries
+        if row["metric"] == "similarity" and row["sequence"] is None
+    }
+
+
+def cells(report: Path, methods: Sequence[str]) -> list[str]:
+    """Mean normalised errors of the methods, with millimetres where the truth is in metres."""
+    found = mean_errors(report)
+    texts = []
+    for method in methods:
+        error, metres = (found.get((method, unit)) for unit in ("normalised", "m"))
+        text = "" if error is None else f"{error:.3f}"
+        texts.append(text if metres is None else f"{text} ({1000 * metres:.3g} mm)")
+    return texts
+
+
+def coverage(report: Path) -> list[str]:
+    """Shares inside the 50% and 90% ellipsoids, and the normalised width, of methods with bars."""
+    texts = {}
+    for row in json.loads(report.read_text(encoding="utf-8"))["calibration"]:
+        if row["landmark"] is None:
+            half, most = (f"{100 * share:.0f}%" for share in row["inside"])
+            texts[row["method"]] = f"{half} / {most} / {row['median_width']['normalised']:.2f}"
+    return [texts.get(method, "") for method in WITH_BARS]
+
+
+def write_page(folder: Path, text: str) -> None:
+    """Write index.md and print it."""
+    with atomic_path(folder / "index.md") as path:
+        path.write_text(text, encoding="utf-8")
+    print(text)
+
+
+def errors_and_bars(
+    title: str, head: list[str], rows: list[list[str]], regions: list[list[str]]
+) -> str:
+    """Return a page of rows of `cells` under the head, and then those of `coverage`."""
+    table = markdown_table(head, rows)
+    bars = markdown_table([head[0], *WITH_BARS], regions)
+    return (
+        f"{title}\n\nMean similarity error, normalised.\n\n{table}\n\nShare of the "
+        "truth inside the 50% and the 90% ellipsoids of the error bars, and the median width of "
+        f"the latter, normalised.\n\n{bars}\n"
+    )
