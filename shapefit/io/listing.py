@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
 from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.io.foreign.items import peek_recording
@@ -61,9 +64,6 @@ def has_depth(path: Path) -> bool:
 
 ListedKind = Literal["result", "shapes", "landmarks"]
 AnyRecords = ResultSet | ShapeSet | LandmarkSet
-
-BLOCK = 16384
-"""Items that are read at a time."""
 
 OPTIONAL = tuple(
     dataset
@@ -125,14 +125,15 @@ def list_file(path: Path, options: InputOptions = AS_THEY_ARE) -> Listing:
         )
 
 
-def read_chunks(listing: Listing, of_results: Collection[str]) -> Iterator[AnyRecords]:
-    """Read what was listed, in order, some thousand items at a time.
+def read_rows(listing: Listing, of_results: Collection[str], rows: NDArray[np.intp]) -> AnyRecords:
+    """Read some of what was listed, by rows of the file that ascend.
 
     Of the datasets that results may have beside their shapes, only those `of_results` are read.
     """
     without = [dataset for dataset in OPTIONAL if dataset.name not in of_results]
     with _open(listing.path, listing.kind, listing.options, without) as source:
-        yield from source.batches(BLOCK)
+        records: AnyRecords = source.take(rows)
+        return records
 
 
 def _open(path: Path, kind: ListedKind, options: InputOptions, without: Collection[Dataset]) -> Any:

@@ -17,13 +17,11 @@ SCRIPTS = (
     "blocks.js",
     "geometry.js",
     "drawing.js",
-    "image_plane.js",
     "scene.js",
+    "look.js",
+    "plane.js",
+    "space.js",
     "strip.js",
-    "list.js",
-    "framing.js",
-    "pointer.js",
-    "panels.js",
     "viewer.js",
 )
 """In this order: each file uses only those before it."""

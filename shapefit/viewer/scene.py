@@ -1,7 +1,8 @@
-"""What a page shows, as records: frames, layers, meshes, pictures; and their JSON."""
+"""What a page shows (frames, layers, meshes, pictures), and the JSON of it that the page reads."""
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -10,16 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
-from shapefit.viewer.blocks import (
-    block_of_bits,
-    block_of_coarse_floats,
-    block_of_floats,
-    block_of_integers,
-    block_of_points,
-    smallest_kind,
-)
 
-Role = Literal["result", "truth", "shapes"]
+USUAL_RATE, RATE_OF_IMAGES = 25.0, 2.0
+"""Frames a second where no file says it: of sequences, and of images that are none."""
+MISSING, LARGEST = -32768, 32767
 
 
 @dataclass(frozen=True)
@@ -66,7 +61,7 @@ class Layer:
     """
 
     name: str
-    role: Role
+    role: Literal["result", "truth", "shapes"]
     points: Floats
     fitted: Floats | None = None
     sd: Floats | None = None
@@ -80,9 +75,8 @@ class Layer:
 
 @dataclass(frozen=True)
 class Picture:
-    """The image under the landmarks of a frame: base64, and its size in the original pixels."""
+    """The image under the landmarks of a frame: base64 of a JPEG, size in the original pixels."""
 
-    media_type: str
     data: str
     size: tuple[int, int]
 
@@ -117,10 +111,6 @@ class Scene:
     notes: Sequence[str] = ()
 
 
-USUAL_RATE, RATE_OF_IMAGES = 25.0, 2.0
-"""Frames a second where no file says it: of sequences, and of images that are none."""
-
-
 def as_json(scene: Scene) -> dict[str, Any]:
     """Return what the page reads, ready for JSON."""
     has_images = scene.seen is not None or any(layer.role == "result" for layer in scene.layers)
@@ -135,19 +125,22 @@ def as_json(scene: Scene) -> dict[str, Any]:
         "edges": scene.edges.tolist(),
         "sides": list(scene.sides) if any(scene.sides) else None,
         "sidesNamed": scene.sides_named,
-        "moments": None if scene.moments is None else block_of_integers(scene.moments, "u4"),
+        "moments": None if scene.moments is None else block(scene.moments, "u4"),
         "items": list(scene.items),
         "sequences": [{"name": name, "start": start} for name, start in scene.sequences],
-        "seen": None if scene.seen is None else _points(scene.seen),
-        "outliers": None if scene.outliers is None else block_of_bits(scene.outliers),
+        "seen": None if scene.seen is None else block_of_points(scene.seen),
+        "outliers": None if scene.outliers is None else block(scene.outliers, "u1"),
         "layers": [_layer(layer) for layer in scene.layers],
-        "meshes": [_mesh(mesh) for mesh in scene.meshes],
-        "pictures": {
-            str(frame): {
-                "data": f"data:{picture.media_type};base64,{picture.data}",
-                "size": picture.size,
+        "meshes": [
+            {
+                "vertices": block_of_points(mesh.vertices),
+                "faces": block(mesh.faces, smallest_kind(mesh.vertices.shape[2])),
             }
-            for frame, picture in scene.pictures.items()
+            for mesh in scene.meshes
+        ],
+        "pictures": {
+            str(frame): {"data": f"data:image/jpeg;base64,{each.data}", "size": each.size}
+            for frame, each in scene.pictures.items()
         },
     }
 
@@ -157,15 +150,41 @@ def shown_unit(unit: str) -> str:
     return "" if unit == "unknown" else unit
 
 
-def _points(points: Floats) -> dict[str, Any]:
-    return block_of_points(points.swapaxes(1, 2))
+def block(values: NDArray[Any], kind: str) -> dict[str, Any]:
+    """Return an array as base64 of small integers or floats, as scripts/blocks.js reads it."""
+    data = np.ascontiguousarray(values.astype(f"<{kind}")).tobytes()
+    return {"type": kind, "shape": list(values.shape), "data": b64encode(data).decode("ascii")}
+
+
+def block_of_points(points: Floats) -> dict[str, Any]:
+    """Return points (n, d, p) as 16-bit integers, each of the n sets on a scale of its own.
+
+    A point that is not finite in 32 bits is missing.
+    """
+    rows = points.swapaxes(1, 2)
+    with np.errstate(over="ignore", invalid="ignore"):
+        known: NDArray[np.bool_] = np.isfinite(rows.astype("<f4")).all(axis=2, keepdims=True)
+    some = known.any(axis=1)
+    low = np.where(some, np.where(known, rows, np.inf).min(axis=1, initial=np.inf), 0.0)
+    high = np.where(some, np.where(known, rows, -np.inf).max(axis=1, initial=-np.inf), 0.0)
+    scale = (high - low).max(axis=1, keepdims=True) / (2 * LARGEST)
+    places = np.hstack([(low + high) / 2, np.where(scale > 0, scale, 1.0)]).astype("<f4")
+    offset, scale = places[:, None, :-1].astype(float), places[:, None, -1:].astype(float)
+    codes = np.rint((np.where(known, rows, offset) - offset) / np.maximum(scale, 1e-300))
+    codes = np.where(known, np.clip(codes, -LARGEST, LARGEST), MISSING)
+    return block(codes, "i2") | {"places": block(places, "f4")}
+
+
+def smallest_kind(largest: int) -> str:
+    """Return the integer type that holds numbers up to `largest`."""
+    return "u1" if largest < 2**8 else "u2" if largest < 2**16 else "u4"
 
 
 def _layer(layer: Layer) -> dict[str, Any]:
     document: dict[str, Any] = {
         "name": layer.name,
         "role": layer.role,
-        "points": _points(layer.points),
+        "points": block_of_points(layer.points),
         "measures": [
             {
                 "name": measure.name,
@@ -173,38 +192,27 @@ def _layer(layer: Layer) -> dict[str, Any]:
                 "bad": measure.bad,
                 "unit": shown_unit(measure.unit),
                 "limit": measure.limit,
-                "values": block_of_coarse_floats(measure.values),
+                "values": block(measure.values, "f4"),
             }
             for measure in layer.measures
         ],
     }
-    if layer.fitted is not None:
-        document["fitted"] = _points(layer.fitted)
-    if layer.sd is not None:
-        document["sd"] = _points(layer.sd)
+    for name, points in (("fitted", layer.fitted), ("sd", layer.sd)):
+        if points is not None:
+            document[name] = block_of_points(points)
     for name, values in (("pose", layer.pose), ("camera", layer.camera)):
         if values is not None:
-            document[name] = block_of_floats(values)
+            document[name] = block(values, "f4")
     for name, texts in (("status", layer.status), ("doubts", layer.doubts)):
         if texts is not None:
             words, codes = np.unique(np.array(texts, dtype=str), return_inverse=True)
             kind = smallest_kind(len(words))
-            document[name] = {"words": words.tolist(), "codes": block_of_integers(codes, kind)}
-    if layer.blend is not None:
-        document["mesh"] = _blend(layer.blend)
+            document[name] = {"words": words.tolist(), "codes": block(codes, kind)}
+    if (blend := layer.blend) is not None:
+        document["mesh"] = {
+            "of": blend.mesh_set,
+            "start": block(blend.start, "u4"),
+            "atom": block(blend.atom, smallest_kind(int(blend.atom.max(initial=0)))),
+            "weight": block(blend.weight, "f4"),
+        }
     return document
-
-
-def _blend(blend: Blend) -> dict[str, Any]:
-    kind = smallest_kind(int(blend.atom.max(initial=0)))
-    return {
-        "of": blend.mesh_set,
-        "start": block_of_integers(blend.start, "u4"),
-        "atom": block_of_integers(blend.atom, kind),
-        "weight": block_of_floats(blend.weight),
-    }
-
-
-def _mesh(mesh: MeshSet) -> dict[str, Any]:
-    kind = smallest_kind(mesh.vertices.shape[2])
-    return {"vertices": _points(mesh.vertices), "faces": block_of_integers(mesh.faces, kind)}

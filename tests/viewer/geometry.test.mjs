@@ -9,9 +9,8 @@ globalThis.geometry = load("../../shapefit/viewer/scripts/geometry.js");
 const { blocks, geometry } = globalThis;
 const strip = load("../../shapefit/viewer/scripts/strip.js");
 const scene = load("../../shapefit/viewer/scripts/scene.js");
-const framing = load("../../shapefit/viewer/scripts/framing.js");
-const list = load("../../shapefit/viewer/scripts/list.js");
-const imagePlane = load("../../shapefit/viewer/scripts/image_plane.js");
+const look = load("../../shapefit/viewer/scripts/look.js");
+const plane = load("../../shapefit/viewer/scripts/plane.js");
 
 function near(actual, expected, tolerance = 1e-12) {
   assert.equal(actual.length, expected.length);
@@ -22,7 +21,7 @@ const base64 = (array) => Buffer.from(array.buffer).toString("base64");
 const SPIN = geometry.viewRotation(35, -20);
 
 test("a view rotation is proper", () => {
-  near(geometry.compose(SPIN, geometry.inverse(SPIN)), geometry.IDENTITY);
+  for (const axis of [[1, 0, 0], [0, 1, 0], [0, 0, 1]]) near(geometry.turn(geometry.turn(axis, SPIN), geometry.inverse(SPIN)), axis);
   const [a, b, c, d, e, f, g, h, i] = SPIN;
   near([a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)], [1]);
 });
@@ -59,21 +58,6 @@ test("perspective: x focal / depth + centre, whichever way z points", () => {
   near(geometry.seenInPerspective([11, 22, 6], 3, [11, 22, 0], camera), [15, 46]);
   const behind = [1, 2, -8, 100, 200, 5, 6];
   near(geometry.seenInPerspective([11, 22, -6], 3, [11, 22, 0], behind), [15, 46]);
-});
-
-test("extent leaves out what is unknown", () => {
-  assert.deepEqual(geometry.extent([0, 0, 2, 0, NaN, NaN], 2), { middle: [1, 0], radius: 1 });
-  assert.equal(geometry.extent([NaN, NaN], 2), null);
-});
-
-test("blocks: 16-bit values are scaled, missing ones NaN, coarse floats and bits come back", () => {
-  const codes = Int16Array.from([-32768, 10, 32767, 0]);
-  const points = blocks.open({ type: "i2", shape: [2, 1, 2], offset: [100, 200], scale: 0.5, data: base64(codes) });
-  assert.deepEqual([...points.row(0)], [NaN, 205]);
-  assert.deepEqual([...points.row(1)], [100 + 32767 / 2, 200]);
-  const halves = Uint16Array.from([0x3f80, 0xc040, 0x7fc0]);
-  assert.deepEqual([...blocks.numbers({ type: "bf", data: base64(halves) })], [1, -3, NaN]);
-  assert.deepEqual([0, 1, 8, 9].map((i) => blocks.bit([0b10, 0b1], i)), [false, true, true, false]);
 });
 
 test("the strip is high where it is bad, and keeps the worst of a column", () => {
@@ -114,51 +98,48 @@ test("search finds sequences and items whatever the case; without text the curre
   assert.deepEqual([0, 1, 2, 9].map((frame) => scene.lastAtMost([0, 2], frame)), [0, 0, 1, 1]);
 });
 
-test("rulers have round steps, and none where there is nothing to measure", () => {
-  assert.deepEqual([0.3, 1, 1.5, 30, 60].map(imagePlane.niceStep), [0.5, 1, 2, 50, 100]);
-  assert.deepEqual(imagePlane.ticks(10, 10, 5), [0, 5, 10, 15, 20]);
-  assert.deepEqual(imagePlane.ticks(NaN, 10, 5), []);
-  assert.deepEqual(imagePlane.ticks(0, Infinity, Infinity), []);
-});
-
-test("names that would cover others are left out", () => {
-  assert.deepEqual(imagePlane.apart([[0, 0], [5, 5], [0, 40], [NaN, 0]], ["a", "b", "c", "d"]), [0, 2]);
-});
-
-test("frames of like size share a scale, others do not", () => {
-  assert.equal(framing.typical([1, 1.1, 1.2]), 1.2);
-  assert.equal(framing.typical([1, 3]), null);
-  assert.equal(framing.typical([]), null);
-});
-
-test("a body reaches as far as it does whichever way it turns", () => {
-  const body = [3, 0, 4, 0, 2, 0, NaN, 9, 9, 0, -1, 1];
-  assert.deepEqual(geometry.reach(body), { low: -1, high: 2, wide: 5 });
-  assert.equal(geometry.reach([NaN, NaN, NaN]), null);
-  near(geometry.halves({ low: -1, high: 2, wide: 5 }, 0), [5, 1.5]);
-  near(geometry.halves({ low: -1, high: 2, wide: 5 }, -90), [5, 5]);
-});
-
-test("a box leaves out what is unknown", () => {
-  assert.deepEqual(geometry.box([1, 2, NaN, NaN, 5, 8]), { middle: [3, 5], halves: [2, 3] });
-  assert.deepEqual(geometry.box([NaN, NaN]), { middle: [0, 0], halves: [0, 0] });
-});
-
-test("a ball is round", () => {
-  const { vertices, faces } = geometry.ball();
-  assert.equal(faces.length, 3 * 8 * 4);
-  for (let i = 0; i < vertices.length; i += 3) near([Math.hypot(...vertices.slice(i, i + 3))], [1]);
-});
-
-test("long names lose their middle", () => {
-  assert.equal(list.shortened("recording_of_monday/person 1/000123", 20), "recordi…son 1/000123");
-  assert.equal(list.shortened("short", 20), "short");
-});
-
 test("individuals of one moment are found from each other's frames", () => {
   const moments = { type: "u4", shape: [5], data: base64(Uint32Array.of(0, 1, 2, 2, 1)) };
   const sequences = [{ name: "v/a", start: 0 }, { name: "v/b", start: 3 }, { name: "w", start: 5 }];
   const open = scene.open({ items: ["a0", "a1", "a2", "b2", "b1", "w"], sequences, moments, meshes: [], layers: [], landmarks: [] });
   assert.deepEqual([0, 1, 2, 3].map(open.together), [[], [1, 4], [2, 3], [2, 3]]);
   assert.deepEqual([0, 1, 2].map(open.group), [[0, 1], [0, 1], []]);
+});
+
+test("blocks: each row of points has a scale of its own, missing ones are NaN", () => {
+  const codes = Int16Array.from([-32768, 10, 32767, 0]);
+  const places = { type: "f4", shape: [2, 3], data: base64(Float32Array.of(100, 200, 0.5, -1, -2, 2)) };
+  const points = blocks.open({ type: "i2", shape: [2, 1, 2], places, data: base64(codes) });
+  assert.deepEqual([...points.row(0)], [NaN, 205]);
+  assert.deepEqual([...points.row(1)], [-1 + 2 * 32767, -2]);
+});
+
+test("a box leaves out what is unknown, and reaches as far as a body does whichever way it turns", () => {
+  const flat = geometry.box([1, 2, NaN, NaN, 5, 8], 2);
+  assert.deepEqual(flat, { low: [1, 2], middle: [3, 5], extent: [2, 3] });
+  assert.deepEqual(geometry.box([-3, 0, -4, 3, 2, 4, NaN, NaN, NaN], 3).extent, [5, 1]);
+  assert.equal(geometry.box([NaN, NaN, NaN], 3), null);
+});
+
+test("frames of a sequence share a scale, but for a few of them; single images have their own", () => {
+  const radii = [...new Array(38).fill(1), 2, 90];
+  const points = { type: "f4", shape: [40, 2, 3], data: base64(Float32Array.from(radii.flatMap((r) => [-r, -r, 0, r, r, 0]))) };
+  const layer = { name: "fit", role: "result", points, measures: [] };
+  const page = (name) => ({ items: radii.map(String), sequences: [{ name, start: 0 }], meshes: [], layers: [layer], landmarks: ["a", "b"] });
+  assert.deepEqual(scene.open(page("walk")).size(0).solid, [2, 2]);
+  assert.deepEqual(scene.open(page("")).size(0).solid, [0, 0]);
+});
+
+test("the scale has a round length", () => {
+  assert.deepEqual([0.3, 1, 1.5, 30, 60].map(plane.niceStep), [0.5, 1, 2, 50, 100]);
+});
+
+test("names that would cover others are left out", () => {
+  assert.deepEqual(look.apart([[0, 0], [5, 5], [0, 40], [NaN, 0]], ["a", "b", "c", "d"]), [0, 2]);
+});
+
+test("a ball is round", () => {
+  const corners = geometry.ball();
+  assert.equal(corners.length, 3 * 8 * 4);
+  for (const corner of corners) near([Math.hypot(...corner)], [1]);
 });

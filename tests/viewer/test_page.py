@@ -39,37 +39,18 @@ def test_a_drag_by_a_quarter_turn_turns_the_projected_points(page, sequence):
     camera, after = page.state("camera"), np.array(page.state("projected.walker"))
     assert (camera["yaw"], camera["pitch"]) == (90, 0)
     points = sequence.shapes[42] * np.array([[1], [-1], [-1]])  # upright, y down in the image
-    points -= points.mean(axis=1, keepdims=True)
     zoom = np.ptp(before[:, 0]) / np.ptp(points[0])
-    middle = before.mean(axis=0)
     for shown, x in ((before, points[0]), (after, points[2])):
-        expected = middle + zoom * np.stack([x, -points[1]], axis=1)
-        np.testing.assert_allclose(shown, expected, atol=0.1)
+        expected = zoom * np.stack([x, -points[1]], axis=1)
+        np.testing.assert_allclose(
+            shown - shown.mean(axis=0), expected - expected.mean(axis=0), atol=0.1
+        )
 
 
 def test_a_drag_down_ends_at_the_top_view(page):
     page.drag("#space", 0, 150)
     page.drag("#space", 0, 150)
     assert page.state("camera.pitch") == 90
-
-
-def test_the_first_turn_ends_at_the_first_touch(made, open_page, browser):
-    def prefer(motion):
-        feature = {"name": "prefers-reduced-motion", "value": motion}
-        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
-
-    prefer("no-preference")
-    try:
-        page = open_page(made.path)
-        page.until("return shapefit.camera.yaw > 0.5")
-        page.keys("ARROW_RIGHT")
-        stopped = page.state("camera.yaw")
-        page.settle()
-        assert not page.state("turning")
-        assert page.state("camera.yaw") == stopped
-    finally:
-        prefer("reduce")
-    assert not open_page(made.path).state("turning")
 
 
 def test_individuals_of_a_moment_are_in_one_scene(view, open_page, project, tmp_path):
@@ -140,7 +121,7 @@ def test_search_finds_and_enter_goes_there(page):
     assert page.text("#found") == "100 of 600 found"
     page.keys("ENTER")
     assert page.state("item") == "jump/0500"
-    assert page.text("#rows [aria-selected=true]") == "jump/0500"
+    assert page.text("#list option:checked") == "jump/0500"
     page.keys("nowhere")
     assert page.text("#found") == "0 of 600 found"
 
@@ -218,7 +199,7 @@ def test_no_text_is_small_and_everything_has_a_name(page):
         parseFloat(getComputedStyle(e).fontSize) < 12).map((e) => e.outerHTML)""")
     assert small == []
     unnamed = page.run("""
-      const kinds = "button, input, select, canvas, [role=listbox]";
+      const kinds = "button, input, select, canvas";
       const controls = [...document.querySelectorAll(kinds)];
       return controls.filter((e) => !(e.getAttribute("aria-label") || e.textContent.trim() ||
         [...(e.labels ?? [])].some((l) => l.textContent.trim()))).map((e) => e.outerHTML)""")

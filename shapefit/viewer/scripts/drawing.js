@@ -2,8 +2,9 @@
 /**
  * Lines, marks and meshes in WebGL2, seen by an orthographic camera.
  *
- * A view is {rotation (9 numbers), zoom (px a unit), pan (px), reach (the depth that fades)}; all
- * points are given around the point that the camera circles. Colours are [red, green, blue, alpha].
+ * A camera is {rotation (9 numbers), zoom (px a unit), pan (px), reach (the depth that fades),
+ * background}; all points are given around the point that it circles. Colours are [red, green,
+ * blue, alpha].
  */
 const drawing = (() => {
   const PLACE = `#version 300 es
@@ -45,8 +46,8 @@ const drawing = (() => {
 
   /* Triangles have one normal each, lit from the viewer's upper left. */
   const MESH = [`${PLACE}
-    in vec3 point; uniform vec4 tint; out vec3 seen;
-    void main() { gl_Position = place(point); seen = rotation * point; colour = tint; }`,
+    in vec3 point; uniform vec4 only; out vec3 seen;
+    void main() { gl_Position = place(point); seen = rotation * point; colour = only; }`,
   `${FADE} in vec3 seen;
     void main() {
       vec3 normal = normalize(cross(dFdx(seen), dFdy(seen)));
@@ -55,6 +56,7 @@ const drawing = (() => {
     }`];
 
   const STRIDES = { start: 3, end: 3, point: 3, tint: 4, width: 1, diameter: 1, kind: 1, corner: 2 };
+  const CORNERS = [0, -1, 0, 1, 1, -1, 1, 1];
 
   function program(gl, [vertex, fragment]) {
     const made = gl.createProgram();
@@ -80,29 +82,26 @@ const drawing = (() => {
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
 
-    function attribute(made, name, values, divisor) {
-      const place = gl.getAttribLocation(made, name);
-      buffers[name] ??= gl.createBuffer();
-      gl.bindBuffer(gl.ARRAY_BUFFER, buffers[name]);
-      gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(values), gl.DYNAMIC_DRAW);
-      gl.enableVertexAttribArray(place);
-      gl.vertexAttribPointer(place, STRIDES[name], gl.FLOAT, false, 0, 0);
-      gl.vertexAttribDivisor(place, divisor);
-      return place;
-    }
-
     /** Use a program with the uniforms of all programs, draw, and let go of its attributes. */
-    function run(made, view, attributes, divisors, draw) {
+    function run(made, camera, attributes, draw) {
       gl.useProgram(made);
       const at = (name) => gl.getUniformLocation(made, name);
-      gl.uniformMatrix3fv(at("rotation"), true, view.rotation);
-      gl.uniform2f(at("pan"), view.pan[0], -view.pan[1]);
+      gl.uniformMatrix3fv(at("rotation"), true, camera.rotation);
+      gl.uniform2f(at("pan"), camera.pan[0], -camera.pan[1]);
       gl.uniform2f(at("size"), canvas.clientWidth, canvas.clientHeight);
-      gl.uniform1f(at("zoom"), view.zoom);
-      gl.uniform1f(at("reach"), view.reach);
-      gl.uniform4fv(at("background"), view.background);
-      const used = Object.entries(attributes).map(([name, values]) =>
-        attribute(made, name, values, divisors[name] ?? 0));
+      gl.uniform1f(at("zoom"), camera.zoom);
+      gl.uniform1f(at("reach"), camera.reach);
+      gl.uniform4fv(at("background"), camera.background);
+      const used = Object.entries(attributes).map(([name, values]) => {
+        const place = gl.getAttribLocation(made, name);
+        buffers[name] ??= gl.createBuffer();
+        gl.bindBuffer(gl.ARRAY_BUFFER, buffers[name]);
+        gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(values), gl.DYNAMIC_DRAW);
+        gl.enableVertexAttribArray(place);
+        gl.vertexAttribPointer(place, STRIDES[name], gl.FLOAT, false, 0, 0);
+        gl.vertexAttribDivisor(place, attributes.corner && name !== "corner" ? 1 : 0);
+        return place;
+      });
       draw(at);
       for (const place of used) gl.disableVertexAttribArray(place);
     }
@@ -114,32 +113,26 @@ const drawing = (() => {
     }
 
     /** Draw lines [{start, end, tint, width}]. */
-    function lines(view, list) {
-      if (!list.length) return;
+    function lines(camera, list) {
       const flat = (name) => list.flatMap((line) => line[name]);
-      const attributes = { start: flat("start"), end: flat("end"), tint: flat("tint"), width: flat("width"), corner: [0, -1, 0, 1, 1, -1, 1, 1] };
-      const each = { start: 1, end: 1, tint: 1, width: 1 };
-      run(programs.lines, view, attributes, each, () => gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, list.length));
+      const attributes = { start: flat("start"), end: flat("end"), tint: flat("tint"), width: flat("width"), corner: CORNERS };
+      run(programs.lines, camera, attributes, () => gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, list.length));
     }
 
     /** Draw marks [{point, tint, diameter, kind}]. */
-    function marks(view, list) {
-      if (!list.length) return;
+    function marks(camera, list) {
       const ratio = canvas.width / canvas.clientWidth;
       const flat = (name) => list.flatMap((mark) => mark[name]);
-      const attributes = { point: flat("point"), tint: flat("tint"), diameter: list.map((m) => m.diameter * ratio), kind: flat("kind") };
-      run(programs.marks, view, attributes, {}, () => gl.drawArrays(gl.POINTS, 0, list.length));
+      const attributes = { point: flat("point"), tint: flat("tint"), diameter: flat("diameter").map((d) => d * ratio), kind: flat("kind") };
+      run(programs.marks, camera, attributes, () => gl.drawArrays(gl.POINTS, 0, list.length));
     }
 
-    /** Draw the triangles `faces` (Uint32Array) of `vertices`; what is pale does not hide. */
-    function mesh(view, vertices, faces, tint) {
-      buffers.faces ??= gl.createBuffer();
-      run(programs.mesh, view, { point: vertices }, {}, (at) => {
-        gl.uniform4fv(at("tint"), tint);
-        gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffers.faces);
-        gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, faces, gl.DYNAMIC_DRAW);
+    /** Draw triangles, three points each (9 numbers); what is pale does not hide. */
+    function mesh(camera, triangles, tint) {
+      run(programs.mesh, camera, { point: triangles }, (at) => {
+        gl.uniform4fv(at("only"), tint);
         gl.depthMask(tint[3] === 1);
-        gl.drawElements(gl.TRIANGLES, faces.length, gl.UNSIGNED_INT, 0);
+        gl.drawArrays(gl.TRIANGLES, 0, triangles.length / 3);
         gl.depthMask(true);
       });
     }

@@ -8,23 +8,13 @@
 const geometry = (() => {
   const DEGREE = Math.PI / 180;
   const IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1];
+  const ORIGIN = [0, 0, 0];
 
   /** Rx(pitch) Ry(yaw): walk around the object by yaw, then rise above it by pitch. */
   function viewRotation(yaw, pitch) {
     const [c, s] = [Math.cos(yaw * DEGREE), Math.sin(yaw * DEGREE)];
     const [d, t] = [Math.cos(pitch * DEGREE), Math.sin(pitch * DEGREE)];
     return [c, 0, s, t * s, d, -t * c, -d * s, t, d * c];
-  }
-
-  /** The product A B of two rotations. */
-  function compose(A, B) {
-    const product = new Array(9);
-    for (let i = 0; i < 3; i++) {
-      for (let j = 0; j < 3; j++) {
-        product[3 * i + j] = A[3 * i] * B[j] + A[3 * i + 1] * B[3 + j] + A[3 * i + 2] * B[6 + j];
-      }
-    }
-    return product;
   }
 
   /** The transpose, which is the inverse, of a rotation. */
@@ -42,27 +32,20 @@ const geometry = (() => {
   }
 
   /** R (x - centre) for every point. */
-  function turn(points, R, centre) {
+  function turn(points, R, centre = ORIGIN) {
     const turned = new Float64Array(points.length);
     for (let i = 0; i < points.length; i += 3) {
-      const x = points[i] - centre[0];
-      const y = points[i + 1] - centre[1];
-      const z = points[i + 2] - centre[2];
-      turned[i] = R[0] * x + R[1] * y + R[2] * z;
-      turned[i + 1] = R[3] * x + R[4] * y + R[5] * z;
-      turned[i + 2] = R[6] * x + R[7] * y + R[8] * z;
+      const [x, y, z] = [points[i] - centre[0], points[i + 1] - centre[1], points[i + 2] - centre[2]];
+      for (let row = 0; row < 3; row++) turned[i + row] = R[3 * row] * x + R[3 * row + 1] * y + R[3 * row + 2] * z;
     }
     return turned;
   }
 
   /** Pixels [u, v] (v down) of points that were turned: zoom px a unit, pan in px from the middle. */
-  function project(turned, camera, width, height) {
+  function project(turned, { zoom, pan }, width, height) {
     const pixels = [];
     for (let i = 0; i < turned.length; i += 3) {
-      pixels.push([
-        width / 2 + camera.pan[0] + camera.zoom * turned[i],
-        height / 2 + camera.pan[1] - camera.zoom * turned[i + 1],
-      ]);
+      pixels.push([width / 2 + pan[0] + zoom * turned[i], height / 2 + pan[1] - zoom * turned[i + 1]]);
     }
     return pixels;
   }
@@ -70,14 +53,12 @@ const geometry = (() => {
   /** s R sum_i w_i V_i + t: a mesh mixed of the vertices V_i of atoms, then placed by a pose. */
   function blend(vertices, weights, pose) {
     const [R, scale, t] = [pose.slice(0, 9), pose[9], pose.slice(10, 13)];
-    const mixed = new Float64Array(weights.length ? vertices[weights[0][0]].length : 0);
+    const mixed = new Float64Array(vertices[weights[0][0]].length);
     for (const [atom, weight] of weights) {
       const own = vertices[atom];
       for (let i = 0; i < mixed.length; i++) mixed[i] += weight * own[i];
     }
-    const placed = turn(mixed, R, [0, 0, 0]);
-    for (let i = 0; i < placed.length; i++) placed[i] = scale * placed[i] + t[i % 3];
-    return placed;
+    return turn(mixed, R).map((value, i) => scale * value + t[i % 3]);
   }
 
   /**
@@ -96,79 +77,40 @@ const geometry = (() => {
     return seen;
   }
 
-  /** {middle, radius} of points with `axes` coordinates each; NaN ones do not count. */
-  function extent(points, axes) {
-    const middle = new Array(axes).fill(0);
-    let count = 0;
-    for (let i = 0; i < points.length; i += axes) {
-      if (!Number.isFinite(points[i])) continue;
-      count++;
-      for (let a = 0; a < axes; a++) middle[a] += points[i + a];
-    }
-    if (!count) return null;
-    for (let a = 0; a < axes; a++) middle[a] /= count;
-    let radius = 0;
-    for (let i = 0; i < points.length; i += axes) {
-      if (!Number.isFinite(points[i])) continue;
-      let square = 0;
-      for (let a = 0; a < axes; a++) square += (points[i + a] - middle[a]) ** 2;
-      radius = Math.max(radius, Math.sqrt(square));
-    }
-    return { middle, radius };
-  }
-
   /**
-   * How far points (x y z, y up) reach: {low, high} along y, and `wide`, from the axis through the
-   * middle, whichever way they turn about it; null for none.
+   * The upright box around points with `axes` coordinates each, those that are not NaN: {low,
+   * middle, extent}; null around none. extent is half of its width and height or, in space, how far
+   * points are from the vertical axis through the middle, and half of the height.
    */
-  function reach(points) {
-    const found = { low: Infinity, high: -Infinity, wide: 0 };
-    for (let i = 0; i < points.length; i += 3) {
-      if (!Number.isFinite(points[i])) continue;
-      found.low = Math.min(found.low, points[i + 1]);
-      found.high = Math.max(found.high, points[i + 1]);
-      found.wide = Math.max(found.wide, Math.hypot(points[i], points[i + 2]));
-    }
-    return found.low > found.high ? null : found;
-  }
-
-  /** Half of what a camera at this pitch sees of a body of this reach: [across, up]. */
-  function halves({ low, high, wide }, pitch) {
-    const [c, s] = [Math.cos(pitch * DEGREE), Math.abs(Math.sin(pitch * DEGREE))];
-    return [wide, (c * (high - low)) / 2 + s * wide];
-  }
-
-  /** {middle, halves} of the upright box around points x0 y0 x1 ...; one of nothing around none. */
-  function box(points) {
-    const sides = [0, 1].map((axis) => {
-      const known = Array.from(points).filter((value, i) => i % 2 === axis && Number.isFinite(value));
-      return [Math.min(...known), Math.max(...known)];
+  function box(points, axes) {
+    const [low, high] = [new Array(axes).fill(Infinity), new Array(axes).fill(-Infinity)];
+    points.forEach((value, i) => {
+      if (value < low[i % axes]) low[i % axes] = value;
+      if (value > high[i % axes]) high[i % axes] = value;
     });
-    if (!Number.isFinite(sides[0][0])) return { middle: [0, 0], halves: [0, 0] };
-    return { middle: sides.map(([low, high]) => (low + high) / 2), halves: sides.map(([low, high]) => (high - low) / 2) };
-  }
-
-  /** A ball of radius 1: {vertices, faces}, from an octahedron whose faces are divided once. */
-  function ball() {
-    const corners = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]];
-    const between = (a, b) => {
-      const middle = a.map((value, i) => value + b[i]);
-      return middle.map((value) => value / Math.hypot(...middle));
-    };
-    const [vertices, faces] = [[], []];
-    for (const x of [0, 1]) for (const y of [2, 3]) for (const z of [4, 5]) {
-      const [a, b, c] = [corners[x], corners[y], corners[z]];
-      const [ab, bc, ca] = [between(a, b), between(b, c), between(c, a)];
-      for (const face of [[a, ab, ca], [b, bc, ab], [c, ca, bc], [ab, bc, ca]]) {
-        for (const corner of face) {
-          faces.push(vertices.length / 3);
-          vertices.push(...corner);
-        }
-      }
+    if (low[0] > high[0]) return null;
+    const middle = low.map((value, axis) => (value + high[axis]) / 2);
+    const extent = low.slice(0, 2).map((value, axis) => middle[axis] - value);
+    for (let i = 0; axes === 3 && i < points.length; i += 3) {
+      const across = Math.hypot(points[i] - middle[0], points[i + 2] - middle[2]);
+      if (across > extent[0]) extent[0] = across;
     }
-    return { vertices, faces };
+    return { low, middle, extent };
   }
 
-  return { IDENTITY, reach, halves, box, ball, viewRotation, compose, inverse, uprightRotation, turn, project, blend, seenInPerspective, extent };
+  /** A ball of radius 1 as triangles: an octahedron whose faces are divided once. */
+  function ball() {
+    const unit = (point) => point.map((value) => value / Math.hypot(...point));
+    const between = (a, b) => unit(a.map((value, i) => value + b[i]));
+    const triangles = [];
+    for (const x of [-1, 1]) for (const y of [-1, 1]) for (const z of [-1, 1]) {
+      const [a, b, c] = [[x, 0, 0], [0, y, 0], [0, 0, z]];
+      const [ab, bc, ca] = [between(a, b), between(b, c), between(c, a)];
+      triangles.push(a, ab, ca, b, bc, ab, c, ca, bc, ab, bc, ca);
+    }
+    return triangles;
+  }
+
+  return { IDENTITY, viewRotation, inverse, uprightRotation, turn, project, blend, seenInPerspective, box, ball };
 })();
 if (typeof module !== "undefined") module.exports = geometry;

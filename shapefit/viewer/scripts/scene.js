@@ -1,24 +1,39 @@
 "use strict";
 /** What the page shows, read from its JSON: frames, sequences, layers (results, truth), pictures. */
 const scene = (() => {
+  const LOOKED_AT = 200; // frames of a sequence, evenly spread, that tell its size
+
   function open(page) {
     const starts = page.sequences.map((sequence) => sequence.start);
     const count = page.items.length;
     const sequences = page.sequences.map(({ name, start }, i) => ({ name, start, end: starts[i + 1] ?? count }));
-    const meshes = page.meshes.map(openMesh);
-    const together = page.moments ? openMoments(blocks.numbers(page.moments)) : () => [];
-    const sequenceOf = (frame) => lastAtMost(starts, frame);
-    return {
+    const meshes = page.meshes.map(({ vertices, faces }) => {
+      const block = blocks.open(vertices);
+      return { atoms: Array.from({ length: block.count }, (_, i) => block.row(i)), faces: Uint32Array.from(blocks.numbers(faces)) };
+    });
+    const outliers = page.outliers && blocks.open(page.outliers);
+    const data = {
       ...page,
       count,
-      hasOutliers: Boolean(page.outliers),
       sequences,
-      sequenceOf,
-      together,
-      group: openGroups(sequences, together, sequenceOf),
+      sequenceOf: (frame) => lastAtMost(starts, frame),
+      together: openMoments(page.moments ? blocks.numbers(page.moments) : []),
       seen: page.seen ? blocks.open(page.seen).row : () => null,
-      outliers: page.outliers ? openBits(page.outliers, page.landmarks.length) : () => [],
-      layers: page.layers.map((layer) => openLayer(layer, meshes, page)),
+      outliers: outliers ? outliers.row : () => [],
+      hasOutliers: Boolean(outliers),
+      layers: page.layers.map((layer) => openLayer(layer, meshes)),
+    };
+    data.group = memo((index) => groupOf(data, index));
+    data.size = memo((index) => sizeOf(data, sequences[index]));
+    return data;
+  }
+
+  /** The function, which finds the value of each index once. */
+  function memo(find) {
+    const found = new Map();
+    return (index) => {
+      if (!found.has(index)) found.set(index, find(index));
+      return found.get(index);
     };
   }
 
@@ -32,18 +47,30 @@ const scene = (() => {
   }
 
   /** The sequences of which some frame is of one moment with one of this sequence, itself among them. */
-  function openGroups(sequences, together, sequenceOf) {
-    const found = new Map();
-    return (index) => {
-      if (!found.has(index)) {
-        const group = new Set();
-        for (let frame = sequences[index].start; frame < sequences[index].end; frame++) {
-          for (const other of together(frame)) group.add(sequenceOf(other));
-        }
-        found.set(index, [...group].sort((a, b) => a - b));
-      }
-      return found.get(index);
-    };
+  function groupOf(data, index) {
+    const group = new Set();
+    for (let frame = data.sequences[index].start; frame < data.sequences[index].end; frame++) {
+      for (const other of data.together(frame)) group.add(data.sequenceOf(other));
+    }
+    return [...group].sort((a, b) => a - b);
+  }
+
+  /**
+   * {solid, flat}: extents that hold 95% of the frames of a sequence, in space and in the image, so
+   * that all are shown in one scale; 0 for frames that are no sequence.
+   */
+  function sizeOf(data, { name, start, end }) {
+    if (!name && !data.rateKnown) return { solid: [0, 0], flat: [0, 0] };
+    const [solid, flat] = [[], []];
+    for (let frame = start; frame < end; frame += Math.max(1, Math.floor((end - start) / LOOKED_AT))) {
+      for (const layer of data.layers) solid.push(geometry.box(layer.points(frame), 3));
+      flat.push(geometry.box(data.seen(frame) ?? [], 2));
+    }
+    const most = (boxes) => [0, 1].map((axis) => {
+      const known = boxes.filter(Boolean).map(({ extent }) => extent[axis]).sort((a, b) => a - b);
+      return known[Math.floor(0.95 * known.length)] ?? 0;
+    });
+    return { solid: most(solid), flat: most(flat) };
   }
 
   /** Index of the last of the ascending numbers that is at most `value`. */
@@ -57,35 +84,16 @@ const scene = (() => {
     return low;
   }
 
-  function openBits(block, landmarks) {
-    const bytes = blocks.numbers(block);
-    const width = block.shape[1];
-    return (frame) => {
-      const row = bytes.subarray(frame * width, (frame + 1) * width);
-      return Array.from({ length: landmarks }, (_, j) => blocks.bit(row, j));
-    };
-  }
-
-  function openMesh({ vertices, faces }) {
-    const block = blocks.open(vertices);
-    const atoms = Array.from({ length: block.count }, (_, i) => block.row(i));
-    return { atoms, faces: Uint32Array.from(blocks.numbers(faces)) };
-  }
-
   function openLayer(layer, meshes) {
-    const points = blocks.open(layer.points).row;
-    const pose = layer.pose ? blocks.open(layer.pose).row : () => null;
-    const camera = layer.camera ? blocks.open(layer.camera).row : null;
-    const fitted = layer.fitted ? blocks.open(layer.fitted).row : null;
+    const row = (name) => (layer[name] ? blocks.open(layer[name]).row : null);
+    const [points, pose, camera, fitted] = ["points", "pose", "camera", "fitted"].map(row);
     const mesh = layer.mesh ? openBlend(layer.mesh, meshes[layer.mesh.of], pose) : () => null;
 
     /** Where the image shows points of this layer: x and y, or the camera's perspective. */
     function inImage(frame, values) {
-      if (camera) {
-        const placed = pose(frame);
-        return geometry.seenInPerspective(values, placed[9], placed.slice(10), camera(frame));
-      }
-      return values.filter((_, i) => i % 3 < 2);
+      if (!camera) return values.filter((_, i) => i % 3 < 2);
+      const placed = pose(frame);
+      return geometry.seenInPerspective(values, placed[9], placed.slice(10), camera(frame));
     }
     /** Where the camera has points of this layer, or as they are: in one space with other individuals. */
     function inSpace(frame, values) {
@@ -94,20 +102,19 @@ const scene = (() => {
       return values.map((value, i) => (value - placed[10 + (i % 3)]) / placed[9] + at[i % 3]);
     }
     return {
-      name: layer.name,
-      role: layer.role,
+      ...layer,
       points,
+      mesh,
+      inImage,
       inSpace,
       hasCamera: Boolean(camera),
       unit: (frame) => (camera ? pose(frame)[9] : 1),
-      pose,
-      mesh,
+      pose: pose ?? (() => null),
       faces: layer.mesh ? meshes[layer.mesh.of].faces : null,
-      inImage,
-      fitted: (frame) => (fitted ? fitted(frame) : inImage(frame, points(frame))),
-      sd: layer.sd ? blocks.open(layer.sd).row : () => null,
+      fitted: fitted ?? ((frame) => inImage(frame, points(frame))),
+      sd: row("sd") ?? (() => null),
       measures: layer.measures.map((measure) => ({ ...measure, values: blocks.numbers(measure.values) })),
-      words: layer.status ? openWords(layer.status) : () => null,
+      status: layer.status ? openWords(layer.status) : () => null,
       doubt: layer.doubts ? openWords(layer.doubts) : null,
     };
   }
@@ -120,8 +127,7 @@ const scene = (() => {
       if (frame !== last) {
         const used = [];
         for (let i = starts[frame]; i < starts[frame + 1]; i++) used.push([atoms[i], weights[i]]);
-        vertices = used.length ? geometry.blend(mesh.atoms, used, pose(frame)) : null;
-        last = frame;
+        [last, vertices] = [frame, used.length ? geometry.blend(mesh.atoms, used, pose(frame)) : null];
       }
       return vertices;
     };
@@ -132,17 +138,19 @@ const scene = (() => {
     return (frame) => words[numbers[frame]];
   }
 
-  /** Frames and sequences whose names hold the text, whatever the case: [{sequence} or {frame}]. */
-  function find(open_, text, current) {
+  /**
+   * Rows of the list, {sequence} or {frame}: all sequences and the frames of the current one or,
+   * for a text, those whose names hold it, whatever the case.
+   */
+  function find(data, text, current) {
     const rows = [];
     const wanted = text.trim().toLowerCase();
     const has = (name) => name.toLowerCase().includes(wanted);
-    const many = open_.sequences.length > 1;
-    open_.sequences.forEach((sequence, index) => {
-      if (many && (!wanted || has(sequence.name))) rows.push({ sequence: index });
+    data.sequences.forEach((sequence, index) => {
+      if (data.sequences.length > 1 && has(sequence.name)) rows.push({ sequence: index });
       if (!wanted && index !== current) return;
       for (let frame = sequence.start; frame < sequence.end; frame++) {
-        if (!wanted || has(open_.items[frame])) rows.push({ frame });
+        if (has(data.items[frame])) rows.push({ frame });
       }
     });
     return rows;

@@ -32,9 +32,9 @@ const strip = (() => {
     return worst;
   }
 
-  /** The frame after `from`, going round, that is the next worst: [worst first], ties in order. */
+  /** Frames by their levels, the worst first, ties in order. */
   function ranking(levels) {
-    return levels.map((level, i) => [level, i]).sort((a, b) => (a[0] === b[0] ? a[1] - b[1] : b[0] - a[0])).map(([, i]) => i);
+    return levels.map((_, i) => i).sort((a, b) => (levels[a] === levels[b] ? a - b : levels[b] - levels[a]));
   }
 
   /** Where the limit of a measure stands among the levels of these values; null for none. */
@@ -43,21 +43,19 @@ const strip = (() => {
   }
 
   /** Draw rows [{levels, tint, limit}], one above the other, with a line where the limit is. */
-  function draw(context, width, height, rows, style) {
+  function draw(context, width, height, rows, outlier) {
     context.clearRect(0, 0, width, height);
     const tall = height / rows.length;
     rows.forEach(({ levels, tint, limit }, r) => {
       const base = (r + 1) * tall - 1;
       columnsOf(levels, Math.max(1, Math.floor(width))).forEach((level, x) => {
         if (level < 0) return;
-        const missing = level === Infinity;
         const bar = 2 + (tall - 4) * Math.min(1, level);
-        context.fillStyle = missing ? style.outlier : tint;
+        context.fillStyle = level === Infinity ? outlier : tint;
         context.fillRect(x, base - bar, 1, bar);
       });
-      if (limit === null || limit === undefined) return;
-      context.fillStyle = style.outlier;
-      context.fillRect(0, base - 2 - (tall - 4) * limit, width, 1);
+      context.fillStyle = outlier;
+      if (limit !== null) context.fillRect(0, base - 2 - (tall - 4) * limit, width, 1);
     });
   }
 

@@ -2,24 +2,27 @@
 /** The page at work: its state, what is drawn of it, and what keys, mouse and buttons do to it. */
 (() => {
   const $ = (id) => document.getElementById(id);
+  const PICTURES = 60; // that are kept ready to draw
+  const DEGREES_A_PIXEL = 0.5;
+  const DARK = matchMedia("(prefers-color-scheme: dark)");
   const data = scene.open(JSON.parse($("page").textContent));
   data.layers.forEach((layer, i) => {
     layer.colour = layer.role === "truth" ? "truth" : `layer-${i % 6}`;
   });
   const view = {
     frame: 0, yaw: 0, pitch: 0, zoom: 1, pan: [0, 0], planeZoom: 1, planePan: [0, 0],
-    shown: new Set(data.layers.filter((layer, i) => i === 0 || !data.layers[0].faces)), mesh: true, names: false, upright: false, hidden: new Set(), pictures: new Map(),
-    playing: null, drawn: 0, rank: 0, projected: {},
+    shown: new Set(data.layers.filter((layer, i) => i === 0 || !data.layers[0].faces)), hidden: new Set(),
+    mesh: true, names: false, upright: false, pictures: new Map(), playing: null, drawn: 0, rank: 0, projected: {}, axes: [],
   };
   const renderer = drawing.renderer($("space"));
-  let look = panels.style();
   let due = false;
 
   const sequence = () => data.sequences[data.sequenceOf(view.frame)];
   const clamp = (value, low, high) => Math.max(low, Math.min(high, value));
 
-  /* Drawing: at most once a frame of the screen. */
-  function redraw() {
+  /** Change the state and draw it: at most once a frame of the screen. */
+  function change(state = {}) {
+    Object.assign(view, state);
     if (!due) requestAnimationFrame(draw);
     due = true;
   }
@@ -27,10 +30,10 @@
   function draw() {
     due = false;
     if (!data.count) return;
-    panels.drawPlane($("plane"), data, view, look);
-    panels.drawSpace($("space"), renderer, data, view, look);
+    if (data.flat) view.plane = plane.draw($("plane"), data, view);
+    Object.assign(view, space.draw($("space"), renderer, data, view));
+    space.nameMarks($("labels"), data, view);
     showSides();
-    panels.nameMarks($("labels"), data, view, look);
     drawStrip();
     view.opened ??= performance.now();
     view.drawn++;
@@ -40,31 +43,25 @@
   function drawStrip() {
     const { start, end } = sequence();
     $("marker").style.left = `${(100 * (view.frame - start + 0.5)) / (end - start)}%`;
-    const key = [start, $("measure").value, $("strip").clientWidth, look.background, ...view.shown].map((part) => part.name ?? part).join();
+    const key = [start, $("measure").value, $("strip").clientWidth, look.text("background"), ...view.shown].map((part) => part.name ?? part).join();
     if (drawStrip.key === key) return;
     drawStrip.key = key;
-    const [width, height, ratio] = panels.fitCanvas($("strip"));
+    const [width, height, ratio] = look.fitCanvas($("strip"));
     const context = $("strip").getContext("2d");
     context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    const rows = stripRows().map(({ layer, levels, limit }) => ({ levels, limit, tint: look.layer(layer.colour) }));
-    strip.draw(context, width, height, rows, look);
+    const rows = stripRows().map((row) => ({ ...row, tint: look.text(row.layer.colour) }));
+    strip.draw(context, width, height, rows, look.text("outlier"));
   }
 
-  /** Levels of the chosen measure over the current sequence, a row for each layer that has it. */
+  /** Levels of the chosen measure over the current sequence, a row for each shown layer that has it. */
   function stripRows() {
-    const name = $("measure").value;
     const { start, end } = sequence();
-    const key = `${name}/${start}`;
-    if (stripRows.key !== key) {
-      stripRows.key = key;
-      stripRows.rows = data.layers.flatMap((layer) => {
-        const measure = layer.measures.find((m) => m.name === name);
-        if (!measure) return [];
-        const values = measure.values.subarray(start, end);
-        return [{ layer, levels: strip.badness(values, measure), limit: strip.threshold(values, measure) }];
-      });
-    }
-    return stripRows.rows.filter(({ layer }) => view.shown.has(layer));
+    return [...view.shown].flatMap((layer) => {
+      const measure = layer.measures.find((m) => m.name === $("measure").value);
+      if (!measure) return [];
+      const values = measure.values.subarray(start, end);
+      return [{ layer, levels: strip.badness(values, measure), limit: strip.threshold(values, measure) }];
+    });
   }
 
   /* Frames. */
@@ -74,22 +71,17 @@
     if (data.sequenceOf(view.frame) !== before) enterSequence();
     loadPicture(view.frame);
     $("slider").value = view.frame - sequence().start;
-    if (!view.playing) tellSoon();
-    redraw();
-  }
-
-  function tellSoon() {
-    clearTimeout(tellSoon.timer);
-    tellSoon.timer = setTimeout(tell, 80);
+    clearTimeout(go.telling);
+    if (!view.playing) go.telling = setTimeout(tell, 80);
+    change();
   }
 
   function enterSequence() {
-    const { name, start, end } = sequence();
+    const { start, end } = sequence();
     $("slider").max = Math.max(0, end - start - 1);
     $("slider").disabled = $("play").disabled = end - start < 2;
     view.rank = 0;
     fillIndividuals();
-    Object.assign(view, framing.ofSequence(data, start, end, !name && !data.rateKnown));
     search();
   }
 
@@ -97,55 +89,39 @@
     const picture = data.pictures[frame];
     if (!picture || view.pictures.has(frame)) return;
     const image = new Image();
-    image.onload = redraw;
+    image.onload = () => change();
     image.src = picture.data;
     view.pictures.set(frame, image);
-    if (view.pictures.size > 60) view.pictures.delete(view.pictures.keys().next().value);
+    if (view.pictures.size > PICTURES) view.pictures.delete(view.pictures.keys().next().value);
   }
 
-  /** Say in words what is shown, and mark it in the list. */
+  /** Say in words what is shown, whether it is to be trusted and why not, and mark it in the list. */
   function tell() {
     const { name, start, end } = sequence();
-    const parts = [data.items[view.frame], `frame ${view.frame - start + 1} of ${end - start}${name ? ` in ${name}` : ""}`];
-    for (const layer of data.layers) parts.push(describe(layer));
+    const parts = [data.items[view.frame], `frame ${view.frame - start + 1} of ${end - start}${name ? ` in ${name}` : ""}`, ...data.layers.map(describe)];
     $("state").textContent = parts.filter(Boolean).join(" · ");
-    tellDoubts();
-    listed.mark((row) => row.frame === view.frame);
-  }
-
-  /** The badge: whether the shapes that are shown are to be trusted, and why not. */
-  function tellDoubts() {
     const judged = data.layers.filter((layer) => layer.doubt && view.shown.has(layer));
-    const doubts = judged.filter((layer) => layer.doubt(view.frame));
+    const doubts = judged.filter((layer) => layer.doubt(view.frame)).map((layer) => (judged.length > 1 ? `${layer.name}: ` : "") + layer.doubt(view.frame));
     $("badge").hidden = !judged.length;
     $("badge").className = doubts.length ? "doubtful" : "";
-    $("badge").textContent = doubts.length
-      ? `not to be trusted: ${doubts.map((layer) => (judged.length > 1 ? `${layer.name}: ` : "") + layer.doubt(view.frame)).join("; ")}`
-      : "trusted";
-  }
-
-  function short(value) {
-    return Math.abs(value) < 1e-3 && value !== 0 ? value.toExponential(1) : String(Number(value.toPrecision(3)));
+    $("badge").textContent = doubts.length ? `not to be trusted: ${doubts.join("; ")}` : "trusted";
+    $("list").value = `frame ${view.frame}`;
   }
 
   function describe(layer) {
+    const short = (value) => (Math.abs(value) < 1e-3 && value !== 0 ? value.toExponential(1) : String(Number(value.toPrecision(3))));
     const known = layer.measures
-      .filter((m) => m.scale !== "share")
-      .map((m) => [m, m.values[view.frame]])
-      .map(([m, value]) => (Number.isFinite(value) ? `${m.name} ${short(value)}${m.unit ? ` ${m.unit}` : ""}` : ""));
-    const words = [layer.words(view.frame), ...known].filter(Boolean);
+      .filter((m) => m.scale !== "share" && Number.isFinite(m.values[view.frame]))
+      .map((m) => `${m.name} ${short(m.values[view.frame])} ${m.unit}`.trim());
+    const words = [layer.status(view.frame), ...known].filter(Boolean);
     return words.length ? `${layer.name}: ${words.join(", ")}` : "";
   }
 
   /* Playing. */
   function play(on = !view.playing) {
-    if (!on || sequence().end - sequence().start < 2) {
-      view.playing = null;
-      tell();
-    } else {
-      view.playing = { since: performance.now(), from: view.frame };
-      requestAnimationFrame(advance);
-    }
+    view.playing = on && sequence().end - sequence().start > 1 ? { since: performance.now(), from: view.frame } : null;
+    if (view.playing) requestAnimationFrame(advance);
+    else tell();
     $("play").textContent = view.playing ? "Pause" : "Play";
     $("play").setAttribute("aria-pressed", Boolean(view.playing));
   }
@@ -170,247 +146,214 @@
   }
 
   function jumpSequence(step) {
-    const next = data.sequences[clamp(data.sequenceOf(view.frame) + step, 0, data.sequences.length - 1)];
-    jump(next.start);
+    jump(data.sequences[clamp(data.sequenceOf(view.frame) + step, 0, data.sequences.length - 1)].start);
   }
 
   function jumpWorst() {
-    const rows = stripRows();
-    if (!rows.length) return;
-    const worst = rows[0].levels.map((_, i) => Math.max(...rows.map(({ levels }) => levels[i])));
-    const order = strip.ranking(worst);
-    const next = order[view.rank % order.length];
-    jump(sequence().start + next);
+    const [first, ...others] = stripRows().map(({ levels }) => levels);
+    if (!first) return;
+    const order = strip.ranking(first.map((level, i) => Math.max(level, ...others.map((levels) => levels[i]))));
+    jump(sequence().start + order[view.rank % order.length]);
     view.rank++;
   }
 
   function jumpDoubtful() {
-    const { start, end } = sequence();
-    const next = scene.nextDoubtful([...view.shown], view.frame, start, end);
+    const next = scene.nextDoubtful([...view.shown], view.frame, sequence().start, sequence().end);
     if (next >= 0) jump(next);
   }
 
   /* The camera. */
   function turn(yaw, pitch) {
-    view.yaw += yaw;
-    view.pitch = clamp(view.pitch + pitch, -90, 90);
-    redraw();
+    stand(view.yaw + yaw, clamp(view.pitch + pitch, -90, 90));
   }
 
   function stand(yaw, pitch) {
-    [view.yaw, view.pitch] = [yaw, pitch];
-    redraw();
+    change({ yaw, pitch });
   }
 
   function reset() {
-    Object.assign(view, { zoom: 1, pan: [0, 0], planeZoom: 1, planePan: [0, 0] });
-    stand(0, 0);
+    change({ yaw: 0, pitch: 0, zoom: 1, pan: [0, 0], planeZoom: 1, planePan: [0, 0] });
   }
 
-  function zoomSpace(factor) {
-    view.zoom = clamp(view.zoom * factor, 0.05, 50);
-    redraw();
+  function zoom(factor, name = "zoom") {
+    change({ [name]: clamp(view[name] * factor, 0.05, 50) });
   }
 
-  function zoomPlane(factor) {
-    view.planeZoom = clamp(view.planeZoom * factor, 0.05, 50);
-    redraw();
+  /** Call dragged(dx, dy, moving) for each step of a drag in px, and zoomed(factor) for the wheel. */
+  function listen(canvas, dragged, zoomed) {
+    let last = null;
+    canvas.addEventListener("pointerdown", (event) => {
+      last = [event.clientX, event.clientY];
+      canvas.setPointerCapture(event.pointerId);
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      if (!last) return;
+      dragged(event.clientX - last[0], event.clientY - last[1], event.shiftKey || event.buttons === 2);
+      last = [event.clientX, event.clientY];
+    });
+    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => (last = null));
+    canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      zoomed(Math.exp(-0.0015 * event.deltaY));
+    }, { passive: false });
   }
 
-  const DEGREES_A_PIXEL = 0.5;
-
-  pointer.listen($("space"), (dx, dy, moving) => {
-    if (!moving) return turn(DEGREES_A_PIXEL * dx, DEGREES_A_PIXEL * dy);
-    view.pan = [view.pan[0] + dx, view.pan[1] + dy];
-    redraw();
-  }, zoomSpace);
-  pointer.listen($("plane"), (dx, dy) => {
-    view.planePan = [view.planePan[0] + dx, view.planePan[1] + dy];
-    redraw();
-  }, zoomPlane);
-
-  /* The first turn shows that the shape is one in space; it ends where it began, or at a touch. */
-  const TURN = { seconds: 14, pause: 0.8, pitch: 12 };
-
-  function firstTurn(now) {
-    if (!view.turning) return;
-    view.turning.since ??= now;
-    const passed = (now - view.turning.since) / 1000 - TURN.pause;
-    view.yaw = 360 * clamp(passed / TURN.seconds, 0, 1);
-    if (passed >= TURN.seconds) stopTurning();
-    else requestAnimationFrame(firstTurn);
-    redraw();
-  }
-
-  /** Leave the shape as it stands, with a yaw that views and keys can go on from. */
-  function stopTurning() {
-    if (view.turning) view.yaw %= 360;
-    view.turning = null;
-  }
-
-  for (const touch of ["pointerdown", "keydown", "wheel"]) document.addEventListener(touch, stopTurning, { capture: true, passive: true });
+  const moved = (pan, dx, dy) => [pan[0] + dx, pan[1] + dy];
+  listen($("space"), (dx, dy, moving) => {
+    if (moving) change({ pan: moved(view.pan, dx, dy) });
+    else turn(DEGREES_A_PIXEL * dx, DEGREES_A_PIXEL * dy);
+  }, zoom);
+  listen($("plane"), (dx, dy) => change({ planePan: moved(view.planePan, dx, dy) }), (factor) => zoom(factor, "planeZoom"));
 
   /* Keys. */
+  const step = (count) => jump(clamp(view.frame + count, sequence().start, sequence().end - 1));
   const KEYS = {
-    " ": () => play(), w: jumpWorst, W: jumpWorst, d: jumpDoubtful, D: jumpDoubtful, 0: reset,
+    " ": () => play(), w: jumpWorst, d: jumpDoubtful, 0: reset,
     1: () => stand(0, 0), 2: () => stand(-90, 0), 3: () => stand(0, 90),
-    "+": () => zoomSpace(1.2), "=": () => zoomSpace(1.2), "-": () => zoomSpace(1 / 1.2),
-    Home: () => jump(sequence().start), End: () => jump(sequence().end - 1),
-    ArrowUp: () => jumpSequence(-1), ArrowDown: () => jumpSequence(1),
+    "+": () => zoom(1.2), "=": () => zoom(1.2), "-": () => zoom(1 / 1.2),
+    home: () => jump(sequence().start), end: () => jump(sequence().end - 1),
+    arrowleft: (shift) => step(shift ? -10 : -1), arrowright: (shift) => step(shift ? 10 : 1),
+    arrowup: () => jumpSequence(-1), arrowdown: () => jumpSequence(1),
     "/": () => $("search").focus(),
   };
-
-  function within(frame) {
-    return clamp(frame, sequence().start, sequence().end - 1);
-  }
+  const TURNS = { arrowleft: [-5, 0], arrowright: [5, 0], arrowup: [0, -5], arrowdown: [0, 5] };
 
   document.addEventListener("keydown", (event) => {
-    const { target, key } = event;
-    if (event.ctrlKey || event.metaKey || event.defaultPrevented) return;
+    const { target } = event;
+    const key = event.key.toLowerCase();
+    if (event.ctrlKey || event.metaKey || target.tagName === "SELECT") return;
     if (target.id === "search") {
-      if (key === "Escape") target.blur();
+      if (key === "escape") target.blur();
       return;
     }
-    if (target.tagName === "SELECT") return;
     if (key === " " && ["BUTTON", "INPUT", "SUMMARY"].includes(target.tagName) && target.type !== "range") return;
-    const across = { ArrowLeft: -1, ArrowRight: 1 }[key];
-    const along = { ArrowUp: -1, ArrowDown: 1 }[key];
-    let action = KEYS[key];
-    if (event.altKey && (across || along)) action = () => turn(5 * (across ?? 0), 5 * (along ?? 0));
-    else if (across) action = () => jump(within(view.frame + across * (event.shiftKey ? 10 : 1)));
+    const action = event.altKey && TURNS[key] ? () => turn(...TURNS[key]) : KEYS[key];
     if (!action) return;
     event.preventDefault();
-    action();
+    action(event.shiftKey);
   });
 
   /* Controls. */
-  function choice(label, checked, changed) {
-    const [box, row] = [document.createElement("input"), document.createElement("label")];
+  function choice(colour, text, checked, changed) {
+    const [row, box, patch, name] = ["label", "input", "i", "bdi"].map((tag) => document.createElement(tag));
     Object.assign(box, { type: "checkbox", checked });
-    box.addEventListener("change", () => changed(box.checked));
-    row.append(box, ...label);
+    box.addEventListener("change", () => {
+      changed(box.checked);
+      tell();
+      change();
+    });
+    patch.style.background = `var(--${colour})`;
+    name.textContent = text;
+    row.append(box, patch, name);
     return row;
   }
 
+  /** A tick for each layer; `put` in or out of a set what is switched on or off. */
   function fillLayers() {
-    for (const layer of data.layers) {
-      const patch = document.createElement("i");
-      const paint = () => (patch.style.background = `var(--${layer.colour})`);
-      paint();
-      const name = document.createElement("bdi");
-      name.textContent = layer.name;
-      $("layers").append(choice([patch, name], view.shown.has(layer), (on) => {
-        if (on) view.shown.add(layer);
-        else view.shown.delete(layer);
-        tellDoubts();
-        redraw();
-      }));
-    }
+    $("layers").append(...data.layers.map((layer) => choice(layer.colour, layer.name, view.shown.has(layer), (on) => {
+      view.shown[on ? "add" : "delete"](layer);
+    })));
   }
 
   /** A tick for each individual of the scene, in its colour; the one whose frames are shown stays. */
   function fillIndividuals() {
     const group = data.group(data.sequenceOf(view.frame));
-    const ticks = group.length < 2 || data.layers.filter(({ role }) => role !== "truth").length > 1 ? [] : group.map((index) => {
-      const [patch, name] = [document.createElement("i"), document.createElement("bdi")];
-      patch.style.background = `var(--${panels.colourOf(data, data.layers[0], data.sequences[index].start)})`;
-      name.textContent = data.sequences[index].name.split("/").pop();
-      return choice([patch, name], !view.hidden.has(index), (on) => {
-        if (on) view.hidden.delete(index);
-        else view.hidden.add(index);
-        redraw();
+    const one = data.layers.filter(({ role }) => role !== "truth").length === 1;
+    $("individuals").replaceChildren(...(group.length > 1 && one ? group : []).map((index) => {
+      const { name, start } = data.sequences[index];
+      return choice(look.colourOf(data, data.layers[0], start), name.split("/").pop(), !view.hidden.has(index), (on) => {
+        view.hidden[on ? "delete" : "add"](index);
       });
-    });
-    $("individuals").replaceChildren(...ticks);
+    }));
   }
 
   /** Left and right have colours that the page explains where one layer is shown alone. */
   function showSides() {
-    $("sides").hidden = !data.sides || !data.sidesNamed || view.shown.size !== 1 || panels.framesOf(data, view).length > 1;
+    $("sides").hidden = !data.sides || !data.sidesNamed || view.shown.size !== 1 || look.framesOf(data, view).length > 1;
     const [layer] = view.shown;
-    if (layer) $("left-mark").style.background = `var(--${panels.colourOf(data, layer, view.frame)})`;
+    if (layer) $("left-mark").style.background = `var(--${look.colourOf(data, layer, view.frame)})`;
   }
 
   /** Explain the marks of the left panel that occur. */
   function fillKey() {
-    const results = data.layers.some((layer) => layer.role === "result");
+    const hidden = data.layers.some((layer) => layer.role === "result") && data.seen(0);
     const marks = [
-      ["● observed", data.seen(0)], ["○ hidden, from the model", results && data.seen(0)],
-      ["✕ outlier", data.hasOutliers], ["to its fitted position", results && data.seen(0), "residual-mark"],
-      ["◍ one standard deviation", data.layers.some((layer) => layer.sd(0))],
+      ["● observed", data.seen(0)], ["○ hidden, from the model", hidden], ["✕ outlier", data.hasOutliers],
+      ["to its fitted position", hidden, "residual-mark"], ["◍ one standard deviation", data.layers.some((layer) => layer.sd(0))],
     ];
-    for (const [text, occurs, mark] of marks) {
+    for (const [text, occurs, id] of marks) {
       if (!occurs) continue;
       const entry = document.createElement("li");
-      if (mark) entry.append(Object.assign(document.createElement("i"), { id: mark }));
+      if (id) entry.append(Object.assign(document.createElement("i"), { id }));
       entry.append(text);
       $("marks").append(entry);
     }
   }
 
   function fillMeasures() {
-    const names = new Set(data.layers.flatMap((layer) => layer.measures.map((m) => m.name)));
-    for (const name of names) $("measure").append(new Option(name, name));
-    const none = names.size === 0;
-    for (const id of ["measure", "worst", "bars"]) $(id).hidden = none;
-    document.querySelector("label[for=measure]").hidden = none;
-    $("measure").value = [...names].find((name) => name === "error") ?? [...names][0] ?? "";
+    const names = [...new Set(data.layers.flatMap((layer) => layer.measures.map((m) => m.name)))];
+    $("measure").append(...names.map((name) => new Option(name, name)));
+    for (const id of ["measure", "worst", "bars", "measure-label"]) $(id).hidden = !names.length;
   }
 
-  const listed = list.make(
-    $("list"),
-    (row) => (row.frame === undefined
-      ? { kind: "sequence", text: `${data.sequences[row.sequence].name || "(no sequence)"} (${data.sequences[row.sequence].end - data.sequences[row.sequence].start})` }
-      : { kind: "frame", text: data.items[row.frame] }),
-    (row) => jump(row.frame ?? data.sequences[row.sequence].start),
-  );
-
+  /** The list: frames of a sequence without its name, which stands above them. */
   function search() {
     const text = $("search").value;
     const rows = scene.find(data, text, data.sequenceOf(view.frame));
     const frames = rows.filter((row) => row.frame !== undefined).length;
-    $("found").textContent = text.trim() ? `${frames} of ${data.count} found` : `${data.count} frames, ${data.sequences.length} ${data.sequences.length === 1 ? "sequence" : "sequences"}`;
-    listed.show(rows);
-    listed.mark((row) => row.frame === view.frame);
-    view.found = rows;
+    const counted = `${data.count} frames, ${data.sequences.length} ${data.sequences.length === 1 ? "sequence" : "sequences"}`;
+    $("found").textContent = text.trim() ? `${frames} of ${data.count} found` : counted;
+    $("list").replaceChildren(...rows.map(({ sequence: index, frame }) => {
+      if (frame === undefined) {
+        const { name, start, end } = data.sequences[index];
+        return Object.assign(new Option(`${name || "(no sequence)"} (${end - start})`, `sequence ${index}`), { className: "sequence" });
+      }
+      const [item, above] = [data.items[frame], `${data.sequences[data.sequenceOf(frame)].name}/`];
+      const shown = !text.trim() && item.startsWith(above) ? item.slice(above.length) : item;
+      return Object.assign(new Option(shown, `frame ${frame}`), { className: "frame", title: item });
+    }));
+    $("list").value = `frame ${view.frame}`;
+    search.first = rows.find((row) => row.frame !== undefined) ?? rows[0];
   }
 
-  $("search").addEventListener("input", search);
-  $("search").addEventListener("keydown", (event) => {
-    const first = view.found.find((row) => row.frame !== undefined) ?? view.found[0];
-    if (event.key === "Enter" && first) jump(first.frame ?? data.sequences[first.sequence].start);
+  function follow(row) {
+    jump(row.frame ?? data.sequences[row.sequence].start);
+  }
+
+  const on = (id, event, act) => $(id).addEventListener(event, act);
+  on("search", "input", search);
+  on("search", "keydown", (event) => event.key === "Enter" && search.first && follow(search.first));
+  on("list", "change", () => {
+    const [kind, index] = $("list").value.split(" ");
+    follow({ [kind]: Number(index) });
   });
-  $("slider").addEventListener("input", () => jump(sequence().start + Number($("slider").value)));
-  $("play").addEventListener("click", () => play());
-  $("speed").addEventListener("change", restart);
-  $("measure").addEventListener("change", () => { view.rank = 0; redraw(); });
-  $("worst").addEventListener("click", jumpWorst);
-  $("doubtful").addEventListener("click", jumpDoubtful);
-  $("strip").addEventListener("click", (event) => {
+  on("list", "click", () => $("list").blur()); // the keys are the page's again
+  on("slider", "input", () => jump(sequence().start + Number($("slider").value)));
+  on("play", "click", () => play());
+  on("speed", "change", restart);
+  on("measure", "change", () => change({ rank: 0 }));
+  on("worst", "click", jumpWorst);
+  on("doubtful", "click", jumpDoubtful);
+  on("strip", "click", (event) => {
     const { start, end } = sequence();
     const box = $("strip").getBoundingClientRect();
     jump(start + strip.frameAt(event.clientX - box.left, box.width, end - start));
   });
-  for (const key of ["mesh", "names", "upright"]) {
-    $(key).addEventListener("change", () => { view[key] = $(key).checked; redraw(); });
-  }
-  $("front").addEventListener("click", KEYS[1]);
-  $("side").addEventListener("click", KEYS[2]);
-  $("top").addEventListener("click", KEYS[3]);
-  $("reset").addEventListener("click", reset);
-  $("theme").addEventListener("click", () => {
-    const root = document.documentElement;
-    const dark = getComputedStyle(root).colorScheme.includes("dark");
-    root.dataset.theme = dark ? "light" : "dark";
-    restyle();
-  });
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", restyle);
-  window.addEventListener("resize", redraw);
+  for (const key of ["mesh", "names", "upright"]) on(key, "change", () => change({ [key]: $(key).checked }));
+  on("front", "click", KEYS[1]);
+  on("side", "click", KEYS[2]);
+  on("top", "click", KEYS[3]);
+  on("reset", "click", reset);
+  on("theme", "click", () => restyle(document.documentElement.dataset.theme === "light"));
+  DARK.addEventListener("change", () => restyle(DARK.matches));
+  window.addEventListener("resize", () => change());
   window.addEventListener("hashchange", followLink);
 
-  function restyle() {
-    look = panels.style();
-    redraw();
+  function restyle(dark) {
+    document.documentElement.dataset.theme = dark ? "dark" : "light";
+    look.refresh();
+    change();
   }
 
   /** Go to the item that the address names: page.html#item=NAME. */
@@ -423,6 +366,7 @@
   }
 
   function begin() {
+    restyle(DARK.matches);
     fillLayers();
     fillMeasures();
     fillKey();
@@ -431,17 +375,9 @@
     $("doubtful").hidden = !data.layers.some((layer) => layer.doubt);
     $("flat").hidden = !data.flat;
     $("solid").hidden = $("layers").hidden = !data.layers.length;
-    if (!renderer) {
-      $("broken").hidden = false;
-      $("broken").textContent = "This browser has no WebGL2, so the 3D panel stays empty; open the page in another one.";
-    }
+    $("broken").hidden = Boolean(renderer);
     enterSequence();
     if (!followLink()) go(0);
-    if (renderer && data.layers.length && !matchMedia("(prefers-reduced-motion: reduce)").matches) {
-      view.turning = {};
-      view.pitch = TURN.pitch;
-      requestAnimationFrame(firstTurn);
-    }
   }
 
   /** What the page shows, for scripts and tests. */
@@ -452,17 +388,15 @@
     get camera() { return { yaw: view.yaw, pitch: view.pitch, zoom: view.zoom, pan: view.pan }; },
     get projected() { return view.projected; },
     get playing() { return Boolean(view.playing); },
-    get turning() { return Boolean(view.turning); },
     get drawn() { return view.drawn; },
     get opened() { return view.opened; },
-    get plane() { return view.plane; },
     get shown() { return [...view.shown].map((layer) => layer.name); },
     get landmarks() { return Array.from(data.seen(view.frame) ?? []); },
-    onPlane: (x, y) => view.onPlane(x, y),
+    onPlane: (x, y) => plane.place(view.plane, view.plane.width, view.plane.height, x, y),
     layer: (name) => data.layers.find((layer) => layer.name === name),
     turn,
     go: jump,
   };
 
-  if (data.count) begin();
+  begin();
 })();

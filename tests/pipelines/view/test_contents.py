@@ -1,5 +1,6 @@
 """What is on a page: numbers come back, frames are thinned, measures and pictures are there."""
 
+import json
 from base64 import b64decode
 
 import numpy as np
@@ -9,56 +10,59 @@ from shapefit.config import ViewConfig
 from shapefit.evaluation import metrics
 from shapefit.io import read_results, read_shapes, write_dictionary
 from shapefit.pipelines.view.run import make_page
-from shapefit.viewer.blocks import block_of_coarse_floats, block_of_points
+from shapefit.viewer.scene import Layer, Measure, Scene, as_json, block_of_points
 from tests.viewer.projected import mesh_vertices
 
 
 def decoded(block):
     """Undo a block as blocks.js does."""
-    kinds = {"i2": "<i2", "f4": "<f4", "u1": "<u1", "u2": "<u2", "u4": "<u4", "bf": "<u2"}
-    codes = np.frombuffer(b64decode(block["data"]), kinds[block["type"]]).reshape(block["shape"])
-    if block["type"] == "bf":
-        return (codes.astype("<u4") << 16).view("<f4")
-    if block["type"] != "i2":
+    codes = np.frombuffer(b64decode(block["data"]), "<" + block["type"]).reshape(block["shape"])
+    if "places" not in block:
         return codes
-    values = np.array(block["offset"]) + block["scale"] * codes
-    return np.where(codes == -32768, np.nan, values)
+    places = decoded(block["places"]).astype(float)
+    values = places[:, None, :-1] + places[:, None, -1:] * codes
+    return np.where(codes == -32768, np.nan, values).swapaxes(1, 2)
 
 
-def test_points_come_back_within_half_a_step(rng):
-    points = rng.normal(size=(50, 4, 3)) * [1, 100, 5] + [0, 1000, 0]
-    points[3, 2] = np.nan
-    points[7, 1, 0] = np.inf
-    block = block_of_points(points)
-    back = decoded(block)
-    known = np.isfinite(points).all(axis=-1)
-    assert block["type"] == "i2"
-    assert np.abs(back - points)[known].max() <= 0.5001 * block["scale"]
-    assert np.isnan(back[~known]).all()
-    assert block["scale"] == pytest.approx(np.ptp(points[known][:, 1]) / 65534)
-
-
-def test_points_far_off_do_not_spoil_the_others(rng):
-    points = rng.normal(size=(50, 4, 3))
+def test_points_come_back_within_half_a_step_and_far_ones_do_not_spoil_the_others(rng):
+    points = rng.normal(size=(50, 3, 4)) * np.array([1, 100, 5])[:, None] + 1000
     points[0] *= 1e9
-    block = block_of_points(points)
-    assert block["type"] == "f4"
-    np.testing.assert_allclose(decoded(block), points, rtol=1e-6)
+    points[3, :, 2] = np.nan
+    points[7, 0, 1] = np.inf
+    back = decoded(block_of_points(points))
+    known = np.isfinite(points).all(axis=1)
+    steps = np.ptp(np.where(known[:, None], points, 1000), axis=2).max(axis=1) / 65534
+    away = np.abs(back - points).max(axis=1)
+    assert (away <= 0.6 * steps[:, None] + 1e-7 * np.abs(points).max(axis=1))[known].all()
+    assert np.isnan(back.swapaxes(1, 2)[~known]).all()
+
+
+@pytest.mark.parametrize("far", [1e39, 1.7e308, np.inf, np.nan])
+def test_what_32_bits_cannot_hold_is_missing(rng, far):
+    points = rng.standard_normal((4, 2, 5))
+    without = points.copy()
+    points[1, :, 2], points[3, :, 0] = (far, 0.5), (0.25, -far)
+    without[1, :, 2] = without[3, :, 0] = np.nan
+    found = block_of_points(points)
+    json.dumps(found, allow_nan=False)
+    assert found == block_of_points(without)
+
+
+def test_a_unit_that_is_not_known_is_not_shown():
+    measures = tuple(Measure("error", np.zeros(1), unit=unit) for unit in ("unknown", "mm"))
+    layer = Layer("fit", "result", np.zeros((1, 3, 2)), measures=measures)
+    edges = np.empty((0, 2), np.int64)
+    scene = Scene("t", ["a"], [("", 0)], ["x", "y"], edges, [layer], "unknown", True)
+    page = as_json(scene)
+    assert page["unit"] == ""
+    assert [measure["unit"] for measure in page["layers"][0]["measures"]] == ["", "mm"]
 
 
 @pytest.mark.parametrize(
-    "points", [np.full((2, 3, 3), np.nan), np.zeros((2, 3, 3)), np.ones((1, 1, 2))]
+    "points", [np.full((2, 3, 3), np.nan), np.zeros((2, 3, 3)), np.ones((1, 2, 1))]
 )
 def test_points_without_extent(points):
     np.testing.assert_array_equal(decoded(block_of_points(points)), points)
-
-
-def test_coarse_floats_keep_three_digits():
-    values = np.array([0.0, 1e-12, -3.14159, 1e5, np.nan, np.inf, 3.4e38])
-    back = decoded(block_of_coarse_floats(values))
-    np.testing.assert_allclose(back[:4], values[:4], rtol=0.004)
-    assert np.isnan(back[4])
-    assert np.isinf(back[5])
 
 
 def test_many_frames_are_thinned_and_the_page_says_so(desk, monkeypatch):
@@ -96,7 +100,7 @@ def test_ten_thousand_frames_fit_into_the_promised_size(desk, rng):
         relative_gap=10 ** rng.uniform(-9, -4, n),
     )
     made = desk.view(result)
-    assert len(made.text) <= 2_500_000
+    assert len(made.text) <= 3_000_000
     assert len(made.data["items"]) == n
 
 
@@ -138,8 +142,7 @@ def test_errors_and_trust_stand_on_the_strip(desk, rng):
         np.testing.assert_allclose(decoded(measures[name]["values"]), expected, rtol=0.004)
     assert measures["plausibility"]["bad"] == "low"
     np.testing.assert_allclose(decoded(layer["sd"]), 1, atol=1e-4)
-    bits = np.unpackbits(decoded(made.data["outliers"]), axis=1, bitorder="little")[:, :5]
-    np.testing.assert_array_equal(bits, extras["outliers"])
+    np.testing.assert_array_equal(decoded(made.data["outliers"]), extras["outliers"])
 
 
 def test_meshes_follow_the_coefficients(desk, made_dictionary, rng):

@@ -8,9 +8,8 @@ import pytest
 
 from shapefit.io import write_dictionary
 from shapefit.io.skeletons import PEOPLE, SKELETONS
-from shapefit.pipelines.view.frames import Frames
-from shapefit.pipelines.view.moments import find_moments
-from shapefit.pipelines.view.sides import find_sides
+from shapefit.pipelines.view.reading import Frames
+from shapefit.pipelines.view.scene import find_moments, find_sides
 
 
 def test_names_of_other_files():
@@ -57,16 +56,16 @@ def gathered(name, items, frame):
 
 
 def test_individuals_of_a_video():
-    frames = Frames(tuple("abcde"), (("v/1", 0), ("v/2", 3)), 5)
+    frames = Frames.of({"v/1": "abc", "v/2": "de"}, 5)
     found = find_moments([gathered("walk", "abcde", [7, 8, 9, 8, 9])], frames)
     np.testing.assert_array_equal(found, [0, 1, 2, 1, 2])
     assert find_moments([gathered("walk", "abcde", None)], frames) is None
-    apart = Frames(tuple("abcde"), (("v/1", 0), ("w/1", 3)), 5)
+    apart = Frames.of({"v/1": "abc", "w/1": "de"}, 5)
     assert find_moments([gathered("walk", "abcde", [7, 8, 9, 8, 9])], apart) is None
 
 
 def test_files_of_one_individual_each():
-    frames = Frames(tuple("abcd"), (("anna", 0), ("ben", 2)), 4)
+    frames = Frames.of({"anna": "ab", "ben": "cd"}, 4)
     nan = np.nan
     files = [gathered("anna", "ab", [0, 1, nan, nan]), gathered("ben", "cd", [nan, nan, 1, 2])]
     np.testing.assert_array_equal(find_moments(files, frames), [0, 1, 1, 0])

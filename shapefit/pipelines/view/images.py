@@ -14,15 +14,37 @@ from shapefit.errors import input_error
 from shapefit.stores.urls import UrlPath
 from shapefit.viewer.scene import Picture
 
+MEGABYTES = 20
+"""Largest page; of more frames than fit, every n-th is shown."""
 LONGEST_SIDE = 960
 """Pixels of the longest side of a picture on the page."""
 QUALITY = 75
+SHARE_OF_PICTURES = 0.7
+"""Most of a page that pictures take."""
 SUFFIXES = (".jpg", ".jpeg", ".png")
 LAST_NUMBER = re.compile(r"(\d{1,12})\D*$")
 PLACEHOLDER = "{item}"
 
 
-def find_images(images: Path, items: Sequence[str]) -> dict[int, Path]:
+def embed_images(images: Path, items: Sequence[str]) -> dict[int, Picture]:
+    """Return the pictures of the frames that have one, every n-th where all are too large.
+
+    Raises InputError as `_find_images`, and for what is no image.
+    """
+    files = _find_images(images, items)
+    room = SHARE_OF_PICTURES * MEGABYTES * 1e6
+    first = _embed(next(iter(files.values())))
+    step = max(1, -int(-len(files) * len(first.data) // room))
+    pictures: dict[int, Picture] = {}
+    for frame in list(files)[::step]:
+        pictures[frame] = _embed(files[frame])
+        room -= len(pictures[frame].data)
+        if room < 0:
+            break
+    return pictures
+
+
+def _find_images(images: Path, items: Sequence[str]) -> dict[int, Path]:
     """Return the image file of each frame that has one.
 
     In a folder, the file is called by the item, or by what follows its last slash; or else the
@@ -65,7 +87,7 @@ def _numbered(folder: Path, items: Sequence[str]) -> dict[int, Path]:
     }
 
 
-def embed(path: Path) -> Picture:
+def _embed(path: Path) -> Picture:
     """Return an image as the page holds it. Raises InputError for what is no image."""
     from PIL import Image
 
@@ -80,7 +102,7 @@ def embed(path: Path) -> Picture:
     small.thumbnail((LONGEST_SIDE, LONGEST_SIDE))
     data = BytesIO()
     small.save(data, "JPEG", quality=QUALITY)
-    return Picture("image/jpeg", b64encode(data.getvalue()).decode("ascii"), size)
+    return Picture(b64encode(data.getvalue()).decode("ascii"), size)
 
 
 def _candidates(images: Path, item: str) -> Iterator[Path]:
