@@ -133,7 +133,7 @@ def _run(arguments: Sequence[str]) -> int:
 
 
 def _internal_error(error: Exception) -> int:
-    from shapefit.stores.opening import masked
+    from shapefit.stores import masked
 
     if os.environ.get(TRACEBACK_VARIABLE) == "1":
         import traceback

@@ -32,7 +32,7 @@ class LocationPath(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Return the path of what was given."""
-        from shapefit.stores.locations import location
+        from shapefit.stores import location
 
         return location(value)
 

@@ -32,7 +32,7 @@ def _verify(
 
 def _find(dictionary: str) -> Path:
     """Return the file at a path, or the installed dictionary of that name."""
-    from shapefit.stores.locations import location
+    from shapefit.stores import location
 
     path = location(dictionary)
     if path.is_file():

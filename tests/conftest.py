@@ -16,7 +16,7 @@ from hypothesis import settings
 
 from shapefit.config import load_config
 from shapefit.pipelines.learn_dict import run as learn_dict
-from shapefit.stores.opening import use_storage_options
+from shapefit.stores import use_storage_options
 
 _numbers = count()
 

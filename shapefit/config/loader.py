@@ -15,7 +15,7 @@ from shapefit.config.model import CommandConfig, ConfigModel, marked_keys, with_
 from shapefit.config.paths import STANDARD_STREAM, OfTheData, PathWords
 from shapefit.config.settings import STANDARD_INPUT, Settings, check
 from shapefit.errors import input_error
-from shapefit.stores.opening import use_storage_options
+from shapefit.stores import use_storage_options
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 

@@ -41,8 +41,7 @@ from pydantic_core import PydanticCustomError
 
 from shapefit.config.paths import STANDARD_STREAM, Expected, Folder, ResultFolder
 from shapefit.errors import path_text
-from shapefit.stores.opening import MASK, STORAGE_OPTIONS
-from shapefit.stores.urls import real_path
+from shapefit.stores import MASK, STORAGE_OPTIONS, real_path
 
 Location = tuple[str | int, ...]
 """The keys and list positions that lead to a value."""

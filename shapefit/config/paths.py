@@ -14,10 +14,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, InstanceOf, PlainSerializer, PlainValidator
 
 from shapefit.errors import path_text
-from shapefit.stores.locations import location, matching
-from shapefit.stores.reading import read_bytes
-from shapefit.stores.shelf import look_up
-from shapefit.stores.urls import UrlPath, is_url
+from shapefit.stores import UrlPath, find_state, is_url, location, matching, read_bytes
 
 STANDARD_STREAM = Path("-")
 DATA = "{data}"
@@ -178,7 +175,7 @@ def _expand_url(path: UrlPath) -> tuple[Path, ...]:
         if not matches:
             raise ValueError(f"no object matches {path}; check the pattern")
         return matches
-    if look_up(path) is not None:
+    if find_state(path) is not None:
         return (path,)
     parts = result_parts(path)
     if not parts:

@@ -14,7 +14,7 @@ from shapefit.config.loader import CONFIGS
 from shapefit.config.model import expectation, field_keys, in_words, meaning, submodel
 from shapefit.config.paths import OfTheData
 from shapefit.errors import input_error
-from shapefit.stores.opening import STORAGE_OPTIONS
+from shapefit.stores import STORAGE_OPTIONS
 
 _INTRODUCTION = """\
 # Config keys

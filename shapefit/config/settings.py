@@ -38,8 +38,7 @@ from shapefit.config.paths import (
     with_data,
 )
 from shapefit.errors import InputError, input_error
-from shapefit.stores.opening import MASK, STORAGE_OPTIONS, use_storage_options
-from shapefit.stores.urls import is_url
+from shapefit.stores import MASK, STORAGE_OPTIONS, is_url, use_storage_options
 
 COMMAND_LINE, STANDARD_INPUT = "command line", "standard input"
 

@@ -26,9 +26,7 @@ from shapefit.face.records import (
 )
 from shapefit.io.layout import DICTIONARY, LANDMARKS, SHAPES
 from shapefit.io.options import InputOptions
-from shapefit.stores.locations import location
-from shapefit.stores.shelf import current_shelf
-from shapefit.stores.urls import UrlPath
+from shapefit.stores import UrlPath, forget_copy, location
 
 File = str | PathLike[str]
 
@@ -107,5 +105,5 @@ def _path(path: File) -> Path:
     """Return a path, or that of a URL, of which nothing is remembered from before."""
     found = path if isinstance(path, Path) else location(os.fspath(path))
     if isinstance(found, UrlPath):
-        current_shelf().forget(found)
+        forget_copy(found)
     return found

@@ -28,7 +28,7 @@ from shapefit.io.sources import (
     require_file,
     source_name,
 )
-from shapefit.stores.shelf import on_threads
+from shapefit.stores import on_threads
 
 
 @dataclass(frozen=True, kw_only=True)

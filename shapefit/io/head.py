@@ -12,8 +12,7 @@ from typing import Any, Literal
 
 from shapefit.errors import InputError, abbreviate, input_error
 from shapefit.io.sources import BYTE_ORDER_MARK, HDF5_SIGNATURE
-from shapefit.stores.opening import StoreError
-from shapefit.stores.reading import read_head
+from shapefit.stores import StoreError, read_head
 
 HEAD_BYTES = 4096
 """Of a file that decide its format."""

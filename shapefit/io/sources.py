@@ -10,9 +10,7 @@ from pathlib import Path
 
 from shapefit.errors import input_error
 from shapefit.io.memory import check_fits, in_words
-from shapefit.stores.reading import read_head
-from shapefit.stores.shelf import find_state
-from shapefit.stores.urls import UrlPath
+from shapefit.stores import UrlPath, find_state, read_head
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 PARQUET_SIGNATURE = b"PAR1"

@@ -42,9 +42,7 @@ from shapefit.pipelines.fit.record import OF_A_RESULT
 from shapefit.pipelines.joints import MEANS, Joints, find_joints, named_as_joints
 from shapefit.pipelines.outcome import Failure, Outcome, unread
 from shapefit.pipelines.overlap import side_by_side
-from shapefit.stores.locations import files_in
-from shapefit.stores.reading import read_bytes
-from shapefit.stores.urls import UrlPath
+from shapefit.stores import UrlPath, files_in, read_bytes
 from shapefit.verification.checks import Checks
 from shapefit.verification.claims import Model, check_images
 from shapefit.verification.fit import Fit, read_fit

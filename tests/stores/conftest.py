@@ -2,12 +2,12 @@
 
 import pytest
 
-from shapefit.stores import opening
+from shapefit import stores
 
 
 @pytest.fixture
 def impatient(monkeypatch):
     """Try each request once."""
     once = {"config_kwargs": {"connect_timeout": 2, "retries": {"total_max_attempts": 1}}}
-    monkeypatch.setattr(opening, "PATIENCE", {"s3": once})
+    monkeypatch.setattr(stores, "PATIENCE", {"s3": once})
     monkeypatch.setattr("s3fs.S3FileSystem.retries", 1)

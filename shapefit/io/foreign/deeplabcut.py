@@ -26,7 +26,7 @@ from shapefit.io.foreign.trackers import TrackerFile, text
 from shapefit.io.hdf5_file import DAMAGED
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.sources import is_stream
-from shapefit.stores.urls import UrlPath
+from shapefit.stores import UrlPath
 
 COORDINATES = ("x", "y", "z", "likelihood")
 

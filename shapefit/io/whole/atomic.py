@@ -16,9 +16,7 @@ from typing import TYPE_CHECKING
 from shapefit.errors import input_error, path_text
 from shapefit.io.sources import is_stream, require_file
 from shapefit.io.whole.litter import lock, lock_new, remove_litter
-from shapefit.stores.reading import open_bytes
-from shapefit.stores.urls import UrlPath
-from shapefit.stores.writing import check_target, uploaded
+from shapefit.stores import UrlPath, check_target, uploaded
 
 if TYPE_CHECKING:
     from _typeshed import ReadableBuffer as Buffer
@@ -238,8 +236,8 @@ def digest(path: Path) -> str:
     require_file(path)
     if not path.is_file():
         return "stream"
-    with open_bytes(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _temporary_name(target: Path) -> Path:

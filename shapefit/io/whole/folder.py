@@ -21,7 +21,7 @@ from shapefit.io.whole.atomic import (
     write_all,
 )
 from shapefit.io.whole.litter import lock_new, remove_litter
-from shapefit.stores.urls import UrlPath
+from shapefit.stores import UrlPath
 
 Write = Callable[[Path], object]
 

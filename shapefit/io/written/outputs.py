@@ -23,7 +23,7 @@ from shapefit.io.written.motion import (
     points_of,
     write_verdicts,
 )
-from shapefit.stores.urls import UrlPath
+from shapefit.stores import UrlPath
 
 Write = Callable[[Path, Sequence[Motion]], None]
 """Fills a new file with motions that belong in one."""

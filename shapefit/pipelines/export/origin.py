@@ -10,7 +10,7 @@ from typing import Any
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.io import digest, read_dictionary
-from shapefit.stores.locations import location
+from shapefit.stores import location
 
 
 def fit_config(attributes: Mapping[str, Any]) -> dict[str, Any]:

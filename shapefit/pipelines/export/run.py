@@ -20,7 +20,7 @@ from shapefit.io.sources import is_stream
 from shapefit.io.whole.folder import StagedFiles, check_folder, refuse_folder, staged_files
 from shapefit.pipelines.drawing import check_can_draw
 from shapefit.pipelines.export.carried_mesh import Pose
-from shapefit.stores.urls import real_path
+from shapefit.stores import real_path
 
 if TYPE_CHECKING:
     from shapefit.pipelines.export.meshes import MeshExport

@@ -20,7 +20,7 @@ from shapefit.io import LandmarkSet
 from shapefit.io.image_size import IMAGE_SUFFIXES, read_image_size
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.pipelines.fit.camera import read_intrinsics
-from shapefit.stores.urls import UrlPath
+from shapefit.stores import UrlPath
 
 FOCAL = 1.1
 """Focal length in longer sides of the image: an angle of view of 49 degrees across it. With it the

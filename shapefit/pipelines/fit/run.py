@@ -36,8 +36,7 @@ from shapefit.pipelines.fit.report import Batch, Report, said_of_y
 from shapefit.pipelines.joints import said_of_names
 from shapefit.pipelines.outcome import Outcome
 from shapefit.pipelines.overlap import side_by_side, written_behind
-from shapefit.stores.shelf import local_copy, on_threads
-from shapefit.stores.urls import UrlPath
+from shapefit.stores import UrlPath, local_copy, on_threads
 
 
 def run(

@@ -20,9 +20,7 @@ from shapefit.io.whole.atomic import atomic_path, storage_errors, write_all
 from shapefit.io.whole.folder import check_folder
 from shapefit.pipelines.parts.equal_items import Span, by_length
 from shapefit.pipelines.parts.plan import Part
-from shapefit.stores.reading import read_bytes
-from shapefit.stores.shelf import find_state
-from shapefit.stores.urls import UrlPath
+from shapefit.stores import UrlPath, find_state, held_object, read_bytes
 
 VERSION, OLD = 2, 1
 """In the first version parts were numbered one by one, now by their first input."""
@@ -156,12 +154,9 @@ def held_folder(folder: Path) -> Iterator[None]:
     Raises InputError where another run holds it, and where it cannot be made or written to.
     """
     if isinstance(folder, UrlPath):
-        from shapefit.stores.lock import ABANDONED, held_object
-
         with held_object(folder / LOCK) as held:
             if not held:
-                minutes = ABANDONED / 60
-                raise _busy(folder, f" (or {minutes:.0f} minutes, if it was killed)")
+                raise _busy(folder, f" (if it was killed, remove {folder / LOCK})")
             yield
         return
     check_folder(folder)

@@ -18,8 +18,7 @@ from shapefit.pipelines.outcome import Counted, Failure, Outcome, add_up
 from shapefit.pipelines.parts.equal_items import Span
 from shapefit.pipelines.parts.manifest import replace_link
 from shapefit.pipelines.parts.plan import Part
-from shapefit.stores.opening import StoreError, masked, use_storage_options
-from shapefit.stores.shelf import State, find_state, own_shelf
+from shapefit.stores import State, StoreError, find_state, masked, own_copies, use_storage_options
 
 MOST_TOLD = 20
 """Failures and warnings of a part that its worker reports one by one."""
@@ -84,7 +83,7 @@ def fit_part(job: Job) -> Done:
         raise input_error(platform.node(), found, "install the same version on all machines")
     began = time.perf_counter()
     use_storage_options(job.config.storage_options)
-    with own_shelf():
+    with own_copies():
         return _fit(job, began)
 
 

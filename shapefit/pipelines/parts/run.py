@@ -42,9 +42,7 @@ from shapefit.pipelines.parts.manifest import (
 )
 from shapefit.pipelines.parts.part import Done, Job, fit_part
 from shapefit.pipelines.parts.plan import Part, plan_parts
-from shapefit.stores.locations import files_in
-from shapefit.stores.opening import STORAGE_OPTIONS
-from shapefit.stores.writing import remove
+from shapefit.stores import STORAGE_OPTIONS, files_in, remove
 
 OF_THE_RUN = (
     *("landmarks", "output", "dictionary", "data", "threads", "chunk"),

@@ -11,7 +11,7 @@ from io import BytesIO
 from pathlib import Path
 
 from shapefit.errors import input_error
-from shapefit.stores.urls import UrlPath
+from shapefit.stores import UrlPath
 from shapefit.viewer.scene import Picture
 
 MEGABYTES = 20

@@ -13,7 +13,7 @@ from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.parts.run import run
-from shapefit.stores import lock
+from shapefit.stores import held_object
 from tests.pipelines.parts.made import NAMES, make_dictionary, make_images
 from tests.pipelines.told import done
 
@@ -128,7 +128,7 @@ def test_stale_parts_are_removed(store):
 
 def test_a_second_client_is_refused(store):
     place = load_config_output(store).path / ".lock"
-    with lock.held_object(place) as held:
+    with held_object(place) as held:
         assert held
         with pytest.raises(InputError, match="another run is writing results to it"):
             fit(store)
