@@ -170,7 +170,7 @@ import numpy as np
 
 from shapefit.io.options import Summary
 from shapefit.io.records import LandmarkSet
-from shapefit.io.whole.atomic import atomic_path
+from shapefit.io.atomic import atomic_path
 
 
 def read_points(path):

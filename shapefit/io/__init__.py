@@ -1,5 +1,6 @@
 """Files in and out; h5py is imported when the first HDF5 file is handled."""
 
+from shapefit.io.atomic import atomic_path, check_output, digest, digests
 from shapefit.io.dictionaries import read_dictionary, write_dictionary
 from shapefit.io.landmark_names import match_landmarks
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
@@ -12,7 +13,6 @@ from shapefit.io.source import (
     read_shapes,
     write_shapes,
 )
-from shapefit.io.whole.atomic import atomic_path, check_output, digest, digests
 from shapefit.io.writing import landmark_writer, result_writer
 
 __all__ = [

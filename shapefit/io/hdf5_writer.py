@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from shapefit import core
 from shapefit.errors import input_error
+from shapefit.io.atomic import atomic_path, storage_errors
 from shapefit.io.layout import PER_ITEM_FLAG, VERSION, Dataset, Layout, stored_name
 from shapefit.io.options import Summary
-from shapefit.io.whole.atomic import atomic_path, storage_errors
 from shapefit.io.writing import NOTHING_APPENDED
 
 Array = NDArray[Any]

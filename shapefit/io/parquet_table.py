@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from shapefit.errors import input_error
+from shapefit.io.atomic import atomic_path, storage_errors
 from shapefit.io.csv.tables import Block, TidyTable, check_columns, records_of
 from shapefit.io.csv.writing import deviations_of, item_columns
 from shapefit.io.layout import UNKNOWN_UNIT, Layout
 from shapefit.io.options import Summary
 from shapefit.io.records import Records
-from shapefit.io.whole.atomic import atomic_path, storage_errors
 from shapefit.io.writing import NOTHING_APPENDED
 
 try:

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.errors import input_error
+from shapefit.io.atomic import output_bytes, storage_errors
 from shapefit.io.csv.tables import DEVIATIONS
 from shapefit.io.layout import Layout
 from shapefit.io.options import Summary
 from shapefit.io.records import LandmarkSet, Records, ResultSet
 from shapefit.io.sources import is_stream
-from shapefit.io.whole.atomic import atomic_file, storage_errors, write_all
 from shapefit.io.writing import NOTHING_APPENDED
 from shapefit.lifting.verdict import TRUSTED
 
@@ -98,8 +98,8 @@ def csv_output(target: Path, form: Layout) -> Iterator[CsvWriter]:
         with storage_errors(Path("standard output")):
             yield from _checked(CsvWriter(_write_to_stdout))
         return
-    with atomic_file(target) as file:
-        yield from _checked(CsvWriter(lambda data: write_all(file, data)))
+    with output_bytes(target) as write:
+        yield from _checked(CsvWriter(write))
 
 
 def _checked(writer: CsvWriter) -> Iterator[CsvWriter]:

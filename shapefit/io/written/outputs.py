@@ -9,11 +9,9 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 
 from shapefit.errors import input_error
+from shapefit.io.atomic import atomic_path, check_output, file_stem, staged_files, write_and_sync
 from shapefit.io.layout import Layout
 from shapefit.io.options import OutputOptions, Summary
-from shapefit.io.whole.atomic import atomic_path, check_output
-from shapefit.io.whole.folder import staged_files, write_and_sync
-from shapefit.io.whole.item_files import file_stem
 from shapefit.io.writing import NOTHING_APPENDED
 from shapefit.io.written.metres import Solid
 from shapefit.io.written.motion import (

@@ -15,8 +15,7 @@ from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
-from shapefit.io.whole.folder import StagedFiles
-from shapefit.io.whole.item_files import file_stem
+from shapefit.io.atomic import StagedFiles, file_stem
 from shapefit.meshes.export import Files, MeshFormat, mesh_files
 from shapefit.meshes.wireframe import tubes
 from shapefit.pipelines.export.carried_mesh import Pose, find_meshes, find_obstacle

@@ -11,8 +11,7 @@ from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation.plots import save
 from shapefit.io import ResultSet
-from shapefit.io.whole.folder import StagedFiles
-from shapefit.io.whole.item_files import file_stem
+from shapefit.io.atomic import StagedFiles, file_stem
 from shapefit.meshes.pictures import FittedImage, Model, contact_sheet, fit_picture
 from shapefit.pipelines.export.carried_mesh import Pose
 from shapefit.pipelines.export.fitted_images import all_readings, fitted_image

@@ -14,10 +14,9 @@ from typing import Any
 from shapefit import __version__
 from shapefit.config.paths import MANIFEST, ResultFolder
 from shapefit.errors import InputError, counted, input_error
+from shapefit.io.atomic import atomic_path, check_folder, storage_errors, write_all
 from shapefit.io.memory import in_words
 from shapefit.io.source import open_results
-from shapefit.io.whole.atomic import atomic_path, storage_errors, write_all
-from shapefit.io.whole.folder import check_folder
 from shapefit.pipelines.parts.equal_items import Span, by_length
 from shapefit.pipelines.parts.plan import Part
 from shapefit.stores import UrlPath, find_state, held_object, read_bytes

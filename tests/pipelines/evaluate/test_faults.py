@@ -6,7 +6,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.evaluation import report as tables
-from shapefit.io.whole import folder
+from shapefit.io import atomic
 
 
 def test_an_item_in_two_files_of_one_method_is_an_error(desk, results):
@@ -41,7 +41,7 @@ def test_a_full_disk_is_told_and_replaces_nothing(desk, monkeypatch, fault):
     def fill(write, path):
         raise fault
 
-    monkeypatch.setattr(folder, "write_and_sync", fill)
+    monkeypatch.setattr(atomic, "write_and_sync", fill)
     with pytest.raises(InputError, match=r"report/report.csv: cannot be written: No space left"):
         desk.run(metrics=["similarity"])
     assert {path.name: path.read_bytes() for path in desk.config.output.iterdir()} == old

@@ -225,7 +225,6 @@ def test_a_folder_where_a_mesh_goes_leaves_everything_as_it_was(tmp_path, export
     assert everything(tmp_path) == before
 
 
-@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="this system has no unnamed files")
 @pytest.mark.parametrize(
     ("error", "raised"),
     [

@@ -204,7 +204,7 @@ def test_a_second_run_into_the_folder_is_refused(folder):
 def test_a_folder_that_cannot_be_written_to_is_refused(folder, monkeypatch, made):
     if made:
         Path("out").mkdir()
-    monkeypatch.setattr("shapefit.io.whole.atomic.is_writable", lambda _: False)
+    monkeypatch.setattr("shapefit.io.atomic.is_writable", lambda _: False)
     with pytest.raises(InputError, match="is not writable"):
         fit("out/", "partition=100")
     assert list(Path().glob("out/**/*")) == []

@@ -1,0 +1,440 @@
+"""Outputs that appear whole or not at all: written beside the target, synced, renamed.
+
+A temporary is hidden, ends in `.partial` and the suffix of its target, and names the machine and
+process that write it: what a killed process left is removed by the next one that writes there.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import re
+import secrets
+import shutil
+import socket
+import stat
+import zlib
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from functools import partial
+from io import FileIO
+from pathlib import Path, PurePosixPath
+from urllib.parse import quote
+
+from shapefit.errors import input_error, path_text
+from shapefit.io.sources import is_stream, require_file
+from shapefit.stores import UrlPath, check_target, uploaded
+
+Write = Callable[[Path], object]
+
+NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+
+FIXES = {
+    **dict.fromkeys(NO_ROOM, "free some space or choose another disk (nothing was replaced)"),
+    **dict.fromkeys(
+        (errno.EACCES, errno.EPERM, errno.EROFS),
+        "choose another folder, or change its permissions",
+    ),
+    **dict.fromkeys(
+        (errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENOTEMPTY),
+        "choose another name, or move the existing file away",
+    ),
+    errno.EIO: "check the disk, or choose another",
+    errno.ENOENT: "choose a folder that exists and stays",
+    errno.ENAMETOOLONG: "choose a shorter name",
+}
+"""What a user can mend when a file cannot be put in its place: number of the error -> how."""
+
+MOST_BYTES = 100
+"""Of the name of an output, in the name of its temporary."""
+
+
+def check_output(target: Path) -> Path:
+    """Return the file that writing to `target` would replace, links followed.
+
+    Raises InputError where its folder can be neither written to nor made, or `target` is a folder
+    or some other thing that cannot be replaced by a file. Nothing is written. `-` is always good.
+    """
+    if is_stream(target):
+        return target
+    if isinstance(target, UrlPath):
+        check_target(target)
+        return target
+    if os.path.exists(target) and not os.path.isfile(target) and not os.path.isdir(target):
+        # Before links are followed: those of /dev/stdout and the like can lead to no path at all.
+        found = "it is not a regular file"
+        raise input_error(target, found, "give the name of a file, or - for CSV to standard output")
+    resolved = Path(os.path.realpath(target))
+    try:
+        resolved.lstat()
+    except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise input_error(target, "its name is too long", "give a shorter one") from None
+    around = next(folder for folder in resolved.parents if os.path.lexists(folder))
+    if not os.path.isdir(around):
+        raise input_error(target, f"{around} is not a folder", "choose another folder")
+    if os.path.isdir(resolved):
+        raise input_error(target, "it is a folder", "give the name of a file in it")
+    if not is_writable(around):
+        found = f"its folder {around} is not writable"
+        raise input_error(target, found, "choose another folder, or change its permissions")
+    return resolved
+
+
+def check_folder(folder: Path) -> None:
+    """Raise InputError unless the folder can be made or written to; change nothing."""
+    if is_stream(folder):
+        raise input_error("output", "a report is several files", "give the name of a folder")
+    refuse_folder(folder)
+    if os.path.exists(folder) and not os.path.isdir(folder):
+        raise input_error(folder, "it is not a folder", "give the name of a folder")
+    check_output(folder / "report" if os.path.isdir(folder) else folder)
+
+
+def refuse_folder(folder: Path) -> None:
+    """Raise InputError for a folder of files that appear together: a store has no such thing."""
+    if isinstance(folder, UrlPath):
+        found = "a folder of files is not written to an object store"
+        raise input_error(folder, found, "choose a folder of this machine, and copy it there")
+
+
+def is_writable(folder: Path) -> bool:
+    """Whether this process may make files in the folder."""
+    effective = os.access in os.supports_effective_ids
+    return os.access(folder, os.W_OK | os.X_OK, effective_ids=effective)
+
+
+@contextmanager
+def storage_errors(
+    target: Path, numbers: Container[int | None] | None = NO_ROOM, done: str = "written"
+) -> Iterator[None]:
+    """Turn errors of these numbers, by default of a full disk, into InputErrors at `target`.
+
+    `numbers` = None stands for all of them; `done` is what cannot be done.
+    """
+    try:
+        yield
+    except OSError as error:
+        if numbers is not None and error.errno not in numbers:
+            raise
+        fix = FIXES.get(error.errno or 0, "choose another folder")
+        reason = error.strerror or str(error)  # libraries raise OSError without a number, too
+        raise input_error(target, f"cannot be {done}: {reason}", fix) from error
+
+
+@contextmanager
+def atomic_path(target: Path) -> Iterator[Path]:
+    """Give the path of an empty temporary file that becomes `target` on a clean exit.
+
+    On any error it is removed and the target stays as it was. Its name ends in the suffix of the
+    target. Missing folders are made. Raises InputError as `check_output` does, and where the disk
+    is full. For a URL it lies in the folder of temporary files.
+    """
+    if isinstance(target, UrlPath):
+        with uploaded(target) as local, storage_errors(local):
+            yield local
+        return
+    resolved = check_output(target)
+    with _new_folders(resolved.parent):
+        _sweep(resolved.parent, resolved.stem, resolved.suffix)
+        temporary = _temporary_name(resolved.parent, resolved.stem, resolved.suffix)
+        try:
+            with storage_errors(target, None):
+                os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+                if resolved.exists():
+                    temporary.chmod(stat.S_IMODE(resolved.stat().st_mode))
+            with storage_errors(target):
+                yield temporary
+            with storage_errors(target, None):
+                _sync(temporary)
+                temporary.replace(resolved)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+
+
+@contextmanager
+def output_bytes(target: Path) -> Iterator[Callable[[bytes | memoryview], None]]:
+    """Give what writes bytes to a file that appears on a clean exit, as `atomic_path`."""
+    with atomic_path(target) as path, path.open("wb", buffering=0) as file:
+        yield _writer(file, target)
+
+
+def write_all(file: FileIO, data: bytes | memoryview) -> None:
+    """Write every byte of `data` (a raw file may take fewer at a time)."""
+    rest = memoryview(data)
+    while rest:
+        rest = rest[file.write(rest) :]
+
+
+def _writer(file: FileIO, target: Path) -> Callable[[bytes | memoryview], None]:
+    """Return what writes to a file whose faults are InputErrors at the target."""
+
+    def write(data: bytes | memoryview) -> None:
+        with storage_errors(target, None):
+            write_all(file, data)
+
+    return write
+
+
+class StagedFiles:
+    """Files on their way to `folder`, in a hidden folder."""
+
+    def __init__(self, folder: Path, staging: Path) -> None:
+        self.folder = folder
+        self._staging = staging
+        self.empty = True
+
+    def __contains__(self, name: PurePosixPath) -> bool:
+        """Whether folder/name was written, or what the file system takes for the same name."""
+        return (self._staging / name).exists()
+
+    def write(self, name: PurePosixPath, write: Write, item: str) -> None:
+        """Let `write` fill the file of an item that becomes folder/name, its folders included.
+
+        Raises InputError where it cannot be written, where something in the folder is in the way,
+        and where a file of another item is: the names of two items may be equal for the
+        file system.
+        """
+        target, path = self.folder / name, self._staging / name
+        with storage_errors(target, None):
+            occupied = next(place for place in (path, *path.parents) if place.exists())
+            if occupied == path or not occupied.is_dir():
+                found = f"is a file of another item as well as of {item!r}"
+                place = self.folder / occupied.relative_to(self._staging)
+                raise input_error(place, found, "rename one of them, or choose another format")
+            _check_replaceable(target)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write(path)
+            self.empty = False
+
+    def write_bytes(self, name: PurePosixPath, content: bytes) -> None:
+        """Write the file that becomes folder/name, and have it on the disk."""
+        self.write(
+            name, partial(write_and_sync, partial(Path.write_bytes, data=content)), name.stem
+        )
+
+    @contextmanager
+    def opened(self, name: str) -> Iterator[Callable[[bytes | memoryview], None]]:
+        """Give what writes the file that becomes folder/name, piece by piece."""
+        target = self.folder / name
+        _check_replaceable(target)
+        self.empty = False
+        with storage_errors(target, None):
+            file = (self._staging / name).open("wb", buffering=0)
+        with file:
+            yield _writer(file, target)
+            with storage_errors(target, None):
+                os.fsync(file.fileno())
+
+    def publish(self) -> None:
+        """Move every file to its place, over the one of an earlier run if there is one.
+
+        Raises InputError, before anything moves, where something is in the way.
+        """
+        made = [Path(place, name) for place, _, names in os.walk(self._staging) for name in names]
+        targets = {path: self.folder / path.relative_to(self._staging) for path in made}
+        for target in targets.values():
+            _check_replaceable(target)
+        for path, target in targets.items():
+            with storage_errors(target, None):
+                target.parent.mkdir(parents=True, exist_ok=True)
+                path.replace(target)
+
+
+@contextmanager
+def staged_files(folder: Path) -> Iterator[StagedFiles]:
+    """Give files that move into `folder` on a clean exit, and are gone on any error before.
+
+    They lie in a hidden folder: in `folder` itself, or beside it as long as it does not exist. What
+    else the folder holds stays; without files it is not made. The files are not synced one by one,
+    which would take most of the time: a power failure, unlike a killed process, may leave empty
+    ones. Raises InputError as `StagedFiles` does.
+    """
+    around = folder if folder.is_dir() else folder.parent
+    with _new_folders(around):
+        for place in (folder, folder.parent):
+            _sweep(place, folder.name)
+        staging = _temporary_name(around, folder.name)
+        with storage_errors(folder, None):
+            staging.mkdir()
+        try:
+            files = StagedFiles(folder, staging)
+            yield files
+            files.publish()
+        finally:
+            shutil.rmtree(staging, ignore_errors=True)
+
+
+def write_folder(folder: Path, writers: Mapping[str, Write]) -> tuple[Path, ...]:
+    """Write each file, name -> writer, to the folder, which is made; return their paths.
+
+    Nothing appears before all are written and on the disk. Raises InputError where that is not
+    possible.
+    """
+    with staged_files(folder) as staged:
+        for name, write in writers.items():
+            staged.write(PurePosixPath(name), partial(write_and_sync, write), name)
+    return tuple(folder / name for name in writers)
+
+
+def write_and_sync(write: Write, path: Path) -> None:
+    """Write a file, and have it on the disk."""
+    write(path)
+    _sync(path)
+
+
+def _sync(path: Path) -> None:
+    with path.open("rb") as written:
+        os.fsync(written.fileno())
+
+
+@contextmanager
+def _new_folders(folder: Path) -> Iterator[None]:
+    """Make a folder and those around it; on any error, those that are new and empty are removed."""
+    missing = []
+    while not folder.exists():
+        missing.append(folder)
+        folder = folder.parent
+    made: list[Path] = []
+    try:
+        for new in reversed(missing):
+            with storage_errors(new, None, "created"):
+                new.mkdir(exist_ok=True)
+            made.append(new)
+        yield
+    except BaseException:
+        with suppress(OSError):
+            for new in reversed(made):
+                new.rmdir()
+        raise
+
+
+def _check_replaceable(target: Path) -> None:
+    """Raise InputError where no file can be put at `target` although its folders may be made."""
+    if target.is_dir():
+        fix = "remove or rename it, or choose another folder"
+        raise input_error(target, "it is a folder, but must be a file", fix)
+    around = next(folder for folder in target.parents if os.path.lexists(folder))
+    if not around.is_dir():
+        fix = "remove or rename it, or choose another folder"
+        raise input_error(around, "it is not a folder, but files must go into it", fix)
+    if not is_writable(around):
+        fix = "change its permissions, or choose another folder"
+        raise input_error(around, "it is not writable, but files must go into it", fix)
+
+
+# The names of temporaries.
+
+
+def _machine() -> str:
+    return f"{zlib.crc32(socket.gethostname().encode()):08x}"
+
+
+def _temporary_name(folder: Path, stem: str, suffix: str = "") -> Path:
+    """Return a new hidden name in the folder; it tells which process made it."""
+    start, end = _shortened(stem), _shortened(suffix)
+    writer = f"{_machine()}-{os.getpid()}-{secrets.token_hex(3)}"
+    return folder / f".{start}-{writer}.partial{end}"
+
+
+def _shortened(name: str) -> str:
+    return os.fsencode(name)[:MOST_BYTES].decode(errors="ignore")
+
+
+def _sweep(folder: Path, stem: str, suffix: str = "") -> None:
+    """Remove the temporaries of processes of this machine that are no more."""
+    start, end = re.escape(_shortened(stem)), re.escape(_shortened(suffix))
+    pattern = re.compile(rf"\.{start}-{_machine()}-(\d+)-[0-9a-f]{{6}}\.partial{end}")
+    with suppress(OSError):
+        for name in os.listdir(folder):
+            match = pattern.fullmatch(name)
+            if match and not _is_running(int(match[1])):
+                path = folder / name
+                with suppress(OSError):
+                    path.unlink() if path.is_file() else shutil.rmtree(path)
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (OSError, OverflowError):
+        pass
+    return True
+
+
+# What a file holds, in short.
+
+
+def digests(paths: Iterable[Path]) -> dict[str, str]:
+    """Return the digest of each file under its path, as JSON can hold it."""
+    return {path_text(path): digest(path) for path in dict.fromkeys(paths)}
+
+
+def digest(path: Path) -> str:
+    """SHA-256 of the file in hexadecimal; `stream` for what cannot be read twice (`-`, a pipe).
+
+    That of a folder is the digest of the names and digests of its files, in their order.
+    """
+    if is_stream(path):
+        return "stream"
+    if path.is_dir():
+        files = sorted(file for file in path.iterdir() if file.is_file())
+        text = "".join(f"{path_text(file.name)} {digest(file)}\n" for file in files)
+        return hashlib.sha256(text.encode()).hexdigest()
+    require_file(path)
+    if not path.is_file():
+        return "stream"
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+# Names of files for items: readable, valid on common systems, different for different items.
+
+ESCAPED = frozenset('%<>:"|?*\\')
+"""`%` begins an escape; the others may not be part of a file's name on Windows."""
+
+ESCAPED_AT_ENDS = frozenset(". ")
+"""Not at the ends of a name: hidden files, `..`, and what some systems cut off."""
+
+MOST_BYTES_OF_A_PART, MOST_BYTES_IN_ALL, MOST_PARTS = 180, 600, 32
+"""More gives way to a digest; most systems take 255 and 1024 bytes, suffix and folder included."""
+
+
+def file_stem(item: str) -> PurePosixPath:
+    """Return the relative path, without suffix, of the files of an item: `walk/007` -> walk/007.
+
+    `/` divides folders. Other characters that a name cannot have are written %XX, as in URLs; an
+    empty part is %. The end of a part beyond 180 bytes gives way to its digest, and the last parts
+    of an item beyond 600 bytes or 32 parts to the digest of the item. No path leads out of its
+    folder.
+    """
+    stem = PurePosixPath(*map(_file_part, item.split("/")))
+    if len(bytes(stem)) <= MOST_BYTES_IN_ALL and len(stem.parts) <= MOST_PARTS:
+        return stem
+    folders = PurePosixPath(*stem.parts[: MOST_PARTS - 1])
+    while len(bytes(folders)) > MOST_BYTES_IN_ALL - MOST_BYTES_OF_A_PART:
+        folders = folders.parent
+    return folders / f"%-{_text_digest(item)}"  # no other part begins so
+
+
+def _file_part(text: str) -> str:
+    def is_safe(place: int, letter: str) -> bool:
+        at_end = place in (0, len(text) - 1) and letter in ESCAPED_AT_ENDS
+        return letter.isprintable() and letter not in ESCAPED and not at_end
+
+    name = "".join(
+        letter if is_safe(place, letter) else quote(letter, safe="").replace(".", "%2E")
+        for place, letter in enumerate(text)
+    )
+    if len(name.encode()) <= MOST_BYTES_OF_A_PART:
+        return name or "%"
+    head = name.encode()[:MOST_BYTES_OF_A_PART].decode(errors="ignore")
+    return f"{head}%-{_text_digest(text)}"
+
+
+def _text_digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

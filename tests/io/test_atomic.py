@@ -1,0 +1,394 @@
+"""Outputs appear whole or not at all, whatever ends the writer."""
+
+import errno
+import hashlib
+import os
+import shutil
+import signal
+import stat
+import tempfile
+from itertools import combinations
+from pathlib import Path, PurePosixPath
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from shapefit.errors import InputError
+from shapefit.io.atomic import (
+    atomic_path,
+    check_folder,
+    check_output,
+    digest,
+    file_stem,
+    output_bytes,
+    staged_files,
+)
+from shapefit.stores import location
+
+
+def by_path(target: Path, data: bytes = b"new", error: Exception | None = None) -> None:
+    with atomic_path(target) as temporary:
+        temporary.write_bytes(data)
+        if error:
+            raise error
+
+
+def by_bytes(target: Path, data: bytes = b"new", error: Exception | None = None) -> None:
+    with output_bytes(target) as write:
+        write(data)
+        if error:
+            raise error
+
+
+@pytest.fixture(params=[by_path, by_bytes])
+def write(request):
+    return request.param
+
+
+def content(folder):
+    """Return path -> text of every file below, hidden ones too."""
+    return {
+        str(Path(root, name).relative_to(folder)): Path(root, name).read_text()
+        for root, _, names in os.walk(folder)
+        for name in names
+    }
+
+
+class TestOneFile:
+    def test_a_new_one_appears_and_an_old_one_is_replaced(self, tmp_path, write):
+        target = tmp_path / "out.bin"
+        for data in (b"one", b"two"):
+            write(target, data)
+            assert target.read_bytes() == data
+        assert os.listdir(tmp_path) == ["out.bin"]
+
+    @pytest.mark.parametrize(
+        ("error", "raised"),
+        [
+            (ZeroDivisionError(), ZeroDivisionError),
+            (PermissionError(errno.EACCES, "elsewhere"), PermissionError),
+            (BrokenPipeError(errno.EPIPE, "gone"), BrokenPipeError),
+            *((OSError(n, "no"), InputError) for n in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)),
+        ],
+    )
+    def test_after_an_error_the_old_one_stands_alone(self, tmp_path, write, error, raised):
+        target = tmp_path / "out.bin"
+        target.write_bytes(b"old")
+        with pytest.raises(raised) as found:
+            write(target, error=error)
+        assert target.read_bytes() == b"old"
+        assert os.listdir(tmp_path) == ["out.bin"]
+        if raised is InputError:
+            assert str(found.value).startswith(f"{target}: cannot be written: no; free some space")
+
+    @pytest.mark.parametrize(
+        ("number", "fix"),
+        [
+            (errno.EISDIR, "choose another name, or move the existing file away"),
+            (errno.EACCES, "choose another folder, or change its permissions"),
+            (errno.EROFS, "choose another folder, or change its permissions"),
+            (errno.ENAMETOOLONG, "choose a shorter name"),
+            (errno.ENOSPC, "free some space or choose another disk"),
+            (errno.EIO, "check the disk, or choose another"),
+        ],
+    )
+    @pytest.mark.parametrize("call", ["fsync", "replace", "open"])
+    def test_faults_of_the_disk(self, tmp_path, write, problems, monkeypatch, number, fix, call):
+        def fail(*_, **__):
+            raise OSError(number, os.strerror(number))
+
+        target = tmp_path / "out.bin"
+        target.write_bytes(b"old")
+        with monkeypatch.context() as patched:
+            patched.setattr(os, call, fail)
+            (line,) = problems(write, target)
+        assert line.startswith(f"{target}: cannot be written: {os.strerror(number)}; {fix}")
+        assert content(tmp_path) == {"out.bin": "old"}
+
+    def test_missing_folders_are_made_and_removed_if_the_run_fails(self, tmp_path, write):
+        target = tmp_path / "no" / "such" / "out.bin"
+        assert check_output(target) == target
+        with pytest.raises(KeyError):
+            write(target, error=KeyError())
+        assert os.listdir(tmp_path) == []
+        write(target)
+        assert os.listdir(target.parent) == ["out.bin"]
+
+    def test_targets_that_cannot_be(self, tmp_path, write, problems):
+        (tmp_path / "file").touch()
+        target = tmp_path / "file" / "such" / "out.h5"
+        for check in (write, check_output):
+            (line,) = problems(check, target)
+            assert line == f"{target}: {tmp_path / 'file'} is not a folder; choose another folder"
+            assert "it is a folder" in problems(check, tmp_path)[0]
+            assert "not a regular file" in problems(check, Path(os.devnull))[0]
+            (line,) = problems(check, tmp_path / ("n" * 256))
+            assert line.endswith("its name is too long; give a shorter one")
+        assert stat.S_ISCHR(os.stat(os.devnull).st_mode)
+
+    def test_a_folder_that_is_not_writable(self, write, problems):
+        folder = Path(tempfile.mkdtemp())
+        folder.chmod(0o555)
+        root = os.geteuid() == 0
+        os.seteuid(65534) if root else None
+        try:
+            for check in (write, check_output):
+                (line,) = problems(check, folder / "out.h5")
+                assert f"its folder {folder} is not writable; choose" in line
+        finally:
+            os.seteuid(0) if root else None
+            shutil.rmtree(folder)
+
+    def test_permissions_are_those_of_the_old_file_or_of_any_new_one(self, tmp_path, write):
+        (tmp_path / "plain").touch()
+        target = tmp_path / "new"
+        write(target)
+        assert target.stat().st_mode == (tmp_path / "plain").stat().st_mode
+        target.chmod(0o640)
+        write(target)
+        assert stat.S_IMODE(target.stat().st_mode) == 0o640
+
+    def test_a_link_stays_and_its_file_is_replaced(self, tmp_path, write):
+        (tmp_path / "real").write_bytes(b"old")
+        link = tmp_path / "link"
+        link.symlink_to("real")
+        write(link)
+        assert link.is_symlink()
+        assert (tmp_path / "real").read_bytes() == b"new"
+
+    @pytest.mark.parametrize("name", ["n" * 255, "n" * 251 + ".bin", "ü" * 127, "a." + "n" * 253])
+    def test_long_names(self, tmp_path, write, name):
+        write(tmp_path / name)
+        assert os.listdir(tmp_path) == [name]
+
+    def test_what_a_running_process_writes_stays(self, tmp_path):
+        target = tmp_path / "out.png"
+        with atomic_path(target) as first:
+            assert first.suffix == ".png"
+            assert first.name.startswith(".")
+            by_path(target, b"second")
+            first.write_bytes(b"first")
+        assert content(tmp_path) == {"out.png": "first"}
+
+
+KILLED = """
+import os, signal, sys
+from pathlib import Path, PurePosixPath
+from shapefit.io.atomic import output_bytes, staged_files
+if sys.argv[2] == "one":
+    with output_bytes(Path(sys.argv[1], "a")) as write:
+        write(b"half")
+        os.kill(os.getpid(), signal.SIGKILL)
+replace, moved = Path.replace, []
+def one(path, target):
+    if moved:
+        os.kill(os.getpid(), signal.SIGKILL)
+    moved.append(target)
+    return replace(path, target)
+Path.replace = one
+with staged_files(Path(sys.argv[1])) as files:
+    for name in "ab":
+        files.write(PurePosixPath(name), lambda path: path.write_text("new"), name)
+"""
+
+
+@pytest.mark.parametrize("how", ["one", "folder"])
+def test_what_a_killed_run_left_is_removed_by_the_next(tmp_path, run_python, how):
+    others = {".a-00000000-1-abcdef.partial": "of another machine", ".b.partial": "no name of ours"}
+    for name, text in {"a": "old", "b": "old", **others}.items():
+        (tmp_path / name).write_text(text)
+    assert run_python(KILLED, tmp_path, how).returncode == -signal.SIGKILL
+    left = content(tmp_path)
+    assert len(left) == 5
+    assert sorted(left[name] for name in "ab") == (
+        ["old", "old"] if how == "one" else ["new", "old"]
+    )
+    if how == "one":
+        by_path(tmp_path / "a")
+    else:
+        with staged_files(tmp_path):
+            pass
+    assert sorted(content(tmp_path)) == sorted(["a", "b", *others])
+
+
+def put(files, name, text="new", item=None):
+    files.write(PurePosixPath(name), lambda path: path.write_text(text), item or f"item of {name}")
+
+
+class TestManyFiles:
+    @pytest.mark.parametrize("exists", [False, True])
+    def test_they_appear_when_all_are_complete(self, tmp_path, exists):
+        folder = tmp_path / "out"
+        before = {"a.txt": "old", "other.txt": "stays"} if exists else {}
+        for name, text in before.items():
+            folder.mkdir(exist_ok=True)
+            (folder / name).write_text(text)
+        with staged_files(folder) as files:
+            put(files, "a.txt")
+            put(files, "sub/sub/b.txt")
+            files.write_bytes(PurePosixPath("c"), b"new")
+            with files.opened("d") as write:
+                write(b"new")
+            found = {name: text for name, text in content(folder).items() if "partial" not in name}
+            assert found == before
+            assert PurePosixPath("sub/sub/b.txt") in files
+            assert PurePosixPath("other.txt") not in files
+        new = dict.fromkeys(["a.txt", "sub/sub/b.txt", "c", "d"], "new")
+        assert content(tmp_path) == {f"out/{n}": text for n, text in (before | new).items()}
+        (tmp_path / "plain").mkdir()
+        assert folder.stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+    @pytest.mark.parametrize("error", [ZeroDivisionError, KeyboardInterrupt])
+    @pytest.mark.parametrize("exists", [False, True])
+    def test_an_error_leaves_everything_as_it_was(self, tmp_path, exists, error):
+        folder = tmp_path / "out"
+        if exists:
+            folder.mkdir()
+            (folder / "a.txt").write_text("old")
+        with pytest.raises(error), staged_files(folder) as files:  # noqa: PT012
+            put(files, "a.txt")
+            put(files, "sub/b.txt")
+            raise error
+        assert content(tmp_path) == ({"out/a.txt": "old"} if exists else {})
+        assert os.listdir(tmp_path) == (["out"] if exists else [])
+
+    @pytest.mark.parametrize(
+        ("first", "second", "place"),
+        [
+            ("sub/a.txt", "sub/a.txt", "sub/a.txt"),
+            ("a.txt", "a.txt/b/c", "a.txt"),
+            ("a.txt/b/c", "a.txt", "a.txt"),
+        ],
+    )
+    def test_two_items_that_clash_are_refused(self, tmp_path, first, second, place):
+        message = f"out/{place}: is a file of another item as well as of 'two'; rename one of them"
+        with pytest.raises(InputError, match=message), staged_files(tmp_path / "out") as files:  # noqa: PT012
+            put(files, first, item="one")
+            put(files, second, item="two")
+        assert os.listdir(tmp_path) == []
+
+    @pytest.mark.parametrize(
+        ("obstacle", "message"),
+        [
+            ("folder", r"/z\.txt: it is a folder, but must be a file; remove or rename it"),
+            ("file", r"/new: it is not a folder, but files must go into it; remove or rename it"),
+        ],
+    )
+    @pytest.mark.parametrize("when", ["before", "while writing"])
+    def test_what_is_in_the_way_is_told_before_anything_moves(
+        self, tmp_path, obstacle, message, when
+    ):
+        def stand_in_the_way():
+            (tmp_path / "z.txt/deep").mkdir(parents=True) if obstacle == "folder" else (
+                tmp_path / "new"
+            ).write_text("mine")
+
+        (tmp_path / "a.txt").write_text("old")
+        stand_in_the_way() if when == "before" else None
+        with pytest.raises(InputError, match=message), staged_files(tmp_path) as files:  # noqa: PT012
+            for name in ("a.txt", "new/deep/first.txt", "z.txt"):
+                put(files, name)
+            stand_in_the_way()
+        assert content(tmp_path) == {"a.txt": "old"} | (
+            {"new": "mine"} if obstacle == "file" else {}
+        )
+
+    def test_a_full_disk_names_the_file(self, tmp_path):
+        def fill(path):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+        message = r"a\.txt: cannot be written: No space left"
+        with pytest.raises(InputError, match=message), staged_files(tmp_path) as files:
+            files.write(PurePosixPath("a.txt"), fill, "a")
+        assert os.listdir(tmp_path) == []
+
+    def test_without_files_there_is_no_folder(self, tmp_path):
+        with staged_files(tmp_path / "out") as files:
+            assert files.empty
+        assert os.listdir(tmp_path) == []
+
+    def test_another_run_at_work_is_left_alone(self, tmp_path):
+        with staged_files(tmp_path) as first:
+            put(first, "a")
+            with staged_files(tmp_path) as second:
+                put(second, "b")
+        assert content(tmp_path) == {"a": "new", "b": "new"}
+
+    @pytest.mark.parametrize("name", ["n" * 250, "ü" * 120])
+    def test_a_folder_may_have_a_long_name(self, tmp_path, name):
+        with staged_files(tmp_path / name) as files:
+            put(files, "a.txt")
+        assert content(tmp_path) == {f"{name}/a.txt": "new"}
+
+    @pytest.mark.parametrize("name", ["report/", "meshes"])
+    def test_they_do_not_go_to_a_store(self, name):
+        with pytest.raises(InputError, match="a folder of files is not written to an object store"):
+            check_folder(location(f"s3://bucket/{name}"))
+
+
+def test_digest(tmp_path, problems):
+    (tmp_path / "file").write_bytes(b"content")
+    assert digest(tmp_path / "file") == hashlib.sha256(b"content").hexdigest()
+    assert digest(Path("-")) == "stream"
+    assert "no such file" in problems(digest, tmp_path / "none")[0]
+
+
+ODD = '/.% <>:"|?*\\\n\0ab é'
+
+
+class TestNamesOfItems:
+    @pytest.mark.parametrize(
+        ("item", "stem"),
+        [
+            ("walk_emil/020", "walk_emil/020"),
+            ("Škoda Fabia (2005), no. 3", "Škoda Fabia (2005), no. 3"),
+            ("../../etc/passwd", "%2E%2E/%2E%2E/etc/passwd"),
+            ("/etc/passwd", "%/etc/passwd"),
+            ("a//b", "a/%/b"),
+            ("", "%"),
+            (".hidden", "%2Ehidden"),
+            ("c:\\x", "c%3A%5Cx"),
+            ("two\nlines", "two%0Alines"),
+            (" a ", "%20a%20"),
+            ("50%", "50%25"),
+            ("a\0b", "a%00b"),
+        ],
+    )
+    def test_they_are_readable_and_lead_nowhere_else(self, item, stem):
+        assert str(file_stem(item)) == stem
+
+    @given(st.lists(st.text(alphabet=ODD, max_size=8), unique=True, max_size=20))
+    def test_they_stay_in_their_folder_and_differ(self, items):
+        stems = [file_stem(item) for item in items]
+        assert len(set(stems)) == len(items)
+        for stem in stems:
+            assert not stem.is_absolute()
+            for part in stem.parts:
+                assert part.strip(" .") == part != ""
+                assert not set(part) & set('<>:"|?*\\\n\0')
+
+    def test_long_ones_are_cut_and_stay_apart(self):
+        items = ["ü" * 100 + ending for ending in "abc"] + ["x" * 300, "x" * 301 + "/y"]
+        stems = [file_stem(item) for item in items]
+        assert all(first != second for first, second in combinations(stems, 2))
+        assert all(len(part.encode()) <= 200 for stem in stems for part in stem.parts)
+        assert stems[-1].name == "y"
+
+    @pytest.mark.parametrize(
+        ("item", "whole"),
+        [
+            ("/".join(["ü" * 200] * 25), 2),  # of 180 bytes and 18 of the digest each
+            ("/".join("a" * 3000), 31),
+            ("/".join(["b" * 18] * 31 + ["c" * 20]), 22),  # 609 bytes
+            ("/".join(["b" * 18] * 31 + ["c" * 11]), 32),  # 600 bytes
+            ("/".join("d" * 33), 31),
+        ],
+    )
+    def test_long_paths_are_cut(self, item, whole):
+        stem = file_stem(item)
+        assert len(bytes(stem)) <= 600
+        assert len(stem.parts) <= 32
+        kept = [file_stem(part).name for part in item.split("/")]
+        assert list(stem.parts[:whole]) == kept[:whole]
+        assert len({stem, file_stem(f"{item}/e"), file_stem(f"{item}e")}) == 3
