@@ -157,8 +157,11 @@ def atomic_path(target: Path) -> Iterator[Path]:
 @contextmanager
 def output_bytes(target: Path) -> Iterator[Callable[[bytes | memoryview], None]]:
     """Give what writes bytes to a file that appears on a clean exit, as `atomic_path`."""
-    with atomic_path(target) as path, path.open("wb", buffering=0) as file:
-        yield _writer(file, target)
+    with atomic_path(target) as path:
+        with storage_errors(target, None):
+            file = path.open("wb", buffering=0)
+        with file:
+            yield _writer(file, target)
 
 
 def write_all(file: FileIO, data: bytes | memoryview) -> None:

@@ -122,11 +122,11 @@ CSV = FileFormat(
     suffixes=(".csv",),
     begins=lambda head: {"item", "landmark"} <= head.columns and not HDF5.has_suffix(head.path),
     readers={
-        "landmarks": ".csv.tables:read_landmark_table",
-        "shapes": ".csv.tables:read_shape_table",
-        "result": ".csv.tables:read_result_table",
+        "landmarks": ".tidy_table:read_landmark_table",
+        "shapes": ".tidy_table:read_shape_table",
+        "result": ".tidy_table:read_result_table",
     },
-    writer=".csv.writing:csv_output",
+    writer=".csv_writer:csv_output",
     writes=("landmarks", "shapes", "result"),
     states_y_axis=False,
 )

@@ -12,11 +12,11 @@ import numpy as np
 
 from shapefit.errors import input_error
 from shapefit.io.atomic import atomic_path, storage_errors
-from shapefit.io.csv.tables import Block, TidyTable, check_columns, records_of
-from shapefit.io.csv.writing import deviations_of, item_columns
+from shapefit.io.csv_writer import deviations_of, item_columns
 from shapefit.io.layout import UNKNOWN_UNIT, Layout
 from shapefit.io.options import Summary
 from shapefit.io.records import Records
+from shapefit.io.tidy_table import Block, check_columns, read_tidy
 from shapefit.io.writing import NOTHING_APPENDED
 
 try:
@@ -45,8 +45,7 @@ class ParquetRows:
             )
             self.columns = list(self._file.schema_arrow.names)
             said = self._file.schema_arrow.metadata or {}
-        self.said = {key: said[key.encode()].decode() for key in SAID if key.encode() in said}
-        if "landmark_names" in self.said or ("item" in self.columns) > ("landmark" in self.columns):
+        if b"landmark_names" in said or ("item" in self.columns) > ("landmark" in self.columns):
             fix = "convert it to HDF5 with the version that wrote it (it has a row per landmark)"
             raise input_error(path, "is a table with one item a row", fix)
         check_columns(self.columns, required, optional, self.name)
@@ -91,13 +90,20 @@ def read_result(path: Path) -> Records:
 
 
 def _read(path: Path, kind: str, **how: bool) -> Records:
-    table = TidyTable(path, kind, ParquetRows, **how)
-    said: dict[str, Any] = dict(table.said)
+    records: Records = read_tidy(path, kind, ParquetRows, **how)
+    said: dict[str, Any] = _said(path)
     if "frame_rate" in said:
         said["frame_rate"] = float(said["frame_rate"])
     if kind == "shapes":
         said.pop("y_axis", None)
-    return records_of(table, kind).replaced(**said)
+    return records.replaced(**said)
+
+
+def _said(path: Path) -> dict[str, str]:
+    """Return what the metadata say of unit, direction and frame rate."""
+    with _damage(path):
+        said = pyarrow.parquet.read_schema(str(path)).metadata or {}
+    return {key: said[key.encode()].decode() for key in SAID if key.encode() in said}
 
 
 def parquet_kind(path: Path) -> str:

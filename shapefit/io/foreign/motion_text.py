@@ -16,9 +16,9 @@ from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error, printable
 from shapefit.geometry.length_units import as_metres
 from shapefit.geometry.rotations import turns
-from shapefit.io.csv.text import read_numbers
 from shapefit.io.foreign.recording import Recording, one_individual
 from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.tidy_table import read_numbers
 
 HEAD_LINES = 12
 """Within which the names of the markers stand; five as a rule, more with empty lines between."""
@@ -357,13 +357,13 @@ def read_table(
     Raises InputError that names the line of the first cell that is no number; where they are to
     be `finite`, nan and inf are none.
     """
-    numbers = read_numbers([cell for row in rows for cell in row])
-    wrong = numbers.strange | ~np.isfinite(numbers.values) if finite else numbers.strange
+    values, strange = read_numbers([cell for row in rows for cell in row])
+    wrong = strange | ~np.isfinite(values) if finite else strange
     if wrong.any():
         row, column = divmod(int(wrong.argmax()), len(rows[0]))
         cell = rows[row][column]
         raise input_error(f"{place}:{lines[row]}", f"{cell[:40]!r} is no number", "correct it")
-    return numbers.values.reshape(len(rows), -1)
+    return values.reshape(len(rows), -1)
 
 
 def split_lines(

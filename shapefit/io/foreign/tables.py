@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import InputError, abbreviate, counted, input_error, printable
-from shapefit.io.csv.text import bad_line, read_numbers, refuse_zero_bytes
 from shapefit.io.foreign.arrays import of_bodies
 from shapefit.io.foreign.deeplabcut import SAVE, arrange, skeleton_edges
 from shapefit.io.foreign.headers import (
@@ -41,6 +40,7 @@ from shapefit.io.memory import check_fits
 from shapefit.io.problems import Problems
 from shapefit.io.skeletons import SKELETONS
 from shapefit.io.sources import read_whole
+from shapefit.io.tidy_table import bad_line, read_numbers, refuse_zero_bytes
 
 EMPTY = {"", "na", "n/a", "#n/a", "none", "null", "-", "nan"}
 """Cells, in small letters, that say that there is no number."""
@@ -177,20 +177,20 @@ class Table:
         self, cells: Sequence[str], lines: Integers, column: int, problems: Problems, finite: bool
     ) -> Floats:
         """Return a column as numbers, and note the cells that are none."""
-        found = read_numbers(cells)
-        if found.strange.any():
+        values, strange = read_numbers(cells)
+        if strange.any():
             plain = ["" if (cell := each.strip()).lower() in EMPTY else cell for each in cells]
             if self.delimiter != "," and not any("." in cell for cell in plain):
                 plain = [cell.replace(",", ".") for cell in plain]
-            found = read_numbers(plain)
-        wrong = found.strange | np.isinf(found.values) if finite else found.strange
+            values, strange = read_numbers(plain)
+        wrong = strange | np.isinf(values) if finite else strange
         for row in np.flatnonzero(wrong)[:10].tolist():
             cell = printable(cells[row].strip()[:40])
             what = f"{cell!r} is no number (column {printable(self.names[column])})"
             problems.tell(
                 f"{self.path}:{lines[row]}: {what}; {MISSING_FIX}{self._hint}", int(lines[row])
             )
-        return found.values
+        return values
 
 
 HEADER = ("scorer", "individuals", "bodyparts", "coords")
@@ -227,7 +227,7 @@ def read_deeplabcut(paths: tuple[Path, ...]) -> Recording:
         ],
     )
     data = [row for _, row in rows[len(header) :]]
-    numbered = not data or not read_numbers([data[0][0]]).strange.any()
+    numbered = not data or not read_numbers([data[0][0]])[1].any()
     index_named = data and not numbered and "." not in data[0][0] and not any(data[0][1:])
     table.drop(
         rows[: len(header) + bool(index_named)],
@@ -475,14 +475,14 @@ def _in_order(
 
     Videos stand as they appear.
     """
-    found = read_numbers(cells)
-    wrong = found.strange | ~(np.abs(found.values) < LAST_FRAME) | (found.values % 1 != 0)
+    values, strange = read_numbers(cells)
+    wrong = strange | ~(np.abs(values) < LAST_FRAME) | (values % 1 != 0)
     if wrong.any():
         what = f"the frame {cells[int(wrong.argmax())]!r} is no whole number"
         raise table.unsure(None, what, "number the frames, or call the column `item`")
     place = {name: number for number, name in enumerate(dict.fromkeys(videos))}
     video = np.array([place[name] for name in videos], np.int64)
     starts = np.full(len(place), np.inf)
-    np.minimum.at(starts, video, found.values)
-    order = np.lexsort((found.values, video)).astype(np.intp)
-    return order, (found.values - starts[video])[order].astype(np.int64).tolist()
+    np.minimum.at(starts, video, values)
+    order = np.lexsort((values, video)).astype(np.intp)
+    return order, (values - starts[video])[order].astype(np.int64).tolist()

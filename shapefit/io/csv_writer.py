@@ -15,11 +15,11 @@ from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.io.atomic import output_bytes, storage_errors
-from shapefit.io.csv.tables import DEVIATIONS
 from shapefit.io.layout import Layout
 from shapefit.io.options import Summary
 from shapefit.io.records import LandmarkSet, Records, ResultSet
 from shapefit.io.sources import is_stream
+from shapefit.io.tidy_table import DEVIATIONS
 from shapefit.io.writing import NOTHING_APPENDED
 from shapefit.lifting.verdict import TRUSTED
 
@@ -92,25 +92,24 @@ class CsvWriter:
 @contextmanager
 def csv_output(target: Path, form: Layout) -> Iterator[CsvWriter]:
     """Give a writer to standard output, for `-`, or to a file that appears on a clean exit."""
-    if is_stream(target):
-        if sys.stdout is None:
-            raise input_error("standard output", "is closed", "name a file to write instead")
-        with storage_errors(Path("standard output")):
-            yield from _checked(CsvWriter(_write_to_stdout))
-        return
-    with output_bytes(target) as write:
-        yield from _checked(CsvWriter(write))
+    with _standard_output() if is_stream(target) else output_bytes(target) as write:
+        writer = CsvWriter(write)
+        yield writer
+        if not writer.begun:
+            raise ValueError(NOTHING_APPENDED)
 
 
-def _checked(writer: CsvWriter) -> Iterator[CsvWriter]:
-    yield writer
-    if not writer.begun:
-        raise ValueError(NOTHING_APPENDED)
+@contextmanager
+def _standard_output() -> Iterator[Write]:
+    if sys.stdout is None:
+        raise input_error("standard output", "is closed", "name a file to write instead")
 
+    def write(data: bytes | memoryview) -> None:
+        sys.stdout.buffer.write(data)
+        sys.stdout.buffer.flush()
 
-def _write_to_stdout(data: bytes | memoryview) -> None:
-    sys.stdout.buffer.write(data)
-    sys.stdout.buffer.flush()
+    with storage_errors(Path("standard output")):
+        yield write
 
 
 def _columns(record: Records) -> list[str]:

@@ -1,0 +1,389 @@
+"""Tidy tables: what is read and written, whatever the way they are spelled; what a fault says."""
+
+import csv as csv_module
+import io
+import os
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from shapefit.io import csv_writer, landmark_writer, read_results, result_writer, sources
+from shapefit.io import write_shapes as write_shape_file
+from shapefit.io.records import LandmarkSet, ResultSet
+from shapefit.io.tidy_table import read_numbers, read_rows, split_columns
+from tests.io.files import save
+
+VIEWS = """\
+item,landmark,x,y,confidence,sequence
+a,head,1,2,0.5,s
+a,foot,3.5,-4e-1,1,s
+b,foot,,nan,0,t
+"""
+
+
+def check_views(views):
+    assert views.items == ("a", "b")
+    assert views.landmark_names == ("head", "foot")
+    assert views.sequences == ("s", "t")
+    np.testing.assert_array_equal(views.landmarks[0], [[1, 3.5], [2, -0.4]])
+    assert np.isnan(views.landmarks[1]).all()
+    np.testing.assert_array_equal(views.confidence, [[0.5, 1], [0, 0]])
+
+
+# What is read
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        VIEWS,
+        VIEWS.replace("\n", "\r\n"),
+        VIEWS.replace("\n", "\r"),
+        "\ufeff" + VIEWS,
+        VIEWS.rstrip("\n"),
+        VIEWS.replace("\n", "\n\n") + ",,,,,\n",
+        VIEWS.replace("x,y", " x , y").replace(",2,", ", 2 ,"),
+        VIEWS.replace(",", ", "),
+        VIEWS.replace(",", "\t,"),
+        VIEWS.replace("head", '"head"').replace("3.5", '"3.5"'),
+        VIEWS.replace("item,landmark", '"item","landmark"'),
+    ],
+)
+def test_ways_to_write_the_same_table(csv, text, read_views):
+    check_views(read_views(csv(text)))
+
+
+def test_a_stream_a_pipe_and_another_suffix(csv, standard_input, tmp_path, read_views):
+    standard_input(VIEWS)
+    check_views(read_views(Path("-")))
+    check_views(read_views(csv(VIEWS, "table.txt")))
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = Thread(target=lambda: pipe.write_bytes(VIEWS.encode()))
+    writer.start()
+    check_views(read_views(pipe))
+    writer.join()
+
+
+@pytest.mark.parametrize("text", ["item,landmark,x,y", "item,landmark,x,y\n\n"])
+def test_a_header_alone_is_zero_images(csv, text, read_views):
+    views = read_views(csv(text))
+    assert views.landmarks.shape == (0, 2, 0)
+
+
+names = st.text(st.sampled_from("ab1. é'\t\u2028\x0b"), min_size=1, max_size=4)
+odd_names = st.text(st.sampled_from("ab \",\n\r'"), min_size=1, max_size=4)
+
+
+@given(
+    st.lists(names | odd_names, min_size=1, max_size=4, unique=True),
+    st.lists(names | odd_names, min_size=1, max_size=3, unique=True),
+    st.randoms(use_true_random=False),
+    st.sampled_from([1, 7, 64, 1 << 16]),
+)
+@settings(max_examples=60, deadline=None)
+def test_neither_order_nor_quotes_nor_blocks_count(
+    tmp_path_factory, items, landmarks, random, size
+):
+    """Rows and columns in any order, some missing, with or without quotes: what the rows say."""
+    path = tmp_path_factory.mktemp("table") / "t.csv"
+    rows = [(i, j) for i in range(len(items)) for j in range(len(landmarks))]
+    random.shuffle(rows)
+    rows = rows[: random.randint(1, len(rows))]
+    columns = ["item", "landmark", "x", "y"]
+    random.shuffle(columns)
+    out = io.StringIO(newline="")
+    quoting = 1 if "\r" in "".join(items + landmarks) else random.choice([0, 1])
+    writer = csv_module.DictWriter(out, columns, quoting=quoting, lineterminator="\n")
+    writer.writeheader()
+    for i, j in rows:
+        writer.writerow({"item": items[i], "landmark": landmarks[j], "x": i + 0.5, "y": -j})
+    path.write_bytes(out.getvalue().encode())
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(sources, "BLOCK_BYTES", size)
+        from shapefit.io.tidy_table import read_landmark_table
+
+        views = read_landmark_table(path)
+    assert views.items == tuple(dict.fromkeys(items[i] for i, _ in rows))
+    assert views.landmark_names == tuple(dict.fromkeys(landmarks[j] for _, j in rows))
+    found = {
+        (views.items[i], views.landmark_names[j]): tuple(views.landmarks[i, :, j])
+        for i, j in np.argwhere(np.isfinite(views.landmarks[:, 0])).tolist()
+    }
+    assert found == {(items[i], landmarks[j]): (i + 0.5, float(-j)) for i, j in rows}
+
+
+@pytest.mark.parametrize("cells", ["1,", ",2", "nan,2", "1,NaN"])
+def test_a_landmark_with_half_a_position_is_unseen(csv, cells, read_views):
+    views = read_views(csv(f"item,landmark,x,y\na,head,{cells}\na,foot,1,2\n"))
+    np.testing.assert_array_equal(views.landmarks, [[[np.nan, 1], [np.nan, 2]]])
+    assert views.confidence is views.sequences is None
+
+
+def test_names_are_texts_not_numbers(csv, read_views):
+    views = read_views(csv("item,landmark,x,y\n007,1.0,1,2\n7, 1.0,1,2\n"))
+    assert views.items == ("007", "7")
+    assert views.landmark_names == ("1.0", " 1.0")
+
+
+def test_results_may_have_failed_items(csv):
+    found = read_results(csv("item,landmark,x,y,z\na,head,1,2,3\nb,head,,,\n"))
+    np.testing.assert_array_equal(found.shapes, [[[1], [2], [3]], [[np.nan]] * 3])
+    assert found.coefficients is found.status is found.landmarks_fitted is None
+
+
+@given(st.text(st.sampled_from('aaa,,,\n\n"\r'), min_size=1, max_size=12))
+@settings(max_examples=300)
+def test_what_is_split_is_never_read_in_another_way(text):
+    columns = split_columns(text, 2)
+    if columns is not None:
+        rows = [row for _, row in read_rows([text], 1, "name")]
+        assert [list(row) for row in zip(*columns, strict=True)] == rows
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        *("1", "-0.0", "+1", "1.", ".5", "007", "1e5", "1E+5", " 1\t", "inf", "-Infinity", "1e400"),
+        *("5e-324", "1.7976931348623157e308", "18446744073709551617"),
+        "0.1000000000000000055511151231257827",
+    ],
+)
+def test_numbers_are_those_of_python(text):
+    for cells in ([text], [text, "2"], ["", text]):
+        values, strange = read_numbers(cells)
+        assert not strange.any()
+        assert float(text) in values
+
+
+@pytest.mark.parametrize("text", ["", " ", "nan", "NaN", "-nan"])
+def test_nothing_and_nan_are_nan(text):
+    values, strange = read_numbers(["1", text])
+    assert np.isnan(values[1])
+    assert not strange.any()
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["one", "1_000", "１", "null", "true", "[1]", "1,2", "{}", '"1"', "1 2", "0x10", "1d5", "--1"],
+)
+def test_what_is_no_number_is_strange(text):
+    for cells in ([text], ["1", text, ""], ["", text]):
+        _, strange = read_numbers(cells)
+        assert [cells[row] for row in np.flatnonzero(strange)] == [text]
+
+
+# What is wrong
+
+
+UNSEEN = "write a finite number, or leave the cell empty where the landmark is unseen"
+WEIGHT = "write 0 (hidden) or a positive number"
+ONE_CELL = "write one cell per column"
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (
+            "item,landmark,x,y,confidence\na,head,1,2,1\na,foot,one,2,1\n\nb,head,inf,2,-0.5\n"
+            'b,foot,"1,5",-Infinity,\nc,head,,nan,nan\nc,,1,2,1\n,foot,1,2,1\n',
+            [
+                f"3: x is 'one'; {UNSEEN}",
+                f"5: x is 'inf'; {UNSEEN}",
+                f"5: confidence is '-0.5'; {WEIGHT}",
+                f"6: x is '1,5'; {UNSEEN}",
+                f"6: y is '-Infinity'; {UNSEEN}",
+                f"6: confidence is empty; {WEIGHT}",
+                f"7: confidence is 'nan'; {WEIGHT}",
+                "8: landmark is empty; name the landmark",
+                "9: item is empty; name the item",
+            ],
+        ),
+        (
+            "item,landmark,x,y\na,head,1,2\na,foot,1,2\nb,head,1,2\na,head,3,4\na,head,1,2\n",
+            [
+                f"{line}: item 'a', landmark 'head' is also on line 2; keep one of them"
+                for line in (5, 6)
+            ],
+        ),
+        (
+            "item,landmark,x,y,sequence\na,head,1,2,s\na,foot,1,2,t\nb,foot,1,2,t\n",
+            ["3: sequence is 't'; give all rows of an item one sequence"],
+        ),
+        ("item,landmark,x,y\na,h,1,2\n\nb,h,1\nc,h,1,2,3\n",
+         [f"4: has 3 cells for 4 columns; {ONE_CELL}",
+          f"5: has 5 cells for 4 columns; {ONE_CELL}"]),
+        ('item,landmark,x,y\n"a,b",h,1\n', [f"2: has 3 cells for 4 columns; {ONE_CELL}"]),
+        ("item,landmark,x,y\n1,2,3\n4,5,6,7,8\n", [f"2: has 3 cells for 4 columns; {ONE_CELL}",
+         f"3: has 5 cells for 4 columns; {ONE_CELL}"]),
+        ("item,landmark,x,y\ra,head,1,2\rb,head,?,2\r", [f"3: x is '?'; {UNSEEN}"]),
+        ("item,landmark,x,y\na,h,1,2\nb,\0,1,2\n",
+         ["3: is not text (a zero byte); save it as CSV in UTF-8"]),
+        (b"item,landmark,x,y\na,head,1,2\n\xe9,head,1,2\n",
+         ["3: is not UTF-8 text; save it as CSV in UTF-8"]),
+        ("item,landmark,x,y,confidense\n1,2,3,4,5\n",
+         ["1: unknown column 'confidense'; did you mean 'confidence'?"]),
+        (
+            "item,landmark,x,z,x\n1,2,3,4,5\n",
+            [
+                "1: the column 'x' repeats; keep one of them",
+                "1: unknown column 'z'; the columns are item,landmark,x,y[,confidence][,sequence]",
+                "1: the column 'x' repeats; keep one of them",
+                "1: there is no column 'y'; the columns are "
+                "item,landmark,x,y[,confidence][,sequence]",
+            ],
+        ),
+        ("item,landmark,x,y\n" + "".join(f"\"item\n{i}\",head,{i},2\n" for i in range(30_000))
+         + "last,head,bad,2\n", [f"60002: x is 'bad'; {UNSEEN}"]),
+    ],
+)  # fmt: skip
+def test_every_bad_row_is_named_with_its_line(csv, problems, read_views, text, told):
+    path = csv(text)
+    assert problems(read_views, path) == tuple(f"{path}:{line}" for line in told)
+
+
+@pytest.mark.parametrize(
+    ("rows", "line", "found"),
+    [
+        ('a,h,1,2\nb,"h"h,1,2\nc,h,1,2\n', 3, "a bad cell (',' expected after '\"')"),
+        ('a,h,1,2\nb,h,1,"2\n', 3, "a quote is never closed; put cells with commas"),
+        ('a,h,1,2\n"b,h,1,2\n' + "c,h,1,2\n" * 100_000, 3, "a bad cell (field larger than"),
+    ],
+)
+def test_text_that_is_no_csv(csv, problems, read_views, rows, line, found):
+    path = csv("item,landmark,x,y\n" + rows)
+    assert problems(read_views, path)[0].startswith(f"{path}:{line}: {found}")
+
+
+@pytest.mark.parametrize("cell", ["", "nan", "inf", "1e999", "abc"])
+def test_shapes_must_be_finite_and_complete(csv, problems, cell, read_one):
+    path = csv(f"item,landmark,x,y,z\na,head,1,2,3\nb,head,1,2,{cell}\n")
+    found = f"z is '{cell}'" if cell else "z is empty"
+    assert problems(read_one, path) == (f"{path}:3: {found}; write a finite number",)
+    path = csv("item,landmark,x,y,z\na,head,1,2,3\na,foot,1,2,3\nb,foot,1,2,3\n")
+    (line,) = problems(read_one, path)
+    assert line == f"{path}: item 'b' has no landmark 'head'; write every landmark of every item"
+
+
+def test_results_must_not_be_infinite(csv, problems):
+    path = csv("item,landmark,x,y,z\na,head,1,2,-inf\n")
+    fix = "write a finite number, or leave the cell empty where the item failed"
+    assert problems(read_results, path) == (f"{path}:2: z is '-inf'; {fix}",)
+
+
+def test_ten_problems_are_told_and_the_rest_counted(csv, problems, read_views):
+    rows = "".join(f"item {i},head,x,2\n" for i in range(25))
+    lines = problems(read_views, csv("item,landmark,x,y\n" + rows))
+    assert len(lines) == 11
+    assert ":2: x is 'x'" in lines[0]
+    assert lines[-1] == "... and 15 more"
+
+
+def test_what_does_not_come_as_a_stream(
+    standard_input, landmark_file, tmp_path, problems, read_views
+):
+    standard_input("")
+    fix = "write a CSV with a header line"
+    assert problems(read_views, Path("-")) == (f"standard input: is empty (0 bytes); {fix}",)
+    standard_input("item,landmark,x,y\na,head,?,2\n")
+    assert problems(read_views, Path("-"))[0].startswith("standard input:2: x is '?'; ")
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    writer = Thread(target=lambda: pipe.write_bytes(landmark_file.read_bytes()))
+    writer.start()
+    told = problems(read_views, pipe)
+    writer.join()
+    fix = "name the file itself, or send CSV"
+    assert told == (f"{pipe}: is HDF5, which cannot come through a pipe; {fix}",)
+
+
+# What is written
+
+
+def test_results_as_csv(tmp_path, results):
+    path = tmp_path / "result.csv"
+    shapes = results.shapes.copy()
+    shapes[1] = np.nan
+    shapes[0, :, 0] = (0.1, 1e-7, -123456789.123456789)
+    with result_writer(path) as writer:
+        writer.append(results.replaced(shapes=shapes).take([0, 1]))
+        writer.append(results.replaced(shapes=shapes).take([2, 3, 4]))
+    lines = path.read_text().splitlines()
+    assert lines[0] == "item,landmark,x,y,z,sequence"
+    assert lines[1] == "image 0,head,0.1,1e-7,-123456789.12345679,a"
+    assert lines[5] == "image 1,head,,,,a"
+    assert len(lines) == 1 + 5 * 4
+    np.testing.assert_array_equal(read_results(path).shapes, shapes)
+
+
+def test_standard_output(landmarks, capfdbinary):
+    save(Path("-"), landmarks.take([0]))
+    lines = capfdbinary.readouterr().out.decode().splitlines()
+    assert lines[0] == "item,landmark,x,y,confidence,sequence"
+    assert lines[1].startswith("image 0,head,")
+    assert len(lines) == 5
+
+
+def test_names_with_commas_quotes_and_line_ends(tmp_path, shapes, read_one):
+    odd_landmarks = ('a,"b"', "new\nline", "return\r", " blank ")
+    items = ("é", "\r\n", '"', "x\ny", "'")
+    odd = shapes.replaced(landmark_names=odd_landmarks, items=items, sequences=("\r",) * 5)
+    write_shape_file(tmp_path / "odd.csv", odd)
+    found = read_one(tmp_path / "odd.csv")
+    assert (found.landmark_names, found.items) == (odd_landmarks, items)
+    assert found.sequences == odd.sequences
+    np.testing.assert_array_equal(found.shapes, odd.shapes)
+
+
+def test_columns_of_chunks_must_agree(tmp_path, landmarks):
+    with pytest.raises(ValueError, match="not those of the first"):
+        save(tmp_path / "views.csv", landmarks, landmarks.replaced(confidence=None))
+    nothing = pytest.raises(ValueError, match="nothing was appended")
+    with nothing, landmark_writer(tmp_path / "x.csv"):
+        pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_items_without_landmarks_write_a_header(tmp_path):
+    none = LandmarkSet(landmarks=np.empty((2, 2, 0)), landmark_names=(), items=("a", "b"))
+    save(tmp_path / "none.csv", none)
+    assert (tmp_path / "none.csv").read_text() == "item,landmark,x,y\n"
+
+
+def test_the_number_of_readings_is_a_column(tmp_path, rng):
+    record = ResultSet(
+        shapes=rng.normal(size=(2, 3, 2)),
+        landmark_names=("a", "b"),
+        items=("x", "y"),
+        modes=np.array([1, 3]),
+    )
+    save(tmp_path / "result.csv", record)
+    header, *rows = (tmp_path / "result.csv").read_text(encoding="utf-8").splitlines()
+    assert header.endswith(",modes")
+    assert [row.rpartition(",")[2] for row in rows] == ["1", "1", "3", "3"]
+    found = read_results(tmp_path / "result.csv")
+    np.testing.assert_array_equal(found.shapes, record.shapes)
+    assert found.modes is None
+
+
+@given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=20))
+def test_numbers_come_back_to_the_last_bit(values):
+    for as_python in (False, True):
+        name = csv_writer.cells_of(["a"], np.zeros(1, np.int64))
+        row = csv_writer.rows_of([name], np.array([values]), [], as_python=as_python)
+        cells = bytes(row).decode().removesuffix("\n").split(",")[1:]
+        assert read_numbers(cells)[0].tobytes() == np.array(values).tobytes()
+        if as_python:
+            assert cells == list(map(repr, values))
+
+
+@pytest.mark.parametrize("rows", [1, 5, 13])
+def test_records_are_written_in_blocks_of_whole_items(tmp_path, monkeypatch, landmarks, rows):
+    save(tmp_path / "whole.csv", landmarks)
+    monkeypatch.setattr(csv_writer, "BLOCK_ROWS", rows)
+    save(tmp_path / "parts.csv", landmarks)
+    assert (tmp_path / "parts.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
