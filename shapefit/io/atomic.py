@@ -15,7 +15,7 @@ import shutil
 import socket
 import stat
 import zlib
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from io import FileIO
@@ -268,18 +268,6 @@ def staged_files(folder: Path) -> Iterator[StagedFiles]:
             files.publish()
         finally:
             shutil.rmtree(staging, ignore_errors=True)
-
-
-def write_folder(folder: Path, writers: Mapping[str, Write]) -> tuple[Path, ...]:
-    """Write each file, name -> writer, to the folder, which is made; return their paths.
-
-    Nothing appears before all are written and on the disk. Raises InputError where that is not
-    possible.
-    """
-    with staged_files(folder) as staged:
-        for name, write in writers.items():
-            staged.write(PurePosixPath(name), partial(write_and_sync, write), name)
-    return tuple(folder / name for name in writers)
 
 
 def write_and_sync(write: Write, path: Path) -> None:
