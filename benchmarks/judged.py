@@ -12,8 +12,8 @@ import numpy as np
 
 from shapefit.evaluation.report import markdown_table
 from shapefit.io import landmark_writer, open_landmarks, read_shapes
+from shapefit.io.atomic import atomic_path
 from shapefit.io.records import LandmarkSet, ShapeSet
-from shapefit.io.whole.atomic import atomic_path
 
 CONFIGS = Path(__file__).resolve().parent.parent / "configs"
 DATA = Path("../shared/data")
