@@ -168,7 +168,9 @@ def run_case(case: Case, folder: Path, tally: Tally) -> Iterator[Finding]:
 def case_command(case: Case, folder: Path) -> tuple[str, ...]:
     """Spoil the files in the folder; returns the command line that reads them."""
     if case.kind in FINDINGS:
-        return FINDINGS[case.kind](folder)
+        spoil, command = FINDINGS[case.kind]
+        spoil(folder)
+        return command
     try:
         return KINDS[case.kind](random.Random(f"{case.kind}{case.seed}"), folder)
     except Exception as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -194,106 +195,15 @@ def make_detector(rng: Random, folder: Path) -> Command:
     return ("convert", given, "-o", rng.choice(("out.h5", "out.csv")), "--set", track)
 
 
-TRC = """PathFileType\t4\t(X/Y/Z)\twalk.trc
-DataRate\tNumFrames\tNumMarkers\tUnits
-50\t3\t4\tmm
-Frame#\tTime\ta\t\t\tb\t\t\tc\t\t\td\t\t
-\t\tX1\tY1\tZ1\tX2\tY2\tZ2\tX3\tY3\tZ3\tX4\tY4\tZ4
-1\t0.00\t1\t2\t3\t4\t5\t6\t7\t9\t8\t1\t0\t1
-2\t0.02\t1\t3\t3\t4\t5\t7\t7\t8\t8\t1\t0\t2
-3\t0.04\t2\t2\t3\t4\t6\t6\t7\t9\t9\t\t\t
-"""
-
-BVH = """HIERARCHY
-ROOT a
-{
-  OFFSET 0 1 0
-  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
-  JOINT b
-  {
-    OFFSET 0 -4 0
-    CHANNELS 3 Xrotation Yrotation Zrotation
-    End Site
-    {
-      OFFSET 0 0 2
-    }
-  }
-}
-MOTION
-Frames: 3
-Frame Time: 0.04
-0 0 0 0 0 0 0 0 0
-1 2 3 90 0 0 90 9 0
-1 2 3 30 5 0 40 8 1
-"""
-
-ASF = """:version 1.10
-:units
-  length 0.45
-  angle deg
-:root
-  order TX TY TZ RX RY RZ
-  axis XYZ
-  position 0 0 0
-  orientation 0 0 0
-:bonedata
-  begin
-    name b
-    direction 0 -1 0
-    length 2
-    axis 0 0 90 XYZ
-    dof rx
-  end
-  begin
-    name c
-    direction 1 0 0
-    length 1
-    axis 0 0 0 XYZ
-    dof rx rz
-  end
-:hierarchy
-  begin
-    root b
-    b c
-  end
-"""
-
-AMC = """:FULLY-SPECIFIED
-:DEGREES
-1
-root 1 2 3 0 0 0
-b 0
-c 0 0
-2
-root 1 2 3 0 0 90
-b 30
-c 0 20
-"""
-
-ANIPOSE = """a_x,a_y,a_z,a_error,a_ncams,a_score,b_x,b_y,b_z,b_ncams,c_x,c_y,c_z,c_ncams,fnum
-1,2,3,0.5,3,0.9,4,5,6,2,7,9,8,2,0
-1.5,2,3,0.5,3,0.9,4,5,7,2,7,8,8,2,1
-,,,,,,4,5,7,2,7,8,8,2,2
-"""
-
-TOML = """[cam_0]
-name = "left"
-size = [640, 480]
-matrix = [[500.0, 0.0, 320.0], [0.0, 501.0, 240.0], [0.0, 0.0, 1.0]]
-distortions = [-0.1, 0.01, 0.001, 0.002, 0.0]
-rotation = [0.0, 0.0, 1.57]
-translation = [1.0, 2.0, 3.0]
-"""
-
-MOTION = {"m.trc": TRC, "m.bvh": BVH, "m.asf": ASF, "m.amc": AMC, "m.csv": ANIPOSE, "m.toml": TOML}
+MOTION = Path(__file__).with_name("motion")
+"""Small files of 3D motion, and a calibration."""
 
 
 def make_motion(rng: Random, folder: Path) -> Command:
     """Spoil a file of 3D motion or a calibration, and read it."""
-    name = rng.choice([*MOTION])
-    for other, text in MOTION.items():
-        (folder / other).write_text(text)
-    text = MOTION[name]
+    shutil.copytree(MOTION, folder, dirs_exist_ok=True)
+    name = rng.choice(("m.trc", "m.bvh", "m.asf", "m.amc", "m.csv", "m.toml"))
+    text = (folder / name).read_text()
     for _ in range(rng.randrange(1, 4)):
         text = spoil_words(rng, text)
     (folder / name).write_bytes(text.encode("utf-8", "surrogatepass"))
@@ -318,19 +228,8 @@ COMMANDS = {
 """A good config of each command."""
 
 YAML_VALUES = (
-    *(
-        *NUMBERS,
-        "[]",
-        "{}",
-        "[1]",
-        "[a, b]",
-        "{a: 1}",
-        "[[1], 2]",
-        "{a: {b: 1}}",
-        "~",
-        "*a",
-        "&a 1",
-    ),
+    *NUMBERS,
+    *("[]", "{}", "[1]", "[a, b]", "{a: 1}", "[[1], 2]", "{a: {b: 1}}", "~", "*a", "&a 1"),
     *("!!int x", "!!python/object:os.system x", "!!binary aGk=", "2020-01-01", "yes", "no", "off"),
     *("|", ">", "'", '"', "[", "{", "- a", "? a", "<<: {a: 1}", "!!set {a}", '"\\ud800"', '"\\0"'),
     *("@a", "%a", "/", "/dev/null", "/dev/full", "-", ".", "shapes.h5", "dict.h5", "views.h5"),
