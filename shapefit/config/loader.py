@@ -11,8 +11,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from shapefit.config.model import CommandConfig, ConfigModel, marked_keys, with_all_optional
-from shapefit.config.paths import STANDARD_STREAM, OfTheData, PathWords
+from shapefit.config.model import CommandConfig, with_all_optional
+from shapefit.config.paths import STANDARD_STREAM
 from shapefit.config.settings import STANDARD_INPUT, Settings, check
 from shapefit.errors import input_error
 from shapefit.stores import use_storage_options
@@ -112,7 +112,14 @@ def load_config(
     """
     file = ConfigFile(file) if isinstance(file, Path) else file
     schema = with_all_optional(CONFIGS[command]) if to_show else CONFIGS[command]
-    settings = read_settings(schema, file, overrides, arguments)
+    settings = Settings(schema)
+    if file is not None:
+        settings.read_file(file.path, is_preset=file.is_preset)
+    for option in overrides:
+        settings.set_option(option)
+    for key, value in (arguments or {}).items():
+        if value is not None and value != ():
+            settings.set_argument(key, value)
     use_storage_options({})  # those of an earlier config do not count
     config = check(schema, settings, final=final)
     readers = ["the config"] if file and file.path == STANDARD_STREAM else []
@@ -121,34 +128,6 @@ def load_config(
         found = f"{' and '.join(readers)} would both read it"
         raise input_error(STANDARD_INPUT, found, "name a file for one of them")
     return config
-
-
-def read_settings(
-    model: type[ConfigModel],
-    file: ConfigFile | None,
-    overrides: Sequence[str],
-    arguments: Mapping[str, object] | None,
-) -> Settings:
-    """Return the settings of a YAML file, with overrides and arguments over it.
-
-    `overrides` (each `a.b=value`) override what the YAML file says, and `arguments` (key -> value;
-    None and empty ones do not count) both. Raises InputError for a file that cannot be read.
-    """
-    settings = Settings(marked_keys(model, PathWords))
-    if file is not None:
-        settings.read_file(file.path)
-        if file.is_preset:
-            settings.is_preset = True
-            settings.drop(marked_keys(model, PathWords, OfTheData))
-    for option in overrides:
-        settings.set_option(option)
-    for key, value in (arguments or {}).items():
-        if value is not None and value != ():
-            settings.set_argument(key, value)
-    if file is not None and file.is_preset:
-        settings.drop_idle()
-    settings.fill_in_data()
-    return settings
 
 
 def dump_config(config: CommandConfig) -> str:

@@ -1,166 +1,37 @@
-"""What every config has in common."""
+"""What every config has in common, and what can be asked of a schema."""
 
 from __future__ import annotations
 
 import ast
 import inspect
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from copy import copy
 from functools import cache
-from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
-from types import NoneType, UnionType
-from typing import (
-    Annotated,
-    Any,
-    ClassVar,
-    Literal,
-    NamedTuple,
-    Optional,
-    Self,
-    Union,
-    get_args,
-    get_origin,
-)
+from textwrap import dedent
+from types import NoneType
+from typing import Annotated, Any, ClassVar, Literal, Optional, Self, get_args
 
-from annotated_types import Ge, Gt, Le, Lt
 from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
-    ValidationError,
-    WrapValidator,
     create_model,
     model_validator,
 )
 from pydantic.fields import FieldInfo
-from pydantic_core import PydanticCustomError
 
 from shapefit.config.paths import STANDARD_STREAM, Expected, Folder, ResultFolder
 from shapefit.errors import path_text
 from shapefit.stores import MASK, STORAGE_OPTIONS, real_path
 
-Location = tuple[str | int, ...]
-"""The keys and list positions that lead to a value."""
+MOST_STEPS = 1_000_000
+"""Rounds or iterations that nobody waits for; some are counted in memory that is got beforehand."""
 
-
-class Place(NamedTuple):
-    """Where a key and its value stand, as a message names them."""
-
-    key: str
-    value: str
-
-
-_WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a string"}
-_PLURALS = {int: "whole numbers", float: "numbers", str: "strings"}
-
-
-def expectation(field: FieldInfo) -> str:
-    """Return what the field expects, such as `a whole number >= 1`."""
-    return (
-        in_words(field)
-        or f"{_type_words(field.annotation)} {' and '.join(_bounds(field.metadata))}".rstrip()
-    )
-
-
-def in_words(field: FieldInfo) -> str | None:
-    """Return the words that were given for what the field expects, None where its type says it."""
-    return next((entry.phrase for entry in field.metadata if isinstance(entry, Expected)), None)
-
-
-def _type_words(annotation: Any) -> str:
-    origin, arguments = get_origin(annotation), get_args(annotation)
-    if origin in (Union, UnionType):
-        return " or ".join(_type_words(kind) for kind in arguments if kind is not NoneType)
-    if origin is Literal:
-        return " or ".join(arguments)
-    if origin is tuple:
-        if arguments[0] in _PLURALS:
-            return f"a list of {_PLURALS[arguments[0]]}"
-        return f"a list, each {_type_words(arguments[0])}"
-    if isinstance(origin, type) and issubclass(origin, Mapping):
-        return f"a mapping to {_PLURALS.get(arguments[1]) or _type_words(arguments[1])}"
-    if issubclass(annotation, BaseModel):
-        return f"a mapping with the keys {', '.join(field_keys(annotation))}"
-    return _WORDS[annotation]
-
-
-def _bounds(metadata: Iterable[Any]) -> Iterator[str]:
-    for entry in metadata:
-        match entry:
-            case Ge(ge=bound):
-                yield f">= {bound}"
-            case Gt(gt=bound):
-                yield f"> {bound}"
-            case Le(le=bound):
-                yield f"<= {bound}"
-            case Lt(lt=bound):
-                yield f"< {bound}"
-
-
-def field_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
-    """Return the fields of a model under the keys that YAML uses for them."""
-    return {field.alias or name: field for name, field in model.model_fields.items()}
-
-
-def meaning(model: type[BaseModel], key: str) -> str:
-    """Return what a key means: its description, the text below it, or that of its section."""
-    name, field = next(
-        (name, field) for name, field in model.model_fields.items() if key == (field.alias or name)
-    )
-    own = [kind for kind in model.__mro__ if kind.__module__.startswith("shapefit.")]
-    texts = (_texts(kind.__module__).get((kind.__name__, name)) for kind in own)
-    inner = submodel(field)
-    text = field.description or next(filter(None, texts), inner.__doc__ if inner else "")
-    return " ".join((text or "").split())
-
-
-@cache
-def _texts(module: str) -> dict[tuple[str, str], str]:
-    """Return the texts below the fields of the classes of a module, by class and name of field."""
-    tree = ast.parse(inspect.getsource(import_module(module)))
-    return {
-        (kind.name, field.target.id): text.value.value
-        for kind in tree.body
-        if isinstance(kind, ast.ClassDef)
-        for field, text in pairwise(kind.body)
-        if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name)
-        if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
-        if isinstance(text.value.value, str)
-    }
-
-
-def submodel(field: FieldInfo) -> type[BaseModel] | None:
-    """Return the model of a field that is a mapping with known keys, or None if it is not."""
-    kinds = [field.annotation]
-    if get_origin(field.annotation) in (Union, UnionType):
-        kinds = [kind for kind in get_args(field.annotation) if kind is not NoneType]
-    kind = kinds[0]
-    return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
-
-
-def dotted_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
-    """Yield all keys of a model, those of sections with the section before them: `a.b`."""
-    for key, field in field_keys(model).items():
-        yield prefix + key
-        inner = submodel(field)
-        if inner is not None:
-            yield from dotted_keys(inner, f"{prefix}{key}.")
-
-
-def marked_keys(model: type[BaseModel], *marks: type) -> dict[str, Any]:
-    """Return the keys of a model with one of these marks -> those within them; {} for none."""
-    keys: dict[str, Any] = {}
-    for key, field in field_keys(model).items():
-        inner = submodel(field)
-        marked = any(isinstance(entry, marks) for entry in field.metadata)
-        within = {} if inner is None else marked_keys(inner, *marks)
-        if within or marked:
-            keys[key] = within
-    return keys
+MOST_THREADS = 1024
 
 
 def _tuples(value: Any) -> Any:
@@ -176,25 +47,8 @@ def _options(value: Any) -> Any:
 FromLists = BeforeValidator(_tuples)
 """Annotation metadata: lists (of lists ...) become tuples, so that a config cannot change."""
 
-
-def _as_a_whole(value: Any, check: Callable[[Any], Any]) -> Any:
-    try:
-        return check(value)
-    except ValidationError:
-        raise PydanticCustomError("whole", "not one of these") from None
-
-
-AS_A_WHOLE = WrapValidator(_as_a_whole)
-"""Annotation metadata: of a field that takes several kinds of values, one problem is reported, with
-the words that it is expected by."""
-
 Renaming = Mapping[str, str]
 """Names of landmarks as files have them -> names that they are matched by."""
-
-MOST_STEPS = 1_000_000
-"""Rounds or iterations that nobody waits for; some are counted in memory that is got beforehand."""
-
-MOST_THREADS = 1024
 
 Height = Annotated[
     float | None, Field(gt=0, le=3), Expected("a height in metres, > 0 and at most 3, such as 1.78")
@@ -208,10 +62,8 @@ Plots = Annotated[bool | Literal["auto"], Expected("true, false or auto")]
 class ConfigModel(BaseModel):
     """A frozen mapping of known keys; nothing is converted silently ("3" is not a number).
 
-    COMMAND is whose config it is.
-
-    A section's default is its `model_construct`: to validate what is known to be valid would build
-    the schema of the section once more.
+    COMMAND is whose config it is. A section's default is its `model_construct`: to validate what
+    is known to be valid would build the schema of the section once more.
     """
 
     COMMAND: ClassVar[str] = ""
@@ -259,7 +111,7 @@ class CommandConfig(ConfigModel):
         """Yield the files to read, those in sections aside, each with its key."""
         for key in type(self).model_fields:
             if key not in ("output", "data", STORAGE_OPTIONS):
-                for path in _paths((getattr(self, key),)):
+                for path in _paths(getattr(self, key)):
                     yield key, path
 
     def as_json(self) -> str:
@@ -275,6 +127,27 @@ class CommandConfig(ConfigModel):
         return values
 
 
+def plain(value: Any, text: Callable[[Path], str]) -> Any:
+    """Return a value of a config as YAML or JSON has it, with `text` for each path."""
+    if isinstance(value, Path):
+        return text(value)
+    if isinstance(value, Mapping):
+        return {
+            key: dict.fromkeys(inner, MASK) if key == STORAGE_OPTIONS else plain(inner, text)
+            for key, inner in value.items()
+        }
+    return [plain(item, text) for item in value] if isinstance(value, tuple | list) else value
+
+
+def _paths(value: Any) -> Iterator[Path]:
+    """Yield the paths in a value: itself, or those in tuples and mappings."""
+    if isinstance(value, Path):
+        yield value
+    elif isinstance(value, tuple | Mapping):
+        for inner in value.values() if isinstance(value, Mapping) else value:
+            yield from _paths(inner)
+
+
 def with_all_optional(model: type[CommandConfig]) -> type[CommandConfig]:
     """Return a model whose required keys may be missing, and are None where they are."""
     optional: dict[str, Any] = {}
@@ -286,26 +159,67 @@ def with_all_optional(model: type[CommandConfig]) -> type[CommandConfig]:
     return changed
 
 
-def plain(value: Any, text: Callable[[Path], str]) -> Any:
-    """Return a value of a config as YAML or JSON has it, with `text` for each path."""
-    if isinstance(value, Path):
-        return text(value)
-    if isinstance(value, Mapping):
-        return {
-            key: dict.fromkeys(inner, MASK) if key == STORAGE_OPTIONS else plain(inner, text)
-            for key, inner in value.items()
-        }
-    if isinstance(value, tuple | list):
-        return [plain(item, text) for item in value]
-    return value
+def field_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """Return the fields of a model under the keys that YAML uses for them."""
+    return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
-def _paths(values: Iterable[Any]) -> Iterator[Path]:
-    """Yield the paths in values, tuples and mappings of them."""
-    for value in values:
-        if isinstance(value, Path):
-            yield value
-        elif isinstance(value, tuple):
-            yield from _paths(value)
-        elif isinstance(value, Mapping):
-            yield from _paths(value.values())
+def submodel(field: FieldInfo) -> type[BaseModel] | None:
+    """Return the model of a field that is a mapping with known keys, or None if it is not."""
+    kinds = [kind for kind in get_args(field.annotation) if kind is not NoneType]
+    kind = kinds[0] if kinds else field.annotation
+    return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
+
+
+def expected(field: FieldInfo) -> str | None:
+    """Return the words that were given for what the field expects, None where its type says it."""
+    return next((entry.phrase for entry in field.metadata if isinstance(entry, Expected)), None)
+
+
+def dotted_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    """Yield all keys of a model, those of sections with the section before them: `a.b`."""
+    for key, field in field_keys(model).items():
+        yield prefix + key
+        inner = submodel(field)
+        if inner is not None:
+            yield from dotted_keys(inner, f"{prefix}{key}.")
+
+
+def marked_keys(model: type[BaseModel], *marks: type) -> dict[str, Any]:
+    """Return the keys of a model with one of these marks -> those within them; {} for none."""
+    keys: dict[str, Any] = {}
+    for key, field in field_keys(model).items():
+        inner = submodel(field)
+        within = {} if inner is None else marked_keys(inner, *marks)
+        if within or any(isinstance(entry, marks) for entry in field.metadata):
+            keys[key] = within
+    return keys
+
+
+def meaning(model: type[BaseModel], key: str) -> str:
+    """Return what a key means: the text below its field, or that of its section."""
+    name, field = next((n, f) for n, f in model.model_fields.items() if key == (f.alias or n))
+    inner = submodel(field)
+    text = field.description or _docstrings(model).get(name) or (inner.__doc__ if inner else "")
+    return " ".join((text or "").split())
+
+
+@cache
+def _docstrings(model: type[BaseModel]) -> dict[str, str]:
+    """Return the texts below the fields of a model and of those that it builds on, by field.
+
+    pydantic's `use_attribute_docstrings` finds the same, at every start: 30 ms for `fit`.
+    """
+    texts: dict[str, str] = {}
+    for kind in reversed(model.__mro__):
+        if kind.__module__.startswith("shapefit."):
+            (body,) = ast.parse(dedent(inspect.getsource(kind))).body
+            assert isinstance(body, ast.ClassDef)
+            for field, text in pairwise(body.body):
+                match field, text:
+                    case (
+                        ast.AnnAssign(target=ast.Name(id=name)),
+                        ast.Expr(value=ast.Constant(value=str(said))),
+                    ):
+                        texts[name] = said
+    return texts

@@ -73,9 +73,9 @@ class Anchored(str):
 
 
 def change_paths(
-    values: Mapping[str, Any], keys: PathKeys, change: Callable[[Any], Any]
+    values: Mapping[str, Any], keys: PathKeys, change: Callable[[str], str]
 ) -> dict[str, Any]:
-    """Return `values` with `change` made to what the path keys hold.
+    """Return `values` with `change` made to every text under the path keys.
 
     A mapping under a key with keys within is a section, and anything else there a path to it.
     """
@@ -83,38 +83,43 @@ def change_paths(
     for key in values.keys() & keys.keys():
         section = keys[key] and isinstance(values[key], dict)
         changed[key] = (
-            change_paths(values[key], keys[key], change) if section else change(values[key])
+            change_paths(values[key], keys[key], change)
+            if section
+            else _change_texts(values[key], change)
         )
     return changed
 
 
-def anchored(value: Any, folder: Path) -> Any:
-    """Return `value` with every path in it taken relative to `folder`.
-
-    `value` is what YAML gives: a text, or lists and mappings of texts. `-`, an empty text, URLs and
-    paths that begin with `{data}` stay as they are.
-    """
+def _change_texts(value: Any, change: Callable[[str], str]) -> Any:
     if isinstance(value, list):
-        return [anchored(item, folder) for item in value]
+        return [_change_texts(item, change) for item in value]
     if isinstance(value, dict):
-        return {key: anchored(item, folder) for key, item in value.items()}
-    if not isinstance(value, str) or value in ("", "-") or value.startswith(DATA):
-        return value
-    return value if is_url(value) else Anchored.of(value, folder)
+        return {key: _change_texts(item, change) for key, item in value.items()}
+    return change(value) if isinstance(value, str) else value
 
 
-def with_data(value: Any, data: Any) -> Any:
-    """Return `value` with `{data}` at the beginning of every path in it replaced by `data`, a text.
+def without(values: Mapping[str, Any], keys: PathKeys) -> dict[str, Any]:
+    """Return `values` without what stands under the keys, nor sections that are empty then."""
+    kept = {}
+    for key, value in values.items():
+        if key not in keys:
+            kept[key] = value
+        elif keys[key] and isinstance(value, dict) and (within := without(value, keys[key])):
+            kept[key] = within
+    return kept
 
-    Where `data` is something else it stays as it is.
-    """
-    if isinstance(value, list):
-        return [with_data(item, data) for item in value]
-    if isinstance(value, dict):
-        return {key: with_data(item, data) for key, item in value.items()}
-    if not isinstance(value, str) or not isinstance(data, str) or not value.startswith(DATA):
-        return value
-    return data + value.removeprefix(DATA)
+
+def anchored(path: str, folder: Path) -> str:
+    """Return a path relative to `folder`; `-`, "", URLs and what begins with `{data}` stay."""
+    stays = path in ("", "-") or path.startswith(DATA) or is_url(path)
+    return path if stays else Anchored.of(path, folder)
+
+
+def with_data(path: str, data: Any) -> str:
+    """Return a path with `{data}` at its beginning replaced by `data`, where this is a text."""
+    if not isinstance(data, str) or not path.startswith(DATA):
+        return path
+    return data + path.removeprefix(DATA)
 
 
 def absolute_path(value: Any) -> Path:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from textwrap import wrap
-from typing import NamedTuple
+from types import NoneType, UnionType
+from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from shapefit.config.loader import CONFIGS
-from shapefit.config.model import expectation, field_keys, in_words, meaning, submodel
+from shapefit.config.model import expected, field_keys, meaning, submodel
 from shapefit.config.paths import OfTheData
 from shapefit.errors import input_error
 from shapefit.stores import STORAGE_OPTIONS
@@ -98,12 +99,42 @@ def _keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
         if key in ("data", STORAGE_OPTIONS):
             continue
         inner = submodel(field)
-        if inner is None or in_words(field):
+        if inner is None or expected(field):
             mark = r" \*" if any(isinstance(entry, OfTheData) for entry in field.metadata) else ""
             about = meaning(model, key)
-            yield Key(prefix + key, expectation(field), _default(field), about, mark)
+            yield Key(prefix + key, _expects(field), _default(field), about, mark)
         else:
             yield from _keys(inner, f"{prefix}{key}.")
+
+
+_WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a string"}
+_PLURALS = {int: "whole numbers", float: "numbers", str: "strings"}
+_BOUNDS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
+
+
+def _expects(field: FieldInfo) -> str:
+    """Return what a field expects, such as `a whole number >= 1`."""
+    bounds = [
+        f"{sign} {getattr(entry, name)}"
+        for entry in field.metadata
+        for name, sign in _BOUNDS.items()
+        if hasattr(entry, name)
+    ]
+    return expected(field) or f"{_kind(field.annotation)} {' and '.join(bounds)}".rstrip()
+
+
+def _kind(annotation: Any) -> str:
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin in (Union, UnionType):
+        return " or ".join(_kind(kind) for kind in arguments if kind is not NoneType)
+    if origin is Literal:
+        return " or ".join(arguments)
+    if origin is tuple:
+        plural = _PLURALS.get(arguments[0])
+        return f"a list of {plural}" if plural else f"a list, each {_kind(arguments[0])}"
+    if origin is not None:
+        return f"a mapping to {_PLURALS[arguments[1]]}"
+    return _WORDS[annotation]
 
 
 def _default(field: FieldInfo) -> str:

@@ -8,12 +8,11 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import nullcontext
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
@@ -22,20 +21,21 @@ from pydantic_core import ErrorDetails
 from shapefit.config.effects import idle_keys
 from shapefit.config.model import (
     ConfigModel,
-    Location,
-    Place,
     dotted_keys,
-    expectation,
+    expected,
     field_keys,
+    marked_keys,
     meaning,
     submodel,
 )
 from shapefit.config.paths import (
     STANDARD_STREAM,
-    PathKeys,
+    OfTheData,
+    PathWords,
     anchored,
     change_paths,
     with_data,
+    without,
 )
 from shapefit.errors import InputError, input_error
 from shapefit.stores import MASK, STORAGE_OPTIONS, is_url, use_storage_options
@@ -45,7 +45,7 @@ COMMAND_LINE, STANDARD_INPUT = "command line", "standard input"
 MOST_BYTES = 1 << 20
 """Of a config: beyond that it is something else."""
 
-SECTION = "input"
+INPUT = "input"
 
 SHORT = (
     "keypoints",
@@ -57,7 +57,7 @@ SHORT = (
     "y_axis",
     "landmarks",
 )
-"""Keys of the section that may be given beside it, in short."""
+"""Keys of the section `input` that may be given beside it, in short."""
 
 PRESET, FILE, OPTION = range(3)
 """Who set a value: an installed config, a file, the command line."""
@@ -107,44 +107,40 @@ GONE: Mapping[str, Mapping[str, str]] = {
 
 Config = TypeVar("Config", bound=ConfigModel)
 
+Location = tuple[str | int, ...]
 
-@dataclass
+
+class Place(NamedTuple):
+    """Where a key and its value stand, as a message names them, and who set the value."""
+
+    key: str
+    value: str
+    level: int
+
+
 class Settings:
     """Values for a config before they are checked; `problems` is what is wrong already.
 
-    `path_keys` are the keys that hold paths. Where a file is not `readable`, the keys that it
-    gives are unknown; `refused` are the keys of --set options whose value cannot be read. What an
-    installed config says, all or the `chosen` keys, may be without effect.
+    Where a file is not `readable`, the keys that it gives are unknown; `refused` are the keys of
+    --set options whose value cannot be read.
     """
 
-    path_keys: PathKeys
-    values: dict[str, Any] = field(default_factory=dict)
-    problems: list[str] = field(default_factory=list)
-    readable: bool = True
-    refused: set[Location] = field(default_factory=set)
-    is_preset: bool = False
-    chosen: frozenset[str] = frozenset()
-    _places: dict[Location, Place] = field(
-        default_factory=lambda: {(): Place(COMMAND_LINE, COMMAND_LINE)}
-    )
+    def __init__(self, model: type[ConfigModel], place: str = COMMAND_LINE) -> None:
+        self.path_keys = marked_keys(model, PathWords)
+        self.data_keys = marked_keys(model, PathWords, OfTheData)
+        self._short = {key for key in SHORT if key not in field_keys(model)}
+        self._short = self._short if INPUT in field_keys(model) else set()
+        self.values: dict[str, Any] = {}
+        self.problems: list[str] = []
+        self.readable = True
+        self.refused: set[Location] = set()
+        self._places: dict[Location, Place] = {(): Place(place, place, OPTION)}
 
-    def take_section(self, name: str, values: dict[str, Any]) -> None:
-        """Take the values of a section; the place of each is its path, such as `fit.lambda`."""
-        self.values = values
-        self._places[()] = Place(name, name)
-        self._place_section(values, (), name)
-
-    def _place_section(self, values: dict[str, Any], location: Location, name: str) -> None:
-        for key, value in values.items():
-            inner, path = (*location, key), f"{name}.{key}"
-            self._places[inner] = Place(path, path)
-            if isinstance(value, dict):
-                self._place_section(value, inner, path)
-
-    def read_file(self, path: Path) -> None:
+    def read_file(self, path: Path, *, is_preset: bool = False) -> None:
         """Take the values of a YAML file, or of standard input for `-`.
 
-        Its paths are relative to its folder, those of standard input to the working folder.
+        Its paths are relative to its folder, those of standard input to the working folder. Of an
+        installed config only the settings count, not what it says of its own data.
         """
         from shapefit.config.yaml12 import read_yaml
 
@@ -152,89 +148,73 @@ class Settings:
         document = read_yaml(_text(path), lambda line, column: f"{name}:{line}:{column}")
         self.problems += document.problems
         self.readable = document.readable
-        self._places |= document.places
-        if document.value is None:
-            self._places[()] = Place(f"{name}:1:1", f"{name}:1:1")
-        elif isinstance(document.value, dict):
-            self.values = document.value
-        else:
-            self.problems.append(
-                f"{self.place(())}: expected keys with values (key: value), "
-                f"found {found(document.value)}"
-            )
+        level = PRESET if is_preset else FILE
+        places = {at: Place(*place, level) for at, place in document.places.items()}
+        top = f"{name}:1:1"
+        self._places[()] = places.get((), Place(top, top, level))
+        if not isinstance(document.value, dict | None):
+            found = f"expected keys with values (key: value), found {_found(document.value)}"
+            self.problems.append(f"{self.place(())}: {found}")
+            return
         folder = Path.cwd() / path.parent
-        self.values = change_paths(self.values, self.path_keys, partial(anchored, folder=folder))
-
-    def drop(self, keys: PathKeys) -> None:
-        """Leave out the values of these keys, and sections that have no others."""
-        self.values = without(self.values, keys)
-
-    def drop_idle(self) -> None:
-        """Leave out what a file says of outputs in a folder that nothing names."""
-        for name, within in self.path_keys.items():
-            section = self.values.get(name)
-            if "folder" in within and isinstance(section, dict) and not section.get("folder"):
-                said = {key for key in section if self.place((name, key)).startswith("--set ")}
-                self.values[name] = {key: section[key] for key in section if key in said}
+        values = change_paths(
+            document.value or {}, self.path_keys, partial(anchored, folder=folder)
+        )
+        values = without(values, self.data_keys) if is_preset else values
+        for key in sorted(values, key=self._short.__contains__):  # they go over the section's
+            within = {at[1:]: place for at, place in places.items() if at and at[0] == key}
+            self.set((key,), values[key], within)
 
     def set_option(self, option: str) -> None:
         """Take `a.b=value`, the argument of a --set option; the value is YAML, or a bare `-`."""
-        place = f"--set {option}"
+        from shapefit.config.yaml12 import read_yaml
+
         path, equals, text = option.partition("=")
         keys = path.strip().split(".")
-        if STORAGE_OPTIONS in keys:
-            place = f"--set {path}={MASK}"
+        place = f"--set {path}={MASK}" if STORAGE_OPTIONS in keys else f"--set {option}"
         if not equals or not all(keys):
             self.problems.append(f"{place}: expected key=value or key.key=value")
             return
-        from shapefit.config.yaml12 import read_yaml
-
         text = "'-'" if text.strip() == "-" else text  # in YAML a list with nothing in it
         document = read_yaml(text, lambda _line, _column: place)
         self.problems += document.problems
         if document.problems:
             self.refused.add(tuple(keys))
         else:
-            self._set(tuple(keys), document.value, place)
+            self.set(tuple(keys), document.value, {(): Place(place, place, OPTION)})
 
-    def set_argument(self, key: str, value: Any) -> None:
-        """Take a value that an argument of the command line gives."""
-        self._set((key,), value, f"{COMMAND_LINE}, {key}")
+    def set_argument(self, key: str, value: Any, place: str = COMMAND_LINE) -> None:
+        """Take a value that an argument of the command line, or of a function, gives."""
+        named = f"{place}, {key}" if place == COMMAND_LINE else f"{place}.{key}"
+        self.set((key,), value, {(): Place(named, named, OPTION)})
 
-    def _set(self, keys: tuple[str, ...], value: Any, place: str) -> None:
+    def set(self, keys: tuple[str, ...], value: Any, places: Mapping[Location, Place]) -> None:
+        """Put a value in; `places` says where it stands, and what is in it."""
+        keys = (INPUT, *keys) if keys[0] in self._short else keys
         *parents, last = keys
         mapping = self.values
         for depth, key in enumerate(parents, start=1):
             if key not in mapping:
                 mapping[key] = {}
-                self._places[keys[:depth]] = Place(place, place)
+                self._places[keys[:depth]] = places[()]
             mapping = mapping[key]
             if not isinstance(mapping, dict):
-                self.problems.append(
-                    f"{place}: {'.'.join(keys[:depth])} is {found(mapping)} and has no keys"
-                )
+                found = f"{'.'.join(keys[:depth])} is {_found(mapping)} and has no keys"
+                self.problems.append(f"{places[()].key}: {found}")
                 return
         mapping[last] = value
         for location in [known for known in self._places if known[: len(keys)] == keys]:
             del self._places[location]
-        self._places[keys] = Place(place, place)
+        self._places |= {(*keys, *at): place for at, place in places.items()}
 
-    def fold(self, at: Location, section: str, keys: Sequence[str]) -> None:
-        """Move these keys of the mapping at `at` into a section of it, for which they are short."""
-        mapping: Any = self.values
-        for key in at:
-            mapping = mapping.get(key) if isinstance(mapping, dict) else None
-        if not isinstance(mapping, dict) or not isinstance(mapping.get(section, {}), dict):
-            return
-        for key in [key for key in keys if key in mapping]:
-            mapping[section] = {**mapping.get(section, {}), key: mapping.pop(key)}
-            self._places.setdefault((*at, section), self._places[(*at, key)])
-            short, whole = (*at, key), (*at, section, key)
-            for known in [known for known in self._places if known[: len(short)] == short]:
-                self._places[whole + known[len(short) :]] = self._places.pop(known)
-
-    def fill_in_data(self) -> None:
-        """Fill in `{data}`, where the key `data` holds a path."""
+    def finish(self) -> None:
+        """Fill in `{data}`, and drop what a preset says of a folder that nothing names."""
+        for name, within in self.path_keys.items():
+            section = self.values.get(name)
+            if "folder" in within and isinstance(section, dict) and not section.get("folder"):
+                levels = {key: self._places.get((name, key), self._places[()]) for key in section}
+                kept = {key: section[key] for key in section if levels[key].level != PRESET}
+                self.values[name] = kept
         data = self.values.get("data")
         if isinstance(data, str) and not is_url(data):
             data = str(Path.cwd() / os.path.expanduser(data))
@@ -242,53 +222,26 @@ class Settings:
 
     def level(self, location: Location) -> int:
         """Return how far above others the value at `location`, or within it, was set."""
-        within = [known for known in self._places if known[: len(location)] == location]
-        return max(map(self._level_of, within), default=PRESET - 1)
-
-    def _level_of(self, location: Location) -> int:
-        if self._places[location].key.startswith((COMMAND_LINE, "--set ")):
-            return OPTION
-        return PRESET if self.is_preset or location[0] in self.chosen else FILE
+        within = (p.level for at, p in self._places.items() if at[: len(location)] == location)
+        return max(within, default=PRESET - 1)
 
     def said(self, location: Location) -> bool:
         """Whether the file, an option or an argument gave a value at `location`."""
         return location in self._places
 
+    def value(self, location: Location) -> Any:
+        """Return the value at `location`."""
+        value: Any = self.values
+        for key in location:
+            value = value[key]
+        return value
+
     def place(self, location: Location, *, key: bool = False) -> str:
         """Return where the value at `location` (or its key) was said, or else its surroundings."""
-        if location in self._places:
-            place = self._places[location]
-            return place.key if key else place.value
-        return self.place(location[:-1])
-
-
-def without(values: Mapping[str, Any], keys: PathKeys) -> dict[str, Any]:
-    """Return `values` without what stands under the keys, nor sections that are empty then."""
-    kept = {}
-    for key, value in values.items():
-        if key not in keys:
-            kept[key] = value
-        elif keys[key] and isinstance(value, dict):
-            within = without(value, keys[key])
-            if within:
-                kept[key] = within
-    return kept
-
-
-def found(value: Any) -> str:
-    """Return a value as a message names it."""
-    match value:
-        case None:
-            return "nothing"
-        case bool():
-            return str(value).lower()
-        case str():
-            return repr(value) if len(value) <= 200 else f"{value[:200]!r}..."
-        case Mapping():
-            return "a mapping"
-        case list() | tuple():
-            return "a list"
-    return str(value)
+        while location not in self._places:
+            location = location[:-1]
+        place = self._places[location]
+        return place.key if key else place.value
 
 
 def _text(path: Path) -> str:
@@ -315,24 +268,21 @@ def check(model: type[Config], settings: Settings, *, final: bool = True) -> Con
 
     Keys without effect are a problem where the config is `final`.
     """
-    problems = settings.problems
-    for at, keys in _short_places(model):
-        settings.fold(at, SECTION, keys)
+    settings.finish()
     options = settings.values.get(STORAGE_OPTIONS)
     if isinstance(options, dict):  # what paths name is looked up while they are checked
         use_storage_options(options)
     if not settings.readable:  # what the schema misses may well be there
-        raise InputError(problems)
+        raise InputError(settings.problems)
     try:
         config = model.model_validate(settings.values, by_alias=True, by_name=False)
     except ValidationError as error:
-        problems = problems + _schema_problems(model, error, settings)
+        lines = [*settings.problems, *_schema_problems(model, error, settings)]
     else:
-        if final:
-            problems = [*problems, *_idle_problems(config, settings)]
-    if problems:
-        raise InputError(problems)
-    return config
+        lines = [*settings.problems, *(_idle_problems(config, settings) if final else ())]
+        if not lines:
+            return config
+    raise InputError(list(dict.fromkeys(lines)))
 
 
 def _idle_problems(config: ConfigModel, settings: Settings) -> Iterator[str]:
@@ -341,15 +291,14 @@ def _idle_problems(config: ConfigModel, settings: Settings) -> Iterator[str]:
     What an installed config sets is no mistake, nor what a file sets and the command line overrules
     by another choice.
     """
-    for keys, effect in idle_keys(type(config).COMMAND, config):
+    for keys, effect in idle_keys(config.COMMAND, config):
         level = settings.level(keys)
         overruled = any(settings.level(tuple(key.split("."))) > level for key in effect.because)
         if level == PRESET or overruled:
             continue
         for key in _changed_keys(config, keys):
             if settings.said(key):
-                name = ".".join(key)
-                found = f"`{name}` has no effect here, only {effect.condition}"
+                found = f"`{'.'.join(key)}` has no effect here, only {effect.condition}"
                 yield f"{settings.place(key, key=True)}: {found}; leave it out"
 
 
@@ -358,11 +307,8 @@ def _changed_keys(config: BaseModel, location: tuple[str, ...]) -> Iterator[tupl
     owner: Any = config
     for key in location[:-1]:
         owner = getattr(owner, key)
-    name, field = next(
-        (name, field)
-        for name, field in type(owner).model_fields.items()
-        if location[-1] == (field.alias or name)
-    )
+    fields = type(owner).model_fields.items()
+    name, field = next((n, f) for n, f in fields if location[-1] == (f.alias or n))
     value = getattr(owner, name)
     if isinstance(value, BaseModel):
         for key in field_keys(type(value)):
@@ -371,50 +317,43 @@ def _changed_keys(config: BaseModel, location: tuple[str, ...]) -> Iterator[tupl
         yield location
 
 
-def _short_places(model: type[BaseModel]) -> Iterator[tuple[Location, list[str]]]:
-    """Yield where keys may stand in short in a config of this model, and which."""
-    within = {(key,): submodel(field) for key, field in field_keys(model).items()}
-    for at, inner in ((), model), *within.items():
-        keys = {} if inner is None else field_keys(inner)
-        if SECTION in keys:
-            yield at, [key for key in SHORT if key not in keys]
-
-
 def _schema_problems(
     model: type[BaseModel], error: ValidationError, settings: Settings
-) -> list[str]:
-    """Return one line for each thing that the schema of `model` rejects in `settings`.
+) -> Iterator[str]:
+    """Yield a line for each thing that the schema of `model` rejects in `settings`.
 
     A key whose value cannot be read is not missing.
     """
-    details = [
-        detail
-        for detail in error.errors()
-        if not (detail["type"] == "missing" and detail["loc"] in settings.refused)
-    ]
-    return list(dict.fromkeys(_problem(model, detail, settings) for detail in details))
+    for detail in error.errors():
+        if not (detail["type"] == "missing" and detail["loc"] in settings.refused):
+            yield _problem(model, detail, settings)
 
 
 def _problem(model: type[BaseModel], detail: ErrorDetails, settings: Settings) -> str:
-    location = detail["loc"]
-    owner, field = _schema_at(model, location)
-    key = str(location[-1]) if location else ""
+    """Return what is wrong in pydantic's words, with its place and the nearest that is right."""
+    location, value = detail["loc"], detail["input"]
+    owner, own, field = _field_at(model, location)
+    key = str(location[len(own) - 1]) if own else ""
+    phrase = None if field is None else expected(field)
     match detail["type"]:
         case "extra_forbidden":
             place = settings.place(location, key=True)
             return f"{place}: unknown key {key!r}{_known(model, owner, location)}"
-        case "missing" if field and field is field_keys(owner).get(key):
+        case "missing" if own == location:
             place = settings.place(location[:-1])
             return f"{place}: missing key {key!r} ({meaning(owner, key)})"
         case "value_error":
             message = str(detail["ctx"]["error"])
             return f"{settings.place(_first_named(message, location, settings))}: {message}"
+        case "model_type" if field is not None and (inner := submodel(field)):
+            phrase = f"a mapping with the keys {', '.join(field_keys(inner))}"
+    if phrase:  # of the kinds of values that a field takes each has its own complaint
+        place, value = settings.place(own), settings.value(own)
+        return f"{place}: expected {phrase}, found {_found(value)}"
     choices = re.findall(r"'([^']+)'", detail.get("ctx", {}).get("expected", ""))
-    wanted = " or ".join(choices) or (expectation(field) if field else detail["msg"])
-    return (
-        f"{settings.place(location)}: expected {wanted}, "
-        f"found {found(detail['input'])}{_did_you_mean(str(detail['input']), choices)}"
-    )
+    wanted = detail["msg"].replace("Input", f"`{key}`", 1)
+    nearest = _did_you_mean(str(value), choices)
+    return f"{settings.place(location)}: {wanted}, found {_found(value)}{nearest}"
 
 
 def _first_named(message: str, location: Location, settings: Settings) -> Location:
@@ -427,41 +366,50 @@ def _first_named(message: str, location: Location, settings: Settings) -> Locati
     return next(filter(settings.said, named), location)
 
 
-def _schema_at(
+def _field_at(
     model: type[BaseModel], location: Location
-) -> tuple[type[BaseModel], FieldInfo | None]:
-    """Return the field that `location` is or lies in (None if unknown), and its owner.
-
-    A problem of several keys together lies in none of them: its location is empty.
-    """
-    if not location:
-        return model, None
-    owner = model
-    for key in location[:-1]:
-        field = field_keys(owner)[str(key)]
-        inner = submodel(field)
-        if inner is None:
-            return owner, field
+) -> tuple[type[BaseModel], Location, FieldInfo | None]:
+    """Return the field that `location` is or lies in (None if unknown), its owner and location."""
+    owner, field = model, None
+    own: Location = ()
+    for depth, key in enumerate(map(str, location), start=1):
+        own, field = location[:depth], field_keys(owner).get(key)
+        inner = None if field is None else submodel(field)
+        if inner is None or depth == len(location):
+            break
         owner = inner
-    return owner, field_keys(owner).get(str(location[-1]))
+    return owner, own, field
 
 
 def _known(model: type[BaseModel], owner: type[BaseModel], location: Location) -> str:
     """Return the end of a message on an unknown key: the nearest key, or all that are known."""
     key = str(location[-1])
-    command = getattr(model, "COMMAND", "")
-    gone = GONE.get(command, {}).get(".".join(map(str, location)))
+    gone = GONE.get(getattr(model, "COMMAND", ""), {}).get(".".join(map(str, location)))
     if gone is not None:
         return f"; it is gone: {gone}"
-    guess = _did_you_mean(key, field_keys(owner))
-    if not guess:
-        elsewhere = [known for known in dotted_keys(model) if known.split(".")[-1] == key]
-        guess = "".join(f"; did you mean {known!r}?" for known in elsewhere[:1])
-    return guess or f"; the keys here are {', '.join(field_keys(owner))}"
+    elsewhere = [known for known in dotted_keys(model) if known.split(".")[-1] == key]
+    nearest = _did_you_mean(key, field_keys(owner)) or _did_you_mean(key, elsewhere, 0)
+    return nearest or f"; the keys here are {', '.join(field_keys(owner))}"
 
 
-def _did_you_mean(text: str, choices: Iterable[str]) -> str:
+def _did_you_mean(text: str, choices: Iterable[str], cutoff: float = 0.6) -> str:
     from difflib import get_close_matches
 
-    nearest = get_close_matches(text, list(choices), n=1)
+    nearest = get_close_matches(text, list(choices), n=1, cutoff=cutoff)
     return f"; did you mean {nearest[0]!r}?" if nearest else ""
+
+
+def _found(value: Any) -> str:
+    """Return a value as a message names it."""
+    match value:
+        case None:
+            return "nothing"
+        case bool():
+            return str(value).lower()
+        case str():
+            return repr(value) if len(value) <= 200 else f"{value[:200]!r}..."
+        case Mapping():
+            return "a mapping"
+        case list() | tuple():
+            return "a list"
+    return str(value)

@@ -1,50 +1,70 @@
-"""YAML 1.2 read into plain values, with the place of each."""
+"""YAML 1.2 read into plain values, each with its line and column."""
 
 from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from ruamel.yaml import YAML
+from ruamel.yaml.constructor import RoundTripConstructor
 from ruamel.yaml.error import MarkedYAMLError, YAMLError, YAMLWarning
-from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+from ruamel.yaml.nodes import ScalarNode
 
-from shapefit.config.model import Location, Place
-
-_NUMBER_TAGS = {f"tag:yaml.org,2002:{name}" for name in ("int", "float")}
-_SCALAR_TAGS = _NUMBER_TAGS | {f"tag:yaml.org,2002:{name}" for name in ("null", "bool")}
-
-# The core schema, section 10.3.2: ruamel.yaml also takes 1_000, 0b1 and signs before 0x.
-_NUMBER = re.compile(
-    r"[-+]?[0-9]+ | 0o[0-7]+ | 0x[0-9a-fA-F]+"
-    r"| [-+]?(\.[0-9]+ | [0-9]+(\.[0-9]*)?) ([eE][-+]?[0-9]+)?"
-    r"| [-+]?\.(inf|Inf|INF) | \.(nan|NaN|NAN)",
-    re.VERBOSE,
-)
-
+Location = tuple[str | int, ...]
+"""The keys and list positions that lead to a value."""
 
 MOST_VALUES = 100_000
 """Aliases of aliases make more of them than memory holds, from a few lines."""
 
 LARGEST_INTEGER = 2**63 - 1
 
+# The core schema, section 10.3.2: ruamel.yaml also takes 1_000, 0b1 and signs before 0x.
+_INTEGER = re.compile(r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+")
+_FLOAT = re.compile(
+    r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)"
+)
+_BASES = {"0o": 8, "0x": 16}
 
-class _TooMuch(Exception):
-    """A document has more than `MOST_VALUES` values."""
+
+class _Constructor(RoundTripConstructor):
+    """Numbers as in the core schema, everything else that is no boolean or null as text."""
+
+    def number(self, node: ScalarNode) -> int | float | str:
+        text = str(node.value)
+        if _INTEGER.fullmatch(text):
+            return int(text, _BASES.get(text[:2], 10))
+        return float(re.sub(r"\.(?=[in])", "", text.lower())) if _FLOAT.fullmatch(text) else text
+
+    def truth(self, node: ScalarNode) -> bool | str:
+        return {"true": True, "false": False}.get(node.value.lower(), str(node.value))
+
+    def text(self, node: ScalarNode) -> str:
+        return str(node.value)
+
+
+for _tag, _construct in {
+    "int": _Constructor.number,
+    "float": _Constructor.number,
+    "bool": _Constructor.truth,
+    "timestamp": _Constructor.text,
+    "binary": _Constructor.text,
+}.items():
+    _Constructor.add_constructor(f"tag:yaml.org,2002:{_tag}", _construct)
 
 
 @dataclass
 class Document:
     """What one YAML text says: plain values, the place of each, and what is wrong with it.
 
-    Where it is not `readable`, nothing is known about its values.
+    places holds for each location where its key stands, and where its value. Where the text is not
+    `readable`, nothing is known about its values.
     """
 
     value: Any = None
-    places: dict[Location, Place] = field(default_factory=dict)
+    places: dict[Location, tuple[str, str]] = field(default_factory=dict)
     problems: list[str] = field(default_factory=list)
     readable: bool = True
 
@@ -52,124 +72,88 @@ class Document:
 def read_yaml(text: str, place: Callable[[int, int], str]) -> Document:
     """Return what `text` says; `place` names a line and column, both from 1.
 
-    Numbers, true, false and null are as in YAML 1.2's core schema; everything else, dates too,
-    is text. A mapping's keys are always text; the first of a repeated key counts.
+    A mapping's keys are always text; a repeated key is an error.
     """
-    document = Document()
-    yaml = YAML(typ="safe", pure=True)
+    yaml = YAML(pure=True)
+    yaml.Constructor = _Constructor
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", YAMLWarning)  # on YAML 1.1, and anchors given again
-            root = yaml.compose(text)
-            if root is not None:
-                _Reader(yaml, place, document).read(root)
+            return _Reader(place).read(yaml.load(text))
     except MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         where = place(mark.line + 1, mark.column + 1) if mark else place(1, 1)
-        document.problems.append(f"{where}: not valid YAML: {error.problem or error.context}")
+        problem = f"{where}: not valid YAML: {error.problem or error.context}"
     except YAMLError as error:
-        document.problems.append(f"{place(1, 1)}: not valid YAML: {str(error).splitlines()[0]}")
-    except _TooMuch:
-        found = f"more than {MOST_VALUES} values, aliases written out"
-        document.problems.append(f"{place(1, 1)}: {found}; a config must be small")
+        problem = f"{place(1, 1)}: not valid YAML: {str(error).splitlines()[0]}"
     except RecursionError:
-        document.problems.append(f"{place(1, 1)}: lists or mappings are nested too deeply")
-    else:
-        return document
-    return replace(document, value=None, readable=False)
-
-
-def _is_absent(node: Node) -> bool:
-    return bool(node.start_mark.index == node.end_mark.index)
+        problem = f"{place(1, 1)}: lists or mappings are nested too deeply"
+    return Document(problems=[problem], readable=False)
 
 
 class _Reader:
-    def __init__(self, yaml: YAML, place: Callable[[int, int], str], document: Document) -> None:
-        self._construct = yaml.constructor.construct_object
+    """Makes plain values of those of ruamel.yaml, whose `lc` says where they stand."""
+
+    def __init__(self, place: Callable[[int, int], str]) -> None:
         self._place = place
-        self._document = document
-        self._around: list[Node] = []
-        self._count = 0
+        self._around: list[int] = []
+        self._document = Document()
 
-    def read(self, root: Node) -> None:
-        self._document.value = self._value(root, ())
-        self._document.places[()] = Place(self._at(root), self._at(root))
+    def read(self, root: Any) -> Document:
+        here = self._at(*(root.lc.line, root.lc.col) if hasattr(root, "lc") else (0, 0))
+        self._document.value = self._plain(root, (), here)
+        if len(self._document.places) > MOST_VALUES:
+            found = f"more than {MOST_VALUES} values, aliases written out; a config must be small"
+            return Document(problems=[f"{self._place(1, 1)}: {found}"], readable=False)
+        self._document.places[()] = (here, here)
+        return self._document
 
-    def _at(self, node: Node) -> str:
-        return self._place(node.start_mark.line + 1, node.start_mark.column + 1)
+    def _at(self, line: int, column: int) -> str:
+        return self._place(line + 1, column + 1)
 
-    def _value(self, node: Node, location: Location) -> Any:
-        self._count += 1
-        if self._count > MOST_VALUES:
-            raise _TooMuch
-        if node in self._around:
-            self._document.problems.append(
-                f"{self._at(node)}: an alias contains itself; write it out"
-            )
-            return None
-        self._around.append(node)
-        value: Any
-        if isinstance(node, MappingNode):
-            value = self._mapping(node, location)
-        elif isinstance(node, SequenceNode):
-            value = self._sequence(node, location)
+    def _plain(self, value: Any, location: Location, here: str) -> Any:
+        """Return the plain value at `location`, which stands `here`; note the places in it."""
+        problem = ""
+        if id(value) in self._around:
+            problem = "an alias contains itself; write it out"
+        elif isinstance(value, Mapping | list):
+            self._around.append(id(value))
+            values = self._inner(value, location, here)
+            self._around.pop()
+            return values
+        elif isinstance(value, str):
+            if not any("\ud800" <= letter <= "\udfff" for letter in value):
+                return str(value)
+            problem = f"{str(value)!r} contains an unpaired surrogate; write it whole"
+        elif isinstance(value, int) and abs(value) > LARGEST_INTEGER:
+            problem = f"a whole number beyond {LARGEST_INTEGER}; write a smaller one"
+        elif value is None or isinstance(value, bool | int | float):
+            return value
         else:
-            value = self._scalar(node)
-        self._around.pop()
-        return value
+            problem = "is no number, text, list or mapping; leave out the tag"
+        self._document.problems.append(f"{here}: {problem}")
+        return None
 
-    def _mapping(self, node: MappingNode, location: Location) -> dict[str, Any]:
-        values: dict[str, Any] = {}
-        first: dict[str, str] = {}
-        for key_node, value_node in node.value:
-            key = key_node.value
-            if not isinstance(key_node, ScalarNode):
-                self._document.problems.append(f"{self._at(key_node)}: a key must be a string")
-            elif key in values:
-                self._document.problems.append(
-                    f"{self._at(key_node)}: repeated key {key!r}, first at {first[key]}; "
-                    "keep one of them"
-                )
-            else:
-                first[key] = self._at(key_node)
-                child = (*location, key)
-                said = key_node if _is_absent(value_node) else value_node
-                self._document.places[child] = Place(first[key], self._at(said))
-                values[key] = self._value(value_node, child)
-        return values
+    def _inner(self, values: Any, location: Location, here: str) -> Any:
+        places = values.lc.data or {}  # none of what a tag or `<<` makes
+        if isinstance(values, list):
+            found: Any = []
+            for index, inner in enumerate(values):
+                own = self._at(*places[index][:2]) if index in places else here
+                found.append(self._placed(inner, (*location, index), own, own))
+            return found
+        found = {}
+        for key, inner in values.items():
+            own = self._at(*places[key][:2]) if key in places else here
+            if not isinstance(key, str | int | float):
+                self._document.problems.append(f"{own}: a key must be a string")
+                continue
+            said = self._at(*places[key][2:]) if key in places and inner is not None else own
+            name = str(key).lower() if isinstance(key, bool) else str(key)
+            found[name] = self._placed(inner, (*location, name), own, said)
+        return found
 
-    def _sequence(self, node: SequenceNode, location: Location) -> list[Any]:
-        values = []
-        for index, item in enumerate(node.value):
-            child = (*location, index)
-            self._document.places[child] = Place(self._at(item), self._at(item))
-            values.append(self._value(item, child))
-        return values
-
-    def _text(self, node: Node) -> str | None:
-        r"""Return a string that UTF-8 can hold; `\ud800` in quotes is an unpaired surrogate."""
-        text = str(node.value)
-        if any("\ud800" <= letter <= "\udfff" for letter in text):
-            self._document.problems.append(
-                f"{self._at(node)}: {text!r} contains an unpaired surrogate; write it whole"
-            )
-            return None
-        return text
-
-    def _scalar(self, node: Node) -> Any:
-        if node.tag not in _SCALAR_TAGS:
-            return self._text(node)
-        try:
-            value = self._construct(node)
-        except (ValueError, KeyError, IndexError):  # of !!int x, !!bool x, !!int ""
-            self._document.problems.append(
-                f"{self._at(node)}: {node.value!r} does not match its tag"
-            )
-            return None
-        if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
-            self._document.problems.append(
-                f"{self._at(node)}: a whole number beyond {LARGEST_INTEGER}; write a smaller one"
-            )
-            return None
-        is_text = node.tag in _NUMBER_TAGS and not _NUMBER.fullmatch(node.value)
-        return node.value if is_text else value
+    def _placed(self, value: Any, location: Location, key: str, here: str) -> Any:
+        self._document.places[location] = (key, here)
+        many = len(self._document.places) > MOST_VALUES
+        return None if many else self._plain(value, location, here)

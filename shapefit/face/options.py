@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from pydantic import BaseModel
 
 from shapefit.config import find_config
-from shapefit.config.model import CommandConfig, marked_keys
-from shapefit.config.paths import OfTheData, PathWords
-from shapefit.config.settings import Settings, check
-from shapefit.errors import InputError, input_error
+from shapefit.config.model import CommandConfig, field_keys, submodel
+from shapefit.config.settings import OPTION, Place, Settings, check
+from shapefit.errors import input_error
 
 Config = TypeVar("Config", bound=CommandConfig)
 
@@ -44,36 +44,30 @@ def config_of(
         found = f"there is no argument `{key}`"
         fix = f"it is for files: use the command line, or the functions of shapefit for `{key}`"
         raise input_error(f"{function}.{key}", found, fix)
-    settings = Settings({})
-    stream = dict.fromkeys(files, "-")
-    known = {} if config is None else file_values(model, function, Path(config))
-    said = stream | plain({**given, **options})
-    settings.take_section(function, merged(known, said))
-    settings.chosen = frozenset(known.keys() - said.keys())
+    settings = Settings(model, function)
+    if config is not None:
+        file = find_config(function, Path(config))
+        assert file is not None
+        settings.read_file(file.path, is_preset=True)
+    _give(settings, model, function, dict.fromkeys(files, "-") | plain({**given, **options}))
     return check(model, settings, final=final).model_copy(update=dict(files))
 
 
-def file_values(model: type[CommandConfig], command: str, config: Path) -> dict[str, Any]:
-    """Return the settings of a YAML file or an installed config, without what is for its data."""
-    file = find_config(command, config)
-    assert file is not None
-    settings = Settings(marked_keys(model, PathWords))
-    settings.read_file(file.path)
-    if settings.problems:
-        raise InputError(settings.problems)
-    settings.drop(marked_keys(model, PathWords, OfTheData))
-    return settings.values
-
-
-def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values of both, those of a section key by key; what is above wins."""
-    both = {key: (below[key], above[key]) for key in below.keys() & above.keys()}
-    sections = {
-        key: merged(low, high)
-        for key, (low, high) in both.items()
-        if isinstance(low, dict) and isinstance(high, dict)
-    }
-    return {**below, **above, **sections}
+def _give(
+    settings: Settings,
+    model: type[BaseModel],
+    place: str,
+    values: Mapping[str, Any],
+    above: tuple[str, ...] = (),
+) -> None:
+    """Set the values of a mapping, those of sections key by key."""
+    for key, value in values.items():
+        field, named = field_keys(model).get(key), f"{place}.{key}"
+        section = None if field is None else submodel(field)
+        if section is not None and isinstance(value, dict):
+            _give(settings, section, named, value, (*above, key))
+        else:
+            settings.set((*above, key), value, {(): Place(named, named, OPTION)})
 
 
 def plain(value: Any) -> Any:

@@ -276,7 +276,7 @@ def test_a_config_can_come_from_standard_input(folder, monkeypatch):
     config = load_config("fit", Path("-"))
     assert (config.lam, config.output) == (0.3, folder / "r.h5")
     monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(text + b"threads: -1\n")))
-    with pytest.raises(InputError, match="standard input:5:10: expected a whole number >= 0"):
+    with pytest.raises(InputError, match="standard input:5:10: `threads` should be greater"):
         load_config("fit", Path("-"))
     monkeypatch.setattr("sys.stdin", None)
     with pytest.raises(InputError, match="standard input: is closed"):

@@ -16,7 +16,7 @@ OPTIONS = {
     "sparse-error": {"outliers": {"method": "sparse-error", "threshold": 0.2}},
     "noise": {"lam": "auto", "noise": 3.0},
     "transforms": {"transforms": True, "rotations": "orthogonal"},
-    "ransac": {"outliers": {"method": "ransac", "seed": 3}},
+    "ransac": {"outliers": {"method": "ransac"}},
     "perspective": {"camera": {"model": "perspective", "focal": 900.0}},
     "one thread": {"threads": 1, "chunk": 64},
     "strict": {"strict": True, "solver": {"max_iterations": 2}},
@@ -121,7 +121,10 @@ def test_what_the_command_warns_of_is_a_warning(people, views):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"method": "convexx"}, r"^fit\.method: expected convex .*did you mean 'convex'\?$"),
+        (
+            {"method": "convexx"},
+            r"^fit\.method: `method` should be 'convex'.*did you mean 'convex'\?$",
+        ),
         ({"lam": -1}, r"^fit\.lambda: expected a number > 0 or auto, found -1$"),
         ({"outliers": {"metod": "ransac"}}, r"fit\.outliers\.metod: unknown key .*'method'"),
         ({"lamda": 1}, r"fit\.lamda: unknown key 'lamda'; did you mean 'lambda'"),

@@ -68,7 +68,11 @@ def test_shapes_that_cannot_be_used_are_a_warning(sample):
         (np.ones((4, 15, 2)), {}, r"^shapes: has the shape \(4, 15, 2\); it must be \(n, p, 3\)"),
         (np.full((4, 15, 3), np.nan), {}, r"^shapes\[0\]: landmark '0' is \(nan, nan, nan\)"),
         (np.eye(5, 3)[None].repeat(4, 0), {"k": 5}, "5 atoms are more than the 4 shapes"),
-        (np.ones((4, 5, 3)), {"k": 0}, r"^learn\.k: expected a whole number >= 1, found 0"),
+        (
+            np.ones((4, 5, 3)),
+            {"k": 0},
+            r"^learn\.k: `k` should be greater than or equal to 1, found 0",
+        ),
         (np.ones((4, 5, 3)), {"kk": 0}, r"^learn\.kk: unknown key"),
         (np.ones((4, 5, 3)), {"method": "exemplars", "k": 3}, "`k` has no effect here"),
     ],

@@ -16,7 +16,6 @@ from shapefit.config.commands.fit_sections import (
 )
 from shapefit.config.commands.input import InputConfig
 from shapefit.config.model import (
-    AS_A_WHOLE,
     MOST_STEPS,
     MOST_THREADS,
     CommandConfig,
@@ -80,7 +79,6 @@ class AlternationConfig(ConfigModel):
     views: Annotated[
         Annotated[int, Field(ge=1, le=_MOST_VIEWS)] | Literal["all"],
         Expected(f"a whole number from 1 to {_MOST_VIEWS} or all"),
-        AS_A_WHOLE,
     ] = Field(
         default=AlternationOptions.views,
         description="Views, spread evenly, from which the pose of the mean shape is sought; all: "
@@ -142,7 +140,6 @@ class FitConfig(CommandConfig):
     lam: Annotated[
         Annotated[float, Field(gt=0)] | Literal["auto"],
         Expected("a number > 0 or auto"),
-        AS_A_WHOLE,
     ] = Field(default=0.1, alias="lambda")
     """Weight of the sum of spectral norms, for normalised landmarks and atoms; auto derives it from
     `noise`."""

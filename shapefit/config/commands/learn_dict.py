@@ -9,7 +9,6 @@ from pydantic import BeforeValidator, Field
 
 from shapefit.config.commands.input import InputConfig
 from shapefit.config.model import (
-    AS_A_WHOLE,
     MOST_STEPS,
     CommandConfig,
     ConfigModel,
@@ -75,7 +74,6 @@ class LearnDictConfig(CommandConfig):
     every: Annotated[
         AtLeastOne | Annotated[Mapping[str, AtLeastOne], Field(min_length=1)],
         Expected("a whole number >= 1, or a mapping of globs on sequence names to such numbers"),
-        AS_A_WHOLE,
     ] = 1
     """Keep every n-th shape of each sequence, starting with its first; a mapping such as {13_*: 18,
     "*": 2} keeps so many of the sequences that a glob fits, the first that fits, and all shapes of
@@ -104,7 +102,7 @@ class LearnDictConfig(CommandConfig):
     iterations: int = Field(default=15, ge=1, le=MOST_STEPS)
     """Rounds of coding all shapes and updating all atoms (sparse-coding only)."""
     bases: Annotated[
-        Share | AtLeastOne, Expected("a whole number >= 1, or a share > 0 and < 1"), AS_A_WHOLE
+        Share | AtLeastOne, Expected("a whole number >= 1, or a share > 0 and < 1")
     ] = 0.99
     """Bases of each sequence: their number, or, below 1, the share of the variation within the
     sequence that they explain (pca-bases only)."""
@@ -120,7 +118,6 @@ class LearnDictConfig(CommandConfig):
         Mapping[Literal["source", "licence", "acknowledgement"], str],
         Expected("a mapping of source, licence and acknowledgement to texts"),
         OF_THE_DATA,
-        AS_A_WHOLE,
     ] = Field(default_factory=dict)
     """Where the shapes come from (`source`), their terms of use (`licence`) and what their users
     are asked to acknowledge (`acknowledgement`): the dictionary states it, and `shapefit info`

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from shapefit.config.commands.input import ShapesInput
-from shapefit.config.model import AS_A_WHOLE, CommandConfig, ConfigModel, FromLists, section
+from shapefit.config.model import CommandConfig, ConfigModel, FromLists, section
 from shapefit.config.paths import Expected, InputPaths, OutputPath
 
 Row = tuple[float, float, float]
@@ -40,7 +40,6 @@ class CameraConfig(ConfigModel):
         Literal["turntable", "random"] | Rotation,
         Expected("turntable, random, or a rotation as three rows of three numbers"),
         FromLists,
-        AS_A_WHOLE,
         AfterValidator(_view),
     ] = "turntable"
     """One full turn per sequence about the vertical axis, a random rotation per image, or one
