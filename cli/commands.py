@@ -117,7 +117,7 @@ work, - is stdin (CSV).""",
         "fit",
         pipeline="fit.run",
         in_parts="parts.run",
-        chooser="fit.defaults",
+        chooser="fit.prepare",
         unit="image",
         summary="Lift 2D landmarks to 3D shapes.",
         text="""Lift 2D landmarks in single images to 3D shapes.

@@ -30,9 +30,16 @@ from shapefit.io.foreign.items import landmarks_of
 from shapefit.io.options import InputOptions, Track, input_options
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.io.source import source_of
-from shapefit.pipelines.fit.defaults import Default, are_long, choose_by_dictionary, fits
-from shapefit.pipelines.fit.plan import plan_fit
-from shapefit.pipelines.fit.prepare import prepare
+from shapefit.pipelines.fit.prepare import (
+    FIRST,
+    Default,
+    are_long,
+    choose_by_dictionary,
+    fits,
+    prepare,
+    set_up,
+    warn_of_dictionary,
+)
 from shapefit.pipelines.fit.report import Report
 from shapefit.pipelines.fit.run import attributes_of, lift_source
 from shapefit.pipelines.joints import name_warnings
@@ -113,17 +120,16 @@ def fit(
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
     with source_of(images, "landmarks", wanted.input.rename) as source:
-        setup = prepare(wanted, atoms, source)
-        wanted = setup.apply(wanted)
-        plan = plan_fit(wanted, atoms, source.head.landmark_names)
-        atoms = plan.dictionary
-        report = Report(plan.report, atoms)
+        estimates = prepare(wanted, atoms, lambda: source.first(FIRST))
+        setup = set_up(estimates.apply(wanted), atoms, source.head.landmark_names)
+        report = Report(setup)
+        of_dictionary = warn_of_dictionary(setup.config, setup.dictionary)
         messages: dict[str, str | Counted] = {
-            text: text for text in (*setup.warnings, *plan.warnings)
+            text: text for text in (*estimates.warnings, *of_dictionary)
         }
-        doubts = name_warnings(source.head.landmark_names, atoms.landmark_names)
-        for batch in lift_source(source, plan):
-            outcome = report.of(batch)
+        doubts = name_warnings(source.head.landmark_names, setup.dictionary.landmark_names)
+        for batch in lift_source(source, setup):
+            outcome = report.add(batch.images, batch.lifting, batch.record)
             records.append(batch.record)
             seconds += batch.seconds
             failures |= {failure.item: failure.reason for failure in outcome.failures}
@@ -132,7 +138,7 @@ def fit(
         if not isinstance(message, Note):
             warnings.warn(str(message), stacklevel=2)
     whole = concatenate(records)
-    attributes = attributes_of(wanted, atoms, setup, {}, seconds, len(whole))
+    attributes = attributes_of(setup, estimates, {}, seconds, len(whole))
     return fit_of(whole.replaced(attributes=attributes), failures)
 
 

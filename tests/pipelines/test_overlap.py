@@ -1,11 +1,11 @@
-"""Work side by side and writing behind keep order, items and errors."""
+"""Work side by side keeps order, items and errors."""
 
 import threading
 import time
 
 import pytest
 
-from shapefit.pipelines.overlap import side_by_side, written_behind
+from shapefit.pipelines.overlap import side_by_side
 
 
 @pytest.mark.parametrize("workers", [0, 1, 2, 3])
@@ -42,33 +42,3 @@ def test_an_error_of_the_work_comes_after_what_was_done(workers):
     assert [next(numbers), next(numbers)] == [0, 1]
     with pytest.raises(OSError, match="disk is gone"):
         next(numbers)
-
-
-def test_all_is_written_in_order_before_the_end():
-    written = []
-    with written_behind(written.append, on_thread=True) as write:
-        for number in range(20):
-            write(number)
-    assert written == list(range(20))
-
-
-@pytest.mark.parametrize("last", [3, 9])
-def test_an_error_of_the_writer_stops_the_work(last):
-    """At the next item, or at the end."""
-    written, given = [], []
-
-    def store(number):
-        if number == 3:
-            raise OSError("the disk is full")
-        written.append(number)
-
-    def write_all():
-        with written_behind(store, on_thread=True) as write:
-            for number in range(last + 1):
-                write(number)
-                given.append(number)
-
-    with pytest.raises(OSError, match="disk is full"):
-        write_all()
-    assert written == [0, 1, 2]
-    assert max(given) == 3

@@ -1,27 +1,59 @@
-"""The camera of each image: its intrinsics, and the distortion of its lens, which is removed.
+"""The camera of the images: the measured one, else an assumed one; and the lens, which is undone.
 
-They come from the config, a calibration or the landmark files. Shapes are refined for them.
+Intrinsics and distortion come from the config, a calibration or the files of the landmarks. Only
+methods that look through the camera themselves take an assumed one; for the others weak perspective
+stays, as in the paper's program.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from shapefit.arrays import Floats
+from shapefit.config import FitConfig
 from shapefit.config.commands.fit_sections import CAMERA_MATRIX, ViewingConfig
-from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.pinhole import Camera, depth_sign
 from shapefit.io import LandmarkSet
-from shapefit.lifting.lift import Lifting
-from shapefit.lifting.options import PerspectiveOptions
+from shapefit.io.image_size import IMAGE_SUFFIXES, read_image_size
+from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.stores import UrlPath
 
 if TYPE_CHECKING:
     from shapefit.io.foreign.calibration import CalibratedCamera
 
+FOCAL = 1.1
+"""Focal length in longer sides of the image: an angle of view of 49 degrees across it. With it the
+posterior does as well as with the true cameras of the man on the beam."""
+
+COMMON_SIZES = ((1280, 720), (720, 1280), (1920, 1080), (1080, 1920), (3840, 2160), (2160, 3840))
+"""Width and height in pixels of the videos that people take, the smallest first."""
+
+LEAST_ANGLE = 0.1
+"""Median extent of the landmarks, in focal lengths, below which perspective does not show: depths
+within a body then differ by less than that share."""
+
+CROPPED = 0.75
+"""Median extent of the landmarks, as a share of what they ever cover, from which on an image of
+unknown size may be a crop, whose centre says nothing."""
+
+FEWEST_PIXELS = 100.0
+"""Landmarks of no unit that are all positive and reach this far are taken for pixels."""
+
+PIXELS = ("px", "pixel", "pixels")
+
+BESIDE = 8
+"""Images beside the landmarks whose sizes are compared."""
+
+IMAGE_SIZE = "image_size"
+"""Dataset (2,) or (n, 2) of the landmarks: width and height of the images in pixels."""
+
+ASK = "set `image_size` if you know it"
 
 DISTORTION = "distortion"
 """Dataset (m,) or (n, m) of landmarks: coefficients of OpenCV's model, m = 4, 5 or 8."""
@@ -37,8 +69,168 @@ LARGEST = 0.5
 
 NO_DATASETS = "give `camera.focal`, or landmarks in HDF5: CSV holds no datasets"
 
-FAR_ASIDE = np.tan(np.radians(15.0))
-"""Distance from the optical axis, in focal lengths, where few cameras see all that they see."""
+
+class ImageSize(NamedTuple):
+    """Width and height (2,) of the images in pixels, and who says so."""
+
+    size: Floats
+    source: str
+
+
+class Extent(NamedTuple):
+    """Least and greatest coordinates (2,) of all landmarks; median diagonal of an image's."""
+
+    least: Floats
+    most: Floats
+    diagonal: float
+
+
+def choose_camera(
+    config: FitConfig, images: LandmarkSet, *, of_people: bool, paths: Sequence[Path] = ()
+) -> tuple[FitConfig, tuple[str, ...]]:
+    """Return the config with the camera that `camera.model: auto` means, and a line about it.
+
+    A measured camera, of a calibration or the `camera_matrix` of the files, is taken as it is.
+    Else the focal length is `FOCAL` times the longer side of the image and the axis meets its
+    centre, unless landmarks are no pixels or too small for perspective to show (`LEAST_ANGLE`). Of
+    an image whose size nobody states: that of the images at the `paths` of the landmarks; else, for
+    people who are not cropped (`CROPPED`), the smallest common one that holds all landmarks.
+    """
+    camera = config.camera
+    if camera.model != "auto":
+        return config, ()
+    if camera.calibration is not None:
+        return with_camera(config, model="perspective"), ("perspective camera: of the calibration",)
+    if CAMERA_MATRIX in images.columns:
+        return through_measured(config, images)
+    weak = without_camera(config)
+    extent = find_extent(images)
+    if extent is None:
+        return weak, ()
+    known = find_size(config, images, paths)
+    if isinstance(known, str):
+        return weak, (f"weak perspective: {known}; {ASK}",)
+    if known is None and not of_people:
+        return weak, (f"weak perspective: the size of the images is not known; {ASK}",)
+    if known is None and extent.diagonal > CROPPED * float(np.hypot(*extent.most)):
+        return weak, (f"weak perspective: images may be crops; {ASK}",)
+    chosen = known or assume_size(extent)
+    if chosen is None:
+        return weak, (f"weak perspective: landmarks lie beyond the usual sizes of images; {ASK}",)
+    (width, height), source = chosen
+    focal = FOCAL * float(max(width, height))
+    if extent.diagonal < LEAST_ANGLE * focal:
+        return weak, ("weak perspective: the landmarks cover little of the image",)
+    line = (
+        f"perspective camera: focal length {focal:.0f} px assumed, {FOCAL} times the longer side of"
+        f" the image, {width:.0f} x {height:.0f} ({source}); depths in metres rest on it; "
+        "`camera.model=weak-perspective` does without"
+    )
+    centre = (float(width) / 2, float(height) / 2)
+    return with_camera(config, model="perspective", focal=focal, principal_point=centre), (line,)
+
+
+def without_camera(config: FitConfig) -> FitConfig:
+    """Return the config with weak perspective where the model of the camera is open."""
+    if config.camera.model != "auto":
+        return config
+    return with_camera(config, model="weak-perspective")
+
+
+def find_extent(images: LandmarkSet) -> Extent | None:
+    """Return how far landmarks reach; None where they are not in pixels, or single points."""
+    w = np.where(images.seen()[:, None], images.landmarks, np.nan)
+    seen = np.isfinite(w).all(axis=1)
+    several = seen.sum(axis=1) > 1
+    if not several.any():
+        return None
+    points = np.moveaxis(w, 1, 0)[:, seen]
+    least, most = points.min(axis=1), points.max(axis=1)
+    in_pixels = images.unit in PIXELS or (
+        images.unit == UNKNOWN_UNIT and least.min() >= 0 and most.max() >= FEWEST_PIXELS
+    )
+    if not in_pixels:
+        return None
+    each = np.nanmax(w[several], axis=2) - np.nanmin(w[several], axis=2)
+    return Extent(least, most, float(np.median(np.hypot(*each.T))))
+
+
+def find_size(
+    config: FitConfig, images: LandmarkSet, paths: Sequence[Path]
+) -> ImageSize | str | None:
+    """Return the size that config, landmarks or the images beside them state.
+
+    None where nobody does, a text where it is no single one.
+    """
+    stated = config.input.image_size
+    if stated is not None:
+        return ImageSize(np.array(stated), "as given")
+    if IMAGE_SIZE in images.columns:
+        sizes = np.asarray(images.columns[IMAGE_SIZE])
+        of_numbers = sizes.dtype.kind in "iuf" and sizes.shape in ((2,), (len(images), 2))
+        if not of_numbers or not (np.isfinite(sizes) & (sizes > 0)).all():
+            return "the files state an impossible `image_size`"
+        sizes = np.unique(sizes.reshape(-1, 2).astype(np.float64), axis=0)
+        return ImageSize(sizes[0], "of the files") if len(sizes) == 1 else "images of several sizes"
+    beside = {read_image_size(path) for path in images_beside(paths, images.items)} - {None}
+    if len(beside) > 1:
+        return "images of several sizes"
+    return next((ImageSize(np.array(size, float), "of the images beside") for size in beside), None)
+
+
+def assume_size(extent: Extent) -> ImageSize | None:
+    """Return the smallest common size that holds all landmarks; None where none does."""
+    if extent.least.min() < 0:
+        return None
+    fitting = (size for size in COMMON_SIZES if (extent.most <= size).all())
+    size = next(fitting, None)
+    if size is None:
+        return None
+    text = f"the smallest usual size that holds all landmarks: {ASK}"
+    return ImageSize(np.array(size, dtype=np.float64), text)
+
+
+def images_beside(paths: Sequence[Path], items: Sequence[str]) -> list[Path]:
+    """Return the first images that are called like files of landmarks, or items, beside them."""
+    here = [path for path in paths if not isinstance(path, UrlPath) and path.exists()]
+    folders = {path if path.is_dir() else path.parent for path in here}
+    there: dict[str, Path] = {}
+    stems = {path.stem for path in paths}
+    for folder in sorted(folders):
+        for name in sorted(os.listdir(folder)):
+            stem, suffix = os.path.splitext(name)
+            if suffix.lower() in IMAGE_SUFFIXES:
+                there.setdefault(stem, folder / name)
+            else:
+                stems.add(stem)
+    if not there:
+        return []
+    stems |= {os.path.splitext(item.rpartition("/")[2])[0] for item in items}
+    stems |= {stem.removesuffix("_keypoints") for stem in stems}
+    return [path for stem, path in there.items() if stem in stems][:BESIDE]
+
+
+def through_measured(config: FitConfig, images: LandmarkSet) -> tuple[FitConfig, tuple[str, ...]]:
+    """Take the camera matrix of the images; of one with a skew, what is left without it."""
+    line = f"perspective camera: `{CAMERA_MATRIX}` of the files"
+    matrix = np.asarray(images.columns[CAMERA_MATRIX])
+    if matrix.shape == (3, 3) and matrix.dtype.kind in "iuf" and matrix[0, 1] != 0:
+        both = np.diag(matrix)[:2]
+        if np.isfinite(matrix).all() and (both > 0).all():
+            focal = float(np.sqrt(both.prod()))
+            centre = (float(matrix[0, 2]), float(matrix[1, 2]))
+            line += f" without its skew: focal length {focal:.0f} px"
+            return with_camera(config, model="perspective", focal=focal, principal_point=centre), (
+                line,
+            )
+    read_intrinsics(images, CAMERA_MATRIX)
+    return with_camera(config, model="perspective", intrinsics=CAMERA_MATRIX), (line,)
+
+
+def with_camera(config: FitConfig, **changes: object) -> FitConfig:
+    """Return the config with other keys of the camera."""
+    camera = config.camera.model_copy(update=changes)
+    return config.model_copy(update={"camera": camera})
 
 
 def find_camera(images: LandmarkSet, config: ViewingConfig) -> Camera:
@@ -55,37 +247,6 @@ def find_camera(images: LandmarkSet, config: ViewingConfig) -> Camera:
     if config.principal_point is not None:
         centre = np.tile(np.array(config.principal_point), (n, 1))
     return Camera(focal, centre, depth_sign(images.y_axis))
-
-
-def refine_through_camera(
-    lifting: Lifting,
-    images: LandmarkSet,
-    dictionary: Dictionary,
-    *,
-    config: ViewingConfig,
-    options: PerspectiveOptions,
-    views: int,
-) -> Lifting:
-    """Refine what was lifted under the full projection of the cameras of the images."""
-    from shapefit.lifting.perspective.view import refine_view
-
-    camera = find_camera(images, config)
-    return refine_view(lifting, images.landmarks, camera, dictionary, options, views=views)
-
-
-def all_aside(landmarks: Floats, camera: Camera) -> bool:
-    """Whether all landmarks (n, 2, p) lie to one side of the optical axis, in x and in y, and far.
-
-    So they do where the principal point is wrong, as 0, 0 is for pixels counted from a corner.
-    """
-    seen = np.isfinite(landmarks).all(axis=1)
-    if not seen.any():
-        return False
-    tangents = (landmarks - camera.centre[..., None]) / camera.focal[..., None]
-    of_seen = np.moveaxis(tangents, 1, 0)[:, seen]  # (2, landmarks)
-    one_sided = (of_seen > 0).all(axis=1) | (of_seen < 0).all(axis=1)
-    far = np.hypot(*of_seen) > FAR_ASIDE
-    return bool(one_sided.all() and far.all())
 
 
 def read_intrinsics(images: LandmarkSet, name: str) -> tuple[Floats, Floats]:
@@ -146,15 +307,15 @@ def straightened(images: LandmarkSet, calibrated: CalibratedCamera | None) -> La
     if calibrated is None and DISTORTION not in images.columns:
         return images
     if calibrated is not None:
-        stated = datasets(calibrated)
+        stated = datasets_of(calibrated)
         images = images.with_columns(stated, of_file=stated)
     distortion = images.columns.get(DISTORTION)
     known = CAMERA_MATRIX in images.columns
     if distortion is None or not known or not np.any(distortion):
-        return _with(images, images.landmarks)
+        return unseen_as_a_whole(images, images.landmarks)
     from shapefit.geometry.lens import undistort
 
-    images = _with(images, images.landmarks)
+    images = unseen_as_a_whole(images, images.landmarks)
     focal, centre = read_intrinsics(images, CAMERA_MATRIX)
     coefficients = find_coefficients(distortion)
     if images.y_axis == "up":
@@ -164,7 +325,7 @@ def straightened(images: LandmarkSet, calibrated: CalibratedCamera | None) -> La
     straight = centre[..., None] + focal[..., None] * undistort(points, coefficients)
     of_file = {REMOVED} if DISTORTION in images.of_file else set()
     images = images.without([DISTORTION]).with_columns({REMOVED: distortion}, of_file)
-    return _with(images, straight)
+    return unseen_as_a_whole(images, straight)
 
 
 def find_coefficients(values: Any) -> Floats:
@@ -183,7 +344,7 @@ def find_coefficients(values: Any) -> Floats:
     return coefficients
 
 
-def datasets(camera: CalibratedCamera) -> dict[str, Floats]:
+def datasets_of(camera: CalibratedCamera) -> dict[str, Floats]:
     """Return what a calibration says of a camera, under the names of datasets of landmarks."""
     found: Mapping[str, Floats | None] = {
         CAMERA_MATRIX: camera.matrix,
@@ -197,7 +358,7 @@ def datasets(camera: CalibratedCamera) -> dict[str, Floats]:
 
 def find_doubts(head: Mapping[str, Any], calibrated: CalibratedCamera | None) -> tuple[str, ...]:
     """Warn of a distortion that no lens has, or that cannot be removed, from what a file says."""
-    said = dict(head) | ({} if calibrated is None else datasets(calibrated))
+    said = dict(head) | ({} if calibrated is None else datasets_of(calibrated))
     matrix, values = said.get(CAMERA_MATRIX), said.get(DISTORTION)
     if values is None or not np.size(values):
         return ()
@@ -206,10 +367,10 @@ def find_doubts(head: Mapping[str, Any], calibrated: CalibratedCamera | None) ->
         return (lacking,)
     if np.shape(matrix) != (3, 3) or np.ndim(values) != 1 or not np.any(values):
         return ()
-    return doubts(np.asarray(matrix), find_coefficients(values), said.get("image_size"))
+    return doubts_of_lens(np.asarray(matrix), find_coefficients(values), said.get("image_size"))
 
 
-def doubts(matrix: Floats, coefficients: Floats, size: Any) -> tuple[str, ...]:
+def doubts_of_lens(matrix: Floats, coefficients: Floats, size: Any) -> tuple[str, ...]:
     """Say what is wrong with a lens: it bends back in the image, or moves its corners oddly."""
     from shapefit.geometry.lens import undistort
 
@@ -237,6 +398,7 @@ def doubts(matrix: Floats, coefficients: Floats, size: Any) -> tuple[str, ...]:
     return ()
 
 
-def _with(images: LandmarkSet, landmarks: Floats) -> LandmarkSet:
+def unseen_as_a_whole(images: LandmarkSet, landmarks: Floats) -> LandmarkSet:
+    """Return the images with other landmarks, unseen where one coordinate is."""
     unseen = np.isnan(landmarks).any(axis=1, keepdims=True)
     return images.replaced(landmarks=np.where(unseen, np.nan, landmarks))

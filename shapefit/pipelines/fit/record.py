@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,46 +16,23 @@ from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.layout import FURTHER_OF_RESULTS, METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
 from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
+from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import DOUBT, TRUSTED, find_doubts
+from shapefit.pipelines.fit.lift import find_left_out
+from shapefit.pipelines.fit.prepare import Setup
 
 OF_A_RESULT = RESULTS.names | {dataset.name for dataset in FURTHER_OF_RESULTS}
 """Datasets that a fit can write: what came with the landmarks is never mistaken for one of them."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class RecordOptions:
-    """What is stored of a fit.
-
-    transforms   those of every image
-    proof        what proves the optimum of the convex program
-    optimum      that program is what the method solves: its certificate is that of the result
-    frame_rate   of the images, in place of what their files state
-    implausible  a shape of a plausibility below this is not to be trusted
-    widest       nor one whose standard deviations are above this
-    left_out     names the item (n,) whose atoms the fit of each image did without
-    """
-
-    transforms: bool = False
-    proof: bool = True
-    optimum: bool = False
-    frame_rate: float | None = None
-    implausible: float = 0.0
-    widest: float = np.inf
-    left_out: Callable[[LandmarkSet], NDArray[Any]] | None = None
-
-
 def as_result(
-    images: LandmarkSet,
-    lifting: Lifting,
-    dictionary: Dictionary,
-    options: RecordOptions,
-    inputs: Mapping[str, NDArray[Any]],
+    images: LandmarkSet, lifting: Lifting, setup: Setup, inputs: Mapping[str, NDArray[Any]]
 ) -> ResultSet:
     """Lay out a batch as it is stored, with the observed landmarks beside the fitted ones.
 
     inputs are the landmarks of the files in 3D, where they are not those of the dictionary.
     """
-    found = lifting.estimate
+    config, found = setup.config, lifting.estimate
     bars = found.in_unit(lifting.scale[:, None, None])
     failed, M = np.isnan(lifting.scale), found.transforms
 
@@ -80,16 +57,16 @@ def as_result(
         items=images.items,
         sequences=images.sequences,
         shape_sd=bars.deviation,
-        transforms=where_fitted(M.dense()) if options.transforms and M is not None else None,
+        transforms=where_fitted(M.dense()) if config.transforms and M is not None else None,
         unit=images.unit,
         y_axis=images.y_axis,
-        frame_rate=options.frame_rate or images.frame_rate,
-        attributes=size_attributes(dictionary),
-        columns=further_datasets(images, lifting, dictionary, options, inputs),
+        frame_rate=config.sequences.frame_rate or images.frame_rate,
+        attributes=size_attributes(setup.dictionary),
+        columns=further_datasets(images, lifting, setup, inputs, bars.covariance),
         of_file=carried_of_file(images),
     )
     record = with_trees(with_readings(record, lifting), lifting)
-    return with_proof(record, lifting, optimum=options.optimum) if options.proof else record
+    return with_proof(record, lifting, config.method) if config.proof else record
 
 
 def size_attributes(dictionary: Dictionary) -> dict[str, str | float | int]:
@@ -108,11 +85,11 @@ def by_landmark(covariance: Floats | None) -> Floats | None:
     return blocks.reshape(n, d, d)
 
 
-def with_proof(record: ResultSet, lifting: Lifting, *, optimum: bool) -> ResultSet:
+def with_proof(record: ResultSet, lifting: Lifting, method: str) -> ResultSet:
     """Add what proves the optimum of the convex program, where the method solves one.
 
-    Where it is the `optimum` of the result, too, that states its objective and gap. Images without
-    a shape have no proof: nan, and no transforms.
+    Where that program is the method, the result states its objective and gap. Images without a
+    shape have no proof: nan, and no transforms.
     """
     proof = lifting.estimate.convex_proof
     if proof is None:
@@ -122,7 +99,7 @@ def with_proof(record: ResultSet, lifting: Lifting, *, optimum: bool) -> ResultS
     if failed.any():
         kept = ~failed[M.image]
         M = replace(M, count=np.where(failed, 0, M.count), atom=M.atom[kept], blocks=M.blocks[kept])
-    of_the_program = optimum and lifting.perspective is None
+    of_the_program = METHODS[method].proves == "optimum" and lifting.perspective is None
     return record.replaced(
         dual=np.where(failed[:, None, None], np.nan, proof.dual),
         convex_translation=np.where(failed[:, None], np.nan, proof.translation),
@@ -139,12 +116,12 @@ def with_proof(record: ResultSet, lifting: Lifting, *, optimum: bool) -> ResultS
 def further_datasets(
     images: LandmarkSet,
     lifting: Lifting,
-    dictionary: Dictionary,
-    options: RecordOptions,
+    setup: Setup,
     inputs: Mapping[str, NDArray[Any]],
+    covariance: Floats | None,
 ) -> dict[str, NDArray[Any]]:
     """Join what came with the landmarks with what only some fits have."""
-    found = lifting.estimate
+    found, dictionary = lifting.estimate, setup.dictionary
     seen = images.seen()[:, None, :]
     own: dict[str, NDArray[Any] | None] = {
         "landmarks": np.where(seen, images.landmarks, np.nan).swapaxes(1, 2),
@@ -154,13 +131,13 @@ def further_datasets(
         "active_atoms": found.active_atoms,
         "tight": found.tight,
         "outliers": found.outliers,
-        "shape_covariance": by_landmark(found.in_unit(lifting.scale[:, None, None]).covariance),
+        "shape_covariance": by_landmark(covariance),
         METRES_PER_UNIT: metres_per_unit(lifting.shapes, dictionary),
         **found.further,
-        **verdict(images, lifting, dictionary, options),
+        **verdict(images, lifting, setup),
     }
-    if options.left_out is not None:
-        own["left_out"] = options.left_out(images).astype(object)
+    if setup.config.leave_out is not None:
+        own["left_out"] = find_left_out(images, setup.config, dictionary).astype(object)
     if lifting.perspective is not None:
         own |= perspective_datasets(lifting.perspective, found.coefficients, dictionary)
     present = {name: values for name, values in own.items() if values is not None}
@@ -176,11 +153,9 @@ def carried_of_file(images: LandmarkSet) -> tuple[str, ...]:
     return tuple(names[name] for name in images.of_file)
 
 
-def verdict(
-    images: LandmarkSet, lifting: Lifting, dictionary: Dictionary, options: RecordOptions
-) -> dict[str, NDArray[Any] | None]:
+def verdict(images: LandmarkSet, lifting: Lifting, setup: Setup) -> dict[str, NDArray[Any] | None]:
     """Say of each image whether its shape is to be trusted, where the method knows its error."""
-    found = lifting.estimate
+    found, limits = lifting.estimate, setup.config.posterior
     if found.deviation is None:
         return {}
     doubt = find_doubts(
@@ -189,9 +164,9 @@ def verdict(
         images.seen(),
         found.further["plausibility"],
         found.status,
-        implausible=options.implausible,
-        widest=options.widest,
-        depth_is_open=dictionary.depth_is_open,
+        implausible=limits.implausible,
+        widest=limits.widest,
+        depth_is_open=setup.dictionary.depth_is_open,
     )
     return {TRUSTED: doubt == "", DOUBT: doubt}
 

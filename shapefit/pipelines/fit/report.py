@@ -2,108 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
-
 import numpy as np
 
+from shapefit.arrays import Floats
 from shapefit.convex.solution import Status
-from shapefit.dictionary.model import Dictionary
-from shapefit.errors import counted
-from shapefit.io import LandmarkSet, LandmarkSource, ResultSet
+from shapefit.errors import counted, input_error
+from shapefit.geometry.pinhole import Camera
+from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.skeletons import PEOPLE, people_joints
 from shapefit.lifting.lift import Lifting
+from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import DOUBT, NO_SHAPE
+from shapefit.pipelines.fit.lift import LEAVE_OUT, find_items
+from shapefit.pipelines.fit.prepare import Setup
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
-
-if TYPE_CHECKING:
-    from shapefit.pipelines.fit.left_out import UnknownItems
-
 
 STEEP = 0.5
 """Cosine of the angle to the vertical within which a body stands, or is on its head: 60 degrees."""
 
-
-@dataclass(frozen=True, kw_only=True)
-class ReportOptions:
-    """What counts as a failure, and what is worth a warning.
-
-    strict        an image whose tolerance was not reached is a failure
-    precisions    confidences divide standard deviations; else they are weights
-    scores        or only say what was seen
-    within        readings this share above the least objective were searched
-    leave_out     dataset that names the item whose atoms are left out of an image
-    """
-
-    strict: bool = False
-    precisions: bool = False
-    scores: bool = False
-    within: float = 0.0
-    leave_out: str | None = None
-
-
-class Standing:
-    """Counts the images of a run whose bodies stand, and those whose bodies are on their heads."""
-
-    def __init__(self, landmark_names: Sequence[str]) -> None:
-        joints = people_joints(landmark_names) | {n: n for n in landmark_names if n in PEOPLE}
-        place = {joint: landmark_names.index(name) for name, joint in joints.items()}
-        ends = [place.get(joint) for joint in ("head", "lankle", "rankle")]
-        self._ends = [end for end in ends if end is not None]
-        self._images = self._on_head = 0
-        self._y_axis = "down"
-
-    def add(self, record: ResultSet) -> None:
-        """Take the shapes of a chunk, in the camera frame."""
-        if len(self._ends) < 3:
-            return
-        head, *ankles = np.moveaxis(record.shapes[:, :, self._ends], 2, 0)
-        body = head - sum(ankles) / 2
-        body = body[np.isfinite(body).all(axis=1)]
-        up = body[:, 1] * (1 if record.y_axis == "up" else -1)
-        self._images += len(body)
-        self._on_head += int((up < -STEEP * np.linalg.norm(body, axis=1)).sum())
-        self._y_axis = record.y_axis
-
-    @property
-    def warnings(self) -> tuple[Counted, ...]:
-        """A warning where most bodies are on their heads."""
-        if self._on_head <= self._images / 2:
-            return ()
-        other = "up" if self._y_axis == "down" else "down"
-        taken = f"y was taken to point {self._y_axis}; if it points {other}, set `y_axis: {other}`"
-        return (Counted(self._on_head, "image", f"with people on their heads: {taken}"),)
-
-
-class Batch(NamedTuple):
-    """Images with what was found, and the seconds that it took to lift them."""
-
-    images: LandmarkSet
-    lifting: Lifting
-    record: ResultSet
-    seconds: float
+FAR_ASIDE = np.tan(np.radians(15.0))
+"""Distance from the optical axis, in focal lengths, where few cameras see all that they see."""
 
 
 class Report:
-    """Tells of each batch what failed and what is doubtful, and of all at the end."""
+    """Says of each batch what failed and what is doubtful, and counts for the end what adds up."""
 
-    def __init__(self, options: ReportOptions, dictionary: Dictionary) -> None:
-        self._options = options
-        self._standing = Standing(dictionary.landmark_names)
-        self._unknown: UnknownItems | None = None
-        if options.leave_out is not None:
-            from shapefit.pipelines.fit.left_out import UnknownItems
-
-            self._unknown = UnknownItems(options.leave_out, dictionary)
+    def __init__(self, setup: Setup) -> None:
+        self.done = 0
+        self._setup = setup
+        names = setup.dictionary.landmark_names
+        joints = people_joints(names) | {name: name for name in names if name in PEOPLE}
+        place = {joint: names.index(name) for name, joint in joints.items()}
+        ends = [place.get(joint) for joint in ("head", "lankle", "rankle")]
+        self._ends = [end for end in ends if end is not None]
+        self._y_axis = "down"
+        self._bodies = self._on_head = 0
         self._images = self._several = self._unsure = 0
+        self._unknown_items = 0
+        self._unknown_item = ""
 
-    def of(self, batch: Batch, total: int | None = None) -> Outcome:
+    def add(
+        self, images: LandmarkSet, lifting: Lifting, record: ResultSet, total: int | None = None
+    ) -> Outcome:
         """Return the outcome of a batch, of `total` images."""
-        images, lifting = batch.images, batch.lifting
-        self._standing.add(batch.record)
-        if self._unknown:
-            self._unknown.add(images)
+        config = self._setup.config
+        self.done += len(images)
+        self._count_upright(record)
+        if config.leave_out is not None:
+            items, known = find_items(images, config, self._setup.dictionary)
+            self._unknown_items += int((~known).sum())
+            self._unknown_item = self._unknown_item or next(iter(items[~known].tolist()), "")
         readings = lifting.estimate.readings or ()
         self._images += sum(len(one) > 0 for one in readings)
         self._several += sum(len(one) > 1 for one in readings)
@@ -111,22 +59,44 @@ class Report:
         return Outcome(
             done=len(images),
             total=total,
-            failures=find_failures(images, lifting, strict=self._options.strict),
+            failures=find_failures(images, lifting, strict=config.strict),
             items=images.items,
-            warnings=find_warnings(images, lifting, self._options),
-            doubts=count_doubts(batch.record),
+            warnings=find_warnings(images, lifting, self._setup),
+            doubts=count_doubts(record),
         )
+
+    def _count_upright(self, record: ResultSet) -> None:
+        """Count bodies, and those on their heads, by shapes in the camera frame."""
+        if len(self._ends) < 3:
+            return
+        head, *ankles = np.moveaxis(record.shapes[:, :, self._ends], 2, 0)
+        body = head - sum(ankles) / 2
+        body = body[np.isfinite(body).all(axis=1)]
+        up = body[:, 1] * (1 if record.y_axis == "up" else -1)
+        self._bodies += len(body)
+        self._on_head += int((up < -STEEP * np.linalg.norm(body, axis=1)).sum())
+        self._y_axis = record.y_axis
 
     @property
     def warnings(self) -> tuple[str | Counted, ...]:
-        """What is known at the end only, with shares of all images."""
-        found: list[str | Counted] = [*self._standing.warnings]
-        found += self._unknown.warnings if self._unknown else ()
+        """What is known at the end only, with shares of all images.
+
+        Raises InputError where no image shows an item of the dictionary that is left out.
+        """
+        found: list[str | Counted] = []
+        if self._on_head > self._bodies / 2:
+            y, other = self._y_axis, "up" if self._y_axis == "down" else "down"
+            taken = f"y was taken to point {y}; if it points {other}, set `y_axis: {other}`"
+            text = f"with people on their heads: {taken}"
+            found.append(Counted(self._on_head, "image", text))
+        if self._unknown_items:
+            found.append(self._warn_of_items())
         if self._several:
             share = self._several / self._images
+            within = self._setup.config.search.modes
             found.append(
                 f"{counted(self._several, 'image')} ({share:.1%}) can be read in more than one "
-                f"way: another rotation comes within {self._options.within:.0%} of the optimum; "
+                f"way: another rotation comes within {within:.0%} of the optimum; "
                 "see `modes` in the result"
             )
         if self._unsure:
@@ -136,11 +106,17 @@ class Report:
             )
         return tuple(found)
 
-
-def said_of_y(source: LandmarkSource) -> str:
-    """Say which way y was taken to point in the images."""
-    taken = "" if source.states_y_axis else ", as no file says otherwise"
-    return f"y {source.head.y_axis} in the images{taken}"
+    def _warn_of_items(self) -> str:
+        found = (
+            f"{self._unknown_items} of {self.done} images show items that are not in the "
+            f"dictionary, the first '{self._unknown_item}'"
+        )
+        if self._unknown_items == self.done:
+            known = list(self._setup.dictionary.atom_items or ())[:3]
+            items = ", ".join(f"'{item}'" for item in known)
+            fix = f"name the dataset that holds items of the dictionary, such as {items}"
+            raise input_error(LEAVE_OUT, found, fix)
+        return f"{LEAVE_OUT}: {found}; they were fitted with all atoms"
 
 
 def find_failures(images: LandmarkSet, lifting: Lifting, *, strict: bool) -> tuple[Failure, ...]:
@@ -153,51 +129,56 @@ def find_failures(images: LandmarkSet, lifting: Lifting, *, strict: bool) -> tup
     return tuple(Failure(images.items[image], reasons[image]) for image in sorted(reasons))
 
 
-def find_warnings(
-    images: LandmarkSet, lifting: Lifting, options: ReportOptions
-) -> tuple[str | Counted, ...]:
-    """Count images that stopped at the iteration limit, and warn where the camera looks wrong."""
+def find_warnings(images: LandmarkSet, lifting: Lifting, setup: Setup) -> tuple[str | Counted, ...]:
+    """Count images that are not optimal or empty; warn of confidences, and of the camera."""
     found: list[str | Counted] = []
-    states = lifting.estimate.status
-    if Status.ITERATION_LIMIT in states and not options.strict:
+    config, gap, states = setup.config, lifting.estimate.relative_gap, lifting.estimate.status
+    if Status.ITERATION_LIMIT in states and not config.strict:
         limited = [image for image, one in enumerate(states) if one is Status.ITERATION_LIMIT]
-        gap = lifting.estimate.relative_gap
         worst = limited[0] if gap is None else max(limited, key=lambda image: gap[image])
-        found.append(
-            Counted(
-                len(limited),
-                "image",
-                "not optimal",
-                worst=describe(lifting, worst),
-                severity=0.0 if gap is None or np.isnan(gap[worst]) else float(gap[worst]),
-            )
-        )
-    above = images.confidence is not None and bool((images.confidence > 1).any())
-    if above and not options.scores:
+        severity = 0.0 if gap is None or np.isnan(gap[worst]) else float(gap[worst])
+        told = describe(lifting, worst)
+        found.append(Counted(len(limited), "image", "not optimal", worst=told, severity=severity))
+    precisions = METHODS[config.method].precisions
+    are_scores = precisions and config.posterior.least_score is not None
+    if not are_scores and images.confidence is not None and (images.confidence > 1).any():
         what = (
             "they make a landmark more precise than the model otherwise believes, whose standard "
             "deviations they divide"
-            if options.precisions
+            if precisions
             else "they are weights, and larger ones count more against `lambda`"
         )
         fix = "divide them by their largest value if that is not intended"
         found.append(f"confidences above 1: {what}; {fix}")
-    empty = find_empty(lifting)
-    if empty:
+    empty = ~lifting.estimate.shapes.any(axis=(1, 2)) & np.isfinite(lifting.scale)
+    empty[list(lifting.failures)] = False
+    if empty.any():
         text = (
             "with an empty shape, all landmarks at one point: lambda is at or above lambda_max of "
             "the image; lower `lambda`"
         )
-        found.append(Counted(len(empty), "image", text))
-    if lifting.perspective:
-        from shapefit.pipelines.fit.camera import all_aside
-
-        if all_aside(images.landmarks, lifting.perspective.camera):
-            found.append(
-                "all landmarks are far to one side of the optical axis; is "
-                "`camera.principal_point` right?"
-            )
+        found.append(Counted(int(empty.sum()), "image", text))
+    if lifting.perspective and all_aside(images.landmarks, lifting.perspective.camera):
+        found.append(
+            "all landmarks are far to one side of the optical axis; is "
+            "`camera.principal_point` right?"
+        )
     return tuple(found)
+
+
+def all_aside(landmarks: Floats, camera: Camera) -> bool:
+    """Whether all landmarks (n, 2, p) lie to one side of the optical axis, in x and in y, and far.
+
+    So they do where the principal point is wrong, as 0, 0 is for pixels counted from a corner.
+    """
+    seen = np.isfinite(landmarks).all(axis=1)
+    if not seen.any():
+        return False
+    tangents = (landmarks - camera.centre[..., None]) / camera.focal[..., None]
+    of_seen = np.moveaxis(tangents, 1, 0)[:, seen]  # (2, landmarks)
+    one_sided = (of_seen > 0).all(axis=1) | (of_seen < 0).all(axis=1)
+    far = np.hypot(*of_seen) > FAR_ASIDE
+    return bool(one_sided.all() and far.all())
 
 
 def count_doubts(record: ResultSet) -> tuple[Counted, ...]:
@@ -210,13 +191,6 @@ def count_doubts(record: ResultSet) -> tuple[Counted, ...]:
         Counted(len(items), "image", reason, items=tuple(items))
         for reason, items in of_reason.items()
     )
-
-
-def find_empty(lifting: Lifting) -> list[int]:
-    """List the images whose fitted shape is zero, and so has no rotation."""
-    shapes = lifting.estimate.shapes
-    zero = ~shapes.any(axis=(1, 2)) & np.isfinite(lifting.scale)
-    return [image for image in np.flatnonzero(zero).tolist() if image not in lifting.failures]
 
 
 def describe(lifting: Lifting, image: int) -> str:

@@ -1,6 +1,7 @@
 """`fit`: landmarks in, batch by batch, 3D shapes with their certificates out.
 
-Four steps hand on: the plan, the images that are read, the shapes that are lifted, what is written.
+What config and files leave open is estimated of the first images; then each batch is read, lifted,
+laid out and stored.
 """
 
 from __future__ import annotations
@@ -10,139 +11,182 @@ import json
 import time
 from collections.abc import Generator, Iterator, Mapping
 from contextlib import closing
-from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from shapefit import __version__
 from shapefit.config import FitConfig
-from shapefit.dictionary.model import Dictionary
 from shapefit.io import (
     LandmarkSet,
     LandmarkSource,
+    ResultSet,
     digests,
     open_landmarks,
     read_dictionary,
     result_writer,
 )
 from shapefit.io.options import OutputOptions
-from shapefit.lifting.verdict import cover_mirror_image
+from shapefit.lifting.lift import Lifting
+from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.export.run import open_exports, plan_exports
-from shapefit.pipelines.fit.chain import fit_images
-from shapefit.pipelines.fit.plan import Plan, plan_fit, read_options
-from shapefit.pipelines.fit.prepare import Setup, prepare
-from shapefit.pipelines.fit.read import read_images
-from shapefit.pipelines.fit.record import as_result
-from shapefit.pipelines.fit.report import Batch, Report, said_of_y
-from shapefit.pipelines.joints import said_of_names
-from shapefit.pipelines.outcome import Outcome
-from shapefit.pipelines.overlap import side_by_side, written_behind
+from shapefit.pipelines.fit.camera import find_doubts, straightened
+from shapefit.pipelines.fit.lift import lift_batch, whole_stretches
+from shapefit.pipelines.fit.prepare import (
+    FIRST,
+    Estimates,
+    Setup,
+    output_format,
+    prepare,
+    read_options,
+    set_up,
+    warn_of_dictionary,
+)
+from shapefit.pipelines.fit.record import as_result, warn_of_names
+from shapefit.pipelines.fit.report import Report
+from shapefit.pipelines.joints import name_warnings, named_as_joints, said_of_names
+from shapefit.pipelines.outcome import Outcome, nothing_in
+from shapefit.pipelines.overlap import side_by_side
 from shapefit.stores import UrlPath, local_copy, on_threads
+
+BATCH = 4096
+"""Images that are read before the first whole sequences of them are lifted."""
+
+
+class Batch(NamedTuple):
+    """Images with what was found, and the seconds that it took to lift them."""
+
+    images: LandmarkSet
+    lifting: Lifting
+    record: ResultSet
+    seconds: float
 
 
 def run(
-    config: FitConfig, rows: slice | None = None, setup: Setup | None = None
+    config: FitConfig, rows: slice | None = None, estimates: Estimates | None = None
 ) -> Iterator[Outcome]:
     """Lift every image of the landmark files, or these rows of the one; an Outcome per batch.
 
-    setup is what was estimated of all inputs, where these are a part of them.
+    estimates are those of all inputs, where these are a part of them.
     """
     output = config.output
     assert isinstance(output, Path), "a folder is written part by part"
     # A part of a file is known by the manifest: nobody reads the whole file for each part.
     files = (*(config.landmarks if rows is None else ()), config.dictionary)
-    # The digest of an object takes the whole of it.
     on_threads(local_copy, (path for path in files if isinstance(path, UrlPath)))
     dictionary = read_dictionary(config.dictionary)
     wanted = plan_exports(config, dictionary)
-    seconds, done, inputs = 0.0, 0, dict[str, str]()
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
-        setup = setup or prepare(config, dictionary, source)
-        config = setup.apply(config)
-        said = (said_of_y(source), *setup.lines)
-        wanted = wanted.seen_through(config.camera)
-        plan = plan_fit(config, dictionary, source.head.landmark_names)
-        dictionary = plan.dictionary
+        estimates = estimates or prepare(config, dictionary, lambda: source.first(FIRST))
+        config = estimates.apply(config)
+        setup = set_up(config, dictionary, source.head.landmark_names)
+        report, seconds, inputs = Report(setup), 0.0, dict[str, str]()
         with (
-            open_exports(wanted, dictionary, source.count) as exports,
+            open_exports(
+                wanted.seen_through(config.camera), setup.dictionary, source.count
+            ) as exports,
             result_writer(output, OutputOptions(height=config.height)) as writer,
-            closing(lift_source(source, plan)) as batches,
-            written_behind(writer.append, plan.lifts_at_a_time(source) > 0) as write,
+            closing(lift_source(source, setup)) as batches,
         ):
-            report = Report(plan.report, dictionary)
             for batch in batches:
-                inputs = inputs or digests(files)  # while the next batches are lifted
-                yield report.of(batch, source.count)
-                write(batch.record)
+                inputs = inputs or digests(files)  # while the next batch is lifted
+                yield report.add(batch.images, batch.lifting, batch.record, source.count)
+                writer.append(batch.record)
                 exports.add(batch.record, batch.lifting.estimate.transforms)
                 seconds += batch.seconds
-                done += len(batch.images)
-            warnings = setup.warnings + plan.warn_of(source) + report.warnings
-            writer.attributes.update(
-                attributes_of(config, dictionary, setup, inputs, seconds, done)
-            )
-    of_writer = writer.summary.warnings
-    if plan.needs_rate and not source.head.frame_rate:
-        of_writer = with_rate_warning(of_writer)
-    names = said_of_names(source.head.landmark_names, dictionary.landmark_names)
+            writer.attributes.update(attributes_of(setup, estimates, inputs, seconds, report.done))
+            warnings = (*estimates.warnings, *warn_of(source, setup), *report.warnings)
+    known = setup.dictionary.landmark_names
+    of_writer = warn_of_rate(config, source, writer.summary.warnings)
+    said = (say_y(source), *estimates.lines, said_of_names(source.head.landmark_names, known))
     yield Outcome(
         total=source.count,
         warnings=warnings + exports.warnings + of_writer,
-        note="; ".join(filter(None, (*said, names, exports.note, writer.summary.note))),
+        note="; ".join(filter(None, (*said, exports.note, writer.summary.note))),
         written=(*(writer.summary.written or (output,)), *exports.folders, *exports.sheets),
     )
 
 
-def lift_source(source: LandmarkSource, plan: Plan) -> Generator[Batch, None, None]:
-    """From landmarks to the records of a result, batch by batch."""
-    seen, last = plan.mapped.see(plan.dictionary), 0.0
+def lift_source(source: LandmarkSource, setup: Setup) -> Generator[Batch, None, None]:
+    """From landmarks to the records of a result, batch by batch.
 
-    def lift(images: LandmarkSet) -> tuple[Batch, float]:
+    While one is lifted, the next is read and the last is stored, but with `threads: 1`.
+    """
+
+    def lift(images: LandmarkSet) -> Batch:
         began = time.perf_counter()
-        lifting = fit_images(images, seen, plan.lift)
-        if plan.dictionary.depth_is_open:
-            lifting = replace(lifting, estimate=cover_mirror_image(lifting.estimate))
-        lifting, inputs = plan.mapped.back(lifting, images.landmarks, plan.lift.weigh(images) > 0)
-        ended = time.perf_counter()
-        record = as_result(images, lifting, plan.dictionary, plan.record, inputs)
-        return Batch(images, lifting, record, ended - began), ended
+        lifting, inputs = lift_batch(images, setup)
+        seconds = time.perf_counter() - began
+        return Batch(images, lifting, as_result(images, lifting, setup, inputs), seconds)
 
-    batches = side_by_side(lift, read_images(source, plan.read), plan.lifts_at_a_time(source))
-    for batch, ended in batches:  # what two of them took at the same time counts once
-        yield batch._replace(seconds=min(batch.seconds, ended - last))
-        last = max(last, ended)
+    several = setup.config.threads != 1 and source.count > (batch_size(setup.config) or BATCH)
+    return side_by_side(lift, read_images(source, setup), workers=int(several))
+
+
+def read_images(source: LandmarkSource, setup: Setup) -> Iterator[LandmarkSet]:
+    """Yield the images batch by batch: without distortion, with the landmarks of the dictionary."""
+    names, place = setup.dictionary.landmark_names, setup.place
+    size = batch_size(setup.config)
+    if size is None:
+        from shapefit.pipelines.fit.sequences import whole_sequences
+
+        batches = whole_sequences(source.batches(BATCH))
+    else:
+        batches = source.batches(size, by_file=True)
+    for batch in batches:
+        named = named_as_joints(straightened(batch, setup.camera), setup.joints, place)
+        yield named.arrange(names, place, leave_out=setup.leave_out)
+
+
+def batch_size(config: FitConfig) -> int | None:
+    """Images at a time, cut where no result depends on it; None for whole sequences."""
+    return None if METHODS[config.method].sequences else whole_stretches(config.chunk)
 
 
 def attributes_of(
-    config: FitConfig,
-    dictionary: Dictionary,
-    setup: Setup,
-    inputs: Mapping[str, str],
-    seconds: float,
-    images: int,
+    setup: Setup, estimates: Estimates, inputs: Mapping[str, str], seconds: float, images: int
 ) -> dict[str, str | float | int]:
     """Return what is stored of a fit beside its images; `inputs` are the digests of its files.
 
     `training_inputs` are those of the files that the dictionary was learned from: `eval` warns
     where one of them is the truth. `estimated` says what was found or assumed before lifting.
     """
+    config = setup.config.as_json()
     return {
-        "method": config.method,
+        "method": setup.config.method,
         "version": __version__,
-        "config": config.as_json(),
-        "config_digest": hashlib.sha256(config.as_json().encode()).hexdigest(),
+        "config": config,
+        "config_digest": hashlib.sha256(config.encode()).hexdigest(),
         "inputs": json.dumps(inputs),
-        "estimated": "; ".join(setup.lines),
-        "training_inputs": dictionary.provenance.get("inputs", "{}"),
+        "estimated": "; ".join(estimates.lines),
+        "training_inputs": setup.dictionary.provenance.get("inputs", "{}"),
         "solve_seconds": seconds,
         "images_per_second": images / seconds if seconds > 0 else 0.0,
     }
 
 
-def with_rate_warning(of_writer: tuple[str, ...]) -> tuple[str, ...]:
-    """Add a warning that sequences are smoothed though nobody says how fast the images follow.
+def warn_of(source: LandmarkSource, setup: Setup) -> tuple[str, ...]:
+    """Say what is doubtful of the files, their landmarks and their lens, and of the dictionary."""
+    further, stores_names = source.head.further, not output_format(setup.config).points_only
+    return (
+        *nothing_in(source.count, "images"),
+        *source.notes,
+        *name_warnings(source.head.landmark_names, setup.dictionary.landmark_names),
+        *find_doubts(further, setup.camera),
+        *warn_of_dictionary(setup.config, setup.dictionary),
+        *(warn_of_names(further) if stores_names else ()),
+    )
 
-    It takes the place of the writer's about the same.
+
+def warn_of_rate(
+    config: FitConfig, source: LandmarkSource, of_writer: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Warn of sequences that are smoothed though nobody says how fast the images follow.
+
+    Among the warnings of the writer that takes the place of its own about the same.
     """
+    known = config.sequences.frame_rate or source.head.frame_rate
+    if known or not METHODS[config.method].sequences:
+        return of_writer
     from shapefit.io.written.motion import NO_RATE
 
     and_times = ", and times are numbers of frames" if NO_RATE in of_writer else ""
@@ -151,3 +195,9 @@ def with_rate_warning(of_writer: tuple[str, ...]) -> tuple[str, ...]:
         f"training shapes{and_times}; set `sequences.frame_rate`",
         *(each for each in of_writer if each != NO_RATE),
     )
+
+
+def say_y(source: LandmarkSource) -> str:
+    """Say which way y was taken to point in the images."""
+    taken = "" if source.states_y_axis else ", as no file says otherwise"
+    return f"y {source.head.y_axis} in the images{taken}"

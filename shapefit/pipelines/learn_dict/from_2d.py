@@ -31,12 +31,12 @@ from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet, digests, read_dictionary
 from shapefit.io.layout import EDGES
 from shapefit.io.records import concatenate
-from shapefit.lifting.lift import Lifting
+from shapefit.lifting.lift import Lifting, fail_nonfinite
 from shapefit.lifting.methods import PosteriorOptions
 from shapefit.pipelines.fit.camera import read_intrinsics
-from shapefit.pipelines.fit.chain import fit_images
-from shapefit.pipelines.fit.plan import find_misfit, plan_fit
-from shapefit.pipelines.fit.read import read_images
+from shapefit.pipelines.fit.lift import check_needs, find_misfit, lift_images
+from shapefit.pipelines.fit.prepare import set_up
+from shapefit.pipelines.fit.run import read_images
 from shapefit.pipelines.learn_dict.from_3d import Learning, learn_from_shapes
 from shapefit.pipelines.learn_dict.training_shapes import place_of
 from shapefit.pipelines.outcome import Outcome
@@ -337,14 +337,13 @@ def adapt_to_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Learn
     fit = FitConfig.model_construct(
         landmarks=config.shapes, dictionary=config.start, output=config.output, method="posterior"
     )
-    plan = plan_fit(fit, read_dictionary(config.start), source.head.landmark_names)
-    start, joints = plan.dictionary, plan.mapped
-    assert start.prior is not None, "the plan needs one"
+    setup = set_up(fit, read_dictionary(config.start), source.head.landmark_names)
+    start, joints, seen_start = setup.dictionary, setup.mapped, setup.seen
+    assert start.prior is not None, "set_up needs one"
     prior = start.prior
-    seen_start = joints.see(start)
     A = joints.joints.matrix(joints.theta) if joints.active else np.eye(len(start.landmark_names))
 
-    given = concatenate(list(read_images(source, plan.read)))
+    given = concatenate(list(read_images(source, setup)))
     some = given.take(are_usable(given))
     found = lift_by(some, seen_start, "posterior") if len(some) else None
     lifted = np.zeros(0, bool) if found is None else np.isfinite(found.shapes).all(axis=(1, 2))
@@ -451,8 +450,9 @@ def lift_by(
 
     camera names the dataset of their camera matrices, None for weak perspective.
     """
-    plan = plan_fit(_fit_config(method, camera), dictionary, dictionary.landmark_names)
-    return fit_images(images, dictionary, plan.lift)
+    config = _fit_config(method, camera)
+    check_needs(config, dictionary)
+    return fail_nonfinite(lift_images(images, dictionary, config))
 
 
 def _fit_config(method: str, camera: str | None = None) -> FitConfig:

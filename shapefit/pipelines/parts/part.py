@@ -12,7 +12,7 @@ from shapefit import __version__
 from shapefit.config import FitConfig
 from shapefit.errors import InputError, input_error
 from shapefit.io.name_index import stable_hashes
-from shapefit.pipelines.fit.prepare import Setup
+from shapefit.pipelines.fit.prepare import Estimates
 from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.outcome import Counted, Failure, Outcome, add_up
 from shapefit.pipelines.parts.equal_items import Span
@@ -35,7 +35,7 @@ class Job:
     part: Part
     config: FitConfig
     folder: Path
-    setup: Setup | None = None
+    setup: Estimates | None = None
     version: str = __version__
 
 

@@ -18,7 +18,7 @@ from shapefit.io.layout import LANDMARKS
 from shapefit.io.options import InputOptions
 from shapefit.io.sources import HDF5_SIGNATURE, PARQUET_SIGNATURE, begins_with
 from shapefit.lifting.methods import METHODS
-from shapefit.pipelines.fit.plan import read_options
+from shapefit.pipelines.fit.prepare import read_options
 from shapefit.stores import State, find_state, on_threads
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from shapefit.io.formats import HDF5, find_writer
 from shapefit.io.layout import RESULTS
 from shapefit.io.name_index import Equal, Hashes
 from shapefit.io.sources import is_stream
-from shapefit.pipelines.fit.prepare import Setup, prepare_parts
+from shapefit.pipelines.fit.prepare import Estimates, first_images, prepare
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
 from shapefit.pipelines.parts.cluster import (
     RETRIES,
@@ -62,9 +62,9 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     done = known.parts.values() if known is not None and (kept or not known.estimated) else ()
     parts = plan_parts(config, done)
     if known is not None and kept and any(map(known.holds, parts)):
-        setup = Setup.restored(known.estimated)
+        setup = Estimates.restored(known.estimated)
     else:
-        setup = prepare_parts(config, read_dictionary(config.dictionary))
+        setup = prepare(config, read_dictionary(config.dictionary), lambda: first_images(config))
     config = setup.apply(config)
     estimated = {"asked": asked, "method": config.method, **asdict(setup)}
     manifest = Manifest(find_terms(config), estimated=estimated)
@@ -140,7 +140,7 @@ def _run(
     folder: ResultFolder,
     planned: Sequence[Part],
     manifest: Manifest,
-    setup: Setup,
+    setup: Estimates,
 ) -> Iterator[Outcome]:
     manifest, again = _known(folder, manifest)
     parts = {part.file: part for part in planned}

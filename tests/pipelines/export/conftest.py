@@ -43,7 +43,7 @@ def run(tmp_path, cars, views, monkeypatch):
 
     Chunks are as small as `chunk` says, not whole stretches, so that a few images fill several.
     """
-    monkeypatch.setattr("shapefit.pipelines.fit.plan.STRETCH", 1)
+    monkeypatch.setattr("shapefit.pipelines.fit.lift.STRETCH", 1)
 
     def run_fit(images=views, dictionary=cars, output=tmp_path / "result.h5", **keys):
         settings = {"method": "convex+refine", "transforms": True} | keys

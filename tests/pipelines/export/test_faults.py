@@ -21,7 +21,7 @@ def no_fitting(monkeypatch):
     def refuse(*_arguments):
         raise AssertionError("an image was fitted before the complaint")
 
-    monkeypatch.setattr("shapefit.pipelines.fit.run.fit_images", refuse)
+    monkeypatch.setattr("shapefit.pipelines.fit.run.lift_batch", refuse)
 
 
 @pytest.fixture

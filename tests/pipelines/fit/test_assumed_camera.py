@@ -10,7 +10,7 @@ from shapefit.config import FitConfig
 from shapefit.errors import InputError
 from shapefit.io import LandmarkSet
 from shapefit.io.image_size import read_image_size
-from shapefit.pipelines.fit.assumed_camera import FOCAL, choose_camera, without_camera
+from shapefit.pipelines.fit.camera import FOCAL, choose_camera, without_camera
 
 SIZE = np.array([1920, 1080])
 MATRIX = np.array([[2500.0, 0, 900], [0, 2600, 500], [0, 0, 1]])

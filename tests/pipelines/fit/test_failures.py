@@ -79,7 +79,7 @@ class TestItemsThatFail:
             lifting.shapes[5, 2, 0] = np.inf
             return lifting
 
-        monkeypatch.setattr("shapefit.pipelines.fit.chain.lift", lift_badly)
+        monkeypatch.setattr("shapefit.pipelines.fit.lift.lift", lift_badly)
         found, outcomes = fit(dictionary, images)
         assert failures(outcomes) == {"image5": "the fitted shape contains NaN or infinity"}
         assert found.status[5] == Status.NUMERICAL_FAILURE.value

@@ -10,7 +10,8 @@ from shapefit.errors import InputError
 from shapefit.geometry.pinhole import Camera
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io import LandmarkSet, read_shapes, write_dictionary
-from shapefit.pipelines.fit.camera import all_aside, find_camera
+from shapefit.pipelines.fit.camera import find_camera
+from shapefit.pipelines.fit.report import all_aside
 from tests.io.files import load
 from tests.pipelines.told import failures, warnings
 

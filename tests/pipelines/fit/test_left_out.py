@@ -19,7 +19,7 @@ from shapefit.io import (
     write_dictionary,
     write_shapes,
 )
-from shapefit.pipelines.fit import chain as lifting_chain
+from shapefit.pipelines.fit import lift as lifting
 from shapefit.pipelines.learn_dict import run as learn_dict
 from tests.io.files import load
 from tests.pipelines.told import done, warnings
@@ -158,7 +158,7 @@ def test_failures_are_those_of_their_images(run):
 
 def test_chunks_make_no_difference_but_to_starts(run, monkeypatch):
     whole, _ = run(method="mean-shape")
-    monkeypatch.setattr("shapefit.pipelines.fit.plan.STRETCH", 1)
+    monkeypatch.setattr("shapefit.pipelines.fit.lift.STRETCH", 1)
     parts, outcomes = run(method="mean-shape", chunk=2)
     assert len(outcomes) == 6
     assert done(outcomes) == 9
@@ -189,7 +189,7 @@ def test_small_groups_share_the_threads_and_large_ones_have_them_all(
 ):
     lifted = []
     working = Counter()
-    lift = lifting_chain.lift
+    lift = lifting.lift
 
     def slow_lift(landmarks, *arguments):
         working["now"] += 1
@@ -199,7 +199,7 @@ def test_small_groups_share_the_threads_and_large_ones_have_them_all(
         working["now"] -= 1
         return found
 
-    monkeypatch.setattr(lifting_chain, "lift", slow_lift)
+    monkeypatch.setattr(lifting, "lift", slow_lift)
     run(views=crowd, method="mean-shape", threads=threads)
     assert lifted[0] == (70, 1)
     assert sorted(size for size, _ in lifted[1:]) == [1, 1, 2, 2]

@@ -7,7 +7,7 @@ import pytest
 from shapefit.geometry.lens import complete, distort
 from shapefit.io import write_dictionary
 from shapefit.io.records import LandmarkSet
-from shapefit.pipelines.fit.camera import doubts, straightened
+from shapefit.pipelines.fit.camera import doubts_of_lens, straightened
 from shapefit.pipelines.verify import Request
 from shapefit.pipelines.verify import run as run_verify
 from tests.io.files import load, save
@@ -157,7 +157,7 @@ def test_landmarks_that_the_lens_cannot_show_are_hidden(views):
     ],
 )
 def test_a_lens_that_cannot_be_right_warns(lens, words):
-    found = doubts(MATRIX, complete(lens), SIZE)
+    found = doubts_of_lens(MATRIX, complete(lens), SIZE)
     assert len(found) == (words is not None)
     if words:
         assert words in found[0]

@@ -11,7 +11,7 @@ from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.io import read_dictionary, write_dictionary
-from shapefit.pipelines.fit.plan import mismatch
+from shapefit.pipelines.fit.prepare import warn_of_dictionary
 
 NAMES = tuple(f"point{j}" for j in range(10))
 
@@ -77,7 +77,7 @@ class TestFamily:
 def test_bases_belong_to_pmp_and_atoms_to_the_others(learned, method, made_for):
     provenance = {} if learned is None else {"method": learned}
     dictionary = Dictionary(np.ones((1, 3, 2)), ("a", "b"), np.ones((3, 2)), provenance=provenance)
-    told = mismatch(FitConfig.model_construct(method=method), dictionary)
+    told = warn_of_dictionary(FitConfig.model_construct(method=method), dictionary)
     assert len(told) == (made_for is not None)
     if made_for:
         assert f"learned with `method: {learned}`; {made_for}" in told[0]
@@ -92,7 +92,7 @@ def test_signed_coefficients_may_meet_bases(project, tmp_path):
         landmarks=[views], dictionary=views, output=str(tmp_path / "r.h5"), method="alternate",
         alternation={"signed": True},
     )  # fmt: skip
-    assert mismatch(config, dictionary) == ()
+    assert warn_of_dictionary(config, dictionary) == ()
 
 
 @pytest.mark.parametrize(

@@ -6,8 +6,7 @@ import pytest
 from shapefit.config.commands.fit_sections import OutliersConfig
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import write_dictionary
-from shapefit.pipelines.fit import outlier_search
-from shapefit.pipelines.fit.outlier_search import choose_search, find_seeds
+from shapefit.pipelines.fit.lift import find_inliers, find_seeds
 from tests.io.files import load
 from tests.pipelines.told import failures
 
@@ -89,17 +88,10 @@ def test_the_search_does_without_the_model_left_out(method, run, views, rng, mad
 
 def labels_of(image, dictionary, method):
     """Labels of one image with a dictionary that never had the model."""
-    search = choose_search(OutliersConfig(method=method), 1)
     visible = image.seen()
-    return (visible & ~search(image, visible.astype(float), dictionary))[0]
-
-
-def test_the_search_is_told_what_the_config_says(views, made_cars, monkeypatch):
-    told = {}
-    monkeypatch.setattr(outlier_search, "find_consensus", lambda *_, **given: told.update(given))
-    search = choose_search(OutliersConfig(method="ransac", threshold=0.4), 1)
-    search(views, views.seen().astype(float), made_cars)
-    assert told["threshold"] == 0.4
+    search = OutliersConfig(method=method)
+    agreed = find_inliers(image, visible.astype(float), dictionary, search, 1)
+    return (visible & ~agreed.inliers)[0]
 
 
 @pytest.mark.parametrize("chunk", [1, 7])

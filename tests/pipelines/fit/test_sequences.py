@@ -21,7 +21,7 @@ from shapefit.lifting.sequences import clips
 from shapefit.pipelines import projection as projecting
 from shapefit.pipelines import verify
 from shapefit.pipelines.evaluate import run as evaluating
-from shapefit.pipelines.fit.motion import find_known
+from shapefit.pipelines.fit.sequences import find_known
 from shapefit.pipelines.learn_dict import run as learning
 from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file
@@ -205,7 +205,7 @@ def test_sequences_out_of_order_are_an_error(people, tmp_path):
 
 
 def test_known_lengths_come_from_shapes_or_a_table(people, project, tmp_path):
-    from shapefit.pipelines.fit.motion import find_lengths
+    from shapefit.pipelines.fit.sequences import find_lengths
 
     dictionary = read_dictionary(people / "dictionary.h5")
 

@@ -1,19 +1,25 @@
-"""How the body of a sequence moves and is built, as dictionary, config and files say."""
+"""Whole sequences: their images are read together, and refined as frames of one moving body."""
 
 from __future__ import annotations
 
 import csv
 import math
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
 from shapefit.arrays import Floats
+from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
-from shapefit.io import match_landmarks, read_shapes
+from shapefit.io import LandmarkSet, match_landmarks, read_shapes
+from shapefit.io.records import concatenate
+from shapefit.lifting.lift import Lifting
 from shapefit.lifting.sequences.clips import Motion
+from shapefit.lifting.sequences.method import refine_lifting
 from shapefit.lifting.sequences.smoothing import Lengths
+from shapefit.lifting.sequences.through_camera import refine_through_camera
 
 USUAL = 0.02
 """Second difference of a coordinate from image to image where the dictionary knows none, in units
@@ -26,6 +32,71 @@ MEASURED = 0.01
 """Relative deviation of lengths that were measured on the body."""
 
 HEADER = ("from", "to", "length")
+
+
+def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
+    """Hold back the last run of images of one sequence until its end is known.
+
+    The images stay in their order. As much is held in memory as a chunk and the longest sequence.
+    Raises InputError for images without sequences, and where one goes on after another.
+    """
+    ended: set[str] = set()
+    current: str | None = None
+    held: list[LandmarkSet] = []
+    for chunk in chunks:
+        names = chunk.sequences
+        if names is None:
+            fix = "name the sequence of each image, or take `method: posterior`"
+            raise input_error("method: sequences", "landmarks without `sequence`", fix)
+        for item, name in zip(chunk.items, names, strict=True):
+            if name != current:
+                if name in ended:
+                    found = f"the sequence '{name}' goes on after others, at the item '{item}'"
+                    raise input_error(
+                        "sequence", found, "put its images together, in order of time"
+                    )
+                if current is not None:
+                    ended.add(current)
+                current = name
+        if held and names and names[0] != (held[-1].sequences or ("",))[-1]:
+            yield concatenate(held)
+            held = []
+        last = len(names)
+        while last and names[last - 1] == names[-1]:
+            last -= 1
+        if last:
+            yield concatenate([*held, chunk.take(slice(0, last))])
+            held = [chunk.take(slice(last, None))]
+        else:
+            held.append(chunk)
+    if held:
+        yield concatenate(held)
+
+
+def refine_sequences(
+    lifting: Lifting,
+    images: LandmarkSet,
+    dictionary: Dictionary,
+    config: FitConfig,
+    misfit: float,
+    lengths: Floats | None,
+) -> Lifting:
+    """Infer whole sequences from what was found of each image; lengths (e,) of bones, if known."""
+    rate = config.sequences.frame_rate or images.frame_rate
+    motion = find_motion(dictionary, rate, lengths)
+
+    def refine(lifting: Lifting, landmarks: Floats) -> Lifting:
+        return refine_lifting(
+            lifting,
+            landmarks,
+            images.sequences or (),
+            motion,
+            misfit,
+            config.posterior.widening,
+            config.threads,
+        )
+
+    return refine_through_camera(lifting, images.landmarks, refine)
 
 
 def find_motion(dictionary: Dictionary, rate: float | None, lengths: Floats | None) -> Motion:

@@ -1,0 +1,345 @@
+"""From the landmarks of a batch of images to their shapes, by the steps that the config names.
+
+Weigh the landmarks, set outliers aside, lift by the method, refine as the camera sees it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from functools import partial
+from hashlib import blake2b
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import Flags, Floats
+from shapefit.config import FitConfig
+from shapefit.config.commands.fit_sections import OutliersConfig
+from shapefit.convex.newton import solve_newton
+from shapefit.convex.problem import Loss
+from shapefit.core import STRETCH
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import input_error
+from shapefit.io import LandmarkSet
+from shapefit.io.layout import LANDMARK_COVARIANCE
+from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
+from shapefit.lifting.lift import Lifting, Program, fail_nonfinite, lift
+from shapefit.lifting.methods import (
+    METHODS,
+    ROBUST,
+    AlternationOptions,
+    PosteriorOptions,
+    Settings,
+    choose_method,
+)
+from shapefit.lifting.options import BETA, SEARCHED, PerspectiveOptions
+from shapefit.lifting.verdict import cover_mirror_image
+from shapefit.pipelines.fit.camera import find_camera
+from shapefit.pipelines.items import named_items
+
+if TYPE_CHECKING:
+    from shapefit.pipelines.fit.prepare import Setup
+
+MOST_ROUNDS = 100
+"""Of fitting and judging landmarks again, per image; they settle after a few."""
+
+DRAWS = 500
+"""Triples of landmarks drawn per image; 2,000 change no figure of the cars."""
+
+LEAVE_OUT = "leave_out"
+
+
+def lift_batch(images: LandmarkSet, setup: Setup) -> tuple[Lifting, dict[str, NDArray[Any]]]:
+    """Lift images that have the landmarks of the dictionary, as `read_images` gives them.
+
+    Returns the lifting of the joints, and the landmarks of the files in 3D as datasets, where they
+    are not those of the dictionary.
+    """
+    config, seen = setup.config, setup.seen
+    if setup.mapped.active:  # error bars of the joints are those of all landmarks together
+        posterior = config.posterior.model_copy(update={"covariance": True})
+        config = config.model_copy(update={"posterior": posterior})
+    if config.leave_out is not None:
+        lifting = lift_left_out(images, seen, config)
+    else:
+        lifting = lift_images(images, seen, config)
+    if METHODS[config.method].sequences:
+        from shapefit.pipelines.fit.sequences import refine_sequences
+
+        misfit = find_misfit(config, seen)
+        lifting = refine_sequences(lifting, images, seen, config, misfit, setup.lengths)
+    lifting = fail_nonfinite(lifting)
+    if setup.dictionary.depth_is_open:
+        lifting = replace(lifting, estimate=cover_mirror_image(lifting.estimate))
+    return setup.mapped.back(lifting, images.landmarks, weigh(images, config) > 0)
+
+
+def lift_images(
+    images: LandmarkSet, dictionary: Dictionary, config: FitConfig, *, dependent: bool = False
+) -> Lifting:
+    """Lift images one by one; dependent landmarks, as those of feet, count only if asked for."""
+    method, perspective = METHODS[config.method], config.camera.model == "perspective"
+    weights = weigh(images, config)
+    if method.has_prior and not dependent:
+        weights = np.where(dictionary.hung >= 0, 0.0, weights)
+    agreed = None
+    if config.outliers.method not in ("none", *ROBUST):
+        agreed = find_inliers(images, weights, dictionary, config.outliers, config.threads)
+        weights = np.where(agreed.inliers, weights, 0.0)
+    camera = find_camera(images, config.camera) if perspective else None
+    lifting = lift(
+        images.landmarks,
+        weights,
+        dictionary.atoms,
+        program_of(config),
+        choose_method(config.method, settings_of(config, dictionary)),
+        find_covariance(images) if method.precisions else None,
+        camera if method.perspective == "own" else None,
+    )
+    if agreed is not None:
+        lifting = agreed.label(lifting)
+    if camera is not None and method.perspective == "refined":
+        from shapefit.lifting.perspective.view import refine_view
+
+        options = PerspectiveOptions(threads=config.threads)
+        views = AlternationOptions(views=config.alternation.views).number_of_views
+        lifting = refine_view(lifting, images.landmarks, camera, dictionary, options, views=views)
+    return lifting
+
+
+def load_steps(config: FitConfig) -> None:
+    """Import what lifts the images, before the clock of solving starts."""
+    METHODS[config.method].load()
+    if config.camera.model == "perspective" and METHODS[config.method].perspective == "refined":
+        import shapefit.lifting.perspective.view
+    if METHODS[config.method].sequences:
+        import shapefit.pipelines.fit.sequences  # noqa: F401
+
+
+def check_needs(config: FitConfig, dictionary: Dictionary) -> None:
+    """Raise InputError where the dictionary lacks what the method needs, or it is of no use."""
+    for need in METHODS[config.method].needs:
+        missing = getattr(dictionary, need.name) is None
+        found = f"no `{need.name}`" if missing else need.useless(dictionary)
+        if found:
+            raise input_error(config.dictionary, f"{found}: {need.what}", need.fix)
+
+
+def program_of(config: FitConfig) -> Program:
+    """Return the convex program that the config names."""
+    return Program(
+        lam=None if config.lam == "auto" else config.lam,
+        loss=Loss(config.data_term),
+        beta=config.outliers.threshold or BETA,
+        noise=config.noise or 0.0,
+    )
+
+
+def settings_of(config: FitConfig, dictionary: Dictionary) -> Settings:
+    """Return what the method needs besides the problem.
+
+    Where its tolerance is that of another gap, the convex program is solved at its own default.
+    """
+    method, tolerance = METHODS[config.method], config.solver.tolerance
+    options = None
+    if method.section is not None:
+        section = getattr(config, method.section.name)
+        keys = {key.name for key in fields(method.section.options)}
+        values = {key: getattr(section, key) for key in keys & type(section).model_fields.keys()}
+        if "misfit" in keys:
+            values["misfit"] = find_misfit(config, dictionary)
+        options = method.section.options(**values)
+    own = min(tolerance, METHODS["convex"].tolerance) if method.proves == "global" else tolerance
+    return Settings(
+        solve=partial(
+            solve_newton,
+            tolerance=own,
+            max_iterations=config.solver.max_iterations,
+            threads=config.threads,
+        ),
+        mean_shape=dictionary.mean_shape,
+        needs={need.name: getattr(dictionary, need.name) for need in method.needs},
+        options=options,
+        orthogonal=config.rotations == "orthogonal",
+        tolerance=tolerance,
+        threads=config.threads,
+    )
+
+
+def find_misfit(config: FitConfig, dictionary: Dictionary) -> float:
+    """Return the misfit of the config, of the dictionary, or the default."""
+    if config.posterior.misfit is not None:
+        return config.posterior.misfit
+    known = dictionary.misfit
+    return PosteriorOptions.misfit if known is None else float(known[0])
+
+
+def weigh(images: LandmarkSet, config: FitConfig) -> Floats:
+    """Weights (n, p): the confidence, or 1 where it is `posterior.least_score` or more, else 0.
+
+    A score says how sure a detector is that a landmark is where it found it, not how exactly.
+    Landmarks with covariances keep their confidences.
+    """
+    weights, least = images.weights(), config.posterior.least_score
+    if least is None or not METHODS[config.method].precisions:
+        return weights
+    if LANDMARK_COVARIANCE in images.columns:
+        return weights
+    return ((weights > 0) & (weights >= least)).astype(np.float64)
+
+
+def find_covariance(images: LandmarkSet) -> Floats | None:
+    """Return the covariance (n, p, 2, 2) of the landmarks that came with them, if it did.
+
+    Raises InputError where the dataset holds no covariances.
+    """
+    name = LANDMARK_COVARIANCE
+    values = images.columns.get(name)
+    if values is None:
+        return None
+    shape = (len(images), len(images.landmark_names), 2, 2)
+    fix = "give each landmark a symmetric, positive semi-definite 2 x 2 matrix"
+    if np.shape(values) != shape:
+        raise input_error(name, f"has the shape {np.shape(values)}, not {shape}", fix)
+    covariance = np.where(images.seen()[..., None, None], values, 0.0).astype(np.float64)
+    if not np.isfinite(covariance).all() or (covariance != covariance.swapaxes(2, 3)).any():
+        raise input_error(name, "holds what is no covariance", fix)
+    if (np.linalg.eigvalsh(covariance) < -1e-9 * np.abs(covariance).max()).any():
+        raise input_error(name, "holds a matrix with a negative variance", fix)
+    return covariance
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """The landmarks that agree with each other, in n images.
+
+    visible and inliers (n, p); lost: image -> reason, for images in which too few agree.
+    """
+
+    visible: Flags
+    inliers: Flags
+    lost: Mapping[int, str]
+
+    def label(self, lifting: Lifting) -> Lifting:
+        """Label the other visible landmarks in what was lifted, and fail the images lost."""
+        return replace(
+            lifting,
+            estimate=replace(lifting.estimate, outliers=self.visible & ~self.inliers),
+            failures={**lifting.failures, **self.lost},
+        )
+
+
+def find_inliers(
+    images: LandmarkSet,
+    weights: Floats,
+    dictionary: Dictionary,
+    config: OutliersConfig,
+    threads: int,
+) -> Agreement:
+    """Find the inliers; the others are to be lifted with weight 0, as if they were hidden.
+
+    Then neither the fit nor the normalisation knows them. An image whose inliers are fewer than
+    BEYOND_CHANCE, or on one line, is lost, all its landmarks labelled. One that has no more
+    visible landmarks, or whose landmarks are degenerate themselves, is not searched.
+    """
+    from shapefit.lifting.outliers.ransac import find_consensus
+
+    visible = weights > 0
+    seen = visible.sum(axis=1)
+    searched = seen >= BEYOND_CHANCE
+    searched[list(find_degenerate(images.landmarks, weights))] = False
+    inliers = find_consensus(
+        images.landmarks,
+        np.where(searched[:, None], weights, 0.0),
+        dictionary.mean_shape,
+        find_seeds(images),
+        threshold=config.threshold or SEARCHED,
+        draws=DRAWS,
+        max_rounds=MOST_ROUNDS,
+        threads=threads,
+    )
+    inliers = np.where(searched[:, None], inliers, True) & visible
+    agree = inliers.sum(axis=1)
+    found = np.where((agree < BEYOND_CHANCE)[:, None], 0.0, inliers)
+    lost = np.zeros(len(seen), dtype=bool)
+    lost[list(find_degenerate(images.landmarks, found))] = True
+    lost &= searched
+    inliers[lost] = False
+    reasons = {
+        image: f"only {agree[image]} of {seen[image]} visible landmarks agree with each other; the "
+        f"minimum is {BEYOND_CHANCE}, not all on one line"
+        for image in np.flatnonzero(lost).tolist()
+    }
+    return Agreement(visible, inliers, reasons)
+
+
+def find_seeds(images: LandmarkSet) -> NDArray[np.uint64]:
+    """Return a seed (n,) for each image, from the name of the item.
+
+    So what is drawn for an image depends neither on the others nor on its place among them.
+    """
+    digests = [blake2b(f"0 {item}".encode(), digest_size=8).digest() for item in images.items]
+    return np.frombuffer(b"".join(digests), dtype="<u8").astype(np.uint64)
+
+
+def lift_left_out(images: LandmarkSet, dictionary: Dictionary, config: FitConfig) -> Lifting:
+    """Lift each image without the atoms of the item that the dataset `leave_out` names.
+
+    Images of an item that the dictionary does not have are lifted with all atoms. The lifting has
+    the columns of the whole dictionary, 0 for atoms left out. Raises InputError where the images
+    lack the dataset.
+    """
+    from shapefit.core.stretches import on_threads
+    from shapefit.lifting.merging import Group, merge
+
+    items = find_left_out(images, config, dictionary)
+    alone = config.model_copy(update={"threads": 1})
+
+    def lift_group(rows: NDArray[np.intp], config: FitConfig = alone) -> Group:
+        item = str(items[rows[0]])
+        without = dictionary.without(item) if item else dictionary
+        lifting = lift_images(images.take(rows), without, config)
+        return Group(lifting, rows, np.flatnonzero(dictionary.atoms_without(item)))
+
+    parts = [np.flatnonzero(items == item) for item in dict.fromkeys(items.tolist())]
+    # The solvers have work for several threads where there is more than a stretch of images.
+    groups = [lift_group(rows, config) for rows in parts if len(rows) > STRETCH]
+    small = [rows for rows in parts if len(rows) <= STRETCH]
+    groups += on_threads(small, lift_group, config.threads)
+    return merge(groups, dictionary.atoms) if groups else lift_images(images, dictionary, config)
+
+
+def check_items(dictionary: Dictionary) -> None:
+    """Raise InputError where the atoms of a dictionary have no items, or but one."""
+    if dictionary.atom_items is None:
+        found = "the atoms of the dictionary have no items"
+        fix = f"learn it with `method: exemplars`, or remove `{LEAVE_OUT}`"
+        raise input_error(LEAVE_OUT, found, fix)
+    if len(set(dictionary.atom_items)) == 1:
+        found = f"every atom of the dictionary is the item '{dictionary.atom_items[0]}'"
+        raise input_error(LEAVE_OUT, found, "learn the dictionary from more models")
+
+
+def find_left_out(
+    images: LandmarkSet, config: FitConfig, dictionary: Dictionary
+) -> NDArray[np.str_]:
+    """Return the item (n,) whose atoms the fit of each image does without, '' for none."""
+    items, known = find_items(images, config, dictionary)
+    items[~known] = ""
+    return items
+
+
+def find_items(
+    images: LandmarkSet, config: FitConfig, dictionary: Dictionary
+) -> tuple[NDArray[np.str_], Flags]:
+    """Return the item (n,) that each image shows, and whether atoms are of it (n,)."""
+    items = np.array(named_items(images, config.leave_out or "", LEAVE_OUT, LEAVE_OUT), dtype=str)
+    return items, np.isin(items, np.array(dictionary.atom_items, dtype=str))
+
+
+def whole_stretches(images: int) -> int:
+    """Round up to whole stretches: within one, images start from their neighbours' solutions."""
+    return math.ceil(images / STRETCH) * STRETCH
