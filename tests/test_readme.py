@@ -8,8 +8,6 @@ from pathlib import Path
 
 import pytest
 
-from shapefit.config import CONFIGS
-
 
 @pytest.mark.slow
 def test_a_clone_does_what_the_readme_says(project: Path, readme_commands: list[str], tmp_path):
@@ -61,25 +59,3 @@ def check_sample(project: Path, printed: str) -> None:
         if x != "x":  # the README shows two digits, an image of pixels needs no more
             x, y, z = (f"{float(number):.2f}" for number in (x, y, z))
         assert line_out == ",".join([*names, x, y, z])
-
-
-def test_set_up_commands_exist(project: Path, readme_commands: list[str]):
-    makefile = (project / "Makefile").read_text(encoding="utf-8")
-    text = (project / "README.md").read_text(encoding="utf-8")
-    targets = set(re.findall(r"`make ([a-z-]+)", text)) | {
-        command.split()[1] for command in readme_commands if command.startswith("make ")
-    }
-    assert targets
-    for target in targets:
-        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
-
-
-@pytest.mark.parametrize("link", ["docs/method.md", "docs/lambda.md", "benchmarks/README.md"])
-def test_linked_pages_exist(project: Path, link: str):
-    assert f"({link})" in (project / "README.md").read_text(encoding="utf-8")
-    assert (project / link).is_file()
-
-
-def test_every_command_is_documented(project: Path):
-    page = (project / "docs/commands.md").read_text(encoding="utf-8")
-    assert all(f"shapefit {command}" in page for command in CONFIGS)
