@@ -31,15 +31,12 @@ def sections(folder: Path) -> list[str]:
         best = file["objective"][:]
         gap = file["relative_gap"][:]
         status = file["status"].asstr()[:]
-        modes = file["modes"][:] if "modes" in file else None
     known = np.isfinite(best)
     certified = (status[known] == "optimal").mean()
     lines = [
         f"Certified to {WITHIN:.0%}: {certified:.2%} of {known.sum():,} images; largest gap "
         f"{gap[known].max():.2%}."
     ]
-    if modes is not None:
-        lines.append(f"More than one reading within 5%: {(modes[known] > 1).mean():.1%}.")
     found = {name: read(folder / f"{stem}.h5") for name, stem in METHODS.items()}
     objectives = np.stack([objective for objective, _ in found.values()])
     found["the better of both"] = np.where(np.isnan(objectives), np.inf, objectives).min(0), None

@@ -107,7 +107,6 @@ def objectives(problem: Problem, R: Floats) -> Floats:
         weights=many.weights,
         atoms=many.atoms,
         lam=many.lam,
-        is_signed=False,
         rotation=R,
         coefficients=np.zeros((len(R), len(problem.atoms))),
         objective=value,

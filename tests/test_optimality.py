@@ -27,9 +27,7 @@ def write(
 def folder(tmp_path):
     status = ["optimal", "iteration limit", "optimal", "degenerate"]
     gap = [0.01, 0.03, 0.0, np.nan]
-    write(
-        tmp_path / "global.h5", objective=BEST, relative_gap=gap, modes=[1, 2, 1, 0], status=status
-    )
+    write(tmp_path / "global.h5", objective=BEST, relative_gap=gap, status=status)
     refined = [1.0, 2.5, 4.0, np.nan]
     write(tmp_path / "refine.h5", objective=refined, relative_gap=[0.1, 0.5, 0.0, np.nan])
     write(tmp_path / "alternate-nonnegative.h5", objective=[1.005, 2.0, 6.0, np.nan])
@@ -49,7 +47,6 @@ def test_excess_and_the_parts_of_the_gap(folder):
     assert found["Alternate, c >= 0"] == ["33.33%", "50% (50%)", "–", f"{search:.2%}", "–"]
     assert found["the better of both"][:2] == ["0.00%", "0% (0%)"]
     assert "Certified to 1%: 66.67% of 3 images; largest gap 3.00%." in text
-    assert "More than one reading within 5%: 33.3%." in text
 
 
 def test_results_of_another_model_are_refused(folder):

@@ -81,6 +81,8 @@ GONE: Mapping[str, Mapping[str, str]] = {
         "pictures.format": "pictures are PNG; leave it out",
         "export.landmarks": "`convert` writes landmarks as GLB; leave it out",
         "export.wireframe": "edges are written as tubes; leave it out",
+        "search.modes": "`global` finds the optimum alone; leave it out",
+        "search.signed": "`global` searches coefficients >= 0; leave it out",
         "outliers.lambda": "truncated least squares went; take `outliers: {method: ransac}`",
     },
     "learn-dict": {

@@ -124,10 +124,9 @@ class Fit:
     coefficients (n, k); rotation (n, 3, 3); translation (n, 2); scale, objective, relative_gap,
     iterations, status (n). None is what the method does not know: of these, and of shape_sd
     (n, p, 3), the standard deviation of each coordinate, plausibility (n,), trusted (n,) and
-    doubt (n,), why not, "" where it is; and modes, other shapes that explain an image. proof holds
-    what `shapefit verify` checks, and extras the further datasets of a result file, such as
-    `outliers` (n, p) and the datasets of the landmarks. A slice or a mask gives the fit of some of
-    the images, a number that of one.
+    doubt (n,), why not, "" where it is. proof holds what `shapefit verify` checks, and
+    extras the further datasets of a result file, such as `outliers` (n, p) and the datasets of the
+    landmarks. A slice or a mask gives the fit of some of the images, a number that of one.
     """
 
     shapes: Floats
@@ -149,7 +148,6 @@ class Fit:
     plausibility: Floats | None = None
     trusted: NDArray[np.bool_] | None = None
     doubt: NDArray[Any] | None = None
-    modes: NDArray[Any] | None = None
     proof: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     failures: Mapping[str, str] = field(default_factory=dict)

@@ -52,7 +52,7 @@ PER_IMAGE = ("method", "sequence", "item", "metric", "error", "unit")
 class CsvWriter:
     """Appends records as rows `item,landmark,x,y[,z][,confidence][,sd_x,sd_y,sd_z][,sequence]`.
 
-    Results with readings also have a column `modes`, those with a verdict a column `trusted`.
+    Results with a verdict also have a column `trusted`.
 
     NaN becomes an empty cell; numbers have the fewest digits that read back to the same float, but
     pixels two decimals, where landmarks spread over WIDE of them or more.
@@ -163,13 +163,11 @@ def _of_items(record: Records, part: slice) -> dict[str, list[str]]:
 
 
 def item_columns(record: Records, part: slice = slice(None)) -> dict[str, Any]:
-    """Return the columns that are the same in all rows of an item: sequence, modes, trusted."""
+    """Return the columns that are the same in all rows of an item: sequence, trusted."""
     columns: dict[str, Any] = {}
     if record.sequences is not None:
         columns["sequence"] = record.sequences[part]
     if isinstance(record, ResultSet):
-        if record.modes is not None:
-            columns["modes"] = record.modes[part]
         trusted = record.per_item(TRUSTED)
         if trusted is not None:
             columns[TRUSTED] = np.asarray(trusted[part], bool)

@@ -154,7 +154,6 @@ AXES = {
     "t": "half-steps",
     "c": "components",
     "a": "active transforms",
-    "m": "modes",
     "l": "cells of trees",
     "v": "vertices of trees",
     "i": "landmarks of the detector",
@@ -205,16 +204,6 @@ PROOF = (
 )
 """What proves the optimum of the convex program of a result, beside its landmarks and lambda."""
 
-MODE_COUNT = Dataset("modes", ("n",), "index", stored="int32")
-
-MODES = (
-    MODE_COUNT,
-    Dataset("mode_objective", ("m",), counted_by=MODE_COUNT.name),
-    Dataset("mode_rotation", ("m", 3, 3), counted_by=MODE_COUNT.name),
-    Dataset("mode_shapes", ("m", "p", 3), points=True, counted_by=MODE_COUNT.name),
-)
-"""All readings of each image."""
-
 TREE_CELLS = Dataset("tree_cells", ("n",), "index", stored="int32")
 TREE_VERTICES = Dataset("tree_vertices", ("n",), "index", stored="int32")
 
@@ -228,7 +217,7 @@ TREES = (
 """What proves the bound on all rotations of some images."""
 
 _NUMBERS_OF_A_RESULT: dict[tuple[str | int, ...], str] = {
-    ("n",): "lambda residual active_atoms tight modes_complete metres_per_unit log_evidence "
+    ("n",): "lambda residual active_atoms tight metres_per_unit log_evidence "
     "plausibility trusted sequence_noise",
     ("n", 2): "focal principal_point",
     ("n", 3): "camera_translation position",
@@ -272,7 +261,6 @@ RESULTS = Layout(
         Dataset("transforms", ("n", "k", 2, 3)),
         _MESH_VERTICES,
         *PROOF,
-        *MODES,
         *TREES,
     ),
     FURTHER_OF_RESULTS,

@@ -348,10 +348,8 @@ class ResultSet(Records):
     image after the other: active_transforms (a, 2, 3) of the atoms transform_atom (a,), and
     transform_count (n,) of them for each image.
 
-    All readings, one image after the other and the best first: modes (n,) of each image, their
-    mode_objective (m,), mode_rotation (m, 3, 3) and mode_shapes (m, 3, p). What proves the bound
-    on all rotations: tree_cells (n,), 0 where the tree of an image was not kept, tree_splits (l,);
-    tree_vertices (n,), tree_rotations (v, 4), tree_multipliers (v, 2, p).
+    What proves the bound on all rotations: tree_cells (n,), 0 where the tree of an image was not
+    kept, tree_splits (l,); tree_vertices (n,), tree_rotations (v, 4), tree_multipliers (v, 2, p).
 
     attributes are stored with the file (method, times, config, digests). What else a fit writes is
     in `layout.FURTHER_OF_RESULTS`.
@@ -379,10 +377,6 @@ class ResultSet(Records):
     transform_count: Integers | None
     transform_atom: Integers | None
     active_transforms: Floats | None
-    modes: Integers | None
-    mode_objective: Floats | None
-    mode_rotation: Floats | None
-    mode_shapes: Floats | None
     tree_cells: Integers | None
     tree_splits: Integers | None
     tree_vertices: Integers | None

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import InputError, input_error
-from shapefit.io.layout import MODE_COUNT
 from shapefit.io.memory import check_fits
 from shapefit.io.problems import input_problems
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
@@ -35,8 +34,8 @@ DEVIATIONS = ("sd_x", "sd_y", "sd_z")
 
 OPTIONAL = {
     "landmarks": ("confidence", "sequence"),
-    "shapes": ("sequence", *DEVIATIONS, MODE_COUNT.name, TRUSTED),
-    "result": ("sequence", *DEVIATIONS, MODE_COUNT.name, TRUSTED),
+    "shapes": ("sequence", *DEVIATIONS, "modes", TRUSTED),
+    "result": ("sequence", *DEVIATIONS, "modes", TRUSTED),
 }
 """Columns that a table may have beside items, landmarks and coordinates."""
 

@@ -88,15 +88,11 @@ class PosteriorOptions:
 class SearchOptions:
     """The section `search`: how the method global searches.
 
-    signed        coefficients of either sign
-    modes         list all readings whose objective is at most this share above the least; 0: none
     max_cells     the search of an image gives up after so many cells
     max_seconds   or so many seconds
     proof_every   keep the tree of every so many images; 0: of none
     """
 
-    signed: bool = False
-    modes: float = 0.0
     max_cells: int = 200_000
     max_seconds: float = 10.0
     proof_every: int = 0
@@ -244,8 +240,7 @@ METHODS: dict[str, Method] = {
         run="shapefit.lifting.global_optimum.method:find_global",
         summary="the certified optimum over all rotations shared by the atoms",
         section=SEARCH,
-        yields=OF_ATOMS | {"relative_gap", "readings", "trees"},
-        further=("modes_complete",),
+        yields=OF_ATOMS | {"relative_gap", "trees"},
         proves="global",
         tolerance=1e-2,
     ),

@@ -41,8 +41,6 @@ IDLE = {
     "fit": {
         "alternation.views=3": "",
         "alternation.signed=true": "method=mean-shape",
-        "search.signed=true": "",
-        "search.modes=0.5": "",
         "search.max_cells=9": "method=sequences",
         "search.max_seconds=9": "",
         "search.proof_every=1": "method=global output=r.csv",

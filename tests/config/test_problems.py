@@ -130,7 +130,7 @@ fit | pictures: {sheet: 4, folder: null} | 4:19 | `sheet` does nothing without `
 fit | camera: {model: perspective} | 4:17 | `model: perspective` and a focal length
 fit | camera: {focal: 2} | 4:17 | `model: perspective` and a focal length
 fit | camera: {model: perspective, intrinsics: K, focal: 2} | 4:52 | `focal` and `intrinsics` exclude each other
-fit | method: alternate; rotations: per-atom | 5:12 | `rotations: per-atom` belongs to the method convex and weak perspective
+fit | method: alternate; rotations: orthogonal | 5:12 | `rotations: orthogonal` belongs to the method convex and weak perspective
 fit | rotations: orthogonal; camera: {model: perspective, focal: 2} | 4:12 | `rotations: orthogonal` belongs to the method convex and weak perspective
 """  # noqa: E501
 """Command, what its config says besides, the place of the fault, and a part of the message."""

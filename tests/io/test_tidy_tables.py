@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from shapefit.io import csv_writer, landmark_writer, read_results, result_writer, sources
 from shapefit.io import write_shapes as write_shape_file
-from shapefit.io.records import LandmarkSet, ResultSet
+from shapefit.io.records import LandmarkSet
 from shapefit.io.tidy_table import read_numbers, read_rows, split_columns
 from tests.io.files import save
 
@@ -352,22 +352,6 @@ def test_items_without_landmarks_write_a_header(tmp_path):
     none = LandmarkSet(landmarks=np.empty((2, 2, 0)), landmark_names=(), items=("a", "b"))
     save(tmp_path / "none.csv", none)
     assert (tmp_path / "none.csv").read_text() == "item,landmark,x,y\n"
-
-
-def test_the_number_of_readings_is_a_column(tmp_path, rng):
-    record = ResultSet(
-        shapes=rng.normal(size=(2, 3, 2)),
-        landmark_names=("a", "b"),
-        items=("x", "y"),
-        modes=np.array([1, 3]),
-    )
-    save(tmp_path / "result.csv", record)
-    header, *rows = (tmp_path / "result.csv").read_text(encoding="utf-8").splitlines()
-    assert header.endswith(",modes")
-    assert [row.rpartition(",")[2] for row in rows] == ["1", "1", "3", "3"]
-    found = read_results(tmp_path / "result.csv")
-    np.testing.assert_array_equal(found.shapes, record.shapes)
-    assert found.modes is None
 
 
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=20))

@@ -90,11 +90,6 @@ class AlternationConfig(ConfigModel):
 class SearchConfig(ConfigModel):
     """How the method global searches all rotations."""
 
-    signed: bool = SearchOptions.signed
-    """Coefficients of either sign."""
-    modes: float = Field(default=SearchOptions.modes, ge=0, le=1)
-    """Also list all other readings of an image whose objective is at most this share above the
-    least, such as 0.05, and prove that there is none besides; 0 lists none."""
     max_cells: int = Field(default=SearchOptions.max_cells, ge=1, le=MOST_STEPS)
     """Maximum number of cells of rotations searched per image."""
     max_seconds: float = Field(default=SearchOptions.max_seconds, gt=0)
@@ -147,10 +142,9 @@ class FitConfig(CommandConfig):
     """Expected standard deviation of a landmark's coordinate, in the unit of the landmarks;
     `lambda: auto` needs it."""
     solver: SolverConfig = section(SolverConfig)
-    rotations: Literal["shared", "per-atom", "orthogonal"] = "shared"
-    """convex: how atoms are rotated. shared: landmarks by the transform of each atom, meshes by one
-    rotation; per-atom: meshes by the transform of each atom too, under which they shear;
-    orthogonal: both by the rotation nearest to the transform of each atom."""
+    rotations: Literal["shared", "orthogonal"] = "shared"
+    """convex: how the landmarks of atoms are rotated: by the transform of each atom, or, with
+    orthogonal, by the rotation nearest to it. Meshes have the one rotation nearest to all."""
     alternation: AlternationConfig = section(AlternationConfig)
     search: SearchConfig = section(SearchConfig)
     posterior: PosteriorConfig = section(PosteriorConfig)
@@ -222,11 +216,6 @@ class FitConfig(CommandConfig):
             raise ValueError(
                 f"`loss: {self.loss}` and `{self.data_key}` are both data terms; leave out one of "
                 "them"
-            )
-        if self.search.modes and self.camera.model == "perspective":
-            raise ValueError(
-                "`search: {modes: ...}` lists readings under weak perspective; leave out either it "
-                "or `camera: {model: perspective}`"
             )
         conflict = find_conflict(self)
         if conflict is not None:

@@ -74,7 +74,7 @@ bool RotationObjective::aim(long image) {
     reduction.reduce_landmarks(problem.landmarks[image], omega.data, w, atoms.row);
     square = dot_padded(w, w, 2 * atoms.row);
     lam = problem.lam[image];
-    step_.aim(w, lam, problem.is_signed);
+    step_.aim(w, lam, false);
     step_.set.clear();
     return true;
 }

@@ -17,14 +17,13 @@ struct SearchLimits {
     double seconds = from("most_seconds");  // wall-clock
 };
 
-// min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over all rotations.
+// min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over all rotations and c >= 0.
 struct SearchProblem {
     Arguments& from;
     Tensor<const double> landmarks = from("landmarks", "n 2 p");  // W
     Matrix<const double> weights = from("weights", "n p");  // Omega
     Tensor<const double> atoms = from("atoms", "k 3 p");  // B
     Vector<const double> lam = from("lam", "n");
-    bool is_signed = from("is_signed");  // c of either sign, or c >= 0
 };
 
 // The global optimum of each image and what is proven of it.
@@ -42,25 +41,6 @@ struct GlobalData {
     Vector<int64_t> cells = from("cells", "n");  // tests
     Vector<int64_t> vertices = from("vertices", "n");  // rotations whose coefficients were found
     Vector<int64_t> status = from("status", "n");  // a Status
-};
-
-// All readings of each image: minima within a share of the optimum, apart from one another.
-struct ModesData {
-    Arguments& from;
-    SearchProblem problem{from};
-    Tensor<const double> best = from("best", "n 3 3");  // the global optimum
-    // nothing is missed up to (1 + within) times the least objective
-    double within = from("within");
-    double apart = from("apart");  // least angle between modes, radians
-    SearchLimits limits{from};  // of each image
-    Blocks<double> rotation = from("rotation", "n m 3 3");  // best first
-    Matrix<double> objective = from("objective", "n m");
-    Vector<int64_t> count = from("count", "n");  // modes <= m
-    // rotations beside the modes that their valleys reach
-    Vector<int64_t> valleys = from("valleys", "n");
-    Vector<int64_t> cells = from("cells", "n");  // tests
-    // a Status: OPTIMAL where the list is complete
-    Vector<int64_t> status = from("status", "n");
 };
 
 // The coefficients at given rotations: image j of problem, rotation R (n, 3, 3).

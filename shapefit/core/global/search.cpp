@@ -270,7 +270,6 @@ void find_forms(const Vertex* const* corner, Forms& forms) {
 
 // The left side of every inequality at WIDTH atoms from i on; the largest so far goes to `most`.
 // Not inlined: out of its loop the compiler would copy each number of the forms into a vector.
-template <bool is_signed>
 [[gnu::noinline]] void raise(const Vertex* const* corner, long k, long i, const Forms& forms,
                              Doubles* most) {
     Doubles left[TRIPLES] = {};
@@ -287,14 +286,13 @@ template <bool is_signed>
         }
     }
     for (int t = 0; t < TRIPLES; ++t)
-        most[t] = larger(is_signed ? magnitude(left[t]) : left[t], most[t]);
+        most[t] = larger(left[t], most[t]);
 }
 
-template <bool is_signed>
 void find_largest(const Vertex* const* corner, long k, const Forms& forms, double* out) {
     Doubles most[TRIPLES];
     for (int t = 0; t < TRIPLES; ++t) most[t] = all(-INFINITE);
-    for (long i = 0; i < k; i += WIDTH) raise<is_signed>(corner, k, i, forms, most);
+    for (long i = 0; i < k; i += WIDTH) raise(corner, k, i, forms, most);
     for (int t = 0; t < TRIPLES; ++t) out[t] = largest(most[t]);
 }
 
@@ -305,10 +303,7 @@ void CellTest::find_excess(const Vertex* const* corner, double* excess) const {
     Forms forms;
     double left[TRIPLES];
     find_forms(corner, forms);
-    if (objective_.problem.is_signed)
-        find_largest<true>(corner, atoms.padded_atoms, forms, left);
-    else
-        find_largest<false>(corner, atoms.padded_atoms, forms, left);
+    find_largest(corner, atoms.padded_atoms, forms, left);
     double size = 0, length = 0;
     for (int a = 0; a < 4; ++a) {
         size = larger(corner[a]->scale * corner[a]->largest, size);

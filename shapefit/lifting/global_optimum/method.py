@@ -10,7 +10,6 @@ from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Status
 from shapefit.lifting.estimate import Estimate
-from shapefit.lifting.global_optimum.modes import find_modes
 from shapefit.lifting.global_optimum.optimum import GlobalOptimum, Limits, find_optimum
 from shapefit.lifting.global_optimum.tree import Tree, record_tree
 from shapefit.lifting.methods import AlternationOptions, SearchOptions, Settings
@@ -30,8 +29,7 @@ def find_global(problem: Problem, settings: Settings) -> Estimate:
     limits = Limits(options.max_cells, options.max_seconds)
     found = find_optimum(
         problem,
-        find_starts(problem, settings, options),
-        signed=options.signed,
+        find_starts(problem, settings),
         tolerance=settings.tolerance,
         limits=limits,
         threads=settings.threads,
@@ -41,23 +39,12 @@ def find_global(problem: Problem, settings: Settings) -> Estimate:
     if options.proof_every:
         trees = record_trees(problem, found, options)
         estimate = replace(estimate, trees=trees)
-    if options.modes:
-        readings = find_modes(
-            problem,
-            found.rotation,
-            options.modes,
-            signed=options.signed,
-            limits=limits,
-            threads=settings.threads,
-        )
-        complete = np.array([one.complete for one in readings], dtype=bool)
-        estimate = replace(estimate, readings=readings, further={"modes_complete": complete})
     return estimate
 
 
-def find_starts(problem: Problem, settings: Settings, options: SearchOptions) -> Floats:
+def find_starts(problem: Problem, settings: Settings) -> Floats:
     """Rotations (n, 2, 3, 3) at which convex+refine and alternate end."""
-    local = replace(settings, options=AlternationOptions(signed=options.signed))
+    local = replace(settings, options=AlternationOptions())
     ends = [refine_convex(problem, local), alternate_from_mean(problem, local)]
     return np.stack([end.rotation for end in ends], axis=1)
 
@@ -73,7 +60,6 @@ def record_trees(
                 problem,
                 image,
                 found.bound[image],
-                signed=options.signed,
                 most_cells=options.max_cells,
             )
     return tuple(trees)

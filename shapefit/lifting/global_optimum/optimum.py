@@ -53,17 +53,16 @@ def find_optimum(
     problem: Problem,
     starts: Floats | None = None,
     *,
-    signed: bool = False,
     tolerance: float = 1e-2,
     limits: Limits | None = None,
     threads: int = 0,
 ) -> GlobalOptimum:
     """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over all R.
 
-    (Paper, eq. originalnoisy, with weights and translation.) Over c >= 0, or any c where `signed`,
-    and Rbar Rbar^T = I. The optimum found is never above v at one of starts (n, s, 3, 3); a start
-    that is nan counts for nothing. Fewer than two visible landmarks are DEGENERATE. Bound and
-    search: docs/global.md. Raises ValueError for a loss other than the squared one.
+    (Paper, eq. originalnoisy, with weights and translation.) Over c >= 0 and Rbar Rbar^T = I. The
+    optimum found is never above v at one of starts (n, s, 3, 3); a start that is nan counts for
+    nothing. Fewer than two visible landmarks are DEGENERATE. Bound and search: docs/global.md.
+    Raises ValueError for a loss other than the squared one.
     """
     problem.require_squared("the search")
     limits = limits or Limits()
@@ -79,7 +78,6 @@ def find_optimum(
     }
     core.find_optimum(
         **problem.arrays,
-        is_signed=signed,
         starts=np.ascontiguousarray(starts, dtype=np.float64),
         tolerance=tolerance,
         most_cells=limits.cells,

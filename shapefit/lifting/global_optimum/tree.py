@@ -30,7 +30,7 @@ class Tree:
 
 
 def record_tree(
-    problem: Problem, image: int, bound: float, *, signed: bool = False, most_cells: int = 200_000
+    problem: Problem, image: int, bound: float, *, most_cells: int = 200_000
 ) -> Tree | None:
     """Return a tree that proves v >= bound for one image; None where there is none so small."""
     problem.require_squared("the search")
@@ -41,7 +41,6 @@ def record_tree(
         tree = Tree(np.zeros(cells, np.int64), np.zeros((vertices, 4)), np.zeros((vertices, 2, p)))
         size = core.record_tree(
             **one.arrays,
-            is_signed=signed,
             cut=bound,
             most_cells=most_cells,
             vertices=tree.vertices,

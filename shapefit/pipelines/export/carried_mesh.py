@@ -28,12 +28,12 @@ class Pose(NamedTuple):
     """How the points of atoms become those of an image.
 
     method        of the fit
-    rotations     shared by the atoms, per-atom, or orthogonal
+    rotations     of the landmarks: the transforms of the atoms, or orthogonal
     perspective   the camera is a perspective one
     """
 
     method: str
-    rotations: Literal["shared", "per-atom", "orthogonal"] = "shared"
+    rotations: Literal["shared", "orthogonal"] = "shared"
     perspective: bool = False
 
     @property

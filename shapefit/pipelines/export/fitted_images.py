@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from shapefit.arrays import Floats
@@ -65,29 +63,6 @@ def fitted_image(
         seen_mesh=None if seen_mesh is None else seen_mesh[0],
         covariance=_covariance(found),
     )
-
-
-def all_readings(image: FittedImage, found: ResultSet) -> list[FittedImage]:
-    """Return the image (n = 1) once per reading, the best first; only that one has a mesh."""
-    if found.modes is None or found.modes[0] < 2:
-        return [image]
-    objective, R = required(found.mode_objective), required(found.mode_rotation)
-    shapes = required(found.mode_shapes)
-    images = [replace(image, title=f"{image.title}, reading 1")]
-    for j in range(1, len(objective)):
-        above = objective[j] / objective[0] - 1
-        images.append(
-            replace(
-                image,
-                title=f"reading {j + 1}, {above:+.1%}",
-                shape=shapes[j],
-                seen_shape=shapes[j],
-                rotation=R[j],
-                mesh_vertices=None,
-                seen_mesh=None,
-            )
-        )
-    return images
 
 
 def _covariance(found: ResultSet) -> Floats | None:

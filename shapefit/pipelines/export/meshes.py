@@ -77,15 +77,15 @@ class MeshExport:
         self._farthest = np.inf if options.format == "obj" else FARTHEST
         self._written = self._missing = self._far = 0
 
-    def add(self, found: ResultSet, transforms: Transforms | None) -> None:
-        """Write the files of a chunk; transforms where the method has them."""
+    def add(self, found: ResultSet, _: Transforms | None) -> None:
+        """Write the files of a chunk."""
         chosen = np.array([item in self._items for item in found.items], dtype=bool)
         fitted = has_shape(found)
         self._missing += int(np.count_nonzero(chosen & ~fitted))
         rows = np.flatnonzero(chosen & fitted)
         for start in range(0, len(rows), BATCH):
             part = rows[start : start + BATCH]
-            self._write(found.take(part), None if transforms is None else transforms.take(part))
+            self._write(found.take(part))
 
     @property
     def note(self) -> str:
@@ -104,10 +104,8 @@ class MeshExport:
             *self._items.warnings,
         )
 
-    def _write(self, found: ResultSet, transforms: Transforms | None) -> None:
-        points = self._points(
-            ModelPlacement(self._options, self._pose, self._dictionary, found, transforms)
-        )
+    def _write(self, found: ResultSet) -> None:
+        points = self._points(ModelPlacement(self._options, self._pose, self._dictionary, found))
         for item, shape in zip(found.items, points, strict=True):
             if np.abs(shape).max() > self._farthest:
                 self._far += 1

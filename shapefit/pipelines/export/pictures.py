@@ -14,7 +14,7 @@ from shapefit.io import ResultSet
 from shapefit.io.atomic import StagedFiles, file_stem
 from shapefit.meshes.pictures import FittedImage, Model, contact_sheet, fit_picture
 from shapefit.pipelines.export.carried_mesh import Pose
-from shapefit.pipelines.export.fitted_images import all_readings, fitted_image
+from shapefit.pipelines.export.fitted_images import fitted_image
 from shapefit.pipelines.export.meshes import has_shape
 from shapefit.pipelines.items import ChosenItems, spread
 
@@ -70,7 +70,7 @@ class PictureExport:
             if on_sheet:
                 self._sheet.append(image)
             if alone:
-                self._save(file_stem(item), fit_picture(all_readings(image, one), model), item)
+                self._save(file_stem(item), fit_picture([image], model), item)
                 self._drawn += 1
         self._come += len(found)
         if self._sheet and self._come == self._awaited:

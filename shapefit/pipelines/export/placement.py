@@ -9,13 +9,11 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.config.commands.fit_sections import ExportConfig
-from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import ResultSet
 from shapefit.meshes.dense import (
     around_centroid,
     camera_frame,
-    camera_frame_sheared,
     metric_scale,
 )
 from shapefit.pipelines.export.carried_mesh import Pose
@@ -34,14 +32,13 @@ class ModelPlacement:
     """size * S + origin, in the frame of the object size * R^T S, for n images with a shape.
 
     S are points in normalised units around the centroid of their landmarks, in the directions of
-    the camera. transforms are needed for `rotations` other than shared alone.
+    the camera.
     """
 
     options: ExportConfig
     pose: Pose
     dictionary: Dictionary
     found: ResultSet
-    transforms: Transforms | None
 
     def landmarks(self) -> Floats:
         """Return the fitted landmarks (n, 3, p)."""
@@ -49,14 +46,8 @@ class ModelPlacement:
         return self._place(around_centroid(self.found.shapes, s, T))
 
     def carry(self, atoms: Floats) -> Floats:
-        """Return points (n, 3, q) of the atoms (k, 3, q), mixed and turned as the landmarks were.
-
-        With one rotation per image or, if `rotations` says so, one per atom.
-        """
+        """Return points (n, 3, q) of the atoms (k, 3, q), mixed, with one rotation per image."""
         one, none = np.ones(len(self.found)), np.zeros((len(self.found), 2))
-        if self.pose.rotations != "shared":
-            M, orthogonal = required(self.transforms).dense(), self.pose.rotations == "orthogonal"
-            return self._place(camera_frame_sheared(atoms, M, one, none, orthogonal=orthogonal))
         c, R = required(self.found.coefficients), required(self.found.rotation)
         return self._place(camera_frame(atoms, c, R, one, none))
 

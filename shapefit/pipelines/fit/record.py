@@ -14,7 +14,6 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.dictionary.size import has_lengths, knows_size, metres_per_unit
 from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.layout import FURTHER_OF_RESULTS, METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
-from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import DOUBT, TRUSTED, find_doubts
@@ -65,7 +64,7 @@ def as_result(
         columns=further_datasets(images, lifting, setup, inputs, bars.covariance),
         of_file=carried_of_file(images),
     )
-    record = with_trees(with_readings(record, lifting), lifting)
+    record = with_trees(record, lifting)
     return with_proof(record, lifting, config.method) if config.proof else record
 
 
@@ -196,31 +195,6 @@ def perspective_datasets(
         "principal_point": view.camera.centre,
         "position": position,
     }
-
-
-def with_readings(record: ResultSet, lifting: Lifting) -> ResultSet:
-    """Add the readings of each image, in the camera frame and the unit of its landmarks."""
-    readings = lifting.estimate.readings
-    if readings is None:
-        return record
-    fitted = np.isfinite(lifting.scale)
-    count = np.array([len(one) for one in readings], dtype=np.int64) * fitted
-    image = np.repeat(np.arange(len(count)), count)
-    kept = [one for one, is_fitted in zip(readings, fitted, strict=True) if is_fitted]
-    none = record.shapes[:0]
-    shapes = np.concatenate([none, *(one.shapes for one in kept)])
-    part = lifting.problem.take(image)
-    T = fit_translation(part, shapes[:, :2]).translation
-    scale = lifting.scale[:, None]
-    centroid = lifting.translation - scale * lifting.estimate.translation
-    shapes = scale[image, None] * shapes
-    shapes[:, :2] += (scale[image] * T + centroid[image])[:, :, None]
-    return record.replaced(
-        modes=count,
-        mode_objective=np.concatenate([np.zeros(0), *(one.objective for one in kept)]),
-        mode_rotation=np.concatenate([np.zeros((0, 3, 3)), *(one.rotation for one in kept)]),
-        mode_shapes=shapes,
-    )
 
 
 def with_trees(record: ResultSet, lifting: Lifting) -> ResultSet:

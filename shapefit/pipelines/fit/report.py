@@ -37,7 +37,6 @@ class Report:
         self._ends = [end for end in ends if end is not None]
         self._y_axis = "down"
         self._bodies = self._on_head = 0
-        self._images = self._several = self._unsure = 0
         self._unknown_items = 0
         self._unknown_item = ""
 
@@ -52,10 +51,6 @@ class Report:
             items, known = find_items(images, config, self._setup.dictionary)
             self._unknown_items += int((~known).sum())
             self._unknown_item = self._unknown_item or next(iter(items[~known].tolist()), "")
-        readings = lifting.estimate.readings or ()
-        self._images += sum(len(one) > 0 for one in readings)
-        self._several += sum(len(one) > 1 for one in readings)
-        self._unsure += sum(not one.complete and len(one) > 0 for one in readings)
         return Outcome(
             done=len(images),
             total=total,
@@ -91,19 +86,6 @@ class Report:
             found.append(Counted(self._on_head, "image", text))
         if self._unknown_items:
             found.append(self._warn_of_items())
-        if self._several:
-            share = self._several / self._images
-            within = self._setup.config.search.modes
-            found.append(
-                f"{counted(self._several, 'image')} ({share:.1%}) can be read in more than one "
-                f"way: another rotation comes within {within:.0%} of the optimum; "
-                "see `modes` in the result"
-            )
-        if self._unsure:
-            found.append(
-                f"{counted(self._unsure, 'image')} may have further readings: raise "
-                "`search.max_cells` or `search.max_seconds`"
-            )
         return tuple(found)
 
     def _warn_of_items(self) -> str:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from shapefit import core
-from shapefit.convex.problem import Problem
 from shapefit.lifting.global_optimum.optimum import find_optimum
 from shapefit.lifting.global_optimum.tree import record_tree
 from shapefit.verification.tree import Tree, unfold
@@ -87,7 +86,7 @@ def test_the_inequalities_of_a_cell_are_those_of_the_cubic_form(make_scene, weig
 
     excess = np.zeros(20)
     dropped = core.parts.judge_cell(
-        problem.landmarks, problem.weights, problem.atoms, problem.lam, False, corners, cut, excess
+        problem.landmarks, problem.weights, problem.atoms, problem.lam, corners, cut, excess
     )
     wanted = [3 * blossom(*triple).max() for triple in TRIPLES]
     np.testing.assert_allclose(excess, wanted, atol=1e-7)
@@ -97,20 +96,15 @@ def test_the_inequalities_of_a_cell_are_those_of_the_cubic_form(make_scene, weig
         assert form(mu).max() <= max(wanted) / 3 + 1e-9
 
 
-@pytest.mark.parametrize("setting", ["plain", "weighted", "hidden", "signed"])
+@pytest.mark.parametrize("setting", ["plain", "weighted", "hidden"])
 def test_no_rotation_of_a_dropped_cell_is_below_the_cut(make_scene, setting, rng):
     scene = make_scene(
         n=2, k=10, noise=0.2, weighted=setting == "weighted", hidden=0.3 * (setting == "hidden")
     )
     problem = scene.problem(0.3)
-    signed = setting == "signed"
-    judged = problem
-    if signed:  # c of either sign is c >= 0 with every atom and its negative
-        both = np.concatenate([problem.atoms, -problem.atoms])
-        judged = Problem(problem.landmarks, problem.weights, both, problem.lam)
-    found = find_optimum(problem, signed=signed, tolerance=0.02, threads=1)
+    found = find_optimum(problem, tolerance=0.02, threads=1)
     for image, (objective, bound) in enumerate(zip(found.objective, found.bound, strict=True)):
-        tree = record_tree(problem, image, bound, signed=signed)
+        tree = record_tree(problem, image, bound)
         assert tree is not None
         leaves = unfold(Tree(tree.splits, tree.vertices, tree.multipliers))
         assert leaves is not None
@@ -120,7 +114,7 @@ def test_no_rotation_of_a_dropped_cell_is_below_the_cut(make_scene, setting, rng
         # cells near the optimum are the small ones: each counts alike
         some = corners[rng.integers(len(corners), size=250)]
         q = unit(np.einsum("la,lae->le", rng.dirichlet(np.ones(4), 250), some))
-        values = [best_at(judged, image, rotation_rows(one))[0] for one in q]
+        values = [best_at(problem, image, rotation_rows(one))[0] for one in q]
         assert min(values) >= bound
         assert min(values) <= 1.2 * objective  # some of them were close
 

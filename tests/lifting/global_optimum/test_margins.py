@@ -21,7 +21,7 @@ def judge(problem: Problem, corners: np.ndarray, cut: float) -> tuple[bool, np.n
     """Whether the kernel drops a cell of the only image, and the excess of its coefficients."""
     excess = np.zeros(20)
     image = (problem.landmarks, problem.weights, problem.atoms, problem.lam)
-    return core.parts.judge_cell(*image, False, corners, cut, excess), excess
+    return core.parts.judge_cell(*image, corners, cut, excess), excess
 
 
 def test_the_excess_of_a_cell_is_above_the_exact_one_by_the_share_of_slivers(make_scene, rng):

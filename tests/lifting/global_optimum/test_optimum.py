@@ -50,22 +50,19 @@ def test_the_objective_is_that_of_an_independent_solver_at_the_rotation(make_sce
         assert best_at(problem, image, R[:2])[0] == pytest.approx(found.objective[image], rel=1e-8)
 
 
-@pytest.mark.parametrize("signed", [False, True])
 @pytest.mark.parametrize("hidden", [0.0, 0.25])
 def test_it_is_never_above_other_methods_and_the_bound_never_above_any_rotation(
-    make_scene, signed, hidden, rng
+    make_scene, hidden, rng
 ):
     scene = make_scene(n=12, k=12, noise=0.4, weighted=bool(hidden), hidden=hidden)
     problem = scene.problem(0.2)
     solve = partial(solve_newton, tolerance=1e-8)
     settings = Settings(solve=solve, mean_shape=scene.mean_shape, tolerance=0.01)
-    local = replace(settings, options=AlternationOptions(signed=signed, views="all"))
-    found = choose_method("global", replace(settings, options=SearchOptions(signed=signed)))(
-        problem
-    )
+    local = replace(settings, options=AlternationOptions(views="all"))
+    found = choose_method("global", replace(settings, options=SearchOptions()))(problem)
     assert set(found.status) == {Status.OPTIMAL}
     assert (found.relative_gap <= 0.01 + 1e-10).all()
-    plain = replace(local, options=AlternationOptions(signed=signed))
+    plain = replace(local, options=AlternationOptions())
     for name in ("convex+refine", "alternate"):
         other = choose_method(name, plain)(problem).objective
         assert (found.objective <= other * (1 + 1e-9)).all()
@@ -75,7 +72,7 @@ def test_it_is_never_above_other_methods_and_the_bound_never_above_any_rotation(
         one = problem.take(np.array([image]))
         for start in rng.standard_normal((20, 4)):
             q = start / np.linalg.norm(start)
-            arguments = (one.landmarks, one.weights, one.atoms, one.lam, signed, q, 1e-10)
+            arguments = (one.landmarks, one.weights, one.atoms, one.lam, q, 1e-10)
             assert core.parts.descend(*arguments) >= bound[image]
 
 
@@ -155,7 +152,5 @@ def test_people_are_certified_and_no_descent_gets_below_the_bound(real_data, rng
         one = problem.take(np.array([image]))
         for start in rng.standard_normal((30, 4)):
             q = start / np.linalg.norm(start)
-            value = core.parts.descend(
-                one.landmarks, one.weights, one.atoms, one.lam, False, q, 1e-9
-            )
+            value = core.parts.descend(one.landmarks, one.weights, one.atoms, one.lam, q, 1e-9)
             assert value >= found.objective[image] * (1 - 1e-9) or value >= bound

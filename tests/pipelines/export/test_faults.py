@@ -66,9 +66,9 @@ class TestRefused:
             {"method": "convex", "camera": {"model": "perspective", "focal": 1600.0}},
         ],
     )
-    def test_rotations_per_atom_where_there_is_one(self, export, fit_keys):
+    def test_rotations_of_atoms_where_there_is_one(self, export, fit_keys):
         with pytest.raises(ValidationError, match="belongs to the method convex and weak"):
-            export(fit_keys={**fit_keys, "rotations": "per-atom"})
+            export(fit_keys={**fit_keys, "rotations": "orthogonal"})
 
     @pytest.mark.parametrize("section", ["export", "pictures"])
     @pytest.mark.parametrize(

@@ -5,7 +5,6 @@ import pytest
 import trimesh
 
 from shapefit.io.records import ResultSet, concatenate
-from shapefit.lifting.reconstruction import complete_transforms
 from shapefit.pipelines.export.meshes import has_shape
 from tests.pipelines.told import failures
 
@@ -83,37 +82,20 @@ def test_by_default_a_car_stands_upright_and_looks_ahead(export, car_atoms, read
         assert place["left_front_wheel"][2] > place["left_rear_wheel"][2]
 
 
-@pytest.mark.parametrize("rotations", ["per-atom", "orthogonal"])
-def test_rotations_per_atom_give_the_landmarks_of_the_result(
-    export, car_atoms, rotations, read_one
-):
-    keys = {"method": "convex", "rotations": rotations}
-    found, _ = export(fit_keys=keys, frame="camera", format="ply")
-    vertex = landmark_vertices(car_atoms)
-    for image, item in enumerate(found.items):
-        mesh = read_one(item, "ply")
-        np.testing.assert_allclose(mesh.vertices[vertex].T, found.shapes[image], atol=6.2e-5)
-
-
 def edge_lengths(mesh):
     return np.linalg.norm(np.diff(mesh.vertices[mesh.edges_unique], axis=1)[:, 0], axis=1)
 
 
-def test_the_consensus_rotation_keeps_lengths_that_rotations_per_atom_do_not(
-    export, car_atoms, read_one, mixed
-):
-    lengths = {}
-    for rotation in ("shared", "per-atom"):
-        found, _ = export(fit_keys={"method": "convex", "rotations": rotation}, format="obj")
-        lengths[rotation] = edge_lengths(read_one(found.items[0], "obj"))
+@pytest.mark.parametrize("rotations", ["shared", "orthogonal"])
+def test_the_rotation_of_a_mesh_keeps_its_lengths(export, car_atoms, read_one, mixed, rotations):
+    found, _ = export(fit_keys={"method": "convex", "rotations": rotations}, format="obj")
     plain = trimesh.Trimesh(
         found.scale[0] * mixed(car_atoms.mesh_vertices, found, 0).T,
         car_atoms.mesh_faces,
         process=False,
     )
-    np.testing.assert_allclose(lengths["shared"], edge_lengths(plain), atol=2e-8)
-    sheared = lengths["per-atom"] / lengths["shared"]
-    assert np.median(np.abs(sheared / np.median(sheared) - 1)) > 0.002
+    lengths = edge_lengths(read_one(found.items[0], "obj"))
+    np.testing.assert_allclose(lengths, edge_lengths(plain), atol=2e-8)
 
 
 @pytest.mark.parametrize("y_axis", ["down", "up"])
@@ -177,9 +159,8 @@ def test_a_shape_that_shrank_to_a_point_is_counted_too(tmp_path, export):
     assert not (tmp_path / "meshes").exists()
 
 
-@pytest.mark.parametrize("rotation", ["shared", "per-atom"])
 def test_every_file_has_the_mesh_of_its_own_image_wherever_chunks_end(
-    export, car_atoms, views, monkeypatch, read_one, mixed, rotation
+    export, car_atoms, views, monkeypatch, read_one, mixed
 ):
     monkeypatch.setattr("shapefit.pipelines.export.meshes.BATCH", 3)
     copies = [views.replaced(items=tuple(f"{i}#{copy}" for i in views.items)) for copy in "ab"]
@@ -187,7 +168,7 @@ def test_every_file_has_the_mesh_of_its_own_image_wherever_chunks_end(
     landmarks.landmarks[7, :, 2:] = np.nan
     found, _ = export(
         landmarks,
-        fit_keys={"method": "convex", "chunk": 5, "rotations": rotation},
+        fit_keys={"method": "convex", "chunk": 5},
         items=["*[0-35-9]#a", "*#b"],
         format="obj",
     )
@@ -195,11 +176,6 @@ def test_every_file_has_the_mesh_of_its_own_image_wherever_chunks_end(
     assert 7 < len(written) < 12
     for image in written:
         expected = mixed(car_atoms.mesh_vertices, found, image)
-        if rotation == "per-atom":
-            expected = found.rotation[image].T @ sum(
-                complete_transforms(M) @ mesh
-                for M, mesh in zip(found.transforms[image], car_atoms.mesh_vertices, strict=True)
-            )
         mesh = read_one(found.items[image], "obj")
         np.testing.assert_allclose(mesh.vertices.T, found.scale[image] * expected, atol=5.1e-9)
 
