@@ -9,7 +9,7 @@ import numpy as np
 from shapefit.arrays import Floats, Integers
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Mixture:
     """p(x) = sum_k pi_k N(x; mu_k, C_k) over shapes x, flattened: all x, then all y, then all z.
 

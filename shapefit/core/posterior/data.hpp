@@ -32,7 +32,7 @@ struct PosteriorData {
     Tensor<double> rotation = from("rotation", "n 3 3");  // of the most likely mode
     Vector<double> scale = from("scale", "n");  // likewise
     Vector<double> log_evidence = from("log_evidence", "n");  // of the image
-    // twice the fall of the log likelihood below its peak
+    // squared Mahalanobis distance of the landmarks, noise of landmark j over its belief
     Vector<double> surprise = from("surprise", "n");
     Vector<bool> stationary = from("stationary", "n");  // whether a climb ended on a maximum
     Vector<int64_t> rounds = from("rounds", "n");  // steps taken by all climbs together

@@ -273,7 +273,7 @@ Lanes predict(const Noise<Lanes>& N, Lanes q, const Lanes* a, const Lanes* D) {
            all<Lanes>(LOG_TWO_PI);
 }
 
-// Add the terms of the belief to value and surprise; the next belief.
+// Add the terms of the belief to the value; the next belief.
 template <class Lanes>
 void believe(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const LaneView<Lanes>& view, Lanes shrunk,
              const Lanes* belief,
@@ -299,7 +299,6 @@ void believe(const PosteriorData& data, const Observed<Number<Lanes>>& seen, con
         next[j] = larger(1.0 / (1.0 + exponential(-steep)), all<Lanes>(LEAST_BELIEF<Lanes>));
         found.value += rest * (log_size + gross) + q * kept - (1.0 + q) * logarithm(q) -
                        rest * logarithm(rest + all<Lanes>(1e-30));
-        found.surprise += rest * 2.0 * larger(kept - log_size - gross, Lanes{});
     }
 }
 

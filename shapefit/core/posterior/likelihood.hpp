@@ -68,7 +68,7 @@ struct Likelihood {
     Lanes value;
     Lanes gradient[VIEW];          // of -value
     Lanes curvature[VIEW * VIEW];  // Gauss and Newton's
-    Lanes surprise;                // twice the fall below the value at y = A mu
+    Lanes surprise;                // (y - A mu)^T S^-1 (y - A mu)
 };
 
 // Rows of 2 m numbers are padded to n, a multiple of TILE.

@@ -13,7 +13,7 @@ from shapefit.convex.solution import Solution, Status
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.lifting.estimate import CORRELATION, ConvexProof, Estimate, fit_translation
 from shapefit.lifting.methods import PosteriorOptions, Settings
-from shapefit.lifting.posterior.plausibility import find_plausibility
+from shapefit.lifting.posterior.plausibility import Model, find_plausibility
 from shapefit.lifting.posterior.posterior import Gross, Posterior, find_posterior
 from shapefit.lifting.posterior.rays import face, find_rays, place, stretch_noise
 from shapefit.lifting.reconstruction import reconstruct
@@ -49,6 +49,7 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
     starts = np.where(failed[:, None, None, None], np.nan, find_starts(problem, solution, settings))
     landmarks, noise, slopes = problem.landmarks, find_noise(problem), None
     seen, camera = problem.weights > 0, problem.camera
+    gross = Gross(options.gross_chance, options.gross_density)
     if camera is not None:
         rays = find_rays(landmarks, camera)
         starts = face(starts, landmarks, seen, camera)
@@ -58,7 +59,7 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         landmarks,
         noise=noise,
         prior=settings.needs["prior"],
-        gross=Gross(options.gross_chance, options.gross_density),
+        gross=gross,
         slopes=slopes,
         threads=settings.threads,
     )
@@ -102,7 +103,11 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         further={
             "log_evidence": found.log_evidence,
             "plausibility": find_plausibility(
-                found.surprise, seen.sum(axis=1), np.where(seen, found.belief, 0.0).sum(axis=1)
+                found.surprise,
+                seen.sum(axis=1),
+                np.where(seen, found.belief, 0.0).sum(axis=1),
+                Model(settings.needs["prior"], options.misfit, gross),
+                settings.threads,
             ),
             "belief": np.where(seen, found.belief, np.nan),
             CORRELATION: found.correlation.swapaxes(1, 2).astype(np.float32),

@@ -1,27 +1,75 @@
 """The p-value of an image: uniform where the model holds, 0 where nothing is believed."""
 
+from dataclasses import replace
+
 import numpy as np
-from scipy.stats import chi2, kstest
+import pytest
 
-from shapefit.lifting.posterior.plausibility import find_plausibility
+import shapefit
+from shapefit.convex.newton import solve_newton
+from shapefit.convex.problem import build_problem
+from shapefit.dictionary.mixture import Mixture
+from shapefit.geometry.rotations import random_rotations
+from shapefit.lifting.methods import PosteriorOptions, Settings
+from shapefit.lifting.posterior.method import lift_to_posterior
 
-
-def test_surprises_of_the_model_give_uniform_values(rng):
-    seen = rng.integers(4, 20, 4000)
-    surprise = chi2.rvs(2 * seen - 6, random_state=rng)
-    p = find_plausibility(surprise, seen, seen.astype(float))
-    assert kstest(p, "uniform").pvalue > 1e-3
-
-
-def test_any_three_landmarks_fit():
-    assert np.isnan(find_plausibility(np.array([7.0]), np.array([3]), np.array([3.0])))
+IMAGES, MISFIT, CHANCE, DENSITY = 1600, 0.006, 0.02, 0.05
 
 
-def test_an_image_whose_landmarks_are_all_gross_is_not_plausible():
-    p = find_plausibility(np.array([1.0, 1.0]), np.array([12, 12]), np.array([2.9, 3.1]))
-    assert p[0] == 0.0
-    assert p[1] > 0.9
+def people(count: int) -> Mixture:
+    """The prior over `count` landmarks of people."""
+    prior = shapefit.read_dictionary("people").prior
+    assert prior is not None
+    p = prior.means.shape[2]
+    return prior.marginal(np.sort(np.random.default_rng(0).permutation(p)[:count]))
 
 
-def test_no_posterior_has_no_plausibility():
-    assert np.isnan(find_plausibility(np.array([np.nan]), np.array([12]), np.array([0.0]))).all()
+def planted(count: int) -> Mixture:
+    """Four Gaussians, as wide as a tenth of their shapes and more."""
+    rng, d = np.random.default_rng(3), 3 * count
+    means = rng.normal(size=(4, 3, count))
+    means = means[0] + 0.4 * (means - means[0])
+    roots = 0.1 * rng.normal(size=(4, d, d))
+    covariances = 4 / d * roots @ roots.swapaxes(1, 2) + 0.01 * np.eye(d)
+    return Mixture(np.array([0.4, 0.3, 0.2, 0.1]), means, covariances)
+
+
+def find(prior: Mixture, chance: float = 0.0, hidden: int = 0):
+    """Plausibility and beliefs of images of the model, as the method finds them from any start."""
+    rng, p = np.random.default_rng(7), prior.means.shape[2]
+    k = rng.choice(len(prior), size=IMAGES, p=prior.weights)
+    roots = np.linalg.cholesky(prior.covariances)[k]
+    x = prior.means[k] + (roots @ rng.normal(size=(IMAGES, 3 * p, 1))).reshape(-1, 3, p)
+    w = (random_rotations(IMAGES, rng) @ x)[:, :2]
+    w += np.sqrt(MISFIT) * rng.normal(size=(IMAGES, 2, p))
+    side = DENSITY**-0.5
+    gross = rng.random((IMAGES, p)) < chance
+    w = np.where(gross[:, None], rng.uniform(-side / 2, side / 2, w.shape), w)
+    weights = (rng.random((IMAGES, p)).argsort(axis=1) >= hidden).astype(float)
+    problem = build_problem(w, prior.means, np.full(IMAGES, 0.1), weights=weights)
+    options = PosteriorOptions(misfit=MISFIT, gross_chance=CHANCE, gross_density=DENSITY)
+    settings = Settings(
+        solve=solve_newton,
+        mean_shape=prior.weights @ prior.means.reshape(len(prior), -1),
+        needs={"prior": prior},
+        options=options,
+    )
+    settings = replace(settings, mean_shape=settings.mean_shape.reshape(3, p))
+    return lift_to_posterior(problem, settings).further["plausibility"]
+
+
+def assert_uniform(p):
+    """Within four standard errors of these images and of those that the method draws."""
+    for chance in (0.05, 0.5):
+        error = np.sqrt(chance * (1 - chance) * (1 / IMAGES + 1 / 400))
+        assert (p < chance).mean() == pytest.approx(chance, abs=4 * error)
+
+
+@pytest.mark.parametrize("draw", [people, planted])
+@pytest.mark.parametrize("count", [5, 8, 15])
+def test_images_of_the_model_have_uniform_values(draw, count):
+    assert_uniform(find(draw(count)))
+
+
+def test_many_landmarks():
+    assert_uniform(find(planted(41)))
