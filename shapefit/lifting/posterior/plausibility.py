@@ -24,8 +24,9 @@ from shapefit.lifting.posterior.posterior import Gross, find_posterior
 VIEWED = 6
 """Numbers of a view: rotation, scale, translation; they take up as many of the 2 m coordinates."""
 
-FEWEST_BELIEVED = 3.0
-"""Landmarks that fix a view; with fewer that are not gross an image says nothing."""
+FEWEST_BELIEVED, LEAST_BELIEVED = 3.0, 2 / 3
+"""Landmarks that fix a view, and the share of those seen that must not be gross: with fewer the
+others may be a body that is not there."""
 
 LEAST_MEAN = 1.0
 """Of the surprise, where hardly more landmarks are believed than fix a view."""
@@ -63,7 +64,7 @@ def find_plausibility(
 
     surprise (n,); seen (n,), the landmarks seen; believed (n,), the expected number of those that
     are not gross. It is nan where 3 are seen or fewer, which any view fits, and where there is no
-    posterior. It is 0 where more are seen, but fewer than 3 believed.
+    posterior. It is 0 where more are seen, but fewer than 3 or less than 2/3 of them believed.
     """
     some = (np.asarray(seen) > VIEWED // 2) & np.isfinite(surprise)
     p = np.full(len(surprise), np.nan)
@@ -71,7 +72,7 @@ def find_plausibility(
         excess, share = find_surprise(np.asarray(seen)[some], model, threads)
         mean = np.maximum(2 * believed[some] - VIEWED + excess, LEAST_MEAN)
         p[some] = exceeds(np.maximum(surprise[some], 0.0), mean, 2 * share * mean)
-        p[some & (believed < FEWEST_BELIEVED)] = 0.0
+        p[some & (believed < np.maximum(FEWEST_BELIEVED, LEAST_BELIEVED * seen))] = 0.0
     return p
 
 

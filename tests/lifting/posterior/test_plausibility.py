@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import gamma
 
 import shapefit
 from shapefit.convex.newton import solve_newton
@@ -12,6 +13,8 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior.method import lift_to_posterior
+from shapefit.lifting.posterior.plausibility import Model, exceeds, find_plausibility
+from shapefit.lifting.posterior.posterior import Gross
 
 IMAGES, MISFIT, CHANCE, DENSITY = 1600, 0.006, 0.02, 0.05
 
@@ -73,3 +76,39 @@ def test_images_of_the_model_have_uniform_values(draw, count):
 
 def test_many_landmarks():
     assert_uniform(find(planted(41)))
+
+
+def test_what_is_gross_does_not_count_among_the_others():
+    """Landmarks that fall anywhere, one of fifty: a few images are found in a wrong view for it."""
+    p = find(people(15), chance=0.02)
+    assert (p < 0.05).mean() < 0.11
+    assert (p < 0.5).mean() == pytest.approx(0.5, abs=0.06)
+
+
+@pytest.mark.parametrize("seen", [8, 11])
+def test_hidden_landmarks_have_no_degrees_of_freedom(seen):
+    assert_uniform(find(people(15), hidden=15 - seen))
+
+
+def test_the_number_believed_decides_where_nothing_else_can():
+    model = Model(planted(15), MISFIT, Gross(CHANCE, DENSITY))
+    surprise = np.array([7.0, np.nan, 1.0, 1.0, 1.0, 1.0])
+    seen = np.array([3, 12, 4, 12, 12, 12])
+    believed = np.array([3.0, 0.0, 2.9, 7.9, 8.1, 12.0])
+    p = find_plausibility(surprise, seen, believed, model)
+    assert np.isnan(p[:2]).all()
+    assert p[2:4].tolist() == [0, 0]
+    assert (p[4:] > 0.9).all()
+
+
+def test_a_body_that_is_not_there_is_implausible():
+    model = Model(planted(15), MISFIT, Gross(CHANCE, DENSITY))
+    assert find_plausibility(np.array([80.0]), np.array([15]), np.array([15.0]), model)[0] < 1e-4
+
+
+def test_wilson_and_hilferty():
+    x = np.linspace(0.5, 60, 40)
+    for mean, variance in ((4.5, 3.0), (24.0, 25.0), (76.0, 136.0)):
+        true = gamma.sf(x, mean**2 / variance, scale=variance / mean)
+        each = np.full(len(x), mean)
+        assert exceeds(x, each, 0 * x + variance) == pytest.approx(true, abs=4e-3)
