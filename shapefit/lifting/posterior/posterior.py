@@ -71,8 +71,9 @@ class Posterior:
     y, x with z, and y with z of each landmark; covariance (n, 3p, 3p), None where it was not asked
     for; belief (n, p); rotation (n, 3, 3) and scale (n,) of the most likely mode;
     log_evidence (n,) of the image; surprise (n,), the squared Mahalanobis distance of the landmarks
-    from those expected, their noise over their belief, averaged over the modes; stationary (n,), whether the most likely mode is a
-    maximum; rounds (n,), the steps of all climbs; modes, those asked for.
+    from those expected, their noise over their belief, averaged over the modes; stationary (n,),
+    whether the most likely mode is a maximum; rounds (n,), the steps of all climbs; modes, those
+    asked for.
     """
 
     mean: Floats
