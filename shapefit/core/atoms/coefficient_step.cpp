@@ -15,8 +15,8 @@ CoefficientStep::CoefficientStep(Workspace& workspace, ReducedAtoms& atoms, long
       along_(workspace.zeros<double>(atoms.k)),
       residual_(workspace.zeros<double>(2 * padded(p))),
       back_(workspace.zeros<double>(3 * p)),
-      correlation_(workspace.zeros<double>(atoms.padded_atoms)),
-      magnitudes_(workspace.zeros<double>(atoms.padded_atoms)) {}
+      correlation_(workspace.zeros<double>(atoms.planes.padded_atoms)),
+      magnitudes_(workspace.zeros<double>(atoms.planes.padded_atoms)) {}
 
 void CoefficientStep::aim(const double* w, double lam, bool is_signed) {
     w_ = w;
@@ -33,6 +33,17 @@ double CoefficientStep::minimise_at(const double* R) {
     return objective;
 }
 
+double CoefficientStep::mix(double* shape) {
+    const long size = 3 * atoms_.row;
+    double penalty = 0;
+    for (long j = 0; j < size; ++j) shape[j] = 0;
+    for (long e = 0; e < set.count; ++e) {
+        penalty += magnitude(set.x[e]);
+        add_to(shape, set.x[e], atoms_[set.index[e]], size);
+    }
+    return penalty;
+}
+
 void CoefficientStep::overlaps(long i, const long* used, long m, double* out) const {
     const double* V = projected(i);
     for (long e = 0; e < m; ++e) out[e] = dot_padded(V, projected(used[e]), 2 * atoms_.row);
@@ -42,7 +53,7 @@ bool CoefficientStep::choose(const ActiveSet&, long& next, double& sign) {
     find_residual();
     correlate();
     for (long e = 0; e < set.count; ++e) correlation_[set.index[e]] = 0;
-    const long k = atoms_.padded_atoms;
+    const long k = atoms_.planes.padded_atoms;
     const double* score = correlation_;
     if (is_signed_) {
         for (long i = 0; i < k; ++i) magnitudes_[i] = magnitude(correlation_[i]);
@@ -58,8 +69,8 @@ bool CoefficientStep::choose(const ActiveSet&, long& next, double& sign) {
 
 // V_i = Rbar B_i, row after row, and <V_i, w>.
 void CoefficientStep::project(long i) {
-    const long row = padded(atoms_.q);
-    const double* B = atoms_.atom(i);
+    const long row = atoms_.row;
+    const double* B = atoms_[i];
     double* __restrict V = projected(i);
     const double *r = R_, *s = R_ + 3;
     for (long j = 0; j < row; ++j) {
@@ -71,20 +82,20 @@ void CoefficientStep::project(long i) {
 }
 
 void CoefficientStep::find_residual() {
-    const long size = 2 * padded(atoms_.q);
+    const long size = 2 * atoms_.row;
     for (long j = 0; j < size; ++j) residual_[j] = w_[j];
     subtract_mixture(residual_, set.x, set.index, set.count, projected_, size, size);
 }
 
 // <Rbar B_i, residual> = <B_i, Rbar^T residual> for all atoms.
 void CoefficientStep::correlate() {
-    const long q = atoms_.q, k = atoms_.padded_atoms;
+    const long q = atoms_.q();
     const double *u = residual_, *v = residual_ + atoms_.row;
     for (int b = 0; b < 3; ++b) {
         const double x = R_[b], y = R_[3 + b];
         for (long j = 0; j < q; ++j) back_[b * q + j] = x * u[j] + y * v[j];
     }
-    mix_rows(back_, 3 * q, atoms_.planes, k, k, correlation_);
+    find_inner_products(atoms_.planes, back_, correlation_);
 }
 
 }  // namespace shapefit

@@ -28,6 +28,9 @@ class CoefficientStep {
     // w - Rbar sum_i c_i B_i (2, row) at the end of the step.
     const double* residual() const { return residual_; }
 
+    // shape (3, row) = sum_i c_i B_i; returns ||c||_1.
+    double mix(double* shape);
+
     double square(long i) const { return dot_padded(projected(i), projected(i), 2 * atoms_.row); }
     void overlaps(long i, const long* used, long m, double* out) const;
     double pull(long i, double sign) const { return along_[i] - lam_ * sign; }

@@ -1,66 +1,143 @@
 #include "reduced_atoms.hpp"
 
+#include <string.h>
+
 namespace shapefit {
 
-ReducedAtoms::ReducedAtoms(Workspace& workspace, Tensor<const double> atoms)
-    : k(atoms.size[0]),
-      padded_atoms(padded(k)),
-      planes(workspace.zeros<double>(3 * atoms.size[2] * padded_atoms)),
-      p_(atoms.size[2]),
-      all_(workspace.zeros<double>(3 * p_ * padded_atoms)),
-      rows_(workspace.zeros<double>(k * 3 * padded(p_))),
-      laid_(workspace.zeros<bool>(k)) {
-    for (long i = 0; i < k; ++i)
-        for (long r = 0; r < 3 * p_; ++r) all_[r * padded_atoms + i] = atoms[i].data[r];
+void Reduction::find(Vector<const double> omega) {
+    seen = 0;
+    double total = 0;
+    for (long j = 0; j < omega.size[0]; ++j) {
+        if (!(omega[j] > 0)) continue;
+        visible[seen] = j;
+        h[seen] = omega[j];
+        total += square(omega[j]);
+        ++seen;
+    }
+    if (seen == 0) return;
+    const double length = root(total);
+    for (long m = 0; m < seen; ++m) h[m] /= length;
+    h[seen - 1] += 1;
+    // |u + e|^2 = 2 (1 + u_last), so h h^T = 2 v v^T / v^T v
+    const double scale = 1 / root(h[seen - 1]);
+    for (long m = 0; m < seen; ++m) h[m] *= scale;
 }
 
-void ReducedAtoms::reduce(const double* omega, const Reduction& reduction) {
+void Reduction::reduce(const double* x, const double* omega, double* out, double anchor) const {
+    double along = 0;
+    for (long m = 0; m < seen; ++m)
+        along += (x[visible[m]] - anchor) * omega[visible[m]] * h[m];
+    for (long m = 0; m < seen - 1; ++m)
+        out[m] = (x[visible[m]] - anchor) * omega[visible[m]] - along * h[m];
+}
+
+void Reduction::expand(const double* y, double* out, long p) const {
+    double along = 0;
+    for (long m = 0; m < seen - 1; ++m) along += y[m] * h[m];
+    for (long j = 0; j < p; ++j) out[j] = 0;
+    for (long m = 0; m < seen - 1; ++m) out[visible[m]] = y[m] - along * h[m];
+    out[visible[seen - 1]] = -along * h[seen - 1];
+}
+
+Planes find_planes(Tensor<const double> atoms, Workspace& workspace) {
+    const long k = atoms.size[0], p = atoms.size[2];
+    Planes planes{workspace.zeros<double>(3 * p * padded(k)), p, padded(k)};
+    for (long i = 0; i < k; ++i)
+        for (int b = 0; b < 3; ++b)
+            for (long j = 0; j < p; ++j) *planes.at(b, j, i) = atoms[i][b][j];
+    return planes;
+}
+
+namespace {
+
+// `count` vectors of atoms from i.
+template <int count>
+[[gnu::always_inline]] inline void correlate_some(const Planes& B, const double* y0,
+                                                  const double* y1, double* N, long i) {
+    Doubles sums[6][count] = {};
+    for (long j = 0; j < B.columns; ++j)
+        for (int b = 0; b < 3; ++b)
+            for (int v = 0; v < count; ++v) {
+                const Doubles atoms = load(B.at(b, j, i + v * WIDTH));
+                sums[b][v] += y0[j] * atoms;
+                sums[3 + b][v] += y1[j] * atoms;
+            }
+    for (int e = 0; e < 6; ++e)
+        for (int v = 0; v < count; ++v) store(N + e * B.padded_atoms + i + v * WIDTH, sums[e][v]);
+}
+
+template <int count>
+[[gnu::always_inline]] inline void find_some(const Planes& B, const double* X, double* out, long i) {
+    Doubles sums[3][count] = {};
+    for (long j = 0; j < B.columns; ++j)
+        for (int b = 0; b < 3; ++b)
+            for (int v = 0; v < count; ++v)
+                sums[b][v] += X[b * B.columns + j] * load(B.at(b, j, i + v * WIDTH));
+    for (int v = 0; v < count; ++v) store(out + i + v * WIDTH, sums[0][v] + sums[1][v] + sums[2][v]);
+}
+
+}  // namespace
+
+void correlate(const Planes& B, const double* y0, const double* y1, double* N) {
+    constexpr int PAIR = WIDTH == 8 ? 2 : 1;  // 12 sums of 32 registers, 6 of 16
+    long i = 0;
+    for (; i + PAIR * WIDTH <= B.padded_atoms; i += PAIR * WIDTH)
+        correlate_some<PAIR>(B, y0, y1, N, i);
+    for (; i < B.padded_atoms; i += WIDTH) correlate_some<1>(B, y0, y1, N, i);
+}
+
+void find_inner_products(const Planes& B, const double* X, double* out) {
+    constexpr int MANY = 4;
+    long i = 0;
+    for (; i + MANY * WIDTH <= B.padded_atoms; i += MANY * WIDTH) find_some<MANY>(B, X, out, i);
+    for (; i < B.padded_atoms; i += WIDTH) find_some<1>(B, X, out, i);
+}
+
+double ReducedAtoms::reduce(const double* omega, const Reduction& reduction) {
     resize(reduction.coordinates());
-    for (int b = 0; b < 3; ++b)
-        for (long i = 0; i < padded_atoms; i += WIDTH) {
-            const double* from = all_ + b * p_ * padded_atoms + i;
-            double* to = planes + b * q * padded_atoms + i;
+    double most = 0;
+    for (long i = 0; i < planes.padded_atoms; i += WIDTH) {
+        Doubles squares = {};
+        for (int b = 0; b < 3; ++b) {
             Doubles along = {};
             for (long m = 0; m < reduction.seen; ++m) {
                 const long j = reduction.visible[m];
-                along += (omega[j] * reduction.h[m]) * load(from + j * padded_atoms);
+                along += (omega[j] * reduction.h[m]) * load(all_.at(b, j, i));
             }
-            for (long m = 0; m < q; ++m) {
+            for (long m = 0; m < q(); ++m) {
                 const long j = reduction.visible[m];
-                store(to + m * padded_atoms,
-                      omega[j] * load(from + j * padded_atoms) - reduction.h[m] * along);
+                const Doubles x = omega[j] * load(all_.at(b, j, i)) - reduction.h[m] * along;
+                squares += x * x;
+                store(planes.at(b, m, i), x);
             }
         }
+        most = larger(most, largest(squares));
+    }
+    return root(most);
+}
+
+void ReducedAtoms::scale(double factor) {
+    for (long e = 0; e < planes.size(); e += WIDTH)
+        store(planes.data + e, factor * load(planes.data + e));
 }
 
 void ReducedAtoms::copy() {
-    resize(p_);
-    for (long e = 0; e < 3 * p_ * padded_atoms; ++e) planes[e] = all_[e];
-}
-
-double ReducedAtoms::mix(const ActiveSet& set, double* shape) {
-    const long size = 3 * padded(q);
-    double penalty = 0;
-    for (long j = 0; j < size; ++j) shape[j] = 0;
-    for (long e = 0; e < set.count; ++e) {
-        penalty += magnitude(set.x[e]);
-        const double* B = atom(set.index[e]);
-        for (long j = 0; j < size; ++j) shape[j] += set.x[e] * B[j];
-    }
-    return penalty;
+    resize(all_.columns);
+    memcpy(planes.data, all_.data, sizeof(double) * all_.size());
 }
 
 void ReducedAtoms::resize(long coordinates) {
-    q = coordinates;
-    row = padded(q);
+    planes.columns = coordinates;
+    row = padded(coordinates);
     for (long i = 0; i < k; ++i) laid_[i] = false;
 }
 
-void ReducedAtoms::lay(long i, double* B) {
+const double* ReducedAtoms::lay(long i) {
+    double* B = rows_ + i * 3 * row;
     for (int b = 0; b < 3; ++b)
-        for (long j = 0; j < row; ++j)
-            B[b * row + j] = j < q ? planes[(b * q + j) * padded_atoms + i] : 0;
+        for (long j = 0; j < row; ++j) B[b * row + j] = j < q() ? *planes.at(b, j, i) : 0;
     laid_[i] = true;
+    return B;
 }
 
 }  // namespace shapefit

@@ -1,44 +1,102 @@
-// The atoms of an image in reduced coordinates: with the atoms innermost, and by atom where asked.
+// Atoms and landmarks of an image without the translation: p weighted landmarks -> q = p_visible - 1
+// coordinates.
+//
+// The optimal T makes the weighted residual orthogonal to omega, so nothing is lost by turning the
+// space of landmarks until omega is the last axis (a Householder reflection I - h h^T) and dropping
+// that axis: w = (W o omega)(I - h h^T), B_i likewise. For the quadratic losses this is the same as
+// centring with weights omega^2.
 #pragma once
 
-#include "../base/active_set.hpp"
-#include "reduction.hpp"
+#include "../base/memory.hpp"
+#include "../base/vectors.hpp"
 
 namespace shapefit {
 
-class ReducedAtoms {
-  public:
-    const long k;             // atoms
-    const long padded_atoms;  // the atoms from k on are zeros
-    long q = 0;               // coordinates of a row; those up to `row` are zeros
-    long row = 0;
-    double* planes;  // B (3 q, padded_atoms)
+struct Reduction {
+    long seen = 0;         // visible landmarks; q = seen - 1
+    Vector<long> visible;  // (p,) their indices
+    Vector<double> h;      // (p,) the reflection that maps omega to the last axis
 
-    // Room for reductions of atoms (k, 3, p).
-    ReducedAtoms(Workspace& workspace, Tensor<const double> atoms);
+    Reduction(Workspace& workspace, long p)
+        : visible(workspace.vector<long>(p)), h(workspace.vector<double>(p)) {}
 
-    // Weigh the atoms with omega (p,) and take off the translation.
-    void reduce(const double* omega, const Reduction& reduction);
+    long coordinates() const { return seen > 0 ? seen - 1 : 0; }
 
-    // Take the atoms as they are: q = p.
-    void copy();
+    // Landmarks of positive weight in omega (p,), and their reflection.
+    void find(Vector<const double> omega);
 
-    // B_i (3, row). Few atoms of an image are ever used, so that a row is laid when it is asked for.
-    const double* atom(long i) {
-        double* B = rows_ + i * 3 * row;
-        if (!laid_[i]) lay(i, B);
-        return B;
+    // out = the first q entries of ((x - anchor) o omega)(I - h h^T); x and omega (p,).
+    void reduce(const double* x, const double* omega, double* out, double anchor = 0) const;
+
+    // Landmarks W (2, p) likewise, in rows `stride` apart: from the first one that is seen, so that
+    // no digits are lost where they are far from the origin, and those on one point are exactly 0.
+    void reduce_landmarks(Matrix<const double> W, const double* omega, double* out, long stride) const {
+        for (int a = 0; a < 2; ++a)
+            reduce(W[a].data, omega, out + a * stride, W[a][visible[0]]);
     }
 
-    // shape (3, row) = sum_i c_i B_i; returns ||c||_1.
-    double mix(const ActiveSet& set, double* shape);
+    // out = [y 0](I - h h^T) at the visible landmarks, 0 elsewhere: orthogonal to omega. out (p,).
+    void expand(const double* y, double* out, long p) const;
+};
+
+// Atoms with the atoms innermost, PADDING of them together, in the order in which they are read.
+//
+// Blocks of all atoms lie as six rows of `padded` numbers: entry (a, b) of block i is in row
+// 3 a + b, so that loops over atoms vectorise. Zero atoms fill the last vector.
+struct Planes {
+    double* data = nullptr;  // (padded / PADDING, columns, 3, PADDING)
+    long columns = 0;
+    long padded_atoms = 0;
+
+    long size() const { return 3 * columns * padded_atoms; }
+
+    // Entry (b, j) of atoms i, i + 1, ... up to the next multiple of PADDING.
+    double* at(int b, long j, long i) const {
+        return data + ((i / PADDING * columns + j) * 3 + b) * PADDING + i % PADDING;
+    }
+};
+
+// B (k, 3, p) as planes.
+Planes find_planes(Tensor<const double> atoms, Workspace& workspace);
+
+// N_i = Y B_i^T for all atoms: rows y0, y1 of Y (2, columns), N (6, padded).
+void correlate(const Planes& B, const double* y0, const double* y1, double* N);
+
+// out_i = <X, B_i> for all atoms: X (3, columns), out (padded,).
+void find_inner_products(const Planes& B, const double* X, double* out);
+
+// The atoms of one image after another.
+class ReducedAtoms {
+  public:
+    const long k;     // atoms
+    Planes planes;    // B (3, q, padded)
+    long row = 0;     // q, padded
+
+    // Room for reductions of all atoms.
+    ReducedAtoms(Workspace& workspace, const Planes& all, long k)
+        : k(k),
+          planes{workspace.zeros<double>(all.size()), 0, all.padded_atoms},
+          all_(all),
+          rows_(workspace.zeros<double>(k * 3 * padded(all.columns))),
+          laid_(workspace.zeros<bool>(k)) {}
+
+    long q() const { return planes.columns; }
+
+    // (B_i o omega)(I - h h^T); returns the largest norm.
+    double reduce(const double* omega, const Reduction& reduction);
+    void scale(double factor);
+
+    // The atoms as they are: q = p.
+    void copy();
+
+    // B_i (3, row). Few atoms of an image are ever used: rows are laid when they are asked for.
+    const double* operator[](long i) { return laid_[i] ? rows_ + i * 3 * row : lay(i); }
 
   private:
     void resize(long coordinates);
-    void lay(long i, double* B);
+    const double* lay(long i);
 
-    long p_;
-    double* all_;   // B (3 p, padded_atoms), before the reduction
+    Planes all_;
     double* rows_;  // B (k, 3, row)
     bool* laid_;
 };

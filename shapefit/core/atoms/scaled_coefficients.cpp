@@ -1,7 +1,7 @@
 #include "scaled_coefficients.hpp"
 
 #include "../base/registry.hpp"
-#include "../base/dense_terms.hpp"
+#include "../base/active_set.hpp"
 
 namespace shapefit {
 namespace {

@@ -22,9 +22,157 @@
 //                                                     the best one that is not used; false for none
 #pragma once
 
-#include "cholesky.hpp"
+#include "memory.hpp"
+#include "vectors.hpp"
 
 namespace shapefit {
+
+// The inverse of a Cholesky factor that grows and shrinks with the list of vectors in use.
+//
+// Q = U^T U for the Gram matrix Q of the vectors V in use, U upper triangular, and W = U^-1 is what
+// is kept: the vectors W^T V are orthonormal, as Gram and Schmidt make them. So that a solution
+// Q^-1 h = W (W^T h) takes sums over rows alone and no substitution, whose steps would wait for one
+// another.
+//
+//   A vector v joins:  u = W^T Q_used,v,  pivot^2 = Q_vv - ||u||^2, the part of ||v||^2 outside the
+//                      span of the others; the new column of W is (-W u, 1) / pivot.
+//   One leaves:        Givens rotations of the columns gather its row of W in the last column; both
+//                      go, and what is left is triangular.
+//
+// A right side h goes along as y = W^T h.
+class Cholesky {
+  public:
+    // For at most `room` vectors at a time.
+    Cholesky(Workspace& workspace, long room)
+        : stride_(padded(room + 1)),
+          columns_(workspace.zeros<double>(room * stride_)),
+          rows_(workspace.zeros<double>(room * stride_)),
+          y_(workspace.zeros<double>(stride_)),
+          u_(workspace.zeros<double>(stride_)) {}
+
+    long size() const { return size_; }
+    void clear() { size_ = 0; }
+
+    // Let a vector join: `overlaps` Q_used,v, zeros after it up to padded(size + 1), overwritten by
+    // (-W u, 1), which is orthogonal to those in use; `square` Q_vv; `pull` h_v.
+    // Where pivot^2 <= dependent * square or nan, it is lifted to that if `lifted`, and else the
+    // factor stays as it was: then false is returned.
+    bool append(double* overlaps, double square, double pull, double dependent, bool lifted) {
+        double rest = square, rest_of_pull = pull;
+        for (long e = 0; e < size_; ++e) {
+            const double u = dot_padded(column(e), overlaps, padded(e + 1));
+            rest -= u * u;
+            rest_of_pull -= u * y_[e];
+            u_[e] = -u;
+        }
+        mix_rows(u_, size_, columns_, stride_, padded(size_), overlaps);
+        overlaps[size_] = 1;
+        if (!(rest > dependent * square)) {
+            if (!lifted) return false;
+            rest = larger(dependent * square, TINY);
+        }
+        join(overlaps, 1 / root(rest), rest_of_pull);
+        return true;
+    }
+
+    // Where the Gram matrix of many vectors stands from the diagonal on, before `decompose`, with
+    // h_e in the place after the last of them.
+    double* row(long e) { return rows_ + e * stride_; }
+
+    // The first `count` vectors of all, as if they joined one after another; at the first that is
+    // refused `minus_Wu` is as `append` leaves its overlaps.
+    //
+    // U row by row, less the products of the rows above, which are summed in registers. `append`
+    // takes a sum across lanes for each of them.
+    bool decompose(long count, double dependent, bool lifted, double* minus_Wu) {
+        for (size_ = 0; size_ < count;) {
+            double* __restrict current = row(size_);
+            const double square = current[size_];
+            for (long block = size_ / PADDING * PADDING; block <= count; block += PADDING)
+                subtract_rows_above(current, block);
+            for (long e = 0; e < size_; ++e) u_[e] = -row(e)[size_];
+            mix_rows(u_, size_, columns_, stride_, padded(size_), minus_Wu);
+            double rest = current[size_];
+            if (!(rest > dependent * square)) {
+                minus_Wu[size_] = 1;
+                if (!lifted) return false;
+                rest = larger(dependent * square, TINY);
+            }
+            const double inverse = 1 / root(rest), rest_of_pull = current[count];
+            for (long f = size_ + 1; f <= count; ++f) current[f] *= inverse;
+            join(minus_Wu, inverse, rest_of_pull);
+        }
+        return true;
+    }
+
+    // Let the vector at place `at` leave; later ones move up.
+    void remove(long at) {
+        for (long e = at; e + 1 < size_; ++e) {
+            turn_columns(e, at);
+            double* one = column(e);
+            for (long f = at; f <= e; ++f) one[f] = one[f + 1];
+            one[e + 1] = 0;
+        }
+        --size_;
+    }
+
+    // out = Q^-1 h (padded).
+    void solve(double* out) const { mix_rows(y_, size_, columns_, stride_, padded(size_), out); }
+
+    // x <- Q^-1 x (padded).
+    void solve_for(double* x) const {
+        for (long e = size_; e < padded(size_); ++e) x[e] = 0;
+        for (long e = 0; e < size_; ++e) u_[e] = dot_padded(column(e), x, padded(e + 1));
+        mix_rows(u_, size_, columns_, stride_, padded(size_), x);
+    }
+
+  private:
+    // The vector whose column of W is (minus_Wu, 1) * inverse.
+    void join(const double* minus_Wu, double inverse, double rest_of_pull) {
+        const long width = padded(size_);
+        double* added = column(size_);
+        for (long e = 0; e < PADDING; ++e) added[padded(size_ + 1) - PADDING + e] = 0;
+        for (long e = 0; e < width; ++e) added[e] = inverse * minus_Wu[e];
+        added[size_] = inverse;
+        y_[size_++] = inverse * rest_of_pull;
+    }
+
+    // 8 columns of row `size_` of the Gram matrix, less the products of the rows of U above.
+    void subtract_rows_above(double* current, long block) {
+        Doubles rest[PADDING / WIDTH];
+        for (long l = 0; l < PADDING / WIDTH; ++l) rest[l] = load(current + block + l * WIDTH);
+        for (long e = 0; e < size_; ++e) {
+            const double factor = row(e)[size_];
+            for (long l = 0; l < PADDING / WIDTH; ++l)
+                rest[l] -= factor * load(row(e) + block + l * WIDTH);
+        }
+        for (long l = 0; l < PADDING / WIDTH; ++l) store(current + block + l * WIDTH, rest[l]);
+    }
+
+    double* column(long e) const { return columns_ + e * stride_; }
+
+    // Turn columns e and e + 1 until row `at` of the first is 0.
+    void turn_columns(long e, long at) {
+        double* __restrict first = column(e);
+        double* __restrict second = column(e + 1);
+        const double a = first[at], b = second[at], inverse = 1 / root(a * a + b * b);
+        const double sine = a * inverse, cosine = b * inverse;
+        for (long f = 0; f < e + 2; ++f) {
+            const double x = first[f], y = second[f];
+            first[f] = sine * y - cosine * x;
+            second[f] = sine * x + cosine * y;
+        }
+        const double x = y_[e], y = y_[e + 1];
+        y_[e] = sine * y - cosine * x;
+        y_[e + 1] = sine * x + cosine * y;
+    }
+
+    long size_ = 0, stride_;
+    double* columns_;  // of W, one after another; column e has zeros after place e
+    double* rows_;     // of U, where many vectors join at once
+    double* y_;
+    double* u_;
+};
 
 // The used coefficients x = x_e at places index_e, and room to work in.
 struct ActiveSet {
@@ -195,5 +343,43 @@ Ending minimise(Terms& terms, ActiveSet& set, double dependent, long most_rounds
     }
     return Ending::LIMIT;
 }
+
+// Terms of the active-set method for a matrix Q given in full:
+//
+//   min_x 1/2 x^T Q x - h^T x   over x >= 0, and where `has_scale` a^T x = 1.
+//
+// The next coefficient is the one with the largest weight_i (h - Q x - mu a)_i beyond `least`.
+template <bool has_scale>
+struct DenseTerms {
+    static constexpr bool scaled = has_scale;
+
+    const double* Q;       // (k, k), symmetric
+    const double* h;       // (k,)
+    const double* a;       // (k,), where `has_scale`
+    const double* weight;  // (k,)
+    double least;
+    double* score;  // (k,), room
+    long k;
+
+    double square(long i) const { return Q[i * k + i]; }
+    double pull(long i, double) const { return h[i]; }
+    double size(long i) const { return a[i]; }
+
+    void overlaps(long i, const long* used, long m, double* out) const {
+        for (long e = 0; e < m; ++e) out[e] = Q[i * k + used[e]];
+    }
+
+    bool choose(const ActiveSet& set, long& next, double&) {
+        const double mu = set.multiplier;
+        for (long i = 0; i < k; ++i) score[i] = has_scale ? h[i] - mu * a[i] : h[i];
+        subtract_mixture(score, set.x, set.index, set.count, Q, k, k);
+        for (long i = 0; i < k; ++i) score[i] *= weight[i];
+        for (long e = 0; e < set.count; ++e) score[set.index[e]] = -INFINITE;
+        const double best = largest_of(score, k);
+        if (!(best > least)) return false;
+        next = place_of(best, score, k);
+        return true;
+    }
+};
 
 }  // namespace shapefit

@@ -5,11 +5,91 @@
 // A kernel takes its data and a range of images, and is called on several threads; another function
 // takes its data and is called once; a part, for the tests, takes numbers and arrays of any shape one
 // after another.
+//
+// The arguments of a kernel, listed once: the members of its data, each with its name and shape.
+//
+// From the list follow the keywords of the Python function, its signature and the checks. Sizes of
+// one name are one size: "n 2 p", "n 3p 3p", "1+k"; "n p?" may also be an array without elements.
 #pragma once
 
-#include "arguments.hpp"
+#include <stdint.h>
+
+#include "memory.hpp"
 
 namespace shapefit {
+
+enum class Element { NUMBER, FLAG, INDEX, STATE };  // double, bool, int64_t, uint64_t
+
+template <class T>
+constexpr Element element_of = sizeof(T) == sizeof(bool)   ? Element::FLAG
+                               : T(0.5) != T(0)            ? Element::NUMBER
+                               : T(-1) < T(0)              ? Element::INDEX
+                                                           : Element::STATE;
+
+// An array as Python has it: its rank is known, its elements may be written or not.
+struct AnyArray {
+    Element element;
+    bool written;
+    int rank;
+    void* data = nullptr;
+    long size[4] = {};
+};
+
+// How the work on an image ended, in the order of `Status` in convex/solution.py.
+struct Status {
+    enum : int64_t { OPTIMAL, CONVERGED, ITERATION_LIMIT, DEGENERATE, NUMERICAL_FAILURE };
+};
+
+class Arguments;
+
+// One of them; the type is that of the member that takes it.
+struct Argument {
+    Arguments& from;
+    const char *name, *shape;
+
+    template <class T, int rank>
+    operator View<T, rank>() const;
+    operator double() const;
+    operator long() const;
+    operator bool() const;
+};
+
+// Those of a call, or of none, when only the list is wanted; and what the call gives back.
+class Arguments {
+  public:
+    Argument operator()(const char* name, const char* shape = "") { return {*this, name, shape}; }
+
+    virtual void take(const Argument& argument, AnyArray& array) = 0;
+    virtual double take_number(const Argument& argument) = 0;
+    virtual long take_count(const Argument& argument) = 0;
+    virtual bool take_flag(const Argument& argument) = 0;
+
+    // After the last argument of a function that is called once: whether it is to be called.
+    virtual bool begin() = 0;
+    // Likewise of a kernel: call it on ranges that cover all images, on several threads.
+    virtual void run(void (*kernel)(const void* data, Range), const void* data) = 0;
+    // What the function returns, number by number.
+    virtual void give_number(double value) = 0;
+    virtual void give_count(long value) = 0;
+    virtual void give_flag(bool value) = 0;
+
+  protected:
+    ~Arguments() = default;
+};
+
+inline Argument::operator double() const { return from.take_number(*this); }
+inline Argument::operator long() const { return from.take_count(*this); }
+inline Argument::operator bool() const { return from.take_flag(*this); }
+
+template <class T, int rank>
+Argument::operator View<T, rank>() const {
+    using Value = std::remove_const_t<T>;
+    AnyArray array{element_of<Value>, !std::is_const_v<T>, rank};
+    from.take(*this, array);
+    View<T, rank> view{static_cast<T*>(array.data)};
+    for (int d = 0; d < rank; ++d) view.size[d] = array.size[d];
+    return view;
+}
 
 enum Where { MODULE, PART };
 

@@ -2,7 +2,7 @@
 // that read back to the same double.
 #pragma once
 
-#include "../base/arguments.hpp"
+#include "../base/registry.hpp"
 
 namespace shapefit {
 

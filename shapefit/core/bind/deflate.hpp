@@ -2,7 +2,7 @@
 // with the fixed codes, in which runs of 0 are matches at a distance of 1, and all else is literal.
 #pragma once
 
-#include "../base/arguments.hpp"
+#include "../base/registry.hpp"
 
 namespace shapefit {
 

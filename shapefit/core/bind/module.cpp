@@ -5,7 +5,7 @@
 #include <deque>
 #include <new>
 
-#include "../base/errors.hpp"
+#include "../base/memory.hpp"
 #include "call.hpp"
 
 namespace shapefit {

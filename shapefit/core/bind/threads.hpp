@@ -8,7 +8,7 @@
 #include <thread>
 #include <vector>
 
-#include "../base/views.hpp"
+#include "../base/memory.hpp"
 
 namespace shapefit {
 

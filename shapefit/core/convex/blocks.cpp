@@ -40,4 +40,235 @@ double largest_nuclear_norm(const double* N, long k) {
     return root(largest(found));
 }
 
+namespace {
+
+constexpr double RANK_ONE = 1e-14;  // s2 / s1, below which any direction orthogonal to v serves
+constexpr double HALF_ROOT = 0.70710678118654752440;
+
+struct Vector3 {
+    Doubles x[3];
+};
+
+[[gnu::always_inline]] inline Vector3 load3(const double* rows, long stride, long c) {
+    return {{load(rows + c), load(rows + stride + c), load(rows + 2 * stride + c)}};
+}
+[[gnu::always_inline]] inline void store3(double* rows, long stride, long c, const Vector3& v) {
+    for (int b = 0; b < 3; ++b) store(rows + b * stride + c, v.x[b]);
+}
+[[gnu::always_inline]] inline Doubles dot(const Vector3& u, const Vector3& v) {
+    return u.x[0] * v.x[0] + u.x[1] * v.x[1] + u.x[2] * v.x[2];
+}
+[[gnu::always_inline]] inline Vector3 combine(Doubles a, const Vector3& u, Doubles b, const Vector3& v) {
+    return {{a * u.x[0] + b * v.x[0], a * u.x[1] + b * v.x[1], a * u.x[2] + b * v.x[2]}};
+}
+[[gnu::always_inline]] inline Vector3 cross(const Vector3& u, const Vector3& v) {
+    return {{u.x[1] * v.x[2] - u.x[2] * v.x[1], u.x[2] * v.x[0] - u.x[0] * v.x[2],
+             u.x[0] * v.x[1] - u.x[1] * v.x[0]}};
+}
+
+// X = U^T G V: rows X1, X2.
+struct Turned {
+    Vector3 first, second;
+};
+[[gnu::always_inline]] inline Turned turn(const ActiveBlocks& a, const double* G, long c) {
+    const long n = a.room;
+    const Vector3 top = load3(G, n, c), low = load3(G + 3 * n, n, c);
+    const Doubles cosine = load(a.cosine + c), sine = load(a.sine + c);
+    const Vector3 along = combine(cosine, top, sine, low), across = combine(cosine, low, -sine, top);
+    const Vector3 v = load3(a.v, n, c), w = load3(a.w, n, c), z = load3(a.z, n, c);
+    return {{{dot(along, v), dot(along, w), dot(along, z)}},
+            {{dot(across, v), dot(across, w), dot(across, z)}}};
+}
+
+}  // namespace
+
+ActiveBlocks::ActiveBlocks(Workspace& workspace, long padded_atoms) : room(padded_atoms) {
+    index = workspace.zeros<long>(room);
+    const auto rows = [&](long count) { return workspace.zeros<double>(count * room); };
+    argument = rows(6), prox = rows(6), weight = rows(6);
+    v = rows(3), w = rows(3), z = rows(3);
+    cosine = rows(1), sine = rows(1), norm = rows(1);
+    first = rows(1), second = rows(1), difference = rows(1);
+    row_ = rows(42);
+}
+
+void ActiveBlocks::find(const double* M, const double* N, double sigma, double t,
+                        const double* total, long k) {
+    count = 0;
+    for (long i = 0; i < k; ++i) {
+        index[count < room ? count : room - 1] = i;
+        count += total[i] > t;
+    }
+    for (long c = 0; c < count; ++c)
+        for (int e = 0; e < 6; ++e)
+            argument[e * room + c] = M[e * k + index[c]] + sigma * N[e * k + index[c]];
+    for (long c = 0; c < count; c += WIDTH) decompose(c, t);
+    norms = 0;
+    for (long c = 0; c < count; ++c) norms += norm[c];
+}
+
+// Frame and prox of blocks c, c + 1, ...
+void ActiveBlocks::decompose(long c, double t) {
+    const long n = room;
+    const Vector3 x = load3(argument, n, c), y = load3(argument + 3 * n, n, c), normal = cross(x, y);
+    const Doubles A = dot(x, x), C = dot(y, y), D = dot(x, y), product = root(dot(normal, normal));
+    const Doubles plus = root(A + C + 2.0 * product);
+    const Doubles half = 0.5 * (A - C), radius = root(half * half + D * D);
+    const Doubles minus = 2.0 * radius / plus, s1 = 0.5 * (plus + minus), s2 = product / s1;
+
+    // u1 = (cosine, sine) is the eigenvector of [[A, D], [D, C]] for s1^2.
+    const Doubles a = half >= 0.0 ? half + radius : D, b = half >= 0.0 ? D : radius - half;
+    const Doubles span = root(a * a + b * b);
+    const Doubles u = span > 0.0 ? a / span : all(1), s = span > 0.0 ? b / span : Doubles{};
+
+    const Doubles none = {};
+    Vector3 right = combine(u, x, s, y), other = combine(u, y, -s, x);
+    right = combine(1.0 / root(dot(right, right)), right, none, right);
+    other = combine(all(1), other, -dot(other, right), right);
+    const auto thin = root(dot(other, other)) <= RANK_ONE * s1;
+    const auto flat = magnitude(right.x[0]) < 0.7;
+    const Vector3 any = {{flat ? none : -right.x[1], flat ? -right.x[2] : right.x[0],
+                          flat ? right.x[1] : none}};
+    for (int e = 0; e < 3; ++e) other.x[e] = thin ? any.x[e] : other.x[e];
+    other = combine(1.0 / root(dot(other, other)), other, none, other);
+
+    const auto equal = minus <= t;
+    const Doubles both = larger(0.5 * (plus - t), none);
+    const Doubles f1 = equal ? both : s1 - t, f2 = equal ? both : s2;
+    store(cosine + c, u), store(sine + c, s);
+    store(first + c, s1), store(second + c, s2), store(difference + c, minus);
+    store(norm + c, f1);
+    store3(v, n, c, right), store3(w, n, c, other), store3(z, n, c, cross(right, other));
+    store3(prox, n, c, combine(f1 * u, right, -f2 * s, other));
+    store3(prox + 3 * n, n, c, combine(f1 * s, right, f2 * u, other));
+}
+
+void ActiveBlocks::weigh(double t, Weighing weighing) {
+    const long n = room;
+    const bool resolvent = weighing == Weighing::resolvent;
+    const double whole = resolvent ? MOST_WEIGHT : 1;
+    const Doubles none = {}, most = all(whole);
+    // The eigenvalue is part / (part + rest).
+    const auto weigh_one = [&](Doubles part, Doubles rest) {
+        const Doubles base = resolvent ? rest : part + rest;
+        return base > 0.0 ? smaller(part / base, most) : part > 0.0 ? most : none;
+    };
+    for (long c = 0; c < count; c += WIDTH) {
+        const Doubles s1 = load(first + c), s2 = load(second + c), f1 = load(norm + c);
+        const Doubles plus = s1 + s2, minus = load(difference + c), level = all(t);
+        const auto equal = minus <= t;
+        store(weight + c, most);
+        store(weight + n + c, weigh_one(larger(plus - t, none), level));
+        store(weight + 2 * n + c, weigh_one(f1, equal ? 0.5 * (minus + t) : level));
+        const Doubles rest = larger(0.5 * (t - minus), none);
+        const Doubles third = s2 > 0.0 ? weigh_one(f1, rest) : none;
+        store(weight + 3 * n + c, equal ? third : most);
+        store(weight + 4 * n + c, equal ? none : most);
+        store(weight + 5 * n + c, equal ? none : weigh_one(minus - t, level));
+    }
+}
+
+// Row r of block c is (top . B, low . B): top and low in the coordinates of B, three numbers each.
+void ActiveBlocks::lay_directions(double sigma, const double* moved) {
+    const long n = room;
+    const Doubles none = {};
+    for (long c = 0; c < count; c += WIDTH) {
+        const Vector3 v1 = load3(v, n, c), w1 = load3(w, n, c), z1 = load3(z, n, c);
+        const Doubles u = load(cosine + c), s = load(sine + c);
+        Turned X = {};
+        if (moved) X = turn(*this, moved, c);
+        const Doubles along[6] = {X.first.x[0] + X.second.x[1], X.first.x[1] - X.second.x[0],
+                                X.first.x[2],                 X.second.x[2],
+                                X.first.x[0] - X.second.x[1], X.first.x[1] + X.second.x[0]};
+        const Vector3 top[6] = {combine(u, v1, -s, w1), combine(s, v1, u, w1),
+                                combine(u, z1, none, z1), combine(-s, z1, none, z1),
+                                combine(u, v1, s, w1), combine(-s, v1, u, w1)};
+        const Vector3 low[6] = {combine(s, v1, u, w1), combine(-u, v1, s, w1),
+                                combine(s, z1, none, z1), combine(u, z1, none, z1),
+                                combine(s, v1, -u, w1), combine(u, v1, s, w1)};
+        for (int r = 0; r < 6; ++r) {
+            const double unit = r == 2 || r == 3 ? 1 : HALF_ROOT;
+            const Doubles scale = unit * root(sigma * load(weight + r * n + c));
+            store3(row_ + 7 * r * n, n, c, combine(scale, top[r], none, top[r]));
+            store3(row_ + (7 * r + 3) * n, n, c, combine(scale, low[r], none, low[r]));
+            store(row_ + (7 * r + 6) * n + c, -scale / sigma * along[r]);
+        }
+    }
+}
+
+// `directions` rows of one block: (top . B, low . B), the numbers of each `room` apart.
+template <int directions>
+[[gnu::always_inline]] inline void write_block(const double* number, long room, const double* B,
+                                               long atom_stride, long q, double* row, long stride) {
+    for (int half = 0; half < 2; ++half)  // the second writes over what pads the first
+        for (long j = 0; j < atom_stride; j += WIDTH) {
+            const Doubles b0 = load(B + j), b1 = load(B + atom_stride + j);
+            const Doubles b2 = load(B + 2 * atom_stride + j);
+            for (int r = 0; r < directions; ++r) {
+                const double* t = number + (7 * r + 3 * half) * room;
+                store(row + r * stride + half * q + j, t[0] * b0 + t[room] * b1 + t[2 * room] * b2);
+            }
+        }
+}
+
+long ActiveBlocks::write_rows(double sigma, ReducedAtoms& atoms, const double* moved,
+                              ShiftedGram& gram) {
+    const long unknowns = gram.unknowns(), q = unknowns / 2, right = gram.right_side();
+    lay_directions(sigma, moved);
+    long rows = 0;
+    for (long c = 0; c < count; ++c) {
+        const double *B = atoms[index[c]], *number = row_ + c;
+        const int directions = weight[4 * room + c] == 0 ? 4 : 6;  // four where f1 = f2
+        double* row = gram.row(rows);
+        if (directions == 4)
+            write_block<4>(number, room, B, atoms.row, q, row, gram.stride());
+        else
+            write_block<6>(number, room, B, atoms.row, q, row, gram.stride());
+        for (int r = 0; r < directions; ++r, row += gram.stride()) {
+            for (long j = unknowns; j < right; ++j) row[j] = 0;
+            row[right] = number[(7 * r + 6) * room];
+        }
+        rows += directions;
+    }
+    return rows;
+}
+
+void ActiveBlocks::apply_weights(const double* X, double* out) const {
+    const long n = room;
+    for (long c = 0; c < count; c += WIDTH) {
+        const Turned G = turn(*this, X, c);
+        const auto scaled = [&](int r, Doubles value) { return load(weight + r * n + c) * value; };
+        const Doubles same = scaled(0, 0.5 * (G.first.x[0] + G.second.x[1]));
+        const Doubles skew = scaled(1, 0.5 * (G.first.x[1] - G.second.x[0]));
+        const Doubles differ = scaled(4, 0.5 * (G.first.x[0] - G.second.x[1]));
+        const Doubles symmetric = scaled(5, 0.5 * (G.first.x[1] + G.second.x[0]));
+        const Vector3 v1 = load3(v, n, c), w1 = load3(w, n, c), z1 = load3(z, n, c);
+        const Doubles one = all(1);
+        const Vector3 along = combine(one, combine(same + differ, v1, symmetric + skew, w1),
+                                      scaled(2, G.first.x[2]), z1);
+        const Vector3 across = combine(one, combine(symmetric - skew, v1, same - differ, w1),
+                                       scaled(3, G.second.x[2]), z1);
+        const Doubles u = load(cosine + c), s = load(sine + c);
+        store3(out, n, c, combine(u, along, -s, across));
+        store3(out + 3 * n, n, c, combine(s, along, u, across));
+    }
+}
+
+void ActiveBlocks::subtract_fit(ReducedAtoms& atoms, double* y0, double* y1, long q) const {
+    const long stride = atoms.row, n = room;
+    for (long j = 0; j < q; j += WIDTH) {
+        Doubles top = {}, low = {};
+        for (long c = 0; c < count; ++c) {
+            const double *B = atoms[index[c]] + j, *m = prox + c;
+            const Doubles b0 = load(B), b1 = load(B + stride), b2 = load(B + 2 * stride);
+            top += m[0] * b0 + m[n] * b1 + m[2 * n] * b2;
+            low += m[3 * n] * b0 + m[4 * n] * b1 + m[5 * n] * b2;
+        }
+        for (int lane = 0; lane < WIDTH && j + lane < q; ++lane) {
+            y0[j + lane] -= top[lane];
+            y1[j + lane] -= low[lane];
+        }
+    }
+}
+
 }  // namespace shapefit

@@ -1,7 +1,7 @@
 #include "certificate.hpp"
 
 #include "../base/registry.hpp"
-#include "blocks.hpp"
+#include "newton.hpp"
 
 namespace shapefit {
 namespace {
@@ -94,19 +94,16 @@ double find_bound(const ConvexProgram& program, Vector<const double> omega, doub
         }
     correlate(room.planes, room.weighted[0].data, room.weighted[1].data, room.N);
     const double largest = largest_nuclear_norm(room.N, room.planes.padded_atoms);
-    double scale = lam / larger(largest, TINY);
-    if (program.bound < INFINITE) scale = smaller(scale, program.bound / larger(entry, TINY));
-    if (program.delta > 0) scale = smaller(scale, yw / larger(yy, TINY));
-    scale = larger(scale, 0);
-    for (long e = 0; e < 2 * p; ++e) Y.data[e] *= scale;
-    return scale * yw - program.delta * 0.5 * scale * scale * yy;
+    const DualBound bound(lam, program.delta, largest, entry / program.bound, yy, yw);
+    for (long e = 0; e < 2 * p; ++e) Y.data[e] *= bound.scale;
+    return bound.value;
 }
 
 }  // namespace
 
 Certifier::Certifier(const ConvexProgram& data, Workspace& workspace)
     : program(data),
-      planes(turn_atoms(data.atoms, workspace)),
+      planes(find_planes(data.atoms, workspace)),
       centred(workspace.matrix<double>(2, data.atoms.size[2])),
       left(workspace.matrix<double>(2, data.atoms.size[2])),
       weighted(workspace.matrix<double>(2, data.atoms.size[2])),

@@ -1,8 +1,8 @@
 // The certificate from scratch: original data in, objective and gap out.
 #pragma once
 
+#include "../atoms/reduced_atoms.hpp"
 #include "data.hpp"
-#include "../atoms/planes.hpp"
 
 namespace shapefit {
 

@@ -1,7 +1,7 @@
 // What the kernels of the convex program read and write, as Python lays it out.
 #pragma once
 
-#include "../base/arguments.hpp"
+#include "../base/registry.hpp"
 
 namespace shapefit {
 

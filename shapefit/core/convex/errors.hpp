@@ -6,7 +6,7 @@
 // sizes of both, whatever the bounds and lambda. NoErrors is the same part where no bound is set.
 #pragma once
 
-#include "reduced.hpp"
+#include "blocks.hpp"
 
 namespace shapefit {
 

@@ -1,6 +1,5 @@
 // Single steps of the convex kernel, for the tests that judge them one at a time.
 #include "../base/registry.hpp"
-#include "active.hpp"
 #include "blocks.hpp"
 #include "data.hpp"
 #include "errors.hpp"
@@ -45,7 +44,7 @@ double* widen(Matrix<const double> rows, Workspace& workspace) {
 
 void correlate_part(Matrix<const double> Y, Tensor<const double> atoms, Matrix<double> N) {
     Workspace workspace;
-    const Planes planes = turn_atoms(atoms, workspace);
+    const Planes planes = find_planes(atoms, workspace);
     double* found = workspace.zeros<double>(6 * planes.padded_atoms);
     correlate(planes, Y[0].data, Y[1].data, found);
     for (long e = 0; e < 6; ++e)
@@ -72,9 +71,9 @@ double moreau_part(const MoreauData& data) {
 long derivative_part(const DerivativeData& data) {
     Workspace workspace;
     const long n = data.atom.size[1];
-    const Planes planes = turn_atoms({data.atom.data, {1, 3, n}}, workspace);
-    LaidAtoms laid(workspace, 1, n);
-    laid.reset(planes);
+    const Planes planes = find_planes({data.atom.data, {1, 3, n}}, workspace);
+    ReducedAtoms laid(workspace, planes, 1);
+    laid.copy();
     ActiveBlocks active(workspace, PADDING);
     ShiftedGram gram(workspace, 6, 2 * n);
     double* M = workspace.zeros<double>(6 * PADDING);

@@ -1,11 +1,8 @@
 #include <string.h>
 
 #include "../base/registry.hpp"
-#include "blocks.hpp"
 #include "certificate.hpp"
-#include "data.hpp"
-#include "lagrangian.hpp"
-#include "primal_dual.hpp"
+#include "newton.hpp"
 
 namespace shapefit {
 
@@ -57,11 +54,10 @@ class StretchSolver {
           certifier_(program_, workspace_),
           reduction_(workspace_, p_),
           padded_(certifier_.planes.padded_atoms),
-          laid_(workspace_, padded_, p_),
+          atoms_(workspace_, certifier_.planes, padded_),
           errors_(workspace_, p_),
           room_(workspace_, padded_, p_ > 1 ? p_ - 1 : 1, robust() ? 2 * p_ : 0) {
         const auto numbers = [&](long count) { return workspace_.zeros<double>(count); };
-        reduced_.data = numbers(3 * p_ * padded_);
         active_ = {workspace_.zeros<int64_t>(padded_ + 1), numbers(6 * padded_)};
         last_weights_ = workspace_.vector<double>(p_);
         rho_ = workspace_.vector<double>(p_);
@@ -80,7 +76,7 @@ class StretchSolver {
         const bool same_mask = take_weights(image);
         if (reduction_.seen < 2) return give_up(image);
         take_landmarks(image);
-        ReducedProgram reduced{reduced_, laid_, w_,
+        ReducedProgram reduced{atoms_, w_,
                                program_.lam[image] / (units_.dual * units_.atoms), program_.delta,
                                CLOSER * task_.options.tolerance, task_.options.most_steps};
         const bool near = start(same_mask, reduced.lam);
@@ -118,8 +114,9 @@ class StretchSolver {
         }
         reduction_.find(rho_);
         if (reduction_.seen < 2) return false;
-        units_.atoms = reduce_atoms(certifier_.planes, rho_.data, reduction_, reduced_);
-        laid_.reset(reduced_);
+        const double largest = atoms_.reduce(rho_.data, reduction_);
+        units_.atoms = largest > 0 ? largest : 1;
+        atoms_.scale(1 / units_.atoms);
         room_.gram.set_unknowns(2 * q());
         return false;
     }
@@ -168,7 +165,7 @@ class StretchSolver {
         memcpy(left, w_, sizeof(double) * n);
         list_active(iterate_.M);
         for (long c = 0; c < active_.count; ++c)
-            subtract_shape(active_.blocks + 6 * c, laid_.at(active_.atom[c]), laid_.stride(), left, q());
+            subtract_shape(active_.blocks + 6 * c, atoms_[active_.atom[c]], atoms_.row, left, q());
         return dot(left, left, n) < EXPLAINED * dot(w_, w_, n);
     }
 
@@ -191,7 +188,7 @@ class StretchSolver {
     // M = 0 and the multiple of w that is dual feasible.
     void start_cold(double lam) {
         memset(iterate_.M, 0, sizeof(double) * 6 * padded_);
-        correlate(reduced_, w_, w_ + q(), room_.N);
+        correlate(atoms_.planes, w_, w_ + q(), room_.N);
         const double largest = larger(largest_nuclear_norm(room_.N, padded_), TINY);
         const double scale = smaller(1, lam / largest);
         for (long j = 0; j < 2 * q(); ++j) iterate_.y[j] = scale * w_[j];
@@ -205,7 +202,7 @@ class StretchSolver {
         }
         long steps = 0;
         if (near && quadratic()) {
-            correlate(reduced_, iterate_.y, iterate_.y + q(), room_.N);
+            correlate(atoms_.planes, iterate_.y, iterate_.y + q(), room_.N);
             const PrimalDualEnd end = solve_primal_dual(reduced, iterate_, room_);
             steps = end.steps;
             if (end.solved) return steps;
@@ -298,8 +295,7 @@ class StretchSolver {
     Certifier certifier_;
     Reduction reduction_;
     const long padded_;
-    Planes reduced_;
-    LaidAtoms laid_;
+    ReducedAtoms atoms_;
     SparseErrors errors_;
     Room room_;
     Vector<double> last_weights_, rho_;

@@ -38,23 +38,9 @@ void turn_by(const double* turn, double* q) {
     make_unit(q);
 }
 
-namespace {
-
-double largest_norm(const ReducedAtoms& atoms) {
-    double largest = 0;
-    for (long i = 0; i < atoms.k; ++i) {
-        double total = 0;
-        for (long j = 0; j < 3 * atoms.q; ++j) total += square(atoms.planes[j * atoms.padded_atoms + i]);
-        largest = larger(total, largest);
-    }
-    return root(largest);
-}
-
-}  // namespace
-
 RotationObjective::RotationObjective(Workspace& workspace, const SearchProblem& problem)
     : problem(problem),
-      atoms(workspace, problem.atoms),
+      atoms(workspace, find_planes(problem.atoms, workspace), problem.atoms.size[0]),
       reduction(workspace, problem.atoms.size[2]),
       w(workspace.zeros<double>(2 * padded(problem.atoms.size[2]))),
       step_(workspace, atoms, problem.atoms.size[2]),
@@ -65,8 +51,7 @@ bool RotationObjective::aim(long image) {
     const long p = omega.size[0];
     if (image_ < 0 || !are_equal(omega.data, problem.weights[image_].data, p)) {
         reduction.find(omega);
-        atoms.reduce(omega.data, reduction);
-        largest = largest_norm(atoms);
+        largest = atoms.reduce(omega.data, reduction);
         for (long j = 0; j < 2 * atoms.row; ++j) w[j] = 0;
     }
     image_ = image;
@@ -86,7 +71,7 @@ double RotationObjective::value(const double* R) {
 
 // With X = R S and y = (Y, 0): d/dturn of <-Y, turn x X> is -sum_j X_j x y_j.
 void RotationObjective::derivatives(double* gradient, double* curvature) {
-    atoms.mix(step_.set, shape_);
+    step_.mix(shape_);
     const long row = atoms.row;
     const double *u = step_.residual(), *v = u + row;
     double P[9], turned[9], moment[6];

@@ -2,9 +2,9 @@
 #pragma once
 
 #include "../atoms/coefficient_step.hpp"
-#include "../base/arguments.hpp"
-#include "../base/scalar.hpp"
-#include "../base/views.hpp"
+#include "../base/registry.hpp"
+#include "../base/lanes.hpp"
+#include "../base/memory.hpp"
 
 namespace shapefit {
 

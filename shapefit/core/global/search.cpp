@@ -1,4 +1,4 @@
-#include "../base/errors.hpp"
+#include "../base/memory.hpp"
 #include "search.hpp"
 
 namespace shapefit {
@@ -150,7 +150,7 @@ Vertex& Vertices::add(const double* q, const Vertex* like) {
 void Vertices::lay(Vertex& vertex) {
     const long k = objective_.atoms.k;
     const long row = padded(objective_.problem.atoms.size[2]);
-    vertex.products = workspace_.zeros<double>(6 * objective_.atoms.padded_atoms);
+    vertex.products = workspace_.zeros<double>(6 * objective_.atoms.planes.padded_atoms);
     vertex.Y = workspace_.zeros<double>(2 * row);
     vertex.index = workspace_.zeros<long>(k);
     vertex.x = workspace_.zeros<double>(k);
@@ -158,21 +158,12 @@ void Vertices::lay(Vertex& vertex) {
 
 void Vertices::find_products(Vertex& vertex) {
     const ReducedAtoms& atoms = objective_.atoms;
-    const long k = atoms.padded_atoms, q = atoms.q;
+    correlate(atoms.planes, vertex.Y, vertex.Y + atoms.row, vertex.products);
     Doubles most = {};
-    for (long i = 0; i < k; i += WIDTH) {
-        Doubles sums[6] = {};
-        for (int b = 0; b < 3; ++b)
-            for (long j = 0; j < q; ++j) {
-                const Doubles B = load(atoms.planes + (b * q + j) * k + i);
-                sums[b] += vertex.Y[j] * B;
-                sums[3 + b] += vertex.Y[atoms.row + j] * B;
-            }
+    for (long i = 0; i < atoms.planes.padded_atoms; i += WIDTH) {
         Doubles squares = {};
-        for (int e = 0; e < 6; ++e) {
-            store(vertex.products + e * k + i, sums[e]);
-            squares += sums[e] * sums[e];
-        }
+        for (int e = 0; e < 6; ++e)
+            squares += square(load(vertex.products + e * atoms.planes.padded_atoms + i));
         most = larger(squares, most);
     }
     vertex.largest = root(largest(most));
@@ -303,14 +294,14 @@ void CellTest::find_excess(const Vertex* const* corner, double* excess) const {
     Forms forms;
     double left[TRIPLES];
     find_forms(corner, forms);
-    find_largest(corner, atoms.padded_atoms, forms, left);
+    find_largest(corner, atoms.planes.padded_atoms, forms, left);
     double size = 0, length = 0;
     for (int a = 0; a < 4; ++a) {
         size = larger(corner[a]->scale * corner[a]->largest, size);
         length = larger(corner[a]->scale * root(corner[a]->square), length);
     }
     const double margin = 3 * ((OF_COEFFICIENTS + OFF_THE_EDGE) * size +
-                               (atoms.q + 64) * 0x1p-52 * length * objective_.largest);
+                               (atoms.q() + 64) * 0x1p-52 * length * objective_.largest);
     for (int t = 0; t < TRIPLES; ++t) {
         const int a = TRIPLE[t][0], b = TRIPLE[t][1], c = TRIPLE[t][2];
         const double right = objective_.lam * (forms.inner[NUMBER[b][c]] + forms.inner[NUMBER[a][c]] +

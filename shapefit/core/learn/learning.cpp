@@ -1,9 +1,8 @@
 // Steps of dictionary learning: codes of shapes, and new atoms for given codes.
-#include "../base/arguments.hpp"
-#include "../base/dense_terms.hpp"
 #include "../base/registry.hpp"
+#include "../base/active_set.hpp"
 #include "../base/vectors.hpp"
-#include "../base/workspace.hpp"
+#include "../base/memory.hpp"
 
 namespace shapefit {
 

@@ -1,11 +1,9 @@
 // Refinement of camera and shape under the full perspective projection.
 #include "../atoms/scaled_coefficients.hpp"
-#include "../base/arguments.hpp"
-#include "../base/lanes.hpp"
-#include "../base/lane_functions.hpp"
 #include "../base/registry.hpp"
+#include "../base/lanes.hpp"
 #include "../base/vectors.hpp"
-#include "../base/workspace.hpp"
+#include "../base/memory.hpp"
 #include "../shared/data.hpp"
 
 namespace shapefit {

@@ -1,6 +1,6 @@
 // Poses of known shapes, and where shapes lie in the image.
 #include "../base/registry.hpp"
-#include "../base/scalar.hpp"
+#include "../base/lanes.hpp"
 #include "../base/vectors.hpp"
 #include "rotations.hpp"
 #include "../shared/data.hpp"

@@ -1,7 +1,7 @@
 #include "reconstruction.hpp"
 
 #include "../base/registry.hpp"
-#include "../base/symmetric_eigen.hpp"
+#include "../base/small_matrices.hpp"
 #include "../convex/blocks.hpp"
 #include "../global/objective.hpp"
 #include "rotations.hpp"

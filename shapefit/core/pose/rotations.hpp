@@ -1,8 +1,8 @@
 // Rotations as three rows of three numbers.
 #pragma once
 
-#include "../base/scalar.hpp"
-#include "../base/views.hpp"
+#include "../base/lanes.hpp"
+#include "../base/memory.hpp"
 
 namespace shapefit {
 

@@ -1,9 +1,8 @@
 // Distances of estimated shapes from true ones.
-#include "../base/arguments.hpp"
 #include "../base/registry.hpp"
-#include "../base/scalar.hpp"
+#include "../base/lanes.hpp"
 #include "../base/vectors.hpp"
-#include "../base/workspace.hpp"
+#include "../base/memory.hpp"
 #include "reconstruction.hpp"
 
 namespace shapefit {

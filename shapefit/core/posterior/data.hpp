@@ -1,7 +1,7 @@
 // What the posterior over shape and view reads and writes, as Python lays it out.
 #pragma once
 
-#include "../base/arguments.hpp"
+#include "../base/registry.hpp"
 
 namespace shapefit {
 

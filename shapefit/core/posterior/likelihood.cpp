@@ -1,6 +1,6 @@
 #include "likelihood.hpp"
 
-#include "../base/lane_functions.hpp"
+#include "../base/lanes.hpp"
 
 namespace shapefit {
 namespace {

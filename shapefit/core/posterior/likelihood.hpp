@@ -20,7 +20,7 @@
 #pragma once
 
 #include "../base/lanes.hpp"
-#include "../base/workspace.hpp"
+#include "../base/memory.hpp"
 #include "data.hpp"
 #include "../base/lane_triangles.hpp"
 

@@ -1,8 +1,7 @@
 #include "modes.hpp"
 
-#include "../base/products.hpp"
-#include "../base/triangles.hpp"
 #include "../base/vectors.hpp"
+#include "../base/small_matrices.hpp"
 
 namespace shapefit {
 namespace {

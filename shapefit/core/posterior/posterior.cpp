@@ -1,5 +1,5 @@
 #include "../base/registry.hpp"
-#include "../base/symmetric_eigen.hpp"
+#include "../base/small_matrices.hpp"
 #include "data.hpp"
 #include "modes.hpp"
 #include "side_by_side.hpp"

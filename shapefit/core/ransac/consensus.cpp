@@ -1,12 +1,10 @@
 // RANSAC: the pose that most landmarks agree on, from triples of them.
 #include <stdint.h>
 
-#include "../base/arguments.hpp"
-#include "../base/lanes.hpp"
-#include "../base/lane_functions.hpp"
 #include "../base/registry.hpp"
+#include "../base/lanes.hpp"
 #include "../base/vectors.hpp"
-#include "../base/workspace.hpp"
+#include "../base/memory.hpp"
 #include "../pose/rotations.hpp"
 #include "../shared/rotation_step.hpp"
 

@@ -1,7 +1,7 @@
 #include "banded.hpp"
 
-#include "../base/products.hpp"
-#include "../base/triangles.hpp"
+#include "../base/vectors.hpp"
+#include "../base/small_matrices.hpp"
 
 namespace shapefit {
 namespace {

@@ -9,7 +9,7 @@
 // diagonal and W_f is lower triangular. V and N are kept, W_f is V_f with its columns scaled.
 #pragma once
 
-#include "../base/workspace.hpp"
+#include "../base/memory.hpp"
 #include "marginal.hpp"
 
 namespace shapefit {

@@ -1,6 +1,6 @@
 #include "marginal.hpp"
 
-#include "../base/triangles.hpp"
+#include "../base/small_matrices.hpp"
 
 namespace shapefit {
 

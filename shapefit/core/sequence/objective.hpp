@@ -2,7 +2,7 @@
 #pragma once
 
 #include "../base/vectors.hpp"
-#include "../base/workspace.hpp"
+#include "../base/memory.hpp"
 #include "data.hpp"
 
 namespace shapefit {

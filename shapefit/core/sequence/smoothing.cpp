@@ -1,7 +1,7 @@
 #include "../base/registry.hpp"
-#include "../base/triangles.hpp"
+#include "../base/small_matrices.hpp"
 #include "../base/vectors.hpp"
-#include "../base/workspace.hpp"
+#include "../base/memory.hpp"
 #include "banded.hpp"
 #include "data.hpp"
 

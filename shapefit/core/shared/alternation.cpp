@@ -68,7 +68,7 @@ void alternate_starts(const AlternationData& data, long image, AlternationRoom& 
 }  // namespace
 
 AlternationRoom::AlternationRoom(Workspace& workspace, Tensor<const double> all, long most_rounds)
-    : atoms(workspace, all),
+    : atoms(workspace, find_planes(all, workspace), all.size[0]),
       coefficients(workspace, atoms, all.size[2]),
       w(workspace.zeros<double>(2 * padded(all.size[2]))),
       shape(workspace.zeros<double>(3 * padded(all.size[2]))),
@@ -106,7 +106,7 @@ AlternationEnd alternate_image(AlternationRoom& room, double lam, bool is_signed
     for (long step = 0; step < 2 * most_rounds; step += 2) {
         double now = room.coefficients.minimise_at(R);
         room.trace[step] = now;
-        const double penalty = room.atoms.mix(set, room.shape);
+        const double penalty = room.coefficients.mix(room.shape);
         if (penalty > 0) {
             find_moments(room.w, room.shape, row, P, D);
             now = energy + rotation_step({P, D, false}, R).value + lam * penalty;

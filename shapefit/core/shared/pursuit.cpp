@@ -1,11 +1,10 @@
 // Projected matching pursuit: atoms one after another, limbs of a fixed total length.
-#include "../atoms/reduction.hpp"
-#include "../base/arguments.hpp"
+#include "../atoms/reduced_atoms.hpp"
 #include "../base/registry.hpp"
-#include "../base/scalar.hpp"
-#include "../base/symmetric_eigen.hpp"
+#include "../base/lanes.hpp"
+#include "../base/small_matrices.hpp"
 #include "../base/vectors.hpp"
-#include "../base/workspace.hpp"
+#include "../base/memory.hpp"
 #include "data.hpp"
 
 namespace shapefit {

@@ -1,7 +1,7 @@
 #include "rotation_step.hpp"
 
 #include "../base/registry.hpp"
-#include "../base/scalar.hpp"
+#include "../base/lanes.hpp"
 #include "../pose/rotations.hpp"
 
 namespace shapefit {

@@ -1,8 +1,8 @@
 #include "synchronisation.hpp"
 
 #include "../base/registry.hpp"
-#include "../base/scalar.hpp"
-#include "../base/workspace.hpp"
+#include "../base/lanes.hpp"
+#include "../base/memory.hpp"
 #include "../pose/rotations.hpp"
 
 namespace shapefit {

@@ -1,8 +1,8 @@
 // The Newton system: (C + F^T F) x = r + F^T f, with F of few or of many rows.
 #pragma once
 
-#include "lanes.hpp"
-#include "workspace.hpp"
+#include "../base/lanes.hpp"
+#include "../base/memory.hpp"
 
 namespace shapefit {
 

@@ -1,6 +1,6 @@
-#include "shifted_gram.hpp"
+#include "gram.hpp"
 
-#include "vectors.hpp"
+#include "../base/vectors.hpp"
 
 namespace shapefit {
 namespace {

@@ -1,5 +1,8 @@
-// Cholesky factors of dense blocks: S = U^T U, U upper triangular, and V = U^-T.
+// Cholesky factors of dense blocks, S = U^T U with U upper triangular and V = U^-T, and the
+// eigenvectors of small symmetric matrices.
 #pragma once
+
+#include "memory.hpp"
 
 namespace shapefit {
 
@@ -13,5 +16,12 @@ void multiply_out(const double* V, double* C, long n, long stride);
 
 // The lower triangle becomes that above it.
 void mirror(double* C, long n, long stride);
+
+// A = V^T diag(values) V: the rows of V (m, m) are orthonormal, the values (m,) ascend.
+// A (m, m), given in full, is overwritten.
+//
+// Cyclic Jacobi: for m up to 16, as here, no slower than a reduction to tridiagonal form, and the
+// rows of V are orthogonal to rounding whatever the values are.
+void symmetric_eigen(Matrix<double> A, Vector<double> values, Matrix<double> V);
 
 }  // namespace shapefit

@@ -1,11 +1,23 @@
-#include "lagrangian.hpp"
+#include "newton.hpp"
 
 #include <string.h>
 
-#include "blocks.hpp"
-#include "primal_dual.hpp"
-
 namespace shapefit {
+
+Room::Room(Workspace& workspace, long padded_atoms, long q, long further_rows)
+    : active(workspace, padded_atoms),
+      gram(workspace, 6 * padded_atoms + further_rows, 2 * q),
+      N(workspace.zeros<double>(6 * padded_atoms)),
+      change(workspace.zeros<double>(6 * padded_atoms)),
+      total(workspace.zeros<double>(padded_atoms)),
+      gradient(workspace.zeros<double>(2 * q)),
+      direction(workspace.zeros<double>(2 * q)),
+      moved(workspace.zeros<double>(6 * padded_atoms)),
+      weighted(workspace.zeros<double>(6 * padded_atoms)),
+      start_M(workspace.zeros<double>(6 * padded_atoms)),
+      start_y(workspace.zeros<double>(2 * q)),
+      matrix(further_rows > 0 ? workspace.zeros<double>(4 * q * q) : nullptr) {}
+
 namespace {
 
 // sigma starts at START / lambda, the step on which M can move by its own size where ||w|| = 1 and
@@ -44,36 +56,42 @@ class Lagrangian {
           sigma_(START / program.lam) {}
 
     long solve(long taken) {
-        const long most = program_.most_steps;
-        long steps = taken;
-        while (true) {
-            correlate(program_.planes, iterate_.y, iterate_.y + q_, room_.N);
+        steps_ = taken;
+        for (Inner inner = Inner::SOLVED; inner != Inner::DONE;) {
+            correlate(program_.atoms.planes, iterate_.y, iterate_.y + q_, room_.N);
             begin_outer();
-            bool solved = false;
-            for (long inner = 0;; ++inner, ++steps) {
-                const ProximalPoint point = find_proximal_point();
-                if (point.gap <= program_.tolerance || steps >= most || !is_finite(point.gap)) {
-                    accept();
-                    return steps - taken;
-                }
-                const double t = threshold(), noise = ROUNDING * t;
-                solved = point.gradient * t * t <= LOOSENESS * LOOSENESS * point.moved;
-                if (inner > 0 &&
-                    (solved || point.gradient <= noise * noise || inner >= PATIENCE))
-                    break;
-                take_newton_step(root(point.gradient));
-            }
+            inner = minimise();
             accept();
-            sigma_ *= solved ? GROWTH : 1 / GROWTH;
-            if (!Errors::robust && program_.delta > 0) {  // its proximal point may be a good start
-                const PrimalDualEnd end = solve_primal_dual(program_, iterate_, room_);
-                steps += end.steps;
-                if (end.solved) return steps - taken;
-            }
+            sigma_ *= inner == Inner::SOLVED ? GROWTH : 1 / GROWTH;
+            if (inner == Inner::DONE || Errors::robust || !(program_.delta > 0)) continue;
+            // the proximal point may be a good start
+            const PrimalDualEnd end = solve_primal_dual(program_, iterate_, room_);
+            steps_ += end.steps;
+            if (end.solved) break;
         }
+        return steps_ - taken;
     }
 
   private:
+    // How the minimisation of phi ended: the program is solved or the steps are used up, phi is
+    // minimised as far as asked, or rounding stops it.
+    enum class Inner { DONE, SOLVED, STUCK };
+
+    Inner minimise() {
+        for (long inner = 0;; ++inner, ++steps_) {
+            const ProximalPoint point = find_proximal_point();
+            if (point.gap <= program_.tolerance || steps_ >= program_.most_steps ||
+                !is_finite(point.gap))
+                return Inner::DONE;
+            const double t = threshold(), noise = ROUNDING * t;
+            if (inner > 0 && point.gradient * t * t <= LOOSENESS * LOOSENESS * point.moved)
+                return Inner::SOLVED;
+            if (inner > 0 && (point.gradient <= noise * noise || inner >= PATIENCE))
+                return Inner::STUCK;
+            take_newton_step(root(point.gradient));
+        }
+    }
+
     double threshold() const { return sigma_ * program_.lam; }
 
     void begin_outer() {
@@ -130,29 +148,24 @@ class Lagrangian {
         const double primal = program_.lam * room_.active.norms +
                               errors_.penalty(room_.gradient, q_, quadratic) +
                               program_.delta * 0.5 * residual;
-        double scale = program_.lam / larger(largest_nuclear_norm(room_.N, k_), TINY);
-        if (Errors::robust) scale = smaller(scale, 1 / larger(share, TINY));
-        if (quadratic) scale = smaller(scale, yw_ / larger(yy_, TINY));
-        scale = larger(scale, 0);
-        const double dual = scale * yw_ - program_.delta * 0.5 * scale * scale * yy_;
-        const double gap = magnitude(primal - dual) / larger(primal, TINY);
+        const DualBound bound(program_.lam, program_.delta, largest_nuclear_norm(room_.N, k_), share,
+                              yy_, yw_);
+        const double gap = bound.relative_gap(primal);
         return !quadratic && !Errors::robust ? larger(gap, root(gradient)) : gap;
     }
 
     void take_newton_step(double gradient) {
         find_direction(gradient);
         double* d = room_.direction;
-        correlate(program_.planes, d, d + q_, room_.change);
+        correlate(program_.atoms.planes, d, d + q_, room_.change);
         errors_.aim(d, q_);
         const double slope = dot(room_.gradient, d, n_);
         yd_ = dot(iterate_.y, d, n_), dd_ = dot(d, d, n_), wd_ = dot(program_.w, d, n_);
-        double step = 1, value;
-        while (true) {
-            value = value_along(step);
-            const double enough = phi_ + ARMIJO * step * slope + 1e-13 * magnitude(phi_);
-            if (value <= enough || step < SHORTEST) break;
-            step *= 0.5;
-        }
+        const auto falls = [&](double step, double value) {
+            return value <= phi_ + ARMIJO * step * slope + 1e-13 * magnitude(phi_);
+        };
+        double step = 1, value = value_along(step);
+        while (!falls(step, value) && !(step < SHORTEST)) value = value_along(step *= 0.5);
         phi_ = value;
         for (long j = 0; j < n_; ++j) iterate_.y[j] += step * d[j];
         for (long e = 0; e < 6 * k_; ++e) room_.N[e] += step * room_.change[e];
@@ -197,6 +210,7 @@ class Lagrangian {
     Room& room_;
     const long q_, n_, k_;
     double sigma_;
+    long steps_ = 0;
     double phi_ = 0, yy_ = 0, yw_ = 0;            // at y
     double yd_ = 0, dd_ = 0, wd_ = 0;             // with the direction
 };
@@ -211,6 +225,86 @@ long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors 
 long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, SparseErrors& errors,
                       Room& room, long taken) {
     return Lagrangian<SparseErrors>(program, iterate, errors, room).solve(taken);
+}
+
+namespace {
+
+// sigma lambda: the count of steps is flat from 0.3 to 4.
+constexpr double STEP = 1;
+constexpr long MOST_ROUNDS = 8;
+// The gap of a start from which the steps diverge: soon nearly all atoms are active, and each step
+// costs many times what the augmented Lagrangian asks. Attempts that converge stay below 0.9.
+// This and the start that is put back in the end are for speed: the certificate judges either solver.
+constexpr double HOPELESS = 0.95;
+
+// The right-hand side w - y - sum P_i B_i, and the rest of it in the rows of F.
+long build_system(const ReducedProgram& program, const Iterate& iterate, double sigma, Room& room) {
+    const long k = program.padded_atoms(), n = program.unknowns();
+    ActiveBlocks& active = room.active;
+    sum_singular_values(iterate.M, room.N, sigma, room.total, k);
+    active.find(iterate.M, room.N, sigma, sigma * program.lam, room.total, k);
+    active.weigh(sigma * program.lam, Weighing::resolvent);
+    for (int e = 0; e < 6; ++e)
+        for (long c = 0; c < active.count; ++c)
+            room.moved[e * k + c] = active.prox[e * k + c] - iterate.M[e * k + active.index[c]];
+    for (long j = 0; j < n; ++j) room.gradient[j] = program.w[j] - iterate.y[j];
+    active.subtract_fit(program.atoms, room.gradient, room.gradient + program.q(), program.q());
+    return active.write_rows(sigma, program.atoms, room.moved, room.gram);
+}
+
+// M_i <- P_i + W_i (sigma dN_i + P_i - M_i); returns sum ||M_i||_2.
+double move_transforms(const ReducedProgram& program, double sigma, const double* fresh_N,
+                       Iterate& iterate, Room& room) {
+    const long k = program.padded_atoms();
+    const ActiveBlocks& active = room.active;
+    for (int e = 0; e < 6; ++e)
+        for (long c = 0; c < active.count; ++c) {
+            const long at = e * k + active.index[c];
+            room.moved[e * k + c] += sigma * (fresh_N[at] - room.N[at]);
+        }
+    active.apply_weights(room.moved, room.weighted);
+    memset(iterate.M, 0, sizeof(double) * 6 * k);
+    double norms = 0;
+    for (long c = 0; c < active.count; c += WIDTH) {
+        BlockLanes M = load_blocks(room.weighted, k, c);
+        for (int e = 0; e < 6; ++e) M.q[e] += load(active.prox + e * k + c);
+        for (int e = 0; e < 6; ++e) store(room.weighted + e * k + c, M.q[e]);
+        const Doubles sizes = spectral_norm(invariants(M.q));
+        for (int lane = 0; lane < WIDTH && c + lane < active.count; ++lane) norms += sizes[lane];
+    }
+    for (int e = 0; e < 6; ++e)
+        for (long c = 0; c < active.count; ++c)
+            iterate.M[e * k + active.index[c]] = room.weighted[e * k + c];
+    return norms;
+}
+
+}  // namespace
+
+PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate, Room& room) {
+    const long k = program.padded_atoms(), q = program.q(), n = program.unknowns();
+    const double sigma = STEP / program.lam;
+    memcpy(room.start_M, iterate.M, sizeof(double) * 6 * k);
+    memcpy(room.start_y, iterate.y, sizeof(double) * n);
+    long steps = 0;
+    while (steps < MOST_ROUNDS && steps < program.most_steps) {
+        const long rows = build_system(program, iterate, sigma, room);
+        room.gram.solve(rows, 1, true, room.gradient, room.direction);
+        for (long j = 0; j < n; ++j) iterate.y[j] += room.direction[j];
+        correlate(program.atoms.planes, iterate.y, iterate.y + q, room.change);
+        const double norms = move_transforms(program, sigma, room.change, iterate, room);
+        double* fresh = room.change;
+        room.change = room.N;
+        room.N = fresh;
+        ++steps;
+        const double yy = dot(iterate.y, iterate.y, n), yw = dot(iterate.y, program.w, n);
+        const DualBound bound(program.lam, 1, largest_nuclear_norm(room.N, k), 0, yy, yw);
+        const double gap = bound.relative_gap(0.5 * yy + program.lam * norms);
+        if (gap <= program.tolerance) return {steps, true};
+        if (!(gap < HOPELESS)) break;
+    }
+    memcpy(iterate.M, room.start_M, sizeof(double) * 6 * k);
+    memcpy(iterate.y, room.start_y, sizeof(double) * n);
+    return {steps, false};
 }
 
 }  // namespace shapefit

@@ -1,0 +1,122 @@
+// Views of row-major arrays that Python owns, a pointer and the sizes, and memory of a kernel.
+#pragma once
+
+#include <string.h>
+
+#include <new>
+#include <type_traits>
+
+namespace shapefit {
+
+template <class T, int rank>
+struct View {
+    T* data = nullptr;
+    long size[rank] = {};
+
+    View<T, rank - 1> operator[](long i) const {
+        View<T, rank - 1> part;
+        long stride = 1;
+        for (int d = 1; d < rank; ++d) {
+            part.size[d - 1] = size[d];
+            stride *= size[d];
+        }
+        part.data = data + i * stride;
+        return part;
+    }
+    operator View<const T, rank>() const
+        requires(!std::is_const_v<T>)
+    {
+        View<const T, rank> same;
+        same.data = data;
+        for (int d = 0; d < rank; ++d) same.size[d] = size[d];
+        return same;
+    }
+};
+
+template <class T>
+struct View<T, 1> {
+    T* data = nullptr;
+    long size[1] = {};
+
+    T& operator[](long i) const { return data[i]; }
+    operator View<const T, 1>() const
+        requires(!std::is_const_v<T>)
+    {
+        return {data, {size[0]}};
+    }
+};
+
+template <class T>
+using Vector = View<T, 1>;
+template <class T>
+using Matrix = View<T, 2>;
+template <class T>
+using Tensor = View<T, 3>;
+template <class T>
+using Blocks = View<T, 4>;
+
+// Images first <= image < last of a batch: whole stretches, but for the end of the batch.
+struct Range {
+    long first = 0;
+    long last = 0;
+};
+
+// Images of one stretch may start from one another's solutions; each stretch starts afresh. Its
+// length is fixed, so that no result depends on the number of threads, nor on how a file is cut into
+// batches of whole stretches.
+constexpr long STRETCH = 64;
+
+// From outside the code of any instruction set.
+[[noreturn]] void raise_out_of_memory(long bytes);
+
+// Of a clock that is never set.
+double steady_seconds();
+
+// Blocks of zeros that live as long as the workspace.
+class Workspace {
+  public:
+    Workspace() = default;
+    Workspace(const Workspace&) = delete;
+    Workspace& operator=(const Workspace&) = delete;
+    ~Workspace() {
+        while (last_) {
+            Block* before = last_->before;
+            ::operator delete(last_, std::align_val_t{64});
+            last_ = before;
+        }
+    }
+
+    // `count` zeros, aligned to 64 bytes and followed by a vector's worth of padding.
+    template <class T>
+    T* zeros(long count) {
+        const size_t bytes = (static_cast<size_t>(count) * sizeof(T) + 63) / 64 * 64 + 64;
+        Block* block = static_cast<Block*>(
+            ::operator new(sizeof(Block) + bytes, std::align_val_t{64}, std::nothrow));
+        if (!block) raise_out_of_memory(static_cast<long>(bytes));
+        block->before = last_;
+        last_ = block;
+        ::memset(block + 1, 0, bytes);
+        return reinterpret_cast<T*>(block + 1);
+    }
+
+    template <class T>
+    Vector<T> vector(long n) {
+        return {zeros<T>(n), {n}};
+    }
+    template <class T>
+    Matrix<T> matrix(long rows, long columns) {
+        return {zeros<T>(rows * columns), {rows, columns}};
+    }
+    template <class T>
+    Tensor<T> tensor(long n, long rows, long columns) {
+        return {zeros<T>(n * rows * columns), {n, rows, columns}};
+    }
+
+  private:
+    struct alignas(64) Block {
+        Block* before;
+    };
+    Block* last_ = nullptr;
+};
+
+}  // namespace shapefit
