@@ -22,7 +22,7 @@ def solve_newton(
     `threads` = 0 means all cores. For the EXACT loss the relative residual ||W - sum M_i B_i|| /
     ||W|| must fall below the tolerance too, and the gap is nan where it does not. An image with
     fewer than two visible landmarks is DEGENERATE. The method is written down in
-    shapefit/core/convex: primal_dual.hpp and lagrangian.hpp.
+    shapefit/core/convex/newton.hpp.
     """
     n, _, p = problem.landmarks.shape
     k = len(problem.atoms)

@@ -137,10 +137,11 @@ void invert(long n, Triangle<Lanes> L, const Lanes* reciprocal) {
 }
 
 // out_v = M x_v for `count` vectors of n numbers, one after another.
-template <int count, class Doubles>
-[[gnu::always_inline]] inline void multiply(long n, Triangle<Doubles> M, const Doubles* x, Doubles* __restrict out) {
+template <int count, class Lanes>
+[[gnu::always_inline]] inline void multiply(long n, Triangle<Lanes> M, const Lanes* x,
+                                            Lanes* __restrict out) {
     for (long i = 0; i < n; i += TILE) {
-        Doubles sums[TILE][count] = {};
+        Lanes sums[TILE][count] = {};
         add_products(sums, 0, i + TILE, [&](long k, int r) { return M[i + r][k]; },
                      [&](long k, int v) { return x[v * n + k]; });
         for (int r = 0; r < TILE; ++r)
@@ -149,11 +150,11 @@ template <int count, class Doubles>
 }
 
 // out_v = M^T x_v likewise.
-template <int count, class Doubles>
-[[gnu::always_inline]] inline void multiply_transposed(long n, Triangle<Doubles> M, const Doubles* x,
-                                                       Doubles* __restrict out) {
+template <int count, class Lanes>
+[[gnu::always_inline]] inline void multiply_transposed(long n, Triangle<Lanes> M, const Lanes* x,
+                                                       Lanes* __restrict out) {
     for (long i = 0; i < n; i += TILE) {
-        Doubles sums[TILE][count] = {};
+        Lanes sums[TILE][count] = {};
         add_products(sums, i, n, [&](long k, int r) { return M[k][i + r]; },
                      [&](long k, int v) { return x[v * n + k]; });
         for (int r = 0; r < TILE; ++r)

@@ -13,15 +13,17 @@ void subtract(double* __restrict row, double share, const double* other, long j,
 
 // U in the place of four rows, which have lost what the rows above take; false where S has no U.
 bool factorise_rows(double* S, long i, long stride, double& log_det) {
+    double product = 1;
     for (long r = i; r < i + TILE_ROWS; ++r) {
         double* row = S + r * stride;
         for (long m = i; m < r; ++m) subtract(row, S[m * stride + r], S + m * stride, r, stride);
         if (!(row[r] > TINY)) return false;
+        product *= row[r];
         const double pivot = root(row[r]), inverse = 1 / pivot;
-        log_det += 2 * log(pivot);
         for (long c = r / PADDING * PADDING; c < stride; ++c) row[c] *= inverse;
         row[r] = pivot;
     }
+    log_det += log(product);
     return true;
 }
 

@@ -1,12 +1,12 @@
 #include "../base/registry.hpp"
 #include "objective.hpp"
-#include "../pose/rotations.hpp"
+#include "../pose/rotation.hpp"
 
 namespace shapefit {
 
 void rotation_of(const double* q, double* R) {
     bilinear_rows(q, q, R);
-    complete(R);
+    cross(R, R + 3, R + 6);
 }
 
 void quaternion_of(const double* R, double* q) {

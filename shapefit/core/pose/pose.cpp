@@ -2,7 +2,7 @@
 #include "../base/registry.hpp"
 #include "../base/lanes.hpp"
 #include "../base/vectors.hpp"
-#include "rotations.hpp"
+#include "rotation.hpp"
 #include "../shared/data.hpp"
 #include "../shared/rotation_step.hpp"
 

@@ -4,7 +4,7 @@
 #include "../base/small_matrices.hpp"
 #include "../convex/blocks.hpp"
 #include "../global/objective.hpp"
-#include "rotations.hpp"
+#include "rotation.hpp"
 #include "../shared/synchronisation.hpp"
 
 namespace shapefit {
@@ -26,7 +26,7 @@ void turn(const double* M, double c, bool orthogonal, double* cR) {
         return;
     }
     for (int e = 0; e < 6; ++e) cR[e] = M[e];
-    complete(cR);
+    cross(cR, cR + 3, cR + 6);
     for (int b = 0; b < 3; ++b) cR[6 + b] = c > 0 ? cR[6 + b] / c : 0;
 }
 

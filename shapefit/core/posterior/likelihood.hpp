@@ -19,10 +19,9 @@
 // and a landmark is believed by the odds of its expected Gaussian density beside g u.
 #pragma once
 
-#include "../base/lanes.hpp"
-#include "../base/memory.hpp"
-#include "data.hpp"
 #include "../base/lane_triangles.hpp"
+#include "../pose/rotation.hpp"
+#include "data.hpp"
 
 namespace shapefit {
 
@@ -41,6 +40,33 @@ inline long corner(long i) { return i * (i + 1) / 2; }
 // The m seen landmarks of an image.
 template <class Number>
 struct Observed {
+    Observed(Workspace& workspace, long p)
+        : index(workspace.zeros<long>(p)),
+          w(workspace.zeros<Number>(2 * p)),
+          slope(workspace.zeros<Number>(2 * p)),
+          misfit(workspace.zeros<Number>(p)),
+          noise(workspace.zeros<Number>(3 * p)) {}
+
+    void take(const PosteriorData& data, long image) {
+        const double* V = data.noise[image].data;
+        m = 0;
+        noisy = false;
+        for (long j = 0; j < data.landmarks.size[2]; ++j) {
+            if (!is_finite(data.misfit[image][j])) continue;
+            const long e = m++;
+            index[e] = j;
+            misfit[e] = static_cast<Number>(data.misfit[image][j]);
+            for (int a = 0; a < 2; ++a) {
+                w[2 * e + a] = static_cast<Number>(data.landmarks[image][a][j]);
+                slope[2 * e + a] = static_cast<Number>(data.slopes[image][a][j]);
+            }
+            noise[3 * e] = static_cast<Number>(V[4 * j]);
+            noise[3 * e + 1] = static_cast<Number>(V[4 * j + 1]);
+            noise[3 * e + 2] = static_cast<Number>(V[4 * j + 3]);
+            noisy = noisy || V[4 * j] > 0 || V[4 * j + 3] > 0;
+        }
+    }
+
     long m = 0;
     long* index;     // (p,) their places among all p landmarks
     Number* w;       // (p, 2)
@@ -59,7 +85,7 @@ struct Pack {
 
 template <class Lanes>
 struct LaneView {
-    Lanes R[9];
+    RotationOf<Lanes> R;
     Lanes log_scale;
 };
 
@@ -74,32 +100,350 @@ struct Likelihood {
 // Rows of 2 m numbers are padded to n, a multiple of TILE.
 template <class Lanes>
 struct LikelihoodSpace {
-    LikelihoodSpace(Workspace& workspace, long n);
+    LikelihoodSpace(Workspace& workspace, long n) : workspace(workspace), n(n) {}
 
-    Triangle<Lanes> L;          // S_0, its Cholesky factor L, then L^-1 (2 m, 2 m)
-    Lanes* reciprocal;   // 1 / L_ii (2 m,)
-    Lanes* y;                    // (2 m,)
-    Lanes *r, *alpha;            // r and S^-1 r, then 1 along x and y and S_0^-1 of it (3, 2 m)
-    Lanes* white;                // L^-1 of r or of J (4, 2 m)
-    Lanes* BG;                   // (2, 2 m), see Translation
-    Lanes *mean, *X;     // R mu and X (m, 3)
-    Lanes* A;            // (m, 2, 3)
-    Lanes* F;            // z^T R C A^T, of depths with what is seen (m, 2 m)
-    Lanes* D;            // sum_k F_jk S^-1_kj (m, 2)
-    Lanes* J;            // (VIEW, 2 m) of r, then L^-1 of them
-    Lanes* diagonal;     // S^-1_jj (m, 3)
+    Workspace& workspace;
+    const long n;
+
+    Triangle<Lanes> L{room(Triangle<Lanes>::size(n))};  // S_0, its Cholesky factor L, then L^-1
+    Lanes* reciprocal = room(n);                        // 1 / L_ii (2 m,)
+    Lanes* y = room(n);                                 // (2 m,)
+    // r and S^-1 r, then 1 along x and y and S_0^-1 of it (3, 2 m)
+    Lanes *r = room(3 * n), *alpha = room(3 * n);
+    Lanes* white = room(VIEW * n);                            // L^-1 of r or of J (4, 2 m)
+    Lanes* BG = room(2 * n);                                  // (2, 2 m), see Translation
+    Lanes *mean = room(3 * n / 2), *X = room(3 * n / 2);      // R mu and X (m, 3)
+    Lanes* A = room(3 * n);                                   // (m, 2, 3)
+    Lanes* F = room(n * n / 2);         // z^T R C A^T, of depths with what is seen (m, 2 m)
+    Lanes* D = room(n);                 // sum_k F_jk S^-1_kj (m, 2)
+    Lanes* J = room(VIEW * n);          // (VIEW, 2 m) of r, then L^-1 of them
+    Lanes* diagonal = room(3 * n / 2);  // S^-1_jj (m, 3)
+
+  private:
+    Lanes* room(long count) { return workspace.zeros<Lanes>(count); }
 };
 
-template <class Number>
-Observed<Number> room_for_observed(Workspace& workspace, long p);
-template <class Number>
-void observe(const PosteriorData& data, long image, Observed<Number>& seen);
+// N_j = v + V / s^2 as xx, xy, yy.
+template <class Lanes>
+struct Noise {
+    Lanes xx, xy, yy;
+};
+
+template <class Lanes>
+[[gnu::always_inline]] inline Noise<Lanes> noise_of(const Observed<Number<Lanes>>& seen, long j, Lanes shrunk) {
+    const Number<Lanes>* V = seen.noise + 3 * j;
+    return {seen.misfit[j] + V[0] * shrunk, V[1] * shrunk, seen.misfit[j] + V[2] * shrunk};
+}
+
+template <class Lanes>
+void centre(const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, const LaneView<Lanes>& view, Lanes shrunk,
+            const LikelihoodSpace<Lanes>& space) {
+    const long n = tiled(2 * seen.m);
+    for (long j = 0; j < seen.m; ++j) {
+        const Lanes* mu = pack.mean + 3 * j;
+        for (int a = 0; a < 3; ++a)
+            space.mean[3 * j + a] = view.R[3 * a] * mu[0] + view.R[3 * a + 1] * mu[1] +
+                                    view.R[3 * a + 2] * mu[2];
+        for (int a = 0; a < 2; ++a) {
+            const Number<Lanes> slope = seen.slope[2 * j + a];
+            for (int c = 0; c < 3; ++c)
+                space.A[6 * j + 3 * a + c] = view.R[3 * a + c] - slope * view.R[6 + c];
+            space.r[n * (1 + a) + 2 * j + a] = all<Lanes>(1.0);
+            space.r[n * (2 - a) + 2 * j + a] = Lanes{};
+            space.y[2 * j + a] = seen.w[2 * j + a] * shrunk;
+            space.r[2 * j + a] = space.y[2 * j + a] - space.mean[3 * j + a] + slope * space.mean[3 * j + 2];
+        }
+    }
+}
+
+// S_0, and the covariances F_jk = z^T R C_jk A_k^T of the depth of j with what is seen of k.
+template <class Lanes>
+void fill_covariance(const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, const LaneView<Lanes>& view, Lanes shrunk,
+                     const Lanes* belief, const LikelihoodSpace<Lanes>& space) {
+    const long n = tiled(2 * seen.m);
+    const Lanes* z = view.R + 6;
+    for (long j = 0; j < seen.m; ++j) {
+        Lanes *upper = space.L[2 * j], *lower = space.L[2 * j + 1];
+        Lanes Aj[6];
+        for (int e = 0; e < 6; ++e) Aj[e] = space.A[6 * j + e];
+        for (long k = 0; k <= j; ++k) {
+            const Lanes *C = pack.covariance + 9 * (corner(j) + k), *A = space.A + 6 * k;
+            Lanes T[9];  // A_j C_jk, then z^T R C_jk
+            for (int c = 0; c < 3; ++c) {
+                T[c] = Aj[0] * C[c] + Aj[1] * C[3 + c] + Aj[2] * C[6 + c];
+                T[3 + c] = Aj[3] * C[c] + Aj[4] * C[3 + c] + Aj[5] * C[6 + c];
+                T[6 + c] = z[0] * C[c] + z[1] * C[3 + c] + z[2] * C[6 + c];
+            }
+            const Lanes last = T[3] * A[3] + T[4] * A[4] + T[5] * A[5];
+            upper[2 * k] = T[0] * A[0] + T[1] * A[1] + T[2] * A[2];
+            lower[2 * k] = T[3] * A[0] + T[4] * A[1] + T[5] * A[2];
+            lower[2 * k + 1] = last;
+            if (k < j) upper[2 * k + 1] = T[0] * A[3] + T[1] * A[4] + T[2] * A[5];
+            Lanes *Fj = space.F + j * n + 2 * k, *Fk = space.F + k * n + 2 * j;
+            Fk[0] = T[0] * z[0] + T[1] * z[1] + T[2] * z[2];
+            Fk[1] = T[3] * z[0] + T[4] * z[1] + T[5] * z[2];
+            Fj[0] = T[6] * A[0] + T[7] * A[1] + T[8] * A[2];
+            Fj[1] = T[6] * A[3] + T[7] * A[4] + T[8] * A[5];
+        }
+        const Noise<Lanes> N = noise_of(seen, j, shrunk);
+        const Lanes share = 1.0 / belief[j];
+        upper[2 * j] += N.xx * share;
+        lower[2 * j] += N.xy * share;
+        lower[2 * j + 1] += N.yy * share;
+    }
+    // beyond what is seen: the identity, and nothing that goes with it
+    for (long e = 2 * seen.m; e < n; ++e) {
+        for (long k = 0; k <= e; ++k) space.L[e][k] = all<Lanes>(k == e ? 1.0 : 0.0);
+        for (long j = 0; j < n / 2; ++j) space.F[j * n + e] = Lanes{};
+        for (long j = 0; j < n; ++j) space.F[e / 2 * n + j] = Lanes{};
+        for (int a = 0; a < 3; ++a) space.r[a * n + e] = Lanes{};
+        for (int i = 0; i < VIEW; ++i) space.J[i * n + e] = Lanes{};
+    }
+}
+
+// The translation t ~ N(0, TAU^2 I); with B = S_0^-1 1
+//
+//     G = (1^T B + I / TAU^2)^-1,   E[t] = G 1^T S_0^-1 r,   S^-1 = S_0^-1 - B G B^T
+template <class Lanes>
+struct Translation {
+    Lanes xx, xy, yy;  // G
+    Lanes x, y;        // E[t]
+    Lanes square, log_det;  // <r, S^-1 r> and log det S, less those of S_0
+};
+
+// alpha = S_0^-1 (r - 1 E[t]) = S^-1 r, B and B G.
+template <class Lanes>
+Translation<Lanes> solve(long n, const LikelihoodSpace<Lanes>& space) {
+    multiply<3>(n, space.L, space.r, space.white);
+    multiply_transposed<3>(n, space.L, space.white, space.alpha);
+    Lanes *alpha = space.alpha, *Bx = alpha + n, *By = Bx + n;
+    Lanes xx = all<Lanes>(1 / TAU_SQUARE), xy = {}, yy = xx, x = {}, y = {};
+    for (long e = 0; e < n; e += 2) {
+        xx += Bx[e];
+        xy += By[e];
+        yy += By[e + 1];
+        x += alpha[e];
+        y += alpha[e + 1];
+    }
+    const Lanes det = xx * yy - xy * xy, scale = 1.0 / det;
+    Translation<Lanes> t{yy * scale, -xy * scale, xx * scale, {}, {}, {}, logarithm(det * all<Lanes>(square(TAU_SQUARE)))};
+    t.x = t.xx * x + t.xy * y;
+    t.y = t.xy * x + t.yy * y;
+    t.square = -(x * t.x + y * t.y);
+    for (long e = 0; e < n; ++e) {
+        alpha[e] -= Bx[e] * t.x + By[e] * t.y;
+        space.BG[e] = Bx[e] * t.xx + By[e] * t.xy;
+        space.BG[n + e] = Bx[e] * t.xy + By[e] * t.yy;
+    }
+    return t;
+}
+
+// X = R mu + R C A^T alpha: in depth by F, and across by P X = y - N alpha - E[t].
+template <class Lanes>
+void expect(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lanes* belief, const Translation<Lanes>& t,
+            const LikelihoodSpace<Lanes>& space) {
+    const long N = 2 * seen.m, n = tiled(N);
+    for (long j = 0; j < seen.m; ++j) {
+        const Lanes *F = space.F + j * n, *alpha = space.alpha + 2 * j, *y = space.y + 2 * j;
+        const Noise<Lanes> noise = noise_of(seen, j, shrunk);
+        const Lanes share = 1.0 / belief[j];
+        Lanes z = space.mean[3 * j + 2];
+        for (long e = 0; e < N; ++e) z += F[e] * space.alpha[e];
+        Lanes* X = space.X + 3 * j;
+        X[0] = y[0] - (noise.xx * alpha[0] + noise.xy * alpha[1]) * share - t.x + seen.slope[2 * j] * z;
+        X[1] = y[1] - (noise.xy * alpha[0] + noise.yy * alpha[1]) * share - t.y + seen.slope[2 * j + 1] * z;
+        X[2] = z;
+    }
+}
+
+// The blocks S^-1_jj, and, unless they are `alone`, D_j = sum_k F_jk S^-1_kj (m, 2).
+template <class Lanes>
+void pull_back(const Observed<Number<Lanes>>& seen, bool alone, const LikelihoodSpace<Lanes>& space) {
+    const long N = 2 * seen.m, n = tiled(N);
+    for (long e = 0; e < n; ++e) space.D[e] = Lanes{};
+    for (long j = 0; j < n; j += TILE)
+        for (long k = alone ? j : 0; k <= j; k += TILE) {
+            Lanes inverse[TILE][TILE] = {};  // a tile of S_0^-1
+            add_products(inverse, j, n, [&](long i, int r) { return space.L[i][j + r]; },
+                         [&](long i, int c) { return space.L[i][k + c]; });
+            for (int r = 0; r < TILE; ++r)
+                for (int c = 0; c < TILE; ++c) {
+                    space.D[j + r] += inverse[r][c] * space.F[(j + r) / 2 * n + k + c];
+                    if (k < j) space.D[k + c] += inverse[r][c] * space.F[(k + c) / 2 * n + j + r];
+                }
+            for (int r = 0; j == k && r < TILE; r += 2) {
+                Lanes* diagonal = space.diagonal + 3 * ((j + r) / 2);
+                diagonal[0] = inverse[r][r];
+                diagonal[1] = inverse[r + 1][r];
+                diagonal[2] = inverse[r + 1][r + 1];
+            }
+        }
+    const Lanes *Bx = space.alpha + n, *By = Bx + n, *Gx = space.BG, *Gy = Gx + n;
+    for (long j = 0; j < seen.m; ++j) {
+        const Lanes* F = space.F + j * n;
+        Lanes x = {}, y = {};
+        for (long e = 0; e < N; ++e) {
+            x += F[e] * Bx[e];
+            y += F[e] * By[e];
+        }
+        const long e = 2 * j;
+        space.D[e] -= x * Gx[e] + y * Gy[e];
+        space.D[e + 1] -= x * Gx[e + 1] + y * Gy[e + 1];
+        space.diagonal[3 * j] -= Bx[e] * Gx[e] + By[e] * Gy[e];
+        space.diagonal[3 * j + 1] -= Bx[e] * Gx[e + 1] + By[e] * Gy[e + 1];
+        space.diagonal[3 * j + 2] -= Bx[e + 1] * Gx[e + 1] + By[e + 1] * Gy[e + 1];
+    }
+}
+
+// Half the change of log det S with a turn G, sum_j tr(P_j G V_j), where V_j (3, 2), the rows of
+// sum_k R C_jk A_k^T S^-1_kj, is D_j in depth, and P_j V_j = I - N_j S^-1_jj - (B G)_j.
+template <class Lanes>
+void turn_determinant(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lanes* belief,
+                      const LikelihoodSpace<Lanes>& space, Lanes* gradient) {
+    const Lanes* BG = space.BG;
+    const long n = tiled(2 * seen.m);
+    for (long j = 0; j < seen.m; ++j) {
+        const Lanes *I = space.diagonal + 3 * j, *D = space.D + 2 * j;
+        const Number<Lanes>* u = seen.slope + 2 * j;
+        const Noise<Lanes> noise = noise_of(seen, j, shrunk);
+        const Lanes share = 1.0 / belief[j];
+        Lanes V[2][2];
+        for (int b = 0; b < 2; ++b) {
+            const Lanes column[2] = {I[b], I[1 + b]};
+            V[0][b] = u[0] * D[b] - BG[2 * j + b] - (noise.xx * column[0] + noise.xy * column[1]) * share;
+            V[1][b] = u[1] * D[b] - BG[n + 2 * j + b] - (noise.xy * column[0] + noise.yy * column[1]) * share;
+            V[b][b] += 1.0;
+        }
+        gradient[0] -= D[1] + u[0] * V[1][0] + u[1] * V[1][1];
+        gradient[1] += D[0] + u[0] * V[0][0] + u[1] * V[0][1];
+        gradient[2] += V[0][1] - V[1][0];
+    }
+}
+
+// The derivatives of r: -P_j G_i X for the turns, -y for log s.
+template <class Lanes>
+void linearise(const Observed<Number<Lanes>>& seen, const LikelihoodSpace<Lanes>& space) {
+    const long n = tiled(2 * seen.m);
+    for (long j = 0; j < seen.m; ++j) {
+        const Lanes* X = space.X + 3 * j;
+        Lanes* J = space.J + 2 * j;
+        const Number<Lanes>* slope = seen.slope + 2 * j;
+        J[0] = slope[0] * X[1];
+        J[1] = X[2] + slope[1] * X[1];
+        J[n] = -X[2] - slope[0] * X[0];
+        J[n + 1] = -slope[1] * X[0];
+        J[2 * n] = X[1];
+        J[2 * n + 1] = -X[0];
+        J[3 * n] = -space.y[2 * j];
+        J[3 * n + 1] = -space.y[2 * j + 1];
+    }
+}
+
+template <class Lanes>
+void differentiate(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lanes* belief, const Translation<Lanes>& t,
+                   const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found) {
+    const long N = 2 * seen.m, n = tiled(N);
+    linearise(seen, space);
+    for (int i = 0; i < VIEW; ++i) {
+        Lanes total = {};
+        for (long e = 0; e < N; ++e) total += space.J[i * n + e] * space.alpha[e];
+        found.gradient[i] = total;
+    }
+    turn_determinant(seen, shrunk, belief, space, found.gradient);
+    found.gradient[3] += static_cast<Number<Lanes>>(N - 2);
+    if (seen.noisy)
+        for (long j = 0; j < seen.m; ++j) {
+            const Number<Lanes>* V = seen.noise + 3 * j;
+            const Lanes *alpha = space.alpha + 2 * j, *D = space.diagonal + 3 * j;
+            const Noise<Lanes> noise = noise_of(seen, j, shrunk);
+            const Lanes det = noise.xx * noise.yy - noise.xy * noise.xy;
+            found.gradient[3] +=
+                shrunk * ((V[0] * (alpha[0] * alpha[0] - D[0]) + V[2] * (alpha[1] * alpha[1] - D[2]) +
+                           2 * V[1] * (alpha[0] * alpha[1] - D[1])) /
+                              belief[j] +
+                          (1.0 - belief[j]) *
+                              (V[0] * noise.yy + V[2] * noise.xx - 2 * V[1] * noise.xy) / det);
+        }
+    multiply<VIEW>(n, space.L, space.J, space.white);
+    Lanes along[VIEW][2] = {};  // J B
+    for (int i = 0; i < VIEW; ++i)
+        for (long e = 0; e < N; ++e)
+            for (int a = 0; a < 2; ++a) along[i][a] += space.J[i * n + e] * space.alpha[(1 + a) * n + e];
+    for (int i = 0; i < VIEW; ++i)
+        for (int j = 0; j <= i; ++j) {
+            Lanes total = -along[i][0] * (t.xx * along[j][0] + t.xy * along[j][1]) -
+                          along[i][1] * (t.xy * along[j][0] + t.yy * along[j][1]);
+            for (long e = 0; e < n; ++e) total += space.white[i * n + e] * space.white[j * n + e];
+            found.curvature[VIEW * i + j] = found.curvature[VIEW * j + i] = total;
+        }
+}
+
+// log N(r; 0, P) of a landmark as the others predict it: with D = S^-1_jj and a = alpha_j it is
+// off by r = D^-1 a, with the covariance P = D^-1 - N / q + N.
+template <class Lanes>
+Lanes predict(const Noise<Lanes>& N, Lanes q, const Lanes* a, const Lanes* D) {
+    const Lanes scale = 1.0 / (D[0] * D[2] - D[1] * D[1]);
+    const Lanes rx = (D[2] * a[0] - D[1] * a[1]) * scale, ry = (D[0] * a[1] - D[1] * a[0]) * scale;
+    const Lanes less = 1.0 - 1.0 / q;
+    const Lanes xx = D[2] * scale + N.xx * less, yy = D[0] * scale + N.yy * less;
+    const Lanes xy = -D[1] * scale + N.xy * less;
+    const Lanes det = larger(xx * yy - xy * xy, all<Lanes>(1e-12));
+    return -0.5 * ((yy * rx * rx - 2.0 * xy * rx * ry + xx * ry * ry) / det + logarithm(det)) -
+           all<Lanes>(LOG_TWO_PI);
+}
+
+// Add the terms of the belief to the value; the next belief.
+template <class Lanes>
+void believe(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const LaneView<Lanes>& view, Lanes shrunk,
+             const Lanes* belief,
+             bool by_others, const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found, Lanes* next) {
+    if (!(data.chance > 0)) {
+        for (long j = 0; j < seen.m; ++j) next[j] = all<Lanes>(1.0);
+        return;
+    }
+    const Number<Lanes> kept = log1p(-data.chance);
+    const Lanes gross = all<Lanes>(log(data.chance * data.density)) + 2.0 * view.log_scale;
+    for (long j = 0; j < seen.m; ++j) {
+        const Noise<Lanes> N = noise_of(seen, j, shrunk);
+        const Lanes q = belief[j], rest = 1.0 - q;
+        found.gradient[3] -= 2.0 * rest;
+        const Lanes log_size = 0.5 * logarithm(N.xx * N.yy - N.xy * N.xy) + all<Lanes>(LOG_TWO_PI);
+        const Lanes *a = space.alpha + 2 * j, *D = space.diagonal + 3 * j;
+        const Lanes square = N.xx * (a[0] * a[0] - D[0]) + 2.0 * N.xy * (a[0] * a[1] - D[1]) +
+                             N.yy * (a[1] * a[1] - D[2]);
+        const Lanes expected = square / (q * q) + 2.0 / q;
+        const Lanes density = by_others ? predict(N, q, a, D) : -log_size - 0.5 * expected;
+        const Lanes odds = kept + density - gross;
+        const Lanes steep = larger(smaller(odds, all<Lanes>(40.0)), all<Lanes>(-40.0));
+        next[j] = larger(1.0 / (1.0 + exponential(-steep)), all<Lanes>(LEAST_BELIEF<Lanes>));
+        found.value += rest * (log_size + gross) + q * kept - (1.0 + q) * logarithm(q) -
+                       rest * logarithm(rest + all<Lanes>(1e-30));
+    }
+}
 
 // `belief` q (m,) in, `next` (m,) its next fixed point; or, `by_others`, what the other landmarks
 // alone say of each, which a gross landmark cannot sway. Derivatives only where they are wanted.
 template <class Lanes>
 void find_likelihood(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack,
                      const LaneView<Lanes>& view, const Lanes* belief, bool by_others, bool derived,
-                     const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found, Lanes* next);
+                     const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found, Lanes* next) {
+    const long N = 2 * seen.m, n = tiled(N);
+    const Lanes shrink = exponential(-view.log_scale);
+    centre(seen, pack, view, shrink, space);
+    fill_covariance(seen, pack, view, shrink * shrink, belief, space);
+    const Lanes log_det = factorise(n, space.L, space.reciprocal);
+    invert(n, space.L, space.reciprocal);
+    const Translation<Lanes> t = solve(n, space);
+    found.surprise = t.square;
+    for (long e = 0; e < n; ++e) found.surprise += space.white[e] * space.white[e];
+    found.value = -0.5 * (found.surprise + log_det + t.log_det + all<Lanes>(static_cast<double>(N) * LOG_TWO_PI)) -
+                  static_cast<Number<Lanes>>(N - 2) * view.log_scale;
+    pull_back(seen, !derived, space);
+    if (derived) {
+        expect(seen, shrink * shrink, belief, t, space);
+        differentiate(seen, shrink * shrink, belief, t, space, found);
+    }
+    believe(data, seen, view, shrink * shrink, belief, by_others, space, found, next);
+}
 
 }  // namespace shapefit

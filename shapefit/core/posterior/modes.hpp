@@ -7,7 +7,7 @@ namespace shapefit {
 
 struct Mode {
     long component;
-    double R[9];
+    Rotation R;
     double log_scale;
     double log_evidence;
     double surprise;

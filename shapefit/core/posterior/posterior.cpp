@@ -2,7 +2,7 @@
 #include "../base/small_matrices.hpp"
 #include "data.hpp"
 #include "modes.hpp"
-#include "side_by_side.hpp"
+#include "search.hpp"
 
 namespace shapefit {
 
@@ -196,7 +196,7 @@ void find_posterior(const PosteriorData& data, Range range) {
             data.mode_log_evidence[image][i] = -INFINITE;
         }
         const Observed<double>& seen = search.late.seen;
-        observe(data, image, search.late.seen);
+        search.late.seen.take(data, image);
         search.arrived.count = 0;
         if (seen.m >= 3) data.rounds[image] = climb_all(data, image, NEGLIGIBLE + LAPLACE, search);
         for (long i = 0; i < search.arrived.count; ++i)

@@ -5,7 +5,7 @@
 #include "../base/lanes.hpp"
 #include "../base/vectors.hpp"
 #include "../base/memory.hpp"
-#include "../pose/rotations.hpp"
+#include "../pose/rotation.hpp"
 #include "../shared/rotation_step.hpp"
 
 namespace shapefit {
@@ -101,7 +101,7 @@ inline Triple draw_triple(uint64_t& state, long m) {
 // Poses x -> s Rbar x + T, one a lane.
 struct PoseLanes {
     Doubles size;  // s, 0 where the triple determines no pose
-    Doubles R[9];
+    RotationOf<Doubles> R;
     Doubles T[2];
 };
 
@@ -120,7 +120,7 @@ void pose_triples(const SeenLandmarks& seen, const Triple* triples, PoseLanes po
 
 struct WeakPose {
     double size;
-    double R[9];
+    Rotation R;
     double T[2];
 };
 
@@ -168,7 +168,7 @@ void gather(const SeenLandmarks& seen, const Triple* triples, TripleLanes& lanes
 
 // The plane of a triangle in the shape.
 struct Plane {
-    Doubles Q[9];           // an orthonormal basis, and the normal
+    RotationOf<Doubles> Q;        // an orthonormal basis, and the normal
     Doubles base, along, height;  // to_S = base Q_0 and along Q_0 + height Q_1
 };
 
@@ -176,10 +176,10 @@ inline Plane span(const TripleLanes& triple) {
     Plane plane;
     plane.base = root(inner3(triple.to_S[0], triple.to_S[0]));
     for (int b = 0; b < 3; ++b) plane.Q[b] = triple.to_S[0][b] / plane.base;
-    plane.along = inner3(plane.Q, triple.to_S[1]);
+    plane.along = inner3<Doubles>(plane.Q, triple.to_S[1]);
     for (int b = 0; b < 3; ++b) plane.Q[3 + b] = triple.to_S[1][b] - plane.along * plane.Q[b];
     plane.height = root(inner3(plane.Q + 3, plane.Q + 3));
-    orthonormalise(plane.Q);
+    plane.Q.orthonormalise();
     return plane;
 }
 
@@ -211,7 +211,7 @@ void pose_triples(const SeenLandmarks& seen, const Triple* triples, PoseLanes po
             for (int b = 0; b < 3; ++b)
                 pose.R[3 * a + b] = (G[a][0] * plane.Q[b] + G[a][1] * plane.Q[3 + b] +
                                      sign * normal[a] * plane.Q[6 + b]) / s;
-        orthonormalise(pose.R);
+        pose.R.orthonormalise();
         for (int a = 0; a < 2; ++a) pose.T[a] = triple.w[a] - s * inner3(pose.R + 3 * a, triple.S);
     }
 }

@@ -2,7 +2,7 @@
 
 #include "../base/registry.hpp"
 #include "../base/lanes.hpp"
-#include "../pose/rotations.hpp"
+#include "../pose/rotation.hpp"
 
 namespace shapefit {
 namespace {
@@ -151,7 +151,7 @@ void retract(const double* R, const double* step, double* out) {
         out[b] = R[b] + step[0] * R[6 + b] - turn * R[3 + b];
         out[3 + b] = R[3 + b] + step[1] * R[6 + b] + turn * R[b];
     }
-    orthonormalise(out);
+    reinterpret_cast<Rotation*>(out)->orthonormalise();
 }
 
 Misfit take_rotation_step(Matrix<const double> P, Matrix<const double> D, bool free_scale,
@@ -178,7 +178,7 @@ void retract_rotation(Matrix<const double> R, Vector<const double> step, Matrix<
     retract(R.data, step.data, out.data);
 }
 
-void orthonormalise_rows(Matrix<double> R) { orthonormalise(R.data); }
+void orthonormalise_rows(Matrix<double> R) { reinterpret_cast<Rotation*>(R.data)->orthonormalise(); }
 
 const Exported<take_rotation_step> rotation_step_exported{"rotation_step", PART};
 const Exported<rotation_value> rotation_value_exported{"rotation_value", PART};

@@ -3,7 +3,7 @@
 #include "../base/registry.hpp"
 #include "../base/lanes.hpp"
 #include "../base/memory.hpp"
-#include "../pose/rotations.hpp"
+#include "../pose/rotation.hpp"
 
 namespace shapefit {
 namespace {
@@ -131,7 +131,7 @@ bool polar_rotation(Matrix<const double> matrix, Matrix<double> R) {
     } else {
         polar_of_rank_one(A, xx, yy, xy, R.data);
     }
-    complete(R.data);
+    cross(R.data, R.data + 3, R.data + 6);
     return true;
 }
 

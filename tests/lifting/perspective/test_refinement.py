@@ -91,30 +91,6 @@ def objective(scene, image, atoms, prior, R, t, c, ridge, softness):
     return 0.5 * (loss + ridge * ((c - prior) ** 2).sum())
 
 
-def test_the_kernel_projects_as_project_does(noisy, atoms, rng):
-    """One landmark is behind the camera: nan for the one, infinite for the other."""
-    X, r = np.empty((3, P)), np.empty((2, P))
-    for image, sign in enumerate((1.0, -1.0)):
-        seen = replace(noisy.camera.take([image]), sign=sign)
-        R, c = noisy.rotation[image], noisy.coefficients[image]
-        t = np.array([0.3, -0.2, sign * 0.5])
-        omega, w = noisy.weights[image], noisy.landmarks[image]
-        core.parts.project_perspective(
-            landmarks=w[None], weights=omega[None], atoms=atoms, prior=c, focal=seen.focal,
-            centre=seen.centre, sign=sign, ridge=0.0, softness=1.0, max_rounds=0,
-            rotation=R[None].copy(),
-            translation=t[None], coefficients=c[None], objective=np.empty(1),
-            rounds=np.empty(1, np.int64), status=np.empty(1, np.int64), X=X, r=r,
-        )  # fmt: skip
-        points = R @ np.tensordot(c, atoms, axes=1) + t[:, None]
-        u = project(seen, points[None])[0]
-        np.testing.assert_allclose(X, points, atol=1e-12)
-        behind = np.isnan(u).all(axis=0)
-        assert 0 < behind.sum() < P
-        np.testing.assert_array_equal(np.isinf(r), np.stack([behind, behind]))
-        np.testing.assert_allclose(r[:, ~behind], (omega * (u - w))[:, ~behind], rtol=1e-9)
-
-
 def test_planted_shapes_and_poses_are_found(planted, atoms, prior):
     found = refine(planted, atoms, prior, ridge=1e-9, max_rounds=5000)
     assert set(found.status) == {Status.CONVERGED}

@@ -1,7 +1,9 @@
-#include "side_by_side.hpp"
+// The climbs of an image side by side, as many in a block as lanes; those that go on close ranks.
+#pragma once
+
+#include "climb.hpp"
 
 namespace shapefit {
-namespace {
 
 constexpr long ROUNDS = 2;  // after which ranks are closed
 constexpr long QUICK = 16;  // rounds in single precision; what takes longer starts again in double
@@ -9,6 +11,91 @@ constexpr long MOST_ROUNDS = 200;  // in double
 constexpr double AGREEMENT = 1;    // of single and double precision at the end, in log likelihood
 constexpr double MOST_GROWTH = 100;  // of the scale, on the way up
 constexpr double HOPE = 2;  // how many times what a step promises a climb may still gain
+
+// The components as the lanes take them: mu (K, p, 3), and C_jk (3, 3) for k <= j.
+struct Components {
+    Components(Workspace& workspace, const PosteriorData& data)
+        : count(data.means.size[0]),
+          means(workspace.matrix<double>(count, 3 * data.means.size[2])),
+          covariances(workspace.matrix<double>(count, 9 * corner(data.means.size[2]))) {
+        const long p = data.means.size[2];
+        for (long k = 0; k < count; ++k)
+            for (long j = 0; j < p; ++j)
+                for (int a = 0; a < 3; ++a) {
+                    means[k][3 * j + a] = data.means[k][a][j];
+                    for (long l = 0; l <= j; ++l)
+                        for (int b = 0; b < 3; ++b)
+                            covariances[k][9 * (corner(j) + l) + 3 * a + b] =
+                                data.covariances[k][a * p + j][b * p + l];
+                }
+    }
+
+    long count;
+    Matrix<double> means, covariances;
+};
+
+template <class Lanes>
+struct Climbs {
+    Climbs(Workspace& workspace, long most, long p)
+        : pair(workspace.zeros<long>(most + width<Lanes>)),
+          size(climb_size<Lanes>(p)),
+          lanes(workspace.zeros<Lanes>((most + width<Lanes> - 1) / width<Lanes> * size)) {}
+
+    Climb<Lanes>& block(long b) const { return *reinterpret_cast<Climb<Lanes>*>(lanes + b * size); }
+    Climb<Lanes>& operator[](long i) const { return block(i / width<Lanes>); }
+    long blocks() const { return (count + width<Lanes> - 1) / width<Lanes>; }
+    // Copy climb i of some climbs, or of these, where i is not before the end.
+    template <class Others>
+    void append(const Climbs<Others>& from, long i) {
+        const Others* source = from.lanes + i / width<Others> * size;
+        Lanes* target = lanes + count / width<Lanes> * size;
+        for (long e = 0; e < size; ++e)
+            target[e][count % width<Lanes>] = static_cast<Number<Lanes>>(source[e][i % width<Others>]);
+        pair[count++] = from.pair[i];
+    }
+    // Fill the last block with copies of its last climb.
+    void pad() {
+        const long own = count;
+        while (count % width<Lanes>) append(*this, own - 1);
+        count = own;
+    }
+
+    long count = 0;
+    long* pair;  // of start and component: K start + component
+    long size;   // of a block in Lanes
+    Lanes* lanes;
+};
+
+// What the lanes of one precision work with.
+template <class Lanes>
+struct Side {
+    Side(Workspace& workspace, const PosteriorData& data)
+        : seen(workspace, data.means.size[2]),
+          pack{workspace.zeros<Lanes>(3 * data.means.size[2]),
+               workspace.zeros<Lanes>(9 * corner(data.means.size[2]))},
+          space(workspace, data.means.size[2]),
+          climbs(workspace, data.starts.size[1] * data.means.size[0], data.means.size[2]) {}
+
+    Observed<Number<Lanes>> seen;
+    Pack<Lanes> pack;
+    ClimbSpace<Lanes> space;
+    Climbs<Lanes> climbs;
+};
+
+// A short way up in single precision; the end, and a long way, in double: also where single precision
+// loses its way.
+struct Search {
+    Search(Workspace& workspace, const PosteriorData& data)
+        : components(workspace, data),
+          going(workspace, data),
+          late(workspace, data),
+          arrived(workspace, data.starts.size[1] * data.means.size[0], data.means.size[2]) {}
+
+    Components components;
+    Side<Singles> going;
+    Side<Doubles> late;
+    Climbs<Doubles> arrived;
+};
 
 // The components of one block of lanes.
 template <class Lanes>
@@ -36,7 +123,7 @@ void fetch(const Components& components, long b, const Climbs<Lanes>& climbs, Si
 }
 
 // The s that fits s A mu + t to the landmarks best.
-double first_scale(const PosteriorData& data, const Observed<double>& seen, const double* R, long k) {
+inline double first_scale(const PosteriorData& data, const Observed<double>& seen, const double* R, long k) {
     const long p = data.means.size[2];
     const double* mu = data.means[k].data;
     double middle[2] = {}, origin[2] = {}, overlap = 0, square = 0, size = 0;
@@ -121,63 +208,6 @@ long go_on(const PosteriorData& data, long rounds, double margin, double& best, 
     }
 }
 
-}  // namespace
-
-Components::Components(Workspace& workspace, const PosteriorData& data)
-    : count(data.means.size[0]),
-      means(workspace.matrix<double>(count, 3 * data.means.size[2])),
-      covariances(workspace.matrix<double>(count, 9 * corner(data.means.size[2]))) {
-    const long p = data.means.size[2];
-    for (long k = 0; k < count; ++k)
-        for (long j = 0; j < p; ++j)
-            for (int a = 0; a < 3; ++a) {
-                means[k][3 * j + a] = data.means[k][a][j];
-                for (long l = 0; l <= j; ++l)
-                    for (int b = 0; b < 3; ++b)
-                        covariances[k][9 * (corner(j) + l) + 3 * a + b] =
-                            data.covariances[k][a * p + j][b * p + l];
-            }
-}
-
-template <class Lanes>
-Climbs<Lanes>::Climbs(Workspace& workspace, long most, long p)
-    : pair(workspace.zeros<long>(most + width<Lanes>)),
-      size(climb_size<Lanes>(p)),
-      lanes(workspace.zeros<Lanes>((most + width<Lanes> - 1) / width<Lanes> * size)) {}
-
-template <class Lanes>
-template <class Others>
-void Climbs<Lanes>::append(const Climbs<Others>& from, long i) {
-    const Others* source = from.lanes + i / width<Others> * size;
-    Lanes* target = lanes + count / width<Lanes> * size;
-    for (long e = 0; e < size; ++e)
-        target[e][count % width<Lanes>] = static_cast<Number<Lanes>>(source[e][i % width<Others>]);
-    pair[count++] = from.pair[i];
-}
-
-template <class Lanes>
-void Climbs<Lanes>::pad() {
-    const long own = count;
-    while (count % width<Lanes>) append(*this, own - 1);
-    count = own;
-}
-
-template <class Lanes>
-Side<Lanes>::Side(Workspace& workspace, const PosteriorData& data)
-    : seen(room_for_observed<Number<Lanes>>(workspace, data.means.size[2])),
-      pack{workspace.zeros<Lanes>(3 * data.means.size[2]),
-           workspace.zeros<Lanes>(9 * corner(data.means.size[2]))},
-      space(workspace, data.means.size[2]),
-      climbs(workspace, data.starts.size[1] * data.means.size[0], data.means.size[2]) {}
-
-Search::Search(Workspace& workspace, const PosteriorData& data)
-    : components(workspace, data),
-      going(workspace, data),
-      late(workspace, data),
-      arrived(workspace, data.starts.size[1] * data.means.size[0], data.means.size[2]) {}
-
-namespace {
-
 // Every start under every component.
 template <class Lanes>
 void place_all(const PosteriorData& data, long image, const Observed<double>& seen,
@@ -191,7 +221,7 @@ void place_all(const PosteriorData& data, long image, const Observed<double>& se
 
 // The likelihood in double precision and its Hessian, where those stand that are near the best.
 // Whether one of them stands on a stationary point, and all are worth what the climb took them for.
-bool finish_all(const PosteriorData& data, double margin, Search& search) {
+inline bool finish_all(const PosteriorData& data, double margin, Search& search) {
     Climbs<Doubles>& arrived = search.arrived;
     Side<Doubles>& late = search.late;
     double best = -INFINITE;
@@ -214,14 +244,15 @@ bool finish_all(const PosteriorData& data, double margin, Search& search) {
     return largest(standing) > 0 && !(largest(apart) > 0);
 }
 
-}  // namespace
-
-long climb_all(const PosteriorData& data, long image, double margin, Search& search) {
+// Climb from all starts of an image under every component. What has `arrived` is not further than
+// `margin` below the best, in log likelihood and weight, and finished; what is still moving there ran
+// out of rounds. Returns the steps taken.
+inline long climb_all(const PosteriorData& data, long image, double margin, Search& search) {
     Side<Singles>& going = search.going;
     Side<Doubles>& late = search.late;
     Climbs<Doubles>& arrived = search.arrived;
     double best = -INFINITE;
-    observe(data, image, going.seen);
+    going.seen.take(data, image);
     place_all(data, image, late.seen, going.climbs);
     late.climbs.count = arrived.count = 0;
     long steps = go_on(data, QUICK, margin, best, going, search);
