@@ -7,7 +7,6 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from shapefit import core
 from shapefit.convex.solution import Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, project
