@@ -2,7 +2,7 @@
 
 from shapefit.io.atomic import atomic_path, check_output, digest, digests
 from shapefit.io.dictionaries import read_dictionary, write_dictionary
-from shapefit.io.landmark_names import match_landmarks
+from shapefit.io.names import match_landmarks
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.source import (
     LandmarkSource,

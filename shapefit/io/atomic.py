@@ -23,7 +23,7 @@ from pathlib import Path, PurePosixPath
 from urllib.parse import quote
 
 from shapefit.errors import input_error, path_text
-from shapefit.io.sources import is_stream, require_file
+from shapefit.io.inputs import is_stream, require_file
 from shapefit.stores import UrlPath, check_target, uploaded
 
 Write = Callable[[Path], object]

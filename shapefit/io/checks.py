@@ -1,20 +1,95 @@
-"""Checks of values in files and in memory: finite, not negative, indices in range, named items."""
+"""What is wrong with values: the first ten problems are told, and the number of the others."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.errors import input_error
+from shapefit.errors import InputError, counted, input_error
 from shapefit.geometry.normalisation import LARGEST
 from shapefit.io.layout import LANDMARKS, SHAPES, Layout, fit_axes
-from shapefit.io.problems import Problems
 
 if TYPE_CHECKING:
     from shapefit.io.hdf5_records import Hdf5Reader
+
+
+LIMIT = 10
+
+
+class Problems:
+    """Counts the problems of an input, and words those that will be reported."""
+
+    def __init__(self) -> None:
+        self._told: list[tuple[int, str]] = []
+        self._count = 0
+
+    def add(self, rows: Sequence[int] | NDArray[Any], word: Callable[[int], str]) -> None:
+        """Add a problem for each of the rows (ascending); `word` makes the line for a row."""
+        self._count += len(rows)
+        self._told += [(int(row), word(int(row))) for row in rows[:LIMIT]]
+
+    def tell(self, line: str, row: int = 0) -> None:
+        """Add one problem, worded as `line`."""
+        self.add([row], lambda _: line)
+
+    def raise_if_any(self) -> None:
+        """Raise InputError with the first problems in the order of their rows."""
+        if self._count:
+            self._told.sort(key=lambda entry: entry[0])
+            raise input_problems([line for _, line in self._told], self._count)
+
+
+def input_problems(told: Sequence[str], count: int | None = None) -> InputError:
+    """Build the InputError for these problems, of `count` in all; at most ten are listed."""
+    shown = list(told[:LIMIT])
+    more = (len(told) if count is None else count) - len(shown)
+    return InputError([*shown, f"... and {more} more"] if more > 0 else shown)
+
+
+AT_ZERO = 0.01
+"""Share of landmarks at exactly (0, 0) from which on there is a warning."""
+
+
+class Axis(NamedTuple):
+    """What an axis runs over, in messages: `item` and the names of all, numbers without names."""
+
+    kind: str
+    names: Sequence[str] | None = None
+
+    def word(self, number: int) -> str:
+        """Name one entry."""
+        return f"{self.kind} {number}" if not self.names else f"{self.kind} '{self.names[number]}'"
+
+
+def check_magnitudes(
+    place: str, points: NDArray[np.float64] | None, rows: Axis, columns: Axis
+) -> None:
+    """Raise InputError for points (n, 3, q) whose squares would overflow; nan is no such point."""
+    if points is None:
+        return
+    wrong = np.argwhere((np.abs(points) > LARGEST).any(axis=1))
+
+    def word(number: int) -> str:
+        row, column = wrong[number].tolist()
+        values = ", ".join(f"{value:g}" for value in points[row, :, column].tolist())
+        found = f"{rows.word(row)}, {columns.word(column)} is ({values})"
+        return f"{place}: {found}; correct it, or use a larger unit: the limit is {LARGEST:g}"
+
+    problems = Problems()
+    problems.add(range(len(wrong)), word)
+    problems.raise_if_any()
+
+
+def warn_of_zeros(points: NDArray[np.float64]) -> tuple[str, ...]:
+    """Warn of many landmarks (..., 2) at exactly (0, 0), where detectors put what they miss."""
+    there = (points == 0).all(axis=-1)
+    if there.sum() <= AT_ZERO * there.size:
+        return ()
+    found = f"{int(there.sum())} of {counted(there.size, 'landmark')} are at exactly (0, 0)"
+    return (f"{found}: if these were not found, leave them empty, or NaN",)
 
 
 Blocks = Iterable[NDArray[np.float64]]
@@ -57,10 +132,6 @@ class InMemory:
         """Read a dataset, or the rows of a part of it."""
         yield self._values[name][part or slice(None)]
 
-    def is_written(self, name: str) -> bool:
-        """Whether the dataset has values: in memory all have."""
-        return True
-
 
 Datasets: TypeAlias = "Hdf5Reader | InMemory"
 """What is checked."""
@@ -80,7 +151,7 @@ def check_values(
     are the names of these, None where `named` looks at them when they are read. What results hold
     is checked where it is read.
     """
-    check_named(reader, [] if items is None else [items])  # whether any was ever written, first
+    check_named(reader, [] if items is None else [items])
     if form is LANDMARKS:
         fix = "write NaN where the landmark is unseen"
         _check(reader, "landmarks", reader.read_blocks("landmarks", part), np.isinf, fix)
@@ -136,22 +207,17 @@ def check_indices(reader: Datasets, name: str, axis: str) -> None:
         raise input_error(reader.place(name, int(rows[0])), found, fix)
 
 
-def check_named(
-    reader: Datasets, blocks: Iterable[Sequence[str]], dataset: str = "item", axis: str = "n"
-) -> None:
+def check_named(reader: Datasets, blocks: Iterable[Sequence[str]], dataset: str = "item") -> None:
     """Raise InputError where an item of the dataset has no name."""
-    for _ in named(reader, blocks, dataset, axis):
+    for _ in named(reader, blocks, dataset):
         pass
 
 
 def named(
-    reader: Datasets, blocks: Iterable[Sequence[str]], dataset: str = "item", axis: str = "n"
+    reader: Datasets, blocks: Iterable[Sequence[str]], dataset: str = "item"
 ) -> Iterator[Sequence[str]]:
     """Pass on the blocks of names; at the end raise as `check_named`."""
     problems = Problems()
-    if reader.has(dataset) and reader.size(axis) and not reader.is_written(dataset):
-        found, fix = "was never written", "name every item"
-        raise input_error(reader.place(dataset), found, fix)
     start = 0
     for block in blocks:
         rows = [start + row for row, item in enumerate(block) if not item]

@@ -15,10 +15,10 @@ from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.io.atomic import output_bytes, storage_errors
+from shapefit.io.inputs import is_stream
 from shapefit.io.layout import Layout
 from shapefit.io.options import Summary
 from shapefit.io.records import LandmarkSet, Records, ResultSet
-from shapefit.io.sources import is_stream
 from shapefit.io.tidy_table import DEVIATIONS
 from shapefit.io.writing import NOTHING_APPENDED
 from shapefit.lifting.verdict import TRUSTED

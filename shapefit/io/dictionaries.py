@@ -115,7 +115,7 @@ def check_dictionary(reader: Datasets) -> None:
         found = "all its landmarks are at one point"
         raise input_error(reader.place("mean_shape"), found, "learn the dictionary again")
     checks.check_positive(reader, "atom_scale")
-    checks.check_named(reader, [reader.read("atom_item") or ()], "atom_item", "k")
+    checks.check_named(reader, [reader.read("atom_item") or ()], "atom_item")
     checks.check_indices(reader, "edges", "p")
     _check_mirror(reader)
     checks.check_indices(reader, "mesh_faces", "q")

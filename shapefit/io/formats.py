@@ -20,14 +20,14 @@ from typing import Any
 from shapefit.errors import InputError, input_error, listed
 from shapefit.io.foreign.headers import anipose_landmarks, decode, understand
 from shapefit.io.head import Head, something_else, unknown_json
-from shapefit.io.options import InputOptions
-from shapefit.io.sources import (
+from shapefit.io.inputs import (
     HDF5_SIGNATURE,
     PARQUET_SIGNATURE,
     is_stream,
     require_file,
     source_name,
 )
+from shapefit.io.options import InputOptions
 from shapefit.stores import on_threads
 
 
@@ -394,32 +394,6 @@ FORMATS: dict[str, FileFormat] = {
 """Those of the package come first; the others are asked before them, in this order."""
 
 
-def _metres(title: str, suffix: str, writer: str) -> FileFormat:
-    """Return the row of files in metres; the writer is named below `shapefit.io.written`."""
-    return FileFormat(
-        title=title,
-        suffixes=(suffix,),
-        writer=f".written.{writer}",
-        writes=("shapes", "result"),
-        in_metres=True,
-    )
-
-
-WRITTEN: dict[str, FileFormat] = {
-    "bvh": _metres("a BVH file", ".bvh", "bvh:bvh_output"),
-    "c3d": _metres("a C3D file", ".c3d", "c3d:c3d_output"),
-    "glb": _metres("a GLB file", ".glb", "glb:glb_output"),
-    "trc": _metres("a TRC file", ".trc", "trc:trc_output"),
-}
-"""Formats that are written for other tools; those of them that can be read have a row above."""
-
-
-def targets() -> dict[str, FileFormat]:
-    """Return the formats that can be written, by their names."""
-    own = {name: known for name, known in FORMATS.items() if known.writer}
-    return own | WRITTEN
-
-
 def detect_format(path: Path, name: str = "auto") -> FileFormat:
     """Return the format of a file or folder, by what it begins with; text of no known kind is CSV.
 
@@ -429,7 +403,7 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     if is_stream(path):
         return CSV
     if name != "auto":
-        return _named(name, FORMATS)
+        return named_format(name, FORMATS)
     if path.is_dir():
         return _detect_folder(Head(path))
     require_file(path)
@@ -451,7 +425,8 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     return CSV
 
 
-def _named(name: str, known: Mapping[str, FileFormat], key: str = "format") -> FileFormat:
+def named_format(name: str, known: Mapping[str, FileFormat], key: str = "format") -> FileFormat:
+    """Return the format of a name. Raises InputError at the key for unknown ones."""
     if name not in known:
         near = get_close_matches(name, known, n=1, cutoff=0.4)
         fix = f"did you mean {near[0]}?" if near else f"use auto, {listed(known)}"
@@ -522,37 +497,6 @@ def find_reader(path: Path, kind: str, known: FileFormat | None = None) -> Calla
         found = f"is {known.title}, not {titles}" if path.is_file() else "is not a file on a disk"
         raise input_error(source_name(path), found, f"give a shapefit-{kind} file")
     return load(known.readers[kind])
-
-
-def find_target_format(path: Path, name: str = "auto") -> FileFormat:
-    """Return the format that an output path asks for: CSV for `-`, HDF5 for a name without ending.
-
-    With another `name` than auto it is that format. Raises InputError for an ending of no format.
-    """
-    if name != "auto":
-        return _named(name, targets(), "to")
-    if is_stream(path):
-        return CSV
-    for known in targets().values():
-        if known.has_suffix(path):
-            return known
-    if path.suffix:
-        endings = [suffix for known in targets().values() for suffix in known.suffixes]
-        found = f"no format that is written ends in {path.suffix}"
-        raise input_error(path, found, f"end the name in {listed(endings)}")
-    return HDF5
-
-
-def find_writer(path: Path, kind: str, name: str = "auto") -> Callable[..., Any]:
-    """Return what writes records of a kind. Raises InputError where the format cannot hold them."""
-    known = find_target_format(path, name)
-    if known.writer is None or kind not in known.writes:
-        name = known.title.split()[1]
-        if kind == "landmarks" and known.in_metres:
-            fix = "lift them with `shapefit fit` first, or write .h5 or .csv"
-            raise input_error(path, f"2D landmarks cannot be {name}", fix)
-        raise input_error(path, f"a {kind} cannot be {name}", "give it a name in .h5")
-    return load(known.writer)
 
 
 def load(place: str) -> Callable[..., Any]:

@@ -14,7 +14,7 @@ import h5py
 import numpy as np
 
 from shapefit.errors import InputError, input_error, printable
-from shapefit.io.memory import ALWAYS_FITS, check_fits, in_words
+from shapefit.io.inputs import ALWAYS_FITS, check_fits, in_words
 
 DAMAGED = "the file may be cut off or damaged: copy or make it again"
 FILTERS = ("plugin", "required filter")
@@ -149,32 +149,29 @@ class Hdf5File:
                 self._asked[name] = Stored.of(self.root[name])
             return self._asked[name]
 
-    def size(self, name: str, rows: slice | tuple[()]) -> int:
-        """Bytes that these rows of a dataset take while they are read."""
+    def row_bytes(self, name: str) -> int:
+        """Bytes that a row of a dataset takes while it is read."""
         stored = self.stored(name)
-        with self.damage(name):
-            return size_in_memory(stored, rows)
+        return prod(stored.shape[1:]) * (TEXT if stored.text else COPIES * max(stored.itemsize, 8))
 
     def rows(self, name: str, rows: slice | tuple[Any, ...] = ()) -> Any:
-        """Return rows of a dataset as they stand in the file, texts as str; `()` is all of it."""
+        """Return rows of a dataset as they stand in the file, texts as str; `()` is all of it.
+
+        Raises InputError where they are more than memory or the file can hold.
+        """
         stored = self.stored(name)
-        whole = rows if isinstance(rows, slice) or rows == () else ()
-        size = self.size(name, whole)
-        check_fits(self.place(name), size)
-        if size > ALWAYS_FITS:
-            self.check_written(name)
+        count = stored.shape[0] if stored.shape else 1
+        count = len(range(*rows.indices(count))) if isinstance(rows, slice) else count
+        check_fits(self.place(name), count * self.row_bytes(name))
+        with self.damage(name):
+            size = prod(stored.shape) * stored.itemsize
+            there = stored.dataset.id.get_storage_size() if size > ALWAYS_FITS else size
+        if size > MOST_COMPRESSED * there:
+            found = f"of its {in_words(size)} the file holds {in_words(there)}"
+            raise self.fault(name, found, "write its values, or make it smaller")
         with self.damage(name):
             values = stored.dataset[rows]
             return _decoded(values) if stored.text else values
-
-    def check_written(self, name: str) -> None:
-        """Raise InputError for a large dataset that takes next to no place in the file."""
-        with self.damage(name):
-            dataset = self.stored(name).dataset
-            size, there = dataset.nbytes, dataset.id.get_storage_size()
-        if size > ALWAYS_FITS and size > MOST_COMPRESSED * there:
-            found = f"of its {in_words(size)} the file holds {in_words(there)}"
-            raise self.fault(name, found, "write its values, or make it smaller")
 
 
 TEXT = 100
@@ -182,7 +179,6 @@ TEXT = 100
 
 COPIES = 2
 """Of what is read: as it stands in the file, and as the records have it."""
-
 
 MOST_COMPRESSED = 2000
 """No filter of HDF5 makes data smaller by more: beyond that they were never written."""
@@ -195,7 +191,6 @@ class Stored:
     dataset: Any
     text: bool
     shape: tuple[int, ...]
-    chunks: tuple[int, ...] | None
     itemsize: int
 
     @classmethod
@@ -203,17 +198,7 @@ class Stored:
         """Ask a dataset once."""
         kind = dataset.dtype
         text = h5py.check_string_dtype(kind) is not None
-        return cls(dataset, text, dataset.shape or (), dataset.chunks, kind.itemsize)
-
-
-def size_in_memory(stored: Stored, rows: slice | tuple[()]) -> int:
-    """Bytes that these rows of a dataset take while they are read, with a chunk of the file."""
-    shape = stored.shape
-    if shape and isinstance(rows, slice):
-        shape = (len(range(*rows.indices(shape[0]))), *shape[1:])
-    entry = TEXT if stored.text else COPIES * max(stored.itemsize, 8)
-    chunk = prod(stored.chunks or ()) * stored.itemsize if prod(shape) else 0
-    return prod(shape) * entry + chunk
+        return cls(dataset, text, dataset.shape or (), kind.itemsize)
 
 
 def _decoded(stored: Any) -> Any:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate, input_error, printable
+from shapefit.io.checks import input_problems
 from shapefit.io.hdf5_file import Hdf5File
 from shapefit.io.layout import (
     AXES,
@@ -32,8 +33,6 @@ from shapefit.io.layout import (
     is_per_item,
     plain_name,
 )
-from shapefit.io.memory import check_fits
-from shapefit.io.problems import input_problems
 
 Array = NDArray[Any]
 
@@ -162,11 +161,6 @@ class Hdf5Reader:
         """Whether the file has this dataset of its layout."""
         return name in self._present
 
-    def is_written(self, name: str) -> bool:
-        """Whether anything was ever written to a dataset; a sparse file can be without limits."""
-        with self._file.damage(name):
-            return bool(self._file.root[name].id.get_storage_size())
-
     def size(self, axis: str) -> int | None:
         """Length of an axis of the layout (n items, p landmarks, ...); None if nothing has it."""
         return self._sizes.get(axis)
@@ -198,10 +192,7 @@ class Hdf5Reader:
     def read_blocks(self, name: str, part: slice | None = None) -> Iterator[Any]:
         """Read a dataset per item, or the rows of a part of it, at most some MB at a time."""
         start, stop, _ = (part or slice(None)).indices(self.count)
-        most = max(1, min(BLOCK, stop - start))
-        # Of many rows at once: a chunk of the file is counted with them, however few they are.
-        taken = self._file.size(name, slice(start, start + most))
-        rows = max(1, min(most, most * BLOCK_BYTES // max(taken, 1)))
+        rows = max(1, min(BLOCK, BLOCK_BYTES // max(self._file.row_bytes(name), 1)))
         return (
             self.read(name, slice(row, min(row + rows, stop))) for row in range(start, stop, rows)
         )
@@ -214,7 +205,6 @@ class Hdf5Reader:
         Those in `without` are not read.
         """
         chosen = [dataset for dataset in self.form.datasets if dataset not in without]
-        self._check_fits({d.name: self._own_rows(d, rows) for d in chosen if self.has(d.name)})
         return {dataset.attribute: self.read(dataset.name, rows) for dataset in chosen}
 
     def further(self, rows: slice = slice(None)) -> dict[str, Any]:
@@ -223,7 +213,6 @@ class Hdf5Reader:
         Raises InputError for those of a result that are not as a fit writes them.
         """
         per_item, whole = self._further_names
-        self._check_fits(dict.fromkeys(per_item, rows) | dict.fromkeys(whole, ()))
         columns = {name: self._values(name, rows) for name in per_item}
         columns |= {name: np.asarray(self._values(name, ())) for name in whole}
         if self.form is RESULTS:
@@ -310,12 +299,6 @@ class Hdf5Reader:
             found = f"holds {length} {AXES[axis]}, and {dataset.counted_by} counts {ends[-1]}"
             raise input_error(self.place(dataset.name), found, "the file was changed: fit again")
         return ends
-
-    def _check_fits(self, chosen: Mapping[str, slice | tuple[()]]) -> None:
-        """Raise InputError where these rows of datasets are more than memory holds."""
-        sizes = {name: self._file.size(name, rows) for name, rows in chosen.items()}
-        largest = max(sizes, key=lambda name: sizes[name], default="")
-        check_fits(self.place(largest), sum(sizes.values()), "with the other datasets it")
 
     def _check_format(self) -> None:
         with self._file.damage():

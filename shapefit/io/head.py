@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from shapefit.errors import InputError, abbreviate, input_error
-from shapefit.io.sources import BYTE_ORDER_MARK, HDF5_SIGNATURE
+from shapefit.io.inputs import BYTE_ORDER_MARK, HDF5_SIGNATURE
 from shapefit.stores import StoreError, read_head
 
 HEAD_BYTES = 4096

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error, listed
+from shapefit.io.checks import Axis, check_magnitudes
 from shapefit.io.layout import EDGES, UNKNOWN_UNIT
 from shapefit.io.options import Direction
-from shapefit.io.problems import Axis, check_magnitudes
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 
 Array = NDArray[Any]

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from shapefit.errors import input_error
 from shapefit.io.foreign.items import peek_recording
 from shapefit.io.formats import CSV, HDF5, PARQUET, detect_format
+from shapefit.io.inputs import is_stream
 from shapefit.io.layout import RESULTS, UNKNOWN_UNIT, Dataset
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.source import open_landmarks, open_results, open_shapes
-from shapefit.io.sources import is_stream
 
 Kind = Literal["landmarks", "shapes", "result", "dictionary"]
 

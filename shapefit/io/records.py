@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error
-from shapefit.io.landmark_names import match_landmarks, renamed
 from shapefit.io.layout import (
     EDGES,
     LABELS,
@@ -25,6 +24,7 @@ from shapefit.io.layout import (
     fit_axes,
     is_per_item,
 )
+from shapefit.io.names import match_landmarks, renamed
 
 Names = tuple[str, ...]
 Attribute = str | float | int

@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Any, Generic, Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.io.checks import InMemory, check_values, named
-from shapefit.io.effects import Opened, check_effects
+from shapefit.io.checks import Axis, InMemory, check_magnitudes, check_values, named, warn_of_zeros
 from shapefit.io.foreign.items import are_fractions, keep_landmarks, size_needed
 from shapefit.io.formats import HDF5, FileFormat, detect_format, find_reader, group_inputs, mixture
+from shapefit.io.inputs import source_name
 from shapefit.io.joined import common_head, conform
-from shapefit.io.landmark_names import check_known
 from shapefit.io.layout import (
     LANDMARKS,
     PROOF,
@@ -27,11 +26,9 @@ from shapefit.io.layout import (
     Dataset,
     Layout,
 )
-from shapefit.io.name_index import check_unique
-from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
-from shapefit.io.problems import Axis, check_magnitudes, warn_of_zeros
+from shapefit.io.names import check_known, check_unique
+from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions, Opened, check_effects
 from shapefit.io.records import LandmarkSet, Record, Records, ResultSet, ShapeSet, concatenate
-from shapefit.io.sources import source_name
 from shapefit.io.writing import record_writer
 
 if TYPE_CHECKING:

@@ -23,10 +23,9 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import InputError, input_error
-from shapefit.io.memory import check_fits
-from shapefit.io.problems import input_problems
+from shapefit.io.checks import input_problems
+from shapefit.io.inputs import BYTE_ORDER_MARK, check_fits, read_text_blocks, source_name
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
-from shapefit.io.sources import BYTE_ORDER_MARK, read_text_blocks, source_name
 from shapefit.lifting.verdict import TRUSTED
 
 DEVIATIONS = ("sd_x", "sd_y", "sd_z")
@@ -354,6 +353,10 @@ class CsvText:
 
 def _refuse_header(first: str, columns: Sequence[str], required: Sequence[str], place: str) -> None:
     """Raise InputError for a header none of whose columns is known."""
+    for letter, name in ((";", "semicolons"), ("\t", "tabs")):
+        if letter in first and len(columns) == 1:
+            fix = "save it with commas between the cells, and with decimal points"
+            raise input_error(place, f"separates its cells by {name}", fix)
     if "frame_idx" in columns:
         fix = "give the .slp file, or export the analysis HDF5 file of SLEAP"
         raise input_error(place, "is one of SLEAP's tables, which are not read", fix)

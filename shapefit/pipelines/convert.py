@@ -13,13 +13,13 @@ from shapefit.config import ConvertConfig
 from shapefit.config.commands.input import InputConfig
 from shapefit.errors import abbreviate, input_error
 from shapefit.io import LandmarkSource, ShapeSource, open_landmarks, open_shapes
-from shapefit.io.formats import CSV, find_target_format
+from shapefit.io.formats import CSV
+from shapefit.io.inputs import is_stream
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.listing import Kind, find_kind
 from shapefit.io.options import InputOptions, OutputOptions, input_options
 from shapefit.io.source import ResultSource, open_results
-from shapefit.io.sources import is_stream
-from shapefit.io.writing import record_writer
+from shapefit.io.writing import find_target_format, record_writer
 from shapefit.pipelines.outcome import Outcome, nothing_in
 
 BATCH = 4096

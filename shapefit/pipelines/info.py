@@ -23,13 +23,13 @@ from shapefit.io import (
 )
 from shapefit.io.foreign.items import fitting_skeletons, peek_recording
 from shapefit.io.formats import FileFormat, detect_format, group_inputs
+from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.listing import OPTIONAL, find_kind
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.records import Records
 from shapefit.io.skeletons import SKELETONS
 from shapefit.io.source import open_results
-from shapefit.io.sources import is_stream, source_name
 from shapefit.pipelines.joints import is_of_people
 from shapefit.pipelines.outcome import Failure, Outcome, unread
 from shapefit.pipelines.parts.manifest import Manifest, damage_of, find_folders, sum_up

@@ -20,7 +20,7 @@ from shapefit.dictionary.mapped import mapped
 from shapefit.dictionary.model import WHERE_MARKED, Dictionary
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io import LandmarkSet
-from shapefit.io.landmark_names import match_landmarks, nearest_names
+from shapefit.io.names import match_landmarks, nearest_names
 from shapefit.io.skeletons import PEOPLE, THETA, Part, people_joints, people_parts
 from shapefit.lifting.aside import place_aside
 from shapefit.lifting.lift import Lifting

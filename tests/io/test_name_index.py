@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from shapefit.io.name_index import NameIndex, hashed, repeated, repetitions
+from shapefit.io.names import NameIndex, hashed, repeated, repetitions
 
 
 def test_names_are_found_at_their_rows(rng):
@@ -20,7 +20,7 @@ def test_what_is_there_twice(monkeypatch):
     expected = [("a", (0, 0), (0, 0), (1, 1)), ("c", (0, 2), (0, 2), (1, 2))]
     expected.append(("a", (0, 0), (1, 1), (1, 3)))
     assert list(repetitions(lists)) == expected
-    monkeypatch.setattr("shapefit.io.name_index.hashed", lambda n: np.zeros(len(n), np.uint64))
+    monkeypatch.setattr("shapefit.io.names.hashed", lambda n: np.zeros(len(n), np.uint64))
     assert list(repetitions(lists)) == expected  # names of one hash are told apart
     assert list(repetitions([lambda: [["a", "b"]]])) == []
     assert len(repeated(hashed(["a", "b", "a", "a"]))) == 1

@@ -7,7 +7,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import read_results
-from shapefit.io.landmark_names import match_landmarks
+from shapefit.io.names import match_landmarks
 from shapefit.io.records import LandmarkSet, ShapeSet, concatenate
 from tests.io.files import save
 

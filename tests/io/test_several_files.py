@@ -5,7 +5,7 @@ import pytest
 
 from shapefit.io import open_landmarks, read_shapes, write_shapes
 from shapefit.io.hdf5_records import Hdf5Reader
-from shapefit.io.name_index import check_unique
+from shapefit.io.names import check_unique
 from tests.io.files import save
 
 ORDER = [2, 0, 3, 1]
@@ -288,7 +288,7 @@ def test_a_chunk_has_at_least_one_image(tmp_path, landmarks):
 
 
 def test_items_with_the_same_hash_are_compared(monkeypatch, problems):
-    monkeypatch.setattr("shapefit.io.name_index.hash", len, raising=False)
+    monkeypatch.setattr("shapefit.io.names.hash", len, raising=False)
     blocks = [("ab", "cd"), ("e",)]
     check_unique([(lambda: blocks, str)])
     twice = [*blocks, ("cd",)]

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shapefit.io import csv_writer, landmark_writer, read_results, result_writer, sources
+from shapefit.io import csv_writer, inputs, landmark_writer, read_results, result_writer
 from shapefit.io import write_shapes as write_shape_file
 from shapefit.io.records import LandmarkSet
 from shapefit.io.tidy_table import read_numbers, read_rows, split_columns
@@ -104,7 +104,7 @@ def test_neither_order_nor_quotes_nor_blocks_count(
         writer.writerow({"item": items[i], "landmark": landmarks[j], "x": i + 0.5, "y": -j})
     path.write_bytes(out.getvalue().encode())
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(sources, "BLOCK_BYTES", size)
+        patched.setattr(inputs, "BLOCK_BYTES", size)
         from shapefit.io.tidy_table import read_landmark_table
 
         views = read_landmark_table(path)

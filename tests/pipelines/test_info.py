@@ -7,7 +7,7 @@ import pytest
 
 from shapefit.config import load_config
 from shapefit.errors import InputError
-from shapefit.io.memory import in_words
+from shapefit.io.inputs import in_words
 from shapefit.pipelines.info import run
 from shapefit.pipelines.parts.run import run as fit
 

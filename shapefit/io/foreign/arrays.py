@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.errors import InputError, counted, input_error, listed
+from shapefit.io.checks import warn_of_zeros
 from shapefit.io.foreign.detections import are_series, read_json
 from shapefit.io.foreign.items import are_fractions
 from shapefit.io.foreign.recording import ANYBODY, FRACTION, Recording, video_name
+from shapefit.io.inputs import check_fits
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.memory import check_fits
-from shapefit.io.problems import warn_of_zeros
 
 
 def of_bodies(

@@ -16,8 +16,8 @@ from shapefit.errors import abbreviate, counted, input_error
 from shapefit.geometry.length_units import as_metres
 from shapefit.io.foreign.motion_text import unique_names
 from shapefit.io.foreign.recording import Recording, all_individuals
+from shapefit.io.inputs import check_fits
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.memory import check_fits
 
 BLOCK = 512
 """Bytes of a block, in which the format counts."""

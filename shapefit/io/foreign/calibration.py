@@ -14,7 +14,7 @@ from shapefit.arrays import Floats
 from shapefit.errors import input_error, listed
 from shapefit.geometry.lens import COEFFICIENTS, complete
 from shapefit.geometry.rotations import rotation_about
-from shapefit.io.sources import require_file
+from shapefit.io.inputs import require_file
 
 MATRIX, DISTORTION = ("matrix", "camera_matrix"), ("distortions", "distortion")
 

@@ -24,8 +24,8 @@ from shapefit.io.foreign.recording import (
 )
 from shapefit.io.foreign.trackers import TrackerFile, text
 from shapefit.io.hdf5_file import DAMAGED
+from shapefit.io.inputs import is_stream
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.sources import is_stream
 from shapefit.stores import UrlPath
 
 COORDINATES = ("x", "y", "z", "likelihood")

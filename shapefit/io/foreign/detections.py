@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted, input_error, listed
 from shapefit.io.foreign.recording import ANYBODY, Recording, take_instances
-from shapefit.io.sources import BYTE_ORDER_MARK, read_whole
+from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
 
 _LAST_NUMBER = re.compile(r"^(.*?)([0-9]{1,18})([^0-9]*)$", re.DOTALL)
 _DIGITS = re.compile(r"([0-9]+)")

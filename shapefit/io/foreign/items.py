@@ -18,12 +18,12 @@ from shapefit.arrays import Flags, Floats
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
 from shapefit.io.foreign.recording import ANYBODY, FRACTION, Recording, take_instances
 from shapefit.io.formats import FORMATS, FileFormat, load
-from shapefit.io.landmark_names import match_landmarks, nearest_names
+from shapefit.io.inputs import source_name
 from shapefit.io.layout import EDGES
+from shapefit.io.names import match_landmarks, nearest_names
 from shapefit.io.options import InputOptions
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.io.skeletons import SKELETONS
-from shapefit.io.sources import source_name
 
 FRAME = "frame"
 """Dataset (n,): the place of each item in its video, from 0."""

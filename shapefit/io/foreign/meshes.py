@@ -12,10 +12,10 @@ import orjson
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import InputError, counted, input_error
-from shapefit.io.landmark_names import match_landmarks
+from shapefit.io.inputs import read_whole
 from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.names import match_landmarks
 from shapefit.io.records import ShapeSet
-from shapefit.io.sources import read_whole
 
 Place = int | tuple[float, float, float]
 Places = Mapping[str, Place]

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import InputError, abbreviate, counted, input_error, printable
+from shapefit.io.checks import Problems
 from shapefit.io.foreign.arrays import of_bodies
 from shapefit.io.foreign.deeplabcut import SAVE, arrange, skeleton_edges
 from shapefit.io.foreign.headers import (
@@ -36,10 +37,8 @@ from shapefit.io.foreign.recording import (
     one_individual,
     video_name,
 )
-from shapefit.io.memory import check_fits
-from shapefit.io.problems import Problems
+from shapefit.io.inputs import check_fits, read_whole
 from shapefit.io.skeletons import SKELETONS
-from shapefit.io.sources import read_whole
 from shapefit.io.tidy_table import bad_line, read_numbers, refuse_zero_bytes
 
 EMPTY = {"", "na", "n/a", "#n/a", "none", "null", "-", "nan"}

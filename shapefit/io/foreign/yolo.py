@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapefit.errors import input_error
 from shapefit.io.foreign.detections import Detections, as_recording, images_in
 from shapefit.io.foreign.recording import FRACTION, Recording, edges_of
-from shapefit.io.sources import BYTE_ORDER_MARK, read_whole
+from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
 
 Table = NDArray[np.float64]
 

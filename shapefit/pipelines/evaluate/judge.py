@@ -41,8 +41,8 @@ from shapefit.evaluation.report import Run
 from shapefit.evaluation.summaries import ALL, NORMALISED, ImageErrors, Kind, labels_of
 from shapefit.geometry.normalisation import centroid
 from shapefit.geometry.procrustes import coincide
-from shapefit.io.landmark_names import match_landmarks
 from shapefit.io.layout import RESULTS
+from shapefit.io.names import match_landmarks
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.pipelines.items import named_items
 from shapefit.pipelines.joints import INPUT_CORRELATION, INPUT_NAMES, INPUT_SD, INPUT_SHAPES

@@ -17,7 +17,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
 from shapefit.io.atomic import StagedFiles, check_folder, refuse_folder, staged_files
-from shapefit.io.sources import is_stream
+from shapefit.io.inputs import is_stream
 from shapefit.pipelines.drawing import check_can_draw
 from shapefit.pipelines.export.carried_mesh import Pose
 from shapefit.stores import real_path

@@ -16,12 +16,11 @@ from shapefit.io import (
     open_shapes,
     write_dictionary,
 )
-from shapefit.io.formats import find_writer
+from shapefit.io.inputs import check_fits, is_stream
 from shapefit.io.layout import DICTIONARY
 from shapefit.io.listing import find_kind
-from shapefit.io.memory import check_fits
 from shapefit.io.options import input_options
-from shapefit.io.sources import is_stream
+from shapefit.io.writing import find_writer
 from shapefit.pipelines.learn_dict.from_2d import adapt_to_landmarks, learn_from_landmarks
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes
 from shapefit.pipelines.learn_dict.training_shapes import place_of

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from shapefit.io.name_index import Equal, Hashes, find_equal_names, repeated, stable_hashes
+from shapefit.io.names import Equal, Hashes, find_equal_names, repeated, stable_hashes
 from shapefit.io.source import open_results
 
 Key = TypeVar("Key")

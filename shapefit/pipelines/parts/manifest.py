@@ -15,7 +15,7 @@ from shapefit import __version__
 from shapefit.config.paths import MANIFEST, ResultFolder
 from shapefit.errors import InputError, counted, input_error
 from shapefit.io.atomic import atomic_path, check_folder, storage_errors, write_all
-from shapefit.io.memory import in_words
+from shapefit.io.inputs import in_words
 from shapefit.io.source import open_results
 from shapefit.pipelines.parts.equal_items import Span, by_length
 from shapefit.pipelines.parts.plan import Part

@@ -14,9 +14,9 @@ from shapefit.core import STRETCH
 from shapefit.errors import InputError, input_error, path_text
 from shapefit.io import open_landmarks
 from shapefit.io.formats import HDF5, FileFormat, group_inputs
+from shapefit.io.inputs import HDF5_SIGNATURE, PARQUET_SIGNATURE, begins_with
 from shapefit.io.layout import LANDMARKS
 from shapefit.io.options import InputOptions
-from shapefit.io.sources import HDF5_SIGNATURE, PARQUET_SIGNATURE, begins_with
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.prepare import read_options
 from shapefit.stores import State, find_state, on_threads

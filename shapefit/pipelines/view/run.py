@@ -12,9 +12,9 @@ import numpy as np
 from shapefit.config import ViewConfig
 from shapefit.errors import InputError, input_error, listed
 from shapefit.io.atomic import atomic_path, check_output
+from shapefit.io.inputs import is_stream
 from shapefit.io.listing import Listing, list_file
 from shapefit.io.options import InputOptions, input_options
-from shapefit.io.sources import is_stream
 from shapefit.pipelines.items import ChosenItems
 from shapefit.pipelines.outcome import Failure, Outcome, unread
 from shapefit.pipelines.view.images import MEGABYTES

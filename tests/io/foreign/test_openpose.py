@@ -163,7 +163,7 @@ def test_damaged_files_are_errors_that_name_them(written, tmp_path, text, messag
 
 
 def test_a_large_file_is_refused_unread(written, tmp_path, monkeypatch):
-    monkeypatch.setattr("shapefit.io.sources.LARGEST_BYTES", 100)
+    monkeypatch.setattr("shapefit.io.inputs.LARGEST_BYTES", 100)
     with pytest.raises(InputError, match=r"0.json: \d+ bytes of text, and it is read whole"):
         read(written("cam/0.json", frame(person(17))))
 

@@ -209,7 +209,7 @@ HEADER = "scorer,n,n,n,n\nbodyparts,a,a,b,b\ncoords,x,y,x,y\n"
         ),
         (HEADER + "0,1,2,3,4\none,1,2,3,4\n", ":5: 'one' is no number"),
         (HEADER + "0,1,2,3,4\n,1,2,3,4\n", ":5: does not say its frame"),
-        (HEADER + '0,1,2,3,"4\n', ":4: a bad cell"),
+        (HEADER + '0,1,2,3,"4\n', ":4: a quote is never closed"),
         (HEADER.replace("b,b", "a,a") + "0,1,2,3,4\n", "x of a is there twice"),
         (HEADER.replace("x,y\n", "x,w\n") + "0,1,2,3,4\n", "b has no column y"),
         (

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from shapefit.config import load_config
-from shapefit.io import name_index
+from shapefit.io import names
 from shapefit.pipelines.parts import equal_items
 from shapefit.pipelines.parts.equal_items import Span, find_equal, overlapping
 from shapefit.pipelines.parts.run import run
@@ -46,16 +46,16 @@ def test_all_and_no_others(parts, rng):
 
 
 def test_equal_hashes_are_not_equal_names(parts, monkeypatch):
-    monkeypatch.setattr(name_index, "hashed", lambda names: np.zeros(len(names), np.uint64))
+    monkeypatch.setattr(names, "hashed", lambda names: np.zeros(len(names), np.uint64))
     equal = find_equal(parts(("a", "b"), ("c", "b"), ("b", "d")))
     assert equal.count == 1
     assert [path.name for path in equal.examples[0][1:]] == ["part-00000.h5", "part-00001.h5"]
 
 
 def test_hashes_are_the_same_in_all_processes():
-    said = "from shapefit.io.name_index import stable_hashes as h; print(*h(('a', 'b')).tolist())"
+    said = "from shapefit.io.names import stable_hashes as h; print(*h(('a', 'b')).tolist())"
     done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == list(map(str, name_index.stable_hashes(("a", "b")).tolist()))
+    assert done.stdout.split() == list(map(str, names.stable_hashes(("a", "b")).tolist()))
 
 
 def test_none_within_one_part(parts):
@@ -97,10 +97,10 @@ def test_a_run_reports_them(tmp_path, rng, monkeypatch):
     }
 
 
-names = st.text("ab01/", min_size=1, max_size=4)
+some_names = st.text("ab01/", min_size=1, max_size=4)
 
 
-@given(st.lists(st.lists(names, min_size=1, max_size=5), max_size=8))
+@given(st.lists(st.lists(some_names, min_size=1, max_size=5), max_size=8))
 def test_no_pair_with_a_common_name_is_left_out(parts):
     groups = overlapping({key: Span.of(items) for key, items in enumerate(parts)})
     together = {frozenset(pair) for group in groups for pair in combinations(group, 2)}
@@ -130,6 +130,6 @@ def test_only_those_that_may_share_a_name_are_together():
     assert sorted(map(sorted, groups)) == [[1, 2], [4, 5]]
 
 
-@given(st.lists(names, min_size=1), st.lists(names, min_size=1))
+@given(st.lists(some_names, min_size=1), st.lists(some_names, min_size=1))
 def test_a_span_of_two_is_that_of_all(one, two):
     assert Span.of(one) | Span.of(two) == Span.of([*one, *two])

@@ -1,15 +1,15 @@
-"""What an input path points at: standard input, or a file that can be read."""
+"""What an input path points at: standard input, or a file that can be read and fits in memory."""
 
 from __future__ import annotations
 
 import os
+import struct
 import sys
 from collections.abc import Iterator
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from pathlib import Path
 
 from shapefit.errors import input_error
-from shapefit.io.memory import check_fits, in_words
 from shapefit.stores import UrlPath, find_state, read_head
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -110,3 +110,81 @@ def _missing_fix(path: Path) -> str:
     if folder != path.parent:
         return f"check the path ({folder} exists, what follows does not)"
     return "check its name"
+
+
+ALWAYS_FITS = 1 << 26
+"""Bytes that nobody needs to ask for."""
+
+MACHINE, GROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
+
+
+def check_fits(
+    place: str,
+    size: int,
+    found: str = "it",
+    fix: str = "divide the file, or use a machine with more memory",
+) -> None:
+    """Raise InputError at `place` where `size` bytes are more than the memory that is free."""
+    if size <= ALWAYS_FITS:
+        return
+    free = free_memory()
+    if free is not None and size > free:
+        taken = f"{found} takes {in_words(size)} of memory, and {in_words(free)} are free"
+        raise input_error(place, taken, fix)
+
+
+def free_memory() -> int | None:
+    """Bytes that this process can still get, None where the system does not report it."""
+    return min(_limits(), default=None)
+
+
+def in_words(size: int) -> str:
+    """Return a number of bytes as a person reads it: 6.7 GB."""
+    value, unit = float(size), "bytes"
+    for larger in ("kB", "MB", "GB", "TB", "PB"):
+        if value < 1000:
+            break
+        value, unit = value / 1000, larger
+    return f"{value:.3g} {unit}"
+
+
+def _limits() -> Iterator[int]:
+    """Yield what is left of each limit: the machine's, and that of a container."""
+    with suppress(OSError, ValueError, IndexError):
+        for line in MACHINE.read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                yield int(line.split()[1]) * 1024
+    with suppress(OSError, ValueError):
+        limit, used = ((GROUP / f"memory.{name}").read_text() for name in ("max", "current"))
+        if limit.strip() != "max":
+            yield max(int(limit) - int(used), 0)
+
+
+IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg")
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
+"""Markers of JPEG that begin a frame: height and width follow them."""
+
+
+def read_image_size(path: Path) -> tuple[int, int] | None:
+    """Return width and height in pixels of a PNG or JPEG; None for what is no such image."""
+    try:
+        with path.open("rb") as file:
+            head = file.read(24)
+            if head.startswith(_PNG) and head[12:16] == b"IHDR":
+                width, height = struct.unpack(">II", head[16:24])
+                return (width, height) if width and height else None
+            if not head.startswith(b"\xff\xd8"):
+                return None
+            file.seek(2)
+            while True:
+                start, marker, length = struct.unpack(">BBH", file.read(4))
+                if start != 0xFF or length < 2:
+                    return None
+                if marker in _FRAMES:
+                    _, height, width = struct.unpack(">BHH", file.read(5))
+                    return (width, height) if width and height else None
+                file.seek(length - 2, 1)
+    except (OSError, struct.error):
+        return None
