@@ -20,7 +20,7 @@ from shapefit.config.commands.fit_sections import CAMERA_MATRIX, ViewingConfig
 from shapefit.errors import input_error
 from shapefit.geometry.pinhole import Camera, depth_sign
 from shapefit.io import LandmarkSet
-from shapefit.io.image_size import IMAGE_SUFFIXES, read_image_size
+from shapefit.io.inputs import IMAGE_SUFFIXES, read_image_size
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.stores import UrlPath
 

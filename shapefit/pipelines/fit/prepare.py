@@ -23,10 +23,11 @@ from shapefit.dictionary.origin import describe_learning
 from shapefit.errors import InputError, input_error
 from shapefit.io import LandmarkSet, open_landmarks
 from shapefit.io.dictionaries import has_prior, read_provenance
-from shapefit.io.formats import HDF5, FileFormat, detect_format, find_target_format, group_inputs
+from shapefit.io.formats import HDF5, FileFormat, detect_format, group_inputs
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.records import concatenate
 from shapefit.io.skeletons import THETA
+from shapefit.io.writing import find_target_format
 from shapefit.lifting.methods import METHODS, find_conflict
 from shapefit.pipelines.fit.camera import (
     DISTORTION,

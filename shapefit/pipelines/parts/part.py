@@ -11,7 +11,7 @@ from typing import Any
 from shapefit import __version__
 from shapefit.config import FitConfig
 from shapefit.errors import InputError, input_error
-from shapefit.io.name_index import stable_hashes
+from shapefit.io.names import stable_hashes
 from shapefit.pipelines.fit.prepare import Estimates
 from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.outcome import Counted, Failure, Outcome, add_up

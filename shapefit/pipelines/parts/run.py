@@ -20,10 +20,11 @@ from shapefit.config import FitConfig
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import abbreviate, counted, input_error, printable
 from shapefit.io import digest, read_dictionary
-from shapefit.io.formats import HDF5, find_writer
+from shapefit.io.formats import HDF5
+from shapefit.io.inputs import is_stream
 from shapefit.io.layout import RESULTS
-from shapefit.io.name_index import Equal, Hashes
-from shapefit.io.sources import is_stream
+from shapefit.io.names import Equal, Hashes
+from shapefit.io.writing import find_writer
 from shapefit.pipelines.fit.prepare import Estimates, first_images, prepare
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
 from shapefit.pipelines.parts.cluster import (

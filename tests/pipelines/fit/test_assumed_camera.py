@@ -9,7 +9,7 @@ import pytest
 from shapefit.config import FitConfig
 from shapefit.errors import InputError
 from shapefit.io import LandmarkSet
-from shapefit.io.image_size import read_image_size
+from shapefit.io.inputs import read_image_size
 from shapefit.pipelines.fit.camera import FOCAL, choose_camera, without_camera
 
 SIZE = np.array([1920, 1080])
