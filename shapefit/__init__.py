@@ -10,9 +10,7 @@ TYPE_CHECKING = False  # `typing` would be imported before the command can handl
 if TYPE_CHECKING:
     from typing import Any
 
-    from shapefit.errors import InputError
-    from shapefit.face.evaluation import Evaluation, evaluate
-    from shapefit.face.files import (
+    from shapefit.api.files import (
         read_dictionary,
         read_landmarks,
         read_results,
@@ -22,9 +20,9 @@ if TYPE_CHECKING:
         write_results,
         write_shapes,
     )
-    from shapefit.face.fitting import fit
-    from shapefit.face.learning import learn
-    from shapefit.face.records import Dictionary, Fit, Landmarks, Shapes
+    from shapefit.api.functions import Evaluation, evaluate, fit, learn
+    from shapefit.api.records import Dictionary, Fit, Landmarks, Shapes
+    from shapefit.errors import InputError
 
 __version__ = "0.2.0"
 
@@ -51,11 +49,9 @@ __all__ = [
 
 _PLACES = {
     "errors": ("InputError",),
-    "face.evaluation": ("Evaluation", "evaluate"),
-    "face.files": tuple(name for name in __all__ if name.startswith(("read_", "write_"))),
-    "face.fitting": ("fit",),
-    "face.learning": ("learn",),
-    "face.records": ("Dictionary", "Fit", "Landmarks", "Shapes"),
+    "api.files": tuple(name for name in __all__ if name.startswith(("read_", "write_"))),
+    "api.functions": ("Evaluation", "evaluate", "fit", "learn"),
+    "api.records": ("Dictionary", "Fit", "Landmarks", "Shapes"),
 }
 
 

@@ -17,7 +17,7 @@ ROOMS = [
         *("errors", "arrays", "core", "geometry", "convex", "dictionary", "lifting"),
         *("evaluation", "meshes", "viewer", "stores", "config", "io", "verification"),
         "pipelines",
-        *("face", "api", "cli"),
+        *("api", "cli"),
     )
 ]
 """From the lowest, which imports nothing, to the command line."""

@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import shapefit
 from shapefit.arrays import Flags, Floats
@@ -158,7 +157,8 @@ def car_experiments(data: Path) -> Iterator[Experiment]:
     images = arrange(images, tuple(dictionary.landmark_names))
 
     def given(share: Value) -> Given:
-        return take(corrupt(images, float(share)), visible(images).sum(axis=1) >= 20), dictionary
+        seen = visible(images).sum(axis=1) >= 20
+        return corrupt(images, float(share))[seen], dictionary
 
     for config in sorted((CONFIGS / "cars").glob("outliers-*.yaml")):
         yield Experiment(
@@ -194,29 +194,10 @@ def arrange(images: shapefit.Landmarks, names: tuple[str, ...]) -> shapefit.Land
         return np.concatenate([values, blank], axis=1)[:, columns]
 
     confidence = images.confidence
-    return replace(
-        images,
+    return images.replaced(
         landmarks=reorder(images.landmarks, np.nan),
         landmark_names=names,
         confidence=None if confidence is None else reorder(confidence, 0.0),
-    )
-
-
-def take(images: shapefit.Landmarks, rows: NDArray[Any] | slice) -> shapefit.Landmarks:
-    """Return some of the images."""
-    n = len(np.asarray(images.landmarks))
-
-    def of(values: Any) -> Any:
-        each = values is not None and np.ndim(values) > 0 and len(values) == n
-        return np.asarray(values)[rows] if each else values
-
-    return replace(
-        images,
-        landmarks=of(images.landmarks),
-        confidence=of(images.confidence),
-        items=None if images.items is None else tuple(of(images.items).tolist()),
-        sequences=None if images.sequences is None else tuple(of(images.sequences).tolist()),
-        extras={name: of(values) for name, values in images.extras.items()},
     )
 
 
@@ -247,7 +228,7 @@ def corrupt(images: shapefit.Landmarks, share: float, seed: int = 0) -> shapefit
         points[rows] = np.where(chosen[rows][:, :, None], drawn, points[rows])
     before = images.extras.get("corrupted")
     wrong = chosen if before is None else chosen | np.asarray(before, bool)
-    return replace(images, landmarks=points, extras={**images.extras, "corrupted": wrong})
+    return images.replaced(landmarks=points, extras={**images.extras, "corrupted": wrong})
 
 
 def measure(experiment: Experiment) -> list[Point]:
@@ -256,10 +237,10 @@ def measure(experiment: Experiment) -> list[Point]:
     truth = experiment.truth()
     for value in experiment.values:
         images, dictionary = experiment.given(value)
-        images = take(images, slice(None, None, experiment.every))
+        images = images[:: experiment.every]
         options = {"config": experiment.config, **experiment.options(value)}
         unwarmed = {key: of for key, of in options.items() if key != "leave_out"}
-        shapefit.fit(take(images, slice(WARM_UP)), dictionary, **unwarmed)
+        shapefit.fit(images[:WARM_UP], dictionary, **unwarmed)
         found = shapefit.fit(images, dictionary, **options)
         errors = shapefit.evaluate(
             found, truth, experiment.metrics, experiment.match, groups=experiment.groups

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from shapefit import stores
+from shapefit.api import files
 from shapefit.config import load_config
 from shapefit.config.paths import absolute_path, anchored, with_data
 from shapefit.errors import InputError, path_text
-from shapefit.face import files
 from shapefit.io import atomic_path, check_output, open_landmarks
 from shapefit.stores import StoreError, UrlPath, held_object, is_url, location, own_copies
 from tests.io.files import save

@@ -1,7 +1,6 @@
 """`shapefit.evaluate` finds the errors that the command writes."""
 
 import csv
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -69,7 +68,7 @@ def test_an_image_that_failed_has_no_error(chain, sample):
     truth = shapefit.read_shapes(sample / "people_test.h5")
     shapes = chain.shapes.copy()
     shapes[2] = np.nan
-    found = shapefit.evaluate(replace(chain, shapes=shapes), truth, metrics=["similarity"])
+    found = shapefit.evaluate(chain.replaced(shapes=shapes), truth, metrics=["similarity"])
     assert list(found.failures) == [chain.items[2]]
     assert np.isnan(found.errors["similarity", "normalised"][2])
 

@@ -2,7 +2,6 @@
 
 import subprocess
 import sys
-from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -60,10 +59,10 @@ def test_csv_is_read_and_written(tmp_path, sample):
 
 def test_several_files_are_one_set(sample, tmp_path):
     names = ("people_frames.csv", "people_test.h5")
-    apart = [replace(shapefit.read_shapes(sample / name), extras={}) for name in names]
+    apart = [shapefit.read_shapes(sample / name).replaced(extras={}) for name in names]
     shapefit.write_shapes(tmp_path / "a.h5", apart[1])
     shapefit.write_shapes(
-        tmp_path / "b.csv", replace(apart[0], items=list("abcdefgh"), sequences=None)
+        tmp_path / "b.csv", apart[0].replaced(items=list("abcdefgh"), sequences=None)
     )
     both = shapefit.read_shapes(tmp_path / "a.h5", tmp_path / "b.csv")
     assert both.items == (*apart[1].items, *"abcdefgh")

@@ -1,7 +1,6 @@
 """`shapefit.learn` makes what the command makes, bit for bit, and refuses what it refuses."""
 
 import inspect
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -44,7 +43,7 @@ def test_arrays_alone_are_enough(sample):
     made = shapefit.learn(shapes.shapes[::60], k=5, iterations=1)
     assert made.atoms.shape == (5, 15, 3)
     assert made.landmark_names == tuple(map(str, range(15)))
-    named = shapefit.learn(replace(shapes, sequences=None), k=5, iterations=1, every=60)
+    named = shapefit.learn(shapes.replaced(sequences=None), k=5, iterations=1, every=60)
     np.testing.assert_array_equal(named.atoms, made.atoms)
 
 

@@ -1,4 +1,4 @@
-"""Files to records and back, with one landmark per row."""
+"""Files to views and back, with one landmark per row."""
 
 from __future__ import annotations
 
@@ -10,21 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from shapefit import io
-from shapefit.config.named_files import find_dictionaries
-from shapefit.errors import input_error, listed
-from shapefit.face.records import (
+from shapefit.api.records import (
     Dictionary,
     Fit,
     Landmarks,
     Shapes,
-    dictionary_model,
     fit_of,
     landmark_set,
-    result_set,
-    rows_of,
     shape_set,
 )
-from shapefit.io.layout import DICTIONARY, LANDMARKS, SHAPES
+from shapefit.config.named_files import find_dictionaries
+from shapefit.errors import input_error, listed
 from shapefit.io.options import InputOptions
 from shapefit.stores import UrlPath, forget_copy, location
 
@@ -37,7 +33,7 @@ def read_shapes(*paths: File, **options: Any) -> Shapes:
     Shapes that lack a landmark are left out. options are keys of the section `input` of the
     commands, as `rename={"LHip": "lhip"}`. Raises InputError.
     """
-    return rows_of(io.read_shapes(_paths(paths), _input(options)), Shapes, SHAPES)
+    return Shapes.of(io.read_shapes([_path(path) for path in paths], _input(options)))
 
 
 def read_landmarks(*paths: File, **options: Any) -> Landmarks:
@@ -46,9 +42,8 @@ def read_landmarks(*paths: File, **options: Any) -> Landmarks:
     options are keys of the section `input` of the commands, as `keypoints="body_25"` or
     `track="nearest"`. Raises InputError.
     """
-    with io.open_landmarks(_paths(paths), _input(options)) as source:
-        landmarks = source.whole()
-    return rows_of(landmarks, Landmarks, LANDMARKS)
+    with io.open_landmarks([_path(path) for path in paths], _input(options)) as source:
+        return Landmarks.of(source.whole())
 
 
 def read_dictionary(path: File) -> Dictionary:
@@ -56,7 +51,7 @@ def read_dictionary(path: File) -> Dictionary:
     found = _path(path)
     if not (isinstance(found, UrlPath) or found.exists()):
         found = find_dictionaries().get(str(path), found)
-    return rows_of(io.read_dictionary(found), Dictionary, DICTIONARY)
+    return Dictionary.of(io.read_dictionary(found))
 
 
 def read_results(path: File) -> Fit:
@@ -77,15 +72,14 @@ def write_landmarks(path: File, landmarks: Landmarks) -> None:
 
 def write_dictionary(path: File, dictionary: Dictionary) -> None:
     """Write a dictionary to HDF5."""
-    io.write_dictionary(_path(path), dictionary_model(dictionary))
+    io.write_dictionary(_path(path), dictionary._inside)
 
 
 def write_results(path: File, result: Fit) -> None:
     """Write a fit to HDF5, or Parquet by its name, as `fit` does, or its shapes to .csv."""
-    record = result_set(result)
     with io.result_writer(_path(path)) as writer:
-        writer.append(record)
-        writer.attributes.update(record.attributes)
+        writer.append(result._inside)
+        writer.attributes.update(result.attributes)
 
 
 def _input(options: Mapping[str, Any]) -> InputOptions:
@@ -95,10 +89,6 @@ def _input(options: Mapping[str, Any]) -> InputOptions:
         if key not in known:
             raise input_error(key, "is not a key of `input`", f"use {listed(known)}")
     return InputOptions(**options)
-
-
-def _paths(paths: tuple[File, ...]) -> list[Path]:
-    return [_path(path) for path in paths]
 
 
 def _path(path: File) -> Path:

@@ -17,7 +17,7 @@ import numpy as np
 from shapefit.errors import counted, input_error
 
 if TYPE_CHECKING:
-    from shapefit.face.records import Fit
+    from shapefit.api.records import Fit
     from shapefit.io.records import ResultSet
 
 HEIGHT = 640

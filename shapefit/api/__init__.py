@@ -1,0 +1,1 @@
+"""The functions of `import shapefit`: the pipelines of the commands, on arrays."""

@@ -1,0 +1,399 @@
+"""`fit`, `learn` and `evaluate`: the pipelines of the commands, on arrays.
+
+Keyword arguments are checked against the config of the command: the same keys, defaults and errors.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import BaseModel
+
+from shapefit.api.files import read_dictionary
+from shapefit.api.records import (
+    Dictionary,
+    Fit,
+    Landmarks,
+    Names,
+    Shapes,
+    fit_of,
+    landmark_set,
+    result_set,
+    shape_set,
+)
+from shapefit.config import EvalConfig, FitConfig, LearnDictConfig, find_config
+from shapefit.config.model import CommandConfig, field_keys, submodel
+from shapefit.config.settings import OPTION, Place, Settings, check
+from shapefit.errors import counted, input_error
+from shapefit.evaluation.summaries import Summary, group_sequences, summarise
+from shapefit.io.dictionaries import check_given_dictionary
+from shapefit.io.foreign.arrays import of_array
+from shapefit.io.foreign.items import landmarks_of
+from shapefit.io.options import InputOptions, Track, input_options
+from shapefit.io.records import LandmarkSet, concatenate
+from shapefit.io.source import source_of
+from shapefit.pipelines.evaluate.judge import Truth, judge
+from shapefit.pipelines.fit.prepare import (
+    FIRST,
+    Default,
+    are_long,
+    choose_by_dictionary,
+    fits,
+    prepare,
+    set_up,
+    warn_of_dictionary,
+)
+from shapefit.pipelines.fit.report import Report
+from shapefit.pipelines.fit.run import attributes_of, lift_source
+from shapefit.pipelines.joints import name_warnings
+from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes
+from shapefit.pipelines.outcome import Counted, Failure, Note, Outcome, add_up
+
+PLACE = Path("landmarks")
+WANTED = "give (n, p, 2) or (n, p, 3) with a confidence of 0 to 1, or a list of (people, p, 2 or 3)"
+
+CAMERA = "camera_matrix"
+"""Dataset that holds the matrices given as `camera`."""
+
+FIT = {
+    "landmarks": (Path("landmarks"),),
+    "dictionary": Path("dictionary"),
+    "output": Path("result"),
+}
+LEARN = {"shapes": (Path("shapes"),), "output": Path("dictionary")}
+EVALUATE = {"results": {"result": "-"}, "truth": (Path("truth"),), "output": Path("report")}
+"""What stands for the files of the commands in messages."""
+
+BARS = ("shape_sd", "shape_correlation", "shape_covariance", "plausibility")
+"""What the calibration of a report judges beside the errors."""
+
+Config = TypeVar("Config", bound=CommandConfig)
+
+
+def default(model: type[CommandConfig], name: str) -> Any:
+    """Return the default of a key of a command."""
+    return model.model_fields[name].get_default(call_default_factory=True)
+
+
+def fit(
+    landmarks: Landmarks | ArrayLike | Sequence[ArrayLike],
+    dictionary: Dictionary | str | PathLike[str],
+    lam: float | Literal["auto"] | None = None,
+    weights: ArrayLike | None = None,
+    method: str | None = None,
+    camera: Mapping[str, Any] | ArrayLike | None = None,
+    *,
+    config: str | PathLike[str] | None = None,
+    keypoints: str | None = None,
+    **options: Any,
+) -> Fit:
+    """Lift 2D landmarks to 3D shapes; equal bit for bit to what the command `fit` writes.
+
+    landmarks: arrays (n, p, 2), NaN where unseen, or (n, p, 3) with a confidence; (p, 2) of one
+    image; a list of frames (people, p, 2 or 3); or Landmarks with names. Arrays have the landmarks
+    of the dictionary in its order (of "people" the first 15), or those of the skeleton that
+    `keypoints` names, such as "coco_17". dictionary: one that was read or learned, a file, or an
+    installed one, such as "people". weights (n, p) >= 0, 0 = hidden, in place of a confidence; lam
+    and method as `lambda` and `method` of the command. camera: matrices (3, 3) or (n, 3, 3) for a
+    refinement under perspective, or the section `camera` of the command, where `intrinsics` may be
+    such matrices.
+    config: a YAML file or an installed config; by default that which suits the dictionary. A
+    dictionary that suits none and has a prior is fitted by it: method "posterior", or "sequences".
+    options are further keys of the command, sections as mappings, such as
+    `outliers={"method": "ransac"}` (docs/config.md). Images without a shape are in `failures` of
+    the result; what the command warns of is a Python warning. Raises InputError.
+    """
+    if not isinstance(dictionary, Dictionary):
+        dictionary = read_dictionary(dictionary)
+    atoms = dictionary._inside
+    check_given_dictionary(atoms, "dictionary")
+    section, matrices = _camera(camera)
+    given = {"lambda": lam, "method": method, "camera": section, "keypoints": keypoints}
+    given = {key: value for key, value in given.items() if value is not None}
+    given |= options
+
+    def reading(track: Track) -> InputOptions:
+        config = config_of(FitConfig, "fit", given, FIT, final=False)
+        return input_options(config.input, track)
+
+    names = atoms.marked(()).landmark_names
+    images = _with_weights(_images(landmarks, keypoints, names, reading), weights)
+    if config is None:
+        default = choose_by_dictionary(
+            atoms.provenance,
+            method,
+            lambda: are_long(images.sequences),
+            prior=atoms.prior is not None,
+        )
+        config = default.config
+    else:
+        default = Default()
+    wanted = config_of(FitConfig, "fit", given, FIT, config)
+    if default.method is not None and fits(default, wanted):
+        given["method"] = default.method
+        wanted = config_of(FitConfig, "fit", given, FIT, config)
+    if matrices is not None:
+        images = images.with_columns({CAMERA: matrices})
+    records, seconds = [], 0.0
+    failures: dict[str, str] = {}
+    with source_of(images, "landmarks", wanted.input.rename) as source:
+        estimates = prepare(wanted, atoms, lambda: source.first(FIRST))
+        setup = set_up(estimates.apply(wanted), atoms, source.head.landmark_names)
+        report = Report(setup)
+        of_dictionary = warn_of_dictionary(setup.config, setup.dictionary)
+        messages: dict[str, str | Counted] = {
+            text: text for text in (*estimates.warnings, *of_dictionary)
+        }
+        doubts = name_warnings(source.head.landmark_names, setup.dictionary.landmark_names)
+        for batch in lift_source(source, setup):
+            outcome = report.add(batch.images, batch.lifting, batch.record)
+            records.append(batch.record)
+            seconds += batch.seconds
+            failures |= {failure.item: failure.reason for failure in outcome.failures}
+            add_up(messages, outcome.warnings)
+    for message in (*messages.values(), *doubts, *report.warnings):
+        if not isinstance(message, Note):
+            warnings.warn(str(message), stacklevel=2)
+    whole = concatenate(records)
+    attributes = attributes_of(setup, estimates, {}, seconds, len(whole))
+    return fit_of(whole.replaced(attributes=attributes), failures)
+
+
+def _images(
+    landmarks: Any, keypoints: str | None, names: Names, reading: Callable[[Track], InputOptions]
+) -> LandmarkSet:
+    """Return landmarks as the package has them, with these names (p) where they have none.
+
+    Arrays with confidences, of a skeleton, of one image or of several people are read as files of a
+    detector are. Raises InputError for arrays of other shapes.
+    """
+    if isinstance(landmarks, Landmarks):
+        return landmark_set(landmarks, names)
+    crowd = isinstance(landmarks, list) and any(np.ndim(frame) == 3 for frame in landmarks)
+    points, further = in_one_array(landmarks) if crowd else (_array(landmarks), {})
+    with_confidence = points.ndim == 3 and points.shape[2] == 3
+    if not (crowd or keypoints is not None or points.ndim == 2 or with_confidence):
+        return landmark_set(points, names)
+    options = reading("nearest" if crowd else "none")
+    if options.keypoints is None:
+        if points.shape[-2] != len(names):
+            found = f"has {points.shape[-2]} landmarks without names, not {len(names)}"
+            raise input_error("landmarks", found, 'name them, as in `keypoints="coco_17"`')
+        further |= {"landmark_names": tuple(names)}
+    return landmarks_of(of_array(PLACE, points, **further), options)[0]
+
+
+def in_one_array(frames: Sequence[ArrayLike]) -> tuple[NDArray[Any], dict[str, Any]]:
+    """Return frames (people, p, 2 or 3), with any number of people each, as one array.
+
+    Beside it stands of which frame each is. Raises InputError where they differ in their landmarks.
+    """
+    arrays = [_array(frame) for frame in frames]
+    whole = [array for array in arrays if array.size]
+    if len({array.shape[1:] for array in whole}) != 1 or whole[0].ndim != 3:
+        raise input_error("landmarks", "frames that differ in their landmarks", WANTED)
+    people = [len(array) if array.size else 0 for array in arrays]
+    frame = np.repeat(np.arange(len(arrays)), people)
+    labels = [str(number) for number in frame]
+    return np.concatenate(whole), {"frames": frame.tolist(), "labels": labels, "images": True}
+
+
+def _array(landmarks: ArrayLike) -> NDArray[Any]:
+    try:
+        return np.asarray(landmarks, np.float64)
+    except (TypeError, ValueError):
+        raise input_error("landmarks", "is no array of numbers", WANTED) from None
+
+
+def _camera(
+    camera: Mapping[str, Any] | ArrayLike | None,
+) -> tuple[dict[str, Any] | None, np.ndarray[Any, Any] | None]:
+    """Return the section `camera` of the config, and matrices that it names."""
+    if camera is None:
+        return None, None
+    section = dict(camera) if isinstance(camera, Mapping) else {"intrinsics": camera}
+    section.setdefault("model", "perspective")
+    matrices = section.get("intrinsics")
+    if matrices is None or isinstance(matrices, str):
+        return plain(section), None
+    return plain(section | {"intrinsics": CAMERA}), np.asarray(matrices)
+
+
+def _with_weights(images: LandmarkSet, weights: ArrayLike | None) -> LandmarkSet:
+    if weights is None:
+        return images
+    values = np.asarray(weights, dtype=np.float64)
+    expected = (len(images), len(images.landmark_names))
+    if values.shape != expected:
+        raise input_error("weights", f"has the shape {values.shape}", f"it must be {expected}")
+    return images.replaced(confidence=values)
+
+
+def learn(
+    shapes: Shapes | ArrayLike,
+    k: int = default(LearnDictConfig, "k"),
+    beta: float = default(LearnDictConfig, "beta"),
+    **options: Any,
+) -> Dictionary:
+    """Learn a dictionary from 3D shapes; equal bit for bit to what `learn-dict` writes.
+
+    shapes (n, p, 3), or Shapes with names, sequences, edges or a mesh; k, beta and options are
+    keys of the command, such as `method="exemplars"` (docs/config.md). Shapes that cannot be used,
+    and what else the command warns of, are Python warnings. Raises InputError.
+    """
+    own = {"k": k, "beta": beta}
+    # Those of another method do not know these keys: their defaults count as not given.
+    given = {key: value for key, value in own.items() if value != default(LearnDictConfig, key)}
+    config = config_of(LearnDictConfig, "learn", given | options, LEARN)
+    given_set = source_of(shape_set(shapes), "shapes", config.input.rename).whole()
+    making = learn_from_shapes(given_set, config, {})
+    failures: list[Failure] = []
+    messages: list[str] = []
+    while True:
+        try:
+            outcome: Outcome = next(making)
+        except StopIteration as stop:
+            dictionary = stop.value
+            break
+        failures += outcome.failures
+        messages += [str(each) for each in outcome.warnings if not isinstance(each, Note)]
+    if failures:
+        unused = f"{failures[0].item}, for one: {failures[0].reason}"
+        messages.insert(0, f"{counted(len(failures), 'shape')} cannot be used; {unused}")
+    for message in messages:
+        warnings.warn(message, stacklevel=2)
+    return Dictionary.of(dictionary)
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Errors of n images: errors maps a metric and its unit to (n,), nan where it is undefined.
+
+    items and sequences (n); summaries as in report.csv: of the group `all`, or of each group, and
+    of each sequence; failures maps the images without one or more errors to the reason.
+    """
+
+    items: tuple[str, ...]
+    sequences: tuple[str, ...]
+    errors: Mapping[tuple[str, str], NDArray[np.float64]]
+    summaries: tuple[Summary, ...]
+    failures: Mapping[str, str]
+
+    def mean(self, metric: str, unit: str | None = None) -> float:
+        """Return the mean over the groups' means in a metric, in its first unit if none is given.
+
+        Raises ValueError where nothing was measured in it.
+        """
+        rows = [s for s in self.summaries if s.metric == metric and s.sequence is None]
+        rows = [s for s in rows if s.unit == (unit or rows[0].unit)]
+        if not rows:
+            raise ValueError(f"no {metric} was measured" + (f" in {unit}" if unit else ""))
+        return float(np.mean([row.mean for row in rows]))
+
+
+def evaluate(
+    result: Fit | Shapes | ArrayLike,
+    truth: Shapes | ArrayLike,
+    metrics: Sequence[str] = default(EvalConfig, "metrics"),
+    match: str = default(EvalConfig, "match"),
+    **options: Any,
+) -> Evaluation:
+    """Compare a fit with the true shapes; errors and sums equal those that `eval` writes.
+
+    result: a Fit, or shapes (n, p, 3) from elsewhere; truth (n, p, 3), in the order of the images,
+    or Shapes, matched by `match` and landmarks by name; metrics as of the command, those that the
+    result lacks the datasets for left out with a warning; options are `groups`,
+    `least_visible` and `rename`. Raises InputError.
+    """
+    given = {"metrics": metrics, "match": match}
+    config = config_of(EvalConfig, "evaluate", given | options, EVALUATE)
+    if beyond := options.keys() - {"groups", "least_visible", "rename"}:
+        fix = "use `groups`, `least_visible` or `rename`, or the command line"
+        raise input_error(f"evaluate.{min(beyond)}", "is a key of reports only", fix)
+    names = result.landmark_names if isinstance(result, Fit | Shapes) else None
+    true_set = shape_set(truth, names)
+    true = source_of(true_set, "truth", config.input.rename, gaps=True).whole()
+    record = result_set(result, true.landmark_names)
+    if not isinstance(truth, Shapes) or truth._without_items:
+        if len(true) != len(record):
+            found = f"has {len(true)} shapes for {len(record)} images"
+            raise input_error("truth", found, "give one for each, or name them: Shapes(..., items)")
+        true = true.replaced(items=record.items)
+    record = record.without(BARS)
+    judged = judge(Path("result"), record, Truth(true, true.items, true.take), config)
+    errors = judged.image_errors("result")
+    sequences = (name for each in errors for name in each.sequences.names)
+    grouping, ungrouped = group_sequences(config.groups, sequences)
+    for message in (*judged.warnings, *ungrouped):
+        warnings.warn(message, stacklevel=2)
+    return Evaluation(
+        items=judged.items,
+        sequences=judged.sequences,
+        errors=judged.errors,
+        summaries=tuple(s for e in errors for s in summarise(e, grouping)),
+        failures=judged.failures,
+    )
+
+
+def config_of(
+    model: type[Config],
+    function: str,
+    given: Mapping[str, Any],
+    files: Mapping[str, Any],
+    config: str | PathLike[str] | None = None,
+    *,
+    final: bool = True,
+) -> Config:
+    """Return the config that the arguments of a function make, over those of a config file.
+
+    `files` (key -> value) are the keys whose place arrays take; in the config they hold these
+    values, for messages.
+    Raises InputError for what the config refuses, each problem with the name of its argument.
+    """
+    closed = {*files, "data", "export", "pictures"} & model.model_fields.keys()
+    for key in given.keys() & closed:
+        found = f"there is no argument `{key}`"
+        fix = f"it is for files: use the command line, or the functions of shapefit for `{key}`"
+        raise input_error(f"{function}.{key}", found, fix)
+    settings = Settings(model, function)
+    if config is not None:
+        file = find_config(function, Path(config))
+        assert file is not None
+        settings.read_file(file.path, is_preset=True)
+    _give(settings, model, function, dict.fromkeys(files, "-") | plain(given))
+    return check(model, settings, final=final).model_copy(update=dict(files))
+
+
+def _give(
+    settings: Settings,
+    model: type[BaseModel],
+    place: str,
+    values: Mapping[str, Any],
+    above: tuple[str, ...] = (),
+) -> None:
+    """Set the values of a mapping, those of sections key by key."""
+    for key, value in values.items():
+        field, named = field_keys(model).get(key), f"{place}.{key}"
+        section = None if field is None else submodel(field)
+        if section is not None and isinstance(value, dict):
+            _give(settings, section, named, value, (*above, key))
+        else:
+            settings.set((*above, key), value, {(): Place(named, named, OPTION)})
+
+
+def plain(value: Any) -> Any:
+    """Return a value as YAML would have it: no numbers or arrays of NumPy, no tuples, no paths."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return str(value) if isinstance(value, Path) else value

@@ -1,0 +1,340 @@
+"""Shapes, landmarks, dictionaries and fits with one landmark per row, as files have them.
+
+Inside the package a point is a column, (..., 3, p); here and in files it is a row, (..., p, 3).
+Each of them is a view: it holds the package's own record and turns what it gives out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import fields
+from os import PathLike
+from pathlib import Path
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shapefit.api import shown
+from shapefit.dictionary import model
+from shapefit.errors import counted, input_error
+from shapefit.io.layout import (
+    DICTIONARY,
+    LANDMARKS,
+    RESULTS,
+    SHAPES,
+    UNKNOWN_UNIT,
+    Layout,
+    fit_axes,
+    free_names,
+)
+from shapefit.io.records import LandmarkSet, Records, ResultSet, ShapeSet
+
+Names = Sequence[str]
+OF_RECORDS = ("landmark_names", "items", "sequences", "unit", "y_axis", "frame_rate", "attributes")
+
+
+class _View:
+    """What the package holds with one landmark per column, given out with one per row."""
+
+    _LAYOUT: ClassVar[Layout]
+    _inside: Any
+
+    @classmethod
+    def of(cls, inside: Any) -> Self:
+        """Return the view of a record of the package."""
+        view = cls.__new__(cls)
+        view._inside = inside
+        return view
+
+    @classmethod
+    def _fields(cls) -> Collection[str]:
+        return (*cls._LAYOUT.all_names, *OF_RECORDS)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or name not in self._fields():
+            raise AttributeError(f"{type(self).__name__} has no {name}")
+        value = getattr(self._inside, name)
+        dataset = self._LAYOUT.find(name)
+        turned = dataset is not None and dataset.points and value is not None
+        return np.swapaxes(value, -1, -2) if turned else value
+
+    def __dir__(self) -> Iterable[str]:
+        return {*super().__dir__(), *self._fields()}
+
+
+class _Items(_View):
+    """A view of n items."""
+
+    _inside: Records
+    _unnamed: bool = False
+    _without_items: bool = False
+
+    def __len__(self) -> int:
+        return len(self._inside)
+
+    def __getitem__(self, rows: int | slice | ArrayLike) -> Self:
+        part = self.of(self._inside.take(self._rows(rows)))
+        part._unnamed, part._without_items = self._unnamed, self._without_items
+        return part
+
+    def __repr__(self) -> str:
+        parts = (counted(len(self), "item"), counted(len(self.landmark_names), "landmark"))
+        return f"<shapefit.{type(self).__name__}: {', '.join(parts)}, in {self.unit}>"
+
+    def _rows(self, rows: int | slice | ArrayLike) -> NDArray[Any]:
+        return np.atleast_1d(np.arange(len(self))[rows])  # type: ignore[index]
+
+    @property
+    def extras(self) -> dict[str, NDArray[Any]]:
+        """Further datasets, as they stand in a file."""
+        return self._inside.further
+
+    def replaced(self, **changes: Any) -> Self:
+        """Return the same with other fields, given as to the constructor; None leaves one out."""
+        own = {name: getattr(self, name) for name in self._LAYOUT.names if self._has(name)}
+        own |= {name: getattr(self, name) for name in OF_RECORDS} | {"extras": self.extras}
+        own |= {"landmark_names": None} if self._unnamed else {}
+        return type(self).of_fields(own | changes)
+
+    def _has(self, name: str) -> bool:
+        return name in self._inside.columns
+
+    @classmethod
+    def of_fields(cls, given: Mapping[str, Any]) -> Self:
+        """Return the view of what a caller gives, names of landmarks and items filled in."""
+        values = _in_columns(given, cls._LAYOUT)
+        place = cls._LAYOUT.points.name
+        n, p = len(values[place]), values[place].shape[-1]
+        extras = values.pop("extras", None) or {}
+        names = free_names(extras, {"item", "sequence", "landmark_names", *values})
+        columns = {names[name]: data for name, data in extras.items()}
+        lacks = [values.get(name) is None for name in ("landmark_names", "items")]
+        for name, lacking, count in zip(("landmark_names", "items"), lacks, (p, n), strict=True):
+            values[name] = tuple(map(str, range(count))) if lacking else values[name]
+        view = cls.of(RECORDS[cls._LAYOUT](**values, columns=columns))
+        view._unnamed, view._without_items = lacks
+        return view
+
+
+class Shapes(_Items):
+    """n shapes of p landmarks: shapes (n, p, 3) in `unit`.
+
+    items name the shapes, by default 0, 1, ...; sequences (n) the clip or group of each; edges
+    (e, 2) are pairs of landmarks; mesh_vertices (n, q, 3) and mesh_faces (f, 3) a mesh; frame_rate
+    is that of a sequence, in Hz; extras are further datasets. A slice or a mask gives some of them.
+    """
+
+    _LAYOUT = SHAPES
+
+    def __init__(
+        self,
+        shapes: ArrayLike,
+        landmark_names: Names | None = None,
+        items: Names | None = None,
+        sequences: Names | None = None,
+        edges: ArrayLike | None = None,
+        mesh_vertices: ArrayLike | None = None,
+        mesh_faces: ArrayLike | None = None,
+        unit: str = UNKNOWN_UNIT,
+        frame_rate: float | None = None,
+        extras: Mapping[str, NDArray[Any]] | None = None,
+    ) -> None:
+        given = {name: value for name, value in locals().items() if name not in ("self", "given")}
+        self.__dict__.update(self.of_fields(given).__dict__)
+
+
+class Landmarks(_Items):
+    """n images of p landmarks: landmarks (n, p, 2) in `unit`, NaN where unseen.
+
+    confidence (n, p) >= 0 weights the landmarks, 0 = hidden; None is 1 for all. items name the
+    images, by default 0, 1, ...; sequences (n) the clip of each; y_axis is where y points, down as
+    pixels are counted; extras are further datasets, such as `true_rotation` (n, 3, 3) or
+    `camera_matrix` (3, 3). A slice or a mask gives some of them.
+    """
+
+    _LAYOUT = LANDMARKS
+
+    def __init__(
+        self,
+        landmarks: ArrayLike,
+        landmark_names: Names | None = None,
+        confidence: ArrayLike | None = None,
+        items: Names | None = None,
+        sequences: Names | None = None,
+        unit: str = UNKNOWN_UNIT,
+        y_axis: Literal["up", "down"] = "down",
+        frame_rate: float | None = None,
+        extras: Mapping[str, NDArray[Any]] | None = None,
+    ) -> None:
+        given = {name: value for name, value in locals().items() if name not in ("self", "given")}
+        self.__dict__.update(self.of_fields(given).__dict__)
+
+
+class Dictionary(_View):
+    """k atoms: atoms (k, p, 3), centred and on the scale of normalised shapes.
+
+    Fields: landmark_names, mean_shape (p, 3) and others of a dictionary file (docs/files.md);
+    prior is the mixture over shapes that `learn` or `read_dictionary` gives.
+    """
+
+    _LAYOUT = DICTIONARY
+    _inside: model.Dictionary
+
+    def __init__(
+        self, *, atoms: ArrayLike, landmark_names: Names, mean_shape: ArrayLike, **further: Any
+    ) -> None:
+        own = {"atoms": atoms, "landmark_names": landmark_names, "mean_shape": mean_shape}
+        if unknown := further.keys() - set(self._fields()):
+            raise TypeError(f"a dictionary has no {', '.join(sorted(unknown))}")
+        self._inside = model.Dictionary(**_in_columns(own | further, DICTIONARY, "dictionary."))
+
+    @classmethod
+    def _fields(cls) -> Collection[str]:
+        return [field.name for field in fields(model.Dictionary)]
+
+    def __repr__(self) -> str:
+        size = counted(self._inside.k, "atom"), counted(len(self.landmark_names), "landmark")
+        return f"<shapefit.Dictionary: {', '.join(size)}, in {self.unit}>"
+
+    def replaced(self, **changes: Any) -> Dictionary:
+        """Return the same with other fields."""
+        return Dictionary(**{name: getattr(self, name) for name in self._fields()} | changes)
+
+
+class Fit(_Items):
+    """3D shapes of n images: shapes (n, p, 3) in the camera frame and the unit of the landmarks.
+
+    NaN where an image failed; failures says why, by item. landmarks_fitted (n, p, 2);
+    coefficients (n, k); rotation (n, 3, 3); translation (n, 2); scale, objective, relative_gap,
+    iterations, status (n). None is what the method does not know: of these, and of shape_sd
+    (n, p, 3), the standard deviation of each coordinate, plausibility (n,), trusted (n,) and
+    doubt (n,), why not, "" where it is. extras holds the further datasets of a result file, such as
+    `outliers` (n, p) and the datasets of the landmarks. A slice or a mask gives the fit of some of
+    the images, a number that of one.
+    """
+
+    _LAYOUT = RESULTS
+    _inside: ResultSet
+    _failures: Mapping[str, str] | None = None
+
+    def __init__(self, **given: Any) -> None:
+        self.__dict__.update(self.of_fields(given).__dict__)
+
+    @property
+    def failures(self) -> dict[str, str]:
+        """Why images have no shape, by item."""
+        own = set(self.items)
+        return {item: text for item, text in (self._failures or {}).items() if item in own}
+
+    def __getitem__(self, rows: int | slice | ArrayLike) -> Fit:
+        return fit_of(self._inside.take(self._rows(rows)), self._failures or {})
+
+    def __repr__(self) -> str:
+        return shown.describe(self)
+
+    def _repr_html_(self) -> str:
+        return shown.embedded_page(self._inside)
+
+    def view(self, path: str | PathLike[str] | None = None) -> Path:
+        """Write the page of the shapes and open it in a browser; return its path."""
+        return shown.open_page(self._inside, path)
+
+    def plot(self, image: int = 0) -> Any:
+        """Draw the shape of an image with matplotlib; return the axes."""
+        return shown.draw_shape(self, image)
+
+    def to_pandas(self) -> Any:
+        """Return a table with a row per landmark and image: item, landmark, x, y, z, and more."""
+        return shown.as_table(self)
+
+    def to_xarray(self) -> Any:
+        """Return a dataset of positions over (time, space, keypoints, individuals)."""
+        return shown.as_dataset(self)
+
+
+RECORDS: Mapping[Layout, type[Records]] = {
+    SHAPES: ShapeSet,
+    LANDMARKS: LandmarkSet,
+    RESULTS: ResultSet,
+}
+
+
+def fit_of(record: ResultSet, failures: Mapping[str, str]) -> Fit:
+    """Return a result as the caller gets it."""
+    found = Fit.of(record)
+    found._failures = dict(failures)
+    return found
+
+
+def shape_set(given: Shapes | ArrayLike, names: Names | None = None) -> ShapeSet:
+    """Return shapes as the package has them; `names` where the shapes do not name landmarks."""
+    found: ShapeSet = _named(given if isinstance(given, Shapes) else Shapes(given), names)
+    return found
+
+
+def landmark_set(given: Landmarks | ArrayLike, names: Names | None = None) -> LandmarkSet:
+    """Return landmarks as the package has them; `names` where they do not name landmarks.
+
+    A landmark with one unknown coordinate is unseen.
+    """
+    landmarks = given if isinstance(given, Landmarks) else Landmarks(given)
+    found: LandmarkSet = _named(landmarks, names).with_whole_points()
+    return found
+
+
+def result_set(given: Fit | Shapes | ArrayLike, names: Names | None = None) -> ResultSet:
+    """Return a fit, or shapes that come from elsewhere, as the package has results."""
+    if isinstance(given, Fit):
+        return given._inside
+    shapes = shape_set(given, names)
+    own = ("landmark_names", "items", "sequences", "unit", "frame_rate", "of_file")
+    columns = {"shapes": shapes.shapes, **shapes.further}
+    return ResultSet(**{name: getattr(shapes, name) for name in own}, columns=columns)
+
+
+def _named(view: _Items, names: Names | None) -> Any:
+    """Return the record of a view, with these names of landmarks where the caller gave none."""
+    if names is None or not view._unnamed:
+        return view._inside
+    place, p = view._LAYOUT.points.name, len(view.landmark_names)
+    if len(names) != p:
+        found = f"has {p} landmarks without names, not {len(names)}"
+        fix = f"name them: {place.title()}({place}, landmark_names=[...])"
+        raise input_error(place, found, fix)
+    return view._inside.replaced(landmark_names=tuple(names))
+
+
+def _in_columns(given: Mapping[str, Any], layout: Layout, place: str = "") -> dict[str, Any]:
+    """Return fields with one landmark per column.
+
+    Raises InputError for arrays that are no numbers or whose axes disagree.
+    """
+    values = dict(given)
+    sizes: dict[str, int] = {}
+    own = layout.points.name
+    # The points say how many items and landmarks there are, and the rest must agree.
+    for dataset in sorted(layout.datasets, key=lambda dataset: not dataset.points):
+        name = dataset.attribute
+        value = values.get(name)
+        if value is None or dataset.kind == "label":
+            continue
+        where = f"{place}{name}" if place or name == own else f"{own}.{name}"
+        if dataset.kind == "text":
+            value = tuple(map(str, value))
+            shape: tuple[int, ...] = (len(value),)
+        else:
+            try:
+                kind = np.int64 if dataset.kind == "index" else np.float64
+                value = np.asarray(value, kind)
+            except (TypeError, ValueError):
+                raise input_error(where, "is no array of numbers", "give numbers") from None
+            shape = value.shape
+        expected = tuple(sizes.get(str(axis), axis) for axis in dataset.axes)
+        if not fit_axes(dataset.axes, shape, sizes):
+            axes = f"({', '.join(map(str, expected))}{',' * (len(expected) == 1)})"
+            row = ", one landmark per row" if dataset.points else ""
+            raise input_error(where, f"has the shape {shape}", f"it must be {axes}{row}")
+        turned = np.swapaxes(value, -1, -2) if dataset.points else value
+        values[name] = value if dataset.kind == "text" else np.ascontiguousarray(turned)
+    return values
