@@ -6,7 +6,6 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.geometry.normalisation import Normalised
-from shapefit.geometry.pinhole import Camera, project
 from shapefit.lifting.reconstruction import complete_transforms, orthogonal_transforms
 
 # The relative distance of an atom from the span of the training shapes that is still rounding.
@@ -88,19 +87,6 @@ def around_centroid(points: Floats, scale: Floats, translation: Floats) -> Float
     centred = points.copy()
     centred[:, :2] -= translation[:, :, None]
     return centred / scale[:, None, None]
-
-
-def seen_in_perspective(points: Floats, camera: Camera) -> Floats:
-    """(u, f (X_z - Z) / |Z|): where a camera sees points, u as `project` has it.
-
-    points X (n, 3, q) in the frame of the camera. Z is the mean of X_z, f that of the two focal
-    lengths, and the third row is for drawing: depths on the scale of the two others. u is nan for
-    points behind the camera.
-    """
-    depth = points[:, 2:]
-    middle = depth.mean(axis=2, keepdims=True)
-    scale = camera.focal.mean(axis=1)[:, None, None] / np.abs(middle)
-    return np.concatenate([project(camera, points), scale * (depth - middle)], axis=1)
 
 
 def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Floats:

@@ -1,149 +1,93 @@
-"""Mesh files in memory: OBJ, PLY and GLB, each as the bytes of the files to write."""
+"""Mesh files in memory: OBJ, PLY and GLB; and tubes for shapes that have edges and no faces."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from enum import StrEnum
-from typing import TYPE_CHECKING
+from functools import cache
+from typing import Literal
 
 import numpy as np
 
 from shapefit.arrays import Floats, Integers
-from shapefit.meshes.wireframe import balls
 
-if TYPE_CHECKING:
-    from trimesh import PointCloud, Trimesh
-    from trimesh.path import Path3D
+MeshFormat = Literal["obj", "ply", "ply-ascii", "glb"]
+"""OBJ keeps 8 decimals, PLY and GLB single precision."""
 
-Files = dict[str, bytes]
-"""The end of a file's name -> the content of that file."""
-
-COLOURS = {"mesh": (120, 155, 190), "landmarks": (230, 120, 30), "edges": (40, 60, 90)}
-"""The objects of a file by name, and their colours where the format has any (GLB)."""
-
-
-class MeshFormat(StrEnum):
-    """Formats of mesh files: OBJ keeps 8 decimals, PLY and GLB single precision."""
-
-    OBJ = "obj"
-    PLY = "ply"
-    PLY_ASCII = "ply-ascii"
-    GLB = "glb"
+COLOUR = (120, 155, 190)
+"""Of a mesh, in GLB."""
+SIDES = 8
+"""Corners of the rings of a tube."""
+GOLDEN = (np.sqrt(5) - 1) / 2
+"""Each tube is turned by this part of a side against the last: no two rings ever coincide, for
+what reads a mesh may merge vertices that do, and the tubes would no longer be closed."""
+SHORTEST = 0.1
+"""Length of the shortest tube in radii: with none at all its rings would fall together."""
 
 
-def mesh_files(
-    vertices: Floats, faces: Integers, file_format: MeshFormat, landmarks: Floats | None = None
-) -> Files:
-    """Encode one mesh, vertices (3, q) and faces (f, 3).
+def mesh_file(vertices: Floats, faces: Integers, file_format: MeshFormat) -> bytes:
+    """Encode one mesh, vertices (3, q) and faces (f, 3), as one object called `mesh`.
 
-    Coordinates, order and winding stay as given, whatever the format. The landmarks (3, p), if
-    given, are a second object named `landmarks`: in OBJ and GLB a little ball each, for most
-    viewers of these formats do not show bare points; in PLY, which has no objects, the bare points
-    in a file of their own, `-landmarks.ply`. Raises ValueError where a coordinate is not finite or
-    a face has a vertex that does not exist.
+    Coordinates, order and winding stay as given, whatever the format.
     """
-    mesh = _mesh("mesh", vertices, faces)
-    if file_format in (MeshFormat.PLY, MeshFormat.PLY_ASCII):
-        return {".ply": _ply(mesh, file_format), **_point_files(landmarks, file_format)}
-    return {f".{file_format}": _scene({"mesh": mesh, **_balls(landmarks)}, file_format)}
-
-
-def line_files(
-    points: Floats, edges: Integers, file_format: MeshFormat, landmarks: Floats | None = None
-) -> Files:
-    """Encode the edges (e, 2) between points (3, p) as lines.
-
-    Lines have no width, and many viewers leave them out: `wireframe.tubes` gives a mesh that all
-    of them show. OBJ keeps all points in their order; PLY and GLB hold the two ends of each edge.
-    Landmarks are as in `mesh_files`. Raises ValueError as `mesh_files` does.
-    """
-    from trimesh.path import Path3D
-    from trimesh.path.entities import Line
-
-    rows = _rows(points)
-    _check_indices(edges, len(rows))
-    if file_format is MeshFormat.OBJ:
-        return {".obj": _obj_lines(rows, edges, landmarks)}
-    path = Path3D([Line(edge) for edge in edges], rows, process=False)
-    if file_format is MeshFormat.GLB:
-        return {".glb": _scene({"edges": path, **_balls(landmarks)}, file_format)}
-    return {".ply": _ply(path, file_format), **_point_files(landmarks, file_format)}
-
-
-def _point_files(landmarks: Floats | None, file_format: MeshFormat) -> Files:
-    """Encode bare points as PLY."""
-    from trimesh import PointCloud
-
-    if landmarks is None:
-        return {}
-    return {"-landmarks.ply": _ply(PointCloud(_rows(landmarks)), file_format)}
-
-
-def _balls(landmarks: Floats | None) -> dict[str, Trimesh]:
-    """Return the object of the landmarks by its name."""
-    if landmarks is None:
-        return {}
-    return {"landmarks": _mesh("landmarks", *balls(_rows(landmarks).T))}
-
-
-def _mesh(name: str, vertices: Floats, faces: Integers) -> Trimesh:
-    from trimesh import Trimesh
+    from trimesh import Scene, Trimesh
+    from trimesh.exchange.gltf import export_glb
+    from trimesh.exchange.obj import export_obj
+    from trimesh.exchange.ply import export_ply
     from trimesh.visual import TextureVisuals
     from trimesh.visual.material import PBRMaterial
 
-    rows = _rows(vertices)
-    _check_indices(faces, len(rows))
     material = PBRMaterial(
-        name=name, baseColorFactor=COLOURS[name], metallicFactor=0.0, roughnessFactor=0.6
+        name="mesh", baseColorFactor=COLOUR, metallicFactor=0.0, roughnessFactor=0.6
     )
     look = TextureVisuals(material=material)
-    return Trimesh(rows, faces, process=False, visual=look, metadata={"name": name})
-
-
-def _ply(geometry: Trimesh | PointCloud | Path3D, file_format: MeshFormat) -> bytes:
-    from trimesh.exchange.ply import export_ply
-
-    encoding = "ascii" if file_format is MeshFormat.PLY_ASCII else "binary"
-    return export_ply(geometry, encoding=encoding, vertex_normal=False)
-
-
-def _scene(objects: Mapping[str, Trimesh | Path3D], file_format: MeshFormat) -> bytes:
-    """Encode named objects as OBJ or GLB."""
-    from trimesh import Scene
-    from trimesh.exchange.gltf import export_glb
-    from trimesh.exchange.obj import export_obj
-
+    mesh = Trimesh(vertices.T, faces, process=False, visual=look, metadata={"name": "mesh"})
+    if file_format in ("ply", "ply-ascii"):
+        encoding = "ascii" if file_format == "ply-ascii" else "binary"
+        return bytes(export_ply(mesh, encoding=encoding, vertex_normal=False))
     scene = Scene()
-    for name, geometry in objects.items():
-        scene.add_geometry(geometry, node_name=name, geom_name=name)
-    if file_format is MeshFormat.GLB:
-        return export_glb(scene, include_normals=False)
+    scene.add_geometry(mesh, node_name="mesh", geom_name="mesh")
+    if file_format == "glb":
+        return bytes(export_glb(scene, include_normals=False))
     text: str = export_obj(scene, include_normals=False, include_texture=False, header=None)
     return text.strip().encode() + b"\n"
 
 
-def _obj_lines(rows: Floats, edges: Integers, landmarks: Floats | None) -> bytes:
-    """Write what trimesh cannot: lines in OBJ. All objects count their vertices together."""
-    lines = ["o edges", *_obj_vertices(rows)]
-    lines += [f"l {first + 1} {second + 1}" for first, second in edges.tolist()]
-    if landmarks is not None:
-        vertices, faces = balls(_rows(landmarks).T)
-        lines += ["o landmarks", *_obj_vertices(vertices.T)]
-        lines += [f"f {i} {j} {k}" for i, j, k in (faces + len(rows) + 1).tolist()]
-    return "\n".join([*lines, ""]).encode()
+def tubes(points: Floats, edges: Integers, thickness: float = 0.01) -> tuple[Floats, Integers]:
+    """Tubes with round ends along the edges -> vertices (3, v) and faces (f, 3).
+
+    points (3, p), edges (e, 2); thickness is the diameter as a share of the largest extent of the
+    points. Each tube is a closed surface of its own, wound outwards, with as many vertices as the
+    others; where edges meet, the tubes overlap. An edge given twice has one tube; they are sorted.
+    """
+    first, second = np.unique(np.sort(edges, axis=1), axis=0).T
+    radius = thickness / 2 * np.ptp(points, axis=1).max()
+    along = points[:, second] - points[:, first]
+    length = np.linalg.norm(along, axis=0)
+    along = np.where(length > 0, along / np.where(length > 0, length, 1.0), np.eye(3)[:, 2:])
+    ends, corners, faces = _capsule()
+    across = np.eye(3)[np.abs(along).argmin(axis=0)].T
+    x = np.cross(across, along, axis=0)
+    x /= np.linalg.norm(x, axis=0)
+    y = np.cross(along, x, axis=0)
+    angle = 2 * np.pi / SIDES * GOLDEN * np.arange(len(first))
+    x, y = x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle)
+    frames = radius * np.stack([x, y, along])  # (3 axes, 3, e)
+    placed = np.einsum("ca,axe->xec", corners, frames)
+    far = np.maximum(length, SHORTEST * radius) * along
+    placed += points[:, first, None] + far[:, :, None] * ends
+    offsets = len(corners) * np.arange(len(first))[:, None, None]
+    return placed.reshape(3, -1), (faces + offsets).reshape(-1, 3)
 
 
-def _obj_vertices(rows: Floats) -> list[str]:
-    return [f"v {x:.8f} {y:.8f} {z:.8f}" for x, y, z in rows.tolist()]
+@cache
+def _capsule() -> tuple[Floats, Floats, Integers]:
+    """Return the capsule of radius 1 and length 0 along z: ends (c,), corners (c, 3), faces.
 
+    The end of a corner is 1 where it moves with the far end of an edge, else 0.
+    """
+    from trimesh.creation import capsule
 
-def _rows(points: Floats) -> Floats:
-    """Return points (3, p) as one row each, for trimesh."""
-    if not np.isfinite(points).all():
-        raise ValueError("a coordinate is not finite")
-    return points.T
-
-
-def _check_indices(indices: Integers, points: int) -> None:
-    if ((indices < 0) | (indices >= points)).any():
-        raise ValueError(f"an index is not within 0..{points - 1}")
+    solid = capsule(height=1.0, radius=1.0, count=[4, SIDES])
+    ends = (solid.vertices[:, 2] > solid.vertices[:, 2].mean()).astype(float)
+    corners = solid.vertices - solid.vertices.mean(axis=0)
+    corners[:, 2] -= ends - 0.5
+    return ends, corners, np.asarray(solid.faces)

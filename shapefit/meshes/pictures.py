@@ -1,4 +1,4 @@
-"""Pictures of fitted shapes: rows of panels, a contact sheet, skeletons side by side.
+"""Pictures of fitted images: landmarks over the fitted model, and the model in 3D from two sides.
 
 Functions take arrays and give figures, which need no screen; `shapefit.evaluation.plots.save`
 writes them as PNG or SVG.
@@ -7,51 +7,49 @@ writes them as PNG or SVG.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats, Integers
-from shapefit.meshes import panels
-from shapefit.meshes.ellipses import seen_ellipses
-from shapefit.meshes.views import View, YAxis, level, upright
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d import Axes3D
 
-Grid = NDArray[Any]
-"""Axes (rows, columns)."""
 
-NOVEL_VIEWS = (View(60, 15), View(-60, 15))
-SKELETON_VIEW = View(45, 10)
+class View(NamedTuple):
+    """Walk around the shape by `turn` and rise above it by `tilt` degrees; (0, 0) stays."""
 
-WIDE, TALL = 1.4, 0.72
-"""Width / height of the panels of fitted images, and of skeletons."""
-HEIGHT, SMALL_HEIGHT, TALL_HEIGHT = 1.85, 0.95, 2.2
-"""Height of a panel in inches: of a row, in a contact sheet, of a skeleton."""
-BORDER, GAP = 0.3, 0.12
-"""Inches around all panels, and between rows."""
-MARK, SMALL_MARK = 3.2, 1.7
-"""Diameter in points of the mark of a landmark."""
-ROW_LETTERS, SHEET_LETTERS = 32, 40
-"""Letters of a title that fit beside a row, and above an image of a contact sheet."""
+    turn: float
+    tilt: float
+
+
+VIEWS = (View(60, 15), View(-60, 15))
+# Okabe and Ito 2008: told apart with every common form of colour blindness.
+SEEN, HIDDEN, OUTLIER, BAR = "#0072B2", "#555555", "#D55E00", "#E69F00"
+INK, BODY, PALE = "#333333", "#8FB1E3", "#E3EBF7"
+FAINTNESS = 0.22
+"""Opacity of an error bar."""
+SIZE, SMALL = 2.2, 1.2
+"""Width of a panel in inches: of a picture, of a contact sheet."""
 SHEET_COLUMNS = 4
-UNDER_LANDMARKS = 0.72
-"""Paleness of a mesh that has landmarks drawn over it."""
+LETTERS = 40
+"""Letters of a title that fit above an image."""
+MARGIN = 0.06
+"""Free border of a panel, as a share of what it shows."""
 
 
-@dataclass(frozen=True)
-class Model:
+class Model(NamedTuple):
     """What all images of a picture share: where y points, and what the model is drawn with.
 
     faces (f, 3) of the mesh; edges (e, 2) of the landmarks, for shapes without a mesh.
     """
 
-    y_axis: YAxis
+    y_axis: Literal["up", "down"]
     faces: Integers | None = None
     edges: Integers | None = None
 
@@ -60,30 +58,21 @@ class Model:
 class FittedImage:
     """The landmarks of an image and the shape fitted to them.
 
-    landmarks (2, p), nan = hidden; shape (3, p) and mesh_vertices (3, q) in the camera frame and
-    the unit of the landmarks, nan where the fit failed; outliers (p,): the landmarks judged to be
-    wrong; rotation (3, 3) from the object frame, whose y axis then stands upright in novel views.
-    seen_shape (3, p) and seen_mesh (3, q): x and y where the camera sees them, and depths, if that
-    is not straight along z. covariance (p, 3, 3) of the landmarks of the shape in the camera frame,
-    where it is known.
+    landmarks (2, p), nan = hidden; shape (3, p) and mesh (3, q) in the camera frame and the unit of
+    the landmarks, nan where the fit failed; seen (2, p) and seen_mesh (2, q): where the camera sees
+    them. outliers (p,): the landmarks judged to be wrong; sd (3, p) standard deviations of the
+    shape; rotation (3, 3) from the object frame, whose y axis then stands upright in 3D.
     """
 
     title: str
     landmarks: Floats
     shape: Floats
-    mesh_vertices: Floats | None = None
-    outliers: Flags | None = None
-    rotation: Floats | None = None
-    seen_shape: Floats | None = None
+    seen: Floats
+    mesh: Floats | None = None
     seen_mesh: Floats | None = None
-    covariance: Floats | None = None
-
-    @property
-    def as_seen(self) -> FittedImage:
-        """Return the image with shape and mesh as the camera sees them."""
-        shape = self.shape if self.seen_shape is None else self.seen_shape
-        mesh = self.mesh_vertices if self.seen_mesh is None else self.seen_mesh
-        return replace(self, shape=shape, mesh_vertices=mesh)
+    outliers: Flags | None = None
+    sd: Floats | None = None
+    rotation: Floats | None = None
 
     @property
     def fitted(self) -> bool:
@@ -91,200 +80,175 @@ class FittedImage:
         return bool(np.isfinite(self.shape).all())
 
 
-@dataclass(frozen=True)
-class Pose:
-    """The landmarks (2, p) of an image and shapes (3, p) in its camera frame, by name.
-
-    covariances (p, 3, 3) of those shapes whose error bars are known.
-    """
-
-    title: str
-    landmarks: Floats
-    shapes: Mapping[str, Floats]
-    covariances: Mapping[str, Floats] = field(default_factory=dict)
+def fit_picture(images: Sequence[FittedImage], model: Model) -> Figure:
+    """One row per image: its landmarks over the fitted model, and the model in novel views."""
+    return _picture(images, model, VIEWS, columns=1, size=SIZE)
 
 
-def fit_picture(
-    images: Sequence[FittedImage], model: Model, views: Sequence[View] = NOVEL_VIEWS
+def contact_sheet(images: Sequence[FittedImage], model: Model) -> Figure:
+    """All images, small: landmarks over the fitted model, and the model in a novel view."""
+    return _picture(images, model, VIEWS[:1], columns=min(SHEET_COLUMNS, len(images)), size=SMALL)
+
+
+def _picture(
+    images: Sequence[FittedImage], model: Model, views: Sequence[View], columns: int, size: float
 ) -> Figure:
-    """One row per image: its landmarks, the fitted model under them, the model in novel views."""
-    heads = ["landmarks", "fitted model", *(f"turned by {view.turn:+g}°" for view in views)]
-    figure, grid = _grid(len(images), len(heads), WIDE, HEIGHT)
-    for row, image in zip(grid, images, strict=True):
-        _draw_input(row[0], image, model)
-        if image.fitted:
-            _draw_overlay(row[1], image, model)
-        else:
-            _say_no_shape(row[1])
-        for axes, view in zip(row[2:], views, strict=True):
-            _draw_in_3d(axes, image, model, view)
-    _name_rows(grid, [image.title for image in images])
-    _name_columns(grid, heads)
-    panels.add_legend(figure)
-    return figure
-
-
-def contact_sheet(
-    images: Sequence[FittedImage], model: Model, view: View = NOVEL_VIEWS[0]
-) -> Figure:
-    """All images, small: the fitted model under the landmarks, and in a novel view.
-
-    Meshes are pixels in SVG too: as vectors they would make the file too large to open.
-    """
-    columns = min(SHEET_COLUMNS, len(images))
-    figure, grid = _grid(math.ceil(len(images) / columns), 2 * columns, WIDE, SMALL_HEIGHT)
-    pairs = grid.reshape(-1, 2)
-    for (flat, solid), image in zip(pairs, images, strict=False):
-        _draw_overlay(flat, image, model, size=SMALL_MARK, as_pixels=True)
-        _draw_in_3d(solid, image, model, view, as_pixels=True)
-        title = _shown(image.title, SHEET_LETTERS)
-        flat.set_title(title, fontsize=7, color=panels.INK, loc="left", pad=0, parse_math=False)
-    panels.add_legend(figure)
-    return figure
-
-
-def skeleton_picture(
-    poses: Sequence[Pose], edges: Integers, y_axis: YAxis, view: View = SKELETON_VIEW
-) -> Figure:
-    """One row a pose: the landmarks, then its shapes (estimates, truth) in a novel view.
-
-    All poses have shapes of the same names; the columns follow their order in the first.
-    """
-    names = list(poses[0].shapes)
-    figure, grid = _grid(len(poses), 1 + len(names), TALL, TALL_HEIGHT)
-    for row, pose in zip(grid, poses, strict=True):
-        landmarks = upright(pose.landmarks, y_axis)
-        panels.draw_edges(row[0], landmarks, edges, 2.0)
-        panels.draw_landmarks(row[0], landmarks, None, MARK)
-        panels.frame(row[0], TALL, landmarks)
-        for axes, name in zip(row[1:], names, strict=True):
-            turned = view.rotation() @ upright(pose.shapes[name], y_axis)
-            panels.draw_edges(axes, turned, edges, 3.5)
-            if name in pose.covariances:
-                bars = seen_ellipses(pose.covariances[name], view.rotation(), y_axis)
-                panels.draw_error_bars(axes, turned, bars)
-            panels.frame(axes, TALL, turned)
-    _name_rows(grid, [pose.title for pose in poses])
-    _name_columns(grid, ["landmarks", *names])
-    panels.add_legend(figure, only=(panels.ERROR_BAR,))
-    return figure
-
-
-def _draw_input(axes: Axes, image: FittedImage, model: Model, size: float = MARK) -> None:
-    landmarks = upright(image.landmarks, model.y_axis)
-    panels.draw_landmarks(axes, landmarks, image.outliers, size)
-    seen = image.as_seen
-    solid = seen.shape if seen.mesh_vertices is None else seen.mesh_vertices
-    panels.frame(axes, WIDE, landmarks, upright(solid, model.y_axis))
-
-
-def _draw_overlay(
-    axes: Axes, image: FittedImage, model: Model, size: float = MARK, *, as_pixels: bool = False
-) -> None:
-    """Draw what `_draw_input` does, in the same place, over the fitted model."""
-    if image.fitted:
-        seen = image.as_seen
-        fitted = upright(seen.shape[:2], model.y_axis)
-        landmarks = upright(image.landmarks, model.y_axis)
-        _draw_model(axes, seen, model, np.eye(3), paleness=UNDER_LANDMARKS, as_pixels=as_pixels)
-        panels.draw_residuals(axes, fitted, landmarks, size)
-        _draw_error_bars(axes, image, fitted, np.eye(3), model)
-        panels.draw_hidden(axes, fitted, landmarks, size)
-    _draw_input(axes, image, model, size)
-
-
-def _draw_in_3d(
-    axes: Axes, image: FittedImage, model: Model, view: View, *, as_pixels: bool = False
-) -> None:
-    if not image.fitted:
-        _say_no_shape(axes)
-        return
-    rotation = view.rotation()
-    if image.rotation is not None:
-        rotation = rotation @ level(upright(image.rotation, model.y_axis)[:, 1])
-    drawn = _draw_model(axes, image, model, rotation, as_pixels=as_pixels)
-    _draw_error_bars(axes, image, rotation @ upright(image.shape, model.y_axis), rotation, model)
-    panels.frame(axes, WIDE, drawn)
-
-
-def _draw_error_bars(
-    axes: Axes, image: FittedImage, points: Floats, rotation: Floats, model: Model
-) -> None:
-    if image.covariance is not None:
-        bars = seen_ellipses(image.covariance, rotation, model.y_axis)
-        panels.draw_error_bars(axes, points, bars)
-
-
-def _say_no_shape(axes: Axes) -> None:
-    axes.text(
-        0.5, 0.5, "no shape", ha="center", va="center", fontsize=7, color=panels.INK,
-        transform=axes.transAxes,
-    )  # fmt: skip
-
-
-def _draw_model(
-    axes: Axes,
-    image: FittedImage,
-    model: Model,
-    rotation: Floats,
-    *,
-    paleness: float = 0.0,
-    as_pixels: bool,
-) -> Floats:
-    """Draw the mesh, else the edges, else the points of a fitted image; return what was drawn."""
-    if model.faces is not None and image.mesh_vertices is not None:
-        vertices = rotation @ upright(image.mesh_vertices, model.y_axis)
-        panels.draw_mesh(axes, vertices, model.faces, paleness=paleness, as_pixels=as_pixels)
-        return vertices
-    points = rotation @ upright(image.shape, model.y_axis)
-    if model.edges is None:
-        panels.draw_points(axes, points, MARK)
-    else:
-        panels.draw_edges(axes, points, model.edges, 1.5, paleness=paleness)
-    return points
-
-
-def _grid(rows: int, columns: int, shape: float, height: float) -> tuple[Figure, Grid]:
-    """A figure of equal panels without axes, with room for names around them."""
     from matplotlib.figure import Figure
 
-    width = shape * height
-    size = np.array([BORDER + columns * width, 2 * BORDER + rows * (height + GAP)])
-    figure = Figure(figsize=tuple(size))
-    grid = np.empty((rows, columns), dtype=object)
-    for row, column in np.ndindex(grid.shape):
-        corner = BORDER + column * width, BORDER + (rows - 1 - row) * (height + GAP)
-        place = np.concatenate([corner / size, (width, height) / size])
-        axes = figure.add_axes(tuple(place))
-        axes.set_axis_off()
-        grid[row, column] = axes
-    return figure, grid
+    across, rows = columns * (1 + len(views)), math.ceil(len(images) / columns)
+    figure = Figure(figsize=(across * size, rows * size + 0.3))
+    figure.subplots_adjust(0.01, 0.3 / (rows * size + 0.3), 0.99, 1 - 0.1 / rows, 0.02, 0.12)
+    for number, image in enumerate(images):
+        place = 1 + number * (1 + len(views))
+        flat = figure.add_subplot(rows, across, place)
+        draw_image(flat, image, model, mark=1.5 * size)
+        flat.set_title(shortened(image.title), fontsize=7, loc="left", pad=2, parse_math=False)
+        for beside, view in enumerate(views if image.fitted else (), 1):
+            solid = figure.add_subplot(rows, across, place + beside, projection="3d")
+            draw_solid(solid, image, model, view)
+    add_legend(figure)
+    return figure
 
 
-def _name_rows(grid: Grid, titles: Sequence[str]) -> None:
-    for axes, title in zip(grid[:, 0], titles, strict=True):
-        axes.annotate(
-            _shown(title, ROW_LETTERS), (0, 0.5), xytext=(-2, 0), xycoords="axes fraction",
-            textcoords="offset points", rotation=90, ha="right", va="center", fontsize=6.5,
-            color=panels.INK, parse_math=False,
+def draw_image(axes: Axes, image: FittedImage, model: Model, mark: float = 3.0) -> None:
+    """Draw the landmarks over the fitted model, as the camera sees them."""
+    from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
+
+    hidden = ~np.isfinite(image.landmarks).all(axis=0)
+    wrong = np.zeros_like(hidden) if image.outliers is None else image.outliers
+    seen = image.seen if image.fitted else np.full_like(image.landmarks, np.nan)
+    shown = [image.landmarks, seen]
+    if image.fitted and image.seen_mesh is not None and model.faces is not None:
+        shown.append(image.seen_mesh)
+        triangles = image.seen_mesh.T[model.faces]
+        axes.add_collection(
+            PolyCollection(list(triangles), facecolors=PALE, edgecolors=PALE, linewidths=0.4)
+        ).set_rasterized(True)
+    elif image.fitted and model.edges is not None:
+        axes.add_collection(LineCollection(list(seen.T[model.edges]), colors=BODY, linewidths=1.5))
+    if image.fitted and image.sd is not None:
+        known = np.isfinite(image.sd).all(axis=0)
+        width, height = 2 * image.sd[:2, known]
+        axes.add_collection(
+            EllipseCollection(
+                width, height, np.zeros_like(width), units="xy", offsets=seen[:, known].T,
+                transOffset=axes.transData, facecolors=BAR, edgecolors="none", alpha=FAINTNESS,
+            )
         )  # fmt: skip
+        axes.plot([], [], "o", color=BAR, alpha=2 * FAINTNESS, label="one standard deviation")
+    lines = np.stack([image.landmarks.T, seen.T], axis=1)
+    lines = lines[np.isfinite(lines).all(axis=(1, 2))]
+    look: dict[str, Any] = {"linestyle": "", "markersize": mark}
+    if len(lines):
+        axes.add_collection(
+            LineCollection(list(lines), colors=INK, linewidths=0.8, label="to the model")
+        )
+    if image.fitted and hidden.any():
+        axes.plot(
+            *seen[:, hidden], **look, marker="o", color=HIDDEN, markerfacecolor="white",
+            markeredgewidth=0.25 * mark, label="hidden, from the model",
+        )  # fmt: skip
+    if (~hidden & ~wrong).any():
+        axes.plot(
+            *image.landmarks[:, ~wrong], **look, marker="o", color=SEEN, markeredgewidth=0,
+            label="seen",
+        )  # fmt: skip
+    if (~hidden & wrong).any():
+        axes.plot(
+            *image.landmarks[:, wrong], **look | {"markersize": 2 * mark}, marker="X",
+            color=OUTLIER, markeredgecolor="white", markeredgewidth=0.4, label="judged outlier",
+        )  # fmt: skip
+    if not image.fitted:
+        axes.text(0.5, 0.5, "no shape", ha="center", fontsize=7, transform=axes.transAxes)
+    every = np.concatenate(shown, axis=1)
+    low, high = _limits(every[:, np.isfinite(every).all(axis=0)])
+    axes.set_xlim(low[0], high[0])
+    axes.set_ylim((high[1], low[1]) if model.y_axis == "down" else (low[1], high[1]))
+    axes.set_aspect("equal")
+    axes.set_axis_off()
 
 
-def _name_columns(grid: Grid, heads: Sequence[str]) -> None:
-    for axes, head in zip(grid[0], heads, strict=True):
-        axes.set_title(head, fontsize=9, color=panels.INK, pad=4, parse_math=False)
+def draw_solid(axes: Axes3D, image: FittedImage, model: Model, view: View) -> None:
+    """Draw the mesh, else the edges, else the points of a shape, in 3D axes, and its error bars."""
+    from matplotlib.colors import LightSource
+    from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
+
+    frame = standing(model.y_axis, image.rotation)
+    solid = points = frame @ image.shape
+    if image.mesh is not None and model.faces is not None:
+        solid = frame @ image.mesh
+        light = LightSource(azdeg=-45 - view.turn, altdeg=45)
+        triangles = solid.T[model.faces]
+        mesh = Poly3DCollection(
+            list(triangles),
+            facecolors=BODY,
+            edgecolors=BODY,
+            linewidths=0.3,
+            shade=True,
+            lightsource=light,
+        )
+        axes.add_collection3d(mesh).set_rasterized(True)
+    elif model.edges is not None:
+        axes.add_collection3d(
+            Line3DCollection(list(points.T[model.edges]), colors=SEEN, linewidths=1.5)
+        )
+    else:
+        axes.plot(*points, linestyle="", marker="o", markersize=2.5, color=SEEN)
+    if image.sd is not None and np.isfinite(image.sd).any():
+        bars = frame[:, None, :] * image.sd.T[None]  # (3, p, 3): one standard deviation an axis
+        ends = np.stack([points[:, :, None] - bars, points[:, :, None] + bars], axis=-1)
+        axes.add_collection3d(
+            Line3DCollection(list(ends.reshape(3, -1, 2).transpose(1, 2, 0)), colors=BAR, alpha=0.7)
+        )
+    low, high = _limits(solid)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect((1, 1, 1), zoom=1.75)
+    axes.set_proj_type("ortho")
+    axes.view_init(elev=view.tilt, azim=-90 - view.turn)
+    axes.set_axis_off()
 
 
-def _shown(title: str, letters: int) -> str:
-    """Return a title in one line of at most that many letters, most of them from its end.
+def standing(y_axis: Literal["up", "down"], rotation: Floats | None = None) -> Floats:
+    """Rotation (3, 3) from the camera frame to that of 3D axes: x right, y away, z up.
 
-    Images of a sequence differ at the end. What cannot be printed is written as in Python.
+    The camera frame is landmark x, landmark y and their cross product. With the rotation from the
+    object frame, the y axis of the object becomes z, seen from the same side.
     """
-    line = "".join(
-        letter if letter.isprintable() else letter.encode("unicode_escape").decode()
-        for letter in title
+    toward = np.diag([1.0, 1.0, 1.0] if y_axis == "up" else [1.0, -1.0, -1.0])
+    if rotation is not None:
+        y = toward @ rotation[:, 1]
+        facing = np.eye(3)[2] if abs(y[2]) < 1 - 1e-9 else np.array([0.0, -y[2], 0.0])
+        z = facing - (facing @ y) * y
+        z /= np.linalg.norm(z)
+        toward = np.stack([np.cross(y, z), y, z]) @ toward
+    return np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) @ toward
+
+
+def add_legend(figure: Figure) -> None:
+    """Explain the marks that are drawn, below the panels."""
+    drawn: dict[str, Any] = {}
+    for axes in figure.axes:
+        handles, labels = axes.get_legend_handles_labels()
+        drawn |= dict(zip(labels, handles, strict=True))
+    figure.legend(
+        drawn.values(), drawn.keys(), loc="lower center", ncols=5, frameon=False, fontsize=7
     )
-    if len(line) <= letters:
-        return line
-    head = letters // 3
-    return f"{line[:head]}…{line[head + 1 - letters :]}"
+
+
+def shortened(title: str) -> str:
+    """Return a title in one line of few letters, most of them from its end, where images differ.
+
+    What cannot be printed is written as in Python.
+    """
+    line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in title)
+    head = LETTERS // 3
+    return line if len(line) <= LETTERS else f"{line[:head]}…{line[head + 1 - LETTERS :]}"
+
+
+def _limits(points: Floats) -> tuple[Floats, Floats]:
+    """Lowest and highest coordinates of a square or cube around the points (d, p)."""
+    if not points.size:
+        points = np.zeros((len(points), 1))
+    low, high = points.min(axis=1), points.max(axis=1)
+    reach = (0.5 + MARGIN) * ((high - low).max() or 1.0)
+    return (low + high) / 2 - reach, (low + high) / 2 + reach

@@ -4,7 +4,6 @@ import pytest
 from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.learning import learn
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.pinhole import Camera
 from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.reconstruction import reconstruct
@@ -16,7 +15,6 @@ from shapefit.meshes.dense import (
     mesh_of_atoms,
     metric_scale,
     object_frame,
-    seen_in_perspective,
 )
 
 
@@ -129,38 +127,6 @@ def test_what_was_placed_comes_back_around_its_centroid(rng):
     before = placed.copy()
     np.testing.assert_allclose(around_centroid(placed, s, T), R @ object_frame(B, c), atol=1e-12)
     np.testing.assert_array_equal(placed, before)
-
-
-@pytest.mark.parametrize("sign", [1, -1])
-def test_a_camera_sees_points_where_pinholes_show_them(sign, rng):
-    X = rng.normal(size=(2, 3, 6)) + np.array([1.0, 2, 30 * sign])[:, None]
-    focal, centre = np.array([[500.0, 510], [80, 80]]), np.array([[320.0, 240], [0, 0]])
-    seen = seen_in_perspective(X, Camera(focal, centre, sign))
-    for j in range(2):
-        for x, y, z in zip(*X[j], strict=True):
-            expected = centre[j] + focal[j] * np.array([x, y]) / (sign * z)
-            assert np.abs(seen[j, :2].T - expected).sum(axis=1).min() < 1e-9
-    behind = X.copy()
-    behind[:, 2, 3] *= -1
-    hidden = np.isnan(seen_in_perspective(behind, Camera(focal, centre, sign))[:, :2])
-    np.testing.assert_array_equal(hidden, np.tile(np.arange(6) == 3, (2, 2, 1)))
-    # near comes before far, and one unit is as long in depth as it is across
-    np.testing.assert_array_equal(np.argsort(seen[:, 2]), np.argsort(X[:, 2]))
-    far = 1e6 * np.array([0, 0, sign])[:, None]
-    square = Camera(focal[:, :1].repeat(2, 1), np.zeros((2, 2)), sign)
-    seen = seen_in_perspective(X + far, square)
-    flat = seen - seen.mean(axis=2, keepdims=True)
-    solid = X - X.mean(axis=2, keepdims=True)
-    ratio = np.linalg.norm(flat, axis=2) / np.linalg.norm(solid, axis=2)
-    np.testing.assert_allclose(ratio, np.repeat(focal[:, :1] / 1e6, 3, axis=1), rtol=1e-3)
-
-
-def test_depths_are_drawn_with_the_mean_of_both_focal_lengths(rng):
-    X = rng.normal(size=(1, 3, 6)) + np.array([0.0, 0, 30])[:, None]
-    focal = np.array([[400.0, 600.0]])
-    seen = seen_in_perspective(X, Camera(focal, np.zeros((1, 2)), 1))
-    middle = X[0, 2].mean()
-    np.testing.assert_allclose(seen[0, 2], 500 * (X[0, 2] - middle) / middle)
 
 
 def test_one_rotation_for_all_atoms_is_the_case_of_equal_rotations(rng):

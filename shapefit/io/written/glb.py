@@ -20,7 +20,7 @@ from shapefit.geometry.joint_rotations import Rig, find_places
 from shapefit.io.written.motion import Motion
 from shapefit.io.written.outputs import by_video, motion_output
 from shapefit.io.written.rig import node_names, rigged
-from shapefit.meshes.wireframe import tubes
+from shapefit.meshes.export import tubes
 
 THICKNESS = 0.03
 """Diameter of a bone, as a share of the largest extent of the body at rest."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,49 +13,47 @@ from shapefit.arrays import Floats
 from shapefit.config.commands.fit_sections import ExportConfig
 from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import input_error
+from shapefit.errors import input_error, listed
 from shapefit.io import ResultSet
 from shapefit.io.atomic import StagedFiles, file_stem
-from shapefit.meshes.export import Files, MeshFormat, mesh_files
-from shapefit.meshes.wireframe import tubes
-from shapefit.pipelines.export.carried_mesh import Pose, find_meshes, find_obstacle
-from shapefit.pipelines.export.placement import ModelPlacement
+from shapefit.lifting.methods import those
+from shapefit.meshes.dense import (
+    around_centroid,
+    camera_frame,
+    metric_scale,
+)
+from shapefit.meshes.export import mesh_file, tubes
+from shapefit.pipelines.export.pose import Pose
 from shapefit.pipelines.items import ChosenItems
-
-Encode = Callable[[Floats], Files]
-"""Takes the points of one image."""
 
 BATCH = 64
 """Images whose vertices are in memory at a time."""
-
 FARTHEST = 1e38
 """Coordinate that PLY and GLB can hold, in single precision."""
+
+Known = TypeVar("Known")
 
 
 def check_mesh_export(
     options: ExportConfig, pose: Pose, dictionary: Dictionary, place: Path
 ) -> None:
     """Raise InputError where the dictionary, of the file `place`, or the method cannot give it."""
-    meshes = find_meshes(dictionary)
-    if meshes is None and dictionary.edges is None:
+    has_mesh = dictionary.mesh_vertices is not None
+    if not has_mesh and dictionary.edges is None:
         fix = "learn it from shapes with `mesh_vertices` and `mesh_faces`, or with `edges`"
         raise input_error(place, "has neither a mesh nor edges to export", fix)
-    obstacle = find_obstacle(pose)
-    if meshes is not None and obstacle is not None:
-        raise input_error("export", *obstacle)
+    if has_mesh and not pose.mixes_atoms:
+        found = f"`method: {pose.method}` gives no coefficients to combine the atoms' meshes"
+        fix = f"choose {listed(those(lambda method: method.mixes_atoms))}"
+        raise input_error("export", found, fix)
     if options.unit == "dictionary":
-        _check_size(pose, dictionary, place)
-
-
-def choose_encoder(options: ExportConfig, dictionary: Dictionary) -> Encode:
-    """Return what makes the files of one image, from its mesh vertices or the ends of its edges."""
-    file_format = MeshFormat(options.format)
-    meshes, edges = find_meshes(dictionary), dictionary.edges
-    if meshes is not None:
-        faces = meshes.faces
-        return lambda points: mesh_files(points, faces, file_format)
-    assert edges is not None  # see check_mesh_export
-    return lambda points: mesh_files(*tubes(points, edges), file_format)
+        fix = "set `export.unit: landmarks`"
+        if dictionary.atom_scale is None:
+            found = "has no `atom_scale`, the sizes of its atoms"
+            raise input_error(place, found, f"learn it with `method: exemplars`, or {fix}")
+        if not pose.mixes_atoms:
+            found = f"`method: {pose.method}` gives no coefficients, so the size is not known"
+            raise input_error("export.unit", found, fix)
 
 
 class MeshExport:
@@ -72,7 +70,6 @@ class MeshExport:
         self._pose = pose
         self._dictionary = dictionary
         self._files = files
-        self._encode = choose_encoder(options, dictionary)
         self._items = ChosenItems("export.items", options.items)
         self._farthest = np.inf if options.format == "obj" else FARTHEST
         self._written = self._missing = self._far = 0
@@ -85,7 +82,9 @@ class MeshExport:
         rows = np.flatnonzero(chosen & fitted)
         for start in range(0, len(rows), BATCH):
             part = rows[start : start + BATCH]
-            self._write(found.take(part))
+            points = place_model(self._options, self._pose, self._dictionary, found.take(part))
+            for row, shape in zip(part, points, strict=True):
+                self._write(found.items[row], shape)
 
     @property
     def note(self) -> str:
@@ -104,22 +103,47 @@ class MeshExport:
             *self._items.warnings,
         )
 
-    def _write(self, found: ResultSet) -> None:
-        points = self._points(ModelPlacement(self._options, self._pose, self._dictionary, found))
-        for item, shape in zip(found.items, points, strict=True):
-            if np.abs(shape).max() > self._farthest:
-                self._far += 1
-                continue
-            stem = file_stem(item)
-            for suffix, content in self._encode(shape).items():
-                name = stem.with_name(stem.name + suffix)
-                self._files.write(name, partial(Path.write_bytes, data=content), item)
-            self._written += 1
+    def _write(self, item: str, points: Floats) -> None:
+        """Write the file of one image, from its mesh vertices (3, q) or landmarks (3, p)."""
+        if np.abs(points).max() > self._farthest:
+            self._far += 1
+            return
+        vertices, faces = points, self._dictionary.mesh_faces
+        if faces is None:
+            vertices, faces = tubes(points, required(self._dictionary.edges))
+        content = mesh_file(vertices, faces, self._options.format)
+        stem = file_stem(item)
+        name = stem.with_name(f"{stem.name}.{self._options.format.removesuffix('-ascii')}")
+        self._files.write(name, partial(Path.write_bytes, data=content), item)
+        self._written += 1
 
-    def _points(self, placement: ModelPlacement) -> Floats:
-        """Return mesh vertices (n, 3, q) or ends of edges (n, 3, p)."""
-        meshes = find_meshes(self._dictionary)
-        return placement.landmarks() if meshes is None else placement.carry(meshes.vertices)
+
+def place_model(
+    options: ExportConfig, pose: Pose, dictionary: Dictionary, found: ResultSet
+) -> Floats:
+    """size * S + origin, in the frame of the object size * R^T S, for n images with a shape.
+
+    S are the vertices of the mesh (n, 3, q), mixed and turned by one rotation per image, else the
+    landmarks (n, 3, p), in normalised units around the centroid of the landmarks, in the
+    directions of the camera.
+    """
+    R, s, T = (required(each) for each in (found.rotation, found.scale, found.translation))
+    one, none = np.ones(len(found)), np.zeros((len(found), 2))
+    meshes, c = dictionary.mesh_vertices, found.coefficients
+    if meshes is None:
+        points = around_centroid(found.shapes, s, T)
+    else:
+        points = camera_frame(meshes, required(c), R, one, none)
+    size, origin = s, np.zeros((len(found), 3))
+    if options.unit == "landmarks":
+        origin[:, :2] = T
+    else:
+        size = metric_scale(dictionary.atoms, required(c), required(dictionary.atom_scale))
+        if pose.perspective:
+            origin = np.asarray(found.columns["position"], dtype=float)
+    if options.frame == "object":
+        return np.asarray(size[:, None, None] * (R.swapaxes(1, 2) @ points))
+    return np.asarray(size[:, None, None] * points + origin[:, :, None])
 
 
 def has_shape(found: ResultSet) -> NDArray[np.bool_]:
@@ -130,12 +154,7 @@ def has_shape(found: ResultSet) -> NDArray[np.bool_]:
     return fitted
 
 
-def _check_size(pose: Pose, dictionary: Dictionary, place: Path) -> None:
-    """Raise InputError where the size in the unit of the dictionary cannot be known."""
-    fix = "set `export.unit: landmarks`"
-    if dictionary.atom_scale is None:
-        found = "has no `atom_scale`, the sizes of its atoms"
-        raise input_error(place, found, f"learn it with `method: exemplars`, or {fix}")
-    if not pose.mixes_atoms:
-        found = f"`method: {pose.method}` gives no coefficients, so the size is not known"
-        raise input_error("export.unit", found, fix)
+def required(values: Known | None) -> Known:
+    """Return what a record may lack and the fit at hand has."""
+    assert values is not None
+    return values

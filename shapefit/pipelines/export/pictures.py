@@ -6,16 +6,21 @@ from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from shapefit.arrays import Floats
 from shapefit.config.commands.fit_sections import PicturesConfig
 from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation.plots import save
+from shapefit.geometry.pinhole import Camera, depth_sign, project
 from shapefit.io import ResultSet
 from shapefit.io.atomic import StagedFiles, file_stem
+from shapefit.lifting.methods import METHODS
+from shapefit.meshes.dense import around_centroid, camera_frame, camera_frame_sheared
 from shapefit.meshes.pictures import FittedImage, Model, contact_sheet, fit_picture
-from shapefit.pipelines.export.carried_mesh import Pose
-from shapefit.pipelines.export.fitted_images import fitted_image
-from shapefit.pipelines.export.meshes import has_shape
+from shapefit.pipelines.export.meshes import has_shape, required
+from shapefit.pipelines.export.pose import Pose
 from shapefit.pipelines.items import ChosenItems, spread
 
 if TYPE_CHECKING:
@@ -97,3 +102,53 @@ class PictureExport:
 
     def _named(self, stem: PurePosixPath) -> PurePosixPath:
         return stem.with_name(f"{stem.name}.png")
+
+
+def fitted_image(
+    found: ResultSet, transforms: Transforms | None, pose: Pose, dictionary: Dictionary
+) -> FittedImage:
+    """Gather one image (n = 1); without mesh where that cannot follow, all nan without a shape.
+
+    The mesh has one rotation. Where the camera sees it is another matter: there it is projected as
+    the fit projects it, with a rotation per atom (convex) or in perspective, so that it lies under
+    the fitted landmarks.
+    """
+    extras = found.columns
+    outliers = np.asarray(extras["outliers"][0], dtype=bool) if "outliers" in extras else None
+    landmarks = np.asarray(extras["landmarks"][0], dtype=float).T
+    (title,) = found.items
+    if not has_shape(found)[0]:
+        nowhere = np.full_like(found.shapes[0], np.nan)
+        return FittedImage(title, landmarks, nowhere, nowhere[:2], outliers=outliers)
+    place = required(found.scale), required(found.translation)
+    atoms = dictionary.mesh_vertices if pose.mixes_atoms else None
+    mesh = seen_mesh = None
+    if atoms is not None:
+        c, R = required(found.coefficients), required(found.rotation)
+        mesh = seen_mesh = camera_frame(atoms, c, R, *place)
+        if not (pose.perspective or METHODS[pose.method].one_rotation):
+            M, orthogonal = required(transforms).dense(), pose.rotations == "orthogonal"
+            seen_mesh = camera_frame_sheared(atoms, M, *place, orthogonal=orthogonal)
+
+    def as_seen(points: Floats) -> Floats:
+        """Where (2, q) the camera sees points (1, 3, q) of the frame and unit of the shapes."""
+        if not pose.perspective:
+            return points[0, :2]
+        t, focal, centre = (
+            np.asarray(extras[name], dtype=float)
+            for name in ("camera_translation", "focal", "principal_point")
+        )
+        camera = Camera(focal, centre, depth_sign(found.y_axis))
+        return project(camera, around_centroid(points, *place) + t[:, :, None])[0]
+
+    return FittedImage(
+        title=title,
+        landmarks=landmarks,
+        shape=found.shapes[0],
+        seen=as_seen(found.shapes),
+        mesh=None if mesh is None else mesh[0],
+        seen_mesh=None if seen_mesh is None else as_seen(seen_mesh),
+        outliers=outliers,
+        sd=None if found.shape_sd is None else found.shape_sd[0],
+        rotation=required(found.rotation)[0],
+    )

@@ -19,7 +19,7 @@ from shapefit.io import ResultSet
 from shapefit.io.atomic import StagedFiles, check_folder, refuse_folder, staged_files
 from shapefit.io.inputs import is_stream
 from shapefit.pipelines.drawing import check_can_draw
-from shapefit.pipelines.export.carried_mesh import Pose
+from shapefit.pipelines.export.pose import Pose
 from shapefit.stores import real_path
 
 if TYPE_CHECKING:
