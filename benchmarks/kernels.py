@@ -17,7 +17,7 @@ from shapefit.arrays import Floats
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
 from shapefit.dictionary.learning import learn
-from shapefit.dictionary.mixture_learning import learn_mixture
+from shapefit.dictionary.mixture import learn_mixture
 from shapefit.geometry.cameras import project, turntable
 from shapefit.geometry.normalisation import Normalised, normalise
 from shapefit.geometry.pinhole import Camera, depth_sign

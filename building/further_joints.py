@@ -22,17 +22,17 @@ from pathlib import Path
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.dictionary.mixture import Mixture
-from shapefit.dictionary.mixture_learning import expected_log_density, maximise
-from shapefit.dictionary.model import WHERE_MARKED, Dictionary
-from shapefit.dictionary.motion import (
+from shapefit.dictionary.bodies import (
     find_acceleration,
     find_edge_covariance,
+    find_edge_length,
     find_give,
     find_lengths,
+    find_skeleton,
+    vary,
 )
-from shapefit.dictionary.size import find_edge_length
-from shapefit.dictionary.variations import find_skeleton, vary
+from shapefit.dictionary.mixture import Mixture, expected_log_density, maximise
+from shapefit.dictionary.model import WHERE_MARKED, Dictionary
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import rotation_onto
 from shapefit.geometry.symmetry import double, lateral_axis

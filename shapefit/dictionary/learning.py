@@ -1,4 +1,7 @@
-"""Dictionary learning: alternate sparse coding and atom update (paper, eq. dl)."""
+"""Dictionary learning: alternate sparse coding and atom update (paper, eq. dl); PCA bases.
+
+min sum_j 1/2 ||S_j - sum_i C_ji B_i||_F^2 + beta sum C  over C >= 0, ||B_i||_F <= 1.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit import core
 from shapefit.arrays import Floats
-from shapefit.dictionary.atoms import Products, update_atoms
-from shapefit.dictionary.coding import objectives, sparse_code
+from shapefit.dictionary.coding import duality_gaps, flat, objectives, sparse_code
+from shapefit.geometry.normalisation import spread
 
-BOUND = 1.0  # the largest norm of an atom
-REACH = 0.5  # how far beyond its end the atom update is followed, in lengths of the update
+BOUND = 1.0
+"""The largest norm of an atom."""
+
+REACH = 0.5
+"""How far beyond its end the atom update is followed, in lengths of the update."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +72,7 @@ def learn(
     objective, B, C = recode(of_norm_one(chosen), None)
     trace = [objective]
     for _ in range(iterations):
-        updated = update_atoms(Products.zero(B).add(shapes, C), B, BOUND)
+        updated = update_atoms(shapes, C, B)
         trace.append(total(updated, C))
         beyond = reach_beyond(B, updated)
         coded = recode(updated, C), recode(beyond, C)
@@ -74,6 +81,30 @@ def learn(
         yield Learned(B, C, np.array(trace))
         if trace[-1] >= trace[-3]:
             return
+
+
+def update_atoms(
+    shapes: Floats, coefficients: Floats, atoms: Floats, bound: float = BOUND, sweeps: int = 5
+) -> Floats:
+    """Lower 1/2 sum_j ||S_j - sum_i C_ji B_i||_F^2 over atoms with ||B_i||_F <= bound.
+
+    shapes S (n, 3, p), coefficients C (n, k); atoms (k, 3, p) within the bound, the place to start;
+    returns the new atoms. Block coordinate descent: with the other atoms fixed, the best B_i is the
+    projection of its unconstrained minimum on the ball, so no step raises the objective. Atoms that
+    no shape uses stay as they are. Source: Mairal et al. 2010, algorithm 2.
+    """
+    B = np.array(atoms, dtype=np.float64, order="C")
+    overlaps, pulls = np.zeros((len(B), len(B))), np.zeros(B.shape)  # C^T C and C^T S
+    core.add_products(
+        shapes=flat(shapes),
+        coefficients=np.ascontiguousarray(coefficients, dtype=np.float64),
+        overlaps=overlaps,
+        pulls=flat(pulls),
+    )
+    core.update_atoms(
+        overlaps=overlaps, pulls=flat(pulls), atoms=flat(B), bound=bound, sweeps=sweeps
+    )
+    return B
 
 
 def replace_dead_atoms(shapes: Floats, coefficients: Floats, atoms: Floats) -> Floats:
@@ -119,3 +150,88 @@ def reach_beyond(atoms: Floats, updated: Floats) -> Floats:
     """Return atoms (k, 3, p) beyond an update, on the line from the old ones, within the bound."""
     B = updated + REACH * (updated - atoms)
     return B * (BOUND / np.linalg.norm(B, axis=(1, 2), keepdims=True).clip(min=BOUND))
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Figures over n training shapes S with coefficients C for k atoms B.
+
+    objective: that of dictionary learning, their sum. relative_error: ||S - C B||_F / ||S||_F over
+    all shapes together. largest_gap: how far the coding of any shape can be from its optimum, as a
+    share of its objective; unknown (None) where beta is 0. active_atoms: the mean number with a
+    positive coefficient; dead_atoms: the number that no shape uses. atom_scale (k,): how large
+    atoms are, by `scale_of_atoms`.
+    """
+
+    objective: float
+    relative_error: float
+    largest_gap: float | None
+    active_atoms: float
+    dead_atoms: int
+    atom_scale: Floats
+
+
+def summarise(
+    shapes: Floats, coefficients: Floats, scale: Floats, atoms: Floats, beta: float
+) -> Summary:
+    """Return how well atoms (k, 3, p), none 0, code the training shapes, and how large they are.
+
+    shapes (n, 3, p), n >= 1, their coefficients (n, k) and the sizes (n,) that normalised them.
+    """
+    values = objectives(shapes, atoms, beta, coefficients)
+    gap = None
+    if beta:
+        gaps = duality_gaps(shapes, atoms, beta, coefficients)
+        gap = float(np.divide(gaps, values, out=np.zeros_like(gaps), where=values > 0).max())
+    missed = shapes - np.tensordot(coefficients, atoms, axes=1)
+    use = coefficients.sum(axis=0)
+    mean_size = float(scale.sum()) / len(shapes)
+    return Summary(
+        objective=float(values.sum()),
+        relative_error=float(np.sqrt((missed**2).sum() / (shapes**2).sum())),
+        largest_gap=gap,
+        active_atoms=int((coefficients > 0).sum()) / len(shapes),
+        dead_atoms=int((use == 0).sum()),
+        atom_scale=scale_of_atoms(atoms, use, scale @ coefficients, mean_size),
+    )
+
+
+def scale_of_atoms(atoms: Floats, use: Floats, measured: Floats, mean: float) -> Floats:
+    """(sum_j C_ji s_j / sum_j C_ji) / spread(B_i): as large as the shapes that use the atom.
+
+    A linear estimate from the sizes s: a learned atom has no size of its own, so that one alone
+    is, grown to the spread 1 of a normalised shape, as large as the training shapes are on
+    average, each by its share in the atom's use. Where all s are equal, so are the sizes of the
+    grown atoms. An atom that no shape uses is as large as all shapes are on average.
+
+    atoms B (k, 3, p), none 0; use sum_j C_ji and measured sum_j C_ji s_j (k,), sums over the
+    training shapes: coefficients C >= 0 of the normalised ones, shape j measures s_j times its
+    normalised form; mean of all s -> (k,) > 0: atom i measures that times B_i.
+    """
+    size = np.full(len(atoms), mean)
+    np.divide(measured, use, out=size, where=use > 0)
+    sizes: Floats = size / spread(atoms)
+    return sizes
+
+
+def principal_components(shapes: Floats, bases: float = 0.99) -> Floats:
+    """Orthonormal directions (m, 3, p) in which the shapes differ most from their own mean.
+
+    shapes (n, 3, p), n >= 1, normalised, aligned, centred. The strongest come first, each with
+    its largest entry positive. m is `bases`, or, where that is below 1, the least number that holds
+    this share of the summed squared distances from the mean; at most the rank, and so 0 for shapes
+    that are all alike. The dictionary of matching pursuit concatenates those of all
+    activities. Source: Ramakrishna, Kanade and Sheikh 2012.
+    """
+    X = (shapes - shapes.mean(axis=0)).reshape(len(shapes), -1)
+    _, s, directions = np.linalg.svd(X, full_matrices=False)
+    # Shapes come from files in single precision, and what aligns them rounds them differently.
+    rounding = np.finfo(np.float32).eps * np.sqrt(X.size) * np.abs(shapes).max(initial=0.0)
+    rank = int((s > rounding).sum())
+    number = int(bases)
+    if bases < 1:
+        held = np.cumsum(s[:rank] ** 2)
+        number = int((held < bases * held[-1]).sum()) + 1 if rank else 0
+    kept = directions[: min(number, rank)]
+    largest = np.take_along_axis(kept, np.abs(kept).argmax(axis=1)[:, None], axis=1)
+    return (kept * np.sign(largest)).reshape(-1, *shapes.shape[1:])

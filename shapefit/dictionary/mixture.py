@@ -1,12 +1,25 @@
-"""A prior over shapes: a mixture of Gaussians over normalised, aligned shapes."""
+"""A prior over shapes: a mixture of Gaussians, learned by expectation maximisation with a prior.
+
+max over pi, mu, C of  sum_n w_n log sum_k pi_k exp(E log N(x_n + e; mu_k, C_k))
+                       - kappa / 2 sum_k (log |C_k| + tr(C_k^-1 G)),      e ~ N(0, floor I).
+
+The expectation over e raises every covariance by the floor; kappa draws the covariances towards G,
+that of all shapes and e together, as that many shapes would. No round lowers the objective.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
+
+KMEANS_ROUNDS = 20
+
+LEAST_SHAPES = 1e-3
+"""Shapes of a component below which it is left out: it has died, and would only mislead."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,3 +64,119 @@ class Mixture:
             log_size = np.log(np.diag(L)).sum() + 0.5 * len(L) * np.log(2 * np.pi)
             found[:, k] = np.log(self.weights[k]) - 0.5 * (z * z).sum(axis=0) - log_size
         return found
+
+
+@dataclass(frozen=True)
+class LearnedMixture:
+    """The mixture and the objective after each round, never falling."""
+
+    mixture: Mixture
+    trace: Floats
+
+
+def learn_mixture(
+    shapes: Floats,
+    components: int,
+    *,
+    shrinkage: float,
+    floor: float,
+    weights: Floats | None = None,
+    max_rounds: int = 30,
+    tolerance: float = 1e-4,
+) -> LearnedMixture:
+    """Learn from shapes (n, 3, p), normalised and aligned, with weights (n,) >= 0, None for 1.
+
+    shrinkage in [0, 1): the share of G in the covariance of a component of average size;
+    floor > 0: variance of every coordinate beyond that of the shapes. The start is k-means with
+    the seeds of k-means++ drawn from a fixed stream: equal shapes give equal mixtures. Ends where
+    a round raises the objective by no more than `tolerance` a shape. Components that no shape
+    belongs to any more are left out. Raises ValueError for more components than shapes.
+    """
+    X = np.ascontiguousarray(shapes.reshape(len(shapes), -1))
+    w = np.ones(len(X)) if weights is None else np.asarray(weights, np.float64)
+    w = w * (len(X) / w.sum())
+    if not 1 <= components <= len(X):
+        raise ValueError(f"components must be within 1..{len(X)}, is {components}")
+    G = _scatter(X, w, w @ X / w.sum()) / w.sum() + floor * np.eye(X.shape[1])
+    kappa = shrinkage / (1 - shrinkage) * len(X) / components
+    share = np.eye(components)[kmeans(X, components, w)]
+    mixture = maximise(X, share * w[:, None], G, kappa, floor)
+    trace: list[float] = []
+    for _ in range(max_rounds):
+        density = expected_log_density(X, mixture, floor)
+        top = density.max(axis=1, keepdims=True)
+        total = np.log(np.exp(density - top).sum(axis=1)) + top[:, 0]
+        trace.append(float(w @ total) + log_prior(mixture, G, kappa))
+        if len(trace) > 1 and trace[-1] - trace[-2] <= tolerance * len(X):
+            break
+        share = np.exp(density - total[:, None])
+        mixture = maximise(X, share * w[:, None], G, kappa, floor)
+    return LearnedMixture(alive(mixture, len(X)), np.array(trace))
+
+
+def alive(mixture: Mixture, n: int) -> Mixture:
+    """Return the mixture of n shapes without the components that none of them belongs to."""
+    kept = mixture.weights * n > LEAST_SHAPES
+    weights = mixture.weights[kept]
+    return Mixture(weights / weights.sum(), mixture.means[kept], mixture.covariances[kept])
+
+
+def maximise(X: Floats, share: Floats, G: Floats, kappa: float, floor: float) -> Mixture:
+    """Return the best mixture for shares (n, K) of the shapes X (n, d) in the components."""
+    count = np.maximum(share.sum(axis=0), 1e-300)
+    means = (share.T @ X) / count[:, None]
+    eye = np.eye(X.shape[1])
+    covariances = np.stack(
+        [
+            (_scatter(X, share[:, k], means[k]) + count[k] * floor * eye + kappa * G)
+            / (count[k] + kappa)
+            for k in range(len(count))
+        ]
+    )
+    return Mixture(count / count.sum(), means.reshape(len(count), 3, -1), covariances)
+
+
+def expected_log_density(X: Floats, mixture: Mixture, floor: float) -> Floats:
+    """log pi_k + E log N(x_n + e; mu_k, C_k) for X (n, d): (n, K)."""
+    density = mixture.log_density(X.reshape(len(X), 3, -1))
+    traces = np.linalg.inv(mixture.covariances).trace(axis1=1, axis2=2)
+    found: Floats = density - 0.5 * floor * traces
+    return found
+
+
+def log_prior(mixture: Mixture, G: Floats, kappa: float) -> float:
+    """-kappa / 2 sum_k (log |C_k| + tr(C_k^-1 G))."""
+    log_size = np.linalg.slogdet(mixture.covariances)[1]
+    pulled = np.linalg.solve(mixture.covariances, np.broadcast_to(G, mixture.covariances.shape))
+    return float(-0.5 * kappa * (log_size + pulled.trace(axis1=1, axis2=2)).sum())
+
+
+def kmeans(X: Floats, k: int, w: Floats) -> NDArray[np.intp]:
+    """Nearest centre (n,) of X (n, d) after some rounds of Lloyd's from the seeds of k-means++."""
+    rng = np.random.default_rng(0)
+    centres = X[[rng.choice(len(X), p=w / w.sum())]]
+    nearest = ((X - centres[0]) ** 2).sum(axis=1)
+    for _ in range(k - 1):
+        pull = w * nearest
+        chance = pull / pull.sum() if pull.sum() > 0 else w / w.sum()
+        centres = np.concatenate([centres, X[[rng.choice(len(X), p=chance)]]])
+        nearest = np.minimum(nearest, ((X - centres[-1]) ** 2).sum(axis=1))
+    label = np.zeros(len(X), np.intp)
+    for _ in range(KMEANS_ROUNDS):
+        before = label
+        distance = (centres**2).sum(axis=1) - 2 * X @ centres.T
+        label = distance.argmin(axis=1)
+        if (label == before).all():
+            break
+        for i in range(k):
+            inside = label == i
+            if w[inside].sum() > 0:
+                centres[i] = w[inside] @ X[inside] / w[inside].sum()
+    return label
+
+
+def _scatter(X: Floats, w: Floats, mean: Floats) -> Floats:
+    """sum_n w_n (x_n - mean) (x_n - mean)^T."""
+    apart = X - mean
+    scatter: Floats = (apart * w[:, None]).T @ apart
+    return scatter

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import normalise
 
@@ -26,8 +28,8 @@ SUITS = "suits"
 """Provenance: names of the configs of `fit` that suit the dictionary, with spaces between."""
 
 WHERE_MARKED = "where_marked"
-"""Provenance: groups of landmarks that a fit has only where its files mark one of them, and that
-hang on another, as `rankle:rheel,rball,rtoe`, with spaces between the groups."""
+"""Provenance: groups of landmarks that a fit has only where its files mark one of them, after the
+landmark that they depend on, as `rankle:rheel,rball,rtoe`, with spaces between the groups."""
 
 
 @dataclass(frozen=True)
@@ -49,38 +51,38 @@ class Dictionary:
     input digests).
     """
 
-    atoms: NDArray[np.float64]
+    atoms: Floats
     landmark_names: tuple[str, ...]
-    mean_shape: NDArray[np.float64]
+    mean_shape: Floats
     edges: NDArray[np.int64] | None = None
     mirror_index: NDArray[np.int64] | None = None
-    mesh_vertices: NDArray[np.float64] | None = None
+    mesh_vertices: Floats | None = None
     mesh_faces: NDArray[np.int64] | None = None
-    atom_scale: NDArray[np.float64] | None = None
+    atom_scale: Floats | None = None
     unit: str = "unknown"
     atom_items: tuple[str, ...] | None = None
     prior: Mixture | None = None
-    misfit: NDArray[np.float64] | None = None
-    acceleration: NDArray[np.float64] | None = None
-    edge_give: NDArray[np.float64] | None = None
-    edge_length: NDArray[np.float64] | None = None
-    edge_covariance: NDArray[np.float64] | None = None
+    misfit: Floats | None = None
+    acceleration: Floats | None = None
+    edge_give: Floats | None = None
+    edge_length: Floats | None = None
+    edge_covariance: Floats | None = None
     frame_rate: float | None = None
-    objective_trace: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    objective_trace: Floats = field(default_factory=lambda: np.empty(0))
     provenance: Mapping[str, str] = field(default_factory=dict)
 
     @property
-    def prior_weights(self) -> NDArray[np.float64] | None:
+    def prior_weights(self) -> Floats | None:
         """Return pi (K,) of the prior, None without one."""
         return None if self.prior is None else self.prior.weights
 
     @property
-    def prior_means(self) -> NDArray[np.float64] | None:
+    def prior_means(self) -> Floats | None:
         """Return mu (K, 3, p) of the prior, None without one."""
         return None if self.prior is None else self.prior.means
 
     @property
-    def prior_covariances(self) -> NDArray[np.float64] | None:
+    def prior_covariances(self) -> Floats | None:
         """Return C (K, p, 3, p, 3) of the prior, the covariance of each coordinate with each."""
         return None if self.prior is None else self.prior.by_landmark
 
@@ -124,14 +126,14 @@ class Dictionary:
 
     @property
     def groups(self) -> dict[str, tuple[str, tuple[str, ...]]]:
-        """Return the groups of `WHERE_MARKED` by their text: what each hangs on, its landmarks."""
+        """Return the groups of `WHERE_MARKED` by their text: (depends on, landmarks) of each."""
         texts = self.provenance.get(WHERE_MARKED, "").split()
         pairs = ((text, text.partition(":")) for text in texts)
         return {text: (pair[0], tuple(pair[2].split(","))) for text, pair in pairs}
 
     @property
-    def hung(self) -> NDArray[np.int64]:
-        """Return what each landmark (p,) of those groups hangs on, -1 for the others."""
+    def depends_on(self) -> NDArray[np.int64]:
+        """Return the landmark that each one (p,) of those groups depends on, -1 for the others."""
         found = np.full(len(self.landmark_names), -1)
         for other, landmarks in self.groups.values():
             for name in landmarks:
@@ -139,7 +141,7 @@ class Dictionary:
         return found
 
     def marked(self, landmarks: Collection[str]) -> Dictionary:
-        """Return it without the groups of `WHERE_MARKED` that hold none of the landmarks."""
+        """Return the dictionary without the groups of `WHERE_MARKED` that hold none of these."""
         kept = [text for text, (_, own) in self.groups.items() if set(own) & set(landmarks)]
         dropped = {
             name for text, (_, own) in self.groups.items() if text not in kept for name in own
@@ -182,3 +184,73 @@ class Dictionary:
             edge_length=length,
             edge_covariance=covariance,
         )
+
+
+def mapped(dictionary: Dictionary, A: Floats, apart: Floats) -> Dictionary:
+    """Return the dictionary of the landmarks y = A x + e, e with the deviations `apart` (p,).
+
+        p(y) = sum_k pi_k N(y; A mu_k, A C_k A^T + V),  atoms A B_i
+
+    A (p, p), rows of weights that each add up to 1; V is the variance of e. Landmark j stands for
+    joint j: edges, motion and names stay as they are; edges get longer as
+    their root mean square lengths do.
+    """
+    variance = np.tile(apart**2, 3)
+    prior, length = dictionary.prior, dictionary.edge_length
+    if prior is not None:
+        before = prior
+        every = np.kron(np.eye(3), A)
+        prior = Mixture(
+            prior.weights,
+            prior.means @ A.T,
+            every @ prior.covariances @ every.T + np.diag(variance),
+        )
+        if length is not None and dictionary.edges is not None:
+            longer = edge_squares(prior, dictionary.edges) / edge_squares(before, dictionary.edges)
+            length = length * np.sqrt(longer)
+    return replace(
+        dictionary,
+        atoms=np.ascontiguousarray(dictionary.atoms @ A.T),
+        mean_shape=dictionary.mean_shape @ A.T,
+        prior=prior,
+        edge_length=length,
+    )
+
+
+def edge_squares(prior: Mixture, edges: NDArray[np.integer]) -> Floats:
+    """E ||x_i - x_j||^2 (e,) of the edges ij: of the means, and the trace of the covariance."""
+    i, j = edges.T
+    second = prior.by_landmark + np.einsum("kap,kbq->kpaqb", prior.means, prior.means)
+    own = np.einsum("k,kpaqa->pq", prior.weights, second)
+    found: Floats = own[i, i] + own[j, j] - own[i, j] - own[j, i]
+    return found
+
+
+class Origin(NamedTuple):
+    """Texts of the provenance of a dictionary; None where it does not say."""
+
+    source: str | None
+    licence: str | None
+    acknowledgement: str | None
+
+
+def origin_of(dictionary: Dictionary) -> Origin:
+    """Return what `learn-dict` stored of the section `origin` of its config."""
+    return Origin(*(dictionary.provenance.get(name) for name in Origin._fields))
+
+
+def describe_learning(dictionary: Dictionary) -> tuple[str, ...]:
+    """Say of a class that was learned from 2D landmarks how sure its depth is; else nothing."""
+    known = dictionary.provenance
+    if LEARNED_FROM not in known:
+        return ()
+    verdict = known.get(VERDICT, "of an earlier version, which stored no verdict")
+    line = f"the class was learned from 2D {known[LEARNED_FROM]}: {verdict}; near and far "
+    if dictionary.depth_is_open:
+        line += (
+            f"{OPEN}, so that no image is trusted and error bars cover both: learn it again with "
+            "`flip=true` or `flip=false`, as results show it"
+        )
+    else:
+        line += known[NEAR_AND_FAR]
+    return (line,)

@@ -11,8 +11,7 @@ import numpy as np
 
 from shapefit.config import InfoConfig
 from shapefit.config.named_files import find_dictionaries
-from shapefit.dictionary.model import SUITS
-from shapefit.dictionary.origin import describe_learning, origin_of
+from shapefit.dictionary.model import SUITS, describe_learning, origin_of
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
 from shapefit.io import (
     LandmarkSet,

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
-from shapefit.dictionary.mapped import mapped
-from shapefit.dictionary.model import WHERE_MARKED, Dictionary
+from shapefit.dictionary.model import WHERE_MARKED, Dictionary, mapped
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io import LandmarkSet
 from shapefit.io.names import match_landmarks, nearest_names
@@ -135,7 +134,7 @@ def of_files(dictionary: Dictionary, own: Sequence[str], *, in_place: bool = Tru
 
 def find_hung(dictionary: Dictionary) -> Integers | None:
     """Return what each landmark (p,) hangs on, -1 for nothing; None where none does."""
-    return dictionary.hung if dictionary.provenance.get(WHERE_MARKED) else None
+    return dictionary.depends_on if dictionary.provenance.get(WHERE_MARKED) else None
 
 
 def named_as_joints(images: LandmarkSet, joints: Joints, place: str) -> LandmarkSet:

@@ -19,8 +19,8 @@ from typing import Any
 
 import numpy as np
 
+from shapefit.dictionary.bodies import has_lengths, knows_size, metres_per_unit
 from shapefit.dictionary.model import Dictionary
-from shapefit.dictionary.size import has_lengths, knows_size, metres_per_unit
 from shapefit.errors import InputError, counted, input_error
 from shapefit.io import (
     LandmarkSet,
@@ -303,7 +303,7 @@ def make_model(
         found = f"has {counted(dictionary.k, 'atom')}, and {file} coefficients of {k}"
         raise input_error(path, found, "give the dictionary of the fit")
     A, p = np.asarray(head.get("landmark_map", np.eye(len(names)))), len(names)
-    hung = dict(zip(dictionary.landmark_names, dictionary.hung >= 0, strict=True))
+    hung = dict(zip(dictionary.landmark_names, dictionary.depends_on >= 0, strict=True))
     rows, shown = None, [str(name) for name in head.get("input_landmark_names", ())]
     if shown:
         parts = joints or find_joints(shown, names, in_place=True)
@@ -501,7 +501,7 @@ def false_joints(
     stated: Mapping[str, Any], joints: Joints, dictionary: Dictionary, fit: Fit
 ) -> list[tuple[str, str]]:
     """Return what a result states falsely of how landmarks of the files stand for joints."""
-    maps = fit.has_posterior and bool(joints.stand_ins or (dictionary.hung >= 0).any())
+    maps = fit.has_posterior and bool(joints.stand_ins or (dictionary.depends_on >= 0).any())
     names = tuple(joints.parts) if maps else ()
     theta = fit.key("theta", MEANS)
     wrong = []

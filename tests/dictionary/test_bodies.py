@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from shapefit.dictionary.mapped import mapped
+from shapefit.dictionary.bodies import SPREAD, find_edge_covariance
 from shapefit.dictionary.mixture import Mixture
-from shapefit.dictionary.model import Dictionary
-from shapefit.dictionary.motion import SPREAD, find_edge_covariance
+from shapefit.dictionary.model import Dictionary, mapped
 
 
 def test_many_bodies_say_how_bodies_differ(rng):

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.dictionary.mixture import Mixture
-from shapefit.dictionary.mixture_learning import alive, learn_mixture, maximise
+from shapefit.dictionary.mixture import Mixture, alive, learn_mixture, maximise
 
 
 def draw(n: int, seed: int = 0, p: int = 3):

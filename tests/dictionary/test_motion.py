@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.dictionary.motion import find_acceleration, find_give
+from shapefit.dictionary.bodies import find_acceleration, find_give
 from shapefit.geometry.normalisation import normalise
 
 EDGES = np.array([[0, 1], [1, 2], [1, 3]])

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.dictionary.pca_bases import principal_components
-from shapefit.geometry.rotations import random_rotations
+from shapefit.dictionary.learning import principal_components
 
 
 @pytest.fixture
@@ -62,31 +61,6 @@ def test_another_solver_finds_the_same(shapes):
     assert found.shape == judge.components_.shape
     signs = np.sign((found * judge.components_).sum(axis=1))[:, None]
     np.testing.assert_allclose(found * signs, judge.components_, atol=1e-10)
-
-
-def test_the_largest_entry_is_positive(shapes):
-    found = flat(principal_components(shapes, 99))
-    assert (found.max(axis=1) == np.abs(found).max(axis=1)).all()
-
-
-def test_turning_all_shapes_turns_them(shapes, rng):
-    (R,) = random_rotations(1, rng)
-    turned = flat(principal_components(R @ shapes, 5))
-    expected = flat(R @ principal_components(shapes, 5))
-    np.testing.assert_allclose(np.abs((turned * expected).sum(axis=1)), 1, atol=1e-10)
-
-
-def test_the_order_and_place_of_shapes_and_landmarks_do_not_matter(shapes, rng):
-    order, landmarks = rng.permutation(40), rng.permutation(6)
-    found = principal_components(shapes, 4)
-    moved = principal_components(shapes[order] + rng.standard_normal((3, 6)), 4)
-    np.testing.assert_allclose(moved, found, atol=1e-10)
-    permuted = principal_components(shapes[..., landmarks], 4)
-    np.testing.assert_allclose(permuted, found[..., landmarks], atol=1e-10)
-
-
-def test_they_are_centred_as_the_shapes_are(shapes):
-    np.testing.assert_allclose(principal_components(shapes, 99).mean(axis=-1), 0, atol=1e-12)
 
 
 @pytest.mark.parametrize("keys", [{"bases": 1 - 1e-15}, {"bases": 99}])

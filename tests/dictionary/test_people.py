@@ -9,8 +9,8 @@ import pytest
 
 from shapefit.config.loader import load_config
 from shapefit.config.named_files import FOLDER
-from shapefit.dictionary.origin import origin_of
-from shapefit.dictionary.variations import find_skeleton
+from shapefit.dictionary.bodies import find_skeleton
+from shapefit.dictionary.model import origin_of
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import rotation_onto
 from shapefit.geometry.symmetry import mirror

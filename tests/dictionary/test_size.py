@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from shapefit.dictionary.bodies import find_edge_length, metres_per_unit
 from shapefit.dictionary.model import Dictionary
-from shapefit.dictionary.size import find_edge_length, metres_per_unit
 from shapefit.geometry.normalisation import normalise
 
 EDGES = np.array([[0, 1], [1, 2], [2, 3]])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.dictionary.variations import find_skeleton, vary
+from shapefit.dictionary.bodies import find_skeleton, vary
 
 EDGES = np.array([[0, 1], [1, 2], [2, 3], [0, 4], [4, 5], [5, 6], [0, 7]])
 """A trunk at 0, two limbs 1-2-3 and 4-5-6, and a head at 7."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shapefit.config.named_files import find_dictionary
-from shapefit.dictionary.mapped import mapped
+from shapefit.dictionary.model import mapped
 from shapefit.errors import InputError
 from shapefit.io import (
     LandmarkSet,

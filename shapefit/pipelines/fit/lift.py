@@ -84,7 +84,7 @@ def lift_images(
     method, perspective = METHODS[config.method], config.camera.model == "perspective"
     weights = weigh(images, config)
     if method.has_prior and not dependent:
-        weights = np.where(dictionary.hung >= 0, 0.0, weights)
+        weights = np.where(dictionary.depends_on >= 0, 0.0, weights)
     agreed = None
     if config.outliers.method not in ("none", *ROBUST):
         agreed = find_inliers(images, weights, dictionary, config.outliers, config.threads)

@@ -18,8 +18,7 @@ from shapefit.config import FitConfig, find_config, load_config
 from shapefit.config.commands.fit_sections import CAMERA_MATRIX, PosteriorConfig
 from shapefit.config.loader import find_presets
 from shapefit.config.paths import STANDARD_STREAM, ResultFolder
-from shapefit.dictionary.model import LEARNED_FROM, SUITS, Dictionary
-from shapefit.dictionary.origin import describe_learning
+from shapefit.dictionary.model import LEARNED_FROM, SUITS, Dictionary, describe_learning
 from shapefit.errors import InputError, input_error
 from shapefit.io import LandmarkSet, open_landmarks
 from shapefit.io.dictionaries import has_prior, read_provenance

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
+from shapefit.dictionary.bodies import has_lengths, knows_size, metres_per_unit
 from shapefit.dictionary.model import Dictionary
-from shapefit.dictionary.size import has_lengths, knows_size, metres_per_unit
 from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.layout import FURTHER_OF_RESULTS, METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
 from shapefit.lifting.lift import Lifting, PerspectiveView

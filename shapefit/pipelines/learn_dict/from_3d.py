@@ -12,13 +12,10 @@ from shapefit import __version__
 from shapefit.arrays import Floats
 from shapefit.config import LearnDictConfig
 from shapefit.config.commands.learn_dict import PriorConfig
-from shapefit.dictionary.learning import learn
-from shapefit.dictionary.mixture import Mixture
-from shapefit.dictionary.mixture_learning import learn_mixture
+from shapefit.dictionary.bodies import find_skeleton, vary
+from shapefit.dictionary.learning import Summary, learn, principal_components, summarise
+from shapefit.dictionary.mixture import Mixture, learn_mixture
 from shapefit.dictionary.model import SUITS, Dictionary
-from shapefit.dictionary.pca_bases import principal_components
-from shapefit.dictionary.summary import Summary, summarise
-from shapefit.dictionary.variations import find_skeleton, vary
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import choose, rotation_onto
@@ -117,9 +114,7 @@ def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning
     for learned in learn(shapes, k, config.beta, iterations=rounds):
         note = f"objective {learned.trace[-1]:.6g}"
         yield Outcome(done=1, total=rounds, unit="round", note=note)
-    summary = summarise(
-        [(shapes, learned.coefficients, training.scale)], learned.atoms, config.beta
-    )
+    summary = summarise(shapes, learned.coefficients, training.scale, learned.atoms, config.beta)
     warnings = []
     if summary.dead_atoms:
         warnings.append(f"{summary.dead_atoms} of {k} atoms are used by no training shape")

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.config import LearnDictConfig
-from shapefit.dictionary.model import Dictionary
-from shapefit.dictionary.motion import (
+from shapefit.dictionary.bodies import (
     find_acceleration,
     find_edge_covariance,
+    find_edge_length,
     find_give,
     find_lengths,
 )
-from shapefit.dictionary.size import find_edge_length
+from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import SMALLEST, normalise
 from shapefit.geometry.procrustes import Alignment, coincide, generalised_procrustes

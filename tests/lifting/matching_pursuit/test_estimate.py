@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shapefit.convex.solution import Status
-from shapefit.dictionary.pca_bases import principal_components
+from shapefit.dictionary.learning import principal_components
 from shapefit.geometry.cameras import project, turntable
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform

@@ -9,8 +9,7 @@ import pytest
 
 from shapefit.config import InfoConfig, LearnDictConfig
 from shapefit.dictionary.from_2d.judgement import DOUBTFUL, LEARNED, Judgement
-from shapefit.dictionary.model import Dictionary
-from shapefit.dictionary.origin import describe_learning
+from shapefit.dictionary.model import Dictionary, describe_learning
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations

@@ -11,9 +11,8 @@ import pytest
 from shapefit import __version__
 from shapefit.config import LearnDictConfig
 from shapefit.config.commands.learn_dict import PriorConfig
-from shapefit.dictionary.learning import learn
-from shapefit.dictionary.origin import origin_of
-from shapefit.dictionary.pca_bases import principal_components
+from shapefit.dictionary.learning import learn, principal_components
+from shapefit.dictionary.model import origin_of
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import centroid, normalise, spread
 from shapefit.geometry.procrustes import generalised_procrustes, rotation_onto

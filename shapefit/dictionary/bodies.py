@@ -1,0 +1,218 @@
+"""Bodies: how training shapes move, how long and how rigid their bones are, and other bodies.
+
+Bones are the edges of the shapes. A few subjects have few bodies and few combinations of what arms
+and legs do; `vary` makes others of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from shapefit.arrays import Floats, Integers
+from shapefit.dictionary.model import Dictionary
+from shapefit.geometry.length_units import metres_in
+from shapefit.geometry.normalisation import normalise, spread
+
+FEWEST = 100
+"""Second differences from which a mean square is taken."""
+
+LEAST = 1e-3
+"""Floor of the result: nothing stands stiller than that on purpose."""
+
+ALIKE = 0.02
+"""Root mean square difference of the logarithms of lengths within which two sequences show one
+body: motion capture finds those of a body again within 0.015."""
+
+SPREAD, WORTH = 0.06, 5.0
+"""s and m. Ten bodies of motion capture have bones that are longer or shorter by 4.5% beside their
+size, and a body differs from another by 1.4 times that."""
+
+
+def find_acceleration(shapes: Floats, sequences: Sequence[str]) -> Floats | None:
+    """Root mean square over frames t and axes of y_(t-1) - 2 y_t + y_(t+1), for each landmark (p,).
+
+    shapes (n, 3, p) in one frame; y are those shapes about their centroid, in units of their size.
+    sequences (n,) name runs of frames in order of time. None where these are too few or short.
+    """
+    scale = normalise(shapes).scale
+    unit = float(np.median(scale)) if len(scale) else 1.0
+    y = (shapes - shapes.mean(axis=2, keepdims=True)) / unit
+    names = np.array(sequences, dtype=object)
+    together = (names[2:] == names[1:-1]) & (names[1:-1] == names[:-2])
+    second = (y[2:] - 2 * y[1:-1] + y[:-2])[together]
+    if len(second) < FEWEST:
+        return None
+    found: Floats = np.maximum(np.sqrt((second**2).mean(axis=(0, 1))), LEAST)
+    return found
+
+
+def find_give(shapes: Floats, edges: Integers, sequences: Sequence[str]) -> Floats:
+    """Root mean square (e,) of how the edges' lengths differ from their means in each sequence.
+
+    shapes (n, 3, p), edges (e, 2); in units of the size of the shapes. 0 where edges are rigid
+    bones and each sequence shows one body.
+    """
+    lengths, mean, of = find_lengths(shapes, edges, sequences)
+    found: Floats = np.sqrt(((lengths - mean[of]) ** 2).mean(axis=0))
+    return found / np.median(normalise(shapes).scale)
+
+
+def find_lengths(
+    shapes: Floats, edges: Integers, sequences: Sequence[str]
+) -> tuple[Floats, Floats, Integers]:
+    """Lengths (n, e) of the edges, their means (s, e) in s sequences by name, and which (n,)."""
+    i, j = edges.T
+    lengths = np.linalg.norm(shapes[:, :, i] - shapes[:, :, j], axis=1)
+    _, of = np.unique(np.array(sequences, dtype=object).astype(str), return_inverse=True)
+    count = np.maximum(np.bincount(of), 1)
+    mean = [np.bincount(of, column) / count for column in lengths.T]
+    return lengths, np.stack(mean, axis=1) if mean else np.empty((len(count), 0)), of
+
+
+def find_edge_covariance(lengths: Floats) -> Floats:
+    """S = (sum_b d_b d_b^T + m s^2 I) / (n - 1 + m), d_b = log l_b - mean, of n bodies (e, e).
+
+    lengths (q, e), mean lengths of the edges in q sequences, in any unit; those of one body
+    (`ALIKE`) count once, and edges without a length differ by s alone. A few bodies say little of
+    others: the spread s counts as much as m further ones would.
+    """
+    there = (lengths > 0).all(axis=0)
+    logs = np.log(np.where(there, lengths, 1.0))
+    bodies: list[Floats] = []
+    for each in logs:
+        if all(np.sqrt(((each - body) ** 2).mean()) > ALIKE for body in bodies):
+            bodies.append(each)
+    away = np.array(bodies) - np.mean(bodies, axis=0)
+    e = logs.shape[1]
+    found: Floats = away.T @ away + WORTH * SPREAD**2 * np.eye(e)
+    return found / (len(bodies) - 1 + WORTH)
+
+
+def find_edge_length(shapes: Floats, edges: Integers) -> Floats:
+    """Mean length (e,) of each edge over shapes (n, 3, p), in their unit; edges (e, 2)."""
+    i, j = edges.T
+    found: Floats = np.linalg.norm(shapes[:, :, i] - shapes[:, :, j], axis=1).mean(axis=0)
+    return found
+
+
+def metres_per_unit(shapes: Floats, dictionary: Dictionary) -> Floats | None:
+    """Metres (n,) in one unit of lifted shapes (n, 3, p): as large as the training shapes were.
+
+    By the lengths of the edges where the dictionary has them, L_m / sum_e |X_i - X_j|: bones are as
+    long in every pose. Else by their spread, which is that of the training shapes on average. nan
+    for a shape without size; None where the dictionary does not say how large its shapes were.
+    """
+    metres = metres_in(dictionary.unit)
+    if metres is None or not knows_size(dictionary):
+        return None
+    if has_lengths(dictionary):
+        assert dictionary.edges is not None
+        assert dictionary.edge_length is not None
+        i, j = dictionary.edges.T
+        sides = (shapes[:, a].take(i, axis=1) - shapes[:, a].take(j, axis=1) for a in range(3))
+        extent = np.sqrt(sum(side**2 for side in sides)).sum(axis=1)
+        size = float(dictionary.edge_length.sum())
+    else:
+        assert dictionary.atom_scale is not None
+        extent = spread(shapes)
+        size = float((dictionary.atom_scale * spread(dictionary.atoms)).mean())
+    return np.divide(
+        metres * size, extent, out=np.full(len(shapes), np.nan), where=np.asarray(extent > 0)
+    )
+
+
+def knows_size(dictionary: Dictionary) -> bool:
+    """Whether the dictionary says how large its training shapes were, in a unit of length."""
+    measured = has_lengths(dictionary) or dictionary.atom_scale is not None
+    return measured and metres_in(dictionary.unit) is not None
+
+
+def has_lengths(dictionary: Dictionary) -> bool:
+    """Whether the dictionary says how long its edges are."""
+    length = dictionary.edge_length
+    return dictionary.edges is not None and length is not None and bool(length.sum() > 0)
+
+
+@dataclass(frozen=True)
+class Skeleton:
+    """A tree of bones: order (p - 1,), the landmarks without the root, each after its parent (p,).
+
+    limbs: for each chain of bones that ends in a leaf, the landmarks beyond its first bone; that
+    bone, such as from the neck to a shoulder, belongs to the trunk.
+    """
+
+    order: tuple[int, ...]
+    parent: tuple[int, ...]
+    limbs: tuple[tuple[int, ...], ...]
+
+
+def find_skeleton(edges: Integers, points: int) -> Skeleton:
+    """Lay out the tree of edges (e, 2). Raises ValueError where they do not form one."""
+    neighbours: list[list[int]] = [[] for _ in range(points)]
+    for a, b in edges.tolist():
+        neighbours[a].append(b)
+        neighbours[b].append(a)
+    if len(edges) != points - 1:
+        raise ValueError(f"{len(edges)} edges of {points} landmarks are not a tree")
+    root = max(range(points), key=lambda j: len(neighbours[j]))
+    parent, order, todo = {root: root}, [], [root]
+    while todo:
+        at = todo.pop(0)
+        for other in neighbours[at]:
+            if other not in parent:
+                parent[other] = at
+                order.append(other)
+                todo.append(other)
+    if len(parent) != points:
+        raise ValueError("the edges leave landmarks apart")
+    limbs = []
+    for leaf in range(points):
+        if leaf == root or len(neighbours[leaf]) != 1:
+            continue
+        chain = [leaf]
+        while parent[chain[-1]] != root and len(neighbours[parent[chain[-1]]]) == 2:
+            chain.append(parent[chain[-1]])
+        if len(chain) > 1:
+            limbs.append(tuple(chain[-2::-1]))
+    return Skeleton(tuple(order), tuple(parent[j] for j in range(points)), tuple(limbs))
+
+
+def vary(
+    shapes: Floats,
+    skeleton: Skeleton,
+    *,
+    copies: int,
+    stretch: float,
+    exchange: float,
+    partners: Integers | None = None,
+) -> Floats:
+    """(n, 3, p) -> (copies n, 3, p), aligned shapes varied at random, the same for equal shapes.
+
+    exchange: share of the shapes each of whose limbs comes from another shape, drawn at random,
+    bone by bone as it lies there. stretch: standard deviation of the logarithm of the length of a
+    bone; landmarks and their partners (p,) stretch alike. The shapes are no longer normalised.
+    """
+    rng = np.random.default_rng(0)
+    n, _, p = shapes.shape
+    twin = np.arange(p) if partners is None else np.minimum(np.arange(p), partners)
+    order, parent = list(skeleton.order), np.array(skeleton.parent)
+    given = shapes - shapes[:, :, parent]  # the bone that ends in each landmark
+    varied = []
+    for _ in range(copies):
+        bones = given.copy()
+        exchanged = rng.random(n) < exchange
+        for limb in skeleton.limbs:
+            donors = rng.permutation(n)
+            rows = np.flatnonzero(exchanged)
+            for j in limb:
+                bones[rows, :, j] = given[donors[rows], :, j]
+        lengths = np.exp(stretch * rng.standard_normal((n, p)))[:, twin]
+        bones *= lengths[:, None]
+        built = shapes.copy()
+        for j in order:
+            built[:, :, j] = built[:, :, parent[j]] + bones[:, :, j]
+        varied.append(built)
+    return np.concatenate(varied)
