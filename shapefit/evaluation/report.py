@@ -19,16 +19,12 @@ from shapefit.evaluation.calibration import LEVELS, WIDTH_OF, Coverage
 from shapefit.evaluation.summaries import (
     ALL,
     LEAST_TRUSTED,
-    NORMALISED,
     ImageErrors,
     Kept,
     Kind,
     Summary,
 )
 from shapefit.geometry.normalisation import LARGEST
-
-PUBLISHED = ("similarity", NORMALISED)
-"""Metric and unit of published numbers."""
 
 MOST_LISTED = 10_000
 """Failed images of a method that are listed with their reasons; more are counted."""
@@ -91,18 +87,14 @@ class Method:
 class Report:
     """Everything that the tables show.
 
-    `published` maps a method to its quoted numbers, group -> error, in the metric and unit
-    `PUBLISHED`; `caveats` say what to bear in mind when reading the numbers; `warnings` what the
-    evaluation had to leave out; `coverage`, `kept` and `without_bars` say how true error bars and
-    plausibilities are, and which methods have none; `parallel` are those whose ellipsoids are
-    parallel to the axes; `provenance` is what the numbers were made from and by (version,
-    config, digests of the inputs), ready for JSON.
+    `warnings` say what the evaluation had to leave out; `coverage`, `kept` and `without_bars` how
+    true error bars and plausibilities are, and which methods have none; `parallel` are those whose
+    ellipsoids are parallel to the axes; `provenance` is what the numbers were made from and by
+    (version, config, digests of the inputs), ready for JSON.
     """
 
     methods: tuple[Method, ...]
     summaries: tuple[Summary, ...]
-    published: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    caveats: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     coverage: tuple[Coverage, ...] = ()
     kept: tuple[Kept, ...] = ()
@@ -189,8 +181,6 @@ def report_json(report: Report) -> str:
         "trusted": [asdict(k) for k in report.kept],
         "without_error_bars": report.without_bars,
         "parallel_error_bars": report.parallel,
-        "published": {method: dict(column) for method, column in report.published.items()},
-        "caveats": report.caveats,
         "warnings": report.warnings,
         **report.provenance,
     }
@@ -232,7 +222,6 @@ _HOW_TO_READ_SOLVING = (
     "pmp and mean-shape minimise different functions, and all depend on lambda and the dictionary. "
     "Times are those of the machine and the threads of each fit, for solving alone."
 )
-_QUOTED = "Figures in italics are quoted from publications, not computed here."
 _SPEED = ("ms per image", "images/s")
 _SHARES = [f"{level:.0%}" for level in LEVELS]
 _HOW_TO_READ_BARS = (
@@ -260,19 +249,14 @@ def report_blocks(report: Report, failures: int = FAILURES_SHOWN) -> list[str]:
     one table, methods down, and the means and medians of all metrics across.
     """
     tables = by_kind(summary for summary in report.summaries if summary.sequence is None)
-    groups = {group for quoted in report.published.values() for group in quoted}
-    groups |= {summary.group for summary in report.summaries}
     blocks = ["# Errors against the truth"]
-    grouped = groups != {ALL}
+    grouped = {summary.group for summary in report.summaries} != {ALL}
     how = f"{HOW_TO_READ_PAIRS} Times are those of solving alone."
     blocks.append(_HOW_TO_READ if grouped else how)
-    if report.published and PUBLISHED in tables:
-        blocks.append(_QUOTED)
     if not grouped:
         blocks.append(_overview(report, tables))
     for kind, summaries in tables.items() if grouped else ():
-        published = report.published if kind == PUBLISHED else {}
-        blocks += [f"## {kind[0]} ({kind[1]})", _errors_table(summaries, published)]
+        blocks += [f"## {kind[0]} ({kind[1]})", _errors_table(summaries)]
     if report.coverage:
         blocks += ["## Error bars", " ".join([_HOW_TO_READ_BARS, *_exceptions(report)])]
         blocks += [_bars_by_group(report.coverage), *_bars_by_landmark(report.coverage)]
@@ -283,7 +267,6 @@ def report_blocks(report: Report, failures: int = FAILURES_SHOWN) -> list[str]:
     blocks += _listing("Failed", _failed_items(report, failures))
     blocks += _solving(report)
     blocks += _listing("Left out", report.warnings)
-    blocks += _listing("Caveats", report.caveats)
     return blocks
 
 
@@ -348,10 +331,7 @@ def pairs(sums: Sequence[HasMeanAndMedian]) -> list[str]:
 
 
 def _overview(report: Report, tables: Mapping[Kind, Sequence[Summary]]) -> str:
-    """Methods down; mean and median of every metric and unit, then the speed, across.
-
-    A quoted method, in italics, has one mean only.
-    """
+    """Methods down; mean and median of every metric and unit, then the speed, across."""
     methods = dict.fromkeys(s.method for summaries in tables.values() for s in summaries)
     header, columns = ["method"], []
     for kind, summaries in tables.items():
@@ -363,24 +343,12 @@ def _overview(report: Report, tables: Mapping[Kind, Sequence[Summary]]) -> str:
         speeds = {name: _speed(of) for name, of in solving.items()}
         columns += [{name: cells[i] for name, cells in speeds.items()} for i in range(len(_SPEED))]
     rows = [[name, *(column.get(name, ABSENT) for column in columns)] for name in methods]
-    if PUBLISHED in tables:
-        place = list(tables).index(PUBLISHED)
-        for name, quoted in report.published.items():
-            cells = [ABSENT] * len(columns)
-            cells[place] = number(quoted[ALL], decimals_of([quoted[ALL]]))
-            rows.append([f"*{name}*", *cells])
     return markdown_table(header, rows)
 
 
-def _errors_table(
-    summaries: Sequence[Summary], published: Mapping[str, Mapping[str, float]]
-) -> str:
-    means = {(s.group, s.method): s.mean for s in summaries}
-    quoted = {
-        (g, f"*{m}*"): error for m, column in published.items() for g, error in column.items()
-    }
-    cells = means | quoted
-    methods = dict.fromkeys(method for _, method in (*means, *quoted))
+def _errors_table(summaries: Sequence[Summary]) -> str:
+    cells = {(s.group, s.method): s.mean for s in summaries}
+    methods = dict.fromkeys(method for _, method in cells)
     decimals = decimals_of(cells.values())
     rows = [
         [group, *(number(cells.get((group, method)), decimals) for method in methods)]

@@ -39,7 +39,5 @@ def report(errors, grouping):
             Method("admm", ("two.h5",), 4, {}),
         ),
         summaries=tuple(row for e in errors for row in summarise(e, grouping)),
-        published={"Convex, paper": {"Subject 13": 0.259, "Subject 15": 0.204}},
-        caveats=("other frames than the paper's",),
         warnings=("no true rotation",),
     )

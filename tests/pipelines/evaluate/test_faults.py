@@ -5,7 +5,6 @@ import errno
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.evaluation import report as tables
 from shapefit.io import atomic
 
 
@@ -14,21 +13,6 @@ def test_an_item_in_two_files_of_one_method_is_an_error(desk, results):
     files = {"convex": [desk.folder / "convex.h5", desk.folder / "again.h5"]}
     with pytest.raises(InputError, match=r"again.h5: has the item 'item3', which .*convex.h5"):
         desk.run(results=files)
-
-
-def test_a_crash_while_writing_leaves_old_files_and_no_half_ones(desk, monkeypatch):
-    desk.run()
-    old = {path.name: path.read_bytes() for path in desk.config.output.iterdir()}
-
-    def crash(report):
-        raise RuntimeError("crashed")
-
-    monkeypatch.setattr(tables, "report_json", crash)
-    with pytest.raises(RuntimeError):
-        desk.run(metrics=["similarity"])
-    assert {path.name for path in desk.config.output.iterdir()} == set(old)
-    assert (desk.config.output / "report.json").read_bytes() == old["report.json"]
-    assert (desk.config.output / "report.md").read_bytes() == old["report.md"]
 
 
 @pytest.mark.parametrize(
@@ -64,10 +48,6 @@ class TestInputErrors:
         with pytest.raises(InputError, match="report: it is not a folder"):
             desk.begin()
         assert (desk.folder / "report").read_text() == "kept"
-
-    def test_output_is_standard_output(self, desk):
-        with pytest.raises(InputError, match="folder"):
-            desk.begin(output="-")
 
 
 @pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -1.0, "soon"])

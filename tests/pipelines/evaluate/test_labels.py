@@ -59,25 +59,12 @@ def test_are_not_measured_unasked(desk, labelled):
     assert not {"precision", "recall"} & {row["metric"] for row in desk.rows()}
 
 
-def test_pictures_of_them_are_drawn(desk, labelled):
-    desk.write("convex.h5", labelled)
-    *_, last = desk.run(metrics=["recall"], plots=True)
-    assert {"recall.png", "recall_boxes.svg"} <= {path.name for path in last.written}
-
-
 def test_are_left_out_where_nobody_knows_what_was_corrupted(desk, labelled):
     extras = {name: data for name, data in labelled.further.items() if name != "corrupted"}
     desk.write("convex.h5", labelled.replaced(further=extras))
     judged, _ = desk.run(metrics=METRICS)
     assert len(judged.warnings) == 2
     assert "no precision without the dataset `corrupted`" in judged.warnings[0]
-
-
-def test_alone_need_what_was_corrupted(desk, labelled):
-    extras = {name: data for name, data in labelled.further.items() if name != "corrupted"}
-    desk.write("convex.h5", labelled.replaced(further=extras))
-    with pytest.raises(InputError, match="no recall without the dataset `corrupted`; add the"):
-        desk.run(metrics=["recall"])
 
 
 def test_nothing_to_judge_at_all_is_an_error(desk, labelled):

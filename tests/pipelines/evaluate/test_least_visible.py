@@ -40,29 +40,6 @@ def test_an_image_that_could_not_be_lifted_counts_by_what_it_shows(desk, partly_
     assert outcome.done == 5
 
 
-def test_errors_are_those_of_the_images_that_are_left(desk, partly_seen):
-    desk.run()
-    whole = desk.errors(metric="similarity", unit="m")
-    desk.run(least_visible=4)
-    np.testing.assert_array_equal(
-        desk.errors(metric="similarity", unit="m"), whole[[0, 1, 3, 5, 6]]
-    )
-
-
-def test_results_of_the_same_images_say_so_once(desk, partly_seen):
-    files = {name: [desk.write(f"{name}.h5", partly_seen)] for name in "ab"}
-    first, second, last = desk.run(results=files, least_visible=4)
-    assert (len(first.warnings), second.warnings) == (1, ())
-    assert last.note.count("2 of 7 images left out") == 1
-
-
-def test_the_time_of_an_image_is_that_of_all_images(desk, partly_seen):
-    told = partly_seen.replaced(attributes={"solve_seconds": 0.014})
-    desk.write("convex.h5", told)
-    *_, last = desk.run(least_visible=5, groups={})
-    assert last.note.split("\n\n")[2].splitlines()[2].endswith("|            2 |      500 |")
-
-
 def test_results_without_observed_landmarks_are_an_error(desk, results):
     desk.write("table.csv", results)
     with pytest.raises(InputError, match=r"table\.csv: has no dataset 'landmarks'.*least_visible"):

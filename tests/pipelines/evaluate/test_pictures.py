@@ -5,7 +5,6 @@ import sys
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.evaluation import plots
 
 FILES = {"per_image.csv", "report.csv", "report.json", "report.md", "report.html", "view.html"}
 
@@ -16,21 +15,6 @@ def test_plots_are_drawn_for_every_metric(desk):
     drawn = {f"{name}.{e}" for name in names for e in ("png", "svg")}
     assert {path.name for path in last.written} == FILES | drawn
     assert {path.name for path in desk.config.output.iterdir()} == FILES | drawn
-
-
-def test_boxes_are_those_of_the_normalised_errors_of_the_groups(desk, monkeypatch):
-    asked = []
-    draw = plots.draw_boxes
-    monkeypatch.setattr(plots, "draw_boxes", lambda *a: asked.append(a) or draw(*a))
-    desk.run(plots=True)
-    kinds = [(e.metric, e.unit) for (e,), _ in asked]
-    assert kinds == [
-        ("similarity", "normalised"),
-        ("camera", "normalised"),
-        ("rotation", "deg"),
-        ("reprojection", "m"),
-    ]
-    assert asked[0][1] == {"Subject 13": ("13_01", "13_02"), "Subject 14": ("14_01",)}
 
 
 def test_without_matplotlib_nothing_is_written(desk, monkeypatch):

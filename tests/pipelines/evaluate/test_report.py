@@ -33,25 +33,6 @@ def test_last_outcome_shows_the_table_and_lists_what_was_written(desk):
     assert "Subject 13" in written.note
 
 
-def test_per_image_has_a_row_for_every_metric_and_unit(desk):
-    desk.run()
-    rows = desk.rows("per_image.csv")
-    assert len(rows) == 7 * N
-    kinds = {(row["metric"], row["unit"]) for row in rows}
-    assert kinds == {
-        ("similarity", "normalised"),
-        ("similarity", "m"),
-        ("camera", "normalised"),
-        ("camera", "m"),
-        ("rotation", "deg"),
-        ("reprojection", "m"),
-        ("reprojection", "box"),
-    }
-    row = desk.row("per_image.csv", item="item4", metric="rotation")
-    assert (row["sequence"], row["method"]) == ("13_02", "convex")
-    assert float(row["error"]) < 1e-4
-
-
 def test_failed_items_are_counted_listed_and_left_out(desk, truth, results):
     shapes = results.shapes.copy()
     shapes[1] = np.nan
@@ -71,13 +52,6 @@ def test_failed_items_are_counted_listed_and_left_out(desk, truth, results):
     assert [row["error"] for row in failed] == [""] * 7
 
 
-def test_items_without_truth_are_failures(desk, truth):
-    write_shapes(desk.folder / "truth.h5", truth.take([0, 1, 2, 3, 4, 5]))
-    judged, last = desk.run()
-    assert [failure.item for failure in judged.failures] == ["item6"]
-    assert "item6" in last.note
-
-
 def test_several_methods_side_by_side(desk, results):
     desk.write("worse.h5", results.replaced(shapes=-results.shapes))
     methods = {"good": [desk.folder / "convex.h5"], "mirrored": [desk.folder / "worse.h5"]}
@@ -86,20 +60,6 @@ def test_several_methods_side_by_side(desk, results):
     labels = {"metric": "similarity", "unit": "m", "group": "Subject 14", "sequence": ""}
     good, mirrored = (float(desk.row(**labels, method=m)["mean"]) for m in methods)
     assert good < mirrored
-
-
-def test_files_of_one_method_are_joined(desk, results):
-    desk.run()
-    whole = desk.rows()
-    desk.write("a.h5", results.take([0, 1, 5]))
-    desk.write("b.h5", results.take([2, 3, 4, 6]))
-    files = {"convex": [desk.folder / "a.h5", desk.folder / "b.h5"]}
-    desk.run(results=files)
-    for row in whole:
-        kind = {key: row[key] for key in ("metric", "unit", "group", "sequence")}
-        other = desk.row(**kind)
-        assert other["images"] == row["images"]
-        np.testing.assert_allclose(float(other["mean"]), float(row["mean"]))
 
 
 def test_csv_results_are_judged_by_shape_alone(desk, results):
