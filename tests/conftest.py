@@ -17,6 +17,7 @@ from hypothesis import settings
 from shapefit.config import load_config
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.stores import use_storage_options
+from tests.world import World
 
 _numbers = count()
 
@@ -76,6 +77,12 @@ def make_once(tmp_path_factory) -> Callable[[str, Callable[[Path], object]], Pat
         return path
 
     return once
+
+
+@pytest.fixture(scope="session")
+def world(make_once) -> World:
+    """People, cars and a dog, with dictionaries and fits that are made once."""
+    return World(make_once)
 
 
 @pytest.fixture(scope="session")

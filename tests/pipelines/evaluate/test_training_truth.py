@@ -1,38 +1,27 @@
 """`eval` says so where the truth is the training data of the dictionary."""
 
-import subprocess
-import sys
-from pathlib import Path
+import pytest
 
-SAMPLES = Path(__file__).parents[3] / "sample_data"
-
-
-def shapefit(*arguments: object) -> str:
-    """Run a command in the folder of the project; return what it says."""
-    command = [Path(sys.executable).with_name("shapefit"), *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    return done.stderr
+from shapefit.config import EvalConfig
+from shapefit.pipelines.evaluate.run import run
+from tests.pipelines.told import texts
 
 
-def judge(folder: Path, truth: Path, *fit: str) -> str:
-    """Learn from the training motions, lift views of the truth, and evaluate."""
-    learned, views, result = folder / "dict.h5", folder / "views.h5", folder / "result.h5"
-    shapefit(
-        *("learn-dict", SAMPLES / "people_train.h5", "-o", learned),
-        *("--set", "k=8", "--set", "iterations=2"),
+@pytest.mark.parametrize("kind", ["seen", "unseen"])
+def test_truth_that_the_dictionary_was_learned_from_is_a_warning(world, tmp_path, kind):
+    truth = world.shapes("people") if kind == "seen" else world.truth("people")
+    config = EvalConfig(
+        results=[world.fit("people", images=world.views("people", shapes=[str(truth)]))],
+        truth=[truth],
+        output=tmp_path / "report",
+        plots=False,
+        view=False,
     )
-    shapefit("project", truth, "-o", views)
-    shapefit("fit", views, "-d", learned, "-o", result, *fit)
-    return shapefit(
-        "eval", result, "--truth", truth, "-o", folder / "report", "--set", "view=false"
-    )
-
-
-def test_truth_that_the_dictionary_was_learned_from_is_a_warning(tmp_path):
-    said = judge(tmp_path, SAMPLES / "people_train.h5")
-    assert f"the dictionary was learned from the truth, {SAMPLES / 'people_train.h5'}" in said
-    assert "learned from the truth" in (tmp_path / "report" / "report.md").read_text()
-
-
-def test_truth_that_took_no_part_in_learning_is_none(tmp_path):
-    assert "learned from the truth" not in judge(tmp_path, SAMPLES / "people_test.h5")
+    said = [text for text in texts(run(config)) if "learned from the truth" in text]
+    page = (tmp_path / "report/report.md").read_text(encoding="utf-8")
+    if kind == "seen":
+        assert f"the dictionary was learned from the truth, {truth}" in said[0]
+        assert "learned from the truth" in page
+    else:
+        assert not said
+        assert "learned from the truth" not in page

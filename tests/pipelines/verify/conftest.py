@@ -6,10 +6,7 @@ from types import SimpleNamespace
 import h5py
 import pytest
 
-from shapefit.config import LearnDictConfig
-from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.verify import Request, run
-from tests.pipelines.fitted import fit_file
 
 TERMS = {
     "squared": {},
@@ -20,47 +17,23 @@ TERMS = {
 """Data term -> the keys of `fit` that choose it."""
 
 
-@pytest.fixture(scope="session")
-def dictionaries(project, tmp_path_factory):
-    """Small dictionaries of people and of cars, from sample_data."""
-    folder, data = tmp_path_factory.mktemp("dictionaries"), project / "sample_data"
-    kinds = {
-        "people": {"shapes": [str(data / "people_train.h5")], "k": 12, "iterations": 2, "every": 8},
-        "other_people": {
-            "shapes": [str(data / "people_train.h5")], "k": 12, "iterations": 1, "every": 9,
-        },
-        "cars": {"shapes": [str(data / "cars.h5")], "method": "exemplars", "align": "none"},
-    }  # fmt: skip
-    paths = {}
-    for name, keys in kinds.items():
-        paths[name] = folder / f"{name}.h5"
-        list(learn_dict.run(LearnDictConfig(output=str(paths[name]), **keys)))
-    prior = project / "shapefit/dictionaries/people.h5"
-    return paths | {"prior": prior, "detected": prior}
+KINDS = ("people", "prior", "cars", "walk")
 
 
 @pytest.fixture(scope="session")
-def landmarks(project):
-    data = project / "sample_data"
-    people = data / "people_views.csv"
-    cars, walk = data / "cars_views.h5", data / "openpose"
-    return {"people": people, "prior": people, "cars": cars, "detected": walk}
+def dictionaries(world):
+    return {kind: world.dictionary(kind) for kind in (*KINDS, "other people")}
 
 
 @pytest.fixture(scope="session")
-def fitted(dictionaries, landmarks, tmp_path_factory):
+def landmarks(world):
+    return {kind: world.images("people" if kind == "prior" else kind) for kind in KINDS}
+
+
+@pytest.fixture(scope="session")
+def fitted(world):
     """Return what fits people or cars with some keys, each such fit once."""
-    folder, known = tmp_path_factory.mktemp("fitted"), {}
-
-    def fit_once(kind, **keys):
-        keys = {"input": {"keypoints": "body_25"}} | keys if kind == "detected" else keys
-        name = f"{kind} {sorted(keys.items())}"
-        if name not in known:
-            known[name] = folder / f"{len(known)}.h5"
-            fit_file(landmarks[kind], dictionaries[kind], known[name], **keys)
-        return known[name]
-
-    return fit_once
+    return world.fit
 
 
 @pytest.fixture

@@ -50,7 +50,7 @@ PRIOR = [
     {"method": "sequences", "sequences": {"frame_rate": 24}, "posterior": {"covariance": True}},
 ]
 
-KINDS = {"people": PEOPLE, "cars": CARS, "prior": PRIOR[:3], "detected": PRIOR}
+KINDS = {"people": PEOPLE, "cars": CARS, "prior": PRIOR[:3], "walk": PRIOR}
 
 
 @pytest.mark.parametrize(("kind", "keys"), [(k, keys) for k in KINDS for keys in KINDS[k]])
@@ -69,7 +69,7 @@ def test_an_honest_result_is_accepted(fitted, verify, dictionaries, landmarks, k
     robust = "method" in keys and "outliers" in keys
     proved = (n - len(without)) * (proof and not robust)
     assert (f"Proved: {proved} of {n}" in found.note) == (proved > 0)
-    if kind in ("prior", "detected"):
+    if kind in ("prior", "walk"):
         assert "Proved" not in found.note
         assert f"Consistent, not proved: {n} of {n}" in found.note
 
@@ -90,13 +90,9 @@ def test_what_is_proved_is_said(fitted, verify, dictionaries, keys, said):
     assert said in verify(fitted("people", **keys), dictionaries["people"]).note
 
 
-def test_pursuit_has_no_proof_and_is_no_failure(project, tmp_path, verify, landmarks):
-    dictionary, result = tmp_path / "bases.h5", tmp_path / "result.h5"
-    shapes = [str(project / "sample_data/people_train.h5")]
-    keys = {"method": "pca-bases", "every": 8, "output": str(dictionary)}
-    list(learn_dict.run(LearnDictConfig(shapes=shapes, **keys)))
-    fit_file(landmarks["people"], dictionary, result, method="pmp")
-    found = verify(result, dictionary)
+def test_pursuit_has_no_proof_and_is_no_failure(world, verify):
+    result = world.fit("people", "bases of people", method="pmp")
+    found = verify(result, world.dictionary("bases of people"))
     assert found.failures == {}
     assert "pmp has no certificate" in found.note
 

@@ -36,9 +36,9 @@ CASES = {
     "ransac": ("cars", {"outliers": {"method": "ransac"}}),
     "camera": ("cars", {"camera": PERSPECTIVE, "method": "convex+refine"}),
     "posterior": ("prior", POSTERIOR),
-    "detected": ("detected", {"method": "posterior"}),
-    "narrow": ("detected", {"method": "posterior", "posterior": {"widest": 0.05}}),
-    "sequences": ("detected", SEQUENCES),
+    "walk": ("walk", {"method": "posterior"}),
+    "narrow": ("walk", {"method": "posterior", "posterior": {"widest": 0.05}}),
+    "sequences": ("walk", SEQUENCES),
 }
 """Kinds of results, with every dataset that a fit writes."""
 
@@ -93,7 +93,7 @@ def test_any_change_of_any_dataset_is_found_or_named(
     assert is_told(found, name)
 
 
-@pytest.mark.parametrize("case", ["convex", "camera", "detected"])
+@pytest.mark.parametrize("case", ["convex", "camera", "walk"])
 def test_any_change_of_an_attribute_and_any_invention_is_found_or_named(
     fitted, changed, verify, dictionaries, landmarks, case
 ):
@@ -235,26 +235,26 @@ HOLES = {
     "N4 zeros": ("convex", of_rotation(0.0)),
     "N4 twice": ("convex", of_rotation(2.0)),
     "N4 tiny": ("convex", of_rotation(1e-300)),
-    "N4 posterior": ("detected", of_rotation(0.0)),
+    "N4 posterior": ("walk", of_rotation(0.0)),
     "N5 bars negative": ("posterior", lambda f: f["shape_sd"].__setitem__((), -f["shape_sd"][()])),
     "N5 bars nan": ("posterior", everywhere(shape_sd=np.nan)),
-    "N5 bars infinite": ("detected", everywhere(shape_sd=np.inf)),
+    "N5 bars infinite": ("walk", everywhere(shape_sd=np.inf)),
     "N5 bars a tenth": (
         "posterior", lambda f: f["shape_sd"].__setitem__((), 0.1 * f["shape_sd"][()]),
     ),
-    "N5 all trusted": ("detected", everywhere(trusted=lambda f: 1 - f["trusted"][()])),
-    "N5 all fine": ("detected", everywhere(doubt="all fine")),
+    "N5 all trusted": ("walk", everywhere(trusted=lambda f: 1 - f["trusted"][()])),
+    "N5 all fine": ("walk", everywhere(doubt="all fine")),
     "N5 covariance": ("posterior", everywhere(shape_covariance=0.0)),
-    "N5 correlation": ("detected", everywhere(shape_correlation=5.0)),
-    "N5 correlation of inputs": ("detected", everywhere(input_shape_correlation=-2.0)),
-    "N5 belief": ("detected", everywhere(belief=-3.0)),
-    "N5 plausibility": ("detected", everywhere(plausibility=17.0)),
-    "N5 scale": ("detected", everywhere(scale=0.0)),
+    "N5 correlation": ("walk", everywhere(shape_correlation=5.0)),
+    "N5 correlation of inputs": ("walk", everywhere(input_shape_correlation=-2.0)),
+    "N5 belief": ("walk", everywhere(belief=-3.0)),
+    "N5 plausibility": ("walk", everywhere(plausibility=17.0)),
+    "N5 scale": ("walk", everywhere(scale=0.0)),
     "N5 scale of sequences": ("sequences", everywhere(scale=0.0)),
-    "N5 input shapes": ("detected", everywhere(input_shapes=0.0)),
+    "N5 input shapes": ("walk", everywhere(input_shapes=0.0)),
     "N5 limit": ("narrow", raise_limit),
-    "N5 noise for shapes": ("detected", noise_for_shapes),
-    "N6": ("detected", exchange),
+    "N5 noise for shapes": ("walk", noise_for_shapes),
+    "N6": ("walk", exchange),
     "N8 scale": ("convex", everywhere(scale=np.inf)),
     "N8 distortion": ("convex", lambda f: f.create_dataset("removed_distortion", data=[0.1] * 5)),
     "N14": ("convex", reverse_edges),
@@ -323,8 +323,8 @@ def test_a_raised_status_is_found(fitted, changed, verify, dictionaries, item_of
 
 
 def test_another_dictionary_is_found_by_digest_and_in_every_image(fitted, verify, dictionaries):
-    found = verify(fitted("people"), dictionaries["other_people"])
-    assert "the digests differ" in found.failures[str(dictionaries["other_people"])]
+    found = verify(fitted("people"), dictionaries["other people"])
+    assert "the digests differ" in found.failures[str(dictionaries["other people"])]
     assert len(found.failures) == found.done + 1
     with pytest.raises(InputError, match="landmark"):
         verify(fitted("people"), dictionaries["cars"])
