@@ -12,8 +12,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sample_data.make_people import SEED, STATURES, proportions
-from sample_data.motions import ACTIVITIES, FRAME_RATE, perform
+from sample_data.make_people import (
+    ACTIVITIES,
+    FRAME_RATE,
+    SEED,
+    STATURES,
+    perform,
+    proportions,
+)
 from sample_data.skeleton import JOINTS, joints
 
 Floats = NDArray[np.float64]

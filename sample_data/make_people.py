@@ -6,18 +6,18 @@ Run from the project's folder: python -m sample_data.make_people [FOLDER]
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from ruamel.yaml import YAML
+from scipy.interpolate import PchipInterpolator
 
-from sample_data.motions import ACTIVITIES, FRAME_RATE, mirrored, perform
-from sample_data.skeleton import EDGES, JOINTS, Proportions, joints
+from sample_data.skeleton import EDGES, JOINTS, Floats, Proportions, joints
 from sample_data.storage import write_csv, write_shapes
 
-Floats = NDArray[np.float64]
+Keys = tuple[tuple[float, float], ...]
 
 SEED = 20150607
 STATURES = {"anna": 0.93, "ben": 1.04, "carla": 0.98, "david": 1.09, "emil": 1.01, "fatma": 0.95}
@@ -124,6 +124,88 @@ def picture(points: Floats, rng: np.random.Generator) -> Floats:
     middle = np.array(IMAGE_CENTRE)
     exact = middle + PIXELS_PER_METRE * (flat - flat.mean(axis=0))
     return exact + rng.standard_normal(exact.shape)
+
+
+FRAME_RATE = 24
+
+
+@dataclass(frozen=True)
+class Activity:
+    """One cycle of `period` seconds: channel (see `skeleton`) -> (phase, value), phase in [0, 1).
+
+    Key frames are joined by a periodic, monotone cubic. Angles in degrees, `lift` in metres.
+    """
+
+    period: float
+    channels: Mapping[str, Keys]
+
+
+ACTIVITIES = {
+    name: Activity(**activity)
+    for name, activity in YAML(typ="safe")
+    .load(Path(__file__).with_name("motions.yaml").read_text(encoding="utf-8"))
+    .items()
+}
+
+
+def mirrored(activity: Activity) -> Activity:
+    """Return the activity of a left-handed person."""
+    swapped: dict[str, Keys] = {}
+    for channel, keys in activity.channels.items():
+        if channel in ("yaw", "roll", "twist", "side", "turn"):
+            swapped[channel] = tuple((phase, -value) for phase, value in keys)
+        elif channel[0] in "rl" and channel not in ("lean", "lift"):
+            swapped[("l" if channel[0] == "r" else "r") + channel[1:]] = keys
+        else:
+            swapped[channel] = keys
+    return Activity(activity.period, swapped)
+
+
+def perform(activity: Activity, frames: int, rng: np.random.Generator) -> dict[str, Floats]:
+    """Perform `activity` for `frames` frames at 24 fps as one person would on one day.
+
+    Tempo, start and vigour differ from performance to performance, posture wanders slowly, and the
+    person turns by some tens of degrees.
+    """
+    time = np.arange(frames) / FRAME_RATE
+    tempo = rng.uniform(0.85, 1.15)
+    phase = rng.uniform() + tempo * time / activity.period + 0.03 * _wander(time, rng)
+    motion = {}
+    for channel, keys in activity.channels.items():
+        wave = _periodic(keys, phase)
+        vigour = rng.uniform(0.85, 1.12)
+        motion[channel] = wave.mean() + vigour * (wave - wave.mean()) if channel != "lift" else wave
+    for channel in sorted(set(motion) | {"nod", "turn", "bend", "side", "twist"}):
+        if channel == "lift":
+            continue
+        reach = 6.0 if "arm" in channel or "elbow" in channel else 3.0
+        motion[channel] = motion.get(channel, 0.0) + reach * _wander(time, rng)
+    for joint in ("rknee", "lknee", "relbow", "lelbow"):  # neither bends backwards
+        motion[joint] = _above(motion.get(joint, np.zeros(frames)), 3.0)
+    motion["yaw"] = motion.get("yaw", 0.0) + 15 * _wander(time, rng)
+    return motion
+
+
+def _periodic(keys: Keys, phase: Floats) -> Floats:
+    """Value of the periodic cubic through `keys` at `phase`."""
+    at, value = np.array(sorted(keys), dtype=float).T
+    tiled = np.concatenate([at - 1, at, at + 1])
+    if len(at) == 1:
+        return np.full(phase.shape, value[0])
+    return PchipInterpolator(tiled, np.tile(value, 3))(phase % 1)
+
+
+def _wander(time: Floats, rng: np.random.Generator) -> Floats:
+    """Sum three slow sinusoids plus an offset, about unit size."""
+    frequency = rng.uniform(0.08, 0.5, size=3)
+    start = rng.uniform(0, 2 * np.pi, size=3)
+    waves = np.sin(2 * np.pi * frequency * time[:, None] + start) @ np.full(3, 0.4)
+    return waves + rng.uniform(-0.6, 0.6)
+
+
+def _above(angle: Floats, least: float) -> Floats:
+    """max(angle, least) with a rounded corner, degrees."""
+    return least + 0.5 * (angle - least + np.sqrt((angle - least) ** 2 + 16.0))
 
 
 if __name__ == "__main__":
