@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from types import SimpleNamespace
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
+import orjson
 
 from shapefit.arrays import Floats
 from shapefit.errors import listed
@@ -87,9 +87,9 @@ class Method:
 class Report:
     """Everything that the tables show.
 
-    `warnings` say what the evaluation had to leave out; `coverage`, `kept` and `without_bars` how
-    true error bars and plausibilities are, and which methods have none; `parallel` are those whose
-    ellipsoids are parallel to the axes; `provenance` is what the numbers were made from and by
+    warnings say what the evaluation had to leave out; coverage, kept and without_bars how true
+    error bars and plausibilities are, and which methods have none; parallel are the methods whose
+    ellipsoids are parallel to the axes; provenance is what the numbers were made from and by
     (version, config, digests of the inputs), ready for JSON.
     """
 
@@ -172,33 +172,19 @@ def report_json(report: Report) -> str:
                 "images": method.images,
                 "failed": method.failed,
                 "failures": [{"item": i, "reason": r} for i, r in method.failures.items()],
-                "solving": asdict(method.solving),
+                "solving": method.solving,
             }
             for method in report.methods
         ],
-        "summaries": [asdict(s) for s in report.summaries],
-        "calibration": [asdict(c) for c in report.coverage],
-        "trusted": [asdict(k) for k in report.kept],
+        "summaries": report.summaries,
+        "calibration": report.coverage,
+        "trusted": report.kept,
         "without_error_bars": report.without_bars,
         "parallel_error_bars": report.parallel,
         "warnings": report.warnings,
         **report.provenance,
     }
-    return as_json(document)
-
-
-def as_json(document: Mapping[str, Any]) -> str:
-    """Return numbers as JSON; null stands for a number that does not exist."""
-    return json.dumps(_nulls(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _nulls(fields: Any) -> Any:
-    """Put null in place of nan, throughout."""
-    if isinstance(fields, Mapping):
-        return {key: _nulls(value) for key, value in fields.items()}
-    if isinstance(fields, list | tuple):
-        return [_nulls(value) for value in fields]
-    return None if isinstance(fields, float) and math.isnan(fields) else fields
+    return orjson.dumps(document, option=orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE).decode()
 
 
 # The page
@@ -250,13 +236,13 @@ def report_blocks(report: Report, failures: int = FAILURES_SHOWN) -> list[str]:
     """
     tables = by_kind(summary for summary in report.summaries if summary.sequence is None)
     blocks = ["# Errors against the truth"]
-    grouped = {summary.group for summary in report.summaries} != {ALL}
-    how = f"{HOW_TO_READ_PAIRS} Times are those of solving alone."
-    blocks.append(_HOW_TO_READ if grouped else how)
-    if not grouped:
-        blocks.append(_overview(report, tables))
-    for kind, summaries in tables.items() if grouped else ():
-        blocks += [f"## {kind[0]} ({kind[1]})", _errors_table(summaries)]
+    if {summary.group for summary in report.summaries} == {ALL}:
+        blocks += [f"{HOW_TO_READ_PAIRS} Times are those of solving alone."]
+        blocks += [_overview(report, tables)]
+    else:
+        blocks += [_HOW_TO_READ]
+        for (metric, unit), summaries in tables.items():
+            blocks += [f"## {metric} ({unit})", _errors_table(summaries)]
     if report.coverage:
         blocks += ["## Error bars", " ".join([_HOW_TO_READ_BARS, *_exceptions(report)])]
         blocks += [_bars_by_group(report.coverage), *_bars_by_landmark(report.coverage)]
@@ -266,8 +252,7 @@ def report_blocks(report: Report, failures: int = FAILURES_SHOWN) -> list[str]:
     blocks += ["## Images", markdown_table(["method", "evaluated", "failed"], counts)]
     blocks += _listing("Failed", _failed_items(report, failures))
     blocks += _solving(report)
-    blocks += _listing("Left out", report.warnings)
-    return blocks
+    return blocks + _listing("Left out", report.warnings)
 
 
 Entry = TypeVar("Entry", Summary, ImageErrors)
@@ -312,47 +297,32 @@ def decimals_of(values: Iterable[float | None]) -> int:
     return max(3, 2 - math.floor(math.log10(largest))) if largest > 0 else 3
 
 
-class HasMeanAndMedian(Protocol):
-    """Errors summed up."""
-
-    @property
-    def mean(self) -> float:
-        """The mean, nan where there is none."""
-
-    @property
-    def median(self) -> float:
-        """The median, nan where there is none."""
-
-
-def pairs(sums: Sequence[HasMeanAndMedian]) -> list[str]:
-    """Write *mean / median* of each, all with as many decimals."""
-    decimals = decimals_of(value for s in sums for value in (s.mean, s.median))
-    return [f"{number(s.mean, decimals)} / {number(s.median, decimals)}" for s in sums]
-
-
 def _overview(report: Report, tables: Mapping[Kind, Sequence[Summary]]) -> str:
-    """Methods down; mean and median of every metric and unit, then the speed, across."""
-    methods = dict.fromkeys(s.method for summaries in tables.values() for s in summaries)
-    header, columns = ["method"], []
-    for kind, summaries in tables.items():
-        header.append(f"{kind[0]} ({kind[1]})")
-        columns.append(dict(zip([s.method for s in summaries], pairs(summaries), strict=True)))
-    solving = {method.name: method.solving for method in report.methods}
-    if any(s.milliseconds is not None for s in solving.values()):
-        header += _SPEED
-        speeds = {name: _speed(of) for name, of in solving.items()}
-        columns += [{name: cells[i] for name, cells in speeds.items()} for i in range(len(_SPEED))]
-    rows = [[name, *(column.get(name, ABSENT) for column in columns)] for name in methods]
-    return markdown_table(header, rows)
+    """Methods down; mean / median of every metric and unit, then the speed, across."""
+    cells: dict[str, dict[str, str]] = {}
+    for (metric, unit), summaries in tables.items():
+        decimals = decimals_of(value for s in summaries for value in (s.mean, s.median))
+        for s in summaries:
+            both = f"{number(s.mean, decimals)} / {number(s.median, decimals)}"
+            cells.setdefault(s.method, {})[f"{metric} ({unit})"] = both
+    if any(method.solving.milliseconds is not None for method in report.methods):
+        for method in report.methods:
+            speed = dict(zip(_SPEED, _speed(method.solving), strict=True))
+            cells[method.name] = cells.get(method.name, {}) | speed
+    header = list(dict.fromkeys(name for row in cells.values() for name in row))
+    header.sort(key=lambda name: name in _SPEED)
+    rows = [[name, *(row.get(each, ABSENT) for each in header)] for name, row in cells.items()]
+    return markdown_table(["method", *header], rows)
 
 
 def _errors_table(summaries: Sequence[Summary]) -> str:
-    cells = {(s.group, s.method): s.mean for s in summaries}
-    methods = dict.fromkeys(method for _, method in cells)
-    decimals = decimals_of(cells.values())
+    """Groups down, methods across: means."""
+    means = {(s.group, s.method): s.mean for s in summaries}
+    methods = dict.fromkeys(method for _, method in means)
+    decimals = decimals_of(means.values())
     rows = [
-        [group, *(number(cells.get((group, method)), decimals) for method in methods)]
-        for group in dict.fromkeys(group for group, _ in cells)
+        [group, *(number(means.get((group, method)), decimals) for method in methods)]
+        for group in dict.fromkeys(group for group, _ in means)
     ]
     return markdown_table(["", *methods], rows)
 

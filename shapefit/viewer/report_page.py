@@ -26,10 +26,9 @@ def report_page(
 ) -> str:
     """Return the page.
 
-    `blocks` are those of the Markdown; `drawings` the SVG files that pictures among them name,
-    other pictures are links; `links` lead to images in `view`, the file of the viewer beside the
-    report. Whatever comes from a file is escaped; the Content-Security-Policy forbids foreign code
-    and every request.
+    `blocks` are those of the Markdown; `drawings` the SVG files that pictures among them name;
+    `links` lead to images in `view`, the file of the viewer beside the report. Whatever comes from
+    a file is escaped; the Content-Security-Policy forbids foreign code and every request.
     """
     body = [_html(block, drawings) for block in blocks]
     if view is not None:
@@ -59,7 +58,7 @@ def _html(block: str, drawings: Mapping[str, bytes]) -> str:
     if block.startswith("- "):
         return f"<ul>{list_items(line[2:] for line in block.splitlines())}</ul>"
     if picture := re.fullmatch(r"!\[(.*)\]\((.*)\)", block):
-        return _picture(picture[2], picture[1], drawings.get(picture[2]))
+        return _picture(picture[1], drawings[picture[2]])
     return f"<p>{escape(block)}</p>"
 
 
@@ -77,14 +76,10 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _cell(cell: str) -> str:
-    quoted = re.fullmatch(r"\*(.+)\*", cell)
-    text = f"<bdi>{escape(quoted[1] if quoted else cell)}</bdi>"
-    return f"<em>{text}</em>" if quoted else text
+    return f"<bdi>{escape(cell)}</bdi>"
 
 
-def _picture(file: str, text: str, drawing: bytes | None) -> str:
-    if drawing is None:
-        return f'<p><a href="{_address(file)}">{escape(text)}</a></p>'
+def _picture(text: str, drawing: bytes) -> str:
     data = b64encode(drawing).decode("ascii")
     image = f'<img alt="{escape(text)}" src="data:image/svg+xml;base64,{data}">'
     return f"<figure>{image}<figcaption>{escape(text)}</figcaption></figure>"

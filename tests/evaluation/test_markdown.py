@@ -21,7 +21,7 @@ def cells(text, heading):
     return [rows[0], *rows[2:]]
 
 
-def test_groups_go_down_and_methods_across(report):
+def test_groups_stand_down_and_methods_across(report):
     assert cells(markdown(report), "similarity (normalised)") == [
         ["", "convex", "admm"],
         ["Subject 13", "0.250", "0.300"],
@@ -29,11 +29,11 @@ def test_groups_go_down_and_methods_across(report):
     ]
 
 
-def test_failures_are_counted_and_listed(report):
+def test_markdown_counts_failures_and_ends_with_what_is_left_out(report):
     text = markdown(report)
     assert cells(text, "Images")[1:] == [["convex", "3", "1"], ["admm", "4", "0"]]
     assert "- convex, d: no estimate" in text
-    assert "- no true rotation" in text
+    assert text.endswith("## Left out\n\n- no true rotation\n")
 
 
 def test_many_failures_are_cut_in_the_markdown_only(report):
@@ -59,6 +59,10 @@ def test_how_each_method_solved_is_told_where_the_files_tell_it(report):
         ["pmp", "–", "12.3", "81", "100.00 %"],
         ["table", "–", "–", "–", "–"],
     ]
+
+
+def test_without_any_word_on_solving_there_is_no_such_section(report):
+    assert "Solving" not in markdown(report)
 
 
 @pytest.mark.parametrize("groups", [ALL_IMAGES, {"Subject 13": ("13_01",)}])
@@ -106,6 +110,16 @@ class TestWithoutGroups:
             ["convex", "0.300 / 0.200", "18.0 / 3.0", "0.25", "4000"],
             ["Oracle", "0.050 / 0.050", "–", "–", "–"],
         ]
+
+    def test_several_sequences_weigh_the_same(self, image_errors):
+        text = markdown(Report((), tuple(summarise(image_errors(), ALL_IMAGES))))
+        # 13_01 has 0.1 and 0.2, 13_02 has 0.35, and the image of 14_01 failed.
+        assert cells(text, "Errors against the truth")[1] == ["convex", "0.250 / 0.250"]
+
+    def test_files_that_tell_no_time_give_no_columns_of_it(self, summaries):
+        text = markdown(Report((Method("convex", (), 3, {}),), summaries))
+        header = cells(text, "Errors against the truth")[0]
+        assert header == ["method", "similarity (normalised)", "rotation (deg)"]
 
 
 def test_names_are_no_html(report):

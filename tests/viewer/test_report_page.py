@@ -1,7 +1,6 @@
 """A report as a page: the blocks of the Markdown, tables that sort, links that open the viewer."""
 
 import csv
-import json
 
 import numpy as np
 import pytest
@@ -10,25 +9,24 @@ from shapefit.config import EvalConfig
 from shapefit.evaluation.report import as_markdown, markdown_table
 from shapefit.evaluation.summaries import ImageErrors
 from shapefit.pipelines.evaluate import run as evaluate
-from shapefit.pipelines.evaluate.run import RANKED, contact_sheets, rank
+from shapefit.pipelines.evaluate.run import RANKED, rank
 from shapefit.viewer.report_page import report_page
 
 BLOCKS = [
     "# Errors",
     "A paragraph.",
-    markdown_table(["method", "mean"], [["b", "10.5 / 2"], ["a|c", "9.25 / 3"], ["*paper*", "–"]]),
+    markdown_table(["method", "mean"], [["b", "10.5 / 2"], ["a|c", "9.25 / 3"], ["paper", "–"]]),
     "## Failed",
     "- one: why",
     "![bars](bars.svg)",
-    "![Contact sheet of a](../pictures/contact_sheet.png)",
 ]
 DRAWING = b"<svg xmlns='http://www.w3.org/2000/svg'/>"
 
 
 def test_blocks_are_one_page_in_markdown():
     text = as_markdown(BLOCKS)
-    assert text.startswith("# Errors\n\nA paragraph.\n\n| method  |     mean |\n")
-    assert "| *paper* |        – |" in text
+    assert text.startswith("# Errors\n\nA paragraph.\n\n| method |     mean |\n")
+    assert "| paper  |        – |" in text
     assert "\n## Failed\n\n- one: why\n\n![bars](bars.svg)\n" in text
 
 
@@ -70,16 +68,6 @@ def test_images_are_ranked_and_those_of_equal_errors_in_their_order(rng, decimal
     assert tuple(found.values()) == expected
     few = ImageErrors("m", "similarity", "m", items[:3], ("",) * 3, np.array([1.0, 3, 2]))
     assert rank(few) == {"all images, worst first": [1, 2, 0]}
-
-
-def test_contact_sheets_are_linked_where_they_are(tmp_path):
-    pictures = tmp_path / "pictures"
-    pictures.mkdir()
-    config = json.dumps({"pictures": {"folder": str(pictures), "format": "png"}})
-    assert contact_sheets("a", {"config": config}) == []
-    (pictures / "contact_sheet.png").touch()
-    assert [contact_sheets("a", {"config": other}) for other in ("{", "[]", "")] == [[]] * 3
-    assert contact_sheets("a", {"config": config}) == [("a", pictures / "contact_sheet.png")]
 
 
 @pytest.fixture(scope="module")

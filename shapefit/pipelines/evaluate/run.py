@@ -6,8 +6,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
-from os.path import relpath
-from pathlib import Path, PurePosixPath
+from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -73,7 +72,6 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     draws = draws_plots(config.plots)
     check_folder(config.output)
     methods: dict[str, list[Judged]] = {name: [] for name in config.results}
-    sheets: list[tuple[str, Path]] = []
     with open_truth(config) as (truth, lacks), staged_files(config.output) as folder:
         inputs = digests(config.truth)
         yield Outcome(warnings=tuple(lacks))
@@ -88,7 +86,6 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
                 for errors in (*judged.image_errors(name), *bar_shares(name, judged)):
                     for rows in per_image_rows(errors):
                         write(rows)
-                sheets += contact_sheets(name, results.attributes)
                 training = seen_in_training(name, results.attributes, inputs)
                 new = [w for w in (*training, *judged.warnings) if w not in warnings]
                 warnings |= dict.fromkeys(new)
@@ -101,7 +98,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
                 )
         inputs |= digests(file for files in config.results.values() for file in files)
         found = sum_up(config, methods, [*warnings], inputs)
-        contents, left_out = _contents(config, found, len(truth), sheets, draws=draws)
+        contents, left_out = _contents(config, found, len(truth), draws=draws)
         for name, content in contents.items():
             folder.write_bytes(PurePosixPath(name), content)
     yield Outcome(
@@ -215,15 +212,6 @@ def seen_in_training(
     ]
 
 
-def contact_sheets(method: str, attributes: Mapping[str, object]) -> list[tuple[str, Path]]:
-    """Return the contact sheet that a fit drew, by its config, where it is still there."""
-    pictures = _stated(attributes, "config").get("pictures")
-    if not isinstance(pictures, dict) or not pictures.get("folder"):
-        return []
-    sheet = Path(str(pictures["folder"])) / f"contact_sheet.{pictures.get('format')}"
-    return [(method, sheet)] if sheet.is_file() else []
-
-
 def rank(errors: ImageErrors) -> dict[str, list[int]]:
     """Return rows of the worst, median and best images, worst first; all where they are few.
 
@@ -274,12 +262,7 @@ def _method(name: str, judged: Sequence[Judged]) -> Method:
 
 
 def _contents(
-    config: EvalConfig,
-    found: SummedUp,
-    shapes: int,
-    sheets: Sequence[tuple[str, Path]],
-    *,
-    draws: bool,
+    config: EvalConfig, found: SummedUp, shapes: int, *, draws: bool
 ) -> tuple[dict[str, bytes], tuple[str, ...]]:
     """Return the files of the report by name, and why the viewer is not among them."""
     texts = report.write_tables(found.report)
@@ -291,9 +274,6 @@ def _contents(
     drawings = {f"{n}.{form}": _drawn(figures[n], form) for n in figures for form in FORMATS}
     view, links, left_out = _view(config, shapes, found.errors)
     blocks = report_blocks(found.report, MOST_FAILURES)
-    if sheets:
-        paths = dict.fromkeys((name, relpath(sheet, config.output)) for name, sheet in sheets)
-        blocks += ["## Contact sheets", *(f"![Contact sheet of {n}]({p})" for n, p in paths)]
     page = report_page(
         [*blocks, *_pictures(figures, "svg")],
         drawings={name: drawing for name, drawing in drawings.items() if name.endswith(".svg")},
