@@ -48,17 +48,14 @@ def placed_apart(
 
     Landmarks that one side lacks are 0 apart.
     """
-    apart, scale, error = np.empty(truth.shape), np.empty(len(truth)), np.empty(len(truth))
-    core.find_camera_errors(
-        estimate=estimate,
-        truth=truth,
-        rotation=rotation,
-        fewest=FEWEST_LANDMARKS,
-        apart=apart,
-        scale=scale,
-        error=error,
-        threads=1,
-    )
+    seen = visible_in_both(estimate, truth)
+    x = rotation @ np.where(seen[:, None], truth, 0.0)
+    e, x = _centred(estimate, seen), _centred(x, seen)
+    overlap, size = (np.maximum((points * e).sum(axis=(1, 2)), 0.0) for points in (x, e))
+    scale = np.divide(overlap, size, out=np.zeros_like(size), where=size > 0)
+    apart = scale[:, None, None] * e - x
+    distance = np.sqrt((apart**2).sum(axis=1))
+    error = _mean_over_visible(distance, seen, FEWEST_LANDMARKS)
     return apart, scale, error
 
 
@@ -87,9 +84,20 @@ def truth_scale(estimate: Floats, truth: Floats) -> Floats:
     (n, 3, p) each -> (n,); nan where the true landmarks lie on one point, which leaves no scale.
     The spread is taken in the frame of the truth file, for `similarity` and `camera` alike.
     """
-    spread = np.empty(len(truth))
-    core.find_spread(estimate=estimate, truth=truth, spread=spread, threads=1)
-    return spread
+    seen = visible_in_both(estimate, truth)
+    x = _centred(truth, seen)
+    size = np.abs(np.where(seen[:, None], truth, 0.0)).max(axis=(1, 2), initial=0.0)
+    apart = np.ptp(x, axis=-1).max(axis=-1, initial=0.0) > 4 * np.finfo(float).eps * size
+    with np.errstate(invalid="ignore"):  # where no landmark is judged
+        spread = np.sqrt((x**2).sum(axis=-1) / seen.sum(axis=-1)[:, None]).mean(axis=-1)
+    return np.where(apart, spread, np.nan)
+
+
+def _centred(points: Floats, seen: Flags) -> Floats:
+    """Points (n, d, p) less the mean of those that are seen (n, p); 0 where they are not."""
+    points = np.where(seen[:, None], points, 0.0)
+    mean = points.sum(axis=-1, keepdims=True) / np.maximum(seen.sum(axis=-1), 1)[:, None, None]
+    return np.where(seen[:, None], points - mean, 0.0)
 
 
 def visible_in_both(first: Floats, second: Floats) -> Flags:

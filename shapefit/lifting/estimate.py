@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solution import Solution, Status
@@ -128,19 +127,19 @@ def fit_translation(
 
     T is the mean of W - S with the weights squared. S (n, 2, p); further rows do not count.
     """
-    n = len(problem.landmarks)
-    T = np.empty((n, 2)) if translation is None else np.array(translation, np.float64)
-    misfit, residual = np.empty(n), np.empty(n)
-    core.place(
-        landmarks=problem.landmarks,
-        weights=problem.weights,
-        shapes=np.ascontiguousarray(projected),
-        is_known=translation is not None,
-        translation=T,
-        misfit=misfit,
-        residual=residual,
-        threads=1,
-    )
+    squares = problem.weights[:, None] ** 2
+
+    def centre(points: Floats) -> Floats:
+        with np.errstate(invalid="ignore"):  # where nothing is seen
+            return (squares * points).sum(axis=-1) / squares.sum(axis=-1)
+
+    def misfit_of(points: Floats, centre: Floats) -> Floats:
+        return 0.5 * (squares * (points - centre[..., None]) ** 2).sum(axis=-1).sum(axis=-1)
+
+    left = problem.landmarks - projected[:, :2]
+    T = centre(left) if translation is None else np.array(translation, np.float64)
+    misfit, whole = misfit_of(left, T), misfit_of(problem.landmarks, centre(problem.landmarks))
+    residual = np.sqrt(np.divide(misfit, whole, out=np.zeros_like(whole), where=whole != 0))
     return Placement(T, misfit, residual)
 
 

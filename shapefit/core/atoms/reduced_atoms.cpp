@@ -140,4 +140,16 @@ const double* ReducedAtoms::lay(long i) {
     return B;
 }
 
+bool ReducedImage::take(Matrix<const double> W, Vector<const double> weights) {
+    if (!last_weights_ || !are_equal(weights.data, last_weights_, weights.size[0])) {
+        reduction.find(weights);
+        largest_norm = atoms.reduce(weights.data, reduction);
+        for (long j = 0; j < 2 * atoms.row; ++j) w[j] = 0;
+    }
+    last_weights_ = weights.data;
+    if (reduction.seen < 2) return false;
+    reduction.reduce_landmarks(W, weights.data, w, atoms.row);
+    return true;
+}
+
 }  // namespace shapefit

@@ -101,4 +101,24 @@ class ReducedAtoms {
     bool* laid_;
 };
 
+// One image after another, with the same atoms.
+struct ReducedImage {
+    ReducedImage(Workspace& workspace, Tensor<const double> all)
+        : reduction(workspace, all.size[2]),
+          atoms(workspace, find_planes(all, workspace), all.size[0]),
+          w(workspace.zeros<double>(2 * padded(all.size[2]))) {}
+
+    // Reduce landmarks W (2, p), and the atoms unless the weights are the last image's; false where
+    // fewer than two landmarks are seen.
+    bool take(Matrix<const double> W, Vector<const double> weights);
+
+    Reduction reduction;
+    ReducedAtoms atoms;
+    double* w;                // (2, row), zero from q on
+    double largest_norm = 0;  // of the atoms
+
+  private:
+    const double* last_weights_ = nullptr;
+};
+
 }  // namespace shapefit

@@ -1,12 +1,13 @@
 #include "../base/registry.hpp"
 #include "objective.hpp"
-#include "../pose/rotation.hpp"
 
 namespace shapefit {
 
-void rotation_of(const double* q, double* R) {
+Rotation rotation_of(const double* q) {
+    Rotation R;
     bilinear_rows(q, q, R);
-    cross(R, R + 3, R + 6);
+    R.complete();
+    return R;
 }
 
 void quaternion_of(const double* R, double* q) {
@@ -40,32 +41,21 @@ void turn_by(const double* turn, double* q) {
 
 RotationObjective::RotationObjective(Workspace& workspace, const SearchProblem& problem)
     : problem(problem),
-      atoms(workspace, find_planes(problem.atoms, workspace), problem.atoms.size[0]),
-      reduction(workspace, problem.atoms.size[2]),
-      w(workspace.zeros<double>(2 * padded(problem.atoms.size[2]))),
-      step_(workspace, atoms, problem.atoms.size[2]),
+      image(workspace, problem.atoms),
+      step_(workspace, image.atoms, problem.atoms.size[2]),
       shape_(workspace.zeros<double>(3 * padded(problem.atoms.size[2]))) {}
 
-bool RotationObjective::aim(long image) {
-    const Vector<const double> omega = problem.weights[image];
-    const long p = omega.size[0];
-    if (image_ < 0 || !are_equal(omega.data, problem.weights[image_].data, p)) {
-        reduction.find(omega);
-        largest = atoms.reduce(omega.data, reduction);
-        for (long j = 0; j < 2 * atoms.row; ++j) w[j] = 0;
-    }
-    image_ = image;
-    if (reduction.seen < 2) return false;
-    reduction.reduce_landmarks(problem.landmarks[image], omega.data, w, atoms.row);
-    square = dot_padded(w, w, 2 * atoms.row);
-    lam = problem.lam[image];
-    step_.aim(w, lam, false);
+bool RotationObjective::aim(long at) {
+    if (!image.take(problem.landmarks[at], problem.weights[at])) return false;
+    square = dot_padded(image.w, image.w, 2 * atoms.row);
+    lam = problem.lam[at];
+    step_.aim(image.w, lam, false);
     step_.set.clear();
     return true;
 }
 
-double RotationObjective::value(const double* R) {
-    for (int e = 0; e < 9; ++e) R_[e] = R[e];
+double RotationObjective::value(const Rotation& R) {
+    R_ = R;
     return step_.minimise_at(R_);
 }
 
@@ -111,7 +101,7 @@ void find_coefficients(const CoefficientsData& data, Range range) {
     RotationObjective objective(workspace, data.problem);
     for (long image = range.first; image < range.last; ++image) {
         if (!objective.aim(image)) continue;
-        data.objective[image] = objective.value(data.rotation[image].data);
+        data.objective[image] = objective.value(Rotation::from(data.rotation[image].data));
         objective.write_coefficients(data.coefficients[image]);
     }
 }
@@ -131,9 +121,7 @@ struct Point {
 };
 
 double value_at(RotationObjective& objective, const double* q) {
-    double R[9];
-    rotation_of(q, R);
-    return objective.value(R);
+    return objective.value(rotation_of(q));
 }
 
 // H (3, 3) = (curvature + damping)^-1, by cofactors.

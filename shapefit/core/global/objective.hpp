@@ -3,8 +3,7 @@
 
 #include "../atoms/coefficient_step.hpp"
 #include "../base/registry.hpp"
-#include "../base/lanes.hpp"
-#include "../base/memory.hpp"
+#include "../pose/rotation.hpp"
 
 namespace shapefit {
 
@@ -116,8 +115,8 @@ inline void bilinear_rows(const double* p, const double* q, double* out) {
     out[5] = yz - wx;
 }
 
-// R (3, 3) of a unit quaternion.
-void rotation_of(const double* q, double* R);
+// R of a unit quaternion.
+Rotation rotation_of(const double* q);
 
 // The unit quaternion of R (3, 3), one of the two.
 void quaternion_of(const double* R, double* q);
@@ -139,7 +138,7 @@ class RotationObjective {
     bool aim(long image);
 
     // v at R (3, 3), with `coefficients()` as the start and the end of their minimisation.
-    double value(const double* R);
+    double value(const Rotation& R);
 
     // Of the last value, by the turn of the camera frame: the gradient (3,), and the curvature
     // (3, 3) with the coefficients held and the residual left out (Gauss and Newton).
@@ -152,18 +151,15 @@ class RotationObjective {
     void write_coefficients(Vector<double> c) const;
 
     const SearchProblem& problem;
-    ReducedAtoms atoms;
-    Reduction reduction;
-    double* w;           // (2, row)
+    ReducedImage image;
+    const ReducedAtoms& atoms = image.atoms;
     double lam = 0;
-    double square = 0;   // ||w||^2
-    double largest = 0;  // max_i ||B_i||_F
+    double square = 0;  // ||w||^2
 
   private:
     CoefficientStep step_;
     double* shape_;  // sum_i c_i B_i (3, row)
-    double R_[9];
-    long image_ = -1;
+    Rotation R_;
 };
 
 // The coefficients at given rotations, for the images of the range.

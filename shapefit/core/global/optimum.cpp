@@ -138,11 +138,10 @@ void find_optimum(const GlobalData& data, Range range) {
             continue;
         }
         const Ended ended = search_within_limits(data, clock, objective, cells, best);
-        double R[9];
-        rotation_of(best.q, R);
+        const Rotation R = rotation_of(best.q);
         data.objective[image] = objective.value(R);
         objective.write_coefficients(data.coefficients[image]);
-        for (int e = 0; e < 9; ++e) data.rotation[image].data[e] = R[e];
+        R.write(data.rotation[image].data);
         data.bound[image] = larger(0, ended.bound - ROUNDING * objective.square);
         data.cells[image] = cells.tested;
         data.vertices[image] = cells.vertices.count();
@@ -184,7 +183,7 @@ TreeSize record_tree(const TreeData& data) {
         for (int e = 0; e < 4; ++e) data.vertices[v][e] = vertex.q[e];
         for (int a = 0; a < 2; ++a) {
             double* Y = data.multipliers[v][a].data;
-            objective.reduction.expand(vertex.Y + a * objective.atoms.row, Y, p);
+            objective.image.reduction.expand(vertex.Y + a * objective.atoms.row, Y, p);
             for (long j = 0; j < p; ++j) Y[j] *= scale;
         }
     }

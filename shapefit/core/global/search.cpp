@@ -129,10 +129,8 @@ Vertex& Vertices::add(const double* q, const Vertex* like) {
     set.clear();
     if (like)
         for (long e = 0; e < like->count; ++e) set.use(like->index[e], like->x[e], sign_of(like->x[e]));
-    double R[9];
     for (int e = 0; e < 4; ++e) vertex.q[e] = q[e];
-    rotation_of(q, R);
-    vertex.objective = objective_.value(R);
+    vertex.objective = objective_.value(rotation_of(q));
     vertex.count = set.count;
     for (long e = 0; e < set.count; ++e) {
         vertex.index[e] = set.index[e];
@@ -141,7 +139,7 @@ Vertex& Vertices::add(const double* q, const Vertex* like) {
     const long size = 2 * objective_.atoms.row;
     for (long j = 0; j < size; ++j) vertex.Y[j] = objective_.residual()[j];
     vertex.square = dot_padded(vertex.Y, vertex.Y, size);
-    vertex.along = dot_padded(vertex.Y, objective_.w, size);
+    vertex.along = dot_padded(vertex.Y, objective_.image.w, size);
     vertex.scaled_for = -1;
     find_products(vertex);
     return vertex;
@@ -301,7 +299,7 @@ void CellTest::find_excess(const Vertex* const* corner, double* excess) const {
         length = larger(corner[a]->scale * root(corner[a]->square), length);
     }
     const double margin = 3 * ((OF_COEFFICIENTS + OFF_THE_EDGE) * size +
-                               (atoms.q() + 64) * 0x1p-52 * length * objective_.largest);
+                               (atoms.q() + 64) * 0x1p-52 * length * objective_.image.largest_norm);
     for (int t = 0; t < TRIPLES; ++t) {
         const int a = TRIPLE[t][0], b = TRIPLE[t][1], c = TRIPLE[t][2];
         const double right = objective_.lam * (forms.inner[NUMBER[b][c]] + forms.inner[NUMBER[a][c]] +

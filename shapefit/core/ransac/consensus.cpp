@@ -6,7 +6,7 @@
 #include "../base/vectors.hpp"
 #include "../base/memory.hpp"
 #include "../pose/rotation.hpp"
-#include "../shared/rotation_step.hpp"
+#include "../pose/rotation_step.hpp"
 
 namespace shapefit {
 

@@ -1,153 +1,120 @@
+// Alternation of the model with one rotation shared by all atoms, from one start or several.
+//
+//     min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1,    Rbar Rbar^T = I,
+//
+// in turn over c and over R, until a round lowers the objective by little.
 #include "../atoms/coefficient_step.hpp"
 #include "../base/registry.hpp"
-#include "data.hpp"
-#include "rotation_step.hpp"
+#include "../pose/rotation_step.hpp"
 
 namespace shapefit {
 
-// Alternation of the model with one rotation shared by all atoms, from one start or several.
-
-// Alternate on the images of the range, keeping the best of the starts of each image.
-void alternate(const AlternationData& data, Range range);
-
-// Room for the alternation on one image after another.
-struct AlternationRoom {
-    AlternationRoom(Workspace& workspace, Tensor<const double> all, long most_rounds);
-
-    ReducedAtoms atoms;
-    CoefficientStep coefficients;
-    double* w;      // (2, row)
-    double* shape;  // (3, row)
-    double* trace;  // (2 most_rounds,) the objective after each step
+// min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, Rbar Rbar^T = I.
+struct AlternationData {
+    Arguments& from;
+    Tensor<const double> landmarks = from("landmarks", "n 2 p");  // W
+    Matrix<const double> weights = from("weights", "n p");  // Omega
+    Tensor<const double> atoms = from("atoms", "k 3 p");  // B
+    Vector<const double> lam = from("lam", "n");
+    Blocks<const double> starts = from("starts", "n s 3 3");
+    bool is_signed = from("is_signed");  // c of either sign, or c >= 0
+    // relative fall of the objective in a round at which it ends
+    double tolerance = from("tolerance");
+    long most_rounds = from("most_rounds");
+    // of the best start; so are rotation and status
+    Matrix<double> coefficients = from("coefficients", "n k");
+    Tensor<double> rotation = from("rotation", "n 3 3");
+    Vector<int64_t> rounds = from("rounds", "n");  // of all starts together
+    Vector<int64_t> status = from("status", "n");  // a Status
 };
-
-// Alternate from R (3, 3) until a round lowers the objective by a share <= tolerance.
-//
-// A round is a step of the coefficients, which starts from 0, and one of the rotation. R, the
-// coefficients and the trace of the room are written; its w and atoms are those of the image.
-AlternationEnd alternate_image(AlternationRoom& room, double lam, bool is_signed, double tolerance,
-                      long most_rounds, double* R);
-
-// Single steps on reduced landmarks w (2, q) and atoms (k, 3, q), in room of their own.
-double solve_lasso(Matrix<const double> w, Tensor<const double> atoms, Matrix<const double> R,
-                   double lam, bool is_signed, Vector<double> c);
-AlternationEnd alternate_once(Matrix<const double> w, Tensor<const double> atoms, double lam, bool is_signed,
-                     double tolerance, Matrix<double> R, Vector<double> c, Vector<double> trace);
 
 namespace {
 
-// P = S S^T and D = w S^T, from rows of `row` numbers.
-void find_moments(const double* w, const double* S, long row, double* P, double* D) {
-    find_gram(S, row, P);
-    for (int a = 0; a < 3; ++a)
-        for (int b = 0; b < 2; ++b) D[3 * b + a] = dot_padded(w + b * row, S + a * row, row);
+struct Alternation {
+    Alternation(Workspace& workspace, Tensor<const double> all)
+        : image(workspace, all),
+          step(workspace, image.atoms, all.size[2]),
+          shape(workspace.zeros<double>(3 * padded(all.size[2]))) {}
+
+    ReducedImage image;
+    CoefficientStep step;
+    double* shape;  // (3, row)
+};
+
+struct Ended {
+    double objective;
+    long rounds;
+    bool converged;
+};
+
+// Alternate from R and c = 0.
+Ended alternate_image(const AlternationData& data, double lam, Alternation& room, Rotation& R) {
+    const long row = room.image.atoms.row;
+    const double *w = room.image.w, *S = room.shape;
+    const double energy = 0.5 * dot_padded(w, w, 2 * row);
+    double P[9], D[6], before = INFINITE, now = INFINITE;
+    room.step.set.clear();
+    room.step.aim(w, lam, data.is_signed);
+    for (long round = 0; round < data.most_rounds; ++round) {
+        now = room.step.minimise_at(R);
+        const double penalty = room.step.mix(room.shape);
+        if (penalty > 0) {
+            find_gram(S, row, P);
+            for (int a = 0; a < 6; ++a) D[a] = dot_padded(w + a / 3 * row, S + a % 3 * row, row);
+            now = energy + rotation_step({P, D, false}, R).value + lam * penalty;
+        }
+        if (round > 0 && before - now <= data.tolerance * before) return {now, round + 1, true};
+        before = now;
+    }
+    return {now, data.most_rounds, false};
 }
 
-void lay_rows(Matrix<const double> w, long row, double* out) {
-    for (int a = 0; a < 2; ++a)
-        for (long j = 0; j < row; ++j) out[a * row + j] = j < w.size[1] ? w[a][j] : 0;
-}
-
-void alternate_starts(const AlternationData& data, long image, AlternationRoom& room) {
+void alternate_starts(const AlternationData& data, long image, Alternation& room) {
     double least = INFINITE;
     data.status[image] = Status::NUMERICAL_FAILURE;
     for (long start = 0; start < data.starts.size[1]; ++start) {
-        double R[9];
-        for (int e = 0; e < 9; ++e) R[e] = data.starts[image][start].data[e];
-        const AlternationEnd ended = alternate_image(room, data.lam[image], data.is_signed, data.tolerance,
-                                            data.most_rounds, R);
-        data.rounds[image] += ended.steps / 2;
-        if (!(room.trace[ended.steps - 1] < least)) continue;
-        least = room.trace[ended.steps - 1];
-        room.coefficients.set.write(data.coefficients[image]);
-        for (int e = 0; e < 9; ++e) data.rotation[image].data[e] = R[e];
+        Rotation R = Rotation::from(data.starts[image][start].data);
+        const Ended ended = alternate_image(data, data.lam[image], room, R);
+        data.rounds[image] += ended.rounds;
+        if (!(ended.objective < least)) continue;
+        least = ended.objective;
+        room.step.set.write(data.coefficients[image]);
+        R.write(data.rotation[image].data);
         data.status[image] = ended.converged ? Status::CONVERGED : Status::ITERATION_LIMIT;
     }
 }
 
-}  // namespace
-
-AlternationRoom::AlternationRoom(Workspace& workspace, Tensor<const double> all, long most_rounds)
-    : atoms(workspace, find_planes(all, workspace), all.size[0]),
-      coefficients(workspace, atoms, all.size[2]),
-      w(workspace.zeros<double>(2 * padded(all.size[2]))),
-      shape(workspace.zeros<double>(3 * padded(all.size[2]))),
-      trace(workspace.zeros<double>(2 * most_rounds)) {}
-
-void alternate(const AlternationData& data, Range range) {
-    const long p = data.atoms.size[2];
-    Workspace workspace;
-    Reduction reduction(workspace, p);
-    AlternationRoom room(workspace, data.atoms, data.most_rounds);
-    for (long image = range.first; image < range.last; ++image) {
-        const Vector<const double> omega = data.weights[image];
-        if (image == range.first || !are_equal(omega.data, data.weights[image - 1].data, p)) {
-            reduction.find(omega);
-            room.atoms.reduce(omega.data, reduction);
-            for (long j = 0; j < 2 * room.atoms.row; ++j) room.w[j] = 0;
-        }
-        if (reduction.seen < 2) {
-            data.status[image] = Status::DEGENERATE;
-            continue;
-        }
-        reduction.reduce_landmarks(data.landmarks[image], omega.data, room.w, room.atoms.row);
-        alternate_starts(data, image, room);
-    }
-}
-
-AlternationEnd alternate_image(AlternationRoom& room, double lam, bool is_signed, double tolerance,
-                      long most_rounds, double* R) {
-    const long row = room.atoms.row;
-    ActiveSet& set = room.coefficients.set;
-    const double energy = 0.5 * dot_padded(room.w, room.w, 2 * row);
-    double P[9], D[6], before = INFINITE;
-    set.clear();
-    room.coefficients.aim(room.w, lam, is_signed);
-    for (long step = 0; step < 2 * most_rounds; step += 2) {
-        double now = room.coefficients.minimise_at(R);
-        room.trace[step] = now;
-        const double penalty = room.coefficients.mix(room.shape);
-        if (penalty > 0) {
-            find_moments(room.w, room.shape, row, P, D);
-            now = energy + rotation_step({P, D, false}, R).value + lam * penalty;
-        }
-        room.trace[step + 1] = now;
-        if (step > 0 && before - now <= tolerance * before) return {step + 2, true};
-        before = now;
-    }
-    return {2 * most_rounds, false};
-}
-
+// The step of the coefficients on reduced landmarks w (2, q) and atoms (k, 3, q), for tests.
 double solve_lasso(Matrix<const double> w, Tensor<const double> atoms, Matrix<const double> R,
                    double lam, bool is_signed, Vector<double> c) {
     Workspace workspace;
-    AlternationRoom room(workspace, atoms, 0);
-    room.atoms.copy();
-    lay_rows(w, room.atoms.row, room.w);
-    ActiveSet& set = room.coefficients.set;
+    Alternation room(workspace, atoms);
+    room.image.atoms.copy();
+    for (int a = 0; a < 2; ++a)
+        for (long j = 0; j < w.size[1]; ++j) room.image.w[a * room.image.atoms.row + j] = w[a][j];
+    ActiveSet& set = room.step.set;
     for (long i = 0; i < c.size[0]; ++i)
         if (c[i] != 0) set.use(i, c[i], sign_of(c[i]));
-    room.coefficients.aim(room.w, lam, is_signed);
-    const double least = room.coefficients.minimise_at(R.data);
+    room.step.aim(room.image.w, lam, is_signed);
+    const double least = room.step.minimise_at(R.data);
     set.write(c);
     return least;
 }
 
-AlternationEnd alternate_once(Matrix<const double> w, Tensor<const double> atoms, double lam, bool is_signed,
-                     double tolerance, Matrix<double> R, Vector<double> c, Vector<double> trace) {
-    const long rounds = trace.size[0] / 2;
+}  // namespace
+
+void alternate(const AlternationData& data, Range range) {
     Workspace workspace;
-    AlternationRoom room(workspace, atoms, rounds);
-    room.atoms.copy();
-    lay_rows(w, room.atoms.row, room.w);
-    const AlternationEnd ended = alternate_image(room, lam, is_signed, tolerance, rounds, R.data);
-    for (long step = 0; step < ended.steps; ++step) trace[step] = room.trace[step];
-    room.coefficients.set.write(c);
-    return ended;
+    Alternation room(workspace, data.atoms);
+    for (long image = range.first; image < range.last; ++image) {
+        if (room.image.take(data.landmarks[image], data.weights[image]))
+            alternate_starts(data, image, room);
+        else
+            data.status[image] = Status::DEGENERATE;
+    }
 }
 
 const Exported<alternate> alternate_exported{"alternate"};
 const Exported<solve_lasso> sparse_coefficients_exported{"sparse_coefficients", PART};
-const Exported<alternate_once> alternate_image_exported{"alternate_image", PART};
 
 }  // namespace shapefit

@@ -1,44 +1,45 @@
-// Projected matching pursuit: atoms one after another, limbs of a fixed total length.
+// Projected matching pursuit (Ramakrishna, Kanade and Sheikh 2012): atoms one after another, limbs of a
+// fixed total length.
+//
+//     min ||w - M sum_i y_i Q_i||^2 over M (2, 3) and ||y|| = length,
+//
+// in turn over y, globally, and over M, for the chosen shapes; then the atom with the largest
+// |<w - M S, M B_i>| joins them, until the error is small enough. The chosen shapes are mixed into Q_i
+// whose limb vectors U_i are orthonormal (those of the mean first), so that the sum of squared limb
+// lengths of sum_i y_i Q_i is ||y||^2. All that the inner loop needs of the reduced landmarks w (2, q)
+// and the Q_i (3, q) are the small products N_ij = Q_i Q_j^T and Z_i = w Q_i^T.
 #include "../atoms/reduced_atoms.hpp"
 #include "../base/registry.hpp"
-#include "../base/lanes.hpp"
 #include "../base/small_matrices.hpp"
-#include "../base/vectors.hpp"
-#include "../base/memory.hpp"
-#include "data.hpp"
 
 namespace shapefit {
-
-// What projected matching pursuit reads and writes, as Python lays it out.
-
-// When a pursuit ends, and what it keeps.
-struct PursuitRules {
-    Arguments& from;
-    double length = from("length");  // root of the sum of squared limb lengths of the mixture
-    double goal = from("goal");  // squared error at which no more atoms join
-    // of the squared error in a round, at which the inner loop ends
-    double change = from("change");
-    long most_atoms = from("most_atoms");
-    long most_rounds = from("most_rounds");  // of an inner loop
-};
 
 // n images over 1 + k shapes, the mean first.
 struct PursuitData {
     Arguments& from;
     Tensor<const double> landmarks = from("landmarks", "n 2 p");  // W
-    Matrix<const double> weights = from("weights", "n p");  // Omega
+    Matrix<const double> weights = from("weights", "n p");        // Omega
     Tensor<const double> shapes = from("shapes", "1+k 3 p");
     Matrix<const double> limbs = from("limbs", "1+k l");  // limb vectors of the shapes
-    PursuitRules rules{from};
+    double length = from("length");  // root of the sum of squared limb lengths of the mixture
+    double goal = from("goal");      // squared error at which no more atoms join
+    double change = from("change");  // of the squared error, at which the inner loop ends
+    long most_atoms = from("most_atoms");
+    long most_rounds = from("most_rounds");                   // of an inner loop
     Matrix<double> coefficients = from("coefficients", "n 1+k");  // c, zeros
-    Tensor<double> cameras = from("cameras", "n 2 3");  // M
-    Vector<double> errors = from("errors", "n");  // ||w - M S||^2
-    Vector<int64_t> rounds = from("rounds", "n");  // of all inner loops
+    Tensor<double> cameras = from("cameras", "n 2 3");            // M
+    Vector<double> errors = from("errors", "n");                  // ||w - M S||^2
+    Vector<int64_t> rounds = from("rounds", "n");                 // of all inner loops
     Vector<int64_t> status = from("status", "n");
 };
 
-// Least squares on a sphere: the secular equation and its largest root.
-//
+namespace {
+
+constexpr double ROUNDING = 64 * 0x1p-52;
+constexpr int MOST_STEPS = 100;         // of Newton's method for the secular equation
+constexpr double INDEPENDENT = 1e-8;    // share of squared limb lengths that the chosen ones lack
+constexpr double FLAT = 1e-12;  // eigenvalue of S S^T beside the largest: a shape without extent
+
 // argmin y^T G y - 2 g^T y over ||y|| = radius, for symmetric G (m, m), is where
 // (G + multiplier I) y = g and G + multiplier I is positive semidefinite: at the largest root of
 //
@@ -48,358 +49,269 @@ struct PursuitData {
 // the left of the root never overshoots. Where g has no part along the least eigenvalue the pole
 // may be none, and the root may lie left of it: then the multiplier is the pole and the
 // eigenvector fills up y (the hard case). Source: Gander 1981; More and Sorensen 1983.
+class Sphere {
+  public:
+    Sphere(Workspace& workspace, long most)
+        : A_(workspace.zeros<double>(most * most)),
+          V_(workspace.zeros<double>(most * most)),
+          mu_(workspace.zeros<double>(most)),
+          above_(workspace.zeros<double>(most)),
+          t_(workspace.zeros<double>(most)),
+          z_(workspace.zeros<double>(most)) {}
 
-// Memory for problems of up to m unknowns.
-struct SphereSpace {
-    double *A, *V;             // (m, m)
-    double *mu, *above, *t, *z;  // (m,)
-};
-
-SphereSpace sphere_space(Workspace& workspace, long m);
-
-// Overwrite y (m,) with the minimiser, of two the one nearer to what it was; the multiplier.
-double minimise_on_sphere(Matrix<const double> G, Vector<const double> g, double radius,
-                          Vector<double> y, const SphereSpace& space);
-
-// The same with memory of its own.
-double minimise_on_sphere_alone(Matrix<const double> G, Vector<const double> g, double radius,
-                                Vector<double> y);
-
-namespace {
-
-constexpr double ROUNDING = 64 * 0x1p-52;
-constexpr int MOST_STEPS = 100;
-
-// Multiplier and y where y is given by its coordinates z = V y.
-struct Root {
-    double shift;   // of the multiplier from the pole
-    double square;  // ||z||^2
-};
-
-// The largest root, right of the pole or on it; z is written. `shift` starts left of the root.
-Root find_root(const double* above, const double* t, double radius, double shift, double* z,
-               long m) {
-    double square = 0;
-    for (int step = 0; step < MOST_STEPS; ++step) {
-        double slope = 0;
-        square = 0;
+    // Overwrite y (m,) with the minimiser, of two the one nearer to what it was; the multiplier.
+    double minimise(const double* G, const double* g, double radius, Vector<double> y) const {
+        const long m = y.size[0];
+        const Matrix<double> V{V_, {m, m}};
+        for (long e = 0; e < m * m; ++e) A_[e] = G[e];
+        symmetric_eigen({A_, {m, m}}, {mu_, {m}}, V);
+        double before = 0, length = 0;
         for (long i = 0; i < m; ++i) {
-            if (t[i] == 0) continue;
-            z[i] = t[i] / (above[i] + shift);
-            square += z[i] * z[i];
-            slope += z[i] * z[i] / (above[i] + shift);
+            above_[i] = mu_[i] - mu_[0];
+            t_[i] = z_[i] = 0;
+            before += V[0][i] * y[i];
+            for (long j = 0; j < m; ++j) t_[i] += V[i][j] * g[j];
+            length += square(t_[i]);
         }
-        const double excess = root(square) / radius - 1;
-        if (excess <= ROUNDING) break;
-        shift += excess * square / slope;
-    }
-    return {shift, square};
-}
-
-}  // namespace
-
-SphereSpace sphere_space(Workspace& workspace, long m) {
-    return {workspace.zeros<double>(m * m), workspace.zeros<double>(m * m),
-            workspace.zeros<double>(m),     workspace.zeros<double>(m),
-            workspace.zeros<double>(m),     workspace.zeros<double>(m)};
-}
-
-double minimise_on_sphere(Matrix<const double> G, Vector<const double> g, double radius,
-                          Vector<double> y, const SphereSpace& space) {
-    const long m = y.size[0];
-    const Matrix<double> V{space.V, {m, m}};
-    double *mu = space.mu, *above = space.above, *t = space.t, *z = space.z;
-    for (long e = 0; e < m * m; ++e) space.A[e] = G.data[e];
-    symmetric_eigen({space.A, {m, m}}, {mu, {m}}, V);
-    double before = 0, length = 0;
-    for (long i = 0; i < m; ++i) {
-        above[i] = mu[i] - mu[0];
-        t[i] = z[i] = 0;
-        before += V[0][i] * y[i];
-        for (long j = 0; j < m; ++j) t[i] += V[i][j] * g[j];
-        length += square(t[i]);
-    }
-    const double size = root(length) / radius + above[m - 1];  // of G + multiplier I
-    double start = 0;
-    for (long i = 0; i < m; ++i) {
-        if (above[i] <= ROUNDING * size) {
-            above[i] = 0;
-            if (magnitude(t[i]) <= ROUNDING * size * radius) t[i] = 0;
+        const double size = root(length) / radius + above_[m - 1];  // of G + multiplier I
+        double start = 0;
+        for (long i = 0; i < m; ++i) {
+            if (above_[i] <= ROUNDING * size) {
+                above_[i] = 0;
+                if (magnitude(t_[i]) <= ROUNDING * size * radius) t_[i] = 0;
+            }
+            start = larger(start, magnitude(t_[i]) / radius - above_[i]);
         }
-        start = larger(start, magnitude(t[i]) / radius - above[i]);
+        auto [shift, reached] = find_root(radius, start, m);
+        if (shift == 0) {
+            z_[0] = copysign(root(larger(square(radius) - reached, 0)), before);
+            reached += square(z_[0]);
+        }
+        const double scale = radius / root(reached);
+        for (long i = 0; i < m; ++i) y[i] = 0;
+        for (long j = 0; j < m; ++j)
+            for (long i = 0; i < m; ++i) y[i] += scale * z_[j] * V[j][i];
+        return shift - mu_[0];
     }
-    auto [shift, reached] = find_root(above, t, radius, start, z, m);
-    if (shift == 0) {
-        z[0] = copysign(root(larger(square(radius) - reached, 0)), before);
-        reached += square(z[0]);
+
+  private:
+    struct Root {
+        double shift;   // of the multiplier from the pole
+        double square;  // ||z||^2, y = V^T z
+    };
+
+    // The largest root, right of the pole or on it; z is written. `shift` starts left of the root.
+    Root find_root(double radius, double shift, long m) const {
+        double square = 0;
+        for (int step = 0; step < MOST_STEPS; ++step) {
+            double slope = 0;
+            square = 0;
+            for (long i = 0; i < m; ++i) {
+                if (t_[i] == 0) continue;
+                z_[i] = t_[i] / (above_[i] + shift);
+                square += z_[i] * z_[i];
+                slope += z_[i] * z_[i] / (above_[i] + shift);
+            }
+            const double excess = root(square) / radius - 1;
+            if (excess <= ROUNDING) break;
+            shift += excess * square / slope;
+        }
+        return {shift, square};
     }
-    const double scale = radius / root(reached);
-    for (long i = 0; i < m; ++i) y[i] = 0;
-    for (long j = 0; j < m; ++j)
-        for (long i = 0; i < m; ++i) y[i] += scale * z[j] * V[j][i];
-    return shift - mu[0];
-}
 
-double minimise_on_sphere_alone(Matrix<const double> G, Vector<const double> g, double radius,
-                                Vector<double> y) {
-    Workspace workspace;
-    return minimise_on_sphere(G, g, radius, y, sphere_space(workspace, y.size[0]));
-}
-
-const Exported<minimise_on_sphere_alone> minimise_on_sphere_exported{"minimise_on_sphere", PART};
-
-// The shapes that a pursuit has chosen, orthonormal in their limb vectors.
-//
-// The chosen shapes are mixed into Q_i whose limb vectors U_i are orthonormal (those of the mean
-// first), so that the sum of squared limb lengths of sum_i y_i Q_i is ||y||^2. All that the inner
-// loop needs of the reduced landmarks w (2, q) and the Q_i (3, q) are the small products
-// N_ij = Q_i Q_j^T and Z_i = w Q_i^T.
-
-// One image without its translation, and all shapes as it sees them.
-struct ReducedImage {
-    Matrix<const double> w;       // (2, q)
-    Tensor<const double> shapes;  // (1 + k, 3, q), the mean first
-    Matrix<const double> limbs;   // (1 + k, l)
+    double *A_, *V_;                  // (m, m)
+    double *mu_, *above_, *t_, *z_;  // (m,)
 };
 
-// Room for `most` chosen shapes, `count` of which are taken.
-struct ChosenShapes {
-    long most, count;
-    Tensor<double> Q;  // (most, 3, q)
-    Matrix<double> U;  // (most, l)
-    Matrix<double> T;  // (most, 1 + k): Q_i = sum_j T_ij shapes_j
-    Blocks<double> N;  // (most, most, 3, 3)
-    Tensor<double> Z;  // (most, 2, 3)
-    bool* free;        // (1 + k): the shapes that may still join
-};
-
-ChosenShapes room_for_shapes(Workspace& workspace, long most, long shapes, long q, long limbs);
-
-// Append shape `added`, which is free no longer; false, and nothing is appended, where its limb
-// vectors depend on those of the chosen ones.
-bool choose_shape(long added, const ReducedImage& image, ChosenShapes& chosen);
-
-namespace {
-
-constexpr double INDEPENDENT = 1e-8;  // share of squared limb lengths that the chosen ones lack
-
-// out (r, 3) = A B^T for A (r, q) and B (3, q).
-void multiply(const double* A, long r, const double* B, long q, double* out) {
+// out (r, 3) = A B^T for padded rows A (r, row) and B (3, row).
+void multiply(const double* A, long r, const double* B, long row, double* out) {
     for (long a = 0; a < r; ++a)
-        for (long b = 0; b < 3; ++b) out[3 * a + b] = dot(A + a * q, B + b * q, q);
+        for (long b = 0; b < 3; ++b) out[3 * a + b] = dot_padded(A + a * row, B + b * row, row);
 }
 
-}  // namespace
+class Pursuit {
+  public:
+    Pursuit(Workspace& workspace, const PursuitData& data)
+        : data_(data),
+          shapes_(data.shapes.size[0]),
+          most_(data.most_atoms + 1),
+          image_(workspace, data.shapes),
+          size_(dot(data.shapes.data, data.shapes.data, shapes_ * 3 * data.shapes.size[2])),
+          sphere_(workspace, most_),
+          Q_(workspace.zeros<double>(most_ * 3 * padded(data.shapes.size[2]))),
+          U_(workspace.matrix<double>(most_, data.limbs.size[1])),
+          T_(workspace.matrix<double>(most_, shapes_)),
+          N_(workspace.tensor<double>(most_, most_, 9)),
+          Z_(workspace.matrix<double>(most_, 6)),
+          free_(workspace.zeros<bool>(shapes_)),
+          y_(workspace.zeros<double>(most_)),
+          G_(workspace.zeros<double>(most_ * most_)),
+          g_(workspace.zeros<double>(most_)),
+          S_(workspace.zeros<double>(3 * padded(data.shapes.size[2]))),
+          back_(workspace.zeros<double>(3 * padded(data.shapes.size[2]))),
+          correlation_(workspace.zeros<double>(padded(shapes_))) {}
 
-ChosenShapes room_for_shapes(Workspace& workspace, long most, long shapes, long q, long limbs) {
-    ChosenShapes chosen;
-    chosen.most = most;
-    chosen.count = 0;
-    chosen.Q = workspace.tensor<double>(most, 3, q);
-    chosen.U = workspace.matrix<double>(most, limbs);
-    chosen.T = workspace.matrix<double>(most, shapes);
-    chosen.N = {workspace.zeros<double>(most * most * 9), {most, most, 3, 3}};
-    chosen.Z = workspace.tensor<double>(most, 2, 3);
-    chosen.free = workspace.zeros<bool>(shapes);
-    return chosen;
-}
+    // Add atoms until ||w - M S||^2 <= goal.
+    int64_t pursue(long image) {
+        if (!image_.take(data_.landmarks[image], data_.weights[image])) return Status::DEGENERATE;
+        energy_ = dot_padded(image_.w, image_.w, 2 * image_.atoms.row);
+        if (!is_finite(energy_ + size_)) return Status::NUMERICAL_FAILURE;
+        double* M = data_.cameras[image].data;
+        begin();
+        double error = aim_camera(M);
+        while (error > data_.goal && count_ < most_ && choose_atom(M))
+            for (long round = 0; round < data_.most_rounds; ++round) {
+                const double before = error;
+                mix_shapes(M);
+                error = aim_camera(M);
+                ++data_.rounds[image];
+                if (magnitude(before - error) < data_.change) break;
+            }
+        const Vector<double> c = data_.coefficients[image];
+        for (long i = 0; i < count_; ++i) add_to(c.data, y_[i], T_[i].data, shapes_);
+        data_.errors[image] = error;
+        return error <= data_.goal ? Status::CONVERGED : Status::ITERATION_LIMIT;
+    }
 
-bool choose_shape(long added, const ReducedImage& image, ChosenShapes& chosen) {
-    const long m = chosen.count, q = image.w.size[1], l = image.limbs.size[1];
-    const long shapes = image.shapes.size[0];
-    double *Q = chosen.Q[m].data, *U = chosen.U[m].data, *T = chosen.T[m].data;
-    const double* limbs = image.limbs[added].data;
-    chosen.free[added] = false;
-    for (long e = 0; e < l; ++e) U[e] = limbs[e];
-    for (long e = 0; e < 3 * q; ++e) Q[e] = image.shapes[added].data[e];
-    for (long i = 0; i < shapes; ++i) T[i] = i == added;
-    for (int time = 0; time < 2; ++time)  // twice is enough for orthogonality to rounding
+  private:
+    double* Q(long i) const { return Q_ + i * 3 * image_.atoms.row; }
+
+    // The mean shape alone.
+    void begin() {
+        for (long i = 0; i < shapes_; ++i) free_[i] = true;
+        count_ = 0;
+        choose_shape(0);
+        y_[0] = data_.length;
+    }
+
+    // Append shape `added`, which is free no longer; false, and nothing is appended, where its limb
+    // vectors depend on those of the chosen ones.
+    bool choose_shape(long added) {
+        const long m = count_, row = image_.atoms.row, l = U_.size[1];
+        double *U = U_[m].data, *T = T_[m].data;
+        const double *limbs = data_.limbs[added].data, *B = image_.atoms[added];
+        free_[added] = false;
+        for (long e = 0; e < l; ++e) U[e] = limbs[e];
+        for (long e = 0; e < 3 * row; ++e) Q(m)[e] = B[e];
+        for (long i = 0; i < shapes_; ++i) T[i] = i == added;
+        for (int time = 0; time < 2; ++time)  // twice is enough for orthogonality to rounding
+            for (long i = 0; i < m; ++i) {
+                const double along = dot(U_[i].data, U, l);
+                add_to(U, -along, U_[i].data, l);
+                add_to(T, -along, T_[i].data, shapes_);
+                add_to(Q(m), -along, Q(i), 3 * row);
+            }
+        const double rest = dot(U, U, l);
+        if (!(rest > INDEPENDENT * dot(limbs, limbs, l))) return false;
+        const double scale = 1 / root(rest);
+        for (long e = 0; e < l; ++e) U[e] *= scale;
+        for (long i = 0; i < shapes_; ++i) T[i] *= scale;
+        for (long e = 0; e < 3 * row; ++e) Q(m)[e] *= scale;
+        multiply(image_.w, 2, Q(m), row, Z_[m].data);
+        for (long i = 0; i <= m; ++i) {
+            multiply(Q(m), 3, Q(i), row, N_[m][i].data);
+            multiply(Q(i), 3, Q(m), row, N_[i][m].data);
+        }
+        y_[m] = 0;
+        count_ = m + 1;
+        return true;
+    }
+
+    // M = argmin ||w - M S||^2 for S = sum_i y_i Q_i, of least norm; the minimum.
+    double aim_camera(double* M) const {
+        double SS[9] = {}, D[6] = {}, extent[3], axes[9];  // S S^T and w S^T
+        for (long i = 0; i < count_; ++i) {
+            add_to(D, y_[i], Z_[i].data, 6);
+            for (long j = 0; j < count_; ++j) add_to(SS, y_[i] * y_[j], N_[i][j].data, 9);
+        }
+        symmetric_eigen({SS, {3, 3}}, {extent, {3}}, {axes, {3, 3}});
+        double explained = 0;
+        for (int e = 0; e < 6; ++e) M[e] = 0;
+        for (int e = 0; e < 3; ++e) {
+            if (!(extent[e] > FLAT * extent[2])) continue;
+            for (int a = 0; a < 2; ++a) {
+                const double along = dot(D + 3 * a, axes + 3 * e, 3);
+                explained += square(along) / extent[e];
+                add_to(M + 3 * a, along / extent[e], axes + 3 * e, 3);
+            }
+        }
+        return larger(energy_ - explained, 0);
+    }
+
+    // y = argmin ||w - sum_i y_i M Q_i||^2 over ||y|| = length, from where y is.
+    void mix_shapes(const double* M) {
+        const long m = count_;
+        double P[9];
+        for (int a = 0; a < 3; ++a)
+            for (int b = 0; b < 3; ++b) P[3 * a + b] = M[a] * M[b] + M[3 + a] * M[3 + b];
         for (long i = 0; i < m; ++i) {
-            const double along = dot(chosen.U[i].data, U, l);
-            add_to(U, -along, chosen.U[i].data, l);
-            add_to(T, -along, chosen.T[i].data, shapes);
-            add_to(Q, -along, chosen.Q[i].data, 3 * q);
+            g_[i] = dot(M, Z_[i].data, 6);
+            for (long j = 0; j <= i; ++j) G_[i * m + j] = G_[j * m + i] = dot(P, N_[i][j].data, 9);
         }
-    const double rest = dot(U, U, l);
-    if (!(rest > INDEPENDENT * dot(limbs, limbs, l))) return false;
-    const double scale = 1 / root(rest);
-    for (long e = 0; e < l; ++e) U[e] *= scale;
-    for (long i = 0; i < shapes; ++i) T[i] *= scale;
-    for (long e = 0; e < 3 * q; ++e) Q[e] *= scale;
-    multiply(image.w.data, 2, Q, q, chosen.Z[m].data);
-    for (long i = 0; i <= m; ++i) {
-        multiply(Q, 3, chosen.Q[i].data, q, chosen.N[m][i].data);
-        multiply(chosen.Q[i].data, 3, Q, q, chosen.N[i][m].data);
+        sphere_.minimise(G_, g_, data_.length, {y_, {m}});
     }
-    chosen.count = m + 1;
-    return true;
-}
 
-// Projected Matching Pursuit on one image after another (Ramakrishna, Kanade and Sheikh 2012).
-//
-//     min ||w - M sum_i y_i Q_i||^2 over M (2, 3) and ||y|| = length,
-//
-// in turn over y, globally, and over M, for the chosen shapes; then the atom with the largest
-// |<w - M S, M B_i>| joins them, until the error is small enough.
+    // Choose the free atom of the largest |<w - M S, M B_i>| whose limbs are no mixture of the chosen
+    // ones'; false where there is none.
+    bool choose_atom(const double* M) {
+        correlate(M);
+        for (;;) {
+            long best = 0;
+            for (long i = 1; i < shapes_; ++i)
+                if (correlation_[i] > correlation_[best]) best = i;
+            if (correlation_[best] < 0) return false;
+            if (choose_shape(best)) return true;
+            correlation_[best] = -1;
+        }
+    }
 
-void pursue(const PursuitData& data, Range range);
+    void correlate(const double* M) {
+        const long q = image_.atoms.q(), row = image_.atoms.row;
+        mix_rows(y_, count_, Q_, 3 * row, 3 * row, S_);
+        for (long j = 0; j < q; ++j) {
+            const double *S = S_ + j, *w = image_.w + j;
+            const double u = w[0] - M[0] * S[0] - M[1] * S[row] - M[2] * S[2 * row];
+            const double v = w[row] - M[3] * S[0] - M[4] * S[row] - M[5] * S[2 * row];
+            for (int b = 0; b < 3; ++b) back_[b * q + j] = M[b] * u + M[3 + b] * v;
+        }
+        find_inner_products(image_.atoms.planes, back_, correlation_);
+        for (long i = 0; i < shapes_; ++i)
+            correlation_[i] = free_[i] ? magnitude(correlation_[i]) : -1;
+    }
 
-namespace {
-
-constexpr double FLAT = 1e-12;  // eigenvalue of S S^T beside the largest: a shape without extent
-
-// Memory of the inner loop and of the choice of an atom.
-struct PursuitSpace {
-    Vector<double> y;  // (most,)
-    double *G, *g;     // (most, most) and (most,)
-    SphereSpace sphere;
-    double *S, *back;     // (3, q)
-    double* correlation;  // (1 + k,)
+    const PursuitData& data_;
+    const long shapes_, most_;
+    ReducedImage image_;
+    const double size_;  // sum of squares of all shapes
+    double energy_ = 0;  // ||w||^2
+    Sphere sphere_;
+    long count_ = 0;    // chosen shapes
+    double* Q_;         // (most, 3, row)
+    Matrix<double> U_;  // (most, l)
+    Matrix<double> T_;  // (most, 1 + k): Q_i = sum_j T_ij shapes_j
+    Tensor<double> N_;  // (most, most, 9)
+    Matrix<double> Z_;  // (most, 6)
+    bool* free_;        // (1 + k): the shapes that may still join
+    double *y_, *G_, *g_;  // (most,), (most, most), (most,)
+    double *S_, *back_, *correlation_;  // (3, row), (3, q), (1 + k,)
 };
 
-// M = argmin ||w - M S||^2 for S = sum_i y_i Q_i, of least norm; the minimum. energy = ||w||^2.
-double aim_camera(const ChosenShapes& chosen, Vector<const double> y, double energy, double* M) {
-    double SS[9] = {}, D[6] = {}, extent[3], axes[9];  // S S^T and w S^T
-    for (long i = 0; i < chosen.count; ++i) {
-        add_to(D, y[i], chosen.Z[i].data, 6);
-        for (long j = 0; j < chosen.count; ++j) add_to(SS, y[i] * y[j], chosen.N[i][j].data, 9);
-    }
-    symmetric_eigen({SS, {3, 3}}, {extent, {3}}, {axes, {3, 3}});
-    double explained = 0;
-    for (int e = 0; e < 6; ++e) M[e] = 0;
-    for (int e = 0; e < 3; ++e) {
-        if (!(extent[e] > FLAT * extent[2])) continue;
-        for (int a = 0; a < 2; ++a) {
-            const double along = dot(D + 3 * a, axes + 3 * e, 3);
-            explained += square(along) / extent[e];
-            add_to(M + 3 * a, along / extent[e], axes + 3 * e, 3);
-        }
-    }
-    return larger(energy - explained, 0);
-}
-
-// y = argmin ||w - sum_i y_i M Q_i||^2 over ||y|| = length, from where y is.
-void mix_shapes(const ChosenShapes& chosen, const double* M, double length, PursuitSpace& space) {
-    const long m = chosen.count;
-    double P[9];
-    for (int a = 0; a < 3; ++a)
-        for (int b = 0; b < 3; ++b) P[3 * a + b] = M[a] * M[b] + M[3 + a] * M[3 + b];
-    for (long i = 0; i < m; ++i) {
-        space.g[i] = dot(M, chosen.Z[i].data, 6);
-        for (long j = 0; j <= i; ++j)
-            space.G[i * m + j] = space.G[j * m + i] = dot(P, chosen.N[i][j].data, 9);
-    }
-    minimise_on_sphere({space.G, {m, m}}, {space.g, {m}}, length, {space.y.data, {m}},
-                       space.sphere);
-}
-
-// |<w - M S, M B_i>| of the free shapes, -1 for the others.
-void correlate(const ReducedImage& image, const ChosenShapes& chosen, const double* M,
-               PursuitSpace& space) {
-    const long q = image.w.size[1];
-    double *S = space.S, *back = space.back;
-    for (long e = 0; e < 3 * q; ++e) S[e] = 0;
-    for (long i = 0; i < chosen.count; ++i) add_to(S, space.y[i], chosen.Q[i].data, 3 * q);
-    const double *x = image.w[0].data, *y = image.w[1].data;
-    for (long j = 0; j < q; ++j) {
-        const double u = x[j] - M[0] * S[j] - M[1] * S[q + j] - M[2] * S[2 * q + j];
-        const double v = y[j] - M[3] * S[j] - M[4] * S[q + j] - M[5] * S[2 * q + j];
-        for (int b = 0; b < 3; ++b) back[b * q + j] = M[b] * u + M[3 + b] * v;
-    }
-    for (long i = 0; i < image.shapes.size[0]; ++i)
-        space.correlation[i] =
-            chosen.free[i] ? magnitude(dot(back, image.shapes[i].data, 3 * q)) : -1;
-}
-
-// Choose the free atom of the largest correlation whose limbs are no mixture of the chosen ones';
-// false where there is none.
-bool choose_atom(const ReducedImage& image, const double* M, ChosenShapes& chosen,
-                 PursuitSpace& space) {
-    correlate(image, chosen, M, space);
-    for (;;) {
-        long best = 0;
-        for (long i = 1; i < image.shapes.size[0]; ++i)
-            if (space.correlation[i] > space.correlation[best]) best = i;
-        if (space.correlation[best] < 0) return false;
-        if (choose_shape(best, image, chosen)) return true;
-        space.correlation[best] = -1;
-    }
-}
-
-struct Pursued {
-    double error;
-    long rounds;
-};
-
-// Add atoms until ||w - M S||^2 <= goal; writes c (1 + k,) and M (2, 3).
-Pursued pursue_image(const ReducedImage& image, const PursuitRules& rules, ChosenShapes& chosen,
-                     PursuitSpace& space, Vector<double> c, double* M) {
-    const long shapes = c.size[0];
-    const double energy = dot(image.w.data, image.w.data, 2 * image.w.size[1]);
-    for (long i = 0; i < shapes; ++i) chosen.free[i] = true;
-    for (long i = 0; i < chosen.most; ++i) space.y[i] = 0;
-    chosen.count = 0;
-    choose_shape(0, image, chosen);
-    space.y[0] = rules.length;
-    double error = aim_camera(chosen, {space.y.data, {chosen.most}}, energy, M);
-    long rounds = 0;
-    while (error > rules.goal && chosen.count < chosen.most) {
-        if (!choose_atom(image, M, chosen, space)) break;
-        for (long round = 0; round < rules.most_rounds; ++round) {
-            const double before = error;
-            mix_shapes(chosen, M, rules.length, space);
-            error = aim_camera(chosen, {space.y.data, {chosen.most}}, energy, M);
-            ++rounds;
-            if (magnitude(before - error) < rules.change) break;
-        }
-    }
-    for (long i = 0; i < shapes; ++i) c[i] = 0;
-    for (long i = 0; i < chosen.count; ++i) add_to(c.data, space.y[i], chosen.T[i].data, shapes);
-    return {error, rounds};
+// For tests.
+double minimise_on_sphere(Matrix<const double> G, Vector<const double> g, double radius,
+                          Vector<double> y) {
+    Workspace workspace;
+    return Sphere(workspace, y.size[0]).minimise(G.data, g.data, radius, y);
 }
 
 }  // namespace
 
 void pursue(const PursuitData& data, Range range) {
-    const long p = data.landmarks.size[2], shapes = data.shapes.size[0];
-    const long most = data.rules.most_atoms + 1;
     Workspace workspace;
-    ChosenShapes chosen = room_for_shapes(workspace, most, shapes, p, data.limbs.size[1]);
-    PursuitSpace space{workspace.vector<double>(most),        workspace.zeros<double>(most * most),
-                       workspace.zeros<double>(most),         sphere_space(workspace, most),
-                       workspace.zeros<double>(3 * p),        workspace.zeros<double>(3 * p),
-                       workspace.zeros<double>(shapes)};
-    Reduction reduction(workspace, p);
-    double *w = workspace.zeros<double>(2 * p), *reduced = workspace.zeros<double>(shapes * 3 * p);
-    for (long i = range.first; i < range.last; ++i) {
-        const Vector<const double> omega = data.weights[i];
-        if (i == range.first || !are_equal(omega.data, data.weights[i - 1].data, p)) {
-            reduction.find(omega);
-            if (reduction.seen > 1)
-                for (long row = 0; row < 3 * shapes; ++row)
-                    reduction.reduce(data.shapes.data + row * p, omega.data,
-                                     reduced + row * reduction.coordinates());
-        }
-        const long q = reduction.coordinates();
-        if (q < 1) {
-            data.status[i] = Status::DEGENERATE;
-            continue;
-        }
-        reduction.reduce_landmarks(data.landmarks[i], omega.data, w, q);
-        if (!is_finite(dot(w, w, 2 * q) + dot(reduced, reduced, 3 * q))) {
-            data.status[i] = Status::NUMERICAL_FAILURE;
-            continue;
-        }
-        chosen.Q.size[2] = q;
-        const ReducedImage image{{w, {2, q}}, {reduced, {shapes, 3, q}}, data.limbs};
-        const auto [error, rounds] = pursue_image(image, data.rules, chosen, space,
-                                                  data.coefficients[i], data.cameras[i].data);
-        data.errors[i] = error;
-        data.rounds[i] = rounds;
-        data.status[i] = error <= data.rules.goal ? Status::CONVERGED : Status::ITERATION_LIMIT;
-    }
+    Pursuit pursuit(workspace, data);
+    for (long i = range.first; i < range.last; ++i) data.status[i] = pursuit.pursue(i);
 }
 
 const Exported<pursue> pursue_exported{"pursue"};
+const Exported<minimise_on_sphere> minimise_on_sphere_exported{"minimise_on_sphere", PART};
 
 }  // namespace shapefit

@@ -45,14 +45,15 @@ def turn_in_plane(views: Floats, landmarks_by_shape: Floats) -> Floats:
     views (v, 3, 3); landmarks_by_shape D = w S^T (n, 2, 3). What it finds is the best rotation
     for that optical axis, at any scale.
     """
-    turned = np.empty((len(landmarks_by_shape), *views.shape))
-    core.turn_in_plane(
-        landmarks_by_shape=landmarks_by_shape,
-        views=np.ascontiguousarray(views),
-        turned=turned,
-        threads=1,
-    )
-    return turned
+    D, R = landmarks_by_shape[:, None], views  # rows of D beside those of every R
+    sine = (D[:, :, 1] * R[:, 0]).sum(axis=-1) - (D[:, :, 0] * R[:, 1]).sum(axis=-1)
+    cosine = (D[:, :, 0] * R[:, 0]).sum(axis=-1) + (D[:, :, 1] * R[:, 1]).sum(axis=-1)
+    length = np.hypot(sine, cosine)
+    known = length > 0
+    s = np.divide(sine, length, out=np.zeros_like(length), where=known)[..., None]
+    c = np.divide(cosine, length, out=np.ones_like(length), where=known)[..., None]
+    third = np.broadcast_to(R[:, 2], (len(D), *R[:, 2].shape))
+    return np.stack([c * R[:, 0] - s * R[:, 1], s * R[:, 0] + c * R[:, 1], third], axis=2)
 
 
 def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
@@ -60,16 +61,13 @@ def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
 
     They are all that a pose depends on; shape S (3, p). Zero for an image without landmarks.
     """
-    n = len(problem.landmarks)
-    P, D = np.empty((n, 3, 3)), np.empty((n, 2, 3))
-    core.find_shape_moments(
-        landmarks=problem.landmarks,
-        weights=problem.weights,
-        shape=np.ascontiguousarray(shape),
-        shape_moments=P,
-        landmarks_by_shape=D,
-        threads=1,
-    )
+    squares = problem.weights[:, None] ** 2
+    total = squares.sum(axis=-1)
+    mean = (squares * shape).sum(axis=-1) / np.where(total > 0, total, 1.0)
+    x = shape - mean[..., None]
+    weighted = (squares * x)[:, None]
+    P = (x[:, :, None] * weighted).sum(axis=-1)
+    D = (problem.landmarks[:, :, None] * weighted).sum(axis=-1)
     return P, D
 
 

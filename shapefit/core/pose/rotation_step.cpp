@@ -1,9 +1,5 @@
 #include "rotation_step.hpp"
 
-#include "../base/registry.hpp"
-#include "../base/lanes.hpp"
-#include "../pose/rotation.hpp"
-
 namespace shapefit {
 namespace {
 
@@ -36,52 +32,19 @@ void mirror(double* H) {
     H[7] = H[5];
 }
 
-}  // namespace
+// A step within a trust region: whether it ends at the edge, and the fall that the model promises.
+struct TrustedStep {
+    bool at_edge;
+    double fall;
+};
 
-// As one function: its parts are short, and hand each other a few numbers through memory else.
-[[gnu::flatten]] Misfit rotation_step(const ShapeMoments& moments, double* R) {
-    const double *P = moments.P, *D = moments.D;
-    double g[3], H[9], step[3], trial[9], trial_g[3], trial_H[9];
-    const double trace = P[0] + P[4] + P[8];
-    const double norm = root(inner3(D, D) + inner3(D + 3, D + 3));
-    double radius = FIRST_RADIUS;
-    Misfit misfit = model_at(moments, R, g, H);
-    for (int count = 0; count < MOST_STEPS; ++count) {
-        const double size = misfit.scale * (misfit.scale * trace + norm);
-        if (inner3(g, g) <= square(STATIONARY * size)) break;
-        TrustedStep trusted{false, 0};
-        if (!newton_step(g, H, radius, step, trusted.fall))
-            trusted = truncated_cg(g, H, radius, step);
-        retract(R, step, trial);
-        const Misfit reached = model_at(moments, trial, trial_g, trial_H);
-        const double slack = ROUNDING * size;
-        const double ratio = (misfit.value - reached.value + slack) / (trusted.fall + slack);
-        if (!(ratio >= SHRINK))
-            radius *= 0.25;
-        else if (ratio > GROW && trusted.at_edge)
-            radius = smaller(2 * radius, LARGEST_RADIUS);
-        if (!(ratio > ACCEPT)) continue;
-        misfit = reached;
-        for (int e = 0; e < 9; ++e) R[e] = trial[e];
-        for (int e = 0; e < 9; ++e) H[e] = trial_H[e];
-        for (int a = 0; a < 3; ++a) g[a] = trial_g[a];
-    }
-    return misfit;
-}
-
-double value_at(const ShapeMoments& moments, const double* R) {
-    const double *P = moments.P, *D = moments.D;
-    double a = 0, b = 0;
-    for (int i = 0; i < 2; ++i) {
-        const double* r = R + 3 * i;
-        a += inner3(D + 3 * i, r);
-        b += r[0] * inner3(P, r) + r[1] * inner3(P + 3, r) + r[2] * inner3(P + 6, r);
-    }
-    if (moments.free_scale) return b > 0 ? -0.5 * square(larger(a, 0)) / b : 0.0;
-    return 0.5 * b - a;
-}
-
-Misfit model_at(const ShapeMoments& moments, const double* R, double* g, double* H) {
+// The misfit at R, its Riemannian gradient g (3,) and Hessian H (3, 3).
+//
+// The Hessian is Proj(s^2 U P - Lambda U) with Lambda = sym(Rbar G^T) and G = s (s Rbar P - D);
+// a free s takes its share off, h h^T / tr(Rbar P Rbar^T) with h the derivative of the gradient
+// by s (Schur complement).
+Misfit model_at(const ShapeMoments& moments, const Rotation& rotation, double* g, double* H) {
+    const double* R = rotation;
     const double *P = moments.P, *D = moments.D;
     double PR[3][3], DR[2][3];  // P and D in the frame of R: r_a P r_b, D_a r_b
     for (int b = 0; b < 3; ++b) {
@@ -112,6 +75,7 @@ Misfit model_at(const ShapeMoments& moments, const double* R, double* g, double*
     return {0.5 * s * s * total - s * overlap, s};
 }
 
+// Steihaug's conjugate gradients for min g x + 1/2 x H x over |x| <= radius; step x (3,).
 TrustedStep truncated_cg(const double* g, const double* H, double radius, double* step) {
     double r[3], d[3], Hd[3];
     for (int a = 0; a < 3; ++a) {
@@ -145,46 +109,60 @@ TrustedStep truncated_cg(const double* g, const double* H, double radius, double
     return {at_edge, fall};
 }
 
-void retract(const double* R, const double* step, double* out) {
+// Orthonormalise Rbar + step, step (3,) in the basis of the tangent space, and complete it.
+void retract(const double* R, const double* step, Rotation& trial) {
     const double turn = HALF * step[2];
+    double* to = trial;
     for (int b = 0; b < 3; ++b) {
-        out[b] = R[b] + step[0] * R[6 + b] - turn * R[3 + b];
-        out[3 + b] = R[3 + b] + step[1] * R[6 + b] + turn * R[b];
+        to[b] = R[b] + step[0] * R[6 + b] - turn * R[3 + b];
+        to[3 + b] = R[3 + b] + step[1] * R[6 + b] + turn * R[b];
     }
-    reinterpret_cast<Rotation*>(out)->orthonormalise();
+    trial.orthonormalise();
 }
+
+}  // namespace
+
+// As one function: its parts are short, and hand each other a few numbers through memory else.
+[[gnu::flatten]] Misfit rotation_step(const ShapeMoments& moments, Rotation& R) {
+    const double *P = moments.P, *D = moments.D;
+    Rotation trial;
+    double g[3], H[9], step[3], trial_g[3], trial_H[9];
+    const double trace = P[0] + P[4] + P[8];
+    const double norm = root(inner3(D, D) + inner3(D + 3, D + 3));
+    double radius = FIRST_RADIUS;
+    Misfit misfit = model_at(moments, R, g, H);
+    for (int count = 0; count < MOST_STEPS; ++count) {
+        const double size = misfit.scale * (misfit.scale * trace + norm);
+        if (inner3(g, g) <= square(STATIONARY * size)) break;
+        TrustedStep trusted{false, 0};
+        if (!newton_step(g, H, radius, step, trusted.fall))
+            trusted = truncated_cg(g, H, radius, step);
+        retract(R, step, trial);
+        const Misfit reached = model_at(moments, trial, trial_g, trial_H);
+        const double slack = ROUNDING * size;
+        const double ratio = (misfit.value - reached.value + slack) / (trusted.fall + slack);
+        if (!(ratio >= SHRINK))
+            radius *= 0.25;
+        else if (ratio > GROW && trusted.at_edge)
+            radius = smaller(2 * radius, LARGEST_RADIUS);
+        if (!(ratio > ACCEPT)) continue;
+        misfit = reached;
+        R = trial;
+        for (int e = 0; e < 9; ++e) H[e] = trial_H[e];
+        for (int a = 0; a < 3; ++a) g[a] = trial_g[a];
+    }
+    return misfit;
+}
+
+namespace {
 
 Misfit take_rotation_step(Matrix<const double> P, Matrix<const double> D, bool free_scale,
                           Matrix<double> R) {
-    return rotation_step({P.data, D.data, free_scale}, R.data);
+    return rotation_step({P.data, D.data, free_scale}, *reinterpret_cast<Rotation*>(R.data));
 }
-
-double rotation_value(Matrix<const double> P, Matrix<const double> D, bool free_scale,
-                      Matrix<const double> R) {
-    return value_at({P.data, D.data, free_scale}, R.data);
-}
-
-Misfit rotation_model(Matrix<const double> P, Matrix<const double> D, bool free_scale,
-                      Matrix<const double> R, Vector<double> g, Matrix<double> H) {
-    return model_at({P.data, D.data, free_scale}, R.data, g.data, H.data);
-}
-
-TrustedStep trusted_step(Vector<const double> g, Matrix<const double> H, double radius,
-                         Vector<double> step) {
-    return truncated_cg(g.data, H.data, radius, step.data);
-}
-
-void retract_rotation(Matrix<const double> R, Vector<const double> step, Matrix<double> out) {
-    retract(R.data, step.data, out.data);
-}
-
-void orthonormalise_rows(Matrix<double> R) { reinterpret_cast<Rotation*>(R.data)->orthonormalise(); }
 
 const Exported<take_rotation_step> rotation_step_exported{"rotation_step", PART};
-const Exported<rotation_value> rotation_value_exported{"rotation_value", PART};
-const Exported<rotation_model> rotation_model_exported{"rotation_model", PART};
-const Exported<trusted_step> truncated_cg_exported{"truncated_cg", PART};
-const Exported<retract_rotation> retract_exported{"retract", PART};
-const Exported<orthonormalise_rows> orthonormalise_exported{"orthonormalise", PART};
+
+}  // namespace
 
 }  // namespace shapefit
