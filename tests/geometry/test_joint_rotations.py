@@ -104,3 +104,39 @@ def test_a_joint_that_bends_both_ways_does_not_turn_its_bone():
     bend = np.sin(np.linspace(0, 4 * np.pi, 61))
     found, _ = turn_about_thigh(leg(np.zeros(61), bend))
     np.testing.assert_allclose(found, 0, atol=1e-9)
+
+
+def test_at_rest_joints_are_bent_as_the_median_however_far_a_few_frames_go():
+    bend = np.concatenate([np.full(20, 0.5), np.linspace(0.45, 0.55, 21), np.full(15, 2.5)])
+    points = leg(np.zeros(56), bend)
+    rig = find_rig(points, LEG, root=0)
+    assert bend[rig.rest] == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_bone_with_two_in_line_turns_about_them_as_its_parent_does():
+    """Two bones in one line say nothing of the turn about it."""
+    twist = np.radians(40) * np.sin(np.linspace(0, 6, 60))
+    root = np.array([[0.3, 0, 0], [-0.3, 0, 0.1], [0, 0.2, 0.4]])
+    bar = np.array([[0, -1.0, 0], [0.5, -1.0, 0], [-0.5, -1.0, 0]])
+    still = np.concatenate([np.zeros((1, 3)), root, bar])
+    points = rotation_about([1, 0, 0], twist) @ still.T
+    edges = np.array([[0, 1], [0, 2], [0, 3], [0, 4], [4, 5], [4, 6]])
+    rig = find_rig(points, edges, root=0)
+    (number,) = [i for i, node in enumerate(rig.tree) if len(node.aims) == 2 and node.joint == 4]
+    np.testing.assert_allclose(rig.rotations[number], np.eye(3)[None].repeat(60, 0), atol=1e-2)
+
+
+def test_a_bone_that_points_straight_back_is_still_reached():
+    """The shortest turn between opposite directions is any half turn."""
+    points = np.zeros((3, 3, 3))
+    points[:, :, 1] = [[0, 1, 0], [0, 1, 0], [0, -1, 0]]
+    points[:, :, 2] = 2 * points[:, :, 1]
+    rig = find_rig(points, np.array([[0, 1], [1, 2]]), root=0)
+    np.testing.assert_allclose(find_places(rig), joints(rig, points), atol=1e-9)
+    np.testing.assert_allclose(np.linalg.det(rig.rotations), 1)
+
+
+def test_a_knee_that_passes_its_mean_never_turns_the_thigh_over():
+    bend = np.concatenate([np.full(40, 1.0), np.linspace(1.0, -1.2, 20), np.full(3, -1.2)])
+    found, rest = turn_about_thigh(leg(np.zeros(63), bend))
+    assert np.abs(found - found[rest]).max() < 90

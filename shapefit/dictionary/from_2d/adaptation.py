@@ -1,14 +1,14 @@
 """A mixture over shapes, adapted to landmarks: expectation maximisation from a start.
 
 The shapes of component k are x = mu_k + V_k (m_k + L_k z) + d, z ~ N(0, I), with mu_k, V_k and d of
-the start, for which m = 0 and L = I. With C = L L^T and the readings i of image n,
+the start, for which m = 0 and L = I. With C = L L^T and the hypotheses i of image n,
 
     max over pi, m, L, tau, R, s of  sum_n log sum_i pi_k p(w_n | R_i, s_i, m_k, L_k) p(s_i)
         + kappa sum_k pi0_k (log pi_k - 1/2 (log |C_k| + tr(C_k^-1 (I + m_k m_k^T))))
         - n / 2 (log tau^2 + SCALE^2 / tau^2):
 
 the start counts as kappa images whose shapes are known, a normal-inverse-Wishart prior of each
-component. A reading is a component and a view; no round lowers the objective.
+component. A hypothesis is a component and a view; no round lowers the objective.
 """
 
 from __future__ import annotations
@@ -18,18 +18,26 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from shapefit.dictionary.from_2d.expectation import climb, expect
 from shapefit.dictionary.from_2d.learning import BLOCK, SCALE, SPREAD, STILL
-from shapefit.dictionary.from_2d.maximisation import maximise
-from shapefit.dictionary.from_2d.model import Floats, Gaussian, Images, Indices, Views, choose
+from shapefit.dictionary.from_2d.model import (
+    Floats,
+    Gaussian,
+    Images,
+    Indices,
+    Views,
+    choose,
+    climb,
+    expect,
+    maximise,
+)
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.procrustes import similarity_transform
 
-READINGS = 8
+HYPOTHESES = 8
 """Components of each image: those under which its shape as the start lifts it is likeliest."""
 
 LEAST_SHARE = 1e-3
-"""Of an image, at first, below which a reading is left out."""
+"""Of an image, at first, below which a hypothesis is left out."""
 
 MOST_ROUNDS = 20
 
@@ -64,7 +72,7 @@ class Adapted:
 
 
 @dataclass(frozen=True)
-class Readings:
+class Hypotheses:
     """r components and views that images might show: image (r,), component (r,), damping (r,)."""
 
     image: Indices
@@ -75,21 +83,21 @@ class Readings:
     def __len__(self) -> int:
         return len(self.image)
 
-    def __getitem__(self, rows: Indices) -> Readings:
-        return Readings(
+    def __getitem__(self, rows: Indices) -> Hypotheses:
+        return Hypotheses(
             self.image[rows], self.component[rows], self.views[rows], self.damping[rows]
         )
 
 
 @dataclass(frozen=True)
-class Read:
-    """Readings whose views have climbed, and what the images say of them.
+class Responsibilities:
+    """Hypotheses whose views have climbed, and what the images say of them.
 
-    log_density (n,) of the images, share (r,) of each reading in its image, E z (r, q) and its
+    log_density (n,) of the images, share (r,) of each hypothesis in its image, E z (r, q) and its
     covariance (r, q, q).
     """
 
-    readings: Readings
+    hypotheses: Hypotheses
     log_density: Floats
     share: Floats
     mean: Floats
@@ -106,38 +114,40 @@ def adapt(images: Images, shapes: Floats, start: Start) -> Iterator[tuple[Mixtur
     both = zip(given.means, given.covariances, strict=True)
     models = [maximise(mean, covariance, left=0) for mean, covariance in both]
     k, q = len(given), models[0].modes.shape[2]
-    readings = first_readings(shapes, start)
+    hypotheses = first_hypotheses(shapes, start)
     state = Adapted(
         given.weights,
         np.zeros((k, q)),
         np.tile(np.eye(q), (k, 1, 1)),
-        sizes(images, readings, np.ones(len(readings))),
+        sizes(images, hypotheses, np.ones(len(hypotheses))),
         SPREAD**2,
     )
-    first = read(images, readings, seen_models(state, models, start), state.weights)
-    readings = first.readings[np.flatnonzero(first.share > LEAST_SHARE)]
+    first = expectation_step(images, hypotheses, seen_models(state, models, start), state.weights)
+    hypotheses = first.hypotheses[np.flatnonzero(first.share > LEAST_SHARE)]
     coordinates = 2 * int((images.weights > 0).sum())
     for _ in range(MOST_ROUNDS):
         before = state
-        found = read(images, readings, seen_models(state, models, start), state.weights)
-        readings, state = found.readings, follow(images, found, state, start)
+        found = expectation_step(
+            images, hypotheses, seen_models(state, models, start), state.weights
+        )
+        hypotheses, state = found.hypotheses, maximisation_step(images, found, state, start)
         yield mixture_of(state, models, given), state.objective
         if state.objective - before.objective < STILL * coordinates:
             return
 
 
-def first_readings(shapes: Floats, start: Start) -> Readings:
+def first_hypotheses(shapes: Floats, start: Start) -> Hypotheses:
     """Return the likeliest components of shapes (n, 3, p), and views of their means."""
     given, A = start.prior, start.landmark_map
     mean = np.einsum("k,kip->ip", given.weights, given.means)
     # of the shapes x: A is near the identity, and may be inverted
     aligned = similarity_transform(shapes, mean @ A.T).apply(shapes) @ np.linalg.inv(A).T
-    most = min(READINGS, len(given))
+    most = min(HYPOTHESES, len(given))
     order = np.argsort(-given.log_density(aligned), axis=1, kind="stable")
     component, image = order[:, :most].ravel(), np.repeat(np.arange(len(shapes)), most)
     onto = similarity_transform(given.means[component] @ A.T, shapes[image])
     views = Views(onto.rotation, np.log(np.maximum(onto.scale, 1e-3)))
-    return Readings(image, component, views, np.full(len(image), 0.1))
+    return Hypotheses(image, component, views, np.full(len(image), 0.1))
 
 
 def seen_models(state: Adapted, models: Sequence[Gaussian], start: Start) -> list[Gaussian]:
@@ -156,16 +166,18 @@ def seen_models(state: Adapted, models: Sequence[Gaussian], start: Start) -> lis
     ]
 
 
-def read(images: Images, readings: Readings, models: Sequence[Gaussian], weights: Floats) -> Read:
+def expectation_step(
+    images: Images, hypotheses: Hypotheses, models: Sequence[Gaussian], weights: Floats
+) -> Responsibilities:
     """Let the views climb by a step, and say what the images say then."""
-    n, r, q = len(images), len(readings), models[0].modes.shape[2]
+    n, r, q = len(images), len(hypotheses), models[0].modes.shape[2]
     density, mean, covariance = np.empty(r), np.empty((r, q)), np.empty((r, q, q))
     rotation, log_scale, damping = np.empty((r, 3, 3)), np.empty(r), np.empty(r)
     for k, model in enumerate(models):
-        own = np.flatnonzero(readings.component == k)
+        own = np.flatnonzero(hypotheses.component == k)
         for at in range(0, len(own), BLOCK):
             rows = own[at : at + BLOCK]
-            block, before = images[readings.image[rows]], readings[rows]
+            block, before = images[hypotheses.image[rows]], hypotheses[rows]
             found = expect(block, before.views, model)
             tried = climb(before.views, found, before.damping)
             then = expect(block, tried, model)
@@ -176,25 +188,27 @@ def read(images: Images, readings: Readings, models: Sequence[Gaussian], weights
             density[rows] = found.log_density + np.log(weights[k])
             mean[rows], covariance[rows] = found.deformation, found.inverse[:, :q, :q]
     top = np.full(n, -np.inf)
-    np.maximum.at(top, readings.image, density)
-    total = top + np.log(np.bincount(readings.image, np.exp(density - top[readings.image]), n))
-    climbed = replace(readings, views=Views(rotation, log_scale), damping=damping)
-    share = np.exp(density - total[readings.image])
-    return Read(climbed, total, share, mean, covariance)
+    np.maximum.at(top, hypotheses.image, density)
+    total = top + np.log(np.bincount(hypotheses.image, np.exp(density - top[hypotheses.image]), n))
+    climbed = replace(hypotheses, views=Views(rotation, log_scale), damping=damping)
+    share = np.exp(density - total[hypotheses.image])
+    return Responsibilities(climbed, total, share, mean, covariance)
 
 
-def follow(images: Images, found: Read, state: Adapted, start: Start) -> Adapted:
-    """Return what explains the readings and the start together best."""
+def maximisation_step(
+    images: Images, found: Responsibilities, state: Adapted, start: Start
+) -> Adapted:
+    """Return what explains the hypotheses and the start together best."""
     n, pi0, kappa = len(images), start.prior.weights, start.weight
-    readings, share, eye = found.readings, found.share, np.eye(state.shift.shape[1])
-    count = np.bincount(readings.component, share, len(pi0))
+    hypotheses, share, eye = found.hypotheses, found.share, np.eye(state.shift.shape[1])
+    count = np.bincount(hypotheses.component, share, len(pi0))
     shift, factor, prior = np.empty_like(state.shift), np.empty_like(state.factor), 0.0
     for k, (m, L) in enumerate(zip(state.shift, state.factor, strict=True)):
         C = L @ L.T
         prior += pi0[k] * np.log(state.weights[k])
         prior -= 0.5 * pi0[k] * np.linalg.slogdet(C)[1]
         prior -= 0.5 * pi0[k] * np.linalg.solve(C, eye + np.outer(m, m)).trace()
-        own = np.flatnonzero(readings.component == k)
+        own = np.flatnonzero(hypotheses.component == k)
         r, z = share[own], m + found.mean[own] @ L.T
         whole = kappa * pi0[k] + count[k]
         shift[k] = (r @ z) / whole
@@ -202,8 +216,8 @@ def follow(images: Images, found: Read, state: Adapted, start: Start) -> Adapted
         S = (r[:, None] * apart).T @ apart + L @ np.tensordot(r, found.covariance[own], 1) @ L.T
         S += kappa * pi0[k] * (eye + np.outer(shift[k], shift[k]))
         factor[k] = np.linalg.cholesky(S / whole)
-    log_scale, sequence = readings.views.log_scale, images.sequence[readings.image]
-    log_size = sizes(images, readings, share)
+    log_scale, sequence = hypotheses.views.log_scale, images.sequence[hypotheses.image]
+    log_size = sizes(images, hypotheses, share)
     on_scale = -0.5 * n * (np.log(state.spread) + SCALE**2 / state.spread)
     return Adapted(
         (kappa * pi0 + count) / (kappa + n),
@@ -215,11 +229,11 @@ def follow(images: Images, found: Read, state: Adapted, start: Start) -> Adapted
     )
 
 
-def sizes(images: Images, readings: Readings, share: Floats) -> Floats:
-    """Mean log s (sequences,) of readings that have a share (r,)."""
-    sequence = images.sequence[readings.image]
+def sizes(images: Images, hypotheses: Hypotheses, share: Floats) -> Floats:
+    """Mean log s (sequences,) of hypotheses that have a share (r,)."""
+    sequence = images.sequence[hypotheses.image]
     count = np.maximum(np.bincount(sequence, share), 1e-9)
-    found: Floats = np.bincount(sequence, share * readings.views.log_scale) / count
+    found: Floats = np.bincount(sequence, share * hypotheses.views.log_scale) / count
     return found
 
 

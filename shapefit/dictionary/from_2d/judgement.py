@@ -10,10 +10,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from shapefit.dictionary.from_2d.expectation import expect
-from shapefit.dictionary.from_2d.factorisation import complete, find_views
-from shapefit.dictionary.from_2d.learning import State, first_state, improve, predict
-from shapefit.dictionary.from_2d.model import Floats, Images, Views, evenly, hide
+from shapefit.dictionary.from_2d.learning import (
+    State,
+    complete,
+    find_views,
+    first_state,
+    improve,
+    predict,
+)
+from shapefit.dictionary.from_2d.model import Floats, Images, Views, evenly, expect, hide
 from shapefit.geometry.rotations import turn_about_axis
 
 SAMPLE, ROUNDS, RANK, MEANS = 200, 15, 9, 10

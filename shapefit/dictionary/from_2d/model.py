@@ -7,6 +7,18 @@
 P takes the first two rows, t is any translation. A landmark is gross with the chance epsilon; then
 it falls with the density u per area. Close to the Procrustean normal distribution of
 Lee, Cho, Choi and Oh (CVPR 2013) and to the model of Torresani, Hertzmann and Bregler (PAMI 2008).
+
+Expectation: with v_j = s^2 rho + sigma^2 / omega_j^2, B = s P R V and the translation as two more
+columns of B with a flat prior, the landmarks less s P R mu, r, have
+
+    M = diag(I, 0) + B^T v^-1 B,   z^ = M^-1 B^T v^-1 r,   alpha = v^-1 (r - B z^),
+    log p = -1/2 (r^T alpha + log |M| + sum 2 log(2 pi v_j)),
+    log p_j = -1/2 (a^T A^-1 a / v_j - log |A|) - log(2 pi v_j),  A = I - B_j M^-1 B_j^T / v_j,
+
+with a = (r - B z^)_j and p_j what the other landmarks say of landmark j, seen; for a gross one
+A^-1 = I + B_j M^-1 B_j^T / v_j,
+
+and the landmarks of the shape x_j = mu_j + V_j z + (s rho / v_j) (P R)^T (r - B z)_j.
 """
 
 from __future__ import annotations
@@ -17,10 +29,40 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.geometry.rotations import exponential
+
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 Record = TypeVar("Record", bound=Any)
+
+DIRECTIONS = 4
+"""Of a view: turns about the axes of the camera, and log s."""
+
+FLAT = 1e-9
+"""Precision of the translation before the image is seen."""
+
+GROSS = np.log(0.02 / (1 - 0.02) * 0.05)
+"""Log density of a gross landmark, with the odds that it is one."""
+
+LONGEST = 0.3
+"""Step of a view, in radians and log s."""
+
+TURNS = np.array(
+    [
+        [[0.0, 0.0, 0.0], [0.0, 0.0, -1.0]],
+        [[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]],
+        [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0]],
+        [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]],
+    ]
+)
+"""P K_o (4, 2, 3): how the image of a point of the camera's frame moves in each direction."""
+
+MOST_MODES = 64
+"""Modes V of a model at most."""
+
+LEAST_REST = 1e-9
+"""Variance of a coordinate beside the modes at least."""
 
 
 @dataclass(frozen=True)
@@ -82,6 +124,181 @@ class Gaussian:
         V = self.modes.reshape(self.mean.size, -1)
         found: Floats = V @ V.T + self.rest * np.eye(len(V))
         return found
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Of n images: log_density (n,), shapes E x (n, 3, p), E z (n, q) and translation (n, 2).
+
+    inverse M^-1 (n, q + 2, q + 2) and gain (n, p) = s^2 rho / v, from which covariances follow;
+    gradient (n, 4) and information (n, 4, 4) of the log density by the view; misfit (n,), the sum
+    over the seen landmarks of omega^2 E |e|^2. doubt (n, p) is the log density that an image gains
+    where one landmark becomes gross, or a gross one is believed.
+    """
+
+    log_density: Floats
+    doubt: Floats
+    shapes: Floats
+    deformation: Floats
+    translation: Floats
+    inverse: Floats
+    gain: Floats
+    gradient: Floats
+    information: Floats
+    misfit: Floats
+
+
+def expect(images: Images, views: Views, model: Gaussian) -> Expected:
+    """Return what the images say of shapes and views.
+
+    The gradient is that of the expected log density of image and shape together (Fisher's
+    identity); the information is that of the mean shape, the covariance held.
+    """
+    n, _, p = images.landmarks.shape
+    q = model.modes.shape[2]
+    s = np.exp(views.log_scale)
+    PR = views.rotation[:, :2]
+    sPR = s[:, None, None] * PR
+    omega = images.weights
+    seen, there = images.seen, omega > 0
+    rest = (s**2 * model.rest)[:, None]
+    v = rest + model.noise / np.where(there, omega, 1.0) ** 2
+    u = np.where(seen, 1.0 / v, 0.0)
+    V = model.modes.transpose(1, 0, 2)  # (p, 3, q)
+    B = np.empty((n, p, 2, q + 2))
+    B[..., :q] = np.einsum("nci,piq->npcq", sPR, V, optimize=True)
+    B[..., q:] = np.eye(2)
+    flat = B.reshape(n, 2 * p, q + 2)
+    mean = np.einsum("nci,ip->ncp", sPR, model.mean)
+    r = np.where(there[:, None], images.landmarks - mean, 0.0).transpose(0, 2, 1)  # (n, p, 2)
+    uB = (u[:, :, None, None] * B).reshape(n, 2 * p, q + 2)
+    M = uB.transpose(0, 2, 1) @ flat
+    M[:, np.arange(q), np.arange(q)] += 1.0
+    M[:, [q, q + 1], [q, q + 1]] += FLAT
+    inverse = np.linalg.inv(M)
+    pull = (uB.transpose(0, 2, 1) @ r.reshape(n, -1, 1))[..., 0]
+    z = (inverse @ pull[..., None])[..., 0]
+    left = r - np.einsum("nkq,nq->nk", flat, z).reshape(n, p, 2)
+    alpha = u[:, :, None] * left
+    log_density = -0.5 * (
+        np.einsum("npc,npc->n", r, alpha)
+        + np.linalg.slogdet(M)[1]
+        + 2 * np.where(seen, np.log(2 * np.pi * v), 0.0).sum(axis=1)
+    )
+    log_density += GROSS * (there & ~seen).sum(axis=1)
+    gain = rest * u
+    shapes = (
+        model.mean
+        + np.einsum("piq,nq->nip", V, z[:, :q])
+        + np.einsum("np,nci,npc->nip", gain / s[:, None], PR, left, optimize=True)
+    )
+    # the view: d log p = alpha^T dA x^ - tr(dA C A^T Sigma^-1), of which the second takes the
+    # blocks of each landmark with itself
+    BM = (flat @ inverse).reshape(n, p, 2, q + 2)
+    H = BM @ B.transpose(0, 1, 3, 2)  # what the others leave open of a landmark
+    BK = u[:, :, None, None] * H
+    K = (u[:, :, None, None] * BM).reshape(n, 2 * p, q + 2).transpose(0, 2, 1)
+    own = np.einsum("nqpc,piq->npic", K[:, :q].reshape(n, q, p, 2), V, optimize=True)
+    stays = (gain / s[:, None])[:, :, None, None] * (np.eye(2) - BK)
+    own += np.einsum("nci,npcd->npid", PR, stays, optimize=True)
+    D = s[:, None, None, None] * np.einsum("oca,nai->noci", TURNS, views.rotation)
+    moved = np.einsum("noci,nip->nopc", D, shapes, optimize=True)
+    gradient = np.einsum("nopc,npc->no", moved, alpha) - np.einsum(
+        "noci,nic->no", D, own.sum(axis=1)
+    )
+    J = np.einsum("noci,ip->nopc", D, model.mean, optimize=True).reshape(n, DIRECTIONS, -1)
+    JB = J @ uB
+    uJ = J * np.repeat(u, 2, axis=1)[:, None]
+    information = J @ uJ.transpose(0, 2, 1) - JB @ inverse @ JB.transpose(0, 2, 1)
+    apart = views.log_scale - model.log_size[images.sequence]
+    log_density -= 0.5 * (apart**2 / model.spread + np.log(2 * np.pi * model.spread))
+    gradient[:, 3] -= apart / model.spread
+    information[:, 3, 3] += 1 / model.spread
+    share = np.where(seen, 1 - gain, 0.0)
+    doubt = np.where(there, doubt_of(left, H, v, seen), -np.inf)
+    of_view = np.einsum("npcc->np", BK) * v
+    misfit = (
+        omega**2 * share**2 * ((left**2).sum(axis=2) + of_view) + 2 * omega**2 * share * rest
+    ).sum(axis=1)
+    return Expected(
+        log_density, doubt, shapes, z[:, :q], z[:, q:], inverse, gain, gradient, information, misfit
+    )
+
+
+def doubt_of(left: Floats, H: Floats, v: Floats, seen: Mask) -> Floats:
+    """Log density gained where the belief in one landmark changes; see `Expected` for the rest."""
+    A = np.eye(2) + np.where(seen, -1 / v, 1 / v)[..., None, None] * H
+    size = A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] ** 2
+    size = np.maximum(size, 1e-12)
+    a, b = left[..., 0], left[..., 1]
+    square = A[..., 1, 1] * a**2 - 2 * A[..., 0, 1] * a * b + A[..., 0, 0] * b**2
+    alone = -0.5 * square / (size * v) - np.log(2 * np.pi * v)
+    alone += np.where(seen, 0.5, -0.5) * np.log(size)
+    gained: Floats = np.where(seen, GROSS - alone, alone - GROSS)
+    return gained
+
+
+def change_belief(images: Images, doubt: Floats) -> Mask:
+    """Change the belief in the most doubtful landmark of each image; half stay believed."""
+    seen, rows = images.seen, np.arange(len(images))
+    few = 2 * seen.sum(axis=1) <= (images.weights > 0).sum(axis=1) + 1
+    gained = np.where(few[:, None] & seen, -np.inf, doubt)
+    most = gained.argmax(axis=1)
+    gross = (images.weights > 0) & ~seen
+    gross[rows, most] ^= gained[rows, most] > 0
+    return gross
+
+
+def scatter(found: Expected, views: Views, model: Gaussian) -> Floats:
+    """sum_n Cov x_n (3p, 3p)."""
+    n, _, p = found.shapes.shape
+    q = model.modes.shape[2]
+    PR = views.rotation[:, :2]
+    # x = mu + (I - gain R^T P^T P R) V z - gain / s R^T P^T t + ..: columns of z, then of t
+    D = np.empty((n, 3, p, q + 2))
+    PV = np.einsum("nci,ipq->ncpq", PR, model.modes, optimize=True)
+    D[..., :q] = model.modes - np.einsum("np,nci,ncpq->nipq", found.gain, PR, PV, optimize=True)
+    back = np.exp(-views.log_scale)[:, None] * found.gain
+    D[..., q:] = -np.einsum("np,nci->nipc", back, PR)
+    flat = D.reshape(n, 3 * p, q + 2)
+    half = flat @ np.linalg.cholesky(found.inverse)
+    total: Floats = np.tensordot(half, half, axes=([0, 2], [0, 2]))
+    kept = np.einsum("np,nci,ncj->pij", found.gain, PR, PR, optimize=True)
+    own = model.rest * (n * np.eye(3) - kept)
+    blocks = total.reshape(3, p, 3, p)
+    for j in range(p):
+        blocks[:, j, :, j] += own[j]
+    return total
+
+
+def climb(views: Views, found: Expected, damping: Floats) -> Views:
+    """Take a damped scoring step of each view (n,) towards more log density."""
+    trace = found.information.trace(axis1=1, axis2=2)[:, None, None] / DIRECTIONS
+    H = found.information + (damping[:, None, None] * trace + 1e-12) * np.eye(DIRECTIONS)
+    step = np.linalg.solve(H, found.gradient[..., None])[..., 0]
+    step *= np.minimum(1.0, LONGEST / np.maximum(np.abs(step).max(axis=1, keepdims=True), 1e-300))
+    return Views(exponential(step[:, :3]) @ views.rotation, views.log_scale + step[:, 3])
+
+
+def maximise(mean: Floats, covariance: Floats, left: int = 1, most: int = MOST_MODES) -> Gaussian:
+    """Split a covariance (3p, 3p) about the mean (3, p) into leading modes and a rest rho.
+
+    The likeliest split: rho is the mean of the eigenvalues that are left (Tipping and Bishop 1999).
+    At least `left` eigenvalues are, or the rest is next to nothing; modes are at `most` so many.
+    Noise and views stay to be set.
+    """
+    p = mean.shape[1]
+    centred = covariance.reshape(3, p, 3, p)
+    centred = centred - centred.mean(axis=1, keepdims=True)
+    centred = centred - centred.mean(axis=3, keepdims=True)
+    size, axes = np.linalg.eigh(centred.reshape(3 * p, 3 * p))
+    q = min(most, 3 * p - 3 - left)
+    others = size[3 : 3 * p - q]  # the first three are translations
+    rest = max(float(others.mean()), LEAST_REST) if len(others) else LEAST_REST
+    modes = axes[:, -q:] * np.sqrt(np.maximum(size[-q:] - rest, 0.0))
+    return Gaussian(
+        mean - mean.mean(axis=1, keepdims=True), modes.reshape(3, p, q), rest, 1.0, np.zeros(1), 1.0
+    )
 
 
 def choose(mask: Mask, yes: Record, no: Record) -> Record:

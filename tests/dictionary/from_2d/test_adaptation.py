@@ -1,9 +1,20 @@
 """A mixture adapted to planted images comes nearer to the truth; a start of all weight stays."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from shapefit.dictionary.from_2d.adaptation import Start, adapt
+from shapefit.dictionary.from_2d.adaptation import (
+    Adapted,
+    Hypotheses,
+    Responsibilities,
+    Start,
+    adapt,
+    maximisation_step,
+)
+from shapefit.dictionary.from_2d.learning import SCALE
+from shapefit.dictionary.from_2d.model import Images, Views
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import similarity_transform
@@ -63,3 +74,72 @@ def test_landmarks_that_lie_apart_from_the_shapes_adapt_them_through_their_map(p
     found, objective = adapted(planted, 20.0, A)
     assert (np.diff(objective) > 0).all()
     assert distance(found, planted.truth) < 0.6 * distance(planted.start, planted.truth)
+
+
+@pytest.fixture
+def step(rng):
+    """A maximisation step after made-up responsibilities: two components, three modes."""
+    n, r, q = 5, 9, 3
+    half = rng.standard_normal((r, q, q))
+    hypotheses = Hypotheses(
+        image=rng.integers(n, size=r),
+        component=np.arange(r) % 2,
+        views=Views(np.tile(np.eye(3), (r, 1, 1)), 0.1 * rng.standard_normal(r)),
+        damping=np.ones(r),
+    )
+    made = SimpleNamespace(
+        images=Images(np.zeros((n, 2, 4)), np.ones((n, 4)), np.zeros(n, np.intp)),
+        found=Responsibilities(
+            hypotheses,
+            log_density=rng.standard_normal(n),
+            share=rng.random(r),
+            mean=rng.standard_normal((r, q)),
+            covariance=half @ half.swapaxes(1, 2),
+        ),
+        state=Adapted(
+            weights=np.array([0.3, 0.7]),
+            shift=rng.standard_normal((2, q)),
+            factor=np.linalg.cholesky(np.eye(q) + half[:2] @ half[:2].swapaxes(1, 2)),
+            log_size=np.zeros(1),
+            spread=0.02,
+        ),
+        start=Start(
+            prior=Mixture(
+                np.array([0.4, 0.6]), np.zeros((2, 3, 4)), np.tile(np.eye(12), (2, 1, 1))
+            ),
+            landmark_map=np.eye(4),
+            noise=0.01,
+            weight=6.0,
+        ),
+    )
+    made.after = maximisation_step(made.images, made.found, made.state, made.start)
+    return made
+
+
+def test_a_step_has_the_moments_of_the_images_and_the_start_together(step):
+    found, before = step.found, step.state
+    for k, share in enumerate(step.start.prior.weights):
+        own = found.hypotheses.component == k
+        r, L = found.share[own], before.factor[k]
+        z = before.shift[k] + found.mean[own] @ L.T
+        second = L @ found.covariance[own] @ L.T + z[:, :, None] * z[:, None]
+        whole = step.start.weight * share + r.sum()  # of the start z ~ N(0, I)
+        mean = (r @ z) / whole
+        moment = (np.tensordot(r, second, 1) + step.start.weight * share * np.eye(3)) / whole
+        np.testing.assert_allclose(step.after.shift[k], mean)
+        covariance = step.after.factor[k] @ step.after.factor[k].T
+        np.testing.assert_allclose(covariance, moment - np.outer(mean, mean), atol=1e-12)
+
+
+def test_the_objective_holds_the_expected_density_of_the_start(step):
+    state, n, q = step.state, 5, 3
+    corners = np.sqrt(q) * np.concatenate([np.eye(q), -np.eye(q)])  # moments of N(0, I)
+    of_start = 0.0
+    for k, share in enumerate(step.start.prior.weights):
+        L = state.factor[k]
+        z = np.linalg.solve(L, (corners - state.shift[k]).T)
+        log_density = -0.5 * (z**2).sum(axis=0) - np.log(np.diag(L)).sum()
+        of_start += share * (np.log(state.weights[k]) + log_density.mean())
+    of_scale = -0.5 * n * (np.log(state.spread) + SCALE**2 / state.spread)
+    expected = step.found.log_density.sum() + step.start.weight * of_start + of_scale
+    assert step.after.objective == pytest.approx(expected)

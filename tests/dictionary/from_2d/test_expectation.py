@@ -5,8 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.dictionary.from_2d.expectation import climb, expect, scatter
-from shapefit.dictionary.from_2d.model import Views
+from shapefit.dictionary.from_2d.model import (
+    Images,
+    Views,
+    change_belief,
+    climb,
+    expect,
+    maximise,
+    scatter,
+)
 from shapefit.geometry.rotations import exponential
 
 WIDE = 1e8
@@ -108,3 +115,24 @@ def test_climbing_ends_where_the_truth_is(plant):
         np.linalg.norm(off.rotation - made.views.rotation, axis=(1, 2))
     )
     assert np.abs(expect(made.images, views, made.model).gradient).max() < 1.0
+
+
+def test_half_of_the_landmarks_of_an_image_stay_believed():
+    for p in (5, 6, 7):
+        images = Images(np.zeros((1, 2, p)), np.ones((1, p)), np.zeros(1, np.intp))
+        for _ in range(p):
+            doubt = np.where(images.seen, 1.0, -1.0)  # every landmark would rather be gross
+            images = replace(images, gross=change_belief(images, doubt))
+        assert images.seen.sum() == (p + 1) // 2
+
+
+def test_the_rest_of_a_covariance_is_the_mean_of_the_eigenvalues_that_are_left(rng):
+    p = 4
+    centred = np.kron(np.eye(3), np.linalg.svd(np.ones((1, p)))[2][1:].T)  # (12, 9)
+    axes = centred @ np.linalg.qr(rng.standard_normal((9, 9)))[0]
+    covariance = (axes * np.arange(1.0, 10)) @ axes.T
+    found = maximise(np.zeros((3, p)), covariance, most=4)
+    assert found.rest == pytest.approx(np.mean([1, 2, 3, 4, 5]))
+    V = found.modes.reshape(3 * p, 4)
+    expected = (axes[:, 5:] * (np.arange(6.0, 10) - 3)) @ axes[:, 5:].T
+    np.testing.assert_allclose(V @ V.T, expected, atol=1e-12)

@@ -5,9 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.dictionary.from_2d.factorisation import complete, find_views
 from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, LEARNED, UNLIKE, judge
-from shapefit.dictionary.from_2d.learning import learn
+from shapefit.dictionary.from_2d.learning import (
+    SCALE,
+    complete,
+    find_views,
+    first_state,
+    learn,
+    learn_round,
+)
 from shapefit.dictionary.from_2d.model import Images
 from shapefit.geometry.rotations import exponential, random_rotations, turn_about_axis
 from tests.dictionary.from_2d.conftest import relative_error
@@ -166,3 +172,29 @@ def test_no_landmark_of_clean_images_is_gross_even_where_a_pose_is_rare(plant, r
     made.images.landmarks[:5] += (views @ raised)[:, :2]
     *_, state = learn(made.images)
     assert not state.gross.any()
+
+
+def test_landmarks_are_gross_one_by_one_but_not_where_a_quarter_of_an_image_is(plant, rng):
+    made = plant(100, p=24, noise=0.01)
+    thrown = np.zeros((100, 24), bool)
+    thrown[0, :10] = thrown[5, 3] = True
+    off = np.where(rng.random((100, 2, 24)) < 0.5, -1.0, 1.0) * thrown[:, None]
+    spoilt = replace(made.images, landmarks=made.images.landmarks + off)
+    _, gross = complete(spoilt, 9, doubting=True)
+    assert gross[5, 3]
+    assert not gross[0].any()
+
+
+def test_a_round_gives_the_spread_of_sizes_its_likeliest_value(plant):
+    made = plant(50, noise=0.01)
+    W, _ = complete(made.images, 5)
+    state = first_state(made.images, W, find_views(W, (5,))[0])
+    found = learn_round(made.images, state, still=True).model
+    apart = state.views.log_scale - state.views.log_scale.mean()
+
+    def objective(spread):
+        of_sizes = -0.5 * np.sum(np.log(spread) + apart**2 / spread)
+        return of_sizes - 0.5 * len(apart) * (np.log(spread) + SCALE**2 / spread)
+
+    best = objective(found.spread)
+    assert best > max(objective(found.spread * factor) for factor in (0.99, 1.01))
