@@ -5,7 +5,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 from shapefit.cli.main import run
@@ -47,21 +46,6 @@ def files(project, tmp_path_factory):
 def fit(files: Path, output: Path, *settings: object, views: str = "views.h5"):
     shapefit("fit", files / views, "-d", files / "d.h5", "-o", output, *settings)
     return read_results(output)
-
-
-def same(found: Path, expected: Path, *, without: tuple[str, ...] = ()) -> None:
-    """Assert that two HDF5 files hold the same bits."""
-    with h5py.File(found) as one, h5py.File(expected) as other:
-        assert set(one) - set(without) == set(other) - set(without)
-        for name in set(one) - set(without):
-            np.testing.assert_array_equal(one[name][()], other[name][()], err_msg=name)
-
-
-def test_a_chain_in_csv_has_the_bits_of_one_in_hdf5(files, tmp_path):
-    for ending in ("h5", "csv"):
-        fit(files, tmp_path / f"{ending}.h5", views=f"views.{ending}")
-    # a table holds points only: neither true cameras nor whose motion it was
-    same(tmp_path / "csv.h5", tmp_path / "h5.h5", without=("true_rotation", "subject"))
 
 
 @pytest.mark.parametrize(

@@ -170,13 +170,6 @@ def test_copies_of_a_frame_stay_within_a_standard_deviation(people, tmp_path):
     assert (np.abs(whole.shapes - single.shapes) < single.shape_sd).all()
 
 
-def test_results_do_not_depend_on_threads(people):
-    one, _ = fitted(people, people / "views.h5", threads=1)
-    three, _ = fitted(people, people / "views.h5", threads=3)
-    np.testing.assert_array_equal(one.shapes, three.shapes)
-    np.testing.assert_array_equal(one.shape_sd, three.shape_sd)
-
-
 def test_an_unknown_frame_rate_is_a_warning(people, tmp_path):
     images = load(people / "views.h5").take(slice(0, 10)).replaced(frame_rate=None)
     path = written(tmp_path / "unknown.h5", images)

@@ -10,7 +10,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
 from shapefit.lifting.methods import METHODS
-from tests.pipelines.told import done, failures
+from tests.pipelines.told import failures
 
 PRIORLESS = [name for name, m in METHODS.items() if "prior" not in {n.name for n in m.needs}]
 """Methods that the plain dictionary of these tests serves; the others have tests of their own."""
@@ -114,29 +114,6 @@ class TestShapes:
         b, _ = fit(dictionary, scaled(images, factor), **keys)
         np.testing.assert_allclose(b.shapes / factor, a.shapes, rtol=1e-5, atol=1e-3)
         np.testing.assert_allclose(b.objective, a.objective, rtol=1e-10)
-
-    @pytest.mark.parametrize(
-        "keys",
-        [{"method": method} for method in PRIORLESS if method != "pmp"]
-        + [{"loss": "exact"}]
-        + [{"method": "convex+refine", "outliers": {"method": "l1"}}]
-        + [{"outliers": {"method": method}} for method in ("ransac", "l1", "sparse-error")],
-        ids=str,
-    )
-    def test_chunks_and_threads_do_not_change_a_bit(self, fit, dictionary, views, keys):
-        base, outcomes = fit(dictionary, views, threads=1, **keys)
-        assert [outcome.done for outcome in outcomes] == [193, 0]
-        for others in ({"threads": 2}, {"chunk": 1}, {"chunk": 100}, {"chunk": 192, "threads": 2}):
-            again, outcomes = fit(dictionary, views, **others, **keys)
-            assert done(outcomes) == 193
-            assert len(outcomes) > 2 or "chunk" not in others
-            for name in ("shapes", "landmarks_fitted", "coefficients", "rotation", "objective"):
-                found = getattr(again, name)
-                if found is not None:
-                    np.testing.assert_array_equal(found, getattr(base, name), name)
-            assert again.further.keys() == base.further.keys()
-            for name in again.columns:
-                np.testing.assert_array_equal(again.columns[name], base.columns[name], name)
 
     def test_further_datasets_and_provenance_are_carried(self, fit, dictionary, images):
         found, _ = fit(dictionary, images, transforms=True)

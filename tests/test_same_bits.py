@@ -1,0 +1,133 @@
+"""One answer in every way, to the last bit: chunks, threads, parts, formats, Python."""
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import shapefit
+from shapefit.config import FitConfig
+from shapefit.io import open_landmarks
+from shapefit.pipelines.fit.run import run as fit
+from shapefit.pipelines.parts.run import run as fit_parts
+from tests.io.files import save
+
+METHODS = {
+    "convex": ("people", {}),
+    "exact": ("people", {"method": "convex", "loss": "exact"}),
+    "l1": ("people", {"method": "convex", "outliers": {"method": "l1"}}),
+    "ransac": ("people", {"method": "convex+refine", "outliers": {"method": "ransac"}}),
+    "convex+refine": ("people", {}),
+    "alternate": ("people", {}),
+    "mean-shape": ("people", {}),
+    "global": ("people", {"search": {"max_cells": 30}}),
+    "pmp": ("bases of people", {}),
+    "posterior": ("people with a prior", {}),
+    "sequences": ("people with a prior", {}),
+    "perspective": (
+        "people", {"method": "convex+refine", "camera": {"model": "perspective", "focal": 1500.0}},
+    ),
+}  # fmt: skip
+"""Method or chain -> the dictionary that it takes, and its keys of `fit`."""
+
+WAYS = {
+    "chunks": {"chunk": 64},
+    "one thread": {"threads": 1},
+    "CSV": {"landmarks": "views.csv"},
+    "Parquet": {"landmarks": "views.parquet"},
+    "two files": {"landmarks": ["a.h5", "b.h5"]},
+    "parts": {"output": "parts/", "partition": 64},
+    "Python": {},
+}
+"""Way -> the keys of `fit` that differ."""
+
+
+@pytest.fixture(scope="module")
+def folder(world, tmp_path_factory):
+    """Views of three sequences of 64 images, one after the other, in every format.
+
+    Images start from the solutions of neighbours within 64: files and parts are cut there.
+    """
+    folder = tmp_path_factory.mktemp("same_bits")
+    views = world.views("people", noise=0.01, hidden=0.1, y_axis="down")
+    with open_landmarks([views]) as source:
+        images = source.whole()
+    rows = np.concatenate([np.arange(start, start + 64) for start in (0, 80, 160)])
+    images = images.take(rows).replaced(further={})
+    for name in ("views.h5", "views.csv", "views.parquet"):
+        save(folder / name, images)
+    for name, half in (("a.h5", slice(64)), ("b.h5", slice(64, None))):
+        save(folder / name, images.take(half))
+    return folder
+
+
+OF_A_FILE = ("landmark_names", "input_landmark_names", "edges", "landmark_map")
+"""Datasets without an axis of images."""
+
+
+def keys_of(case: str) -> dict:
+    """Return the keys of `fit` of a method."""
+    fine = {"solver": {"tolerance": 1e-6}}
+    return {"method": case, "sequences": {"frame_rate": 24}, **fine, **METHODS[case][1]}
+
+
+def run(world, folder: Path, case: str, **way) -> list[Path]:
+    """Fit by a method; return the results, one or several."""
+    named = {"landmarks": "views.h5", "output": "other.h5", **way}
+    given = named["landmarks"]
+    given = [str(folder / name) for name in ([given] if isinstance(given, str) else given)]
+    output = f"{folder / named['output']}{'/' if named['output'].endswith('/') else ''}"
+    files = {"landmarks": given, "dictionary": str(world.dictionary(METHODS[case][0]))}
+    config = FitConfig(**{**keys_of(case), **named, **files, "output": output})
+    runner = fit_parts if named["output"].endswith("/") else fit
+    assert not [failure for outcome in runner(config) for failure in outcome.failures]
+    made = folder / named["output"]
+    return sorted(made.glob("*.h5")) if made.is_dir() else [made]
+
+
+def datasets(paths: list[Path]) -> dict[str, np.ndarray]:
+    """Return the datasets of the results, one file after the other."""
+    found: dict[str, list[np.ndarray]] = {}
+    for path in paths:
+        with h5py.File(path) as file:
+            for name, node in file.items():
+                if isinstance(node, h5py.Dataset):
+                    text = node.dtype.kind in "OS"
+                    found.setdefault(name, []).append(node.asstr()[()] if text else node[()])
+    return {
+        name: parts[0] if name in OF_A_FILE else np.concatenate(parts)
+        for name, parts in found.items()
+    }
+
+
+@pytest.fixture(scope="module")
+def expected(world, folder):
+    """Return what fits by a method in the plain way, once."""
+    known: dict[str, dict[str, np.ndarray]] = {}
+
+    def plain(case):
+        if case not in known:
+            known[case] = datasets(run(world, folder, case))
+        return known[case]
+
+    return plain
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("case", METHODS)
+def test_every_way_has_the_same_bits(world, folder, expected, case, way):
+    plain = expected(case)
+    if way == "Python":
+        images = shapefit.read_landmarks(folder / "views.h5")
+        fitted = shapefit.fit(images, world.dictionary(METHODS[case][0]), **keys_of(case))
+        found = {"shapes": fitted.shapes, "status": np.array(fitted.status, dtype=object)}
+        for name in ("landmarks_fitted", "objective", "rotation", "scale"):
+            found[name] = getattr(fitted, name)
+        compared = found.keys() & plain.keys()
+    else:
+        found = datasets(run(world, folder, case, **WAYS[way]))
+        compared = plain.keys()
+    assert len(compared) > 5
+    for name in compared:
+        np.testing.assert_array_equal(found[name], plain[name], err_msg=name)
