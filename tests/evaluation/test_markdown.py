@@ -61,10 +61,6 @@ def test_how_each_method_solved_is_told_where_the_files_tell_it(report):
     ]
 
 
-def test_without_any_word_on_solving_there_is_no_such_section(report):
-    assert "Solving" not in markdown(report)
-
-
 @pytest.mark.parametrize("groups", [ALL_IMAGES, {"Subject 13": ("13_01",)}])
 def test_names_cannot_break_the_table(image_errors, groups):
     summaries = tuple(summarise(image_errors("a|b"), groups))
@@ -110,16 +106,6 @@ class TestWithoutGroups:
             ["convex", "0.300 / 0.200", "18.0 / 3.0", "0.25", "4000"],
             ["Oracle", "0.050 / 0.050", "–", "–", "–"],
         ]
-
-    def test_several_sequences_weigh_the_same(self, image_errors):
-        text = markdown(Report((), tuple(summarise(image_errors(), ALL_IMAGES))))
-        # 13_01 has 0.1 and 0.2, 13_02 has 0.35, and the image of 14_01 failed.
-        assert cells(text, "Errors against the truth")[1] == ["convex", "0.250 / 0.250"]
-
-    def test_files_that_tell_no_time_give_no_columns_of_it(self, summaries):
-        text = markdown(Report((Method("convex", (), 3, {}),), summaries))
-        header = cells(text, "Errors against the truth")[0]
-        assert header == ["method", "similarity (normalised)", "rotation (deg)"]
 
 
 def test_names_are_no_html(report):

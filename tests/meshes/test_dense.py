@@ -111,15 +111,6 @@ def test_orthogonal_transforms_are_completed_as_the_fit_completes_them(rng):
     assert np.abs(camera_frame_sheared(B, M, one, none) - expected).max() > 0.1
 
 
-def test_a_translation_of_three_sets_the_depth(rng):
-    B, c, R = rng.normal(size=(4, 3, 6)), rng.uniform(size=(2, 4)), random_rotations(2, rng)
-    s, T = np.array([3.0, 0.5]), rng.normal(size=(2, 3))
-    flat = camera_frame(B, c, R, s, T[:, :2])
-    deep = camera_frame(B, c, R, s, T)
-    np.testing.assert_array_equal(deep[:, :2], flat[:, :2])
-    np.testing.assert_allclose(deep[:, 2], flat[:, 2] + T[:, 2:])
-
-
 def test_what_was_placed_comes_back_around_its_centroid(rng):
     B, c, R = rng.normal(size=(4, 3, 6)), rng.uniform(size=(2, 4)), random_rotations(2, rng)
     s, T = np.array([3.0, 0.5]), rng.normal(size=(2, 2))
@@ -127,15 +118,6 @@ def test_what_was_placed_comes_back_around_its_centroid(rng):
     before = placed.copy()
     np.testing.assert_allclose(around_centroid(placed, s, T), R @ object_frame(B, c), atol=1e-12)
     np.testing.assert_array_equal(placed, before)
-
-
-def test_one_rotation_for_all_atoms_is_the_case_of_equal_rotations(rng):
-    B, c, R = rng.normal(size=(4, 3, 6)), rng.uniform(size=(2, 4)), random_rotations(2, rng)
-    s, T = np.array([3.0, 0.5]), np.array([[10.0, 20], [-1, 4]])
-    M = c[..., None, None] * R[:, None, :2]
-    np.testing.assert_allclose(
-        camera_frame_sheared(B, M, s, T), camera_frame(B, c, R, s, T), atol=1e-12
-    )
 
 
 def test_a_shared_rotation_keeps_the_form_and_several_shear_it(rng, box):

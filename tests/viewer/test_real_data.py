@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig, LearnDictConfig, ProjectConfig
-from shapefit.io import read_results, read_shapes, write_shapes
-from shapefit.pipelines import projection as project
+from shapefit.config import FitConfig, LearnDictConfig
+from shapefit.io import read_results
 from shapefit.pipelines.fit import run as fit
 from shapefit.pipelines.learn_dict import run as learn_dict
 
@@ -49,25 +48,6 @@ def turns_and_plays(page):
     page.keys(" ")
     assert page.complaints() == []
     assert page.requests() == []
-
-
-def test_motion_capture_with_truth_and_two_methods(real_data, people, lift, view, open_page):
-    every = read_shapes([real_data / "mocap/other_subjects_24fps.h5"])
-    rows = np.flatnonzero(np.array(every.sequences) == "01_06")
-    truth, seen = lift.folder / "truth.h5", lift.folder / "seen.h5"
-    write_shapes(truth, every.take(rows))
-    camera = {"view": "turntable"}
-    list(project.run(ProjectConfig(shapes=(truth,), output=seen, camera=camera)))
-    files = {m: (lift((seen,), people, m, method=m),) for m in ("convex", "mean-shape")}
-    made = view(files, truth=(truth,))
-    page = open_page(made.path, "#item=01_06/01000")
-    assert page.state("data.count") == len(rows) > 1000
-    found = read_results(files["convex"][0])
-    shown = page.run("return Array.from(shapefit.layer('convex').points(shapefit.frame))")
-    expected = found.shapes[found.items.index("01_06/01000")]
-    np.testing.assert_allclose(np.reshape(shown, (-1, 3)).T, expected, atol=1e-3)
-    assert "error" in page.text("#state")
-    turns_and_plays(page)
 
 
 def test_detected_people_in_the_image_plane(real_data, people, lift, view, open_page):
