@@ -34,8 +34,7 @@ from shapefit.dictionary.bodies import (
 from shapefit.dictionary.mixture import Mixture, expected_log_density, maximise
 from shapefit.dictionary.model import WHERE_MARKED, Dictionary
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.procrustes import rotation_onto
-from shapefit.geometry.symmetry import double, lateral_axis
+from shapefit.geometry.procrustes import double, lateral_axis, rotation_onto
 from shapefit.io import ShapeSet, digests, read_dictionary, read_shapes, write_dictionary
 from shapefit.io.skeletons import FURTHER, PEOPLE, edges_of
 from shapefit.pipelines.learn_dict.training_shapes import every_nth

@@ -228,5 +228,5 @@ def test_faults_are_seen():
     for source in ("import numpy as np", "class A:\n    import scipy.linalg"):
         assert len(heavy_imports(source, "shapefit.cli.fit")) == 1
     assert not heavy_imports("def f():\n    import numpy", "shapefit.cli.fit")
-    source = "def f():\n    from shapefit.convex.spectral_norm import nuclear_norm"
+    source = "def f():\n    from shapefit.convex.transforms import nuclear_norm"
     assert len(imports_of_the_solver(source, "shapefit.verification.program")) == 1

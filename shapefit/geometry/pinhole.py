@@ -1,7 +1,17 @@
-"""The pinhole camera: what it sees of points, and which way depth runs."""
+"""The pinhole camera and its lens: what it sees of points, and which way depth runs.
+
+Lens distortion is OpenCV's model. A point x, y of the image plane at distance 1 from the camera,
+r^2 = x^2 + y^2, is seen at
+
+    x g + 2 p1 x y + p2 (r^2 + 2 x^2),    y g + p1 (r^2 + 2 y^2) + 2 p2 x y,
+    g = (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6).
+
+Coefficients are in OpenCV's order k1 k2 p1 p2 k3 k4 k5 k6; y points down, as in its images.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -49,3 +59,85 @@ def project(camera: Camera, points: Floats) -> Floats:
 def depth_sign(y_axis: Literal["up", "down"]) -> float:
     """+1 where z, the cross product of x and y, points away from the camera, else -1."""
     return 1.0 if y_axis == "down" else -1.0
+
+
+KNOWN_COUNTS = (4, 5, 8)
+"""Numbers of coefficients that the model knows; more are its thin prism and tilt."""
+
+COEFFICIENTS = 8
+_STEPS = 60
+_EXACT = 1e-12
+
+
+def complete(coefficients: Sequence[float] | Floats) -> Floats:
+    """Return coefficients (..., m), m = 4, 5 or 8, with those that are not given as 0 (..., 8)."""
+    given = np.asarray(coefficients, dtype=np.float64)
+    if given.shape[-1] not in KNOWN_COUNTS:
+        raise ValueError(f"{given.shape[-1]} coefficients of distortion, not 4, 5 or 8")
+    absent = np.zeros((*given.shape[:-1], COEFFICIENTS - given.shape[-1]))
+    return np.concatenate([given, absent], axis=-1)
+
+
+def distort(points: Floats, coefficients: Floats) -> Floats:
+    """Return where the lens puts points (..., 2, p) of the image plane; coefficients (..., 8)."""
+    return _distorted(points, coefficients)[0]
+
+
+def undistort(points: Floats, coefficients: Floats) -> Floats:
+    """Return the points (..., 2, p) of the image plane that the lens puts at `points`.
+
+    They are found by Newton's method, along the path from the axis on which the lens turns nothing
+    over. NaN where there are none: the model bends back before it gets there.
+    """
+    found = np.array(points, dtype=np.float64)
+    size = np.maximum(np.hypot(found[..., 0, :], found[..., 1, :]), _EXACT)
+    with np.errstate(all="ignore"):
+        for _ in range(_STEPS):
+            reached, across, along, skew = _distorted(found, coefficients)
+            miss = np.asarray(points) - reached
+            step_x = along * miss[..., 0, :] - skew * miss[..., 1, :]
+            step_y = across * miss[..., 1, :] - skew * miss[..., 0, :]
+            step = np.stack([step_x, step_y], axis=-2) / (across * along - skew**2)[..., None, :]
+            longest = np.maximum(np.hypot(found[..., 0, :], found[..., 1, :]), size)
+            length = np.hypot(step[..., 0, :], step[..., 1, :])
+            step *= np.minimum(1.0, 0.5 * longest / np.maximum(length, _EXACT))[..., None, :]
+            found = found + step
+            if not (length > _EXACT * longest).any():
+                break
+        reached, across, along, skew = _distorted(found, coefficients)
+        off = np.hypot(*np.moveaxis(np.asarray(points) - reached, -2, 0))
+        right = (off <= 1e-9 * size) & _unfolded(found, coefficients)
+    return np.where(right[..., None, :], found, np.nan)
+
+
+def _distorted(points: Floats, coefficients: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the points where the lens puts them, and the derivatives dx/dx, dy/dy and dx/dy.
+
+    The derivative is symmetric: the model is the gradient of a function of the plane.
+    """
+    k1, k2, p1, p2, k3, k4, k5, k6 = (c[..., None] for c in np.moveaxis(coefficients, -1, 0))
+    x, y = points[..., 0, :], points[..., 1, :]
+    r2 = x * x + y * y
+    above, below = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+    gain = above / below
+    slope = (k1 + r2 * (2 * k2 + 3 * r2 * k3) - gain * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
+    moved = np.stack(
+        [
+            x * gain + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
+            y * gain + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
+        ],
+        axis=-2,
+    )
+    across = gain + 2 * slope * x * x + 2 * p1 * y + 6 * p2 * x
+    along = gain + 2 * slope * y * y + 6 * p1 * y + 2 * p2 * x
+    skew = 2 * slope * x * y + 2 * p1 * x + 2 * p2 * y
+    return moved, across, along, skew
+
+
+def _unfolded(points: Floats, coefficients: Floats) -> NDArray[np.bool_]:
+    """Whether the lens bends back nowhere between the axis and each point (..., p)."""
+    fine = np.ones(points.shape[:-2] + points.shape[-1:], dtype=bool)
+    for share in np.linspace(0.0, 1.0, 17):
+        _, across, along, skew = _distorted(share * points, coefficients)
+        fine &= (across + along > 0) & (across * along > skew**2)
+    return fine

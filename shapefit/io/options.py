@@ -12,7 +12,7 @@ from shapefit.io.skeletons import SKELETONS
 
 if TYPE_CHECKING:
     from shapefit.config.commands.input import FilesInput
-    from shapefit.geometry.upright import Up
+    from shapefit.geometry.cameras import Up
 
 
 Track = Literal["nearest", "none", "motion"]

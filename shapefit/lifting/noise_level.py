@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.convex.spectral_norm import nuclear_norm
+from shapefit.convex.transforms import nuclear_norm
 
 DRAWS, SEED = 512, 1504_01507
 # Where the landmarks are all but exact the rule stops here; smaller lambdas change little and

@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from shapefit import core
 from shapefit.arrays import Floats
-from shapefit.convex.spectral_norm import spectral_norm
-from shapefit.convex.transforms import Transforms
+from shapefit.convex.transforms import Transforms, spectral_norm
 from shapefit.geometry.rotations import complete_rotation
 
 # An atom is active where its coefficient is more than this share of the largest one.

@@ -9,8 +9,7 @@ import numpy as np
 from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
-from shapefit.convex.spectral_norm import nuclear_norm
-from shapefit.convex.transforms import Transforms
+from shapefit.convex.transforms import Transforms, nuclear_norm
 
 
 @dataclass(frozen=True)

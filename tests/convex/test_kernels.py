@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.convex.spectral_norm import nuclear_norm
+from shapefit.convex.transforms import nuclear_norm
 from shapefit.core import parts
 from tests.convex.admm import prox_spectral_norm
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from shapefit.convex.spectral_norm import nuclear_norm, spectral_norm
+from shapefit.convex.transforms import nuclear_norm, spectral_norm
 from tests.convex.admm import prox_spectral_norm
 
 KINDS = ["any", "equal", "nearly equal", "rank one", "nearly rank one", "zero"]

@@ -12,8 +12,7 @@ from shapefit.config.named_files import FOLDER
 from shapefit.dictionary.bodies import find_skeleton
 from shapefit.dictionary.model import origin_of
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.procrustes import rotation_onto
-from shapefit.geometry.symmetry import mirror
+from shapefit.geometry.procrustes import mirror, rotation_onto
 from shapefit.io import read_dictionary, read_shapes
 from shapefit.io.skeletons import FURTHER, PEOPLE, SKELETONS, edges_of
 from shapefit.pipelines.learn_dict.training_shapes import every_nth

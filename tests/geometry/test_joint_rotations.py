@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.geometry.bone_tree import find_bones, find_tree
-from shapefit.geometry.joint_rotations import find_places, find_rig
+from shapefit.geometry.joint_rotations import find_bones, find_places, find_rig, find_tree
 from shapefit.geometry.rotations import exponential, rotation_about, rotation_angle
 
 PARENTS = (-1, 0, 1, 2, 0, 4, 5, 0, 7)

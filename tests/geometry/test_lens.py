@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.geometry.lens import complete, distort, undistort
+from shapefit.geometry.pinhole import complete, distort, undistort
 
 LENSES = {
     "barrel": [-0.3, 0.1, 0.001, -0.002],

@@ -2,8 +2,7 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.geometry.procrustes import similarity_transform
-from shapefit.geometry.symmetry import double, lateral_axis, mirror
+from shapefit.geometry.procrustes import double, lateral_axis, mirror, similarity_transform
 
 # left hand, nose, right hand, tail: hands are partners, nose and tail their own
 PARTNERS = [2, 1, 0, 3]

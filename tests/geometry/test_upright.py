@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.geometry.upright import TO_Y_UP, nearest_axis_up
+from shapefit.geometry.cameras import TO_Y_UP, nearest_axis_up
 
 AXES = {"x": 0, "y": 1, "z": 2}
 

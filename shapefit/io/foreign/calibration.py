@@ -12,7 +12,7 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.errors import input_error, listed
-from shapefit.geometry.lens import COEFFICIENTS, complete
+from shapefit.geometry.pinhole import COEFFICIENTS, complete
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io.inputs import require_file
 
@@ -23,7 +23,7 @@ MATRIX, DISTORTION = ("matrix", "camera_matrix"), ("distortions", "distortion")
 class CalibratedCamera:
     """A camera of a calibration.
 
-    matrix (3, 3) and size (2,), width and height, in pixels; distortion (8,) as `geometry.lens` has
+    matrix (3, 3) and size (2,), width and height, in pixels; distortion (8,) as `geometry.pinhole` has
     it; rotation (3, 3) and translation (3,) from the world to the camera, in the unit of the file.
     """
 

@@ -15,8 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from shapefit import __version__
 from shapefit.arrays import Floats
-from shapefit.geometry.bone_tree import find_bones
-from shapefit.geometry.joint_rotations import Rig, find_places
+from shapefit.geometry.joint_rotations import Rig, find_bones, find_places
 from shapefit.io.written.motion import Motion
 from shapefit.io.written.outputs import by_video, motion_output
 from shapefit.io.written.rig import node_names, rigged

@@ -313,7 +313,7 @@ def straightened(images: LandmarkSet, calibrated: CalibratedCamera | None) -> La
     known = CAMERA_MATRIX in images.columns
     if distortion is None or not known or not np.any(distortion):
         return unseen_as_a_whole(images, images.landmarks)
-    from shapefit.geometry.lens import undistort
+    from shapefit.geometry.pinhole import undistort
 
     images = unseen_as_a_whole(images, images.landmarks)
     focal, centre = read_intrinsics(images, CAMERA_MATRIX)
@@ -330,7 +330,7 @@ def straightened(images: LandmarkSet, calibrated: CalibratedCamera | None) -> La
 
 def find_coefficients(values: Any) -> Floats:
     """Return coefficients of distortion (8,) or (n, 8). Raises InputError for other datasets."""
-    from shapefit.geometry.lens import complete
+    from shapefit.geometry.pinhole import complete
 
     try:
         coefficients = complete(np.asarray(values, dtype=np.float64))
@@ -372,7 +372,7 @@ def find_doubts(head: Mapping[str, Any], calibrated: CalibratedCamera | None) ->
 
 def doubts_of_lens(matrix: Floats, coefficients: Floats, size: Any) -> tuple[str, ...]:
     """Say what is wrong with a lens: it bends back in the image, or moves its corners oddly."""
-    from shapefit.geometry.lens import undistort
+    from shapefit.geometry.pinhole import undistort
 
     focal, centre = np.diag(matrix)[:2, None], matrix[:2, 2, None]
     width, height = 2 * centre[:, 0] if np.shape(size) != (2,) else np.asarray(size, float)

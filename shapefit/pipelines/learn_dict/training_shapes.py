@@ -23,8 +23,13 @@ from shapefit.dictionary.bodies import (
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import SMALLEST, normalise
-from shapefit.geometry.procrustes import Alignment, coincide, generalised_procrustes
-from shapefit.geometry.symmetry import double, lateral_axis
+from shapefit.geometry.procrustes import (
+    Alignment,
+    coincide,
+    double,
+    generalised_procrustes,
+    lateral_axis,
+)
 from shapefit.io import ShapeSet, match_landmarks
 from shapefit.meshes.dense import carry_mesh
 from shapefit.pipelines.outcome import Failure, Note

@@ -17,8 +17,7 @@ from shapefit.convex.solution import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted
 from shapefit.evaluation import metrics
-from shapefit.geometry.procrustes import similarity_transform
-from shapefit.geometry.symmetry import lateral_axis
+from shapefit.geometry.procrustes import lateral_axis, similarity_transform
 from shapefit.io import read_dictionary
 from shapefit.io.foreign.items import FRAME
 from shapefit.io.joined import agreed

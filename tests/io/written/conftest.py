@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from shapefit.geometry.upright import TO_Y_UP
+from shapefit.geometry.cameras import TO_Y_UP
 from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.io.skeletons import PEOPLE

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shapefit.convex.solution import Status
-from shapefit.convex.spectral_norm import nuclear_norm
+from shapefit.convex.transforms import nuclear_norm
 from shapefit.geometry.normalisation import normalise
 from shapefit.lifting.lift import lift
 from tests.pipelines.told import failures, texts

@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.geometry.lens import complete, distort
+from shapefit.geometry.pinhole import complete, distort
 from shapefit.io import write_dictionary
 from shapefit.io.records import LandmarkSet
 from shapefit.pipelines.fit.camera import doubts_of_lens, straightened

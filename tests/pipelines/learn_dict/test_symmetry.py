@@ -6,7 +6,7 @@ import pytest
 from shapefit.config import LearnDictConfig
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.symmetry import mirror
+from shapefit.geometry.procrustes import mirror
 from shapefit.io import ShapeSet, read_dictionary, write_shapes
 from shapefit.pipelines.learn_dict import run as learn_dict
 

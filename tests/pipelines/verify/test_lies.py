@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from shapefit.errors import InputError
-from shapefit.geometry.lens import complete, undistort
+from shapefit.geometry.pinhole import complete, undistort
 from shapefit.geometry.rotations import rotation_about
 from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file
