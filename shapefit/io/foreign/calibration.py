@@ -23,8 +23,9 @@ MATRIX, DISTORTION = ("matrix", "camera_matrix"), ("distortions", "distortion")
 class CalibratedCamera:
     """A camera of a calibration.
 
-    matrix (3, 3) and size (2,), width and height, in pixels; distortion (8,) as `geometry.pinhole` has
-    it; rotation (3, 3) and translation (3,) from the world to the camera, in the unit of the file.
+    matrix (3, 3) and size (2,), width and height, in pixels; distortion (8,) as `geometry.pinhole`
+    has it; rotation (3, 3) and translation (3,) from the world to the camera, in the unit of the
+    file.
     """
 
     section: str
