@@ -13,20 +13,6 @@ def as_rows(blocks: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(blocks.reshape(-1, 6).T)
 
 
-@pytest.mark.parametrize("q", [1, 3, 4, 5, 14])
-def test_correlate_is_y_times_the_transposed_atoms(rng: np.random.Generator, q: int) -> None:
-    Y, B = rng.standard_normal((2, q)), rng.standard_normal((7, 3, q))
-    N = np.full((6, 7), np.nan)
-    parts.correlate(Y, B, N)
-    np.testing.assert_allclose(N, as_rows(Y @ B.swapaxes(1, 2)), rtol=1e-13, atol=1e-14)
-
-
-def test_largest_nuclear_norm(rng: np.random.Generator) -> None:
-    blocks = rng.standard_normal((9, 2, 3))
-    assert parts.largest_nuclear_norm(as_rows(blocks)) == pytest.approx(nuclear_norm(blocks).max())
-    assert parts.largest_nuclear_norm(np.zeros((6, 8))) == 0
-
-
 def test_moreau_sums_the_squares_of_the_prox(rng: np.random.Generator) -> None:
     M, N, dN = rng.standard_normal((3, 40, 2, 3))
     N[:3], dN[:3], M[:3] = 0, 0, 0
@@ -42,14 +28,6 @@ def test_moreau_sums_the_squares_of_the_prox(rng: np.random.Generator) -> None:
     assert (tight & active).any()  # all three cases of the prox were met
     assert (~tight & active).any()
     assert (~active).any()
-
-
-def test_soft_squared_sums_what_exceeds_the_threshold(rng: np.random.Generator) -> None:
-    E, Y, D = rng.standard_normal((3, 2, 11))
-    rho = rng.uniform(0.5, 2.0, 11)
-    argument = np.abs(E + rho * (Y + 0.3 * D))
-    expected = (np.maximum(argument - 0.8, 0) ** 2 / rho).sum()
-    assert parts.soft_squared(E, Y, 0.3, D, rho, 0.8) == pytest.approx(expected, rel=1e-13)
 
 
 BLOCKS = {
@@ -149,23 +127,6 @@ def test_gram_system_with_a_matrix_of_its_own(rng: np.random.Generator, n: int) 
     np.testing.assert_allclose(x, np.linalg.solve(C + F.T @ F, r + F.T @ f), rtol=1e-9)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-def test_curvature_of_errors_as_rows_and_as_a_matrix(
-    rng: np.random.Generator, share: float
-) -> None:
-    seen = 8
-    q, omega = seen - 1, rng.uniform(0.5, 2.0, seen)
-    c = rng.uniform(0.1, 3.0, (2, seen)) * (rng.random((2, seen)) < share)
-    rows, matrix = np.empty((2 * seen, 2 * q)), np.empty((2 * q, 2 * q))
-    parts.curvature(omega, c, rows, matrix)
-    steps = reduced(np.eye(seen) / omega, omega)  # what each E feels of the dual
-    expected = np.zeros((2 * q, 2 * q))
-    expected[:q, :q] = steps.T @ np.diag(c[0]) @ steps
-    expected[q:, q:] = steps.T @ np.diag(c[1]) @ steps
-    np.testing.assert_allclose(matrix, expected, atol=1e-13)
-    np.testing.assert_allclose(rows.T @ rows, expected, atol=1e-13)
-
-
 def test_a_singular_gram_system_still_gives_a_descent_direction(rng: np.random.Generator) -> None:
     F, gradient = np.zeros((4, 6)), rng.standard_normal(6)
     F[:3] = rng.standard_normal((3, 6))
@@ -174,45 +135,3 @@ def test_a_singular_gram_system_still_gives_a_descent_direction(rng: np.random.G
     parts.solve_gram(F, np.zeros(4), -gradient, NO_MATRIX, 1e-13, False, d)
     assert np.isfinite(d).all()
     assert d @ gradient < 0
-
-
-def reduced(X: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    out = np.empty((len(X), np.count_nonzero(omega) - 1))
-    assert parts.reduce(X, omega, out) == np.count_nonzero(omega)
-    return out
-
-
-def expanded(y: np.ndarray, omega: np.ndarray) -> np.ndarray:
-    out = np.full((len(y), len(omega)), np.nan)
-    parts.expand(y, omega, out)
-    return out
-
-
-@pytest.mark.parametrize(
-    "omega", [np.ones(6), np.array([0, 1, 0, 1, 1.0, 0]), np.array([1e-3, 0, 2, 1e3, 0.5, 1])]
-)
-def test_reduction_keeps_all_but_the_translation(
-    rng: np.random.Generator, omega: np.ndarray
-) -> None:
-    X = rng.standard_normal((3, 6))
-    small = reduced(X, omega)
-    assert small.shape == (3, (omega > 0).sum() - 1)
-    scale = np.abs(X * omega).max()
-    # a translation is lost, and nothing else: distances are those after the best translation
-    np.testing.assert_allclose(reduced(X + 5.0, omega), small, atol=1e-14 * scale * 10)
-    mean = (X @ omega**2 / (omega @ omega))[:, None]
-    best = ((X - mean) * omega) @ ((X - mean) * omega).T
-    np.testing.assert_allclose(small @ small.T, best, atol=1e-13 * scale**2)
-
-    y = rng.standard_normal(small.shape)
-    Y = expanded(y, omega)
-    assert not Y[:, omega == 0].any()
-    np.testing.assert_allclose(Y @ omega, 0, atol=1e-14 * omega.max() * 10)
-    np.testing.assert_allclose(Y @ Y.T, y @ y.T, rtol=1e-13)
-    np.testing.assert_allclose((Y * omega) @ X.T, y @ small.T, atol=1e-13 * scale)
-
-
-def test_visible_landmarks_are_counted() -> None:
-    nothing = np.zeros((0, 3))
-    for omega, seen in (([0, 0, 0], 0), ([0, 0.5, 0], 1), ([0.5, 0, 2], 2)):
-        assert parts.reduce(nothing, np.array(omega, float), np.zeros((0, 0))) == seen

@@ -77,43 +77,6 @@ struct ConvexEnd {
     Vector<int64_t> status = from("status", "n");
 };
 
-// What the parts read that the tests judge one at a time (parts.hpp).
-struct MoreauData {
-    Arguments& from;
-    Matrix<const double> M = from("M", "6 k"), N = from("N", "6 k");
-    double step = from("step");
-    Matrix<const double> dN = from("dN", "6 k");
-    double sigma = from("sigma"), t = from("t");
-    Vector<double> total = from("total", "k");
-};
-struct DerivativeData {
-    Arguments& from;
-    Vector<const double> argument = from("argument", "6");
-    double t = from("t"), sigma = from("sigma");
-    bool resolvent = from("resolvent");
-    Matrix<const double> atom = from("atom", "3 n");
-    Vector<const double> moved = from("moved", "6");
-    Vector<double> prox = from("prox", "6"), weighted = from("weighted", "6");
-    Matrix<double> rows = from("rows", "f c");
-};
-struct GramData {
-    Arguments& from;
-    Matrix<const double> F = from("F", "f n");
-    Vector<const double> f = from("f", "f"), r = from("r", "n");
-    Matrix<const double> C = from("C", "n n?");
-    double shift = from("shift");
-    bool by_rows = from("by_rows");
-    Vector<double> x = from("x", "n");
-};
-struct SoftData {
-    Arguments& from;
-    Matrix<const double> E = from("E", "2 p"), Y = from("Y", "2 p");
-    double step = from("step");
-    Matrix<const double> D = from("D", "2 p");
-    Vector<const double> rho = from("rho", "p");
-    double threshold = from("threshold");
-};
-
 struct ConvexTask {
     Arguments& from;
     ConvexProgram program{from};

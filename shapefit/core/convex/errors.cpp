@@ -4,52 +4,6 @@
 
 namespace shapefit {
 
-double soft_squared(const double* E, const double* Y, double step, const double* D,
-                    const double* rho, double threshold, long p) {
-    double total = 0;
-    for (int a = 0; a < 2; ++a)
-        for (long j = 0; j < p; ++j) {
-            const long at = a * p + j;
-            const double size = magnitude(E[at] + rho[j] * (Y[at] + step * D[at]));
-            const double excess = larger(size - threshold, 0);
-            total += excess * excess / rho[j];
-        }
-    return total;
-}
-
-void append_curved_rows(const Reduction& reduction, const double* curvature, long p, long first,
-                        ShiftedGram& gram) {
-    const long q = reduction.coordinates();
-    const double* h = reduction.h.data;
-    for (int a = 0; a < 2; ++a)
-        for (long m = 0; m <= q; ++m) {
-            if (!(curvature[a * p + m] > 0)) continue;
-            const double size = root(curvature[a * p + m]);
-            double* row = gram.row(first++);
-            for (long j = 0; j <= gram.right_side(); ++j) row[j] = 0;
-            for (long j = 0; j < q; ++j) row[a * q + j] = -size * h[m] * h[j];
-            if (m < q) row[a * q + m] += size;
-        }
-}
-
-// A diagonal and a term of rank two for each axis.
-void write_curved_matrix(const Reduction& reduction, const double* curvature, long p, double shift,
-                         double* C) {
-    const long q = reduction.coordinates(), n = 2 * q;
-    const double* h = reduction.h.data;
-    memset(C, 0, sizeof(double) * n * n);
-    for (int a = 0; a < 2; ++a) {
-        const double* c = curvature + a * p;
-        double along = 0;
-        for (long m = 0; m <= q; ++m) along += c[m] * h[m] * h[m];
-        for (long i = 0; i < q; ++i) {
-            double* row = C + (a * q + i) * n + a * q;
-            for (long j = 0; j < q; ++j) row[j] = h[i] * h[j] * (along - c[i] - c[j]);
-            row[i] += shift + c[i];
-        }
-    }
-}
-
 SparseErrors::SparseErrors(Workspace& workspace, long p)
     : p_(p),
       Y_(workspace.zeros<double>(2 * p)),
@@ -77,7 +31,15 @@ void SparseErrors::begin(double threshold, const double* y, long q) {
 }
 
 double SparseErrors::value(double step) const {
-    return 0.5 * soft_squared(E_, Y_, step, D_, rho_, threshold_, p_);
+    double total = 0;
+    for (int a = 0; a < 2; ++a)
+        for (long j = 0; j < p_; ++j) {
+            const long at = a * p_ + j;
+            const double size = magnitude(E_[at] + rho_[j] * (Y_[at] + step * D_[at]));
+            const double excess = larger(size - threshold_, 0);
+            total += excess * excess / rho_[j];
+        }
+    return 0.5 * total;
 }
 
 ErrorsPoint SparseErrors::find(double* g, long q) {
@@ -133,11 +95,34 @@ long SparseErrors::count_curved() {
 }
 
 void SparseErrors::append_rows(long first, ShiftedGram& gram) const {
-    append_curved_rows(*reduction_, curvature_, p_, first, gram);
+    const long q = reduction_->coordinates();
+    const double* h = reduction_->h.data;
+    for (int a = 0; a < 2; ++a)
+        for (long m = 0; m <= q; ++m) {
+            if (!(curvature_[a * p_ + m] > 0)) continue;
+            const double size = root(curvature_[a * p_ + m]);
+            double* row = gram.row(first++);
+            for (long j = 0; j <= gram.right_side(); ++j) row[j] = 0;
+            for (long j = 0; j < q; ++j) row[a * q + j] = -size * h[m] * h[j];
+            if (m < q) row[a * q + m] += size;
+        }
 }
 
+// A diagonal and a term of rank two for each axis.
 void SparseErrors::write_matrix(double shift, double* C) const {
-    write_curved_matrix(*reduction_, curvature_, p_, shift, C);
+    const long q = reduction_->coordinates(), n = 2 * q;
+    const double* h = reduction_->h.data;
+    memset(C, 0, sizeof(double) * n * n);
+    for (int a = 0; a < 2; ++a) {
+        const double* c = curvature_ + a * p_;
+        double along = 0;
+        for (long m = 0; m <= q; ++m) along += c[m] * h[m] * h[m];
+        for (long i = 0; i < q; ++i) {
+            double* row = C + (a * q + i) * n + a * q;
+            for (long j = 0; j < q; ++j) row[j] = h[i] * h[j] * (along - c[i] - c[j]);
+            row[i] += shift + c[i];
+        }
+    }
 }
 
 }  // namespace shapefit

@@ -30,18 +30,6 @@ struct NoErrors {
     void write_matrix(double, double*) const {}
 };
 
-// sum_aj soft(E_aj + rho_j (Y_aj + step D_aj))^2 / rho_j; E, Y, D (2, p), rho (p,).
-double soft_squared(const double* E, const double* Y, double step, const double* D,
-                    const double* rho, double threshold, long p);
-
-// The second derivative sum_am c_am f f^T of the errors, c (2, p) of the visible landmarks in turn:
-// f = e_m - h_m h is row m of the reflection without its last entry, placed in the half of axis a.
-// As rows sqrt(c_am) f where c_am > 0, from row `first` on; and as a matrix shift I + it (n, n).
-void append_curved_rows(const Reduction& reduction, const double* curvature, long p, long first,
-                        ShiftedGram& gram);
-void write_curved_matrix(const Reduction& reduction, const double* curvature, long p, double shift,
-                         double* C);
-
 class SparseErrors {
   public:
     static constexpr bool robust = true;
@@ -53,7 +41,7 @@ class SparseErrors {
 
     // Take up y (2, q), with rho_j bound_j = threshold.
     void begin(double threshold, const double* y, long q);
-    // Half of soft_squared along the aim D.
+    // 1/2 sum_aj soft(E_aj + rho_j (Y_aj + step D_aj))^2 / rho_j along the aim D.
     double value(double step) const;
     // fresh E = soft(E + rho Y), reduced and added to the gradient g (2, q).
     ErrorsPoint find(double* g, long q);
@@ -64,7 +52,10 @@ class SparseErrors {
     void step(double length);
     void accept();
 
-    // The second derivative: rho_j at the landmarks of fresh errors, turned by the reduction.
+    // The second derivative sum_am c_am f f^T, c (2, p) of the visible landmarks in turn: rho_j at those
+    // of fresh errors. f = e_m - h_m h is row m of the reflection without its last entry, placed in the
+    // half of axis a. As rows sqrt(c_am) f where c_am > 0, from row `first` on; and as a matrix
+    // shift I + it (n, n).
     long count_curved();
     void append_rows(long first, ShiftedGram& gram) const;
     void write_matrix(double shift, double* C) const;

@@ -1,3 +1,4 @@
+// A stretch of images, each solved from its neighbour's solution where that explains it.
 #include <string.h>
 
 #include "../base/registry.hpp"
@@ -5,11 +6,6 @@
 #include "newton.hpp"
 
 namespace shapefit {
-
-// A stretch of images, each solved from its neighbour's solution where that explains it.
-
-// Solve the images of the range in turn, stretch by stretch, and certify each.
-void solve_convex(const ConvexTask& task, Range range);
 
 namespace {
 
@@ -308,6 +304,7 @@ class StretchSolver {
 
 }  // namespace
 
+// Solve the images of the range in turn, stretch by stretch, and certify each.
 void solve_convex(const ConvexTask& task, Range range) {
     StretchSolver stretch(task);
     for (long image = range.first; image < range.last; ++image) {

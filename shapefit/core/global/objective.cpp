@@ -1,4 +1,3 @@
-#include "../base/registry.hpp"
 #include "objective.hpp"
 
 namespace shapefit {
@@ -91,22 +90,6 @@ void RotationObjective::derivatives(double* gradient, double* curvature) {
     curvature[2] = curvature[6] = -XX[2];
     curvature[5] = curvature[7] = -XX[5];
 }
-
-void RotationObjective::write_coefficients(Vector<double> c) const {
-    step_.set.write(c);
-}
-
-void find_coefficients(const CoefficientsData& data, Range range) {
-    Workspace workspace;
-    RotationObjective objective(workspace, data.problem);
-    for (long image = range.first; image < range.last; ++image) {
-        if (!objective.aim(image)) continue;
-        data.objective[image] = objective.value(Rotation::from(data.rotation[image].data));
-        objective.write_coefficients(data.coefficients[image]);
-    }
-}
-
-const Exported<find_coefficients> find_coefficients_exported{"find_coefficients"};
 
 namespace {
 

@@ -7,8 +7,6 @@
 
 namespace shapefit {
 
-// What the search over all rotations reads and writes, as Python lays it out.
-
 // Where a search gives up.
 struct SearchLimits {
     Arguments& from;
@@ -40,15 +38,6 @@ struct GlobalData {
     Vector<int64_t> cells = from("cells", "n");  // tests
     Vector<int64_t> vertices = from("vertices", "n");  // rotations whose coefficients were found
     Vector<int64_t> status = from("status", "n");  // a Status
-};
-
-// The coefficients at given rotations: image j of problem, rotation R (n, 3, 3).
-struct CoefficientsData {
-    Arguments& from;
-    SearchProblem problem{from};
-    Tensor<const double> rotation = from("rotation", "n 3 3");
-    Matrix<double> coefficients = from("coefficients", "n k");
-    Vector<double> objective = from("objective", "n");
 };
 
 // The tree of one image's search with a fixed cut, from which the bound can be checked.
@@ -147,9 +136,6 @@ class RotationObjective {
     ActiveSet& coefficients() { return step_.set; }
     const double* residual() const { return step_.residual(); }  // Y (2, row), 0 from q on
 
-    // c (k,) of the last value.
-    void write_coefficients(Vector<double> c) const;
-
     const SearchProblem& problem;
     ReducedImage image;
     const ReducedAtoms& atoms = image.atoms;
@@ -161,9 +147,6 @@ class RotationObjective {
     double* shape_;  // sum_i c_i B_i (3, row)
     Rotation R_;
 };
-
-// The coefficients at given rotations, for the images of the range.
-void find_coefficients(const CoefficientsData& data, Range range);
 
 // Descent of v(R) from a rotation to a local minimum: BFGS in the turns of the camera frame.
 

@@ -5,18 +5,14 @@
 
 namespace shapefit {
 
-// The global optimum of each image with its certificate.
-
-// Search all rotations for the images of the range; see docs/global.md.
-void find_optimum(const GlobalData& data, Range range);
-
 namespace {
 
 constexpr int DESCENTS = 8;            // from the best of the root vertices
 constexpr double ROUGH = 1e-5;         // share of v that a step must promise while descents compete
 constexpr double CLOSE = 1e-3;         // descents within this share of the best one go on to the end
 constexpr double FIRST_SHARE = 2.0 / 3;  // of the time, for the gap asked for; the rest for looser ones
-constexpr double LOOSER = 3;              // each gap to the one before, where the limit is reached
+constexpr double LOOSER = 3;            // each gap to the one before, where the limit is reached
+constexpr long CELLS_BETWEEN_LOOKS = 256;  // at the clock
 
 // The best rotation so far.
 struct Best {
@@ -70,8 +66,8 @@ struct Ended {
 };
 
 // Search with the cut (1 - gap) U until all cells are dropped, or so many were tested.
-Ended search(double gap, long most_cells, const Clock& clock, double share,
-             RotationObjective& objective, CellSearch& cells, Best& best) {
+Ended search(double gap, long most_cells, double deadline, RotationObjective& objective,
+             CellSearch& cells, Best& best) {
     const auto lower = [&] { cells.vertices.set_cut((1 - gap) * best.objective); };
     Cell cell;
     int edge = 0, middle = 0;
@@ -79,7 +75,7 @@ Ended search(double gap, long most_cells, const Clock& clock, double share,
     cells.begin();
     while (cells.take(cell)) {
         const bool may_go_on = cells.tested < most_cells &&
-                               (cells.tested % CELLS_BETWEEN_LOOKS != 0 || !clock.is_over(share));
+                               (cells.tested % CELLS_BETWEEN_LOOKS != 0 || steady_seconds() < deadline);
         const int before = cells.vertices.count();
         if (may_go_on && cells.is_dropped(cell, edge)) continue;
         if (!may_go_on || !cells.split(cell, edge, middle)) {
@@ -99,17 +95,18 @@ Ended search(double gap, long most_cells, const Clock& clock, double share,
 
 // Search with the gap asked for, and where the limit is reached with looser ones, on as many cells
 // again at most: what a search that was cut short proves is little.
-Ended search_within_limits(const GlobalData& data, const Clock& clock, RotationObjective& objective,
+Ended search_within_limits(const GlobalData& data, double begin, RotationObjective& objective,
                            CellSearch& cells, Best& best) {
-    const Ended first = search(data.tolerance, data.limits.cells, clock, FIRST_SHARE, objective,
-                               cells, best);
+    const double seconds = data.limits.seconds;
+    const Ended first = search(data.tolerance, data.limits.cells, begin + FIRST_SHARE * seconds,
+                               objective, cells, best);
     if (first.complete) return first;
     double bound = first.bound;
     long room = data.limits.cells;
     for (double gap = LOOSER * data.tolerance; gap < 1; gap *= LOOSER) {
         const long before = cells.tested;
         const Ended ended =
-            search(gap, before + room / 2, clock, 1, objective, cells, best);
+            search(gap, before + room / 2, begin + seconds, objective, cells, best);
         bound = larger(ended.bound, bound);
         if (ended.complete) break;
         room -= cells.tested - before;
@@ -119,6 +116,7 @@ Ended search_within_limits(const GlobalData& data, const Clock& clock, RotationO
 
 }  // namespace
 
+// Search all rotations for the images of the range; see docs/global.md.
 void find_optimum(const GlobalData& data, Range range) {
     Workspace workspace;
     const RootCells roots;
@@ -130,17 +128,17 @@ void find_optimum(const GlobalData& data, Range range) {
             continue;
         }
         Best best;
-        const Clock clock(data.limits.seconds);
+        const double begin = steady_seconds();
         cells.begin_image();
         find_upper_bound(data, image, objective, cells.vertices, best);
         if (!is_finite(best.objective)) {
             data.status[image] = Status::NUMERICAL_FAILURE;
             continue;
         }
-        const Ended ended = search_within_limits(data, clock, objective, cells, best);
+        const Ended ended = search_within_limits(data, begin, objective, cells, best);
         const Rotation R = rotation_of(best.q);
         data.objective[image] = objective.value(R);
-        objective.write_coefficients(data.coefficients[image]);
+        objective.coefficients().write(data.coefficients[image]);
         R.write(data.rotation[image].data);
         data.bound[image] = larger(0, ended.bound - ROUNDING * objective.square);
         data.cells[image] = cells.tested;
@@ -151,11 +149,8 @@ void find_optimum(const GlobalData& data, Range range) {
 
 const Exported<find_optimum> find_optimum_exported{"find_optimum"};
 
-// The tree of one image's search with the multipliers of its vertices, for a file.
-
-// Search one image with a fixed cut and write what fits into the arrays.
-TreeSize record_tree(const TreeData& data);
-
+// Search one image with a fixed cut and write its tree, with the multipliers of the vertices, as far as
+// it fits into the arrays.
 TreeSize record_tree(const TreeData& data) {
     Workspace workspace;
     const RootCells roots;
@@ -192,18 +187,7 @@ TreeSize record_tree(const TreeData& data) {
 
 const Exported<record_tree> record_tree_exported{"record_tree"};
 
-// Single steps of the search with arrays, for tests.
-
-// The 600-cell modulo sign: quaternions (60, 4) and the vertices of each cell (300, 4).
-void root_cells(Matrix<double> vertices, Matrix<int64_t> cells);
-
-// Whether the cell can be dropped; excess (20,) of the coefficients over their bounds, all nan where
-// a vertex does not reach the cut.
-bool judge_alone(const CellData& cell);
-
-// Descend from the quaternion q; returns the objective there.
-double descend_alone(const DescentData& data);
-
+// For tests: the 600-cell modulo sign, quaternions (60, 4) and the vertices of each cell (300, 4).
 void root_cells(Matrix<double> vertices, Matrix<int64_t> cells) {
     const RootCells roots;
     for (int v = 0; v < ROOT_VERTICES; ++v)
@@ -212,6 +196,8 @@ void root_cells(Matrix<double> vertices, Matrix<int64_t> cells) {
         for (int a = 0; a < 4; ++a) cells[c][a] = roots.cell[c].vertex[a];
 }
 
+// Whether the cell can be dropped; excess (20,) of the coefficients over their bounds, all nan where
+// a vertex does not reach the cut.
 bool judge_alone(const CellData& cell) {
     const Vector<double> excess = cell.excess;
     Workspace workspace;
@@ -228,11 +214,11 @@ bool judge_alone(const CellData& cell) {
         corner[a] = &vertex;
     }
     if (!reached) return false;
-    const CellTest test(objective);
-    test.find_excess(corner, excess.data);
-    return test.judge(corner).dropped;
+    find_excess(objective, corner, excess.data);
+    return judge_cell(objective, corner).dropped;
 }
 
+// Descend from the quaternion q; returns the objective there.
 double descend_alone(const DescentData& data) {
     Workspace workspace;
     RotationObjective objective(workspace, data.problem);

@@ -1,4 +1,3 @@
-#include "../base/memory.hpp"
 #include "search.hpp"
 
 namespace shapefit {
@@ -287,8 +286,8 @@ void find_largest(const Vertex* const* corner, long k, const Forms& forms, doubl
 
 }  // namespace
 
-void CellTest::find_excess(const Vertex* const* corner, double* excess) const {
-    const ReducedAtoms& atoms = objective_.atoms;
+void find_excess(const RotationObjective& objective, const Vertex* const* corner, double* excess) {
+    const ReducedAtoms& atoms = objective.atoms;
     Forms forms;
     double left[TRIPLES];
     find_forms(corner, forms);
@@ -299,18 +298,18 @@ void CellTest::find_excess(const Vertex* const* corner, double* excess) const {
         length = larger(corner[a]->scale * root(corner[a]->square), length);
     }
     const double margin = 3 * ((OF_COEFFICIENTS + OFF_THE_EDGE) * size +
-                               (atoms.q() + 64) * 0x1p-52 * length * objective_.image.largest_norm);
+                               (atoms.q() + 64) * 0x1p-52 * length * objective.image.largest_norm);
     for (int t = 0; t < TRIPLES; ++t) {
         const int a = TRIPLE[t][0], b = TRIPLE[t][1], c = TRIPLE[t][2];
-        const double right = objective_.lam * (forms.inner[NUMBER[b][c]] + forms.inner[NUMBER[a][c]] +
+        const double right = objective.lam * (forms.inner[NUMBER[b][c]] + forms.inner[NUMBER[a][c]] +
                                                forms.inner[NUMBER[a][b]]);
         excess[t] = left[t] + margin - right;
     }
 }
 
-Verdict CellTest::judge(const Vertex* const* corner) const {
+Verdict judge_cell(const RotationObjective& objective, const Vertex* const* corner) {
     double excess[TRIPLES];
-    find_excess(corner, excess);
+    find_excess(objective, corner, excess);
     Verdict verdict{true, {}};
     for (double over : excess) verdict.dropped &= over <= 0;
     for (int edge = 0; edge < EDGES; ++edge)
@@ -327,16 +326,12 @@ constexpr int HALVINGS = 40;
 
 }  // namespace
 
-Clock::Clock(double seconds) : begin_(steady_seconds()), seconds_(seconds) {}
-
-bool Clock::is_over(double share) const { return steady_seconds() - begin_ > share * seconds_; }
-
 // A cell adds a vertex at most.
 CellSearch::CellSearch(Workspace& workspace, RotationObjective& objective, const RootCells& roots,
                        long most_cells)
     : vertices(workspace, objective, ROOT_VERTICES + most_cells),
       roots_(roots),
-      test_(objective),
+      objective_(objective),
       stack_(workspace.zeros<Cell>(ROOT_CELLS + DEEPEST)),
       room_(ROOT_CELLS + DEEPEST) {}
 
@@ -439,7 +434,7 @@ double CellSearch::inner_along(const Cell& cell, int edge) {
 Verdict CellSearch::judge(const Cell& cell) {
     const Vertex* corner[4];
     for (int a = 0; a < 4; ++a) corner[a] = &vertices[cell.vertex[a]];
-    return test_.judge(corner);
+    return judge_cell(objective_, corner);
 }
 
 }  // namespace shapefit

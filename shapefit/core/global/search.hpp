@@ -110,31 +110,11 @@ struct Verdict {
 
 constexpr int TRIPLES = 20;
 
-class CellTest {
-  public:
-    CellTest(const RotationObjective& objective) : objective_(objective) {}
+// Of four vertices that reach the cut, in any signs.
+Verdict judge_cell(const RotationObjective& objective, const Vertex* const* corner);
 
-    // Four vertices that reach the cut, in any signs.
-    Verdict judge(const Vertex* const* corner) const;
-
-    // By how much the left side of each inequality exceeds the right one, rounding included.
-    void find_excess(const Vertex* const* corner, double* excess) const;
-
-  private:
-    const RotationObjective& objective_;
-};
-
-constexpr long CELLS_BETWEEN_LOOKS = 256;  // at the clock
-
-// Whether the time of an image is over, or a share of it.
-class Clock {
-  public:
-    explicit Clock(double seconds);
-    bool is_over(double share = 1) const;
-
-  private:
-    double begin_, seconds_;
-};
+// By how much the left side of each inequality exceeds the right one, rounding included.
+void find_excess(const RotationObjective& objective, const Vertex* const* corner, double* excess);
 
 class CellSearch {
   public:
@@ -171,7 +151,7 @@ class CellSearch {
     double inner_along(const Cell& cell, int edge);
 
     const RootCells& roots_;
-    CellTest test_;
+    const RotationObjective& objective_;
     Cell* stack_;
     long waiting_ = 0, room_;
 };

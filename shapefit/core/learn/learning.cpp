@@ -1,12 +1,8 @@
 // Steps of dictionary learning: codes of shapes, and new atoms for given codes.
 #include "../base/registry.hpp"
 #include "../base/active_set.hpp"
-#include "../base/vectors.hpp"
-#include "../base/memory.hpp"
 
 namespace shapefit {
-
-// What the kernels of dictionary read and write, as Python lays it out.
 
 // min_c 1/2 c^T G c - h^T c over c >= 0, for each shape.
 struct CodingData {
@@ -48,16 +44,6 @@ struct AtomUpdateData {
     long sweeps = from("sweeps");
 };
 
-// Non-negative sparse coding: shapes as cheap non-negative mixtures of fixed atoms.
-
-// min_c 1/2 ||S - sum_i c_i B_i||_F^2 + beta sum_i c_i over c >= 0, for the shapes of the range.
-//
-// The next atom is the one that a coordinate descent step would move the shape by most with.
-void code(const CodingData& data, Range range);
-
-// The objective of given coefficients, for the shapes of the range.
-void find_objectives(const MisfitData& data, Range range);
-
 namespace {
 
 constexpr long MOST_ROUNDS = 10000;
@@ -65,6 +51,9 @@ constexpr double DEPENDENT = 1e-12;  // share of an atom's square outside the sp
 
 }  // namespace
 
+// min_c 1/2 ||S - sum_i c_i B_i||_F^2 + beta sum_i c_i over c >= 0, for the shapes of the range.
+//
+// The next atom is the one that a coordinate descent step would move the shape by most with.
 void code(const CodingData& data, Range range) {
     const long k = data.gram.size[0];
     Workspace workspace;
@@ -89,8 +78,7 @@ void code(const CodingData& data, Range range) {
                                 .k = k};
         const Ending ending = minimise(terms, set, DEPENDENT, MOST_ROUNDS);
         data.unsettled[shape] = ending != Ending::OPTIMAL;
-        for (long i = 0; i < k; ++i) c[i] = 0;
-        for (long e = 0; e < set.count; ++e) c[set.index[e]] = set.x[e];
+        set.write(c);
     }
 }
 
@@ -117,21 +105,6 @@ void find_objectives(const MisfitData& data, Range range) {
     }
 }
 
-const Exported<code> code_exported{"code"};
-const Exported<find_objectives> find_objectives_exported{"find_objectives"};
-
-// The atom update: better atoms within a ball for fixed coefficients, by block coordinate descent.
-
-// A += C^T C, D += C^T X, shape by shape: the sums do not depend on where batches of shapes end.
-void add_products(const ProductsData& data);
-
-// Lower 1/2 ||X - C B||_F^2 over the rows of B within the ball ||B_i|| <= bound:
-//
-//   A = C^T C,  D = C^T X,  B_i <- projection of  B_i + (D_i - sum_l A_il B_l) / A_ii  on the ball,
-//
-// one atom after another, `sweeps` times. Atoms that no shape uses stay as they are.
-void update_atoms(const AtomUpdateData& data);
-
 namespace {
 
 // The rows of a matrix, padded with zeros to whole vectors.
@@ -144,6 +117,7 @@ double* padded_rows(Workspace& workspace, Matrix<const double> rows, long width)
 
 }  // namespace
 
+// A += C^T C, D += C^T X, shape by shape: the sums do not depend on where batches of shapes end.
 // Coefficients are few: those that are not 0 add their products.
 void add_products(const ProductsData& data) {
     const long k = data.overlaps.size[0], d = data.pulls.size[1];
@@ -166,6 +140,11 @@ void add_products(const ProductsData& data) {
     }
 }
 
+// Lower 1/2 ||X - C B||_F^2 over the rows of B within the ball ||B_i|| <= bound:
+//
+//   A = C^T C,  D = C^T X,  B_i <- projection of  B_i + (D_i - sum_l A_il B_l) / A_ii  on the ball,
+//
+// one atom after another, `sweeps` times. Atoms that no shape uses stay as they are.
 void update_atoms(const AtomUpdateData& data) {
     const long k = data.atoms.size[0], d = data.atoms.size[1], width = padded(d);
     Workspace workspace;
@@ -187,6 +166,8 @@ void update_atoms(const AtomUpdateData& data) {
         for (long j = 0; j < d; ++j) data.atoms[i][j] = B[i * width + j];
 }
 
+const Exported<code> code_exported{"code"};
+const Exported<find_objectives> find_objectives_exported{"find_objectives"};
 const Exported<add_products> add_products_exported{"add_products"};
 const Exported<update_atoms> update_atoms_exported{"update_atoms"};
 

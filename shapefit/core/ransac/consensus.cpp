@@ -1,16 +1,29 @@
-// RANSAC: the pose that most landmarks agree on, from triples of them.
-#include <stdint.h>
-
+// RANSAC: the pose of a known shape that most landmarks agree on, from triples of them.
+//
+// Weak perspective poses that three landmarks determine: with an orthonormal basis Q of the plane of
+// the triple i, j, k in the shape, its normal n and s Rbar = G Q^T + a n^T, the landmarks w_j - w_i,
+// w_k - w_i give G, and rows of equal length at right angles mean a a^T = s^2 I - G G^T. That has rank
+// one: s is the spectral norm of G, and a is known but for its sign, which reflects the depths
+// (Huttenlocher and Ullman, Recognizing solid objects by alignment, IJCV 1990).
+//
+// How much a pose s, Rbar, T explains beyond its own triple:
+//
+//     gain = log(A / (pi tol)) (sum_j omega_j^2 max(0, 1 - r_j^2 / tol) - 3),   tol = (threshold s)^2,
+//
+// with residuals r_j = ||w_j - s Rbar S_j - T||, visible landmarks spread over an area A, and
+// omega^2 of mean 1. The sum is the truncated one of MSAC; residuals count in units of the size of
+// the shape. The logarithm is the surprise of a landmark that keeps to its place, where a wrong one
+// could be anywhere in A: without it a shape blown up far beyond the image finds some landmarks in
+// its wide tolerance always. Three landmarks fit whatever they are.
+//
+// Each draw that gains more than all draws before is fitted to its inliers, and these are judged again;
+// the better of the drawn and the fitted poses counts. Draws stop early by the share of inliers found.
+// An image in which no triple determines a pose has no inliers.
 #include "../base/registry.hpp"
-#include "../base/lanes.hpp"
 #include "../base/vectors.hpp"
-#include "../base/memory.hpp"
-#include "../pose/rotation.hpp"
 #include "../pose/rotation_step.hpp"
 
 namespace shapefit {
-
-// What the search for outliers reads and writes, as Python lays it out.
 
 // Landmarks of n images that agree with one pose of a known shape.
 struct ConsensusData {
@@ -26,9 +39,42 @@ struct ConsensusData {
     Matrix<bool> inliers = from("inliers", "n p");
 };
 
-// The visible landmarks of one image beside those of the shape, without the hidden ones.
+namespace {
 
+constexpr int TRIPLE = 3;
+constexpr double FLAT = 1e-6;  // a triangle as flat as this determines no pose
+constexpr double PI = 0x1.921fb54442d18p1;
+// Triples of inliers to be expected among the draws, after which none is drawn any more. One would do
+// for exact landmarks of the very shape; on made cars, whose shapes are not the mean and whose
+// landmarks are noisy, 20 find the pose in as many images as 500 draws (to three digits, for 0 to 70%
+// wrong landmarks) and 5 lose it in one of a hundred with 60% wrong.
+constexpr double ENOUGH = 20;
+constexpr long CHECKED = 8;  // draws from one check to the next, a multiple of every WIDTH
+
+// The visible landmarks of one image beside those of the shape, without the hidden ones.
 struct SeenLandmarks {
+    SeenLandmarks(Workspace& workspace, long p)
+        : x(workspace.zeros<double>(p)),
+          y(workspace.zeros<double>(p)),
+          h(workspace.zeros<double>(p)),
+          index(workspace.zeros<int64_t>(p)) {
+        for (double*& row : S) row = workspace.zeros<double>(p);
+    }
+
+    // Gather the landmarks of w (2, p) and S (3, p) with omega^2 > 0.
+    void take(Matrix<const double> w, Vector<const double> squares, Matrix<const double> shape) {
+        count = 0;
+        for (long j = 0; j < squares.size[0]; ++j) {
+            if (!(squares[j] > 0)) continue;
+            const long at = count++;
+            x[at] = w[0][j];
+            y[at] = w[1][j];
+            h[at] = squares[j];
+            for (int b = 0; b < 3; ++b) S[b][at] = shape[b][j];
+            index[at] = j;
+        }
+    }
+
     long count = 0;
     double *x, *y;   // w
     double* h;       // omega^2
@@ -36,41 +82,13 @@ struct SeenLandmarks {
     int64_t* index;  // among all landmarks
 };
 
-inline SeenLandmarks room_for_landmarks(Workspace& workspace, long p) {
-    SeenLandmarks seen;
-    seen.x = workspace.zeros<double>(p);
-    seen.y = workspace.zeros<double>(p);
-    seen.h = workspace.zeros<double>(p);
-    for (double*& row : seen.S) row = workspace.zeros<double>(p);
-    seen.index = workspace.zeros<int64_t>(p);
-    return seen;
-}
-
-// Gather the landmarks of w (2, p) and S (3, p) with omega^2 > 0.
-inline void see(Matrix<const double> w, Vector<const double> squares, Matrix<const double> S,
-                SeenLandmarks& seen) {
-    seen.count = 0;
-    for (long j = 0; j < squares.size[0]; ++j) {
-        if (!(squares[j] > 0)) continue;
-        const long at = seen.count++;
-        seen.x[at] = w[0][j];
-        seen.y[at] = w[1][j];
-        seen.h[at] = squares[j];
-        for (int b = 0; b < 3; ++b) seen.S[b][at] = S[b][j];
-        seen.index[at] = j;
-    }
-}
-
-// Landmarks drawn at random: the same numbers on every machine for the same seed.
-
-constexpr int TRIPLE = 3;
-
 struct Triple {
     long index[TRIPLE];
 };
 
-// An integer of 0..m-1 and the next state: SplitMix64 of Steele, Lea and Flood (2014).
-inline long draw_below(uint64_t& state, long m) {
+// An integer of 0..m-1 and the next state, the same on every machine: SplitMix64 of Steele, Lea and
+// Flood (2014).
+long draw_below(uint64_t& state, long m) {
     state += 0x9E3779B97F4A7C15u;
     uint64_t z = state;
     z = (z ^ (z >> 30)) * 0xBF58476D1CE4E5B9u;
@@ -80,7 +98,7 @@ inline long draw_below(uint64_t& state, long m) {
 }
 
 // Three different integers of 0..m-1, m >= 3, all ordered triples equally likely.
-inline Triple draw_triple(uint64_t& state, long m) {
+Triple draw_triple(uint64_t& state, long m) {
     const long i = draw_below(state, m);
     long j = draw_below(state, m - 1), k = draw_below(state, m - 2);
     if (j >= i) ++j;
@@ -90,33 +108,12 @@ inline Triple draw_triple(uint64_t& state, long m) {
     return {{i, j, k}};
 }
 
-// Weak perspective poses that three landmarks determine, of as many triples at a time as there are lanes.
-//
-// With an orthonormal basis Q of the plane of the triple i, j, k in the shape, its normal n and
-// s Rbar = G Q^T + a n^T, the landmarks w_j - w_i, w_k - w_i give G, and rows of equal length at
-// right angles mean a a^T = s^2 I - G G^T. That has rank one: s is the spectral norm of G, and a is
-// known but for its sign, which reflects the depths.
-// Source: Huttenlocher and Ullman, Recognizing solid objects by alignment, IJCV 1990.
-
 // Poses x -> s Rbar x + T, one a lane.
 struct PoseLanes {
     Doubles size;  // s, 0 where the triple determines no pose
     RotationOf<Doubles> R;
     Doubles T[2];
 };
-
-// Both poses of each triple.
-void pose_triples(const SeenLandmarks& seen, const Triple* triples, PoseLanes poses[2]);
-
-// How much a weak perspective pose s, Rbar, T explains beyond its own triple:
-//
-//     gain = log(A / (pi tol)) (sum_j omega_j^2 max(0, 1 - r_j^2 / tol) - 3),   tol = (threshold s)^2,
-//
-// with residuals r_j = ||w_j - s Rbar S_j - T||, visible landmarks spread over an area A, and
-// omega^2 of mean 1. The sum is the truncated one of MSAC; residuals count in units of the size of
-// the shape. The logarithm is the surprise of a landmark that keeps to its place, where a wrong one
-// could be anywhere in A: without it a shape blown up far beyond the image finds some landmarks in
-// its wide tolerance always. Three landmarks fit whatever they are.
 
 struct WeakPose {
     double size;
@@ -130,29 +127,13 @@ struct Tolerance {
     double area;
 };
 
-// 12 sqrt(det Cov) of the visible landmarks: the area of a rectangle with their covariance.
-double find_area(const SeenLandmarks& seen);
-
-// The gain of a pose; inside (count,) becomes 1 for the landmarks in its tolerance, else 0.
-// -infinity, and no landmark inside, where the tolerance covers the whole area.
-double judge(const SeenLandmarks& seen, const WeakPose& pose, const Tolerance& tolerance,
-             double* inside);
-
-// The gains of a pose a lane, -infinity also where there is none.
-void judge_lanes(const SeenLandmarks& seen, const PoseLanes& poses, const Tolerance& tolerance,
-                 Doubles& gains);
-
-namespace {
-
-constexpr double FLAT = 1e-6;  // a triangle as flat as this determines no pose
-
 // The three landmarks of each triple: the first, and the others seen from it.
 struct TripleLanes {
     Doubles w[2], S[3];
     Doubles to_w[2][2], to_S[2][3];
 };
 
-void gather(const SeenLandmarks& seen, const Triple* triples, TripleLanes& lanes) {
+[[gnu::noinline]] void gather(const SeenLandmarks& seen, const Triple* triples, TripleLanes& lanes) {
     const double* w[2] = {seen.x, seen.y};
     for (int l = 0; l < WIDTH; ++l) {
         const long i = triples[l].index[0];
@@ -172,7 +153,7 @@ struct Plane {
     Doubles base, along, height;  // to_S = base Q_0 and along Q_0 + height Q_1
 };
 
-inline Plane span(const TripleLanes& triple) {
+Plane span(const TripleLanes& triple) {
     Plane plane;
     plane.base = root(inner3(triple.to_S[0], triple.to_S[0]));
     for (int b = 0; b < 3; ++b) plane.Q[b] = triple.to_S[0][b] / plane.base;
@@ -183,10 +164,9 @@ inline Plane span(const TripleLanes& triple) {
     return plane;
 }
 
-}  // namespace
-
+// Both poses of each triple.
 void pose_triples(const SeenLandmarks& seen, const Triple* triples, PoseLanes poses[2]) {
-    TripleLanes triple;
+    TripleLanes triple{};
     gather(seen, triples, triple);
     const Plane plane = span(triple);
     Doubles G[2][2], normal[2];
@@ -216,12 +196,7 @@ void pose_triples(const SeenLandmarks& seen, const Triple* triples, PoseLanes po
     }
 }
 
-namespace {
-
-constexpr double PI = 0x1.921fb54442d18p1;
-
-}  // namespace
-
+// 12 sqrt(det Cov) of the visible landmarks: the area of a rectangle with their covariance.
 double find_area(const SeenLandmarks& seen) {
     const long m = seen.count;
     double x = 0, y = 0, xx = 0, yy = 0, xy = 0;
@@ -237,6 +212,8 @@ double find_area(const SeenLandmarks& seen) {
     return 12 * root(larger(xx * yy - xy * xy, 0));
 }
 
+// The gain of a pose; inside (count,) becomes 1 for the landmarks in its tolerance, else 0.
+// -infinity, and no landmark inside, where the tolerance covers the whole area.
 double judge(const SeenLandmarks& seen, const WeakPose& pose, const Tolerance& tolerance,
              double* __restrict inside) {
     const double limit = square(tolerance.threshold * pose.size), inverse = 1 / limit;
@@ -257,6 +234,7 @@ double judge(const SeenLandmarks& seen, const WeakPose& pose, const Tolerance& t
     return (total - TRIPLE) * log(tolerance.area * inverse / PI);
 }
 
+// The gains of a pose a lane, -infinity also where there is none.
 void judge_lanes(const SeenLandmarks& seen, const PoseLanes& poses, const Tolerance& tolerance,
                  Doubles& gains) {
     const Doubles limit = square(tolerance.threshold * poses.size), inverse = 1 / limit, zero{};
@@ -277,14 +255,6 @@ void judge_lanes(const SeenLandmarks& seen, const PoseLanes& poses, const Tolera
     }
 }
 
-// RANSAC: poses of one shape on random triples of landmarks, and the one of the largest gain.
-
-// The inliers of the pose of S of the largest gain. Each draw that gains more than all draws before
-// is fitted to its inliers, and these are judged again; the better of the drawn and the fitted poses
-// counts. An image has at most `draws` draws: they stop early by the share of inliers found. One in
-// which no triple determines a pose has no inliers.
-void find_consensus(const ConsensusData& data, Range range);
-
 // S Omega^2 S^T and w Omega^2 S^T of the inliers about their weighted means, and the means.
 struct Moments {
     double P[9];
@@ -294,16 +264,30 @@ struct Moments {
 };
 
 // inside (count,) is 1 for inliers, else 0.
-Moments find_moments(const SeenLandmarks& seen, const double* inside);
-
-namespace {
-
-// Triples of inliers to be expected among the draws, after which none is drawn any more. One would do
-// for exact landmarks of the very shape; on made cars, whose shapes are not the mean and whose
-// landmarks are noisy, 20 find the pose in as many images as 500 draws (to three digits, for 0 to 70%
-// wrong landmarks) and 5 lose it in one of a hundred with 60% wrong.
-constexpr double ENOUGH = 20;
-constexpr long CHECKED = 8;  // draws from one check to the next, a multiple of every WIDTH
+Moments find_moments(const SeenLandmarks& seen, const double* inside) {
+    Moments moments{};
+    const double* w[2] = {seen.x, seen.y};
+    double total = 0;
+    for (long j = 0; j < seen.count; ++j) {
+        const double share = seen.h[j] * inside[j];
+        total += share;
+        for (int b = 0; b < 3; ++b) moments.middle[b] += share * seen.S[b][j];
+        for (int a = 0; a < 2; ++a) moments.origin[a] += share * w[a][j];
+    }
+    for (double& x : moments.middle) x /= total;
+    for (double& x : moments.origin) x /= total;
+    for (long j = 0; j < seen.count; ++j) {
+        const double share = seen.h[j] * inside[j];
+        double S[3];
+        for (int b = 0; b < 3; ++b) S[b] = seen.S[b][j] - moments.middle[b];
+        for (int b = 0; b < 3; ++b) {
+            for (int a = 0; a < 3; ++a) moments.P[3 * a + b] += share * S[a] * S[b];
+            for (int a = 0; a < 2; ++a)
+                moments.D[3 * a + b] += share * S[b] * (w[a][j] - moments.origin[a]);
+        }
+    }
+    return moments;
+}
 
 // The landmarks inside the tolerance of a pose, now and before; 1 or 0 for each.
 struct Inside {
@@ -413,154 +397,16 @@ void search_image(const SeenLandmarks& seen, const ConsensusData& data, uint64_t
 void find_consensus(const ConsensusData& data, Range range) {
     const long p = data.squares.size[1];
     Workspace workspace;
-    SeenLandmarks seen = room_for_landmarks(workspace, p);
+    SeenLandmarks seen(workspace, p);
     Inside inside{workspace.zeros<double>(p), workspace.zeros<double>(p)};
     for (long image = range.first; image < range.last; ++image) {
         const Vector<bool> inliers = data.inliers[image];
         for (long j = 0; j < p; ++j) inliers[j] = false;
-        see(data.landmarks[image], data.squares[image], data.shape, seen);
+        seen.take(data.landmarks[image], data.squares[image], data.shape);
         if (seen.count >= TRIPLE) search_image(seen, data, data.seeds[image], inside, inliers);
     }
 }
 
-Moments find_moments(const SeenLandmarks& seen, const double* inside) {
-    Moments moments{};
-    const double* w[2] = {seen.x, seen.y};
-    double total = 0;
-    for (long j = 0; j < seen.count; ++j) {
-        const double share = seen.h[j] * inside[j];
-        total += share;
-        for (int b = 0; b < 3; ++b) moments.middle[b] += share * seen.S[b][j];
-        for (int a = 0; a < 2; ++a) moments.origin[a] += share * w[a][j];
-    }
-    for (double& x : moments.middle) x /= total;
-    for (double& x : moments.origin) x /= total;
-    for (long j = 0; j < seen.count; ++j) {
-        const double share = seen.h[j] * inside[j];
-        double S[3];
-        for (int b = 0; b < 3; ++b) S[b] = seen.S[b][j] - moments.middle[b];
-        for (int b = 0; b < 3; ++b) {
-            for (int a = 0; a < 3; ++a) moments.P[3 * a + b] += share * S[a] * S[b];
-            for (int a = 0; a < 2; ++a)
-                moments.D[3 * a + b] += share * S[b] * (w[a][j] - moments.origin[a]);
-        }
-    }
-    return moments;
-}
-
 const Exported<find_consensus> find_consensus_exported{"find_consensus"};
-
-// The steps of the search for outliers on plain arrays, for the tests.
-
-// Three different candidates (m,) into triple (3,); state (1,) of the generator moves on.
-void draw_candidates(Vector<const int64_t> candidates, Vector<uint64_t> state,
-                     Vector<int64_t> triple);
-
-// s and both R (2, 3, 3) of landmarks w (2, p) and shape S (3, p) on a triple.
-double pose_triple(Matrix<const double> w, Matrix<const double> S, Vector<const int64_t> triple,
-                   Tensor<double> R);
-
-double area_of(Matrix<const double> w, Vector<const int64_t> visible);
-
-// The gain of a pose, and its inliers (p,); with `lanes` the gain as the search has it.
-double gain_of(Matrix<const double> w, Vector<const double> squares, Matrix<const double> S,
-               double size, Matrix<const double> R, Vector<const double> T, double threshold,
-               double area, bool lanes, Vector<bool> inliers);
-
-void moments_of(Matrix<const double> w, Vector<const double> squares, Matrix<const double> S,
-                Vector<const bool> inliers, Matrix<double> P, Matrix<double> D,
-                Vector<double> middle, Vector<double> origin);
-
-namespace {
-
-// All p landmarks of w, of weight 1 each.
-SeenLandmarks see_all(Workspace& workspace, Matrix<const double> w, Matrix<const double> S) {
-    const long p = w.size[1];
-    const Vector<double> ones = workspace.vector<double>(p);
-    for (long j = 0; j < p; ++j) ones[j] = 1;
-    SeenLandmarks seen = room_for_landmarks(workspace, p);
-    see(w, {ones.data, {p}}, S, seen);
-    return seen;
-}
-
-void copy(const double* from, long count, double* to) {
-    for (long e = 0; e < count; ++e) to[e] = from[e];
-}
-
-}  // namespace
-
-void draw_candidates(Vector<const int64_t> candidates, Vector<uint64_t> state,
-                     Vector<int64_t> triple) {
-    const Triple drawn = draw_triple(state[0], candidates.size[0]);
-    for (int i = 0; i < TRIPLE; ++i) triple[i] = candidates[drawn.index[i]];
-}
-
-double pose_triple(Matrix<const double> w, Matrix<const double> S, Vector<const int64_t> triple,
-                   Tensor<double> R) {
-    Workspace workspace;
-    const SeenLandmarks seen = see_all(workspace, w, S);
-    Triple triples[WIDTH];
-    for (Triple& lane : triples)
-        for (int i = 0; i < TRIPLE; ++i) lane.index[i] = triple[i];
-    PoseLanes poses[2];
-    pose_triples(seen, triples, poses);
-    for (int side = 0; side < 2; ++side)
-        for (int e = 0; e < 9; ++e) R[side].data[e] = poses[side].R[e][WIDTH - 1];
-    return poses[0].size[WIDTH - 1];
-}
-
-double area_of(Matrix<const double> w, Vector<const int64_t> visible) {
-    Workspace workspace;
-    SeenLandmarks seen = room_for_landmarks(workspace, visible.size[0]);
-    seen.count = visible.size[0];
-    for (long j = 0; j < seen.count; ++j) {
-        seen.x[j] = w[0][visible[j]];
-        seen.y[j] = w[1][visible[j]];
-    }
-    return find_area(seen);
-}
-
-double gain_of(Matrix<const double> w, Vector<const double> squares, Matrix<const double> S,
-               double size, Matrix<const double> R, Vector<const double> T, double threshold,
-               double area, bool lanes, Vector<bool> inliers) {
-    Workspace workspace;
-    SeenLandmarks seen = room_for_landmarks(workspace, inliers.size[0]);
-    see(w, squares, S, seen);
-    WeakPose pose{size, {}, {T[0], T[1]}};
-    copy(R.data, 9, pose.R);
-    double* inside = workspace.zeros<double>(inliers.size[0]);
-    double gain = judge(seen, pose, {threshold, area}, inside);
-    for (long j = 0; j < inliers.size[0]; ++j) inliers[j] = false;
-    for (long j = 0; j < seen.count; ++j) inliers[seen.index[j]] = inside[j] > 0;
-    if (!lanes) return gain;
-    PoseLanes poses;
-    Doubles gains;
-    poses.size = all(size);
-    for (int e = 0; e < 9; ++e) poses.R[e] = all(pose.R[e]);
-    for (int a = 0; a < 2; ++a) poses.T[a] = all(T[a]);
-    judge_lanes(seen, poses, {threshold, area}, gains);
-    return gains[WIDTH - 1];
-}
-
-void moments_of(Matrix<const double> w, Vector<const double> squares, Matrix<const double> S,
-                Vector<const bool> inliers, Matrix<double> P, Matrix<double> D,
-                Vector<double> middle, Vector<double> origin) {
-    Workspace workspace;
-    SeenLandmarks seen = room_for_landmarks(workspace, inliers.size[0]);
-    see(w, squares, S, seen);
-    double* inside = workspace.zeros<double>(inliers.size[0]);
-    for (long j = 0; j < seen.count; ++j) inside[j] = inliers[seen.index[j]];
-    const Moments moments = find_moments(seen, inside);
-    copy(moments.P, 9, P.data);
-    copy(moments.D, 6, D.data);
-    copy(moments.middle, 3, middle.data);
-    copy(moments.origin, 2, origin.data);
-}
-
-const Exported<draw_candidates> draw_triple_exported{"draw_triple", PART};
-const Exported<area_of> find_area_exported{"find_area", PART};
-const Exported<moments_of> find_moments_exported{"find_moments", PART};
-const Exported<gain_of> judge_exported{"judge", PART};
-const Exported<pose_triple> pose_triple_exported{"pose_triple", PART};
 
 }  // namespace shapefit

@@ -46,13 +46,6 @@ double mix(const SequenceData& data, long f, const double* y, double* share, dou
 
 }  // namespace
 
-Place::Place(Workspace& workspace, const SequenceData& data)
-    : y(workspace.matrix<double>(data.points.size[0], padded(data.points.size[1]))),
-      lengths(workspace.vector<double>(data.lengths.size[0])),
-      pull(workspace.matrix<double>(data.points.size[0], padded(data.points.size[1]))),
-      share(workspace.matrix<double>(data.points.size[0], data.log_share.size[1])),
-      too_long(workspace.vector<double>(data.lengths.size[0])) {}
-
 double multiply_symmetric(const double* P, const double* x, long d, double* __restrict out) {
     for (long i = 0; i < d; ++i) out[i] = 0;
     for (long i = 0; i < d; ++i) {

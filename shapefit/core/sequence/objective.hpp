@@ -1,15 +1,52 @@
-// The objective of a sequence, see smoothing.hpp, and its derivatives frame by frame.
+// The objective of a sequence, and its derivatives frame by frame.
+//
+//   sum_f -log sum_k share_fk N(y_f; m_fk, P_fk^-1)  +  1/2 sum_(f,j) weight_fj ||w_fj - y_fj||^2
+//     + 1/2 sum_(f,j) ||y_(f-1)j - 2 y_fj + y_(f+1)j||^2 / a_j^2
+//     + 1/2 sum_(f, bones ij) (||y_fi - y_fj|| - l_ij)^2 / b_ij^2  +  1/2 (l - known)^T H (l - known)
+//
+// over frames and lengths l together.
 #pragma once
 
+#include "../base/registry.hpp"
 #include "../base/vectors.hpp"
-#include "../base/memory.hpp"
-#include "data.hpp"
 
 namespace shapefit {
 
+// One sequence of t frames y_t (3p,) and its bones, of lengths l (e,).
+struct SequenceData {
+    Arguments& from;
+    Matrix<const double> landmarks = from("landmarks", "t 2p");  // w, any number where hidden
+    Matrix<const double> weight = from("weight", "t 2p");  // of their squares, 0 where hidden
+    // of the modes, -inf where there are fewer
+    Matrix<const double> log_share = from("log_share", "t K");
+    Tensor<const double> means = from("means", "t K 3p");  // m
+    Blocks<const double> precisions = from("precisions", "t K 3p 3p");  // P
+    Matrix<const double> log_det = from("log_det", "t K");  // of the covariances
+    Vector<const double> stiffness = from("stiffness", "p");  // 1/a^2
+    Matrix<const int64_t> bones = from("bones", "e 2");
+    Vector<const double> rigidity = from("rigidity", "e");  // 1/b^2
+    Matrix<const double> hold = from("hold", "e e");  // H of (l - known)^T H (l - known)
+    Vector<const double> known = from("known", "e");
+    long most_rounds = from("most_rounds");
+    double still = from("still");  // rounds end when the energy per frame falls by less
+    Matrix<double> points = from("points", "t 3p");  // y: the start, and then the minimum
+    Vector<double> lengths = from("lengths", "e");  // l, likewise
+    Matrix<double> deviation = from("deviation", "t 3p?");  // of the points, where it is wanted
+    // likewise, of x with y, x with z and y with z of a landmark
+    Matrix<double> correlation = from("correlation", "t 3p?");
+    Tensor<double> covariance = from("covariance", "t 3p 3p?");  // of each frame, likewise
+    // energy at the minimum, log det of the Hessian of the frames there, rounds
+    Vector<double> end = from("end", "3");
+};
+
 // Where the minimisation stands; rows of frames are padded to a multiple of PADDING.
 struct Place {
-    Place(Workspace& workspace, const SequenceData& data);
+    Place(Workspace& workspace, const SequenceData& data)
+        : y(workspace.matrix<double>(data.points.size[0], padded(data.points.size[1]))),
+          lengths(workspace.vector<double>(data.lengths.size[0])),
+          pull(workspace.matrix<double>(data.points.size[0], padded(data.points.size[1]))),
+          share(workspace.matrix<double>(data.points.size[0], data.log_share.size[1])),
+          too_long(workspace.vector<double>(data.lengths.size[0])) {}
 
     Matrix<double> y;        // (t, D)
     Vector<double> lengths;  // (e,)

@@ -1,15 +1,19 @@
-#include "../base/registry.hpp"
+// The shapes of a whole sequence at once.
 #include "../base/small_matrices.hpp"
-#include "../base/vectors.hpp"
-#include "../base/memory.hpp"
 #include "banded.hpp"
-#include "data.hpp"
 
 namespace shapefit {
 
-// The precisions of the modes of images.
+// Precisions (factor C + more I)^-1 in the place of covariances C, and log det, where `there` is set.
+struct PrecisionData {
+    Arguments& from;
+    Blocks<double> matrices = from("matrices", "n K d d");
+    Matrix<const double> factor = from("factor", "n K");  // 0 where C is not known
+    Matrix<const double> more = from("more", "n K");
+    Matrix<const bool> there = from("there", "n K");
+    Matrix<double> log_det = from("log_det", "n K");
+};
 
-// C -> (C + more I)^-1 with log det (C + more I); nan where that is not positive definite.
 void find_precisions(const PrecisionData& data, Range range);
 
 void find_precisions(const PrecisionData& data, Range range) {
@@ -35,18 +39,6 @@ void find_precisions(const PrecisionData& data, Range range) {
 }
 
 const Exported<find_precisions> find_precisions_exported{"find_precisions"};
-
-// The shapes of a whole sequence at once.
-//
-//   sum_f -log sum_k share_fk N(y_f; m_fk, P_fk^-1)  +  1/2 sum_(f,j) weight_fj ||w_fj - y_fj||^2
-//     + 1/2 sum_(f,j) ||y_(f-1)j - 2 y_fj + y_(f+1)j||^2 / a_j^2
-//     + 1/2 sum_(f, bones ij) (||y_fi - y_fj|| - l_ij)^2 / b_ij^2  +  1/2 (l - known)^T H (l - known)
-//
-// over frames and lengths l together, by the method of Levenberg and Marquardt.
-
-// A local minimum near the start, and the deviations there, the lengths held; no step raises the
-// objective.
-void smooth_sequence(const SequenceData& data);
 
 namespace {
 
@@ -115,6 +107,8 @@ void copy_rows(Matrix<const double> from, Matrix<double> to, long width) {
 
 }  // namespace
 
+// A local minimum near the start, by the method of Levenberg and Marquardt, and the deviations there, the
+// lengths held; no step raises the objective.
 void smooth_sequence(const SequenceData& data) {
     const long t = data.points.size[0], d = data.points.size[1], e = data.lengths.size[0];
     Workspace workspace;

@@ -4,7 +4,6 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit import core
 from shapefit.convex.problem import build_problem
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
@@ -51,87 +50,9 @@ def test_planted_outliers_are_found_exactly(posed, shape, share, rng):
     np.testing.assert_array_equal(search(landmarks, shape), ~wrong)
 
 
-def test_a_triple_gives_the_pose_and_its_reflection_in_depth(shape, rng):
-    for R in random_rotations(50, rng):
-        size, T = rng.uniform(0.1, 9), rng.standard_normal((2, 1))
-        w = size * R[:2] @ shape + T
-        triple, found = rng.permutation(P)[:3], np.empty((2, 3, 3))
-        s = core.parts.pose_triple(w, shape, triple, found)
-        assert s == pytest.approx(size, rel=1e-9)
-        assert np.abs(found - R).max(axis=(1, 2)).min() < 1e-7
-        np.testing.assert_allclose(np.linalg.det(found), 1)
-        edges = shape[:, triple[1:]] - shape[:, triple[:1]]
-        seen = w[:, triple[1:]] - w[:, triple[:1]]
-        for pose in found:
-            np.testing.assert_allclose(pose @ pose.T, np.eye(3), atol=1e-12)
-            np.testing.assert_allclose(s * pose[:2] @ edges, seen, atol=1e-7 * size)
-
-
-def test_points_on_a_line_or_on_one_point_determine_no_pose(shape):
-    line, triple, R = np.outer(np.ones(3), np.arange(P)), np.arange(3), np.empty((2, 3, 3))
-    assert core.parts.pose_triple(shape[:2], line, triple, R) == 0
-    assert core.parts.pose_triple(shape[:2], np.zeros((3, P)), triple, R) == 0
-    assert core.parts.pose_triple(np.zeros((2, P)), shape, triple, R) == 0
-
-
-def test_triples_are_different_and_equally_likely():
-    state, triple, draws = np.array([5], np.uint64), np.zeros(3, np.int64), 60_000
-    candidates = np.array([3, 4, 9, 7, 1])
-    counts = {}
-    for _ in range(draws):
-        core.parts.draw_triple(candidates, state, triple)
-        counts[tuple(triple)] = counts.get(tuple(triple), 0) + 1
-    assert len(counts) == 5 * 4 * 3
-    expected = draws / 60
-    assert max(abs(count - expected) for count in counts.values()) < 5 * np.sqrt(expected)
-    assert all(len(set(drawn)) == 3 for drawn in counts)
-
-
-def test_draws_are_those_of_the_published_generator():
-    """SplitMix64 in Python, so that labels with a seed stay what they were."""
-
-    def draw(state, m):
-        state = (state + 0x9E3779B97F4A7C15) % 2**64
-        z = (state ^ (state >> 30)) * 0xBF58476D1CE4E5B9 % 2**64
-        z = (z ^ (z >> 27)) * 0x94D049BB133111EB % 2**64
-        return state, ((z ^ (z >> 31)) >> 32) * m >> 32
-
-    expected, places, candidates = 2**64 - 3, list(range(40)), np.arange(40)
-    state, triple = np.array([expected], np.uint64), np.zeros(3, np.int64)
-    for _ in range(200):
-        core.parts.draw_triple(candidates, state, triple)
-        drawn, left = [], places.copy()
-        for m in (40, 39, 38):
-            expected, at = draw(expected, m)
-            drawn.append(left.pop(at))
-        assert triple.tolist() == drawn
-    assert int(state[0]) == expected
-
-
 def test_few_draws_are_as_good_as_many_where_all_landmarks_agree(posed, shape):
     for draws in (1, 2, 3, 9):
         assert search(posed, shape, draws=draws).all()
-
-
-def test_the_gain_is_the_formula(shape, rng):
-    R = random_rotations(1, rng)[0]
-    s, T = 3.0, np.array([1.0, -2.0])
-    w = s * R[:2] @ shape + T[:, None] + 0.4 * rng.standard_normal((2, P))
-    h = rng.uniform(0.5, 2, P)
-    h[:4] = 0.0
-    visible = np.flatnonzero(h)
-    area = core.parts.find_area(w, visible)
-    assert area == pytest.approx(12 * np.sqrt(np.linalg.det(np.cov(w[:, visible], ddof=0))))
-    inliers = np.empty(P, bool)
-    share = ((w - s * R[:2] @ shape - T[:, None]) ** 2).sum(0) / (0.2 * s) ** 2
-    expected = np.log(area / (np.pi * (0.2 * s) ** 2)) * ((h * np.maximum(0, 1 - share)).sum() - 3)
-    for lanes in (False, True):
-        gain = core.parts.judge(w, h, shape, s, R, T, 0.2, area, lanes, inliers)
-        assert gain == pytest.approx(expected)
-    np.testing.assert_array_equal(inliers, (share <= 1) & (h > 0))
-    for lanes in (False, True):
-        assert core.parts.judge(w, h, shape, s, R, T, 99.0, area, lanes, inliers) == -np.inf
-    assert not inliers.any()
 
 
 def test_the_inliers_are_those_of_the_pose_fitted_to_them(posed, shape, rng):
@@ -240,60 +161,10 @@ def test_hidden_landmarks_are_as_good_as_none(shape, rng):
     assert not found[:, ~seen].any()
 
 
-def test_moments_are_weighted_and_know_the_inliers_only(shape, rng):
-    w, h, inliers = rng.standard_normal((2, P)), rng.uniform(0.1, 3, P), rng.random(P) < 0.6
-    P_found, D, middle, origin = np.empty((3, 3)), np.empty((2, 3)), np.empty(3), np.empty(2)
-    core.parts.find_moments(w, h, shape, inliers, P_found, D, middle, origin)
-    share, S, W = h[inliers], shape[:, inliers], w[:, inliers]
-    np.testing.assert_allclose(middle, np.average(S, axis=1, weights=share))
-    np.testing.assert_allclose(origin, np.average(W, axis=1, weights=share))
-    S, W = S - middle[:, None], W - origin[:, None]
-    np.testing.assert_allclose(P_found, (share * S) @ S.T)
-    np.testing.assert_allclose(D, (share * W) @ S.T)
-
-
 def test_the_search_stops_by_the_share_of_inliers(posed, shape, rng):
     """More draws than anyone waits for, where the inliers of the first ones decide."""
     landmarks, wrong = plant(posed, 0.5, rng)
     np.testing.assert_array_equal(search(landmarks, shape, draws=10**12), ~wrong)
-
-
-def test_the_better_of_the_drawn_and_the_fitted_poses_counts(posed, shape, rng):
-    """The search again in Python: one round of fitting, after which the lower gain is forgotten."""
-    landmarks, _ = plant(posed, 0.6, rng)
-    landmarks += 0.08 * np.ptp(landmarks, axis=2, keepdims=True) * rng.standard_normal((N, 2, P))
-    some, draws, threshold, fell = 10, 2, 0.4, 0
-    landmarks, shape = np.tile(landmarks[..., :some], (4, 1, 1)), shape[:, :some].copy()
-    found = search(landmarks, shape, draws=draws, max_rounds=1, threshold=threshold)
-    for image, w in enumerate(landmarks):
-        area, ones = core.parts.find_area(w, np.arange(some)), np.ones(some)
-
-        def judge(size, R, T, w=w, area=area, ones=ones):
-            inside = np.empty(some, bool)
-            gain = core.parts.judge(w, ones, shape, size, R, T, threshold, area, False, inside)
-            return gain, inside
-
-        state, triple = np.array([image], np.uint64), np.zeros(3, np.int64)
-        drawn, best, labels = -np.inf, -np.inf, np.zeros(some, bool)
-        for _ in range(draws):
-            core.parts.draw_triple(np.arange(some), state, triple)
-            poses = np.empty((2, 3, 3))
-            size = core.parts.pose_triple(w, shape, triple, poses)
-            for R in poses:
-                T = w[:, triple[0]] - size * R[:2] @ shape[:, triple[0]]
-                gain, inside = judge(size, R, T)
-                if gain <= drawn:
-                    continue
-                drawn = gain
-                if gain > best:
-                    best, labels = gain, inside
-                if inside.sum() > 3:
-                    gain, inside = judge(*fitted(w, shape, inside, R))
-                    fell += gain < drawn == best
-                    if gain > best:
-                        best, labels = gain, inside
-        np.testing.assert_array_equal(found[image], labels, err_msg=f"image {image}")
-    assert fell > 3
 
 
 def fitted(w, shape, inside, start):
