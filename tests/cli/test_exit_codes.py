@@ -20,8 +20,8 @@ def test_a_wrong_config_stops_before_the_pipeline(shapefit, fake_pipeline):
     result = shapefit("fit", "-c", "fit.yaml", "--set", "threads=-1", "--set", "chunk=0")
     assert (result.code, configs) == (2, [])
     assert result.err == (
-        "Error: --set threads=-1: expected a whole number >= 0 and <= 1024, found -1\n"
-        "Error: --set chunk=0: expected a whole number >= 1 and <= 10000000, found 0\n"
+        "Error: --set threads=-1: `threads` should be greater than or equal to 0, found -1\n"
+        "Error: --set chunk=0: `chunk` should be greater than or equal to 1, found 0\n"
     )
 
 
