@@ -48,15 +48,6 @@ def similarity_errors(report: Path) -> dict[str, float]:
         }
 
 
-def test_the_proofs_of_the_demo_hold(demo):
-    folder, _ = demo
-    done = shapefit(
-        "verify", "result.h5", "-d", "dict.h5", "--landmarks", "views.h5", folder=folder
-    )
-    assert "| the objective is P | 640 | 0 |" in done.stdout
-    assert "Failed" not in done.stderr
-
-
 def test_the_demo_lifts_people(demo):
     folder, table = demo
     assert "| " in table
@@ -64,18 +55,6 @@ def test_the_demo_lifts_people(demo):
     (error,) = similarity_errors(folder / "report/report.csv").values()
     flat = 1.0  # the error of a shape without any depth is about the spread of the depths
     assert 0 < error < flat / 2
-
-
-def test_fit_writes_csv_to_a_pipe(demo, project):
-    folder, _ = demo
-    views = (project / "sample_data/people_views.csv").read_text(encoding="utf-8")
-    result = shapefit("fit", "-d", "dict.h5", "-o", "-", "-", folder=folder, text=views)
-    rows = list(csv.DictReader(result.stdout.splitlines()))
-    assert set(rows[0]) >= {"item", "landmark", "x", "y", "z"}
-    assert {row["item"] for row in rows} == {
-        row["item"] for row in csv.DictReader(views.splitlines())
-    }
-    assert result.stderr.startswith("fit: ")
 
 
 def test_a_wrong_name_leaves_the_old_result(demo):
@@ -87,16 +66,6 @@ def test_a_wrong_name_leaves_the_old_result(demo):
     assert "pelviss" in result.stderr
     assert "pelvis" in result.stderr.replace("pelviss", "")
     assert (folder / "result.h5").read_bytes() == before
-
-
-def test_a_hidden_image_fails_and_the_others_go_on(demo, project):
-    folder, _ = demo
-    views = (project / "sample_data/people_views.csv").read_text(encoding="utf-8")
-    text = views.rstrip("\n") + "\nhidden,pelvis,,\n"
-    result = run_in(folder, "fit", "-d", "dict.h5", "-o", "-", "-", text=text)
-    assert result.returncode == 1
-    assert "Failed: hidden: " in result.stderr
-    assert "1 failed" in result.stderr
 
 
 @pytest.mark.real_data

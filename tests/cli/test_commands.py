@@ -100,11 +100,6 @@ def test_print_config_prints_yaml_and_does_nothing(shapefit, fake_pipeline, fold
     assert load_config("fit", Path("printed.yaml")) == expected
 
 
-def test_one_item_is_singular(shapefit, fake_pipeline):
-    fake_pipeline("fit.run", [Outcome(done=1)])
-    assert "fit: 1 image in " in shapefit("fit", "-c", "fit.yaml").err
-
-
 def test_the_bar_shows_states_of_the_work_and_not_the_result(shapefit, fake_pipeline, monkeypatch):
     shown = []
 
@@ -119,31 +114,6 @@ def test_the_bar_shows_states_of_the_work_and_not_the_result(shapefit, fake_pipe
     fake_pipeline("evaluate.run", [Outcome(done=1, note="ours"), Outcome(note="| table |")])
     shapefit("eval", "result.h5", "--truth", "shapes.h5", "-o", "report")
     assert shown == [(1, None, ""), (0, None, "")]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "hint"),
-    [
-        (["--lambda", "0.2"], "--lambda; it is a key of the config: --set lambda=0.2"),
-        (["--lambda=0.2"], "--lambda; it is a key of the config: --set lambda=0.2"),
-        (["--lambda"], "--lambda; it is a key of the config: --set lambda=VALUE"),
-        (["--leave-out", "item"], "--leave-out; it is a key of the config: --set leave_out=item"),
-        (["--threshold", "3"], "it is a key of the config: --set outliers.threshold=3"),
-        (["--outliers.method=l1"], "it is a key of the config: --set outliers.method=l1"),
-        (["--widening", "1"], "--set posterior.widening=1"),
-    ],
-)
-def test_an_option_that_is_a_key_names_the_setting(shapefit, arguments, hint):
-    told = shapefit("fit", "-c", "fit.yaml", *arguments)
-    assert told.code == 2
-    assert hint in told.err
-
-
-def test_an_option_that_is_nothing_is_told_as_before(shapefit):
-    told = shapefit("fit", "--lamda", "2")
-    assert told.code == 2
-    assert "--set" not in told.err
-    assert "No such option" in told.err
 
 
 def test_quiet_prints_failures_and_nothing_else(shapefit, fake_pipeline):
@@ -167,12 +137,6 @@ def test_verbose_names_the_config_and_every_failure(shapefit, fake_pipeline):
     assert told.err.count("Failed: ") == 30
 
 
-def test_quiet_and_verbose_exclude_each_other(shapefit):
-    told = shapefit("fit", "-c", "fit.yaml", "-q", "-v")
-    assert told.code == 2
-    assert "-q and -v exclude each other" in told.err
-
-
 def test_progress_is_a_line_now_and_then_without_a_terminal(shapefit, fake_pipeline, monkeypatch):
     clock = count(0, 4)  # seconds: a line after every third look at the clock
     monkeypatch.setattr("shapefit.cli.report.time.monotonic", lambda: next(clock))
@@ -182,11 +146,6 @@ def test_progress_is_a_line_now_and_then_without_a_terminal(shapefit, fake_pipel
     assert 2 <= len(lines) <= 4
     assert lines[0].startswith("fit: ")
     assert lines[0].endswith(" s; gap 1e-5")
-
-
-def test_a_short_run_has_no_such_line(shapefit, fake_pipeline):
-    fake_pipeline("fit.run", [Outcome(done=10, total=90)] * 9)
-    assert " of 90 " not in shapefit("fit", "-c", "fit.yaml").err
 
 
 def complete(words: str) -> list[str]:

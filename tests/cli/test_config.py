@@ -20,21 +20,6 @@ def test_every_key_is_listed_with_default_and_meaning(shapefit, command):
     assert listed <= keys
 
 
-def test_a_section_or_a_key_is_listed_alone(shapefit):
-    told = shapefit("config", "fit", "camera")
-    assert {line.split(".")[0] for line in told.out.splitlines() if line[0] != " "} == {"camera"}
-    told = shapefit("config", "fit", "posterior.misfit")
-    assert told.out.startswith("posterior.misfit: a number > 0; default none\n    Variance")
-    assert len([line for line in told.out.splitlines() if line[0] != " "]) == 1
-
-
-@pytest.mark.parametrize("section", ["kamera", "lam", "cam"])
-def test_a_section_that_is_none_is_an_error_with_those_there_are(shapefit, section):
-    told = shapefit("config", "fit", section)
-    assert told.code == 2
-    assert f"there is no key or section '{section}'; name one of: landmarks, " in told.err
-
-
 @pytest.mark.parametrize("command", NAMES)
 def test_a_config_is_printed_without_inputs(shapefit, command):
     told = shapefit(command, "--print-config")
@@ -49,9 +34,3 @@ def test_a_printed_config_serves_once_its_inputs_are_given(shapefit, folder):
     inputs = {"landmarks": ("views.h5",), "dictionary": "dict.h5", "output": "result.h5"}
     config = load_config("fit", folder / "printed.yaml", (), inputs)
     assert config == load_config("fit", None, ("lambda=2",), inputs)
-
-
-def test_what_is_wrong_is_told_even_where_inputs_lack(shapefit):
-    told = shapefit("fit", "--set", "lamda=2", "--print-config")
-    assert told.code == 2
-    assert "did you mean 'lambda'?" in told.err

@@ -15,36 +15,6 @@ def test_an_input_error_names_every_problem(shapefit, fake_pipeline):
     assert result.err == "Error: a.csv:3: no number\nError: a.csv:5: repeated\n"
 
 
-def test_a_wrong_config_stops_before_the_pipeline(shapefit, fake_pipeline):
-    configs = fake_pipeline("fit.run", [Outcome()])
-    result = shapefit("fit", "-c", "fit.yaml", "--set", "threads=-1", "--set", "chunk=0")
-    assert (result.code, configs) == (2, [])
-    assert result.err == (
-        "Error: --set threads=-1: `threads` should be greater than or equal to 0, found -1\n"
-        "Error: --set chunk=0: `chunk` should be greater than or equal to 1, found 0\n"
-    )
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["fit", "--nonsense"], "No such option"),
-        (["nonsense"], "No such command"),
-        (["sweep", "-c", "fit.yaml"], "Error: the command `sweep` is gone: call `shapefit.fit`"),
-        (["simulate"], "Error: the command `simulate` is gone: run `python -m benchmarks.paper"),
-        (["config", "sweep"], "is not one of"),
-        (["fit", "-c", "nowhere.yaml"], "Error: nowhere.yaml: no such file"),
-        (["fit", "-o"], "requires an argument"),
-        ([], "Usage: shapefit"),
-    ],
-)
-def test_bad_usage(shapefit, arguments, message):
-    result = shapefit(*arguments)
-    assert result.code == 2
-    assert message in result.err
-    assert result.out == ""
-
-
 def test_an_internal_error_is_one_line(shapefit, fake_pipeline):
     fake_pipeline("fit.run", [Outcome(done=1), ZeroDivisionError("division\nby zero")])
     result = shapefit("fit", "-c", "fit.yaml")

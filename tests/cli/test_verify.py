@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from shapefit.config import ViewConfig
-from shapefit.errors import InputError
 from shapefit.pipelines import verify
 from shapefit.pipelines.outcome import Failure, Outcome
 
@@ -45,23 +44,6 @@ def test_a_claim_that_does_not_hold_is_a_failure(shapefit, requests):
     assert "Failed: a: the objective is P: off by 1\n" in result.err
 
 
-def test_bad_input_is_one(shapefit, requests):
-    requests(InputError(["result.h5: holds no dual; fit again"]))
-    result = shapefit("verify", "result.h5", "-d", "dict.h5")
-    assert (result.code, result.err) == (2, "Error: result.h5: holds no dual; fit again\n")
-
-
-@pytest.mark.parametrize("arguments", [["result.h5"], ["-d", "dict.h5"], ["a.h5", "b.h5"]])
-def test_a_result_and_its_dictionary_are_needed(shapefit, arguments):
-    assert shapefit("verify", *arguments).code == 2
-
-
-def test_files_that_are_not_there_are_named(shapefit):
-    result = shapefit("verify", "nowhere.h5", "-d", "dict.h5")
-    assert result.code == 2
-    assert "Error: dict.h5: is empty" in result.err
-
-
 @pytest.fixture
 def pages(fake_pipeline, folder):
     return fake_pipeline("view.run", [Outcome(done=3, written=(folder / "page.html",))])
@@ -96,9 +78,3 @@ def test_without_a_browser_the_page_is_named(shapefit, pages, monkeypatch):
     told = shapefit("view", "result.h5", "--open")
     assert told.code == 0
     assert "No browser was found; open" in told.err
-
-
-def test_no_files_are_bad_usage(shapefit):
-    told = shapefit("view")
-    assert told.code == 2
-    assert "missing key 'files'" in told.err

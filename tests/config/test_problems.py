@@ -1,6 +1,5 @@
 """Every problem of a config is told at once, at its place, with what to do."""
 
-import re
 import socket
 import warnings
 from pathlib import Path
@@ -193,11 +192,6 @@ def test_an_option_over_a_mapping_is_blamed_for_what_is_in_it():
     assert told.startswith(f"--set {option}: `method` should be 'none'")
 
 
-def test_a_wrong_argument_is_named():
-    (told,) = problems("fit", FIT, dictionary="nowhere.h5")
-    assert told == f"command line, dictionary: no file {Path.cwd()}/nowhere.h5; check the spelling"
-
-
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -217,15 +211,6 @@ def test_a_wrong_argument_is_named():
 )
 def test_broken_yaml_has_a_place(text, expected):
     assert any(line.startswith(expected) for line in problems("fit", text)), problems("fit", text)
-
-
-def test_an_empty_file_misses_the_required_keys():
-    told = problems("fit", "")
-    assert [re.sub(r" \(.*", "", line) for line in told] == [
-        "c.yaml:1:1: missing key 'landmarks'",
-        "c.yaml:1:1: missing key 'dictionary'",
-        "c.yaml:1:1: missing key 'output'",
-    ]
 
 
 def test_a_config_that_cannot_be_read_is_named(folder):
@@ -264,22 +249,9 @@ def test_a_path_that_names_no_file(folder, path, expected):
     assert expected.format(folder=folder, data="{data}") in told
 
 
-def test_one_dictionary_only(folder):
-    (folder / "b.h5").touch()
-    (told,) = problems("fit", FIT.replace("dictionary: a.h5", "dictionary: '*.h5'"))
-    assert "matches 2 files; name one" in told
-
-
 def test_results_of_one_name_must_be_named_apart(folder):
     (told,) = problems("eval", EVAL.replace("results: a.h5", "results: [a.h5, sub/a.csv]"))
     assert "would both be called 'a'" in told
-
-
-def test_keys_that_do_not_go_together_and_are_said_by_options():
-    told = only_problem("fit", "loss: exact\n", "outliers.method=l1")
-    assert told.startswith("c.yaml:4:7: `loss: exact` and")
-    told = only_problem("fit", "", "lambda=auto")
-    assert told.startswith("--set lambda=auto: `lambda: auto` needs `noise`")
 
 
 def problems_of(text):
@@ -319,11 +291,6 @@ def test_whole_numbers_have_64_bits(value):
 def test_numbers_of_steps_have_a_limit(key):
     told = only_problem("fit", "", f"{key}=3000000000")
     assert "should be less than or equal to" in told
-
-
-def test_half_a_letter_is_no_text():
-    told = only_problem("fit", "", 'leave_out="\\ud800"')
-    assert "contains an unpaired surrogate" in told
 
 
 def test_a_file_that_is_no_yaml_says_so_and_nothing_else(tmp_path):

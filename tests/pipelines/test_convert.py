@@ -7,7 +7,6 @@ import pytest
 from shapefit.cli.main import run as shapefit
 
 from shapefit.config import load_config
-from shapefit.errors import InputError
 from shapefit.io import open_landmarks, read_results, read_shapes, write_shapes
 from shapefit.io.listing import find_kind
 from shapefit.io.records import LandmarkSet, ShapeSet
@@ -90,7 +89,6 @@ def test_shapes_with_gaps(tmp_path, rng):
 
 
 def test_a_result_keeps_its_proof(tmp_path):
-    from shapefit.cli.main import run as shapefit
 
     train, views = SAMPLES / "people_train.h5", tmp_path / "views.h5"
     dictionary, result = tmp_path / "dict.h5", tmp_path / "result.h5"
@@ -107,31 +105,6 @@ def test_a_result_keeps_its_proof(tmp_path):
     )
 
 
-def test_different_kinds_are_refused(tmp_path, landmarks):
-    with pytest.raises(InputError, match=r"holds shapes, and .*views.h5 holds landmarks"):
-        convert(tmp_path / "views.h5", SAMPLES / "people_test.h5", output=tmp_path / "x.h5")
-    assert not (tmp_path / "x.h5").exists()
-
-
-def test_an_unknown_format_is_named(tmp_path, landmarks):
-    with pytest.raises(InputError, match="there is no format 'hdf'; did you mean hdf5"):
-        convert(tmp_path / "views.h5", output=tmp_path / "x.h5", to="hdf")
-
-
-@pytest.mark.parametrize(
-    ("content", "found"),
-    [
-        (b"\0\0\0\x20ftypisom\0\0", "is a video"),
-        (b"\x89PNG\r\n\x1a\n\0\0", "is an image"),
-        (b"\0\1\2\3", "is of no known format"),
-    ],
-)
-def test_a_file_that_is_something_else(tmp_path, content, found):
-    (tmp_path / "clip.mp4").write_bytes(content)
-    with pytest.raises(InputError, match=found):
-        convert(tmp_path / "clip.mp4", output=tmp_path / "x.h5")
-
-
 def test_a_mixture_of_formats_is_counted(tmp_path):
     (tmp_path / "mouse.csv").write_text(
         "scorer,a,a,a\nbodyparts,nose,nose,nose\ncoords,x,y,likelihood\n0,1.0,2.0,0.9\n"
@@ -140,23 +113,6 @@ def test_a_mixture_of_formats_is_counted(tmp_path):
     (warning,) = convert(*files, output=tmp_path / "both.h5", keypoints="body_25")
     assert warning.startswith("several formats in one call: a DeepLabCut or Lightning Pose CSV (1)")
     assert "a set of OpenPose files (1)" in warning
-
-
-@pytest.mark.parametrize("command", ["convert", "fit", "learn-dict", "project", "view"])
-def test_an_ending_that_no_writer_knows(tmp_path, capsys, command, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    inputs = {
-        "convert": ["one_person.csv"],
-        "fit": ["one_person.csv", "-d", "people"],
-        "learn-dict": ["people_train.h5"],
-        "project": ["people_test.h5"],
-        "view": ["people_test.h5"],
-    }
-    arguments = [str(SAMPLES / each) if "." in each else each for each in inputs[command]]
-    assert shapefit([command, *arguments, "-o", "walk.fbx"]) == 2
-    said = capsys.readouterr().err
-    assert "walk.fbx: " in said and ".html" in said if command == "view" else ".c3d" in said
-    assert not list(tmp_path.iterdir())
 
 
 def test_pixels_have_two_decimals_in_csv(tmp_path, landmarks):

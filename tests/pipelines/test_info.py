@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from shapefit.config import load_config
-from shapefit.errors import InputError
 from shapefit.io.inputs import in_words
 from shapefit.pipelines.info import run
 from shapefit.pipelines.parts.run import run as fit
@@ -60,20 +59,6 @@ def test_files_of_one_recording_are_one_input():
     assert "openpose/*.json' -d people " in told["go on with"]
 
 
-def test_one_bad_file_does_not_stop_the_others(tmp_path):
-    (tmp_path / "bad.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
-    outcome = info(tmp_path / "bad.h5", SAMPLES / "people_test.h5")
-    assert "people_test.h5" in outcome.note
-    (failure,) = outcome.failures
-    assert failure.item == str(tmp_path / "bad.h5")
-
-
-def test_only_bad_files_are_an_error(tmp_path):
-    (tmp_path / "bad.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
-    with pytest.raises(InputError, match=r"bad\.h5"):
-        info(tmp_path / "bad.h5")
-
-
 def test_people_need_no_dictionary_of_their_own():
     options = ("keypoints=body_25",)
     config = load_config("info", None, options, {"files": [SAMPLES / "openpose"]})
@@ -82,13 +67,6 @@ def test_people_need_no_dictionary_of_their_own():
     assert told["frames"] == "36"
     assert told["images"] == "72"
     assert told["go on with"].endswith("-d people -o result.h5 --set keypoints=body_25")
-
-
-def test_landmarks_without_names_are_no_error():
-    told = lines(info(SAMPLES / "openpose").note)
-    assert "`--set keypoints=body_25` or `--set keypoints=body_25b`" in told["landmarks"]
-    fit = "shapefit fit sample_data/openpose -d people -o result.h5 --set keypoints=NAME"
-    assert told["go on with"].split()[3:] == fit.split()[3:]
 
 
 def test_commands_are_as_they_are_typed(tmp_path, monkeypatch):
