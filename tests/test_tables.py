@@ -102,24 +102,6 @@ def test_a_method_is_a_file_and_an_entry(folder):
     assert max(errors) < 1e-6
 
 
-@pytest.mark.parametrize(
-    ("setting", "answer"),
-    [
-        (
-            "method=flt",
-            " or flat, found 'flt'; did you mean 'flat'?",
-        ),
-        ("loss=exact", "the method flat does not support `loss: exact`"),
-        ("outliers.method=l1", "the method flat does not support `outliers: {method: l1}`"),
-    ],
-)
-def test_the_config_knows_a_new_method(folder, setting, answer):
-    fit = ("fit", "views.h5", "-d", "dictionary.h5", "-o", "r.h5", "--set", "method=flat")
-    done = Toy(folder, FLAT, FLAT_ENTRY).run(*fit, "--set", setting)
-    assert done.returncode == 2
-    assert answer in done.stderr
-
-
 WORST = '''
 """The metric `worst`: the largest distance in the image of the landmarks that were visited."""
 
@@ -246,10 +228,6 @@ class TestAFormatIsAFileAndAnEntry:
             (folder / "again.points").read_text(encoding="utf-8").startswith("POINTS a b c d e f")
         )
         toy.succeed("fit", "again.points", "-d", "dictionary.h5", "-o", "other.h5")
-
-    def test_it_is_listed_for_the_page(self, toy, views, folder):
-        toy.succeed("view", "views.points", "-o", "page.html")
-        assert (folder / "page.html").exists()
 
     def test_what_it_cannot_hold_is_refused(self, toy, views):
         done = toy.run("fit", "views.h5", "-d", "dictionary.h5", "-o", "result.points")

@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 
-from shapefit.evaluation.plots import MOST_SEQUENCES, draw_bars, draw_boxes, writers
+from shapefit.evaluation.plots import draw_bars, draw_boxes, writers
 from shapefit.evaluation.summaries import ImageErrors, summarise
 
 NAN = float("nan")
@@ -34,13 +34,6 @@ def test_bars_are_the_means_of_sequences_and_of_groups():
     assert heights(second) == {"a": [5.0], "b": [6.0]}
     assert [axis.get_title() for axis in (first, second)] == ["13", "14"]
     assert first.get_ylabel() == "mean error (m)"
-
-
-def test_of_too_many_sequences_the_mean_alone_is_drawn():
-    names = tuple(f"s{i}" for i in range(MOST_SEQUENCES + 1))
-    every = ImageErrors("a", "similarity", "m", names, names, np.arange(len(names), dtype=float))
-    (axis,) = draw_bars(summarise(every, {"all": names})).axes
-    assert heights(axis) == {"a": [MOST_SEQUENCES / 2]}
 
 
 def test_boxes_are_the_quartiles_of_the_images_that_did_not_fail():

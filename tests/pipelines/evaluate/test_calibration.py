@@ -132,13 +132,6 @@ def test_gaps_of_the_truth_are_left_out(desk, reported, truth):
     assert desk.row("calibration.csv", landmark="", **labels)["judged"] == "24"
 
 
-def test_the_plot_is_drawn(desk, reported):
-    page, _ = reported(plots=True)
-    for suffix in ("png", "svg"):
-        assert (desk.config.output / f"calibration.{suffix}").stat().st_size > 1000
-    assert "![calibration](calibration.png)" in page
-
-
 def test_a_report_has_the_factors_with_which_error_bars_are_true(desk, reported, sure):
     reported()
     path = desk.config.output / "error_bars.json"

@@ -114,11 +114,3 @@ def test_failures_beyond_a_number_are_counted(desk, results, options, monkeypatc
     method = json.loads((desk.config.output / "report.json").read_text())["methods"][0]
     assert method["failed"] == sum(len(outcome.failures) for outcome in outcomes) == 4
     assert [failure["item"] for failure in method["failures"]] == ["item0", "item7", "item40"]
-
-
-def test_no_viewer_beside_the_report_of_too_many(desk, results, monkeypatch):
-    monkeypatch.setattr(evaluate, "MOST_VIEWED", COUNT - 1)
-    outcomes = desk.run()
-    told = "view.html is left out: 150 images or shapes are more than the 149"
-    assert any(str(w).startswith(told) for outcome in outcomes for w in outcome.warnings)
-    assert not (desk.config.output / "view.html").exists()

@@ -181,10 +181,6 @@ class TestFailures:
         assert list(judgement.failures) == ["item3"]
         assert "reprojection (box)" in judgement.failures["item3"]
 
-    def test_true_landmarks_on_one_point_are_listed(self, fields, truth):
-        truth.shapes[5] = 0.1
-        assert list(judged(fields, truth).failures) == ["item5"]
-
     def test_partial_shapes_are_judged_on_the_rest_with_a_warning(self, fields, truth):
         fields["shapes"][1, :, 0] = np.nan
         judgement = judged(fields, truth, metrics=["similarity"])
@@ -219,10 +215,6 @@ class TestSkippedMetrics:
 
 
 class TestSequences:
-    def test_come_from_the_results_first(self, fields, truth):
-        fields["sequences"] = tuple("ababab")
-        assert judged(fields, truth).sequences == tuple("ababab")
-
     def test_else_from_the_truth(self, fields, truth):
         fields["sequences"] = None
         judgement = judged(fields, truth.take([0, 1, 2, 3, 4]))
@@ -255,11 +247,6 @@ class TestInputErrors:
         fields["columns"]["bounding_box"] = np.ones((N, 4))
         fields["columns"][name] = fields["columns"][name][:, :2]
         with pytest.raises(InputError, match=f"convex.h5:/{name}: has the shape"):
-            judged(fields, truth)
-
-    def test_dataset_of_no_numbers(self, fields, truth):
-        fields["columns"]["true_rotation"] = fields["columns"]["true_rotation"] * 1j
-        with pytest.raises(InputError, match=r"convex\.h5:/true_rotation: holds complex128"):
             judged(fields, truth)
 
     def test_no_images(self, fields, truth):
