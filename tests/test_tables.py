@@ -140,7 +140,7 @@ def test_a_metric_is_a_function_and_an_entry(folder):
     assert all(row.endswith(",steps") for row in rows if ",worst," in row)
 
     done = toy.run("eval", "-o", "report", "--set", "metrics=[wort]")
-    assert "or worst, found 'wort'; did you mean 'worst'?" in done.stderr
+    assert "found 'wort'; did you mean 'worst'?" in done.stderr
 
 
 POINTS = '''
