@@ -36,12 +36,13 @@ def test_markdown_counts_failures_and_ends_with_what_is_left_out(report):
     assert text.endswith("## Left out\n\n- no true rotation\n")
 
 
-def test_many_failures_are_cut_in_the_markdown_only(report):
-    failures = {f"item{i}": "no estimate" for i in range(25)}
-    many = Report((Method("convex", (), 30, failures),), report.summaries)
-    text = markdown(many)
+@pytest.mark.parametrize(("failed", "more"), [(10, ""), (11, "1 more"), (25, "15 more")])
+def test_many_failures_are_cut_in_the_markdown_only(report, failed, more):
+    failures = {f"item{i}": "no estimate" for i in range(failed)}
+    text = markdown(Report((Method("convex", (), 30, failures),), report.summaries))
     assert text.count("no estimate") == 10
-    assert "15 more" in text
+    assert more in text
+    assert bool(more) == (" more, all listed" in text)
 
 
 def test_how_each_method_solved_is_told_where_the_files_tell_it(report):
