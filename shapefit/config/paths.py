@@ -19,8 +19,11 @@ from shapefit.stores import UrlPath, find_state, is_url, location, matching, rea
 STANDARD_STREAM = Path("-")
 DATA = "{data}"
 
-MANIFEST = "manifest.json"
-"""In a folder of results, the list of them."""
+MANIFEST, OLD_MANIFEST = "manifest.jsonl", "manifest.json"
+"""In a folder of results, the list of them, and that of earlier versions."""
+
+DONE, FAILED = "done", "failed"
+"""Status of a part in the manifest."""
 
 
 @dataclass(frozen=True)
@@ -191,20 +194,45 @@ def _expand_url(path: UrlPath) -> tuple[Path, ...]:
 def result_parts(folder: Path) -> tuple[Path, ...]:
     """Return the results in a folder that `fit` wrote part by part, in the order of their numbers.
 
-    There are none for any other folder. Raises ValueError where the manifest does not say which
-    they are.
+    There are none for any other folder. Raises ValueError as `manifest_lines`.
     """
-    manifest = folder / MANIFEST
+    _, *parts = manifest_lines(folder) or [{}]
+    names = {part["file"] for part in parts if part["status"] == DONE}
+    return tuple(folder / name for name in sorted(names, key=lambda name: (len(name), name)))
+
+
+def manifest_lines(folder: Path) -> list[dict[str, Any]] | None:
+    """Return the lines of the manifest of a folder: the run, then a part each, the last one counts.
+
+    A line that was not written to its end is none. The manifests of earlier versions are read, too.
+    None where there is no manifest. Raises ValueError where a file of that name is something else.
+    """
+    for name in (MANIFEST, OLD_MANIFEST):
+        try:
+            text = read_bytes(folder / name)
+            break
+        except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
+            continue
+        except OSError as error:
+            raise ValueError(f"{folder / name} cannot be read ({error.strerror})") from None
+    else:
+        return None
     try:
-        parts = json.loads(read_bytes(manifest))["parts"]
-        names = sorted((str(part["file"]) for part in parts), key=lambda name: (len(name), name))
-        if strange := [name for name in names if PurePath(name).name != name]:
+        if name == MANIFEST:
+            run, *parts = map(json.loads, text[: text.rindex(b"\n")].split(b"\n"))
+        else:
+            run = json.loads(text)
+            parts = [{"status": DONE, "digest": None, **part} for part in run.pop("parts")]
+        if strange := [
+            part["file"] for part in parts if PurePath(part["file"]).name != part["file"]
+        ]:
             raise ValueError(f"{strange[0]} is not in the folder")
-        return tuple(folder / name for name in names)
-    except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
-        return ()
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{manifest} is not a manifest of results ({error}); fit again") from None
+        {run["config"], run["dictionary"], *(part["status"] for part in parts)}
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ValueError(
+            f"{folder / name} is not a manifest of results ({error}); fit again"
+        ) from None
+    return [run, *parts]
 
 
 def _kind(path: Path) -> int | None:

@@ -31,7 +31,7 @@ from shapefit.io.skeletons import SKELETONS
 from shapefit.io.source import open_results
 from shapefit.pipelines.joints import is_of_people
 from shapefit.pipelines.outcome import Failure, Outcome, unread
-from shapefit.pipelines.parts.manifest import Manifest, damage_of, find_folders, sum_up
+from shapefit.pipelines.parts.manifest import Manifest, find_folders, result_digest, sum_up
 
 BATCH = 16384
 """Items that are looked at, the first of a file."""
@@ -68,10 +68,11 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
     folders = find_folders(config.files)
     for folder, manifest in folders.items():
         shared: dict[str, str] = {}
-        for name, entry in manifest.parts.items():
+        for name, entry in manifest.done.items():
             try:
-                if error := damage_of(folder / name, entry):
-                    raise error
+                if entry["digest"] not in (None, result_digest(folder / name)):
+                    found = "is not as `fit` wrote it"
+                    raise input_error(folder / name, found, "run the same fit again")
                 shared = shared or dict(_of_result(folder / name))
             except InputError as error:
                 fail(folder / name, error)
@@ -170,7 +171,7 @@ def _of_folder(folder: Path, manifest: Manifest, first: Mapping[str, str]) -> li
     shared = [(name, first[name]) for name in ("landmarks", "unit")]
     title = [("", source_name(folder)), ("kind", f"folder with {first['kind']}")]
     following = [("go on with", f"shapefit eval {_typed(folder)} --truth SHAPES -o report")]
-    return title + sum_up(manifest.parts) + shared + following
+    return title + sum_up(manifest.done) + shared + following
 
 
 def _of_result(path: Path) -> list[Line]:

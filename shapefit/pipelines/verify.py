@@ -7,7 +7,6 @@ certificate; all else of an honest file is consistent; what nothing else determi
 from __future__ import annotations
 
 import hashlib
-import json
 import os
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager
@@ -42,7 +41,8 @@ from shapefit.pipelines.fit.record import OF_A_RESULT
 from shapefit.pipelines.joints import MEANS, Joints, find_joints, named_as_joints
 from shapefit.pipelines.outcome import Failure, Outcome, unread
 from shapefit.pipelines.overlap import side_by_side
-from shapefit.stores import UrlPath, files_in, read_bytes
+from shapefit.pipelines.parts.manifest import read_manifest, result_digest
+from shapefit.stores import UrlPath, files_in
 from shapefit.verification.checks import Checks
 from shapefit.verification.claims import Model, check_images
 from shapefit.verification.fit import Fit, read_fit
@@ -56,8 +56,6 @@ STREAM = "stream"
 """Stands for the digest of what could not be read twice."""
 STRAIGHT = 1e-8
 """Of the largest coordinate by which landmarks without the distortion of a lens may be off."""
-
-MANIFEST = "manifest.json"
 
 
 @dataclass(frozen=True)
@@ -563,33 +561,36 @@ def find_parts(request: Request) -> tuple[list[Part], tuple[Failure, ...], int]:
     result = request.result
     if result.is_file() or not (isinstance(result, UrlPath) or result.is_dir()):
         return [Part(result, request.landmarks)], (), 0
-    manifest = result / MANIFEST
+    manifest = read_manifest(result)
+    if manifest is None:
+        raise input_error(result, "is a folder without results", "name a result in it")
     try:
-        entries = json.loads(read_bytes(manifest))["parts"]
-        sizes = {str(entry["file"]): int(entry["bytes"]) for entry in entries}
-        inputs = [tuple(map(str, entry["inputs"])) for entry in entries]
-        rows = [entry["rows"] and tuple(map(int, entry["rows"])) for entry in entries]
-        images = sum(int(entry["images"]) for entry in entries)
-    except FileNotFoundError:
-        raise input_error(result, "is a folder without results", "name a result in it") from None
+        done = {str(name): entry for name, entry in manifest.done.items()}
+        inputs = [tuple(map(str, entry["inputs"])) for entry in done.values()]
+        rows = [entry["rows"] and tuple(map(int, entry["rows"])) for entry in done.values()]
+        images = sum(int(entry["images"]) for entry in done.values())
+        stated = {name: (int(entry["bytes"]), entry["digest"]) for name, entry in done.items()}
     except (KeyError, TypeError, ValueError) as error:
         found = f"is not a manifest of results ({type(error).__name__}: {error})"
-        raise input_error(manifest, found, "fit again") from None
+        raise input_error(manifest.path, found, "fit again") from None
     there = files_in(result)
-    wrong = [] if entries else [Failure("manifest", "lists no part")]
-    wrong += [
-        Failure(name, f"is not there as the manifest states it, with {size} bytes")
-        for name, size in sizes.items()
-        if there.get(name) != size
-    ]
-    strange = sorted(name for name in there.keys() - sizes if name.startswith("part-"))
+    wrong = [] if done else [Failure("manifest", "lists no part")]
+    for name, (size, own) in stated.items():
+        if there.get(name) != size:
+            why = f"is not there as the manifest states it, with {size} bytes"
+        elif own not in (None, result_digest(result / name)):
+            why = "is not the file that `fit` wrote, by its digest"
+        else:
+            continue
+        wrong.append(Failure(name, why))
+    strange = sorted(name for name in there.keys() - done if name.startswith("part-"))
     wrong += [Failure(name, "is not in the manifest") for name in strange]
     groups = group_inputs(request.landmarks, AS_THEY_ARE) if request.landmarks else []
     given = iter([path for _, paths in groups for path in paths])
     own = {each: tuple(islice(given, len(each))) for each in dict.fromkeys(inputs)}
     parts = [
         Part(result / name, own[each] if groups else (), part)
-        for name, each, part in zip(sizes, inputs, rows, strict=True)
+        for name, each, part in zip(done, inputs, rows, strict=True)
         if name in there
     ]
     return parts, tuple(wrong), images

@@ -24,7 +24,7 @@ from shapefit.pipelines.outcome import Failure, Outcome
         (["learn-dict", "shapes.h5", "-o", "d.h5"], "learn_dict.run", LearnDictConfig),
         (["fit", "views.h5", "-d", "dict.h5", "-o", "-"], "fit.run", FitConfig),
         (["fit", "views.h5", "-d", "dict.h5", "-o", "parts/"], "parts.run", FitConfig),
-        (["fit", "views.h5", "-d", "dict.h5", "-o", "manifest.json"], "fit.run", FitConfig),
+        (["fit", "views.h5", "-d", "dict.h5", "-o", "manifest.jsonl"], "fit.run", FitConfig),
         (["project", "shapes.h5", "-o", "v.h5"], "projection", ProjectConfig),
         (["eval", "result.h5", "--truth", "shapes.h5", "-o", "r"], "evaluate.run", EvalConfig),
     ],

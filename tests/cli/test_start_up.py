@@ -57,7 +57,7 @@ NOT_FOR_A_FIT_OF_CSV = (
     "shapefit.lifting.posterior.method",
     "shapefit.meshes",
     "shapefit.pipelines.export.meshes",
-    "shapefit.pipelines.parts.equal_items",
+    "shapefit.pipelines.parts.executors",
     "shapefit.pipelines.fit.sequences",
     "shapefit.pipelines.export.pictures",
     "tqdm",

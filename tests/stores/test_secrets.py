@@ -55,7 +55,7 @@ def test_of_a_fit(bucket, config, tmp_path, capfd):
     assert "secret: '***'" in printed.out
     assert PLANTED.decode() not in printed.out + printed.err
     found = written(bucket, tmp_path)
-    assert f"{bucket.name}/results/manifest.json" in found
+    assert f"{bucket.name}/results/manifest.jsonl" in found
     assert f"{bucket.name}/results/part-00000.h5" in found
     assert str(tmp_path / "local.h5") in found
     assert [name for name, content in found.items() if PLANTED in content] == []

@@ -112,7 +112,7 @@ class FitConfig(CommandConfig):
     output: OutputOrFolder
     """Result file to write: HDF5, or Parquet if it ends in .parquet, or tidy CSV if it ends in .csv
     or is - (stdout), or TRC, C3D, BVH or GLB by its ending (docs/export.md). A name that ends
-    in / is a folder: of one result file per part, and manifest.json."""
+    in / is a folder: of one result file per part, and manifest.jsonl."""
     height: Height = None
     """Height of the body or object in metres, for outputs in metres (TRC, C3D, BVH, GLB); by
     default it is as large as the training shapes of the dictionary."""

@@ -77,6 +77,15 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
     shapes = found.mean.copy()
     shapes[:, :2] -= translation[:, :, None]
     widening = np.sqrt(options.widening)
+    plausibility = np.full(len(lost), np.nan)
+    if options.plausibility:
+        plausibility = find_plausibility(
+            found.surprise,
+            seen.sum(axis=1),
+            np.where(seen, found.belief, 0.0).sum(axis=1),
+            Model(settings.needs["prior"], options.misfit, gross),
+            settings.threads,
+        )
     estimate = Estimate(
         shapes=np.where(lost[:, None, None], 0.0, shapes),
         translation=np.where(lost[:, None], 0.0, translation),
@@ -102,13 +111,7 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         convex_proof=ConvexProof.of(solution),
         further={
             "log_evidence": found.log_evidence,
-            "plausibility": find_plausibility(
-                found.surprise,
-                seen.sum(axis=1),
-                np.where(seen, found.belief, 0.0).sum(axis=1),
-                Model(settings.needs["prior"], options.misfit, gross),
-                settings.threads,
-            ),
+            "plausibility": plausibility,
             "belief": np.where(seen, found.belief, np.nan),
             CORRELATION: found.correlation.swapaxes(1, 2).astype(np.float32),
         },

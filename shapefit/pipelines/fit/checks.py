@@ -23,7 +23,7 @@ from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.pinhole import depth_sign
 from shapefit.io import LandmarkSet
-from shapefit.io.skeletons import SKELETONS
+from shapefit.io.skeletons import SKELETONS, Skeleton
 from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.fit.camera import find_camera
 from shapefit.pipelines.fit.lift import lift_images
@@ -74,6 +74,7 @@ def lift_sample(
     *,
     dependent: bool = False,
     exchanged: bool = False,
+    plausibility: bool = False,
 ) -> Lifting:
     """Lift images one by one by the posterior, by the names that their landmarks have.
 
@@ -92,7 +93,7 @@ def lift_sample(
     theta = {**MEANS, **(config.theta or {})}
     seen = Mapped(joints, theta, bool(joints.stand_ins)).see(known)
     single = config.model_copy(update={"method": "posterior"})
-    return lift_images(arranged, seen, single, dependent=dependent)
+    return lift_images(arranged, seen, single, dependent=dependent, plausibility=plausibility)
 
 
 def log_evidence(images: LandmarkSet, config: FitConfig, dictionary: Dictionary) -> Floats:
@@ -144,8 +145,12 @@ def check_labels(config: FitConfig, images: LandmarkSet, dictionary: Dictionary)
     sample = choose_sample(images)
     if len(sample.images) < FEWEST or not enough_names(images.landmark_names, dictionary):
         return ()
-    found = lift_sample(sample.images, config, dictionary, dependent=True)
-    other = check_skeleton(sample.images, found, config, dictionary)
+    names = images.landmark_names
+    taken = next((each for each in SKELETONS.values() if each.landmark_names == names), None)
+    found = lift_sample(
+        sample.images, config, dictionary, dependent=True, plausibility=taken is not None
+    )
+    other = check_skeleton(sample.images, taken, found, config, dictionary)
     return other or check_sides(sample, found, config, dictionary)
 
 
@@ -176,22 +181,25 @@ def evenly(n: int, most: int) -> NDArray[np.intp]:
 
 
 def check_skeleton(
-    images: LandmarkSet, found: Lifting, config: FitConfig, dictionary: Dictionary
+    images: LandmarkSet,
+    taken: Skeleton | None,
+    found: Lifting,
+    config: FitConfig,
+    dictionary: Dictionary,
 ) -> tuple[str, ...]:
     """Warn where most images are implausible, but not if their landmarks are of another skeleton.
 
     Others are those with as many landmarks, which `keypoints` might have meant.
     """
-    own, names = implausible_share(found, config), images.landmark_names
-    taken = next((each for each in SKELETONS.values() if each.landmark_names == names), None)
+    own = implausible_share(found, config)
     if taken is None or not own > IMPLAUSIBLE:
         return ()
     shares: dict[str, float] = {}
     for other in SKELETONS.values():
-        as_many = len(other.landmark_names) == len(names)
+        as_many = len(other.landmark_names) == len(taken.landmark_names)
         if as_many and other is not taken and enough_names(other.landmark_names, dictionary):
             renamed = images.replaced(landmark_names=other.landmark_names)
-            lifting = lift_sample(renamed, config, dictionary, dependent=True)
+            lifting = lift_sample(renamed, config, dictionary, dependent=True, plausibility=True)
             shares[other.name] = implausible_share(lifting, config)
     best = min(shares, key=lambda name: shares[name], default=None)
     if best is None or not shares[best] < own / 2:

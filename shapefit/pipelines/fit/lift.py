@@ -78,9 +78,17 @@ def lift_batch(images: LandmarkSet, setup: Setup) -> tuple[Lifting, dict[str, ND
 
 
 def lift_images(
-    images: LandmarkSet, dictionary: Dictionary, config: FitConfig, *, dependent: bool = False
+    images: LandmarkSet,
+    dictionary: Dictionary,
+    config: FitConfig,
+    *,
+    dependent: bool = False,
+    plausibility: bool = True,
 ) -> Lifting:
-    """Lift images one by one; dependent landmarks, as those of feet, count only if asked for."""
+    """Lift images one by one; dependent landmarks, as those of feet, count only if asked for.
+
+    Without `plausibility` a posterior does not draw the images from its model that it takes.
+    """
     method, perspective = METHODS[config.method], config.camera.model == "perspective"
     weights = weigh(images, config)
     if method.has_prior and not dependent:
@@ -95,7 +103,7 @@ def lift_images(
         weights,
         dictionary.atoms,
         program_of(config),
-        choose_method(config.method, settings_of(config, dictionary)),
+        choose_method(config.method, settings_of(config, dictionary, plausibility=plausibility)),
         find_covariance(images) if method.precisions else None,
         camera if method.perspective == "own" else None,
     )
@@ -138,7 +146,9 @@ def program_of(config: FitConfig) -> Program:
     )
 
 
-def settings_of(config: FitConfig, dictionary: Dictionary) -> Settings:
+def settings_of(
+    config: FitConfig, dictionary: Dictionary, *, plausibility: bool = True
+) -> Settings:
     """Return what the method needs besides the problem.
 
     Where its tolerance is that of another gap, the convex program is solved at its own default.
@@ -151,6 +161,7 @@ def settings_of(config: FitConfig, dictionary: Dictionary) -> Settings:
         values = {key: getattr(section, key) for key in keys & type(section).model_fields.keys()}
         if "misfit" in keys:
             values["misfit"] = find_misfit(config, dictionary)
+            values["plausibility"] = plausibility
         options = method.section.options(**values)
     own = min(tolerance, METHODS["convex"].tolerance) if method.proves == "global" else tolerance
     return Settings(

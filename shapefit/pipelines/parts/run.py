@@ -1,6 +1,6 @@
 """`fit` into a folder: parts of the images, one result each, and a manifest of those that are done.
 
-Running again does the parts that are missing. Without a cluster they are done in this process.
+Running again does the parts that are missing, and those that changed or were damaged.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import hashlib
 import json
 import time
 from collections import deque
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -17,33 +17,26 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from shapefit.config import FitConfig
-from shapefit.config.paths import ResultFolder
+from shapefit.config.paths import FAILED, ResultFolder
 from shapefit.errors import abbreviate, counted, input_error, printable
 from shapefit.io import digest, read_dictionary
 from shapefit.io.formats import HDF5
 from shapefit.io.inputs import is_stream
-from shapefit.io.layout import RESULTS
-from shapefit.io.names import Equal, Hashes
-from shapefit.io.writing import find_writer
+from shapefit.io.names import Equal, find_equal_names, repeated, stable_hashes
+from shapefit.io.source import open_results
 from shapefit.pipelines.fit.prepare import Estimates, first_images, prepare
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
-from shapefit.pipelines.parts.cluster import (
-    RETRIES,
-    connected,
-    introduce,
-    on_cluster,
-    wants_cluster,
-)
-from shapefit.pipelines.parts.equal_items import find_equal_items
+from shapefit.pipelines.parts.executors import Done, Job, do_jobs, executor_of, wants_cluster
 from shapefit.pipelines.parts.manifest import (
+    Entry,
     Manifest,
-    damage_of,
     held_folder,
     read_manifest,
+    remove_old,
+    result_digest,
 )
-from shapefit.pipelines.parts.part import Done, Job, fit_part
 from shapefit.pipelines.parts.plan import Part, plan_parts
-from shapefit.stores import STORAGE_OPTIONS, files_in, remove
+from shapefit.stores import STORAGE_OPTIONS, files_in, on_threads, remove
 
 OF_THE_RUN = (
     *("landmarks", "output", "dictionary", "data", "threads", "chunk"),
@@ -57,40 +50,102 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     folder = config.output
     assert isinstance(folder, ResultFolder), "the output is a folder"
     check_parts(config)
-    known = read_manifest(folder.manifest)
-    asked = find_terms(config)
-    kept = known is not None and known.estimated.get("asked") == asked
-    done = known.parts.values() if known is not None and (kept or not known.estimated) else ()
-    parts = plan_parts(config, done)
-    if known is not None and kept and any(map(known.holds, parts)):
-        setup = Estimates.restored(known.estimated)
-    else:
-        setup = prepare(config, read_dictionary(config.dictionary), lambda: first_images(config))
-    config = setup.apply(config)
-    estimated = {"asked": asked, "method": config.method, **asdict(setup)}
-    manifest = Manifest(find_terms(config), estimated=estimated)
+    digests = digests_of(config)
+    known = read_manifest(folder.path)
+    parts = plan_parts(config)
+    kept, again = find_kept(known, parts, digests)
     if config.dry_run:
-        yield _dry(parts, _known(folder, manifest)[0])
+        lines = [f"{part.file}: {_words(part)}" for part in parts if part.file not in kept]
+        note = f"{counted(len(lines), 'part')} to do, {len(parts) - len(lines)} done"
+        yield Outcome(note=note, listing=tuple(lines))
         return
+    if known is not None and kept:
+        estimates = Estimates.restored(known.run["estimated"])
+    else:
+        estimates = prepare(
+            config, read_dictionary(config.dictionary), lambda: first_images(config)
+        )
+    first = {**digests, "method": config.method, "estimated": asdict(estimates)}
     with held_folder(folder.path):
-        yield from _run(config, folder, parts, manifest, setup)
+        manifest = Manifest(folder.manifest, first, kept)
+        for line in estimates.lines:
+            yield Outcome(line=line)
+        before = f"{len(kept)} of {counted(len(parts), 'part')} done before"
+        yield Outcome(warnings=(*estimates.warnings, *again), note=before)
+        yield from _run(estimates.apply(config), folder.path, parts, manifest, estimates)
+
+
+def _run(
+    config: FitConfig,
+    folder: Path,
+    parts: Sequence[Part],
+    manifest: Manifest,
+    estimates: Estimates,
+) -> Iterator[Outcome]:
+    elsewhere = config.workers is not None or wants_cluster(config)
+    alone = {"threads": 1} if elsewhere and config.threads == 0 else {}
+    shared = config.model_copy(update={"landmarks": (), **alone})  # each part names its own
+    told = replace(estimates, lines=(), warnings=())
+    job = partial(Job, config=shared, folder=folder, estimates=told)
+    kept = tuple(manifest.done)
+    jobs = deque(job(part) for part in parts if part.file not in kept)
+    lost: list[Failure] = []
+    hashes: list[bytes] = []
+    images, began = 0, time.monotonic()
+    manifest.write()
+    try:
+        for done in on_executor(jobs, config):
+            if isinstance(done, str):
+                yield Outcome(line=done)
+                continue
+            if done.error is not None:
+                lost.append(_lost(done.part, done.error))
+                failed = {"status": FAILED, "error": lost[-1].reason}
+                manifest.add(done.part.describe() | failed)
+            else:
+                images += done.outcome.done
+                hashes.append(done.hashes)
+                manifest.add(done.entry)
+            reached, seconds = len(manifest.done), time.monotonic() - began
+            note = tell_pace(reached, len(parts), len(lost), images, len(hashes), seconds)
+            yield replace(done.outcome, note=note)
+    finally:
+        manifest.write()
+    remove_stale(folder, {part.file for part in parts})
+    equal = equal_items(folder, kept, tuple(manifest.done), hashes)
+    text = "in more than one part: `eval` cannot tell them apart"
+    yield Outcome(
+        failures=tuple(lost),
+        warnings=(Counted(equal.count, "item", text, worst=str(equal)),) if equal.count else (),
+        note=f"{len(manifest.done)} of {counted(len(parts), 'part')} done",
+        written=(manifest.path,),
+    )
+
+
+def on_executor(jobs: deque[Job], config: FitConfig) -> Iterator[Done | str]:
+    """Do jobs on the executor that the config names, which a line introduces."""
+    if not jobs:
+        return
+    with executor_of(config) as (start, at_once, line):
+        if line:
+            yield line
+        yield from do_jobs(jobs, start, at_once)
 
 
 def check_parts(config: FitConfig) -> None:
-    """Raise InputError for what cannot be done part by part, and for a library that is missing."""
+    """Raise InputError for what cannot be done part by part,."""
     assert isinstance(config.output, ResultFolder)
     if any(map(is_stream, config.landmarks)):
         found = "standard input cannot be divided into parts"
         raise input_error("landmarks", found, "save it to a file and name that")
-    find_writer(config.output.manifest, RESULTS.kind, "hdf5")
     for key in ("export", "pictures"):
         if getattr(config, key).folder is not None:
             fix = "leave it out, and fit the images to be shown once more into a file"
             raise input_error(f"{key}.folder", "is not written for a folder of results", fix)
 
 
-def find_terms(config: FitConfig) -> dict[str, str]:
-    """Return the digests of what all parts depend on."""
+def digests_of(config: FitConfig) -> dict[str, str]:
+    """Return the digests of what all parts depend on beside their inputs."""
     plain = {key: value for key, value in config.as_plain().items() if key not in OF_THE_RUN}
     text = json.dumps(plain, sort_keys=True)
     return {
@@ -99,30 +154,30 @@ def find_terms(config: FitConfig) -> dict[str, str]:
     }
 
 
-def _known(folder: ResultFolder, new: Manifest) -> tuple[Manifest, str | None]:
-    """Return the manifest of the parts that count, and why those of an earlier run do not."""
-    known = read_manifest(folder.manifest)
+def find_kept(
+    known: Manifest | None, parts: Sequence[Part], digests: Mapping[str, str]
+) -> tuple[dict[str, Entry], tuple[str, ...]]:
+    """Return the lines of the parts that are done and as they were, and why others are not."""
     if known is None:
-        return new, None
-    changed = [name for name, value in new.terms.items() if known.terms.get(name) != value]
+        return {}, ()
+    changed = [name for name, value in digests.items() if known.run.get(name) != value]
     if changed:
-        return new, f"all parts are done again: another {' and another '.join(changed)}"
-    known.estimated = new.estimated
-    there = files_in(folder.path)
-    known.parts = {
-        name: entry for name, entry in known.parts.items() if there.get(name) == entry.get("bytes")
+        return {}, (f"all parts are done again: another {' and another '.join(changed)}",)
+    done, folder = known.done, known.path.parent
+    there = files_in(folder)
+    held = [
+        part.file
+        for part in parts
+        if part.file in there and part.describe().items() <= done.get(part.file, {}).items()
+    ]
+    found = on_threads(lambda file: result_digest(folder / file), held)
+    kept = {
+        file: done[file]
+        for file, own in zip(held, found, strict=True)
+        if own == done[file]["digest"]
     }
-    damaged = [name for name, entry in known.parts.items() if damage_of(folder.path / name, entry)]
-    for name in damaged:
-        del known.parts[name]
-    return known, f"damaged, and done again: {abbreviate(damaged)}" if damaged else None
-
-
-def _dry(parts: Sequence[Part], manifest: Manifest) -> Outcome:
-    """Say which parts would be done."""
-    lines = [f"{part.file}: {_words(part)}" for part in parts if not manifest.holds(part)]
-    note = f"{counted(len(lines), 'part')} to do, {len(parts) - len(lines)} done"
-    return Outcome(note=note, listing=tuple(lines))
+    damaged = [file for file in held if file not in kept]
+    return kept, (f"changed or damaged, and done again: {abbreviate(damaged)}",) if damaged else ()
 
 
 def _words(part: Part) -> str:
@@ -136,110 +191,38 @@ def _lost(part: Part, error: str) -> Failure:
     return Failure(part.file, error if named else f"{_words(part)}: {error}")
 
 
-def _run(
-    config: FitConfig,
-    folder: ResultFolder,
-    planned: Sequence[Part],
-    manifest: Manifest,
-    setup: Estimates,
-) -> Iterator[Outcome]:
-    manifest, again = _known(folder, manifest)
-    parts = {part.file: part for part in planned}
-    manifest.parts = {file: manifest.parts[file] for file in parts if manifest.holds(parts[file])}
-    elsewhere = config.workers is not None or wants_cluster(config)
-    alone = {"threads": 1} if elsewhere and config.threads == 0 else {}
-    shared = config.model_copy(update={"landmarks": (), **alone})  # each part names its own
-    job = partial(
-        Job, config=shared, folder=folder.path, setup=replace(setup, lines=(), warnings=())
-    )
-    todo = deque(job(part) for file, part in parts.items() if file not in manifest.parts)
-    warnings = (*setup.warnings, *(() if again is None else (again,)))
-    for line in setup.lines:
-        yield Outcome(line=line)
-    before = len(parts) - len(todo)
-    note = f"{before} of {counted(len(parts), 'part')} done before"
-    yield Outcome(warnings=warnings, note=note)
-    lost: list[Failure] = []
-    images = 0
-    lifted, met = set[Path](), list[Hashes]()
-    began = time.monotonic()
+def equal_items(
+    folder: Path, kept: Sequence[str], files: Sequence[str], hashes: Sequence[bytes]
+) -> Equal:
+    """Return the items that are in two or more parts.
 
-    def pace() -> str:
-        reached, seconds = len(manifest.parts), time.monotonic() - began
-        return tell_pace(reached, len(parts), len(lost), images, len(lifted), seconds)
-
-    manifest.write(folder.manifest)
-    try:
-        for done in _do(config, todo):
-            if isinstance(done, str):
-                yield Outcome(line=done)
-                continue
-            if done.error is not None:
-                smaller = () if done.passing else tuple(done.part.divide())
-                todo.extend(map(job, smaller))
-                parts |= {part.file: part for part in smaller}
-                lost += () if smaller else (_lost(done.part, done.error),)
-                yield Outcome(note=pace())
-                continue
-            images += done.outcome.done
-            lifted.add(folder.path / done.part.file)
-            met.append(np.frombuffer(done.hashes, np.uint64))
-            entry = done.part.describe() | done.entry()
-            manifest.add(done.part.file, entry, folder.manifest)
-            yield replace(done.outcome, note=pace())
-    finally:
-        manifest.write(folder.manifest)
-    _remove_stale(folder.path, parts)
-    yield Outcome(
-        failures=tuple(lost),
-        warnings=_warn_of_equal(find_equal_items(manifest.spans(folder.path), met, lifted)),
-        note=f"{len(manifest.parts)} of {counted(len(parts), 'part')} done",
-        written=(folder.manifest,),
-    )
-
-
-def _warn_of_equal(equal: Equal) -> tuple[Counted, ...]:
-    """Warn of items that are in two parts."""
-    if not equal.count:
-        return ()
-    text = "in more than one part: `eval` cannot tell them apart"
-    return (Counted(equal.count, "item", text, worst=str(equal)),)
-
-
-def _do(config: FitConfig, jobs: deque[Job]) -> Iterator[Done | str]:
-    """Do jobs on processes, or a cluster, which a line introduces, or one after the other here.
-
-    Those that are added meanwhile are done, too.
+    hashes of the names in those that were just done; of others they are read, and of all where two
+    hashes are the same. Where nothing was done, an earlier run has reported them.
     """
-    if jobs and config.workers is not None:
-        from shapefit.pipelines.parts.processes import on_processes
+    if not hashes:
+        return Equal(0, ())
 
-        yield from on_processes(jobs, config.workers)
-        return
-    if not jobs or not wants_cluster(config):
-        while jobs:
-            yield _tried(jobs.popleft())
-        return
-    with connected(config) as client:
-        yield introduce(client)
-        yield from on_cluster(client, jobs)
+    def names_in(file: str) -> Iterator[Sequence[str]]:
+        with open_results([folder / file], check=False) as source:
+            yield from source.names()
 
-
-def _tried(job: Job, retries: int = RETRIES) -> Done:
-    """Do a job in this process, again where it fails for what may pass."""
-    done = fit_part(job)
-    return _tried(job, retries - 1) if done.passing and retries else done
+    met = [np.frombuffer(each, np.uint64) for each in hashes]
+    met += [stable_hashes(block) for file in kept for block in names_in(file)]
+    if not len(repeated(np.concatenate(met))):
+        return Equal(0, ())
+    return find_equal_names({folder / file: partial(names_in, file) for file in sorted(files)})
 
 
-def _remove_stale(folder: Path, own: Collection[str]) -> None:
+def remove_stale(folder: Path, own: Collection[str]) -> None:
     """Remove the results of an earlier run that this one does not have."""
     for name in files_in(folder):
         is_part = name.startswith("part-") and PurePosixPath(name).suffix == HDF5.suffixes[0]
         if is_part and name not in own:
             remove(folder / name)
+    remove_old(folder)
 
 
-MINUTE, HOUR = 60, 3600
+UNITS = ((3600, "h", 1), (60, "min", 0), (0.0, "s", 0))
 
 
 def tell_pace(reached: int, parts: int, lost: int, images: int, ended: int, seconds: float) -> str:
@@ -256,13 +239,7 @@ def tell_pace(reached: int, parts: int, lost: int, images: int, ended: int, seco
         words.append(f"{images / seconds:,.0f} images/s")
     left = parts - reached - lost
     if left and ended:
-        words.append(f"{_duration(left * seconds / ended)} left")
+        rest = left * seconds / ended
+        size, unit, digits = next(each for each in UNITS if rest >= each[0])
+        words.append(f"{rest / (size or 1):.{digits}f} {unit} left")
     return ", ".join(words)
-
-
-def _duration(seconds: float) -> str:
-    if seconds < MINUTE:
-        return f"{seconds:.0f} s"
-    if seconds < HOUR:
-        return f"{seconds / MINUTE:.0f} min"
-    return f"{seconds / HOUR:.1f} h"

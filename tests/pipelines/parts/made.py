@@ -1,5 +1,6 @@
-"""A dictionary of eight landmarks, and numbered images of them."""
+"""A dictionary of eight landmarks, numbered images of them, and the folder of results `out`."""
 
+import json
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -28,12 +29,22 @@ def make_images(path: str | Path, points: Floats, first: int = 0, **fields: Any)
     save(Path(path), LandmarkSet(landmarks=points, landmark_names=NAMES, items=items, **fields))
 
 
-def same_bits(parts: Iterable[str], whole: str) -> None:
-    """Assert that the results in the folder out are, one after the other, those of one run."""
+def entries(folder: Path = Path("out")) -> list[dict[str, Any]]:
+    """Return the lines of the parts in the manifest, in the order of their files."""
+    lines = (folder / "manifest.jsonl").read_text().splitlines()[1:]
+    return sorted(map(json.loads, lines), key=lambda entry: entry["file"])
+
+
+def same_bits(parts: Iterable[Path], whole: Path) -> None:
+    """Assert that results are, one after the other, those of one run."""
+    parts = list(parts)
     with h5py.File(whole) as expected:
-        for name in ("item", "shapes", "dual", "coefficients", "objective"):
+        count = len(expected["item"])
+        names = [name for name, each in expected.items() if each.shape[:1] == (count,)]
+        assert {"item", "shapes", "coefficients", "objective", "rotation"} <= set(names)
+        for name in names:
             pieces = []
             for part in parts:
-                with h5py.File(f"out/{part}") as file:
+                with h5py.File(part) as file:
                     pieces.append(file[name][:])
-            np.testing.assert_array_equal(np.concatenate(pieces), expected[name][:])
+            np.testing.assert_array_equal(np.concatenate(pieces), expected[name][:], err_msg=name)

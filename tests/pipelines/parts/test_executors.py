@@ -1,0 +1,469 @@
+"""Parts on executors: the same bits as in one process, whoever is killed meanwhile.
+
+On processes of this machine, without Dask; and, slowly, on a Dask cluster.
+"""
+
+import json
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.config import load_config
+from shapefit.errors import InputError
+from shapefit.pipelines.parts import executors
+from shapefit.pipelines.parts.executors import Done, InThisProcess, Job, do_jobs, processes
+from shapefit.pipelines.parts.plan import Part, plan_parts
+from tests.pipelines.parts.made import entries, make_dictionary, make_images
+from tests.pipelines.parts.made import same_bits as same_results
+
+BIN = Path(sys.executable).parent
+PARTS, SIZE = 10, 64
+SLOW = ("--set", "method=alternate", "--set", "alternation.views=1000")
+LIMIT = 60
+ROOM = 20_000
+"""Bytes that a worker without room can write to a file; results are longer."""
+
+KILLS, PAUSE = 6, 1.5
+"""Workers killed again and again, and most seconds between; a worker takes about one to start."""
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    """A folder with a dictionary, landmarks, and their result in one run."""
+    folder = tmp_path_factory.mktemp("cluster")
+    rng = np.random.default_rng(0)
+    make_dictionary(folder / "dict.h5", rng)
+    make_images(folder / "views.h5", rng.normal(size=(PARTS * SIZE, 2, 8)))
+    done = fit(folder, "whole.h5")
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def until(holds: Callable[[], bool], process: subprocess.Popen[bytes]) -> None:
+    """Wait for something that a process does."""
+    ends = time.monotonic() + LIMIT
+    while not holds():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < ends
+        time.sleep(0.02)
+
+
+def command(output: str, *options: object) -> list[str]:
+    sizes = ("--set", f"partition={SIZE}") if output.endswith("/") else ()
+    words = (BIN / "shapefit", "fit", "views.h5", "-d", "dict.h5", "-o", output, *SLOW, *sizes)
+    return [*map(str, words), *map(str, options)]
+
+
+def fit(folder: Path, output: str, *options: object) -> subprocess.CompletedProcess[str]:
+    """Run fit to its end."""
+    words = command(output, *options)
+    return subprocess.run(
+        words, cwd=folder, capture_output=True, text=True, timeout=LIMIT, check=False
+    )
+
+
+@contextmanager
+def in_the_middle(folder: Path, output: str, *options: object) -> Iterator[subprocess.Popen[bytes]]:
+    """Start fit, and wait until some parts are done."""
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(command(output, *options), cwd=folder, stdout=pipe, stderr=pipe)
+    try:
+        until(lambda: len(results(folder / output)) >= 2, process)
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def results(folder: Path) -> list[Path]:
+    return sorted(folder.glob("part-*.h5"))
+
+
+def listed(folder: Path) -> Sequence[str]:
+    return [entry["file"] for entry in entries(folder)]
+
+
+def same_bits(data: Path, output: str) -> None:
+    """Fail unless the parts together are the result of one run, and nothing else is there."""
+    parts = results(data / output)
+    assert [part.name for part in parts] == listed(data / output)
+    assert len(parts) == PARTS
+    others = {path.name for path in (data / output).iterdir()} - {part.name for part in parts}
+    assert others == {"manifest.jsonl", ".lock"}
+    same_results(parts, data / "whole.h5")
+
+
+@pytest.fixture
+def job(data) -> Job:
+    arguments = {"landmarks": (data / "views.h5",), "dictionary": data / "dict.h5"}
+    config = load_config("fit", None, (), {**arguments, "output": f"{data}/direct/"})
+    return Job(Part(7, (data / "views.h5",), None, ()), config, data / "direct")
+
+
+@pytest.mark.parametrize(("bad", "error"), [(2, None), (9, "OSError: busy")])
+def test_a_part_that_fails_is_tried_three_times(job, monkeypatch, bad, error):
+    tries = []
+
+    def busy(one: Job) -> Done:
+        tries.append(one)
+        passing = len(tries) <= bad
+        return Done(one.part, error="OSError: busy" if passing else None, passing=passing)
+
+    monkeypatch.setattr(executors, "fit_part", busy)
+    (done,) = do_jobs(deque([job]), lambda _: nullcontext(InThisProcess()), 1)
+    assert (done.part, done.error) == (job.part, error)
+    assert len(tries) == 3
+
+
+def test_a_worker_of_another_version_ends_the_run(job):
+    with pytest.raises(InputError, match=r"is a worker .* `fit` is version 0\.0"):
+        list(do_jobs(deque([replace(job, version="0.0")]), processes, 1))
+
+
+def children(pid: int) -> list[int]:
+    """Processes that a process started."""
+    text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
+    return [int(word) for word in text.split()]
+
+
+def listening(pids: list[int]) -> bool:
+    """Whether one of these processes listens on a port of TCP."""
+    states = Path("/proc/net/tcp").read_text().splitlines()[1:]
+    open_ones = {f"socket:[{line.split()[9]}]" for line in states if line.split()[3] == "0A"}
+    links = [os.readlink(each) for pid in pids for each in Path(f"/proc/{pid}/fd").iterdir()]
+    return bool(open_ones & set(links))
+
+
+class TestProcesses:
+    def test_the_bits_of_one_run_and_nothing_is_left(self, data, tmp_path, monkeypatch):
+        monkeypatch.setenv("TMPDIR", str(tmp_path))
+        done = fit(data, "two/", "--workers", 2)
+        assert done.returncode == 0, done.stderr
+        same_bits(data, "two/")
+        assert f"{PARTS} of {PARTS} parts done" in done.stderr.splitlines()[-1]
+        assert "Dask" not in done.stderr
+        assert not list(tmp_path.iterdir())
+
+    def test_a_killed_process_is_replaced_and_no_port_is_open(self, data):
+        with in_the_middle(data, "worker/", "--workers", 2) as process:
+            own = children(process.pid)
+            assert not listening([process.pid, *own])
+            os.kill(own[-1], signal.SIGKILL)
+            _, told = process.communicate(timeout=LIMIT)
+            assert process.returncode == 0, told
+        same_bits(data, "worker/")
+
+    @pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGINT])
+    def test_a_run_that_was_ended_goes_on(self, data, by):
+        output = f"ended-{by.name}/"
+        with in_the_middle(data, output, "--workers", 2) as process:
+            process.send_signal(signal.SIGSTOP)  # looking for its children takes a while
+            own = children(process.pid)
+            process.send_signal(by)
+            process.send_signal(signal.SIGCONT)
+            process.wait(timeout=LIMIT)
+        end = time.monotonic() + 10
+        while any(Path(f"/proc/{pid}/stat").exists() for pid in own) and time.monotonic() < end:
+            time.sleep(0.05)
+        assert not any(Path(f"/proc/{pid}/stat").exists() for pid in own)
+        assert 2 <= len(results(data / output)) < PARTS
+        before = listed(data / output)
+        done = fit(data, output, "--workers", 2)
+        assert f"fit: {(PARTS - len(before)) * SIZE} images" in done.stderr
+        same_bits(data, output)
+
+    def test_a_part_that_kills_its_process_is_named(self, data, monkeypatch, tmp_path):
+        """The others are done, although they were under way when the processes died."""
+        (tmp_path / "sitecustomize.py").write_text(
+            "import os, sys\n"
+            "def hook(event, args):\n"
+            "    if event == 'open' and str(args[0]).find('part-00001') >= 0:\n"
+            "        os._exit(9)\n"
+            "sys.addaudithook(hook)\n"
+        )
+        monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+        monkeypatch.chdir(data)
+        arguments = {"landmarks": ("views.h5",), "dictionary": "dict.h5", "output": "deadly/"}
+        config = load_config("fit", None, (f"partition={SIZE}",), arguments)
+        Path("deadly").mkdir()
+        parts = plan_parts(config)[:3]
+        jobs = deque(Job(part, config, Path("deadly").absolute()) for part in parts)
+        found = {done.part.file: done.error for done in do_jobs(jobs, processes, 2)}
+        assert found[parts[0].file] is found[parts[2].file] is None
+        assert "3 processes died of it" in found[parts[1].file]
+
+
+# --- a Dask cluster ---
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """A scheduler on loopback and its workers, which a test may kill."""
+
+    address: str
+    file: Path
+    scheduler: subprocess.Popen[bytes]
+    workers: list[subprocess.Popen[bytes]]
+
+
+@pytest.fixture(scope="module")
+def cluster(data) -> Iterator[Cluster]:
+    with started(data / "shared") as own:
+        yield own
+
+
+@contextmanager
+def started(folder: Path) -> Iterator[Cluster]:
+    """Start a scheduler and two workers; stop them in the end."""
+    folder.mkdir()
+    file = folder / "scheduler.json"
+    host = ("--host", "127.0.0.1", "--no-dashboard")
+    scheduler = dask("scheduler", *host, "--port", "0", "--scheduler-file", file)
+    workers: list[subprocess.Popen[bytes]] = []
+    try:
+        until(lambda: file.exists() and file.stat().st_size > 0, scheduler)
+        address = json.loads(file.read_text())["address"]
+        cluster = Cluster(address, file, scheduler, workers)
+        workers += [start_worker(cluster), start_worker(cluster)]
+        yield cluster
+    finally:
+        for process in (*workers, scheduler):
+            process.kill()
+            process.wait()
+
+
+def start_worker(
+    cluster: Cluster, prepare: Callable[[], None] | None = None
+) -> subprocess.Popen[bytes]:
+    """Start a worker of one thread, which is one process: no nanny starts it again."""
+    options = ("--nthreads", "1", "--no-nanny", "--host", "127.0.0.1", "--no-dashboard")
+    folder = ("--local-directory", cluster.file.parent)
+    return dask("worker", cluster.address, *options, *folder, prepare=prepare)
+
+
+def replace_worker(cluster: Cluster, prepare: Callable[[], None] | None = None) -> None:
+    """Start another worker in the place of the last, and wait until all are there."""
+    from distributed import Client
+
+    worker = cluster.workers.pop()
+    worker.kill()
+    worker.wait()
+    cluster.workers.append(start_worker(cluster, prepare))
+    with Client(cluster.address) as client:
+        wanted = {each.pid for each in cluster.workers}
+        until(lambda: set(client.run(os.getpid).values()) == wanted, cluster.workers[-1])
+
+
+def dask(*arguments: object, prepare: Callable[[], None] | None = None) -> subprocess.Popen[bytes]:
+    quiet = subprocess.DEVNULL
+    words = [BIN / "dask", *map(str, arguments)]
+    return subprocess.Popen(words, stdout=quiet, stderr=quiet, preexec_fn=prepare)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by", ["--scheduler", "--scheduler-file", "environment"])
+def test_a_running_cluster(data, cluster, by, monkeypatch):
+    options = {
+        "--scheduler": (by, cluster.address),
+        "--scheduler-file": (by, cluster.file),
+        "environment": (),
+    }
+    if by == "environment":
+        monkeypatch.setenv("DASK_SCHEDULER_ADDRESS", cluster.address)
+    output = f"by{by}/"
+    done = fit(data, output, *options[by])
+    assert done.returncode == 0, done.stderr
+    assert "Dask: 2 workers" in done.stderr
+    same_bits(data, output)
+
+
+@pytest.mark.slow
+def test_what_is_assumed_of_the_camera_is_the_same_for_all_parts(project, data, cluster):
+    """Two folders of one recording on workers, and in one run: the same bits."""
+    frames = sorted((project / "sample_data/openpose").glob("*.json"))
+    for name, some in (("early", frames[:18]), ("late", frames[18:])):
+        (data / name).mkdir()
+        for frame in some:
+            (data / name / frame.name).write_bytes(frame.read_bytes())
+    line = [str(BIN / "shapefit"), "fit", "early", "late", "-d", "people"]
+    line += ["--set", "keypoints=body_25", "--set", "method=posterior"]
+    for more in (
+        ("-o", "walkers.h5"),
+        ("-o", "walkers/", "--set", "partition=10", "--scheduler", cluster.address),
+    ):
+        told = subprocess.run([*line, *more], cwd=data, capture_output=True, text=True, check=False)
+        assert told.returncode == 0, told.stderr
+        assert "focal length 1408 px assumed" in told.stderr
+    whole = shapes_by_item([data / "walkers.h5"])
+    parts = shapes_by_item(results(data / "walkers"))
+    assert whole.keys() == parts.keys()
+    assert len(results(data / "walkers")) == 2
+    for item, shape in whole.items():
+        np.testing.assert_array_equal(parts[item], shape)
+
+
+def shapes_by_item(paths: Sequence[Path]) -> dict[bytes, np.ndarray]:
+    found: dict[bytes, np.ndarray] = {}
+    for path in paths:
+        with h5py.File(path) as file:
+            found |= dict(zip(file["item"][:], file["shapes"][:], strict=True))
+    return found
+
+
+@pytest.mark.slow
+def test_a_killed_worker(data, cluster):
+    with in_the_middle(data, "worker/", "--scheduler", cluster.address) as process:
+        assert len(results(data / "worker")) < PARTS - 2
+        cluster.workers[0].send_signal(signal.SIGKILL)
+        _, told = process.communicate(timeout=LIMIT)
+        assert process.returncode == 0, told
+    cluster.workers[0].wait()
+    cluster.workers[0] = start_worker(cluster)
+    same_bits(data, "worker/")
+
+
+@pytest.mark.slow
+def test_a_killed_client(data, cluster):
+    with in_the_middle(data, "client/", "--scheduler", cluster.address) as process:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    time.sleep(1)  # its workers notice
+    there = results(data / "client")
+    assert 2 <= len(there) < PARTS
+    for path in there:
+        with h5py.File(path) as file:  # whole
+            assert len(file["item"]) == SIZE
+    missing = f"part-{PARTS - 1:05}"
+    litter = data / "client" / f".{missing}-0123abcd.partial.h5"
+    litter.write_bytes(b"left by a killed worker")
+    before = listed(data / "client") if (data / "client/manifest.jsonl").exists() else []
+    stamps = {name: (data / "client" / name).stat().st_mtime_ns for name in before}
+    done = fit(data, "client/", "--scheduler", cluster.address)
+    assert done.returncode == 0, done.stderr
+    assert f"fit: {(PARTS - len(before)) * SIZE} images" in done.stderr
+    for name, stamp in stamps.items():
+        assert (data / "client" / name).stat().st_mtime_ns == stamp
+    same_bits(data, "client/")
+
+
+def no_room() -> None:
+    """Let this process write no file as long as a result, as on a disk that is almost full."""
+    resource.setrlimit(resource.RLIMIT_FSIZE, (ROOM, ROOM))
+
+
+@pytest.mark.slow
+def test_workers_without_room(data):
+    with started(data / "crowded") as own:
+        own.workers.pop().kill()
+        replace_worker(own, no_room)
+        done = fit(data, "crowded/out/", "--scheduler", own.address)
+        lost = [line for line in done.stderr.splitlines() if line.startswith("Failed: ")]
+        assert done.returncode == 1, done.stderr
+        assert len(lost) == PARTS
+        for line in lost:
+            assert "File too large; free some space or choose another disk" in line
+        assert not results(data / "crowded/out")
+        replace_worker(own)
+        done = fit(data, "crowded/out/", "--scheduler", own.address)
+        assert done.returncode == 0, done.stderr
+    same_bits(data, "crowded/out/")
+
+
+@pytest.mark.slow
+def test_a_killed_scheduler(data):
+    with started(data / "doomed") as own:
+        with in_the_middle(data, "scheduler/", "--scheduler", own.address) as process:
+            own.scheduler.send_signal(signal.SIGKILL)
+            _, told = process.communicate(timeout=LIMIT)
+        lines = told.decode().splitlines()
+        assert process.returncode == 2, told
+        assert lines[-1].startswith("Error: Dask: the scheduler is gone"), told
+        assert not any("distributed" in line for line in lines), told
+    before = listed(data / "scheduler")
+    assert len(before) < PARTS
+    done = fit(data, "scheduler/")
+    assert done.returncode == 0, done.stderr
+    assert f"fit: {(PARTS - len(before)) * SIZE} images" in done.stderr
+    same_bits(data, "scheduler/")
+
+
+@pytest.mark.slow
+def test_no_scheduler_at_the_address(data):
+    done = fit(data, "nobody/", "--scheduler", "tcp://127.0.0.1:9")
+    assert done.returncode == 2
+    assert done.stderr.startswith("Error: tcp://127.0.0.1:9: no scheduler answers")
+    assert not results(data / "nobody")
+
+
+def test_a_file_that_is_not_of_a_scheduler(data):
+    (data / "empty.json").write_text("{}")
+    done = fit(data, "nobody/", "--scheduler-file", "empty.json")
+    assert done.returncode == 2, done.stderr
+    assert "empty.json: is not the file of a Dask scheduler" in done.stderr
+
+
+def test_without_dask(data):
+    code = (
+        "import sys; sys.modules['distributed'] = None; sys.modules['dask'] = None\n"
+        "from shapefit.cli.main import run; sys.exit(run(sys.argv[1:]))"
+    )
+    words = [sys.executable, "-c", code, *command("none/", "--scheduler", "tcp://127.0.0.1:9")[1:]]
+    done = subprocess.run(words, cwd=data, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "pip install distributed" in done.stderr
+
+
+@pytest.mark.slow
+def test_workers_that_are_killed_again_and_again(data, cluster):
+    rng, killed, runs = random.Random(0), 0, 0
+    while killed < KILLS:
+        output, code, runs = f"kills-{runs}/", 1, runs + 1
+        words = command(output, "--scheduler", cluster.address)
+        while code:
+            process = subprocess.Popen(words, cwd=data, stderr=subprocess.DEVNULL)
+            while process.poll() is None:
+                time.sleep(rng.uniform(0, PAUSE))
+                if killed < KILLS and process.poll() is None:
+                    number = rng.randrange(2)
+                    cluster.workers[number].kill()
+                    cluster.workers[number].wait()
+                    cluster.workers[number] = start_worker(cluster)
+                    killed += 1
+            code = process.returncode
+            assert code in (0, 1), f"after {killed} kills"
+            for path in results(data / output):
+                with h5py.File(path) as file:
+                    assert len(file["item"]) == SIZE
+        same_bits(data, output)
+
+
+def test_a_part_that_kills_its_workers_is_named(job):
+    killed = pytest.importorskip("distributed.scheduler").KilledWorker("fit_part-1", None, 3)
+    for error, text in ((killed, "4 workers died of it"), (ModuleNotFoundError(name="x"), None)):
+        future = InThisProcess().submit(lambda: None)
+        future._state, future._exception = "FINISHED", error
+        if text is None:
+            with pytest.raises(ModuleNotFoundError):
+                executors.result_of(future, job)
+        else:
+            assert text in executors.result_of(future, job).error
+
+
+def test_workers_without_shapefit_end_the_run(job):
+    future = InThisProcess().submit(lambda: None)
+    future._exception = ModuleNotFoundError("No module named 'shapefit'", name="shapefit")
+    with pytest.raises(InputError, match="its workers cannot import shapefit; install"):
+        executors.result_of(future, job)
