@@ -88,15 +88,9 @@ def test_shapes_with_gaps(tmp_path, rng):
     np.testing.assert_array_equal(same.shapes, points)
 
 
-def test_a_result_keeps_its_proof(tmp_path):
-
-    train, views = SAMPLES / "people_train.h5", tmp_path / "views.h5"
-    dictionary, result = tmp_path / "dict.h5", tmp_path / "result.h5"
-    learn = ["learn-dict", train, "-o", dictionary, "--set", "k=8", "--set", "iterations=1"]
-    project = ["project", SAMPLES / "people_test.h5", "-o", views]
-    fit = ["fit", views, "-d", dictionary, "-o", result]
-    for command in (learn, project, fit):
-        assert shapefit([*map(str, command), "-q"]) == 0
+def test_a_result_keeps_its_proof(world, tmp_path):
+    dictionary = world.dictionary("people")
+    result = world.fit("people", images=world.views("people"))
     convert(result, output=tmp_path / "again.h5")
     assert shapefit(["verify", str(tmp_path / "again.h5"), "-d", str(dictionary)]) == 0
     convert(result, output=tmp_path / "result.csv")

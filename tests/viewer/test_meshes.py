@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from shapefit.config import LearnDictConfig, ViewConfig
+from shapefit.config import ViewConfig
 from shapefit.io import read_results
-from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.view.run import make_page
 from tests.pipelines.fitted import fit_file
 from tests.viewer.projected import in_image
@@ -20,20 +19,16 @@ IN_IMAGE = """
 
 
 @pytest.fixture(scope="module")
-def cars(project, tmp_path_factory):
+def cars(world, tmp_path_factory):
     """Made cars, fitted in weak perspective and under a camera, with the meshes of two of them."""
     folder = tmp_path_factory.mktemp("cars")
-    data = project / "sample_data"
-    dictionary = folder / "cars.h5"
-    settings = {"method": "exemplars", "align": "none", "output": dictionary}
-    list(learn_dict.run(LearnDictConfig(shapes=(data / "cars.h5",), **settings)))
     cameras = {"weak": {}, "perspective": {"model": "perspective", "intrinsics": "camera_matrix"}}
     for name, camera in cameras.items():
         export = {
             "folder": folder / name, "frame": "camera", "unit": "landmarks", "items": ITEMS,
         }  # fmt: skip
         keys = {"method": "convex+refine", "camera": camera, "export": export, "lambda": 1.0}
-        fit_file(data / "cars_views.h5", dictionary, folder / f"{name}.h5", **keys)
+        fit_file(world.images("cars"), world.dictionary("cars"), folder / f"{name}.h5", **keys)
     return folder
 
 
