@@ -107,6 +107,7 @@ def test_an_image_that_no_scale_above_zero_fits_is_not_judged(rng):
 
 
 def test_quantiles_are_those_of_chi_squared():
+    assert (CURVE[0], CURVE[20], CURVE[-1]) == (0, 0.5, 1)
     np.testing.assert_allclose([*map(quantile, CURVE)], chi2.ppf(CURVE, 3), rtol=1e-14, atol=1e-300)
 
 

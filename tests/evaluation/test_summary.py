@@ -1,5 +1,7 @@
 """Sums over sequences and groups, computed by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -77,6 +79,15 @@ def test_errors_of_files_are_joined_by_kind(rng):
     np.testing.assert_array_equal(joined.plausibility, trust)
     grouping = {"all": ("s0", "s1", "s2", "s3")}
     assert summarise(joined, grouping) == summarise(whole, grouping)
+
+
+def test_a_file_without_plausibilities_leaves_those_of_the_others():
+    known = errors(a=[1, 2])
+    told = replace(known, plausibility=np.array([0.2, 0.8]))
+    (joined,) = join_errors([told, known])
+    np.testing.assert_array_equal(joined.plausibility, [0.2, 0.8, NAN, NAN])
+    (joined,) = join_errors([known, known])
+    assert joined.plausibility is None
 
 
 def test_each_image_weighs_the_same():
