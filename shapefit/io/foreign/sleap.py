@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -12,7 +12,7 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import input_error, printable
 from shapefit.io.foreign.recording import (
     ANYBODY,
@@ -27,10 +27,10 @@ from shapefit.io.foreign.recording import (
 from shapefit.io.foreign.trackers import TrackerFile, text
 from shapefit.io.hdf5_file import DAMAGED
 
+# The analysis file.
+
 SLEAP_ORDER = ("track", "xy", "node", "frame")
 FRAMES_FIRST = ("frame", "track", "node", "xy")
-
-TRACKS, SCORES = "tracks", "point_scores"
 
 Axes = tuple[str, ...]
 
@@ -47,17 +47,20 @@ def read_analysis(paths: tuple[Path, ...]) -> Recording:
     with TrackerFile(path) as file:
         nodes = file.texts("node_names")
         check_unique(file.place("node_names"), nodes, "node")
-        axes = _axes(file, len(nodes))
-        sizes = dict(zip(axes, file.shape(TRACKS), strict=True))
+        shape = file.shape("tracks", ", ".join(SLEAP_ORDER))
+        axes = _stated_axes(file, "tracks", SLEAP_ORDER) or _fitting_axes(file, len(nodes))
+        sizes = dict(zip(axes, shape, strict=True))
         if sizes["node"] != len(nodes) or sizes["xy"] != 2:
-            raise file.fault(TRACKS, f"has the shape {file.shape(TRACKS)} for {len(nodes)} nodes")
-        scores = _score_axes(file, axes)
-        edges = file.edges("edge_inds", len(nodes))
-        individuals = _individuals(file, sizes["track"])
-        points = file.arranged(TRACKS, axes, FRAMES_FIRST)
+            raise file.fault("tracks", f"has the shape {shape} for {len(nodes)} nodes")
         confidence = None
-        if scores is not None:
-            confidence = file.arranged(SCORES, scores, FRAMES_FIRST[:3])
+        if file.is_dataset("point_scores"):
+            wanted = tuple(axis for axis in axes if axis != "xy")
+            own = _stated_axes(file, "point_scores", wanted) or wanted
+            file.check_shape("point_scores", [sizes[axis] for axis in own])
+            confidence = file.arranged("point_scores", own, FRAMES_FIRST[:3])
+        edges = file.edges("edge_inds", len(nodes))
+        individuals = _track_names(file, sizes["track"])
+        points = file.arranged("tracks", axes, FRAMES_FIRST)
     fields = all_individuals(points, confidence, list(map(str, range(len(points)))))
     if sizes["track"] > 1:
         fields = take_instances(fields, np.isfinite(fields["points"]).any(axis=(1, 2)))
@@ -73,7 +76,7 @@ def read_analysis(paths: tuple[Path, ...]) -> Recording:
     )
 
 
-def _individuals(file: TrackerFile, count: int) -> tuple[str, ...]:
+def _track_names(file: TrackerFile, count: int) -> tuple[str, ...]:
     """Return the names of the tracks; none for a single one that has no name."""
     names = file.texts("track_names") if file.has("track_names") else ()
     if not names:
@@ -83,31 +86,7 @@ def _individuals(file: TrackerFile, count: int) -> tuple[str, ...]:
     return numbered_repeats([name or f"track_{number}" for number, name in enumerate(names)])
 
 
-def _axes(file: TrackerFile, nodes: int) -> Axes:
-    """Return what the axes of the tracks are. Raises InputError where nothing says so."""
-    shape = file.shape(TRACKS, "track, xy, node, frame")
-    if stated := _stated(file, TRACKS, SLEAP_ORDER):
-        return stated
-    fitting = [
-        order
-        for order in (SLEAP_ORDER, FRAMES_FIRST)
-        if shape[order.index("xy")] == 2 and shape[order.index("node")] == nodes
-    ]
-    if len(fitting) > 1 and file.is_dataset("track_occupancy"):
-        occupied = file.shape("track_occupancy", "frame, track")
-        agreeing = [
-            order
-            for order in fitting
-            if (shape[order.index("frame")], shape[order.index("track")]) == occupied
-        ]
-        fitting = agreeing or fitting
-    if not fitting:
-        found = f"has the shape {shape} for {nodes} nodes, which is in no order of axes"
-        raise file.fault(TRACKS, found)
-    return fitting[0]
-
-
-def _stated(file: TrackerFile, name: str, wanted: Axes) -> Axes | None:
+def _stated_axes(file: TrackerFile, name: str, wanted: Axes) -> Axes | None:
     """Return the axes that the attribute `dims` of a dataset names; None without it."""
     stated = file.attribute("dims", name)
     if stated is None:
@@ -119,143 +98,41 @@ def _stated(file: TrackerFile, name: str, wanted: Axes) -> Axes | None:
         found = ()
     if sorted(found) != sorted(wanted):
         place = f"{file.place(name)}@dims"
-        what = f"is {printable(stated)}"
-        raise input_error(place, what, f"name the axes {', '.join(wanted)}")
+        raise input_error(place, f"is {printable(stated)}", f"name the axes {', '.join(wanted)}")
     return found
 
 
-def _score_axes(file: TrackerFile, axes: Axes) -> Axes | None:
-    """Return the axes of the scores of points, which are those of the tracks without xy."""
-    if not file.is_dataset(SCORES):
-        return None
-    wanted = tuple(axis for axis in axes if axis != "xy")
-    found = _stated(file, SCORES, wanted) or wanted
-    sizes = dict(zip(axes, file.shape(TRACKS), strict=True))
-    file.check_shape(SCORES, [sizes[axis] for axis in found])
-    return found
+def _fitting_axes(file: TrackerFile, nodes: int) -> Axes:
+    """Return the order of axes that the lengths of the tracks fit; InputError for none."""
+    shape = file.shape("tracks")
+    orders = [dict(zip(order, shape, strict=True)) for order in (SLEAP_ORDER, FRAMES_FIRST)]
+    fitting = [sizes for sizes in orders if (sizes["xy"], sizes["node"]) == (2, nodes)]
+    if len(fitting) > 1 and file.is_dataset("track_occupancy"):
+        occupied = file.shape("track_occupancy", "frame, track")
+        agreeing = [sizes for sizes in fitting if (sizes["frame"], sizes["track"]) == occupied]
+        fitting = agreeing or fitting
+    if not fitting:
+        found = f"has the shape {shape} for {nodes} nodes, which is in no order of axes"
+        raise file.fault("tracks", found)
+    return tuple(fitting[0])
 
 
-METADATA = "metadata"
-
-BODY = 1
-"""The type of a link between nodes that is part of the body; others are symmetries."""
-
-
-@dataclass(frozen=True)
-class Metadata:
-    """What a file says of its instances.
-
-    version of the format; skeletons, each the names of its nodes in order; edges between
-    landmarks, by place in `landmarks`; names of tracks and videos.
-    """
-
-    version: float
-    skeletons: tuple[tuple[str, ...], ...]
-    edges: tuple[tuple[int, int], ...]
-    tracks: tuple[str, ...]
-    videos: tuple[str, ...]
-
-    @property
-    def landmarks(self) -> tuple[str, ...]:
-        """Names of the nodes of all skeletons, in order of appearance."""
-        return tuple(dict.fromkeys(name for skeleton in self.skeletons for name in skeleton))
-
-    def columns(self) -> list[NDArray[np.intp]]:
-        """Return the place of each node of each skeleton in `landmarks`."""
-        place = {name: number for number, name in enumerate(self.landmarks)}
-        return [
-            np.array([place[name] for name in skeleton], np.intp) for skeleton in self.skeletons
-        ]
-
-
-def read_metadata(file: TrackerFile) -> Metadata:
-    """Read the metadata of a file. Raises InputError where they are damaged."""
-    version = file.attribute("format_id", METADATA)
-    place = f"{file.place(METADATA)}@json"
-    found = _parse(place, file.attribute("json", METADATA))
-    try:
-        nodes = [str(node["name"]) for node in found["nodes"]]
-        skeletons, edges = _skeletons(found["skeletons"], nodes)
-        tracks = [str(_parse("", text)[1]) for text in _texts(file, "tracks_json")]
-        videos = [_video(_parse("", text)) for text in _texts(file, "videos_json")]
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-        what = f"is not as SLEAP writes it ({type(error).__name__}: {printable(error)})"
-        raise input_error(place, what, DAMAGED) from error
-    if not any(skeletons):
-        raise input_error(place, "has no skeleton with nodes", DAMAGED)
-    for skeleton in skeletons:
-        check_unique(place, skeleton, "node of a skeleton")
-    number = {name: i for i, name in enumerate(dict.fromkeys(n for s in skeletons for n in s))}
-    return Metadata(
-        float(version) if isinstance(version, int | float) else 1.0,
-        tuple(skeletons),
-        tuple(dict.fromkeys((number[a], number[b]) for a, b in edges)),
-        numbered_repeats(tracks),
-        numbered_repeats(videos),
-    )
-
-
-def _texts(file: TrackerFile, name: str) -> tuple[str, ...]:
-    return file.texts(name) if file.is_dataset(name) else ()
-
-
-def _parse(place: str, text: Any) -> Any:
-    try:
-        return orjson.loads(text)
-    except (orjson.JSONDecodeError, TypeError) as error:
-        if not place:
-            raise ValueError(str(error)) from error
-        raise input_error(place, "is no JSON", DAMAGED) from error
-
-
-def _skeletons(
-    found: Sequence[Any], nodes: Sequence[str]
-) -> tuple[list[tuple[str, ...]], list[tuple[str, str]]]:
-    """Return the nodes of each skeleton in its order, and the edges of all, by name."""
-    skeletons, edges = [], []
-    for skeleton in found:
-        graph = skeleton.get("nx_graph", skeleton)
-        ids = [node["id"] for node in graph["nodes"]]
-        if any(isinstance(number, int) and number < 0 for number in ids):
-            raise ValueError("a node has a negative number")
-        skeletons.append(tuple(nodes[number] for number in ids))
-        types: list[int] = []
-        for link in graph.get("links", ()):
-            if _type(link.get("type"), types) == BODY:
-                edges.append((nodes[link["source"]], nodes[link["target"]]))
-    known = {name for skeleton in skeletons for name in skeleton}
-    return skeletons, [pair for pair in edges if known.issuperset(pair)]
-
-
-def _type(stated: Any, types: list[int]) -> int:
-    """Return the type of a link: stated in full the first time, later by its place among those."""
-    if not isinstance(stated, dict):
-        return BODY
-    if "py/reduce" in stated:
-        types.append(stated["py/reduce"][1]["py/tuple"][0])
-        return types[-1]
-    number = stated.get("py/id", BODY)
-    return types[number - 1] if 0 < number <= len(types) else number
-
-
-def _video(found: Any) -> str:
-    """Return what a video is called: its name without suffix, or the folder of its images."""
-    backend = found.get("backend") or {}
-    name = found.get("filename") or backend.get("filename") or backend.get("filenames") or "video"
-    if isinstance(name, list):
-        name = str(PurePosixPath(str(name[0]).replace("\\", "/")).parent)
-    last = name_of(str(name))
-    return PurePosixPath(last).stem or "video"
-
+# Labels and predictions, .slp.
 
 USER, PREDICTED = 0, 1
-
 TABLES = {USER: "points", PREDICTED: "pred_points"}
+FRAME_COLUMNS = "video frame_idx instance_id_start instance_id_end"
+INSTANCE_COLUMNS = (
+    "instance_id instance_type skeleton track from_predicted point_id_start point_id_end"
+)
 
 REPLACED = "predicted instances replaced by those that a user placed"
 
 PIXEL_MIDDLES = 1.1
 """The version from which on the middle of the first pixel is at 0."""
+
+BODY = 1
+"""The type of a link between nodes that is part of the body; others are symmetries."""
 
 
 def read_labels(paths: tuple[Path, ...]) -> Recording:
@@ -267,78 +144,157 @@ def read_labels(paths: tuple[Path, ...]) -> Recording:
     """
     path = paths[0]
     with TrackerFile(path) as file:
-        metadata = read_metadata(file)
-        found, labelled, replaced = _read_instances(file, metadata)
+        metadata = _read_metadata(file)
+        found, labelled = _read_instances(file)
+        _check_instances(file, found, metadata)
+        replaced = _replaced(found)
+        found = {name: values[~replaced] for name, values in found.items()}
         points, confidence = _read_points(file, metadata, found)
-    frames, videos = found["frames"], found["videos"].tolist()
     several = len(metadata.videos) > 1
+    lost = int(replaced.sum())
     return Recording(
         name=str(path),
         video=video_name(path),
         points=points,
         confidence=None if np.isnan(confidence).all() else confidence,
-        frames=frames,
-        labels=list(map(str, frames.tolist())),
+        frames=found["frame_idx"],
+        labels=list(map(str, found["frame_idx"].tolist())),
         individuals=found["track"],
-        videos=[metadata.videos[video] for video in videos] if several else None,
+        videos=[metadata.videos[row] for row in found["video"].tolist()] if several else None,
         landmark_names=metadata.landmarks,
         individual_names=metadata.tracks,
         frame_count=labelled,
         unit="px",
         edges=metadata.edges,
-        notes=(f"{replaced} {REPLACED}",) if replaced else (),
+        notes=(f"{lost} {REPLACED}",) if lost else (),
     )
 
 
-def _read_instances(file: TrackerFile, metadata: Metadata) -> tuple[dict[str, Integers], int, int]:
-    """Return columns of all instances that count, sorted by video and frame.
+@dataclass(frozen=True)
+class Metadata:
+    """What a file says of its instances.
 
-    Beside them stand the number of labelled frames, and that of predicted instances replaced.
+    skeletons: the places of the nodes of each among the landmarks, which are those of all; edges
+    by place in `landmarks`; names of tracks and videos; shift of coordinates in pixels.
     """
-    frames = _columns(file, "frames", "video frame_idx instance_id_start instance_id_end")
-    wanted = "instance_id instance_type skeleton track from_predicted point_id_start point_id_end"
-    table = _columns(file, "instances", wanted)
+
+    landmarks: tuple[str, ...]
+    skeletons: list[NDArray[np.intp]]
+    edges: tuple[tuple[int, int], ...]
+    tracks: tuple[str, ...]
+    videos: tuple[str, ...]
+    shift: float
+
+
+def _read_metadata(file: TrackerFile) -> Metadata:
+    """Read the metadata of a file. Raises InputError where they are damaged."""
+    version = file.attribute("format_id", "metadata")
+    place = f"{file.place('metadata')}@json"
+    try:
+        found = orjson.loads(file.attribute("json", "metadata"))
+    except (orjson.JSONDecodeError, TypeError) as error:
+        raise input_error(place, "is no JSON", DAMAGED) from error
+    listed = {name: file.texts(name) if file.is_dataset(name) else () for name in LISTS}
+    try:
+        nodes = [str(node["name"]) for node in found["nodes"]]
+        skeletons, pairs = _skeletons(found["skeletons"], nodes)
+        tracks = [str(orjson.loads(each)[1]) for each in listed["tracks_json"]]
+        videos = [_video(orjson.loads(each)) for each in listed["videos_json"]]
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
+        what = f"is not as SLEAP writes it ({type(error).__name__}: {printable(error)})"
+        raise input_error(place, what, DAMAGED) from error
+    if not any(skeletons):
+        raise input_error(place, "has no skeleton with nodes", DAMAGED)
+    for skeleton in skeletons:
+        check_unique(place, skeleton, "node of a skeleton")
+    number = {name: i for i, name in enumerate(dict.fromkeys(n for s in skeletons for n in s))}
+    return Metadata(
+        tuple(number),
+        [np.array([number[name] for name in skeleton], np.intp) for skeleton in skeletons],
+        tuple(dict.fromkeys((number[a], number[b]) for a, b in pairs if {a, b} <= number.keys())),
+        numbered_repeats(tracks),
+        numbered_repeats(videos),
+        0.0 if isinstance(version, int | float) and version >= PIXEL_MIDDLES else 0.5,
+    )
+
+
+LISTS = ("tracks_json", "videos_json")
+
+
+def _skeletons(
+    found: Sequence[Any], nodes: Sequence[str]
+) -> tuple[list[tuple[str, ...]], list[tuple[str, str]]]:
+    """Return the nodes of each skeleton in its order, and the edges of all, by name.
+
+    The type of a link is stated in full the first time, later by its place among those.
+    """
+    skeletons, edges = [], []
+    for skeleton in found:
+        graph = skeleton.get("nx_graph", skeleton)
+        ids = [node["id"] for node in graph["nodes"]]
+        if any(isinstance(number, int) and number < 0 for number in ids):
+            raise ValueError("a node has a negative number")
+        skeletons.append(tuple(nodes[number] for number in ids))
+        types: list[int] = []
+        for link in graph.get("links", ()):
+            kind = link.get("type") if isinstance(link.get("type"), dict) else {}
+            number = kind.get("py/id", BODY)
+            if "py/reduce" in kind:
+                types.append(kind["py/reduce"][1]["py/tuple"][0])
+                number = types[-1]
+            elif 0 < number <= len(types):
+                number = types[number - 1]
+            if number == BODY:
+                edges.append((nodes[link["source"]], nodes[link["target"]]))
+    return skeletons, edges
+
+
+def _video(found: Any) -> str:
+    """Return what a video is called: its name without suffix, or the folder of its images."""
+    backend = found.get("backend") or {}
+    name = found.get("filename") or backend.get("filename") or backend.get("filenames") or "video"
+    if isinstance(name, list):
+        name = str(PurePosixPath(str(name[0]).replace("\\", "/")).parent)
+    return PurePosixPath(name_of(str(name))).stem or "video"
+
+
+def _read_instances(file: TrackerFile) -> tuple[dict[str, Integers], int]:
+    """Return columns of all instances, sorted by video and frame, and the number of frames."""
+    frames = _columns(file, "frames", FRAME_COLUMNS)
+    table = _columns(file, "instances", INSTANCE_COLUMNS)
     start, end = frames["instance_id_start"], frames["instance_id_end"]
     if ((start < 0) | (end < start) | (end > len(table["track"]))).any():
         raise file.fault("frames", "points at instances that are not there")
     order = np.lexsort((frames["frame_idx"], frames["video"]))
-    rows, owner = _spread(start[order], end[order])
+    counts = (end - start)[order]
+    owner = np.repeat(order, counts)
+    rows = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts) + start[owner]
     found = {name: values[rows] for name, values in table.items()}
-    found["frames"], found["videos"] = (
-        frames[name][order][owner] for name in ("frame_idx", "video")
-    )
-    _check(file, found, metadata)
-    kept = ~_replaced(found)
-    whole = {name: values[kept] for name, values in found.items()}
-    return whole, len(start), int((~kept).sum())
+    return found | {name: frames[name][owner] for name in ("frame_idx", "video")}, len(start)
 
 
 def _columns(file: TrackerFile, name: str, wanted: str) -> dict[str, Integers]:
     """Return columns of a table as integers."""
-    known = file.fields(name)
-    if lost := [column for column in wanted.split() if column not in known]:
-        raise file.fault(name, f"has no column {lost[0]}")
+    _check_fields(file, name, wanted.split())
     file.shape(name, "rows")
     table = file.rows(name)
     return {column: table[column].astype(np.int64) for column in wanted.split()}
 
 
-def _spread(start: Integers, end: Integers) -> tuple[Integers, Integers]:
-    """Return the rows of the ranges, one after the other, and the range of each."""
-    counts = end - start
-    owner = np.repeat(np.arange(len(start)), counts)
-    rows = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
-    return rows + start[owner], owner
+def _check_fields(file: TrackerFile, name: str, wanted: Sequence[str]) -> None:
+    known = file.fields(name)
+    if lost := [column for column in wanted if column not in known]:
+        raise file.fault(name, f"has no column {lost[0]}")
 
 
-def _check(file: TrackerFile, found: dict[str, Integers], metadata: Metadata) -> None:
+def _check_instances(file: TrackerFile, found: Mapping[str, Integers], metadata: Metadata) -> None:
     """Raise InputError for instances of tracks, skeletons, videos or points that are not there."""
     place = file.place("instances")
     for column, count, lowest in (
         ("instance_type", 2, 0),
         ("track", len(metadata.tracks), -1),
         ("skeleton", len(metadata.skeletons), 0),
-        ("videos", max(len(metadata.videos), 1), 0),
+        ("video", max(len(metadata.videos), 1), 0),
     ):
         wrong = (found[column] < lowest) | (found[column] >= count)
         if wrong.any():
@@ -350,23 +306,21 @@ def _check(file: TrackerFile, found: dict[str, Integers], metadata: Metadata) ->
         raise input_error(place, "has another number of points than its skeleton", DAMAGED)
     for kind, table in TABLES.items():
         own = found["instance_type"] == kind
-        if not own.any():
-            continue
-        wanted = {"x", "y", "visible", *(("score",) if kind == PREDICTED else ())}
-        if lost := sorted(wanted - set(file.fields(table))):
-            raise file.fault(table, f"has no column {lost[0]}")
-        if end[own].max() > file.shape(table, "points")[0]:
-            raise file.fault(table, "ends before the points of instances")
+        if own.any():
+            score = ["score"] if kind == PREDICTED else []
+            _check_fields(file, table, [*score, "visible", "x", "y"])
+            if end[own].max() > file.shape(table, "points")[0]:
+                raise file.fault(table, "ends before the points of instances")
 
 
-def _replaced(found: dict[str, Integers]) -> NDArray[np.bool_]:
+def _replaced(found: Mapping[str, Integers]) -> Flags:
     """Whether each instance is a predicted one for which a user placed another."""
     user = found["instance_type"] == USER
     if not user.any():
         return user
     origins = found["from_predicted"][user & (found["from_predicted"] >= 0)]
     tracked = found["track"] != ANYBODY
-    keys = np.stack([found["videos"], found["frames"], found["track"]], axis=1)
+    keys = np.stack([found["video"], found["frame_idx"], found["track"]], axis=1)
     _, key = np.unique(keys, axis=0, return_inverse=True)
     key = key.ravel()
     same_track = tracked & np.isin(key, key[user & tracked])
@@ -374,22 +328,20 @@ def _replaced(found: dict[str, Integers]) -> NDArray[np.bool_]:
 
 
 def _read_points(
-    file: TrackerFile, metadata: Metadata, found: dict[str, Integers]
+    file: TrackerFile, metadata: Metadata, found: Mapping[str, Integers]
 ) -> tuple[Floats, Floats]:
     """Return the points (N, p, 2) of the instances and their scores (N, p), NaN without one."""
-    shift = 0.0 if metadata.version >= PIXEL_MIDDLES else 0.5
     n, p = len(found["track"]), len(metadata.landmarks)
     points, confidence = np.full((n, p, 2), np.nan), np.full((n, p), np.nan)
     for kind, name in TABLES.items():
-        if not (found["instance_type"] == kind).any():
-            continue
-        table = file.rows(name)
-        for number, places in enumerate(metadata.columns()):
-            own = (found["instance_type"] == kind) & (found["skeleton"] == number)
-            if not own.any() or not len(places):
+        of_kind = found["instance_type"] == kind
+        table = file.rows(name) if of_kind.any() else None
+        for number, places in enumerate(metadata.skeletons):
+            own = of_kind & (found["skeleton"] == number)
+            if table is None or not own.any() or not len(places):
                 continue
             rows = table[found["point_id_start"][own][:, None] + np.arange(len(places))]
-            xy = np.stack([rows["x"], rows["y"]], axis=-1).astype(np.float64) - shift
+            xy = np.stack([rows["x"], rows["y"]], axis=-1).astype(np.float64) - metadata.shift
             seen = rows["visible"].astype(bool)
             points[np.ix_(own, places)] = np.where(seen[..., None], xy, np.nan)
             if kind == PREDICTED:
