@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from shapefit.errors import InputError, input_error, listed
-from shapefit.io.foreign.headers import anipose_landmarks, decode, understand
+from shapefit.io.foreign.tables import anipose_landmarks, decode, understand
 from shapefit.io.head import Head, something_else, unknown_json
 from shapefit.io.inputs import (
     HDF5_SIGNATURE,
@@ -327,7 +327,7 @@ FORMATS: dict[str, FileFormat] = {
         *("a movement netCDF file", ".nc .nc4", EITHER),
         *(lambda head: "ds_type" in head.hdf5.attributes, "trackers:read_movement"),
     ),
-    "nwb-ndx-pose": _read("an NWB file", ".nwb", EITHER, _nwb, "nwb:read_nwb"),
+    "nwb-ndx-pose": _read("an NWB file", ".nwb", EITHER, _nwb, "trackers:read_nwb"),
     "sleap-analysis-h5": _read(
         *("a SLEAP analysis file", ".h5 .hdf5", IMAGES),
         *(lambda head: {"tracks", "node_names"} <= head.hdf5.entries, "sleap:read_analysis"),

@@ -83,10 +83,10 @@ def _metres(title: str, suffix: str, writer: str) -> FileFormat:
 
 
 WRITTEN: dict[str, FileFormat] = {
-    "bvh": _metres("a BVH file", ".bvh", "bvh:bvh_output"),
-    "c3d": _metres("a C3D file", ".c3d", "c3d:c3d_output"),
+    "bvh": _metres("a BVH file", ".bvh", "bones:bvh_output"),
+    "c3d": _metres("a C3D file", ".c3d", "markers:c3d_output"),
     "glb": _metres("a GLB file", ".glb", "glb:glb_output"),
-    "trc": _metres("a TRC file", ".trc", "trc:trc_output"),
+    "trc": _metres("a TRC file", ".trc", "markers:trc_output"),
 }
 """Formats that are written for other tools; those of them that can be read have a row above."""
 

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from shapefit.io import open_landmarks, read_shapes, write_shapes
-from shapefit.io.hdf5_records import Hdf5Reader
-from shapefit.io.names import check_unique
 from tests.io.files import save
 
 ORDER = [2, 0, 3, 1]
@@ -53,19 +51,6 @@ def test_edges_and_mirror_follow_their_landmarks(tmp_path, shapes):
     found = read_shapes([tmp_path / "a.h5", tmp_path / "b.h5"])
     np.testing.assert_array_equal(found.edges, shapes.edges)
     np.testing.assert_array_equal(found.columns["mirror_index"], shapes.columns["mirror_index"])
-
-
-@pytest.mark.parametrize(
-    "index", [np.arange(3), np.arange(4.0), np.array([0, 1, 2, 4]), np.array([-1, 1, 2, 3])]
-)
-def test_a_mirror_index_that_is_none_cannot_be_permuted(tmp_path, shapes, problems, edit, index):
-    write_shapes(tmp_path / "a.h5", shapes.take([0]))
-    write_shapes(tmp_path / "b.h5", permuted_shapes(shapes.take([1]), ORDER))
-    wrong = edit(tmp_path / "b.h5", mirror_index=index)
-    assert problems(read_shapes, [tmp_path / "a.h5", wrong]) == (
-        f"{wrong}:/mirror_index: does not pair the landmarks; "
-        "store the index of each landmark's mirror image, or remove it",
-    )
 
 
 def test_other_landmarks(tmp_path, shapes, problems):
@@ -238,107 +223,4 @@ def test_landmarks_that_do_not_go_together(tmp_path, landmarks, problems):
         )
 
 
-def test_landmarks_with_datasets_do_not_go_with_a_table(tmp_path, landmarks, problems):
-    one = views_file(tmp_path / "a.h5", landmarks.take([0]))
-    two = views_file(tmp_path / "b.csv", landmarks.take([1]))
-    names = "camera_matrix, maker, true_model, true_rotation"
-    (line,) = problems(open_landmarks, [one, two])
-    assert line.startswith(f"{two}: has no dataset {names}, unlike {one}; give it to all files")
-
-
-def test_images_in_two_files(tmp_path, landmarks, problems):
-    one = views_file(tmp_path / "a.h5", landmarks)
-    two = views_file(tmp_path / "b.csv", landmarks.take([3]))
-    assert problems(open_landmarks, [one, two]) == (
-        f"{two}: item 'image 3' is also at {one}:/item[3]; give every item a unique name",
-    )
-
-
-def test_more_files_than_may_be_open(tmp_path, landmarks, run_python):
-    for i in range(70):
-        views_file(tmp_path / f"{i}.h5", renamed(landmarks.take([0]), str(i)))
-    script = """
-import resource, sys
-from pathlib import Path
-resource.setrlimit(resource.RLIMIT_NOFILE, (50, 50))
-from shapefit.io import open_landmarks
-with open_landmarks(sorted(Path(sys.argv[1]).glob("*.h5"))) as source:
-    print(sum(len(chunk) for chunk in source.batches(4)))
-"""
-    assert run_python(script, tmp_path).stdout == "70\n"
-
-
-def test_leaving_the_source_closes_its_files(tmp_path, landmarks):
-    path = views_file(tmp_path / "a.h5", landmarks)
-    with open_landmarks([path]) as source:
-        chunks = source.batches(2)
-        next(chunks)
-    assert list(chunks) == []
-
-
-def test_a_chunk_has_at_least_one_image(tmp_path, landmarks):
-    with (
-        open_landmarks([views_file(tmp_path / "a.h5", landmarks)]) as source,
-        pytest.raises(ValueError, match="at least 1"),
-    ):
-        source.batches(0)
-
-
 # Duplicates
-
-
-def test_items_with_the_same_hash_are_compared(monkeypatch, problems):
-    monkeypatch.setattr("shapefit.io.names.hash", len, raising=False)
-    blocks = [("ab", "cd"), ("e",)]
-    check_unique([(lambda: blocks, str)])
-    twice = [*blocks, ("cd",)]
-    assert problems(check_unique, [(lambda: twice, "row {}".format)]) == (
-        "row 3: item 'cd' is also at row 1; give every item a unique name",
-    )
-
-
-def test_many_duplicates_are_counted(problems):
-    items = [str(i % 100) for i in range(300)]
-    lines = problems(check_unique, [(lambda: [items], str)])
-    assert len(lines) == 11
-    assert lines[-1] == "... and 190 more"
-
-
-def test_datasets_of_files_that_are_nan_in_the_same_places_agree(tmp_path, landmarks):
-    """nan is what a calibration leaves where it knows nothing; it differs from itself."""
-    matrix = np.diag([500.0, np.nan, 1.0])
-    parts = [landmarks.take([0]), landmarks.take([1])]
-    files = [
-        views_file(tmp_path / f"{i}.h5", part.replaced(further={"camera_matrix": matrix}))
-        for i, part in enumerate(parts)
-    ]
-    with open_landmarks(files) as source:
-        found = source.whole()
-    assert found.items == landmarks.items[:2]
-    np.testing.assert_array_equal(found.columns["camera_matrix"], matrix)
-
-
-@pytest.mark.parametrize(("most_held", "readings"), [(8, 2), (7, 4)])
-def test_names_of_few_items_are_read_once(
-    tmp_path, landmarks, same, monkeypatch, most_held, readings
-):
-    """All files together: 4 items in each of two."""
-    one = landmarks.take(slice(0, 4))
-    two = one.replaced(items=tuple(f"{item} again" for item in one.items))
-    paths = [tmp_path / "one.h5", tmp_path / "two.h5"]
-    for path, images in zip(paths, (one, two), strict=True):
-        save(path, images)
-    read, found = Hdf5Reader._values, []
-
-    def counted(self, name, rows):
-        values = read(self, name, rows)
-        found.extend([name] if len(values) else [])
-        return values
-
-    monkeypatch.setattr(Hdf5Reader, "_values", counted)
-    monkeypatch.setattr("shapefit.io.source.MOST_HELD", most_held * len(one.landmark_names))
-    with open_landmarks(paths) as source:
-        first, second = source.batches(4, by_file=True)
-    assert found.count("item") == readings
-    same(first, one)
-    same(second, two)

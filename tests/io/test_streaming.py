@@ -1,12 +1,10 @@
 """Long streams: flat memory, full disks, killed writers, and quick starts."""
 
 import os
-import signal
 
 import pytest
 
-from shapefit.io import landmark_writer, read_results, result_writer
-from tests.io.files import save
+from shapefit.io import landmark_writer, result_writer
 
 MAKE = """
 import os, resource, signal, sys
@@ -60,28 +58,12 @@ def test_a_disk_that_fills_while_writing(tmp_path, run_python, name, limit):
     assert os.listdir(tmp_path) == [name]
 
 
-def test_the_disk_test_can_pass(tmp_path, run_python):
-    done = run_python(MAKE + FULL, tmp_path / "result.h5", str(10**9))
-    assert (done.stdout, done.returncode) == ("written\n", 0)
-    assert len(read_results(tmp_path / "result.h5")) == 8000
-
-
 KILLED = """
 with result_writer(Path(sys.argv[1])) as writer:
     for start in range(0, 4000, 1000):
         writer.append(results(views(start, 1000)))
     os.kill(os.getpid(), signal.SIGKILL)
 """
-
-
-@pytest.mark.parametrize("name", ["result.h5", "result.csv"])
-def test_what_a_killed_writer_leaves_is_swept_by_the_next(tmp_path, run_python, results, name):
-    target = tmp_path / name
-    target.write_text("old")
-    assert run_python(MAKE + KILLED, target).returncode == -signal.SIGKILL
-    assert target.read_text() == "old"
-    save(target, results)
-    assert os.listdir(tmp_path) == [name]
 
 
 @pytest.mark.parametrize("name", ["result.h5", "result.csv"])

@@ -158,7 +158,7 @@ class Detections:
 
     name and video as in a Recording; unordered, whether they are images of no video; numbers, x, y
     and, with `step` 3, the confidence of each landmark, empty where nothing was found; scores, the
-    confidences where they stand by themselves; frames, labels and videos as in `Instances`;
+    confidences where they stand by themselves; frames, labels and videos as in a Recording;
     identities what the file calls who it is, None or a negative number where it does not know.
     """
 
@@ -184,19 +184,32 @@ class Detections:
         several = len({file.video for file in images.files}) > 1
         return cls(images.name, images.video, step, images.unordered, [] if several else None)
 
-    def __len__(self) -> int:
-        return len(self.numbers)
-
-    def add(
-        self, numbers: Sequence[float], frame: int, label: str, who: Any, video: str | None = None
-    ) -> None:
-        """Add a detection in a frame, and whom the file calls it."""
+    def add(self, numbers: Sequence[float], file: FrameFile, who: Any) -> None:
+        """Add a detection in a frame of a video, and whom the file calls it."""
         self.numbers.append(numbers)
-        self.frames.append(frame)
-        self.labels.append(label)
+        self.frames.append(file.frame)
+        self.labels.append(file.label)
         self.identities.append(who)
-        if self.videos is not None and video is not None:
-            self.videos.append(video)
+        if self.videos is not None:
+            self.videos.append(file.video)
+
+    def of_images(self, images: Sequence[int | float | str], named: Iterable[Any] = ()) -> int:
+        """Say in which image each detection is; return how many there are.
+
+        Images have the order of their first appearance, those `named` (id, what it is called)
+        before, and their names without folder and ending where these are unique.
+        """
+        called = dict(named)
+        for image in images:
+            called.setdefault(image, image)
+        place = {image: number for number, image in enumerate(called)}
+        texts = [str(name) for name in called.values()]
+        short = [Path(n).stem if isinstance(n, str) else str(n) for n in called.values()]
+        names = short if len(set(short)) == len(short) else texts
+        self.frames = [place[image] for image in images]
+        self.labels = [names[frame] for frame in self.frames]
+        self.unordered = not are_series(names)
+        return len(called)
 
     def values(self) -> Floats:
         """Return the numbers (N, p, step), NaN where a detection has none or they are not finite.
@@ -210,30 +223,27 @@ class Detections:
         return _numbers(self.scores, 1, self.name)[..., 0]
 
 
+CHECK = "check what wrote the file"
+
+
 def _numbers(given: list[Sequence[float]], step: int, name: str) -> Floats:
     sizes = Counter(map(len, given))
-    empty = sizes.pop(0, 0)
-    if any(size % step for size in sizes):
-        size = next(size for size in sizes if size % step)
-        found = f"a detection of {size} numbers, which are not {step} for each landmark"
-        raise input_error(name, found, "check what wrote the file")
+    sizes.pop(0, 0)
+    width = next(iter(sizes), 0)
+    if strange := [size for size in sizes if size % step]:
+        found = f"a detection of {strange[0]} numbers, which are not {step} for each landmark"
+        raise input_error(name, found, CHECK)
     if len(sizes) > 1:
         kinds = [f"{n} detections with {s // step}" for s, n in sorted(sizes.items())]
         fix = "give the files of each skeleton in a separate call"
         raise input_error(name, f"several skeletons: {listed(kinds, 'and')} landmarks", fix)
-    width = next(iter(sizes), 0)
-    rows = given
-    if empty:
-        nothing = [math.nan] * width
-        rows = [row or nothing for row in given]
+    nothing = [math.nan] * width
     try:
-        values = np.array(rows, dtype=np.float64)
+        values = np.array([row or nothing for row in given], dtype=np.float64)
+        values = values.reshape(len(given), width // step, step)
     except (ValueError, TypeError, OverflowError) as error:
         found = f"keypoints that are not numbers ({str(error)[:80]})"
-        raise input_error(name, found, "check what wrote the file") from error
-    if values.ndim != 2 and len(rows):
-        raise input_error(name, "keypoints that are not numbers", "check what wrote the file")
-    values = values.reshape(len(rows), -1, step) if width else np.empty((0, 0, step))
+        raise input_error(name, found, CHECK) from error
     return np.where(np.isfinite(values), values, np.nan)
 
 
@@ -261,18 +271,21 @@ def as_recording(
     people, individuals, doubts = _identities(detections)
     known = NAMED_BY_COUNT.get(values.shape[1])
     further.setdefault("default_keypoints", None if further.get("landmark_names") else known)
+    in_frames = np.array(detections.frames, dtype=np.int64)
     instances = {
         "points": np.where(missing[..., None], np.nan, values[..., :2]),
         "confidence": None if confidence is None else np.where(missing, 0.0, confidence),
-        "frames": np.array(detections.frames, dtype=np.int64),
+        "frames": in_frames,
         "labels": detections.labels,
         "individuals": individuals,
         "videos": detections.videos,
     }
+    first = numbered(detections.videos or [""] * len(values))[0]
+    order = np.lexsort((in_frames, np.array(first))).astype(np.intp)
     return Recording(
         name=detections.name,
         video=detections.video,
-        **take_instances(instances, _in_order(detections.videos, detections.frames)),
+        **take_instances(instances, order),
         individual_names=people,
         frame_count=frames,
         notes=notes + doubts,
@@ -295,31 +308,21 @@ def image_key(image: Any, place: str) -> int | float | str:
     return image
 
 
-def _in_order(videos: Sequence[str] | None, frames: Sequence[int]) -> NDArray[np.intp]:
-    """Return the order in which frames never fall within a video."""
-    first = numbered(videos)[0] if videos is not None else [0] * len(frames)
-    return np.lexsort((np.array(frames), np.array(first))).astype(np.intp)
-
-
 def _identities(detections: Detections) -> tuple[tuple[str, ...], Integers, tuple[str, ...]]:
     """Return the names of individuals, who each detection is, and doubts about that.
 
     Some tools number the people of each frame anew: where a number is twice in a frame, none is
     an identity.
     """
-    nobody = np.full(len(detections), ANYBODY, dtype=np.int64)
     ids = [_plain(one) for one in detections.identities]
+    nobody = np.full(len(ids), ANYBODY, dtype=np.int64)
     known = [row for row, one in enumerate(ids) if one is not None]
-    if not known:
-        return (), nobody, ()
     videos = detections.videos or [""] * len(ids)
     seen = Counter((videos[row], detections.frames[row], ids[row]) for row in known)
-    if max(seen.values()) > 1:
-        twice = sum(number > 1 for number in seen.values())
+    if twice := sum(number > 1 for number in seen.values()):
         text = f"numbers of people are not used, as {twice} of them occur twice in a frame"
         return (), nobody, (text,)
-    places, names = numbered(ids[row] for row in known)
-    nobody[known] = places
+    nobody[known], names = numbered(ids[row] for row in known)
     return tuple(names), nobody, ()
 
 

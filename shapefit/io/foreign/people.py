@@ -17,12 +17,12 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.foreign.detections import (
+    CHECK,
     Detections,
-    are_series,
+    FrameFile,
     as_recording,
     image_key,
     images_in,
-    numbered,
     read_json,
     without_collection,
 )
@@ -45,34 +45,29 @@ def read_openpose(paths: tuple[Path, ...]) -> Recording:
     detections = Detections.in_images(images)
     strange: list[str] = []
     further = 0
-    for path, part, frame, label in images.files:
-        contents = read_json(path)
-        people = people_of(contents)
+    for file in images.files:
+        people = _people_of(read_json(file.path))
         if people is None:
-            strange.append(path.name)
+            strange.append(file.path.name)
             continue
         for person in people:
-            detections.add(keypoints_of(person, path), frame, label, person.get("person_id"), part)
+            detections.add(_keypoints_of(person, file.path), file, person.get("person_id"))
             further += any(person.get(key) for key in OTHERS)
     notes: tuple[str, ...] = ()
     if strange:
-        notes += (
-            f"{counted(len(strange), 'file')} without people left out ({abbreviate(strange)})",
-        )
+        lost = f"{counted(len(strange), 'file')} without people left out ({abbreviate(strange)})"
+        notes += (lost,)
     if further:
         notes += (f"hands and faces left out, of {counted(further, 'detection')}",)
     values = detections.values()
+    frames = len(images.files) - len(strange)
+    scores = values[..., 2]
     return as_recording(
-        detections,
-        values,
-        ~(values[..., 2] > 0),
-        confidence=values[..., 2],
-        frames=len(images.files) - len(strange),
-        notes=notes,
+        detections, values, ~(scores > 0), confidence=scores, frames=frames, notes=notes
     )
 
 
-def people_of(contents: Any) -> Sequence[Any] | None:
+def _people_of(contents: Any) -> Sequence[Any] | None:
     """Return the people of a frame; None where the file is not of this kind."""
     if not isinstance(contents, dict):
         return None
@@ -85,16 +80,16 @@ def people_of(contents: Any) -> Sequence[Any] | None:
     return () if contents.keys() <= {"version", "part_candidates"} else None
 
 
-def keypoints_of(person: Any, place: str | Path) -> list[float]:
+def _keypoints_of(person: Any, place: str | Path) -> list[float]:
     """Return x, y and confidence of each landmark of a person, as they stand in the file."""
     if not isinstance(person, dict):
-        raise input_error(place, "a person that is no object", "check what wrote the file")
+        raise input_error(place, "a person that is no object", CHECK)
     found: Any = next((person[key] for key in POSE if person.get(key) is not None), [])
     if not isinstance(found, list):
-        raise input_error(place, "keypoints that are no list", "check what wrote the file")
+        raise input_error(place, "keypoints that are no list", CHECK)
     if len(found) % 3:
         what = f"a person of {len(found)} numbers, which are not 3 for each landmark"
-        raise input_error(place, what, "check what wrote the file")
+        raise input_error(place, what, CHECK)
     return found
 
 
@@ -105,34 +100,44 @@ def read_alphapose(paths: tuple[Path, ...]) -> Recording:
     {image: {version, people: [{pose_keypoints_2d}]}} or {image: {version, bodies: [{joints}]}}; the
     folder `sep-json` beside it has a file for each image, which is OpenPose's layout.
     """
-    path = paths[0]
+    path, fix = paths[0], "give AlphaPose's results"
     found = read_json(path)
     if not isinstance(found, dict):
-        raise input_error(path, "is no object of images", "give AlphaPose's results")
+        raise input_error(path, "is no object of images", fix)
     detections = Detections.in_file(path)
-    images = list(found)
-    labels = labels_of(images)
-    for place, (image, contents) in enumerate(found.items()):
-        people = people_of(contents)
+    images: list[str] = []
+    for image, contents in found.items():
+        people = _people_of(contents)
         if people is None:
-            raise input_error(f"{path}: {image}", "no list of people", "give AlphaPose's results")
+            raise input_error(f"{path}: {image}", "no list of people", fix)
         for person in people:
-            numbers = keypoints_of(person, f"{path}: {image}")
-            detections.add(numbers, place, labels[place], person.get("idx"))
+            detections.numbers.append(_keypoints_of(person, f"{path}: {image}"))
+            detections.identities.append(person.get("idx"))
+            images.append(image)
+    frames = detections.of_images(images, zip(found, found, strict=True))
+    detections.unordered = False
     values = detections.values()
-    confidence, notes = scaled(values[..., 2], images)
+    confidence, notes = _scaled(values[..., 2], [*found])
+    missing = np.asarray(~(values[..., 2] > 0))
     return as_recording(
-        detections,
-        values,
-        np.asarray(~(values[..., 2] > 0)),
-        confidence=confidence,
-        frames=len(images),
-        notes=notes,
+        detections, values, missing, confidence=confidence, frames=frames, notes=notes
     )
 
 
-ALPHAPOSE_LARGEST = 6.0
-SURELY_NOT_OF_1 = 2.0
+ALPHAPOSE_LARGEST, SURELY_NOT_OF_1 = 6.0, 2.0
+
+
+def _scaled(confidence: Floats, images: Sequence[Any]) -> tuple[Floats, tuple[str, ...]]:
+    """Bring AlphaPose's confidences of COCO's models to 0..1.
+
+    AlphaPose, whose image_id is the name of a file, states a scale of 0 to 6, and newer models of
+    it give 0 to 1: where one in such a file is above 2, all are divided by 6.
+    """
+    named = all(isinstance(image, str) for image in images)
+    if not named or not confidence.size or not np.nanmax(confidence, initial=0) > SURELY_NOT_OF_1:
+        return confidence, ()
+    note = f"confidences divided by {ALPHAPOSE_LARGEST:g}, the largest that AlphaPose states"
+    return confidence / ALPHAPOSE_LARGEST, (note,)
 
 
 @without_collection
@@ -149,50 +154,19 @@ def read_coco_results(paths: tuple[Path, ...]) -> Recording:
     detections = Detections.in_file(path)
     images = []
     for number, entry in enumerate(found):
+        place = f"{path}:[{number}]"
         if not isinstance(entry, dict) or not isinstance(entry.get("keypoints"), list):
-            raise input_error(
-                f"{path}:[{number}]", "no keypoints", "give COCO results of keypoints"
-            )
-        images.append(image_key(entry.get("image_id"), f"{path}:[{number}]"))
+            raise input_error(place, "no keypoints", "give COCO results of keypoints")
+        images.append(image_key(entry.get("image_id"), place))
         detections.numbers.append(entry["keypoints"])
         detections.identities.append(entry.get("track_id", entry.get("idx")))
-    detections.frames, order = numbered(images)
-    names = labels_of(order)
-    detections.labels = [names[frame] for frame in detections.frames]
-    detections.unordered = not are_series(names)
+    frames = detections.of_images(images)
     values = detections.values()
-    confidence, notes = scaled(values[..., 2], order)
+    confidence, notes = _scaled(values[..., 2], images)
+    missing = np.asarray(~values.any(axis=2) | np.isnan(values).any(axis=2))
     return as_recording(
-        detections,
-        values,
-        np.asarray(~values.any(axis=2) | np.isnan(values).any(axis=2)),
-        confidence=confidence,
-        frames=len(order),
-        notes=notes,
+        detections, values, missing, confidence=confidence, frames=frames, notes=notes
     )
-
-
-def labels_of(images: list[Any]) -> list[str]:
-    """Return what images are called: their names without folder and ending, where unique."""
-    texts = [str(image) for image in images]
-    short = [
-        Path(text).stem if isinstance(image, str) else text
-        for image, text in zip(images, texts, strict=True)
-    ]
-    return short if len(set(short)) == len(short) else texts
-
-
-def scaled(confidence: Floats, images: list[Any]) -> tuple[Floats, tuple[str, ...]]:
-    """Bring AlphaPose's confidences of COCO's models to 0..1.
-
-    AlphaPose, whose image_id is the name of a file, states a scale of 0 to 6, and newer models of
-    it give 0 to 1: where one in such a file is above 2, all are divided by 6.
-    """
-    named = all(isinstance(image, str) for image in images)
-    if not named or not confidence.size or not np.nanmax(confidence, initial=0) > SURELY_NOT_OF_1:
-        return confidence, ()
-    note = f"confidences divided by {ALPHAPOSE_LARGEST:g}, the largest that AlphaPose states"
-    return confidence / ALPHAPOSE_LARGEST, (note,)
 
 
 @without_collection
@@ -204,63 +178,50 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Recording:
     """
     path = paths[0]
     found = read_json(path)
-    images, annotations, categories = (_objects(found, key, path) for key in COCO_PARTS)
-    place_of = {key: f"{path}:{key}" for key in COCO_PARTS}
+    images, annotations, categories = (
+        _objects(found, key, path) for key in ("images", "annotations", "categories")
+    )
     own = {
-        image_key(entry.get("id"), place_of["categories"]): _category_names(entry, str(path))
+        image_key(entry.get("id"), f"{path}:categories"): _category_names(entry, path)
         for entry in categories
     }
-    names = tuple(dict.fromkeys(name for each in own.values() for name in each or ()))
+    names = tuple(dict.fromkeys(name for each in own.values() for name in each))
     place = {name: number for number, name in enumerate(names)}
     columns = {key: [place[name] for name in each] for key, each in own.items() if each}
-
-    frames = {
-        image_key(image.get("id"), place_of["images"]): number
-        for number, image in enumerate(images)
+    listed = {
+        image_key(image.get("id"), f"{path}:images"): image.get("file_name") or image["id"]
+        for image in images
     }
-    called = [image.get("file_name") or image["id"] for image in images]
     detections = Detections.in_file(path)
-    without = unlisted = 0
+    where = []
+    without = 0
     for number, entry in enumerate(annotations):
-        keypoints = entry.get("keypoints")
+        keypoints, category = entry.get("keypoints"), entry.get("category_id")
         if not isinstance(keypoints, list) or not keypoints:
             without += 1
             continue
-        image = image_key(entry.get("image_id"), f"{path}:annotations[{number}]")
-        if image not in frames:
-            frames[image] = len(called)
-            called.append(image)
-            unlisted += 1
-        category = entry.get("category_id")
+        where.append(image_key(entry.get("image_id"), f"{path}:annotations[{number}]"))
         mine = columns.get(category) if isinstance(category, int | float | str) else None
-        detections.numbers.append(
-            _spread(keypoints, mine, len(names), f"{path}:annotations[{number}]")
-            if names
-            else keypoints
-        )
-        detections.frames.append(frames[image])
+        if names:
+            keypoints = _spread(keypoints, mine, len(names), f"{path}:annotations[{number}]")
+        detections.numbers.append(keypoints)
         detections.identities.append(_identity(entry))
-    labels = labels_of(called)
-    detections.labels = [labels[frame] for frame in detections.frames]
-    detections.unordered = not are_series(labels)
-    values = detections.values()
+    frames = detections.of_images(where, listed.items())
     notes: tuple[str, ...] = ()
     if without:
         notes += (f"{counted(without, 'annotation')} without keypoints left out",)
-    if unlisted:
+    if unlisted := frames - len(listed):
         notes += (f"{counted(unlisted, 'image')} of annotations not listed among the images",)
+    values = detections.values()
     return as_recording(
         detections,
         values,
         ~(values[..., 2] > 0),
-        frames=len(called),
+        frames=frames,
         landmark_names=names or None,
         edges=_edges(categories, columns),
         notes=notes,
     )
-
-
-COCO_PARTS = ("images", "annotations", "categories")
 
 
 def _objects(found: Any, key: str, path: Path) -> list[dict[str, Any]]:
@@ -271,16 +232,15 @@ def _objects(found: Any, key: str, path: Path) -> list[dict[str, Any]]:
     return entries
 
 
-def _category_names(category: dict[str, Any], place: str) -> list[str] | None:
-    """Return the landmarks of a category, None where it has none."""
-    names = category.get("keypoints")
-    if not names:
-        return None
+def _category_names(category: dict[str, Any], path: Path) -> list[str]:
+    """Return the landmarks of a category."""
+    names = category.get("keypoints") or []
+    place = f"{path}:categories"
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise input_error(f"{place}:categories", "keypoints that are no names", "give their names")
+        raise input_error(place, "keypoints that are no names", "give their names")
     if len(set(names)) < len(names):
         found = f"landmarks of {category.get('name')!r} with the same name"
-        raise input_error(f"{place}:categories", found, "give every landmark a unique name")
+        raise input_error(place, found, "give every landmark a unique name")
     return names
 
 
@@ -347,7 +307,8 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Recording:
         if not isinstance(instances, list):
             raise input_error(f"{path}:[{place}]", "a frame without `instances`", MMPOSE_FIX)
         label = frame.get("frame_id")
-        _add_people(detections, instances, place, str(place if label is None else label), path)
+        said = str(place if label is None else label)
+        _add_people(detections, instances, FrameFile(path, "", place, said))
     return _of_mmpose(detections, len(found), meta)
 
 
@@ -355,25 +316,18 @@ def read_mmpose_images(paths: tuple[Path, ...]) -> Recording:
     """Read a list of instances per image: those of a folder, or these files."""
     images = images_in(paths, ".json")
     detections = Detections.in_images(images, step=2)
-    for path, part, frame, label in images.files:
-        instances = read_json(path)
+    for file in images.files:
+        instances = read_json(file.path)
         if not isinstance(instances, list):
-            raise input_error(path, "no list of instances, as the other files", MMPOSE_FIX)
-        _add_people(detections, instances, frame, label, path, part)
+            raise input_error(file.path, "no list of instances, as the other files", MMPOSE_FIX)
+        _add_people(detections, instances, file)
     return _of_mmpose(detections, len(images.files), {})
 
 
-def _add_people(
-    detections: Detections,
-    instances: list[Any],
-    frame: int,
-    label: str,
-    path: Path,
-    video: str | None = None,
-) -> None:
+def _add_people(detections: Detections, instances: list[Any], file: FrameFile) -> None:
     """Add the people of a frame, as x, y and score of each landmark."""
     for number, instance in enumerate(instances):
-        place = f"{path}: frame {label}, instance {number}"
+        place = f"{file.path}: frame {file.label}, instance {number}"
         points = instance.get("keypoints") if isinstance(instance, dict) else None
         if not isinstance(points, list):
             raise input_error(place, "no keypoints", MMPOSE_FIX)
@@ -389,9 +343,7 @@ def _add_people(
             found = "3D keypoints" if widths == {3} else found
             raise input_error(place, found, "give predictions of 2D landmarks")
         detections.scores.append(scores)
-        detections.add(
-            [*chain.from_iterable(points)], frame, label, instance.get("track_id"), video
-        )
+        detections.add([*chain.from_iterable(points)], file, instance.get("track_id"))
 
 
 def _of_mmpose(detections: Detections, frames: int, meta: Any) -> Recording:
@@ -449,7 +401,7 @@ def read_mediapipe(paths: tuple[Path, ...]) -> Recording:
     for number, frame in enumerate(found):
         for body in _bodies(frame):
             numbers = [value for point in body for value in _point(point)]
-            detections.add(numbers, number, str(number), None)
+            detections.add(numbers, FrameFile(path, "", number, str(number)), None)
             names = names or [point.get("name") for point in body]
     values = detections.values()
     placed = values[np.isfinite(values).all(axis=2)]

@@ -51,7 +51,7 @@ def read_yolo(paths: tuple[Path, ...]) -> Recording:
             found = f"a line of {len(row)} numbers, and {layout.landmarks} landmarks take {width}"
             raise input_error(file.path, found, f"check kpt_shape in {FILE}")
         who = row[-1] if rest == 2 else None
-        detections.add(row[BOX:width], file.frame, file.label, who, file.video)
+        detections.add(row[BOX:width], file, who)
     values = detections.values()
     missing, confidence = _seen(values)
     numbers = tuple(map(str, range(layout.landmarks)))

@@ -16,9 +16,8 @@ from scipy.spatial.transform import Rotation
 from shapefit import __version__
 from shapefit.arrays import Floats
 from shapefit.geometry.joint_rotations import Rig, find_bones, find_places
-from shapefit.io.written.motion import Motion
-from shapefit.io.written.outputs import by_video, motion_output
-from shapefit.io.written.rig import node_names, rigged
+from shapefit.io.written.bones import node_names, rigged
+from shapefit.io.written.motion import Motion, by_video, motion_output
 from shapefit.meshes.export import tubes
 
 THICKNESS = 0.03

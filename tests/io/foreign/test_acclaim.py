@@ -139,13 +139,6 @@ def test_radians_and_lengths_without_a_unit(motion):
     np.testing.assert_allclose(radians.shapes, degrees.shapes / HALF_INCH, atol=1e-9)
 
 
-def test_long_motions_are_read_in_blocks(motion):
-    frames = "".join(f"{n}\nroot {n} 0 0 0 0 0\nthigh 0\nshin 0 0\n" for n in range(1, 3001))
-    shapes = read_shapes([motion(amc=f":DEGREES\n{frames}")])
-    assert len(shapes) == 3000
-    np.testing.assert_allclose(shapes.shapes[:, 0, 0], HALF_INCH * np.arange(1, 3001))
-
-
 @pytest.mark.parametrize(
     ("asf", "amc", "words"),
     [

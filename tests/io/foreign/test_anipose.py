@@ -38,23 +38,6 @@ def test_points_of_which_nothing_more_is_said_are_named(tmp_path):
     assert any("points left out: nose" in note for note in notes)
 
 
-def test_columns_of_others_need_not_be_numbers(tmp_path):
-    text = HEAD.replace("fnum", "fnum,camera") + ROWS.replace("\n", ",left\n")
-    shapes, _ = read(tmp_path, text)
-    assert shapes.items == ("fly/7", "fly/8", "fly/9")
-    np.testing.assert_array_equal(shapes.shapes[0].T, [[1, 2, 3], [4, 5, 6]])
-
-
-def test_many_landmarks_make_a_header_longer_than_what_is_looked_at(tmp_path):
-    names = [f"landmark_number_{n}" for n in range(120)]
-    head = ",".join(
-        f"{name}_{what}" for name in names for what in ("x", "y", "z", "error", "ncams")
-    )
-    row = ",".join("1" for _ in range(600))
-    shapes, _ = read(tmp_path, f"{head},fnum\n{row},0\n")
-    assert len(shapes.landmark_names) == 120
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -64,12 +64,6 @@ def test_an_offset_holds_where_no_channel_replaces_it(tmp_path):
     np.testing.assert_allclose(shapes.shapes[0].T, [[0, 10, 0], [0, 6, 0], [0, 6, 2]])
 
 
-def test_fewer_frames_than_announced(tmp_path):
-    shapes, notes = read(tmp_path, TREE.replace("Frames: 2", "Frames: 7") + FRAMES)
-    assert len(shapes) == 2
-    assert any("5 frames are announced" in note for note in notes)
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [

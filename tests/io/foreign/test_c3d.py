@@ -8,7 +8,6 @@ import pytest
 from shapefit.errors import InputError
 from shapefit.io import write_shapes
 from shapefit.io.foreign import c3d as reader
-from shapefit.io.foreign.c3d import by_subject
 from tests.io.files import load_shapes
 
 
@@ -52,11 +51,6 @@ def test_subjects_are_individuals(c3d):
     assert set(shapes.sequences) == {"walk/Ann", "walk/Bob", "walk/unassigned"}
     bob = np.array(shapes.sequences) == "walk/Bob"
     np.testing.assert_allclose(shapes.shapes[bob][:, :, :2], points[:, :, 1:3] / 1000, rtol=1e-6)
-
-
-def test_one_subject_keeps_unnamed_points():
-    assert by_subject(("Ann:knee", "*1")) == (("Ann",), ("knee", "*1"), [(0, 0), (0, 1)])
-    assert by_subject(("knee", "*1")) == ((), ("knee", "*1"), [(0, 0), (0, 1)])
 
 
 def test_what_a_model_computed_is_no_point(c3d):

@@ -108,11 +108,6 @@ def test_the_scale_of_alphapose(written, largest, divisor):
     assert len(notes) == (divisor != 1)
 
 
-def test_literal_scores_of_others(written):
-    images, _ = read(written("r.json", [result(1, *[1, 2, 5.4] * 17)]))
-    assert (images.confidence == 5.4).all()
-
-
 @pytest.mark.parametrize(
     ("contents", "message"),
     [
@@ -125,11 +120,6 @@ def test_literal_scores_of_others(written):
 def test_damaged_results(written, contents, message):
     with pytest.raises(InputError, match=message):
         read(written("r.json", contents))
-
-
-def test_nan_as_python_writes_it(written):
-    images, _ = read(written("r.json", [result(1, float("nan"), 2, 0.5, *[1, 2, 0.5] * 16)]))
-    assert np.isnan(images.landmarks[0, :, 0]).all()
 
 
 @pytest.mark.parametrize(

@@ -1,15 +1,11 @@
 """Folders of frames: people in any order, numbers in names, what may be wrong; and AlphaPose."""
 
 import os
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io.foreign.detections import frame_files
-from shapefit.io.formats import FORMATS, detect_format
 
 from .conftest import read_images as read
 
@@ -67,13 +63,6 @@ def test_twenty_five_points_need_a_name(written, tmp_path):
     assert images.landmark_names[8] == "MidHip"
 
 
-@pytest.mark.parametrize(("points", "first"), [(26, "Nose"), (133, "0")])
-def test_other_numbers_of_points(written, tmp_path, points, first):
-    written("cam/0.json", frame(person(points)))
-    images, _ = read(tmp_path / "cam")
-    assert (len(images.landmark_names), images.landmark_names[0]) == (points, first)
-
-
 def test_two_skeletons_in_a_folder_are_refused_with_counts(written, tmp_path):
     written("cam/0.json", frame(person(17), person(17)))
     written("cam/1.json", frame(person(25)))
@@ -101,18 +90,6 @@ def test_two_cameras_in_a_folder_are_two_videos(written, tmp_path):
     assert sorted(set(images.sequences)) == ["cam_a/person 1", "cam_b/person 2"]
 
 
-def test_a_person_who_was_not_found_is_an_error_that_names_the_others(written, tmp_path):
-    written("cam/0.json", frame(person(17), person(17, x=500.0)))
-    with pytest.raises(InputError, match=r"no individual 'person 7'.*person 1, person 2"):
-        read(tmp_path / "cam", track="nearest", individual="person 7")
-
-
-def test_names_without_numbers_are_images(written, tmp_path):
-    for name in ("left.json", "right.json", "img2.json"):
-        written(f"set/{name}", frame(person(17)))
-    assert names(read(tmp_path / "set")[0]) == ["set/img2/0", "set/left/0", "set/right/0"]
-
-
 def test_frame_numbers_that_repeat_are_refused(written, tmp_path):
     written("cam/c_1.json", frame(person(17)))
     written("cam/c_01.json", frame(person(17)))
@@ -128,19 +105,6 @@ def test_hands_faces_and_strange_files_are_counted(written, tmp_path):
         "1 file without people left out (meta.json)",
         "hands and faces left out, of 1 detection",
     ]
-
-
-def test_alphapose_in_the_layout_of_openpose(written, tmp_path):
-    written("sep/7.json", {"version": 0.1, "bodies": [{"joints": [1.0, 2.0, 0.5] * 17}]})
-    assert names(read(tmp_path / "sep")[0]) == ["sep/7/0"]
-
-
-def test_fifty_people_in_a_frame(written, tmp_path):
-    for n in range(3):
-        written(f"cam/{n}.json", frame(*(person(17, 100.0 * k) for k in range(50))))
-    images, _ = read(tmp_path / "cam")
-    assert len(images) == 150
-    assert len(set(read(tmp_path / "cam", track="nearest")[0].sequences)) >= 50
 
 
 @pytest.mark.parametrize(
@@ -162,12 +126,6 @@ def test_damaged_files_are_errors_that_name_them(written, tmp_path, text, messag
         read(written("cam/0.json", text), keypoints="coco_17")
 
 
-def test_a_large_file_is_refused_unread(written, tmp_path, monkeypatch):
-    monkeypatch.setattr("shapefit.io.inputs.LARGEST_BYTES", 100)
-    with pytest.raises(InputError, match=r"0.json: \d+ bytes of text, and it is read whole"):
-        read(written("cam/0.json", frame(person(17))))
-
-
 def test_a_video_or_an_empty_folder_is_told(tmp_path):
     path = tmp_path / "walk.mp4"
     path.write_bytes(b"\0\0\0\x20ftypisom" + bytes(100))
@@ -176,19 +134,6 @@ def test_a_video_or_an_empty_folder_is_told(tmp_path):
     (tmp_path / "empty").mkdir()
     with pytest.raises(InputError, match=r"it is a folder, and holds none of these: .*OpenPose"):
         read(tmp_path / "empty")
-
-
-def test_other_json_is_not_openpose(written):
-    assert detect_format(written("a.json", {"people": []})) is FORMATS["openpose"]
-    assert (
-        detect_format(written("b.json", {"images": [], "people": 1})) is not FORMATS["mmpose-video"]
-    )
-
-
-def test_a_folder_named_like_a_file_does_not_count(written, tmp_path):
-    written("cam/0.json", frame(person(17)))
-    (tmp_path / "cam" / "1.json").mkdir()
-    assert names(read(tmp_path / "cam")[0]) == ["cam/0/0"]
 
 
 @pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to(path)])
@@ -201,13 +146,6 @@ def test_only_regular_files_of_a_folder_are_opened(written, tmp_path, make, endi
     make(tmp_path / "cam" / f"1{ending}")
     with pytest.raises(InputError, match=r"cam/1\.(json|txt): (is not a regular|leads to no) file"):
         read(tmp_path / "cam")
-
-
-def test_the_time_for_a_folder_of_many_files_grows_with_their_number():
-    began = time.process_time()
-    files = frame_files([Path(f"v_{n:012}.json") for n in range(40_000)], "v")
-    assert files[-1].frame == 39_999
-    assert time.process_time() - began < 5
 
 
 VERSION = "AlphaPose v0.3"

@@ -66,21 +66,6 @@ def test_caliscope(written):
     )
 
 
-def test_caliscope_of_today_in_any_order_and_with_repeated_points(written):
-    header = HEADER.replace("port", "cam_id")
-    rows = ["1,0,1,0,0,3,4", "0,0,0,0,0,1,2", "1,0,1,0,0,5,6"]
-    images, (note,) = read(written("xy.csv", header + "\r\n".join(rows)))
-    assert images.landmarks[..., 0].tolist() == [[1, 2], [5, 6]]
-    assert "1 point given twice" in note
-
-
-def test_frames_of_caliscope_that_are_no_numbers_of_frames_are_not_joined(written):
-    rows = ["0,1,1,0,0,3,4", "1,1,2.25,0,0,5,6", "2,1,2.5,0,0,7,8"]
-    images, (note,) = read(written("xy.csv", HEADER + "\n".join(rows)))
-    assert images.landmarks.tolist() == [[[3], [4]]]
-    assert "2 rows without" in note
-
-
 @pytest.mark.parametrize(
     ("row", "message"),
     [("0,0,0,0,0,1", "xy.csv:2: has 6 cells"), ("0,0,0,0,0,a,1", "xy.csv:2: 'a' is no number")],

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io import open_landmarks, open_shapes
+from shapefit.io import open_shapes
 from shapefit.io.formats import detect_format
 from tests.io.foreign.detector_files import write_array, write_long, write_mediapipe, write_wide
 
@@ -80,12 +80,6 @@ def test_headers_that_say_the_same(tmp_path, text):
     np.testing.assert_array_equal(found, [[[1, 2], [30, 40]], [[5, 6], [70, 80]]])
     assert notes == ()
     assert len(set(images.sequences)) == 1
-
-
-def test_images_of_a_name_are_no_sequence(tmp_path):
-    images, _ = read(table(tmp_path / "t.csv", WIDE.replace("frame", "filename")))
-    assert images.sequences is None
-    assert images.items == ("t/7/0", "t/8/0")
 
 
 def test_what_is_missing_or_hidden(tmp_path):
@@ -212,10 +206,3 @@ def test_the_confidence_of_mediapipe(tmp_path, said, score):
     body = [{"x": 10 * n, "y": 7, "z": -1, **said} for n in range(3)]
     images, _ = read(table(tmp_path / "walk.json", json.dumps([body])))
     assert images.confidence.tolist() == [[score] * 3]
-
-
-def test_our_own_layout_stays_what_it_was(tmp_path):
-    path = table(tmp_path / "t.csv", "item,landmark,x,y\none,a,1,2\n")
-    assert detect_format(path).title == "a CSV file"
-    with open_landmarks([path]) as source:
-        assert next(iter(source.batches(9))).items == ("one",)

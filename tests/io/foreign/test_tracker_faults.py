@@ -11,9 +11,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import open_landmarks
-from shapefit.io.formats import detect_format
-from tests.io.foreign import tracker_files as made
-from tests.io.foreign.tracker_files import WRITERS, pickled
+from tests.io.foreign.tracker_files import WRITERS
 
 HDF5 = [name for name in WRITERS if not name.endswith(".csv")]
 
@@ -46,20 +44,6 @@ def test_files_that_are_cut_off(write, name):
         path.write_bytes(data[:end])
         whole = read_or_refuse(path)
         assert name.endswith(".csv") or not whole
-
-
-@pytest.mark.parametrize("name", HDF5)
-def test_every_dataset_is_missing_once(write, name):
-    found: list[str] = []
-    with h5py.File(write(name)) as file:
-        file.visit(found.append)
-    path = write(name)
-    whole = path.read_bytes()
-    for node in found:
-        path.write_bytes(whole)
-        with h5py.File(path, "a") as file:
-            del file[node]
-        read_or_refuse(path)
 
 
 STRANGE = (
@@ -137,45 +121,11 @@ def test_pickles_that_are_not_lists_of_names_are_refused(write, problem, tmp_pat
     assert not witness.exists()
 
 
-@pytest.mark.parametrize("blob", [b"", b".", b"(l", b"g1\n.", b"a.", b"t.", b"(lI1\na.", b"I5\n."])
-def test_broken_lists_of_names(write, problem, blob):
-    path = write("table.h5")
-    with h5py.File(path, "a") as file:
-        file["df_with_missing/table"].attrs["values_block_0_kind"] = np.bytes_(blob)
-    assert problem(path).endswith("save it as CSV")
-
-
 def test_a_pickle_that_asks_for_room_for_a_billion_names(write, problem):
     path = write("table.h5")
     with h5py.File(path, "a") as file:
         file["df_with_missing/table"].attrs["values_block_0_kind"] = np.bytes_(b"(lp999999999\n.")
     assert "it puts 999999999 names aside" in problem(path)
-
-
-def test_values_that_are_pickled(write, problem):
-    path = write("fixed.h5")
-    with h5py.File(path, "a") as file:
-        del file["df_with_missing/block0_values"]
-        blob = np.frombuffer(pickle.dumps(np.zeros((7, 24), object)), np.uint8)
-        kind = h5py.vlen_dtype(np.uint8)
-        dataset = file["df_with_missing"].create_dataset("block0_values", (1,), kind)
-        dataset[0] = blob
-    assert "block0_values" in problem(path)
-
-
-def test_columns_that_are_named_twice_and_differently(write, problem):
-    path = write("fixed.h5")
-    with h5py.File(path, "a") as file:
-        table = file["df_with_missing"]
-        for name in [name for name in table if name.startswith("block0_items_")]:
-            own = name.replace("block0_items", "axis0")
-            values = table[name][:]
-            if own.endswith("label2"):
-                values[-1] = -1
-            if own in table:
-                del table[own]
-            table[own] = values
-    assert "names other columns than its blocks" in problem(path)
 
 
 def test_a_filter_that_is_not_there(write, problem):
@@ -228,17 +178,6 @@ def test_tables_of_text(tmp_path, problem, text, found):
     assert found in problem(tmp_path / "t.csv")
 
 
-def test_two_scorers(write, problem):
-    path = write("table.h5")
-    columns = [(s, "a", axis) for s in ("one", "two") for axis in ("x", "y", "likelihood")]
-    with h5py.File(path, "a") as file:
-        del file["df_with_missing/table"]
-        table = np.zeros(3, [("index", "i8"), ("values_block_0", "f8", (6,))])
-        file["df_with_missing/table"] = table
-        file["df_with_missing/table"].attrs["values_block_0_kind"] = pickled(columns)
-    assert "keep the columns of one scorer (here one, two)" in problem(path)
-
-
 def two_tables(file):
     file.copy("df_with_missing", "tracks")
 
@@ -271,27 +210,6 @@ def test_files_that_hold_something_else(write, problem, name, change, found):
     with h5py.File(path, "a") as file:
         change(file)
     assert found in problem(path)
-
-
-@pytest.mark.parametrize("name", ["frames", "instances"])
-def test_a_table_of_two_axes(write, problem, name):
-    path = write("labels.slp")
-    with h5py.File(path, "a") as file:
-        table = file[name][:]
-        del file[name]
-        file[name] = table[:, None]
-    assert f"/{name}: has the shape" in problem(path)
-
-
-def test_fewer_axes_than_are_named(write, problem):
-    path = write("poses.nc")
-    with h5py.File(path, "a") as file:
-        scales = file["position"].attrs["DIMENSION_LIST"]
-        values = file["position"][0]
-        del file["position"]
-        file["position"] = values
-        file["position"].attrs["DIMENSION_LIST"] = scales
-    assert "names 4 axes" in problem(path)
 
 
 def test_two_skeletons(write, read):
@@ -351,20 +269,3 @@ def test_nwb_files_without_poses_and_with_times_that_do_not_increase(write, prob
     with h5py.File(path, "a") as file:
         del file["processing/behavior"]
     assert "holds no PoseEstimation" in problem(path)
-
-
-def test_infinite_coordinates_are_hidden_and_counted(tmp_path, points, confidence):
-    points[0, 0, 1, 0] = np.inf
-    made.write_deeplabcut_hdf5(tmp_path / "t.h5", points, confidence)
-    with open_landmarks([tmp_path / "t.h5"]) as source:
-        (found,) = source.batches(100)
-        assert "1 landmarks hidden, whose coordinates are infinite" in source.notes[0]
-    assert np.isnan(found.landmarks[0, :, 1]).all()
-
-
-@pytest.mark.parametrize("head", [b"", b"\0", b"scorer", b"scorer\n", b"\xff\xfe" * 50, b",,,\n"])
-def test_recognisers_take_any_bytes(tmp_path, head):
-    (tmp_path / "f.csv").write_bytes(head + b"\x89HDF\r\n\x1a\n")
-    detect_format(tmp_path / "f.csv")
-    (tmp_path / "f.slp").write_bytes(b"\x89HDF\r\n\x1a\n" + head)
-    assert detect_format(tmp_path / "f.slp").title == "an HDF5 file"

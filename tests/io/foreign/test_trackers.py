@@ -7,7 +7,7 @@ import pytest
 from shapefit.io import open_landmarks, read_shapes
 from shapefit.io.formats import detect_format
 from tests.io.foreign import tracker_files as made
-from tests.io.foreign.tracker_files import WRITERS, individual_names, landmark_names
+from tests.io.foreign.tracker_files import WRITERS, landmark_names
 
 FORMAT = {
     "table.csv": "a DeepLabCut or Lightning Pose CSV",
@@ -63,28 +63,6 @@ def test_edges_of_a_deeplabcut_project(tmp_path, points, confidence, read, name)
         assert "edges" not in read(place).further
 
 
-def test_edges_go_with_their_landmarks(tmp_path, points, confidence, read):
-    made.write_deeplabcut_csv(tmp_path / "a.csv", points, confidence)
-    (tmp_path / "config.yaml").write_text("skeleton: [[point0, point1, point2, point3]]")
-    found = read(tmp_path / "a.csv")
-    edges = [{found.landmark_names[end] for end in edge} for edge in found.columns["edges"]]
-    names = found.landmark_names[:0:-1]
-    moved = found.arrange((*names, "more"), leave_out=True)
-    expected = [edge for edge in edges if found.landmark_names[0] not in edge]
-    assert 0 < len(expected) < len(edges)
-    assert [{moved.landmark_names[end] for end in e} for e in moved.columns["edges"]] == expected
-
-
-def test_files_with_and_without_edges_are_joined(tmp_path, points, confidence):
-    for name, writer in (("a.csv", made.write_deeplabcut_csv), ("b.nwb", made.write_nwb)):
-        writer(tmp_path / name, points, confidence)
-    with open_landmarks([tmp_path / "a.csv", tmp_path / "b.nwb"]) as source:
-        parts = list(source.batches(5))
-    assert len(parts) > 2
-    for part in parts:
-        np.testing.assert_array_equal(part.columns["edges"], parts[0].columns["edges"])
-
-
 def test_items_are_video_individual_frame(tmp_path, points, confidence, read):
     made.write_deeplabcut_csv(tmp_path / "v.csv", points, confidence)
     found = read(tmp_path / "v.csv")
@@ -92,13 +70,6 @@ def test_items_are_video_individual_frame(tmp_path, points, confidence, read):
     assert found.sequences[7:9] == ("v/animal1", "v/animal1")
     made.write_deeplabcut_csv(tmp_path / "v.csv", points[:, :1], confidence[:, :1])
     assert read(tmp_path / "v.csv").items[0] == "v/0"
-
-
-def test_one_individual_of_several(tmp_path, points, confidence, read, problem):
-    made.write_nwb(tmp_path / "v.nwb", points, confidence)
-    found = read(tmp_path / "v.nwb", individual="animal1")
-    assert set(found.sequences) == {"v/animal1"}
-    assert found.frame_rate == 30.0
 
 
 @pytest.mark.parametrize("name", ["table.csv", "table.h5", "fixed.h5", "poses.nc", "poses.nwb"])
@@ -290,26 +261,6 @@ def test_csv_is_read_in_every_dress(tmp_path, read, change):
     np.testing.assert_array_equal(found.confidence, want.confidence)
 
 
-def test_fifty_individuals_in_a_frame(tmp_path, rng, read):
-    points, confidence = rng.uniform(size=(3, 50, 4, 2)), rng.uniform(size=(3, 50, 4))
-    made.write_slp(tmp_path / "p.slp", points, confidence)
-    found = read(tmp_path / "p.slp")
-    assert set(found.sequences) == {f"p/{name}" for name in individual_names(50)}
-    np.testing.assert_array_equal(by_animal(found, 50), points)
-
-
-def test_individuals_with_other_landmarks(tmp_path, read):
-    (tmp_path / "t.csv").write_text(
-        "scorer,n,n,n,n\nindividuals,mouse,mouse,single,single\nbodyparts,nose,nose,lick,lick\n"
-        "coords,x,y,x,y\n0,1,2,3,4\n"
-    )
-    found = read(tmp_path / "t.csv")
-    assert (found.landmark_names, found.items) == (("nose", "lick"), ("t/mouse/0", "t/single/0"))
-    assert found.landmarks[:, 0].tolist()[0][0] == 1
-    assert np.isnan(found.landmarks[0, :, 1]).all()
-    assert found.landmarks[1, :, 1].tolist() == [3, 4]
-
-
 def test_columns_of_other_tools_and_animals_that_were_not_found(tmp_path):
     """Ensembles add variances; newer versions write -1 for what they did not find."""
     (tmp_path / "t.csv").write_text(
@@ -325,21 +276,6 @@ def test_columns_of_other_tools_and_animals_that_were_not_found(tmp_path):
     assert "1 individuals without a landmark left out" in notes
 
 
-def test_a_column_of_text_beside_the_coordinates(tmp_path, read):
-    (tmp_path / "t.csv").write_text(
-        "scorer,n,n,set\nbodyparts,a,a,\ncoords,x,y,\nv/img1.png,1,2,train\nv/img2.png,3,4,test\n"
-    )
-    assert read(tmp_path / "t.csv").items == ("t/img1", "t/img2")
-
-
-def test_a_header_that_is_longer_than_what_is_looked_at(tmp_path, rng, read):
-    for many in (2, 8, 16, 40):
-        points = rng.integers(0, 99, (2, many, 9, 2)).astype(float)
-        made.write_deeplabcut_csv(tmp_path / "t.csv", points, np.ones((2, many, 9)))
-        found = read(tmp_path / "t.csv")
-        assert (len(found), len(found.landmark_names)) == (2 * many, 9)
-
-
 def test_stated_axes_win(tmp_path, rng, read):
     """Two of everything: without their names the axes would be taken for those of SLEAP."""
     points, path = rng.normal(size=(2, 2, 2, 2)), tmp_path / "p.analysis.h5"
@@ -351,16 +287,6 @@ def test_stated_axes_win(tmp_path, rng, read):
         file["tracks"].attrs["dims"] = '["frame", "track", "node", "xy"]'
         file["point_scores"].attrs["dims"] = '["track", "node", "frame"]'
     np.testing.assert_array_equal(read(path).landmarks, want.landmarks)
-
-
-def test_a_line_of_which_only_the_beginning_is_seen_decides_nothing(tmp_path):
-    for text, own in (
-        ("scorer,a,a\nindividuals,b,b\nbodyp", True),
-        ("scorer,a", True),
-        ("scorer,points\nme,3\nyou,4\n", False),
-    ):
-        (tmp_path / "t.csv").write_text(text)
-        assert detect_format(tmp_path / "t.csv").title.startswith("a DeepLabCut") == own
 
 
 def test_cells_that_pandas_takes_for_missing(tmp_path, read):

@@ -81,13 +81,6 @@ def test_two_people_who_cross_in_any_order(seed: int) -> None:
     assert same_partition(tracks(block), who)
 
 
-def test_tracks_are_numbered_by_first_appearance(rng: np.random.Generator) -> None:
-    late = walking(900, 0, 40, rng)
-    late[:10] = np.nan
-    block, who = instances([walking(0, 2, 40, rng), late], None)
-    assert (tracks(block) == who + 1).all()
-
-
 def test_a_short_gap_is_survived_and_a_long_one_is_not(rng: np.random.Generator) -> None:
     for gap, numbers in ((LONGEST_GAP, {1}), (LONGEST_GAP + 1, {1, 2})):
         one = walking(0, 1, 60, rng)
@@ -129,12 +122,6 @@ def test_videos_have_their_own_tracks(rng: np.random.Generator) -> None:
         labels=[block.labels[n] for n in order], videos=[block.videos[n] for n in order],
     )  # fmt: skip
     assert (tracks(block) == who[order] + 1).all()
-
-
-def test_fifty_people_in_a_frame(rng: np.random.Generator) -> None:
-    people = [walking(90.0 * n, rng.uniform(-2, 2), 30, rng) for n in range(50)]
-    block, who = instances(people, rng)
-    assert same_partition(tracks(block), who)
 
 
 def test_assignment_is_optimal(rng: np.random.Generator) -> None:

@@ -1,9 +1,5 @@
 """HDF5 files: what is stored, carried and read, and names and texts that no other file can hold."""
 
-import warnings
-from dataclasses import replace
-from pathlib import Path
-
 import h5py
 import numpy as np
 import pytest
@@ -14,11 +10,7 @@ from shapefit.io import (
     read_dictionary,
     read_results,
     read_shapes,
-    result_writer,
-    write_dictionary,
 )
-from shapefit.io.layout import free_names
-from shapefit.io.records import LandmarkSet
 from tests.io.files import save
 
 
@@ -69,17 +61,6 @@ def test_results_keep_attributes_and_carried_datasets(result_file, results):
         assert file.attrs["method"] == b"convex"
 
 
-def test_a_carried_dataset_has_a_name_of_its_own():
-    carried = ("scale", "input_scale", "status/reason", "transforms", "plain/scale")
-    assert free_names(carried, {"scale", "status", "transforms"}) == {
-        "scale": "input_input_scale",
-        "input_scale": "input_scale",
-        "status/reason": "input_status/reason",
-        "transforms": "input_transforms",
-        "plain/scale": "plain/scale",
-    }
-
-
 def test_three_images_do_not_make_rows_of_the_camera_matrix(landmark_file, tmp_path):
     (chunk, _) = read_landmarks(landmark_file)
     assert len(chunk) == 3
@@ -91,16 +72,6 @@ def test_three_images_do_not_make_rows_of_the_camera_matrix(landmark_file, tmp_p
         np.testing.assert_array_equal(again.take([1]).columns[other], np.eye(3))
 
 
-def test_a_last_chunk_of_three_does_not_either(landmarks, tmp_path):
-    path = tmp_path / "views.h5"
-    with landmark_writer(path) as writer:
-        for rows in ([0, 1], [2, 3, 4]):
-            writer.append(landmarks.take(rows).replaced(further={"palette": np.eye(3)}))
-    (chunk, _) = read_landmarks(path)
-    assert len(chunk) == 3
-    np.testing.assert_array_equal(chunk.take([1]).columns["palette"], np.eye(3))
-
-
 def test_nested_datasets_are_carried(landmark_file, tmp_path, edit):
     edit(landmark_file, **{"camera/focal": np.arange(5.0), "camera/model": "pinhole"})
     first, _ = read_landmarks(landmark_file)
@@ -109,16 +80,6 @@ def test_nested_datasets_are_carried(landmark_file, tmp_path, edit):
     save(tmp_path / "again.h5", first)
     with h5py.File(tmp_path / "again.h5") as file:
         assert file["camera/model"].asstr()[()] == "pinhole"
-
-
-def test_long_attributes(tmp_path, results, dictionary):
-    text = '{"digest": "é"}' * 50_000
-    with result_writer(tmp_path / "result.h5") as writer:
-        writer.append(results)
-        writer.attributes["inputs"] = text
-    assert read_results(tmp_path / "result.h5").attributes["inputs"] == text
-    write_dictionary(tmp_path / "dict.h5", replace(dictionary, provenance={"inputs": text}))
-    assert read_dictionary(tmp_path / "dict.h5").provenance == {"inputs": text}
 
 
 def test_other_types_of_numbers_and_texts_are_read(landmark_file, landmarks, edit):
@@ -133,17 +94,6 @@ def test_other_types_of_numbers_and_texts_are_read(landmark_file, landmarks, edi
     assert first.landmarks.dtype == np.float64
     np.testing.assert_allclose(first.landmarks, landmarks.landmarks[:3], rtol=1e-6)
     assert (first.confidence == 1).all()
-
-
-def test_a_signalling_nan_is_nan_without_a_word(landmark_file, landmarks, edit):
-    points = landmarks.landmarks.swapaxes(1, 2).astype("f4")
-    points.view("u4")[0, 0] = 0x7F800001
-    edit(landmark_file, landmarks=points)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        first, _ = read_landmarks(landmark_file)
-    assert np.isnan(first.landmarks[0, :, 0]).all()
-    assert np.isfinite(first.landmarks[0, :, 1:]).all()
 
 
 def test_optional_datasets_may_be_missing(shape_file, dictionary_file, result_file, edit):
@@ -161,11 +111,6 @@ def test_a_landmark_with_half_a_position_is_unseen(landmark_file, landmarks, edi
     points[0, 0] = (1.0, np.nan)
     first, _ = read_landmarks(edit(landmark_file, landmarks=points))
     assert np.isnan(first.landmarks[0, :, 0]).all()
-
-
-def test_a_dictionary_is_not_written_as_csv(tmp_path, dictionary, problems):
-    for target in (tmp_path / "dict.csv", Path("-")):
-        assert "a dictionary cannot be CSV" in problems(write_dictionary, target, dictionary)[0]
 
 
 def test_chunks_must_go_together(tmp_path, landmarks):
@@ -202,12 +147,3 @@ def test_a_dataset_whose_name_is_not_utf8_is_refused(shape_file, landmark_file, 
             file[b"\xff\xfe"] = np.zeros(8)
         (line,) = problems(read, [path])
         assert line.startswith(f"{path}: there is a name that is not plain UTF-8: ")
-
-
-def test_many_landmark_names_are_compared_at_once(tmp_path):
-    """Each with each would be 2e10 comparisons: the test would not end."""
-    names = tuple(f"landmark {number}" for number in range(200_000))
-    few = LandmarkSet(landmarks=np.zeros((1, 2, len(names))), landmark_names=names, items=("one",))
-    save(tmp_path / "many.h5", few)
-    with open_landmarks([tmp_path / "many.h5"]) as source:
-        assert source.head.landmark_names == names

@@ -74,10 +74,6 @@ def test_not_hdf5(reader, tmp_path, problems):
     )
 
 
-def test_hdf5_is_known_by_its_content(tmp_path, shape_file, shapes, same):
-    same(read_shapes([shape_file.rename(tmp_path / "shapes.csv")]), shapes)
-
-
 def test_another_format(shape_file, landmark_file, problems):
     for reader in (READERS["landmarks"], READERS["results"], READERS["dictionary"]):
         (line,) = problems(reader, shape_file)
@@ -129,22 +125,6 @@ def test_a_root_attribute_of_another_kind(landmark_file, problems, name, value):
     )
 
 
-def test_a_root_attribute_in_an_array_of_one(landmark_file):
-    with h5py.File(landmark_file, "a") as file:
-        file.attrs["version"] = np.array([1])
-        file.attrs["unit"] = np.array(["mm"], dtype=h5py.string_dtype())
-    assert read_landmarks(landmark_file)[0].unit == "mm"
-
-
-def test_a_root_attribute_that_is_not_utf8(landmark_file, problems):
-    with h5py.File(landmark_file, "a") as file:
-        file.attrs.create("unit", b"\xff", dtype=h5py.string_dtype())
-    assert problems(read_landmarks, landmark_file) == (
-        f"{landmark_file}: root attribute unit: is not UTF-8 text, or has a zero byte; "
-        "write it as UTF-8",
-    )
-
-
 @pytest.mark.parametrize("share", [0.05, 0.5, 0.95, 0.999])
 def test_a_truncated_file(landmark_file, problems, share):
     data = landmark_file.read_bytes()
@@ -165,41 +145,11 @@ def test_a_group_in_place_of_a_dataset(shape_file, problems, edit):
     )
 
 
-def test_a_damaged_dataset(shape_file, problems, edit):
-    edit(shape_file, shapes=None)
-    with h5py.File(shape_file, "a") as file:
-        stored = file.create_dataset(
-            "shapes", (5, 4, 3), "f8", chunks=(5, 4, 3), compression="gzip"
-        )
-        stored[...] = 1.5
-        start = stored.id.get_chunk_info(0).byte_offset
-    with shape_file.open("r+b") as file:
-        file.seek(start)
-        file.write(b"damage")
-    (line,) = problems(READERS["shapes"], shape_file)
-    assert line.startswith(f"{shape_file}:/shapes: cannot be read (")
-
-
-def test_text_that_is_not_utf8(shape_file, problems, edit):
-    edit(shape_file, item=None)
-    with h5py.File(shape_file, "a") as file:
-        file["item"] = np.array([b"\xff", b"b", b"c", b"d", b"e"])
-    (line,) = problems(READERS["shapes"], shape_file)
-    assert line == f"{shape_file}:/item: holds text that is not UTF-8; write its strings as UTF-8"
-
-
 def test_a_wrong_direction_of_y(landmark_file, problems):
     with h5py.File(landmark_file, "a") as file:
         file.attrs["y_axis"] = "left"
     (line,) = problems(read_landmarks, landmark_file)
     assert line == f"{landmark_file}: the root attribute y_axis is 'left'; set it to up or down"
-
-
-def test_a_dataset_that_cannot_be_carried(landmark_file, problems):
-    with h5py.File(landmark_file, "a") as file:
-        file["link"] = np.array([file.ref] * 5, dtype=h5py.ref_dtype)
-    (line,) = problems(read_landmarks, landmark_file)
-    assert line.startswith(f"{landmark_file}:/link: cannot be carried over; ")
 
 
 def point(value, *place):

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from shapefit.io.written.c3d import write_c3d
+from shapefit.io.written.markers import write_c3d
 from shapefit.io.written.motion import Motion
 from tests.io.files import save
 

@@ -140,10 +140,3 @@ def test_trimesh_shows_the_pose_at_rest(tmp_path, scene):
     extent = np.ptp(loaded.bounds, axis=0)
     assert extent[1] == pytest.approx(np.ptp(scene.y_up[0][1]), abs=0.06)
     assert all(geometry.is_watertight for geometry in loaded.geometry.values())
-
-
-@pytest.mark.parametrize("letters", range(4))
-def test_chunks_are_whole_words_however_long_the_names(tmp_path, throw, letters):
-    names = tuple(f"{name}{'x' * letters * (name == 'head')}" for name in throw.landmark_names)
-    save(tmp_path / "man.glb", throw.take(slice(0, 3)).replaced(landmark_names=names))
-    File(tmp_path / "man.glb")

@@ -29,11 +29,6 @@ def test_with_a_calibrated_camera_the_world_comes_back(scene, y_axis, every, fac
     assert placed.axes == "y up, the axis z of the extrinsics; position from the camera"
 
 
-def test_the_user_says_which_axis_of_the_world_is_up(scene):
-    placed = in_metres(scene.result, OutputOptions(up="-x"), "man.trc")
-    np.testing.assert_allclose(placed.points[:, 1], -scene.world[:, 0], atol=1e-12)
-
-
 @pytest.mark.parametrize("y_axis", ["down", "up"])
 def test_without_extrinsics_the_camera_is_the_origin(scene, y_axis, facing, without):
     result = without(facing(scene.result, y_axis), *CAMERA)
@@ -74,12 +69,6 @@ def test_a_size_by_spread_is_one_for_the_sequence(scene, without):
     points = in_metres(result, NOTHING, "man.trc").points
     factor = np.median(result.columns[METRES_PER_UNIT])
     np.testing.assert_allclose(lengths(points), factor * lengths(result.shapes), atol=1e-12)
-
-
-def test_stature_is_measured_along_the_body(scene):
-    found = find_stature(scene.world, scene.result.landmark_names)
-    np.testing.assert_allclose(found, STATURE, rtol=1e-12)
-    assert find_stature(scene.world[:, :, :3], scene.result.landmark_names[:3]) is None
 
 
 @pytest.mark.parametrize("sized", [True, False])
@@ -141,18 +130,6 @@ def test_shapes_of_unknown_unit(scene, shapes):
 def test_pixels_are_never_written_as_lengths(scene, options, message, without):
     with pytest.raises(InputError, match=message):
         in_metres(without(scene.result, METRES_PER_UNIT), options, "man.trc")
-
-
-def test_up_needs_a_world(scene, without):
-    with pytest.raises(InputError, match="up: the result has no extrinsics"):
-        in_metres(without(scene.result, *CAMERA), OutputOptions(up="z"), "man.trc")
-
-
-@pytest.mark.parametrize("name", [METRES_PER_UNIT, "camera_translation"])
-def test_a_dataset_of_another_shape(scene, name):
-    extras = scene.result.further | {name: np.ones((4, 7))}
-    with pytest.raises(InputError, match=rf"dataset {name} has the shape \(4, 7\)"):
-        in_metres(scene.result.replaced(further=extras), NOTHING, "man.trc")
 
 
 def test_a_world_in_millimetres(scene):

@@ -2,18 +2,15 @@
 
 import errno
 import os
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io.layout import LANDMARKS, RESULTS
+from shapefit.io.layout import RESULTS
 from shapefit.io.options import OutputOptions
 from shapefit.io.writing import record_writer
-from shapefit.io.written import outputs, trc
-from shapefit.io.written.outputs import by_individual, motion_output
+from shapefit.io.written.motion import by_individual, motion_output
 from tests.io.files import save
 
 
@@ -57,32 +54,18 @@ def test_a_full_disk(tmp_path, several, one, monkeypatch, problems):
     record = several.take([0, 1]) if one else several
     (tmp_path / "man.trc").write_text("old")
     (tmp_path / "man_a.trc").write_text("old")
-    original = trc.write_trc
+    original = markers.write_trc
 
     def fill(path, motions):
         original(path, motions)
         if one or motions[0].name == "b":
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(trc, "trc_output", motion_output(fill, by_individual))
+    monkeypatch.setattr(markers, "trc_output", motion_output(fill, by_individual))
     (line,) = problems(save, tmp_path / "man.trc", record)
     assert "cannot be written: No space left on device; free some space" in line
     assert sorted(os.listdir(tmp_path)) == ["man.trc", "man_a.trc"]
     assert (tmp_path / "man_a.trc").read_text() == "old"
-
-
-def test_standard_output(scene, problems):
-    for to in ("trc", "c3d", "bvh", "glb"):
-        (line,) = problems(partial(save, to=to), Path("-"), scene.result)
-        assert line.startswith("output: ")
-        assert line.endswith("cannot go to standard output; name a file")
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="root can write everywhere")
-def test_an_unwritable_folder(tmp_path, several, problems):
-    tmp_path.chmod(0o500)
-    (line,) = problems(save, tmp_path / "man.trc", several)
-    assert "is not writable" in line
 
 
 def test_a_folder_in_the_way(tmp_path, several, problems):
@@ -99,21 +82,9 @@ def test_names_that_no_file_can_have(tmp_path, several):
     assert all(path.is_file() for path in written)
 
 
-def test_what_a_format_cannot_hold(tmp_path):
-    with pytest.raises(InputError, match="2D landmarks cannot be TRC; lift them"):
-        record_writer(tmp_path / "man.trc", LANDMARKS)
-
-
 def test_options_for_metres_need_such_a_format(tmp_path, scene):
     with pytest.raises(InputError, match="height: an HDF5 file keeps the unit and the axes"):
         record_writer(tmp_path / "man.h5", RESULTS, options=OutputOptions(height=1.8))
-
-
-def test_names_without_what_all_begin_with():
-    assert outputs._own_names(["v/a", "v/b"]) == ["a", "b"]
-    assert outputs._own_names(["v/a", "w/a"]) == ["v/a", "w/a"]
-    assert outputs._own_names(["v", "v/a"]) == ["v", "v/a"]
-    assert outputs._own_names([""]) == [""]
 
 
 def test_names_of_files_have_no_spaces(tmp_path, several):

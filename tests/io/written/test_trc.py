@@ -1,7 +1,6 @@
 """TRC is read back, cell by cell, by a parser that shares nothing with the writer."""
 
 import numpy as np
-import pytest
 
 from tests.io.files import save
 
@@ -95,22 +94,3 @@ def test_two_items_of_one_frame(tmp_path, scene, problems):
     assert "'film/anna/0' and 'film/anna/1' are of one frame" in line
     assert "track: nearest" in line
     assert not list(tmp_path.iterdir())
-
-
-def test_frames_too_far_apart(tmp_path, scene, problems):
-    far = scene.result.replaced(
-        further=scene.result.further | {"frame": np.array([0, 1, 2, 10**9])}
-    )
-    (line,) = problems(save, tmp_path / "man.trc", far)
-    assert "4 items in 1,000,000,001 frames of film/anna" in line
-
-
-@pytest.mark.parametrize("n", [0, 1, 5000])
-def test_any_number_of_frames(tmp_path, shapes, n):
-    rows = np.arange(n) % len(shapes)
-    many = shapes.take(rows).replaced(items=tuple(map(str, range(n))), sequences=None, unit="m")
-    save(tmp_path / "many.trc", many)
-    if n:
-        found = parse(tmp_path / "many.trc")[3]
-        np.testing.assert_array_equal(found[:, 2::3], many.shapes[:, 0])
-        np.testing.assert_array_equal(found[:, 0], np.arange(n))

@@ -65,16 +65,6 @@ def test_each_motion_has_its_table(record, written, tmp_path, ending):
         assert [row["plausibility"] for row in csv.DictReader(file)] == ["0.25", ""]
 
 
-def test_what_is_not_judged_has_no_table(record, written):
-    bare = record.replaced(further={METRES_PER_UNIT: np.full(4, 0.01)})
-    assert written(bare, "walk.trc") == ["walk_a.trc", "walk_b.trc"]
-
-
-def test_one_motion_and_its_table_appear_together(record, written):
-    alone = record.take([0, 1])
-    assert written(alone, "walk.trc") == ["walk.trc", "walk_frames.csv"]
-
-
 def test_csv_has_a_column(record, written, tmp_path):
     written(record, "walk.csv")
     lines = (tmp_path / "walk.csv").read_text().splitlines()
