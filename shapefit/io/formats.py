@@ -18,8 +18,14 @@ from pathlib import Path
 from typing import Any
 
 from shapefit.errors import InputError, input_error, listed
-from shapefit.io.foreign.tables import anipose_landmarks, decode, understand
-from shapefit.io.head import Head, something_else, unknown_json
+from shapefit.io.head import (
+    Head,
+    anipose_landmarks,
+    decode,
+    something_else,
+    understand,
+    unknown_json,
+)
 from shapefit.io.inputs import (
     HDF5_SIGNATURE,
     PARQUET_SIGNATURE,

@@ -1,4 +1,4 @@
-"""Text tables of landmarks: what headers mean, one reader of cells, an adapter for each tool.
+"""Text tables of landmarks: one reader of cells and numbers, and an adapter for each tool's header.
 
 A *wide* table has a row per image, and columns for each landmark; a *long* one has a row per
 landmark of an image. Cells are parted by `,`, `;` or tabs; with the latter two the decimal point
@@ -8,9 +8,7 @@ may be a comma.
 from __future__ import annotations
 
 import csv
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from io import StringIO
 from itertools import islice
 from pathlib import Path
@@ -31,172 +29,17 @@ from shapefit.io.foreign.recording import (
     one_individual,
     video_name,
 )
+from shapefit.io.head import (
+    OF_A_POINT,
+    Columns,
+    anipose_landmarks,
+    decode,
+    numbers_of,
+    understand,
+)
 from shapefit.io.inputs import check_fits, read_whole
 from shapefit.io.skeletons import SKELETONS
 from shapefit.io.tidy_table import bad_line, read_numbers, refuse_zero_bytes
-
-DELIMITERS = (",", ";", "\t")
-
-
-def decode(data: bytes) -> str:
-    """Return text in UTF-8 (with a mark or without), UTF-16 with a mark, or else Latin-1."""
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        return data.decode("utf-16", "replace")
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        return data.decode("latin-1")
-
-
-ROLES: Mapping[str, str] = {
-    name: role
-    for role, names in {
-        "item": "item image filename file file_name image_name image_id img",
-        "frame": "frame frame_id frame_idx frame_index frame_number frame_no fnum",
-        "sequence": "sequence video clip session",
-        "landmark": "landmark joint bodypart body_part keypoint part node marker landmark_name "
-        "joint_name keypoint_name landmark_id joint_id keypoint_id landmark_index",
-        "x": "x x_px px",
-        "y": "y y_px py",
-        "z": "z",
-        "confidence": "confidence conf likelihood score visibility probability prob v c",
-    }.items()
-    for name in names.split()
-}
-"""Name of a column, in small letters and with _ for spaces -> what it holds."""
-
-OF_A_POINT = ("x", "y", "z", "confidence")
-
-_NAMED = re.compile(
-    r"(.+)[_.: -](x|y|z|likelihood|confidence|conf|score|visibility|prob|v|c)", re.I
-)
-_NUMBERED = re.compile(r"(x|y|z|visibility|v|c)_?([0-9]{1,9})", re.I)
-_NUMBER = re.compile(r"[0-9]{1,9}")
-
-
-@dataclass(frozen=True)
-class Columns:
-    """A header of no known tool as it was understood.
-
-    roles: item, frame, sequence, and in a long table landmark, x, y, z and confidence -> column;
-    landmarks: of a wide table, in order: role -> column for each name, None for a long table;
-    numbered: whether these names are numbers that follow one another; others: names left out.
-    """
-
-    delimiter: str
-    names: tuple[str, ...]
-    roles: Mapping[str, int]
-    landmarks: Mapping[str, Mapping[str, int]] | None
-    numbered: bool
-    others: tuple[str, ...]
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """The coordinates that there are columns for."""
-        points = [self.roles] if self.landmarks is None else self.landmarks.values()
-        return ("x", "y", "z") if any("z" in each for each in points) else ("x", "y")
-
-    def describe(self, rows: Sequence[Sequence[str]]) -> str:
-        """Return some rows as they were understood."""
-        taken = dict(self.roles)
-        if self.landmarks is not None:
-            name, own = next(iter(self.landmarks.items()))
-            taken |= {f"{role} of {name}": at for role, at in own.items()}
-        shown = [
-            ", ".join(f"{role} {printable(row[at])[:20]}" for role, at in taken.items())
-            for row in rows
-            if len(row) == len(self.names)
-        ]
-        return "; ".join(shown)
-
-
-def understand(line: str) -> Columns | None:
-    """Return what the columns of a header hold; None where it is not that of a table of landmarks.
-
-    A long table has columns landmark, x, y, and item or frame; a wide one has columns NAME_x and
-    NAME_y of two landmarks at least.
-    """
-    for delimiter in sorted(DELIMITERS, key=line.count, reverse=True):
-        try:
-            cells = next(csv.reader([line], delimiter=delimiter), [])
-        except csv.Error:
-            return None
-        names = tuple(cell.strip() for cell in cells)
-        found = _long_columns(delimiter, names) or _wide_columns(delimiter, names)
-        if found is not None:
-            return found
-    return None
-
-
-def _roles(names: Sequence[str]) -> tuple[dict[str, int], list[str]]:
-    """Return the first column of each role, and the names of those without one."""
-    roles: dict[str, int] = {}
-    others = []
-    for column, name in enumerate(names):
-        role = ROLES.get(name.lower().replace(" ", "_"))
-        if role is None or role in roles:
-            others.append(name)
-        else:
-            roles[role] = column
-    return roles, others
-
-
-def _long_columns(delimiter: str, names: tuple[str, ...]) -> Columns | None:
-    roles, others = _roles(names)
-    if not {"landmark", "x", "y"} <= roles.keys() or not {"item", "frame"} & roles.keys():
-        return None
-    return Columns(delimiter, names, roles, None, False, tuple(filter(None, others)))
-
-
-def _wide_columns(delimiter: str, names: tuple[str, ...]) -> Columns | None:
-    landmarks: dict[str, dict[str, int]] = {}
-    rest: dict[int, str] = {}
-    for column, name in enumerate(names):
-        numbered, named = _NUMBERED.fullmatch(name), _NAMED.fullmatch(name)
-        if numbered:
-            role, landmark = numbered[1], str(int(numbered[2]))
-        elif named:
-            landmark, role = named[1], named[2]
-        else:
-            rest[column] = name
-            continue
-        role = ROLES.get(role.lower(), "confidence")
-        if role in landmarks.setdefault(landmark, {}):
-            return None
-        landmarks[landmark][role] = column
-    whole = {name: own for name, own in landmarks.items() if {"x", "y"} <= own.keys()}
-    if len(whole) < 2:
-        return None
-    numbers = sorted(numbers_of(whole))
-    numbered_names = numbers == list(range(numbers[0], numbers[0] + len(numbers)))
-    numbered_names = numbered_names and numbers[0] in (0, 1)
-    if numbered_names:
-        whole = dict(sorted(whole.items(), key=lambda each: int(each[0])))
-    roles, others = _roles(list(rest.values()))
-    places = list(rest)
-    roles = {role: places[at] for role, at in roles.items() if role not in OF_A_POINT}
-    others += [name for name in landmarks if name not in whole]
-    left = tuple(name for name in others if name and not name.lower().startswith("unnamed"))
-    return Columns(delimiter, names, roles, whole, numbered_names, left)
-
-
-def numbers_of(names: Iterable[str]) -> list[int]:
-    """Return the numbers that landmarks are called, -1 for other names."""
-    return [int(name) if _NUMBER.fullmatch(name) else -1 for name in names]
-
-
-def anipose_landmarks(columns: Iterable[str]) -> tuple[str, ...]:
-    """Return the landmarks that have x, y, z and what anipose says of them, in order."""
-    names = list(columns)
-    known = set(names)
-    stems = dict.fromkeys(name[:-2] for name in names if name.endswith("_x") and len(name) > 2)
-    return tuple(
-        stem
-        for stem in stems
-        if {f"{stem}_y", f"{stem}_z"} <= known
-        and known & {f"{stem}_ncams", f"{stem}_error", f"{stem}_score"}
-    )
-
 
 EMPTY = {"", "na", "n/a", "#n/a", "none", "null", "-", "nan"}
 """Cells, in small letters, that say that there is no number."""
