@@ -10,7 +10,7 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error, listed
 from shapefit.geometry.rotations import turns
-from shapefit.io.foreign.motion_text import read_blocks, read_head, read_table, read_words
+from shapefit.io.foreign.motion_text import read_lines, read_table, read_words
 from shapefit.io.foreign.recording import Recording, one_individual
 from shapefit.io.layout import UNKNOWN_UNIT
 
@@ -55,26 +55,25 @@ def read_skeleton(path: Path) -> Skeleton:
     blocks: list[tuple[int, dict[str, list[str]]]] = [(0, {"name": [ROOT]})]
     links: list[tuple[int, list[str]]] = []
     section = ""
-    for first, lines in read_blocks(path):
-        for number, line in enumerate(lines, first):
-            words = line.split("#")[0].split()
-            if not words:
-                continue
-            if words[0].startswith(":"):
-                section = words[0].lower()
-            elif words[0].lower() == "begin":
-                if section == ":bonedata":
-                    blocks.append((number, {}))
-            elif words[0].lower() == "end":
-                continue
-            elif section == ":units":
-                units[words[0].lower()] = words[-1].lower()
-            elif section == ":root":
-                blocks[0][1].setdefault(words[0].lower(), words[1:])
-            elif section == ":bonedata":
-                blocks[-1][1].setdefault(words[0].lower(), words[1:])
-            elif section == ":hierarchy":
-                links.append((number, words))
+    for number, line in enumerate(read_lines(path), 1):
+        words = line.split("#")[0].split()
+        if not words:
+            continue
+        if words[0].startswith(":"):
+            section = words[0].lower()
+        elif words[0].lower() == "begin":
+            if section == ":bonedata":
+                blocks.append((number, {}))
+        elif words[0].lower() == "end":
+            continue
+        elif section == ":units":
+            units[words[0].lower()] = words[-1].lower()
+        elif section == ":root":
+            blocks[0][1].setdefault(words[0].lower(), words[1:])
+        elif section == ":bonedata":
+            blocks[-1][1].setdefault(words[0].lower(), words[1:])
+        elif section == ":hierarchy":
+            links.append((number, words))
     degrees = not units.get("angle", "deg").startswith("rad")
     root, *others = blocks
     bones = (_root(root[1], path, degrees), *(_bone(b, path, n, degrees) for n, b in others))
@@ -237,25 +236,25 @@ def read_ends(path: Path, skeleton: Skeleton) -> tuple[list[str], Floats]:
 
     Raises InputError, naming the line, for frames that list other bones than the first.
     """
-    settings = {line.strip().upper() for line in read_head(path, HEAD_LINES)}
+    texts = read_lines(path)
+    settings = {line.strip().upper() for line in texts[:HEAD_LINES]}
     degrees = ":DEGREES" in settings or (":RADIANS" not in settings and skeleton.degrees)
     labels: list[str] = []
     rows: list[Line] = []
     size = 0
-    for first, texts in read_blocks(path):
-        for line, text in enumerate(texts, first):
-            words = text.split()
-            if not words or words[0][0] in "#:":
-                continue
-            if len(words) > 1 or not words[0].isdigit():
-                if not labels:
-                    found = f"{text.strip()[:40]!r} stands before the first frame"
-                    raise input_error(f"{path}:{line}", found, "number every frame")
-                rows.append((line, words))
-                continue
-            if len(labels) == 1:
-                size = len(rows)
-            labels.append(words[0])
+    for line, text in enumerate(texts, 1):
+        words = text.split()
+        if not words or words[0][0] in "#:":
+            continue
+        if len(words) > 1 or not words[0].isdigit():
+            if not labels:
+                found = f"{text.strip()[:40]!r} stands before the first frame"
+                raise input_error(f"{path}:{line}", found, "number every frame")
+            rows.append((line, words))
+            continue
+        if len(labels) == 1:
+            size = len(rows)
+        labels.append(words[0])
     if not rows:
         return [], np.empty((0, len(skeleton.bones), 3))
     size = size or len(rows)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from shapefit.errors import abbreviate, counted, input_error, printable
 from shapefit.geometry.length_units import as_metres
 from shapefit.geometry.rotations import turns
 from shapefit.io.foreign.recording import Recording, one_individual
+from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.tidy_table import read_numbers
 
@@ -48,7 +48,9 @@ def read_trc(paths: tuple[Path, ...]) -> Recording:
     names, notes = unique_names(header.labels)
     factor, unit = as_metres(header.values.get("units", ""))
     rate = _number(header.values.get("datarate", ""))
-    labels, numbers = read_frames(path, header, len(names))
+    width = 2 + 3 * len(names)
+    firsts, numbers = read_rows(path, header.lines, header.separator, width, labels=2, padded=True)
+    labels = [first or str(frame) for frame, first in enumerate(firsts)]
     points = factor * numbers.reshape(len(labels), len(names), 3)
     origin: NDArray[np.bool_] = (points == 0).all(axis=2)
     points[origin] = np.nan
@@ -70,7 +72,7 @@ def read_trc(paths: tuple[Path, ...]) -> Recording:
 
 def read_header(path: Path) -> Header:
     """Read what stands above the frames. Raises InputError where there are no markers."""
-    lines = read_head(path, HEAD_LINES)
+    lines = read_lines(path)[:HEAD_LINES]
     firsts = [line.replace(",", "\t").split("\t")[0].strip().lower() for line in lines]
     place = next((i for i, first in enumerate(firsts) if first in ("frame#", "frame")), None)
     if place is None:
@@ -95,49 +97,6 @@ def read_header(path: Path) -> Header:
     if not labels or not (given or axes):
         raise input_error(f"{path}:{place + 1}", "there are no markers", "give a TRC with markers")
     return Header(separator, values, labels, place + 1)
-
-
-def read_frames(path: Path, header: Header, p: int) -> tuple[list[str], NDArray[np.float64]]:
-    """Read the labels of the frames, and their coordinates (n, 3 p)."""
-    width = 2 + 3 * p
-    labels: list[str] = []
-    parts = [np.empty((0, 3 * p))]
-    for first, texts in read_blocks(path, header.lines):
-        own = [text.partition(header.separator)[0].strip() for text in texts]
-        plain = read_plain(texts, header.separator, width) if all(own) else None
-        if plain is None:
-            own, numbers = read_rows(path, header, first, texts, width)
-        else:
-            numbers = plain[:, 2:]
-        labels += [label or str(frame) for frame, label in enumerate(own, len(labels))]
-        parts.append(numbers)
-    return labels, np.concatenate(parts)
-
-
-def read_rows(
-    path: Path, header: Header, first: int, texts: list[str], width: int
-) -> tuple[list[str], NDArray[np.float64]]:
-    """Read lines cell by cell: the labels of their frames, and their coordinates (n, 3p)."""
-    lines, rows = [], []
-    for line, text in enumerate(texts, first):
-        if not text.strip(" \t,"):
-            continue
-        row = text.split(header.separator) if header.separator in text else text.split()
-        if len(row) != width:
-            row = _fitted(row, width, f"{path}:{line}")
-        rows.append(row)
-        lines.append(line)
-    if not rows:
-        return [], np.empty((0, width - 2))
-    return [row[0].strip() for row in rows], read_table([row[2:] for row in rows], lines, path)
-
-
-def _fitted(row: list[str], width: int, place: str) -> list[str]:
-    """Return a row of this width: cells that are not there at its end are empty."""
-    if len(row) < 2 or any(cell.strip() for cell in row[width:]):
-        found = f"has {len(row)} cells for {width} columns"
-        raise input_error(place, found, "write three cells per marker")
-    return (row + [""] * (width - len(row)))[:width]
 
 
 def _number(cell: str) -> float:
@@ -187,7 +146,7 @@ def read_bvh(paths: tuple[Path, ...]) -> Recording:
     names, notes = unique_names([tree.joints[number].name for number in order])
     place = {number: row for row, number in enumerate(order)}
     edges = [(place[j.parent], place[i]) for i, j in enumerate(tree.joints) if j.parent >= 0]
-    motion = np.concatenate([np.empty((0, tree.width)), *read_motion(path, tree)])
+    _, motion = read_rows(path, tree.lines, " ", tree.width, finite=True)
     if len(motion) < tree.frames:
         notes += (f"{tree.frames - len(motion)} {NO_FRAMES}",)
     return Recording(
@@ -206,57 +165,43 @@ def read_hierarchy(path: Path) -> Hierarchy:
     joints: list[Joint] = []
     open_joints: list[int] = []
     width, frames = 0, -1
-    for first, lines in read_blocks(path):
-        for number, line in enumerate(lines, first):
-            place = f"{path}:{number}"
-            words = line.replace("{", " ").replace("}", " ").split()
-            word = words[0].upper() if words else ""
-            if word in ("ROOT", "JOINT", "END"):
-                parent = open_joints[-1] if open_joints else -1
-                if (parent < 0) != (word == "ROOT"):
-                    raise input_error(place, f"{word} stands in the wrong place", "correct it")
-                name = f"{joints[parent].name}_end" if word == "END" else " ".join(words[1:])
-                joints.append(Joint(name, parent, word == "END"))
-                open_joints.append(len(joints) - 1)
-            elif word in ("OFFSET", "CHANNELS") and not open_joints:
-                raise input_error(place, f"{word} belongs to no joint", "correct it")
-            elif word == "OFFSET":
-                joints[open_joints[-1]].offset = read_words(words[1:], 3, place)
-            elif word == "CHANNELS":
-                channels = [_channel(name, place) for name in words[2:]]
-                if words[1:2] != [str(len(channels))]:
-                    found = f"{' '.join(words[1:2])} channels, and {len(channels)} names"
-                    raise input_error(place, found, "name as many as there are")
-                joints[open_joints[-1]].channels = [
-                    (kind, axis, width + i) for i, (kind, axis) in enumerate(channels)
-                ]
-                width += len(channels)
-            elif word == "FRAMES:":
-                frames = int(read_words(words[1:2], 1, place)[0])
-            elif word == "FRAME" and words[1:2] == ["Time:"]:
-                if not joints or open_joints:
-                    raise input_error(place, "the tree of joints is not complete", "correct it")
-                seconds = read_words(words[2:3], 1, place)[0]
-                return Hierarchy(joints, width, number, frames, seconds)
-            elif word not in ("", "HIERARCHY", "MOTION"):
-                found = f"begins with {printable(words[0])!r}, which is no word of BVH"
-                raise input_error(place, found, "correct it")
-            if "}" in line and open_joints:
-                del open_joints[-line.count("}") :]
+    for number, line in enumerate(read_lines(path), 1):
+        place = f"{path}:{number}"
+        words = line.replace("{", " ").replace("}", " ").split()
+        word = words[0].upper() if words else ""
+        if word in ("ROOT", "JOINT", "END"):
+            parent = open_joints[-1] if open_joints else -1
+            if (parent < 0) != (word == "ROOT"):
+                raise input_error(place, f"{word} stands in the wrong place", "correct it")
+            name = f"{joints[parent].name}_end" if word == "END" else " ".join(words[1:])
+            joints.append(Joint(name, parent, word == "END"))
+            open_joints.append(len(joints) - 1)
+        elif word in ("OFFSET", "CHANNELS") and not open_joints:
+            raise input_error(place, f"{word} belongs to no joint", "correct it")
+        elif word == "OFFSET":
+            joints[open_joints[-1]].offset = read_words(words[1:], 3, place)
+        elif word == "CHANNELS":
+            channels = [_channel(name, place) for name in words[2:]]
+            if words[1:2] != [str(len(channels))]:
+                found = f"{' '.join(words[1:2])} channels, and {len(channels)} names"
+                raise input_error(place, found, "name as many as there are")
+            joints[open_joints[-1]].channels = [
+                (kind, axis, width + i) for i, (kind, axis) in enumerate(channels)
+            ]
+            width += len(channels)
+        elif word == "FRAMES:":
+            frames = int(read_words(words[1:2], 1, place)[0])
+        elif word == "FRAME" and words[1:2] == ["Time:"]:
+            if not joints or open_joints:
+                raise input_error(place, "the tree of joints is not complete", "correct it")
+            seconds = read_words(words[2:3], 1, place)[0]
+            return Hierarchy(joints, width, number, frames, seconds)
+        elif word not in ("", "HIERARCHY", "MOTION"):
+            found = f"begins with {printable(words[0])!r}, which is no word of BVH"
+            raise input_error(place, found, "correct it")
+        if "}" in line and open_joints:
+            del open_joints[-line.count("}") :]
     raise input_error(path, "has no motion, or is cut off before it", "give a complete BVH file")
-
-
-def read_motion(path: Path, tree: Hierarchy) -> Iterator[Floats]:
-    """Yield the numbers (n, width) of the frames, block by block."""
-    for first, texts in read_blocks(path, tree.lines):
-        separator = "\t" if "\t" in texts[0].strip() else " "
-        plain = read_plain([text.strip() for text in texts], separator, tree.width)
-        if plain is not None and np.isfinite(plain).all():
-            yield plain
-            continue
-        rows, lines = split_lines(path, first, texts, None, tree.width, ("numbers", "channels"))
-        if rows:
-            yield read_table(rows, lines, path, finite=True)
 
 
 def find_places(tree: Hierarchy, values: Floats) -> Floats:
@@ -302,25 +247,53 @@ def _rate(frame_time: float) -> float | None:
     return float(round(rate)) if abs(rate - round(rate)) < 1e-3 * rate and rate > 1 else rate
 
 
-BLOCK_LINES = 4096
+def read_lines(path: Path) -> list[str]:
+    r"""Return the lines of a file without their ends. Bytes that are not UTF-8 become \xe9."""
+    text = read_whole(path).removeprefix(BYTE_ORDER_MARK).decode("utf-8", "backslashreplace")
+    return text.replace("\r\n", "\n").replace("\r", "\n").removesuffix("\n").split("\n")
 
 
-def read_blocks(path: Path, skip: int = 0) -> Iterator[tuple[int, list[str]]]:
-    r"""Yield the number of the first line, from 1, and lines without their ends, block by block.
+def read_rows(
+    path: Path,
+    skip: int,
+    separator: str,
+    width: int,
+    *,
+    labels: int = 0,
+    padded: bool = False,
+    finite: bool = False,
+) -> tuple[list[str], NDArray[np.float64]]:
+    """Return the lines of a file after the first `skip`, each of so many cells, as numbers.
 
-    The first `skip` lines are left out. Bytes that are not UTF-8 become \xe9.
+    The first cell of a line is its label where `labels` columns stand before the numbers. Cells
+    that are not there at the end of a line are empty, and so NaN, where rows are `padded`. Spaces
+    part cells in any number. Raises InputError, naming the line, for other widths, and for what
+    is no number, or none that is `finite`.
     """
-    with path.open(encoding="utf-8-sig", errors="backslashreplace") as file:
-        line = 1 + sum(1 for _ in islice(file, skip))
-        while block := [text.rstrip("\n") for text in islice(file, BLOCK_LINES)]:
-            yield line, block
-            line += len(block)
-
-
-def read_head(path: Path, count: int) -> list[str]:
-    """Return the first lines of a file, `count` at most."""
-    with path.open(encoding="utf-8-sig", errors="backslashreplace") as file:
-        return [text.rstrip("\n") for text in islice(file, count)]
+    lines = read_lines(path)[skip:]
+    spaced = separator == " "
+    own = [line.strip() for line in lines] if spaced else lines
+    plain = read_plain(own, "\t" if spaced and own and "\t" in own[0] else separator, width)
+    if plain is not None and (np.isfinite(plain).all() or not finite):
+        firsts = [line.partition(separator)[0].strip() for line in lines] if labels else []
+        if not labels or all(firsts):
+            return firsts, plain[:, labels:]
+    rows, numbers = [], []
+    for number, line in enumerate(lines, skip + 1):
+        if not line.strip(" \t,"):
+            continue
+        row = line.split(None if spaced or separator not in line else separator)
+        if padded and len(row) > 1 and not any(cell.strip() for cell in row[width:]):
+            row = (row + [""] * (width - len(row)))[:width]
+        if len(row) != width:
+            found = f"has {len(row)} cells for {width} columns"
+            raise input_error(f"{path}:{number}", found, "write as many")
+        rows.append(row)
+        numbers.append(number)
+    values = np.empty((0, width - labels))
+    if rows:
+        values = read_table([row[labels:] for row in rows], numbers, path, finite=finite)
+    return [row[0].strip() for row in rows] if labels else [], values
 
 
 def read_plain(lines: Sequence[str], separator: str, width: int) -> NDArray[np.float64] | None:
@@ -364,30 +337,6 @@ def read_table(
         cell = rows[row][column]
         raise input_error(f"{place}:{lines[row]}", f"{cell[:40]!r} is no number", "correct it")
     return values.reshape(len(rows), -1)
-
-
-def split_lines(
-    place: object,
-    first: int,
-    texts: Sequence[str],
-    separator: str | None,
-    width: int,
-    of: tuple[str, str] = ("cells", "columns"),
-) -> tuple[list[list[str]], list[int]]:
-    """Return the cells of lines that are not empty, from the line `first` on, and their numbers.
-
-    Raises InputError for lines that have not as many, in the words `of` what for what.
-    """
-    rows, lines = [], []
-    for line, text in enumerate(texts, first):
-        if not text.strip(" \t,"):
-            continue
-        rows.append(text.split(separator))
-        lines.append(line)
-        if len(rows[-1]) != width:
-            found = f"has {len(rows[-1])} {of[0]} for {width} {of[1]}"
-            raise input_error(f"{place}:{line}", found, "write as many")
-    return rows, lines
 
 
 def read_words(words: Sequence[str], count: int, place: str) -> tuple[float, ...]:

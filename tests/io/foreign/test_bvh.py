@@ -67,7 +67,7 @@ def test_an_offset_holds_where_no_channel_replaces_it(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (TREE + FRAMES.replace("90 90 0", "90 90"), ["walk.bvh:20", "8 numbers for 9 channels"]),
+        (TREE + FRAMES.replace("90 90 0", "90 90"), ["walk.bvh:20", "8 cells for 9"]),
         (TREE + FRAMES.replace("90 90 0", "90 x 0"), ["walk.bvh:20", "'x'"]),
         (TREE + FRAMES.replace("90 90 0", "90 inf 0"), ["walk.bvh:20", "'inf'"]),
         (TREE.partition("MOTION")[0], ["walk.bvh", "no motion"]),

@@ -10,6 +10,7 @@ from shapefit.errors import InputError
 from shapefit.io.layout import RESULTS
 from shapefit.io.options import OutputOptions
 from shapefit.io.writing import record_writer
+from shapefit.io.written import markers
 from shapefit.io.written.motion import by_individual, motion_output
 from tests.io.files import save
 
