@@ -19,34 +19,17 @@ if TYPE_CHECKING:
 LIMIT = 10
 
 
-class Problems:
-    """Counts the problems of an input, and words those that will be reported."""
-
-    def __init__(self) -> None:
-        self._told: list[tuple[int, str]] = []
-        self._count = 0
-
-    def add(self, rows: Sequence[int] | NDArray[Any], word: Callable[[int], str]) -> None:
-        """Add a problem for each of the rows (ascending); `word` makes the line for a row."""
-        self._count += len(rows)
-        self._told += [(int(row), word(int(row))) for row in rows[:LIMIT]]
-
-    def tell(self, line: str, row: int = 0) -> None:
-        """Add one problem, worded as `line`."""
-        self.add([row], lambda _: line)
-
-    def raise_if_any(self) -> None:
-        """Raise InputError with the first problems in the order of their rows."""
-        if self._count:
-            self._told.sort(key=lambda entry: entry[0])
-            raise input_problems([line for _, line in self._told], self._count)
-
-
 def input_problems(told: Sequence[str], count: int | None = None) -> InputError:
     """Build the InputError for these problems, of `count` in all; at most ten are listed."""
     shown = list(told[:LIMIT])
     more = (len(told) if count is None else count) - len(shown)
     return InputError([*shown, f"... and {more} more"] if more > 0 else shown)
+
+
+def raise_at(rows: NDArray[Any] | Sequence[int], word: Callable[[int], str]) -> None:
+    """Raise InputError with a line for each of these rows, if there are any."""
+    if len(rows):
+        raise input_problems([word(int(row)) for row in rows[:LIMIT]], len(rows))
 
 
 AT_ZERO = 0.01
@@ -78,9 +61,7 @@ def check_magnitudes(
         found = f"{rows.word(row)}, {columns.word(column)} is ({values})"
         return f"{place}: {found}; correct it, or use a larger unit: the limit is {LARGEST:g}"
 
-    problems = Problems()
-    problems.add(range(len(wrong)), word)
-    problems.raise_if_any()
+    raise_at(range(len(wrong)), word)
 
 
 def warn_of_zeros(points: NDArray[np.float64]) -> tuple[str, ...]:
@@ -187,12 +168,10 @@ def check_positive(reader: Datasets, name: str) -> None:
     values = reader.read(name)
     if values is None:
         return
-    problems = Problems()
     wrong = np.flatnonzero(~(np.isfinite(values) & (values > 0)))
-    problems.add(
+    raise_at(
         wrong, lambda row: f"{reader.place(name, row)}: is {values[row]}; write a positive number"
     )
-    problems.raise_if_any()
 
 
 def check_indices(reader: Datasets, name: str, axis: str) -> None:
@@ -217,32 +196,28 @@ def named(
     reader: Datasets, blocks: Iterable[Sequence[str]], dataset: str = "item"
 ) -> Iterator[Sequence[str]]:
     """Pass on the blocks of names; at the end raise as `check_named`."""
-    problems = Problems()
     start = 0
     for block in blocks:
         rows = [start + row for row, item in enumerate(block) if not item]
-        problems.add(rows, lambda row: f"{reader.place(dataset, row)}: is empty; name every item")
+        raise_at(rows, lambda row: f"{reader.place(dataset, row)}: is empty; name every item")
         start += len(block)
         yield block
-    problems.raise_if_any()
 
 
 def _check(reader: Datasets, name: str, blocks: Blocks, bad: Bad, fix: str) -> None:
-    problems = Problems()
+    """Raise InputError for the points (n, d, p) of the first block of which some are bad."""
     start = 0
     for block in blocks:
-        points = block.shape[-1]
-        wrong = np.flatnonzero(bad(block).any(axis=1))
+        wrong = np.argwhere(bad(block).any(axis=1))
 
-        def word(entry: int, start: int = start, block: Any = block, points: int = points) -> str:
-            row, point = divmod(entry, points)
+        def word(entry: int, start: int = start, block: Any = block, wrong: Any = wrong) -> str:
+            row, point = wrong[entry].tolist()
             value = ", ".join(str(number) for number in block[row, :, point].tolist())
             found = f"{_point_name(reader, name, point)} is ({value})"
             return f"{reader.place(name, start + row)}: {found}; {fix}"
 
-        problems.add(wrong, word)
+        raise_at(range(len(wrong)), word)
         start += len(block)
-    problems.raise_if_any()
 
 
 def _point_name(reader: Datasets, name: str, point: int) -> str:

@@ -308,7 +308,7 @@ class CsvText:
         try:
             header = next(csv.reader([first]), [])
         except csv.Error as error:
-            raise bad_line(f"{self.name}:1", error) from error
+            raise _bad_line(f"{self.name}:1", error) from error
         self.columns = [column.strip() for column in header]
         self._spaced = self.columns != header
         known = {*required, *optional}
@@ -429,13 +429,15 @@ def split_columns(text: str, width: int) -> list[list[str]] | None:
     return None if "" in columns[0] else columns  # there may be an empty row
 
 
-def read_rows(texts: Iterable[str], line: int, name: str) -> Iterator[tuple[int, list[str]]]:
+def read_rows(
+    texts: Iterable[str], line: int, name: str, delimiter: str = ","
+) -> Iterator[tuple[int, list[str]]]:
     """Yield line and cells of each row that is not empty; texts begin with `line`.
 
     Raises InputError after the last row that can be read, naming the line of the next one.
     """
     lines = chain.from_iterable(StringIO(text, newline="") for text in texts)
-    reader = csv.reader(lines, strict=True)
+    reader = csv.reader(lines, delimiter=delimiter, strict=True)
     start = line
     try:
         for row in reader:
@@ -443,10 +445,10 @@ def read_rows(texts: Iterable[str], line: int, name: str) -> Iterator[tuple[int,
                 yield line, row
             line = start + reader.line_num
     except csv.Error as error:
-        raise bad_line(f"{name}:{line}", error) from error
+        raise _bad_line(f"{name}:{line}", error) from error
 
 
-def bad_line(place: str, error: csv.Error) -> InputError:
+def _bad_line(place: str, error: csv.Error) -> InputError:
     """Say what the csv module found at a place."""
     if "unexpected end" in str(error):
         return input_error(place, "a quote is never closed", QUOTES)

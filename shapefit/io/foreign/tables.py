@@ -7,18 +7,16 @@ may be a comma.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterator, Sequence
-from io import StringIO
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import InputError, abbreviate, counted, input_error, printable
-from shapefit.io.checks import Problems
+from shapefit.io.checks import input_problems
 from shapefit.io.foreign.arrays import of_bodies
 from shapefit.io.foreign.deeplabcut import SAVE, arrange, skeleton_edges
 from shapefit.io.foreign.motion_text import read_plain
@@ -39,15 +37,12 @@ from shapefit.io.head import (
 )
 from shapefit.io.inputs import check_fits, read_whole
 from shapefit.io.skeletons import SKELETONS
-from shapefit.io.tidy_table import bad_line, read_numbers, refuse_zero_bytes
+from shapefit.io.tidy_table import read_numbers, read_rows, refuse_zero_bytes
 
 EMPTY = {"", "na", "n/a", "#n/a", "none", "null", "-", "nan"}
 """Cells, in small letters, that say that there is no number."""
 
 MISSING_FIX = "write a number, or leave the cell empty where the landmark is missing"
-
-BLOCK_ROWS = 4096
-"""Rows that are held as cells at a time."""
 
 SHOWN = 2
 """Rows that an error shows as they were understood."""
@@ -111,85 +106,66 @@ class Table:
         Raises InputError for rows of another width and for cells that are no numbers, or not
         `finite` ones.
         """
-        found: list[list[str]] = [[] for _ in texts]
-        parts, lines = [np.empty((0, len(numbers)))], [np.empty(0, np.int64)]
-        problems = Problems()
-        rows = self._rows()
-        at_once = BLOCK_ROWS if self.delimiter == "," else None
-        while block := list(islice(rows, at_once)):
-            lines.append(np.array([line for line, _ in block]))
-            if not texts and (plain := self._plain(block)) is not None:
-                parts.append(plain[:, numbers])
-                continue
-            cells = self._columns(block)
-            for own, column in zip(found, texts, strict=True):
-                own += map(str.strip, cells[column])
-            each = [self._numbers(cells[c], lines[-1], c, problems, finite) for c in numbers]
-            parts.append(np.array(each).reshape(len(numbers), len(block)).T)
-            problems.raise_if_any()
-        return np.concatenate(parts), found, np.concatenate(lines)
+        rows = list(self._rows())
+        lines = np.array([line for line, _ in rows], np.int64)
+        plain = [row for _, row in rows if isinstance(row, str)]
+        if not texts and self.delimiter == "," and len(plain) == len(rows):
+            table = read_plain(plain, ",", len(self.names))  # several times as fast
+            if table is not None:
+                return table[:, numbers], [], lines
+        cells = self._columns(rows)
+        told: list[tuple[int, str]] = []
+        found = np.empty((len(rows), len(numbers)))
+        for place, column in enumerate(numbers):
+            found[:, place], wrong = self._numbers(cells[column], finite)
+            for row in np.flatnonzero(wrong)[:10].tolist():
+                cell = printable(cells[column][row].strip()[:40])
+                what = f"{cell!r} is no number (column {printable(self.names[column])})"
+                where = f"{self.path}:{lines[row]}"
+                told.append((row, f"{where}: {what}; {MISSING_FIX}{self._hint}"))
+        if told:
+            raise input_problems([line for _, line in sorted(told, key=lambda each: each[0])])
+        return found, [[*map(str.strip, cells[column])] for column in texts], lines
 
     def _rows(self) -> Iterator[tuple[int, str | list[str]]]:
         """Yield the line and the text of each row that has content; of a quoted table its cells."""
-        if '"' not in self._text:
-            nothing = f" \t{self.delimiter}"
-            for line, text in enumerate(self._text.split("\n"), self._line):
-                if text.strip(nothing):
-                    yield line, text
+        if '"' in self._text:
+            rows = read_rows([self._text], self._line, str(self.path), self.delimiter)
+            yield from (each for each in rows if any(map(str.strip, each[1])))
             return
-        reader = csv.reader(StringIO(self._text), delimiter=self.delimiter, strict=True)
-        line = self._line
-        try:
-            for row in reader:
-                if any(map(str.strip, row)):
-                    yield line, row
-                line = self._line + reader.line_num
-        except csv.Error as error:
-            raise bad_line(f"{self.path}:{line}", error) from error
+        nothing = f" \t{self.delimiter}"
+        for line, text in enumerate(self._text.split("\n"), self._line):
+            if text.strip(nothing):
+                yield line, text
 
     def _split(self, row: str | list[str]) -> list[str]:
         return row.split(self.delimiter) if isinstance(row, str) else row
 
-    def _plain(self, block: Sequence[tuple[int, str | list[str]]]) -> Floats | None:
-        """Return rows of plain numbers alone (n, width), several times as fast; None for others."""
-        texts = [row for _, row in block if isinstance(row, str)]
-        if self.delimiter != "," or len(texts) < len(block):
-            return None
-        return read_plain(texts, self.delimiter, len(self.names))
-
-    def _columns(self, block: Sequence[tuple[int, str | list[str]]]) -> list[tuple[str, ...]]:
-        """Return the cells of some rows by column."""
+    def _columns(self, rows: Sequence[tuple[int, str | list[str]]]) -> list[tuple[str, ...]]:
+        """Return the cells of rows by column."""
         width = len(self.names)
-        rows = [self._split(row) for _, row in block]
+        split = [self._split(row) for _, row in rows]
         if self.padded:
-            rows = [cells + [""] * (width - len(cells)) for cells in rows]
-        if any(len(cells) != width for cells in rows):
-            problems = Problems()
-            for (line, _), cells in zip(block, rows, strict=True):
-                if len(cells) != width:
-                    found = f"has {len(cells)} cells for {width} columns"
-                    problems.tell(f"{self.path}:{line}: {found}; write one cell per column", line)
-            problems.raise_if_any()
-        return list(zip(*rows, strict=True))
+            split = [cells + [""] * (width - len(cells)) for cells in split]
+        told = [
+            f"{self.path}:{line}: has {len(cells)} cells for {width} columns; "
+            "write one cell per column"
+            for (line, _), cells in zip(rows, split, strict=True)
+            if len(cells) != width
+        ]
+        if told:
+            raise input_problems(told)
+        return list(zip(*split, strict=True)) or [()] * width
 
-    def _numbers(
-        self, cells: Sequence[str], lines: Integers, column: int, problems: Problems, finite: bool
-    ) -> Floats:
-        """Return a column as numbers, and note the cells that are none."""
+    def _numbers(self, cells: Sequence[str], finite: bool) -> tuple[Floats, Flags]:
+        """Return a column as numbers, and which cells are none."""
         values, strange = read_numbers(cells)
         if strange.any():
             plain = ["" if (cell := each.strip()).lower() in EMPTY else cell for each in cells]
             if self.delimiter != "," and not any("." in cell for cell in plain):
                 plain = [cell.replace(",", ".") for cell in plain]
             values, strange = read_numbers(plain)
-        wrong = strange | np.isinf(values) if finite else strange
-        for row in np.flatnonzero(wrong)[:10].tolist():
-            cell = printable(cells[row].strip()[:40])
-            what = f"{cell!r} is no number (column {printable(self.names[column])})"
-            problems.tell(
-                f"{self.path}:{lines[row]}: {what}; {MISSING_FIX}{self._hint}", int(lines[row])
-            )
-        return values
+        return values, strange | np.isinf(values) if finite else strange
 
 
 HEADER = ("scorer", "individuals", "bodyparts", "coords")
