@@ -1,37 +1,21 @@
 "use strict";
 /** Tables of a report: a click on the head of a column sorts by it. */
-(() => {
-  /** The first number in a cell, for cells such as "0.12 / 0.10" and "97.5 %"; NaN without one. */
-  function numberIn(text) {
-    return parseFloat(text.replaceAll(",", ""));
-  }
+for (const table of document.querySelectorAll("table")) {
+  /* The first number of a cell such as "0.12 / 0.10" or "97.5 %"; what has none stands last. */
+  const number = (text) => parseFloat(text.replaceAll(",", ""));
+  const compare = (a, b) => Number.isNaN(number(a)) - Number.isNaN(number(b)) || number(a) - number(b) || a.localeCompare(b);
 
-  /** Numbers before texts, then by size or alphabet; what has neither stands last. */
-  function compare(a, b) {
-    const [x, y] = [numberIn(a), numberIn(b)];
-    if (Number.isNaN(x) || Number.isNaN(y)) {
-      return Number(Number.isNaN(x)) - Number(Number.isNaN(y)) || a.localeCompare(b);
-    }
-    return x - y;
-  }
-
-  function sort(table, column, head) {
-    const down = head.getAttribute("aria-sort") === "ascending";
-    for (const other of table.tHead.rows[0].cells) other.removeAttribute("aria-sort");
-    head.setAttribute("aria-sort", down ? "descending" : "ascending");
-    const rows = [...table.tBodies[0].rows];
-    rows.sort((a, b) => (down ? -1 : 1) * compare(a.cells[column].textContent, b.cells[column].textContent));
-    table.tBodies[0].append(...rows);
-  }
-
-  for (const table of document.querySelectorAll("table")) {
-    [...table.tHead.rows[0].cells].forEach((head, column) => {
-      if (!head.textContent) return;
-      const button = document.createElement("button");
-      button.type = "button";
-      button.append(...head.childNodes);
-      button.addEventListener("click", () => sort(table, column, head));
-      head.append(button);
+  [...table.tHead.rows[0].cells].forEach((head, column) => {
+    if (!head.textContent) return;
+    const button = Object.assign(document.createElement("button"), { type: "button" });
+    button.append(...head.childNodes);
+    button.addEventListener("click", () => {
+      const sign = head.getAttribute("aria-sort") === "ascending" ? -1 : 1;
+      for (const other of table.tHead.rows[0].cells) other.removeAttribute("aria-sort");
+      head.setAttribute("aria-sort", sign > 0 ? "ascending" : "descending");
+      const text = (row) => row.cells[column].textContent;
+      table.tBodies[0].append(...[...table.tBodies[0].rows].sort((a, b) => sign * compare(text(a), text(b))));
     });
-  }
-})();
+    head.append(button);
+  });
+}

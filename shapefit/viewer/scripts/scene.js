@@ -4,9 +4,10 @@ const scene = (() => {
   const LOOKED_AT = 200; // frames of a sequence, evenly spread, that tell its size
 
   function open(page) {
-    const starts = page.sequences.map((sequence) => sequence.start);
     const count = page.items.length;
-    const sequences = page.sequences.map(({ name, start }, i) => ({ name, start, end: starts[i + 1] ?? count }));
+    const sequences = page.sequences.map(({ name, start }, i) => ({ name, start, end: page.sequences[i + 1]?.start ?? count }));
+    const owners = new Uint32Array(count); // the sequence of each frame
+    sequences.forEach(({ start, end }, i) => owners.fill(i, start, end));
     const meshes = page.meshes.map(({ vertices, faces }) => {
       const block = blocks.open(vertices);
       return { atoms: Array.from({ length: block.count }, (_, i) => block.row(i)), faces: Uint32Array.from(blocks.numbers(faces)) };
@@ -16,7 +17,7 @@ const scene = (() => {
       ...page,
       count,
       sequences,
-      sequenceOf: (frame) => lastAtMost(starts, frame),
+      sequenceOf: (frame) => owners[frame],
       together: openMoments(page.moments ? blocks.numbers(page.moments) : []),
       seen: page.seen ? blocks.open(page.seen).row : () => null,
       outliers: outliers ? outliers.row : () => [],
@@ -48,11 +49,9 @@ const scene = (() => {
 
   /** The sequences of which some frame is of one moment with one of this sequence, itself among them. */
   function groupOf(data, index) {
-    const group = new Set();
-    for (let frame = data.sequences[index].start; frame < data.sequences[index].end; frame++) {
-      for (const other of data.together(frame)) group.add(data.sequenceOf(other));
-    }
-    return [...group].sort((a, b) => a - b);
+    const { start, end } = data.sequences[index];
+    const frames = Array.from({ length: end - start }, (_, i) => data.together(start + i)).flat();
+    return [...new Set(frames.map(data.sequenceOf))].sort((a, b) => a - b);
   }
 
   /**
@@ -71,17 +70,6 @@ const scene = (() => {
       return known[Math.floor(0.95 * known.length)] ?? 0;
     });
     return { solid: most(solid), flat: most(flat) };
-  }
-
-  /** Index of the last of the ascending numbers that is at most `value`. */
-  function lastAtMost(numbers, value) {
-    let [low, high] = [0, numbers.length - 1];
-    while (low < high) {
-      const middle = (low + high + 1) >> 1;
-      if (numbers[middle] <= value) low = middle;
-      else high = middle - 1;
-    }
-    return low;
   }
 
   function openLayer(layer, meshes) {
@@ -166,6 +154,6 @@ const scene = (() => {
     return -1;
   }
 
-  return { open, find, lastAtMost, nextDoubtful };
+  return { open, find, nextDoubtful };
 })();
 if (typeof module !== "undefined") module.exports = scene;

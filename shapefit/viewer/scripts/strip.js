@@ -37,11 +37,6 @@ const strip = (() => {
     return levels.map((_, i) => i).sort((a, b) => (levels[a] === levels[b] ? a - b : levels[b] - levels[a]));
   }
 
-  /** Where the limit of a measure stands among the levels of these values; null for none. */
-  function threshold(values, measure) {
-    return Number.isFinite(measure.limit) ? badness(values, measure, [measure.limit])[0] : null;
-  }
-
   /** Draw rows [{levels, tint, limit}], one above the other, with a line where the limit is. */
   function draw(context, width, height, rows, outlier) {
     context.clearRect(0, 0, width, height);
@@ -55,7 +50,7 @@ const strip = (() => {
         context.fillRect(x, base - bar, 1, bar);
       });
       context.fillStyle = outlier;
-      if (limit !== null) context.fillRect(0, base - 2 - (tall - 4) * limit, width, 1);
+      if (Number.isFinite(limit)) context.fillRect(0, base - 2 - (tall - 4) * limit, width, 1);
     });
   }
 
@@ -64,6 +59,6 @@ const strip = (() => {
     return Math.max(0, Math.min(count - 1, Math.floor((x / width) * count)));
   }
 
-  return { badness, threshold, columnsOf, ranking, draw, frameAt };
+  return { badness, columnsOf, ranking, draw, frameAt };
 })();
 if (typeof module !== "undefined") module.exports = strip;

@@ -60,7 +60,8 @@
       const measure = layer.measures.find((m) => m.name === $("measure").value);
       if (!measure) return [];
       const values = measure.values.subarray(start, end);
-      return [{ layer, levels: strip.badness(values, measure), limit: strip.threshold(values, measure) }];
+      const [limit] = strip.badness(values, measure, [measure.limit]);
+      return [{ layer, levels: strip.badness(values, measure), limit }];
     });
   }
 
@@ -276,19 +277,12 @@
   }
 
   /** Explain the marks of the left panel that occur. */
-  function fillKey() {
-    const hidden = data.layers.some((layer) => layer.role === "result") && data.seen(0);
-    const marks = [
-      ["● observed", data.seen(0)], ["○ hidden, from the model", hidden], ["✕ outlier", data.hasOutliers],
-      ["to its fitted position", hidden, "residual-mark"], ["◍ one standard deviation", data.layers.some((layer) => layer.sd(0))],
-    ];
-    for (const [text, occurs, id] of marks) {
-      if (!occurs) continue;
-      const entry = document.createElement("li");
-      if (id) entry.append(Object.assign(document.createElement("i"), { id }));
-      entry.append(text);
-      $("marks").append(entry);
-    }
+  function showKey() {
+    const fitted = data.layers.some((layer) => layer.role === "result");
+    $("key-observed").hidden = !data.seen(0);
+    $("key-hidden").hidden = $("key-residual").hidden = !(fitted && data.seen(0));
+    $("key-outlier").hidden = !data.hasOutliers;
+    $("key-bars").hidden = !data.layers.some((layer) => layer.sd(0));
   }
 
   function fillMeasures() {
@@ -369,7 +363,7 @@
     restyle(DARK.matches);
     fillLayers();
     fillMeasures();
-    fillKey();
+    showKey();
     $("mesh-choice").hidden = $("upright-choice").hidden = !data.layers.some((layer) => layer.faces);
     $("rate").textContent = data.count > 1 ? `${data.frameRate} frames/s${data.rateKnown ? "" : " (not stated in the files)"}` : "";
     $("doubtful").hidden = !data.layers.some((layer) => layer.doubt);
