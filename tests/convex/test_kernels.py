@@ -58,13 +58,6 @@ def differences_of_prox(Q: np.ndarray, t: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", BLOCKS)
-def test_prox_of_a_block_agrees_with_the_batched_prox(name: str) -> None:
-    Q, t = BLOCKS[name]
-    prox, _, _ = derivative(Q, t, 1.0, np.zeros((3, 2)), np.zeros(6), resolvent=False)
-    np.testing.assert_allclose(prox, prox_spectral_norm(Q, t), atol=1e-14)
-
-
-@pytest.mark.parametrize("name", BLOCKS)
 def test_rows_of_the_derivative_against_finite_differences(
     rng: np.random.Generator, name: str
 ) -> None:

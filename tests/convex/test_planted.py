@@ -9,7 +9,6 @@ from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Status
 from shapefit.geometry.rotations import random_rotations
-from tests.convex.admm import solve_admm
 from tests.convex.certificate import certify_transforms
 
 LAM, BETA = 0.7, 0.4
@@ -108,15 +107,6 @@ def test_planted_optimum_has_no_gap(loss: Loss, weighted: bool) -> None:
     assert proof.objective[0] == pytest.approx(planted.objective, rel=1e-13)
     assert proof.relative_gap[0] == pytest.approx(0, abs=1e-13)
     np.testing.assert_allclose(proof.translation[0], planted.translation, atol=1e-12)
-
-
-@pytest.mark.parametrize("weighted", [False, True], ids=["plain", "weighted"])
-def test_admm_finds_the_planted_optimum(weighted: bool) -> None:
-    planted = plant(3, Loss.SQUARED, weighted=weighted)
-    found = solve_admm(planted.problem, tolerance=1e-9, max_iterations=20_000)
-    assert found.status == (Status.OPTIMAL,)
-    assert found.objective[0] == pytest.approx(planted.objective, rel=1e-9)
-    np.testing.assert_allclose(found.transforms.dense()[0], planted.transforms, atol=1e-3)
 
 
 def test_exact_recovery_of_the_paper() -> None:

@@ -53,13 +53,6 @@ def test_landmarks_that_are_nan_are_hidden() -> None:
         build_problem(given["landmarks"], given["atoms"], 0.1, weights=np.ones((3, 5)))
 
 
-def test_a_single_image_and_a_lambda_each() -> None:
-    given = arrays()
-    assert build_problem(given["landmarks"][0], given["atoms"], 0.1).landmarks.shape == (1, 2, 5)
-    lam = np.array([0.1, 0.2, 0.3])
-    assert build_problem(given["landmarks"], given["atoms"], lam).lam.tolist() == lam.tolist()
-
-
 def test_weights_of_the_exact_loss_say_only_what_is_seen() -> None:
     given = arrays(weights=np.array([[0, 1e-9, 0.5, 1, 7.0]] * 3))
     found = build_problem(
@@ -70,22 +63,3 @@ def test_weights_of_the_exact_loss_say_only_what_is_seen() -> None:
         build_problem(
             given["landmarks"], given["atoms"], 1.0, weights=-given["weights"], loss=Loss.EXACT
         )
-
-
-def test_take_keeps_the_images_asked_for() -> None:
-    problem = Problem(**arrays(lam=np.array([1.0, 2.0, 3.0])), loss=Loss.ABSOLUTE)
-    some = problem.take(np.array([2, 0]))
-    assert some.lam.tolist() == [3, 1]
-    assert (some.landmarks == problem.landmarks[[2, 0]]).all()
-    assert some.weights.shape == (2, 5)
-    assert some.loss is Loss.ABSOLUTE
-
-
-def test_bounds_of_the_dual() -> None:
-    bounds = {loss: Problem(**arrays(), loss=loss, beta=0.3).bound for loss in Loss}
-    assert bounds == {
-        Loss.SQUARED: np.inf,
-        Loss.EXACT: np.inf,
-        Loss.ABSOLUTE: 1.0,
-        Loss.SPARSE_ERROR: 0.3,
-    }

@@ -46,18 +46,6 @@ def test_the_mean_shape_knows_nothing_of_the_item(exemplars):
     np.testing.assert_array_equal(spoilt.without("polo").mean_shape, rest.mean_shape)
 
 
-def test_an_item_that_is_no_atom_changes_nothing(exemplars):
-    rest = exemplars.without("beetle")
-    np.testing.assert_array_equal(rest.atoms, exemplars.atoms)
-    np.testing.assert_allclose(rest.mean_shape, exemplars.mean_shape, atol=1e-12)
-
-
-def test_landmarks_alone_are_enough(exemplars):
-    bare = replace(exemplars, mesh_vertices=None, mesh_faces=None, atom_scale=None)
-    rest = bare.without("up")
-    assert (rest.k, rest.mesh_vertices, rest.atom_scale) == (4, None, None)
-
-
 def test_atoms_without_items_and_the_last_item_cannot_be_left_out(exemplars):
     with pytest.raises(ValueError, match="not exemplars"):
         replace(exemplars, atom_items=None).without("polo")

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from shapefit.geometry.cameras import project, turntable
-from shapefit.geometry.rotations import random_rotations
 
 # One point on each axis of the object, and one off all of them.
 POINTS = np.array([[1.0, 0, 0, 1], [0, 2, 0, 2], [0, 0, 3, 3]])
@@ -30,30 +29,8 @@ def test_the_weak_perspective_camera_scales_the_picture():
     assert np.array_equal(project(POINTS, np.eye(3), 250.0), [[250, 0, 0, 250], [0, 500, 0, 500]])
 
 
-def test_rows_of_the_rotation_are_the_axes_of_the_picture(rng):
-    shapes, R = rng.standard_normal((4, 3, 7)), random_rotations(4, rng)
-    W = project(shapes, R)
-    for image in range(4):
-        for landmark in range(7):
-            point = shapes[image, :, landmark]
-            assert W[image, 0, landmark] == pytest.approx(R[image, 0] @ point)
-            assert W[image, 1, landmark] == pytest.approx(R[image, 1] @ point)
-
-
 @pytest.mark.parametrize("up", ["x", "y", "z"])
 def test_the_turntable_starts_upright_and_turns_anticlockwise(up):
     start, quarter = project(POINTS, turntable(np.array([0, 0.25]), up))
     np.testing.assert_allclose(start, START[up], atol=1e-12)
     np.testing.assert_allclose(quarter, QUARTER[up], atol=1e-12)
-
-
-@pytest.mark.parametrize("up", ["x", "y", "z"])
-def test_the_steps_of_the_turntable_compose_to_one_full_turn(up):
-    R = turntable(np.arange(7) / 7, up)
-    axis = np.eye(3)["xyz".index(up)]
-    step = R[0].T @ R[1]
-    np.testing.assert_allclose(R @ axis, np.tile([0, 1, 0], (7, 1)), atol=1e-12)
-    np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-12)
-    for t in range(7):
-        np.testing.assert_allclose(R[t] @ step, R[(t + 1) % 7], atol=1e-12)
-    assert np.arccos((np.trace(step) - 1) / 2) == pytest.approx(2 * np.pi / 7)

@@ -5,7 +5,6 @@ import pytest
 import trimesh
 
 from shapefit.config import LearnDictConfig
-from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.geometry.rotations import random_rotations
@@ -87,12 +86,6 @@ def test_models_are_turned_onto_each_other_with_their_meshes(make, models):
     np.testing.assert_allclose(metric(dictionary, dictionary.mesh_vertices), turned, atol=1e-12)
 
 
-def test_a_list_of_landmarks_turns_them_too(make, models):
-    dictionary, _ = make(align=["a", "b", "d"])
-    alignment = generalised_procrustes(normalise(models.shapes).points, [0, 1, 3])
-    np.testing.assert_array_equal(dictionary.atoms, alignment.shapes)
-
-
 def test_the_dictionary_without_a_model_is_that_of_the_others(make, models, same_dictionary):
     whole, _ = make(align="none")
     others, _ = make(models.take([0, 1, 2, 3, 5, 6, 7, 8]), align="none")
@@ -107,32 +100,6 @@ def same_dictionary():
             np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-12)
 
     return check
-
-
-def test_models_without_mesh_and_unit_are_atoms_too(make, models):
-    bare = models.replaced(mesh_vertices=None, mesh_faces=None, unit="unknown")
-    dictionary, _ = make(bare)
-    assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
-    assert dictionary.unit == "unknown"
-
-
-def test_a_model_of_one_point_fails_and_the_others_are_atoms(make, models):
-    points = models.shapes.copy()
-    points[3] = 1.0
-    dictionary, outcomes = make(models.replaced(shapes=points))
-    assert [failure.item for failure in outcomes[0].failures] == ["model3"]
-    assert "model3" not in dictionary.atom_items
-    assert dictionary.k == len(dictionary.atom_scale) == len(dictionary.mesh_vertices) == 8
-
-
-def test_every_thins_out_the_models(make, models):
-    dictionary, _ = make(every=4)
-    assert dictionary.atom_items == ("model0", "model4", "model8")
-
-
-def test_an_unknown_landmark_is_named(make):
-    with pytest.raises(InputError, match=r"align: there is no landmark 'f'"):
-        make(align=["a", "b", "f"])
 
 
 @pytest.mark.real_data
@@ -152,25 +119,3 @@ def test_the_real_cars_stay_in_their_frame_and_their_meshes_closed(real_data, tm
         assert mesh.is_watertight
         assert mesh.is_winding_consistent
         assert mesh.volume > 0
-
-
-@pytest.mark.real_data
-def test_the_wireframes_of_fg3dcar_become_atoms(real_data, tmp_path):
-    wires = real_data / "cars" / "fg3dcar_shapes.h5"
-    config = LearnDictConfig(
-        shapes=str(wires), output=str(tmp_path / "dict.h5"), method="exemplars"
-    )
-    (first, last) = list(learn_dict.run(config))
-    dictionary, models = read_dictionary(config.output), read_shapes([wires])
-    assert first.failures == first.warnings == last.warnings == ()
-    assert dictionary.atoms.shape == (15, 3, 256)
-    assert (dictionary.unit, dictionary.mesh_vertices) == (models.unit, None)
-    np.testing.assert_array_equal(dictionary.edges, models.edges)
-
-    def lengths(shapes):
-        ends = shapes[..., models.edges]
-        return np.linalg.norm(ends[..., 0] - ends[..., 1], axis=1)
-
-    np.testing.assert_allclose(
-        lengths(metric(dictionary, dictionary.atoms)), lengths(models.shapes), rtol=1e-9
-    )

@@ -243,6 +243,16 @@ def test_a_start_is_adapted_to_the_landmarks(learn, tmp_path, class_of_shapes, s
     assert after < 0.8 * before
 
 
+def test_a_start_lifts_what_it_was_adapted_to_where_its_marks_are_absent(
+    learn, tmp_path, class_of_shapes, start
+):
+    known = read_dictionary(start)
+    marks = known.provenance | {"where_marked": f"p0:p{P - 1}"}
+    write_dictionary(start, replace(known, provenance=marks))
+    learn(class_of_shapes[:, :2, :-1], start=start)
+    assert error(lift(tmp_path), class_of_shapes[..., :-1], 1) < 0.5
+
+
 def test_a_start_that_landmarks_do_not_better_stays(
     learn, tmp_path, class_of_shapes, start, monkeypatch
 ):

@@ -78,18 +78,6 @@ def test_learned_atoms_have_sizes_in_the_unit_of_the_shapes(tmp_path, models):
     np.testing.assert_allclose(larger.atom_scale, 1000 * dictionary.atom_scale, rtol=1e-9)
 
 
-def test_shapes_without_meshes_give_atoms_without(tmp_path, models):
-    bare = models.replaced(mesh_vertices=None, mesh_faces=None)
-    dictionary, warnings = make(tmp_path, bare)
-    assert (warnings, dictionary.mesh_vertices, dictionary.mesh_faces) == ([], None, None)
-
-
-def test_bases_have_no_mesh_and_say_so(tmp_path, models):
-    dictionary, warnings = make(tmp_path, models, method="pca-bases")
-    assert (dictionary.mesh_vertices, dictionary.atom_scale) == (None, None)
-    assert warnings == ["the meshes are left out: bases are differences of shapes, not shapes"]
-
-
 def test_an_atom_that_is_no_mixture_leaves_the_meshes_out(tmp_path, models, monkeypatch):
     def learn_elsewhere(shapes, *settings, **options):
         *_, learned = learn(shapes, *settings, **options)

@@ -44,11 +44,6 @@ def make(tmp_path, shapes):
     return run
 
 
-def test_the_dictionary_knows_the_pairs(make):
-    np.testing.assert_array_equal(make(symmetry="double")[0].mirror_index, PARTNERS)
-    assert make()[0].mirror_index is None
-
-
 def test_doubled_atoms_are_the_shapes_and_their_mirror_images(make, shapes):
     dictionary, outcomes = make(symmetry="double")
     plain = normalise(shapes.shapes).points
