@@ -231,7 +231,7 @@ struct Blocked {
 };
 
 // Take a step of up to `longest` along `direction` (count,), to the first coefficient that reaches 0.
-inline Blocked go_along(ActiveSet& set, const double* direction, long count, double longest) {
+inline Blocked step_along(ActiveSet& set, const double* direction, long count, double longest) {
     Blocked blocked{-1, longest};
     for (long e = 0; e < count; ++e) {
         if ((set.x[e] + blocked.length * direction[e]) * set.sign[e] < 0)
@@ -262,7 +262,7 @@ Blocked improve(const Terms& terms, ActiveSet& set) {
     }
     double* direction = set.column;
     for (long e = 0; e < m; ++e) direction[e] = set.goal[e] - set.x[e];
-    const Blocked blocked = go_along(set, direction, m, 1);
+    const Blocked blocked = step_along(set, direction, m, 1);
     if (blocked.at < 0)
         for (long e = 0; e < m; ++e) set.x[e] = set.goal[e];
     return blocked;
@@ -281,7 +281,7 @@ Blocked exchange(const Terms& terms, ActiveSet& set) {
     for (long e = 0; e <= last; ++e) ends |= way * d[e] * set.sign[e] < 0;
     if (!ends) way = -way;
     for (long e = 0; e <= last; ++e) d[e] *= way;
-    return go_along(set, d, last + 1, INFINITE);
+    return step_along(set, d, last + 1, INFINITE);
 }
 
 constexpr long MANY = 8;  // vectors from which on they join together
@@ -313,7 +313,7 @@ bool factorise(const Terms& terms, ActiveSet& set, double dependent) {
 // Minimise over the used coefficients, with fewer of them in the end where they change sign.
 // `newest` says that the last one has just been chosen; returns whether that one left at once.
 template <class Terms>
-bool settle(const Terms& terms, ActiveSet& set, double dependent, bool newest) {
+bool minimise_used(const Terms& terms, ActiveSet& set, double dependent, bool newest) {
     while (set.count > 0) {
         const bool regular = factorise(terms, set, dependent);
         const Blocked blocked = regular ? improve(terms, set) : exchange(terms, set);
@@ -333,7 +333,7 @@ Ending minimise(Terms& terms, ActiveSet& set, double dependent, long most_rounds
     set.factor.clear();
     bool newest = false;
     for (long round = 0; round < most_rounds; ++round) {
-        const bool rejected = settle(terms, set, dependent, newest);
+        const bool rejected = minimise_used(terms, set, dependent, newest);
         long next = -1;
         double sign = 1;
         if (!terms.choose(set, next, sign)) return Ending::OPTIMAL;

@@ -21,10 +21,10 @@ namespace shapefit {
 enum class Element { NUMBER, FLAG, INDEX, STATE };  // double, bool, int64_t, uint64_t
 
 template <class T>
-constexpr Element element_of = sizeof(T) == sizeof(bool)   ? Element::FLAG
-                               : T(0.5) != T(0)            ? Element::NUMBER
-                               : T(-1) < T(0)              ? Element::INDEX
-                                                           : Element::STATE;
+constexpr Element element_of = std::is_same_v<T, double>    ? Element::NUMBER
+                               : std::is_same_v<T, bool>    ? Element::FLAG
+                               : std::is_same_v<T, int64_t> ? Element::INDEX
+                                                            : Element::STATE;
 
 // An array as Python has it: its rank is known, its elements may be written or not.
 struct AnyArray {
@@ -113,10 +113,10 @@ template <class Number>
 void give(Arguments& to, Number number) {
     if constexpr (std::is_class_v<Number>)
         number.give_to(to);
-    else if constexpr (Number(0.5) == Number(0) && Number(2) != Number(1))
-        to.give_count(static_cast<long>(number));
-    else if constexpr (sizeof(Number) == sizeof(bool))
+    else if constexpr (std::is_same_v<Number, bool>)
         to.give_flag(number);
+    else if constexpr (std::is_same_v<Number, long>)
+        to.give_count(number);
     else
         to.give_number(number);
 }

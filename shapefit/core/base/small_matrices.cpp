@@ -79,7 +79,7 @@ double norm(Matrix<const double> A) {
 }
 
 // (x, y) <- (c x - s y, s x + c y)
-void turn(double c, double s, double* __restrict x, double* __restrict y, long count) {
+void rotate_rows(double c, double s, double* __restrict x, double* __restrict y, long count) {
     for (long e = 0; e < count; ++e) {
         const double before = x[e];
         x[e] = c * before - s * y[e];
@@ -94,8 +94,8 @@ void rotate(Matrix<double> A, Matrix<double> V, long p, long q) {
     const double ratio = (qq - pp) / (2 * pq);
     const double tangent = copysign(1.0, ratio) / (magnitude(ratio) + root(1 + square(ratio)));
     const double c = 1 / root(1 + square(tangent)), s = c * tangent;
-    turn(c, s, A[p].data, A[q].data, m);
-    turn(c, s, V[p].data, V[q].data, m);
+    rotate_rows(c, s, A[p].data, A[q].data, m);
+    rotate_rows(c, s, V[p].data, V[q].data, m);
     for (long j = 0; j < m; ++j) {
         A[j][p] = A[p][j];
         A[j][q] = A[q][j];

@@ -1,5 +1,5 @@
-#include "csv_rows.hpp"
-
+// Rows of a table as text with commas: cells of text as they stand, numbers with the fewest digits
+// that read back to the same double.
 #include "../base/registry.hpp"
 
 #include <charconv>
@@ -7,6 +7,17 @@
 #include <cstring>
 
 namespace shapefit {
+
+struct CsvRowsData {
+    Arguments& from;
+    Vector<const uint64_t> letters = from("letters", "w");  // of the texts, one after another
+    Vector<const int64_t> starts = from("starts", "1+t");   // of each text, and the end of the last
+    Matrix<const int64_t> texts = from("texts", "n c");     // of each row, by their numbers
+    Matrix<const double> numbers = from("numbers", "n d");  // nan is an empty cell
+    long leading = from("leading");  // texts of a row before its numbers; the others follow them
+    bool as_python = from("as_python");  // as `repr` has numbers; else as orjson
+    Vector<uint64_t> rows = from("rows", "s");  // room for all texts, commas, 25 bytes a number
+};
 
 namespace {
 
@@ -42,6 +53,7 @@ char* put_number(char* out, double number, bool as_python) {
 
 }  // namespace
 
+// Returns the number of bytes.
 long write_csv_rows(const CsvRowsData& data) {
     const char* letters = reinterpret_cast<const char*>(data.letters.data);
     char* const start = reinterpret_cast<char*>(data.rows.data);

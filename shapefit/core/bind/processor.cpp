@@ -5,7 +5,31 @@
 #endif
 
 #if defined(__x86_64__) || defined(_M_X64)
-#include "processor.hpp"
+#ifdef _WIN32
+#include <windows.h>
+#endif
+
+namespace shapefit {
+
+#ifdef _WIN32
+inline bool runs_x86_64_v3() { return IsProcessorFeaturePresent(PF_AVX2_INSTRUCTIONS_AVAILABLE); }
+inline bool runs_x86_64_v4() { return IsProcessorFeaturePresent(PF_AVX512F_INSTRUCTIONS_AVAILABLE); }
+#else
+inline bool runs_x86_64_v3() {
+    __builtin_cpu_init();
+    return __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") &&
+           __builtin_cpu_supports("bmi") && __builtin_cpu_supports("bmi2");
+}
+
+inline bool runs_x86_64_v4() {
+    return runs_x86_64_v3() && __builtin_cpu_supports("avx512f") &&
+           __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512cd") &&
+           __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512vl");
+}
+#endif
+
+}  // namespace shapefit
+
 static const int LEVEL = shapefit::runs_x86_64_v4() ? 4 : shapefit::runs_x86_64_v3() ? 3 : 2;
 #else
 static const int LEVEL = 0;

@@ -70,7 +70,7 @@ struct Vector3 {
 struct Turned {
     Vector3 first, second;
 };
-[[gnu::always_inline]] inline Turned turn(const ActiveBlocks& a, const double* G, long c) {
+[[gnu::always_inline]] inline Turned to_frame(const ActiveBlocks& a, const double* G, long c) {
     const long n = a.room;
     const Vector3 top = load3(G, n, c), low = load3(G + 3 * n, n, c);
     const Doubles cosine = load(a.cosine + c), sine = load(a.sine + c);
@@ -176,7 +176,7 @@ void ActiveBlocks::lay_directions(double sigma, const double* moved) {
         const Vector3 v1 = load3(v, n, c), w1 = load3(w, n, c), z1 = load3(z, n, c);
         const Doubles u = load(cosine + c), s = load(sine + c);
         Turned X = {};
-        if (moved) X = turn(*this, moved, c);
+        if (moved) X = to_frame(*this, moved, c);
         const Doubles along[6] = {X.first.x[0] + X.second.x[1], X.first.x[1] - X.second.x[0],
                                 X.first.x[2],                 X.second.x[2],
                                 X.first.x[0] - X.second.x[1], X.first.x[1] + X.second.x[0]};
@@ -236,7 +236,7 @@ long ActiveBlocks::write_rows(double sigma, ReducedAtoms& atoms, const double* m
 void ActiveBlocks::apply_weights(const double* X, double* out) const {
     const long n = room;
     for (long c = 0; c < count; c += WIDTH) {
-        const Turned G = turn(*this, X, c);
+        const Turned G = to_frame(*this, X, c);
         const auto scaled = [&](int r, Doubles value) { return load(weight + r * n + c) * value; };
         const Doubles same = scaled(0, 0.5 * (G.first.x[0] + G.second.x[1]));
         const Doubles skew = scaled(1, 0.5 * (G.first.x[1] - G.second.x[0]));

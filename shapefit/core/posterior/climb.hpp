@@ -76,7 +76,7 @@ void move(const LaneView<Lanes>& from, const Lanes* theta, LaneView<Lanes>& to) 
 
 // B <- B + y y^T / <y, s> - B s s^T B / <s, B s> where <y, s> > 0.
 template <class Lanes>
-void mend(Lanes* B, const Lanes* s, const Lanes* y) {
+void update_curvature(Lanes* B, const Lanes* s, const Lanes* y) {
     Lanes Bs[VIEW], overlap = {}, square = {};
     for (int i = 0; i < VIEW; ++i) {
         Bs[i] = Lanes{};
@@ -179,7 +179,7 @@ void climb(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const
         for (int i = 0; i < VIEW; ++i) change[i] = space.found.gradient[i] - at.found.gradient[i];
         for (int e = 0; e < VIEW * VIEW; ++e)
             mended[e] = data.chance > 0 ? space.found.curvature[e] : at.curvature[e];
-        mend(mended, step, change);
+        update_curvature(mended, step, change);
         for (int e = 0; e < VIEW * VIEW; ++e)
             at.curvature[e] = select(kept, mended[e], at.curvature[e]);
         take(kept, at.view, space.view);

@@ -1,11 +1,11 @@
-// The climbs of an image side by side, as many in a block as lanes; those that go on close ranks.
+// The climbs of an image side by side, as many in a block as lanes; what has finished makes room.
 #pragma once
 
 #include "climb.hpp"
 
 namespace shapefit {
 
-constexpr long ROUNDS = 2;  // after which ranks are closed
+constexpr long ROUNDS = 2;  // after which finished climbs are dropped
 constexpr long QUICK = 16;  // rounds in single precision; what takes longer starts again in double
 constexpr long MOST_ROUNDS = 200;  // in double
 constexpr double AGREEMENT = 1;    // of single and double precision at the end, in log likelihood
@@ -150,7 +150,7 @@ inline double first_scale(const PosteriorData& data, const Observed<double>& see
 
 // One more climb, from its start.
 template <class Lanes>
-void place(const PosteriorData& data, long image, long pair, const Observed<double>& seen,
+void add_climb(const PosteriorData& data, long image, long pair, const Observed<double>& seen,
            Climbs<Lanes>& climbs) {
     const long K = data.means.size[0], lane = climbs.count % width<Lanes>;
     const double* R = data.starts[image][pair / K].data;
@@ -170,7 +170,7 @@ double value_of(const PosteriorData& data, const Climbs<Lanes>& climbs, long i) 
 
 // Those that have arrived leave, and so do those without hope to come near the best.
 template <class Lanes>
-void close_ranks(const PosteriorData& data, double least, Climbs<Lanes>& going, Search& search) {
+void drop_finished(const PosteriorData& data, double least, Climbs<Lanes>& going, Search& search) {
     const long count = going.count;
     going.count = 0;
     for (long i = 0; i < count; ++i) {
@@ -187,7 +187,7 @@ void close_ranks(const PosteriorData& data, double least, Climbs<Lanes>& going, 
 
 // At most so many rounds for all that have been placed; returns the steps taken.
 template <class Lanes>
-long go_on(const PosteriorData& data, long rounds, double margin, double& best, Side<Lanes>& going,
+long run_climbs(const PosteriorData& data, long rounds, double margin, double& best, Side<Lanes>& going,
            Search& search) {
     long steps = 0;
     going.climbs.pad();
@@ -198,7 +198,7 @@ long go_on(const PosteriorData& data, long rounds, double margin, double& best, 
     for (;; rounds -= ROUNDS) {
         for (long i = 0; i < going.climbs.count; ++i)
             best = larger(best, value_of(data, going.climbs, i));
-        close_ranks(data, best - margin, going.climbs, search);
+        drop_finished(data, best - margin, going.climbs, search);
         if (!going.climbs.count || rounds <= 0) return steps;
         for (long b = 0; b < going.climbs.blocks(); ++b) {
             fetch(search.components, b, going.climbs, going);
@@ -210,13 +210,13 @@ long go_on(const PosteriorData& data, long rounds, double margin, double& best, 
 
 // Every start under every component.
 template <class Lanes>
-void place_all(const PosteriorData& data, long image, const Observed<double>& seen,
+void add_all(const PosteriorData& data, long image, const Observed<double>& seen,
                Climbs<Lanes>& climbs) {
     climbs.count = 0;
     for (long i = 0; i < data.starts.size[1]; ++i)
         if (is_finite(data.starts[image][i].data[0]))
             for (long k = 0; k < data.means.size[0]; ++k)
-                place(data, image, data.means.size[0] * i + k, seen, climbs);
+                add_climb(data, image, data.means.size[0] * i + k, seen, climbs);
 }
 
 // The likelihood in double precision and its Hessian, where those stand that are near the best.
@@ -253,21 +253,21 @@ inline long climb_all(const PosteriorData& data, long image, double margin, Sear
     Climbs<Doubles>& arrived = search.arrived;
     double best = -INFINITE;
     going.seen.take(data, image);
-    place_all(data, image, late.seen, going.climbs);
+    add_all(data, image, late.seen, going.climbs);
     late.climbs.count = arrived.count = 0;
-    long steps = go_on(data, QUICK, margin, best, going, search);
+    long steps = run_climbs(data, QUICK, margin, best, going, search);
     for (long i = 0; i < going.climbs.count; ++i)
-        place(data, image, going.climbs.pair[i], late.seen, late.climbs);
+        add_climb(data, image, going.climbs.pair[i], late.seen, late.climbs);
     best = -INFINITE;
     for (long i = 0; i < arrived.count; ++i) best = larger(best, value_of(data, arrived, i));
-    steps += go_on(data, MOST_ROUNDS, margin, best, late, search);
+    steps += run_climbs(data, MOST_ROUNDS, margin, best, late, search);
     for (long i = 0; i < late.climbs.count; ++i) arrived.append(late.climbs, i);
     if (finish_all(data, margin, search)) return steps;
     // single precision does not do
     best = -INFINITE;
     arrived.count = 0;
-    place_all(data, image, late.seen, late.climbs);
-    steps += go_on(data, MOST_ROUNDS, margin, best, late, search);
+    add_all(data, image, late.seen, late.climbs);
+    steps += run_climbs(data, MOST_ROUNDS, margin, best, late, search);
     for (long i = 0; i < late.climbs.count; ++i) arrived.append(late.climbs, i);
     finish_all(data, margin, search);
     return steps;

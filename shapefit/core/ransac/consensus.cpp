@@ -324,7 +324,7 @@ void keep_better(const SeenLandmarks& seen, double gain, const double* inside, B
 
 // Fit a drawn pose to its inliers and judge again, until they stay or `most` times; a fit that gains
 // less than the pose before it does not replace it. A pose with no inliers but its triple is not fitted.
-void settle(const SeenLandmarks& seen, const Tolerance& tolerance, long most, WeakPose& pose,
+void refine_pose(const SeenLandmarks& seen, const Tolerance& tolerance, long most, WeakPose& pose,
             Inside& inside, Best& best, Vector<bool> inliers) {
     keep_better(seen, judge(seen, pose, tolerance, inside.now), inside.now, best, inliers);
     for (long round = 0; round < most && sum(inside.now, seen.count) > TRIPLE; ++round) {
@@ -373,7 +373,7 @@ void compete(const SeenLandmarks& seen, const Triple* triples, int count, long m
             if (!(gains[side][lane] > best.drawn)) continue;
             best.drawn = gains[side][lane];
             WeakPose pose = pose_of_lane(poses[side], lane);
-            settle(seen, tolerance, most, pose, inside, best, inliers);
+            refine_pose(seen, tolerance, most, pose, inside, best, inliers);
         }
 }
 
