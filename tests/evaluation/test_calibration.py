@@ -8,6 +8,7 @@ from shapefit.evaluation.calibration import (
     CURVE,
     ErrorBars,
     by_group,
+    correlations_of,
     cover,
     curve,
     find_squares,
@@ -104,6 +105,17 @@ def test_an_image_that_no_scale_above_zero_fits_is_not_judged(rng):
     level, width = find_levels(estimate, truth, deviations_of(C)[0], None)
     assert np.isnan(level).all(axis=1).tolist() == [False, True]
     assert np.isnan(width).all(axis=1).tolist() == [False, True]
+
+
+def test_correlations_are_those_of_each_landmark_in_a_whole_covariance(rng):
+    L = rng.standard_normal((3, 12, 12)) * rng.uniform(0.01, 10, (3, 12, 1))
+    whole = L @ L.swapaxes(1, 2)
+    found = correlations_of(whole)
+    for image in range(3):
+        for j in range(4):
+            C = whole[image, 3 * j : 3 * j + 3, 3 * j : 3 * j + 3]
+            one = C / np.sqrt(np.outer(np.diag(C), np.diag(C)))
+            np.testing.assert_allclose(found[image, :, j], [one[a, b] for a, b in PAIRS])
 
 
 def test_quantiles_are_those_of_chi_squared():
