@@ -11,6 +11,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from shapefit import core
 from shapefit.convex.problem import Problem, build_problem
@@ -40,8 +41,10 @@ def main() -> None:
     corners = q * np.sign(np.einsum("le,lae->la", q[:, 0], q))[..., None]
     turns = np.linspace(-REACH, REACH, STEPS)
     x, y = np.meshgrid(turns, turns)
-    R = turned(np.deg2rad(np.stack([x, y, 0 * x], axis=-1)).reshape(-1, 3)) @ best.rotation[0]
-    cell = find_cells(as_quaternions(R), corners).reshape(x.shape)
+    about = Rotation.from_rotvec(np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3), degrees=True)
+    turned = about * Rotation.from_matrix(best.rotation[0])
+    R = turned.as_matrix()
+    cell = find_cells(turned.as_quat(scalar_first=True), corners).reshape(x.shape)
     value = objectives(problem, R).reshape(x.shape) / best.objective[0]
 
     figure, axes = plt.subplots(1, 2, figsize=(9.2, 4.4), layout="constrained", sharey=True)
@@ -66,25 +69,6 @@ def made_problem() -> Problem:
     truth = read_shapes([PROJECT / "sample_data/people_test.h5"]).shapes[40:41]
     view = rotation_about(np.array([0.3, 1.0, 0.0]), np.array([0.7]))
     return build_problem(normalise((view @ truth)[:, :2]).points, normalise(atoms).points, 0.1)
-
-
-def turned(turns: Floats) -> Floats:
-    """Rotations (m, 3, 3) by |turn| about turns (m, 3)."""
-    angle = np.linalg.norm(turns, axis=1)
-    axis = turns / np.maximum(angle, 1e-300)[:, None]
-    return np.concatenate(
-        [rotation_about(a, np.array([t])) for a, t in zip(axis, angle, strict=True)]
-    )
-
-
-def as_quaternions(R: Floats) -> Floats:
-    """Unit quaternions (m, 4) of rotations (m, 3, 3): top eigenvectors (Bar-Itzhack 2000)."""
-    t = np.trace(R, axis1=1, axis2=2)
-    v = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], 1)
-    K = np.zeros((len(R), 4, 4))
-    K[:, 0, 0], K[:, 0, 1:], K[:, 1:, 0] = t, v, v
-    K[:, 1:, 1:] = R + R.swapaxes(1, 2) - t[:, None, None] * np.eye(3)
-    return np.linalg.eigh(K)[1][:, :, -1]
 
 
 def find_cells(q: Floats, corners: Floats) -> NDArray[np.intp]:
