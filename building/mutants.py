@@ -29,6 +29,9 @@ ROOMS = (
 )
 """Rooms whose files are changed, below `shapefit/`."""
 
+THROUGH_A_COMMAND = {"evaluation": "pipelines/evaluate", "verification": "pipelines/verify"}
+"""Rooms that are tested above all through a command, and the folder of those tests."""
+
 COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
     ast.Lt: ast.LtE,
     ast.LtE: ast.Lt,
@@ -182,6 +185,8 @@ def nearest_tests(path: Path) -> list[str]:
     own = [*folder.glob(f"test_{inside.name}*.py")]
     if (PROJECT / "tests" / inside).is_dir():
         own.append(PROJECT / "tests" / inside)
+    if inside.parts[0] in THROUGH_A_COMMAND:
+        own.append(PROJECT / "tests" / THROUGH_A_COMMAND[inside.parts[0]])
     return [*map(str, own), str(folder)]
 
 

@@ -49,3 +49,5 @@ def test_the_nearest_tests_mirror_a_file(script):
     own, folder = script.nearest_tests(file)[0], script.nearest_tests(file)[-1]
     assert own.endswith("tests/geometry/test_procrustes.py")
     assert folder.endswith("tests/geometry")
+    through = script.nearest_tests(PROJECT / "shapefit/verification/tree.py")
+    assert any(place.endswith("tests/pipelines/verify") for place in through)
