@@ -38,23 +38,23 @@ MEANS: Mapping[str, float] = {name: parameter.mean for name, parameter in THETA.
 class Joints:
     """known, the joints of the dictionary; parts by the landmarks of the files that mark one.
 
-    stand_ins: the landmarks that stand for a joint, one or the mean of some.
+    markers: the landmarks that stand for a joint, one or the mean of some.
     """
 
     known: tuple[str, ...]
     parts: Mapping[str, Part]
-    stand_ins: Mapping[str, tuple[str, ...]]
+    markers: Mapping[str, tuple[str, ...]]
 
     @property
     def names(self) -> dict[str, str]:
         """The landmark in whose column the images have each joint -> that joint."""
-        return {landmarks[0]: joint for joint, landmarks in self.stand_ins.items()}
+        return {landmarks[0]: joint for joint, landmarks in self.markers.items()}
 
     @property
     def parameters(self) -> tuple[str, ...]:
         """The parameters that move a landmark of the files."""
         used = {
-            name for ls in self.stand_ins.values() for each in ls for name in self.parts[each].along
+            name for ls in self.markers.values() for each in ls for name in self.parts[each].along
         }
         return tuple(name for name in THETA if name in used)
 
@@ -73,14 +73,14 @@ class Joints:
     def matrix(self, theta: Mapping[str, float]) -> Floats:
         """A (p, p), the identity where no landmark stands for a joint."""
         A = np.eye(len(self.known))
-        for joint, landmarks in self.stand_ins.items():
+        for joint, landmarks in self.markers.items():
             A[self.known.index(joint)] = self.rows(landmarks, theta).mean(axis=0)
         return A
 
     def apart(self) -> Floats:
         """Standard deviations (p,) of the landmarks from A x."""
         found = np.zeros(len(self.known))
-        for joint, landmarks in self.stand_ins.items():
+        for joint, landmarks in self.markers.items():
             found[self.known.index(joint)] = self.parts[landmarks[0]].apart
         return found
 
@@ -105,23 +105,23 @@ def find_joints(own: Sequence[str], known: Sequence[str], *, in_place: bool = Tr
     head in place of ears, together if they are pairs, and none if they are alike. Without
     `in_place` landmarks are taken to lie where the joints do, each for itself.
     """
-    strange = [name for name in own if name not in set(known)]
+    unknown = [name for name in own if name not in set(known)]
     parts = {
         name: part
-        for name, part in people_parts(strange).items()
+        for name, part in people_parts(unknown).items()
         if set(part.fixed).union(*part.along.values()) <= set(known) and (in_place or part.alone)
     }
     if not in_place:
         at = {name: part.joint for name, part in parts.items() if part.joint is not None}
         parts = {name: Part(joint, {joint: 1.0}) for name, joint in at.items()}
-    stand_ins: dict[str, tuple[str, ...]] = {}
+    markers: dict[str, tuple[str, ...]] = {}
     for joint in known:
         meant = [name for name, part in parts.items() if part.joint == joint and joint not in own]
         least = min((parts[name].apart for name in meant), default=0.0)
         nearest = tuple(name for name in meant if parts[name].apart == least)
         if nearest and (len(nearest) == 1 or not any(parts[name].alone for name in nearest)):
-            stand_ins[joint] = nearest
-    return Joints(tuple(known), parts, stand_ins)
+            markers[joint] = nearest
+    return Joints(tuple(known), parts, markers)
 
 
 def of_files(dictionary: Dictionary, own: Sequence[str], *, in_place: bool = True) -> Dictionary:
@@ -129,10 +129,10 @@ def of_files(dictionary: Dictionary, own: Sequence[str], *, in_place: bool = Tru
     if WHERE_MARKED not in dictionary.provenance:
         return dictionary
     joints = find_joints(own, dictionary.landmark_names, in_place=in_place)
-    return dictionary.marked({*own, *joints.stand_ins})
+    return dictionary.marked({*own, *joints.markers})
 
 
-def find_hung(dictionary: Dictionary) -> Integers | None:
+def find_dependents(dictionary: Dictionary) -> Integers | None:
     """Return what each landmark (p,) hangs on, -1 for nothing; None where none does."""
     return dictionary.depends_on if dictionary.provenance.get(WHERE_MARKED) else None
 
@@ -143,7 +143,7 @@ def named_as_joints(images: LandmarkSet, joints: Joints, place: str) -> Landmark
         return images
     landmarks, confidence = images.landmarks, images.confidence
     weights = images.weights()
-    for several in joints.stand_ins.values():
+    for several in joints.markers.values():
         if len(several) == 1:
             continue
         columns = [images.landmark_names.index(name) for name in several]
@@ -160,21 +160,21 @@ def named_as_joints(images: LandmarkSet, joints: Joints, place: str) -> Landmark
 
 
 @dataclass(frozen=True)
-class Mapped:
+class LandmarkMap:
     """Landmarks y = A(theta) x of the joints x of a dictionary.
 
     active, whether they are not the joints themselves; keep_covariance: that of all joints is
-    wanted in the result; hung, see `find_hung`, and the misfit.
+    wanted in the result; depends_on, see `find_dependents`, and the misfit.
     """
 
     joints: Joints
     theta: Mapping[str, float]
     active: bool
     keep_covariance: bool = False
-    hung: Integers | None = None
+    depends_on: Integers | None = None
     misfit: float = 0.0
 
-    def see(self, dictionary: Dictionary) -> Dictionary:
+    def apply(self, dictionary: Dictionary) -> Dictionary:
         """Return the dictionary of the landmarks."""
         if not self.active:
             return dictionary
@@ -189,12 +189,12 @@ class Mapped:
         """
         if not self.active:
             return lifting, {}
-        if self.hung is not None:
-            lifting = place_aside(lifting, landmarks, seen, self.hung, self.misfit)
+        if self.depends_on is not None:
+            lifting = place_aside(lifting, landmarks, seen, self.depends_on, self.misfit)
         A, names = self.joints.matrix(self.theta), tuple(self.joints.parts)
         rows = self.joints.rows(names, self.theta) @ np.linalg.inv(A)
-        stand_ins = {name for several in self.joints.stand_ins.values() for name in several}
-        apart = [0.0 if name in stand_ins else self.joints.parts[name].apart for name in names]
+        markers = {name for several in self.joints.markers.values() for name in several}
+        apart = [0.0 if name in markers else self.joints.parts[name].apart for name in names]
         shown = see_rows(rows, lifting.shapes, lifting.estimate.covariance, np.array(apart))
         per_item: dict[str, NDArray[Any]] = {INPUT_SHAPES: shown.points.swapaxes(1, 2)}
         if shown.deviation is not None and shown.correlation is not None:
@@ -226,14 +226,14 @@ def match_names(
     joints = find_joints(own, known, in_place=in_place)
     renamed = joints.rename(own)
     check_enough(renamed, known, place)
-    return joints, find_strange(renamed, known)
+    return joints, find_unknown(renamed, known)
 
 
-def find_strange(own: Sequence[str], known: Sequence[str]) -> list[str]:
+def find_unknown(own: Sequence[str], known: Sequence[str]) -> list[str]:
     """List the landmarks that the dictionary lacks and a fit can do without: three others match."""
     theirs = set(known)
-    strange = [name for name in own if name not in theirs]
-    return strange if len(own) - len(strange) >= FEWEST_LANDMARKS else []
+    unknown = [name for name in own if name not in theirs]
+    return unknown if len(own) - len(unknown) >= FEWEST_LANDMARKS else []
 
 
 def check_enough(own: Sequence[str], known: Sequence[str], place: str) -> None:
@@ -278,32 +278,32 @@ def name_warnings(own: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
     joints = find_joints(own, known)
     if joints.names:
         return ()
-    strange = find_strange(own, known)
-    return left_out_landmarks(strange, [name for name in known if name not in set(own)])
+    unknown = find_unknown(own, known)
+    return left_out_landmarks(unknown, [name for name in known if name not in set(own)])
 
 
-def said_of_names(own: Sequence[str], known: Sequence[str]) -> str:
+def describe_names(own: Sequence[str], known: Sequence[str]) -> str:
     """Say how many landmarks stand for joints of the dictionary; nothing where none do."""
     joints = find_joints(own, known)
-    taken = sum(map(len, joints.stand_ins.values()))
+    taken = sum(map(len, joints.markers.values()))
     return f"{taken} of {counted(len(own), 'landmark')} taken for joints of people" if taken else ""
 
 
-def left_out_landmarks(strange: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
+def left_out_landmarks(unknown: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
     """Warn of landmarks that the dictionary lacks, with the names that they may mean."""
-    if not strange:
+    if not unknown:
         return ()
-    pairs = _likely_pairs(strange[:COMPARED], known)
+    pairs = _likely_pairs(unknown[:COMPARED], known)
     hint = f"; if they are the same: {_as_rename(pairs)}" if pairs else ""
-    found = f"{counted(len(strange), 'landmark')} left out, which the dictionary lacks"
-    return (f"{found} ({abbreviate(strange)}){hint}",)
+    found = f"{counted(len(unknown), 'landmark')} left out, which the dictionary lacks"
+    return (f"{found} ({abbreviate(unknown)}){hint}",)
 
 
-def _likely_pairs(strange: Sequence[str], known: Sequence[str]) -> dict[str, str]:
+def _likely_pairs(unknown: Sequence[str], known: Sequence[str]) -> dict[str, str]:
     """Return the names that look most alike, the file's to the dictionary's."""
     near = {
         name: [each for each in nearest_names(name, known) if not _opposite(name, each)]
-        for name in strange
+        for name in unknown
     }
     return {name: close[0] for name, close in near.items() if close}
 

@@ -1,12 +1,20 @@
-"""`project`: 3D shapes in, synthetic 2D landmarks with the true rotation out."""
+"""`project`: 3D shapes in, synthetic 2D landmarks with the true rotation out.
+
+Random numbers belong to the seed, the purpose, and the position of the image: they are drawn for
+whole batches of `BATCH` images, from a stream of their own for each batch and purpose. So what
+happens to an image does not depend on how many follow, and less noise leaves the same landmarks
+hidden.
+"""
 
 from __future__ import annotations
 
 import json
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
+from enum import IntEnum
+from itertools import chain
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit import __version__
 from shapefit.arrays import Floats
@@ -16,7 +24,6 @@ from shapefit.geometry.rotations import random_rotations
 from shapefit.io import (
     LandmarkSet,
     ShapeSet,
-    ShapeSource,
     check_output,
     digests,
     landmark_writer,
@@ -24,38 +31,21 @@ from shapefit.io import (
 )
 from shapefit.io.layout import CORRUPTED, free_names
 from shapefit.io.options import input_options
-from shapefit.pipelines.imperfections import (
-    BATCH,
-    Purpose,
-    add_noise,
-    hide,
-    stream,
-)
 from shapefit.pipelines.outcome import Outcome, nothing_in
 
+BATCH = 1024
+"""Images whose random numbers are drawn together."""
 
-def sequence_lengths(source: ShapeSource) -> Counter[str]:
-    """Count the frames of each sequence."""
-    lengths: Counter[str] = Counter()
-    for names in source.sequences():
-        lengths.update(names)
-    return lengths
+LEAST_VISIBLE = 3
+"""Landmarks of an image that are never hidden."""
 
 
-class Turntable:
-    """Counts the frames of each sequence: frame t of n has made t / n of a turn."""
+class Purpose(IntEnum):
+    """What a stream of random numbers is for; the values are part of what a seed means."""
 
-    def __init__(self, lengths: Mapping[str, int]) -> None:
-        self._length = lengths
-        self._seen: Counter[str] = Counter()
-
-    def turns(self, sequences: Sequence[str]) -> Floats:
-        """Return the turns (n,) of the next n frames, which belong to these sequences."""
-        turns = np.empty(len(sequences))
-        for frame, name in enumerate(sequences):
-            turns[frame] = self._seen[name] / self._length[name]
-            self._seen[name] += 1
-        return turns
+    VIEW = 0
+    NOISE = 1
+    HIDDEN = 2
 
 
 TRUE_ROTATION = "true_rotation"
@@ -81,9 +71,11 @@ def run(config: ProjectConfig) -> Iterator[Outcome]:
         open_shapes(config.shapes, input_options(config.input)) as source,
         landmark_writer(config.output) as writer,
     ):
-        turntable = Turntable(sequence_lengths(source))
+        names = np.array(list(chain.from_iterable(source.sequences())), dtype=str)
+        turns = turns_of(names if len(names) else np.array([""] * source.count))
         for batch, part in enumerate(source.batches(BATCH)):
-            rotations = _rotations(config, turntable.turns(_sequences(part)), batch)
+            first = batch * BATCH
+            rotations = _rotations(config, turns[first : first + len(part)], batch)
             writer.append(_images(part, rotations, config, batch))
             yield Outcome(done=len(part), total=source.count)
         writer.attributes.update(
@@ -95,9 +87,14 @@ def run(config: ProjectConfig) -> Iterator[Outcome]:
     yield Outcome(total=source.count, warnings=warnings, written=(config.output,))
 
 
-def _sequences(shapes: ShapeSet) -> Sequence[str]:
-    """Name the sequence of each shape; shapes without sequences are one sequence."""
-    return ("",) * len(shapes) if shapes.sequences is None else shapes.sequences
+def turns_of(sequences: NDArray[np.str_]) -> Floats:
+    """Return the turns (n,) of n images: frame t of a sequence of m frames has made t / m."""
+    _, which, counts = np.unique(sequences, return_inverse=True, return_counts=True)
+    order = np.argsort(which, kind="stable")
+    frame = np.empty(len(sequences))
+    frame[order] = np.arange(len(sequences)) - (np.cumsum(counts) - counts)[which[order]]
+    turns: Floats = frame / counts[which]
+    return turns
 
 
 def _rotations(config: ProjectConfig, turns: Floats, batch: int) -> Floats:
@@ -131,3 +128,37 @@ def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, batch: i
         columns={**further, TRUE_ROTATION: rotations},
         of_file=[names[name] for name in shapes.of_file],
     )
+
+
+def stream(seed: int, purpose: Purpose, batch: int) -> np.random.Generator:
+    """Return the random numbers of one purpose for images batch * BATCH, ... of the set."""
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(purpose, batch)))
+
+
+def add_noise(landmarks: Floats, deviation: float, rng: np.random.Generator) -> Floats:
+    """W + deviation * N(0, 1), landmarks (n, 2, p), n <= BATCH."""
+    n, *rest = landmarks.shape
+    return landmarks + deviation * rng.standard_normal((BATCH, *rest))[:n]
+
+
+def hide(landmarks: Floats, share: float, rng: np.random.Generator) -> Floats:
+    """Set a random `share` of the landmarks (n, 2, p) of each image to NaN, n <= BATCH.
+
+    The number hidden in an image is share * p, rounded up or down at random so that the share
+    holds on average; at least LEAST_VISIBLE landmarks stay.
+    """
+    n, _, p = landmarks.shape
+    hidden = _choose(np.ones((n, p), bool), share, p - LEAST_VISIBLE, rng)
+    return np.where(hidden[:, None], np.nan, landmarks)
+
+
+def _choose(
+    candidates: NDArray[np.bool_], share: float, most: int, rng: np.random.Generator
+) -> NDArray[np.bool_]:
+    """Choose share * count of the candidates (n, p) of each image at random, `most` at most."""
+    n, p = candidates.shape
+    rounding = rng.random(BATCH)[:n]
+    keys = np.where(candidates, rng.random((BATCH, p))[:n], np.inf)
+    number = np.floor(share * candidates.sum(axis=1) + rounding).clip(0, max(most, 0))
+    rank = keys.argsort(axis=1).argsort(axis=1)
+    return rank < number[:, None]

@@ -499,7 +499,7 @@ def false_joints(
     stated: Mapping[str, Any], joints: Joints, dictionary: Dictionary, fit: Fit
 ) -> list[tuple[str, str]]:
     """Return what a result states falsely of how landmarks of the files stand for joints."""
-    maps = fit.has_posterior and bool(joints.stand_ins or (dictionary.depends_on >= 0).any())
+    maps = fit.has_posterior and bool(joints.markers or (dictionary.depends_on >= 0).any())
     names = tuple(joints.parts) if maps else ()
     theta = fit.key("theta", MEANS)
     wrong = []

@@ -16,7 +16,7 @@ from shapefit.pipelines.joints import (
     MEANS,
     check_enough,
     find_joints,
-    find_strange,
+    find_unknown,
     left_out_landmarks,
     name_warnings,
     named_as_joints,
@@ -77,7 +77,7 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     seen = named_as_joints(as_detected(images, skeleton), joints, "here")
     seen = seen.arrange(names, "here", leave_out=True)
     points = images.arrange(names, "here", leave_out=True).landmarks @ A.T
-    points[..., [j for j, name in enumerate(names) if name not in joints.stand_ins]] = np.nan
+    points[..., [j for j, name in enumerate(names) if name not in joints.markers]] = np.nan
     np.testing.assert_allclose(seen.landmarks, points, atol=1e-9)
     write_dictionary(tmp_path / "seen.h5", mapped(people, A, joints.apart()))
     direct, _ = lift(
@@ -187,7 +187,7 @@ def test_the_convex_program_takes_landmarks_where_joints_are(images, lift):
 
 def test_nothing_changes_where_names_match(images):
     joints = find_joints(images.landmark_names, images.landmark_names)
-    assert joints.stand_ins == {}
+    assert joints.markers == {}
     assert named_as_joints(images, joints, "here") is images
 
 
@@ -206,7 +206,7 @@ def test_other_dictionaries_are_left_alone():
 def test_three_names_that_match_are_enough():
     own = ("rhip", "lhip", "head", "LKnee")
     check_enough(own, PEOPLE, "here")
-    assert find_strange(own, PEOPLE) == ["LKnee"]
+    assert find_unknown(own, PEOPLE) == ["LKnee"]
     check_enough(("rhip",), PEOPLE, "here")
     check_enough((), PEOPLE, "here")
 
@@ -257,7 +257,7 @@ def test_hints_keep_to_one_side(name, meant):
 def test_two_ears_for_a_head_are_as_sure_as_the_mean_of_those_seen():
     own = (*PEOPLE[:6], "left_ear", "right_ear")
     joints = find_joints(own, PEOPLE)
-    assert joints.stand_ins["head"] == ("left_ear", "right_ear")
+    assert joints.markers["head"] == ("left_ear", "right_ear")
     confidence = np.full((3, 8), 0.7)
     confidence[:, 6:] = [[0.9, 0.5], [0.0, 0.6], [0.0, 0.0]]
     images = LandmarkSet(

@@ -27,7 +27,7 @@ from shapefit.io.skeletons import SKELETONS, Skeleton
 from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.fit.camera import find_camera
 from shapefit.pipelines.fit.lift import lift_images
-from shapefit.pipelines.joints import MEANS, Mapped, find_joints, named_as_joints, of_files
+from shapefit.pipelines.joints import MEANS, LandmarkMap, find_joints, named_as_joints, of_files
 
 FACTORS = (0.25, 0.5, 2.0, 4.0)
 """Of the focal length, that are tried beside the measured one."""
@@ -91,7 +91,7 @@ def lift_sample(
         other = arranged.replaced(landmark_names=tuple(names[j] for j in partner))
         arranged = other.arrange(names, "landmarks")
     theta = {**MEANS, **(config.theta or {})}
-    seen = Mapped(joints, theta, bool(joints.stand_ins)).see(known)
+    seen = LandmarkMap(joints, theta, bool(joints.markers)).apply(known)
     single = config.model_copy(update={"method": "posterior"})
     return lift_images(arranged, seen, single, dependent=dependent, plausibility=plausibility)
 

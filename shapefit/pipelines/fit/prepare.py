@@ -42,8 +42,8 @@ from shapefit.pipelines.items import spread
 from shapefit.pipelines.joints import (
     MEANS,
     Joints,
-    Mapped,
-    find_hung,
+    LandmarkMap,
+    find_dependents,
     find_joints,
     is_of_people,
     match_names,
@@ -94,7 +94,7 @@ class Setup:
 
     config: FitConfig
     dictionary: Dictionary
-    mapped: Mapped
+    mapped: LandmarkMap
     seen: Dictionary
     camera: CalibratedCamera | None
     lengths: Floats | None
@@ -119,20 +119,20 @@ def set_up(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence[s
         found = f"cannot be stored in {config.output}: CSV holds points only"
         raise input_error("transforms", found, "name an HDF5 output, or leave it out")
     place = ", ".join(map(str, config.landmarks)) + ": landmark names"
-    joints, strange = match_names(
+    joints, unknown = match_names(
         landmark_names, dictionary.landmark_names, place, in_place=method.has_prior
     )
     calibrated = find_calibrated(config.camera)
-    hung = find_hung(dictionary)
-    mapped = Mapped(
+    dependents = find_dependents(dictionary)
+    mapped = LandmarkMap(
         joints,
         config.theta or MEANS,
-        method.has_prior and bool(joints.stand_ins or hung is not None),
+        method.has_prior and bool(joints.markers or dependents is not None),
         config.posterior.covariance,
-        hung,
+        dependents,
         find_misfit(config, dictionary),
     )
-    seen, lengths = mapped.see(dictionary), None
+    seen, lengths = mapped.apply(dictionary), None
     check_needs(config, seen)
     if method.sequences and config.sequences.lengths is not None:
         from shapefit.pipelines.fit.sequences import find_lengths
@@ -149,7 +149,7 @@ def set_up(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence[s
         camera=calibrated,
         lengths=lengths,
         place=place,
-        leave_out=bool(strange),
+        leave_out=bool(unknown),
     )
 
 
@@ -341,7 +341,7 @@ def with_theta(
     joints = find_joints(sample.landmark_names, dictionary.landmark_names)
     given: Mapping[str, float] = config.theta or {}
     names = [name for name in joints.parameters if name not in given]
-    if not joints.stand_ins:
+    if not joints.markers:
         return config, ()
     if not names or not len(sample):
         return config.model_copy(update={"theta": {**MEANS, **given}}), ()

@@ -43,7 +43,7 @@ from shapefit.pipelines.fit.prepare import (
 )
 from shapefit.pipelines.fit.record import as_result, warn_of_names
 from shapefit.pipelines.fit.report import Report
-from shapefit.pipelines.joints import name_warnings, named_as_joints, said_of_names
+from shapefit.pipelines.joints import describe_names, name_warnings, named_as_joints
 from shapefit.pipelines.outcome import Outcome, nothing_in
 from shapefit.pipelines.overlap import side_by_side
 from shapefit.stores import UrlPath, local_copy, on_threads
@@ -97,7 +97,7 @@ def run(
             warnings = (*estimates.warnings, *warn_of(source, setup), *report.warnings)
     known = setup.dictionary.landmark_names
     of_writer = warn_of_rate(config, source, writer.summary.warnings)
-    said = (say_y(source), *estimates.lines, said_of_names(source.head.landmark_names, known))
+    said = (say_y(source), *estimates.lines, describe_names(source.head.landmark_names, known))
     yield Outcome(
         total=source.count,
         warnings=warnings + exports.warnings + of_writer,

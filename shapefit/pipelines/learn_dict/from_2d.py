@@ -370,7 +370,7 @@ def adapt_to_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Learn
     out = first_part(some)
     judged = some.take(out)
     trial = yield from adapted(~out)
-    before, after = predict_hidden(judged, seen_start), predict_hidden(judged, joints.see(trial))
+    before, after = predict_hidden(judged, seen_start), predict_hidden(judged, joints.apply(trial))
     gain = after.log_density - before.log_density
     gain = gain[np.isfinite(gain)]
     deviation = gain.std() / np.sqrt(len(gain)) if len(gain) else np.nan
