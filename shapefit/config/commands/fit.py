@@ -118,8 +118,7 @@ class FitConfig(CommandConfig):
     default it is as large as the training shapes of the dictionary."""
     partition: int = Field(default=100_000, ge=1)
     """With a folder as output, images per part: of a large HDF5 file, rounded up to a
-    multiple of 64, or to whole sequences where those are lifted; of small files together, guessed
-    by their bytes."""
+    multiple of 64, or to whole sequences where those are lifted."""
     scheduler: str | None = Field(default=None, min_length=1)
     """Address of a running Dask scheduler that the parts are sent to."""
     scheduler_file: OptionalInputPath = None
