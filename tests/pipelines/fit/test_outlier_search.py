@@ -94,16 +94,6 @@ def labels_of(image, dictionary, method):
     return (visible & ~agreed.inliers)[0]
 
 
-@pytest.mark.parametrize("chunk", [1, 7])
-def test_labels_of_ransac_depend_neither_on_chunks_nor_on_order(chunk, run, views, rng):
-    spoilt, _ = spoil(views, 0.6, rng)
-    search = {"method": "ransac"}
-    found, _ = run(spoilt, outliers=search)
-    order = rng.permutation(len(spoilt))
-    again, _ = run(spoilt.take(order), outliers=search, chunk=chunk, threads=2)
-    np.testing.assert_array_equal(again.columns["outliers"], found.columns["outliers"][order])
-
-
 def test_a_seed_belongs_to_the_name_of_an_image(views):
     seeds = find_seeds(views)
     assert len(set(seeds.tolist())) == len(views)

@@ -9,7 +9,6 @@ import h5py
 import numpy as np
 import pytest
 
-import shapefit
 from shapefit.config import FitConfig
 from shapefit.config.named_files import find_dictionaries
 from shapefit.io import LandmarkSet, read_dictionary
@@ -136,24 +135,21 @@ def test_two_recordings_in_one_run_and_in_parts_are_the_same_bits(halves, tmp_pa
     assert len(lines) == 1
 
 
-@pytest.mark.parametrize("keys", [{}, {"partition": 1}, {"partition": 64}, {"workers": 2}])
-@pytest.mark.parametrize("names", [("both",), ("a", "b"), ("part0", "part1")])
+@pytest.mark.parametrize(
+    ("names", "keys"),
+    [
+        (("a", "b"), {}),
+        (("a", "b"), {"partition": 64}),
+        (("part0", "part1"), {"workers": 2}),
+        (("both",), {"partition": 1}),
+    ],
+)
 def test_files_and_parts_are_the_same_bits(halves, tmp_path, names, keys):
-    if "workers" in keys:
-        pytest.importorskip("distributed")
     inputs = [halves / f"{name}.h5" for name in names]
     output = f"{tmp_path}/parts/" if keys else tmp_path / "one.h5"
     fit(inputs, output, **keys)
     written = tmp_path / ("parts" if keys else "one.h5")
     np.testing.assert_array_equal(shapes_in(written), shapes_in(halves / "result.h5"))
-
-
-def test_python_has_the_same_bits(halves):
-    images = shapefit.read_landmarks(halves / "both.h5")
-    found = shapefit.fit(images, "people", method="posterior")
-    save_config = ["-d", "people", "-o", str(halves / "named.h5"), "--set", "method=posterior"]
-    subprocess.run([COMMAND, "fit", halves / "both.h5", *save_config], check=True)
-    np.testing.assert_array_equal(found.shapes, shapes_in(halves / "named.h5"))
 
 
 def test_the_manifest_holds_what_was_estimated_and_a_later_run_takes_it(halves, tmp_path):

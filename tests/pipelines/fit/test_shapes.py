@@ -67,25 +67,6 @@ class TestShapes:
         assert (left[0] > 1.5 * left[1]).all()
         assert (left[1] > 1.5 * left[2]).all()
 
-    def test_what_lies_under_a_confidence_of_zero_is_irrelevant(self, fit, dictionary, images):
-        confidence = np.ones((8, 10))
-        confidence[:, 3] = 0
-        first = LandmarkSet(
-            landmarks=images.landmarks, confidence=confidence, landmark_names=NAMES,
-            items=images.items,
-        )  # fmt: skip
-        garbage = images.landmarks.copy()
-        garbage[:, :, 3] = 1e9
-        second = LandmarkSet(
-            landmarks=garbage, confidence=confidence, landmark_names=NAMES, items=images.items
-        )
-        a, _ = fit(dictionary, first)
-        b, _ = fit(dictionary, second)
-        np.testing.assert_array_equal(a.shapes, b.shapes)
-        seen = np.where(confidence[:, :, None] > 0, images.landmarks.swapaxes(1, 2), np.nan)
-        np.testing.assert_array_equal(a.columns["landmarks"], seen)
-        np.testing.assert_array_equal(b.columns["landmarks"], seen)
-
     def test_permuted_landmarks_simply_work(self, fit, dictionary, images):
         order = [3, 1, 4, 0, 5, 9, 2, 6, 8, 7]
         permuted = LandmarkSet(
@@ -106,14 +87,6 @@ class TestShapes:
         b, _ = fit(dictionary, scaled(images, factor))
         np.testing.assert_array_equal(b.shapes, a.shapes * factor)
         np.testing.assert_array_equal(b.coefficients, a.coefficients)
-
-    @pytest.mark.parametrize("factor", [1e-9, 9.46e15])
-    def test_units_from_nanometres_to_light_years(self, fit, dictionary, images, factor):
-        keys = {"solver": {"tolerance": 1e-11}}
-        a, _ = fit(dictionary, images, **keys)
-        b, _ = fit(dictionary, scaled(images, factor), **keys)
-        np.testing.assert_allclose(b.shapes / factor, a.shapes, rtol=1e-5, atol=1e-3)
-        np.testing.assert_allclose(b.objective, a.objective, rtol=1e-10)
 
     def test_further_datasets_and_provenance_are_carried(self, fit, dictionary, images):
         found, _ = fit(dictionary, images, transforms=True)
@@ -136,13 +109,3 @@ class TestShapes:
         found, outcomes = fit(dictionary, empty, method=method)
         assert found.shapes.shape == (0, 3, 10)
         assert failures(outcomes) == {}
-
-    @pytest.mark.parametrize("method", ["convex+refine", "alternate", "mean-shape"])
-    def test_every_method_gives_shapes_on_the_landmarks(self, fit, dictionary, images, method):
-        found, outcomes = fit(dictionary, images, method=method)
-        assert failures(outcomes) == {}
-        assert np.isfinite(found.shapes).all()
-        assert found.attributes["method"] == method
-        np.testing.assert_allclose(found.shapes[:, :2], found.landmarks_fitted)
-        if method != "mean-shape":  # alternate may end in a local minimum
-            assert np.median(found.columns["residual"]) < 0.05

@@ -88,15 +88,6 @@ def test_parts_have_the_bits_of_a_local_run(store):
     same_as_on_a_disk(store)
 
 
-def test_one_file_to_the_store(store):
-    assert done(fit(store, f"{store.url}/whole.h5")) == 300
-    fit(store, "local.h5")
-    found = datasets(store, "whole.h5")
-    with h5py.File("local.h5") as local:
-        for name in DATASETS:
-            np.testing.assert_array_equal(found[name], local[name][:])
-
-
 def test_only_what_is_missing_is_done(store):
     fit(store)
     assert done(fit(store)) == 0
@@ -176,12 +167,6 @@ class TestAPutThatFails:
         with pytest.raises(InputError, match=r"whole.h5: cannot be written .*internal error"):
             fit(store, f"{store.url}/whole.h5", "lambda=0.2")
         assert store.files.cat_file(f"{store.name}/whole.h5") == before
-
-
-def test_two_workers_write_the_same_bits(store):
-    assert done(fit(store, "", "workers=2")) == 300
-    assert names(store) == parts(3)
-    same_as_on_a_disk(store)
 
 
 class TestTheFolderIsOneResult:
