@@ -157,8 +157,7 @@ def crowd(images):
     [{"method": "convex+refine"}, {"method": "mean-shape", "outliers": {"method": "ransac"}}],
 )
 def test_threads_make_no_difference(run, crowd, keys):
-    ("keys",)
-    ([{"method": "convex+refine"}, {"method": "mean-shape", "outliers": {"method": "ransac"}}],)
+    one, _ = run(views=crowd, threads=1, **keys)
     several, _ = run(views=crowd, threads=4, **keys)
     check_same(one, several)
 
