@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,14 +18,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-FORMATS = ("png", "svg")
 DPI = 150
 
 # Okabe and Ito 2008: told apart with every common form of colour blindness.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000", "#F0E442")
-HATCHES = ("", "////", "....", "xxxx")
-"""Once all colours are used they come again with the next hatch."""
-
 MOST_SEQUENCES = 60
 """Of a group with more only the mean is drawn, as nobody could tell their bars apart."""
 
@@ -43,11 +38,6 @@ def save(figure: Figure, path: Path | BytesIO, file_format: str) -> None:
         # A letter that the font lacks, as some names have, is drawn as a box.
         warnings.filterwarnings("ignore", "Glyph .* missing from ")
         figure.savefig(path, format=file_format, dpi=DPI, metadata=metadata)
-
-
-def writers(name: str, figure: Figure) -> dict[str, Callable[[Path], None]]:
-    """Return what writes the figure to a path, for each file name that it gets: name.png, ..."""
-    return {f"{name}.{form}": partial(save, figure, file_format=form) for form in FORMATS}
 
 
 def draw_bars(summaries: Sequence[Summary]) -> Figure:
@@ -70,7 +60,7 @@ def draw_bars(summaries: Sequence[Summary]) -> Figure:
         for index, method in enumerate(methods):
             heights = [means.get((group, sequence, method), np.nan) for sequence in sequences]
             at = np.arange(len(sequences)) + (index - (len(methods) - 1) / 2) * each
-            axis.bar(at, heights, each, label=method, **_look(index))
+            axis.bar(at, heights, each, label=method, facecolor=COLOURS[index % 8])
         labels = [name or "mean" for name in sequences]
         axis.set_xticks(range(len(labels)), labels, rotation=90)
         axis.set_title("" if group == ALL else group, fontsize=9)
@@ -101,7 +91,7 @@ def draw_boxes(errors: Sequence[ImageErrors], grouping: Mapping[str, Sequence[st
             drawn = axis.bxp(
                 [box], positions=[index], widths=0.8, showfliers=False, patch_artist=True
             )
-            drawn["boxes"][0].set(**_look(index), label=errors[index].method)
+            drawn["boxes"][0].set(facecolor=COLOURS[index % 8], label=errors[index].method)
             drawn["medians"][0].set(color="black")
             axis.annotate(f"{median:.3g}", (index, median), ha="center", va="bottom", fontsize=6)
         axis.set_xticks([])
@@ -133,7 +123,7 @@ def draw_calibration(
         inside = [found.get((method, group, name), (np.nan, np.nan)) for name in names]
         less, more = 100 * np.array(inside).T
         at = np.arange(len(names)) + (index - (len(curves) - 1) / 2) * each
-        right.bar(at, more, each, label=label, **_look(index))
+        right.bar(at, more, each, label=label, facecolor=COLOURS[index % 8])
         right.hlines(less, at - each / 2, at + each / 2, color="white", zorder=3)
     for level in LEVELS:
         right.axhline(100 * level, color="black", linewidth=0.8, zorder=4)
@@ -176,12 +166,6 @@ def _finish(figure: Figure, axes: Sequence[Axes], title: str) -> Figure:
         frameon=False,
     )
     return figure
-
-
-def _look(index: int) -> dict[str, Any]:
-    """Return the colour and hatch of the method at an index."""
-    hatch = HATCHES[index // len(COLOURS) % len(HATCHES)]
-    return {"facecolor": COLOURS[index % len(COLOURS)], "hatch": hatch, "edgecolor": "white"}
 
 
 def error_label(unit: str) -> str:
