@@ -529,15 +529,9 @@ def check_landmarks(
     if result.sequences is not None or images.sequences is not None:
         pairs["sequence"] = (result.sequences or [""] * n, images.sequences or [""] * n)
     if images.confidence is not None or "confidence" in columns:
-        own = np.ones((n, len(result.landmark_names)))
-        pairs["confidence"] = (
-            columns.get("confidence"),
-            images.weights() if images.confidence is None else images.confidence,
-        )
-        pairs["confidence"] = (
-            columns.get("confidence"),
-            own if images.confidence is None else images.confidence,
-        )
+        none = np.ones((n, len(result.landmark_names)))
+        given = none if images.confidence is None else images.confidence
+        pairs["confidence"] = columns.get("confidence"), given
     carried = carried_by(images).items()
     pairs |= {n: (columns.get(n), values) for n, values in carried if n not in images.of_file}
     for name, (stated, given) in pairs.items():

@@ -8,9 +8,10 @@ an order of its own, and 1e-9 of the number itself at least.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -58,10 +59,12 @@ class Check:
 class Checks:
     """The checks of n images; `fitted` (n,) are those with a shape, of which most is claimed.
 
-    settled: the datasets in which no number can be another one without a check that fails.
+    columns, what the result states, by dataset; settled: the datasets in which no number can be
+    another one without a check that fails.
     """
 
     fitted: Flags
+    columns: Mapping[str, NDArray[Any]]
     made: list[Check] = field(default_factory=list)
     settled: set[str] = field(default_factory=set)
 
@@ -89,6 +92,10 @@ class Checks:
         allowed = np.broadcast_to(allowed.reshape(-1), n)
         self.made.append(Check(claim, largest(off), allowed, self.fitted if of is None else of))
         self.settled.update(settles.split())
+
+    def equal(self, name: str, claim: str, found: Floats, allowed: Floats | float) -> None:
+        """Add the claim that a dataset (n, ...) is what was found, and settle it."""
+        self.add(claim, np.abs(self.columns[name] - found), allowed, name)
 
     def hold(
         self, claim: str, holds: ArrayLike, settles: str = "", of: Flags | None = None

@@ -76,7 +76,7 @@ def check_images(
     metres (n,) in a unit of each shape, and the dictionary's units in one of the atoms (n,), where
     the dictionary knows them.
     """
-    checks = Checks(np.asarray(np.isfinite(columns["scale"])))
+    checks = Checks(np.asarray(np.isfinite(columns["scale"])), columns)
     proved = np.zeros(len(checks.fitted), dtype=bool)
     with np.errstate(all="ignore"):  # what is not finite holds for nothing
         images = read_images(columns, model.aside, fit)

@@ -295,14 +295,14 @@ def check_lambda(images: Images, unit: float, checks: Checks) -> None:
     fit, lam = images.fit, images.lam
     stated = 1.0 if fit.loss == "exact" else fit.key("lambda")
     if stated != "auto":
-        checks.add("lambda is that of the config", np.abs(lam - float(stated)), 0.0, "lambda")
+        checks.equal("lambda", "lambda is that of the config", float(stated) + 0 * lam, 0.0)
     elif fit.left_out:
         checks.hold("lambda is above 0", lam > 0)
     else:
         share = np.sqrt((images.weights > 0).mean(axis=1))
         found = np.clip(fit.key("noise", 0.0) / images.size * unit * share, LEAST, MOST)
         allowed = images.allow(3 * (1 + images.extent / images.size), 1.0) * found
-        checks.add("lambda follows from the noise", np.abs(lam - found), allowed, "lambda")
+        checks.equal("lambda", "lambda follows from the noise", found, allowed)
 
 
 def draw_noise(landmarks: int) -> Floats:

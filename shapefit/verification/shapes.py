@@ -56,9 +56,8 @@ def check_one_rotation(
     checks.settled.update(("rotation", "coefficients"))
     check_active(images, checks)
     if "transforms" in stated:
-        off = np.abs(stated["transforms"] - c[:, :, None, None] * R[:, None, :2])
-        claim = "transforms are those of the rotation"
-        checks.add(claim, off, images.allow(total, total), "transforms")
+        found, claim = c[:, :, None, None] * R[:, None, :2], "transforms are those of the rotation"
+        checks.equal("transforms", claim, found, images.allow(total, total))
     if kept is not None:
         unused = ~(~kept & (c != 0)).any(axis=1)
         checks.hold("atoms that are left out have no coefficient", unused)
@@ -72,12 +71,10 @@ def check_one_rotation(
     P = objective(images, r, error + shapes.error, total, "squared")
     check_place(images, Value(T, error + shapes.error), checks)
     check_points(images, shapes, checks)
-    off = np.abs(stated["objective"] - P.value)
-    checks.add("the objective is that of the fit", off, P.error, "objective")
+    checks.equal("objective", "the objective is that of the fit", P.value, P.error)
     if D is not None and images.fit.has_gap:
         gap = gap_of(images, P, D)
-        off = np.abs(stated["relative_gap"] - gap.value)
-        checks.add("the gap is that to the dual", off, gap.error, "relative_gap")
+        checks.equal("relative_gap", "the gap is that to the dual", gap.value, gap.error)
 
 
 def check_camera(images: Images, S: Value, checks: Checks) -> None:
@@ -104,14 +101,11 @@ def check_camera(images: Images, S: Value, checks: Checks) -> None:
     place = pixel + images.allow(np.ones(len(t)), 1.0)[:, None] * (
         focal * (1 + np.abs(t[:, :2]) / depth[:, None])
     )
-    off = np.abs(stated["scale"] - scale)
-    checks.add("scale follows from the camera", off, images.allow(scale, scale), "scale focal")
-    off = np.abs(stated["translation"] - origin)
-    names = "translation camera_translation principal_point"
-    checks.add("translation follows from the camera", off, place, names)
-    off = np.abs(stated["landmarks_fitted"] - fitted)
+    checks.equal("scale", "scale follows from the camera", scale, images.allow(scale, scale))
+    checks.equal("translation", "translation follows from the camera", origin, place)
     claim = "landmarks_fitted follow from the camera"
-    checks.add(claim, off, pixel[..., None] + ray, "landmarks_fitted")
+    checks.equal("landmarks_fitted", claim, fitted, pixel[..., None] + ray)
+    checks.settled.update(("focal", "camera_translation", "principal_point"))
 
 
 def check_seen(images: Images, A: Floats, checks: Checks) -> None:
@@ -131,9 +125,8 @@ def check_seen(images: Images, A: Floats, checks: Checks) -> None:
             )
         return
     far = largest(np.abs(seen))
-    off = np.abs(stated["landmarks_fitted"] - seen[:, :2])
     claim = "landmarks_fitted are x and y of the shapes"
-    checks.add(claim, off, images.allow(far, far), "landmarks_fitted")
+    checks.equal("landmarks_fitted", claim, seen[:, :2], images.allow(far, far))
     if not (fit.is_program or fit.has_one_rotation):
         check_scale(images, checks)
 
@@ -154,8 +147,7 @@ def check_residual(images: Images, checks: Checks) -> None:
     r = images.weights[:, None] * np.where(images.weights[:, None] > 0, r, 0.0)
     far = images.points_error + images.factor * images.extent / images.size
     left = relative(images, r, far + FLOOR * images.reach)
-    off = np.abs(stated["residual"] - left.value)
-    checks.add("residual follows from the landmarks", off, left.error, "residual")
+    checks.equal("residual", "residual follows from the landmarks", left.value, left.error)
 
 
 def check_bars(images: Images, checks: Checks) -> None:
@@ -240,11 +232,9 @@ def _check_covariance(images: Images, checks: Checks) -> None:
 
 def check_inputs(images: Images, rows: Floats, checks: Checks) -> None:
     """Check the landmarks of the files in 3D: weights `rows` (m, p) of the shapes."""
-    stated, shapes = images.columns, images.columns["shapes"]
+    shapes, claim = images.columns["shapes"], "input_shapes follow from the shapes"
     far = largest(np.abs(shapes)) * (1 + np.abs(rows).sum(axis=1).max(initial=0.0))
-    off = np.abs(stated["input_shapes"] - shapes @ rows.T)
-    claim = "input_shapes follow from the shapes"
-    checks.add(claim, off, images.allow(far, far), "input_shapes")
+    checks.equal("input_shapes", claim, shapes @ rows.T, images.allow(far, far))
 
 
 def check_metres(images: Images, found: Floats, checks: Checks) -> None:
@@ -258,6 +248,5 @@ def check_metres(images: Images, found: Floats, checks: Checks) -> None:
 def check_position(images: Images, unit: Floats, checks: Checks) -> None:
     """Check the camera's translation in the dictionary's unit, of which one is `unit` (n,)."""
     found = unit[:, None] * images.columns["camera_translation"]
-    off = np.abs(images.columns["position"] - found)
-    allowed = images.allow(largest(np.abs(found)), largest(np.abs(found)))
-    checks.add("position follows from the camera_translation", off, allowed, "position")
+    far, claim = largest(np.abs(found)), "position follows from the camera_translation"
+    checks.equal("position", claim, found, images.allow(far, far))
