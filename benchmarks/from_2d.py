@@ -29,7 +29,7 @@ from shapefit.dictionary.from_2d.learning import learn
 from shapefit.evaluation.metrics import similarity
 from shapefit.evaluation.report import markdown_table
 from shapefit.geometry.normalisation import spread
-from shapefit.geometry.rotations import turn_about_axis
+from shapefit.geometry.rotations import rotation_about_axis
 from shapefit.io import LandmarkSet, read_results, read_shapes
 from shapefit.io.records import concatenate
 from shapefit.pipelines.learn_dict.from_2d import images_of
@@ -129,7 +129,7 @@ def turntable(
         names = np.array(shapes.sequences)
         lengths = [(names == name).sum() for name in dict.fromkeys(names)]
         turns = [np.linspace(0, 2 * np.pi, length, endpoint=False) for length in lengths]
-        X = turn_about_axis(1, np.concatenate(turns)) @ shapes.shapes
+        X = rotation_about_axis(1, np.concatenate(turns)) @ shapes.shapes
         images = LandmarkSet(
             landmarks=X[:, :2],
             landmark_names=shapes.landmark_names,
@@ -232,7 +232,7 @@ def film(data: Path, number: int, turn: int) -> str:
     for name in list(dict.fromkeys(shapes.sequences or ()))[:FILMED]:
         whole = shapes.take(np.array(shapes.sequences) == name).shapes
         chosen = whole[np.linspace(0, len(whole) - 1, number).round().astype(np.intp)]
-        X = turn_about_axis(1, np.radians(np.linspace(0, turn, number))) @ chosen
+        X = rotation_about_axis(1, np.radians(np.linspace(0, turn, number))) @ chosen
         images = LandmarkSet(
             landmarks=X[:, :2],
             landmark_names=shapes.landmark_names,

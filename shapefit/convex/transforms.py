@@ -69,7 +69,7 @@ class Transforms:
 
     @property
     def image(self) -> NDArray[np.intp]:
-        """The image (a,) of each."""
+        """Return the number of the image (a,) of each block."""
         return np.repeat(np.arange(len(self.count)), self.count)
 
     @property

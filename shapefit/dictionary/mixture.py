@@ -122,7 +122,7 @@ def alive(mixture: Mixture, n: int) -> Mixture:
 
 
 def maximise(X: Floats, share: Floats, G: Floats, kappa: float, floor: float) -> Mixture:
-    """Return the best mixture for shares (n, K) of the shapes X (n, d) in the components."""
+    """Return the best mixture for responsibilities (n, K) of the components for shapes X (n, d)."""
     count = np.maximum(share.sum(axis=0), 1e-300)
     means = (share.T @ X) / count[:, None]
     eye = np.eye(X.shape[1])

@@ -29,7 +29,7 @@ BRANCHES = 3
 
 @dataclass(frozen=True)
 class Node:
-    """What turns at the landmark `joint`; `above` is its parent's number, -1 for the root.
+    """A joint of the tree at the landmark `joint`; `above` is the number of its parent, or -1.
 
     aims are the landmarks at the other ends of its bones. Where several bones leave a landmark,
     its first node turns with all of them, and one more node per bone turns with that alone, since
@@ -133,7 +133,7 @@ def find_places(rig: Rig) -> Floats:
 
 
 def find_rest(points: Floats, tree: Sequence[Node]) -> int:
-    """Return the frame of points (f, 3, p) whose joints are bent most nearly as the median's.
+    """Return the frame of points (f, 3, p) whose joints are bent most like the median.
 
     How far a joint is bent shows in the distance of the landmarks on both sides of it.
     """

@@ -57,7 +57,7 @@ def rotation_angle(first: Floats, second: Floats) -> Floats:
     return np.degrees(2 * np.arcsin(np.clip(distance / np.sqrt(8), 0, 1)))
 
 
-def turn_about_axis(axis: int, angles: Floats) -> Floats:
+def rotation_about_axis(axis: int, angles: Floats) -> Floats:
     """Return the rotations (n, 3, 3) by angles (n,), in radians, about x, y or z (0, 1, 2)."""
     cosine, sine = np.cos(angles), np.sin(angles)
     rotation = np.zeros((*angles.shape, 3, 3))
@@ -68,14 +68,14 @@ def turn_about_axis(axis: int, angles: Floats) -> Floats:
     return rotation
 
 
-def turns(axes: Sequence[int], angles: Floats) -> Floats:
+def rotation_about_axes(axes: Sequence[int], angles: Floats) -> Floats:
     """R = R_1 R_2 ...: rotations (n, 3, 3) about these axes by angles (n, len(axes)) in radians.
 
     The last one turns first.
     """
     rotation = np.broadcast_to(np.eye(3), (*angles.shape[:-1], 3, 3))
     for place, axis in enumerate(axes):
-        rotation = rotation @ turn_about_axis(axis, angles[..., place])
+        rotation = rotation @ rotation_about_axis(axis, angles[..., place])
     return rotation
 
 

@@ -91,7 +91,7 @@ class Hypotheses:
 
 @dataclass(frozen=True)
 class Responsibilities:
-    """Hypotheses whose views have climbed, and what the images say of them.
+    """Hypotheses after a step of their views, and how far each explains its image.
 
     log_density (n,) of the images, share (r,) of each hypothesis in its image, E z (r, q) and its
     covariance (r, q, q).
@@ -169,7 +169,7 @@ def seen_models(state: Adapted, models: Sequence[Gaussian], start: Start) -> lis
 def expectation_step(
     images: Images, hypotheses: Hypotheses, models: Sequence[Gaussian], weights: Floats
 ) -> Responsibilities:
-    """Let the views climb by a step, and say what the images say then."""
+    """Take a step of each view, and return the responsibilities of the hypotheses."""
     n, r, q = len(images), len(hypotheses), models[0].modes.shape[2]
     density, mean, covariance = np.empty(r), np.empty((r, q)), np.empty((r, q, q))
     rotation, log_scale, damping = np.empty((r, 3, 3)), np.empty(r), np.empty(r)
@@ -198,7 +198,7 @@ def expectation_step(
 def maximisation_step(
     images: Images, found: Responsibilities, state: Adapted, start: Start
 ) -> Adapted:
-    """Return what explains the hypotheses and the start together best."""
+    """Return the parameters that maximise the expected log density of images and start."""
     n, pi0, kappa = len(images), start.prior.weights, start.weight
     hypotheses, share, eye = found.hypotheses, found.share, np.eye(state.shift.shape[1])
     count = np.bincount(hypotheses.component, share, len(pi0))

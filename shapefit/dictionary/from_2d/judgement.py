@@ -19,7 +19,7 @@ from shapefit.dictionary.from_2d.learning import (
     predict,
 )
 from shapefit.dictionary.from_2d.model import Floats, Images, Views, evenly, expect, hide
-from shapefit.geometry.rotations import turn_about_axis
+from shapefit.geometry.rotations import rotation_about_axis
 
 SAMPLE, ROUNDS, RANK, MEANS = 200, 15, 9, 10
 TURNS, ROLL = slice(0, 3), slice(2, 3)
@@ -76,7 +76,7 @@ UNLIKE = "nothing in common: hidden landmarks are not predicted"
 
 
 def judge(images: Images, state: State) -> Judgement:
-    """Judge what was learned of the images by a sample of them, part of whose landmarks hide."""
+    """Judge whether depth was learned, by hiding landmarks of a sample of the images."""
     some = images.hiding(state.gross)[evenly(len(images), SAMPLE)]
     hidden = hide(some.weights > 0)
     known = some.hiding(hidden)
@@ -84,7 +84,7 @@ def judge(images: Images, state: State) -> Judgement:
     rigid = rigid_state(known)
     W, _ = complete(known, RANK)
     flat, evidence_of_flat = flat_state(known, W, np.zeros(n)), -np.inf
-    angle = rolls(W)
+    angle = roll_angles(W)
     if np.abs(angle).max() > ROLLED:
         rolled = flat_state(known, W, angle)
         evidence_of_flat = rolled.objective - price_of_views(known, rolled, ROLL)
@@ -117,13 +117,13 @@ def judge(images: Images, state: State) -> Judgement:
 
 def flat_state(images: Images, W: Floats, angle: Floats) -> State:
     """Return the flat model of completed landmarks W (n, 2, p), each image rolled by its angle."""
-    views = Views(turn_about_axis(2, angle), np.zeros(len(W)))
+    views = Views(rotation_about_axis(2, angle), np.zeros(len(W)))
     *_, flat = improve(images, first_state(images, W, views), ROUNDS, turning=False)
     return flat
 
 
-def rolls(W: Floats) -> Floats:
-    """Angles (n,) by which images (n, 2, p) are rolled from their mean, found by turns."""
+def roll_angles(W: Floats) -> Floats:
+    """Angles (n,) by which images (n, 2, p) are rolled in their plane from their mean."""
     z = W[:, 0] + 1j * W[:, 1]
     mean = z[0]
     for _ in range(MEANS):
@@ -140,9 +140,10 @@ def rigid_state(images: Images) -> State:
 
 
 def halves_apart(images: Images, learned: State) -> float:
-    """mean ||X - X'|| / ||X||, X' as learned from the half of the images, in their order, with X.
+    """mean ||X - X'|| / ||X||: how far shapes X are from X', learned from half of the images.
 
-    The error of what was learned is less where the halves show the same poses from other sides.
+    Each half, in the order of the images, is learned from by itself. The error
+    of what was learned is less where the halves show the same poses from other sides.
     Near and far of a half may be exchanged.
     """
     n, found = len(images), []

@@ -117,13 +117,13 @@ def learn(images: Images) -> Iterator[State]:
     known = images[some].hiding(hidden)
     W, _ = complete(images, max(RANKS))
     starts = find_views(W, ranks)
-    trials = [tried(known, W[some], views[some]) for views in starts]
+    trials = [run_trial(known, W[some], views[some]) for views in starts]
     best = int(np.argmax([trial.objective for trial in trials]))
     first = first_state(images, W, starts[best])
     W, gross = complete(images, max(RANKS), doubting=True)
     if gross[some].any():
         (views,) = find_views(W, ranks[best : best + 1])
-        doubting = tried(replace(known, gross=gross[some] & ~hidden), W[some], views[some])
+        doubting = run_trial(replace(known, gross=gross[some] & ~hidden), W[some], views[some])
         errors = [hidden_error(images[some], hidden, of) for of in (doubting, trials[best])]
         if errors[0] < CLEARLY * errors[1]:
             images = replace(images, gross=gross)
@@ -131,7 +131,7 @@ def learn(images: Images) -> Iterator[State]:
     yield from improve(images, first)
 
 
-def tried(images: Images, W: Floats, views: Views) -> State:
+def run_trial(images: Images, W: Floats, views: Views) -> State:
     """Return the state after the rounds by which a start is judged."""
     state = first_state(images, W, views)
     for k in range(TRIAL):
@@ -185,7 +185,7 @@ def first_state(images: Images, W: Floats, views: Views) -> State:
 
 
 def learn_round(images: Images, state: State, *, still: bool) -> State:
-    """Take a round: the views climb or stay still, the images speak, the model follows them."""
+    """Take one round: a step of each view unless `still`, expectation, and maximisation."""
     n, p = images.weights.shape
     model, damping, doubting = state.model, state.damping.copy(), images.gross is not None
     rotation, log_scale = state.views.rotation.copy(), state.views.log_scale.copy()
@@ -265,7 +265,7 @@ def complete(images: Images, rank: int, *, doubting: bool = False) -> tuple[Floa
 
 
 def filled(w: Floats, seen: Mask, placed: Floats) -> tuple[Floats, Floats]:
-    """Return w (n, 2, p) as `placed` where not seen, centred; and its middle (n, 2, 1) before."""
+    """Fill hidden landmarks of w (n, 2, p) by `placed`; return it centred, and the centre."""
     count = np.maximum(seen.sum(axis=1), 1)[:, None, None]
     middle = np.where(seen[:, None], w - placed, 0.0).sum(axis=2, keepdims=True) / count
     W = np.where(seen[:, None], w - middle, placed)

@@ -149,7 +149,7 @@ class Expected:
 
 
 def expect(images: Images, views: Views, model: Gaussian) -> Expected:
-    """Return what the images say of shapes and views.
+    """Expectation step: shapes given their images, and the slope of the log density by the views.
 
     The gradient is that of the expected log density of image and shape together (Fisher's
     identity); the information is that of the mean shape, the covariance held.
@@ -226,7 +226,7 @@ def expect(images: Images, views: Views, model: Gaussian) -> Expected:
 
 
 def doubt_of(left: Floats, H: Floats, v: Floats, seen: Mask) -> Floats:
-    """Log density gained where the belief in one landmark changes; see `Expected` for the rest."""
+    """Log density gained (n, p) where one landmark becomes gross, or a gross one is believed."""
     A = np.eye(2) + np.where(seen, -1 / v, 1 / v)[..., None, None] * H
     size = A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] ** 2
     size = np.maximum(size, 1e-12)
@@ -239,7 +239,7 @@ def doubt_of(left: Floats, H: Floats, v: Floats, seen: Mask) -> Floats:
 
 
 def change_belief(images: Images, doubt: Floats) -> Mask:
-    """Change the belief in the most doubtful landmark of each image; half stay believed."""
+    """Flip whether the most doubtful landmark of each image is gross; at least half are not."""
     seen, rows = images.seen, np.arange(len(images))
     few = 2 * seen.sum(axis=1) <= (images.weights > 0).sum(axis=1) + 1
     gained = np.where(few[:, None] & seen, -np.inf, doubt)

@@ -9,7 +9,7 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error, listed
-from shapefit.geometry.rotations import turns
+from shapefit.geometry.rotations import rotation_about_axes
 from shapefit.io.foreign.motion_text import read_lines, read_table, read_words
 from shapefit.io.foreign.recording import Recording, one_individual
 from shapefit.io.layout import UNKNOWN_UNIT
@@ -118,7 +118,9 @@ def _frame(angles: tuple[float, ...], axes: str, place: str, degrees: bool) -> F
     if sorted(letters) != ["x", "y", "z"]:
         raise input_error(place, f"the axes are {axes!r}", "give XYZ in any order")
     found = np.array(angles[::-1])
-    return turns([AXES[a] for a in reversed(letters)], np.radians(found) if degrees else found)
+    return rotation_about_axes(
+        [AXES[a] for a in reversed(letters)], np.radians(found) if degrees else found
+    )
 
 
 def _freedom(names: list[str], place: str) -> tuple[tuple[bool, int], ...]:
@@ -314,7 +316,7 @@ def find_ends(skeleton: Skeleton, values: list[Floats]) -> Floats:
         bone, moved = skeleton.bones[number], values[number]
         turned = [(axis, column) for column, (is_turn, axis) in enumerate(bone.motion) if is_turn]
         angles = moved[:, [column for _, column in reversed(turned)]]
-        motion = turns([axis for axis, _ in reversed(turned)], angles)
+        motion = rotation_about_axes([axis for axis, _ in reversed(turned)], angles)
         local = bone.axis @ motion @ bone.axis.T
         shift = np.zeros((n, 3))
         for column, (is_turn, axis) in enumerate(bone.motion):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error, printable
 from shapefit.geometry.length_units import as_metres
-from shapefit.geometry.rotations import turns
+from shapefit.geometry.rotations import rotation_about_axes
 from shapefit.io.foreign.recording import Recording, one_individual
 from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
 from shapefit.io.layout import UNKNOWN_UNIT
@@ -220,7 +220,7 @@ def find_places(tree: Hierarchy, values: Floats) -> Floats:
                 offset[:, axis] = values[:, column]
         turned = [(axis, column) for is_rotation, axis, column in joint.channels if is_rotation]
         angles = np.radians(values[:, [column for _, column in turned]])
-        local = turns([axis for axis, _ in turned], angles)
+        local = rotation_about_axes([axis for axis, _ in turned], angles)
         if joint.parent < 0:
             places[:, number] = offset
             rotations.append(local)

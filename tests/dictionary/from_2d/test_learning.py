@@ -15,7 +15,7 @@ from shapefit.dictionary.from_2d.learning import (
     learn_round,
 )
 from shapefit.dictionary.from_2d.model import Images
-from shapefit.geometry.rotations import exponential, random_rotations, turn_about_axis
+from shapefit.geometry.rotations import exponential, random_rotations, rotation_about_axis
 from tests.dictionary.from_2d.conftest import relative_error
 
 
@@ -64,7 +64,7 @@ def test_halves_disagree_where_each_pose_is_seen_from_one_side(rng, turn, learne
     mean, modes = rng.standard_normal((3, p)), 0.3 * rng.standard_normal((3, 3, p))
     shapes = mean + np.einsum("nk,kip->nip", bends, modes)
     shapes -= shapes.mean(axis=2, keepdims=True)
-    shapes = turn_about_axis(1, np.radians(np.linspace(0, turn, n))) @ shapes
+    shapes = rotation_about_axis(1, np.radians(np.linspace(0, turn, n))) @ shapes
     images = Images(shapes[:, :2], np.ones((n, p)), np.zeros(n, np.intp))
     *_, state = learn(images)
     found = judge(images, state)
@@ -88,7 +88,7 @@ def shapes_of(rng, n=80, modes=3, deviation=0.15, depth=1.0):
 
 def swayed(rng, axis, degrees, **given):
     X = shapes_of(rng, **given)
-    return turn_about_axis(axis, np.radians(degrees * np.sin(np.arange(len(X))))) @ X
+    return rotation_about_axis(axis, np.radians(degrees * np.sin(np.arange(len(X))))) @ X
 
 
 def seen_anywhere(rng, **given):

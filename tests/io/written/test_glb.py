@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from shapefit.geometry.rotations import turn_about_axis
+from shapefit.geometry.rotations import rotation_about_axis
 from shapefit.io import read_shapes
 from shapefit.io.skeletons import PEOPLE
 from shapefit.io.written.glb import quaternions
@@ -87,7 +87,7 @@ def test_between_frames_rotations_take_the_short_way(tmp_path, throw):
 
 
 def test_a_body_that_turns_twice_has_no_jump():
-    q = quaternions(turn_about_axis(1, np.linspace(0, 4 * np.pi, 101)))
+    q = quaternions(rotation_about_axis(1, np.linspace(0, 4 * np.pi, 101)))
     assert (q[1:] * q[:-1]).sum(axis=1).min() > 0.99
     np.testing.assert_allclose(q[50], -q[0], atol=1e-9)  # as one turn has it
 
