@@ -34,7 +34,7 @@ from shapefit.dictionary.bodies import (
 from shapefit.dictionary.mixture import Mixture, expected_log_density, maximise
 from shapefit.dictionary.model import WHERE_MARKED, Dictionary
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.procrustes import double, lateral_axis, rotation_onto
+from shapefit.geometry.procrustes import lateral_axis, mirror, rotation_onto
 from shapefit.io import ShapeSet, digests, read_dictionary, read_shapes, write_dictionary
 from shapefit.io.skeletons import FURTHER, PEOPLE, edges_of
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
@@ -110,7 +110,8 @@ def training_shapes(given: ShapeSet, dictionary: Dictionary) -> Floats:
     shapes = given.shapes[every_nth(given.sequences or (), config["every"])]
     shapes = shapes[..., [given.landmark_names.index(POINTS[name]) for name in names]]
     partners = mirrored(names)
-    shapes = aligned(double(shapes, partners, lateral_axis(shapes, partners)), dictionary)
+    images = mirror(shapes, partners, lateral_axis(shapes, partners))
+    shapes = aligned(np.concatenate([shapes, images]), dictionary)
     bones = [edge for edge in edges_of(names) if set(edge) != {0, names.index("neck")}]
     varied = vary(
         shapes,

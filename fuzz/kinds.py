@@ -125,7 +125,7 @@ def make_table(rng: Random, folder: Path) -> Command:
 FITS = (
     *("export.folder=out_meshes", "rotations=orthogonal", "transforms=true", "leave_out=model"),
     *("outliers.method=ransac", "camera={model: perspective, focal: 1000}", "lambda=auto"),
-    *("noise=0.1", "rotations=per-atom", "strict=true", "solver.max_iterations=2"),
+    *("noise=0.1", "rotations=orthogonal", "strict=true", "solver.max_iterations=2"),
 )
 
 

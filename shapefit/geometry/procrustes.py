@@ -150,14 +150,6 @@ def lateral_axis(shapes: Floats, mirror_index: Indices) -> int:
     return int((apart**2).sum(axis=-1).reshape(-1, 3).sum(axis=0).argmax())
 
 
-def double(shapes: Floats, mirror_index: Indices, lateral: int = 0) -> Floats:
-    """(n, 3, p) -> (2 n, 3, p): the shapes, then their mirror images in the same order.
-
-    Arguments and errors as for `mirror`.
-    """
-    return np.concatenate([shapes, mirror(shapes, mirror_index, lateral)])
-
-
 def _partners(mirror_index: Indices, points: int) -> NDArray[np.intp]:
     partners = np.asarray(mirror_index)
     if partners.shape != (points,):

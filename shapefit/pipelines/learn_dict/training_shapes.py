@@ -26,9 +26,9 @@ from shapefit.geometry.normalisation import SMALLEST, normalise
 from shapefit.geometry.procrustes import (
     Alignment,
     coincide,
-    double,
     generalised_procrustes,
     lateral_axis,
+    mirror,
 )
 from shapefit.io import ShapeSet, match_landmarks
 from shapefit.meshes.dense import carry_mesh
@@ -70,8 +70,9 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
     partners = None if config.symmetry == "none" else find_partners(kept, config)
     if partners is not None and len(kept):
         twice = kept.take(np.tile(np.arange(len(kept)), 2))
-        mirrored = double(kept.shapes, partners, lateral_axis(kept.shapes, partners))
-        shapes = twice.replaced(shapes=mirrored, mesh_vertices=None, mesh_faces=None)
+        mirrored = mirror(kept.shapes, partners, lateral_axis(kept.shapes, partners))
+        both = np.concatenate([kept.shapes, mirrored])
+        shapes = twice.replaced(shapes=both, mesh_vertices=None, mesh_faces=None)
     check_number(len(shapes), failures, config)
     normalised = normalise(shapes.shapes)
     alignment = align(normalised.points, shapes.landmark_names, config)
