@@ -9,7 +9,6 @@ import pytest
 from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solution import Solution, Status
-from shapefit.geometry.rotations import rotation_about
 from tests.convex.certificate import certify_transforms
 
 FINE = 1e-10
@@ -130,11 +129,6 @@ def test_exact_program_without_a_solution_is_never_optimal(rng: np.random.Genera
     assert (found.residual > 0.1).all()
 
 
-def test_no_images() -> None:
-    problem = build_problem(np.zeros((0, 2, 5)), np.ones((2, 3, 5)), 0.1)
-    assert solve_newton(problem).status == ()
-
-
 def test_results_do_not_depend_on_the_threads(
     make_problem: Callable[..., Problem], loss: Loss
 ) -> None:
@@ -161,15 +155,6 @@ def test_garbage_under_the_mask_is_irrelevant(
     assert (one.translation == other.translation).all()
     built = build_problem(dirty, problem.atoms, 0.1, weights=problem.weights, loss=loss)
     assert (built.landmarks == np.where(hidden, 0, problem.landmarks)).all()
-
-
-@pytest.mark.parametrize("loss", [Loss.SQUARED, Loss.EXACT])
-def test_rotation_in_the_image_plane(make_problem: Callable[..., Problem], loss: Loss) -> None:
-    problem = make_problem(20, loss=loss)
-    R = rotation_about(np.array([0, 0, 1.0]), np.array([0.7]))[0, :2, :2]
-    one, other = solve(problem), solve(replace(problem, landmarks=R @ problem.landmarks))
-    np.testing.assert_allclose(other.objective, one.objective, rtol=2 * FINE)
-    assert_same_fit(problem, fitted(problem, other), R @ fitted(problem, one))
 
 
 def test_permutations_of_landmarks_and_atoms(
@@ -232,21 +217,6 @@ def test_units_do_not_matter(
         M /= np.abs(other.landmarks).max() / np.abs(problem.landmarks).max()
         if loss is not Loss.ABSOLUTE:
             assert np.median(np.abs(M - one.transforms.dense())) < 1e-4
-
-
-def test_a_shared_lambda_is_a_lambda_each(make_problem: Callable[..., Problem]) -> None:
-    problem = make_problem(6)
-    lam = np.array([0.01, 0.1, 1.0, 0.01, 0.1, 1.0])
-    together = solve_newton(replace(problem, lam=lam), tolerance=1e-9)
-    for image in range(6):
-        alone = build_problem(
-            problem.landmarks[image],
-            problem.atoms,
-            lam[image],
-            weights=problem.weights[image : image + 1],
-        )
-        found = solve_newton(alone, tolerance=1e-9)
-        assert found.objective[0] == pytest.approx(together.objective[image], rel=1e-8)
 
 
 def test_an_exact_image_is_optimal_only_where_it_meets_its_landmarks(

@@ -64,11 +64,6 @@ def test_points_that_coincide_have_scale_0_and_no_normalised_points():
     assert not np.isfinite(result.points).any()
 
 
-def test_nothing_visible_has_no_centroid(points):
-    nothing = np.zeros((6, 8), dtype=bool)
-    assert np.isnan(centroid(points, nothing)).all()
-
-
 def test_points_too_far_apart_for_their_squares_are_infinitely_spread():
     points = np.array([[0.0, 1e300, 2.0], [0.0, 1.0, 5.0]])
     assert spread(points) == np.inf
