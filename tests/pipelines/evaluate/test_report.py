@@ -1,12 +1,18 @@
-"""The tables and the page that an evaluation writes, and what stands in them."""
+"""What an evaluation writes: tables, page, pictures, warnings; and what stops it."""
 
+import errno
 import json
+import sys
 
 import numpy as np
 import pytest
 
+from shapefit.config import EvalConfig
+from shapefit.errors import InputError
 from shapefit.evaluation import metrics
-from shapefit.io import write_shapes
+from shapefit.io import atomic, write_shapes
+from shapefit.pipelines.evaluate.run import run
+from tests.pipelines.told import texts
 
 N = 7
 FILES = {"per_image.csv", "report.csv", "report.json", "report.md", "report.html", "view.html"}
@@ -116,3 +122,109 @@ def test_what_the_files_tell_about_solving_is_summed_up(desk, results):
     assert set(silent["solving"].values()) == {None}
     assert "## Solving" in last.note
     assert "85.71 %" in last.note
+
+
+def test_plots_are_drawn_for_every_metric(desk):
+    *_, last = desk.run(plots=True, metrics=["similarity", "reprojection"])
+    names = ("similarity", "similarity_boxes", "reprojection", "reprojection_boxes")
+    drawn = {f"{name}.{e}" for name in names for e in ("png", "svg")}
+    assert {path.name for path in last.written} == FILES | drawn
+    assert {path.name for path in desk.config.output.iterdir()} == FILES | drawn
+
+
+def test_without_matplotlib_nothing_is_written(desk, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(
+        InputError, match=r"plots: matplotlib is not installed; .*`pip install matplotlib`"
+    ):
+        desk.run(plots=True)
+    assert not desk.config.output.exists()
+
+
+def test_by_default_plots_are_left_out_without_matplotlib(desk, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    *_, last = desk.run(plots="auto")
+    (warning,) = last.warnings
+    assert warning.startswith("no plots: matplotlib is not installed; install it with `pip ")
+    written = {path.name for path in desk.config.output.iterdir()}
+    pages = {"report.html", "report.md", "view.html"}
+    assert written == {"per_image.csv", "report.csv", "report.json", *pages}
+
+
+@pytest.mark.parametrize("kind", ["seen", "unseen"])
+def test_truth_that_the_dictionary_was_learned_from_is_a_warning(world, tmp_path, kind):
+    truth = world.shapes("people") if kind == "seen" else world.truth("people")
+    config = EvalConfig(
+        results=[world.fit("people", images=world.views("people", shapes=[str(truth)]))],
+        truth=[truth],
+        output=tmp_path / "report",
+        plots=False,
+        view=False,
+    )
+    said = [text for text in texts(run(config)) if "learned from the truth" in text]
+    page = (tmp_path / "report/report.md").read_text(encoding="utf-8")
+    if kind == "seen":
+        assert f"the dictionary was learned from the truth, {truth}" in said[0]
+        assert "learned from the truth" in page
+    else:
+        assert not said
+        assert "learned from the truth" not in page
+
+
+def test_an_item_in_two_files_of_one_method_is_an_error(desk, results):
+    desk.write("again.h5", results.take([3]))
+    files = {"convex": [desk.folder / "convex.h5", desk.folder / "again.h5"]}
+    with pytest.raises(InputError, match=r"again.h5: has the item 'item3', which .*convex.h5"):
+        desk.run(results=files)
+
+
+@pytest.mark.parametrize(
+    "fault", [OSError(errno.ENOSPC, "No space left on device"), OSError("No space left (os 28)")]
+)
+def test_a_full_disk_is_told_and_replaces_nothing(desk, monkeypatch, fault):
+    desk.run()
+    old = {path.name: path.read_bytes() for path in desk.config.output.iterdir()}
+
+    def fill(write, path):
+        raise fault
+
+    monkeypatch.setattr(atomic, "write_and_sync", fill)
+    with pytest.raises(InputError, match=r"report/report.csv: cannot be written: No space left"):
+        desk.run(metrics=["similarity"])
+    assert {path.name: path.read_bytes() for path in desk.config.output.iterdir()} == old
+
+
+class TestInputErrors:
+    def test_groups_match_no_sequence(self, desk):
+        with pytest.raises(InputError, match=r"groups: no sequence matches.*13_01, 13_02, 14_01"):
+            desk.run(groups={"Subject 15": "15_*"})
+        assert not desk.config.output.exists()
+
+    def test_results_of_other_items(self, desk, results):
+        desk.write("convex.h5", results.replaced(items=tuple("abcdefg")))
+        with pytest.raises(InputError, match="none of its 7 images is in the truth"):
+            desk.run()
+        assert not desk.config.output.exists()
+
+    def test_output_is_a_file(self, desk):
+        (desk.folder / "report").write_text("kept")
+        with pytest.raises(InputError, match="report: it is not a folder"):
+            desk.begin()
+        assert (desk.folder / "report").read_text() == "kept"
+
+
+@pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -1.0, "soon"])
+def test_a_time_that_is_none_is_unknown(desk, results, seconds):
+    desk.write("convex.h5", results.replaced(attributes={"solve_seconds": seconds}))
+    desk.run()
+    assert "solving alone" not in (desk.config.output / "report.md").read_text()
+
+
+def test_what_overflows_is_a_failure_of_the_image(desk, results):
+    fitted = results.landmarks_fitted.copy()
+    fitted[2] = 1e300
+    desk.write("convex.h5", results.replaced(landmarks_fitted=fitted))
+    outcomes = desk.run(metrics=["similarity", "reprojection"])
+    (failure,) = [failure for outcome in outcomes for failure in outcome.failures]
+    assert failure.item == "item2"
+    assert "reprojection" in failure.reason
