@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.geometry.pinhole import complete, distort, undistort
+from shapefit.geometry.pinhole import Camera, complete, distort, project, undistort
 
 LENSES = {
     "barrel": [-0.3, 0.1, 0.001, -0.002],
@@ -66,3 +66,14 @@ def test_zero_distortion_and_other_counts(rng):
     np.testing.assert_array_equal(undistort(points, complete([0, 0, 0, 0, 0])), points)
     with pytest.raises(ValueError, match="3 coefficients"):
         complete([0.1, 0.2, 0.3])
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_points_before_the_camera_are_seen_however_near(sign):
+    z = np.array([1e-3, 0.3, 50.0, 0.0, -2.0])
+    points = np.stack([np.full(5, 0.2), np.full(5, -0.1), sign * z])[None]
+    camera = Camera(np.full((1, 2), 800.0), np.array([[320.0, 240.0]]), sign)
+    seen = project(camera, points)
+    expected = np.array([320 + 160 / z[:3], 240 - 80 / z[:3]])
+    np.testing.assert_allclose(seen[0, :, :3], expected)
+    assert np.isnan(seen[0, :, 3:]).all()
