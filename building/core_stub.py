@@ -1,4 +1,4 @@
-"""Write the signatures of the compiled core, as its own list of arguments has them.
+"""Write the signatures of the compiled core, as nanobind.stubgen reads them from the module.
 
 Usage: python building/core_stub.py > shapefit/core/_core.pyi
 """
@@ -6,6 +6,8 @@ Usage: python building/core_stub.py > shapefit/core/_core.pyi
 from __future__ import annotations
 
 from typing import Any
+
+from nanobind.stubgen import StubGen
 
 from shapefit import core
 
@@ -36,8 +38,9 @@ def stub() -> str:
 
 def functions(module: Any) -> list[str]:
     """Return one line for each function of a module, in the order of their names."""
-    found = (getattr(module, name) for name in sorted(vars(module)))
-    return [f"def {one.__doc__}: ..." for one in found if callable(one)]
+    generator = StubGen(module, recursive=False)
+    generator.put(module)
+    return [line for line in generator.get().splitlines() if line.startswith("def ")]
 
 
 if __name__ == "__main__":

@@ -66,7 +66,7 @@ def reconstruct(
     """S = sum_i c_i R_i B_i (paper, eq. new3dmodel) of n images, atoms B (k, 3, p).
 
     R_i completes M_i / c_i, or is the rotation nearest to it where `orthogonal`; `threads` = 0
-    means all cores. The method is written down in shapefit/core/pose/reconstruction.hpp.
+    means all cores. The method is written down in shapefit/core/pose/transforms.cpp.
     """
     n, p = len(M.count), atoms.shape[2]
     shapes, rotation = np.zeros((n, 3, p)), np.full((n, 3, 3), np.nan)
