@@ -31,8 +31,8 @@ def find_consensus(
     (3, p), such as the mean shape; seeds (n,). A landmark agrees where its
     residual is at most threshold times the size of the posed shape, which is the scale of the
     pose for a normalised one. Poses of `draws` random triples of an image compete, see
-    core/ransac/consensus.cpp; each that takes the lead is fitted to its inliers and these are judged
-    again, `max_rounds` times at most. The draws of an image depend on its seed alone. An image
+    core/ransac/consensus.cpp; each that takes the lead is fitted to its inliers, and these are
+    judged again, `max_rounds` times at most. The draws of an image depend on its seed alone. An image
     has no inliers where no triple determines a pose.
     """
     n, _, p = landmarks.shape
