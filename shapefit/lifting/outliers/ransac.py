@@ -32,8 +32,8 @@ def find_consensus(
     residual is at most threshold times the size of the posed shape, which is the scale of the
     pose for a normalised one. Poses of `draws` random triples of an image compete, see
     core/ransac/consensus.cpp; each that takes the lead is fitted to its inliers, and these are
-    judged again, `max_rounds` times at most. The draws of an image depend on its seed alone. An image
-    has no inliers where no triple determines a pose.
+    judged again, `max_rounds` times at most. The draws of an image depend on its seed alone. An
+    image has no inliers where no triple determines a pose.
     """
     n, _, p = landmarks.shape
     if shape.shape != (3, p) or weights.shape != (n, p) or seeds.shape != (n,):
