@@ -22,9 +22,9 @@ from shapefit.io.head import (
     Head,
     anipose_landmarks,
     decode,
-    something_else,
-    understand,
+    parse_header,
     unknown_json,
+    unsupported_file,
 )
 from shapefit.io.inputs import (
     HDF5_SIGNATURE,
@@ -276,7 +276,7 @@ def _table(head: Head) -> bool:
         return False
     line = decode(head.bytes).replace("\r", "\n").partition("\n")[0]
     own = {"item", "landmark"} <= {cell.strip(' "\t') for cell in line.split(",")}
-    return "\0" not in line and not own and understand(line) is not None
+    return "\0" not in line and not own and parse_header(line) is not None
 
 
 _LISTS = re.compile(rb"\s*\[\s*\[\s*(?:\[\s*)?[-\dnN]")
@@ -422,7 +422,7 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     if HDF5.has_suffix(path):
         fix = "give an HDF5 file, or name it .csv if it is CSV"
         raise input_error(path, "is not an HDF5 file", fix)
-    if (error := something_else(head)) is not None:
+    if (error := unsupported_file(head)) is not None:
         raise error
     if b"\0" in head.bytes and not CSV.has_suffix(path):
         raise _unknown(path)

@@ -203,7 +203,7 @@ SIGNS: tuple[tuple[tuple[bytes, ...], str, str], ...] = (
 """First bytes, what such a file is, and the fix."""
 
 
-def something_else(head: Head) -> InputError | None:
+def unsupported_file(head: Head) -> InputError | None:
     """Return the error for a file whose first bytes say what else it is; None without such."""
     if head.bytes[4:8] in (b"ftyp", b"moov", b"mdat"):
         return input_error(head.path, "is a video, or a part of one", LANDMARKS)
@@ -320,7 +320,7 @@ class Columns:
         return "; ".join(shown)
 
 
-def understand(line: str) -> Columns | None:
+def parse_header(line: str) -> Columns | None:
     """Return what the columns of a header hold; None where it is not that of a table of landmarks.
 
     A long table has columns landmark, x, y, and item or frame; a wide one has columns NAME_x and

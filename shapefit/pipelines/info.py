@@ -20,7 +20,7 @@ from shapefit.io import (
     open_shapes,
     read_dictionary,
 )
-from shapefit.io.foreign.items import fitting_skeletons, peek_recording
+from shapefit.io.foreign.items import peek_recording, skeletons_of_size
 from shapefit.io.formats import FileFormat, detect_format, group_inputs
 from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import UNKNOWN_UNIT
@@ -124,7 +124,7 @@ def _told(
             [("frames", f"{recording.frame_count:,}")] if recording.frame_count is not None else []
         )
         count = recording.landmark_count
-        fitting = fitting_skeletons(count)
+        fitting = skeletons_of_size(count)
         nameless = recording.landmark_names is None and not recording.default_keypoints
         if nameless and options.keypoints is None and fitting:
             hint = " or ".join(f"`--set keypoints={name}`" for name in fitting)

@@ -192,15 +192,7 @@ KEYS = ("df_with_missing", "tracks")
 
 TABLE, FIXED = "frame_table", "frame"
 
-
-@dataclass(frozen=True)
-class _Block:
-    """A dataset of numbers, or a field of one: where it is, and the names of its columns."""
-
-    dataset: str
-    field: str
-    columns: list[tuple[str, ...]]
-    transposed: bool = False
+Columns = list[tuple[str, ...]]
 
 
 def read_hdf5(paths: tuple[Path, ...]) -> Recording:
@@ -216,23 +208,13 @@ def read_hdf5(paths: tuple[Path, ...]) -> Recording:
         kind = text(file.attribute("pandas_type", key) or "")
         if kind not in (TABLE, FIXED):
             raise file.fault(key, f"is a {printable(kind)} of pandas, not a table of frames", FIX)
-        blocks = _table_blocks(file, key) if kind == TABLE else _fixed_blocks(file, key)
-        layout = arrange(file.place(key), [name for block in blocks for name in block.columns])
-        if kind == TABLE:
-            rows = file.rows(f"{key}/table")
-            values = [_numbers(file, block, rows[block.field]) for block in blocks]
-            labels = _table_labels(file, key, rows["index"])
-        else:
-            values = [
-                _numbers(file, block, each.T if block.transposed else each)
-                for block in blocks
-                for each in (file.rows(block.dataset),)
-            ]
-            labels = _fixed_labels(file, key, len(values[0]))
+        read = _read_table if kind == TABLE else _read_fixed
+        columns, values, labels = read(file, key)
+        layout = arrange(file.place(key), columns)
     return Recording(
         name=str(path),
         video=video_name(path),
-        **layout.instances(np.concatenate(values, axis=1), labels),
+        **layout.instances(values, labels),
         landmark_names=layout.landmarks,
         individual_names=layout.individuals,
         notes=layout.notes,
@@ -257,64 +239,83 @@ def _key(file: TrackerFile) -> str:
     raise input_error(file.path, f"holds the tables {tables}", fix)
 
 
-def _table_blocks(file: TrackerFile, key: str) -> list[_Block]:
-    """Return the blocks of the table layout, whose columns are pickled lists."""
+def _read_table(file: TrackerFile, key: str) -> tuple[Columns, Floats, list[str]]:
+    """Return names of columns, numbers (n, columns) and labels of frames of the table layout."""
     table = f"{key}/table"
     fields = file.fields(table)
     if "index" not in fields:
         raise file.fault(table, "has no column 'index' for the frames", FIX)
-    blocks = []
+    columns: Columns = []
+    parts = []
+    rows: Any = None
     for field in (name for name in fields if name != "index"):
-        name = f"{field}_kind"
-        place = f"{file.place(table)}@{printable(name)}"
-        columns = [_column(place, column) for column in names_of(place, _bytes(file, name, table))]
-        blocks.append(_Block(table, field, columns))
-    if not blocks:
+        place = f"{file.place(table)}@{printable(field)}_kind"
+        pickled = file.attribute(f"{field}_kind", table)
+        own = names_of(place, pickled.encode() if isinstance(pickled, str) else pickled)
+        for column in own:
+            if not isinstance(column, tuple):
+                raise input_error(place, f"names a column {printable(repr(column))}", FIX)
+        rows = file.rows(table) if rows is None else rows
+        parts.append(_numbers(file, table, rows[field], len(own)))
+        columns += [tuple(map(str, column)) for column in own]
+    if not parts:
         raise file.fault(table, "has no numbers", FIX)
-    return blocks
+    index = rows["index"]
+    if text(file.attribute("index_kind", table) or "").startswith("string"):
+        labels = image_labels([text(value) for value in index])
+    elif index.dtype.kind not in "iuf" or index.ndim != 1:
+        raise file.fault(table, "its index is no number", FIX)
+    else:
+        labels = number_labels(file.place(table), index)
+    return columns, np.concatenate(parts, axis=1), labels
 
 
-def _bytes(file: TrackerFile, name: str, node: str) -> Any:
-    value = file.attribute(name, node)
-    return value.encode() if isinstance(value, str) else value
-
-
-def _column(place: str, column: Any) -> tuple[str, ...]:
-    if not isinstance(column, tuple):
-        raise input_error(place, f"names a column {printable(repr(column))}", FIX)
-    return tuple(str(name) for name in column)
-
-
-def _fixed_blocks(file: TrackerFile, key: str) -> list[_Block]:
-    """Return the blocks of the fixed layout, whose columns are levels and codes."""
-    blocks = []
+def _read_fixed(file: TrackerFile, key: str) -> tuple[Columns, Floats, list[str]]:
+    """Return the same of the fixed layout, whose columns are levels and codes."""
+    columns: Columns = []
+    parts = []
     count = file.attribute("nblocks", key)
     for number in range(count if isinstance(count, int) and 0 <= count < 100 else 1):
         dataset = f"{key}/block{number}_values"
         if text(file.attribute(f"block{number}_items_variety", key) or "") != "multi":
             raise file.fault(dataset, "its columns have no levels (scorer, bodyparts, coords)", FIX)
-        columns = _levels(file, f"{key}/block{number}_items")
+        own = _levels(file, f"{key}/block{number}_items")
         rows, width = file.shape(dataset, "frames, columns")
         transposed = not file.attribute("transposed", dataset)
-        if (rows if transposed else width) != len(columns):
-            raise file.fault(dataset, f"has the shape {(rows, width)} for {len(columns)} columns")
-        blocks.append(_Block(dataset, "", columns, transposed))
-    if not blocks:
+        if (rows if transposed else width) != len(own):
+            raise file.fault(dataset, f"has the shape {(rows, width)} for {len(own)} columns")
+        values = file.rows(dataset)
+        parts.append(_numbers(file, dataset, values.T if transposed else values, len(own)))
+        columns += own
+    if not parts:
         raise file.fault(key, "has no numbers", FIX)
     axis = f"{key}/axis0"
-    named = sorted(each for block in blocks for each in block.columns)
-    if file.is_dataset(f"{axis}_level0") and sorted(_levels(file, axis)) != named:
+    if file.is_dataset(f"{axis}_level0") and sorted(_levels(file, axis)) != sorted(columns):
         raise file.fault(axis, "names other columns than its blocks")
-    return blocks
+    labels = _fixed_labels(file, key)
+    if len(labels) != len(parts[0]):
+        found = f"names {len(labels)} frames, and there are {len(parts[0])}"
+        raise file.fault(f"{key}/axis1", found)
+    return columns, np.concatenate(parts, axis=1), labels
 
 
-def _levels(file: TrackerFile, start: str) -> list[tuple[str, ...]]:
+def _fixed_labels(file: TrackerFile, key: str) -> list[str]:
+    """Return what the frames are called in the fixed layout."""
+    axis = f"{key}/axis1"
+    if text(file.attribute("axis1_variety", key) or "") == "multi":
+        return image_labels(["/".join(filter(None, row)) for row in _levels(file, axis)])
+    values = np.ravel(file.rows(axis))
+    if values.dtype.kind in "iuf":
+        return number_labels(file.place(axis), values)
+    return image_labels([text(value) for value in values.tolist()])
+
+
+def _levels(file: TrackerFile, start: str) -> Columns:
     """Return the names that levels and codes stand for, one tuple each."""
     levels: list[list[str]] = []
     while file.is_dataset(f"{start}_level{len(levels)}"):
         number = len(levels)
-        level = f"{start}_level{number}"
-        known = [text(value) for value in np.ravel(file.rows(level)).tolist()]
+        known = [text(value) for value in np.ravel(file.rows(f"{start}_level{number}")).tolist()]
         codes = np.ravel(file.rows(f"{start}_label{number}"))
         if codes.dtype.kind not in "iu" or ((codes < -1) | (codes >= len(known))).any():
             raise file.fault(f"{start}_label{number}", "are no codes")
@@ -324,40 +325,14 @@ def _levels(file: TrackerFile, start: str) -> list[tuple[str, ...]]:
     return list(zip(*levels, strict=True))
 
 
-def _fixed_labels(file: TrackerFile, key: str, frames: int) -> list[str]:
-    """Return what the frames are called in the fixed layout."""
-    variety = text(file.attribute("axis1_variety", key) or "")
-    if variety == "multi":
-        rows = _levels(file, f"{key}/axis1")
-        labels = image_labels(["/".join(filter(None, row)) for row in rows])
-    else:
-        values = np.ravel(file.rows(f"{key}/axis1"))
-        if values.dtype.kind in "iuf":
-            labels = number_labels(file.place(f"{key}/axis1"), values)
-        else:
-            labels = image_labels([text(value) for value in values.tolist()])
-    if len(labels) != frames:
-        raise file.fault(f"{key}/axis1", f"names {len(labels)} frames, and there are {frames}")
-    return labels
-
-
-def _table_labels(file: TrackerFile, key: str, index: Any) -> list[str]:
-    """Return what the frames are called in the table layout."""
-    if text(file.attribute("index_kind", f"{key}/table") or "").startswith("string"):
-        return image_labels([text(value) for value in index])
-    if index.dtype.kind not in "iuf" or index.ndim != 1:
-        raise file.fault(f"{key}/table", "its index is no number", FIX)
-    return number_labels(file.place(f"{key}/table"), index)
-
-
-def _numbers(file: TrackerFile, block: _Block, values: Any) -> Floats:
+def _numbers(file: TrackerFile, dataset: str, values: Any, columns: int) -> Floats:
+    """Return a block as numbers (n, columns)."""
     values = np.asarray(values)
     if values.ndim == 1:
         values = values[:, None]
     if values.dtype.kind not in "biuf":
-        place = file.place(block.dataset)
-        raise input_error(place, "holds pickled values, not numbers", FIX)
-    if values.shape[1:] != (len(block.columns),):
-        found = f"has rows of {values.shape[1:]} numbers for {len(block.columns)} columns"
-        raise file.fault(block.dataset, found)
+        raise file.fault(dataset, "holds pickled values, not numbers", FIX)
+    if values.shape[1:] != (columns,):
+        found = f"has rows of {values.shape[1:]} numbers for {columns} columns"
+        raise file.fault(dataset, found)
     return values.astype(np.float64, copy=False)

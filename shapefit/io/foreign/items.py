@@ -96,7 +96,7 @@ NUMBERED = "numbered"
 """In place of a skeleton: landmarks are called 0, 1 and so on."""
 
 
-def fitting_skeletons(count: int) -> list[str]:
+def skeletons_of_size(count: int) -> list[str]:
     """Return the known skeletons of so many landmarks."""
     return [name for name, one in SKELETONS.items() if len(one.landmark_names) == count]
 
@@ -117,7 +117,7 @@ def landmark_names(recording: Recording, options: InputOptions) -> tuple[str, ..
     if recording.landmark_names is not None:
         return recording.landmark_names
     count = recording.landmark_count
-    fitting = fitting_skeletons(count)
+    fitting = skeletons_of_size(count)
     chosen = wanted or recording.default_keypoints
     if chosen is None and fitting:
         found = f"{count} landmarks without names, as {listed(fitting, 'and')} have"
@@ -172,7 +172,7 @@ def landmarks_of(recording: Recording, options: InputOptions) -> tuple[LandmarkS
     """Return a recording of 2D landmarks as images, and notes."""
     names = landmark_names(recording, options)
     recording = in_pixels(replace(recording, y_axis=options.y_axis or recording.y_axis), options)
-    chosen, notes = choose(recording, options)
+    chosen, notes = select_instances(recording, options)
     whole: dict[str, NDArray[Any]] = {}
     if recording.edges:
         whole[EDGES] = np.array(recording.edges, dtype=np.int64)
@@ -194,7 +194,7 @@ def landmarks_of(recording: Recording, options: InputOptions) -> tuple[LandmarkS
 def shapes_of(recording: Recording, options: InputOptions) -> tuple[ShapeSet, Notes]:
     """Return a recording of 3D points as shapes, NaN where a landmark is unknown; and notes."""
     names = landmark_names(recording, options)
-    chosen, notes = choose(recording, options)
+    chosen, notes = select_instances(recording, options)
     columns = {FRAME: chosen["frames"]}
     if chosen["confidence"] is not None:
         columns["confidence"] = chosen["confidence"]
@@ -218,7 +218,7 @@ UNTRACKED = "untracked"
 """In place of the individual, for those without identity beside others that have one."""
 
 
-def choose(recording: Recording, options: InputOptions) -> tuple[dict[str, Any], Notes]:
+def select_instances(recording: Recording, options: InputOptions) -> tuple[dict[str, Any], Notes]:
     """Return the instances that the options ask for, one sequence after the other, and notes.
 
     They are points (n, p, d), confidence (n, p) or None, frames (n,), items and sequences (n), ""

@@ -33,7 +33,7 @@ from shapefit.io.head import (
     anipose_landmarks,
     decode,
     numbers_of,
-    understand,
+    parse_header,
 )
 from shapefit.io.inputs import check_fits, read_whole
 from shapefit.io.skeletons import SKELETONS
@@ -80,9 +80,9 @@ class Table:
         self._text = lines[-1] if len(lines) > last - self._line + 1 else ""
         self._line, self.names = last + 1, tuple(names)
 
-    def understood(self) -> Columns:
+    def take_header(self) -> Columns:
         """Return what the columns hold, by the first line, which is taken away."""
-        columns = understand(self._text.partition("\n")[0])
+        columns = parse_header(self._text.partition("\n")[0])
         if columns is None:
             raise input_error(
                 self.path, "does not name columns of landmarks", "see docs/formats.md"
@@ -93,7 +93,7 @@ class Table:
         self.drop([header], columns.names)
         return columns
 
-    def unsure(self, line: int | None, found: str, fix: str) -> InputError:
+    def error(self, line: int | None, found: str, fix: str) -> InputError:
         """Return an error that shows the first rows as they were understood."""
         place = str(self.path) if line is None else f"{self.path}:{line}"
         return input_error(place, found, fix + self._hint)
@@ -342,7 +342,7 @@ def read_any_table(paths: tuple[Path, ...]) -> Recording:
     """
     path = paths[0]
     table = Table(path)
-    columns = table.understood()
+    columns = table.take_header()
     taken = _read_long if columns.landmarks is None else _read_wide
     points, confidence, names, cells = taken(table, columns)
     notes: tuple[str, ...] = ()
@@ -422,7 +422,7 @@ def _read_long(table: Table, columns: Columns) -> Taken:
         if place in taken:
             what = f"{name!r} of {' '.join(key)} is also in line {lines[taken[place]]}"
             fix = "keep one body per image, or part them by a column `sequence`"
-            raise table.unsure(int(lines[number]), what, fix)
+            raise table.error(int(lines[number]), what, fix)
         taken[place] = number
         places[number] = place
     numbers = numbers_of(landmarks)
@@ -454,7 +454,7 @@ def _in_order(
     wrong = strange | ~(np.abs(values) < LAST_FRAME) | (values % 1 != 0)
     if wrong.any():
         what = f"the frame {cells[int(wrong.argmax())]!r} is no whole number"
-        raise table.unsure(None, what, "number the frames, or call the column `item`")
+        raise table.error(None, what, "number the frames, or call the column `item`")
     place = {name: number for number, name in enumerate(dict.fromkeys(videos))}
     video = np.array([place[name] for name in videos], np.int64)
     starts = np.full(len(place), np.inf)

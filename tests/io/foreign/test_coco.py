@@ -71,22 +71,6 @@ def test_track_ids_are_identities(written, identity):
     assert set(read(path)[0].sequences) == {"a/id 3"}
 
 
-@pytest.mark.parametrize(
-    ("contents", "message"),
-    [
-        (annotations(entry(0, 1, 1, 2, 2)), "3 numbers for 2 landmarks"),
-        (annotations(entry(0, 7, 1, 2, 2)), "a category without landmarks"),
-        (annotations(entry([0], 1, 1, 2, 2)), r"annotations\[0\]: no image"),
-        ({"images": 3}, "a.json:images: is no list of objects"),
-        ({"images": [], "categories": [{"keypoints": "a", "id": 1}]}, "that are no names"),
-        (annotations(categories=[{**MOUSE, "keypoints": ["a", "a"]}]), "with the same name"),
-    ],
-)
-def test_damaged_annotations(written, contents, message):
-    with pytest.raises(InputError, match=message):
-        read(written("a.json", contents))
-
-
 def result(image, *keypoints, **further):
     return {"image_id": image, "category_id": 1, "keypoints": list(keypoints), **further}
 
@@ -106,20 +90,6 @@ def test_the_scale_of_alphapose(written, largest, divisor):
     assert images.items[2] == "alphapose-results/id 0/2"
     np.testing.assert_allclose(images.confidence, largest / divisor)
     assert len(notes) == (divisor != 1)
-
-
-@pytest.mark.parametrize(
-    ("contents", "message"),
-    [
-        ([result(1, 1, 2, 3), 4], r"r.json:\[1\]: no keypoints"),
-        ([result([1], 1, 2, 3)], r"r.json:\[0\]: no image"),
-        ([result(1, 1, 2)], "a detection of 2 numbers"),
-        ([result(1, 1, 2, 3), result(1, 1, 2, 3, 4, 5, 6)], "several skeletons: 1 det"),
-    ],
-)
-def test_damaged_results(written, contents, message):
-    with pytest.raises(InputError, match=message):
-        read(written("r.json", contents))
 
 
 @pytest.mark.parametrize(

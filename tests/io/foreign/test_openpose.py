@@ -107,25 +107,6 @@ def test_hands_faces_and_strange_files_are_counted(written, tmp_path):
     ]
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('{"people": [{"pose_keypoints_2d": [1, 2', r"0.json:1: is not whole JSON"),
-        ('{"people": [3]}', "a person that is no object"),
-        ('{"people": [{"pose_keypoints_2d": 3}]}', "keypoints that are no list"),
-        ('{"people": [{"pose_keypoints_2d": [1, 2]}]}', "a person of 2 numbers, which are not 3"),
-        ('{"people": [{"pose_keypoints_2d": [1, "a", 2]}]}', "keypoints that are not numbers"),
-        ('{"people": [{"pose_keypoints_2d": [1, [2], 2]}]}', "keypoints that are not numbers"),
-        ('{"shapes": [], "imagePath": ""}', "is JSON of no known kind.*it is LabelMe's"),
-        ('{"people_in": 3}', "known are COCO annotations .*; none of them is near"),
-        ("[1, 2, 3]", "a list of objects without names"),
-    ],
-)
-def test_damaged_files_are_errors_that_name_them(written, tmp_path, text, message):
-    with pytest.raises(InputError, match=message):
-        read(written("cam/0.json", text), keypoints="coco_17")
-
-
 def test_a_video_or_an_empty_folder_is_told(tmp_path):
     path = tmp_path / "walk.mp4"
     path.write_bytes(b"\0\0\0\x20ftypisom" + bytes(100))
@@ -178,17 +159,3 @@ def test_confidences_of_models_of_coco(written):
     found, notes = read(written("walk.json", {"0.jpg": {"version": VERSION, "people": [person]}}))
     np.testing.assert_allclose(found.weights(), 0.75)
     assert "confidences divided by 6" in notes[0]
-
-
-@pytest.mark.parametrize(
-    ("second", "message"),
-    [
-        ({"faces": []}, "1.jpg: no list of people"),
-        (3, "1.jpg: no list of people"),
-        ({"people": [3]}, "1.jpg: a person that is no object"),
-        ({"people": [{"pose_keypoints_2d": [1, 2]}]}, "a person of 2 numbers"),
-    ],
-)
-def test_damaged(written, second, message):
-    with pytest.raises(InputError, match=message):
-        read(written("walk.json", {"0.jpg": {"people": []}, "1.jpg": second}))

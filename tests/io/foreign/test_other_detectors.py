@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-from shapefit.errors import InputError
-
 from .conftest import read_images as read
 
 
@@ -37,21 +35,6 @@ def test_mmpose_images(written, tmp_path):
     assert read(*paths)[0].items == images.items
 
 
-@pytest.mark.parametrize(
-    ("contents", "message"),
-    [
-        ([{"frame_id": 0, "instances": 3}], "a frame without `instances`"),
-        ([{"instances": [{}]}], "frame 0, instance 0: no keypoints"),
-        ([{"instances": [{"keypoints": [[1, 2, 3]]}]}], "3D keypoints"),
-        ([{"instances": [{"keypoints": [[1, 2]], "keypoint_scores": []}]}], "1 keypoints that"),
-        ({"meta_info": {}}, "no list of instances"),
-    ],
-)
-def test_damaged_mmpose(written, contents, message):
-    with pytest.raises(InputError, match=message):
-        read(written("v.json", contents))
-
-
 HEADER = "sync_index,port,frame_index,frame_time,point_id,img_loc_x,img_loc_y\n"
 
 
@@ -64,15 +47,6 @@ def test_caliscope(written):
     np.testing.assert_array_equal(
         images.landmarks, [[[10, nan, 30], [20, nan, 40]], [[nan, 50, nan], [nan, 60, nan]]]
     )
-
-
-@pytest.mark.parametrize(
-    ("row", "message"),
-    [("0,0,0,0,0,1", "xy.csv:2: has 6 cells"), ("0,0,0,0,0,a,1", "xy.csv:2: 'a' is no number")],
-)
-def test_damaged_caliscope(written, row, message):
-    with pytest.raises(InputError, match=message):
-        read(written("xy.csv", HEADER + row + "\n"))
 
 
 def test_yolo_labels_with_what_data_yaml_says(written, tmp_path):
@@ -110,23 +84,6 @@ def test_yolo_predictions_of_people_without_data_yaml(written, tmp_path):
     images, _ = read(tmp_path / "labels")
     assert images.landmark_names[0] == "nose"
     assert (images.confidence == [0.75] * 16 + [1]).all()
-
-
-@pytest.mark.parametrize(
-    ("text", "yaml", "message"),
-    [
-        ("0 .5 .5 .1 .1 .2 .5 .3 .3 .1 .3", None, "no data.yaml with kpt_shape"),
-        ("0 .5 .5 .1 .1 .2 .5 2", "kpt_shape: [2, 3]", "a line of 8 numbers, and 2 landmarks"),
-        ("0 .5 .5 .1 .1 .2 .5 2\n0 .5 x", None, r"a.txt:2: is no line of numbers"),
-        ("0 .5 .5 .1 .1 .2 .5 2", "kpt_shape: [2, 9]", r"data.yaml: kpt_shape is \[2, 9\]"),
-        ("0 .5 .5 .1 .1 .2 .5 2", "{", "data.yaml: is no YAML"),
-    ],
-)
-def test_damaged_yolo(written, text, yaml, message):
-    if yaml:
-        written("data.yaml", yaml)
-    with pytest.raises(InputError, match=message):
-        read(written("labels/a.txt", text))
 
 
 def test_so_many_landmarks_that_no_other_key_is_seen(written, tmp_path, rng):

@@ -141,40 +141,6 @@ def test_which_skeleton_an_array_has_must_be_said(tmp_path, rng):
 
 
 @pytest.mark.parametrize(
-    ("found", "words"),
-    [
-        (np.zeros((3, 4)), r"an array of float64 and the shape \(1, 3, 4\)"),
-        (np.ones((3, 4, 3)) * 7, r"third numbers run from 7 to 7.*the first rows are 7 7 7; 7 7 7"),
-        (np.ones((3, 4, 3)) * 1.5, r"third numbers run from 1.5 to 1.5, so are they confidences"),
-        (np.array([{"a": 1}], dtype=object), "without objects"),
-    ],
-)
-def test_arrays_of_something_else(tmp_path, found, words):
-    np.save(tmp_path / "a.npy", found, allow_pickle=True)
-    with pytest.raises(InputError, match=rf"a\.npy: .*{words}"):
-        read(tmp_path / "a.npy")
-
-
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        (
-            "frame;joint;x;y\n0;a;1;2\n0;b;3;oops\n",
-            r"csv:3: 'oops' is no number \(column y\).*understood so far: frame 0, landmark a",
-        ),
-        ("frame,joint,x,y\n0,a,1,2\n0,a,3,4\n", "csv:3: 'a' of 0 is also in line 2"),
-        ("frame,joint,x,y\nlast,a,1,2\n", "the frame 'last' is no whole number"),
-        ("frame,joint,x,y,score\n0,a,1,2,-1\n", "has a confidence of -1"),
-        (WIDE + "1,2,3\n", r"csv:4: has 3 cells for 5 columns"),
-        (WIDE + "1,\0,3,4,5\n", r"csv:4: is not text \(a zero byte\); save it as CSV in UTF-8$"),
-    ],
-)
-def test_what_is_unsure_is_an_error_that_shows_what_was_understood(tmp_path, text, words):
-    with pytest.raises(InputError, match=words):
-        read(table(tmp_path / "t.csv", text))
-
-
-@pytest.mark.parametrize(
     "wrap",
     [
         lambda body: body,

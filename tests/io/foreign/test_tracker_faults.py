@@ -148,36 +148,6 @@ def test_a_filter_that_is_not_there(write, problem):
 HEADER = "scorer,n,n,n,n\nbodyparts,a,a,b,b\ncoords,x,y,x,y\n"
 
 
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        (HEADER + "0,1,2,3,4\n0,1,2,3,4\n", "t/0 occurs more than once"),
-        (HEADER + "0,1,2,3,4\n1,1,2,3\n", ":5: has 4 cells for 5 columns"),
-        (
-            HEADER + "0,1,2,3,4\n1,1,2,three,4\n",
-            ":5: 'three' is no number (column b/x)",
-        ),
-        (HEADER + "0,1,2,3,4\none,1,2,3,4\n", ":5: 'one' is no number"),
-        (HEADER + "0,1,2,3,4\n,1,2,3,4\n", ":5: does not say its frame"),
-        (HEADER + '0,1,2,3,"4\n', ":4: a quote is never closed"),
-        (HEADER.replace("b,b", "a,a") + "0,1,2,3,4\n", "x of a is there twice"),
-        (HEADER.replace("x,y\n", "x,w\n") + "0,1,2,3,4\n", "b has no column y"),
-        (
-            HEADER.replace("x,y,x,y", "length,angle,length,angle"),
-            "no columns x and y (length, angle)",
-        ),
-        (HEADER.replace("x,y\n", "x,likelihood\n") + "0,1,2,3,4\n", "b has no column y"),
-        (HEADER.replace("coords", "scorer"), "there is no line 'coords'"),
-        ("scorer,n\n", "there is no line 'bodyparts'"),
-        ("scorer,n\nbodyparts,\ncoords,\n", "has no columns of coordinates"),
-        (HEADER.replace(",a,a", ",a"), "the lines of names have 4 and 5 cells"),
-    ],
-)
-def test_tables_of_text(tmp_path, problem, text, found):
-    (tmp_path / "t.csv").write_text(text)
-    assert found in problem(tmp_path / "t.csv")
-
-
 def two_tables(file):
     file.copy("df_with_missing", "tracks")
 
