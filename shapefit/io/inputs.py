@@ -19,7 +19,7 @@ STREAM = "-"
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 """With which some programs begin text in UTF-8."""
 
-BLOCK_BYTES = 1 << 17
+BLOCK_BYTES = 1 << 16
 """Of text that are read at a time; larger blocks leave the processor's cache and take longer."""
 
 LARGEST_BYTES = 1 << 30
