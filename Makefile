@@ -71,7 +71,7 @@ mocap-table: $(RUNS)
 	$(SHAPEFIT) fit -c configs/mocap/fit-global.yaml $(SET_DATA)
 	$(SHAPEFIT) learn-dict -c configs/people/learn-dict.yaml $(SET_DATA)
 	$(SHAPEFIT) fit -c configs/people/fit.yaml
-	$(SHAPEFIT) fit -c configs/people/sequences.yaml
+	$(SHAPEFIT) fit -c configs/mocap/fit-sequences.yaml
 	$(SHAPEFIT) eval -c configs/mocap/eval.yaml $(SET_DATA)
 	$(BIN)/python -m benchmarks.paper published mocap results/mocap/report
 	@echo "The report with tables and plots is in results/mocap/report."
@@ -90,7 +90,7 @@ paper: $(RUNS)
 	    $(SHAPEFIT) fit -c configs/paper/fit-$$fit.yaml || [ $$? -eq 1 ] || exit; done
 	$(SHAPEFIT) learn-dict -c configs/people/learn-dict.yaml $(SET_DATA)
 	$(SHAPEFIT) fit -c configs/people/fit.yaml
-	$(SHAPEFIT) fit -c configs/people/sequences.yaml
+	$(SHAPEFIT) fit -c configs/mocap/fit-sequences.yaml
 	$(SHAPEFIT) eval -c configs/paper/eval.yaml $(SET_DATA) || [ $$? -eq 1 ]
 	$(BIN)/python -m benchmarks.paper published mocap results/paper/mocap
 	$(BIN)/python -m benchmarks.paper recovery results/paper/recovery

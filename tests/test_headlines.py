@@ -206,7 +206,7 @@ def test_the_posterior_and_sequences_on_motion_capture(project, real_data, peopl
     assert keep_images(views, whole_sequences) == 830
     results = {"posterior": "result.h5", "sequences": "sequences.h5"}
     run("fit", "people/fit")
-    run("fit", "people/sequences")
+    run("fit", "mocap/fit-sequences")
     results = {name: f"results/people/{file}" for name, file in results.items()}
     run("eval", "people/eval", "--set", f"results={json.dumps(results)}")
     found = report(tmp_path / "results/people/report/report.csv")

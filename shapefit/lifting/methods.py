@@ -289,7 +289,7 @@ METHODS: dict[str, Method] = {
         perspective="own",
     ),
     "sequences": Method(
-        run="shapefit.lifting.sequences.method:lift_frames",
+        run="shapefit.lifting.sequences.clips:lift_frames",
         summary="the posterior of whole sequences: rigid bones, steady motion",
         section=POSTERIOR,
         needs=(PRIOR,),

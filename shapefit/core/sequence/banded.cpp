@@ -26,7 +26,6 @@ void Banded::scales(const SequenceData& data, long f, long apart, double* out) c
 bool Banded::factorise(const SequenceData& data, const Place& at, Bones bones, double damping) {
     const long d = data.points.size[1], D = D_, DD = D * D, DE = D * E_;
     double* tied = work_;
-    log_det_ = 0;
     clear(products_, E_ * E_);
     for (long f = 0; f < t_; ++f) {
         double *V = V_ + f * DD, *N = N_ + f * DD, *F = F_ + f * DE;
@@ -43,9 +42,7 @@ bool Banded::factorise(const SequenceData& data, const Place& at, Bones bones, d
             add_product(-1, transposed(W2, D), W2, S_, D, D, D, D, upper_from_column(D));
             add_product(-1, transposed(W2, D), F - 2 * DE, R_, D, E_, E_, E_, every(D));
         }
-        const double log_det = factorise_block(S_, V, D, D);
-        if (!is_finite(log_det)) return false;
-        log_det_ += log_det;
+        if (!is_finite(factorise_block(S_, V, D, D))) return false;
         clear(F, DE);
         add_product(1, plain(V, D), R_, F, D, E_, E_, E_, up_to_row());
         add_product(1, transposed(F, E_), F, products_, E_, E_, E_, E_, every(D));

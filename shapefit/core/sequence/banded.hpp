@@ -79,7 +79,6 @@ class Banded {
 
     // Sums of products of the right sides, R^T A^-1 R (E, E).
     const double* products() const { return products_; }
-    double log_det() const { return log_det_; }
     long columns() const { return E_; }
 
     // out (t, D) = A^-1 (R_0 + sum_b R_(1 + b) x_b)
@@ -97,7 +96,6 @@ class Banded {
     double *V_, *N_, *F_;  // (t, D, D), (t, D, D), V (R - ...) (t, D, E)
     double *S_, *R_, *W_;  // of the frame at work; W of this frame and the two before
     double *products_, *mixed_, *work_;
-    double log_det_ = 0;
 };
 
 }  // namespace shapefit

@@ -31,12 +31,11 @@ struct SequenceData {
     double still = from("still");  // rounds end when the energy per frame falls by less
     Matrix<double> points = from("points", "t 3p");  // y: the start, and then the minimum
     Vector<double> lengths = from("lengths", "e");  // l, likewise
-    Matrix<double> deviation = from("deviation", "t 3p?");  // of the points, where it is wanted
-    // likewise, of x with y, x with z and y with z of a landmark
-    Matrix<double> correlation = from("correlation", "t 3p?");
-    Tensor<double> covariance = from("covariance", "t 3p 3p?");  // of each frame, likewise
-    // energy at the minimum, log det of the Hessian of the frames there, rounds
-    Vector<double> end = from("end", "3");
+    Matrix<double> deviation = from("deviation", "t 3p");  // of the points
+    // of x with y, x with z and y with z of a landmark
+    Matrix<double> correlation = from("correlation", "t 3p");
+    Tensor<double> covariance = from("covariance", "t 3p 3p?");  // of each frame, where wanted
+    Vector<double> end = from("end", "2");  // energy at the minimum, rounds
 };
 
 // Where the minimisation stands; rows of frames are padded to a multiple of PADDING.

@@ -143,16 +143,11 @@ void smooth_sequence(const SequenceData& data) {
     }
     copy_rows(at->y, data.points, d);
     for (long b = 0; b < e; ++b) data.lengths[b] = at->lengths[b];
-    // the Hessian itself where deviations are wanted and it is positive definite, which Gauss and
-    // Newton's always is but for rounding
-    const bool wanted = data.deviation.size[0] > 0;
-    const bool definite = (wanted && factor.factorise(data, *at, Bones::WHOLE, 0)) ||
-                          factor.factorise(data, *at, Bones::HELD, 0);
     data.end[0] = at->energy;
-    data.end[1] = definite ? factor.log_det() : INFINITE;
-    data.end[2] = static_cast<double>(rounds);
-    if (!wanted) return;
-    if (definite) {
+    data.end[1] = static_cast<double>(rounds);
+    // the Hessian itself where it is positive definite, which Gauss and Newton's always is but for
+    // rounding
+    if (factor.factorise(data, *at, Bones::WHOLE, 0) || factor.factorise(data, *at, Bones::HELD, 0)) {
         Marginal marginal(workspace, data);
         return factor.write_covariances(data, *at, marginal);
     }

@@ -1,8 +1,20 @@
-"""The sequences of a fit: which frames belong together, and their shapes refined as one."""
+"""The method `sequences`: the posterior of every image, and then of every sequence as a whole.
+
+Error bars. Smoothing takes the errors of frames for independent. But what the prior and the view
+get wrong in one frame they get wrong in its neighbours, too, and what a detector gets wrong of a
+landmark in all frames does not average out either:
+
+    C_t = S_t + r^2 P_t + (k sigma)^2 I
+
+for the covariance S_t of a landmark that smoothing gives, P_t of the image alone, and the deviation
+sigma with which the landmarks were taken.
+
+A sequence that would move its images too far (`CONSTANTS.farthest`) is only steadied.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -10,41 +22,30 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, median
+from shapefit.arrays import Flags, Floats, median
+from shapefit.convex.problem import Problem
 from shapefit.core.stretches import on_threads
+from shapefit.lifting.estimate import CORRELATION, Estimate
+from shapefit.lifting.lift import Lifting
+from shapefit.lifting.methods import Settings
+from shapefit.lifting.posterior.method import lift_to_posterior
 from shapefit.lifting.posterior.posterior import Modes
-from shapefit.lifting.sequences.noise import LEAST_TURN, find_haste, find_noise, find_turn
-from shapefit.lifting.sequences.observations import Observations, observe
-from shapefit.lifting.sequences.smoothing import Lengths, Model, smooth
-from shapefit.lifting.sequences.steady import steady
+from shapefit.lifting.sequences.smoothing import (
+    CONSTANTS,
+    Indices,
+    Lengths,
+    Model,
+    Observations,
+    observe,
+    smooth,
+)
 
-Indices = NDArray[np.integer]
+NOISE = "sequence_noise"
+"""Dataset (n,) of the deviation of a coordinate with which the landmarks of a sequence were taken,
+nan for images that are not refined."""
 
-FEWEST = 3
-"""Frames of a sequence: fewer have no acceleration, and stay what their images say."""
-
-FARTHEST = 0.6
-"""Median over the images of the mean square of what a sequence moves them, in their deviations.
-
-Where images and sequence agree it is below 0.5 on subject 86, whatever the noise; where it is
-larger, bones are not rigid, landmarks are grossly wrong, or the prior is too sure.
-"""
-
-NEAR = 0.3
-"""The same where bones hardly turn (`LEAST_TURN`) and no length was measured: lengths then fit what
-the images have wrong alike. Of footage of six bodies, whole or down to the hips, clips below it end
-with 0.89 of the error of their images, and clips between it and `FARTHEST` with 0.99."""
-
-STILL = 0.15
-"""Turn (`find_turn`) below which such a sequence is only steadied: the noise of detectors alone
-looks like as much."""
-
-WIDEST = 3.0
-"""Standard deviation of a coordinate, in the size of the landmarks, beyond which an image says
-nothing: its posterior then has next to no scale. The frames beside it place it."""
-
-MOST = 4096
-"""Frames that are refined together; longer sequences are cut into parts of about one length."""
+PAIRS = ((0, 1), (0, 2), (1, 2))
+"""Coordinates of a landmark, in the order of the correlations."""
 
 
 @dataclass(frozen=True)
@@ -61,10 +62,28 @@ class Motion:
     give: Floats
     known: Lengths | None = None
 
-    @property
-    def measured(self) -> bool:
-        """Whether lengths were measured on the body itself."""
-        return self.known is not None and self.known.measured
+
+@dataclass(frozen=True)
+class Clips:
+    """n images, sequence after sequence, in the unit of the landmarks.
+
+    landmarks (n, 2, p); trust (n, p), the belief that a landmark is where it was observed times
+    the square of its confidence; points (n, 3, p), the posterior means, nan where there is none;
+    scale and centre (n,), (n, 2): a normalised point x is scale x + centre; modes, normalised;
+    misfit, the variance of normalised landmarks in the posteriors; noise, the stated deviation of a
+    coordinate of the landmarks, None where they are no better than that; deviation (n, 3, p) of
+    points.
+    """
+
+    landmarks: Floats
+    trust: Floats
+    points: Floats
+    scale: Floats
+    centre: Floats
+    modes: Modes
+    misfit: float
+    noise: float | None
+    deviation: Floats
 
 
 class Refined(NamedTuple):
@@ -80,24 +99,78 @@ class Refined(NamedTuple):
     covariance: Floats | None
 
 
-@dataclass(frozen=True)
-class Clips:
-    """n images, sequence after sequence, in the unit of the landmarks.
+def lift_frames(problem: Problem, settings: Settings) -> Estimate:
+    """Return the posterior of each image, with the modes from which sequences are inferred."""
+    found = lift_to_posterior(problem, settings, modes=CONSTANTS.modes)
+    unknown = np.full(len(problem.landmarks), np.nan)
+    return replace(found, further={**found.further, NOISE: unknown})
 
-    landmarks (n, 2, p); trust (n, p), the belief that a landmark is where it was observed times
-    the square of its confidence; points (n, 3, p), the posterior means, nan where there is none;
-    scale and centre (n,), (n, 2): a normalised point x is scale x + centre; modes, normalised;
-    misfit, the variance of normalised landmarks in the posteriors; deviation (n, 3, p) of points.
+
+def refine_lifting(
+    lifting: Lifting,
+    landmarks: Floats,
+    sequences: Sequence[str],
+    motion: Motion,
+    misfit: float,
+    noise: float | None,
+    widening: float,
+    threads: int = 0,
+) -> Lifting:
+    """Infer the shapes of whole sequences from the modes of their images.
+
+    landmarks (n, 2, p) as observed; misfit and noise as in `Clips`; widening of the variances;
+    threads as in `refine_clips`. The covariances of the modes are written over. All but the shapes
+    and what is known of them stays that of the images.
     """
-
-    landmarks: Floats
-    trust: Floats
-    points: Floats
-    scale: Floats
-    centre: Floats
-    modes: Modes
-    misfit: float
-    deviation: Floats
+    found = lifting.estimate
+    modes = found.posterior_modes
+    weights = lifting.problem.weights
+    seen = (weights > 0)[:, None]
+    own, own_mixed = found.deviation, found.further[CORRELATION]
+    if modes is None or own is None:
+        raise ValueError("the images have no modes, or no deviations")
+    centre = lifting.translation - lifting.scale[:, None] * found.translation
+    clips = Clips(
+        landmarks=np.where(seen, landmarks, np.nan),
+        trust=np.nan_to_num(found.further["belief"]) * weights**2,
+        points=lifting.shapes,
+        scale=lifting.scale,
+        centre=centre,
+        modes=modes,
+        misfit=misfit,
+        noise=noise,
+        deviation=lifting.scale[:, None, None] * own / np.sqrt(widening),
+    )
+    whole = found.covariance
+    refined = refine_clips(clips, sequences, motion, threads, covariances=whole is not None)
+    single = np.isnan(refined.noise)[:, None, None]
+    scale = lifting.scale[:, None, None] / np.sqrt(widening)
+    rows = nearest_known(says_something(clips), split(sequences))
+    images = (own[rows], own_mixed[rows].swapaxes(1, 2).astype(np.float64))
+    smoothed = (refined.deviation / scale, refined.correlation)
+    constant = CONSTANTS.lasting * refined.noise / scale[:, 0, 0]
+    bars, correlation = add_common_error(smoothed, images, constant)
+    mixed = correlation.swapaxes(1, 2).astype(np.float32)
+    if whole is not None and refined.covariance is not None:
+        of_all = constant[:, None, None] ** 2 * np.eye(whole.shape[1])
+        both = refined.covariance / scale**2 + CONSTANTS.shared**2 * whole[rows] + of_all
+        whole = np.where(single, whole, both)
+    return replace(
+        lifting,
+        shapes=refined.points,
+        landmarks_fitted=refined.points[:, :2].copy(),
+        estimate=replace(
+            found,
+            deviation=np.where(single, own, bars),
+            covariance=whole,
+            posterior_modes=None,
+            further={
+                **found.further,
+                CORRELATION: np.where(single, own_mixed, mixed),
+                NOISE: refined.noise,
+            },
+        ),
+    )
 
 
 def refine_clips(
@@ -110,26 +183,25 @@ def refine_clips(
     """Points (n, 3, p), their deviations and correlations, and the noise (n,) of their sequence.
 
     All but correlations in the unit of the landmarks. nan in all but the points where the inference
-    is that of the images: one is alone or nearly so in its sequence, or its bones stand
-    still (`STILL`) and no length was measured, or the sequence contradicts the images (`FARTHEST`,
-    `NEAR`). Then the points are but steadied. Sequences are refined on `threads` threads, 0 means
-    one per core; the results do not depend on them.
+    is that of the images: they are alone or nearly so in their sequence, or contradict it.
+    Sequences are refined on `threads` threads, 0 means one per core; the results do not depend on
+    them.
     """
     unknown = np.full_like(clips.points, np.nan)
     noise = np.full(len(clips.points), np.nan)
     d = unknown[0].size if covariances else 0
     whole = np.full((len(noise), d, d), np.nan) if covariances else None
     found = Refined(clips.points.copy(), unknown, unknown.copy(), noise, whole)
-    finite: NDArray[np.bool_] = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
+    finite: Flags = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
     known = says_something(clips)
     clips = replace(
         clips,
         scale=np.where(known, clips.scale, np.nan),
         points=np.where(known[:, None, None], clips.points, np.nan),
     )
-    fewest = 1 if motion.measured else FEWEST
+    fewest = 1 if motion.known is not None and motion.known.measured else CONSTANTS.fewest
     there = np.concatenate([[0], np.cumsum(known)])
-    long = [clip for clip in parts(sequences) if there[clip.stop] - there[clip.start] >= fewest]
+    long = [clip for clip in split(sequences) if there[clip.stop] - there[clip.start] >= fewest]
 
     def refine(clip: slice) -> None:
         refine_clip(clips, clip, known[clip], finite[clip], motion, found)
@@ -138,48 +210,44 @@ def refine_clips(
     return found
 
 
-def says_something(clips: Clips) -> NDArray[np.bool_]:
-    """Which images (n,) have a posterior that is not wider than `WIDEST`."""
+def says_something(clips: Clips) -> Flags:
+    """Which images (n,) have a posterior that is not wider than `CONSTANTS.widest`."""
     finite = np.isfinite(clips.points).all(axis=(1, 2))
     width = np.sqrt((clips.deviation**2).mean(axis=(1, 2)))
-    known: NDArray[np.bool_] = finite & (width < WIDEST * clips.scale)
+    known: Flags = finite & (width < CONSTANTS.widest * clips.scale)
     return known
 
 
+def split(sequences: Sequence[str]) -> list[slice]:
+    """Slices of equal neighbours in `sequences` (n,), in pieces of at most `CONSTANTS.longest`."""
+    values = np.array(sequences, dtype=object)
+    ends = [0, *(np.flatnonzero(values[1:] != values[:-1]) + 1).tolist(), len(values)]
+    found = []
+    for start, stop in pairwise(ends):
+        pieces = -(-(stop - start) // CONSTANTS.longest)
+        cuts = [start + (stop - start) * k // pieces for k in range(pieces + 1)] if pieces else []
+        found += [slice(a, b) for a, b in pairwise(cuts)]
+    return found
+
+
 def refine_clip(
-    clips: Clips,
-    clip: slice,
-    there: NDArray[np.bool_],
-    finite: NDArray[np.bool_],
-    motion: Motion,
-    found: Refined,
+    clips: Clips, clip: slice, there: Flags, finite: Flags, motion: Motion, found: Refined
 ) -> None:
     """Refine one sequence from the images that are `there` (t,); write down the finite ones."""
     unit = median(clips.scale[clip][there])
     seen = in_unit(clips, clip, unit)
     acceleration = motion.acceleration * find_haste(seen, motion.acceleration)
-    rows = np.arange(clip.start, clip.stop)[finite]
-    sd = clips.deviation[clip][there] / unit
     model = Model(motion.bones, acceleration**-2, motion.give, motion.known)
-    spread = np.full_like(seen.start, np.inf)
-    spread[there] = sd
-
-    def steady_images() -> None:
-        found.points[rows] = unit * steady(seen.start, spread, acceleration)[finite]
-
-    known = motion.measured or not len(motion.bones)
-    turn = np.inf if known else find_turn(seen, model)
-    if turn < STILL:
-        steady_images()
-        return
-    sigma = find_noise(seen, model)
-    wanted = found.covariance is not None
-    smoothed = smooth(seen, model, sigma, deviations=True, covariances=wanted)
-    assert smoothed.deviation is not None
-    assert smoothed.correlation is not None
-    away = (smoothed.points[there] - seen.start[there]) / sd
-    if median((away**2).mean(axis=(1, 2))) > (NEAR if turn < LEAST_TURN else FARTHEST):
-        steady_images()
+    sigma = float(np.sqrt(clips.misfit))
+    if clips.noise is not None:
+        sigma = min(max(clips.noise / unit, CONSTANTS.least_noise), sigma)
+    smoothed = smooth(seen, model, sigma, covariances=found.covariance is not None)
+    rows = np.arange(clip.start, clip.stop)[finite]
+    sd = np.full_like(seen.start, np.inf)
+    sd[there] = clips.deviation[clip][there] / unit
+    moved = (smoothed.points - seen.start) / sd
+    if median((moved[there] ** 2).mean(axis=(1, 2))) > CONSTANTS.farthest:
+        found.points[rows] = unit * steady(seen.start, sd, acceleration)[finite]
         return
     found.points[rows] = unit * smoothed.points[finite]
     found.deviation[rows] = unit * smoothed.deviation[finite]
@@ -209,13 +277,104 @@ def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:
     )
 
 
-def parts(sequences: Sequence[str]) -> list[slice]:
-    """Slices of equal neighbours in `sequences` (n,), in pieces of at most `MOST`."""
-    values = np.array(sequences, dtype=object)
-    ends = [0, *(np.flatnonzero(values[1:] != values[:-1]) + 1).tolist(), len(values)]
-    found = []
-    for start, stop in pairwise(ends):
-        pieces = -(-(stop - start) // MOST)
-        cuts = [start + (stop - start) * k // pieces for k in range(pieces + 1)] if pieces else []
-        found += [slice(a, b) for a, b in pairwise(cuts)]
-    return found
+def find_haste(seen: Observations, acceleration: Floats) -> float:
+    """How much faster than expected the landmarks move in their images: a factor from 1 to 30.
+
+    Second differences of a steady motion resemble their neighbours, with a correlation of 0.7; of
+    white noise their variance is 6 and the covariance of neighbours -4 times that of the noise. So
+    variance + 1.5 covariance = 2.05 times the mean square of the motion's.
+    """
+    w = np.where(seen.trust[:, None] > 0, seen.landmarks, np.nan)
+    second = w[2:] - 2 * w[1:-1] + w[:-2]
+    products = second[1:] * second[:-1]
+    known, with_neighbour = np.isfinite(second), np.isfinite(products)
+    if not with_neighbour.any():
+        return 1.0
+    variance = np.where(known, second**2, 0.0).sum(axis=(0, 1)) / np.maximum(known.sum((0, 1)), 1)
+    covariance = np.where(with_neighbour, products, 0.0).sum(axis=(0, 1))
+    covariance = covariance / np.maximum(with_neighbour.sum(axis=(0, 1)), 1)
+    moving = np.maximum(variance + 1.5 * covariance, 0.0) / 2.05
+    seen_ever = known.any(axis=(0, 1))
+    expected = float((acceleration[seen_ever] ** 2).sum())
+    return float(np.clip(np.sqrt(moving[seen_ever].sum() / expected), 1.0, 30.0))
+
+
+def steady(means: Floats, deviations: Floats, acceleration: Floats) -> Floats:
+    """Posterior means of single images m (t, 3, p) that do not jitter from frame to frame.
+
+        argmin_y  sum_t (y_t - m_t)^2 / (k sd_t^2)  +  sum_t (y_(t-1) - 2 y_t + y_(t+1))^2 / a^2
+
+    for standard deviations sd (t, 3, p), inf where nothing is known, and accelerations a (p,). k is
+    the share of the variance that is independent from image to image, see `find_jitter`: errors
+    that neighbouring images have in common cannot be smoothed away.
+    """
+    from scipy.linalg import solveh_banded  # which few sequences need
+
+    t, _, p = means.shape
+    weight = 1 / (find_jitter(means, deviations)[:, None] * deviations**2)
+    fixed = np.zeros((3, t))
+    for a, left in enumerate((1.0, -2.0, 1.0) if t > 2 else ()):
+        for b, right in enumerate((1.0, -2.0, 1.0)[: a + 1]):
+            fixed[a - b, b : b + t - 2] += left * right
+    smoothed = np.empty_like(means)
+    for axis in range(3):
+        for j in range(p):
+            bands = fixed / acceleration[j] ** 2
+            bands[0] += weight[:, axis, j]
+            pull = weight[:, axis, j] * means[:, axis, j]
+            smoothed[:, axis, j] = solveh_banded(bands, pull, lower=True)
+    return smoothed
+
+
+def find_jitter(means: Floats, deviations: Floats) -> Floats:
+    """Share k (3,) of the variances that jitters, from 0 to 1, x and y taken together.
+
+    As in `find_haste`, second differences of a steady motion have the variance v and the covariance
+    0.7 v of neighbours, those of white noise 6 and -4 times its variance, which is then
+    (0.7 variance - covariance) / 8.2.
+    """
+    known = np.isfinite(deviations)
+    second = means[2:] - 2 * means[1:-1] + means[:-2]
+    if len(second) < 2:
+        return np.full(3, CONSTANTS.least_jitter)
+    variance, covariance = (second**2).mean(axis=0), (second[1:] * second[:-1]).mean(axis=0)
+    white = np.maximum(0.7 * variance - covariance, 0.0) / 8.2
+    own = np.where(known, deviations, 0.0) ** 2
+    whole = own.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    of_plane = white[:2].sum() / max(float(whole[:2].sum()), 1e-300)
+    of_depth = white[2].sum() / max(float(whole[2].sum()), 1e-300)
+    share: Floats = np.clip(np.array([of_plane, of_plane, of_depth]), CONSTANTS.least_jitter, 1.0)
+    return share
+
+
+def add_common_error(
+    smoothed: tuple[Floats, Floats], images: tuple[Floats, Floats], constant: Floats
+) -> tuple[Floats, Floats]:
+    """Deviations and correlations of C, from those of S and P, all (n, 3, p), and k sigma (n,).
+
+    Correlations of x with y, x with z, and y with z of each landmark. A correlation of a landmark
+    that has no deviation is 0.
+    """
+    (own, mixed), (image, image_mixed), share = smoothed, images, CONSTANTS.shared
+    deviation = np.hypot(np.hypot(own, share * image), constant[:, None, None])
+    correlation = np.empty_like(deviation)
+    for row, (a, b) in enumerate(PAIRS):
+        covariance = mixed[:, row] * own[:, a] * own[:, b]
+        covariance = covariance + share**2 * image_mixed[:, row] * image[:, a] * image[:, b]
+        product = deviation[:, a] * deviation[:, b]
+        correlation[:, row] = covariance / np.where(product == 0, 1.0, product)
+    return deviation, correlation
+
+
+def nearest_known(known: Flags, clips: Iterable[slice]) -> NDArray[np.intp]:
+    """Row (n,) of the nearest frame of the same clip that is known (n,), its own where none is.
+
+    An image that says nothing has a covariance that says nothing of the errors of its frame.
+    """
+    rows = np.arange(len(known))
+    for clip in clips:
+        there, lacking = np.flatnonzero(known[clip]), np.flatnonzero(~known[clip])
+        if len(there) and len(lacking):
+            nearest = np.abs(lacking[:, None] - there).argmin(axis=1)
+            rows[clip.start + lacking] = clip.start + there[nearest]
+    return rows

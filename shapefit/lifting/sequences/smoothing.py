@@ -4,17 +4,17 @@ The landmarks y_t (3, p) of the frames, in the frame of the camera, and the leng
 minimise
 
     sum_t  -log p(y_t | image t)                                   mixture of the image's modes
-         + 1/2 sum_(t,j) q_tj (1/sigma^2 - 1/v) ||w_tj - y_tj||^2   the landmarks, of noise sigma
+         + 1/2 sum_(t,j) q_tj (1/sigma^2 - 1/v) ||w_tj - y_tj||^2   landmarks stated to be exacter
          + 1/2 sum_(t,j) ||y_(t-1)j - 2 y_tj + y_(t+1)j||^2 / a_j^2
          + 1/2 sum_(t, bones ij) (||y_ti - y_tj|| - l_ij)^2 / b^2.
 
 The posteriors of the images took their landmarks with the variance v of what the prior cannot
-place; over a sequence the landmarks themselves may be worth more, and the second term makes up for
-it. Bones are rigid but unknown; where their lengths k are known up to the scale g of the images,
-with the precision Q of their logarithms, d^T Q d / 2 of d = l / (g k) - 1 joins the objective.
-Levenberg and Marquardt's
-method over frames and lengths together: the lengths are few, and are eliminated from the banded
-system of the frames. No step raises the objective; the minimum is a local one, near the start.
+place. Where their noise sigma is stated to be smaller the second term makes up for it. Bones are
+rigid but unknown; where their lengths k are known up to the scale g of the images, with the
+precision Q of their logarithms, d^T Q d / 2 of d = l / (g k) - 1 joins the objective. Levenberg and
+Marquardt's method over frames and lengths together: the lengths are few, and are eliminated from
+the banded system of the frames. No step raises the objective; the minimum is a local one, near the
+start.
 """
 
 from __future__ import annotations
@@ -27,12 +27,59 @@ from numpy.typing import NDArray
 
 from shapefit import core
 from shapefit.arrays import Floats
-from shapefit.lifting.sequences.observations import Observations
 
 Indices = NDArray[np.integer]
 
-STILL = 1e-2
-"""Rounds end when one lowers the objective by a smaller share of the number of frames."""
+
+@dataclass(frozen=True)
+class Constants:
+    """The numbers of the model of sequences, in one place; none is a key.
+
+    modes           of a frame that count; the others have next to no share
+    fewest          frames of a sequence; fewer have no acceleration and stay what their images say
+    longest         frames that are refined together; longer sequences are cut into parts of about
+                    one length, for memory
+    rounds          of Levenberg and Marquardt's method at most
+    least_gain      of the objective, for each frame, with which rounds go on
+    depth_variance  added to the covariances, which know no mean depth: it stays where it is; in
+                    squares of the size of the landmarks
+    unseen          variance of the frames whose image says nothing: the others place them
+    widest          standard deviation of a coordinate, in the size of the landmarks, beyond which
+                    an image says nothing: its posterior then has next to no scale
+    least_noise     deviation of a coordinate, in the size of the landmarks, as which a smaller one
+                    counts: exact landmarks have rounding and a prior beside them. Of the levels
+                    .003, .01, .03 and .06 the best on exact clips of subject 86
+    farthest        median over the images of the mean square of what a sequence may move them, in
+                    their deviations. Beyond it bones are not rigid, landmarks are grossly wrong, or
+                    the prior is too sure, and the sequence is only steadied. Below 0.5 on clips of
+                    subject 86, whatever the noise; on footage of three other bodies, seen to the
+                    hips by a near camera, it saves 13% of the error
+    least_jitter    share of the variance of images that is taken for jitter at least
+    shared          r, the share of the deviations of single images that neighbouring frames have in
+                    common. Chosen on clips of subject 86 that the prior had not seen: 90% of their
+                    truth is then in the 90% ellipsoids
+    lasting         k, the part of the landmarks' noise that lasts over a sequence. Chosen on
+                    footage (benchmarks/footage.py) of six bodies other than 86, 13 and 14
+    through_camera  refinements before a pinhole camera, each with the depths of the one before it
+    """
+
+    modes: int = 4
+    fewest: int = 3
+    longest: int = 4096
+    rounds: int = 8
+    least_gain: float = 1e-2
+    depth_variance: float = 1e-5
+    unseen: float = 100.0
+    widest: float = 3.0
+    least_noise: float = 0.003
+    farthest: float = 0.6
+    least_jitter: float = 1e-6
+    shared: float = 0.4
+    lasting: float = 0.9
+    through_camera: int = 2
+
+
+CONSTANTS = Constants()
 
 
 class Lengths(NamedTuple):
@@ -62,20 +109,46 @@ class Model:
 
 
 @dataclass(frozen=True)
-class Smoothed:
-    """points (t, 3, p), lengths (e,), energy, log evidence of the noise up to a constant.
+class Observations:
+    """What single images say of the frames of one sequence, in units of the size of its landmarks.
 
-    deviation (t, 3, p) of the points, the lengths held, where it was asked for, and the correlation
-    (t, 3, p) of x with y, x with z, and y with z of each landmark; covariance (t, 3p, 3p) of the
-    frames, all x first, then y, then z, where it was asked for as well.
+    A frame has some modes, as the posterior of its image gives them: Gaussians over the landmarks
+    in the frame of the camera, with shares. Their energy is -log sum_k share_k N(y_t; m_tk, C_tk).
+
+    landmarks w (t, 2, p) as observed, nan where hidden; trust q (t, p), the belief that a landmark
+    is where it was observed, 0 where it is hidden; start (t, 3, p), the mean of each image;
+    misfit, the variance with which the posteriors took the landmarks; log_share (t, k),
+    mean (t, k, 3p), precision (t, k, 3p, 3p) and log_det (t, k) of the modes, log_share -inf where
+    a frame has fewer.
+    """
+
+    landmarks: Floats
+    trust: Floats
+    start: Floats
+    misfit: float
+    log_share: Floats
+    mean: Floats
+    precision: Floats
+    log_det: Floats
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+
+@dataclass(frozen=True)
+class Smoothed:
+    """points (t, 3, p) and lengths (e,) at the minimum, and the energy there.
+
+    deviation (t, 3, p) of the points, the lengths held, and the correlation (t, 3, p) of x with y,
+    x with z, and y with z of each landmark; covariance (t, 3p, 3p) of the frames, all x first, then
+    y, then z, where it was asked for.
     """
 
     points: Floats
     lengths: Floats
     energy: float
-    log_evidence: float
-    deviation: Floats | None = None
-    correlation: Floats | None = None
+    deviation: Floats
+    correlation: Floats
     covariance: Floats | None = None
 
 
@@ -83,19 +156,17 @@ def smooth(
     seen: Observations,
     model: Model,
     noise: float,
-    start: Smoothed | None = None,
-    rounds: int = 8,
-    deviations: bool = False,
+    rounds: int = CONSTANTS.rounds,
     covariances: bool = False,
 ) -> Smoothed:
-    """Minimise the objective above for landmarks of the given noise, from a start or the images."""
+    """Minimise the objective above from the images, for landmarks of the deviation `noise`."""
     t, _, p = seen.start.shape
-    points = (seen.start if start is None else start.points).reshape(t, 3 * p).copy()
-    lengths = (first_lengths(seen.start, model) if start is None else start.lengths).copy()
+    points = seen.start.reshape(t, 3 * p).copy()
+    lengths = first_lengths(seen.start, model)
     hold, known = held_lengths(model, lengths)
-    end = np.empty(3)
-    deviation, correlation = np.empty((2, t if deviations else 0, 3 * p))
-    covariance = np.empty((t if deviations and covariances else 0, 3 * p, 3 * p))
+    end = np.empty(2)
+    deviation, correlation = np.empty((2, t, 3 * p))
+    covariance = np.empty((t if covariances else 0, 3 * p, 3 * p))
     core.smooth_sequence(
         landmarks=np.nan_to_num(seen.landmarks).reshape(t, 2 * p),
         weight=further_weight(seen, noise),
@@ -109,7 +180,7 @@ def smooth(
         hold=hold,
         known=known,
         most_rounds=rounds,
-        still=STILL,
+        still=CONSTANTS.least_gain,
         points=points,
         lengths=lengths,
         deviation=deviation,
@@ -117,16 +188,13 @@ def smooth(
         covariance=covariance,
         end=end,
     )
-    energy, log_det = end[:2].tolist()
-    spread = 2 * float(np.log(noise)) * float(seen.trust.sum())
     return Smoothed(
         points=points.reshape(t, 3, p),
         lengths=lengths,
-        energy=energy,
-        log_evidence=-energy - 0.5 * log_det - spread,
-        deviation=deviation.reshape(t, 3, p) if deviations else None,
-        correlation=correlation.reshape(t, 3, p) if deviations else None,
-        covariance=covariance if len(covariance) else None,
+        energy=float(end[0]),
+        deviation=deviation.reshape(t, 3, p),
+        correlation=correlation.reshape(t, 3, p),
+        covariance=covariance if covariances else None,
     )
 
 
@@ -164,3 +232,76 @@ def scale_of(lengths: Floats, known: Floats) -> float:
     """Scale g at which known lengths (e,), nan where unknown, agree best with others."""
     there = np.isfinite(known)
     return float(np.exp(np.log(lengths[there] / known[there]).mean()))
+
+
+def observe(
+    landmarks: Floats,
+    trust: Floats,
+    start: Floats,
+    log_evidence: Floats,
+    means: Floats,
+    covariances: Floats,
+    misfit: float,
+    grow: Floats | float = 1.0,
+) -> Observations:
+    """Lay out the modes of t frames, all in one unit.
+
+    log_evidence (t, k), -inf where a frame has fewer modes; means (t, k, 3, p); covariances
+    (t, k, 3p, 3p), to be multiplied by grow^2 (t,), in whose memory the precisions then stand. A
+    frame without modes starts between its neighbours. Raises ValueError where no frame has any.
+    """
+    t, k = log_evidence.shape[0], min(CONSTANTS.modes, log_evidence.shape[1])
+    d = 3 * landmarks.shape[2]
+    there = np.isfinite(log_evidence[:, :k])
+    known = there[:, 0]
+    start = fill(start, known)
+    best = np.where(known, log_evidence[:, 0], 0.0)[:, None]
+    log_share = np.where(there, log_evidence[:, :k], -np.inf) - best
+    log_share[~known, 0] = 0.0
+    log_share = log_share - np.log(np.exp(log_share).sum(axis=1, keepdims=True))
+    mean = np.where(there[..., None], means[:, :k].reshape(t, k, d), start.reshape(t, 1, d))
+    precision, log_det = find_precisions(
+        np.ascontiguousarray(covariances[:, :k]),
+        np.where(there, np.reshape(grow, (-1, 1)) ** 2, 0.0),
+        np.where(there, CONSTANTS.depth_variance, CONSTANTS.unseen),
+        there | ~known[:, None] & (np.arange(k) == 0),
+    )
+    return Observations(
+        landmarks=landmarks,
+        trust=np.where(
+            np.isfinite(landmarks).all(axis=1) & known[:, None], np.nan_to_num(trust), 0.0
+        ),
+        start=start,
+        misfit=misfit,
+        log_share=log_share,
+        mean=mean,
+        precision=precision,
+        log_det=log_det,
+    )
+
+
+def find_precisions(
+    covariances: Floats, factor: Floats, more: Floats, there: NDArray[np.bool_]
+) -> tuple[Floats, Floats]:
+    """Inverses (t, k, d, d) of factor C + more I, and the log determinants (t, k) of these.
+
+    factor, more (t, k); a factor of 0 takes C for 0. They are written over
+    those C (t, k, d, d) that are `there` (t, k): of long sequences these take most of the memory.
+    """
+    log_det = np.zeros(there.shape)
+    core.find_precisions(
+        matrices=covariances, factor=factor, more=more, there=there, log_det=log_det, threads=1
+    )
+    return covariances, log_det
+
+
+def fill(points: Floats, known: NDArray[np.bool_]) -> Floats:
+    """Points (t, 3, p) with the frames that are not known between their neighbours in time."""
+    if known.all():
+        return points
+    if not known.any():
+        raise ValueError("no frame is known")
+    frames = np.arange(len(points))
+    flat = points[known].reshape(int(known.sum()), -1)
+    filled = [np.interp(frames, frames[known], column) for column in flat.T]
+    return np.stack(filled, axis=1).reshape(points.shape)

@@ -20,11 +20,9 @@ from shapefit.arrays import Floats
 from shapefit.geometry.pinhole import project
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.posterior.rays import find_rays
+from shapefit.lifting.sequences.smoothing import CONSTANTS
 
 Refine = Callable[[Lifting, Floats], Lifting]
-
-ROUNDS = 2
-"""Refinements of a sequence, each with the depths of the one before it."""
 
 
 def refine_through_camera(lifting: Lifting, landmarks: Floats, refine: Refine) -> Lifting:
@@ -58,7 +56,7 @@ def refine_through_camera(lifting: Lifting, landmarks: Floats, refine: Refine) -
         perspective=None,
     )
     refined = weak
-    for left in reversed(range(ROUNDS)):
+    for left in reversed(range(CONSTANTS.through_camera)):
         depth = view.camera.sign * refined.shapes[:, 2:] / rays.focal[:, None, None]
         # Covariances of modes are written over: all rounds but the last have a copy.
         modes = deepcopy(found.posterior_modes) if left else found.posterior_modes

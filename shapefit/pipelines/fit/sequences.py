@@ -16,8 +16,7 @@ from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, match_landmarks, read_shapes
 from shapefit.io.records import concatenate
 from shapefit.lifting.lift import Lifting
-from shapefit.lifting.sequences.clips import Motion
-from shapefit.lifting.sequences.method import refine_lifting
+from shapefit.lifting.sequences.clips import Motion, refine_lifting
 from shapefit.lifting.sequences.smoothing import Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
 
@@ -92,6 +91,7 @@ def refine_sequences(
             images.sequences or (),
             motion,
             misfit,
+            config.noise,
             config.posterior.widening,
             config.threads,
         )

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.lifting.sequences.observations import observe
-from shapefit.lifting.sequences.smoothing import Model
+from shapefit.lifting.sequences.smoothing import Model, observe
 
 BONES = np.array([[0, 1], [1, 2], [2, 3], [1, 4]])
 T, P = 24, 5

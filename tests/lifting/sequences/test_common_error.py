@@ -5,14 +5,8 @@ import pytest
 from scipy.special import chdtr
 
 from shapefit.evaluation.calibration import mahalanobis
-from shapefit.lifting.sequences.common_error import (
-    PAIRS,
-    SHARE,
-    add_common_error,
-    nearest_known,
-)
-from shapefit.lifting.sequences.observations import observe
-from shapefit.lifting.sequences.smoothing import Model, smooth
+from shapefit.lifting.sequences.clips import PAIRS, add_common_error, nearest_known
+from shapefit.lifting.sequences.smoothing import CONSTANTS, Model, observe, smooth
 
 T, P = 9, 4
 MISFIT = 0.01
@@ -30,19 +24,18 @@ def draw_covariances(rng, *shape):
     return A @ A.swapaxes(-1, -2) + 0.1 * np.eye(3)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.4, 1.0])
-def test_covariances_are_added(rng, share):
+def test_covariances_are_added(rng):
     S, own = draw_covariances(rng, 6, P), draw_covariances(rng, 6, P)
     constant = rng.uniform(0, 2, 6)
-    found = add_common_error(parts_of(S), parts_of(own), share, constant)
-    whole = S + share**2 * own + (constant**2)[:, None, None, None] * np.eye(3)
+    found = add_common_error(parts_of(S), parts_of(own), constant)
+    whole = S + CONSTANTS.shared**2 * own + (constant**2)[:, None, None, None] * np.eye(3)
     for got, expected in zip(found, parts_of(whole), strict=True):
         np.testing.assert_allclose(got, expected, rtol=1e-12)
 
 
 def test_what_is_known_exactly_has_no_correlation():
     nothing = (np.zeros((1, 3, 2)), np.full((1, 3, 2), 0.5))
-    deviation, correlation = add_common_error(nothing, nothing)
+    deviation, correlation = add_common_error(nothing, nothing, np.zeros(1))
     assert not deviation.any()
     assert not correlation.any()
 
@@ -65,17 +58,17 @@ def test_planted_errors_in_common_are_covered(rng):
         whole = whole.reshape(3 * P, 3 * P)
         motion = np.cumsum(np.cumsum(a * rng.standard_normal((T, 3, P)), axis=0), axis=0)
         errors = rng.multivariate_normal(np.zeros(3 * P), whole, T + 1).reshape(-1, 3, P)
-        means = motion + errors[:T] + SHARE * errors[T]
+        means = motion + errors[:T] + CONSTANTS.shared * errors[T]
         seen = observe(
             means[:, :2], np.ones((T, P)), means, np.zeros((T, 1)), means[:, None],
             np.tile(whole, (T, 1, 1, 1)), MISFIT,
         )  # fmt: skip
-        found = smooth(seen, model, np.sqrt(MISFIT), rounds=20, deviations=True)
+        found = smooth(seen, model, np.sqrt(MISFIT), rounds=20)
         one = slice(T // 2, T // 2 + 1)
         smoothed = (found.deviation[one], found.correlation[one])
         away = (found.points - motion)[one]
         for bars, kept in (
-            (add_common_error(smoothed, parts_of(C[None])), levels),
+            (add_common_error(smoothed, parts_of(C[None]), np.zeros(1)), levels),
             (smoothed, alone),
         ):
             kept.append(chdtr(3.0, mahalanobis(away / bars[0], bars[1]))[0])

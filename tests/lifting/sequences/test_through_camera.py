@@ -7,7 +7,7 @@ import pytest
 
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.pinhole import project
-from shapefit.lifting.sequences import method
+from shapefit.lifting.sequences import clips
 from shapefit.lifting.sequences.clips import Motion
 from shapefit.lifting.sequences.through_camera import refine_through_camera
 from tests.lifting.posterior.conftest import draw_component
@@ -89,14 +89,14 @@ def test_landmarks_are_trusted_by_belief_times_the_square_of_their_confidence(
     lifting = scene.lift(prior, confidence, modes=2)
     given = []
 
-    def keep(clips, *_, **__):
-        given.append(clips)
+    def keep(own, *_, **__):
+        given.append(own)
         raise InterruptedError
 
-    monkeypatch.setattr(method, "refine_clips", keep)
+    monkeypatch.setattr(clips, "refine_clips", keep)
     motion = Motion(np.array([[0, 1]]), np.ones(P), np.ones(1))
     with pytest.raises(InterruptedError):
-        method.refine_lifting(lifting, scene.landmarks, ["one"] * N, motion, 0.01, 1.0)
+        clips.refine_lifting(lifting, scene.landmarks, ["one"] * N, motion, 0.01, None, 1.0)
     weights = lifting.problem.weights
     np.testing.assert_allclose(weights / weights[:, :1], confidence / confidence[:, :1])
     belief = lifting.estimate.further["belief"]

@@ -116,7 +116,7 @@ def test_covariances_agree_with_deviations_and_correlations(people, tmp_path, ca
         np.testing.assert_allclose(mixed, found.columns["shape_correlation"][:, :, row], atol=1e-5)
 
 
-def test_a_body_that_hardly_turns_is_but_steadied(people, project, tmp_path):
+def test_sequences_that_contradict_their_images_are_but_steadied(people, tmp_path, monkeypatch):
     images = load(people / "views.h5").take([7] * 24)
     jitter = 0.01 * np.random.default_rng(2).standard_normal(images.landmarks.shape)
     size = np.ptp(images.landmarks[0], axis=1).max()
@@ -127,14 +127,57 @@ def test_a_body_that_hardly_turns_is_but_steadied(people, project, tmp_path):
     )
     path = written(tmp_path / "still.h5", still)
     single, _ = fitted(people, path, method="posterior")
+    refined, _ = fitted(people, path)
+    assert np.isfinite(refined.columns["sequence_noise"]).all()
+    monkeypatch.setattr(clips, "CONSTANTS", replace(clips.CONSTANTS, farthest=0.0))
     whole, _ = fitted(people, path)
     assert np.isnan(whole.columns["sequence_noise"]).all()
     np.testing.assert_allclose(whole.shape_sd, single.shape_sd, rtol=1e-5)
     jumps = [np.abs(np.diff(each.shapes, axis=0)).mean() for each in (single, whole)]
     assert jumps[1] < 0.9 * jumps[0]
+
+
+@pytest.mark.parametrize(("grow", "noise"), [(1.0, None), (50.0, None), (50.0, 0.0), (50.0, 0.4)])
+def test_noise_is_stated_and_that_of_the_images_otherwise(people, tmp_path, grow, noise):
+    """In the unit of the landmarks, of which the size of a body is some."""
+    images = load(people / "views.h5")
+    images = images.take(np.flatnonzero(np.array(images.sequences) == images.sequences[0]))
+    path = written(tmp_path / "large.h5", images.replaced(landmarks=grow * images.landmarks))
+    found, _ = fitted(people, path, noise=noise)
+    unit = np.median(found.scale)
+    expected = {None: 0.1 * unit, 0.0: 0.003 * unit}.get(noise, noise)
+    np.testing.assert_allclose(found.columns["sequence_noise"], expected, rtol=1e-9)
+
+
+def test_noise_stated_to_be_small_brings_the_landmarks_nearer(people):
+    loose, _ = fitted(people, people / "views.h5")
+    exact, _ = fitted(people, people / "views.h5", noise=0)
+    images = load(people / "views.h5")
+    off = [np.abs(each.landmarks_fitted - images.landmarks).mean() for each in (loose, exact)]
+    assert off[1] < 0.2 * off[0]
+
+
+def test_a_lone_image_is_refined_where_lengths_were_measured(people, project, tmp_path):
+    images = load(people / "views.h5").take(slice(0, 2)).replaced(sequences=("a", "b"))
+    path = written(tmp_path / "two.h5", images)
     known = {"lengths": project / "sample_data/people_test.h5"}
     measured, _ = fitted(people, path, sequences=known)
     assert np.isfinite(measured.columns["sequence_noise"]).all()
+    usual, _ = fitted(people, path)
+    assert np.isnan(usual.columns["sequence_noise"]).all()
+
+
+def test_frames_that_say_nothing_have_the_bars_of_their_neighbours(people, tmp_path):
+    """Three landmarks tell next to nothing of a body; in a sequence its neighbours do."""
+    images = load(people / "views.h5")
+    images = images.take(np.flatnonzero(np.array(images.sequences) == images.sequences[0])[:12])
+    landmarks = images.landmarks.copy()
+    landmarks[5, :, 3:] = np.nan
+    path = written(tmp_path / "gap.h5", images.replaced(landmarks=landmarks))
+    monotone, _ = fitted(people, path)
+    sd = np.linalg.norm(monotone.shape_sd, axis=(1, 2))
+    assert np.isfinite(monotone.columns["sequence_noise"]).all()
+    assert sd[5] < 3 * np.median(sd)
 
 
 def test_the_program_that_sequences_start_from_is_proved(people):
@@ -313,20 +356,6 @@ def test_a_file_without_factors_is_refused(people, tmp_path, text, found):
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=found):
         fitted(people, people / "views.h5", method="posterior", posterior={"calibration": path})
-
-
-@pytest.mark.parametrize(
-    ("turn", "near", "refined"),
-    [(0.29, 1e9, True), (0.29, 0.0, False), (0.14, 1e9, False), (0.31, 0.0, True)],
-)
-def test_bones_that_hardly_turn_must_move_their_images_little(
-    people, monkeypatch, turn, near, refined
-):
-    monkeypatch.setattr(clips, "find_turn", lambda seen, model: turn)
-    monkeypatch.setattr(clips, "NEAR", near)
-    monkeypatch.setattr(clips, "FARTHEST", 1e9)
-    found, _ = fitted(people, people / "views.h5")
-    assert np.isfinite(found.columns["sequence_noise"]).all() == refined
 
 
 def test_lengths_of_other_bodies_leave_the_size_free(people, rng):
