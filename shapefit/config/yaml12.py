@@ -100,7 +100,8 @@ class _Reader:
         self._document = Document()
 
     def read(self, root: Any) -> Document:
-        here = self._at(*(root.lc.line, root.lc.col) if hasattr(root, "lc") else (0, 0))
+        lc = getattr(root, "lc", None)
+        here = self._at(getattr(lc, "line", 0) or 0, getattr(lc, "col", 0) or 0)
         self._document.value = self._plain(root, (), here)
         if len(self._document.places) > MOST_VALUES:
             found = f"more than {MOST_VALUES} values, aliases written out; a config must be small"
@@ -135,7 +136,8 @@ class _Reader:
         return None
 
     def _inner(self, values: Any, location: Location, here: str) -> Any:
-        places = values.lc.data or {}  # none of what a tag or `<<` makes
+        lc = getattr(values, "lc", None)
+        places = getattr(lc, "data", None) or {}  # none of what a tag or `<<` makes
         if isinstance(values, list):
             found: Any = []
             for index, inner in enumerate(values):

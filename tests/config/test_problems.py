@@ -170,6 +170,10 @@ def test_a_proper_rotation_is_accepted():
         ("=1", "--set =1: expected key=value or key.key=value"),
         ("lambda.x=1", "--set lambda.x=1: expected a number > 0 or auto, found a mapping"),
         ("method=*x", "--set method=*x: not valid YAML"),
+        (
+            "dictionary=!!python/object:os.system x",
+            "is no number, text, list or mapping; leave out",
+        ),
         ("solver={tolerance: 1, tolerance: 2}", 'duplicate key "tolerance"'),
         ("dictionary.x=1", "--set dictionary.x=1: dictionary is 'a.h5' and has no keys"),
     ],
