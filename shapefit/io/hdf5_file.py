@@ -162,7 +162,8 @@ class Hdf5File:
         stored = self.stored(name)
         count = stored.shape[0] if stored.shape else 1
         count = len(range(*rows.indices(count))) if isinstance(rows, slice) else count
-        check_fits(self.place(name), count * self.row_bytes(name))
+        chunk = prod(stored.chunks or ()) * stored.itemsize if count else 0
+        check_fits(self.place(name), count * self.row_bytes(name) + chunk)
         with self.damage(name):
             size = prod(stored.shape) * stored.itemsize
             there = stored.dataset.id.get_storage_size() if size > ALWAYS_FITS else size
@@ -191,6 +192,7 @@ class Stored:
     dataset: Any
     text: bool
     shape: tuple[int, ...]
+    chunks: tuple[int, ...] | None
     itemsize: int
 
     @classmethod
@@ -198,7 +200,7 @@ class Stored:
         """Ask a dataset once."""
         kind = dataset.dtype
         text = h5py.check_string_dtype(kind) is not None
-        return cls(dataset, text, dataset.shape or (), kind.itemsize)
+        return cls(dataset, text, dataset.shape or (), dataset.chunks, kind.itemsize)
 
 
 def _decoded(stored: Any) -> Any:
