@@ -188,18 +188,21 @@ class _Table:
         known = len(self._numbers["item"])
         item, landmark = self._number(block, "item"), self._number(block, "landmark")
         n, p = len(self._numbers["item"]), len(self._numbers["landmark"])
-        self._take_lines(block, item, landmark, self.lines.reach(n, p))
+        lines = self.lines.reach(n, p)
+        place = item * p + landmark
+        self._take_lines(block, place, lines.reshape(-1))
         if "sequence" in self._columns:
             self._take_sequences(block, item, known)
-        points = self.points.reach(n, len(self._axes), p)
-        rows = np.stack([self._coordinate(block, axis) for axis in self._axes], axis=-1)
-        rows[np.isnan(rows).any(axis=-1)] = np.nan
-        points[item, :, landmark] = rows
+        columns = [self._coordinate(block, axis) for axis in self._axes]
+        missing = np.isnan(columns).any(axis=0)
+        points = self.points.reach(n, len(columns), p).reshape(-1)
+        for axis, values in enumerate(columns):
+            points[(item * len(columns) + axis) * p + landmark] = np.where(missing, np.nan, values)
         if "confidence" in self._columns:
             values, _ = _column(block, "confidence")
             wrong = ~(np.isfinite(values) & (values >= 0))
             self._note("confidence", block, wrong, "write 0 (hidden) or a positive number")
-            self.confidence.reach(n, p)[item, landmark] = values
+            self.confidence.reach(n, p).reshape(-1)[place] = values
         if self._told:
             told = [line for _, line in sorted(self._told, key=lambda entry: entry[0])]
             raise input_problems(told)
@@ -215,14 +218,11 @@ class _Table:
             return np.resize(np.fromiter(map(number, cells[:period]), np.int64), len(cells))
         return np.fromiter(map(number, cells), np.int64, len(cells))
 
-    def _take_lines(
-        self, block: Block, item: Integers, landmark: Integers, lines: Integers
-    ) -> None:
+    def _take_lines(self, block: Block, place: Integers, lines: Integers) -> None:
         """Remember the first row of each item and landmark, and tell the others."""
-        before = lines[item, landmark]
-        fresh = np.flatnonzero(before == 0)[::-1]  # of equal ones the first wins
-        lines[item[fresh], landmark[fresh]] = block.lines[fresh]
-        first = lines[item, landmark]
+        fresh = np.flatnonzero(lines[place] == 0)[::-1]  # of equal ones the first wins
+        lines[place[fresh]] = block.lines[fresh]
+        first = lines[place]
         for row in np.flatnonzero(first != block.lines).tolist():
             names = f"item '{block.cells['item'][row]}', landmark '{block.cells['landmark'][row]}'"
             found = f"{names} is also on line {first[row]}; keep one of them"
@@ -231,10 +231,9 @@ class _Table:
     def _take_sequences(self, block: Block, item: Integers, known: int) -> None:
         """Take the sequence of each item from its first row, of new ones those from `known` on."""
         codes = self._number(block, "sequence")
-        new, first = np.unique(item, return_index=True)
-        is_new = new >= known
+        new = np.flatnonzero(item >= known)[::-1]  # of equal ones the first wins
         sequence = self.sequence.reach(len(self._numbers["item"]))
-        sequence[new[is_new]] = codes[first[is_new]]
+        sequence[item[new]] = codes[new]
         fix = "give all rows of an item one sequence"
         self._note("sequence", block, codes != sequence[item], fix)
 
