@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from shapefit import __version__
 from shapefit.config import FitConfig
+from shapefit.dictionary.model import Dictionary
 from shapefit.io import (
     LandmarkSet,
     LandmarkSource,
@@ -62,18 +63,22 @@ class Batch(NamedTuple):
 
 
 def run(
-    config: FitConfig, rows: slice | None = None, estimates: Estimates | None = None
+    config: FitConfig,
+    rows: slice | None = None,
+    estimates: Estimates | None = None,
+    dictionary: Dictionary | None = None,
 ) -> Iterator[Outcome]:
     """Lift every image of the landmark files, or these rows of the one; an Outcome per batch.
 
-    estimates are those of all inputs, where these are a part of them.
+    estimates are those of all inputs, where these are a part of them; the dictionary that of the
+    config, where it was read before.
     """
     output = config.output
     assert isinstance(output, Path), "a folder is written part by part"
     # A part of a file is known by the manifest: nobody reads the whole file for each part.
     files = (*(config.landmarks if rows is None else ()), config.dictionary)
     on_threads(local_copy, (path for path in files if isinstance(path, UrlPath)))
-    dictionary = read_dictionary(config.dictionary)
+    dictionary = dictionary or read_dictionary(config.dictionary)
     wanted = plan_exports(config, dictionary)
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
         estimates = estimates or prepare(config, dictionary, lambda: source.first(FIRST))

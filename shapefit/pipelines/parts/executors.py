@@ -24,20 +24,23 @@ from concurrent.futures import (
 )
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from shapefit import __version__
 from shapefit.config import FitConfig
 from shapefit.config.paths import DONE
+from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError, counted, input_error
+from shapefit.io import read_dictionary
 from shapefit.io.names import stable_hashes
 from shapefit.pipelines.fit.prepare import Estimates
 from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.outcome import Counted, Failure, Outcome, add_up
 from shapefit.pipelines.parts.manifest import clear_way, result_digest
 from shapefit.pipelines.parts.plan import Part
-from shapefit.stores import StoreError, find_state, masked, own_copies, use_storage_options
+from shapefit.stores import State, StoreError, find_state, masked, own_copies, use_storage_options
 
 ADDRESS = "DASK_SCHEDULER_ADDRESS"
 """Variable of the environment that names a running scheduler."""
@@ -117,7 +120,8 @@ def _fit(job: Job) -> Done:
     failures: list[Failure] = []
     warnings: dict[str, str | Counted] = {}
     doubts: dict[str, str | Counted] = {}
-    for outcome in run(config, rows, job.estimates):
+    dictionary = dictionary_of(config.dictionary, find_state(config.dictionary))
+    for outcome in run(config, rows, job.estimates, dictionary):
         images += outcome.done
         failed += len(outcome.failures)
         hashes.append(stable_hashes(outcome.items).tobytes())
@@ -140,6 +144,12 @@ def _fit(job: Job) -> Done:
         "digest": result_digest(target),
     }
     return Done(job.part, told, job.part.describe() | entry, b"".join(hashes))
+
+
+@lru_cache(maxsize=1)
+def dictionary_of(path: Path, _state: State | None) -> Dictionary:
+    """Read a dictionary, once as long as it does not change."""
+    return read_dictionary(path)
 
 
 def describe(error: BaseException) -> str:
