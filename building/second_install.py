@@ -17,7 +17,6 @@ import sysconfig
 import venv
 from pathlib import Path
 
-
 CHECKOUT = ("benchmarks", "building")
 
 
