@@ -32,7 +32,7 @@ from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet, digests, read_dic
 from shapefit.io.layout import EDGES
 from shapefit.io.records import concatenate
 from shapefit.lifting.lift import Lifting, fail_nonfinite
-from shapefit.lifting.methods import PosteriorOptions
+from shapefit.lifting.methods import METHODS, PosteriorOptions
 from shapefit.pipelines.fit.camera import read_intrinsics
 from shapefit.pipelines.fit.lift import check_needs, find_misfit, lift_images
 from shapefit.pipelines.fit.prepare import set_up
@@ -452,7 +452,13 @@ def lift_by(
     """
     config = _fit_config(method, camera)
     check_needs(config, dictionary)
-    return fail_nonfinite(lift_images(images, dictionary, config))
+    lifting = lift_images(images, dictionary, config)
+    if METHODS[method].sequences:
+        from shapefit.pipelines.fit.sequences import refine_sequences
+
+        misfit = find_misfit(config, dictionary)
+        lifting = refine_sequences(lifting, images, dictionary, config, misfit, None)
+    return fail_nonfinite(lifting)
 
 
 def _fit_config(method: str, camera: str | None = None) -> FitConfig:

@@ -12,7 +12,7 @@ from shapefit.dictionary.from_2d.judgement import DOUBTFUL, LEARNED, Judgement
 from shapefit.dictionary.model import Dictionary, describe_learning
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.rotations import random_rotations
+from shapefit.geometry.rotations import random_rotations, rotation_about_axis
 from shapefit.io import (
     LandmarkSet,
     ShapeSet,
@@ -22,7 +22,7 @@ from shapefit.io import (
 )
 from shapefit.pipelines import info, verify
 from shapefit.pipelines.learn_dict import run as learn_dict
-from shapefit.pipelines.learn_dict.from_2d import find_doubts
+from shapefit.pipelines.learn_dict.from_2d import find_doubts, lift_by
 from tests.io.files import save
 from tests.pipelines.fitted import fit_file
 
@@ -221,6 +221,19 @@ def test_missing_landmarks_and_confidences_and_sequences_are_taken(
     }
     learn(landmarks, further)
     assert min(error(lift(tmp_path), class_of_shapes, sign) for sign in (1, -1)) < 0.2
+
+
+def test_frames_of_a_sequence_are_lifted_together(learn, tmp_path, class_of_shapes):
+    """Between its neighbours a frame that shows little moves as they do."""
+    learn(class_of_shapes[:, :2])
+    made = read_dictionary(tmp_path / "dict.h5")
+    turn = rotation_about_axis(1, np.linspace(0, 1, 9))
+    landmarks = (turn @ class_of_shapes[0])[:, :2]
+    landmarks[4, :, 3:] = np.nan
+    images = LandmarkSet(landmarks, made.landmark_names, tuple("abcdefghi"), sequences=("s",) * 9)
+    alone, together = (lift_by(images, made, each) for each in ("posterior", "sequences"))
+    moves = [np.linalg.norm(np.diff(found.shapes[3:6], axis=0)) for found in (alone, together)]
+    assert moves[1] < 0.8 * moves[0]
 
 
 @pytest.fixture
