@@ -25,7 +25,7 @@ from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.io import LandmarkSet, ShapeSet, open_landmarks, read_shapes
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.perspective.start import mean_coefficients
+from shapefit.lifting.perspective.view import mean_coefficients
 from shapefit.pipelines.fit.camera import read_intrinsics
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
 

@@ -78,7 +78,7 @@ def perspective(data: Arrays, threads: float) -> Run:
     """Refine under the full projection of known cameras."""
     from shapefit.geometry.pinhole import Camera
     from shapefit.lifting.options import PerspectiveOptions
-    from shapefit.lifting.perspective.refinement import refine_perspective
+    from shapefit.lifting.perspective.view import refine_perspective
 
     camera = Camera(data["focal"], data["centre"], float(data["sign"]))
     options = PerspectiveOptions(ridge=0.3, softness=0.1, max_rounds=200, threads=int(threads))

@@ -15,7 +15,7 @@ from shapefit.convex.solution import Solution, Status
 from shapefit.convex.transforms import Transforms
 
 if TYPE_CHECKING:
-    from shapefit.lifting.global_optimum.tree import Tree
+    from shapefit.lifting.global_optimum.method import Tree
     from shapefit.lifting.posterior.posterior import Modes as PosteriorModes
 
 

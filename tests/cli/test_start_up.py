@@ -50,7 +50,7 @@ NOT_FOR_A_FIT_OF_CSV = (
     "shapefit.config.commands.learn_dict",
     "shapefit.config.commands.project",
     "shapefit.evaluation",
-    "shapefit.lifting.perspective.refinement",
+    "shapefit.lifting.perspective.view",
     "shapefit.lifting.perspective.view",
     "shapefit.lifting.outliers.ransac",
     "shapefit.lifting.sequences",

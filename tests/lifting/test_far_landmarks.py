@@ -12,9 +12,9 @@ import pytest
 from shapefit.convex.problem import build_problem
 from shapefit.convex.solution import Status
 from shapefit.geometry.rotations import random_rotations
-from shapefit.lifting.global_optimum.optimum import Limits, find_optimum
+from shapefit.lifting.global_optimum.method import Limits, find_optimum
 from shapefit.lifting.matching_pursuit import pursue
-from shapefit.lifting.shared_rotation.alternation import alternate
+from shapefit.lifting.shared_rotation.pose import alternate
 
 FAR = 2.0**38
 

@@ -25,8 +25,7 @@ from shapefit.lifting.methods import (
     choose_method,
 )
 from shapefit.lifting.shared_rotation import methods as shared
-from shapefit.lifting.shared_rotation.alternation import alternate
-from shapefit.lifting.shared_rotation.pose import spread_views
+from shapefit.lifting.shared_rotation.pose import alternate, spread_views
 
 RIGID = ("convex+refine", "alternate")
 # Matching pursuit has bases and tests of its own: test_matching_pursuit.py.

@@ -1,17 +1,22 @@
-"""The method `global`: the certified optimum of the model with one rotation."""
+"""The method `global`: the certified optimum of the model with one rotation.
+
+It is certified by branch and bound; the tree of a search, with the multipliers of its vertices, is
+a bound that anybody can check.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
-from shapefit.convex.solution import Status
+from shapefit.convex.solution import Status, read_statuses
 from shapefit.lifting.estimate import Estimate
-from shapefit.lifting.global_optimum.optimum import GlobalOptimum, Limits, find_optimum
-from shapefit.lifting.global_optimum.tree import Tree, record_tree
 from shapefit.lifting.methods import AlternationOptions, SearchOptions, Settings
 from shapefit.lifting.shared_rotation.methods import (
     alternate_from_mean,
@@ -63,3 +68,119 @@ def record_trees(
                 most_cells=options.max_cells,
             )
     return tuple(trees)
+
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Tree:
+    """Cells of one image that together hold all rotations, and what bounds v in each of them.
+
+    splits (c,): for each cell, depth first from the 300 of the 600-cell, the edge 0..5 whose
+    middle cuts it in two, or -1; vertices: unit quaternions (v, 4), the 60 of the 600-cell first,
+    then the middles in the order in which they come up; multipliers s Y (v, 2, p), orthogonal to
+    omega. docs/global.md says what follows.
+    """
+
+    splits: Indices
+    vertices: Floats
+    multipliers: Floats
+
+
+def record_tree(
+    problem: Problem, image: int, bound: float, *, most_cells: int = 200_000
+) -> Tree | None:
+    """Return a tree that proves v >= bound for one image; None where there is none so small."""
+    problem.require_squared("the search")
+    one = problem.take(np.array([image]))
+    p = one.landmarks.shape[2]
+
+    def record(cells: int, vertices: int) -> tuple[Tree, tuple[int, int, bool]]:
+        tree = Tree(np.zeros(cells, np.int64), np.zeros((vertices, 4)), np.zeros((vertices, 2, p)))
+        size = core.record_tree(
+            **one.arrays,
+            cut=bound,
+            most_cells=most_cells,
+            vertices=tree.vertices,
+            multipliers=tree.multipliers,
+            splits=tree.splits,
+        )
+        return tree, size
+
+    _, (cells, vertices, complete) = record(0, 0)
+    return record(cells, vertices)[0] if complete else None
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Where the search of one image gives up: after so many cells, or seconds."""
+
+    cells: int = 200_000
+    seconds: float = 10.0
+
+
+@dataclass(frozen=True)
+class GlobalOptimum:
+    """min_R v(R) for n images, and how well it is known.
+
+    coefficients c (n, k); rotation R (n, 3, 3), nan where c = 0; objective U (n,) there, and bound
+    L (n,) <= v(R) for every rotation R; cells and vertices (n,) of the search; status, a Status
+    for each image: OPTIMAL where U - L <= tolerance U, up to rounding.
+    """
+
+    coefficients: Floats
+    rotation: Floats
+    objective: Floats
+    bound: Floats
+    cells: Indices
+    vertices: Indices
+    status: tuple[Status, ...]
+
+    @property
+    def relative_gap(self) -> Floats:
+        """(U - L) / U (n,), 0 where U = 0."""
+        gap = np.zeros_like(self.objective)
+        np.divide(self.objective - self.bound, self.objective, out=gap, where=self.objective > 0)
+        return gap
+
+
+def find_optimum(
+    problem: Problem,
+    starts: Floats | None = None,
+    *,
+    tolerance: float = 1e-2,
+    limits: Limits | None = None,
+    threads: int = 0,
+) -> GlobalOptimum:
+    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over all R.
+
+    (Paper, eq. originalnoisy, with weights and translation.) Over c >= 0 and Rbar Rbar^T = I. The
+    optimum found is never above v at one of starts (n, s, 3, 3); a start that is nan counts for
+    nothing. Fewer than two visible landmarks are DEGENERATE. Bound and search: docs/global.md.
+    Raises ValueError for a loss other than the squared one.
+    """
+    problem.require_squared("the search")
+    limits = limits or Limits()
+    n, k = len(problem.landmarks), len(problem.atoms)
+    if starts is None:
+        starts = np.zeros((n, 0, 3, 3))
+    codes = np.zeros(n, np.int64)
+    found: dict[str, Any] = {
+        "coefficients": np.zeros((n, k)),
+        "rotation": np.full((n, 3, 3), np.nan),
+        **{name: np.full(n, np.nan) for name in ("objective", "bound")},
+        **{name: np.zeros(n, np.int64) for name in ("cells", "vertices")},
+    }
+    core.find_optimum(
+        **problem.arrays,
+        starts=np.ascontiguousarray(starts, dtype=np.float64),
+        tolerance=tolerance,
+        most_cells=limits.cells,
+        most_seconds=limits.seconds,
+        **found,
+        status=codes,
+        threads=threads,
+    )
+    found["rotation"][~found["coefficients"].any(axis=1)] = np.nan
+    return GlobalOptimum(**found, status=read_statuses(codes))

@@ -1,16 +1,20 @@
-"""Refine what was lifted by weak perspective under the full projection of a known camera."""
+"""Refine what was lifted by weak perspective under the full projection of a known camera.
+
+The refinement starts from where another method left the shape, placed in depth.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
-from shapefit.convex.solution import Status
+from shapefit.convex.solution import Status, read_statuses
 from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
@@ -18,8 +22,6 @@ from shapefit.geometry.pinhole import Camera, project
 from shapefit.lifting.estimate import Estimate, fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.options import PerspectiveOptions
-from shapefit.lifting.perspective.refinement import refine_perspective
-from shapefit.lifting.perspective.start import mean_coefficients
 from shapefit.lifting.reconstruction import combine, is_active
 from shapefit.lifting.shared_rotation.pose import find_pose, spread_views
 
@@ -141,3 +143,120 @@ def merge_status(old: Estimate, refined: Sequence[Status], rows: Rows) -> tuple[
     for row, new in zip(rows.tolist(), refined, strict=True):
         status[row] = new
     return tuple(status)
+
+
+FAILED = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
+"""How a refinement without a result ends."""
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Stationary points for n images: X = R sum_i c_i B_i + t.
+
+    rotation R (n, 3, 3); translation t (n, 3); coefficients c (n, k) >= 0; objective (n,);
+    rounds (n,); status, a Status per image. nan where it is DEGENERATE, which means that a landmark
+    begins behind the camera, or NUMERICAL_FAILURE.
+    """
+
+    rotation: Floats
+    translation: Floats
+    coefficients: Floats
+    objective: Floats
+    rounds: NDArray[np.int64]
+    status: tuple[Status, ...]
+
+
+def refine_perspective(
+    landmarks: Floats,
+    weights: Floats,
+    atoms: Floats,
+    camera: Camera,
+    rotation: Floats,
+    prior: Floats,
+    options: PerspectiveOptions,
+) -> Refined:
+    """min over R, t, c >= 0 of sum_j s^2/2 log(1 + |r_j|^2 / s^2) + ridge/2 |c - prior|^2.
+
+    s is the softness of the options, with ridge and the maximum rounds per image.
+    r_j = Omega_j (w_j - projection of column j of R sum_i c_i B_i + t), in normalised units:
+    landmarks w (n, 2, p), weights Omega (n, p), atoms B (k, 3, p), camera in the unit of w. It
+    starts from the rotations R (n, 3, 3), c = prior (k,), and t where weak perspective puts it.
+    A shape twice as large at twice the depth looks the same, so the size is fixed:
+    prior^T c = prior^T prior. The result is a local minimum; no certificate bounds it.
+    """
+    n = len(landmarks)
+    R = np.array(rotation, np.float64)
+    c = np.tile(np.asarray(prior, np.float64), (n, 1))
+    t = place_in_depth(landmarks, weights, np.tensordot(prior, atoms, axes=1), camera, R)
+    objective, rounds, codes = np.full(n, np.nan), np.zeros(n, np.int64), np.zeros(n, np.int64)
+    core.refine_perspective(
+        landmarks=np.ascontiguousarray(landmarks, np.float64),
+        weights=np.ascontiguousarray(weights, np.float64),
+        atoms=np.ascontiguousarray(atoms, np.float64),
+        prior=np.ascontiguousarray(prior, np.float64),
+        focal=np.ascontiguousarray(camera.focal, np.float64),
+        centre=np.ascontiguousarray(camera.centre, np.float64),
+        sign=camera.sign,
+        ridge=options.ridge,
+        softness=options.softness,
+        max_rounds=options.max_rounds,
+        rotation=R,
+        translation=t,
+        coefficients=c,
+        objective=objective,
+        rounds=rounds,
+        status=codes,
+        threads=options.threads,
+    )
+    failed = np.isin(codes, [list(Status).index(status) for status in FAILED])
+    R[failed], t[failed], c[failed] = np.nan, np.nan, np.nan
+    return Refined(R, t, c, objective, rounds, read_statuses(codes))
+
+
+def place_in_depth(
+    landmarks: Floats, weights: Floats, shape: Floats, camera: Camera, rotation: Floats
+) -> Floats:
+    """t (n, 3) at which R S, seen by weak perspective, has the size and place of the landmarks.
+
+    The depth is that of the visible landmarks' middle; S (3, p), the rest as above.
+    """
+    omega = np.where(weights > 0, weights, 0.0) ** 2
+    share = omega / omega.sum(axis=1, keepdims=True)
+    X = rotation @ shape
+    W = np.where(weights[:, None] > 0, landmarks, 0.0)
+    middle, seen = np.einsum("nap,np->na", X, share), np.einsum("nap,np->na", W, share)
+    rays = (W - camera.centre[..., None]) / camera.focal[..., None]
+    ray = (seen - camera.centre) / camera.focal
+    flat = X[:, :2] - middle[:, :2, None]
+    spread = np.einsum("nap,nap,np->n", flat, flat, share)
+    overlap = np.einsum("nap,nap,np->n", flat, rays - ray[..., None], share)
+    # a rotation that fits not at all must not put the shape at infinity
+    least = 0.1 * np.sqrt(
+        spread * np.einsum("nap,nap,np->n", *(2 * (rays - ray[..., None],)), share)
+    )
+    with np.errstate(divide="ignore", invalid="ignore"):  # landmarks that are all in one place
+        depth = spread / np.maximum(overlap, least)
+    t = np.empty((len(W), 3))
+    t[:, :2] = ray * depth[:, None] - middle[:, :2]
+    t[:, 2] = camera.sign * depth - middle[:, 2]
+    return t
+
+
+def mean_coefficients(atoms: Floats, mean_shape: Floats) -> Floats:
+    """argmin_{c >= 0} |sum_i c_i B_i - mean_shape|^2 + a little |c|^2: (k,).
+
+    For exemplars all are alike, 1/k over the spread of their mean.
+    """
+    k = len(atoms)
+    A = atoms.reshape(k, -1).T
+    little = 1e-3 * np.linalg.norm(A, axis=0).max()
+    c = np.zeros((1, k))
+    core.code(
+        gram=A.T @ A + little**2 * np.eye(k),
+        pulls=np.reshape(mean_shape.ravel() @ A, (1, k)),
+        smallest_moves=np.array([1e-12 * np.linalg.norm(mean_shape)]),
+        coefficients=c,
+        unsettled=np.zeros(1, dtype=bool),
+        threads=1,
+    )
+    return c[0]

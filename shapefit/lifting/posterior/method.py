@@ -1,11 +1,23 @@
-"""The method `posterior`: what the landmarks and a prior over shapes say of the shape together."""
+"""The method `posterior`: what the landmarks and a prior over shapes say of the shape together.
+
+Before a pinhole camera the posterior is found in the rays on which the landmarks lie. A shape whose
+middle is at the depth D of a camera with the focal length f is s = f / D times as large in the
+image as it is. In that unit its middle lies at the depth f, and landmark j, which is seen in the
+direction u_j, at
+
+    s (X_j + t) = u_j (f +- s Z_j)     in x and y,
+
++ where z points away from the camera. So f u_j = s (X_j + t -+ u_j Z_j) + e_j: linear in the shape,
+like weak perspective, with the slope +-u_j for each landmark.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
@@ -15,7 +27,6 @@ from shapefit.lifting.estimate import CORRELATION, ConvexProof, Estimate, fit_tr
 from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior.plausibility import Model, find_plausibility
 from shapefit.lifting.posterior.posterior import Gross, Posterior, find_posterior
-from shapefit.lifting.posterior.rays import face, find_rays, place, stretch_noise
 from shapefit.lifting.reconstruction import reconstruct
 from shapefit.lifting.shared_rotation.pose import (
     find_moments,
@@ -174,3 +185,69 @@ def find_noise(problem: Problem) -> Floats:
     square = np.where(problem.weights > 0, problem.weights, 1.0) ** 2
     noise: Floats = problem.noise / square[..., None, None]
     return noise
+
+
+@dataclass(frozen=True)
+class Rays:
+    """f u (n, 2, p) with f the geometric mean of both focal lengths, slopes (n, 2, p), f (n,)."""
+
+    landmarks: Floats
+    slopes: Floats
+    focal: Floats
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Shapes S (n, 3, p) about their middle and t (n, 3), in the unit of the dictionary.
+
+    The camera sees S + t; middle (n, 2) is where it sees t.
+    """
+
+    shapes: Floats
+    translation: Floats
+    middle: Floats
+
+
+def find_rays(landmarks: Floats, camera: Camera) -> Rays:
+    """Return the rays of landmarks (n, 2, p), in the unit of the camera."""
+    directions = (landmarks - camera.centre[..., None]) / camera.focal[..., None]
+    focal = np.sqrt(camera.focal.prod(axis=1))
+    return Rays(focal[:, None, None] * directions, camera.sign * directions, focal)
+
+
+def stretch_noise(noise: Floats, camera: Camera) -> Floats:
+    """Covariances (n, p, 2, 2) of landmarks as those of f u."""
+    grow = np.sqrt(camera.focal.prod(axis=1))[:, None] / camera.focal
+    stretched: Floats = noise * grow[:, None, :, None] * grow[:, None, None, :]
+    return stretched
+
+
+def face(rotations: Floats, landmarks: Floats, seen: NDArray[np.bool_], camera: Camera) -> Floats:
+    """Turn rotations (n, S, 3, 3) of weak perspective, which looks along the ray to the landmarks.
+
+    They are turned with the least turn of the optical axis onto the ray to the middle of the seen
+    landmarks (n, 2, p): an object off to the side shows its side.
+    """
+    count = np.maximum(seen.sum(axis=1), 1)[:, None]
+    middle = np.where(seen[:, None], landmarks, 0.0).sum(axis=2) / count
+    ray = np.empty((len(landmarks), 3))
+    ray[:, :2] = (middle - camera.centre) / camera.focal
+    ray[:, 2] = camera.sign
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    axis = np.array([0.0, 0.0, camera.sign])
+    x, y, z = np.cross(axis, ray).T
+    zero = np.zeros_like(x)
+    K = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    turn = np.eye(3) + K + K @ K / (1 + ray @ axis)[:, None, None]
+    turned: Floats = turn[:, None] @ rotations
+    return turned
+
+
+def place(points: Floats, scale: Floats, rays: Rays, camera: Camera) -> Placement:
+    """Where shapes stand whose points (n, 3, p) are in the unit of the image, at mean depth 0."""
+    middle = points[:, :2].mean(axis=2)
+    t = np.concatenate([middle, camera.sign * rays.focal[:, None]], axis=1) / scale[:, None]
+    S = points / scale[:, None, None]
+    S[:, :2] -= t[:, :2, None]
+    seen = camera.centre + camera.focal * middle / rays.focal[:, None]
+    return Placement(S, t, seen)

@@ -19,7 +19,7 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.geometry.pinhole import project
 from shapefit.lifting.lift import Lifting, PerspectiveView
-from shapefit.lifting.posterior.rays import find_rays
+from shapefit.lifting.posterior.method import find_rays
 from shapefit.lifting.sequences.smoothing import CONSTANTS
 
 Refine = Callable[[Lifting, Floats], Lifting]

@@ -15,14 +15,14 @@ from shapefit.lifting.estimate import ConvexProof, Estimate, fit_translation, re
 from shapefit.lifting.methods import AlternationOptions, Settings
 from shapefit.lifting.outliers.robust_loss import believable, find_outliers
 from shapefit.lifting.reconstruction import combine, is_active
-from shapefit.lifting.shared_rotation.alternation import alternate
 from shapefit.lifting.shared_rotation.pose import (
+    alternate,
     find_moments,
     find_pose,
     spread_views,
+    synchronise,
     turn_in_plane,
 )
-from shapefit.lifting.shared_rotation.synchronisation import synchronise
 
 
 def refine_convex(problem: Problem, settings: Settings) -> Estimate:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from shapefit import core
-from shapefit.lifting.global_optimum.optimum import find_optimum
-from shapefit.lifting.global_optimum.tree import record_tree
+from shapefit.lifting.global_optimum.method import find_optimum, record_tree
 from shapefit.verification.tree import Tree, unfold
 from tests.lifting.global_optimum.conftest import TRIPLES, best_at, rotation_rows
 

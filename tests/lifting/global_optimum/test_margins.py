@@ -8,8 +8,7 @@ import pytest
 from shapefit import core
 from shapefit.convex.problem import Problem, build_problem
 from shapefit.convex.solution import Status
-from shapefit.lifting.global_optimum.optimum import Limits, find_optimum
-from shapefit.lifting.global_optimum.tree import record_tree
+from shapefit.lifting.global_optimum.method import Limits, find_optimum, record_tree
 from shapefit.verification.tree import SLIVER, Tree, bilinear, unfold
 from tests.lifting.global_optimum.conftest import TRIPLES
 

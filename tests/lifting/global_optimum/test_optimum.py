@@ -14,7 +14,7 @@ from shapefit.convex.solution import Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.geometry.rotations import random_rotations
-from shapefit.lifting.global_optimum.optimum import Limits, find_optimum
+from shapefit.lifting.global_optimum.method import Limits, find_optimum
 from shapefit.lifting.methods import AlternationOptions, SearchOptions, Settings, choose_method
 from shapefit.lifting.reconstruction import combine
 from tests.lifting.global_optimum.conftest import best_at

@@ -12,8 +12,12 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
 from shapefit.lifting.options import PerspectiveOptions
-from shapefit.lifting.perspective.refinement import FAILED, refine_perspective
-from shapefit.lifting.perspective.start import mean_coefficients, place_in_depth
+from shapefit.lifting.perspective.view import (
+    FAILED,
+    mean_coefficients,
+    place_in_depth,
+    refine_perspective,
+)
 
 K, P = 6, 16
 OPTIONS = PerspectiveOptions(ridge=0.3, softness=0.1, max_rounds=500)

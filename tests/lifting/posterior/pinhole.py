@@ -7,8 +7,7 @@ from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.lift import Lifting, Program, lift
 from shapefit.lifting.methods import PosteriorOptions, Settings
-from shapefit.lifting.posterior.method import lift_to_posterior
-from shapefit.lifting.posterior.rays import face
+from shapefit.lifting.posterior.method import face, lift_to_posterior
 
 MISFIT, P = 0.003, 12
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from shapefit.geometry.pinhole import Camera, project
+from shapefit.lifting.posterior.method import face, find_rays, place
 from shapefit.lifting.posterior.posterior import find_posterior
-from shapefit.lifting.posterior.rays import face, find_rays, place
 from tests.lifting.posterior.pinhole import MISFIT, P, Scene
 
 

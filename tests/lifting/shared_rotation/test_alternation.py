@@ -13,7 +13,7 @@ from shapefit.convex.problem import Loss, build_problem
 from shapefit.convex.solution import Status
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting.estimate import fit_translation
-from shapefit.lifting.shared_rotation.alternation import alternate
+from shapefit.lifting.shared_rotation.pose import alternate
 
 signs = pytest.mark.parametrize("signed", [False, True])
 

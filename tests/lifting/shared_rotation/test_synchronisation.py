@@ -8,7 +8,7 @@ import pytest
 from shapefit import core
 from shapefit.convex.transforms import Transforms
 from shapefit.geometry.rotations import complete_rotation, random_rotations
-from shapefit.lifting.shared_rotation import synchronisation
+from shapefit.lifting.shared_rotation import pose as synchronisation
 
 
 class Synchronised(NamedTuple):
