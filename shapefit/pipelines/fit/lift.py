@@ -123,6 +123,13 @@ def load_steps(config: FitConfig) -> None:
     METHODS[config.method].load()
     if config.camera.model == "perspective" and METHODS[config.method].perspective == "refined":
         import shapefit.lifting.perspective.view
+    if config.outliers.method not in ("none", *ROBUST):
+        import shapefit.lifting.outliers.ransac
+    if config.leave_out is not None:
+        import concurrent.futures.thread  # noqa: F401
+
+        import shapefit.core.stretches
+        import shapefit.lifting.merging
     if METHODS[config.method].sequences:
         import shapefit.pipelines.fit.sequences  # noqa: F401
 
