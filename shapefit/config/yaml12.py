@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.constructor import RoundTripConstructor
+from ruamel.yaml.constructor import DuplicateKeyError, RoundTripConstructor
 from ruamel.yaml.error import MarkedYAMLError, YAMLError, YAMLWarning
 from ruamel.yaml.nodes import ScalarNode
 
@@ -43,6 +43,16 @@ class _Constructor(RoundTripConstructor):
 
     def text(self, node: ScalarNode) -> str:
         return str(node.value)
+
+    def check_mapping_key(
+        self, node: Any, key_node: Any, mapping: Any, key: Any, value: Any
+    ) -> bool:
+        """Refuse a repeated key without its values, which may be aliases of aliases."""
+        if key in mapping:
+            found = f'found duplicate key "{key}"'
+            start = "while constructing a mapping"
+            raise DuplicateKeyError(start, node.start_mark, found, key_node.start_mark)
+        return True
 
 
 for _tag, _construct in {

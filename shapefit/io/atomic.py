@@ -71,11 +71,11 @@ def check_output(target: Path) -> Path:
     except OSError as error:
         if error.errno == errno.ENAMETOOLONG:
             raise input_error(target, "its name is too long", "give a shorter one") from None
+    if os.path.isdir(resolved):
+        raise input_error(target, "it is a folder", "give the name of a file in it")
     around = next(folder for folder in resolved.parents if os.path.lexists(folder))
     if not os.path.isdir(around):
         raise input_error(target, f"{around} is not a folder", "choose another folder")
-    if os.path.isdir(resolved):
-        raise input_error(target, "it is a folder", "give the name of a file in it")
     if not is_writable(around):
         found = f"its folder {around} is not writable"
         raise input_error(target, found, "choose another folder, or change its permissions")
@@ -319,14 +319,15 @@ def _check_replaceable(target: Path) -> None:
 # The names of temporaries.
 
 
-def _machine() -> str:
+def machine_name() -> str:
+    """Return eight digits that tell this machine from others."""
     return f"{zlib.crc32(socket.gethostname().encode()):08x}"
 
 
 def _temporary_name(folder: Path, stem: str, suffix: str = "") -> Path:
     """Return a new hidden name in the folder; it tells which process made it."""
     start, end = _shortened(stem), _shortened(suffix)
-    writer = f"{_machine()}-{os.getpid()}-{secrets.token_hex(3)}"
+    writer = f"{machine_name()}-{os.getpid()}-{secrets.token_hex(3)}"
     return folder / f".{start}-{writer}.partial{end}"
 
 
@@ -337,7 +338,7 @@ def _shortened(name: str) -> str:
 def _sweep(folder: Path, stem: str, suffix: str = "") -> None:
     """Remove the temporaries of processes of this machine that are no more."""
     start, end = re.escape(_shortened(stem)), re.escape(_shortened(suffix))
-    pattern = re.compile(rf"\.{start}-{_machine()}-(\d+)-[0-9a-f]{{6}}\.partial{end}")
+    pattern = re.compile(rf"\.{start}-{machine_name()}-(\d+)-[0-9a-f]{{6}}\.partial{end}")
     with suppress(OSError):
         for name in os.listdir(folder):
             match = pattern.fullmatch(name)

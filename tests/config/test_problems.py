@@ -2,6 +2,7 @@
 
 import socket
 import warnings
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -196,6 +197,12 @@ def test_an_option_over_a_mapping_is_blamed_for_what_is_in_it():
     assert told.startswith(f"--set {option}: `method` should be 'none'")
 
 
+LAUGHS = "&a [x,x,x,x,x,x,x,x,x], " + ", ".join(
+    f"&{name} [{','.join(8 * [f'*{of}'])}]" for of, name in pairwise("abcdefghijkl")
+)
+"""Ten billion values in aliases of aliases."""
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -208,6 +215,7 @@ def test_an_option_over_a_mapping_is_blamed_for_what_is_in_it():
         ("lambda: !!int x\n", "c.yaml:1:9: expected a number > 0 or auto, found 'x'"),
         ("lambda: !foo x\n", "c.yaml:1:9: is no number, text, list or mapping; leave out the tag"),
         ("lambda: 1\nlambda: 2\n", 'c.yaml:2:1: not valid YAML: found duplicate key "lambda"'),
+        (f"k: 1\nk: [{LAUGHS}]\n", 'c.yaml:2:1: not valid YAML: found duplicate key "k"'),
         ("a: \x00\n", "c.yaml:1:1: not valid YAML: "),
         ("&x {fit: {lambda: *x}}\n", "c.yaml:1:1: an alias contains itself"),
         ("[" * 3000 + "]" * 3000, "c.yaml:1:1: lists or mappings are nested too deeply"),

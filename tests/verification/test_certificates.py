@@ -55,7 +55,7 @@ def sums(rng):
 
 
 def missed(rotation, total, size=1.0):
-    checks = Checks(np.ones(N, dtype=bool))
+    checks = Checks(np.ones(N, dtype=bool), {})
     bound = np.full(N, 1e-12)
     with np.errstate(all="ignore"):
         check_nearest(rotation, total, np.full(N, size), bound, checks)
@@ -82,14 +82,14 @@ def test_the_nearest_rotation_passes_and_no_other_stationary_one(sums, rng):
 def test_what_is_no_rotation_is_found(rng, change):
     R, factor = random_rotations(N, rng), np.zeros(N)
     for values, found in ((R, False), (change * R, True), (np.full_like(R, np.nan), False)):
-        checks = Checks(np.ones(N, dtype=bool))
+        checks = Checks(np.ones(N, dtype=bool), {})
         with np.errstate(all="ignore"):
             check_proper(values, factor, checks)
         assert (checks.missed() == found).all()
 
 
 def test_the_worst_of_an_image_counts_and_nan_misses():
-    checks = Checks(np.array([True, True, True, False]))
+    checks = Checks(np.array([True, True, True, False]), {})
     off = np.array([[1.0, 3.0], [1.0, 2.0], [np.nan, 0.0], [9.0, 9.0]])
     checks.add("c", off, 2.0)
     assert checks.missed().tolist() == [True, False, True, False]
@@ -99,6 +99,6 @@ def test_the_worst_of_an_image_counts_and_nan_misses():
     assert [image for image, _ in checks.reasons()] == [0, 1, 2]
     checks.add("e", off, np.full(4, np.nan), of=np.array([False, False, False, True]))
     assert checks.missed()[3]
-    none = Checks(np.zeros(0, dtype=bool))
+    none = Checks(np.zeros(0, dtype=bool), {})
     none.add("c", np.zeros((0, 3)), 1.0)
     assert none.missed().tolist() == []

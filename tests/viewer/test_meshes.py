@@ -48,7 +48,7 @@ def test_a_blended_mesh_is_the_exported_one(made, cars, open_page, method, item)
     assert np.abs(shown - exported).max() < 1e-4 * np.ptp(exported, axis=0).max()
 
 
-def test_landmarks_are_seen_where_the_camera_sees_them(made, cars, open_page):
+def test_landmarks_are_seen_where_the_camera_sees_them(made, cars, world, open_page):
     results = read_results(cars / "perspective.h5")
     row = results.items.index(ITEMS[0])
     page = open_page(made.path, f"#item={ITEMS[0]}")
@@ -56,7 +56,7 @@ def test_landmarks_are_seen_where_the_camera_sees_them(made, cars, open_page):
     size = np.ptp(results.landmarks_fitted[row])
     np.testing.assert_allclose(seen, results.landmarks_fitted[row].T, atol=1e-3 * size)
     config = ViewConfig(
-        files={"perspective": (cars / "perspective.h5",)}, dictionary=cars / "cars.h5"
+        files={"perspective": (cars / "perspective.h5",)}, dictionary=world.dictionary("cars")
     )
     (layer,) = make_page(config).scene.layers
     drawn = in_image(layer, row, results.shapes[row])

@@ -304,7 +304,7 @@ def connected(config: FitConfig) -> Iterator[Any]:
         found = "a cluster needs dask distributed, which is not installed"
         fix = "run `pip install distributed`, or leave out --scheduler; --workers does without"
         raise input_error("fit", found, fix) from None
-    for name in ("distributed", "distributed.client", "asyncio"):
+    for name in ("distributed", "distributed.client", "tornado.application", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     address, file = config.scheduler or os.environ.get(ADDRESS, ""), config.scheduler_file
     if file is not None:

@@ -23,6 +23,7 @@ import pytest
 
 from shapefit.config import load_config
 from shapefit.errors import InputError
+from shapefit.io.atomic import machine_name
 from shapefit.pipelines.parts import executors
 from shapefit.pipelines.parts.executors import Done, InThisProcess, Job, do_jobs, processes
 from shapefit.pipelines.parts.plan import Part, plan_parts
@@ -30,7 +31,7 @@ from tests.pipelines.parts.made import entries, make_dictionary, make_images
 from tests.pipelines.parts.made import same_bits as same_results
 
 BIN = Path(sys.executable).parent
-PARTS, SIZE = 10, 64
+PARTS, SIZE = 10, 128
 SLOW = ("--set", "method=alternate", "--set", "alternation.views=1000")
 LIMIT = 60
 ROOM = 20_000
@@ -75,11 +76,18 @@ def fit(folder: Path, output: str, *options: object) -> subprocess.CompletedProc
     )
 
 
+def hear_interrupts() -> None:
+    """Undo what a shell does to jobs in the background, these tests among them."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 @contextmanager
 def in_the_middle(folder: Path, output: str, *options: object) -> Iterator[subprocess.Popen[bytes]]:
     """Start fit, and wait until some parts are done."""
     pipe = subprocess.PIPE
-    process = subprocess.Popen(command(output, *options), cwd=folder, stdout=pipe, stderr=pipe)
+    process = subprocess.Popen(
+        command(output, *options), cwd=folder, stdout=pipe, stderr=pipe, preexec_fn=hear_interrupts
+    )
     try:
         until(lambda: len(results(folder / output)) >= 2, process)
         yield process
@@ -325,14 +333,14 @@ def shapes_by_item(paths: Sequence[Path]) -> dict[bytes, np.ndarray]:
 
 @pytest.mark.slow
 def test_a_killed_worker(data, cluster):
-    with in_the_middle(data, "worker/", "--scheduler", cluster.address) as process:
-        assert len(results(data / "worker")) < PARTS - 2
+    with in_the_middle(data, "killed/", "--scheduler", cluster.address) as process:
+        assert len(results(data / "killed")) < PARTS - 2
         cluster.workers[0].send_signal(signal.SIGKILL)
+        cluster.workers[0].wait()
         _, told = process.communicate(timeout=LIMIT)
         assert process.returncode == 0, told
-    cluster.workers[0].wait()
     cluster.workers[0] = start_worker(cluster)
-    same_bits(data, "worker/")
+    same_bits(data, "killed/")
 
 
 @pytest.mark.slow
@@ -347,7 +355,7 @@ def test_a_killed_client(data, cluster):
         with h5py.File(path) as file:  # whole
             assert len(file["item"]) == SIZE
     missing = f"part-{PARTS - 1:05}"
-    litter = data / "client" / f".{missing}-0123abcd.partial.h5"
+    litter = data / "client" / f".{missing}-{machine_name()}-{process.pid}-0123ab.partial.h5"
     litter.write_bytes(b"left by a killed worker")
     before = listed(data / "client") if (data / "client/manifest.jsonl").exists() else []
     stamps = {name: (data / "client" / name).stat().st_mtime_ns for name in before}
