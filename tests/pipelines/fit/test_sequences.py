@@ -127,9 +127,12 @@ def test_sequences_that_contradict_their_images_are_but_steadied(people, tmp_pat
     )
     path = written(tmp_path / "still.h5", still)
     single, _ = fitted(people, path, method="posterior")
+    # The body does not turn, so that the nearer limit holds.
+    monkeypatch.setattr(clips, "CONSTANTS", replace(clips.CONSTANTS, farthest_still=9.0))
     refined, _ = fitted(people, path)
     assert np.isfinite(refined.columns["sequence_noise"]).all()
-    monkeypatch.setattr(clips, "CONSTANTS", replace(clips.CONSTANTS, farthest=0.0))
+    far = replace(clips.CONSTANTS, farthest_still=0.0, farthest=9.0)
+    monkeypatch.setattr(clips, "CONSTANTS", far)
     whole, _ = fitted(people, path)
     assert np.isnan(whole.columns["sequence_noise"]).all()
     np.testing.assert_allclose(whole.shape_sd, single.shape_sd, rtol=1e-5)
