@@ -21,9 +21,8 @@ from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io import LandmarkSet
 from shapefit.io.names import match_landmarks, nearest_names
 from shapefit.io.skeletons import PEOPLE, THETA, Part, people_joints, people_parts
-from shapefit.lifting.aside import place_aside
+from shapefit.lifting.derived_landmarks import as_joints, place_dependents, see_rows
 from shapefit.lifting.lift import Lifting
-from shapefit.lifting.unmapped import as_joints, see_rows
 
 INPUT_SHAPES, INPUT_SD = "input_shapes", "input_shape_sd"
 INPUT_CORRELATION, INPUT_NAMES = "input_shape_correlation", "input_landmark_names"
@@ -190,7 +189,7 @@ class LandmarkMap:
         if not self.active:
             return lifting, {}
         if self.depends_on is not None:
-            lifting = place_aside(lifting, landmarks, seen, self.depends_on, self.misfit)
+            lifting = place_dependents(lifting, landmarks, seen, self.depends_on, self.misfit)
         A, names = self.joints.matrix(self.theta), tuple(self.joints.parts)
         rows = self.joints.rows(names, self.theta) @ np.linalg.inv(A)
         markers = {name for several in self.joints.markers.values() for name in several}

@@ -271,7 +271,7 @@ def of_the_file(head: Mapping[str, Any]) -> set[str]:
 
 
 @dataclass(frozen=True)
-class Given:
+class PartLandmarks:
     """The landmarks of a part as its fit read them: so many at a time, and what they stand for.
 
     wrong: what the result states falsely of the files; compared: names of what is compared.
@@ -301,7 +301,7 @@ def make_model(
         found = f"has {counted(dictionary.k, 'atom')}, and {file} coefficients of {k}"
         raise input_error(path, found, "give the dictionary of the fit")
     A, p = np.asarray(head.get("landmark_map", np.eye(len(names)))), len(names)
-    hung = dict(zip(dictionary.landmark_names, dictionary.depends_on >= 0, strict=True))
+    depends = dict(zip(dictionary.landmark_names, dictionary.depends_on >= 0, strict=True))
     rows, shown = None, [str(name) for name in head.get("input_landmark_names", ())]
     if shown:
         parts = joints or find_joints(shown, names, in_place=True)
@@ -315,7 +315,7 @@ def make_model(
         atoms=np.ascontiguousarray(dictionary.atoms[:, :, columns]),
         A=A if A.shape == (p, p) else np.full((p, p), np.nan),
         atom_items=dictionary.atom_items,
-        aside=np.array([fit.has_posterior and hung.get(name, False) for name in names]),
+        dependent=np.array([fit.has_posterior and depends.get(name, False) for name in names]),
         rows=rows,
     )
 
@@ -414,13 +414,13 @@ def open_given(
     fit: Fit,
     dictionary: Dictionary,
     digests: Callable[[Path], str],
-) -> Iterator[Given]:
+) -> Iterator[PartLandmarks]:
     """Open the landmarks of a part as its fit read them, if they are given.
 
     Raises InputError where there are not as many images as results.
     """
     if not part.landmarks:
-        yield Given()
+        yield PartLandmarks()
         return
     named = [str(name) for name in fit.key("landmarks", ())]
     wrong = false_digests(dict(zip(part.landmarks, named, strict=False)), fit, digests)
@@ -445,7 +445,7 @@ def open_given(
         head = as_fitted(source.head)
         wrong += false_head(results, head, fit)
         wrong += false_joints(results.head.columns, joints, dictionary, fit)
-        yield Given(
+        yield PartLandmarks(
             lambda size: map(as_fitted, source.batches(size)),
             joints,
             tuple(wrong),

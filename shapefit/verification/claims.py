@@ -39,7 +39,7 @@ from shapefit.verification.tree import check_certificate
 class Model:
     """What images are fitted with: atoms (k, 3, p) of the joints, and A (p, p) of what is seen.
 
-    atom_items: the training shapes that the atoms are, where they are such; aside (p,): landmarks
+    atom_items: the training shapes that the atoms are, where they are such; dependent (p,): those
     that were lifted without what images show of them; rows (m, p): weights of the joints that give
     the landmarks of the files, None where there are none.
     """
@@ -47,7 +47,7 @@ class Model:
     atoms: Floats
     A: Floats
     atom_items: Sequence[str] | None
-    aside: Flags
+    dependent: Flags
     rows: Floats | None = None
 
     @cached_property
@@ -79,8 +79,8 @@ def check_images(
     checks = Checks(np.asarray(np.isfinite(columns["scale"])), columns)
     proved = np.zeros(len(checks.fitted), dtype=bool)
     with np.errstate(all="ignore"):  # what is not finite holds for nothing
-        images = read_images(columns, model.aside, fit)
-        check_statement(images, model.aside, checks)
+        images = read_images(columns, model.dependent, fit)
+        check_statement(images, model.dependent, checks)
         kept, D = None, None
         if fit.left_out:
             kept = check_left_out(images, items, model.atom_items or (), checks)

@@ -191,7 +191,7 @@ class Images:
         return allowed
 
 
-def read_images(columns: Columns, aside: Flags, fit: Fit) -> Images:
+def read_images(columns: Columns, dependent: Flags, fit: Fit) -> Images:
     """Weigh and normalise the landmarks of n images of a result.
 
     omega is the confidence, 1 without one, if the loss is `exact` or where scores are but a limit,
@@ -199,7 +199,7 @@ def read_images(columns: Columns, aside: Flags, fit: Fit) -> Images:
     visible ones, at 0 and a mean over coordinates of 1 of the standard deviations.
     """
     raw, fitted = columns["landmarks"], np.isfinite(columns["scale"])
-    weights = np.where(seen_in(columns) & ~aside, confidence(columns), 0.0)
+    weights = np.where(seen_in(columns) & ~dependent, confidence(columns), 0.0)
     least = fit.key("posterior.least_score") if fit.has_posterior else None
     if least is not None and "landmark_covariance" not in columns:
         weights = ((weights > 0) & (weights >= least)).astype(np.float64)
@@ -247,7 +247,7 @@ def seen_in(columns: Columns) -> Flags:
     return np.asarray(np.isfinite(columns["landmarks"]).all(axis=1) & (confidence(columns) > 0))
 
 
-def check_statement(images: Images, aside: Flags, checks: Checks) -> None:
+def check_statement(images: Images, dependent: Flags, checks: Checks) -> None:
     """Check the status, and that images have a shape where their landmarks allow one."""
     columns, fit, fitted = images.columns, images.fit, images.fitted
     words = columns["status"].astype(str)
@@ -263,17 +263,17 @@ def check_statement(images: Images, aside: Flags, checks: Checks) -> None:
     checks.hold("scale is above 0", (scale > 0) & (scale < np.inf), of=~np.isnan(scale))
     claim = "an image without a shape has degenerate landmarks"
     holds = np.ones_like(fitted)
-    holds[~fitted] = are_degenerate(columns, ~fitted, aside)
+    holds[~fitted] = are_degenerate(columns, ~fitted, dependent)
     checks.hold(claim, holds, of=~fitted)
 
 
-def are_degenerate(columns: Columns, rows: Flags, aside: Flags) -> Flags:
+def are_degenerate(columns: Columns, rows: Flags, dependent: Flags) -> Flags:
     """Whether no method could lift the landmarks of these rows.
 
     Those are fewer than 3 visible ones, or ones on a line, or of sizes whose squares float64 does
     not hold.
     """
-    visible = (seen_in(columns) & ~aside)[rows]
+    visible = (seen_in(columns) & ~dependent)[rows]
     points = np.where(visible[:, None], columns["landmarks"][rows], 0.0)
     count = visible.sum(axis=1)
     size = np.abs(points).max(axis=(1, 2), initial=0.0)

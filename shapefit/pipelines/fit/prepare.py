@@ -359,7 +359,7 @@ def with_theta(
     return config.model_copy(update={"theta": found.theta}), (f"skeleton: {told}",)
 
 
-class Found(NamedTuple):
+class SkeletonParameters(NamedTuple):
     """A theta, and the standard deviations of the logarithms of its parameters."""
 
     theta: dict[str, float]
@@ -370,7 +370,7 @@ def find_theta(
     evidence: Callable[[Mapping[str, float]], float],
     names: Sequence[str],
     fixed: Mapping[str, float],
-) -> Found:
+) -> SkeletonParameters:
     """Maximise the posterior of the named parameters, one after the other, twice.
 
     evidence is log p(w | theta); `fixed` parameters stay. Each is taken to the top of the parabola
@@ -400,7 +400,7 @@ def find_theta(
                 top = tried[best] + np.clip((above - below) / (2 * step * curvature), -step, step)
                 spread[name] = float(curvature**-0.5)
             theta[name] = float(np.exp(top))
-    return Found(theta, spread)
+    return SkeletonParameters(theta, spread)
 
 
 def with_calibration(config: FitConfig) -> tuple[FitConfig, tuple[str, ...]]:

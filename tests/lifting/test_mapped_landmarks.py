@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from shapefit.lifting.unmapped import PAIRS, see_rows
+from shapefit.lifting.derived_landmarks import PAIRS, see_rows
 
 
 def test_error_bars_of_rows_are_those_of_samples(rng):

@@ -7,7 +7,7 @@ from shapefit.config.named_files import find_dictionary
 from shapefit.convex.solution import Status
 from shapefit.io import LandmarkSet, read_dictionary
 from shapefit.io.skeletons import PEOPLE
-from shapefit.lifting.aside import place_aside
+from shapefit.lifting.derived_landmarks import place_dependents
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Lifting
 from shapefit.pipelines import verify
@@ -89,8 +89,8 @@ def test_the_noise_of_an_ankle_is_shared_by_its_foot():
         shapes=shapes, landmarks_fitted=shapes[:, :2], translation=np.zeros((1, 2)),
         scale=np.ones(1), problem=None, estimate=estimate, failures={},
     )  # fmt: skip
-    hung = np.array([-1, -1, -1, ankle, ankle, ankle])
-    found = place_aside(lifting, landmarks, np.ones((1, p), bool), hung, misfit)
+    depends_on = np.array([-1, -1, -1, ankle, ankle, ankle])
+    found = place_dependents(lifting, landmarks, np.ones((1, p), bool), depends_on, misfit)
 
     prior = np.zeros((17, 17))
     prior[:9, :9] = C[np.ix_(foot, foot)]

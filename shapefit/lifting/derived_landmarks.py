@@ -1,0 +1,164 @@
+"""Landmarks that are not lifted themselves: dependent ones, and those that a map left out.
+
+Dependent landmarks are seen from another and never move it: feet from ankles, as detectors often
+guess them.
+
+    y_a += K ((w_a - y_o) - (w_b - y_b)),    K = C_ao (C_oo + R)^-1,    R = v (I + 1 1^T)
+
+for the shape y of an image, lifted without the landmarks w_a: each is seen from the landmark b that
+it depends on, as the image has both. C is the covariance of y_a where all other landmarks are
+known, o are x and y, v is the misfit. v I is the noise of each landmark, v 1 1^T that of the one on
+which several depend, in x and in y. The covariance of y becomes T C T^T + K R K^T for y -> T y.
+
+Where landmarks y = A x were lifted for joints x, other points of the same bodies are rows of
+weights r y:
+
+    E r y = r E y,  Cov r y = r C r^T
+
+for the mean and the covariance C of the landmarks of an image. The joints are the rows of A^-1, and
+any further landmark is a row of weights of the joints times A^-1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import Floats, Integers
+from shapefit.geometry.pinhole import project
+from shapefit.lifting.estimate import CORRELATION
+from shapefit.lifting.lift import Lifting
+
+UNSEEN = 1e9
+"""Misfit of what an image does not show."""
+
+PAIRS = ((0, 1), (0, 2), (1, 2))
+"""Coordinates of a landmark, in the order of the correlations."""
+
+
+def place_dependents(
+    lifting: Lifting,
+    landmarks: Floats,
+    shown: NDArray[np.bool_],
+    depends_on: Integers,
+    misfit: float,
+) -> Lifting:
+    """Return a lifting with covariances whose dependent landmarks are where images say.
+
+    landmarks (n, 2, p) as observed, which of them (n, p) are; depends_on (p,), the landmark that
+    each depends on, -1 for none; misfit, the variance of landmarks in the unit of shapes.
+    """
+    found, p = lifting.estimate, len(depends_on)
+    assert found.covariance is not None, "the plan asks for it"
+    a, b = np.flatnonzero(depends_on >= 0), depends_on[depends_on >= 0]
+    every, o = np.concatenate([a, p + a, 2 * p + a]), np.concatenate([a, p + a])
+    rest = np.setdiff1d(np.arange(3 * p), every)
+    away = (landmarks - lifting.landmarks_fitted) / lifting.scale[:, None, None]
+    seen = np.tile(shown[:, a] & shown[:, b], 2)
+    r = np.where(seen, (away[..., a] - away[..., b]).reshape(seen.shape), 0.0)
+    R = noise_of_differences(seen, np.concatenate([b, p + b]), misfit)
+    C = found.covariance
+    known = C[:, rest][:, :, rest] + 1e-6 * np.eye(len(rest))
+    across = C[:, every][:, :, rest]
+    own = C[:, every][:, :, every] - across @ np.linalg.solve(known, across.swapaxes(1, 2))
+    q = len(o)
+    K = own[:, :, :q] @ np.linalg.inv(own[:, :q, :q] + R)
+    T = np.tile(np.eye(3 * p), (len(C), 1, 1))
+    for column, (landmark, other) in enumerate(zip(o, np.concatenate([b, p + b]), strict=True)):
+        T[:, every, landmark] -= K[..., column]
+        T[:, every, other] += K[..., column]
+    C = T @ C @ T.swapaxes(1, 2)
+    C[:, every[:, None], every] += K @ R @ K.swapaxes(1, 2)
+    step = np.zeros((len(C), 3, p))
+    step[..., a] = (K @ r[..., None]).reshape(len(C), 3, -1)
+    shapes = lifting.shapes + lifting.scale[:, None, None] * step
+    fitted, view = shapes[:, :2], lifting.perspective
+    if view is not None:
+        about = shapes.copy()
+        about[:, :2] -= lifting.translation[..., None]
+        about /= lifting.scale[:, None, None]
+        fitted = project(view.camera, about + view.translation[..., None])
+    return replace(
+        lifting,
+        shapes=shapes,
+        landmarks_fitted=fitted,
+        estimate=replace(found, shapes=found.shapes + step, covariance=C),
+    )
+
+
+def noise_of_differences(seen: NDArray[np.bool_], shared: Integers, misfit: float) -> Floats:
+    """R (n, q, q): of differences between landmarks and others; equal `shared` (q,) have the same.
+
+    seen (n, q), which differences the images show; the others have the variance UNSEEN.
+    """
+    both = seen[:, :, None] & seen[:, None] & (shared[:, None] == shared)
+    own = np.where(seen, misfit, UNSEEN)
+    R: Floats = own[:, :, None] * np.eye(len(shared)) + np.where(both, misfit, 0.0)
+    return R
+
+
+@dataclass(frozen=True)
+class Points:
+    """points (n, 3, q), their standard deviations (n, 3, q), correlations (n, 3, q) of x with y, x
+    with z, and y with z; None where the landmarks have no covariance.
+    """
+
+    points: Floats
+    deviation: Floats | None
+    correlation: Floats | None
+
+
+def see_rows(
+    rows: Floats, shapes: Floats, covariance: Floats | None, apart: Floats | float = 0.0
+) -> Points:
+    """Return the points of rows (q, p) of shapes (n, 3, p) with covariance (n, 3p, 3p), if any.
+
+    They have a variance of their own besides, that of the standard deviations `apart` (q,).
+    """
+    points = shapes @ rows.T
+    if covariance is None:
+        return Points(points, None, None)
+    n, p = len(shapes), rows.shape[1]
+    blocks = covariance.reshape(n, 3, p, 3, p)
+
+    def of(a: int, b: int) -> Floats:
+        found: Floats = np.einsum("qi,nij,qj->nq", rows, blocks[:, a, :, b], rows, optimize=True)
+        return found
+
+    variance = np.maximum(np.stack([of(a, a) for a in range(3)], axis=1), 0.0)
+    deviation: Floats = np.sqrt(variance + np.square(apart))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        correlation = np.stack(
+            [of(a, b) / (deviation[:, a] * deviation[:, b]) for a, b in PAIRS], axis=1
+        )
+    return Points(points, deviation, np.nan_to_num(correlation))
+
+
+def as_joints(lifting: Lifting, A: Floats, keep_covariance: bool) -> Lifting:
+    """Return a lifting of landmarks y = A x with the joints x as its shapes, and their error bars.
+
+    The landmarks fitted stay those of y. Shapes stay about the middle that those of y have.
+    """
+    back = np.asarray(np.linalg.inv(A), dtype=np.float64)
+    found = lifting.estimate
+    joints = see_rows(back, found.shapes, found.covariance)
+    whole = found.covariance
+    if whole is not None:
+        every = np.kron(np.eye(3), back)
+        whole = every @ whole @ every.T if keep_covariance else None
+    further = dict(found.further)
+    if joints.correlation is not None:
+        further[CORRELATION] = joints.correlation.swapaxes(1, 2).astype(np.float32)
+    return replace(
+        lifting,
+        shapes=lifting.shapes @ back.T,
+        estimate=replace(
+            found,
+            shapes=joints.points,
+            deviation=joints.deviation if joints.deviation is not None else found.deviation,
+            covariance=whole,
+            further=further,
+        ),
+    )
