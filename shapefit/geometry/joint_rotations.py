@@ -114,7 +114,7 @@ class Rig:
 
 
 def find_rig(points: Floats, edges: Integers, root: int | None = None) -> Rig:
-    """Return the bones of points (f, 3, p), all known, and how they turn: `find_tree`."""
+    """Return the bones of points (f, 3, p), all known, and their rotations: `find_tree`."""
     tree = find_tree(points, edges, root)
     rest = find_rest(points, tree)
     G = find_rotations(points, tree, rest)

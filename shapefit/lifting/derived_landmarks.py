@@ -113,7 +113,7 @@ class Points:
 def see_rows(
     rows: Floats, shapes: Floats, covariance: Floats | None, apart: Floats | float = 0.0
 ) -> Points:
-    """Return the points of rows (q, p) of shapes (n, 3, p) with covariance (n, 3p, 3p), if any.
+    """Combine the landmarks of shapes (n, 3, p) by rows of weights (q, p), covariances likewise.
 
     They have a variance of their own besides, that of the standard deviations `apart` (q,).
     """

@@ -19,7 +19,7 @@ class Failure:
 
 
 def unread(path: Path, error: InputError) -> Failure:
-    """Return that a file cannot be read, and why."""
+    """Return the failure of a file that cannot be read, with its reason."""
     return Failure(str(path), "; ".join(each.removeprefix(f"{path}: ") for each in error.problems))
 
 

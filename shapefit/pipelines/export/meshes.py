@@ -155,6 +155,6 @@ def has_shape(found: ResultSet) -> NDArray[np.bool_]:
 
 
 def required(values: Known | None) -> Known:
-    """Return what a record may lack and the fit at hand has."""
+    """Return an optional value of a record that this fit is sure to have."""
     assert values is not None
     return values

@@ -61,7 +61,7 @@ that share is named."""
 
 
 class Sample(NamedTuple):
-    """Images, and pairs (q, 2) of them, the second of which follows a step later."""
+    """Sampled images, and pairs (q, 2) of them that follow one another in a sequence."""
 
     images: LandmarkSet
     pairs: NDArray[np.intp]

@@ -69,7 +69,7 @@ def as_result(
 
 
 def size_attributes(dictionary: Dictionary) -> dict[str, str | float | int]:
-    """Say by what the sizes of the shapes in metres were found, where they are known."""
+    """Return attributes that say how the sizes in metres were found, where they are known."""
     if not knows_size(dictionary):
         return {}
     return {METRES_FROM: "edges" if has_lengths(dictionary) else "spread"}

@@ -227,7 +227,7 @@ def result_of(future: Future[Done], job: Job) -> Done:
 
 
 def died(job: Job, those: str) -> Done:
-    """Return that a part could not be done, as it killed those who tried."""
+    """Return the failure of a part that killed every worker that tried it."""
     fix = "give it more memory, or take a smaller `partition`"
     return Done(job.part, error=f"{those} died of it, one after another: {fix}")
 
