@@ -81,7 +81,7 @@ class Recording:
 
 
 def one_individual(points: Floats, labels: Sequence[str] | None = None) -> dict[str, Any]:
-    """Return the fields of a `Recording` of one individual: points (n, p, d) of frames 0 to n - 1."""
+    """Return the fields of a `Recording` of one individual from points (n, p, d), a frame each."""
     frames = np.arange(len(points))
     return {
         "points": points,
