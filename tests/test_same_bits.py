@@ -121,7 +121,12 @@ def expected(world, folder):
 
 @pytest.mark.parametrize(
     ("case", "way"),
-    [(case, way) for case in METHODS for way in WAYS if case in SLOW_WAYS.get(way, METHODS)],
+    [
+        pytest.param(case, way, marks=[pytest.mark.slow] if way == "store" else [])
+        for case in METHODS
+        for way in WAYS
+        if case in SLOW_WAYS.get(way, METHODS)
+    ],
 )
 def test_every_way_has_the_same_bits(world, folder, expected, request, case, way):
     plain = expected(case)

@@ -416,6 +416,7 @@ def test_no_scheduler_at_the_address(data):
     assert not results(data / "nobody")
 
 
+@pytest.mark.slow
 def test_a_file_that_is_not_of_a_scheduler(data):
     (data / "empty.json").write_text("{}")
     done = fit(data, "nobody/", "--scheduler-file", "empty.json")
