@@ -108,11 +108,12 @@ def test_a_shape_is_drawn(found):
     )
 
 
+@pytest.mark.slow
 def test_tables_of_other_libraries(found):
-    table = pytest.importorskip("pandas") and found.to_pandas()
+    table = found.to_pandas()
     assert list(table.columns[:5]) == ["item", "landmark", "x", "y", "z"]
     np.testing.assert_array_equal(table[["x", "y", "z"]].to_numpy(), found.shapes.reshape(-1, 3))
-    dataset = pytest.importorskip("xarray") and found.to_xarray()
+    dataset = found.to_xarray()
     assert dict(dataset.sizes) == {"time": 36, "space": 3, "keypoints": 21, "individuals": 1}
     of_one = dataset.position.sel(keypoints="lankle").to_numpy()[:, :, 0]
     np.testing.assert_array_equal(of_one, found.shapes[:, found.landmark_names.index("lankle")])

@@ -459,8 +459,11 @@ def test_workers_that_are_killed_again_and_again(data, cluster):
         same_bits(data, output)
 
 
+@pytest.mark.slow
 def test_a_part_that_kills_its_workers_is_named(job):
-    killed = pytest.importorskip("distributed.scheduler").KilledWorker("fit_part-1", None, 3)
+    from distributed.scheduler import KilledWorker
+
+    killed = KilledWorker("fit_part-1", None, 3)
     for error, text in ((killed, "4 workers died of it"), (ModuleNotFoundError(name="x"), None)):
         future = InThisProcess().submit(lambda: None)
         future._state, future._exception = "FINISHED", error
