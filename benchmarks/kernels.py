@@ -14,8 +14,8 @@ import numpy as np
 from benchmarks.comparing import NOISE, Row, compare_workers, compared
 from benchmarks.environments import Environment
 from shapefit.arrays import Floats
-from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
+from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.learning import learn
 from shapefit.dictionary.mixture import learn_mixture
 from shapefit.geometry.cameras import project, turntable

@@ -11,9 +11,8 @@ import numpy as np
 
 from benchmarks.comparing import Row
 from benchmarks.kernels import LAMBDA, Case, cars_case, made_case, mocap_case
-from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status, solve_newton
 from tests.convex.admm import solve_admm
 
 

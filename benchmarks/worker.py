@@ -24,7 +24,7 @@ Run = Callable[[], Callable[[], Verdict]]  # what is timed, and what looks at it
 
 def newton(data: Arrays, tolerance: float, threads: float) -> Run:
     """Solve the convex program; each image must be certified."""
-    from shapefit.convex.newton import solve_newton
+    from shapefit.convex.solver import solve_newton
 
     problem = build(data)
 
@@ -37,7 +37,7 @@ def newton(data: Arrays, tolerance: float, threads: float) -> Run:
 
 def lift(data: Arrays, method: str, threads: float) -> Run:
     """Lift by one of the methods, from the convex program or the mean shape on."""
-    from shapefit.convex.newton import solve_newton
+    from shapefit.convex.solver import solve_newton
     from shapefit.lifting.methods import Settings, choose_method
 
     solve = partial(solve_newton, tolerance=1e-4, threads=int(threads))
@@ -53,7 +53,7 @@ def lift(data: Arrays, method: str, threads: float) -> Run:
 
 def posterior(data: Arrays, misfit: float, threads: float) -> Run:
     """Find the posterior of each image under a prior of many components."""
-    from shapefit.convex.newton import solve_newton
+    from shapefit.convex.solver import solve_newton
     from shapefit.dictionary.mixture import Mixture
     from shapefit.lifting.methods import PosteriorOptions, Settings, choose_method
 
@@ -77,8 +77,7 @@ def posterior(data: Arrays, misfit: float, threads: float) -> Run:
 def perspective(data: Arrays, threads: float) -> Run:
     """Refine under the full projection of known cameras."""
     from shapefit.geometry.pinhole import Camera
-    from shapefit.lifting.options import PerspectiveOptions
-    from shapefit.lifting.perspective.view import refine_perspective
+    from shapefit.lifting.perspective.view import PerspectiveOptions, refine_perspective
 
     camera = Camera(data["focal"], data["centre"], float(data["sign"]))
     options = PerspectiveOptions(ridge=0.3, softness=0.1, max_rounds=200, threads=int(threads))
@@ -94,7 +93,7 @@ def perspective(data: Arrays, threads: float) -> Run:
 
 def ransac(data: Arrays, threads: float) -> Run:
     """Find the landmarks that agree with a pose of the mean shape."""
-    from shapefit.lifting.outliers.ransac import find_consensus
+    from shapefit.lifting.consensus import find_consensus
 
     landmarks, shape = data["landmarks"], data["mean_shape"]
     weights = np.isfinite(landmarks).all(axis=1).astype(float)

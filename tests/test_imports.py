@@ -213,7 +213,7 @@ def test_faults_are_seen():
     """Each check finds what is planted, and lets the rest through."""
     against = [
         ("shapefit.errors", "from shapefit.geometry import rotations"),
-        ("shapefit.convex.newton", "def f():\n    from shapefit.dictionary import model"),
+        ("shapefit.convex.solver", "def f():\n    from shapefit.dictionary import model"),
         ("shapefit.config.commands.fit", "from ...io import records"),
         ("shapefit.io.hdf5", "from shapefit.pipelines.fit import run"),
     ]

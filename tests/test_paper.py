@@ -13,7 +13,7 @@ import shapefit
 from benchmarks.paper import pages, recovery, sensitivity
 from benchmarks.paper.__main__ import write_recovery
 from benchmarks.paper.recovery import plant, recover, run_rotation_cell, transform_error
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
 from shapefit.geometry.rotations import rotation_about
 from shapefit.lifting.methods import choose_method
 

@@ -56,7 +56,7 @@ FLAT = '''
 
 import numpy as np
 
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
 from shapefit.lifting.estimate import Estimate, fit_translation
 
 

@@ -14,9 +14,8 @@ from typing import Any
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, build_problem
-from shapefit.convex.solution import Solution, Status
+from shapefit.convex.solver import Solution, Status, solve_newton
 from shapefit.evaluation.report import markdown_table
 from shapefit.geometry.rotations import random_rotations, rotation_angle
 from shapefit.lifting.methods import Settings, choose_method

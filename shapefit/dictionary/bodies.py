@@ -13,8 +13,7 @@ import numpy as np
 
 from shapefit.arrays import Floats, Integers
 from shapefit.dictionary.model import Dictionary
-from shapefit.geometry.length_units import metres_in
-from shapefit.geometry.normalisation import normalise, spread
+from shapefit.geometry.normalisation import metres_in, normalise, spread
 
 FEWEST = 100
 """Second differences from which a mean square is taken."""

@@ -1,8 +1,9 @@
-"""Centre and scale point sets to the units in which lambda and beta are stated."""
+"""Sizes: point sets in the units in which lambda and beta are stated, and units of length."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,19 @@ from shapefit.arrays import Floats
 
 # Coordinates and their distances are squared and summed, which must neither overflow nor vanish.
 LARGEST, SMALLEST = 1e150, 1e-150
+
+_NAMES = {
+    1.0: "m meter meters metre metres",
+    0.1: "dm decimeter decimeters decimetre decimetres",
+    0.01: "cm centimeter centimeters centimetre centimetres",
+    0.001: "mm millimeter millimeters millimetre millimetres",
+    1e-6: "um µm micrometer micrometers micrometre micrometres micron microns",
+    0.0254: "in inch inches",
+    0.3048: "ft foot feet",
+}
+
+METRES = MappingProxyType({name: size for size, names in _NAMES.items() for name in names.split()})
+"""Metres in one of each unit, by its names in small letters."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +71,20 @@ def normalise(points: Floats, visible: NDArray[np.bool_] | None = None) -> Norma
     if visible is not None:
         out = np.where(visible[..., None, :], out, 0.0)
     return Normalised(out, middle, scale)
+
+
+def metres_in(unit: str) -> float | None:
+    """Return the metres in a unit, whatever its letters' case; None where it is no known length."""
+    return METRES.get(unit.strip().lower())
+
+
+def as_metres(unit: str) -> tuple[float, str]:
+    """Return the factor to the unit in which lengths are given out, and the name of that one.
+
+    It is the metre; lengths of a unit that is not known keep it.
+    """
+    metres = metres_in(unit)
+    return (1.0, unit.strip()) if metres is None else (metres, "m")
 
 
 def _spread_of(centred: Floats, visible: NDArray[np.bool_] | None) -> Floats:

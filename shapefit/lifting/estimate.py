@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
-from shapefit.convex.solution import Solution, Status
+from shapefit.convex.solver import Solution, Status
 from shapefit.convex.transforms import Transforms
 
 if TYPE_CHECKING:

@@ -10,12 +10,11 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Loss, Problem, build_problem
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
+from shapefit.convex.transforms import nuclear_norm
 from shapefit.geometry.pinhole import project
 from shapefit.lifting.degeneracy import normalise_seen
 from shapefit.lifting.estimate import Estimate, Estimator
-from shapefit.lifting.noise_level import lambda_for_noise
-from shapefit.lifting.options import BETA
 
 if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
@@ -29,6 +28,15 @@ REASONS = {
 
 NOT_FINITE = "the fitted shape contains NaN or infinity"
 
+BETA = 0.1
+"""Residual, for normalised landmarks, beyond which a robust loss judges a landmark an outlier."""
+
+DRAWS, SEED = 512, 1504_01507
+"""Draws of noise from which lambda is found."""
+
+LEAST, MOST = 1e-3, 1e30
+"""Of lambda from the noise. Where landmarks are all but exact, smaller ones change little and take
+longer; every shape is empty long before the largest, and what is larger could overflow."""
 
 NOISIEST = 1e6
 """Noise in units of the size of the landmarks beyond which these say nothing."""
@@ -164,6 +172,32 @@ def choose_lambda(program: Program, atoms: Floats, scale: Floats, visible_share:
     if program.lam is None:
         return lambda_for_noise(atoms, program.noise, scale, visible_share)
     return np.full_like(scale, program.lam)
+
+
+def noise_dual_norm(atoms: Floats) -> float:
+    """E max_i ||G B_i^T||_* over centred landmark noise G (2, p) of unit standard deviation.
+
+    This is the mean lambda below which noise alone would switch an atom on. atoms (k, 3, p). The
+    mean of seeded draws: the same for the same atoms.
+    """
+    k, _, p = atoms.shape
+    G = np.random.default_rng(SEED).standard_normal((DRAWS, 2, p))
+    G -= G.mean(axis=-1, keepdims=True)
+    N = (G.reshape(2 * DRAWS, p) @ atoms.reshape(3 * k, p).T).reshape(DRAWS, 2, k, 3)
+    return float(nuclear_norm(N.swapaxes(1, 2)).max(axis=1).mean())
+
+
+def lambda_for_noise(atoms: Floats, noise: float, scale: Floats, visible_share: Floats) -> Floats:
+    """lambda = noise / scale E max_i ||G B_i^T||_* sqrt(visible share), an image each.
+
+    noise is the standard deviation of a landmark's coordinate in the unit of `scale` (n,), the
+    scale by which the landmarks were normalised; visible_share (n,) in 0..1 shrinks the
+    expectation for the landmarks that no noise reaches.
+    """
+    unit = noise_dual_norm(atoms)
+    with np.errstate(over="ignore"):
+        level = noise / scale * unit * np.sqrt(visible_share)
+    return np.clip(level, LEAST, MOST)
 
 
 def fail_nonfinite(lifting: Lifting) -> Lifting:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
-from shapefit.convex.solution import Status, read_statuses
+from shapefit.convex.solver import Status, read_statuses
 from shapefit.geometry.rotations import complete_rotation
 from shapefit.lifting.estimate import Estimate, fit_translation
 from shapefit.lifting.methods import Settings

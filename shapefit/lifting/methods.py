@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from shapefit.convex.problem import Problem
-    from shapefit.convex.solution import Solution
+    from shapefit.convex.solver import Solution
     from shapefit.dictionary.model import Dictionary
     from shapefit.lifting.estimate import Estimate, Estimator
 
@@ -223,7 +223,7 @@ PRIOR = Need(
 
 METHODS: dict[str, Method] = {
     "convex": Method(
-        run="shapefit.lifting.convex_program:lift_convex",
+        run="shapefit.lifting.reconstruction:lift_convex",
         summary="the convex program",
         losses=("squared", "exact", *ROBUST),
         yields=OF_ATOMS | {"relative_gap", "tight", "outliers", "convex_proof"},

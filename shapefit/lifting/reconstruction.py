@@ -1,4 +1,4 @@
-"""From the transforms of the convex program to coefficients, rotations and the 3D shape."""
+"""The method `convex`: from the transforms of the convex program to coefficients and shapes."""
 
 from __future__ import annotations
 
@@ -9,11 +9,46 @@ from numpy.typing import NDArray
 
 from shapefit import core
 from shapefit.arrays import Floats
+from shapefit.convex.problem import Problem
+from shapefit.convex.solver import find_outliers
 from shapefit.convex.transforms import Transforms, spectral_norm
 from shapefit.geometry.rotations import complete_rotation
+from shapefit.lifting.estimate import ConvexProof, Estimate, fit_translation
+from shapefit.lifting.methods import Settings
 
 # An atom is active where its coefficient is more than this share of the largest one.
 ACTIVE = 1e-6
+
+
+def lift_convex(problem: Problem, settings: Settings) -> Estimate:
+    """Solve the convex program and complete each transform (paper, section Reconstruction)."""
+    solution = settings.solve(problem)
+    found = reconstruct(
+        solution.transforms,
+        problem.atoms,
+        orthogonal=settings.orthogonal,
+        threads=settings.threads,
+    )
+    residual = solution.residual
+    if settings.orthogonal:  # the shapes are not those that the program was solved with
+        placed = fit_translation(problem, found.shapes, solution.translation)
+        residual = placed.residual
+    return Estimate(
+        shapes=found.shapes,
+        translation=solution.translation,
+        rotation=found.rotation,
+        objective=solution.objective,
+        residual=residual,
+        iterations=solution.iterations,
+        status=solution.status,
+        coefficients=found.coefficients,
+        active_atoms=found.active_atoms,
+        transforms=solution.transforms,
+        relative_gap=solution.relative_gap,
+        tight=found.tight,
+        outliers=find_outliers(problem, solution),
+        convex_proof=ConvexProof.of(solution),
+    )
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
 from shapefit.lifting.estimate import CORRELATION, Estimate
 from shapefit.lifting.posterior.plausibility import VIEWED
 

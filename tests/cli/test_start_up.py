@@ -52,7 +52,7 @@ NOT_FOR_A_FIT_OF_CSV = (
     "shapefit.evaluation",
     "shapefit.lifting.perspective.view",
     "shapefit.lifting.perspective.view",
-    "shapefit.lifting.outliers.ransac",
+    "shapefit.lifting.consensus",
     "shapefit.lifting.sequences",
     "shapefit.lifting.posterior.method",
     "shapefit.meshes",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.convex.problem import Loss, Problem, build_problem
-from shapefit.convex.solution import Solution, Status
+from shapefit.convex.solver import Solution, Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from tests.convex import test_objectives

@@ -5,8 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
+from shapefit.convex.solver import solve_newton
 from shapefit.geometry.rotations import random_rotations
 from tests.convex.certificate import lambda_max
 

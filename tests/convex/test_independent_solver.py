@@ -5,9 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status, solve_newton
 
 pytestmark = [
     pytest.mark.slow,

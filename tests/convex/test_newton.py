@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
-from shapefit.convex.solution import Solution, Status
+from shapefit.convex.solver import Solution, Status, solve_newton
 from tests.convex.certificate import certify_transforms
 
 FINE = 1e-10

@@ -13,8 +13,8 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, Problem, build_problem
+from shapefit.convex.solver import solve_newton
 from shapefit.geometry.cameras import project, turntable
 from shapefit.geometry.normalisation import normalise
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shapefit.config.named_files import find_dictionary
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
 from shapefit.io import LandmarkSet, read_dictionary
 from shapefit.io.skeletons import PEOPLE
 from shapefit.lifting.derived_landmarks import place_dependents

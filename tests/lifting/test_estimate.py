@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from shapefit.convex.newton import solve_newton
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status, solve_newton
 from shapefit.lifting.estimate import fit_translation, replace_rows
 from shapefit.lifting.methods import Settings, choose_method
 

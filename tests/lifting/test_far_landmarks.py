@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from shapefit.convex.problem import build_problem
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.global_optimum.method import Limits, find_optimum
 from shapefit.lifting.matching_pursuit import pursue

@@ -5,7 +5,7 @@ from dataclasses import fields, is_dataclass, replace
 import numpy as np
 import pytest
 
-from shapefit.convex.newton import solve_newton
+from shapefit.convex.solver import solve_newton
 from shapefit.convex.transforms import Transforms
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera

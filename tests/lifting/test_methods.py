@@ -7,9 +7,8 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, build_problem
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status, solve_newton
 from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import normalise

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.lifting.noise_level import LEAST, lambda_for_noise, noise_dual_norm
+from shapefit.lifting.lift import LEAST, lambda_for_noise, noise_dual_norm
 
 
 @pytest.fixture

@@ -6,8 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from shapefit.convex.newton import solve_newton
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status, solve_newton
 from shapefit.lifting.lift import NOT_FINITE, Program, fail_nonfinite, lift
 from shapefit.lifting.methods import Settings, choose_method
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
 from shapefit.lifting.verdict import find_doubts, relative_width
 
 CUBE = np.array([[1, -1, 1, -1], [1, 1, -1, -1], [1, -1, -1, 1]], dtype=float)

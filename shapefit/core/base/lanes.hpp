@@ -107,9 +107,8 @@ inline double sum(Doubles x) {
 
 inline Doubles square(Doubles x) { return x * x; }
 
-// exp(x) without a call, so that a loop over many x becomes vector instructions.
-
-// exp(x) to a relative error of 1 + |x| roundings, for |x| < 700; its values there beyond.
+// exp(x) without a call, so that a loop over many x becomes vector instructions: to a relative
+// error of 1 + |x| roundings, for |x| < 700; its values there beyond.
 //
 // x = e log 2 + f with |f| <= log(2) / 2: then exp x = 2^e (1 + f + f^2 / 2! + ... + f^13 / 13!).
 inline double power_of_e(double x) {
@@ -134,9 +133,8 @@ inline double power_of_e(double x) {
     return series * __builtin_bit_cast(double, exponent);
 }
 
-// log(1 + x) without a call, so that a loop over many x becomes vector instructions.
-
-// log(1 + x) for finite x >= 0, to a relative error of a few roundings; nan for nan.
+// log(1 + x) without a call, likewise: for finite x >= 0, to a relative error of a few roundings;
+// nan for nan.
 //
 // 1 + x = 2^e (1 + f) with 1 + f in [0.7, 1.42), and e = 0, f = x without rounding for small x:
 // then log(1 + f) = 2 atanh(s) = 2 s (1 + s^2 / 3 + s^4 / 5 + ...) at s = f / (2 + f), |s| < 0.172.
@@ -161,8 +159,6 @@ inline double log_of_one_plus(double x) {
     series = series * z + 1.0 / 3;
     return e * 0x1.62e42fefa39efp-1 + 2.0 * (s + s * z * series);
 }
-
-// log and exp of lanes.
 
 template <class Lanes>
 inline Lanes exponential(Lanes x) {

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate, counted, input_error
-from shapefit.geometry.length_units import as_metres
+from shapefit.geometry.normalisation import as_metres
 from shapefit.io.foreign.motion_text import unique_names
 from shapefit.io.foreign.recording import Recording, all_individuals
 from shapefit.io.inputs import check_fits

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error, printable
-from shapefit.geometry.length_units import as_metres
+from shapefit.geometry.normalisation import as_metres
 from shapefit.geometry.rotations import rotation_about_axes
 from shapefit.io.foreign.recording import Recording, one_individual
 from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole

@@ -10,7 +10,7 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP, nearest_axis_up
-from shapefit.geometry.length_units import metres_in
+from shapefit.geometry.normalisation import metres_in
 from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, UNKNOWN_UNIT
 from shapefit.io.options import OutputOptions
 from shapefit.io.records import ResultSet, ShapeSet

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
-from shapefit.convex.solution import Status, read_statuses
+from shapefit.convex.solver import Status, read_statuses
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.methods import AlternationOptions, SearchOptions, Settings
 from shapefit.lifting.shared_rotation.methods import (

@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
-from shapefit.convex.solution import Status, read_statuses
+from shapefit.convex.solver import Status, read_statuses
 from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.lifting.estimate import Estimate, fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
-from shapefit.lifting.options import PerspectiveOptions
 from shapefit.lifting.reconstruction import combine, is_active
 from shapefit.lifting.shared_rotation.pose import find_pose, spread_views
 
@@ -34,6 +33,16 @@ REASONS = {
     Status.NUMERICAL_FAILURE: "numerical failure in the refinement under perspective",
 }
 """Why a refinement has no result."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PerspectiveOptions:
+    """The options of `refine_perspective`; softness and ridge are in normalised units."""
+
+    ridge: float = 0.3
+    softness: float = 0.1
+    max_rounds: int = 1000
+    threads: int = 0
 
 
 def refine_view(

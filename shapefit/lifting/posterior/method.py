@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
-from shapefit.convex.solution import Solution, Status
+from shapefit.convex.solver import Solution, Status
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.lifting.estimate import CORRELATION, ConvexProof, Estimate, fit_translation
 from shapefit.lifting.methods import PosteriorOptions, Settings

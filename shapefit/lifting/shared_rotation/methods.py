@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Loss, Problem
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status, find_outliers
 from shapefit.convex.transforms import Transforms
+from shapefit.lifting.degeneracy import find_degenerate
 from shapefit.lifting.estimate import ConvexProof, Estimate, fit_translation, replace_rows
 from shapefit.lifting.methods import AlternationOptions, Settings
-from shapefit.lifting.outliers.robust_loss import believable, find_outliers
 from shapefit.lifting.reconstruction import combine, is_active
 from shapefit.lifting.shared_rotation.pose import (
     alternate,
@@ -167,3 +167,11 @@ def describe(
         active_atoms=is_active(coefficients).sum(axis=1),
         transforms=Transforms.with_one_rotation(coefficients, R),
     )
+
+
+def believable(problem: Problem, outliers: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Outliers (n, p), but none in an image where the others could not be lifted without them."""
+    left = np.where(outliers, 0.0, problem.weights)
+    beyond = np.zeros(len(left), dtype=bool)
+    beyond[list(find_degenerate(problem.landmarks, left))] = True
+    return outliers & ~beyond[:, None]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
-from shapefit.convex.solution import Status, read_statuses
+from shapefit.convex.solver import Status, read_statuses
 from shapefit.convex.transforms import Transforms
 from shapefit.geometry.rotations import rotation_about
 from shapefit.lifting.methods import AlternationOptions

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
 from shapefit.config import EvalConfig
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
 from shapefit.errors import abbreviate, input_error
 from shapefit.evaluation.calibration import ErrorBars, correlations_of, find_squares
 from shapefit.evaluation.metric_table import (

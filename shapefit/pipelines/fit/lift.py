@@ -18,15 +18,15 @@ from numpy.typing import NDArray
 from shapefit.arrays import Flags, Floats
 from shapefit.config import FitConfig
 from shapefit.config.commands.fit_sections import OutliersConfig
-from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss
+from shapefit.convex.solver import solve_newton
 from shapefit.core import STRETCH
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
 from shapefit.io.layout import LANDMARK_COVARIANCE
 from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
-from shapefit.lifting.lift import Lifting, Program, fail_nonfinite, lift
+from shapefit.lifting.lift import BETA, Lifting, Program, fail_nonfinite, lift
 from shapefit.lifting.methods import (
     METHODS,
     ROBUST,
@@ -35,7 +35,6 @@ from shapefit.lifting.methods import (
     Settings,
     choose_method,
 )
-from shapefit.lifting.options import BETA, SEARCHED, PerspectiveOptions
 from shapefit.lifting.verdict import cover_mirror_image
 from shapefit.pipelines.fit.camera import find_camera
 from shapefit.pipelines.items import named_items
@@ -48,6 +47,10 @@ MOST_ROUNDS = 100
 
 DRAWS = 500
 """Triples of landmarks drawn per image; 2,000 change no figure of the cars."""
+
+SEARCHED = 0.25
+"""Residual beyond which a search before the fit judges a landmark an outlier, in units of the size
+of the shape."""
 
 LEAVE_OUT = "leave_out"
 
@@ -110,7 +113,7 @@ def lift_images(
     if agreed is not None:
         lifting = agreed.label(lifting)
     if camera is not None and method.perspective == "refined":
-        from shapefit.lifting.perspective.view import refine_view
+        from shapefit.lifting.perspective.view import PerspectiveOptions, refine_view
 
         options = PerspectiveOptions(threads=config.threads)
         views = AlternationOptions(views=config.alternation.views).number_of_views
@@ -124,7 +127,7 @@ def load_steps(config: FitConfig) -> None:
     if config.camera.model == "perspective" and METHODS[config.method].perspective == "refined":
         import shapefit.lifting.perspective.view
     if config.outliers.method not in ("none", *ROBUST):
-        import shapefit.lifting.outliers.ransac
+        import shapefit.lifting.consensus
     if config.leave_out is not None:
         import concurrent.futures.thread  # noqa: F401
 
@@ -263,7 +266,7 @@ def find_inliers(
     BEYOND_CHANCE, or on one line, is lost, all its landmarks labelled. One that has no more
     visible landmarks, or whose landmarks are degenerate themselves, is not searched.
     """
-    from shapefit.lifting.outliers.ransac import find_consensus
+    from shapefit.lifting.consensus import find_consensus
 
     visible = weights > 0
     seen = visible.sum(axis=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
 from shapefit.errors import counted, input_error
 from shapefit.geometry.pinhole import Camera
 from shapefit.io import LandmarkSet, ResultSet

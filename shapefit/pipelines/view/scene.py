@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.config import ViewConfig
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted
 from shapefit.evaluation import metrics

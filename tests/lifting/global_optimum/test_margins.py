@@ -7,7 +7,7 @@ import pytest
 
 from shapefit import core
 from shapefit.convex.problem import Problem, build_problem
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
 from shapefit.lifting.global_optimum.method import Limits, find_optimum, record_tree
 from shapefit.verification.tree import SLIVER, Tree, bilinear, unfold
 from tests.lifting.global_optimum.conftest import TRIPLES

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from shapefit import core
-from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, build_problem
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status, solve_newton
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.geometry.rotations import random_rotations

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shapefit.convex.problem import Loss
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
 from shapefit.lifting.matching_pursuit import pursue
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
 from shapefit.dictionary.learning import principal_components
 from shapefit.geometry.cameras import project, turntable
 from shapefit.geometry.normalisation import normalise

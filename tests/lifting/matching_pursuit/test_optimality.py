@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize
 
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.lifting.matching_pursuit import Pursuit, find_limbs
 

@@ -5,7 +5,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting.matching_pursuit import PIXELS, Pursuit
 

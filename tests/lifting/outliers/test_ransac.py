@@ -7,7 +7,7 @@ import pytest
 from shapefit.convex.problem import build_problem
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
-from shapefit.lifting.outliers.ransac import find_consensus
+from shapefit.lifting.consensus import find_consensus
 from shapefit.lifting.shared_rotation.pose import find_pose, spread_views
 
 P, N, THRESHOLD = 30, 70, 0.1

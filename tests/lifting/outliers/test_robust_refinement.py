@@ -6,12 +6,11 @@ from functools import partial
 import numpy as np
 import pytest
 
-from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status, solve_newton
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.outliers.robust_loss import believable
+from shapefit.lifting.shared_rotation.methods import believable
 
 ROBUST = (Loss.ABSOLUTE, Loss.SPARSE_ERROR)
 

@@ -7,13 +7,13 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
-from shapefit.lifting.options import PerspectiveOptions
 from shapefit.lifting.perspective.view import (
     FAILED,
+    PerspectiveOptions,
     mean_coefficients,
     place_in_depth,
     refine_perspective,

@@ -3,17 +3,15 @@
 import numpy as np
 import pytest
 
-from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status, solve_newton
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations, rotation_angle
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.options import PerspectiveOptions
-from shapefit.lifting.perspective.view import find_rotations, refine_view
+from shapefit.lifting.perspective.view import PerspectiveOptions, find_rotations, refine_view
 from shapefit.lifting.shared_rotation.pose import find_pose, spread_views
 
 N, K, P = 6, 5, 14

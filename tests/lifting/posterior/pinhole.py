@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from shapefit.convex.newton import solve_newton
+from shapefit.convex.solver import solve_newton
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.lift import Lifting, Program, lift

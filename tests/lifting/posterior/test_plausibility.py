@@ -5,8 +5,8 @@ import pytest
 from scipy.stats import gamma
 
 import shapefit
-from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import build_problem
+from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.methods import PosteriorOptions, Settings

@@ -6,9 +6,8 @@ import pytest
 from pymanopt.manifolds import Stiefel
 from pymanopt.optimizers import TrustRegions
 
-from shapefit.convex.newton import solve_newton
 from shapefit.convex.problem import Loss, build_problem
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status, solve_newton
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.shared_rotation.pose import alternate

@@ -5,7 +5,7 @@ import warnings
 import numpy as np
 import pytest
 
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
 from shapefit.convex.transforms import nuclear_norm
 from shapefit.geometry.normalisation import normalise
 from shapefit.lifting.lift import lift

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from shapefit.config.commands.fit_sections import ViewingConfig
-from shapefit.convex.solution import Status
+from shapefit.convex.solver import Status
 from shapefit.errors import InputError
 from shapefit.geometry.pinhole import Camera
 from shapefit.geometry.rotations import rotation_angle

@@ -1,0 +1,105 @@
+"""Solve the convex program for many images: one status, certificate and set of transforms each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit import core
+from shapefit.arrays import Floats
+from shapefit.convex.problem import Loss, Problem
+from shapefit.convex.transforms import Transforms
+
+
+class Status(Enum):
+    """How the work on one image ended; the value is the word in files and reports.
+
+    CONVERGED is the end of a method without a certificate: a local optimum, or transforms that
+    have stopped changing.
+    """
+
+    OPTIMAL = "optimal"
+    CONVERGED = "converged"
+    ITERATION_LIMIT = "iteration limit"
+    DEGENERATE = "degenerate input"
+    NUMERICAL_FAILURE = "numerical failure"
+
+
+def read_statuses(codes: NDArray[np.int64]) -> tuple[Status, ...]:
+    """Return the statuses of the codes (n,) that kernels write: their order above."""
+    return tuple(map(tuple(Status).__getitem__, codes.tolist()))
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Optimum of the convex program for n images.
+
+    transforms M; translation T (n, 2); dual Y (n, 2, p), feasible up to scaling;
+    errors E (n, 2, p), the sparse errors of a robust loss in the units of the landmarks, else
+    zero; objective and relative_gap (n,), computed from scratch at the end; residual (n,),
+    ||Omega o (W - sum M_i B_i - T 1^T)||_F / ||Omega o (W - mean)||_F; iterations (n,);
+    status, a Status per image.
+    """
+
+    transforms: Transforms
+    translation: Floats
+    dual: Floats
+    errors: Floats
+    objective: Floats
+    relative_gap: Floats
+    residual: Floats
+    iterations: NDArray[np.int64]
+    status: tuple[Status, ...]
+
+
+def solve_newton(
+    problem: Problem,
+    *,
+    tolerance: float = 1e-4,
+    max_iterations: int = 1000,
+    threads: int = 0,
+) -> Solution:
+    """Solve every image to a relative duality gap <= tolerance by semismooth Newton steps.
+
+    `threads` = 0 means all cores. For the EXACT loss the relative residual ||W - sum M_i B_i|| /
+    ||W|| must fall below the tolerance too, and the gap is nan where it does not. An image with
+    fewer than two visible landmarks is DEGENERATE. The method is written down in
+    shapefit/core/convex/newton.hpp.
+    """
+    n, _, p = problem.landmarks.shape
+    k = len(problem.atoms)
+    first, count = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    atom, blocks = np.empty(n * k, np.int64), np.empty((n * k, 2, 3))
+    translation, dual = np.zeros((n, 2)), np.zeros((n, 2, p))
+    errors = np.zeros((n, 2, 0 if problem.loss is Loss.SQUARED else p))
+    objective, gap, residual = np.zeros(n), np.zeros(n), np.zeros(n)
+    steps, codes = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    core.solve_convex(
+        **problem.arrays, delta=float(problem.loss.has_quadratic), bound=problem.bound,
+        tolerance=tolerance, most_steps=max_iterations, threads=threads,
+        first=first, count=count, atom=atom, blocks=blocks, used=np.zeros(1, np.int64),
+        translation=translation, dual=dual, errors=errors,
+        objective=objective, relative_gap=gap, residual=residual, steps=steps, status=codes,
+    )  # fmt: skip
+    if problem.loss is Loss.EXACT:  # P is no bound while the landmarks are not met
+        gap[residual > tolerance] = np.nan
+    if problem.loss is Loss.SQUARED:
+        errors = np.broadcast_to(0.0, dual.shape)
+    transforms = Transforms.gathered(first, count, atom, blocks, k)
+    status = read_statuses(codes)
+    return Solution(transforms, translation, dual, errors, objective, gap, residual, steps, status)
+
+
+def find_outliers(problem: Problem, solution: Solution) -> NDArray[np.bool_] | None:
+    """Landmarks (n, p) with a weighted residual beyond beta in a coordinate; None if not robust.
+
+    For the sparse-error loss these are the ones with an error E that is not 0.
+    """
+    if problem.loss is Loss.ABSOLUTE:
+        return np.any(np.abs(solution.errors) * problem.weights[:, None, :] > problem.beta, axis=1)
+    if problem.loss is Loss.SPARSE_ERROR:
+        return np.any(solution.errors != 0, axis=1)
+    return None
