@@ -97,15 +97,14 @@ def test_weights_of_the_resolvent_are_those_of_the_derivative(
 NO_MATRIX = np.zeros((0, 0))
 
 
-@pytest.mark.parametrize("n", [2, 4, 10, 28, 34])
-@pytest.mark.parametrize("rows", [0, 3, 9, 10, 11, 26, 61])
+@pytest.mark.parametrize("n", [2, 10, 34])
+@pytest.mark.parametrize("rows", [0, 9, 10, 61])
 @pytest.mark.parametrize("by_rows", [True, False])
-@pytest.mark.parametrize("shift", [1.0, 0.3])
 def test_gram_system_against_numpy(
-    rng: np.random.Generator, n: int, rows: int, by_rows: bool, shift: float
+    rng: np.random.Generator, n: int, rows: int, by_rows: bool
 ) -> None:
     F, f, r = rng.standard_normal((rows, n)), rng.standard_normal(rows), rng.standard_normal(n)
-    x = np.empty(n)
+    x, shift = np.empty(n), 0.3
     parts.solve_gram(F, f, r, NO_MATRIX, shift, by_rows, x)
     expected = np.linalg.solve(shift * np.eye(n) + F.T @ F, r + F.T @ f)
     np.testing.assert_allclose(x, expected, rtol=1e-9, atol=1e-12)

@@ -25,27 +25,12 @@ def test_a_degenerate_image_is_found_with_its_reason(landmarks, weights, reason)
     assert found == {1: reason}
 
 
-def test_three_landmarks_off_a_line_are_enough():
-    assert find_degenerate(TRIANGLE[None], np.array([[1.0, 1.0, 1.0, 0.0]])) == {}
-
-
 @pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])
 @pytest.mark.parametrize("shift", [0.0, 1.0])
 def test_units_do_not_matter(scale, shift):
     line = np.array([[0.0, 1.0, 2.0, 3.0], [1.0, 3.0, 5.0, 7.0]])
     images = scale * (np.stack([TRIANGLE, line]) + shift)
     assert find_degenerate(images, np.ones((2, 4))) == {1: "all visible landmarks lie on one line"}
-
-
-def test_a_thin_but_real_triangle_passes():
-    thin = np.array([[0.0, 1.0, 2.0], [0.0, 1e-6, 0.0]])
-    assert find_degenerate(thin[None], np.ones((1, 3))) == {}
-
-
-def test_what_is_hidden_does_not_matter(rng):
-    line = np.array([[0.0, 1.0, 2.0, 3.0], [1.0, 3.0, 5.0, np.nan]])
-    line[:, 3] = rng.standard_normal(2)
-    assert find_degenerate(line[None], np.array([[1.0, 1.0, 1.0, 0.0]])) != {}
 
 
 def test_coordinates_that_cannot_be_squared_are_found():

@@ -4,13 +4,14 @@ from functools import partial
 
 import numpy as np
 import pytest
+from shapefit.lifting.noise_level import noise_dual_norm
 
 from shapefit.convex.problem import Loss
 from shapefit.convex.solver import Status, solve_newton
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
-from shapefit.lifting.estimate import Estimate, fit_translation
-from shapefit.lifting.lift import Program, lift, noise_dual_norm
+from shapefit.geometry.rotations import rotation_about, rotation_angle
+from shapefit.lifting.estimate import Estimate
+from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
 
 PROGRAM = Program(lam=0.1)
@@ -98,13 +99,6 @@ def test_a_method_without_a_shape_is_a_failure(make_scene, status, reason):
     assert np.isnan(found.shapes).all()
 
 
-def test_no_images_give_nothing(make_scene, convex):
-    scene = make_scene(n=1)
-    found = lift(np.zeros((0, 2, 12)), np.zeros((0, 12)), scene.atoms, PROGRAM, convex)
-    assert found.shapes.shape == (0, 3, 12)
-    assert found.failures == {}
-
-
 def test_the_exact_loss_has_no_lambda_to_choose(make_scene):
     scene, flat = make_scene(n=3), Flat()
     program = Program(lam=None, loss=Loss.EXACT)
@@ -164,43 +158,6 @@ def test_a_planted_rotation_comes_back(make_scene, convex):
     np.testing.assert_allclose(found.shapes, S, atol=1e-4)
 
 
-def test_hidden_landmarks_are_filled_in_and_irrelevant(make_scene, convex, rng):
-    scene = make_scene(n=10, k=1, active=1, hidden=0.4)
-    program = Program(lam=1e-6)
-    clean = lift(scene.landmarks, scene.weights, scene.atoms, program, convex)
-    S = scene.shapes
-    S[:, :2] += scene.translation[..., None]
-    np.testing.assert_allclose(clean.shapes, S, atol=1e-4)
-    for garbage in (np.nan, 1e9):
-        landmarks = np.where(scene.weights[:, None] > 0, scene.landmarks, garbage)
-        dirty = lift(landmarks, scene.weights, scene.atoms, program, convex)
-        np.testing.assert_array_equal(dirty.shapes, clean.shapes)
-
-
-def test_scale_and_translation_of_the_landmarks_carry_over(make_scene, convex):
-    scene = make_scene(n=6, noise=0.2, weighted=True, hidden=0.1)
-    base = lift(scene.landmarks, scene.weights, scene.atoms, PROGRAM, convex)
-    shift = np.array([[300.0], [-20.0]])
-    moved = lift(50 * scene.landmarks + shift, scene.weights, scene.atoms, PROGRAM, convex)
-    np.testing.assert_allclose(moved.scale, 50 * base.scale, rtol=1e-12)
-    np.testing.assert_allclose(
-        moved.landmarks_fitted, 50 * base.landmarks_fitted + shift, atol=50 * 1e-4
-    )
-    np.testing.assert_allclose(moved.shapes[:, 2], 50 * base.shapes[:, 2], atol=50 * 1e-3)
-    np.testing.assert_allclose(moved.estimate.objective, base.estimate.objective, rtol=1e-8)
-
-
-def test_permuted_landmarks_and_turned_atoms_give_the_same_shapes(make_scene, convex, rng):
-    scene = make_scene(n=6, noise=0.2)
-    base = lift(scene.landmarks, scene.weights, scene.atoms, PROGRAM, convex)
-    order, Q = rng.permutation(12), random_rotations(1, rng)[0]
-    other = lift(
-        scene.landmarks[..., order], scene.weights, Q @ scene.atoms[..., order], PROGRAM, convex
-    )
-    np.testing.assert_allclose(other.shapes, base.shapes[..., order], atol=1e-3)
-    np.testing.assert_allclose(other.estimate.rotation @ Q, base.estimate.rotation, atol=1e-3)
-
-
 @pytest.mark.parametrize("angle", [0.4, np.pi / 4, 2.0])
 def test_turning_the_image_acts_as_another_lambda_or_not_at_all_if_exact(make_scene, convex, angle):
     scene = make_scene(n=1, noise=0.2)
@@ -226,42 +183,6 @@ def test_the_mean_depth_is_0(make_scene, convex):
     scene = make_scene(n=4, noise=0.2)
     found = lift(scene.landmarks, scene.weights, scene.atoms, PROGRAM, convex)
     np.testing.assert_allclose(found.shapes[:, 2].mean(axis=1), 0.0, atol=1e-12)
-
-
-class TestPlace:
-    def test_the_translation_is_the_best(self, make_scene, rng):
-        problem = make_scene(n=4, weighted=True, hidden=0.2).problem(0.1)
-        projected = rng.standard_normal((4, 2, 12))
-        best = fit_translation(problem, projected)
-        for shift in 1e-3 * rng.standard_normal((20, 4, 2)):
-            moved = fit_translation(problem, projected, best.translation + shift)
-            assert (moved.misfit >= best.misfit).all()
-            np.testing.assert_array_equal(moved.translation, best.translation + shift)
-
-    def test_misfit_and_residual(self, make_scene, rng):
-        problem = make_scene(n=1, weighted=True).problem(0.1)
-        projected, T = rng.standard_normal((1, 2, 12)), rng.standard_normal((1, 2))
-        found = fit_translation(problem, projected, T)
-        left = problem.weights * (problem.landmarks - projected - T[..., None])[0]
-        assert found.misfit[0] == pytest.approx(0.5 * (left**2).sum())
-        share = problem.weights[0] ** 2 / (problem.weights**2).sum()
-        W = problem.landmarks[0]
-        whole = problem.weights[0] * (W - (W @ share)[:, None])
-        assert found.residual[0] == pytest.approx(np.linalg.norm(left) / np.linalg.norm(whole))
-
-    def test_no_residual_for_the_landmarks_themselves(self, make_scene):
-        problem = make_scene(n=2).problem(0.1)
-        np.testing.assert_allclose(
-            fit_translation(problem, problem.landmarks).residual, 0.0, atol=1e-14
-        )
-
-    def test_without_landmarks_all_is_unknown(self, make_scene):
-        scene = make_scene(n=2)
-        scene.weights[1] = 0.0
-        found = fit_translation(scene.problem(0.1), np.zeros((2, 2, 12)))
-        for values in (found.translation, found.misfit, found.residual):
-            assert np.isfinite(values[0]).all()
-            assert np.isnan(values[1]).all()
 
 
 def test_each_image_has_the_lambda_of_its_own_size_and_landmarks(make_scene):

@@ -1,7 +1,5 @@
 """Cells hold all rotations; the inequalities of a cell; no dropped cell holds a better rotation."""
 
-from itertools import combinations_with_replacement
-
 import numpy as np
 import pytest
 
@@ -116,7 +114,3 @@ def test_no_rotation_of_a_dropped_cell_is_below_the_cut(make_scene, setting, rng
         values = [best_at(problem, image, rotation_rows(one))[0] for one in q]
         assert min(values) >= bound
         assert min(values) <= 1.2 * objective  # some of them were close
-
-
-def test_the_order_of_the_coefficients_is_complete():
-    assert sorted(TRIPLES) == sorted(combinations_with_replacement(range(4), 3))

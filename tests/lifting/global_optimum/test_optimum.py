@@ -11,11 +11,9 @@ from shapefit import core
 from shapefit.convex.problem import Loss, build_problem
 from shapefit.convex.solver import Status, solve_newton
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.procrustes import similarity_transform
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.global_optimum.method import Limits, find_optimum
 from shapefit.lifting.methods import AlternationOptions, SearchOptions, Settings, choose_method
-from shapefit.lifting.reconstruction import combine
 from tests.lifting.global_optimum.conftest import best_at
 
 
@@ -28,18 +26,6 @@ def test_a_planted_optimum_is_found_with_a_gap_of_rounding(make_planted, weighte
     np.testing.assert_allclose(found.rotation, R, atol=1e-5)
     assert (found.bound <= value * (1 + 1e-13)).all()
     assert (found.relative_gap <= 1.1e-9).all()
-
-
-def test_a_shape_without_noise_is_recovered(make_scene):
-    scene = make_scene(n=5, k=10, p=20, active=3)
-    problem = scene.problem(1e-6)
-    found = find_optimum(problem, tolerance=1e-6, threads=1)
-    assert set(found.status) == {Status.OPTIMAL}
-    shapes = found.rotation @ combine(found.coefficients, scene.atoms)
-    for shape, truth in zip(shapes, scene.shapes, strict=True):
-        fit = similarity_transform(shape, truth)
-        error = np.linalg.norm(fit.apply(shape) - truth) / np.linalg.norm(truth)
-        assert error < 1e-4
 
 
 def test_the_objective_is_that_of_an_independent_solver_at_the_rotation(make_scene):
@@ -97,23 +83,6 @@ def test_a_limit_leaves_a_bound_that_holds(make_scene):
     assert (cut_short.bound > 0.5 * full.objective).all()
     none = find_optimum(problem, tolerance=1e-3, limits=Limits(200_000, 1e-9), threads=1)
     assert set(none.status) == {Status.ITERATION_LIMIT}
-
-
-def test_no_image_depends_on_the_others(make_scene):
-    problem = make_scene(n=7, noise=0.3, hidden=0.2).problem(0.2)
-    whole = find_optimum(problem, threads=2)
-    for image in (0, 3, 6):
-        alone = find_optimum(problem.take(np.array([image])), threads=1)
-        np.testing.assert_array_equal(alone.coefficients[0], whole.coefficients[image])
-        assert alone.cells[0] == whole.cells[image]
-
-
-def test_a_lambda_beyond_all_atoms_gives_an_empty_shape(make_scene):
-    problem = make_scene(n=2).problem(1e4)
-    found = find_optimum(problem, threads=1)
-    assert not found.coefficients.any()
-    assert np.isnan(found.rotation).all()
-    assert set(found.status) == {Status.OPTIMAL}
 
 
 def test_one_landmark_is_degenerate_and_other_losses_are_refused(make_scene):

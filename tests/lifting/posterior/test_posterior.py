@@ -83,22 +83,6 @@ def rotation_vector(R):
     return axis / max(2 * np.sin(angle), 1e-12) * angle
 
 
-@pytest.mark.usefixtures("to_the_end")
-def test_moving_growing_and_turning_the_image_moves_the_posterior_along(draw_mixture):
-    prior, misfit = draw_mixture(3), 0.01
-    _, w, R = draw_images(prior, 20, 5, misfit)
-    w[3, :, 2] = np.nan
-    plain = solve(prior, w, R[:, None], misfit)
-    turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.array(0.7))
-    moved = 12.5 * turn[:2, :2] @ w + np.array([[300.0], [-40.0]])
-    other = solve(prior, moved, (turn @ R)[:, None], misfit)
-    expected = 12.5 * turn @ plain.mean
-    expected[:, :2] += np.array([[300.0], [-40.0]])
-    assert other.mean == pytest.approx(expected, abs=12.5e-6)
-    assert other.scale == pytest.approx(12.5 * plain.scale, rel=1e-6)
-    assert other.deviation[:, 2] == pytest.approx(12.5 * plain.deviation[:, 2], rel=1e-5)
-
-
 def test_regions_hold_what_they_say_for_shapes_of_the_model(draw_mixture):
     prior, misfit, n, p = draw_mixture(4, size=0.1), 0.005, 600, 7
     y, w, R = draw_images(prior, n, 6, misfit)

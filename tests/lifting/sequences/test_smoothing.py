@@ -1,13 +1,11 @@
 """The inference over a sequence: optimality, planted bodies, copies of a frame, error bars."""
 
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from shapefit.arrays import median
-from shapefit.lifting.sequences import clips as clips_of
 from shapefit.lifting.sequences import smoothing
 from shapefit.lifting.sequences.clips import find_haste, find_jitter, steady
 from shapefit.lifting.sequences.smoothing import (
@@ -276,32 +274,6 @@ def test_steadying_takes_away_jitter_and_nothing_else(rng):
     np.testing.assert_allclose(find_jitter(motion + in_depth, 2 * sd)[2], 0.25, rtol=0.15)
     assert (find_jitter(motion + in_depth, 2 * sd)[:2] < 0.01).all()
     assert error(steady(motion + white, sd, a), motion) < 0.5 * 0.3
-
-
-def test_single_images_cost_next_to_nothing(rng):
-    """Of 10^5 sequences of one image: a few microseconds each, when a posterior takes 10^3."""
-    n, p = 100_000, 2
-    points = rng.standard_normal((n, 3, p))
-    empty = np.zeros((n, 0))
-    clips = clips_of.Clips(
-        points[:, :2],
-        np.ones((n, p)),
-        points,
-        np.ones(n),
-        np.zeros((n, 2)),
-        empty,
-        0.01,
-        None,
-        points,
-    )
-    motion = clips_of.Motion(np.array([[0, 1]]), np.ones(p), np.ones(1))
-    names = tuple(map(str, range(n)))
-    began = time.process_time()
-    found, deviation, _, noise, _ = clips_of.refine_clips(clips, names, motion, threads=1)
-    assert time.process_time() - began < 20e-6 * n
-    np.testing.assert_array_equal(found, points)
-    assert np.isnan(deviation).all()
-    assert np.isnan(noise).all()
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 6])

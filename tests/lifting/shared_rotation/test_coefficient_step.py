@@ -102,23 +102,6 @@ def test_a_planted_optimum_comes_back(rng, signed):
         np.testing.assert_allclose(found, c, atol=1e-9)
 
 
-@pytest.mark.parametrize(("overlap", "expected"), [(3.0, 0.625), (0.5, 0), (0.4, 0), (-3, 0)])
-def test_one_atom_is_shrunk(overlap, expected):
-    # <B, w> = overlap and ||B||^2 = 4: c = max(overlap - lam, 0) / 4 for lam = 0.5.
-    atom = np.zeros((1, 3, 2))
-    atom[0, 0, 0] = 2.0
-    w = np.array([[overlap / 2, 0.3], [0.1, -0.2]])
-    c, _ = solve(w, atom, np.eye(3), 0.5)
-    assert c[0] == pytest.approx(expected, abs=1e-14)
-
-
-def test_a_negative_overlap_is_used_where_signs_are_free():
-    atom = np.zeros((1, 3, 2))
-    atom[0, 0, 0] = 2.0
-    c, _ = solve(np.array([[-1.5, 0.0], [0.0, 0.0]]), atom, np.eye(3), 0.5, signed=True)
-    assert c[0] == pytest.approx(-0.625)
-
-
 @signs
 def test_the_start_does_not_matter(make_case, signed, rng):
     for _ in range(10):
@@ -142,31 +125,3 @@ def test_copies_and_sums_of_atoms_do_no_harm(make_case, signed):
         if signed:  # sums and mirror images of atoms cannot lower the l1 norm
             _, alone = solve(w, atoms, R, 0.05, signed=signed)
             assert value == pytest.approx(alone, rel=1e-9)
-
-
-def test_a_copy_in_the_start_is_merged(make_case):
-    w, atoms, R = make_case(k=12, q=6)
-    c, value = solve(w, atoms, R, 0.05)
-    twice = np.concatenate([atoms, atoms])
-    again, same = solve(w, twice, R, 0.05, start=np.concatenate([0.3 * c, 0.7 * c]))
-    assert_optimal(w, twice, R, 0.05, again, signed=False)
-    np.testing.assert_allclose(again[:12] + again[12:], c, atol=1e-9)
-    assert same == pytest.approx(value, rel=1e-12)
-
-
-@signs
-def test_beyond_the_largest_correlation_all_are_zero(make_case, signed):
-    w, atoms, R = make_case()
-    correlation = project(atoms, R).T @ w.ravel()
-    largest = np.abs(correlation).max() if signed else correlation.max()
-    c, value = solve(w, atoms, R, largest * (1 + 1e-7), signed=signed)
-    np.testing.assert_array_equal(c, 0.0)
-    assert value == pytest.approx(0.5 * (w**2).sum())
-    assert solve(w, atoms, R, largest * (1 - 1e-6), signed=signed)[0].any()
-
-
-def test_only_negative_correlations_leave_all_at_zero(rng):
-    w, atoms = rng.standard_normal((2, 5)), rng.standard_normal((7, 3, 5))
-    R = random_rotations(1, rng)[0]
-    atoms *= -np.sign(project(atoms, R).T @ w.ravel())[:, None, None]
-    np.testing.assert_array_equal(solve(w, atoms, R, 1e-3)[0], 0.0)

@@ -1,0 +1,225 @@
+"""What changes the answer of a method and how, and what does not: every method, every change."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from shapefit.convex.problem import Loss, build_problem
+from shapefit.convex.solver import solve_newton
+from shapefit.dictionary.mixture import Mixture
+from shapefit.geometry.rotations import random_rotations, rotation_about
+from shapefit.lifting.estimate import Estimate
+from shapefit.lifting.lift import Program, lift
+from shapefit.lifting.methods import (
+    AlternationOptions,
+    PosteriorOptions,
+    Settings,
+    choose_method,
+)
+from shapefit.lifting.posterior import posterior
+
+N, K, P = 10, 8, 12
+FAR = 2.0**38
+FINE = AlternationOptions(tolerance=1e-14, max_rounds=5000)
+UNTIL_THE_END = replace(FINE, views="all")
+
+METHODS: dict[str, tuple[str, Loss, object]] = {
+    "convex": ("convex", Loss.SQUARED, None),
+    "exact": ("convex", Loss.EXACT, None),
+    "l1": ("convex", Loss.ABSOLUTE, None),
+    "sparse-error": ("convex", Loss.SPARSE_ERROR, None),
+    "convex+refine": ("convex+refine", Loss.SQUARED, FINE),
+    "alternate": ("alternate", Loss.SQUARED, UNTIL_THE_END),
+    "mean-shape": ("mean-shape", Loss.SQUARED, FINE),
+    "global": ("global", Loss.SQUARED, None),
+    "pmp": ("pmp", Loss.SQUARED, None),
+    "posterior": ("posterior", Loss.SQUARED, PosteriorOptions(plausibility=False)),
+}
+"""Case -> method, loss, options."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """Images and the class that they show."""
+
+    landmarks: np.ndarray
+    weights: np.ndarray
+    atoms: np.ndarray
+    mean: np.ndarray
+    edges: np.ndarray
+    prior: Mixture
+
+    def settings(self, name: str, threads: int = 1) -> Settings:
+        return Settings(
+            solve=partial(solve_newton, tolerance=1e-10, threads=threads),
+            mean_shape=self.mean,
+            needs={"edges": self.edges, "prior": self.prior},
+            options=METHODS[name][2],
+            threads=threads,
+        )
+
+    def estimate(self, name: str, threads: int = 1) -> Estimate:
+        problem = build_problem(
+            self.landmarks, self.atoms, 0.1, weights=self.weights, loss=METHODS[name][1], beta=0.3
+        )
+        return choose_method(METHODS[name][0], self.settings(name, threads))(problem)
+
+
+@pytest.fixture
+def case(make_scene, rng) -> Case:
+    """Landmarks are multiples of 2^-10, so that they are the same numbers far from the origin."""
+    scene = make_scene(n=N, k=K, p=P, noise=0.1, hidden=0.15, weighted=True)
+    B = rng.standard_normal((3 * P, 3 * P))
+    covariance = 0.1 * B @ B.T / (3 * P) + 0.02 * np.eye(3 * P)
+    return Case(
+        landmarks=np.round(scene.landmarks * 2**10) / 2**10,
+        weights=scene.weights,
+        atoms=scene.atoms,
+        mean=scene.mean_shape / np.linalg.norm(scene.mean_shape) * np.sqrt(3 * P),
+        edges=np.array([[(j - 1) // 2, j] for j in range(1, P)]),
+        prior=Mixture(np.ones(1), scene.mean_shape[None], covariance[None]),
+    )
+
+
+Change = Callable[[Case, np.random.Generator], tuple[Case, Callable[[np.ndarray], np.ndarray]]]
+
+
+def same(shapes: np.ndarray) -> np.ndarray:
+    return shapes
+
+
+def hide_garbage(case, rng):
+    return replace(case, landmarks=np.where(case.weights[:, None] > 0, case.landmarks, 1e6)), same
+
+
+def move_far(case, rng):
+    return replace(case, landmarks=case.landmarks + FAR), same
+
+
+def turn_image(case, rng):
+    Q = rotation_about(np.array([0.0, 0.0, 1.0]), np.array(0.7))
+    return replace(case, landmarks=Q[:2, :2] @ case.landmarks), lambda shapes: Q @ shapes
+
+
+def turn_class(case, rng):
+    Q = random_rotations(1, rng)[0]
+    C = np.kron(Q, np.eye(P))
+    prior = replace(
+        case.prior, means=Q @ case.prior.means, covariances=C @ case.prior.covariances @ C.T
+    )
+    return replace(case, atoms=Q @ case.atoms, mean=Q @ case.mean, prior=prior), same
+
+
+def permute_landmarks(case, rng):
+    order = rng.permutation(P)
+    rows = np.concatenate([order + P * axis for axis in range(3)])
+    prior = replace(
+        case.prior,
+        means=case.prior.means[..., order],
+        covariances=case.prior.covariances[:, rows][:, :, rows],
+    )
+    permuted = replace(
+        case,
+        **{name: getattr(case, name)[..., order] for name in ("landmarks", "weights", "atoms")},
+        mean=case.mean[:, order],
+        edges=np.argsort(order)[case.edges],
+        prior=prior,
+    )
+    return permuted, lambda shapes: shapes[..., order]
+
+
+def permute_atoms(case, rng):
+    return replace(case, atoms=case.atoms[rng.permutation(K)]), same
+
+
+def leave_some_out(case, rng):
+    rows = np.array([7, 2, 4])
+    some = replace(case, landmarks=case.landmarks[rows], weights=case.weights[rows])
+    return some, lambda values: values[rows]
+
+
+CHANGES: dict[str, Change] = {
+    "garbage under the mask": hide_garbage,
+    "far away": move_far,
+    "image turned": turn_image,
+    "class turned": turn_class,
+    "landmarks in another order": permute_landmarks,
+    "atoms in another order": permute_atoms,
+    "some of the images": leave_some_out,
+}
+
+
+@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_change_of_the_images_or_the_class(case, rng, monkeypatch, name, change):
+    """Shapes, and objectives, which are unique where shapes may not be."""
+    monkeypatch.setattr(posterior, "STILL", 1e-12)
+    other, expected = CHANGES[change](case, rng)
+    found, base = other.estimate(name), case.estimate(name)
+    rows = expected(np.arange(N)) if change == "some of the images" else np.arange(N)
+    if change != "far away":  # where the last digits of a residual are lost
+        np.testing.assert_allclose(found.objective, base.objective[rows], rtol=1e-7, atol=1e-9)
+    assert found.status == tuple(base.status[row] for row in rows)
+    if name != "l1":
+        np.testing.assert_allclose(found.shapes, expected(base.shapes), atol=5e-4)
+    assert np.isfinite(base.shapes).all()
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_threads_change_no_bit(case, name):
+    many = replace(
+        case, landmarks=np.tile(case.landmarks, (20, 1, 1)), weights=np.tile(case.weights, (20, 1))
+    )
+    if name == "global":
+        many = case
+    one, three = many.estimate(name, threads=1), many.estimate(name, threads=3)
+    for field in ("shapes", "objective", "iterations", "rotation", "coefficients"):
+        np.testing.assert_array_equal(getattr(one, field), getattr(three, field))
+
+
+@pytest.mark.parametrize(
+    "name", [name for name, (method, loss, _) in METHODS.items()
+             if loss is Loss.SQUARED and method != "posterior"],
+)  # fmt: skip
+def test_a_weight_of_root_two_counts_as_a_landmark_seen_twice(case, name):
+    twice = [*range(P), 3]
+    heavy = case.weights.copy()
+    heavy[:, 3] = 1.0
+    double = heavy[:, twice]
+    heavy[:, 3] *= np.sqrt(2)
+    copied = replace(
+        case, landmarks=case.landmarks[..., twice], weights=double,
+        atoms=case.atoms[..., twice], mean=case.mean[:, twice],
+    )  # fmt: skip
+    found, expected = replace(case, weights=heavy).estimate(name), copied.estimate(name)
+    np.testing.assert_allclose(found.objective, expected.objective, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(found.shapes, expected.shapes[..., :P], atol=5e-4)
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_landmarks_in_another_unit_and_place(case, monkeypatch, name):
+    """Through `lift`, which normalises: nothing of a method depends on pixels."""
+    monkeypatch.setattr(posterior, "STILL", 1e-12)
+    method, loss, _ = METHODS[name]
+    estimator = choose_method(method, case.settings(name))
+    program = Program(None if loss is Loss.EXACT else 0.1, loss, beta=0.3)
+    place = np.array([[300.0], [-20.0]])
+    found, moved = (
+        lift(landmarks, case.weights, case.atoms, program, estimator)
+        for landmarks in (case.landmarks, 50 * case.landmarks + place)
+    )
+    assert found.failures == moved.failures == {}
+    np.testing.assert_allclose(moved.scale, 50 * found.scale, rtol=1e-8)
+    np.testing.assert_allclose(moved.estimate.objective, found.estimate.objective, rtol=1e-8)
+    if name != "l1":
+        expected = 50 * found.shapes
+        expected[:, :2] += place
+        np.testing.assert_allclose(moved.shapes, expected, atol=50 * 5e-4)
+    R = found.estimate.rotation
+    np.testing.assert_allclose(R @ R.swapaxes(1, 2), np.tile(np.eye(3), (N, 1, 1)), atol=1e-9)
+    np.testing.assert_allclose(np.linalg.det(R), 1)
