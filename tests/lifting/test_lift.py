@@ -4,14 +4,13 @@ from functools import partial
 
 import numpy as np
 import pytest
-from shapefit.lifting.noise_level import noise_dual_norm
 
 from shapefit.convex.problem import Loss
 from shapefit.convex.solver import Status, solve_newton
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import rotation_about, rotation_angle
 from shapefit.lifting.estimate import Estimate
-from shapefit.lifting.lift import Program, lift
+from shapefit.lifting.lift import Program, lift, noise_dual_norm
 from shapefit.lifting.methods import Settings, choose_method
 
 PROGRAM = Program(lam=0.1)
