@@ -1,4 +1,4 @@
-"""A click command made from a row of the table; one run of it: config, pipeline, report."""
+"""A click command made from a row of the table: its config, pipeline and report."""
 
 from __future__ import annotations
 
@@ -7,24 +7,14 @@ import importlib
 import os
 import re
 from collections.abc import Mapping, Sequence
-from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import click
 
-from shapefit.errors import printable
-
+from .commands import Spec
 from .options import config_options, reporting_options
-from .report import Progress, Report
+from .report import Report
 from .streams import tell
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from shapefit.pipelines.outcome import Outcome
-
-    from .commands import Spec
 
 
 class ConfigCommand(click.Command):
@@ -45,23 +35,11 @@ class ConfigCommand(click.Command):
 
 def make_command(spec: Spec) -> click.Command:
     """Return the click command of a row of the table."""
-
-    def run(**values: Any) -> int:
-        common = {name: values.pop(name) for name in ("config_path", "overrides", "print_config")}
-        report = {name: values.pop(name) for name in ("quiet", "verbose")}
-        wanted = [action for name, (_, action) in spec.actions.items() if values.pop(name)]
-        return run_command(spec, **common, **report, arguments=values, afterwards=wanted)
-
+    files, *further = spec.parameters
     return ConfigCommand(
         spec.name,
-        callback=run,
-        params=[
-            *spec.parameters[:1],
-            *config_options(spec.name),
-            *spec.parameters[1:],
-            *(option for option, _ in spec.actions.values()),
-            *reporting_options(),
-        ],
+        callback=lambda **values: run_command(spec, **values),
+        params=[files, *config_options(spec.name), *further, *reporting_options()],
         short_help=spec.summary,
         help=spec.text,
         epilog=f"\b\nExamples:\n{spec.examples}\n",
@@ -76,13 +54,13 @@ def run_command(
     print_config: bool,
     quiet: bool,
     verbose: bool,
-    arguments: Mapping[str, object],
-    afterwards: Sequence[Any] = (),
+    opens: bool = False,
+    **arguments: object,
 ) -> int:
     """Run the pipeline of a command with its config; return the exit code.
 
-    With `print_config` the config is printed to stdout instead. Each of `afterwards` is called with
-    the report when all is done. Raises InputError on a wrong config.
+    With `print_config` the config is printed to stdout instead; `opens` opens what was written in a
+    browser. Raises InputError on a wrong config.
     """
     # No plug-in changes the schema, and looking for them in all installed packages takes long.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
@@ -91,7 +69,7 @@ def run_command(
 
     file = find_config(spec.name, Path(config_path) if config_path else None)
     chooses = file is None and bool(spec.chooser)
-    given = (overrides, arguments)
+    given: tuple[Sequence[str], Mapping[str, object]] = (overrides, arguments)
     config = load_config(spec.name, file, *given, to_show=print_config, final=not chooses)
     if chooses:
         chooser = importlib.import_module(f"shapefit.pipelines.{spec.chooser}")
@@ -118,27 +96,19 @@ def run_command(
     if not gc.isenabled():
         gc.freeze()  # or the first look for cycles goes through all that was imported
         gc.enable()
-    report = Report(spec.name, spec.unit, quiet=quiet, verbose=verbose)
-    follow(pipeline(config), report, shows_notes=not spec.prints_note)
-    if spec.prints_note:
-        click.echo(report.note)
-    for line in report.lines(with_note=not spec.prints_note):
-        tell(line)
-    for action in afterwards:
-        action(report)
-    return report.exit_code
+    report = Report(spec.name, spec.unit, quiet, verbose, spec.prints_note)
+    code = report.follow(pipeline(config))
+    if opens:
+        _open_in_browser(report.written)
+    return code
 
 
-def follow(outcomes: Iterable[Outcome], report: Report, *, shows_notes: bool) -> None:
-    """Run a pipeline to its end: fold its outcomes into the report, and show the progress."""
-    with Progress(report) as progress, closing(outcomes) as each:  # type: ignore[type-var]
-        for outcome in each:
-            report.add(outcome)
-            for row in outcome.listing:
-                click.echo(printable(row))
-            if outcome.line:
-                progress.show(outcome.line)
-            progress.advance(outcome.done, outcome.total, outcome.note if shows_notes else "")
+def _open_in_browser(paths: Sequence[Path]) -> None:
+    import webbrowser
+
+    for path in paths:
+        if not webbrowser.open(path.resolve().as_uri()):
+            tell(f"No browser was found; open {path} in one.")
 
 
 def _set_hint(command: str, option: str, given: Sequence[str]) -> str | None:

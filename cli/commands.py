@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import click
 
-from .options import DICTIONARY
-from .streams import tell
-
-if TYPE_CHECKING:
-    from .report import Report
+from .options import DICTIONARY, option
 
 
 @dataclass(frozen=True)
@@ -22,7 +16,7 @@ class Spec:
     `in_parts` is the pipeline where the output is a folder of results; `chooser` names the
     installed config that suits the inputs, where none is given. `unit` is what the progress
     bar counts. Where `prints_note` the last note of the pipeline is the result of the command, for
-    stdout. Each of `actions` is a flag, and what is done with the report when it is given.
+    stdout.
     """
 
     name: str
@@ -35,37 +29,16 @@ class Spec:
     in_parts: str = ""
     chooser: str = ""
     prints_note: bool = False
-    actions: dict[str, tuple[click.Option, Callable[[Report], None]]] = field(default_factory=dict)
 
 
 def _files(key: str, metavar: str | None = None) -> click.Argument:
     return click.Argument([key], nargs=-1, metavar=metavar)
 
 
-def _output(metavar: str, text: str) -> click.Option:
-    return click.Option(["-o", "--output"], metavar=metavar, help=text)
-
-
-def _dictionary(text: str) -> click.Option:
-    return click.Option(["-d", "--dictionary"], metavar="DICT.h5", type=DICTIONARY, help=text)
-
-
-def _truth() -> click.Option:
-    text = "File of the true 3D shapes. Repeatable."
-    return click.Option(["--truth"], metavar="SHAPES", multiple=True, help=text)
-
-
-def _report_folder() -> click.Option:
-    return _output("DIR", "Folder to write the report to.")
-
-
-def _open_in_browser(report: Report) -> None:
-    import webbrowser
-
-    for path in report.written:
-        if not webbrowser.open(path.resolve().as_uri()):
-            tell(f"No browser was found; open {path} in one.")
-
+_TRUTH = "File of the true 3D shapes. Repeatable."
+_START = "Dictionary that 2D landmarks adapt, or the name of an installed one."
+_OF_A_FIT = "Dictionary that learn-dict wrote, or the name of an installed one, such as people."
+_DRAWN = "Dictionary with the edges and meshes to draw."
 
 COMMANDS = (
     Spec(
@@ -86,13 +59,8 @@ any format that can be read; docs/formats.md lists them. Globs work.""",
   shapefit learn-dict train.csv -o dict.h5 --set beta=0.05 --print-config""",
         parameters=(
             _files("shapes"),
-            _output("DICT.h5", "Dictionary file to write (HDF5)."),
-            click.Option(
-                ["--start"],
-                metavar="DICT",
-                type=DICTIONARY,
-                help="Dictionary that 2D landmarks adapt, or the name of an installed one.",
-            ),
+            option("-o --output", "Dictionary file to write (HDF5).", "DICT.h5"),
+            option("--start", _START, "DICT", type=DICTIONARY),
         ),
     ),
     Spec(
@@ -110,7 +78,7 @@ work, - is stdin (CSV).""",
   shapefit project test.h5 -o - --set camera.view=random > views.csv""",
         parameters=(
             _files("shapes"),
-            _output("LANDMARKS", "Landmark file to write; - is stdout (CSV)."),
+            option("-o --output", "Landmark file to write; - is stdout (CSV).", "LANDMARKS"),
         ),
     ),
     Spec(
@@ -133,24 +101,14 @@ store (s3://, gs://).""",
   shapefit fit -d dict.h5 -o - - < landmarks.csv > shapes.csv""",
         parameters=(
             _files("landmarks"),
-            _output("RESULT", "Result file; - is stdout (CSV), FOLDER/ a file per part."),
-            _dictionary(
-                "Dictionary that learn-dict wrote, or the name of an installed one, such as people."
+            option(
+                "-o --output", "Result file; - is stdout (CSV), FOLDER/ a file per part.", "RESULT"
             ),
-            click.Option(
-                ["--workers"], type=int, metavar="N", help="Do the parts with N processes."
-            ),
-            click.Option(
-                ["--scheduler"], metavar="ADDRESS", help="Do the parts on a running Dask cluster."
-            ),
-            click.Option(
-                ["--scheduler-file"],
-                metavar="FILE",
-                help="The same, by the file of the scheduler.",
-            ),
-            click.Option(
-                ["--dry-run"], is_flag=True, default=None, help="Only list the parts to do."
-            ),
+            option("-d --dictionary", _OF_A_FIT, "DICT.h5", type=DICTIONARY),
+            option("--workers", "Do the parts with N processes.", "N", type=int),
+            option("--scheduler", "Do the parts on a running Dask cluster.", "ADDRESS"),
+            option("--scheduler-file", "The same, by the file of the scheduler.", "FILE"),
+            option("--dry-run", "Only list the parts to do.", default=None),
         ),
     ),
     Spec(
@@ -166,7 +124,11 @@ config can set other names.""",
   shapefit eval result.h5 --truth test.h5 -o report/
   shapefit eval -c eval.yaml convex.h5 pmp.h5 --truth test.h5 -o report/
   shapefit eval result.h5 --truth 'test/*.h5' -o report/ > table.md""",
-        parameters=(_files("results", "[RESULT]..."), _report_folder(), _truth()),
+        parameters=(
+            _files("results", "[RESULT]..."),
+            option("-o --output", "Folder to write the report to.", "DIR"),
+            option("--truth", _TRUTH, "SHAPES", multiple=True),
+        ),
         prints_note=True,
     ),
     Spec(
@@ -185,10 +147,8 @@ lists them. The format of the output follows from its name, or --to.""",
   shapefit convert walk.c3d -o walk.h5""",
         parameters=(
             _files("files", "INPUT..."),
-            _output("OUTPUT", "File to write; - is stdout (CSV)."),
-            click.Option(
-                ["--to"], metavar="FORMAT", help="Format to write, such as parquet or csv."
-            ),
+            option("-o --output", "File to write; - is stdout (CSV).", "OUTPUT"),
+            option("--to", "Format to write, such as parquet or csv.", "FORMAT"),
         ),
     ),
     Spec(
@@ -222,17 +182,12 @@ to look.""",
   shapefit view cars.h5 --truth models.h5 --set match=true_model --images frames/""",
         parameters=(
             _files("files", "[RESULT|LANDMARKS|SHAPES]..."),
-            _output("PAGE.html", "HTML file to write."),
-            _truth(),
-            _dictionary("Dictionary with the edges and meshes to draw."),
-            click.Option(["--images"], metavar="FOLDER", help="Images under the landmarks."),
+            option("-o --output", "HTML file to write.", "PAGE.html"),
+            option("--truth", _TRUTH, "SHAPES", multiple=True),
+            option("-d --dictionary", _DRAWN, "DICT.h5", type=DICTIONARY),
+            option("--images", "Images under the landmarks.", "FOLDER"),
+            option("--open opens", "Open the page in a browser."),
         ),
-        actions={
-            "opens": (
-                click.Option(["--open", "opens"], is_flag=True, help="Open the page in a browser."),
-                _open_in_browser,
-            )
-        },
     ),
 )
 """In the order of the help, which is that of the chain."""

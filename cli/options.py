@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -14,6 +13,12 @@ if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
 TRACEBACK_VARIABLE = "SHAPEFIT_TRACEBACK"
+
+
+def option(names: str, help: str, metavar: str | None = None, **settings: Any) -> click.Option:
+    """Return an option of these names, with a space between them; without metavar it is a flag."""
+    settings = {"is_flag": metavar is None} | settings
+    return click.Option(names.split(), metavar=metavar, help=help, **settings)
 
 
 def _show_tracebacks(_context: click.Context, _option: click.Parameter, wanted: bool) -> None:
@@ -25,16 +30,6 @@ def _not_both(context: click.Context, _option: click.Parameter, verbose: bool) -
     if verbose and context.params.get("quiet"):
         raise click.UsageError("-q and -v exclude each other; give one of them", context)
     return verbose
-
-
-class LocationPath(click.Path):
-    """A file, or a URL of an object store."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Return the path of what was given."""
-        from shapefit.stores import location
-
-        return location(value)
 
 
 class Named(click.types.StringParamType):
@@ -78,52 +73,27 @@ def _settings(command: str) -> Iterable[str]:
     return (f"{key}=" for key in dotted_keys(CONFIGS[command]))
 
 
-def config_options(command: str) -> list[click.Parameter]:
+def config_options(command: str) -> list[click.Option]:
     """Return -c, --set and --print-config, which every command with a config has."""
+    config = "YAML config, or the name of an installed one, such as cars; - is stdin. The keys "
+    config += f"are listed by `shapefit config {command}`."
+    key = "Set a key of the config, or a key inside one: --set a.b=c. Repeatable."
+    names = Named(partial(_configs, command), "installed config")
+    keys = Named(partial(_settings, command))
     return [
-        click.Option(
-            ["-c", "--config", "config_path"],
-            metavar="CONFIG",
-            type=Named(partial(_configs, command), "installed config"),
-            help="YAML config, or the name of an installed one, such as cars; - is stdin. The keys "
-            f"are listed by `shapefit config {command}`.",
-        ),
-        click.Option(
-            ["--set", "overrides"],
-            metavar="KEY=VALUE",
-            multiple=True,
-            type=Named(partial(_settings, command)),
-            help="Set a key of the config, or a key inside one: --set a.b=c. Repeatable.",
-        ),
-        click.Option(
-            ["--print-config"],
-            is_flag=True,
-            help="Print the config with every default as YAML, and exit.",
-        ),
+        option("-c --config config_path", config, "CONFIG", type=names),
+        option("--set overrides", key, "KEY=VALUE", multiple=True, type=keys),
+        option("--print-config", "Print the config with every default as YAML, and exit."),
     ]
 
 
-def reporting_options() -> list[click.Parameter]:
+def reporting_options() -> list[click.Option]:
     """Return -q, -v and --traceback, which every command has."""
+    everything = "List every warning, failed item and written file, and name the config."
+    where = f"Show where an internal error arose (as {TRACEBACK_VARIABLE}=1 does)."
+    show = partial(option, "--traceback", callback=_show_tracebacks)
     return [
-        click.Option(
-            ["-q", "--quiet"],
-            is_flag=True,
-            is_eager=True,
-            help="Print only errors and failed items.",
-        ),
-        click.Option(
-            ["-v", "--verbose"],
-            is_flag=True,
-            callback=_not_both,
-            help="List every warning, failed item and written file, and name the config.",
-        ),
-        click.Option(
-            ["--traceback"],
-            is_flag=True,
-            is_eager=True,
-            expose_value=False,
-            callback=_show_tracebacks,
-            help=f"Show where an internal error arose (as {TRACEBACK_VARIABLE}=1 does).",
-        ),
+        option("-q --quiet", "Print only errors and failed items.", is_eager=True),
+        option("-v --verbose", everything, callback=_not_both),
+        show(where, is_eager=True, expose_value=False),
     ]

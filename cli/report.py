@@ -5,36 +5,41 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
-from shapefit.errors import printable
+import click
 
-from .streams import tell, tells_progress
+from shapefit.errors import counted, printable
+
+from .streams import tell
 
 if TYPE_CHECKING:
     from shapefit.pipelines.outcome import Counted, Failure, Outcome
 
 LISTED = 20
 """Failures (and different warnings) that are listed; the rest is counted."""
-
 LISTED_FILES = 8
 """Files in one folder that are named; more are counted."""
+SECONDS_BETWEEN_LINES = 10.0
+"""Of the progress where standard error is no terminal."""
 
 
 @dataclass
 class Report:
     """The sum of a pipeline's outcomes; memory does not grow with the number of items.
 
-    A `quiet` one has no warnings and no summary; a `verbose` one lists everything.
+    A `quiet` one has no warnings and no summary; a `verbose` one lists everything. A pipeline that
+    `prints_note` has the result of the command, for standard output, as its last note.
     """
 
     command: str
     unit: str
     quiet: bool = False
     verbose: bool = False
+    prints_note: bool = False
     done: int = 0
     failed: int = 0
     note: str = ""
@@ -44,6 +49,39 @@ class Report:
     _doubts: dict[str, str | Counted] = field(default_factory=dict)
     _unlisted_warnings: int = 0
     _started: float = field(default_factory=time.monotonic)
+
+    def follow(self, outcomes: Iterator[Outcome]) -> int:
+        """Run a pipeline to its end, show its progress, tell what it did; return the exit code."""
+        with ExitStack() as stack:
+            stack.enter_context(closing(outcomes))  # type: ignore[type-var]
+            bar: Any = None
+            if sys.stderr is not None and sys.stderr.isatty() and not self.quiet:
+                from tqdm import tqdm
+
+                bar = stack.enter_context(tqdm(desc=self.command, dynamic_ncols=True))
+            told = time.monotonic()
+            for outcome in outcomes:
+                self.add(outcome)
+                for row in outcome.listing:
+                    click.echo(printable(row))
+                note = "" if self.prints_note else outcome.note
+                if outcome.line and not self.quiet:
+                    if bar is not None:
+                        bar.clear()
+                    tell(outcome.line)
+                if bar is not None:
+                    bar.total = bar.total if outcome.total is None else outcome.total
+                    bar.unit = f" {self.unit}"
+                    bar.set_postfix_str(printable(note), refresh=False)
+                    bar.update(outcome.done)
+                elif not self.quiet and time.monotonic() - told >= SECONDS_BETWEEN_LINES:
+                    told = time.monotonic()
+                    tell(self._progress(outcome.total, note))
+        if self.prints_note:
+            click.echo(self.note)
+        for line in self.lines():
+            tell(line)
+        return self.exit_code
 
     def add(self, outcome: Outcome) -> None:
         """Take in what became of one more part of the work."""
@@ -67,7 +105,7 @@ class Report:
         """Return 0 if no item failed, otherwise 1."""
         return 1 if self.failed else 0
 
-    def lines(self, *, with_note: bool = True) -> Iterator[str]:
+    def lines(self) -> Iterator[str]:
         """Yield the report as lines of text: warnings, failures, then one line on everything."""
         from shapefit.pipelines.outcome import Note
 
@@ -82,7 +120,7 @@ class Report:
         if self.failed > len(self._failures):
             yield f"Failed: and {self.failed - len(self._failures)} more"
         if not self.quiet:
-            yield "; ".join(self._summary(with_note))
+            yield "; ".join(self._summary())
 
     def _not_to_be_trusted(self) -> Iterator[str]:
         from shapefit.pipelines.outcome import Counted, tell_doubts
@@ -93,13 +131,11 @@ class Report:
         if doubts:
             yield tell_doubts(doubts, self.done) + ("" if self.verbose else "; -v lists them")
 
-    def _summary(self, with_note: bool) -> Iterator[str]:
-        from shapefit.errors import counted
-
+    def _summary(self) -> Iterator[str]:
         seconds = time.monotonic() - self._started
         failed = f", {self.failed} failed" if self.failed else ""
         yield f"{self.command}: {counted(self.done, self.unit)} in {seconds:.1f} s{failed}"
-        if with_note and self.note:
+        if self.note and not self.prints_note:
             yield self.note
         if self.written:
             yield f"wrote {self._files()}"
@@ -110,6 +146,12 @@ class Report:
             return f"{len(self.written)} files in {folders.pop().resolve()}"
         return ", ".join(map(_shown, self.written))
 
+    def _progress(self, total: int | None, note: str) -> str:
+        reached = f"{self.done}" + (f" of {total}" if total is not None else "")
+        seconds = time.monotonic() - self._started
+        words = f"{self.command}: {reached} {self.unit}s, {seconds:.0f} s"
+        return f"{words}; {note}" if note else words
+
 
 def _shown(path: Path) -> str:
     """Return the path as a user would say it: relative to the working directory if inside."""
@@ -117,57 +159,3 @@ def _shown(path: Path) -> str:
         return "standard output"
     here = Path.cwd()
     return str(path.relative_to(here) if path.is_relative_to(here) else path)
-
-
-SECONDS_BETWEEN_LINES = 10.0
-
-
-class Progress:
-    """How far the work is; nothing where the report is quiet."""
-
-    def __init__(self, report: Report) -> None:
-        self._report = report
-        self._bar: Any = None
-        self._started = self._last = time.monotonic()
-
-    def __enter__(self) -> Self:
-        if tells_progress() and not self._report.quiet:
-            from tqdm import tqdm
-
-            self._bar = tqdm(desc=self._report.command, dynamic_ncols=True)
-        return self
-
-    def __exit__(
-        self,
-        _kind: type[BaseException] | None,
-        _error: BaseException | None,
-        _traceback: TracebackType | None,
-    ) -> None:
-        if self._bar is not None:
-            self._bar.close()
-
-    def advance(self, done: int, total: int | None, note: str) -> None:
-        """Show that `done` more items of `total` (None where unknown) are done, and a note."""
-        if self._bar is not None:
-            if total is not None:
-                self._bar.total = total
-            self._bar.unit = f" {self._report.unit}"
-            self._bar.set_postfix_str(printable(note), refresh=False)
-            self._bar.update(done)
-        elif not self._report.quiet and time.monotonic() - self._last >= SECONDS_BETWEEN_LINES:
-            self._last = time.monotonic()
-            tell(self._line(total, note))
-
-    def show(self, line: str) -> None:
-        """Show a line of its own, above the bar."""
-        if self._report.quiet:
-            return
-        if self._bar is not None:
-            self._bar.clear()
-        tell(line)
-
-    def _line(self, total: int | None, note: str) -> str:
-        reached = f"{self._report.done}" + (f" of {total}" if total is not None else "")
-        seconds = self._last - self._started
-        words = f"{self._report.command}: {reached} {self._report.unit}s, {seconds:.0f} s"
-        return f"{words}; {note}" if note else words

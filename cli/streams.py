@@ -35,11 +35,6 @@ def tell(text: str) -> None:
         _discard(sys.stderr.fileno())
 
 
-def tells_progress() -> bool:
-    """Whether standard error is a terminal."""
-    return sys.stderr is not None and sys.stderr.isatty()
-
-
 def output_fault(error: Exception | None) -> OSError | None:
     """Return why what was written to standard output could not leave, None where it could.
 

@@ -8,59 +8,51 @@ from pathlib import Path
 
 import click
 
-from .command import follow
 from .commands import COMMANDS
-from .options import DICTIONARY, LocationPath, reporting_options
+from .options import DICTIONARY, option, reporting_options
 from .report import Report
-from .streams import tell
 
 
 def _verify(
-    result: Path, dictionary: str, landmarks: tuple[Path, ...], quiet: bool, verbose: bool
+    result: str, dictionary: str, landmarks: tuple[str, ...], quiet: bool, verbose: bool
 ) -> int:
     # Chunks are checked side by side: threads within a product would stand in each other's way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from shapefit.pipelines.verify import Request, run
+    from shapefit.stores import location
 
-    report = Report("verify", "image", quiet=quiet, verbose=verbose)
-    follow(run(Request(result, _find(dictionary), landmarks)), report, shows_notes=False)
-    click.echo(report.note)
-    for line in report.lines(with_note=False):
-        tell(line)
-    return report.exit_code
+    report = Report("verify", "image", quiet, verbose, prints_note=True)
+    files = tuple(map(location, landmarks))
+    return report.follow(run(Request(location(result), _find(dictionary), files)))
 
 
 def _find(dictionary: str) -> Path:
     """Return the file at a path, or the installed dictionary of that name."""
+    from shapefit.config.named_files import find_dictionaries
     from shapefit.stores import location
 
     path = location(dictionary)
-    if path.is_file():
-        return path
-    from shapefit.config.named_files import find_dictionaries
+    return path if path.is_file() else find_dictionaries().get(dictionary, path)
 
-    return find_dictionaries().get(dictionary, path)
 
+def _config(command: str, section: str) -> int:
+    from shapefit.config.reference import keys_text
+
+    width = min(100, shutil.get_terminal_size().columns)
+    click.echo(keys_text(command, section, width), nl=False)
+    return 0
+
+
+_DICTIONARY = "Dictionary of the fit, or the name of an installed one."
+_LANDMARKS = "Landmarks of the fit, to compare with those in the result. Repeatable."
 
 verify = click.Command(
     "verify",
     callback=_verify,
     params=[
-        click.Argument(["result"], metavar="RESULT", type=LocationPath()),
-        click.Option(
-            ["-d", "--dictionary"],
-            metavar="DICT.h5",
-            required=True,
-            type=DICTIONARY,
-            help="Dictionary of the fit, or the name of an installed one.",
-        ),
-        click.Option(
-            ["--landmarks"],
-            metavar="FILE",
-            multiple=True,
-            type=LocationPath(),
-            help="Landmarks of the fit, to compare with those in the result. Repeatable.",
-        ),
+        click.Argument(["result"], metavar="RESULT", type=click.Path()),
+        option("-d --dictionary", _DICTIONARY, "DICT.h5", required=True, type=DICTIONARY),
+        option("--landmarks", _LANDMARKS, "FILE", multiple=True, type=click.Path()),
         *reporting_options(),
     ],
     short_help="Check the proofs in a result.",
@@ -75,15 +67,6 @@ Examples:
   shapefit verify result.h5 -d dict.h5 --landmarks views.h5 > claims.md
 """,
 )
-
-
-def _config(command: str, section: str) -> int:
-    from shapefit.config.reference import keys_text
-
-    width = min(100, shutil.get_terminal_size().columns)
-    click.echo(keys_text(command, section, width), nl=False)
-    return 0
-
 
 config = click.Command(
     "config",

@@ -100,22 +100,6 @@ def test_print_config_prints_yaml_and_does_nothing(shapefit, fake_pipeline, fold
     assert load_config("fit", Path("printed.yaml")) == expected
 
 
-def test_the_bar_shows_states_of_the_work_and_not_the_result(shapefit, fake_pipeline, monkeypatch):
-    shown = []
-
-    def advance(_bar, done, total, note):
-        shown.append((done, total, note))
-
-    monkeypatch.setattr("shapefit.cli.command.Progress.advance", advance)
-    fake_pipeline("fit.run", [Outcome(done=2, total=3, note="gap 1e-5"), Outcome(done=1, total=3)])
-    shapefit("fit", "-c", "fit.yaml")
-    assert shown == [(2, 3, "gap 1e-5"), (1, 3, "")]
-    shown.clear()
-    fake_pipeline("evaluate.run", [Outcome(done=1, note="ours"), Outcome(note="| table |")])
-    shapefit("eval", "result.h5", "--truth", "shapes.h5", "-o", "report")
-    assert shown == [(1, None, ""), (0, None, "")]
-
-
 def test_quiet_prints_failures_and_nothing_else(shapefit, fake_pipeline):
     outcome = Outcome(done=2, failures=(Failure("a", "b"),), warnings=("odd",))
     fake_pipeline("fit.run", [outcome])
