@@ -17,7 +17,7 @@ TRACEBACK_VARIABLE = "SHAPEFIT_TRACEBACK"
 
 def option(names: str, help: str, metavar: str | None = None, **settings: Any) -> click.Option:
     """Return an option of these names, with a space between them; without metavar it is a flag."""
-    settings = {"is_flag": metavar is None} | settings
+    settings |= {"is_flag": True} if metavar is None else {}
     return click.Option(names.split(), metavar=metavar, help=help, **settings)
 
 

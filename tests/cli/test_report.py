@@ -82,7 +82,8 @@ def test_the_last_note_that_says_something_is_told():
     report = folded(Outcome(note="a"), Outcome(note="b"), Outcome())
     assert report.note == "b"
     assert [line.split("; ")[1:] for line in report.lines()] == [["b"]]
-    assert [line.split("; ")[1:] for line in report.lines(with_note=False)] == [[]]
+    report.prints_note = True
+    assert [line.split("; ")[1:] for line in report.lines()] == [[]]
 
 
 def test_written_files_are_named_from_the_working_folder(tmp_path, monkeypatch):
