@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from shapefit.errors import counted, printable
+from shapefit.errors import printable
 
 from .streams import tell
 
@@ -132,6 +132,8 @@ class Report:
             yield tell_doubts(doubts, self.done) + ("" if self.verbose else "; -v lists them")
 
     def _summary(self) -> Iterator[str]:
+        from shapefit.errors import counted
+
         seconds = time.monotonic() - self._started
         failed = f", {self.failed} failed" if self.failed else ""
         yield f"{self.command}: {counted(self.done, self.unit)} in {seconds:.1f} s{failed}"
