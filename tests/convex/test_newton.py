@@ -54,20 +54,6 @@ def test_parts_of_a_solution_fit_together(make_problem: Callable[..., Problem], 
     assert (solution.errors[np.broadcast_to(omega == 0, r.shape)] == 0).all()
 
 
-def test_sparse_errors_are_the_gross_ones(rng: np.random.Generator) -> None:
-    """A few landmarks moved far away are the ones that E names."""
-    atoms = rng.standard_normal((8, 3, 20))
-    atoms /= np.linalg.norm(atoms, axis=(1, 2), keepdims=True)
-    landmarks = 3 * atoms[:6, :2]
-    moved = np.zeros((6, 20), dtype=bool)
-    for image in range(6):
-        moved[image, rng.choice(20, 2, replace=False)] = True
-    landmarks = np.where(moved[:, None, :], landmarks + 5.0, landmarks)
-    found = solve_newton(build_problem(landmarks, atoms, 0.05, loss=Loss.SPARSE_ERROR, beta=0.1))
-    assert set(found.status) == {Status.OPTIMAL}
-    assert ((np.abs(found.errors).max(axis=1) > 2.5) == moved).all()
-
-
 def test_iteration_limit_comes_with_its_honest_gap(
     make_problem: Callable[..., Problem], judge: Callable, loss: Loss
 ) -> None:

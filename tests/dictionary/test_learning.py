@@ -218,21 +218,6 @@ def test_of_a_small_state():
     np.testing.assert_allclose(found.atom_scale, [3, 3 * (2 + 12) / 6, 6])
 
 
-@pytest.fixture
-def coded(rng):
-    shapes, atoms = rng.standard_normal((50, 3, 5)), 0.2 * rng.standard_normal((6, 3, 5))
-    return shapes, sparse_code(shapes, atoms, BETA), rng.uniform(1, 2, 50), atoms
-
-
-def test_the_largest_gap_is_that_of_the_worst_shape(coded):
-    shapes, C, scale, atoms = coded
-    C[7] = 0
-    found = summarise(shapes, C, scale, atoms, BETA).largest_gap
-    gap = duality_gaps(shapes, atoms, BETA, C)[7] / objectives(shapes, atoms, BETA, C)[7]
-    assert found == pytest.approx(gap)
-    assert found > 1e-3
-
-
 def sizes_of(atoms, coefficients, scale):
     use, measured = coefficients.sum(axis=0), scale @ coefficients
     return scale_of_atoms(atoms, use, measured, scale.mean())

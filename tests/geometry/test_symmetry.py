@@ -56,14 +56,6 @@ def test_the_lateral_axis_is_the_one_along_which_partners_lie_apart(rng, lateral
     assert lateral_axis(shapes[0] + 100, PARTNERS) == lateral
 
 
-@pytest.mark.real_data
-def test_the_lateral_axis_of_the_real_cars_is_x(real_data):
-    with h5py.File(real_data / "cars" / "models.h5") as file:
-        shapes, partners = file["shapes"][:].swapaxes(1, 2), file["mirror_index"][:]
-    assert lateral_axis(shapes, partners) == 0
-    assert lateral_axis(shapes[:, [2, 0, 1]], partners) == 1
-
-
 def test_the_lateral_axis_is_that_of_most_shapes_not_of_the_first():
     """A first shape that is thin from left to right, as one whose wheels are turned, misleads."""
     thin = np.array([[0.1, -0.1], [0.0, 0.5], [0.0, 0.0]])

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq, minimize
+from scipy.optimize import brentq
 
 from shapefit.convex.solver import Status
 from shapefit.geometry.procrustes import similarity_transform
@@ -44,9 +44,6 @@ class InnerStep:
         a = np.append(found.mean_coefficient[image], found.coefficients[image, chosen])
         return cls(A, b, limbs @ limbs.T, float(limbs[0] @ limbs[0]), a)
 
-    def misfit(self, a: np.ndarray) -> float:
-        return float(((self.A @ a - self.b) ** 2).sum())
-
     def check_optimality(self) -> float:
         """On the constraint, stationary, the Lagrangian's Hessian >= 0; returns the multiplier."""
         assert self.a @ self.H @ self.a == pytest.approx(self.length2, rel=1e-10)
@@ -57,25 +54,6 @@ class InnerStep:
         hessian = self.A.T @ self.A + multiplier * self.H
         assert np.linalg.eigvalsh(hessian)[0] >= -1e-7 * np.linalg.norm(hessian, 2)
         return multiplier
-
-    def solve_with_scipy(self, rng: np.random.Generator) -> np.ndarray:
-        def excess(a: np.ndarray) -> float:
-            return float(a @ self.H @ a / self.length2 - 1)
-
-        constraint = {"type": "eq", "fun": excess, "jac": lambda a: 2 * self.H @ a / self.length2}
-        starts = self.a + np.abs(self.a).max() * rng.standard_normal((8, len(self.a)))
-        runs = [
-            minimize(
-                self.misfit,
-                start,
-                jac=lambda a: 2 * self.A.T @ (self.A @ a - self.b),
-                constraints=constraint,
-                method="SLSQP",
-                options={"ftol": 1e-14, "maxiter": 1000},
-            )
-            for start in starts
-        ]
-        return min((run for run in runs if run.success), key=lambda run: run.fun).x
 
 
 class TestCertificate:
@@ -125,14 +103,6 @@ class TestDescent:
         ]
         assert (np.diff(errors, axis=0) <= 1e-12).all()
         assert (errors[-1] < 0.5 * errors[0]).all()
-
-    def test_no_round_raises_the_error(self, noisy):
-        errors = [
-            noisy.pursue(goal=0.0, change=0.0, most_atoms=1, most_rounds=most).error
-            for most in range(1, 12)
-        ]
-        assert (np.diff(errors, axis=0) <= 1e-12).all()
-        assert (errors[-1] < errors[0]).all()
 
 
 class TestPlanted:
@@ -216,12 +186,3 @@ def test_a_plain_version_does_the_same(noisy, most_atoms):
         np.testing.assert_allclose(found.coefficients[image], coefficients[1:], atol=1e-8)
         np.testing.assert_allclose(found.camera[image], camera, atol=1e-8)
         assert found.rounds[image] == rounds
-
-
-def test_scipy_finds_no_better_coefficients(noisy, rng):
-    found = noisy.pursue(goal=0.0, change=1e-16, most_atoms=3, most_rounds=20_000)
-    for image in range(5):
-        step = InnerStep.of(noisy, found, image, found.camera[image])
-        judged = step.solve_with_scipy(rng)
-        assert step.misfit(judged) == pytest.approx(step.misfit(step.a), rel=1e-8)
-        np.testing.assert_allclose(judged, step.a, atol=1e-3)

@@ -219,20 +219,6 @@ def test_a_start_that_fits_not_at_all_is_ten_times_as_far(atoms, prior, rng):
     np.testing.assert_allclose(found[:, 2], 10 * t[:, 2], rtol=1e-3)
 
 
-def test_a_weight_of_root_two_places_the_start_as_a_landmark_seen_twice(noisy, atoms, prior):
-    shape, weights = np.tensordot(prior, atoms, axes=1), np.ones((len(noisy.landmarks), P))
-    weights[:, 3] = np.sqrt(2)
-    twice = [*range(P), 3]
-    found, expected = (
-        place_in_depth(w, omega, S, noisy.camera, noisy.start)
-        for w, omega, S in (
-            (noisy.landmarks, weights, shape),
-            (noisy.landmarks[..., twice], np.ones((len(weights), P + 1)), shape[:, twice]),
-        )
-    )
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
-
-
 def test_the_softness_shrinks_so_that_a_coarse_pose_finds_its_way(atoms, prior, rng):
     """At the last softness most landmarks are too far off to pull."""
     scene = Planted(rng, atoms, prior, n=60, noise=0.03)

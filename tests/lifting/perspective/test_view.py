@@ -129,16 +129,6 @@ def test_what_was_left_out_stays_out(landmarks, dictionary, camera):
     np.testing.assert_array_equal(clean.shapes, dirty.shapes)
 
 
-def test_a_rotation_that_nobody_knows_is_sought(landmarks, dictionary, camera, rotations):
-    """A large lambda leaves convex+refine without coefficients, and so without a rotation."""
-    settings = Settings(solve=solve_newton, mean_shape=dictionary.mean_shape)
-    estimator = choose_method("convex+refine", settings)
-    first = lift(landmarks, np.ones((N, P)), dictionary.atoms, Program(lam=1e3), estimator)
-    assert np.isnan(first.estimate.rotation).all()
-    found = refine_view(first, landmarks, camera, dictionary, OPTIONS, views=6)
-    assert rotation_angle(found.estimate.rotation, rotations).max() < 1.0
-
-
 def test_far_away_it_is_the_weak_perspective_camera(dictionary, rotations, rng):
     """Perspective ends where the depth of the object is small beside its distance."""
     c = rng.dirichlet(np.ones(K), N)

@@ -1,12 +1,15 @@
 """The posterior under one Gaussian in plain NumPy, without a shortcut: the judge of the kernel."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.geometry.rotations import rotation_about
+from shapefit.dictionary.mixture import Mixture
+from shapefit.geometry.rotations import random_rotations, rotation_about
+from shapefit.lifting.posterior.posterior import Posterior, find_posterior
 
 TAU_SQUARE = 900.0
 
@@ -124,3 +127,21 @@ def hessian(function, R: Floats, s: float, step: float = 1e-3) -> Floats:  # typ
                 + function(*moved(R, s, -eye[i] - eye[j]))
             ) / (4 * step * step)
     return H
+
+
+def draw_images(prior: Mixture, n: int, seed: int, misfit: float) -> tuple[Floats, Floats, Floats]:
+    """Shapes of the mixture, seen: y (n, 3, p) in the camera frame, landmarks, rotations."""
+    rng = np.random.default_rng(seed)
+    p = prior.means.shape[2]
+    k = rng.choice(len(prior), size=n, p=prior.weights)
+    noise = np.linalg.cholesky(prior.covariances)[k] @ rng.normal(size=(n, 3 * p, 1))
+    R = random_rotations(n, rng)
+    y = R @ (prior.means[k] + noise.reshape(n, 3, p))
+    return y, y[:, :2] + np.sqrt(misfit) * rng.normal(size=(n, 2, p)), R
+
+
+def solve(prior: Mixture, w: Floats, starts: Floats, misfit: float, **options: Any) -> Posterior:
+    """Find the posterior of landmarks (n, 2, p); nan is hidden."""
+    n, _, p = w.shape
+    v = np.where(np.isfinite(w).all(axis=1), misfit, np.inf)
+    return find_posterior(w, v, np.zeros((n, p, 2, 2)), prior, starts, **options)

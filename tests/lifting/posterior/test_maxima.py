@@ -5,26 +5,14 @@ import pytest
 
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import random_rotations, rotation_about
-from shapefit.lifting.posterior.posterior import find_posterior
 from tests.lifting.posterior import dense
+from tests.lifting.posterior.dense import draw_images, solve
 
 
 def draw_views(prior: Mixture, n: int, misfit: float, views: int):
     """Landmarks (n, 2, p) of shapes of the mixture, and rotations (n, views, 3, 3) at random."""
-    rng = np.random.default_rng(1)
-    p = prior.means.shape[2]
-    k = rng.choice(len(prior), size=n, p=prior.weights)
-    noise = np.linalg.cholesky(prior.covariances)[k] @ rng.normal(size=(n, 3 * p, 1))
-    y = random_rotations(n, rng) @ (prior.means[k] + noise.reshape(n, 3, p))
-    w = y[:, :2] + np.sqrt(misfit) * rng.normal(size=(n, 2, p))
-    return w, random_rotations(n * views, rng).reshape(n, views, 3, 3)
-
-
-def solve(prior, w, starts, misfit, **options):
-    n, _, p = w.shape
-    return find_posterior(
-        w, np.full((n, p), misfit), np.zeros((n, p, 2, 2)), prior, starts, **options
-    )
+    _, w, _ = draw_images(prior, n, 1, misfit)
+    return w, random_rotations(n * views, np.random.default_rng(2)).reshape(n, views, 3, 3)
 
 
 @pytest.mark.parametrize(("p", "size", "misfit"), [(5, 0.3, 0.02), (7, 0.5, 0.02), (6, 0.8, 0.01)])

@@ -110,11 +110,6 @@ def test_the_number_believed_decides_where_nothing_else_can():
     assert (p[4:] > 0.9).all()
 
 
-def test_a_body_that_is_not_there_is_implausible():
-    model = Model(planted(15), MISFIT, Gross(CHANCE, DENSITY))
-    assert find_plausibility(np.array([80.0]), np.array([15]), np.array([15.0]), model)[0] < 1e-4
-
-
 def test_wilson_and_hilferty():
     x = np.linspace(0.5, 60, 40)
     for mean, variance in ((4.5, 3.0), (24.0, 25.0), (76.0, 136.0)):

@@ -4,30 +4,10 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.mixture import Mixture
-from shapefit.geometry.rotations import random_rotations, rotation_about
-from shapefit.lifting.posterior.posterior import Gross, find_posterior
+from shapefit.geometry.rotations import rotation_about
+from shapefit.lifting.posterior.posterior import Gross
 from tests.lifting.posterior import dense
-
-
-def draw_images(prior: Mixture, n: int, seed: int, misfit: float):
-    """Shapes of the mixture, seen: y (n, 3, p) in the camera frame, landmarks, rotations."""
-    rng = np.random.default_rng(seed)
-    p = prior.means.shape[2]
-    k = rng.choice(len(prior), size=n, p=prior.weights)
-    roots = np.linalg.cholesky(prior.covariances)
-    x = prior.means[k] + np.einsum("nij,nj->ni", roots[k], rng.normal(size=(n, 3 * p))).reshape(
-        n, 3, p
-    )
-    R = random_rotations(n, rng)
-    y = R @ x
-    w = y[:, :2] + np.sqrt(misfit) * rng.normal(size=(n, 2, p))
-    return y, w, R
-
-
-def solve(prior, w, starts, misfit, **options):
-    n, _, p = w.shape
-    v = np.where(np.isfinite(w).all(axis=1), misfit, np.inf)
-    return find_posterior(w, v, np.zeros((n, p, 2, 2)), prior, starts, **options)
+from tests.lifting.posterior.dense import draw_images, solve
 
 
 def test_the_mean_of_a_mixture_is_that_of_importance_sampling(draw_mixture):
