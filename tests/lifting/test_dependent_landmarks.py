@@ -25,7 +25,7 @@ def people():
 @pytest.fixture
 def images(people, rng):
     """Bodies of the prior, seen from all sides."""
-    n, p = 24, len(people.landmark_names)
+    n, p = 8, len(people.landmark_names)
     prior = people.prior
     drawn = prior.means[:n] + np.stack(
         [rng.multivariate_normal(np.zeros(3 * p), C).reshape(3, p) for C in prior.covariances[:n]]

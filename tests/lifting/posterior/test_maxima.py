@@ -19,7 +19,7 @@ def draw_views(prior: Mixture, n: int, misfit: float, views: int):
 def test_every_mode_that_counts_is_stationary(draw_mixture, p, size, misfit):
     """Newton's decrement from the dense log likelihood by differences; saddles do not count."""
     prior = draw_mixture(3, k=2, p=p, size=size)
-    w, starts = draw_views(prior, 40, misfit, 8)
+    w, starts = draw_views(prior, 20, misfit, 8)
     found = solve(prior, w, starts, misfit, modes=8)
     ones = np.ones(p)
     judged = 0
@@ -36,7 +36,7 @@ def test_every_mode_that_counts_is_stationary(draw_mixture, p, size, misfit):
         slope, H = dense.derivative(value, *at), -dense.hessian(value, *at)
         assert abs(slope @ np.linalg.solve(H, slope)) < 0.02
         judged += 1
-    assert judged > 50
+    assert judged > 25
     assert found.stationary.all()
 
 

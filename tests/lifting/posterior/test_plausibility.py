@@ -14,7 +14,7 @@ from shapefit.lifting.posterior.method import lift_to_posterior
 from shapefit.lifting.posterior.plausibility import Model, exceeds, find_plausibility
 from shapefit.lifting.posterior.posterior import Gross, find_posterior
 
-IMAGES, MISFIT, CHANCE, DENSITY = 1600, 0.006, 0.02, 0.05
+IMAGES, MISFIT, CHANCE, DENSITY = 800, 0.006, 0.02, 0.05
 
 
 def people(count: int) -> Mixture:

@@ -133,7 +133,7 @@ def only_mode(seen):
     return replace(seen, **{name: getattr(seen, name)[:, :1].copy() for name in parts})
 
 
-@pytest.mark.parametrize("frames", [1, 2, 3, 7, 8])
+@pytest.mark.parametrize("frames", [1, 2, 5])
 def test_deviations_are_those_of_the_dense_hessian(images, body, model, frames):
     """Of the whole energy, by differences of its gradient: bones that are too short count, too."""
     seen = only_mode(images(body[:frames], noise=0.02))
