@@ -85,7 +85,7 @@ work, - is stdin (CSV).""",
         "fit",
         pipeline="fit.run",
         in_parts="parts.run",
-        chooser="fit.prepare",
+        chooser="fit.default",
         unit="image",
         summary="Lift 2D landmarks to 3D shapes.",
         text="""Lift 2D landmarks in single images to 3D shapes.

@@ -40,16 +40,8 @@ from shapefit.io.options import InputOptions, Track, input_options
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.io.source import source_of
 from shapefit.pipelines.evaluate.judge import Truth, judge
-from shapefit.pipelines.fit.prepare import (
-    FIRST,
-    Default,
-    are_long,
-    choose_by_dictionary,
-    fits,
-    prepare,
-    set_up,
-    warn_of_dictionary,
-)
+from shapefit.pipelines.fit.default import Default, are_long, choose_by_dictionary, fits
+from shapefit.pipelines.fit.prepare import FIRST, prepare, set_up, warn_of_dictionary
 from shapefit.pipelines.fit.report import Report
 from shapefit.pipelines.fit.run import attributes_of, lift_source
 from shapefit.pipelines.joints import name_warnings
@@ -145,7 +137,7 @@ def fit(
     failures: dict[str, str] = {}
     with source_of(images, "landmarks", wanted.input.rename) as source:
         estimates = prepare(wanted, atoms, lambda: source.first(FIRST))
-        setup = set_up(estimates.apply(wanted), atoms, source.head.landmark_names)
+        setup = set_up(wanted.changed(**estimates.values), atoms, source.head.landmark_names)
         report = Report(setup)
         of_dictionary = warn_of_dictionary(setup.config, setup.dictionary)
         messages: dict[str, str | Counted] = {

@@ -114,6 +114,15 @@ class CommandConfig(ConfigModel):
                 for path in _paths(getattr(self, key)):
                     yield key, path
 
+    def changed(self, **values: Any) -> Self:
+        """Return the config with other values, unchecked; those of a section as a mapping."""
+        old = {key: getattr(self, key) for key in values}
+        changes = {
+            key: old[key].model_copy(update=value) if isinstance(old[key], ConfigModel) else value
+            for key, value in values.items()
+        }
+        return self.model_copy(update=changes)
+
     def as_json(self) -> str:
         """Return the config as one line of JSON, with every default."""
         return json.dumps(self.as_plain(), ensure_ascii=False, separators=(",", ":"))

@@ -53,6 +53,9 @@ BESIDE = 8
 IMAGE_SIZE = "image_size"
 """Dataset (2,) or (n, 2) of the landmarks: width and height of the images in pixels."""
 
+WEAK = {"model": "weak-perspective"}
+"""Keys of `camera` where perspective cannot be known."""
+
 ASK = "set `image_size` if you know it"
 
 DISTORTION = "distortion"
@@ -87,54 +90,48 @@ class Extent(NamedTuple):
 
 def choose_camera(
     config: FitConfig, images: LandmarkSet, *, of_people: bool, paths: Sequence[Path] = ()
-) -> tuple[FitConfig, tuple[str, ...]]:
-    """Return the config with the camera that `camera.model: auto` means, and a line about it.
+) -> tuple[dict[str, Any], str]:
+    """Return the keys of `camera` that `model: auto` means, and a line about them.
 
     A measured camera, of a calibration or the `camera_matrix` of the files, is taken as it is.
     Else the focal length is `FOCAL` times the longer side of the image and the axis meets its
-    centre, unless landmarks are no pixels or too small for perspective to show (`LEAST_ANGLE`). Of
-    an image whose size nobody states: that of the images at the `paths` of the landmarks; else, for
-    people who are not cropped (`CROPPED`), the smallest common one that holds all landmarks.
+    centre, unless landmarks are no pixels or too small for perspective to show (`LEAST_ANGLE`).
     """
-    camera = config.camera
-    if camera.model != "auto":
-        return config, ()
-    if camera.calibration is not None:
-        return with_camera(config, model="perspective"), ("perspective camera: of the calibration",)
+    if config.camera.model != "auto":
+        return {}, ""
+    if config.camera.calibration is not None:
+        return {"model": "perspective"}, "perspective camera: of the calibration"
     if CAMERA_MATRIX in images.columns:
-        return through_measured(config, images)
-    weak = without_camera(config)
+        return take_measured(images)
     extent = find_extent(images)
     if extent is None:
-        return weak, ()
-    known = find_size(config, images, paths)
-    if isinstance(known, str):
-        return weak, (f"weak perspective: {known}; {ASK}",)
-    if known is None and not of_people:
-        return weak, (f"weak perspective: the size of the images is not known; {ASK}",)
-    if known is None and extent.diagonal > CROPPED * float(np.hypot(*extent.most)):
-        return weak, (f"weak perspective: images may be crops; {ASK}",)
-    chosen = known or assume_size(extent)
-    if chosen is None:
-        return weak, (f"weak perspective: landmarks lie beyond the usual sizes of images; {ASK}",)
-    (width, height), source = chosen
-    focal = FOCAL * float(max(width, height))
+        return WEAK, ""
+    found = find_size(config, images, extent, paths, of_people=of_people)
+    if isinstance(found, str):
+        return WEAK, f"weak perspective: {found}; {ASK}"
+    width, height = map(float, found.size)
+    focal = FOCAL * max(width, height)
     if extent.diagonal < LEAST_ANGLE * focal:
-        return weak, ("weak perspective: the landmarks cover little of the image",)
-    line = (
+        return WEAK, "weak perspective: the landmarks cover little of the image"
+    camera = {"model": "perspective", "focal": focal, "principal_point": (width / 2, height / 2)}
+    return camera, (
         f"perspective camera: focal length {focal:.0f} px assumed, {FOCAL} times the longer side of"
-        f" the image, {width:.0f} x {height:.0f} ({source}); depths in metres rest on it; "
+        f" the image, {width:.0f} x {height:.0f} ({found.source}); depths in metres rest on it; "
         "`camera.model=weak-perspective` does without"
     )
-    centre = (float(width) / 2, float(height) / 2)
-    return with_camera(config, model="perspective", focal=focal, principal_point=centre), (line,)
 
 
-def without_camera(config: FitConfig) -> FitConfig:
-    """Return the config with weak perspective where the model of the camera is open."""
-    if config.camera.model != "auto":
-        return config
-    return with_camera(config, model="weak-perspective")
+def take_measured(images: LandmarkSet) -> tuple[dict[str, Any], str]:
+    """Take the camera matrix of the images; of one with a skew, what is left without it."""
+    line = f"perspective camera: `{CAMERA_MATRIX}` of the files"
+    K = np.asarray(images.columns[CAMERA_MATRIX])
+    finite = K.shape == (3, 3) and K.dtype.kind in "iuf" and bool(np.isfinite(K).all())
+    if finite and K[0, 1] != 0 and (np.diag(K)[:2] > 0).all():
+        focal, centre = float(np.sqrt(K[0, 0] * K[1, 1])), (float(K[0, 2]), float(K[1, 2]))
+        camera = {"model": "perspective", "focal": focal, "principal_point": centre}
+        return camera, f"{line} without its skew: focal length {focal:.0f} px"
+    read_intrinsics(images, CAMERA_MATRIX)
+    return {"model": "perspective", "intrinsics": CAMERA_MATRIX}, line
 
 
 def find_extent(images: LandmarkSet) -> Extent | None:
@@ -146,48 +143,50 @@ def find_extent(images: LandmarkSet) -> Extent | None:
         return None
     points = np.moveaxis(w, 1, 0)[:, seen]
     least, most = points.min(axis=1), points.max(axis=1)
-    in_pixels = images.unit in PIXELS or (
-        images.unit == UNKNOWN_UNIT and least.min() >= 0 and most.max() >= FEWEST_PIXELS
-    )
-    if not in_pixels:
+    like_pixels = least.min() >= 0 and most.max() >= FEWEST_PIXELS
+    if images.unit not in PIXELS and not (images.unit == UNKNOWN_UNIT and like_pixels):
         return None
     each = np.nanmax(w[several], axis=2) - np.nanmin(w[several], axis=2)
     return Extent(least, most, float(np.median(np.hypot(*each.T))))
 
 
 def find_size(
-    config: FitConfig, images: LandmarkSet, paths: Sequence[Path]
-) -> ImageSize | str | None:
-    """Return the size that config, landmarks or the images beside them state.
+    config: FitConfig,
+    images: LandmarkSet,
+    extent: Extent,
+    paths: Sequence[Path],
+    *,
+    of_people: bool,
+) -> ImageSize | str:
+    """Return the size of the images, or why it is not known.
 
-    None where nobody does, a text where it is no single one.
+    That which the config states, or the landmarks, or the images at the `paths` of the landmarks;
+    else, for people who are not cropped (`CROPPED`), the smallest common one that holds all.
     """
-    stated = config.input.image_size
-    if stated is not None:
-        return ImageSize(np.array(stated), "as given")
+    if config.input.image_size is not None:
+        return ImageSize(np.array(config.input.image_size), "as given")
     if IMAGE_SIZE in images.columns:
-        sizes = np.asarray(images.columns[IMAGE_SIZE])
+        sizes, source = np.asarray(images.columns[IMAGE_SIZE]), "of the files"
         of_numbers = sizes.dtype.kind in "iuf" and sizes.shape in ((2,), (len(images), 2))
         if not of_numbers or not (np.isfinite(sizes) & (sizes > 0)).all():
             return "the files state an impossible `image_size`"
-        sizes = np.unique(sizes.reshape(-1, 2).astype(np.float64), axis=0)
-        return ImageSize(sizes[0], "of the files") if len(sizes) == 1 else "images of several sizes"
-    beside = {read_image_size(path) for path in images_beside(paths, images.items)} - {None}
-    if len(beside) > 1:
+    else:
+        beside = {read_image_size(path) for path in images_beside(paths, images.items)} - {None}
+        sizes, source = np.array(sorted(filter(None, beside))), "of the images beside"
+    sizes = np.unique(sizes.reshape(-1, 2).astype(np.float64), axis=0)
+    if len(sizes) > 1:
         return "images of several sizes"
-    return next((ImageSize(np.array(size, float), "of the images beside") for size in beside), None)
-
-
-def assume_size(extent: Extent) -> ImageSize | None:
-    """Return the smallest common size that holds all landmarks; None where none does."""
-    if extent.least.min() < 0:
-        return None
-    fitting = (size for size in COMMON_SIZES if (extent.most <= size).all())
-    size = next(fitting, None)
-    if size is None:
-        return None
-    text = f"the smallest usual size that holds all landmarks: {ASK}"
-    return ImageSize(np.array(size, dtype=np.float64), text)
+    if len(sizes):
+        return ImageSize(sizes[0], source)
+    if not of_people:
+        return "the size of the images is not known"
+    if extent.diagonal > CROPPED * float(np.hypot(*extent.most)):
+        return "images may be crops"
+    holding = [size for size in COMMON_SIZES if (extent.most <= size).all()]
+    if extent.least.min() < 0 or not holding:
+        return "landmarks lie beyond the usual sizes of images"
+    source = f"the smallest usual size that holds all landmarks: {ASK}"
+    return ImageSize(np.array(holding[0], dtype=np.float64), source)
 
 
 def images_beside(paths: Sequence[Path], items: Sequence[str]) -> list[Path]:
@@ -208,29 +207,6 @@ def images_beside(paths: Sequence[Path], items: Sequence[str]) -> list[Path]:
     stems |= {os.path.splitext(item.rpartition("/")[2])[0] for item in items}
     stems |= {stem.removesuffix("_keypoints") for stem in stems}
     return [path for stem, path in there.items() if stem in stems][:BESIDE]
-
-
-def through_measured(config: FitConfig, images: LandmarkSet) -> tuple[FitConfig, tuple[str, ...]]:
-    """Take the camera matrix of the images; of one with a skew, what is left without it."""
-    line = f"perspective camera: `{CAMERA_MATRIX}` of the files"
-    matrix = np.asarray(images.columns[CAMERA_MATRIX])
-    if matrix.shape == (3, 3) and matrix.dtype.kind in "iuf" and matrix[0, 1] != 0:
-        both = np.diag(matrix)[:2]
-        if np.isfinite(matrix).all() and (both > 0).all():
-            focal = float(np.sqrt(both.prod()))
-            centre = (float(matrix[0, 2]), float(matrix[1, 2]))
-            line += f" without its skew: focal length {focal:.0f} px"
-            return with_camera(config, model="perspective", focal=focal, principal_point=centre), (
-                line,
-            )
-    read_intrinsics(images, CAMERA_MATRIX)
-    return with_camera(config, model="perspective", intrinsics=CAMERA_MATRIX), (line,)
-
-
-def with_camera(config: FitConfig, **changes: object) -> FitConfig:
-    """Return the config with other keys of the camera."""
-    camera = config.camera.model_copy(update=changes)
-    return config.model_copy(update={"camera": camera})
 
 
 def find_camera(images: LandmarkSet, config: ViewingConfig) -> Camera:
@@ -310,12 +286,11 @@ def straightened(images: LandmarkSet, calibrated: CalibratedCamera | None) -> La
         stated = datasets_of(calibrated)
         images = images.with_columns(stated, of_file=stated)
     distortion = images.columns.get(DISTORTION)
-    known = CAMERA_MATRIX in images.columns
-    if distortion is None or not known or not np.any(distortion):
-        return unseen_as_a_whole(images, images.landmarks)
+    images = images.with_whole_points()
+    if distortion is None or CAMERA_MATRIX not in images.columns or not np.any(distortion):
+        return images
     from shapefit.geometry.pinhole import undistort
 
-    images = unseen_as_a_whole(images, images.landmarks)
     focal, centre = read_intrinsics(images, CAMERA_MATRIX)
     coefficients = find_coefficients(distortion)
     if images.y_axis == "up":
@@ -325,7 +300,7 @@ def straightened(images: LandmarkSet, calibrated: CalibratedCamera | None) -> La
     straight = centre[..., None] + focal[..., None] * undistort(points, coefficients)
     of_file = {REMOVED} if DISTORTION in images.of_file else set()
     images = images.without([DISTORTION]).with_columns({REMOVED: distortion}, of_file)
-    return unseen_as_a_whole(images, straight)
+    return images.replaced(landmarks=straight).with_whole_points()
 
 
 def find_coefficients(values: Any) -> Floats:
@@ -349,36 +324,36 @@ def datasets_of(camera: CalibratedCamera) -> dict[str, Floats]:
     found: Mapping[str, Floats | None] = {
         CAMERA_MATRIX: camera.matrix,
         DISTORTION: camera.distortion,
-        "image_size": camera.size,
+        IMAGE_SIZE: camera.size,
         "extrinsic_rotation": camera.rotation,
         "extrinsic_translation": camera.translation,
     }
     return {name: values for name, values in found.items() if values is not None}
 
 
-def find_doubts(head: Mapping[str, Any], calibrated: CalibratedCamera | None) -> tuple[str, ...]:
-    """Warn of a distortion that no lens has, or that cannot be removed, from what a file says."""
+def doubts_of_lens(head: Mapping[str, Any], calibrated: CalibratedCamera | None) -> tuple[str, ...]:
+    """Warn of a distortion that no lens has, or that cannot be removed, from what a file says.
+
+    A lens neither bends back in the image nor moves its corners by next to nothing or by much.
+    """
     said = dict(head) | ({} if calibrated is None else datasets_of(calibrated))
-    matrix, values = said.get(CAMERA_MATRIX), said.get(DISTORTION)
+    matrix, values, size = (said.get(name) for name in (CAMERA_MATRIX, DISTORTION, IMAGE_SIZE))
     if values is None or not np.size(values):
         return ()
     if matrix is None:
-        lacking = f"without `{CAMERA_MATRIX}` the `{DISTORTION}` of the landmarks stays in them"
-        return (lacking,)
+        return (f"without `{CAMERA_MATRIX}` the `{DISTORTION}` of the landmarks stays in them",)
     if np.shape(matrix) != (3, 3) or np.ndim(values) != 1 or not np.any(values):
         return ()
-    return doubts_of_lens(np.asarray(matrix), find_coefficients(values), said.get("image_size"))
-
-
-def doubts_of_lens(matrix: Floats, coefficients: Floats, size: Any) -> tuple[str, ...]:
-    """Say what is wrong with a lens: it bends back in the image, or moves its corners oddly."""
     from shapefit.geometry.pinhole import undistort
 
-    focal, centre = np.diag(matrix)[:2, None], matrix[:2, 2, None]
-    width, height = 2 * centre[:, 0] if np.shape(size) != (2,) else np.asarray(size, float)
+    K = np.asarray(matrix)
+    focal, centre = np.diag(K)[:2, None], K[:2, 2, None]
+    width, height = (
+        2 * centre[:, 0] if size is None or np.shape(size) != (2,) else np.asarray(size, float)
+    )
     across, along = np.meshgrid(np.linspace(0, width, 9), np.linspace(0, height, 9))
     pixels = np.stack([across.ravel(), along.ravel()])
-    straight = centre + focal * undistort((pixels - centre) / focal, coefficients)
+    straight = centre + focal * undistort((pixels - centre) / focal, find_coefficients(values))
     lost = np.isnan(straight).any(axis=0)
     if lost.any():
         nearest = np.hypot(*(pixels - centre))[lost].min()
@@ -386,8 +361,7 @@ def doubts_of_lens(matrix: Floats, coefficients: Floats, size: Any) -> tuple[str
             f"the lens bends back inside the image, {nearest:.0f} px from its centre, which no "
             "lens does; landmarks beyond are hidden: check the distortion",
         )
-    diagonal = float(np.hypot(width, height))
-    moved = float(np.hypot(*(straight - pixels)).max())
+    moved, diagonal = float(np.hypot(*(straight - pixels)).max()), float(np.hypot(width, height))
     if moved < SMALLEST * diagonal:
         return (
             f"the lens moves no point of the image by more than {moved:.2g} px: Pose2Sim divides "
@@ -396,9 +370,3 @@ def doubts_of_lens(matrix: Floats, coefficients: Floats, size: Any) -> tuple[str
     if moved > LARGEST * diagonal:
         return (f"the lens moves corners of the image by {moved:.0f} px; check the distortion",)
     return ()
-
-
-def unseen_as_a_whole(images: LandmarkSet, landmarks: Floats) -> LandmarkSet:
-    """Return the images with other landmarks, unseen where one coordinate is."""
-    unseen = np.isnan(landmarks).any(axis=1, keepdims=True)
-    return images.replaced(landmarks=np.where(unseen, np.nan, landmarks))

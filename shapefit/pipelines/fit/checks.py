@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.config import FitConfig
+from shapefit.dictionary.from_2d.model import evenly
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.pinhole import depth_sign
 from shapefit.io import LandmarkSet
@@ -92,7 +93,7 @@ def lift_sample(
         arranged = other.arrange(names, "landmarks")
     theta = {**MEANS, **(config.theta or {})}
     seen = LandmarkMap(joints, theta, bool(joints.markers)).apply(known)
-    single = config.model_copy(update={"method": "posterior"})
+    single = config.changed(method="posterior")
     return lift_images(arranged, seen, single, dependent=dependent, plausibility=plausibility)
 
 
@@ -100,6 +101,14 @@ def log_evidence(images: LandmarkSet, config: FitConfig, dictionary: Dictionary)
     """Return log p(w) (n,) of images, by what the config says of camera and skeleton."""
     found: Floats = lift_sample(images, config, dictionary).estimate.further["log_evidence"]
     return found
+
+
+def mean_gain(before: Floats, after: Floats) -> tuple[float, float, int]:
+    """Return the mean of after - before where it is finite, its standard error, and of how many."""
+    gain = (after - before)[np.isfinite(after - before)]
+    if len(gain) < 2:
+        return 0.0, np.inf, len(gain)
+    return float(gain.mean()), float(gain.std() / np.sqrt(len(gain))), len(gain)
 
 
 def check_camera(images: LandmarkSet, config: FitConfig, dictionary: Dictionary) -> tuple[str, ...]:
@@ -111,21 +120,15 @@ def check_camera(images: LandmarkSet, config: FitConfig, dictionary: Dictionary)
     centre = tuple(map(float, np.median(stated.centre, axis=0)))
     before = log_evidence(images, config, dictionary)
 
-    def gain_of(factor: float) -> tuple[float, float]:
-        """Return the mean gain of log evidence and its standard error."""
-        other = {"focal": factor * focal, "principal_point": centre}
-        none: dict[str, object] = {"intrinsics": None, "calibration": None}
-        camera = config.camera.model_copy(update=none | other)
-        changed = config.model_copy(update={"camera": camera})
-        gain = log_evidence(images, changed, dictionary) - before
-        gain = gain[np.isfinite(gain)]
-        if len(gain) < 2:
-            return 0.0, np.inf
-        return float(gain.mean()), float(gain.std() / np.sqrt(len(gain)))
+    def gain_of(factor: float) -> tuple[float, float, int]:
+        camera = {"focal": factor * focal, "principal_point": centre}
+        measured = {"intrinsics": None, "calibration": None}
+        changed = config.changed(camera=measured | camera)
+        return mean_gain(before, log_evidence(images, changed, dictionary))
 
     tried = {factor: gain_of(factor) for factor in FACTORS}
     factor = max(tried, key=lambda each: tried[each][0])
-    mean, error = tried[factor]
+    mean, error, _ = tried[factor]
     if not mean > LEAST_GAIN + 2 * error:
         return ()
     x, y = centre
@@ -175,11 +178,6 @@ def choose_sample(images: LandmarkSet) -> Sample:
     return Sample(images.take(rows), np.searchsorted(rows, pairs))
 
 
-def evenly(n: int, most: int) -> NDArray[np.intp]:
-    """Return at most so many of n rows, evenly spread."""
-    return np.unique(np.linspace(0, max(n - 1, 0), min(n, most)).astype(np.intp))
-
-
 def check_skeleton(
     images: LandmarkSet,
     taken: Skeleton | None,
@@ -225,18 +223,16 @@ def check_sides(
     if known.mirror_index is None:
         return ()
     other = lift_sample(sample.images, config, dictionary, dependent=True, exchanged=True)
-    gain = other.estimate.further["log_evidence"] - found.estimate.further["log_evidence"]
-    gain = gain[np.isfinite(gain)]
-    if len(gain) < FEWEST:
-        return ()
-    error = gain.std() / np.sqrt(len(gain))
-    total = gain.mean() + walks_backwards(found, known.landmark_names, sample) / GROWTH
-    if not total > max(SIDES_GAIN, 2 * error):
+    gain, error, count = mean_gain(
+        *(lifting.estimate.further["log_evidence"] for lifting in (found, other))
+    )
+    total = gain + walks_backwards(found, known.landmark_names, sample) / GROWTH
+    if count < FEWEST or not total > max(SIDES_GAIN, 2 * error):
         return ()
     return (
         f"left and right may be exchanged: with the names of the sides exchanged, a sample of "
-        f"{len(gain)} images is likelier by {total:.1f} nats an image (perspective "
-        f"{gain.mean():+.1f}, walking forwards {total - gain.mean():+.1f}); look at some results, "
+        f"{count} images is likelier by {total:.1f} nats an image (perspective "
+        f"{gain:+.1f}, walking forwards {total - gain:+.1f}); look at some results, "
         "and exchange the names by `rename` if they face the wrong way",
     )
 

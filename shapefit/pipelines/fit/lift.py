@@ -6,8 +6,7 @@ Weigh the landmarks, set outliers aside, lift by the method, refine as the camer
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import partial
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
@@ -17,7 +16,6 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
 from shapefit.config import FitConfig
-from shapefit.config.commands.fit_sections import OutliersConfig
 from shapefit.convex.problem import Loss
 from shapefit.convex.solver import solve_newton
 from shapefit.core import STRETCH
@@ -61,23 +59,29 @@ def lift_batch(images: LandmarkSet, setup: Setup) -> tuple[Lifting, dict[str, ND
     Returns the lifting of the joints, and the landmarks of the files in 3D as datasets, where they
     are not those of the dictionary.
     """
-    config, seen = setup.config, setup.seen
+    config = setup.config
     if setup.mapped.active:  # error bars of the joints are those of all landmarks together
-        posterior = config.posterior.model_copy(update={"covariance": True})
-        config = config.model_copy(update={"posterior": posterior})
-    if config.leave_out is not None:
-        lifting = lift_left_out(images, seen, config)
-    else:
-        lifting = lift_images(images, seen, config)
-    if METHODS[config.method].sequences:
-        from shapefit.pipelines.fit.sequences import refine_sequences
-
-        misfit = find_misfit(config, seen)
-        lifting = refine_sequences(lifting, images, seen, config, misfit, setup.lengths)
-    lifting = fail_nonfinite(lifting)
+        config = config.changed(posterior={"covariance": True})
+    lifting = lift_landmarks(images, setup.seen, config, setup.lengths)
     if setup.dictionary.depth_is_open:
         lifting = replace(lifting, estimate=cover_mirror_image(lifting.estimate))
     return setup.mapped.back(lifting, images.landmarks, weigh(images, config) > 0)
+
+
+def lift_landmarks(
+    images: LandmarkSet, dictionary: Dictionary, config: FitConfig, lengths: Floats | None = None
+) -> Lifting:
+    """Lift images with the landmarks of a dictionary, then whole sequences of them.
+
+    lengths (e,) of the bones, where they are known, for methods of sequences.
+    """
+    of_each = lift_images if config.leave_out is None else lift_left_out
+    lifting = of_each(images, dictionary, config)
+    if METHODS[config.method].sequences:
+        from shapefit.pipelines.fit.sequences import refine_sequences
+
+        lifting = refine_sequences(lifting, images, dictionary, config, lengths)
+    return fail_nonfinite(lifting)
 
 
 def lift_images(
@@ -92,14 +96,15 @@ def lift_images(
 
     Without `plausibility` a posterior does not draw the images from its model that it takes.
     """
-    method, perspective = METHODS[config.method], config.camera.model == "perspective"
-    weights = weigh(images, config)
+    method, lost = METHODS[config.method], dict[int, str]()
+    visible = weights = weigh(images, config)
     if method.has_prior and not dependent:
-        weights = np.where(dictionary.depends_on >= 0, 0.0, weights)
-    agreed = None
-    if config.outliers.method not in ("none", *ROBUST):
-        agreed = find_inliers(images, weights, dictionary, config.outliers, config.threads)
-        weights = np.where(agreed.inliers, weights, 0.0)
+        visible = weights = np.where(dictionary.depends_on >= 0, 0.0, weights)
+    searches = config.outliers.method not in ("none", *ROBUST)
+    if searches:
+        inliers, lost = find_inliers(images, weights, dictionary, config)
+        weights = np.where(inliers, weights, 0.0)
+    perspective = config.camera.model == "perspective"
     camera = find_camera(images, config.camera) if perspective else None
     lifting = lift(
         images.landmarks,
@@ -110,8 +115,9 @@ def lift_images(
         find_covariance(images) if method.precisions else None,
         camera if method.perspective == "own" else None,
     )
-    if agreed is not None:
-        lifting = agreed.label(lifting)
+    if searches:
+        labelled = replace(lifting.estimate, outliers=(visible > 0) & ~inliers)
+        lifting = replace(lifting, estimate=labelled, failures={**lifting.failures, **lost})
     if camera is not None and method.perspective == "refined":
         from shapefit.lifting.perspective.view import PerspectiveOptions, refine_view
 
@@ -119,22 +125,6 @@ def lift_images(
         views = AlternationOptions(views=config.alternation.views).number_of_views
         lifting = refine_view(lifting, images.landmarks, camera, dictionary, options, views=views)
     return lifting
-
-
-def load_steps(config: FitConfig) -> None:
-    """Import what lifts the images, before the clock of solving starts."""
-    METHODS[config.method].load()
-    if config.camera.model == "perspective" and METHODS[config.method].perspective == "refined":
-        import shapefit.lifting.perspective.view
-    if config.outliers.method not in ("none", *ROBUST):
-        import shapefit.lifting.consensus
-    if config.leave_out is not None:
-        import concurrent.futures.thread  # noqa: F401
-
-        import shapefit.core.stretches
-        import shapefit.lifting.merging
-    if METHODS[config.method].sequences:
-        import shapefit.pipelines.fit.sequences  # noqa: F401
 
 
 def check_needs(config: FitConfig, dictionary: Dictionary) -> None:
@@ -233,38 +223,15 @@ def find_covariance(images: LandmarkSet) -> Floats | None:
     return covariance
 
 
-@dataclass(frozen=True)
-class Agreement:
-    """The landmarks that agree with each other, in n images.
-
-    visible and inliers (n, p); lost: image -> reason, for images in which too few agree.
-    """
-
-    visible: Flags
-    inliers: Flags
-    lost: Mapping[int, str]
-
-    def label(self, lifting: Lifting) -> Lifting:
-        """Label the other visible landmarks in what was lifted, and fail the images lost."""
-        return replace(
-            lifting,
-            estimate=replace(lifting.estimate, outliers=self.visible & ~self.inliers),
-            failures={**lifting.failures, **self.lost},
-        )
-
-
 def find_inliers(
-    images: LandmarkSet,
-    weights: Floats,
-    dictionary: Dictionary,
-    config: OutliersConfig,
-    threads: int,
-) -> Agreement:
-    """Find the inliers; the others are to be lifted with weight 0, as if they were hidden.
+    images: LandmarkSet, weights: Floats, dictionary: Dictionary, config: FitConfig
+) -> tuple[Flags, dict[int, str]]:
+    """Find the inliers (n, p); the others are to be lifted with weight 0, as if they were hidden.
 
     Then neither the fit nor the normalisation knows them. An image whose inliers are fewer than
-    BEYOND_CHANCE, or on one line, is lost, all its landmarks labelled. One that has no more
-    visible landmarks, or whose landmarks are degenerate themselves, is not searched.
+    BEYOND_CHANCE, or on one line, is lost, with a reason, and none of its landmarks is an inlier.
+    One that has no more visible landmarks, or whose landmarks are degenerate themselves, is not
+    searched.
     """
     from shapefit.lifting.consensus import find_consensus
 
@@ -277,24 +244,21 @@ def find_inliers(
         np.where(searched[:, None], weights, 0.0),
         dictionary.mean_shape,
         find_seeds(images),
-        threshold=config.threshold or SEARCHED,
+        threshold=config.outliers.threshold or SEARCHED,
         draws=DRAWS,
         max_rounds=MOST_ROUNDS,
-        threads=threads,
+        threads=config.threads,
     )
     inliers = np.where(searched[:, None], inliers, True) & visible
     agree = inliers.sum(axis=1)
     found = np.where((agree < BEYOND_CHANCE)[:, None], 0.0, inliers)
-    lost = np.zeros(len(seen), dtype=bool)
-    lost[list(find_degenerate(images.landmarks, found))] = True
-    lost &= searched
+    lost = [image for image in find_degenerate(images.landmarks, found) if searched[image]]
     inliers[lost] = False
-    reasons = {
+    return inliers, {
         image: f"only {agree[image]} of {seen[image]} visible landmarks agree with each other; the "
         f"minimum is {BEYOND_CHANCE}, not all on one line"
-        for image in np.flatnonzero(lost).tolist()
+        for image in lost
     }
-    return Agreement(visible, inliers, reasons)
 
 
 def find_seeds(images: LandmarkSet) -> NDArray[np.uint64]:
@@ -317,7 +281,7 @@ def lift_left_out(images: LandmarkSet, dictionary: Dictionary, config: FitConfig
     from shapefit.lifting.merging import Group, merge
 
     items = find_left_out(images, config, dictionary)
-    alone = config.model_copy(update={"threads": 1})
+    alone = config.changed(threads=1)
 
     def lift_group(rows: NDArray[np.intp], config: FitConfig = alone) -> Group:
         item = str(items[rows[0]])

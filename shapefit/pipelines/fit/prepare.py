@@ -6,38 +6,36 @@ Camera and skeleton are estimated once, of all inputs together, and every part i
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from shapefit.arrays import Floats, median
-from shapefit.config import FitConfig, find_config, load_config
-from shapefit.config.commands.fit_sections import CAMERA_MATRIX, PosteriorConfig
-from shapefit.config.loader import find_presets
-from shapefit.config.paths import STANDARD_STREAM, ResultFolder
-from shapefit.dictionary.model import LEARNED_FROM, SUITS, Dictionary, describe_learning
+from shapefit.arrays import Floats
+from shapefit.config import FitConfig
+from shapefit.config.commands.fit_sections import CAMERA_MATRIX
+from shapefit.config.paths import ResultFolder
+from shapefit.dictionary.model import LEARNED_FROM, Dictionary, describe_learning
 from shapefit.errors import InputError, input_error
 from shapefit.io import LandmarkSet, open_landmarks
-from shapefit.io.dictionaries import has_prior, read_provenance
-from shapefit.io.formats import HDF5, FileFormat, detect_format, group_inputs
+from shapefit.io.formats import HDF5, FileFormat
+from shapefit.io.layout import LANDMARK_COVARIANCE
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.records import concatenate
 from shapefit.io.skeletons import THETA
 from shapefit.io.writing import find_target_format
-from shapefit.lifting.methods import METHODS, find_conflict
+from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.camera import (
     DISTORTION,
     IMAGE_SIZE,
+    WEAK,
     choose_camera,
     find_calibrated,
     straightened,
-    without_camera,
 )
 from shapefit.pipelines.fit.checks import check_camera, check_labels, log_evidence
-from shapefit.pipelines.fit.lift import check_items, check_needs, find_misfit, load_steps
+from shapefit.pipelines.fit.lift import check_items, check_needs, find_misfit
 from shapefit.pipelines.items import spread
 from shapefit.pipelines.joints import (
     MEANS,
@@ -52,6 +50,7 @@ from shapefit.pipelines.joints import (
 
 if TYPE_CHECKING:
     from shapefit.io.foreign.calibration import CalibratedCamera
+    from shapefit.pipelines.parts.plan import Part
 
 FIRST = 1024
 """Images that are looked at: the same whatever the chunks and parts."""
@@ -59,23 +58,11 @@ FIRST = 1024
 IMAGES, FEWEST_SEEN = 20, 8
 """Images that are lifted, spread over those that are looked at, and landmarks of each of them."""
 
-STEPS = (-0.2, -0.1, 0.0, 0.1, 0.2)
-"""Of the logarithm of a parameter, tried about its mean, and half of them about the best."""
-
 OF_CAMERAS = (CAMERA_MATRIX, DISTORTION, IMAGE_SIZE)
 """Datasets of landmarks that say how the camera saw them."""
 
-KEYS = {"camera": ("model", "focal", "intrinsics", "principal_point"), "posterior": ("widening",)}
-"""Keys of sections that are estimated; `theta` is the other one."""
-
-ENOUGH = 10
-"""Frames of a sequence whose motion says something of its shapes."""
-
-LOOKED_AT = 4096
-"""Images whose sequences are counted."""
-
-WITH_PRIOR = ("posterior", "sequences")
-"""The methods of a dictionary with a prior: for single images, for whole sequences."""
+STEPS = (-0.2, -0.1, 0.0, 0.1, 0.2)
+"""Of the logarithm of a parameter, tried about its mean, and half of them about the best."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +127,7 @@ def set_up(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence[s
         lengths = find_lengths(config.sequences.lengths, seen)
     if config.leave_out is not None:
         check_items(seen)
-    load_steps(config)
+    method.load()  # before the clock of solving starts
     return Setup(
         config=config,
         dictionary=dictionary,
@@ -189,41 +176,12 @@ def read_options(config: FitConfig) -> InputOptions:
 class Estimates:
     """What was estimated: values for keys of a config, lines that say so, and warnings.
 
-    sections (name -> key -> value) and theta are as JSON holds them.
+    values are as `FitConfig.changed` takes them and JSON holds them.
     """
 
-    sections: Mapping[str, Mapping[str, Any]]
-    theta: Mapping[str, float] | None
+    values: Mapping[str, Any]
     lines: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
-
-    @classmethod
-    def of(
-        cls, config: FitConfig, lines: tuple[str, ...] = (), warnings: tuple[str, ...] = ()
-    ) -> Estimates:
-        """Return what a config holds that has nothing left open."""
-        sections = {
-            name: {key: getattr(getattr(config, name), key) for key in keys}
-            for name, keys in KEYS.items()
-        }
-        return cls(sections, config.theta, lines, warnings)
-
-    @classmethod
-    def restored(cls, plain: Mapping[str, Any]) -> Estimates:
-        """Return the estimates that JSON holds; other keys are ignored."""
-        texts = (tuple(plain[name]) for name in ("lines", "warnings"))
-        return cls(plain["sections"], plain["theta"], *texts)
-
-    def apply(self, config: FitConfig) -> FitConfig:
-        """Return the config with nothing left open."""
-        changed: dict[str, object] = {"theta": None if self.theta is None else dict(self.theta)}
-        for name, values in self.sections.items():
-            own = {key: tuple(v) if isinstance(v, list) else v for key, v in values.items()}
-            changed[name] = getattr(config, name).model_copy(update=own)
-        posterior = changed["posterior"]
-        assert isinstance(posterior, PosteriorConfig)
-        changed["posterior"] = posterior.model_copy(update={"calibration": None})
-        return config.model_copy(update=changed)
 
 
 def prepare(
@@ -238,180 +196,40 @@ def prepare(
     """
     check_needs(config, dictionary)
     calibrated = find_calibrated(config.camera)
+    is_open = config.camera.model == "auto"
     if not METHODS[config.method].has_prior:
-        return Estimates.of(without_camera(config))
+        return Estimates({"camera": WEAK} if is_open else {})
     images = first()
-    config, of_bars = with_calibration(config)
+    bars, of_bars = read_widening(config)
     images = straightened(images, calibrated)
     own = of_files(dictionary, images.landmark_names)
-    if LEARNED_FROM in own.provenance and calibrated is None:
-        config = without_camera(config)
-    measured = calibrated is not None or CAMERA_MATRIX in images.columns
-    is_checked = measured and config.camera.model == "auto"
-    of_people = is_of_people(own.landmark_names)
-    config, of_camera = choose_camera(config, images, of_people=of_people, paths=config.landmarks)
+    camera, of_camera = WEAK if is_open else {}, ""
+    if LEARNED_FROM not in own.provenance or calibrated is not None:
+        of_people = is_of_people(own.landmark_names)
+        camera, of_camera = choose_camera(
+            config, images, of_people=of_people, paths=config.landmarks
+        )
+    config = config.changed(camera=camera, posterior=bars)
     seen = np.flatnonzero(images.seen().sum(axis=1) >= FEWEST_SEEN)
     sample = images.take(seen[list(spread(IMAGES, len(seen)))])
-    config, of_skeleton = with_theta(config, sample, own)
-    warnings = check_camera(sample, config, own) if is_checked else ()
+    theta, of_skeleton = choose_theta(config, sample, own)
+    config = config.changed(theta=theta)
+    measured = calibrated is not None or CAMERA_MATRIX in images.columns
+    warnings = check_camera(sample, config, own) if measured and is_open and camera != WEAK else ()
     warnings += check_labels(config, images, dictionary)
-    return Estimates.of(config, of_camera + of_skeleton + of_bars, warnings)
+    lines = tuple(filter(None, (of_camera, of_skeleton, of_bars)))
+    return Estimates({"camera": camera, "posterior": bars, "theta": theta}, lines, warnings)
 
 
-def first_images(config: FitConfig) -> LandmarkSet:
-    """Return the FIRST images of all inputs, each read by itself, with what else estimates need.
+def read_widening(config: FitConfig) -> tuple[dict[str, Any], str]:
+    """Return the keys of `posterior` that its `calibration` stands for, and a line about them.
 
-    Inputs that cannot be read are left out: their part reports them. Raises InputError where none
-    of them can be read.
-    """
-    options, found, count = read_options(config), list[LandmarkSet](), 0
-    unreadable: InputError | None = None
-    for paths in _recordings(config.landmarks, options.format):
-        try:
-            known = detect_format(paths[0], options.format)
-            rows = None if known.reader is None else slice(0, FIRST - count)
-            with open_landmarks(paths, options, rows) as source:
-                images = source.first(FIRST - count)
-        except InputError as error:
-            unreadable = unreadable or error
-            continue
-        found.append(images)
-        count += len(images)
-        if count >= FIRST:
-            break
-    if unreadable is not None and not count:
-        raise unreadable
-    return _joined([images for images in found if len(images)] or found[:1])
-
-
-def _recordings(paths: Sequence[Path], name: str) -> Iterator[tuple[Path, ...]]:
-    """Yield the inputs in order, those that are one recording together; few are looked at."""
-    done = set[Path]()
-    for path in paths:
-        if path in done:
-            continue
-        try:
-            together = detect_format(path, name).together and not path.is_dir()
-        except InputError:
-            together = False
-        own: tuple[Path, ...] = (path,)
-        if together:
-            near = [each for each in paths if each.parent == path.parent]
-            groups = group_inputs(near, InputOptions(format=name))
-            own = next(own for _, own in groups if path in own)
-        done |= {*own}
-        yield own
-
-
-def _joined(sets: Sequence[LandmarkSet]) -> LandmarkSet:
-    """Join images of several inputs; of their datasets those of cameras that all of them have."""
-    first = sets[0]
-    if len(sets) == 1:
-        return first
-    names = tuple(dict.fromkeys(name for images in sets for name in images.landmark_names))
-    kept = [name for name in OF_CAMERAS if all(name in images.columns for images in sets)]
-    scored = any(images.confidence is not None for images in sets)
-    following = all(images.sequences is not None for images in sets)
-
-    def alike(images: LandmarkSet) -> LandmarkSet:
-        n, values = len(images), {name: np.asarray(images.columns[name]) for name in kept}
-        confidence = images.confidence
-        if scored and confidence is None:
-            confidence = np.ones((n, len(images.landmark_names)))
-        bare = images.without(images.further.keys()).replaced(
-            confidence=confidence, sequences=images.sequences if following else None
-        )
-        of_each = {
-            name: np.broadcast_to(v, (n, *v.shape)) if name in images.of_file else v
-            for name, v in values.items()
-        }
-        return bare.arrange(names).with_columns(of_each)
-
-    joined = concatenate([alike(images) for images in sets])
-    whole = {name for name in kept if all(name in images.of_file for images in sets)}
-    values = {name: joined.columns[name] for name in whole}
-    equal = {name: v[0] for name, v in values.items() if (v == v[0]).all()}
-    return joined.with_columns(equal, of_file=equal)
-
-
-def with_theta(
-    config: FitConfig, sample: LandmarkSet, dictionary: Dictionary
-) -> tuple[FitConfig, tuple[str, ...]]:
-    """Return the config with the parameters of the skeleton: as given, else found, else usual."""
-    joints = find_joints(sample.landmark_names, dictionary.landmark_names)
-    given: Mapping[str, float] = config.theta or {}
-    names = [name for name in joints.parameters if name not in given]
-    if not joints.markers:
-        return config, ()
-    if not names or not len(sample):
-        return config.model_copy(update={"theta": {**MEANS, **given}}), ()
-
-    def evidence(theta: Mapping[str, float]) -> float:
-        changed = config.model_copy(update={"theta": dict(theta)})
-        return float(np.nansum(log_evidence(sample, changed, dictionary)))
-
-    found = find_theta(evidence, names, given)
-    told = ", ".join(
-        f"{name} {found.theta[name]:.2f}"
-        + (f" +- {found.theta[name] * found.spread[name]:.2f}" if name in found.spread else "")
-        for name in names
-    )
-    return config.model_copy(update={"theta": found.theta}), (f"skeleton: {told}",)
-
-
-class SkeletonParameters(NamedTuple):
-    """A theta, and the standard deviations of the logarithms of its parameters."""
-
-    theta: dict[str, float]
-    spread: dict[str, float]
-
-
-def find_theta(
-    evidence: Callable[[Mapping[str, float]], float],
-    names: Sequence[str],
-    fixed: Mapping[str, float],
-) -> SkeletonParameters:
-    """Maximise the posterior of the named parameters, one after the other, twice.
-
-    evidence is log p(w | theta); `fixed` parameters stay. Each is taken to the top of the parabola
-    through the best value tried and its neighbours, whose curvature gives its spread.
-    """
-    theta = {name: parameter.mean for name, parameter in THETA.items()} | dict(fixed)
-    spread: dict[str, float] = {}
-    for factor in (1.0, 0.5):
-        for name in names:
-            if name in fixed:
-                continue
-            mean, wide = THETA[name].mean, THETA[name].spread
-            tried = np.log(theta[name]) + factor * np.array(STEPS)
-            values = np.array(
-                [
-                    evidence(theta | {name: float(np.exp(x))})
-                    - 0.5 * ((x - np.log(mean)) / wide) ** 2
-                    for x in tried
-                ]
-            )
-            best = min(max(int(np.argmax(values)), 1), len(tried) - 2)
-            below, at, above = values[best - 1 : best + 2]
-            step = tried[1] - tried[0]
-            curvature = (2 * at - below - above) / step**2
-            top = tried[int(np.argmax(values))]
-            if curvature > 0:
-                top = tried[best] + np.clip((above - below) / (2 * step * curvature), -step, step)
-                spread[name] = float(curvature**-0.5)
-            theta[name] = float(np.exp(top))
-    return SkeletonParameters(theta, spread)
-
-
-def with_calibration(config: FitConfig) -> tuple[FitConfig, tuple[str, ...]]:
-    """Return the config with covariances as much wider as `posterior.calibration` says, and a line.
-
-    By the factors of its method, or of the only one of the report. Raises InputError for a file
+    By the factors of the method, or of the only one of the report. Raises InputError for a file
     that has none.
     """
     path = config.posterior.calibration
     if path is None:
-        return config, ()
+        return {}, ""
     try:
         factors = json.loads(path.read_text(encoding="utf-8"))
         name = config.method if config.method in factors else next(iter(factors))
@@ -428,91 +246,122 @@ def with_calibration(config: FitConfig) -> tuple[FitConfig, tuple[str, ...]]:
     if None in (half, most):
         found = "has no factor: too few landmarks, or error bars that are far too narrow"
         raise input_error(path, found, "judge more images, or with a larger `posterior.widening`")
-    widening = config.posterior.widening * most**2
-    posterior = config.posterior.model_copy(update={"widening": widening, "calibration": None})
-    line = (
+    return {"widening": config.posterior.widening * most**2, "calibration": None}, (
         f"error bars {most:.2f} times as wide, by {path.name}: 90% of that truth is in the 90% "
         f"ellipsoids, 50% in {half / most:.2f} times the 50% ellipsoids"
     )
-    return config.model_copy(update={"posterior": posterior}), (line,)
 
 
-class Default(NamedTuple):
-    """The name of an installed config, or else a method; both None where the schema's serve."""
+def first_images(config: FitConfig, parts: Iterable[Part]) -> LandmarkSet:
+    """Return the FIRST images of all parts, each read by itself, with what else estimates need.
 
-    config: str | None = None
-    method: str | None = None
-
-
-def choose_default(config: FitConfig) -> Default:
-    """Return the default for the dictionary and the images of a config, which may lack its inputs.
-
-    A dictionary names an installed config for single images and, after it, one for whole
-    sequences. One that names none and has a prior over shapes is fitted by it, unless the config
-    asks for what these methods do not have. Where the method is set, the config that has it is
-    meant.
+    Inputs that cannot be read are left out: their part reports them. Raises InputError where none
+    of them can be read.
     """
-    try:
-        known = {} if config.dictionary is None else read_provenance(config.dictionary)
-        prior = config.dictionary is not None and has_prior(config.dictionary)
-    except InputError:  # the fit says what is wrong with it
-        return Default()
-    method = config.method if "method" in config.model_fields_set else None
-    found = choose_by_dictionary(known, method, lambda: in_sequences(config), prior=prior)
-    return found if fits(found, config) else Default()
+    options, found, left = read_options(config), list[LandmarkSet](), FIRST
+    unreadable: InputError | None = None
+    for part in parts:
+        start, stop = part.rows or (0, FIRST)
+        try:
+            rows = slice(start, min(stop, start + left))
+            with open_landmarks(part.inputs, options, rows) as source:
+                found.append(source.first(left))
+        except InputError as error:
+            unreadable = unreadable or error
+            continue
+        left -= len(found[-1])
+        if not left:
+            break
+    if unreadable is not None and left == FIRST:
+        raise unreadable
+    kept = (*OF_CAMERAS, LANDMARK_COVARIANCE, config.camera.intrinsics)
+    return _joined([images for images in found if len(images)] or found[:1], filter(None, kept))
 
 
-def choose_by_dictionary(
-    provenance: Mapping[str, str],
-    method: str | None,
-    has_sequences: Callable[[], bool],
-    *,
-    prior: bool,
-) -> Default:
-    """Choose by what a dictionary says of itself, and by whether the images are of sequences."""
-    suits = [name for name in provenance.get(SUITS, "").split() if name in find_presets("fit")]
-    if method is not None:
-        return Default(next((name for name in suits if method_of(name) == method), None))
-    if not suits and prior:
-        return Default(method=WITH_PRIOR[has_sequences()])
-    if len(suits) < 2:
-        return Default(next(iter(suits), None))
-    return Default(suits[has_sequences()])
+def _joined(sets: Sequence[LandmarkSet], datasets: Iterable[str]) -> LandmarkSet:
+    """Join images of several inputs, with those of the datasets that all of them have.
 
-
-def fits(default: Default, config: FitConfig) -> bool:
-    """Whether nothing that the config asks for is in conflict with a default method."""
-    if default.method is None:
-        return True
-    return find_conflict(config.model_copy(update={"method": default.method})) is None
-
-
-def method_of(name: str) -> str:
-    """Return the method of an installed config."""
-    config = load_config("fit", find_config("fit", Path(name)), to_show=True)
-    assert isinstance(config, FitConfig)
-    return config.method
-
-
-def in_sequences(config: FitConfig) -> bool:
-    """Whether the images are frames of sequences: at least half of them of ENOUGH or more.
-
-    The first LOOKED_AT are counted; what comes by standard input cannot be read twice.
+    What is of the file becomes one of the images where the files differ.
     """
-    if not config.landmarks or STANDARD_STREAM in config.landmarks:
-        return False
-    options = replace(input_options(config.input, "motion"), rename={})
-    try:
-        with open_landmarks(config.landmarks, options) as source:
-            first = next(iter(source.batches(LOOKED_AT)), None)
-    except InputError:  # no frames of a video; what is wrong with files the fit says itself
-        return False
-    return first is not None and are_long(first.sequences)
+    first = sets[0]
+    if len(sets) == 1:
+        return first
+    names = tuple(dict.fromkeys(name for images in sets for name in images.landmark_names))
+    kept = [name for name in datasets if all(name in images.columns for images in sets)]
+    scored = any(images.confidence is not None for images in sets)
+    following = all(images.sequences is not None for images in sets)
+    whole = {
+        name
+        for name in kept
+        if all(name in each.of_file for each in sets)
+        and all(np.array_equal(each.columns[name], first.columns[name]) for each in sets)
+    }
+
+    def alike(images: LandmarkSet) -> LandmarkSet:
+        images = images.arrange(names)
+        columns = {name: np.asarray(images.columns[name]) for name in kept}
+        for name in images.of_file & columns.keys() - whole:
+            columns[name] = np.broadcast_to(columns[name], (len(images), *columns[name].shape))
+        bare = images.without(images.further.keys()).replaced(
+            confidence=images.weights() if scored else None,
+            sequences=images.sequences if following else None,
+        )
+        return bare.with_columns(columns, of_file=whole)
+
+    return concatenate([alike(images) for images in sets])
 
 
-def are_long(sequences: Sequence[str] | None) -> bool:
-    """Whether at least half of the images are of sequences of ENOUGH or more."""
-    if not sequences:
-        return False
-    _, which, counts = np.unique(sequences, return_inverse=True, return_counts=True)
-    return median(counts[which]) >= ENOUGH
+def choose_theta(
+    config: FitConfig, sample: LandmarkSet, dictionary: Dictionary
+) -> tuple[dict[str, float] | None, str]:
+    """Return the parameters of the skeleton, as given, else found, else usual; and a line."""
+    joints = find_joints(sample.landmark_names, dictionary.landmark_names)
+    given = dict(config.theta or {})
+    names = [name for name in joints.parameters if name not in given]
+    if not joints.markers:
+        return config.theta, ""
+    if not names or not len(sample):
+        return {**MEANS, **given}, ""
+
+    def evidence(theta: Mapping[str, float]) -> float:
+        return float(np.nansum(log_evidence(sample, config.changed(theta=theta), dictionary)))
+
+    theta, deviation = maximise_theta(evidence, names, {**MEANS, **given})
+    told = ", ".join(
+        f"{name} {theta[name]:.2f}"
+        + (f" +- {theta[name] * deviation[name]:.2f}" if name in deviation else "")
+        for name in names
+    )
+    return theta, f"skeleton: {told}"
+
+
+def maximise_theta(
+    evidence: Callable[[Mapping[str, float]], float], names: Sequence[str], start: dict[str, float]
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Maximise log p(w | theta) + log p(theta) over the named parameters, one by one, twice.
+
+    Each is taken to the top of the parabola through the best value tried and its neighbours.
+    Returns theta, and the standard deviations of logarithms that the curvature gives.
+    """
+    theta, deviation = dict(start), dict[str, float]()
+    for factor in (1.0, 0.5):
+        for name in names:
+            mean, wide = THETA[name].mean, THETA[name].spread
+            tried = np.log(theta[name]) + factor * np.array(STEPS)
+            values = np.array(
+                [
+                    evidence(theta | {name: float(np.exp(x))})
+                    - 0.5 * ((x - np.log(mean)) / wide) ** 2
+                    for x in tried
+                ]
+            )
+            best = min(max(int(np.argmax(values)), 1), len(tried) - 2)
+            below, at, above = values[best - 1 : best + 2]
+            step = tried[1] - tried[0]
+            curvature = (2 * at - below - above) / step**2
+            top = tried[int(np.argmax(values))]
+            if curvature > 0:
+                top = tried[best] + np.clip((above - below) / (2 * step * curvature), -step, step)
+                deviation[name] = float(curvature**-0.5)
+            theta[name] = float(np.exp(top))
+    return theta, deviation

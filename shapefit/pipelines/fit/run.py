@@ -30,7 +30,7 @@ from shapefit.io.options import OutputOptions
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.export.run import open_exports, plan_exports
-from shapefit.pipelines.fit.camera import find_doubts, straightened
+from shapefit.pipelines.fit.camera import doubts_of_lens, straightened
 from shapefit.pipelines.fit.lift import lift_batch, whole_stretches
 from shapefit.pipelines.fit.prepare import (
     FIRST,
@@ -82,7 +82,7 @@ def run(
     wanted = plan_exports(config, dictionary)
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
         estimates = estimates or prepare(config, dictionary, lambda: source.first(FIRST))
-        config = estimates.apply(config)
+        config = config.changed(**estimates.values)
         setup = set_up(config, dictionary, source.head.landmark_names)
         report, seconds, inputs = Report(setup), 0.0, dict[str, str]()
         with (
@@ -176,7 +176,7 @@ def warn_of(source: LandmarkSource, setup: Setup) -> tuple[str, ...]:
         *nothing_in(source.count, "images"),
         *source.notes,
         *name_warnings(source.head.landmark_names, setup.dictionary.landmark_names),
-        *find_doubts(further, setup.camera),
+        *doubts_of_lens(further, setup.camera),
         *warn_of_dictionary(setup.config, setup.dictionary),
         *(warn_of_names(further) if stores_names else ()),
     )

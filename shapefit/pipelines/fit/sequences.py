@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from shapefit.lifting.lift import Lifting
 from shapefit.lifting.sequences.clips import Motion, refine_lifting
 from shapefit.lifting.sequences.smoothing import Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
+from shapefit.pipelines.fit.lift import find_misfit
 
 USUAL = 0.02
 """Second difference of a coordinate from image to image where the dictionary knows none, in units
@@ -39,7 +41,7 @@ def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
     The images stay in their order. As much is held in memory as a chunk and the longest sequence.
     Raises InputError for images without sequences, and where one goes on after another.
     """
-    ended: set[str] = set()
+    known: set[str] = set()
     current: str | None = None
     held: list[LandmarkSet] = []
     for chunk in chunks:
@@ -47,27 +49,23 @@ def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
         if names is None:
             fix = "name the sequence of each image, or take `method: posterior`"
             raise input_error("method: sequences", "landmarks without `sequence`", fix)
-        for item, name in zip(chunk.items, names, strict=True):
-            if name != current:
-                if name in ended:
-                    found = f"the sequence '{name}' goes on after others, at the item '{item}'"
-                    raise input_error(
-                        "sequence", found, "put its images together, in order of time"
-                    )
-                if current is not None:
-                    ended.add(current)
-                current = name
-        if held and names and names[0] != (held[-1].sequences or ("",))[-1]:
+        starts = [
+            row for row, name in enumerate(names) if name != (names[row - 1] if row else current)
+        ]
+        for row in starts:
+            if names[row] in known:
+                found = f"the sequence '{names[row]}' goes on after others, at the item "
+                found += f"'{chunk.items[row]}'"
+                raise input_error("sequence", found, "put its images together, in order of time")
+            known.add(names[row])
+        if held and starts[:1] == [0]:
             yield concatenate(held)
             held = []
-        last = len(names)
-        while last and names[last - 1] == names[-1]:
-            last -= 1
-        if last:
-            yield concatenate([*held, chunk.take(slice(0, last))])
-            held = [chunk.take(slice(last, None))]
-        else:
-            held.append(chunk)
+        if starts and starts[-1]:
+            yield concatenate([*held, chunk.take(slice(0, starts[-1]))])
+            held = []
+        held.append(chunk.take(slice(starts[-1] if starts else 0, None)))
+        current = names[-1] if names else current
     if held:
         yield concatenate(held)
 
@@ -77,25 +75,19 @@ def refine_sequences(
     images: LandmarkSet,
     dictionary: Dictionary,
     config: FitConfig,
-    misfit: float,
     lengths: Floats | None,
 ) -> Lifting:
     """Infer whole sequences from what was found of each image; lengths (e,) of bones, if known."""
     rate = config.sequences.frame_rate or images.frame_rate
-    motion = find_motion(dictionary, rate, lengths)
-
-    def refine(lifting: Lifting, landmarks: Floats) -> Lifting:
-        return refine_lifting(
-            lifting,
-            landmarks,
-            images.sequences or (),
-            motion,
-            misfit,
-            config.noise,
-            config.posterior.widening,
-            config.threads,
-        )
-
+    refine = partial(
+        refine_lifting,
+        sequences=images.sequences or (),
+        motion=find_motion(dictionary, rate, lengths),
+        misfit=find_misfit(config, dictionary),
+        noise=config.noise,
+        widening=config.posterior.widening,
+        threads=config.threads,
+    )
     return refine_through_camera(lifting, images.landmarks, refine)
 
 
@@ -114,13 +106,10 @@ def find_motion(dictionary: Dictionary, rate: float | None, lengths: Floats | No
     give = dictionary.edge_give
     if give is None:
         give = np.full(len(edges), USUAL)
-    known = find_known(dictionary) if lengths is None else measured(lengths)
+    known = find_known(dictionary)
+    if lengths is not None:
+        known = Lengths(lengths, np.diag(np.isfinite(lengths) / MEASURED**2), measured=True)
     return Motion(edges, acceleration, np.maximum(give, RIGID), known)
-
-
-def measured(lengths: Floats) -> Lengths:
-    """Return what lengths (e,) that were measured on the body say, nan where one was not."""
-    return Lengths(lengths, np.diag(np.isfinite(lengths) / MEASURED**2), measured=True)
 
 
 def find_known(dictionary: Dictionary) -> Lengths | None:
@@ -147,7 +136,7 @@ def find_lengths(path: Path, dictionary: Dictionary) -> Floats:
     if dictionary.edges is None:
         fix = "learn the dictionary from shapes with edges, or leave out `sequences.lengths`"
         raise input_error(path, "the dictionary has no bones, so that lengths say nothing", fix)
-    names = dictionary.landmark_names
+    names, edges = dictionary.landmark_names, dictionary.edges
     table = read_lengths(path)
     if table is None:
         shapes = read_shapes([path], gaps=True)
@@ -155,18 +144,15 @@ def find_lengths(path: Path, dictionary: Dictionary) -> Floats:
         points = np.full((len(shapes), 3, len(names)), np.nan)
         columns = [names.index(name) for name in known]
         points[..., columns] = shapes.shapes[..., match_landmarks(shapes.landmark_names, known)]
-        i, j = dictionary.edges.T
-        each = np.linalg.norm(points[..., i] - points[..., j], axis=1)
-        there = np.isfinite(each)
-        total = np.where(there, each, 0.0).sum(axis=0)
-        lengths = np.where(there.any(axis=0), total / np.maximum(there.sum(axis=0), 1), np.nan)
+        each = np.linalg.norm(points[..., edges[:, 0]] - points[..., edges[:, 1]], axis=1)
+        there = np.isfinite(each).sum(axis=0)
+        lengths = np.where(there, np.nansum(each, axis=0) / np.maximum(there, 1), np.nan)
     else:
-        lengths = np.array(
-            [table.get(frozenset((names[i], names[j])), np.nan) for i, j in dictionary.edges]
-        )
+        pairs = [frozenset((names[i], names[j])) for i, j in edges]
+        lengths = np.array([table.get(pair, np.nan) for pair in pairs])
     if not np.isfinite(lengths).any():
         found = "has no length of a bone of the dictionary"
-        first = " - ".join(names[end] for end in dictionary.edges[0])
+        first = " - ".join(names[end] for end in edges[0])
         raise input_error(path, found, f"name bones as the dictionary does, as {first}")
     return lengths
 

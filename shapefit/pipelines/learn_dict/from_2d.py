@@ -31,10 +31,11 @@ from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet, digests, read_dictionary
 from shapefit.io.layout import EDGES
 from shapefit.io.records import concatenate
-from shapefit.lifting.lift import Lifting, fail_nonfinite
-from shapefit.lifting.methods import METHODS, PosteriorOptions
+from shapefit.lifting.lift import Lifting
+from shapefit.lifting.methods import PosteriorOptions
 from shapefit.pipelines.fit.camera import read_intrinsics
-from shapefit.pipelines.fit.lift import check_needs, find_misfit, lift_images
+from shapefit.pipelines.fit.checks import mean_gain
+from shapefit.pipelines.fit.lift import check_needs, find_misfit, lift_landmarks
 from shapefit.pipelines.fit.prepare import set_up
 from shapefit.pipelines.fit.run import read_images
 from shapefit.pipelines.learn_dict.from_3d import Learning, learn_from_shapes
@@ -319,10 +320,7 @@ def evidence_of_mirror(images: LandmarkSet, dictionary: Dictionary) -> tuple[flo
         lift_by(each, dictionary, "posterior", CAMERA_MATRIX).estimate.further["log_evidence"]
         for each in (some, some.replaced(landmarks=w))
     )
-    gain = (mirrored - kept)[np.isfinite(mirrored - kept)]
-    if len(gain) < 2:
-        return 0.0, np.inf
-    return float(gain.mean()), float(gain.std() / np.sqrt(len(gain)))
+    return mean_gain(kept, mirrored)[:2]
 
 
 def adapt_to_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Learning:
@@ -452,13 +450,7 @@ def lift_by(
     """
     config = _fit_config(method, camera)
     check_needs(config, dictionary)
-    lifting = lift_images(images, dictionary, config)
-    if METHODS[method].sequences:
-        from shapefit.pipelines.fit.sequences import refine_sequences
-
-        misfit = find_misfit(config, dictionary)
-        lifting = refine_sequences(lifting, images, dictionary, config, misfit, None)
-    return fail_nonfinite(lifting)
+    return lift_landmarks(images, dictionary, config)
 
 
 def _fit_config(method: str, camera: str | None = None) -> FitConfig:

@@ -60,10 +60,11 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         yield Outcome(note=note, listing=tuple(lines))
         return
     if known is not None and kept:
-        estimates = Estimates.restored(known.run["estimated"])
+        found = known.run["estimated"]
+        estimates = Estimates(found["values"], *(tuple(found[it]) for it in ("lines", "warnings")))
     else:
         estimates = prepare(
-            config, read_dictionary(config.dictionary), lambda: first_images(config)
+            config, read_dictionary(config.dictionary), lambda: first_images(config, parts)
         )
     first = {**digests, "method": config.method, "estimated": asdict(estimates)}
     with held_folder(folder.path):
@@ -72,7 +73,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             yield Outcome(line=line)
         before = f"{len(kept)} of {counted(len(parts), 'part')} done before"
         yield Outcome(warnings=(*estimates.warnings, *again), note=before)
-        yield from _run(estimates.apply(config), folder.path, parts, manifest, estimates)
+        yield from _run(config.changed(**estimates.values), folder.path, parts, manifest, estimates)
 
 
 def _run(

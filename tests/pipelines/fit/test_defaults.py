@@ -8,7 +8,7 @@ import pytest
 from shapefit.config import load_config
 from shapefit.io import read_dictionary, write_dictionary
 from shapefit.io.records import LandmarkSet
-from shapefit.pipelines.fit.prepare import ENOUGH, choose_default
+from shapefit.pipelines.fit.default import ENOUGH, choose_default
 from tests.io.files import save
 
 NAMES = tuple("abcd")

@@ -157,7 +157,8 @@ def test_landmarks_that_the_lens_cannot_show_are_hidden(views):
     ],
 )
 def test_a_lens_that_cannot_be_right_warns(lens, words):
-    found = doubts_of_lens(MATRIX, complete(lens), SIZE)
+    said = {"camera_matrix": MATRIX, "distortion": lens, "image_size": SIZE}
+    found = doubts_of_lens(said, None)
     assert len(found) == (words is not None)
     if words:
         assert words in found[0]

@@ -3,14 +3,10 @@
 import numpy as np
 import pytest
 
-from shapefit.config.commands.fit_sections import OutliersConfig
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import write_dictionary
-from shapefit.pipelines.fit.lift import find_inliers, find_seeds
 from tests.io.files import load
 from tests.pipelines.told import failures
-
-METHODS = ("ransac",)
 
 
 @pytest.fixture(scope="module")
@@ -24,8 +20,8 @@ def views(project):
 def run(fit, tmp_path, made_cars):
     """Return the function that fits images of a record; it gives the result and the failures."""
 
-    def run(images, **keys):
-        write_dictionary(tmp_path / "dict.h5", made_cars)
+    def run(images, dictionary=made_cars, **keys):
+        write_dictionary(tmp_path / "dict.h5", dictionary)
         keys = {"method": "convex+refine"} | keys
         found, outcomes = fit(tmp_path / "dict.h5", images, **keys)
         return found, failures(outcomes)
@@ -43,11 +39,10 @@ def spoil(views, share, rng):
     return views.replaced(landmarks=landmarks), wrong
 
 
-@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("lifting", ["convex", "alternate", "mean-shape"])
-def test_an_outlier_is_as_good_as_hidden_but_labelled(method, lifting, run, views, rng):
+def test_an_outlier_is_as_good_as_hidden_but_labelled(lifting, run, views, rng):
     spoilt, wrong = spoil(views, 0.3, rng)
-    found, failures = run(spoilt, method=lifting, outliers={"method": method})
+    found, failures = run(spoilt, method=lifting, outliers={"method": "ransac"})
     assert not failures
     labels = found.columns["outliers"].astype(bool)
     visible = np.isfinite(spoilt.landmarks[:, 0])
@@ -63,11 +58,10 @@ def test_an_outlier_is_as_good_as_hidden_but_labelled(method, lifting, run, view
     assert "outliers" not in without.columns
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_perspective_starts_from_the_inliers(method, run, views, rng):
+def test_perspective_starts_from_the_inliers(run, views, rng):
     spoilt, _ = spoil(views, 0.3, rng)
     camera = {"model": "perspective", "intrinsics": "camera_matrix"}
-    found, _ = run(spoilt, outliers={"method": method}, camera=camera)
+    found, _ = run(spoilt, outliers={"method": "ransac"}, camera=camera)
     labels = found.columns["outliers"].astype(bool)
     assert labels.any()
     hidden = spoilt.replaced(landmarks=np.where(labels[:, None], np.nan, spoilt.landmarks))
@@ -75,33 +69,26 @@ def test_perspective_starts_from_the_inliers(method, run, views, rng):
     np.testing.assert_array_equal(found.shapes, without.shapes)
 
 
-@pytest.mark.parametrize("method", METHODS)
-def test_the_search_does_without_the_model_left_out(method, run, views, rng, made_cars):
+def test_the_search_does_without_the_model_left_out(run, views, rng, made_cars):
     spoilt, _ = spoil(views, 0.3, rng)
     spoilt = spoilt.take(slice(8))
-    found, _ = run(spoilt, outliers={"method": method}, leave_out="true_model")
+    keys = {"outliers": {"method": "ransac"}, "method": "mean-shape"}
+    found, _ = run(spoilt, leave_out="true_model", **keys)
     for image, model in enumerate(spoilt.columns["true_model"]):
-        assert not found.coefficients[image][~made_cars.atoms_without(str(model))].any()
-        alone = labels_of(spoilt.take([image]), made_cars.without(str(model)), method)
-        np.testing.assert_array_equal(found.columns["outliers"][image].astype(bool), alone)
+        alone, _ = run(spoilt.take([image]), made_cars.without(str(model)), **keys)
+        np.testing.assert_array_equal(
+            found.columns["outliers"][image], alone.columns["outliers"][0]
+        )
 
 
-def labels_of(image, dictionary, method):
-    """Labels of one image with a dictionary that never had the model."""
-    visible = image.seen()
-    search = OutliersConfig(method=method)
-    agreed = find_inliers(image, visible.astype(float), dictionary, search, 1)
-    return (visible & ~agreed.inliers)[0]
+def test_what_is_drawn_belongs_to_the_name_of_an_image(run, views, rng):
+    spoilt, _ = spoil(views.take(slice(8)), 0.3, rng)
+    keys = {"outliers": {"method": "ransac"}, "method": "mean-shape"}
+    (whole, _), (some, _) = run(spoilt, **keys), run(spoilt.take([6, 1]), **keys)
+    np.testing.assert_array_equal(some.columns["outliers"], whole.columns["outliers"][[6, 1]])
 
 
-def test_a_seed_belongs_to_the_name_of_an_image(views):
-    seeds = find_seeds(views)
-    assert len(set(seeds.tolist())) == len(views)
-    np.testing.assert_array_equal(find_seeds(views.take([4, 1])), seeds[[4, 1]])
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_images_that_cannot_be_searched_or_lifted(method, run, views, rng):
+def test_images_that_cannot_be_searched_or_lifted(run, views, rng):
     images = views.take(slice(6))
     landmarks = images.landmarks.copy()
     seen = [np.flatnonzero(np.isfinite(landmarks[i, 0])) for i in range(6)]
@@ -112,7 +99,7 @@ def test_images_that_cannot_be_searched_or_lifted(method, run, views, rng):
     landmarks[3][:, seen[3][:5]] = rng.uniform(0, 1e3, (2, 5))
     landmarks[4] = np.nan
     images = images.replaced(landmarks=landmarks)
-    found, failures = run(images, outliers={"method": method, "threshold": 0.01})
+    found, failures = run(images, outliers={"method": "ransac", "threshold": 0.01})
     name = images.items
     assert failures[name[1]] == "only 2 visible landmarks, 3 are needed"
     assert failures[name[2]] == "all visible landmarks are at one point"
