@@ -80,7 +80,8 @@ def lift_landmarks(
     if METHODS[config.method].sequences:
         from shapefit.pipelines.fit.sequences import refine_sequences
 
-        lifting = refine_sequences(lifting, images, dictionary, config, lengths)
+        misfit = find_misfit(config, dictionary)
+        lifting = refine_sequences(lifting, images, dictionary, config, misfit, lengths)
     return fail_nonfinite(lifting)
 
 

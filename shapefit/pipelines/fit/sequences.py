@@ -20,7 +20,6 @@ from shapefit.lifting.lift import Lifting
 from shapefit.lifting.sequences.clips import Motion, refine_lifting
 from shapefit.lifting.sequences.smoothing import Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
-from shapefit.pipelines.fit.lift import find_misfit
 
 USUAL = 0.02
 """Second difference of a coordinate from image to image where the dictionary knows none, in units
@@ -75,6 +74,7 @@ def refine_sequences(
     images: LandmarkSet,
     dictionary: Dictionary,
     config: FitConfig,
+    misfit: float,
     lengths: Floats | None,
 ) -> Lifting:
     """Infer whole sequences from what was found of each image; lengths (e,) of bones, if known."""
@@ -83,7 +83,7 @@ def refine_sequences(
         refine_lifting,
         sequences=images.sequences or (),
         motion=find_motion(dictionary, rate, lengths),
-        misfit=find_misfit(config, dictionary),
+        misfit=misfit,
         noise=config.noise,
         widening=config.posterior.widening,
         threads=config.threads,
