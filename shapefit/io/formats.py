@@ -319,7 +319,7 @@ FORMATS: dict[str, FileFormat] = {
     "csv": CSV,
     "deeplabcut-csv": _read(
         *("a DeepLabCut or Lightning Pose CSV", ".csv", EITHER),
-        *(_deeplabcut_csv, "tables:read_deeplabcut"),
+        *(_deeplabcut_csv, "deeplabcut:read_csv"),
     ),
     "deeplabcut-h5": _read(
         *("a DeepLabCut HDF5 file", ".h5 .hdf5", EITHER),
@@ -366,14 +366,14 @@ FORMATS: dict[str, FileFormat] = {
         "a set of YOLO pose labels", ".txt", IMAGES, _yolo, "yolo:read_yolo", **_SETS
     ),
     "acclaim": _read(
-        "an ASF/AMC motion", ".amc .asf", SHAPES, _acclaim, "acclaim:read_acclaim", together=True
+        "an ASF/AMC motion", ".amc .asf", SHAPES, _acclaim, "joint_trees:read_acclaim", together=True
     ),
     "anipose-csv": _read(
         *("an anipose 3D CSV", ".csv", SHAPES),
-        *(lambda head: bool(anipose_landmarks(head.columns)), "tables:read_anipose"),
+        *(lambda head: bool(anipose_landmarks(head.columns)), "markers:read_anipose"),
     ),
-    "bvh": _read("a BVH motion", ".bvh", SHAPES, _bvh, "motion_text:read_bvh"),
-    "c3d": _read("a C3D file", ".c3d", SHAPES, _c3d, "c3d:read_c3d"),
+    "bvh": _read("a BVH motion", ".bvh", SHAPES, _bvh, "joint_trees:read_bvh"),
+    "c3d": _read("a C3D file", ".c3d", SHAPES, _c3d, "markers:read_c3d"),
     "mesh": FileFormat(
         title="a mesh with landmarks",
         suffixes=(".obj", ".ply", ".glb"),
@@ -383,7 +383,7 @@ FORMATS: dict[str, FileFormat] = {
     ),
     "trc": _read(
         *("a TRC file", ".trc", SHAPES),
-        *(lambda head: head.text.lstrip()[:12].lower() == b"pathfiletype", "motion_text:read_trc"),
+        *(lambda head: head.text.lstrip()[:12].lower() == b"pathfiletype", "markers:read_trc"),
     ),
     "table": _read(
         "a table of landmarks", ".csv .tsv .txt", EITHER, _table, "tables:read_any_table",

@@ -1,10 +1,10 @@
-"""DeepLabCut: the columns of its tables, a project's skeleton, and the HDF5 that pandas writes."""
+"""DeepLabCut: the columns of its tables, as CSV and as the HDF5 that pandas writes."""
 
 from __future__ import annotations
 
 import pickle
 import pickletools
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -14,18 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.errors import abbreviate, input_error, listed, printable
+from shapefit.errors import InputError, abbreviate, input_error, listed, printable
 from shapefit.io.foreign.recording import (
+    Edges,
     Recording,
-    all_individuals,
     image_labels,
     number_labels,
-    video_name,
+    read_yaml,
 )
+from shapefit.io.foreign.text_table import Table
 from shapefit.io.foreign.trackers import TrackerFile, text
 from shapefit.io.hdf5_file import DAMAGED
 from shapefit.io.inputs import is_stream
-from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.tidy_table import read_numbers
 from shapefit.stores import UrlPath
 
 COORDINATES = ("x", "y", "z", "likelihood")
@@ -48,19 +49,23 @@ class Layout:
     likelihood: NDArray[np.intp] | None
     notes: tuple[str, ...] = ()
 
-    @property
-    def unit(self) -> str:
-        """Pixels for landmarks; tables of 3D points do not say it."""
-        return "px" if self.points.shape[2] == 2 else UNKNOWN_UNIT
-
-    def instances(self, values: Floats, labels: Sequence[str]) -> dict[str, Any]:
-        """Return the fields of a recording of rows (n, columns), each individual an instance."""
+    def recording(self, path: Path, values: Floats, labels: Sequence[str]) -> Recording:
+        """Return the recording of rows (n, columns), each individual an instance."""
         padded = np.column_stack([values, np.full(len(values), np.nan)])
         points = padded[:, self.points]
         confidence = None if self.likelihood is None else padded[:, self.likelihood]
         if confidence is not None:
             points[confidence < 0] = np.nan  # what newer versions write for animals not found
-        return all_individuals(points, confidence, labels)
+        return Recording.of_frames(
+            path,
+            points,
+            confidence,
+            labels,
+            landmark_names=self.landmarks,
+            individual_names=self.individuals,
+            notes=self.notes,
+            edges=skeleton_edges(path, self.landmarks),
+        )
 
 
 def arrange(place: str, columns: Sequence[tuple[str, ...]]) -> Layout:
@@ -116,12 +121,59 @@ def arrange(place: str, columns: Sequence[tuple[str, ...]]) -> Layout:
     )
 
 
+HEADER = ("scorer", "individuals", "bodyparts", "coords")
+
+
+def read_csv(paths: tuple[Path, ...]) -> Recording:
+    """Read DeepLabCut CSV, which Lightning Pose writes, too: a row for each frame, columns by name.
+
+    Three lines of names (scorer, bodyparts, coords) come first, four with `individuals`. The first
+    column is the number of the frame, or the path of an image, which may be split in three columns.
+    """
+    path = paths[0]
+    table = Table(path)
+    rows = table.first_rows(len(HEADER) + 1)
+    header: dict[str, list[str]] = {}
+    for _, row in rows:
+        if (name := row[0].strip()) not in HEADER or name in header:
+            break
+        header[name] = [cell.strip() for cell in row]
+    for name in ("bodyparts", "coords"):
+        if name not in header:
+            raise input_error(f"{path}:1", f"there is no line {name!r}", SAVE)
+    coords = header["coords"]
+    levels = [header[name] for name in HEADER[1:] if name in header]
+    if sizes := sorted({len(level) for level in levels} - {len(coords)}):
+        found = f"the lines of names have {sizes[0]} and {len(coords)} cells"
+        raise input_error(f"{path}:1", found, "give each column a name in each line")
+    named = [column for column in range(1, len(coords)) if coords[column]]
+    scorers = [*header.get("scorer", []), *[""] * len(coords)]
+    columns = [(scorers[at], *(level[at] for level in levels)) for at in named]
+    layout = arrange(f"{path}:1", columns)
+    first = next((row for _, row in rows[len(header) :]), ["0"])
+    numbered = not read_numbers(first[:1])[1].any()
+    index_named = not numbered and "." not in first[0] and not any(first[1:])
+    lines = rows[len(header) + index_named - 1][0]
+    table.skip(lines, ["/".join(each) for each in zip(*levels, strict=True)])
+    table.padded = not numbered
+    if numbered:
+        values, _, places = table.read([0, *named])
+        if (wrong := ~np.isfinite(values[:, 0])).any():
+            found = "does not say its frame, and others are numbers"
+            raise input_error(f"{path}:{places[wrong][0]}", found, "number the frames")
+        labels, values = number_labels(str(path), values[:, 0]), values[:, 1:]
+    else:
+        values, parts, _ = table.read(named, range(named[0] if named else 1))
+        labels = image_labels(["/".join(filter(None, row)) for row in zip(*parts, strict=True)])
+    return layout.recording(path, values, labels)
+
+
 FILE = "config.yaml"
 FOLDERS_ABOVE = 2
 """Predictions lie in a folder of the project, labels in a folder of that."""
 
 
-def skeleton_edges(path: Path, names: Sequence[str]) -> tuple[tuple[int, int], ...]:
+def skeleton_edges(path: Path, names: Sequence[str]) -> Edges:
     """Return the edges of `skeleton` between these landmarks, by place in `names`.
 
     It lists pairs of names, or chains of them. A pair with a name that the table has not is left
@@ -129,28 +181,19 @@ def skeleton_edges(path: Path, names: Sequence[str]) -> tuple[tuple[int, int], .
     """
     if is_stream(path) or isinstance(path, UrlPath):
         return ()
-    folder = path.resolve().parent
-    near = (each / FILE for each in (folder, *folder.parents[:FOLDERS_ABOVE]))
-    found = next((each for each in near if each.is_file()), None)
-    place = {name: number for number, name in enumerate(names)}
-    pairs = () if found is None else _pairs(found)
-    edges = ((place[a], place[b]) for a, b in pairs if a != b and a in place and b in place)
-    return tuple(dict.fromkeys(edges))
-
-
-def _pairs(path: Path) -> Iterator[tuple[str, str]]:
-    """Yield neighbours of each chain in the skeleton of a project."""
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
     try:
-        found: Any = YAML(typ="safe", pure=True).load(path)
-    except (YAMLError, OSError, ValueError, RecursionError):
-        return
+        _, found = read_yaml(path.parent, FILE, FOLDERS_ABOVE) or (None, None)
+    except (InputError, OSError):
+        return ()
     chains = found.get("skeleton") if isinstance(found, dict) else None
-    for chain in chains if isinstance(chains, list) else ():
-        if isinstance(chain, list):
-            yield from pairwise(map(str, chain))
+    place = {name: number for number, name in enumerate(names)}
+    pairs = [
+        (place.get(a, -1), place.get(b, -1))
+        for chain in (chains if isinstance(chains, list) else ())
+        if isinstance(chain, list)
+        for a, b in pairwise(map(str, chain))
+    ]
+    return tuple(dict.fromkeys((a, b) for a, b in pairs if a != b and min(a, b) >= 0))
 
 
 ALLOWED = frozenset(
@@ -211,17 +254,7 @@ def read_hdf5(paths: tuple[Path, ...]) -> Recording:
         read = _read_table if kind == TABLE else _read_fixed
         columns, values, labels = read(file, key)
         layout = arrange(file.place(key), columns)
-    return Recording(
-        name=str(path),
-        video=video_name(path),
-        **layout.instances(values, labels),
-        landmark_names=layout.landmarks,
-        individual_names=layout.individuals,
-        notes=layout.notes,
-        edges=skeleton_edges(path, layout.landmarks),
-        frame_count=len(labels),
-        unit=layout.unit,
-    )
+    return layout.recording(path, values, labels)
 
 
 def _key(file: TrackerFile) -> str:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
-from shapefit.errors import input_error
+from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.layout import UNKNOWN_UNIT
 
 ANYBODY = -1
@@ -19,6 +21,8 @@ ANYBODY = -1
 
 FRACTION = "fraction of the image"
 """Unit of coordinates that are divided by the width and the height of the image."""
+
+Edges = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,11 +64,47 @@ class Recording:
     frame_rate: float | None = None
     unit: str = UNKNOWN_UNIT
     y_axis: Literal["up", "down"] = "down"
-    edges: tuple[tuple[int, int], ...] = ()
+    edges: Edges = ()
     size_needed: bool = False
     notes: tuple[str, ...] = ()
     unordered: bool = False
     default_keypoints: str | None = None
+
+    @classmethod
+    def of_frames(
+        cls,
+        path: Path,
+        points: Floats,
+        confidence: Floats | None = None,
+        labels: Sequence[str] | None = None,
+        *,
+        individuals: Integers | None = None,
+        there: NDArray[np.bool_] | None = None,
+        **further: Any,
+    ) -> Self:
+        """Return the recording of points (n, i, p, d), i individuals in each of n frames.
+
+        Points (n, p, d) are those of one individual. confidence (n, [i,] p); labels (n), by default
+        the places of the frames; individuals (n, i), by default their places; `there` (n, i) are
+        those that count, by default all. 2D points are in pixels, and `further` fields of a
+        Recording go over all that.
+        """
+        n, p, d = len(points), *points.shape[-2:]
+        many = points.shape[1] if points.ndim == 4 else 1
+        labels = labels or list(map(str, range(n)))
+        who = np.tile(np.arange(many), n) if individuals is None else individuals
+        fields: dict[str, Any] = {
+            "points": points.reshape(n * many, p, d),
+            "confidence": None if confidence is None else confidence.reshape(n * many, p),
+            "frames": np.repeat(np.arange(n), many),
+            "labels": [label for label in labels for _ in range(many)],
+            "individuals": who.ravel(),
+        }
+        if there is not None:
+            fields = take_instances(fields, there.ravel())
+        fields |= {"name": str(path), "video": video_name(path), "frame_count": n}
+        fields["unit"] = "px" if d == 2 else UNKNOWN_UNIT
+        return cls(**fields | further)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -78,31 +118,6 @@ class Recording:
     def landmark_count(self) -> int:
         """Number of landmarks, p."""
         return self.points.shape[1]
-
-
-def one_individual(points: Floats, labels: Sequence[str] | None = None) -> dict[str, Any]:
-    """Return the fields of a `Recording` of one individual from points (n, p, d), a frame each."""
-    frames = np.arange(len(points))
-    return {
-        "points": points,
-        "frames": frames,
-        "labels": list(map(str, frames.tolist())) if labels is None else labels,
-        "individuals": np.zeros(len(points), np.int64),
-    }
-
-
-def all_individuals(
-    points: Floats, confidence: Floats | None, labels: Sequence[str]
-) -> dict[str, Any]:
-    """Return the fields of a recording of points (n, i, p, d), i individuals in each frame."""
-    n, many, p, d = points.shape
-    return {
-        "points": points.reshape(n * many, p, d),
-        "confidence": None if confidence is None else confidence.reshape(n * many, p),
-        "frames": np.repeat(np.arange(n), many),
-        "labels": [label for label in labels for _ in range(many)],
-        "individuals": np.tile(np.arange(many), n),
-    }
 
 
 def take_instances(fields: Mapping[str, Any], rows: NDArray[Any]) -> dict[str, Any]:
@@ -121,35 +136,38 @@ def take_instances(fields: Mapping[str, Any], rows: NDArray[Any]) -> dict[str, A
 ENDINGS = (".analysis", ".predictions", ".pkg", ".pose")
 """Which the names of files have before their suffix, and their videos have not."""
 
+IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+
 
 def video_name(path: Path) -> str:
     """Return the name of a file without its endings, which is what its items begin with."""
-    name = path.stem
-    ending = next((ending for ending in ENDINGS if name.lower().endswith(ending)), "")
-    return name[: len(name) - len(ending)] or path.name
-
-
-IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+    return _without(path.stem, ENDINGS) or path.name
 
 
 def image_labels(paths: Sequence[str]) -> list[str]:
     """Return names of images: without folder and suffix where that tells them apart."""
-    stems = [_without_suffix(name_of(path)) for path in paths]
-    return stems if len(set(stems)) == len(stems) else [_without_suffix(path) for path in paths]
+    stems = [_without(name_of(path), IMAGES) for path in paths]
+    return stems if len(set(stems)) == len(stems) else [_without(path, IMAGES) for path in paths]
 
 
-def number_label(value: float) -> str:
-    """Return a frame's number or time in seconds as text, to the microsecond."""
-    return str(int(value)) if value == int(value) else f"{value:.6f}".rstrip("0")
+def _without(name: str, endings: Sequence[str]) -> str:
+    ending = next((ending for ending in endings if name.lower().endswith(ending)), "")
+    return name[: len(name) - len(ending)]
 
 
 def number_labels(place: str, values: NDArray[Any]) -> list[str]:
-    """Return the numbers or times of frames as text; InputError where one is no number."""
+    """Return numbers or times of frames, in seconds, as text, to the microsecond.
+
+    Raises InputError where one is no number.
+    """
     wrong = ~np.isfinite(values)
     if wrong.any():
         found = f"entry {int(np.argmax(wrong))} is {values[wrong][0]}, which is no frame"
         raise input_error(place, found, "number the frames")
-    return [number_label(value) for value in values.tolist()]
+    return [
+        str(int(value)) if value == int(value) else f"{value:.6f}".rstrip("0")
+        for value in values.tolist()
+    ]
 
 
 def name_of(path: str) -> str:
@@ -157,17 +175,25 @@ def name_of(path: str) -> str:
     return PureWindowsPath(path).name if "\\" in path else PurePosixPath(path).name
 
 
-def numbered_repeats(names: Sequence[str]) -> tuple[str, ...]:
-    """Return names, those that repeat an earlier one with a number after them."""
-    taken: set[str] = set()
-    found = []
-    for name in names:
-        free, number = name, 2
-        while free in taken:
-            free, number = f"{name} ({number})", number + 1
-        taken.add(free)
-        found.append(free)
-    return tuple(found)
+def numbered_repeats(
+    labels: Sequence[str], form: str = "{}_{}"
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return labels, those that repeat an earlier one with a number after them, and a note.
+
+    A label without a text is `*7`, as C3D files call the eighth.
+    """
+    names = [label.strip() or f"*{place}" for place, label in enumerate(labels)]
+    taken, seen = set(names), Counter[str]()
+    changed = []
+    for place, name in enumerate(names):
+        seen[name] += 1
+        if seen[name] > 1:
+            numbers = count(seen[name])
+            names[place] = next(n for k in numbers if (n := form.format(name, k)) not in taken)
+            taken.add(names[place])
+            changed.append(names[place])
+    note = f"{counted(len(changed), 'label')} repeated, and numbered ({abbreviate(changed)})"
+    return tuple(names), (note,) if changed else ()
 
 
 def check_unique(place: str, names: Sequence[str], what: str) -> None:
@@ -182,17 +208,32 @@ def check_unique(place: str, names: Sequence[str], what: str) -> None:
         known.add(name)
 
 
-def edges_of(lines: Any, count: int) -> tuple[tuple[int, int], ...]:
+def edges_of(lines: Any, landmarks: int) -> Edges:
     """Return those of a list of lines that join two of so many landmarks."""
-    pairs = lines if isinstance(lines, list) else []
-    whole = [
-        tuple(pair)
-        for pair in pairs
-        if isinstance(pair, list) and len(pair) == 2 and all(type(end) is int for end in pair)
-    ]
-    return tuple((a, b) for a, b in whole if 0 <= a < count and 0 <= b < count)
+    return tuple(
+        (pair[0], pair[1])
+        for pair in (lines if isinstance(lines, list) else [])
+        if isinstance(pair, list)
+        and len(pair) == 2
+        and all(type(end) is int and 0 <= end < landmarks for end in pair)
+    )
 
 
-def _without_suffix(path: str) -> str:
-    ending = next((ending for ending in IMAGES if path.lower().endswith(ending)), "")
-    return path[: len(path) - len(ending)]
+def read_yaml(folder: Path, name: str, levels: int) -> tuple[Path, Any] | None:
+    """Return the nearest file of this name in a folder or so many above it, and its content.
+
+    Raises InputError for what is no YAML.
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    place = folder.resolve()
+    near = (each / name for each in (place, *place.parents[:levels]))
+    path = next((each for each in near if each.is_file()), None)
+    if path is None:
+        return None
+    try:
+        return path, YAML(typ="safe", pure=True).load(path)
+    except (YAMLError, RecursionError, ValueError) as error:
+        text = " ".join(str(error).split())[:80]
+        raise input_error(path, f"is no YAML ({text})", "correct it") from error

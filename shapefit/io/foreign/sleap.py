@@ -17,11 +17,9 @@ from shapefit.errors import input_error, printable
 from shapefit.io.foreign.recording import (
     ANYBODY,
     Recording,
-    all_individuals,
     check_unique,
     name_of,
     numbered_repeats,
-    take_instances,
     video_name,
 )
 from shapefit.io.foreign.trackers import TrackerFile, text
@@ -33,6 +31,9 @@ SLEAP_ORDER = ("track", "xy", "node", "frame")
 FRAMES_FIRST = ("frame", "track", "node", "xy")
 
 Axes = tuple[str, ...]
+
+REPEATED = "{} ({})"
+"""What a name that is there already is called."""
 
 
 def read_analysis(paths: tuple[Path, ...]) -> Recording:
@@ -61,17 +62,14 @@ def read_analysis(paths: tuple[Path, ...]) -> Recording:
         edges = file.edges("edge_inds", len(nodes))
         individuals = _track_names(file, sizes["track"])
         points = file.arranged("tracks", axes, FRAMES_FIRST)
-    fields = all_individuals(points, confidence, list(map(str, range(len(points)))))
-    if sizes["track"] > 1:
-        fields = take_instances(fields, np.isfinite(fields["points"]).any(axis=(1, 2)))
-    return Recording(
-        name=str(path),
-        video=video_name(path),
-        **fields,
+    several = sizes["track"] > 1
+    return Recording.of_frames(
+        path,
+        points,
+        confidence,
+        there=np.asarray(np.isfinite(points).any(axis=(2, 3))) if several else None,
         landmark_names=nodes,
         individual_names=individuals,
-        frame_count=sizes["frame"],
-        unit="px",
         edges=edges,
     )
 
@@ -83,7 +81,7 @@ def _track_names(file: TrackerFile, count: int) -> tuple[str, ...]:
         return () if count == 1 else tuple(f"track_{number}" for number in range(count))
     if len(names) != count:
         raise file.fault("track_names", f"names {len(names)} tracks, and there are {count}")
-    return numbered_repeats([name or f"track_{number}" for number, name in enumerate(names)])
+    return numbered_repeats([name or f"track_{n}" for n, name in enumerate(names)], REPEATED)[0]
 
 
 def _stated_axes(file: TrackerFile, name: str, wanted: Axes) -> Axes | None:
@@ -212,8 +210,8 @@ def _read_metadata(file: TrackerFile) -> Metadata:
         tuple(number),
         [np.array([number[name] for name in skeleton], np.intp) for skeleton in skeletons],
         tuple(dict.fromkeys((number[a], number[b]) for a, b in pairs if {a, b} <= number.keys())),
-        numbered_repeats(tracks),
-        numbered_repeats(videos),
+        numbered_repeats(tracks, REPEATED)[0],
+        numbered_repeats(videos, REPEATED)[0],
         0.0 if isinstance(version, int | float) and version >= PIXEL_MIDDLES else 0.5,
     )
 

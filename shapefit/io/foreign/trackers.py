@@ -17,11 +17,8 @@ from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error, printable
 from shapefit.io.foreign.recording import (
     Recording,
-    all_individuals,
     check_unique,
-    number_label,
     number_labels,
-    take_instances,
     video_name,
 )
 from shapefit.io.hdf5_file import Hdf5File
@@ -165,19 +162,18 @@ def read_jabs(paths: tuple[Path, ...]) -> Recording:
             confidence = file.numbers(CONFIDENCE).reshape(confidence.shape)
     seen = confidence > 0
     points = np.where(seen[..., None], points, np.nan)
-    fields = all_individuals(points, confidence, list(map(str, range(frames))))
     known = np.unique(ids[~absent])
-    fields["individuals"] = np.searchsorted(known, ids.ravel())
     lost = int((seen.any(axis=2) & absent).sum())
     named = p == len(names)
-    return Recording(
-        name=str(path),
+    return Recording.of_frames(
+        path,
+        points,
+        confidence,
+        individuals=np.searchsorted(known, ids),
+        there=~absent,
         video=sub(r"_pose_est(_v\d+)?$", "", video_name(path)),
-        **take_instances(fields, ~absent.ravel()),
         landmark_names=names if named else None,
         individual_names=tuple(map(str, known.tolist())) if len(shape) == 4 else (),
-        frame_count=frames,
-        unit="px",
         edges=LINES if named else (),
         notes=(f"{lost} instances without an identity left out",) if lost else (),
     )
@@ -244,15 +240,14 @@ def read_movement(paths: tuple[Path, ...]) -> Recording:
             times = file.numbers("time")
         points = file.arranged(POSITION, axes, WANTED)
         labels = number_labels(file.place("time"), times)
-    return Recording(
-        name=str(path),
-        video=video_name(path),
-        **all_individuals(points, confidence, labels),
+    return Recording.of_frames(
+        path,
+        points,
+        confidence,
+        labels,
         landmark_names=names,
         individual_names=individuals,
-        frame_count=sizes["time"],
         frame_rate=float(rate) if isinstance(rate, int | float) and 0 < rate < np.inf else None,
-        unit="px" if len(space) == 2 else "unknown",
     )
 
 
@@ -350,7 +345,7 @@ def read_nwb(paths: tuple[Path, ...]) -> Recording:
         points=points,
         confidence=None if np.isnan(confidence).all() else confidence,
         frames=frames,
-        labels=[number_label(own[4][frame]) for own in read for frame in own[2].tolist()],
+        labels=[label for own in read for label in number_labels("", own[4][own[2]])],
         individuals=individuals,
         videos=called if several else None,
         landmark_names=names,

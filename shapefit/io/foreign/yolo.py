@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.io.foreign.detections import Detections, as_recording, images_in
-from shapefit.io.foreign.recording import FRACTION, Recording, edges_of
+from shapefit.io.foreign.recording import FRACTION, Edges, Recording, edges_of, read_yaml
 from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
 
 Table = NDArray[np.float64]
@@ -26,7 +26,7 @@ class Layout(NamedTuple):
     step: int
     names: tuple[str, ...] | None = None
     people: bool = False
-    edges: tuple[tuple[int, int], ...] = ()
+    edges: Edges = ()
 
 
 def read_yolo(paths: tuple[Path, ...]) -> Recording:
@@ -113,25 +113,8 @@ def _guessed(rows: list[list[float]], name: str) -> Layout:
 
 def _stated(folder: Path) -> Layout | None:
     """Return what the nearest data.yaml in this folder or three above it states."""
-    place = folder.resolve()
-    for each in (place, *place.parents[:3]):
-        path = each / FILE
-        if path.is_file():
-            return _layout(path)
-    return None
-
-
-def _layout(path: Path) -> Layout | None:
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
-    try:
-        found: Any = YAML(typ="safe", pure=True).load(path)
-    except (YAMLError, UnicodeDecodeError, ValueError) as error:
-        text = " ".join(str(error).split())[:80]
-        raise input_error(path, f"is no YAML ({text})", "correct it") from error
-    shape = found.get("kpt_shape") if isinstance(found, dict) else None
-    if shape is None:
+    path, found = read_yaml(folder, FILE, 3) or (folder, None)
+    if not isinstance(found, dict) or (shape := found.get("kpt_shape")) is None:
         return None
     if not (
         isinstance(shape, list)

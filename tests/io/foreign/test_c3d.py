@@ -7,7 +7,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import write_shapes
-from shapefit.io.foreign import c3d as reader
+from shapefit.io.foreign import markers as reader
 from tests.io.files import load_shapes
 
 
@@ -90,12 +90,12 @@ def test_damaged_parameters_are_refused(c3d):
 def test_a_negative_residual_is_missing_whatever_the_point(c3d, monkeypatch):
     """Of ezc3d such points are not numbers; another version may leave what stood there."""
     path, points = c3d()
-    file = reader._read(path)
+    file = reader._read_c3d(path)
     file["data"]["points"][:3, 0, 1] = 7.0
     residuals = np.array(file["data"]["meta_points"]["residuals"])
     residuals[0, 0, 1] = -1.0
     file["data"]["meta_points"]["residuals"] = residuals
-    monkeypatch.setattr(reader, "_read", lambda _: file)
+    monkeypatch.setattr(reader, "_read_c3d", lambda _: file)
     shapes, _ = load_shapes(path)
     assert np.isnan(shapes.shapes[1, :, 0]).all()
     np.testing.assert_allclose(shapes.shapes[0], points[0] / 1000, rtol=1e-6)
