@@ -366,7 +366,9 @@ FORMATS: dict[str, FileFormat] = {
         "a set of YOLO pose labels", ".txt", IMAGES, _yolo, "yolo:read_yolo", **_SETS
     ),
     "acclaim": _read(
-        "an ASF/AMC motion", ".amc .asf", SHAPES, _acclaim, "joint_trees:read_acclaim", together=True
+        *("an ASF/AMC motion", ".amc .asf", SHAPES),
+        *(_acclaim, "joint_trees:read_acclaim"),
+        together=True,
     ),
     "anipose-csv": _read(
         *("an anipose 3D CSV", ".csv", SHAPES),
