@@ -144,6 +144,6 @@ def rng() -> np.random.Generator:
 @pytest.fixture
 def without_pyarrow(monkeypatch) -> None:
     """Make pyarrow a library that is not installed."""
-    for name in [name for name in sys.modules if name == "shapefit.io.parquet_table"]:
+    for name in [name for name in sys.modules if name == "shapefit.io.parquet_file"]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "pyarrow", None)

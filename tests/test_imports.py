@@ -15,7 +15,7 @@ PROJECT = Path(__file__).resolve().parents[1]
 ROOMS = [
     f"shapefit.{room}"
     for room in (
-        *("errors", "arrays", "core", "geometry", "convex", "dictionary", "lifting"),
+        *("errors", "arrays", "threads", "core", "geometry", "convex", "dictionary", "lifting"),
         *("evaluation", "meshes", "viewer", "stores", "config", "io", "verification"),
         "pipelines",
         *("api", "cli"),

@@ -2,6 +2,7 @@
 
 from shapefit.io.atomic import atomic_path, check_output, digest, digests
 from shapefit.io.dictionaries import read_dictionary, write_dictionary
+from shapefit.io.formats import landmark_writer, result_writer
 from shapefit.io.names import match_landmarks
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.source import (
@@ -13,7 +14,6 @@ from shapefit.io.source import (
     read_shapes,
     write_shapes,
 )
-from shapefit.io.writing import landmark_writer, result_writer
 
 __all__ = [
     "LandmarkSet",

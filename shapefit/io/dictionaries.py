@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,39 +13,30 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.procrustes import coincide
-from shapefit.io import checks
-from shapefit.io.checks import Datasets, InMemory
-from shapefit.io.formats import find_reader
+from shapefit.io.checks import Place, check_finite, check_mesh, place_in_memory, raise_at
+from shapefit.io.formats import check_holds, detect_format, record_writer
 from shapefit.io.layout import DICTIONARY
-from shapefit.io.writing import record_writer
 
-if TYPE_CHECKING:
-    from shapefit.io.hdf5_records import Hdf5Reader
+AGAIN = "make the dictionary again"
 
 
 def read_dictionary(path: Path) -> Dictionary:
     """Read a dictionary. Raises InputError for what is wrong with the file."""
-    dictionary: Dictionary = find_reader(path, "dictionary")(path)
-    return dictionary
-
-
-def read_hdf5(path: Path) -> Dictionary:
-    """Read a dictionary from HDF5."""
+    check_holds(path, DICTIONARY.kind, detect_format(path))
     from shapefit.io.hdf5_records import Hdf5Reader
 
     with Hdf5Reader(path, DICTIONARY) as reader:
-        fields = reader.fields()
-        check_dictionary(reader)
+        fields, place = reader.fields(), reader.place
+        check_dictionary(fields, place)
         for name, kind in (("edge_give", "deviation"), ("edge_length", "length")):
             values = fields[name]
             if values is not None and not (np.isfinite(values).all() and (values >= 0).all()):
-                fix = "make the dictionary again"
-                raise input_error(reader.place(name), f"holds what is no {kind}", fix)
+                raise input_error(place(name, None), f"holds what is no {kind}", AGAIN)
         if (C := fields["edge_covariance"]) is not None and C.size:
-            _check_covariance(reader, "edge_covariance", C)
+            _check_covariance(place, "edge_covariance", C)
         if fields["objective_trace"] is None:
             fields["objective_trace"] = np.empty(0)
-        fields["prior"] = _read_prior(reader, fields)
+        fields["prior"] = _take_prior(fields, place)
         provenance = {name: str(value) for name, value in reader.attributes.items()}
         return Dictionary(
             **fields, unit=reader.unit, frame_rate=reader.frame_rate, provenance=provenance
@@ -56,9 +48,13 @@ def read_provenance(path: Path) -> dict[str, str]:
 
     Only the attributes are read, and nothing is checked. Raises InputError as `open_hdf5` does.
     """
-    from shapefit.io.hdf5_records import read_attributes
+    from shapefit.io.hdf5_file import as_text, open_hdf5
 
-    return read_attributes(path)
+    try:
+        with open_hdf5(path) as file:
+            return {name: str(as_text(value)) for name, value in file.attrs.items()}
+    except OSError:
+        return {}
 
 
 def has_prior(path: Path) -> bool:
@@ -72,69 +68,64 @@ def has_prior(path: Path) -> bool:
         return False
 
 
-def _read_prior(reader: Hdf5Reader, fields: dict[str, Any]) -> Mixture | None:
+def _take_prior(fields: dict[str, Any], place: Place) -> Mixture | None:
     """Take the parts of the prior out of the fields; None without one."""
     names = ("prior_weights", "prior_means", "prior_covariances")
     parts = [fields.pop(name) for name in names]
     absent = [name for name, part in zip(names, parts, strict=True) if part is None]
     if len(absent) == len(names):
         return None
-    fix = "make the dictionary again"
     if absent:
-        raise input_error(reader.place(absent[0]), "is missing; the file has a prior", fix)
+        raise input_error(place(absent[0], None), "is missing; the file has a prior", AGAIN)
     weights, means, covariances = parts
     fine = np.isfinite(weights).all() and (weights > 0).all() and abs(weights.sum() - 1) < 1e-6
     if not fine:
-        raise input_error(reader.place("prior_weights"), "are no shares that add up to 1", fix)
+        found = "are no shares that add up to 1"
+        raise input_error(place("prior_weights", None), found, AGAIN)
     if not np.isfinite(means).all():
-        raise input_error(reader.place("prior_means"), "holds what is no number", fix)
+        raise input_error(place("prior_means", None), "holds what is no number", AGAIN)
     mixture = Mixture.of_landmarks(weights, means, covariances)
-    _check_covariance(reader, "prior_covariances", mixture.covariances)
+    _check_covariance(place, "prior_covariances", mixture.covariances)
     return mixture
 
 
-def _check_covariance(reader: Hdf5Reader, name: str, C: Floats) -> None:
+def _check_covariance(place: Place, name: str, C: Floats) -> None:
     """Raise InputError for a matrix (..., e, e) that is no covariance."""
     symmetric = np.isfinite(C).all() and np.allclose(C, C.swapaxes(-1, -2), rtol=0, atol=1e-9)
     if not symmetric or (np.linalg.eigvalsh(C)[..., 0] <= 0).any():
         found = "is no covariance: not symmetric, or not positive definite"
-        raise input_error(reader.place(name), found, "make the dictionary again")
+        raise input_error(place(name, None), found, AGAIN)
 
 
-def check_dictionary(reader: Datasets) -> None:
-    """Raise InputError for a dictionary with which no fit is possible."""
-    atoms, mean = reader.read("atoms"), reader.read("mean_shape")
+def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
+    """Raise InputError for the fields of a dictionary with which no fit is possible."""
+    atoms, mean, names = fields["atoms"], fields["mean_shape"], fields["landmark_names"]
     if atoms.size == 0:
         found = f"has the shape {atoms.swapaxes(-1, -2).shape}"
-        raise input_error(reader.place("atoms"), found, "a dictionary needs atoms and landmarks")
-    checks.check_finite(reader, "atoms", [atoms])
-    checks.check_finite(reader, "mean_shape", [mean[None]])
-    if reader.has("mesh_vertices"):
-        checks.check_finite(reader, "mesh_vertices", [reader.read("mesh_vertices")])
+        raise input_error(place("atoms", None), found, "a dictionary needs atoms and landmarks")
+    check_finite(place, "atoms", atoms, names)
+    check_finite(place, "mean_shape", mean[None], names)
     if coincide(mean):
         found = "all its landmarks are at one point"
-        raise input_error(reader.place("mean_shape"), found, "learn the dictionary again")
-    checks.check_positive(reader, "atom_scale")
-    checks.check_named(reader, [reader.read("atom_item") or ()], "atom_item")
-    checks.check_indices(reader, "edges", "p")
-    _check_mirror(reader)
-    checks.check_indices(reader, "mesh_faces", "q")
+        raise input_error(place("mean_shape", None), found, "learn the dictionary again")
+    if (scale := fields["atom_scale"]) is not None:
+        wrong = np.flatnonzero(~(np.isfinite(scale) & (scale > 0)))
+        fix = "write a positive number"
+        raise_at(wrong, lambda row: f"{place('atom_scale', row)}: is {scale[row]}; {fix}")
+    unnamed = [row for row, item in enumerate(fields["atom_items"] or ()) if not item]
+    raise_at(unnamed, lambda row: f"{place('atom_item', row)}: is empty; name every item")
+    check_mesh(place, fields, len(names))
+    if (index := fields["mirror_index"]) is not None:
+        points = np.arange(len(index))
+        if ((index < 0) | (index >= len(index))).any() or (index[index] != points).any():
+            raise input_error(place("mirror_index", None), "does not pair the landmarks", AGAIN)
 
 
 def check_given_dictionary(dictionary: Dictionary, name: str) -> None:
     """Raise InputError for what `read_dictionary` would not read from a file."""
-    check_dictionary(InMemory(name, dictionary, DICTIONARY))
-
-
-def _check_mirror(reader: Datasets) -> None:
-    """Raise InputError for a `mirror_index` that is not its own inverse."""
-    index = reader.read("mirror_index")
-    if index is None:
-        return
-    points = np.arange(len(index))
-    if ((index < 0) | (index >= len(index))).any() or (index[index] != points).any():
-        fix = "make the dictionary again"
-        raise input_error(reader.place("mirror_index"), "does not pair the landmarks", fix)
+    known = DICTIONARY.datasets
+    fields = {each.attribute: getattr(dictionary, each.attribute, None) for each in known}
+    check_dictionary(fields, place_in_memory(name))
 
 
 def write_dictionary(path: Path, dictionary: Dictionary) -> None:

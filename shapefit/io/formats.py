@@ -1,7 +1,7 @@
 """The table of file formats: how a file of each begins, what it holds, who reads and writes it.
 
-A format is one row of `FORMATS`. The row is light: readers and writers are named as
-".module:function" below `shapefit.io`, and imported when a file of theirs is met.
+A format is one row of `FORMATS`, or of `WRITTEN` where it is only written. The row is light:
+functions are named as ".module:function" below `shapefit.io`, and imported when they are needed.
 """
 
 from __future__ import annotations
@@ -10,12 +10,13 @@ import re
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from shapefit.errors import InputError, input_error, listed
 from shapefit.io.head import (
@@ -33,8 +34,12 @@ from shapefit.io.inputs import (
     require_file,
     source_name,
 )
-from shapefit.io.options import InputOptions
-from shapefit.stores import on_threads
+from shapefit.io.layout import LANDMARKS, RESULTS, Layout
+from shapefit.io.options import AS_KNOWN, InputOptions, OutputOptions, Summary
+from shapefit.io.records import LandmarkSet, ResultSet
+from shapefit.threads import on_threads
+
+Record = TypeVar("Record")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,16 +51,12 @@ class FileFormat:
                  output of such a name is written in it
     begins       whether a file with such a head is in this format
     recorder     of a format of others: takes the paths that are one recording, returns it
-    records      the kinds that a recording can be of; its content decides
-    together     files of one folder are one recording: a frame each, or parts that need each other;
-                 its readers take all their paths and return a record and notes
+    records      the kinds (landmarks, shapes, ...) of what it can hold; its content decides
+    reader       takes a path, or all that belong together, and a kind, and `gaps` (whether
+                 landmarks may be unknown); returns records, for several paths notes, too
+    holds        takes a path, returns the kind of what the file holds
+    together     files of one folder are one recording: a frame each, or parts that need each other
     folders      a folder is an input, too
-    readers      by kind (landmarks, shapes, result, dictionary): takes a path, returns the record,
-                 or a SourceFile that gives out parts of it. A reader of shapes takes `gaps`, too:
-                 whether landmarks may be unknown
-    reader       of a format of ours that holds every dataset: takes a path and a layout, opens a
-                 Hdf5Reader
-    form         of such a format: takes a path, returns the layout that the file says it has
     writer       takes a path and the layout of the records, gives a RecordWriter in a `with`
     writes       the kinds that it can write
     in_metres    what it writes is in metres and upright, a sequence a file; its writer takes
@@ -69,44 +70,32 @@ class FileFormat:
     begins: Callable[[Head], bool] = lambda head: False
     recorder: str | None = None
     records: tuple[str, ...] = ()
+    reader: str = ""
+    holds: str = ""
     together: bool = False
     folders: bool = False
-    readers: Mapping[str, str] = field(default_factory=dict)
-    reader: str | None = None
-    form: str | None = None
     writer: str | None = None
     writes: tuple[str, ...] = ()
     in_metres: bool = False
     points_only: bool = True
     states_y_axis: bool = True
 
-    @property
-    def by_sequence(self) -> bool:
-        """Whether its files hold one sequence each, or nothing but sequences."""
-        return self.in_metres
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """What its files can hold."""
-        return (*self.readers, *self.records)
-
     def has_suffix(self, path: Path) -> bool:
         """Whether the path is named like a file of this format."""
         return path.name.lower().endswith(self.suffixes)
 
 
+IMAGES, SHAPES, EITHER = ("landmarks",), ("shapes",), ("landmarks", "shapes")
+ANY = ("landmarks", "shapes", "result")
+
 HDF5 = FileFormat(
     title="an HDF5 file",
     suffixes=(".h5", ".hdf5", ".hdf", ".he5"),
     begins=lambda head: head.bytes.startswith(HDF5_SIGNATURE),
-    readers={
-        **dict.fromkeys(("landmarks", "shapes", "result"), ".hdf5_records:Hdf5Reader"),
-        "dictionary": ".dictionaries:read_hdf5",
-    },
-    reader=".hdf5_records:Hdf5Reader",
-    form=".hdf5_records:layout_of",
+    records=(*ANY, "dictionary"),
+    holds=".hdf5_records:hdf5_kind",
     writer=".hdf5_writer:hdf5_output",
-    writes=("landmarks", "shapes", "result", "dictionary"),
+    writes=(*ANY, "dictionary"),
     points_only=False,
 )
 
@@ -114,26 +103,22 @@ PARQUET = FileFormat(
     title="a Parquet file",
     suffixes=(".parquet", ".pq"),
     begins=lambda head: head.bytes.startswith(PARQUET_SIGNATURE),
-    readers={
-        "landmarks": ".parquet_table:read_landmarks",
-        "shapes": ".parquet_table:read_shapes",
-        "result": ".parquet_table:read_result",
-    },
-    writer=".parquet_table:parquet_output",
-    writes=("landmarks", "shapes", "result"),
+    records=ANY,
+    reader=".parquet_file:read_parquet",
+    holds=".parquet_file:parquet_kind",
+    writer=".parquet_file:parquet_output",
+    writes=ANY,
 )
 
 CSV = FileFormat(
     title="a CSV file",
     suffixes=(".csv",),
     begins=lambda head: {"item", "landmark"} <= head.columns and not HDF5.has_suffix(head.path),
-    readers={
-        "landmarks": ".tidy_table:read_landmark_table",
-        "shapes": ".tidy_table:read_shape_table",
-        "result": ".tidy_table:read_result_table",
-    },
-    writer=".csv_writer:csv_output",
-    writes=("landmarks", "shapes", "result"),
+    records=ANY,
+    reader=".csv_file:read_csv",
+    holds=".csv_file:csv_kind",
+    writer=".csv_file:csv_output",
+    writes=ANY,
     states_y_axis=False,
 )
 
@@ -288,10 +273,6 @@ def _array(head: Head) -> bool:
     return archive or lists or head.bytes.startswith(b"\x93NUMPY")
 
 
-IMAGES, SHAPES = ("landmarks",), ("shapes",)
-EITHER = ("landmarks", "shapes")
-
-
 def _read(
     title: str,
     suffixes: str,
@@ -380,7 +361,8 @@ FORMATS: dict[str, FileFormat] = {
         title="a mesh with landmarks",
         suffixes=(".obj", ".ply", ".glb"),
         begins=_mesh,
-        readers={"shapes": ".foreign.meshes:read_meshes"},
+        records=SHAPES,
+        reader=".foreign.meshes:read_meshes",
         together=True,
     ),
     "trc": _read(
@@ -494,17 +476,13 @@ def mixture(groups: Sequence[tuple[FileFormat, tuple[Path, ...]]]) -> tuple[str,
     return (f"several formats in one call: {found}; landmarks are matched by their names",)
 
 
-def find_reader(path: Path, kind: str, known: FileFormat | None = None) -> Callable[..., Any]:
-    """Return what reads records of a kind from this file, whose format may be known.
-
-    Raises InputError where nothing does.
-    """
-    known = known or detect_format(path)
-    if kind not in known.readers:
-        titles = listed(each.title for each in FORMATS.values() if kind in each.readers)
-        found = f"is {known.title}, not {titles}" if path.is_file() else "is not a file on a disk"
+def check_holds(path: Path, kind: str, known: FileFormat) -> None:
+    """Raise InputError where a file of this format cannot hold records of a kind."""
+    if kind not in known.records or known.recorder is not None:
+        able = [each for each in FORMATS.values() if kind in each.records and not each.recorder]
+        found = f"is {known.title}, not {listed(each.title for each in able)}"
+        found = found if path.is_file() else "is not a file on a disk"
         raise input_error(source_name(path), found, f"give a shapefit-{kind} file")
-    return load(known.readers[kind])
 
 
 def load(place: str) -> Callable[..., Any]:
@@ -512,3 +490,118 @@ def load(place: str) -> Callable[..., Any]:
     module, _, name = place.partition(":")
     function: Callable[..., Any] = getattr(import_module(module, "shapefit.io"), name)
     return function
+
+
+# Writing.
+
+
+class RecordWriter(Generic[Record]):
+    """Takes records one after another; `attributes` are stored with the file on a clean exit.
+
+    After that `summary` says what was written. `begun` is whether a record was appended.
+    """
+
+    def __init__(self) -> None:
+        self.attributes: dict[str, str | float | int] = {}
+        self.summary = Summary()
+        self.begun = False
+
+    def append(self, record: Record) -> None:
+        """Write the items of a record after those that are there."""
+        raise NotImplementedError
+
+    def check_begun(self) -> None:
+        """Raise ValueError where nothing was appended."""
+        if not self.begun:
+            raise ValueError("nothing was appended; append one record, which may be empty")
+
+
+def _metres(title: str, suffix: str, writer: str) -> FileFormat:
+    """Return the row of files in metres; the writer is named below `shapefit.io.written`."""
+    return FileFormat(
+        title=title,
+        suffixes=(suffix,),
+        writer=f".written.{writer}",
+        writes=("shapes", "result"),
+        in_metres=True,
+    )
+
+
+WRITTEN: dict[str, FileFormat] = {
+    **{name: known for name, known in FORMATS.items() if known.writer},
+    "bvh": _metres("a BVH file", ".bvh", "bones:bvh_output"),
+    "c3d": _metres("a C3D file", ".c3d", "markers:c3d_output"),
+    "glb": _metres("a GLB file", ".glb", "glb:glb_output"),
+    "trc": _metres("a TRC file", ".trc", "markers:trc_output"),
+}
+"""Formats that are written."""
+
+
+def landmark_writer(target: Path) -> AbstractContextManager[RecordWriter[LandmarkSet]]:
+    """Give a writer of landmarks for use in a `with`; `append` takes chunk after chunk.
+
+    A name that ends in .csv and `-` (standard output) give CSV, one in .parquet or .pq Parquet,
+    one in .h5 or without an ending HDF5. The file replaces `target` on a clean exit and leaves
+    nothing behind on an error. At least one record must be appended; it may be empty. Raises
+    InputError where the target cannot be written.
+    """
+    return record_writer(target, LANDMARKS)
+
+
+def result_writer(
+    target: Path, options: OutputOptions = AS_KNOWN
+) -> AbstractContextManager[RecordWriter[ResultSet]]:
+    """Write results, as `landmark_writer` writes landmarks."""
+    return record_writer(target, RESULTS, options=options)
+
+
+def record_writer(
+    target: Path, form: Layout, to: str = "auto", options: OutputOptions = AS_KNOWN
+) -> AbstractContextManager[RecordWriter[Any]]:
+    """Write records of one layout, in the format `to`, or in that of the target's name.
+
+    Raises InputError where that format cannot hold them, for all but CSV on standard output, and
+    for options that are for files in metres where it is none.
+    """
+    known = check_target_format(target, form.kind, to)
+    if is_stream(target) and known is not CSV:
+        found = "files of this format cannot go to standard output"
+        raise input_error("output", found, "name a file")
+    if options.given and not known.in_metres:
+        found = f"{known.title} keeps the unit and the axes of what is written"
+        raise input_error(options.given[0], found, "leave it out, or write TRC or C3D")
+    further = (options,) if known.in_metres else ()
+    writer: AbstractContextManager[RecordWriter[Any]]
+    writer = load(str(known.writer))(target, form, *further)
+    return writer
+
+
+def find_target_format(path: Path, name: str = "auto") -> FileFormat:
+    """Return the format that an output path asks for: CSV for `-`, HDF5 for a name without ending.
+
+    With another `name` than auto it is that format. Raises InputError for an ending of no format.
+    """
+    if name != "auto":
+        return named_format(name, WRITTEN, "to")
+    if is_stream(path):
+        return CSV
+    for known in WRITTEN.values():
+        if known.has_suffix(path):
+            return known
+    if path.suffix:
+        endings = [suffix for known in WRITTEN.values() for suffix in known.suffixes]
+        found = f"no format that is written ends in {path.suffix}"
+        raise input_error(path, found, f"end the name in {listed(endings)}")
+    return HDF5
+
+
+def check_target_format(path: Path, kind: str, name: str = "auto") -> FileFormat:
+    """Return the format of an output. Raises InputError where it cannot hold records of a kind."""
+    known = find_target_format(path, name)
+    if kind in known.writes:
+        return known
+    name = known.title.split()[1]
+    if kind == "landmarks" and known.in_metres:
+        fix = "lift them with `shapefit fit` first, or write .h5 or .csv"
+        raise input_error(path, f"2D landmarks cannot be {name}", fix)
+    raise input_error(path, f"a {kind} cannot be {name}", "give it a name in .h5")

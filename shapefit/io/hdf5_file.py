@@ -210,3 +210,8 @@ def _decoded(stored: Any) -> Any:
     texts = np.empty(stored.size, object)
     texts[:] = [*map(bytes.decode, stored.ravel().tolist())]
     return texts.reshape(stored.shape)
+
+
+def as_text(value: Any) -> Any:
+    """Return an attribute, bytes as text."""
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value

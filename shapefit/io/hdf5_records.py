@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, Self
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
+from shapefit.arrays import Integers
 from shapefit.errors import abbreviate, input_error, printable
 from shapefit.io.checks import input_problems
-from shapefit.io.hdf5_file import Hdf5File
+from shapefit.io.hdf5_file import Hdf5File, as_text
 from shapefit.io.layout import (
     AXES,
     FURTHER_OF_RESULTS,
@@ -34,11 +34,6 @@ from shapefit.io.layout import (
     plain_name,
 )
 
-Array = NDArray[Any]
-
-BLOCK, BLOCK_BYTES = 16384, 1 << 24
-"""Most items, and most bytes of them, that a check reads at a time."""
-
 CACHE_BYTES = 1 << 20
 """Of chunks that are kept for each dataset; by default HDF5 keeps 8 MB, and rows are read once."""
 
@@ -52,28 +47,17 @@ LOOKED_FOR = (
 KERAS = {"keras_version", "model_weights", "layer_names"}
 
 
-def layout_of(path: Path) -> Layout:
-    """Return the layout that an HDF5 file says it has. Raises InputError where it is not ours."""
+def hdf5_kind(path: Path) -> str:
+    """Return the kind of the layout that a file says it has. Raises InputError for other files."""
     with Hdf5File(path) as file, file.damage():
-        name = _text(file.attribute("format"))
+        name = as_text(file.attribute("format"))
         wrong = None if "format" in file.root.attrs else _not_ours(file.root)
     if wrong is not None:
         raise input_error(path, *wrong)
     if not isinstance(name, str) or name not in LAYOUTS:
         found = f"is a {name} file" if isinstance(name, str) else "has a format that is no text"
         raise input_error(path, found, f"give one of {', '.join(LAYOUTS)}")
-    return LAYOUTS[name]
-
-
-def read_attributes(path: Path) -> dict[str, str]:
-    """Return the root attributes as texts, unchecked; nothing for what is no HDF5."""
-    from shapefit.io.hdf5_file import open_hdf5
-
-    try:
-        with open_hdf5(path) as file:
-            return {name: str(_text(value)) for name, value in file.attrs.items()}
-    except OSError:
-        return {}
+    return LAYOUTS[name].kind
 
 
 class Hdf5Reader:
@@ -86,14 +70,12 @@ class Hdf5Reader:
 
     def __init__(self, path: Path, form: Layout) -> None:
         self.path, self.form = path, form
-        self._root: dict[str, Any] = {}
         self._sizes: dict[str, int] = {}
-        self._present: set[str] = set()
-        self._ends: dict[str, NDArray[np.int64]] = {}
+        self._ends: dict[str, Integers] = {}
         self._file = Hdf5File(path, CACHE_BYTES)
         try:
-            self._check_format()
-            self._check_datasets()
+            self._root = self._read_root()
+            self._present = self._check_datasets()
             self.landmark_names = self._check_landmark_names(self.read("landmark_names"))
         except BaseException:
             self._file.close()
@@ -103,15 +85,16 @@ class Hdf5Reader:
         return self
 
     def __exit__(self, *_error: object) -> None:
-        self.close()
-
-    def close(self) -> None:
-        """Close the file."""
         self._file.close()
 
     def place(self, name: str, row: int | None = None) -> str:
         """Name a dataset, or a row of it, in messages."""
         return self._file.place(name, row)
+
+    @property
+    def count(self) -> int:
+        """Number of items."""
+        return self._sizes["n"]
 
     @property
     def unit(self) -> str:
@@ -151,25 +134,6 @@ class Hdf5Reader:
         fix = "set it to frames per second, a number > 0, or remove it"
         raise input_error(self.path, found, fix)
 
-    @property
-    def names(self) -> frozenset[str]:
-        """Names of what the root holds, groups too."""
-        with self._file.damage():
-            return frozenset(self._file.root)
-
-    def has(self, name: str) -> bool:
-        """Whether the file has this dataset of its layout."""
-        return name in self._present
-
-    def size(self, axis: str) -> int | None:
-        """Length of an axis of the layout (n items, p landmarks, ...); None if nothing has it."""
-        return self._sizes.get(axis)
-
-    @property
-    def count(self) -> int:
-        """Number of items."""
-        return self._sizes["n"]
-
     def read(self, name: str, rows: slice = slice(None)) -> Any:
         """Return a dataset of the layout in the orientation of memory; None if absent.
 
@@ -178,9 +142,9 @@ class Hdf5Reader:
         """
         dataset = self.form.find(name)
         assert dataset is not None, name
-        if not self.has(name) or (dataset.counted_by and not self.has(dataset.counted_by)):
+        if not {name, dataset.counted_by or name} <= self._present:
             return None
-        values = self._values(name, rows if dataset.grows else ())
+        values = self._values(name, self._own_rows(dataset, rows))
         if dataset.kind == "text":
             return tuple(values)
         if dataset.kind == "label":
@@ -188,14 +152,6 @@ class Hdf5Reader:
         with np.errstate(invalid="ignore", over="ignore"):  # nan and inf are found by the checks
             array = np.asarray(values, np.int64 if dataset.kind == "index" else np.float64)
         return np.ascontiguousarray(array.swapaxes(-1, -2)) if dataset.points else array
-
-    def read_blocks(self, name: str, part: slice | None = None) -> Iterator[Any]:
-        """Read a dataset per item, or the rows of a part of it, at most some MB at a time."""
-        start, stop, _ = (part or slice(None)).indices(self.count)
-        rows = max(1, min(BLOCK, BLOCK_BYTES // max(self._file.row_bytes(name), 1)))
-        return (
-            self.read(name, slice(row, min(row + rows, stop))) for row in range(start, stop, rows)
-        )
 
     def fields(
         self, rows: slice = slice(None), *, without: Collection[Dataset] = ()
@@ -222,8 +178,7 @@ class Hdf5Reader:
     def _check_further(self, columns: Mapping[str, Any], count: int) -> None:
         sizes = {"n": count, "p": len(self.landmark_names)}
         for dataset in FURTHER_OF_RESULTS:
-            values = columns.get(dataset.name)
-            if values is None:
+            if (values := columns.get(dataset.name)) is None:
                 continue
             kind = "O" if values.dtype.kind == "U" else values.dtype.kind
             if not fits_kind(kind, dataset) or not fit_axes(dataset.axes, values.shape, sizes):
@@ -240,15 +195,13 @@ class Hdf5Reader:
         per_item: list[str] = []
         whole: list[str] = []
         for name, dataset in found:
-            if not isinstance(name, str) or not _is_text(name):
+            if not isinstance(name, str) or not _is_utf8(name):
                 strange = f"there is a name that is not plain UTF-8: {printable(name)}"
                 raise input_error(self.path, strange, "rename it or remove it")
             if name in self.form.names or not isinstance(dataset, h5py.Dataset):
                 continue
             with self._file.damage(name):
-                carried = dataset.shape is not None and (
-                    _holds_text(dataset) or dataset.dtype.kind in "biufc"
-                )
+                carried = dataset.shape is not None and _kind(dataset) in (*"biufc", "O")
                 flagged = bool(dataset.attrs.get(PER_ITEM_FLAG, True))
             if not carried:
                 fix = "store numbers or text, or remove it"
@@ -258,9 +211,6 @@ class Hdf5Reader:
         return per_item, whole
 
     def _values(self, name: str, rows: slice | tuple[()]) -> Any:
-        dataset = self.form.find(name)
-        if dataset is not None and isinstance(rows, slice):
-            rows = self._own_rows(dataset, rows)
         values = self._file.rows(name, rows)
         if self._file.stored(name).text and "\0" in "".join(np.ravel(values)):
             raise self._file.fault(name, "holds a string with a zero byte", "remove it")
@@ -271,76 +221,74 @@ class Hdf5Reader:
 
         Raises InputError where the counts do not fit the dataset.
         """
-        if not dataset.grows:
-            return ()
         if not dataset.counted_by:
-            return items
-        if not self.has(dataset.counted_by):
-            return slice(0)
+            return items if dataset.grows else ()
         if dataset.name not in self._ends:
             self._ends[dataset.name] = self._added_up(dataset)
         ends = self._ends[dataset.name]
         start, stop, _ = items.indices(self.count)
         return slice(int(ends[start]), int(ends[max(start, stop)]))
 
-    def _added_up(self, dataset: Dataset) -> NDArray[np.int64]:
+    def _added_up(self, dataset: Dataset) -> Integers:
         """Return where the rows of each item begin, and the last ends (n + 1,)."""
-        counts = self.read(dataset.counted_by)
+        counts: Integers = self.read(dataset.counted_by)
         axis = str(dataset.axes[0])
-        length = self.size(axis) or 0
-        most = (self.size("k") if axis == "a" else None) or length
+        length = self._sizes.get(axis, 0)
+        most = (self._sizes.get("k") if axis == "a" else None) or length
         wrong = np.flatnonzero((counts < 0) | (counts > most))
+        fix = "the file was changed: fit again"
         if len(wrong):
-            place = self.place(dataset.counted_by, int(wrong[0]))
             found = f"is {counts[wrong[0]]}, not a number of {AXES[axis]}"
-            raise input_error(place, found, "the file was changed: fit again")
-        ends = np.concatenate([[0], np.cumsum(counts)])
+            raise input_error(self.place(dataset.counted_by, int(wrong[0])), found, fix)
+        ends: Integers = np.concatenate([[0], np.cumsum(counts)])
         if ends[-1] != length:
             found = f"holds {length} {AXES[axis]}, and {dataset.counted_by} counts {ends[-1]}"
-            raise input_error(self.place(dataset.name), found, "the file was changed: fit again")
+            raise input_error(self.place(dataset.name), found, fix)
         return ends
 
-    def _check_format(self) -> None:
+    def _read_root(self) -> dict[str, Any]:
+        """Return the attributes of the root, format and version checked."""
         with self._file.damage():
-            stored = {name: _text(self._file.attribute(name)) for name in self._file.root.attrs}
-        self._root = {name: value for name, value in stored.items() if value is not None}
-        for name, value in self._root.items():
-            if isinstance(value, str) and not _is_text(value):
+            stored = {name: as_text(self._file.attribute(name)) for name in self._file.root.attrs}
+        root = {name: value for name, value in stored.items() if value is not None}
+        for name, value in root.items():
+            if isinstance(value, str) and not _is_utf8(value):
                 place, fix = f"{self.path}: root attribute {name}", "write it as UTF-8"
                 raise input_error(place, "is not UTF-8 text, or has a zero byte", fix)
-        found = self._root.get("format")
+        found, version = root.get("format"), root.get("version")
         if found is None:
             with self._file.damage():
                 wrong = _not_ours(self._file.root, self.form.name)
             raise input_error(self.path, *wrong)
         if found != self.form.name:
             raise input_error(self.path, f"is a {found} file", f"give a {self.form.name} file")
-        version = self._root.get("version")
         if version != VERSION:
             said = "has no root attribute version" if version is None else f"has version {version}"
             fix = f"this program reads version {VERSION}"
             if isinstance(version, str):
                 said, fix = f"has the version '{version}' as text", f"store the number {VERSION}"
             raise input_error(self.path, said, fix)
+        return root
 
-    def _check_datasets(self) -> None:
-        problems: list[str] = []
+    def _check_datasets(self) -> set[str]:
+        """Return the names of the datasets of the layout that are there."""
+        present, problems = set(), []
         for dataset in self.form.datasets:
+            wrong: str | None = None
             with self._file.damage(dataset.name):
                 node = self._file.root.get(dataset.name)
-            if isinstance(node, h5py.Dataset):
-                self._present.add(dataset.name)
-                with self._file.damage(dataset.name):
+                if isinstance(node, h5py.Dataset):
+                    present.add(dataset.name)
                     wrong = _wrong_kind(node, dataset) or self._wrong_shape(node, dataset)
-            elif node is None and not dataset.required:
-                continue
-            else:
-                found = "there is no such dataset" if node is None else "is not a dataset"
-                wrong = f"{found}; {_wanted(dataset)}"
+            if node is not None and dataset.name not in present:
+                wrong = f"is not a dataset; {_wanted(dataset)}"
+            elif node is None and dataset.required:
+                wrong = f"there is no such dataset; {_wanted(dataset)}"
             if wrong:
                 problems.append(f"{self.place(dataset.name)}: {wrong}")
         if problems:
             raise input_problems(problems)
+        return present
 
     def _wrong_shape(self, node: Any, dataset: Dataset) -> str | None:
         shape = node.shape or ()
@@ -387,21 +335,19 @@ def _wanted(dataset: Dataset) -> str:
 
 
 def _wrong_kind(node: Any, dataset: Dataset) -> str | None:
-    text = _holds_text(node)
-    if fits_kind("O" if text else node.dtype.kind.replace("O", ""), dataset):
+    kind = _kind(node)
+    if fits_kind(kind, dataset):
         return None
-    return f"holds values of type {'text' if text else node.dtype}; {_wanted(dataset)}"
+    return f"holds values of type {'text' if kind == 'O' else node.dtype}; {_wanted(dataset)}"
 
 
-def _holds_text(dataset: Any) -> bool:
-    return h5py.check_string_dtype(dataset.dtype) is not None
+def _kind(dataset: Any) -> str:
+    """Return the kind of NumPy of a dataset: O for text, and "" for other objects."""
+    if h5py.check_string_dtype(dataset.dtype) is not None:
+        return "O"
+    return str(dataset.dtype.kind).replace("O", "")
 
 
-def _text(value: Any) -> Any:
-    """Return an attribute, bytes as text."""
-    return value.decode("utf-8", "replace") if isinstance(value, bytes) else value
-
-
-def _is_text(text: str) -> bool:
+def _is_utf8(text: str) -> bool:
     """Whether files can hold a text: h5py and JSON have lone surrogates for what is not UTF-8."""
     return not any("\ud800" <= letter <= "\udfff" or letter == "\0" for letter in text)

@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.errors import input_error
 from shapefit.io.atomic import atomic_path, storage_errors
+from shapefit.io.formats import RecordWriter
 from shapefit.io.layout import PER_ITEM_FLAG, VERSION, Dataset, Layout, stored_name
-from shapefit.io.options import Summary
-from shapefit.io.writing import NOTHING_APPENDED
 
 Array = NDArray[Any]
 
@@ -61,7 +60,7 @@ def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
             writer.close()
 
 
-class Hdf5Writer:
+class Hdf5Writer(RecordWriter[Any]):
     """Appends records of one layout to an HDF5 file.
 
     Datasets per item are chunked and extended along their first axis, what is not per item comes
@@ -70,9 +69,8 @@ class Hdf5Writer:
     """
 
     def __init__(self, path: Path, form: Layout) -> None:
-        self.attributes: dict[str, str | float | int] = {}
-        self.summary = Summary()
-        self._path, self._form = path, form
+        super().__init__()
+        self._form = form
         self._first: Any = None
         self._whole: dict[str, Array] = {}
         self._shapes: dict[str, tuple[int, ...]] = {}
@@ -91,7 +89,8 @@ class Hdf5Writer:
         Raises ValueError where its landmarks or datasets are not those of the first record.
         """
         columns, of_file = getattr(record, "further", {}), getattr(record, "of_file", ())
-        if self._first is None:
+        if not self.begun:
+            self.begun = True
             self._first = record.take(slice(0)) if self._form.per_item else record
             self._whole = {name: columns[name] for name in columns if name in of_file}
         if record.landmark_names != self._first.landmark_names:
@@ -119,8 +118,7 @@ class Hdf5Writer:
 
     def finish(self) -> None:
         """Write what waits, the texts, and the attributes."""
-        if self._first is None:
-            raise ValueError(NOTHING_APPENDED)
+        self.check_begun()
         self._write_waiting(last=True)
         for name, texts in self._texts.items():
             self._write_texts(name, texts)

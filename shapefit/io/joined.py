@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, TypeVar
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error, listed
-from shapefit.io.checks import Axis, check_magnitudes
+from shapefit.io.checks import check_magnitudes
 from shapefit.io.layout import EDGES, UNKNOWN_UNIT
 from shapefit.io.options import Direction
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 
 Array = NDArray[Any]
-Text = TypeVar("Text", bound=str)
 APART = "use files that agree, or process them separately"
 ALL_OR_NONE = "give it to all files (CSV cannot hold it) or to none, or process them separately"
 
@@ -33,36 +32,30 @@ def common_head(
     """
     (_, first), *_ = heads
     names = first.landmark_names
-    if isinstance(first, LandmarkSet):
-        names = tuple(dict.fromkeys(name for _, head in heads for name in head.landmark_names))
     if isinstance(first, ResultSet):
         _check_same_datasets(heads)
     else:
+        if isinstance(first, LandmarkSet):
+            names = tuple(dict.fromkeys(name for _, head in heads for name in head.landmark_names))
         heads = [(place, head.arrange(names, place)) for place, head in heads]
     if isinstance(first, LandmarkSet):
-        stated = (_edges(head) for _, head in heads)
-        lines = next((each for each in stated if each is not None), None)
-        heads = [(place, _with_edges(head, lines)) for place, head in heads]
-    if isinstance(first, ShapeSet):
-        meshes = [(place, head.mesh_vertices) for place, head in heads]
-        sizes = [(place, None if m is None else np.array(m.shape[1:])) for place, m in meshes]
-        check_same_array("mesh", sizes)
-        check_same_array("mesh_faces", [(place, head.mesh_faces) for place, head in heads])
-    check_same_columns(heads)
+        edges = _first(head.columns.get(EDGES) for _, head in heads)
+        heads = [(place, _with_edges(head, edges)) for place, head in heads]
+    _check_same_columns(heads)
     units = [(place, None if head.unit == UNKNOWN_UNIT else head.unit) for place, head in heads]
-    changes: dict[str, Any] = {
-        "unit": agreed("unit", units, UNKNOWN_UNIT),
-        "frame_rate": agreed_rate([(place, head.frame_rate) for place, head in heads]),
+    rates = [(place, head.frame_rate) for place, head in heads]
+    changes = {
+        "unit": agreed("unit", units) or UNKNOWN_UNIT,
+        "frame_rate": agreed("frame_rate", rates),
     }
     if not isinstance(first, ShapeSet):
-        changes["y_axis"] = found = agreed("y_axis", y_axes, y_axis or "down")
+        changes["y_axis"] = found = agreed("y_axis", y_axes) or y_axis or "down"
         if y_axis not in (None, found):
             place = next(place for place, stated in y_axes if stated == found)
             fix = "leave the key out; if the file is wrong, correct its attribute y_axis"
             raise input_error(place, f"states that y points {found}, and `y_axis` is {y_axis}", fix)
     for name in ("sequences", "confidence", "edges"):
-        known = (getattr(head, name, None) for _, head in heads)
-        if (value := next((each for each in known if each is not None), None)) is not None:
+        if (value := _first(getattr(head, name, None) for _, head in heads)) is not None:
             changes[name] = value
     return heads[0][1].replaced(**changes)
 
@@ -73,19 +66,19 @@ def conform(part: Any, head: Any, place: str) -> Any:
     if head.sequences is not None and part.sequences is None:
         changes["sequences"] = ("",) * len(part)
     if isinstance(part, ResultSet):
-        items, landmarks = Axis("item", part.items), Axis("landmark", part.landmark_names)
-        check_magnitudes(place, part.shapes, items, landmarks)
+        check_magnitudes(place, part.shapes, part.items, part.landmark_names)
         return part.replaced(**changes, y_axis=head.y_axis, attributes=head.attributes)
     if isinstance(part, ShapeSet):
         return part.arrange(head.landmark_names, place).replaced(**changes, edges=head.edges)
     if head.confidence is not None and part.confidence is None:
         changes["confidence"] = np.ones((len(part), len(part.landmark_names)))
     part = part.replaced(**changes, y_axis=head.y_axis).arrange(head.landmark_names, place)
-    return _with_edges(part, _edges(head))
+    return _with_edges(part, head.columns.get(EDGES))
 
 
-def _edges(images: LandmarkSet) -> Array | None:
-    return images.columns.get(EDGES)
+def _first(values: Iterable[Any]) -> Any:
+    """Return the first that is not None; None without any."""
+    return next((value for value in values if value is not None), None)
 
 
 def _with_edges(images: LandmarkSet, edges: Array | None) -> LandmarkSet:
@@ -95,51 +88,56 @@ def _with_edges(images: LandmarkSet, edges: Array | None) -> LandmarkSet:
     return images.with_columns({EDGES: edges}, of_file=[EDGES])
 
 
-def agreed(what: str, stated: Sequence[tuple[str, Text | None]], default: Text) -> Text:
-    """Return what all files state, `default` if none does; each comes with its name.
+def agreed(what: str, stated: Sequence[tuple[str, Any]]) -> Any:
+    """Return what all files state, None if none does; each comes with its name.
 
     Raises InputError where two files differ.
     """
-    first: tuple[str, Text] | None = None
-    for place, value in stated:
-        if value is None:
-            continue
-        if first is None:
-            first = (place, value)
-        elif value != first[1]:
-            found = f"its {what} is '{value}', that of {first[0]} is '{first[1]}'"
+    known = [(place, value) for place, value in stated if value is not None]
+    for place, value in known[1:]:
+        first_place, first = known[0]
+        if value != first:
+            found = f"its {what} is '{_text(value)}', that of {first_place} is '{_text(first)}'"
             raise input_error(place, found, APART)
-    return default if first is None else first[1]
+    return known[0][1] if known else None
 
 
-def agreed_rate(stated: Sequence[tuple[str, float | None]]) -> float | None:
-    """Return the frame rate that all files state, None if none does; raises as `agreed`."""
-    texts = [(place, None if rate is None else f"{rate:.17g}") for place, rate in stated]
-    text = agreed("frame_rate", texts, "")
-    return float(text) if text else None
+def _text(value: str | float) -> str:
+    return value if isinstance(value, str) else f"{value:.17g}"
 
 
-def check_same_array(what: str, files: Sequence[tuple[str, NDArray[np.int64] | None]]) -> None:
-    """Raise InputError unless all files have the same array, or none has it."""
-    for place, array in files[1:]:
-        _compare(what, files[0], (place, array))
-
-
-def check_same_columns(heads: Sequence[tuple[str, Any]]) -> None:
-    """Raise InputError unless all files have the same columns beside those of the layout.
+def _check_same_columns(heads: Sequence[tuple[str, Any]]) -> None:
+    """Raise InputError unless all files have the same meshes, and columns beside the layout's.
 
     Those per item must agree in the shape of a row, the others in their values.
     """
     (first_place, first), *others = heads
     for place, head in others:
+        for name in ("mesh_vertices", "mesh_faces") if isinstance(head, ShapeSet) else ():
+            what = name.removesuffix("_vertices")
+            one, other = first.columns.get(name), head.columns.get(name)
+            if (one is None) != (other is None):
+                found = f"has no {what}" if other is None else f"has a {what}"
+                raise input_error(place, f"{found}, unlike {first_place}", APART)
+            if one is not None and not _agree(first, head, name):
+                raise input_error(place, f"its {what} is not that of {first_place}", APART)
         one, other = first.further.keys(), head.further.keys()
         for has, names in (("has no", one - other), ("has the", other - one)):
             if names:
                 found = f"{has} dataset {', '.join(sorted(names))}, unlike {first_place}"
                 raise input_error(place, found, ALL_OR_NONE)
         for name in one:
-            arrays = _comparable(first, name), _comparable(head, name)
-            _compare(f"dataset {name}", (first_place, arrays[0]), (place, arrays[1]))
+            if not _agree(first, head, name):
+                raise input_error(place, f"its dataset {name} is not that of {first_place}", APART)
+
+
+def _agree(first: Any, head: Any, name: str) -> bool:
+    """Whether a column of two files is per item in both, with rows of one shape, or the same."""
+    one, other = first.columns[name], head.columns[name]
+    per_item = first.per_item(name) is not None, head.per_item(name) is not None
+    if any(per_item):
+        return all(per_item) and one.shape[1:] == other.shape[1:]
+    return np.array_equal(one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f")
 
 
 def _check_same_datasets(heads: Sequence[tuple[str, ResultSet]]) -> None:
@@ -152,23 +150,3 @@ def _check_same_datasets(heads: Sequence[tuple[str, ResultSet]]) -> None:
         if differing := sorted(head.datasets ^ first.datasets):
             found = f"only one of it and {first_place} has {listed(differing, 'and')}"
             raise input_error(place, found, APART)
-
-
-def _comparable(head: Any, name: str) -> Array:
-    if name in head.of_file:
-        return np.asarray(head.columns[name])
-    return np.array(["per item", *head.columns[name].shape[1:]], dtype=object)
-
-
-def _compare(what: str, first: tuple[str, Array | None], file: tuple[str, Array | None]) -> None:
-    place, array = file
-    first_place, expected = first
-    if array is None and expected is None:
-        return
-    if array is None:
-        raise input_error(place, f"has no {what}, unlike {first_place}", APART)
-    if expected is None:
-        raise input_error(place, f"has a {what}, unlike {first_place}", APART)
-    floats = array.dtype.kind == expected.dtype.kind == "f"
-    if not np.array_equal(array, expected, equal_nan=floats):
-        raise input_error(place, f"its {what} is not that of {first_place}", APART)

@@ -6,14 +6,14 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.io.foreign.items import peek_recording
-from shapefit.io.formats import CSV, HDF5, PARQUET, detect_format
+from shapefit.io.formats import CSV, HDF5, PARQUET, detect_format, load
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import RESULTS, UNKNOWN_UNIT, Dataset
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
@@ -21,9 +21,11 @@ from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.source import open_landmarks, open_results, open_shapes
 
 Kind = Literal["landmarks", "shapes", "result", "dictionary"]
+ListedKind = Literal["result", "shapes", "landmarks"]
+AnyRecords = ResultSet | ShapeSet | LandmarkSet
 
-LONGEST_HEADER = 1 << 16
-"""Characters of a first line that are looked at: a device may never end it."""
+OPTIONAL = tuple(each for each in RESULTS.datasets if not each.required and each.name != "sequence")
+"""Datasets of results that need not be read."""
 
 
 def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
@@ -36,41 +38,12 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
         found = "standard input can be read only once"
         raise input_error("-", found, "save it to a file and name that")
     known = detect_format(path, options.format)
-    if known.recorder is not None:
-        if len(known.records) == 1:  # JSON, for one, would be read whole to say so
-            return known.records[0]  # type: ignore[return-value]
-        recording = peek_recording(known, (path,))
-        return "landmarks" if recording.dimensions == 2 else "shapes"
-    if known is HDF5:
-        from shapefit.io.hdf5_records import layout_of
-
-        return layout_of(path).kind  # type: ignore[return-value]
-    if known is CSV:
-        return "shapes" if has_depth(path) else "landmarks"
-    if known is PARQUET:
-        from shapefit.io.parquet_table import parquet_kind
-
-        return parquet_kind(path)  # type: ignore[return-value]
-    kinds: tuple[Kind, ...] = get_args(Kind)
-    return next(kind for kind in kinds if kind in known.readers)
-
-
-def has_depth(path: Path) -> bool:
-    """Whether a table has the column z."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        columns = file.readline(LONGEST_HEADER).lstrip("\ufeff").strip().split(",")
-    return "z" in {column.strip(' "') for column in columns}
-
-
-ListedKind = Literal["result", "shapes", "landmarks"]
-AnyRecords = ResultSet | ShapeSet | LandmarkSet
-
-OPTIONAL = tuple(
-    dataset
-    for dataset in RESULTS.datasets
-    if not dataset.required and dataset.attribute != "sequences"
-)
-"""Datasets of results that need not be read."""
+    kind = known.records[0]  # JSON, for one, would be read whole to say so
+    if known.holds:
+        kind = load(known.holds)(path)
+    elif len(known.records) > 1:
+        kind = "landmarks" if peek_recording(known, (path,)).dimensions == 2 else "shapes"
+    return cast(Kind, kind)
 
 
 @dataclass(frozen=True)
@@ -108,18 +81,17 @@ def list_file(path: Path, options: InputOptions = AS_THEY_ARE) -> Listing:
         kind = "result"
     with _open(path, kind, options, OPTIONAL) as source:
         head = source.head
+        sequences = None if head.sequences is None else chain.from_iterable(source.sequences())
         return Listing(
             path=path,
             kind=kind,
             items=tuple(chain.from_iterable(source.names())),
-            sequences=(
-                None if head.sequences is None else tuple(chain.from_iterable(source.sequences()))
-            ),
+            sequences=None if sequences is None else tuple(sequences),
             landmark_names=head.landmark_names,
             unit=head.unit,
-            y_axis=getattr(head, "y_axis", None) if source.states_y_axis else None,
+            y_axis=head.y_axis if source.states_y_axis else None,
             frame_rate=head.frame_rate,
-            attributes=getattr(head, "attributes", {}),
+            attributes=head.attributes,
             datasets=frozenset(head.further),
             options=options,
         )
@@ -141,6 +113,5 @@ def _open(path: Path, kind: ListedKind, options: InputOptions, without: Collecti
     if kind == "landmarks":
         return open_landmarks([path], options)
     if kind == "shapes":
-        own = detect_format(path, options.format).reader is not None
-        return open_shapes([path], options, gaps=not own)
+        return open_shapes([path], options, gaps=detect_format(path, options.format) is not HDF5)
     return open_results([path], without)

@@ -1,4 +1,4 @@
-"""Names of landmarks, matched and renamed; names of items, found and compared by hashes."""
+"""Names of landmarks, matched and renamed; names of items, compared by hashes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import abbreviate, input_error
-from shapefit.io.checks import LIMIT, input_problems
+from shapefit.io.checks import LIMIT, input_problems, raise_at
 
 KEY = "rename"
 
@@ -35,12 +35,15 @@ def match_landmarks(
         found = f"names of landmarks differ from the known ones in spaces ({_some(spaced)})"
         raise input_error(place, found, "remove the spaces around names")
     if len(strange) == len(want) > 1:
-        found = (
-            f"none of the {len(want)} landmarks ({_some(want)}) is known; known are {_some(have)}"
-        )
-        raise input_error(place, found, "give files with the same landmark names")
+        none = f"none of the {len(want)} landmarks ({_some(want)}) is known"
+        fix = "give files with the same landmark names"
+        raise input_error(place, f"{none}; known are {_some(have)}", fix)
     if strange:
-        told = [_strange_landmark(place, name, have) for name in strange[:LIMIT]]
+        told = []
+        for name in strange[:LIMIT]:
+            near = " or ".join(f"'{each}'" for each in nearest_names(name, have))
+            fix = f"did you mean {near}?" if near else f"use one of: {_some(have)}"
+            told.append(f"{place}: there is no landmark '{name}'; {fix}")
         raise input_problems(told, len(strange))
     return np.array([index[name] for name in want], dtype=np.intp)
 
@@ -80,15 +83,6 @@ def check_known(rename: Mapping[str, str], files: Sequence[tuple[str, Sequence[s
     raise input_error(KEY, found, meant)
 
 
-def _strange_landmark(place: str, name: str, known: Sequence[str]) -> str:
-    nearest = nearest_names(name, known)
-    if nearest:
-        fix = "did you mean " + " or ".join(f"'{near}'" for near in nearest) + "?"
-    else:
-        fix = f"use one of: {_some(known)}"
-    return f"{place}: there is no landmark '{name}'; {fix}"
-
-
 def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:10]) + (", ..." if len(names) > 10 else "")
 
@@ -100,48 +94,11 @@ Hashes = NDArray[np.uint64]
 Blocks = Callable[[], Iterable[Sequence[str]]]
 """Reads the names of a list anew, block by block."""
 
-Place = tuple[int, int]
-"""The number of a list, and a row of it."""
-
-
-def hashed(names: Sequence[str]) -> Hashes:
-    """Return the hash of each name, which is another one in every run of the program."""
-    return np.fromiter(map(hash, names), np.int64, len(names)).view(np.uint64)
-
 
 def stable_hashes(names: Iterable[str]) -> Hashes:
-    """Return another hash of each name, the same in all processes."""
+    """Return a hash of each name, the same in all processes."""
     encoded = (name.encode("utf-8", "surrogatepass") for name in names)
     return np.frombuffer(b"".join(blake2b(e, digest_size=8).digest() for e in encoded), np.uint64)
-
-
-class NameIndex:
-    """Names by their hashes, eight bytes each: in which row, from 0, each of them is.
-
-    Two names of one hash are taken for one: of a million names that happens once in 40 million
-    runs.
-    """
-
-    def __init__(self, hashes: Hashes) -> None:
-        self._order = np.argsort(hashes, kind="stable")
-        self._sorted = hashes[self._order]
-
-    @classmethod
-    def of(cls, blocks: Iterable[Sequence[str]]) -> NameIndex:
-        """Return the index of the names in these blocks."""
-        return cls(np.concatenate([np.empty(0, np.uint64), *map(hashed, blocks)]))
-
-    def __len__(self) -> int:
-        return len(self._order)
-
-    def find(self, names: Sequence[str]) -> NDArray[np.intp]:
-        """Row of each name, -1 for one that is not there."""
-        wanted = hashed(names)
-        places = np.searchsorted(self._sorted, wanted)
-        near = np.minimum(places, max(len(self) - 1, 0))
-        found = self._order[near] if len(self) else np.full(len(wanted), -1)
-        there = self._sorted[near] == wanted if len(self) else np.zeros(len(wanted), bool)
-        return np.where(there, found, -1).astype(np.intp)
 
 
 def repeated(hashes: Hashes) -> Hashes:
@@ -153,42 +110,53 @@ def repeated(hashes: Hashes) -> Hashes:
     return twice[new]
 
 
-def repetitions(lists: Sequence[Blocks]) -> Iterator[tuple[str, Place, Place, Place]]:
-    """Yield each name that is there again: where it was first and last, and where it is.
+def repetitions(lists: Sequence[Blocks]) -> Iterator[tuple[str, list[tuple[int, int]]]]:
+    """Yield each name that is there twice or more, with its places: number of a list, row of it.
 
-    Only names whose hash is there twice are read again and compared.
+    Only names whose hash is there twice are read again and compared: 8 bytes for each.
     """
+
+    def hashed(names: Sequence[str]) -> Hashes:
+        return np.fromiter(map(hash, names), np.int64, len(names)).view(np.uint64)
+
     every = chain.from_iterable(blocks() for blocks in lists)
     hashes = repeated(np.concatenate([np.empty(0, np.uint64), *map(hashed, every)]))
-    if not len(hashes):
-        return
-    known: dict[str, tuple[Place, Place]] = {}
-    for number, blocks in enumerate(lists):
+    places: dict[str, list[tuple[int, int]]] = {}
+    for number, blocks in enumerate(lists if len(hashes) else ()):
         start = 0
         for names in blocks():
             for row in np.flatnonzero(np.isin(hashed(names), hashes)).tolist():
-                place, name = (number, start + row), names[row]
-                first, last = known.get(name, (place, place))
-                if first != place:
-                    yield name, first, last, place
-                known[name] = first, place
+                places.setdefault(names[row], []).append((number, start + row))
             start += len(names)
+    return ((name, found) for name, found in places.items() if len(found) > 1)
 
 
-def check_unique(files: Sequence[tuple[Blocks, Callable[[int], str]]]) -> None:
-    """Raise InputError for items that occur more than once, naming both places.
+def check_items(files: Sequence[tuple[Blocks, Callable[[int], str]]]) -> None:
+    """Raise InputError for items without a name, and for those that occur more than once.
 
     Each file comes with what reads its items, and what names a row of it.
     """
-    told: list[str] = []
-    count = 0
-    for item, first, _, again in repetitions([blocks for blocks, _ in files]):
-        count += 1
-        if len(told) < LIMIT:
-            one, other = (files[number][1](row) for number, row in (first, again))
-            told.append(f"{other}: item '{item}' is also at {one}; give every item a unique name")
-    if count:
-        raise input_problems(told, count)
+    empty: list[str] = []
+
+    def read(blocks: Blocks, place: Callable[[int], str]) -> Iterator[Sequence[str]]:
+        start = 0
+        for block in blocks():
+            rows = (start + row for row, item in enumerate(block) if not item)
+            empty.extend(f"{place(row)}: is empty; name every item" for row in rows)
+            start += len(block)
+            yield block
+
+    met = repetitions([lambda f=file: read(*f) for file in files])  # type: ignore[misc]
+    again = sorted((other, first, item) for item, (first, *others) in met for other in others)
+    if empty:
+        raise input_problems(list(dict.fromkeys(empty)))
+
+    def told(number: int) -> str:
+        *places, item = again[number]
+        one, other = (files[file][1](row) for file, row in places)
+        return f"{one}: item '{item}' is also at {other}; give every item a unique name"
+
+    raise_at(range(len(again)), told)
 
 
 @dataclass(frozen=True)
@@ -198,10 +166,6 @@ class Equal:
     count: int
     examples: tuple[tuple[str, Path, Path], ...]
 
-    def __add__(self, other: Equal) -> Equal:
-        examples = sorted((*self.examples, *other.examples))[:MOST_NAMED]
-        return Equal(self.count + other.count, tuple(examples))
-
     def __str__(self) -> str:
         named = ", ".join(f"'{item}' in {a.name} and {b.name}" for item, a, b in self.examples)
         more = self.count - len(self.examples)
@@ -210,8 +174,9 @@ class Equal:
 
 def find_equal_names(lists: Mapping[Path, Blocks]) -> Equal:
     """Return the names that are in two or more of these lists, each of which a file holds."""
-    files, found = list(lists), Equal(0, ())
-    for name, (first, _), (last, _), (number, _) in repetitions(list(lists.values())):
-        if first == last != number:
-            found += Equal(1, ((name, files[first], files[number]),))
-    return found
+    files, found = list(lists), []
+    for name, places in repetitions(list(lists.values())):
+        numbers = list(dict.fromkeys(number for number, _ in places))
+        if len(numbers) > 1:
+            found.append((name, files[numbers[0]], files[numbers[1]]))
+    return Equal(len(found), tuple(sorted(found)[:MOST_NAMED]))

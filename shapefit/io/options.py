@@ -91,20 +91,16 @@ def input_options(config: FilesInput, track: Track = "none") -> InputOptions:
     return InputOptions(**{**said, "track": said.get("track") or track})
 
 
-Kind = Literal["landmarks", "shapes"]
-
-
 class Opened(NamedTuple):
-    """A file that was opened; `foreign` where it is of another tool."""
+    """The head of a file that was opened, and its kind; `foreign` where it is of another tool."""
 
     foreign: bool
-    kind: Kind
-    landmark_names: Sequence[str]
-    has_confidence: bool
+    kind: str
+    head: Any
 
 
 def _names_landmarks(file: Opened, options: InputOptions) -> bool:
-    names = tuple(file.landmark_names)
+    names = file.head.landmark_names
     skeleton = SKELETONS.get(options.keypoints or "")
     by_number = all(name.isdigit() for name in names)
     return file.foreign and (
@@ -123,7 +119,7 @@ EFFECTS: dict[str, tuple[Callable[[Opened, InputOptions], bool], str]] = {
         "only for files of detectors; these name the sequence of each item",
     ),
     "likelihood_below": (
-        lambda file, _: file.has_confidence,
+        lambda file, _: file.head.columns.get("confidence") is not None,
         "only where landmarks have a confidence, and these have none",
     ),
     "image_size": (lambda file, _: file.kind == "landmarks", "only for 2D landmarks"),

@@ -7,32 +7,29 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Literal, Self
+from typing import Any, Generic, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.io.checks import Axis, InMemory, check_magnitudes, check_values, named, warn_of_zeros
+from shapefit.io.checks import check_magnitudes, check_values, place_in_memory, warn_of_zeros
 from shapefit.io.foreign.items import are_fractions, keep_landmarks, size_needed
-from shapefit.io.formats import HDF5, FileFormat, detect_format, find_reader, group_inputs, mixture
+from shapefit.io.formats import (
+    HDF5,
+    FileFormat,
+    check_holds,
+    detect_format,
+    group_inputs,
+    load,
+    mixture,
+    record_writer,
+)
 from shapefit.io.inputs import source_name
 from shapefit.io.joined import common_head, conform
-from shapefit.io.layout import (
-    LANDMARKS,
-    PROOF,
-    RESULTS,
-    SHAPES,
-    TREES,
-    Dataset,
-    Layout,
-)
-from shapefit.io.names import check_known, check_unique
+from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, TREES, Dataset, Layout
+from shapefit.io.names import check_items, check_known
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions, Opened, check_effects
 from shapefit.io.records import LandmarkSet, Record, Records, ResultSet, ShapeSet, concatenate
-from shapefit.io.writing import record_writer
-
-if TYPE_CHECKING:
-    from shapefit.io.hdf5_records import Hdf5Reader
 
 PROOFS = PROOF + TREES
 """Datasets of results that stay in the file unless they are asked for."""
@@ -46,6 +43,9 @@ MOST_HELD = 1 << 21
 
 BLOCK = 1 << 12
 """Images by which landmarks are first looked at."""
+
+CHECKED_BYTES = 1 << 24
+"""Of an HDF5 file that are read at a time to be checked."""
 
 GAP = 1 << 10
 """Rows that are read and dropped rather than begun anew behind them."""
@@ -73,15 +73,8 @@ def open_landmarks(
     read of HDF5, and values and names are believed. Raises InputError for options without effect,
     but for those that are `obeyed` elsewhere.
     """
-    groups = group_inputs(paths, options)
-    held = MOST_HELD // len(groups)
-    files = [
-        _open(LANDMARKS, known, own, options, part=rows, most_held=held, check=check)
-        for known, own in groups
-    ]
-    files[0] = replace(files[0], notes=files[0].notes + mixture(groups))
-    _check_effects(groups, files, options, obeyed)
-    return Source(_renamed(files, options), options.y_axis, check=check)
+    files = _open_all(LANDMARKS, paths, options, obeyed, rows=rows, check=check)
+    return Source(files, options.y_axis, check=check)
 
 
 def open_shapes(
@@ -104,10 +97,8 @@ def open_shapes(
     one, and may lack its row in CSV. Without, that is wrong. `check` and `obeyed` as in
     `open_landmarks`.
     """
-    groups = group_inputs(paths, options)
-    files = [_open(SHAPES, known, own, options, gaps=gaps, check=check) for known, own in groups]
-    _check_effects(groups, files, options, obeyed)
-    return Source(_renamed(files, options), check=check)
+    files = _open_all(SHAPES, paths, options, obeyed, gaps=gaps, check=check)
+    return Source(files, check=check)
 
 
 def open_results(
@@ -137,13 +128,13 @@ def source_of(
 
     With `gaps` landmarks of shapes may be unknown. Raises InputError as for what a file holds.
     """
-    memory = InMemory(name, records, records.LAYOUT)
-    check_values(memory, records.LAYOUT, gaps=gaps, items=records.items)
+    place = place_in_memory(name)
+    check_values(records.columns, records.LAYOUT, place, records.landmark_names, gaps=gaps)
     check_known(rename, [(name, records.landmark_names)])
     records = records.with_whole_points().renamed(rename, name)
     stated = records.y_axis if isinstance(records, LandmarkSet) else None
-    place = lambda row: memory.place("item", row)  # noqa: E731
-    return Source([SourceFile.held(name, records, place, y_axis=stated)])
+    file = SourceFile.held(name, records, lambda row: place("item", row), y_axis=stated)
+    return Source([file])
 
 
 def read_shapes(
@@ -173,46 +164,47 @@ def write_shapes(path: Path, shapes: ShapeSet) -> None:
         writer.append(shapes)
 
 
+Reader = Callable[[slice], Record]
+
+
 @dataclass(frozen=True)
 class SourceFile(Generic[Record]):
     """One file of a source: `head` has all but the items, `open` gives a reader of rows.
 
-    items and sequences read those of all items anew, block by block; `place` names a row in
-    messages; notes are warnings about what was left out; y_axis is where y points, None where the
-    file does not say it.
+    texts reads the datasets item and sequence of all items anew, block by block; `place` names a
+    row in messages; notes are warnings about what was left out; y_axis is where y points, None
+    where the file does not say it.
     """
 
     name: str
     head: Record
     count: int
-    open: Callable[[], AbstractContextManager[Callable[[slice], Record]]]
-    items: Callable[[], Iterable[Sequence[str]]]
+    open: Callable[[], AbstractContextManager[Reader[Record]]]
+    texts: Callable[[str], Iterable[Sequence[str]]]
     place: Callable[[int], str]
-    sequences: Callable[[], Iterable[Sequence[str]]] = tuple
     notes: tuple[str, ...] = ()
     y_axis: Direction | None = None
 
     @classmethod
     def held(
-        cls, name: str, records: Record, place: Callable[[int], str] | None = None, **said: Any
+        cls, name: str, records: Record, place: Callable[[int], str] | None = None, **stated: Any
     ) -> Self:
         """Return records in memory as a file; without `place` messages name the file alone."""
         return cls(
-            name,
-            records.take(slice(0)),
-            len(records),
-            lambda: nullcontext(records.take),
-            lambda: [records.items],
-            place or (lambda _: name),
-            lambda: [records.sequences or ()],
-            **said,
+            name=name,
+            head=records.take(slice(0)),
+            count=len(records),
+            open=lambda: nullcontext(records.take),
+            texts=lambda kind: [records.items if kind == "item" else records.sequences or ()],
+            place=place or (lambda _: name),
+            **stated,
         )
 
     def changed(self, change: Callable[[Record], Record]) -> Self:
         """Return a file that gives its records out changed, its head too."""
 
         @contextmanager
-        def opened() -> Iterator[Callable[[slice], Record]]:
+        def opened() -> Iterator[Reader[Record]]:
             with self.open() as read:
                 yield lambda rows: change(read(rows))
 
@@ -238,10 +230,8 @@ class Source(Generic[Record]):
         self._running: list[Generator[Record, None, None]] = []
         self.count = sum(file.count for file in files)
         if check:
-            check_unique([(file.items, file.place) for file in files])
-        filled = [file for file in files if file.count] or files[
-            :1
-        ]  # files without items do not count
+            check_items([(lambda file=file: file.texts("item"), file.place) for file in files])  # type: ignore[misc]
+        filled = [file for file in files if file.count] or files[:1]  # what is empty may differ
         heads = [(file.name, file.head) for file in filled]
         self.head: Record = common_head(heads, [(f.name, f.y_axis) for f in filled], y_axis)
 
@@ -278,7 +268,7 @@ class Source(Generic[Record]):
 
     def names(self) -> Iterator[Sequence[str]]:
         """Read the items, block by block."""
-        return chain.from_iterable(file.items() for file in self._files)
+        return chain.from_iterable(file.texts("item") for file in self._files)
 
     def sequences(self) -> Iterator[Sequence[str]]:
         """Read the sequences of all items, block by block; an empty text where there is none."""
@@ -286,7 +276,7 @@ class Source(Generic[Record]):
             if file.head.sequences is None:
                 yield ("",) * file.count
             else:
-                yield from file.sequences()
+                yield from file.texts("sequence")
 
     def take(self, rows: NDArray[np.intp]) -> Record:
         """Return the items of these rows, which ascend, none twice; near ones are read together."""
@@ -297,9 +287,7 @@ class Source(Generic[Record]):
             file, own = self._files[number], rows[numbers == number] - starts[number]
             with file.open() as read:
                 for near in np.split(own, np.flatnonzero(np.diff(own) > GAP) + 1):
-                    first, last = int(near[0]), int(near[-1])
-                    part = read(slice(first, last + 1))
-                    part = part if len(part) == len(near) else part.take(near - first)
+                    part = read(slice(int(near[0]), int(near[-1]) + 1)).take(near - near[0])
                     parts.append(conform(part, self.head, file.name))
         return concatenate(parts) if parts else self.head
 
@@ -340,21 +328,55 @@ ShapeSource = Source[ShapeSet]
 ResultSource = Source[ResultSet]
 
 
+def _open_all(
+    form: Layout,
+    paths: Sequence[Path],
+    options: InputOptions,
+    obeyed: Collection[str],
+    **how: Any,
+) -> list[SourceFile[Any]]:
+    """Open files of landmarks or shapes, their landmarks renamed, and of these those kept.
+
+    Raises InputError for options that change nothing in any of the files.
+    """
+    groups = group_inputs(paths, options)
+    held = MOST_HELD // len(groups) if form is LANDMARKS else 0
+    files = [_open(form, *own, options, most_held=held, **how) for own in groups]
+    if form is LANDMARKS:
+        files[0] = replace(files[0], notes=files[0].notes + mixture(groups))
+    if options == AS_THEY_ARE:
+        return files
+    opened = [
+        (file.name, Opened(known.recorder is not None, form.kind, file.head))
+        for (known, _), file in zip(groups, files, strict=True)
+    ]
+    check_effects(opened, options, obeyed)
+    rename, kept = options.rename, options.landmarks
+    check_known(rename, [(file.name, file.head.landmark_names) for file in files])
+
+    def change(records: Any, place: str) -> Any:
+        records = records.renamed(rename, place)
+        return records if kept is None else keep_landmarks(records, kept, place)
+
+    if not rename and kept is None:
+        return files
+    return [file.changed(lambda r, place=file.name: change(r, place)) for file in files]  # type: ignore[misc]
+
+
 def _open(
     form: Layout,
     known: FileFormat,
     paths: tuple[Path, ...],
     options: InputOptions,
     *,
-    gaps: bool = False,
-    part: slice | None = None,
-    without: Collection[Dataset] = (),
     most_held: int = 0,
-    check: bool = True,
+    gaps: bool = False,
+    **how: Any,
 ) -> SourceFile[Any]:
     """Open a file of any format; one that is read whole gives out parts of what was read."""
     path, name = paths[0], source_name(paths[0])
     notes: tuple[str, ...] = ()
+    records: Any
     if known.recorder is not None and form is not RESULTS:
         from shapefit.io.foreign.items import read_landmarks
         from shapefit.io.foreign.items import read_shapes as read_foreign_shapes
@@ -365,23 +387,22 @@ def _open(
             return SourceFile.held(name, images, notes=notes, y_axis=stated)
         records, notes = read_foreign_shapes(known, paths, options, gaps=gaps)
     else:
-        read = find_reader(path, form.kind, known)
+        check_holds(path, form.kind, known)
         if known is HDF5:
-            file = _open_hdf5(path, form, gaps, part, without, most_held, check)
+            file = _open_hdf5(path, form, gaps, most_held, **how)
             return _hiding(file, options.likelihood_below)
-        further = {"gaps": gaps} if form is SHAPES else {}
-        records = read(*((paths,) if known.together else paths), **further)
         if known.together:
-            records, notes = records
+            records, notes = load(known.reader)(paths, gaps=gaps)
+        else:
+            records = load(known.reader)(path, form.kind, gaps=gaps)
     if form is SHAPES:
-        landmarks = Axis("landmark", records.landmark_names)
-        check_magnitudes(name, records.shapes, Axis("item", records.items), landmarks)
-    elif isinstance(records, LandmarkSet):
-        records = in_pixels(records, options, name)  # type: ignore[assignment]
-    if isinstance(records, LandmarkSet) and records.confidence is None:
-        found = warn_of_zeros(records.landmarks.swapaxes(1, 2))
-        notes += tuple(f"{name}: {text}" for text in found)
-    stated = getattr(records, "y_axis", None) if known.states_y_axis else None
+        check_magnitudes(name, records.shapes, records.items, records.landmark_names)
+    elif form is LANDMARKS:
+        records = in_pixels(records, options, name)
+        if records.confidence is None:
+            found = warn_of_zeros(records.landmarks.swapaxes(1, 2))
+            notes += tuple(f"{name}: {text}" for text in found)
+    stated = records.y_axis if known.states_y_axis else None
     file = SourceFile.held(name, records, notes=notes, y_axis=stated)
     return _hiding(file, options.likelihood_below)
 
@@ -390,10 +411,11 @@ def _open_hdf5(
     path: Path,
     form: Layout,
     gaps: bool,
-    part: slice | None,
-    without: Collection[Dataset],
     most_held: int,
-    check: bool,
+    *,
+    rows: slice | None = None,
+    without: Collection[Dataset] = (),
+    check: bool = True,
 ) -> SourceFile[Any]:
     """Open a file of landmarks, shapes or results, or a part of its rows, but for some datasets.
 
@@ -402,104 +424,50 @@ def _open_hdf5(
     """
     from shapefit.io.hdf5_records import Hdf5Reader
 
+    def read(reader: Hdf5Reader, rows: slice, *, check: bool = False) -> Any:
+        """Return the records of these items."""
+        fields = reader.fields(rows, without=without)
+        if check:
+            names = reader.landmark_names
+            check_values(fields, form, reader.place, names, start=rows.start, gaps=gaps)
+        stated: dict[str, Any] = {"unit": reader.unit, "frame_rate": reader.frame_rate}
+        if form is not SHAPES:
+            stated["y_axis"] = reader.y_axis or "down"
+        if form is RESULTS:
+            stated["attributes"] = reader.attributes
+        found = KINDS[form.name](**fields, **reader.further(rows), **stated)
+        return found if form is RESULTS else found.with_whole_points()
+
+    def blocks(reader: Hdf5Reader) -> Iterator[slice]:
+        size = max(1, min(BLOCK * 4, CHECKED_BYTES // (48 * max(len(reader.landmark_names), 1))))
+        return (slice(at, min(at + size, stop)) for at in range(start, stop, size))
+
     @contextmanager
-    def opened() -> Iterator[Callable[[slice], Records]]:
+    def opened() -> Iterator[Reader[Any]]:
         with Hdf5Reader(path, form) as reader:
-            yield lambda rows: _read(reader, slice(start + rows.start, start + rows.stop), without)
+            yield lambda rows: read(reader, slice(start + rows.start, start + rows.stop))
 
-    def items_of() -> Iterator[Sequence[str]]:
+    def texts(name: str) -> Iterator[Sequence[str]]:
         with Hdf5Reader(path, form) as reader:
-            yield from named(reader, reader.read_blocks("item", part))
-
-    def sequences_of() -> Iterator[Sequence[str]]:
-        with Hdf5Reader(path, form) as reader:
-            yield from reader.read_blocks("sequence", part)
+            for rows in blocks(reader):
+                yield reader.read(name, rows)
 
     def place(row: int) -> str:
         return f"{path}:/item[{start + row}]"
 
     with Hdf5Reader(path, form) as reader:
-        start, stop, _ = (part or slice(None)).indices(reader.count)
-        if (stop - start) * len(reader.landmark_names) <= most_held and check:
-            items = tuple(chain.from_iterable(reader.read_blocks("item", part)))
-            check_values(reader, form, gaps=gaps, part=part, items=items)
-            records = _read(reader, slice(start, stop), without, items=items)
-            return SourceFile.held(str(path), records, place, y_axis=reader.y_axis)
-        if check:
-            check_values(reader, form, gaps=gaps, part=part)
-        return SourceFile(
-            name=str(path),
-            head=_read(reader, slice(0), without),
-            count=stop - start,
-            open=opened,
-            items=items_of,
-            place=place,
-            sequences=sequences_of,
-            y_axis=reader.y_axis,
-        )
-
-
-def _read(
-    reader: Hdf5Reader,
-    rows: slice,
-    without: Collection[Dataset] = (),
-    *,
-    items: tuple[str, ...] | None = None,
-) -> Any:
-    """Return the records of these items, but for some datasets; `items` are names at hand."""
-    kind = KINDS[reader.form.name]
-    said: dict[str, Any] = {"unit": reader.unit, "frame_rate": reader.frame_rate}
-    if kind is not ShapeSet:
-        said["y_axis"] = reader.y_axis or "down"
-    if kind is ResultSet:
-        said["attributes"] = reader.attributes
-    if items is not None:
-        said["items"] = items
-        without = [*without, *(known for known in reader.form.datasets if known.name == "item")]
-    further = reader.further(rows)
-    fields = reader.fields(rows, without=without)
-    found = kind(**fields, **further, **said)
-    return found if kind is ResultSet else found.with_whole_points()
-
-
-def _check_effects(
-    groups: Sequence[tuple[FileFormat, tuple[Path, ...]]],
-    files: Sequence[SourceFile[Any]],
-    options: InputOptions,
-    obeyed: Collection[str],
-) -> None:
-    """Raise InputError for options that change nothing in any of the files."""
-    if options == AS_THEY_ARE:
-        return
-    opened = []
-    for (known, _), file in zip(groups, files, strict=True):
-        head, foreign = file.head, known.recorder is not None
-        kind: Literal["landmarks", "shapes"] = (
-            "shapes" if isinstance(head, ShapeSet) else "landmarks"
-        )
-        scored = head.columns.get("confidence") is not None
-        opened.append((file.name, Opened(foreign, kind, head.landmark_names, scored)))
-    check_effects(opened, options, obeyed)
-
-
-def _renamed(files: Sequence[SourceFile[Any]], options: InputOptions) -> list[SourceFile[Any]]:
-    """Return files whose landmarks have their new names; InputError for those that none has.
-
-    Of these the landmarks that are kept.
-    """
-    rename, kept = options.rename, options.landmarks
-    check_known(rename, [(file.name, file.head.landmark_names) for file in files])
-
-    def change(records: Any, place: str) -> Any:
-        records = records.renamed(rename, place) if rename else records
-        return records if kept is None else keep_landmarks(records, kept, place)
-
-    if not rename and kept is None:
-        return list(files)
-    return [
-        file.changed(lambda records, place=file.name: change(records, place))  # type: ignore[misc]
-        for file in files
-    ]
+        start, stop, _ = (rows or slice(None)).indices(reader.count)
+        stated = reader.y_axis
+        if check and (stop - start) * len(reader.landmark_names) <= most_held:
+            records = read(reader, slice(start, stop), check=True)
+            return SourceFile.held(str(path), records, place, y_axis=stated)
+        unchecked = [known for known in form.datasets if known.name in ("item", "sequence")]
+        for each in blocks(reader) if check and form is not RESULTS else ():
+            fields = reader.fields(each, without=unchecked)
+            names = reader.landmark_names
+            check_values(fields, form, reader.place, names, start=each.start, gaps=gaps)
+        head = read(reader, slice(0, 0))
+        return SourceFile(str(path), head, stop - start, opened, texts, place, y_axis=stated)
 
 
 def in_pixels(images: LandmarkSet, options: InputOptions, name: str) -> LandmarkSet:

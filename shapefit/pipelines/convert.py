@@ -13,13 +13,12 @@ from shapefit.config import ConvertConfig
 from shapefit.config.commands.input import InputConfig
 from shapefit.errors import abbreviate, input_error
 from shapefit.io import LandmarkSource, ShapeSource, open_landmarks, open_shapes
-from shapefit.io.formats import CSV
+from shapefit.io.formats import CSV, find_target_format, record_writer
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.listing import Kind, find_kind
 from shapefit.io.options import InputOptions, OutputOptions, input_options
 from shapefit.io.source import ResultSource, open_results
-from shapefit.io.writing import find_target_format, record_writer
 from shapefit.pipelines.outcome import Outcome, nothing_in
 
 BATCH = 4096
@@ -36,7 +35,7 @@ Source = LandmarkSource | ShapeSource | ResultSource
 def run(config: ConvertConfig) -> Iterator[Outcome]:
     """Read the files and write them; yields an Outcome per chunk."""
     target = find_target_format(config.output, config.to)
-    options = input_options(config.input, "motion" if target.by_sequence else "none")
+    options = input_options(config.input, "motion" if target.in_metres else "none")
     kind = find_common_kind(config.files, options)
     if kind == "dictionary":
         found = "is a dictionary, which has no other format"

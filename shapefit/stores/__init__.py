@@ -11,18 +11,15 @@ import re
 import socket
 import tempfile
 import threading
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from contextvars import Context, ContextVar, copy_context
+from contextvars import ContextVar
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self
 from urllib.parse import unquote, urlsplit
 
 from shapefit.errors import InputError, input_error, printable
-
-Thing = TypeVar("Thing")
-Answer = TypeVar("Answer")
 
 State = tuple[int, int | str]
 """Bytes of a file, and by what else a change of it is known: time, or the etag of an object."""
@@ -44,9 +41,6 @@ PATIENCE: Mapping[str, Mapping[str, Any]] = {
     }
 }
 """Scheme -> options that bound how long its store is waited for."""
-
-THREADS = 16
-"""That ask disks and stores, which answer several as fast as one."""
 
 VERSIONS = ("ETag", "etag", "mtime", "LastModified", "created")
 """Where stores say of which version an object is, the best first."""
@@ -271,24 +265,6 @@ def find_state(path: Path) -> State | None:
     version = next((entry[key] for key in VERSIONS if entry.get(key)), "")
     state = int(entry.get("size") or 0), str(version).strip('"')
     return None if entry["type"] == "directory" else state
-
-
-def on_threads(ask: Callable[[Thing], Answer], things: Iterable[Thing]) -> list[Answer]:
-    """Ask something of many files at once; return the answers in order.
-
-    The threads share the copies of this one, and its options of stores.
-    """
-    known = list(things)
-    if len(known) < 2:
-        return [ask(thing) for thing in known]
-    from concurrent.futures import ThreadPoolExecutor
-
-    def adopt(own: Context) -> None:
-        for variable, value in own.items():
-            variable.set(value)
-
-    with ThreadPoolExecutor(THREADS, initializer=adopt, initargs=(copy_context(),)) as pool:
-        return list(pool.map(ask, known))
 
 
 # Reading: the first bytes from the store itself, all else from a copy on this machine.

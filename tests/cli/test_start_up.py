@@ -147,5 +147,5 @@ def test_a_fit_of_csv_imports_what_it_needs(of_a_fit):
         "h5py",
         "pydantic",
         "shapefit.config.commands.fit",
-        "shapefit.io.tidy_table",
+        "shapefit.io.csv_file",
     } <= of_a_fit

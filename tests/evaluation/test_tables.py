@@ -10,7 +10,7 @@ import pytest
 from shapefit.evaluation import report as report_tables
 from shapefit.evaluation.report import ABSENT, decimals_of, number
 from shapefit.evaluation.summaries import ImageErrors
-from shapefit.io.csv_writer import per_image_header, per_image_rows
+from shapefit.io.csv_file import per_image_header, per_image_rows
 
 
 def write_per_image(path, errors):

@@ -4,9 +4,9 @@ from pathlib import Path
 from typing import Any
 
 from shapefit.io import LandmarkSet, ShapeSet, open_landmarks, open_shapes
+from shapefit.io.formats import record_writer
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.records import Records
-from shapefit.io.writing import record_writer
 
 
 def save(path: Path, *records: Records, to: str = "auto", **options: Any) -> Summary:

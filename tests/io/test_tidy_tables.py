@@ -11,10 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shapefit.io import csv_writer, inputs, landmark_writer, read_results, result_writer
+from shapefit.io import csv_file, inputs, landmark_writer, read_results, result_writer
 from shapefit.io import write_shapes as write_shape_file
+from shapefit.io.csv_file import read_rows, split_columns
 from shapefit.io.records import LandmarkSet
-from shapefit.io.tidy_table import read_numbers, read_rows, split_columns
+from shapefit.io.tidy_table import read_numbers
 from tests.io.files import save
 
 VIEWS = """\
@@ -105,9 +106,7 @@ def test_neither_order_nor_quotes_nor_blocks_count(
     path.write_bytes(out.getvalue().encode())
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(inputs, "BLOCK_BYTES", size)
-        from shapefit.io.tidy_table import read_landmark_table
-
-        views = read_landmark_table(path)
+        views = csv_file.read_csv(path, "landmarks")
     assert views.items == tuple(dict.fromkeys(items[i] for i, _ in rows))
     assert views.landmark_names == tuple(dict.fromkeys(landmarks[j] for _, j in rows))
     found = {
@@ -357,8 +356,8 @@ def test_items_without_landmarks_write_a_header(tmp_path):
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=20))
 def test_numbers_come_back_to_the_last_bit(values):
     for as_python in (False, True):
-        name = csv_writer.cells_of(["a"], np.zeros(1, np.int64))
-        row = csv_writer.rows_of([name], np.array([values]), [], as_python=as_python)
+        name = csv_file.cells_of(["a"], np.zeros(1, np.int64))
+        row = csv_file.rows_of([name], np.array([values]), [], as_python=as_python)
         cells = bytes(row).decode().removesuffix("\n").split(",")[1:]
         assert read_numbers(cells)[0].tobytes() == np.array(values).tobytes()
         if as_python:
@@ -368,6 +367,6 @@ def test_numbers_come_back_to_the_last_bit(values):
 @pytest.mark.parametrize("rows", [1, 5, 13])
 def test_records_are_written_in_blocks_of_whole_items(tmp_path, monkeypatch, landmarks, rows):
     save(tmp_path / "whole.csv", landmarks)
-    monkeypatch.setattr(csv_writer, "BLOCK_ROWS", rows)
+    monkeypatch.setattr(csv_file, "ROWS", rows)
     save(tmp_path / "parts.csv", landmarks)
     assert (tmp_path / "parts.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()

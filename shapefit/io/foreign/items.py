@@ -80,7 +80,7 @@ def _of_kind(known: FileFormat, paths: tuple[Path, ...], kind: str) -> Recording
     wanted = 2 if kind == "landmarks" else 3
     name = source_name(paths[0])
     if known.recorder is None or kind not in known.records:
-        titles = listed(each.title for each in FORMATS.values() if kind in each.kinds)
+        titles = listed(each.title for each in FORMATS.values() if kind in each.records)
         fix = f"give {'2D landmarks' if wanted == 2 else '3D shapes'}: {titles}"
         raise input_error(name, f"is {known.title}, which holds no {kind}", fix)
     recording = read_recording(known, paths)

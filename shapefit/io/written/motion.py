@@ -18,11 +18,11 @@ from shapefit.errors import abbreviate, counted, input_error
 from shapefit.geometry.joint_rotations import Rig
 from shapefit.io.atomic import atomic_path, check_output, file_stem, staged_files, write_and_sync
 from shapefit.io.foreign.items import FRAME
+from shapefit.io.formats import RecordWriter
 from shapefit.io.layout import EDGES, METRES_PER_UNIT, Layout
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.records import Names, ResultSet, ShapeSet, concatenate
 from shapefit.io.skeletons import edges_of
-from shapefit.io.writing import NOTHING_APPENDED
 from shapefit.io.written.metres import (
     CAMERA_TRANSLATION,
     EXTRINSIC_ROTATION,
@@ -268,23 +268,22 @@ Group = Callable[[Sequence[Motion]], dict[str, list[Motion]]]
 Output = Callable[[Path, Layout, OutputOptions], AbstractContextManager["MotionWriter"]]
 
 
-class MotionWriter:
+class MotionWriter(RecordWriter[Solid]):
     """Takes shapes or results; keeps their points, as the scale of a sequence takes all of it."""
 
     def __init__(self, options: OutputOptions) -> None:
-        self.attributes: dict[str, str | float | int] = {}
-        self.summary = Summary()
+        super().__init__()
         self._parts: list[Solid] = []
         self._options = options
 
     def append(self, record: Solid) -> None:
         """Take the items of a record after those that are there."""
+        self.begun = True
         self._parts.append(points_of(record))
 
     def motions(self, place: str) -> list[Motion]:
         """Return all sequences in metres. Raises ValueError where nothing was appended."""
-        if not self._parts:
-            raise ValueError(NOTHING_APPENDED)
+        self.check_begun()
         tracks = find_tracks(self._parts, place)
         self._parts.clear()
         return [find_motion(track, self._options, place) for track in tracks]

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats, median
 from shapefit.convex.problem import Problem
-from shapefit.core.stretches import on_threads
 from shapefit.lifting.estimate import CORRELATION, Estimate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import Settings
@@ -40,6 +39,7 @@ from shapefit.lifting.sequences.smoothing import (
     observe,
     smooth,
 )
+from shapefit.threads import on_threads
 
 NOISE = "sequence_noise"
 """Dataset (n,) of the deviation of a coordinate with which the landmarks of a sequence were taken,
@@ -207,7 +207,7 @@ def refine_clips(
     def refine(clip: slice) -> None:
         refine_clip(clips, clip, known[clip], finite[clip], motion, found)
 
-    on_threads(long, refine, threads)
+    on_threads(refine, long, threads)
     return found
 
 

@@ -30,7 +30,7 @@ from shapefit.evaluation.summaries import (
 )
 from shapefit.io import open_shapes, read_results
 from shapefit.io.atomic import check_folder, digests, staged_files
-from shapefit.io.csv_writer import per_image_header, per_image_rows
+from shapefit.io.csv_file import per_image_header, per_image_rows
 from shapefit.io.options import input_options
 from shapefit.pipelines.drawing import draws_plots, plots_left_out
 from shapefit.pipelines.evaluate.judge import Judged, Truth, judge, with_shapes_of

@@ -36,6 +36,7 @@ from shapefit.lifting.methods import (
 from shapefit.lifting.verdict import cover_mirror_image
 from shapefit.pipelines.fit.camera import find_camera
 from shapefit.pipelines.items import named_items
+from shapefit.threads import on_threads
 
 if TYPE_CHECKING:
     from shapefit.pipelines.fit.prepare import Setup
@@ -278,7 +279,6 @@ def lift_left_out(images: LandmarkSet, dictionary: Dictionary, config: FitConfig
     the columns of the whole dictionary, 0 for atoms left out. Raises InputError where the images
     lack the dataset.
     """
-    from shapefit.core.stretches import on_threads
     from shapefit.lifting.merging import Group, merge
 
     items = find_left_out(images, config, dictionary)
@@ -294,7 +294,7 @@ def lift_left_out(images: LandmarkSet, dictionary: Dictionary, config: FitConfig
     # The solvers have work for several threads where there is more than a stretch of images.
     groups = [lift_group(rows, config) for rows in parts if len(rows) > STRETCH]
     small = [rows for rows in parts if len(rows) <= STRETCH]
-    groups += on_threads(small, lift_group, config.threads)
+    groups += on_threads(lift_group, small, config.threads)
     return merge(groups, dictionary.atoms) if groups else lift_images(images, dictionary, config)
 
 

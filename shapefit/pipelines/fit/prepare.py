@@ -19,12 +19,11 @@ from shapefit.config.paths import ResultFolder
 from shapefit.dictionary.model import LEARNED_FROM, Dictionary, describe_learning
 from shapefit.errors import InputError, input_error
 from shapefit.io import LandmarkSet, open_landmarks
-from shapefit.io.formats import HDF5, FileFormat
+from shapefit.io.formats import HDF5, FileFormat, find_target_format
 from shapefit.io.layout import LANDMARK_COVARIANCE
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.records import concatenate
 from shapefit.io.skeletons import THETA
-from shapefit.io.writing import find_target_format
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.camera import (
     DISTORTION,
@@ -168,7 +167,7 @@ def read_options(config: FitConfig) -> InputOptions:
 
     Detections without identity are joined to sequences where those are needed.
     """
-    joined = output_format(config).by_sequence or METHODS[config.method].sequences
+    joined = output_format(config).in_metres or METHODS[config.method].sequences
     return input_options(config.input, "motion" if joined else "none")
 
 

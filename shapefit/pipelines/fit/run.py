@@ -47,7 +47,8 @@ from shapefit.pipelines.fit.report import Report
 from shapefit.pipelines.joints import describe_names, name_warnings, named_as_joints
 from shapefit.pipelines.outcome import Outcome, nothing_in
 from shapefit.pipelines.overlap import side_by_side
-from shapefit.stores import UrlPath, local_copy, on_threads
+from shapefit.stores import UrlPath, local_copy
+from shapefit.threads import on_threads
 
 BATCH = 4096
 """Images that are read before the first whole sequences of them are lifted."""

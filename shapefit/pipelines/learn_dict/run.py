@@ -16,11 +16,11 @@ from shapefit.io import (
     open_shapes,
     write_dictionary,
 )
+from shapefit.io.formats import check_target_format
 from shapefit.io.inputs import check_fits, is_stream
 from shapefit.io.layout import DICTIONARY
 from shapefit.io.listing import find_kind
 from shapefit.io.options import input_options
-from shapefit.io.writing import find_writer
 from shapefit.pipelines.learn_dict.from_2d import adapt_to_landmarks, learn_from_landmarks
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes
 from shapefit.pipelines.learn_dict.training_shapes import place_of
@@ -34,7 +34,7 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     be read or written, keys that have no effect, and as the ways of learning do.
     """
     check_output(config.output)
-    find_writer(config.output, DICTIONARY.kind)
+    check_target_format(config.output, DICTIONARY.kind)
     landmarks = holds_landmarks(config)
     check_keys(config, landmarks=landmarks)
     options = input_options(config.input)

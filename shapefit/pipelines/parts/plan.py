@@ -15,7 +15,8 @@ from shapefit.io.inputs import HDF5_SIGNATURE, begins_with
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.lift import whole_stretches
 from shapefit.pipelines.fit.prepare import read_options
-from shapefit.stores import State, find_state, on_threads
+from shapefit.stores import State, find_state
+from shapefit.threads import on_threads
 
 FEWEST_BYTES = 16
 """Of an image, by which an HDF5 file is known to be too small to be divided."""

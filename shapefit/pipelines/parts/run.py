@@ -36,7 +36,8 @@ from shapefit.pipelines.parts.manifest import (
     result_digest,
 )
 from shapefit.pipelines.parts.plan import Part, plan_parts
-from shapefit.stores import STORAGE_OPTIONS, files_in, on_threads, remove
+from shapefit.stores import STORAGE_OPTIONS, files_in, remove
+from shapefit.threads import on_threads
 
 OF_THE_RUN = (
     *("landmarks", "output", "dictionary", "data", "threads", "chunk"),

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
+from shapefit.io.formats import record_writer
 from shapefit.io.layout import RESULTS
 from shapefit.io.options import OutputOptions
-from shapefit.io.writing import record_writer
 from shapefit.io.written import markers
 from shapefit.io.written.motion import by_individual, motion_output
 from tests.io.files import save
