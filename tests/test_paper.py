@@ -62,31 +62,6 @@ class TestPlanted:
             assert error(instance(25, 1, seed), free=free) < 1e-5
             assert error(instance(10, 10, seed), free=free) > 0.1
 
-    @pytest.mark.slow
-    @pytest.mark.parametrize("free", [True, False])
-    @pytest.mark.parametrize(("z", "recovered"), [(1, True), (3, False)])
-    def test_an_independent_solver_finds_the_same(self, z, recovered, free):
-        import cvxpy as cp
-
-        planted = instance(8, z, 8, k=12)  # of a single optimum, with T and without
-        M = [cp.Variable((2, 3)) for _ in planted.atoms]
-        T = cp.Variable((2, 1)) if free else np.zeros((2, 1))
-        W = sum(m @ B for m, B in zip(M, planted.atoms, strict=True)) + T @ np.ones((1, 8))
-        program = cp.Problem(cp.Minimize(sum(map(cp.sigma_max, M))), [planted.landmarks == W])
-        program.solve(solver=cp.CLARABEL)
-        away = np.linalg.norm(np.stack([m.value for m in M]) - planted.transforms)
-        theirs = away / np.linalg.norm(planted.transforms)
-        assert (theirs < 1e-3) == recovered
-        assert error(planted, free=free) == pytest.approx(theirs, rel=1e-3, abs=1e-5)
-
-    def test_a_free_translation_is_centring(self):
-        planted = instance(12, 4, 6)
-        free = error(planted)
-        W, B = (x - x.mean(axis=-1, keepdims=True) for x in (planted.landmarks, planted.atoms))
-        centred = replace(planted, landmarks=W, atoms=B)
-        assert error(centred, free=False) == pytest.approx(free, rel=1e-4)
-        assert error(planted, free=False) != pytest.approx(free, rel=1e-2)
-
 
 def test_recovery_is_written_beside_the_paper(tmp_path):
     page = write_recovery(tmp_path, landmarks=(10, 20, 60), active=(1, 2, 3), trials=40)
@@ -142,18 +117,6 @@ class TestOneRotation:
         assert cell.missed == cell.better + cell.stopped
         assert cell.stopped > 0
 
-    def test_the_section_has_a_row_for_each_method(self, tmp_path, monkeypatch):
-        monkeypatch.setattr(recovery, "ROTATION_LANDMARKS", (10,))
-        monkeypatch.setattr(recovery, "ACTIVE", (1, 2))
-        path = tmp_path / "rotations.json"
-        assert recovery.rotation_sections(path) == []
-        recovery.write_rotation_recovery(path, trials=2)
-        cells = json.loads(path.read_text(encoding="utf-8"))
-        found = table("\n".join(recovery.rotation_sections(path)))
-        for name in recovery.METHODS:
-            shares = [f"{100 * cell['recovered'][name]:.0f}" for cell in cells]
-            assert found[f"10, `{name}`"] == shares
-
 
 class TestCorruption:
     @pytest.fixture
@@ -189,11 +152,6 @@ class TestCorruption:
         part = sensitivity.corrupt(images[:1200], 0.6)
         np.testing.assert_array_equal(part.landmarks, many.landmarks[:1200])
         assert (sensitivity.corrupt(images, 0.6, seed=1).landmarks != many.landmarks).any()
-
-    def test_landmarks_are_arranged_by_name(self):
-        images = shapefit.Landmarks(np.arange(12.0).reshape(2, 3, 2), ("a", "b", "c"))
-        found = sensitivity.arrange(images, ("c", "x", "a"))
-        np.testing.assert_array_equal(found.landmarks[0], [[4, 5], [np.nan, np.nan], [0, 1]])
 
 
 @pytest.fixture(scope="module")

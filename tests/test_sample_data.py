@@ -51,11 +51,6 @@ def test_the_scripts_make_the_same_files_again(project, folder, tmp_path, script
                 np.testing.assert_array_equal(stored[dataset][:], made[dataset][:], err_msg=dataset)
 
 
-def test_nobody_is_in_both_training_and_test(folder):
-    training, test = (read_shapes([folder / f"people_{n}.h5"]) for n in ("train", "test"))
-    assert not set(training.columns["subject"]) & set(test.columns["subject"])
-
-
 @pytest.mark.parametrize("name", ["train", "test"])
 def test_bones_keep_their_length_and_people_differ(folder, name):
     shapes = read_shapes([folder / f"people_{name}.h5"])
@@ -88,22 +83,6 @@ def test_a_dog_keeps_its_bones_and_steps_on_the_ground(folder, name):
     np.testing.assert_array_equal(mirror[mirror], np.arange(20))
 
 
-def test_the_tables_of_people_are_frames_of_the_test_set(folder):
-    truth = read_shapes([folder / "people_test.h5"])
-    frames = read_shapes([folder / "people_frames.csv"])
-    where = [truth.items.index(item) for item in frames.items]
-    assert frames.landmark_names == truth.landmark_names
-    np.testing.assert_allclose(frames.shapes, truth.shapes[where], atol=ROUNDING)
-
-    views = load(folder / "people_views.csv")
-    assert len(views) == 12
-    assert set(views.items) <= set(truth.items)
-    assert np.isfinite(views.landmarks[:, 0]).sum(axis=1).min() >= 10
-    assert np.isnan(views.landmarks).any()
-    one = load(folder / "one_person.csv")
-    assert (len(one), np.isfinite(one.landmarks).all()) == (1, True)
-
-
 def test_every_mesh_is_closed_and_wound_outward(cars):
     assert cars.mesh_vertices.shape[2] >= 1000
     for vertices in cars.mesh_vertices:
@@ -132,12 +111,6 @@ def test_left_and_right_are_mirror_images(cars):
         ordered = [np.lexsort(v.round(4)) for v in (vertices, flip * vertices)]
         mirrored = (flip * vertices)[:, ordered[1]]
         np.testing.assert_allclose(mirrored, vertices[:, ordered[0]], atol=1e-6)
-
-
-def test_landmarks_are_the_same_vertices_on_every_car(cars):
-    apart = cars.mesh_vertices[0, :, None, :] - cars.shapes[0, :, :, None]
-    vertex = (apart**2).sum(axis=0).argmin(axis=1)
-    np.testing.assert_array_equal(cars.mesh_vertices[..., vertex], cars.shapes)
 
 
 def test_views_are_pictures_of_the_cars_under_their_true_rotation(folder, cars):

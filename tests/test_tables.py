@@ -35,20 +35,28 @@ class Toy:
         self._entry = entry
         self._folder = folder
 
-    def run(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+    def run(self, *lines: str) -> subprocess.CompletedProcess[str]:
+        """Run command lines in one process, up to the first that fails."""
         source = (
-            f"import sys\nsys.path.insert(0, {str(self._folder)!r})\n{self._entry}\n"
-            "from shapefit.cli.main import run\nsys.exit(run(sys.argv[1:]))"
+            f"import shlex, sys\nsys.path.insert(0, {str(self._folder)!r})\n{self._entry}\n"
+            "from shapefit.cli.main import run\n"
+            "for line in sys.argv[1:]:\n"
+            "    if code := run(shlex.split(line)):\n        sys.exit(code)"
         )
-        command = [sys.executable, "-c", source, *arguments]
+        command = [sys.executable, "-c", source, *lines]
         return subprocess.run(
             command, capture_output=True, text=True, cwd=self._folder, timeout=120, check=False
         )
 
-    def succeed(self, *arguments: str) -> str:
-        done = self.run(*arguments)
+    def succeed(self, *lines: str) -> None:
+        done = self.run(*lines)
         assert done.returncode == 0, done.stderr
-        return done.stdout
+
+
+def errors_of(folder: Path, metric: str) -> list[float]:
+    """Return the errors of a metric in the report of the folder, image by image."""
+    text = (folder / "report/per_image.csv").read_text(encoding="utf-8")
+    return [float(row.split(",")[4]) for row in text.splitlines()[1:] if f",{metric}," in row]
 
 
 FLAT = '''
@@ -85,19 +93,19 @@ METHODS["flat"] = Method(
 
 
 def test_a_method_is_a_file_and_an_entry(folder):
-    toy = Toy(folder, FLAT, FLAT_ENTRY)
-    fit = ("fit", "views.h5", "-d", "dictionary.h5", "--set", "method=flat")
-    toy.succeed(*fit, "-o", "result.h5")
+    fit = "fit views.h5 -d dictionary.h5 --set method=flat -o"
+    Toy(folder, FLAT, FLAT_ENTRY).succeed(
+        f"{fit} result.h5",
+        f"{fit} truth.csv",
+        "eval result.h5 --truth truth.csv -o report --set plots=false",
+    )
     with h5py.File(folder / "views.h5") as views, h5py.File(folder / "result.h5") as result:
         assert result.attrs["method"] == b"flat"
         np.testing.assert_allclose(result["landmarks_fitted"], views["landmarks"], atol=1e-12)
         assert not result["shapes"][:, :, 2].any()
         np.testing.assert_array_equal(result["flatness"], np.full((5, 2), 0.5))
         assert "coefficients" not in result
-    toy.succeed(*fit, "-o", "truth.csv")
-    toy.succeed("eval", "result.h5", "--truth", "truth.csv", "-o", "report", "--set", "plots=false")
-    rows = (folder / "report" / "per_image.csv").read_text(encoding="utf-8").splitlines()[1:]
-    errors = [float(row.split(",")[4]) for row in rows if ",similarity," in row]
+    errors = errors_of(folder, "similarity")
     assert len(errors) == 10  # five images, in two units
     assert max(errors) < 1e-6
 
@@ -128,19 +136,17 @@ def test_a_metric_is_a_function_and_an_entry(folder):
     visited[:, 2:] = 0
     with h5py.File(folder / "views.h5", "a") as views:
         views["visited"] = visited
-    toy.succeed("fit", "views.h5", "-d", "dictionary.h5", "-o", "result.h5")
-    toy.succeed("fit", "views.h5", "-d", "dictionary.h5", "-o", "truth.csv")
-    toy.succeed("eval", "result.h5", "--truth", "truth.csv", "-o", "report")
+    done = toy.run(
+        "fit views.h5 -d dictionary.h5 -o result.h5",
+        "fit views.h5 -d dictionary.h5 -o truth.csv",
+        "eval result.h5 --truth truth.csv -o report",
+        "eval -o report --set metrics=[wort]",
+    )
+    assert "found 'wort'; did you mean 'worst'?" in done.stderr
     assert any(path.name.startswith("worst") for path in (folder / "report").rglob("*.svg"))
     with h5py.File(folder / "result.h5") as result:
         left = np.linalg.norm(result["landmarks_fitted"][:] - result["landmarks"][:], axis=2)
-    rows = (folder / "report" / "per_image.csv").read_text(encoding="utf-8").splitlines()[1:]
-    found = [float(row.split(",")[4]) for row in rows if ",worst," in row]
-    np.testing.assert_allclose(found, left[:, :2].max(axis=1))
-    assert all(row.endswith(",steps") for row in rows if ",worst," in row)
-
-    done = toy.run("eval", "-o", "report", "--set", "metrics=[wort]")
-    assert "found 'wort'; did you mean 'worst'?" in done.stderr
+    np.testing.assert_allclose(errors_of(folder, "worst"), left[:, :2].max(axis=1))
 
 
 POINTS = '''
@@ -195,44 +201,32 @@ FORMATS["points"] = FileFormat(
 """
 
 
-class TestAFormatIsAFileAndAnEntry:
-    @pytest.fixture
-    def toy(self, folder) -> Toy:
-        return Toy(folder, POINTS, POINTS_ENTRY)
-
-    @pytest.fixture
-    def views(self, folder) -> np.ndarray:
-        """The images of the folder, once more as points, in files of two names."""
-        with h5py.File(folder / "views.h5") as file:
-            landmarks = file["landmarks"][:]
-        lines = [
-            f"{1 + i} {' '.join(map(repr, row.ravel().tolist()))}"
-            for i, row in enumerate(landmarks)
-        ]
+def test_a_format_is_a_file_and_an_entry(folder):
+    """It is recognised by content and fitted, written where an output is named so, or refused."""
+    toy = Toy(folder, POINTS, POINTS_ENTRY)
+    with h5py.File(folder / "views.h5") as file:
+        views = file["landmarks"][:]
+    lines = [f"{1 + i} {' '.join(map(repr, row.ravel().tolist()))}" for i, row in enumerate(views)]
+    for name in ("views.points", "views.txt"):
         text = "\n".join([f"POINTS {' '.join(NAMES)}", *lines])
-        (folder / "views.points").write_text(text, encoding="utf-8")
-        (folder / "views.txt").write_text(text, encoding="utf-8")
-        return landmarks
-
-    @pytest.mark.parametrize("name", ["views.points", "views.txt"])
-    def test_it_is_recognised_by_content_and_fitted(self, name, toy, views, folder):
-        toy.succeed("fit", name, "-d", "dictionary.h5", "-o", "result.h5")
-        with h5py.File(folder / "result.h5") as result:
+        (folder / name).write_text(text, encoding="utf-8")
+    toy.succeed(
+        "fit views.points -d dictionary.h5 -o points.h5",
+        "fit views.txt -d dictionary.h5 -o txt.h5",
+        "fit views.points -d dictionary.h5 -o shapes.csv",
+        "project shapes.csv -o again.points",
+        "fit again.points -d dictionary.h5 -o other.h5",
+    )
+    for name in ("points", "txt"):
+        with h5py.File(folder / f"{name}.h5") as result:
             np.testing.assert_array_equal(result["landmarks"], views)
             assert result.attrs["y_axis"] == b"down"
-
-    def test_it_is_written_where_the_output_is_named_so(self, toy, views, folder):
-        toy.succeed("fit", "views.points", "-d", "dictionary.h5", "-o", "shapes.csv")
-        toy.succeed("project", "shapes.csv", "-o", "again.points")
-        assert (
-            (folder / "again.points").read_text(encoding="utf-8").startswith("POINTS a b c d e f")
-        )
-        toy.succeed("fit", "again.points", "-d", "dictionary.h5", "-o", "other.h5")
-
-    def test_what_it_cannot_hold_is_refused(self, toy, views):
-        done = toy.run("fit", "views.h5", "-d", "dictionary.h5", "-o", "result.points")
-        assert done.returncode == 2
-        assert "result.points: a result cannot be points; give it a name in .h5" in done.stderr
-        done = toy.run("fit", "views.h5", "-d", "views.points", "-o", "result.h5")
-        assert done.returncode == 2
-        assert "views.points: is a points file, not an HDF5 file; give a" in done.stderr
+    assert (folder / "again.points").read_text(encoding="utf-8").startswith("POINTS a b c d e f")
+    for line, told in (
+        ("fit views.h5 -d dictionary.h5 -o result.points",
+         "result.points: a result cannot be points; give it a name in .h5"),
+        ("fit views.h5 -d views.points -o result.h5",
+         "views.points: is a points file, not an HDF5 file; give a"),
+    ):  # fmt: skip
+        done = toy.run(line)
+        assert (done.returncode, told in done.stderr) == (2, True), done.stderr
