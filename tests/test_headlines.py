@@ -3,24 +3,23 @@
 A page rounds, which adds half of its last digit.
 """
 
+import contextlib
 import csv
 import json
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from ruamel.yaml import YAML
+from shapefit.cli.main import run as run_command
 
 from shapefit.io.records import LandmarkSet
 from tests.io.files import load, save
 
 BAND = 0.02
-COMMAND = str(Path(sys.executable).with_name("shapefit"))
 Run = Callable[..., None]
 
 
@@ -38,13 +37,13 @@ def runner(project: Path, folder: Path, *settings: str) -> Run:
     def run(command: str, config: str, *more: str) -> None:
         for name in ("demo/cars", "mocap/best", "paper", "people", "cars"):
             (folder / "results" / name).mkdir(parents=True, exist_ok=True)
-        line = [COMMAND, command, "-c", f"configs/{config}.yaml", *more]
+        line = [command, "-c", f"configs/{config}.yaml", *more]
         if command != "fit" or "data:" in (folder / f"configs/{config}.yaml").read_text("utf-8"):
             line += [word for setting in settings for word in ("--set", setting)]
         if command == "eval":
             line += ["--set", "plots=false", "--set", "view=false"]
-        done = subprocess.run(line, cwd=folder, capture_output=True, text=True, check=False)
-        assert done.returncode in (0, 1), done.stderr
+        with contextlib.chdir(folder):
+            assert run_command(line) in (0, 1), line
 
     return run
 

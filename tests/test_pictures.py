@@ -1,12 +1,13 @@
 """The pictures of the demo in README and docs are those that `make pictures` makes today."""
 
+import contextlib
 import re
-import subprocess
 
 import numpy as np
 import pytest
+from shapefit.cli.main import run as run_command
 
-from tests.test_headlines import COMMAND, runner
+from tests.test_headlines import runner
 from tests.viewer.conftest import require
 
 LIMIT = 0.1
@@ -24,7 +25,8 @@ def demo(project, tmp_path_factory):
     run("fit", "demo/cars/fit", "--set", "export={}", "--set", "pictures={}")
     makefile = (project / "Makefile").read_text("utf-8").replace("\\\n", "")
     (walk,) = re.findall(r"\$\(SHAPEFIT\) (fit sample_data/openpose .*)", makefile)
-    subprocess.run([COMMAND, *walk.split()], cwd=folder, capture_output=True, check=True)
+    with contextlib.chdir(folder):
+        assert run_command(walk.split()) == 0
     return folder / "results/demo"
 
 
