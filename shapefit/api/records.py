@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import fields
-from os import PathLike
-from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
@@ -20,9 +19,6 @@ from shapefit.dictionary import model
 from shapefit.errors import counted, input_error
 from shapefit.io.layout import (
     DICTIONARY,
-    LANDMARKS,
-    RESULTS,
-    SHAPES,
     UNKNOWN_UNIT,
     Layout,
     fit_axes,
@@ -38,6 +34,7 @@ class _View:
     """What the package holds with one landmark per column, given out with one per row."""
 
     _LAYOUT: ClassVar[Layout]
+    _FIELDS: ClassVar[Collection[str]]
     _inside: Any
 
     @classmethod
@@ -47,12 +44,8 @@ class _View:
         view._inside = inside
         return view
 
-    @classmethod
-    def _fields(cls) -> Collection[str]:
-        return (*cls._LAYOUT.all_names, *OF_RECORDS)
-
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or name not in self._fields():
+        if name.startswith("_") or name not in self._FIELDS:
             raise AttributeError(f"{type(self).__name__} has no {name}")
         value = getattr(self._inside, name)
         dataset = self._LAYOUT.find(name)
@@ -60,30 +53,48 @@ class _View:
         return np.swapaxes(value, -1, -2) if turned else value
 
     def __dir__(self) -> Iterable[str]:
-        return {*super().__dir__(), *self._fields()}
+        return {*super().__dir__(), *self._FIELDS}
 
 
 class _Items(_View):
     """A view of n items."""
 
+    _RECORD: ClassVar[type[Records]]
     _inside: Records
     _unnamed: bool = False
     _without_items: bool = False
+
+    def __init_subclass__(cls) -> None:
+        cls._LAYOUT = cls._RECORD.LAYOUT
+        cls._FIELDS = (*cls._LAYOUT.all_names, *OF_RECORDS)
+
+    def _take(self, given: Mapping[str, Any]) -> Self:
+        """Take what a caller gives, names of landmarks and items filled in."""
+        values = _in_columns(given, self._LAYOUT)
+        place = self._LAYOUT.points.name
+        extras = values.pop("extras", None) or {}
+        names = free_names(extras, {"item", "sequence", "landmark_names", *values})
+        columns = {names[name]: data for name, data in extras.items()}
+        self._unnamed = values.get("landmark_names") is None
+        self._without_items = values.get("items") is None
+        for name, axis in (("landmark_names", -1), ("items", 0)):
+            if values.get(name) is None:
+                values[name] = tuple(map(str, range(values[place].shape[axis])))
+        self._inside = self._RECORD(**values, columns=columns)
+        return self
 
     def __len__(self) -> int:
         return len(self._inside)
 
     def __getitem__(self, rows: int | slice | ArrayLike) -> Self:
-        part = self.of(self._inside.take(self._rows(rows)))
-        part._unnamed, part._without_items = self._unnamed, self._without_items
+        numbers = np.atleast_1d(np.arange(len(self))[rows])  # type: ignore[index]
+        part = self.of(self._inside.take(numbers))
+        part.__dict__ = self.__dict__ | part.__dict__
         return part
 
     def __repr__(self) -> str:
         parts = (counted(len(self), "item"), counted(len(self.landmark_names), "landmark"))
         return f"<shapefit.{type(self).__name__}: {', '.join(parts)}, in {self.unit}>"
-
-    def _rows(self, rows: int | slice | ArrayLike) -> NDArray[Any]:
-        return np.atleast_1d(np.arange(len(self))[rows])  # type: ignore[index]
 
     @property
     def extras(self) -> dict[str, NDArray[Any]]:
@@ -92,29 +103,10 @@ class _Items(_View):
 
     def replaced(self, **changes: Any) -> Self:
         """Return the same with other fields, given as to the constructor; None leaves one out."""
-        own = {name: getattr(self, name) for name in self._LAYOUT.names if self._has(name)}
-        own |= {name: getattr(self, name) for name in OF_RECORDS} | {"extras": self.extras}
-        own |= {"landmark_names": None} if self._unnamed else {}
-        return type(self).of_fields(own | changes)
-
-    def _has(self, name: str) -> bool:
-        return name in self._inside.columns
-
-    @classmethod
-    def of_fields(cls, given: Mapping[str, Any]) -> Self:
-        """Return the view of what a caller gives, names of landmarks and items filled in."""
-        values = _in_columns(given, cls._LAYOUT)
-        place = cls._LAYOUT.points.name
-        n, p = len(values[place]), values[place].shape[-1]
-        extras = values.pop("extras", None) or {}
-        names = free_names(extras, {"item", "sequence", "landmark_names", *values})
-        columns = {names[name]: data for name, data in extras.items()}
-        lacks = [values.get(name) is None for name in ("landmark_names", "items")]
-        for name, lacking, count in zip(("landmark_names", "items"), lacks, (p, n), strict=True):
-            values[name] = tuple(map(str, range(count))) if lacking else values[name]
-        view = cls.of(RECORDS[cls._LAYOUT](**values, columns=columns))
-        view._unnamed, view._without_items = lacks
-        return view
+        datasets = self._LAYOUT.names & self._inside.columns.keys()
+        own = {name: getattr(self, name) for name in (*datasets, *OF_RECORDS)}
+        own |= {"extras": self.extras} | ({"landmark_names": None} if self._unnamed else {})
+        return type(self).__new__(type(self))._take(own | changes)
 
 
 class Shapes(_Items):
@@ -125,7 +117,7 @@ class Shapes(_Items):
     is that of a sequence, in Hz; extras are further datasets. A slice or a mask gives some of them.
     """
 
-    _LAYOUT = SHAPES
+    _RECORD = ShapeSet
 
     def __init__(
         self,
@@ -140,8 +132,7 @@ class Shapes(_Items):
         frame_rate: float | None = None,
         extras: Mapping[str, NDArray[Any]] | None = None,
     ) -> None:
-        given = {name: value for name, value in locals().items() if name not in ("self", "given")}
-        self.__dict__.update(self.of_fields(given).__dict__)
+        self._take({name: value for name, value in locals().items() if name != "self"})
 
 
 class Landmarks(_Items):
@@ -153,7 +144,7 @@ class Landmarks(_Items):
     `camera_matrix` (3, 3). A slice or a mask gives some of them.
     """
 
-    _LAYOUT = LANDMARKS
+    _RECORD = LandmarkSet
 
     def __init__(
         self,
@@ -167,8 +158,7 @@ class Landmarks(_Items):
         frame_rate: float | None = None,
         extras: Mapping[str, NDArray[Any]] | None = None,
     ) -> None:
-        given = {name: value for name, value in locals().items() if name not in ("self", "given")}
-        self.__dict__.update(self.of_fields(given).__dict__)
+        self._take({name: value for name, value in locals().items() if name != "self"})
 
 
 class Dictionary(_View):
@@ -179,19 +169,16 @@ class Dictionary(_View):
     """
 
     _LAYOUT = DICTIONARY
+    _FIELDS = tuple(field.name for field in fields(model.Dictionary))
     _inside: model.Dictionary
 
     def __init__(
         self, *, atoms: ArrayLike, landmark_names: Names, mean_shape: ArrayLike, **further: Any
     ) -> None:
         own = {"atoms": atoms, "landmark_names": landmark_names, "mean_shape": mean_shape}
-        if unknown := further.keys() - set(self._fields()):
+        if unknown := further.keys() - set(self._FIELDS):
             raise TypeError(f"a dictionary has no {', '.join(sorted(unknown))}")
         self._inside = model.Dictionary(**_in_columns(own | further, DICTIONARY, "dictionary."))
-
-    @classmethod
-    def _fields(cls) -> Collection[str]:
-        return [field.name for field in fields(model.Dictionary)]
 
     def __repr__(self) -> str:
         size = counted(self._inside.k, "atom"), counted(len(self.landmark_names), "landmark")
@@ -199,7 +186,7 @@ class Dictionary(_View):
 
     def replaced(self, **changes: Any) -> Dictionary:
         """Return the same with other fields."""
-        return Dictionary(**{name: getattr(self, name) for name in self._fields()} | changes)
+        return Dictionary(**{name: getattr(self, name) for name in self._FIELDS} | changes)
 
 
 class Fit(_Items):
@@ -214,50 +201,25 @@ class Fit(_Items):
     the images, a number that of one.
     """
 
-    _LAYOUT = RESULTS
+    _RECORD = ResultSet
     _inside: ResultSet
-    _failures: Mapping[str, str] | None = None
+    _failures: Mapping[str, str] = MappingProxyType({})
 
     def __init__(self, **given: Any) -> None:
-        self.__dict__.update(self.of_fields(given).__dict__)
+        self._take(given)
 
     @property
     def failures(self) -> dict[str, str]:
         """Why images have no shape, by item."""
         own = set(self.items)
-        return {item: text for item, text in (self._failures or {}).items() if item in own}
+        return {item: text for item, text in self._failures.items() if item in own}
 
-    def __getitem__(self, rows: int | slice | ArrayLike) -> Fit:
-        return fit_of(self._inside.take(self._rows(rows)), self._failures or {})
-
-    def __repr__(self) -> str:
-        return shown.describe(self)
-
-    def _repr_html_(self) -> str:
-        return shown.embedded_page(self._inside)
-
-    def view(self, path: str | PathLike[str] | None = None) -> Path:
-        """Write the page of the shapes and open it in a browser; return its path."""
-        return shown.open_page(self._inside, path)
-
-    def plot(self, image: int = 0) -> Any:
-        """Draw the shape of an image with matplotlib; return the axes."""
-        return shown.draw_shape(self, image)
-
-    def to_pandas(self) -> Any:
-        """Return a table with a row per landmark and image: item, landmark, x, y, z, and more."""
-        return shown.as_table(self)
-
-    def to_xarray(self) -> Any:
-        """Return a dataset of positions over (time, space, keypoints, individuals)."""
-        return shown.as_dataset(self)
-
-
-RECORDS: Mapping[Layout, type[Records]] = {
-    SHAPES: ShapeSet,
-    LANDMARKS: LandmarkSet,
-    RESULTS: ResultSet,
-}
+    __repr__ = shown.describe
+    _repr_html_ = shown.embedded_page
+    view = shown.open_page
+    plot = shown.draw_shape
+    to_pandas = shown.as_table
+    to_xarray = shown.as_dataset
 
 
 def fit_of(record: ResultSet, failures: Mapping[str, str]) -> Fit:

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 HEIGHT = 640
 """Of a page in a notebook, in px."""
+SIDE = (30, 15)
+"""Degrees around and above the shape that a picture is seen from."""
 
 
 def describe(fit: Fit) -> str:
@@ -52,44 +54,43 @@ def write_page(result: ResultSet, path: Path) -> None:
             pass
 
 
-def embedded_page(result: ResultSet) -> str:
-    """Return the page of a result within an element of HTML, for notebooks."""
+def embedded_page(fit: Fit) -> str:
+    """Return the page of a fit within an element of HTML, for notebooks."""
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "page.html"
-        write_page(result, page)
+        write_page(fit._inside, page)
         text = page.read_text(encoding="utf-8")
     style = f"width: 100%; height: {HEIGHT}px; border: 0"
     return f'<iframe sandbox="allow-scripts" style="{style}" srcdoc="{escape(text)}"></iframe>'
 
 
-def open_page(result: ResultSet, path: str | PathLike[str] | None) -> Path:
-    """Write the page of a result, by default to a temporary file, and open it in a browser."""
+def open_page(fit: Fit, path: str | PathLike[str] | None = None) -> Path:
+    """Write the page of the shapes, by default to a temporary file, open it; return its path."""
     import webbrowser
 
     page = Path(tempfile.mkdtemp()) / "fit.html" if path is None else Path(path)
-    write_page(result, page)
+    write_page(fit._inside, page)
     webbrowser.open(page.resolve().as_uri())
     return page
 
 
-def draw_shape(fit: Fit, image: int) -> Any:
-    """Draw the landmarks of one shape in 3D, upright, with lines of one deviation in depth."""
+def draw_shape(fit: Fit, image: int = 0) -> Any:
+    """Draw the shape of an image in 3D with matplotlib, with its error bars; return the axes."""
+    from shapefit.meshes.pictures import FittedImage, Model, View, draw_solid
+
     pyplot = _library("matplotlib.pyplot")
-    x, y, z = fit.shapes[image].T
-    up = -y if fit.y_axis == "down" else y
     axes = pyplot.figure().add_subplot(projection="3d")
-    axes.scatter(x, z, up)
-    for name, *place in zip(fit.landmark_names, x, z, up, strict=True):
-        axes.text(*place, f" {name}", fontsize=7)
-    if fit.shape_sd is not None:
-        for a, b, c, sd in zip(x, z, up, fit.shape_sd[image, :, 2], strict=True):
-            axes.plot([a, a], [b - sd, b + sd], [c, c], color="0.7", linewidth=1)
-    axes.set(xlabel="x", ylabel="depth", zlabel="up", title=fit.items[image], aspect="equal")
+    found = fit._inside
+    shape, sd = found.shapes[image], None if found.shape_sd is None else found.shape_sd[image]
+    drawn = FittedImage(found.items[image], shape[:2], shape, shape[:2], sd=sd)
+    axes.set_title(drawn.title, parse_math=False)
+    if drawn.fitted:
+        draw_solid(axes, drawn, Model(found.y_axis, edges=found.lines), View(*SIDE))
     return axes
 
 
 def as_table(fit: Fit) -> Any:
-    """Return a pandas.DataFrame with a row per landmark and image."""
+    """Return a pandas.DataFrame with a row per landmark and image: item, x, y, z, more."""
     n, p = len(fit), len(fit.landmark_names)
     columns: dict[str, Any] = {
         "item": np.repeat(np.array(fit.items, dtype=object), p),

@@ -103,9 +103,9 @@ def test_a_shape_is_drawn(found):
     pytest.importorskip("matplotlib").use("agg")
     axes = found.plot(3)
     assert axes.get_title() == found.items[3]
-    np.testing.assert_allclose(
-        np.asarray(axes.collections[0]._offsets3d[2]), -found.shapes[3, :, 1]
-    )
+    bones = axes.collections[0]._segments3d
+    ends = found.shapes[3][found.extras["edges"]]  # y down: up is z of the axes
+    np.testing.assert_allclose(bones, ends[..., [0, 2, 1]] * [1, 1, -1])
 
 
 @pytest.mark.slow

@@ -1,6 +1,5 @@
 """What is in the box: `-d people` in every command that takes a dictionary."""
 
-import re
 from pathlib import Path
 
 import h5py
@@ -15,15 +14,6 @@ from shapefit.io import read_shapes
 def views(project, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     return str(project / "sample_data" / "people_views.csv")
-
-
-def test_info_states_source_licence_and_acknowledgement(views, capsys):
-    assert run(["info", "people"]) == 0
-    said = capsys.readouterr().out
-    assert "CMU Motion Capture Database" in said
-    assert "may not be resold directly" in said
-    assert "NSF EIA-0196217" in said
-    assert "go on with:   shapefit fit LANDMARKS -d people -o result.h5" in said
 
 
 def test_people_are_lifted_without_a_file_of_theirs(views, tmp_path, capsys):
@@ -61,27 +51,3 @@ def test_people_stand_on_their_feet_where_y_is_what_it_was_said_to_be(
         assert (f"{on_head}; if it points {y_axis}, set `y_axis: {y_axis}`" in report) == (
             said != y_axis
         )
-
-
-def test_a_file_that_says_where_y_points_is_not_overruled(views, tmp_path, capsys):
-    assert run(["convert", views, "-o", "views.h5"]) == 0
-    line = ["fit", "views.h5", "-d", "people", "-o", "shapes.csv"]
-    assert run([*line, "--set", "y_axis=up"]) == 2
-    capsys.readouterr()
-    assert run([*line, "--set", "y_axis=down"]) == 0
-    report = capsys.readouterr().err
-    assert "y down in the images" in report
-    assert "on their heads" not in report
-
-
-def test_csv_cannot_say_that_y_points_up(views, tmp_path, capsys):
-    assert run(["convert", views, "-o", "up.h5", "--set", "y_axis=up"]) == 0
-    assert run(["convert", "up.h5", "-o", "up.csv"]) == 0
-    assert "read the file with `--set y_axis=up`" in capsys.readouterr().err
-
-
-def test_what_was_assumed_stays_with_the_result(views, tmp_path, capsys):
-    assert run(["fit", views, "-d", "people", "-o", "found.h5"]) == 0
-    assert run(["info", "found.h5"]) == 0
-    report = capsys.readouterr().out
-    assert re.search(r"estimated: +perspective camera: focal length \d+ px assumed", report)

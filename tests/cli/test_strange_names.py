@@ -1,4 +1,4 @@
-"""Names that are not UTF-8, or that would speak to the terminal."""
+"""Names that are not UTF-8."""
 
 import os
 import shutil
@@ -9,38 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from shapefit.errors import path_text, printable
-from shapefit.pipelines.outcome import Failure, Outcome
-
 COMMAND = Path(sys.executable).with_name("shapefit")
-
-
-@pytest.mark.parametrize(
-    ("text", "shown"),
-    [
-        ("plain text, mañana", "plain text, mañana"),
-        ("x\x1b[31mRED\nfit: wrote all", "x\\x1b[31mRED\\nfit: wrote all"),
-        ("caf\udce9", "caf\\xe9"),
-        ("half \ud800", "half \\ud800"),
-        ("right\u202eleft", "right\\u202eleft"),
-    ],
-)
-def test_what_a_terminal_would_obey_is_shown_as_an_escape(text, shown):
-    assert printable(text) == shown
-
-
-def test_a_path_that_is_not_utf8_is_text_with_escapes():
-    assert path_text(os.fsdecode(b"a/caf\xe9")) == "a/caf\\xe9"
-    assert path_text("a/café") == "a/café"
-
-
-def test_an_item_cannot_forge_a_line_of_the_report(shapefit, fake_pipeline):
-    forged = "x\x1b[31mRED\nfit: 8 images in 0.0 s; wrote all"
-    failure = Failure(forged, "bad")
-    fake_pipeline("fit.run", [Outcome(done=1, failures=(failure,), warnings=(forged,))])
-    lines = shapefit("fit", "-c", "fit.yaml").err.splitlines()
-    assert len(lines) == 3
-    assert not any("\x1b" in line for line in lines)
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ from shapefit.errors import InputError, counted, input_error, listed, path_text,
 from shapefit.evaluation import calibration, report
 from shapefit.evaluation.calibration import ErrorBars, image_shares, join_bars
 from shapefit.evaluation.metric_table import METRICS, SHARE
+from shapefit.evaluation.plots import draws_plots, plots_left_out
 from shapefit.evaluation.report import MOST_LISTED, Method, Report, as_markdown, report_blocks
 from shapefit.evaluation.summaries import (
     NORMALISED,
@@ -32,7 +33,6 @@ from shapefit.io import open_shapes, read_results
 from shapefit.io.atomic import check_folder, digests, staged_files
 from shapefit.io.csv_file import per_image_header, per_image_rows
 from shapefit.io.options import input_options
-from shapefit.pipelines.drawing import draws_plots, plots_left_out
 from shapefit.pipelines.evaluate.judge import Judged, Truth, judge, with_shapes_of
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.viewer.report_page import Links, report_page

@@ -10,20 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.config.commands.fit_sections import ExportConfig
+from shapefit.config import FitConfig
 from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error, listed
 from shapefit.io import ResultSet
 from shapefit.io.atomic import StagedFiles, file_stem
-from shapefit.lifting.methods import those
-from shapefit.meshes.dense import (
-    around_centroid,
-    camera_frame,
-    metric_scale,
-)
+from shapefit.lifting.methods import METHODS, those
+from shapefit.meshes.dense import around_centroid, camera_frame, metric_scale
 from shapefit.meshes.export import mesh_file, tubes
-from shapefit.pipelines.export.pose import Pose
 from shapefit.pipelines.items import ChosenItems
 
 BATCH = 64
@@ -34,40 +29,47 @@ FARTHEST = 1e38
 Known = TypeVar("Known")
 
 
-def check_mesh_export(
-    options: ExportConfig, pose: Pose, dictionary: Dictionary, place: Path
-) -> None:
-    """Raise InputError where the dictionary, of the file `place`, or the method cannot give it."""
+def mixes_atoms(config: FitConfig) -> bool:
+    """Whether shapes are sum_i c_i R_i B_i, so that what belongs to atoms can be mixed alike.
+
+    Refined under a perspective camera they always are.
+    """
+    method, perspective = METHODS[config.method], config.camera.model == "perspective"
+    return method.mixes_atoms or (perspective and method.perspective == "refined")
+
+
+def check_mesh_export(config: FitConfig, dictionary: Dictionary) -> None:
+    """Raise InputError where the dictionary or the method of a fit cannot give meshes."""
+    place = config.dictionary
     has_mesh = dictionary.mesh_vertices is not None
     if not has_mesh and dictionary.edges is None:
         fix = "learn it from shapes with `mesh_vertices` and `mesh_faces`, or with `edges`"
         raise input_error(place, "has neither a mesh nor edges to export", fix)
-    if has_mesh and not pose.mixes_atoms:
-        found = f"`method: {pose.method}` gives no coefficients to combine the atoms' meshes"
+    if has_mesh and not mixes_atoms(config):
+        found = f"`method: {config.method}` gives no coefficients to combine the atoms' meshes"
         fix = f"choose {listed(those(lambda method: method.mixes_atoms))}"
         raise input_error("export", found, fix)
-    if options.unit == "dictionary":
+    if config.export.unit == "dictionary":
         fix = "set `export.unit: landmarks`"
         if dictionary.atom_scale is None:
             found = "has no `atom_scale`, the sizes of its atoms"
             raise input_error(place, found, f"learn it with `method: exemplars`, or {fix}")
-        if not pose.mixes_atoms:
-            found = f"`method: {pose.method}` gives no coefficients, so the size is not known"
+        if not mixes_atoms(config):
+            found = f"`method: {config.method}` gives no coefficients, so the size is not known"
             raise input_error("export.unit", found, fix)
 
 
 class MeshExport:
     """Writes the mesh files of the images that `export.items` chooses."""
 
-    sheets: tuple[Path, ...] = ()
+    sheet: Path | None = None
     """It draws no contact sheet."""
 
-    def __init__(
-        self, options: ExportConfig, pose: Pose, dictionary: Dictionary, files: StagedFiles
-    ) -> None:
+    def __init__(self, config: FitConfig, dictionary: Dictionary, files: StagedFiles) -> None:
         """Take what `check_mesh_export` lets through."""
+        options = config.export
         self._options = options
-        self._pose = pose
+        self._config = config
         self._dictionary = dictionary
         self._files = files
         self._items = ChosenItems("export.items", options.items)
@@ -82,7 +84,7 @@ class MeshExport:
         rows = np.flatnonzero(chosen & fitted)
         for start in range(0, len(rows), BATCH):
             part = rows[start : start + BATCH]
-            points = place_model(self._options, self._pose, self._dictionary, found.take(part))
+            points = place_model(self._config, self._dictionary, found.take(part))
             for row, shape in zip(part, points, strict=True):
                 self._write(found.items[row], shape)
 
@@ -118,9 +120,7 @@ class MeshExport:
         self._written += 1
 
 
-def place_model(
-    options: ExportConfig, pose: Pose, dictionary: Dictionary, found: ResultSet
-) -> Floats:
+def place_model(config: FitConfig, dictionary: Dictionary, found: ResultSet) -> Floats:
     """size * S + origin, in the frame of the object size * R^T S, for n images with a shape.
 
     S are the vertices of the mesh (n, 3, q), mixed and turned by one rotation per image, else the
@@ -135,13 +135,13 @@ def place_model(
     else:
         points = camera_frame(meshes, required(c), R, one, none)
     size, origin = s, np.zeros((len(found), 3))
-    if options.unit == "landmarks":
+    if config.export.unit == "landmarks":
         origin[:, :2] = T
     else:
         size = metric_scale(dictionary.atoms, required(c), required(dictionary.atom_scale))
-        if pose.perspective:
+        if config.camera.model == "perspective":
             origin = np.asarray(found.columns["position"], dtype=float)
-    if options.frame == "object":
+    if config.export.frame == "object":
         return np.asarray(size[:, None, None] * (R.swapaxes(1, 2) @ points))
     return np.asarray(size[:, None, None] * points + origin[:, :, None])
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.config.commands.fit_sections import PicturesConfig
+from shapefit.config import FitConfig
 from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation.plots import save
@@ -19,8 +19,7 @@ from shapefit.io.atomic import StagedFiles, file_stem
 from shapefit.lifting.methods import METHODS
 from shapefit.meshes.dense import around_centroid, camera_frame, camera_frame_sheared
 from shapefit.meshes.pictures import FittedImage, Model, contact_sheet, fit_picture
-from shapefit.pipelines.export.meshes import has_shape, required
-from shapefit.pipelines.export.pose import Pose
+from shapefit.pipelines.export.meshes import has_shape, mixes_atoms, required
 from shapefit.pipelines.items import ChosenItems, spread
 
 if TYPE_CHECKING:
@@ -35,22 +34,17 @@ class PictureExport:
     """Draws the images that `pictures` chooses; the contact sheet when all have come."""
 
     def __init__(
-        self,
-        options: PicturesConfig,
-        pose: Pose,
-        dictionary: Dictionary,
-        files: StagedFiles,
-        count: int,
+        self, config: FitConfig, dictionary: Dictionary, files: StagedFiles, count: int
     ) -> None:
         """Take where the files go, and how many images will come."""
-        self._options = options
-        self._pose = pose
+        self._config = config
+        self._options = config.pictures
         self._dictionary = dictionary
         self._files = files
-        self._items = ChosenItems("pictures.items", options.items)
-        self._places = frozenset(spread(options.sheet, count))
+        self._items = ChosenItems("pictures.items", self._options.items)
+        self._places = frozenset(spread(self._options.sheet, count))
         self._sheet: list[FittedImage] = []
-        self.sheets: tuple[Path, ...] = ()
+        self.sheet: Path | None = None
         self._awaited = count
         self._come = self._drawn = self._missing = 0
 
@@ -71,7 +65,7 @@ class PictureExport:
                 continue
             turned = None if transforms is None else transforms.take([row])
             one = found.take([row])
-            image = fitted_image(one, turned, self._pose, self._dictionary)
+            image = fitted_image(one, turned, self._config, self._dictionary)
             if on_sheet:
                 self._sheet.append(image)
             if alone:
@@ -81,7 +75,7 @@ class PictureExport:
         if self._sheet and self._come == self._awaited:
             stem = next(stem for stem in SHEETS if self._named(stem) not in self._files)
             self._save(stem, contact_sheet(self._sheet, model), "contact sheet")
-            self.sheets = (self._files.folder / self._named(stem),)
+            self.sheet = self._files.folder / self._named(stem)
 
     @property
     def note(self) -> str:
@@ -105,7 +99,7 @@ class PictureExport:
 
 
 def fitted_image(
-    found: ResultSet, transforms: Transforms | None, pose: Pose, dictionary: Dictionary
+    found: ResultSet, transforms: Transforms | None, config: FitConfig, dictionary: Dictionary
 ) -> FittedImage:
     """Gather one image (n = 1); without mesh where that cannot follow, all nan without a shape.
 
@@ -121,18 +115,19 @@ def fitted_image(
         nowhere = np.full_like(found.shapes[0], np.nan)
         return FittedImage(title, landmarks, nowhere, nowhere[:2], outliers=outliers)
     place = required(found.scale), required(found.translation)
-    atoms = dictionary.mesh_vertices if pose.mixes_atoms else None
+    atoms = dictionary.mesh_vertices if mixes_atoms(config) else None
+    perspective = config.camera.model == "perspective"
     mesh = seen_mesh = None
     if atoms is not None:
         c, R = required(found.coefficients), required(found.rotation)
         mesh = seen_mesh = camera_frame(atoms, c, R, *place)
-        if not (pose.perspective or METHODS[pose.method].one_rotation):
-            M, orthogonal = required(transforms).dense(), pose.rotations == "orthogonal"
+        if not (perspective or METHODS[config.method].one_rotation):
+            M, orthogonal = required(transforms).dense(), config.rotations == "orthogonal"
             seen_mesh = camera_frame_sheared(atoms, M, *place, orthogonal=orthogonal)
 
     def as_seen(points: Floats) -> Floats:
         """Where (2, q) the camera sees points (1, 3, q) of the frame and unit of the shapes."""
-        if not pose.perspective:
+        if not perspective:
             return points[0, :2]
         t, focal, centre = (
             np.asarray(extras[name], dtype=float)

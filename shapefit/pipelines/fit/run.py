@@ -29,7 +29,7 @@ from shapefit.io import (
 from shapefit.io.options import OutputOptions
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
-from shapefit.pipelines.export.run import open_exports, plan_exports
+from shapefit.pipelines.export.run import check_exports, open_exports
 from shapefit.pipelines.fit.camera import doubts_of_lens, straightened
 from shapefit.pipelines.fit.lift import lift_batch, whole_stretches
 from shapefit.pipelines.fit.prepare import (
@@ -80,16 +80,14 @@ def run(
     files = (*(config.landmarks if rows is None else ()), config.dictionary)
     on_threads(local_copy, (path for path in files if isinstance(path, UrlPath)))
     dictionary = dictionary or read_dictionary(config.dictionary)
-    wanted = plan_exports(config, dictionary)
+    check_exports(config, dictionary)
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
         estimates = estimates or prepare(config, dictionary, lambda: source.first(FIRST))
         config = config.changed(**estimates.values)
         setup = set_up(config, dictionary, source.head.landmark_names)
         report, seconds, inputs = Report(setup), 0.0, dict[str, str]()
         with (
-            open_exports(
-                wanted.seen_through(config.camera), setup.dictionary, source.count
-            ) as exports,
+            open_exports(config, setup.dictionary, source.count) as exports,
             result_writer(output, OutputOptions(height=config.height)) as writer,
             closing(lift_source(source, setup)) as batches,
         ):
@@ -108,7 +106,7 @@ def run(
         total=source.count,
         warnings=warnings + exports.warnings + of_writer,
         note="; ".join(filter(None, (*said, exports.note, writer.summary.note))),
-        written=(*(writer.summary.written or (output,)), *exports.folders, *exports.sheets),
+        written=(*(writer.summary.written or (output,)), *exports.written),
     )
 
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,8 +14,9 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.config import ViewConfig
-from shapefit.errors import input_error
-from shapefit.io import open_shapes
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import InputError, input_error
+from shapefit.io import digest, open_shapes, read_dictionary
 from shapefit.io.foreign.items import FRAME
 from shapefit.io.listing import AnyRecords, Listing, read_rows
 from shapefit.io.options import input_options
@@ -22,6 +25,7 @@ from shapefit.io.source import open_results
 from shapefit.lifting.verdict import DOUBT
 from shapefit.pipelines.evaluate.judge import with_shapes_of
 from shapefit.pipelines.joints import INPUT_NAMES
+from shapefit.stores import location
 
 CAMERA = ("camera_translation", "focal", "principal_point")
 """Datasets that describe how a camera sees the shapes of a result in perspective."""
@@ -209,6 +213,29 @@ def read_truth(
             own = shapes.shapes[:, :, shapes.landmark_names.index(name)]
             points[rows >= 0, :, j] = own[rows[rows >= 0]]
     return Truth(shapes, rows, points, frame_rate)
+
+
+def fit_config(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the config of the fit, as far as the attributes of the result say."""
+    try:
+        config = json.loads(str(attributes.get("config", "{}")))
+    except ValueError:
+        return {}
+    return config if isinstance(config, dict) else {}
+
+
+def fit_dictionary(attributes: Mapping[str, Any]) -> tuple[Path | None, Dictionary | str]:
+    """Return where the dictionary of the fit is, and it, or "" or words why it cannot be had."""
+    stated = fit_config(attributes).get("dictionary")
+    if not isinstance(stated, str):
+        return None, ""
+    path = location(stated)
+    try:
+        if digest(path) in str(attributes.get("inputs", "")):
+            return path, read_dictionary(path)
+        return path, "has changed since the fit"
+    except (InputError, OSError):
+        return path, "no longer exists"
 
 
 def renamed_edges(

@@ -25,7 +25,6 @@ from shapefit.io.listing import Listing
 from shapefit.io.skeletons import edges_of
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import DOUBT
-from shapefit.pipelines.export.origin import fit_config, fit_dictionary
 from shapefit.pipelines.view.images import MEGABYTES, embed_images
 from shapefit.pipelines.view.reading import (
     CAMERA,
@@ -35,6 +34,8 @@ from shapefit.pipelines.view.reading import (
     Gathered,
     Truth,
     as_judged,
+    fit_config,
+    fit_dictionary,
     gather,
     read_truth,
     renamed_edges,

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
+from shapefit.config import FitConfig
 from shapefit.convex.transforms import Transforms
 from shapefit.pipelines.export.pictures import fitted_image
-from shapefit.pipelines.export.pose import Pose
-from tests.io.files import load
 
 
 @pytest.fixture
@@ -56,20 +55,13 @@ def test_chosen_items_and_a_contact_sheet(tmp_path, draw, views):
     assert outcomes[-1].warnings == ("pictures.items: no item has this name or matches 'lorry*'",)
 
 
-@pytest.mark.parametrize("chunk", [1, 4])
-def test_the_sheet_is_spread_evenly_over_all(tmp_path, draw, views, sheets, chunk):
-    draw(most=0, sheet=3, fit_keys={"chunk": chunk})
-    ((images, model),) = sheets
-    assert [image.title for image in images] == [views.items[i] for i in (1, 3, 5)]
-    assert model.y_axis == "down"
-    assert written(tmp_path) == {"contact_sheet.png"}
-
-
 def test_an_image_may_be_called_like_the_sheet(tmp_path, draw, views, sheets):
     items = list(views.items)
     items[-1], items[2] = "contact_sheet", "contact_sheet%"
     named = views.replaced(items=tuple(items))
     draw(named, items=["contact_sheet*"], sheet=3, fit_keys={"chunk": 2})
+    ((images, _),) = sheets
+    assert [image.title for image in images] == [items[i] for i in (1, 3, 5)]  # spread evenly
     assert written(tmp_path) == {
         "contact_sheet.png", "contact_sheet%25.png", "contact_sheet%.png",
     }  # fmt: skip
@@ -78,7 +70,6 @@ def test_an_image_may_be_called_like_the_sheet(tmp_path, draw, views, sheets):
         for name in ("contact_sheet", "contact_sheet%")
     )
     assert alone[1] / alone[0] > 2 > sheet[1] / sheet[0]
-    assert len(sheets) == 1
 
 
 def test_an_image_without_a_shape_has_its_picture(tmp_path, draw, views, sheets):
@@ -115,29 +106,17 @@ class TestFittedImages:
 
         def fit_and_gather(*records, dictionary=car_atoms, **keys):
             found, _ = run(*records, **keys)
-            perspective = keys.get("camera", {}).get("model") == "perspective"
-            pose = Pose(
-                keys.get("method", "convex+refine"), keys.get("rotations", "shared"), perspective
-            )
+            files = {"landmarks": str(tmp_path / "views.h5"), "dictionary": str(cars)}
+            files["output"] = str(tmp_path / "other.h5")
+            config = FitConfig(**files, **({"method": "convex+refine"} | keys))
             return found, [
                 fitted_image(
-                    found.take([row]), Transforms.of(found.transforms[[row]]), pose, dictionary
+                    found.take([row]), Transforms.of(found.transforms[[row]]), config, dictionary
                 )
                 for row in range(len(found))
             ]
 
         return fit_and_gather
-
-    def test_observed_landmarks_and_outliers(self, gather, views):
-        keys = {"method": "convex", "outliers": {"method": "sparse-error", "threshold": 0.02}}
-        found, images = gather(**keys)
-        assert np.any(found.columns["outliers"])
-        for row, image in enumerate(images):
-            assert image.title == views.items[row]
-            np.testing.assert_array_equal(image.landmarks, views.landmarks[row])
-            np.testing.assert_array_equal(image.outliers, found.columns["outliers"][row])
-        _, plain = gather()
-        assert all(image.outliers is None for image in plain)
 
     @pytest.mark.parametrize(
         "keys",
@@ -185,12 +164,3 @@ class TestFittedImages:
                 expected - expected.mean(axis=1, keepdims=True),
                 atol=1e-9,
             )
-
-
-def test_people_are_drawn_with_their_bones(draw, people, project, sheets):
-    images = load(project / "sample_data/people_views.csv")
-    draw(images, people, most=0, sheet=2)
-    (((first, _), model),) = sheets
-    assert model.edges.shape == (14, 2)
-    assert model.faces is None
-    assert first.mesh is None

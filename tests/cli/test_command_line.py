@@ -1,0 +1,230 @@
+"""What the command line hands to the pipelines, and what it makes of their outcomes and errors."""
+
+import os
+import re
+import subprocess
+import sys
+import webbrowser
+from itertools import count
+from pathlib import Path
+
+import pytest
+from shapefit.cli.commands import COMMANDS
+
+from shapefit.config import CONFIGS, load_config
+from shapefit.config.model import dotted_keys, field_keys
+from shapefit.errors import InputError, path_text, printable
+from shapefit.pipelines import verify
+from shapefit.pipelines.outcome import Counted, Failure, Outcome
+
+NAMES = [spec.name for spec in COMMANDS]
+FIT = "fit -c fit.yaml"
+EVAL = "eval result.h5 --truth shapes.h5 -o report"
+PIPELINES = {"fit": "fit.run", "eval": "evaluate.run", "view": "view.run"}
+FAILING = tuple(Failure(f"img_{i}", "hidden") for i in range(27))
+NOT_OPTIMAL = [
+    Outcome(warnings=(Counted(number, "image", "not optimal", worst, severity),))
+    for number, severity, worst in ((128, 0.2, "a"), (13, 0.7, "b"), (1, 0.1, "c"))
+]
+FORGED = "x\x1b[31mRED\nfit: 8 images in 0.0 s; wrote all"
+INTERNAL = "Internal error: ZeroDivisionError: division by zero (this is a bug in shapefit"
+
+TOLD = {
+    "a sum of all": (FIT, [Outcome(done=2, warnings=("odd",)), Outcome(done=1)], 0,
+        r"Warning: odd\nfit: 3 images in \S+ s\n"),
+    "a warning once": (FIT, [Outcome(warnings=("odd",))] * 3, 0, r"Warning: odd\nfit: .*\n"),
+    "numbers of a warning in sum": (FIT, NOT_OPTIMAL, 0,
+        r"Warning: 142 images not optimal, the worst: b\nfit: .*\n"),
+    "the last note": (FIT, [Outcome(note="a"), Outcome(note="b"), Outcome()], 0, r"fit: .* s; b\n"),
+    "the unit of the outcomes": (FIT, [Outcome(done=34, unit="shape")], 0, r"fit: 34 shapes in .*"),
+    "files": (FIT, [Outcome(written=tuple(Path.cwd() / name for name in "ab"))], 0,
+        rf"fit: .*; wrote {Path.cwd()}/a, {Path.cwd()}/b\n"),
+    "many files": (FIT, [Outcome(written=tuple(Path(f"/r/{n}.csv") for n in range(9)))], 0,
+        r"fit: .*; wrote 9 files in /r\n"),
+    "all files": (f"{FIT} -v", [Outcome(written=tuple(Path(f"/r/{n}") for n in range(9)))], 0,
+        r"Config: fit.yaml\nfit: .*; wrote /r/0, .*/r/8\n"),
+    "failures": (FIT, [Outcome(done=30, failures=FAILING[:15]), Outcome(failures=FAILING[15:])], 1,
+        r"(Failed: img_1?\d: hidden\n){20}Failed: and 7 more\nfit: 30 images in .*, 27 failed\n"),
+    "all failures": (f"{FIT} -v", [Outcome(failures=FAILING)], 1,
+        r"Config: fit.yaml\n(Failed: [^\n]*\n){27}fit[^\n]*\n"),
+    "many warnings": (FIT, [Outcome(warnings=(f"w{n}",)) for n in range(27)], 0,
+        r"(Warning: w1?\d\n){20}Warning: and 7 more\nfit: .*\n"),
+    "failures alone": (f"{FIT} -q", [Outcome(failures=FAILING[:1], warnings=("odd",))], 1,
+        r"Failed: img_0: hidden\n"),
+    "no forged line": (FIT, [Outcome(failures=(Failure(FORGED, "bad"),), warnings=(FORGED,))], 1,
+        r"Warning: x\\x1b[^\n]*\nFailed: x\\x1b[^\n]*\nfit: [^\n]*\n"),
+    "every problem": (FIT, [InputError(["a.csv:3: no number", "a.csv:5: repeated"])], 2,
+        r"Error: a.csv:3: no number\nError: a.csv:5: repeated\n"),
+    "an internal error": (FIT, [Outcome(done=1), ZeroDivisionError("division\nby zero")], 3,
+        re.escape(f"{INTERNAL}; --traceback or SHAPEFIT_TRACEBACK=1 shows where)") + "\n"),
+    "where it arose": (f"{FIT} --traceback", [ZeroDivisionError("division by zero")], 3,
+        "Traceback .*" + re.escape(f"{INTERNAL})") + "\n"),
+    "too little memory": (FIT, [MemoryError("Unable to allocate 6.71 GiB")], 2,
+        r"Error: memory: there is not enough: Unable to allocate 6.71 GiB; give fewer items .*"),
+    "an interruption": (FIT, [Outcome(done=1), KeyboardInterrupt()], 130,
+        r"Interrupted; no file is left half written.\n"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", TOLD)
+def test_what_is_told_goes_to_standard_error(shapefit, fake_pipeline, case):
+    line, outcomes, code, told = TOLD[case]
+    fake_pipeline(PIPELINES["fit"], outcomes)
+    done = shapefit(*line.split())
+    assert (done.code, done.out) == (code, "")
+    assert re.fullmatch(told, done.err, re.DOTALL), done.err
+
+
+@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
+def test_a_table_goes_to_standard_output(shapefit, fake_pipeline, quiet):
+    fake_pipeline("evaluate.run", [Outcome(done=1, note="ours"), Outcome(note="| table |")])
+    done = shapefit(*EVAL.split(), *quiet)
+    assert (done.code, done.out, "table" in done.err) == (0, "| table |\n", False)
+    assert (done.err == "") == bool(quiet)
+
+
+def test_each_command_calls_its_pipeline_with_its_config(shapefit, fake_pipeline):
+    for line, pipeline, command in (
+        ("learn-dict shapes.h5 -o d.h5", "learn_dict.run", "learn-dict"),
+        ("fit views.h5 -d dict.h5 -o -", "fit.run", "fit"),
+        ("fit views.h5 -d dict.h5 -o parts/", "parts.run", "fit"),
+        ("fit views.h5 -d dict.h5 -o manifest.jsonl", "fit.run", "fit"),
+        ("project shapes.h5 -o v.h5", "projection", "project"),
+        (EVAL, "evaluate.run", "eval"),
+    ):
+        configs = fake_pipeline(pipeline, [Outcome(done=1)])
+        assert shapefit(*line.split()).code == 0
+        assert [type(config) for config in configs] == [CONFIGS[command]]
+
+
+def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folder):
+    configs = fake_pipeline("fit.run", [Outcome()])
+    line = f"{FIT} v*.h5 dict.h5 -o out.csv --set lambda=1e-3 --set outliers.method=l1"
+    shapefit(*line.split(), "-d", "shapes.h5")
+    (config,) = configs
+    assert config.landmarks == (folder / "views.h5", folder / "dict.h5")
+    assert (config.output, config.lam, config.outliers.method) == (folder / "out.csv", 1e-3, "l1")
+    configs = fake_pipeline("view.run", [Outcome(done=3, written=(folder / "page.html",))])
+    line = "view result.h5 views.h5 --truth shapes.h5 --truth views.h5 -d dict.h5 -o page.html"
+    told = shapefit(*line.split(), "--set", "images=frames/{item}.png")
+    (config,) = configs
+    assert config.files == {"result": (folder / "result.h5",), "views": (folder / "views.h5",)}
+    assert config.truth == (folder / "shapes.h5", folder / "views.h5")
+    assert (config.dictionary, config.output) == (folder / "dict.h5", folder / "page.html")
+    assert config.images == folder / "frames/{item}.png"
+    assert told.err.endswith("view: 3 frames in 0.0 s; wrote page.html\n")
+
+
+def test_verify_hands_on_its_arguments(shapefit, monkeypatch):
+    asked = []
+    failures = (Failure("a", "the objective is P: off by 1"),)
+    outcomes = [Outcome(done=3, failures=failures), Outcome(note="| claim |")]
+    monkeypatch.setattr(verify, "run", lambda request: asked.append(request) or iter_of(outcomes))
+    told = shapefit("verify", "result.h5", "-d", "dict.h5", "--landmarks", "views.h5")
+    assert asked == [verify.Request(Path("result.h5"), Path("dict.h5"), (Path("views.h5"),))]
+    assert (told.code, told.out) == (1, "| claim |\n")
+    assert told.err.startswith("Failed: a: the objective is P: off by 1\nverify: 3 images in ")
+
+
+def iter_of(outcomes):
+    yield from outcomes
+
+
+def test_a_page_is_opened_where_that_is_wished(shapefit, fake_pipeline, folder, monkeypatch):
+    fake_pipeline("view.run", [Outcome(done=3, written=(folder / "page.html",))])
+    opened = []
+    monkeypatch.setattr(webbrowser, "open", lambda url: not opened.append(url))
+    shapefit("view", "result.h5")
+    assert opened == []
+    shapefit("view", "result.h5", "--open")
+    assert opened == [(folder / "page.html").as_uri()]
+    monkeypatch.setattr(webbrowser, "open", lambda url: False)
+    told = shapefit("view", "result.h5", "--open")
+    assert told.code == 0
+    assert "No browser was found; open" in told.err
+
+
+def test_the_pipeline_is_closed_when_the_command_line_breaks_off(
+    shapefit, fake_pipeline, monkeypatch
+):
+    closed = []
+
+    def run(_config):
+        try:
+            yield Outcome(done=1)
+        finally:
+            closed.append(True)
+
+    fake_pipeline("fit.run", [])
+    monkeypatch.setattr(sys.modules["shapefit.pipelines.fit.run"], "run", run)
+    monkeypatch.setattr("shapefit.cli.report.Report.add", lambda *_: 1 / 0)
+    assert shapefit(*FIT.split()).code == 3
+    assert closed == [True]
+
+
+def test_progress_is_a_line_now_and_then_without_a_terminal(shapefit, fake_pipeline, monkeypatch):
+    clock = count(0, 4)  # seconds: a line after every third look at the clock
+    monkeypatch.setattr("shapefit.cli.report.time.monotonic", lambda: next(clock))
+    fake_pipeline("fit.run", [Outcome(done=10, total=90, note="gap 1e-5")] * 9)
+    lines = [line for line in shapefit(*FIT.split()).err.splitlines() if " of 90 images, " in line]
+    assert 2 <= len(lines) <= 4
+    assert lines[0].startswith("fit: ")
+    assert lines[0].endswith(" s; gap 1e-5")
+
+
+@pytest.mark.parametrize("command", NAMES)
+def test_every_key_is_listed_and_printed_without_inputs(shapefit, command):
+    told = shapefit("config", command)
+    listed = {line.split(":")[0] for line in told.out.splitlines() if line[0] != " "}
+    keys = set(dotted_keys(CONFIGS[command])) - {"data", "storage_options"}
+    sections = {key.rpartition(".")[0] for key in keys}
+    assert {key for key in keys - listed if "." not in key} <= sections | listed <= sections | keys
+    told = shapefit(command, "--print-config")
+    assert (told.code, told.err) == (0, "")
+    printed = {line.split(":")[0] for line in told.out.splitlines() if line[0] not in " -"}
+    assert printed == set(field_keys(CONFIGS[command]))
+
+
+def test_a_printed_config_serves_once_its_inputs_are_given(shapefit, fake_pipeline, folder):
+    configs = fake_pipeline("fit.run", [])
+    printed = shapefit("fit", "--set", "lambda=2", "--print-config").out
+    (folder / "printed.yaml").write_text(printed)
+    inputs = {"landmarks": ("views.h5",), "dictionary": "dict.h5", "output": "result.h5"}
+    config = load_config("fit", folder / "printed.yaml", (), inputs)
+    assert config == load_config("fit", None, ("lambda=2",), inputs)
+    assert configs == []
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["--version"], ["fit", "--help"]])
+def test_help_and_version_go_to_stdout(shapefit, arguments):
+    result = shapefit(*arguments)
+    assert (result.code, result.err, "shapefit" in result.out) == (0, "", True)
+
+
+def complete(words: str, kind: str = "bash_complete") -> list[str]:
+    """Return what a shell is offered for the last of the words."""
+    last = str(len(words.split()) - 1)
+    asked = {"_SHAPEFIT_COMPLETE": kind, "COMP_WORDS": words, "COMP_CWORD": last}
+    line = [sys.executable, "-m", "shapefit"]
+    done = subprocess.run(line, env=os.environ | asked, capture_output=True, text=True, check=True)
+    return [answer.split(",", 1)[-1] for answer in done.stdout.splitlines()]
+
+
+def test_the_shell_completes_commands_configs_and_keys():
+    assert complete("shapefit learn") == ["learn-dict"]
+    assert complete("shapefit fit -c car") == ["cars"]
+    assert complete("shapefit fit --set outliers.thr") == ["outliers.threshold="]
+    assert "#compdef shapefit" in complete("shapefit", "zsh_source")
+
+
+def test_what_a_terminal_would_obey_is_shown_as_an_escape():
+    for text, shown in (
+        ("plain text, mañana", "plain text, mañana"),
+        ("x\x1b[31mRED\nfit: wrote all", "x\\x1b[31mRED\\nfit: wrote all"),
+        ("caf\udce9", "caf\\xe9"),
+        ("half \ud800", "half \\ud800"),
+        ("right\u202eleft", "right\\u202eleft"),
+    ):
+        assert printable(text) == shown
+    assert path_text(os.fsdecode(b"a/caf\xe9")) == "a/caf\\xe9"
+    assert path_text("a/café") == "a/café"
