@@ -18,17 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from shapefit.arrays import Flags, Floats
 
-UNIT = 2.0**-53
-FACTOR = 32.0
-"""C: a landmark or a transform takes part in a handful of sums, in the fit and here."""
+ROUNDING = 32 * 2.0**-53
+"""C u: a landmark or a transform takes part in a handful of sums, in the fit and here."""
 FLOOR = 1e-9
 """Share of a number by which it may always be off."""
 
-
-def rounding(landmarks: int, transforms: NDArray[np.integer]) -> Floats:
-    """C u (p + 3 m) of n images with m (n,) active transforms."""
-    share: Floats = FACTOR * UNIT * (landmarks + 3.0 * np.maximum(transforms, 0))
-    return share
+Columns = Mapping[str, NDArray[Any]]
+"""Datasets of n images of a result by name; points one a column, (n, 3, p) or (n, 2, p)."""
 
 
 @dataclass(frozen=True)
@@ -59,12 +55,12 @@ class Check:
 class Checks:
     """The checks of n images; `fitted` (n,) are those with a shape, of which most is claimed.
 
-    columns, what the result states, by dataset; settled: the datasets in which no number can be
-    another one without a check that fails.
+    columns, what the result states; settled: the datasets in which no number can be another one
+    without a check that fails.
     """
 
     fitted: Flags
-    columns: Mapping[str, NDArray[Any]]
+    columns: Columns
     made: list[Check] = field(default_factory=list)
     settled: set[str] = field(default_factory=set)
 
@@ -93,9 +89,10 @@ class Checks:
         self.made.append(Check(claim, largest(off), allowed, self.fitted if of is None else of))
         self.settled.update(settles.split())
 
-    def equal(self, name: str, claim: str, found: Floats, allowed: Floats | float) -> None:
-        """Add the claim that a dataset (n, ...) is what was found, and settle it."""
-        self.add(claim, np.abs(self.columns[name] - found), allowed, name)
+    def equal(self, name: str, of_what: str, found: Floats, allowed: Floats | float) -> None:
+        """Add the claim that a dataset (n, ...) follows, as found, from something else."""
+        off = np.abs(self.columns[name] - found)
+        self.add(f"{name} follows from {of_what}", off, allowed, name)
 
     def hold(
         self, claim: str, holds: ArrayLike, settles: str = "", of: Flags | None = None
@@ -109,12 +106,11 @@ class Checks:
 
     def reasons(self) -> Sequence[tuple[int, str]]:
         """Each image with a false claim, and the first of its false claims."""
-        missed = np.array([one.missed for one in self.made]).reshape(len(self.made), -1)
         found = []
-        for image in np.flatnonzero(missed.any(axis=0)).tolist():
-            first, *more = np.flatnonzero(missed[:, image]).tolist()
+        for image in np.flatnonzero(self.missed()).tolist():
+            first, *more = (one for one in self.made if one.missed[image])
             also = f" (and {len(more)} more)" if more else ""
-            found.append((image, self.made[first].reason(image) + also))
+            found.append((image, first.reason(image) + also))
         return found
 
 

@@ -1,10 +1,12 @@
-"""The certificate of the convex program, computed again from transforms and dual.
+"""The certificate of the convex program, and of what refines it, from transforms and dual.
 
     P = f(Omega o (V - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2
     D = <Y, Omega o V> - delta / 2 ||Y||_F^2
     where Y omega = 0, ||(Y o Omega) B_i^T||_* <= lambda for all i, |Y| <= the bound of the loss
 
-V are the normalised landmarks; delta is 1 for the losses squared and sparse-error, else 0.
+V are the normalised landmarks; delta is 1 for the losses squared and sparse-error, else 0. With one
+rotation M_i = c_i Rbar, and f is the squared loss. The shape is scale sum_i c_i R_i B_i +
+translation, c_i = ||M_i||_2 and R_i the rows of M_i / c_i and their cross product.
 
 Norms of 2 x 3 blocks with rows x, y come from sums of terms that are not negative: with
 g = ||x||^2 + ||y||^2 = s1^2 + s2^2 and v = ||x cross y|| = s1 s2 the nuclear norm is sqrt(g + 2 v),
@@ -13,15 +15,16 @@ and the spectral norm is the root of (g + h) / 2, h = sqrt((||x||^2 - ||y||^2)^2
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
 from shapefit.verification.checks import FLOOR, Checks, largest
-from shapefit.verification.fit import LIMITED, OPTIMAL, Images
-from shapefit.verification.rotation import check_nearest
+from shapefit.verification.fit import PROOF, Images
 
 Indices = NDArray[np.integer]
 
@@ -34,12 +37,11 @@ BLOCK = 128
 """Images whose products with the atoms are in the cache of the processor together."""
 
 
-@dataclass(frozen=True)
-class Value:
-    """Numbers (n,) and bounds (n,) on how far rounding took them from what they are."""
+class Sum(NamedTuple):
+    """Numbers (n, ...), and the sums (n,) of the magnitudes of what adds up to them."""
 
     value: Floats
-    error: Floats
+    terms: Floats
 
 
 @dataclass(frozen=True)
@@ -66,61 +68,72 @@ class Atoms:
 
 @dataclass(frozen=True)
 class Transforms:
-    """The transforms of n images that are not 0, image after image.
+    """The transforms M (a, 2, 3) of n images that are not 0, image after image.
 
-    image and atom (a,): whose they are; blocks M (a, 2, 3); norms (a,), their spectral norms.
+    image and atom (a,): whose they are.
     """
 
     image: Indices
     atom: Indices
     blocks: Floats
-    norms: Floats
     images: int
-    atoms: int
 
     @classmethod
-    def of(cls, images: Images, atoms: int) -> Transforms:
+    def of(cls, images: Images) -> Transforms:
         """Return those that a result states."""
-        columns = images.columns
-        blocks, counts = columns["active_transforms"], columns["transform_count"]
-        x, y = blocks[:, 0], blocks[:, 1]
-        xx, yy, xy = (np.einsum("ai,ai->a", *pair) for pair in ((x, x), (y, y), (x, y)))
-        norms = np.sqrt((xx + yy + np.sqrt((xx - yy) ** 2 + 4 * xy**2)) / 2)
+        counts = images.columns["transform_count"]
         image = np.repeat(np.arange(len(counts)), counts)
-        return cls(image, columns["transform_atom"], blocks, norms, len(counts), atoms)
+        stated = images.columns["transform_atom"], images.columns["active_transforms"]
+        return cls(image, *stated, len(counts))
 
-    def total(self, values: Floats) -> Floats:
+    @cached_property
+    def gram(self) -> tuple[Floats, Floats, Floats]:
+        """||x||^2, ||y||^2 and x . y of the rows x, y of each block, (a,) each."""
+        x, y = self.blocks[:, 0], self.blocks[:, 1]
+        return (x * x).sum(axis=1), (y * y).sum(axis=1), (x * y).sum(axis=1)
+
+    @cached_property
+    def norms(self) -> Floats:
+        """c_i (a,), the spectral norms."""
+        xx, yy, xy = self.gram
+        norms: Floats = np.sqrt((xx + yy + np.sqrt((xx - yy) ** 2 + 4 * xy**2)) / 2)
+        return norms
+
+    def total(self, values: NDArray[Any]) -> Floats:
         """Sum over the transforms of each image: (n, ...) of values (a, ...)."""
-        sums = np.zeros((self.images, *values.shape[1:]))
-        counts = np.bincount(self.image, minlength=self.images)
-        some = counts > 0
-        if some.any():
-            sums[some] = np.add.reduceat(values, (np.cumsum(counts) - counts)[some], axis=0)
-        return sums
+        rows = values.reshape(len(values), int(np.prod(values.shape[1:]))).T
+        sums = [np.bincount(self.image, row, self.images) for row in rows]
+        total: Floats = np.stack(sums, axis=-1).astype(np.float64, copy=False)
+        return total.reshape(self.images, *values.shape[1:])
+
+    def dense(self, values: Floats, atoms: Atoms) -> Floats:
+        """Values (a, ...) at the places of their atoms, (n, k, ...), and 0 elsewhere."""
+        dense = np.zeros((self.images, atoms.count, *values.shape[1:]))
+        dense[self.image, self.atom] = values
+        return dense
 
     def combine(self, turned: Floats, atoms: Atoms) -> Floats:
         """sum_i T_i B_i (n, d, p) of transforms T (a, d, 3) of the same atoms."""
         d = turned.shape[1]
-        dense = np.zeros((self.images, d, self.atoms, 3))
+        dense = np.zeros((self.images, d, atoms.count, 3))
         dense[self.image, :, self.atom] = turned
-        shapes: Floats = dense.reshape(self.images * d, 3 * self.atoms) @ atoms.rows
+        shapes: Floats = dense.reshape(self.images * d, -1) @ atoms.rows
         return shapes.reshape(self.images, d, -1)
 
-    def completed(self, *, orthogonal: bool) -> tuple[Floats, Floats]:
-        """c_i R_i (a, 3, 3), and a bound (n,) on what `orthogonal` adds to their errors.
+    def rotations(self, *, orthogonal: bool) -> Sum:
+        """c_i R_i (a, 3, 3), and what their errors are sums of (n,), beside the norms.
 
-        The rows of M_i and their cross product over c_i; where `orthogonal` c_i times the nearest
-        orthonormal rows and theirs. These are as ill determined as s1 / s2 of M_i is large: the
-        bound is sum_i c_i s1 / s2, at most 2 c_i / u, which is all there is.
+        Where `orthogonal` R_i is the rotation nearest to M_i. It is as ill determined as s1 / s2 of
+        M_i is large, which at most is 2 / u: that is all there is.
         """
-        rows, doubt = self.blocks, np.zeros(self.images)
+        rows, norms, doubt = self.blocks, self.norms[:, None], np.zeros(self.images)
         if orthogonal:
-            rows, condition = polar_rows(self.blocks, self.norms)
-            doubt = self.total(self.norms * np.minimum(condition, MOST_CONDITION))
+            U, s, Vt = np.linalg.svd(self.blocks, full_matrices=False)
+            rows = s[:, :1, None] * (U @ Vt)
+            doubt = self.total(s[:, 0] * np.minimum(s[:, 0] / s[:, 1], MOST_CONDITION))
         across = np.cross(rows[:, 0], rows[:, 1])
-        norms = self.norms[:, None]
         third = np.divide(across, norms, out=np.zeros_like(across), where=norms > 0)
-        return np.concatenate([rows, third[:, None]], axis=1), doubt
+        return Sum(np.concatenate([rows, third[:, None]], axis=1), doubt)
 
 
 def nuclear_norms(x: Floats, y: Floats) -> Floats:
@@ -133,209 +146,202 @@ def nuclear_norms(x: Floats, y: Floats) -> Floats:
     return norms
 
 
-def polar_rows(blocks: Floats, norms: Floats) -> tuple[Floats, Floats]:
-    """s1 (M M^T)^(-1/2) M of blocks M (a, 2, 3), and its condition s1 / s2 (a,), inf for rank 1.
-
-    The nearest pair of orthonormal rows, times s1. A = M M^T and v = s1 s2 give
-    A^(-1/2) = ((tr A + v) I - A) / (v (s1 + s2)).
-    """
-    v = np.linalg.norm(np.cross(blocks[:, 0], blocks[:, 1]), axis=1)
-    A = blocks @ blocks.swapaxes(1, 2)
-    trace = A[:, 0, 0] + A[:, 1, 1]
-    inverse = (trace + v)[:, None, None] * np.eye(2) - A
-    inverse *= (norms / (v * np.sqrt(trace + 2 * v)))[:, None, None]
-    condition = np.where(v > 0, norms**2 / v, np.inf)
-    return np.where(v[:, None, None] > 0, inverse @ blocks, 0.0), condition
-
-
-def check_program(
-    images: Images, M: Transforms, atoms: Atoms, kept: Flags | None, checks: Checks
-) -> Value:
+def check_program(images: Images, atoms: Atoms, kept: Flags | None, checks: Checks) -> Sum:
     """Check the program from which the fit starts, or that it is; returns the dual bound.
 
     kept (n, k): the atoms that each image could use, None for all.
     """
-    stated, own = images.columns, images.fit.is_program
+    stated, own, M = images.columns, images.fit.is_program, Transforms.of(images)
     ordered = np.ones(M.images, dtype=bool)
     ordered[M.image[1:][(np.diff(M.atom) <= 0) & (np.diff(M.image) == 0)]] = False
     checks.hold("the transforms are in order", ordered)
     if kept is not None:
-        unused = np.ones(M.images, dtype=bool)
-        unused[M.image[~kept[M.image, M.atom]]] = False
+        unused = M.total(~kept[M.image, M.atom]) == 0
         checks.hold("atoms that are left out have no transform", unused)
-    D = dual_bound(images, stated["dual"], atoms, kept, checks)
-    total, orthogonal = M.total(M.norms), images.fit.key("rotations") == "orthogonal"
-    turned, doubt = M.completed(orthogonal=orthogonal) if own else (M.blocks, 0.0)
-    S = M.combine(turned, atoms)
-    X = M.combine(M.blocks, atoms) if own and orthogonal else S[:, :2]
-    r, error = residual(images, X, stated["convex_translation"], total, atoms)
-    P = objective(images, r, error, total, images.fit.loss)
-    gap, before, of = gap_of(images, P, D), *(("", "") if own else ("convex_", "convex "))
-    checks.equal(f"{before}objective", f"the {of}objective is P", P.value, P.error)
-    claim = f"the {of}gap is (P - D) / P"
-    checks.equal(f"{before}relative_gap", claim, gap.value, gap.error)
-    if own and not orthogonal:
-        left = relative(images, r, error)
-        checks.equal("residual", "residual follows from the fit", left.value, left.error)
+    D = check_dual(images, atoms, kept, checks)
+    T, total = stated["convex_translation"], M.total(M.norms)
+    orthogonal = own and images.fit.key("rotations") == "orthogonal"
+    turned = M.rotations(orthogonal=orthogonal) if own else Sum(M.blocks, np.zeros(M.images))
+    S = Sum(M.combine(turned.value, atoms), (total + turned.terms) * atoms.reach)
+    X = M.combine(M.blocks, atoms) if orthogonal else S.value[:, :2]
+    P = objective(images, X, T, total, atoms)
+    before = "" if own else "convex_"
+    check_bound(images, f"{before}objective", f"{before}relative_gap", P, D, checks)
     if own:
-        _check_solution(images, M, r, error, gap, checks)
-        size = total + doubt
-        allowed = images.allow(size, size)
-        check_nearest(stated["rotation"], M.total(turned), total, allowed, checks)
-        check_place(images, Value(stated["convex_translation"], np.zeros(M.images)), checks)
-        check_points(images, Value(S, allowed * atoms.reach), checks)
+        checks.settled.update(PROOF.split())
+        c, blocks = M.dense(M.norms, atoms), None
+        if "transforms" in stated:
+            blocks = M.dense(M.blocks, atoms)
+        check_coefficients(images, c, blocks, total, checks)
+        _check_tight(images, M, checks)
+        if images.fit.loss in ("l1", "sparse-error") and "outliers" in stated:
+            _check_outliers(images, X, T, checks)
+        allowed = images.allow(total + turned.terms, total)
+        check_nearest(stated["rotation"], M.total(turned.value), total, allowed, checks)
+        check_place(images, S, T, checks)
     return D
 
 
-def residual(
-    images: Images, projections: Floats, translation: Floats, total: Floats, atoms: Atoms
-) -> tuple[Floats, Floats]:
-    """Omega o (V - X - T 1^T) (n, 2, p), and a bound (n,) on the error before weighting.
-
-    projections X (n, 2, p) of transforms whose norms sum to total (n,); translation T (n, 2).
-    """
-    r = images.weights[:, None] * (images.points - projections - translation[..., None])
-    far = images.reach + total * atoms.reach + np.abs(translation).max(axis=1)
-    return r, images.points_error + images.factor * far
-
-
-def objective(images: Images, r: Floats, error: Floats, total: Floats, loss: str) -> Value:
-    """P of residuals r (n, 2, p) with errors (n,) before weighting, and norms that sum to total."""
-    size, beta = np.abs(r), images.fit.beta
-    terms, slope = r * r / 2, size
-    if loss == "sparse-error":
-        terms = np.where(size <= beta, terms, beta * (size - beta / 2))
-        slope = np.minimum(size, beta)
-    elif loss == "l1":
-        terms, slope = size, (images.weights[:, None] > 0).astype(float)
-    elif loss == "exact":
-        terms, slope = np.zeros_like(r), np.zeros_like(r)
-    P = terms.sum(axis=(1, 2)) + images.lam * total
-    steep = (slope * images.weights[:, None]).sum(axis=(1, 2))
-    bent = (images.weights**2).sum(axis=1)
-    return Value(P, steep * error + bent * error**2 + images.allow(P, P))
-
-
-def relative(images: Images, r: Floats, error: Floats) -> Value:
-    """||r||_F over that of the points about their mean, both weighted; r as in `residual`."""
+def check_one_rotation(
+    images: Images, atoms: Atoms, kept: Flags | None, D: Sum | None, checks: Checks
+) -> Sum:
+    """Check a shape R sum_i c_i B_i, and its gap to the bound D if there is one; returns S."""
+    images = replace(images, weights=images.inliers)
+    c, n = images.columns["coefficients"], len(images.fitted)
+    R, total = images.columns["rotation"], np.abs(c).sum(axis=1)
+    stated = np.isfinite(R).all(axis=(1, 2))
+    checks.hold("a shape has a rotation", stated, of=images.fitted & (total > 0))
+    R = np.where(np.isfinite(R), R, 0.0)
+    checks.settled.update(("rotation", "coefficients"))
+    blocks = c[:, :, None, None] * R[:, None, :2] if "transforms" in images.columns else None
+    check_coefficients(images, c, blocks, total, checks)
+    if kept is not None:
+        unused = ~(~kept & (c != 0)).any(axis=1)
+        checks.hold("atoms that are left out have no coefficient", unused)
+    S = R @ (c @ atoms.rows.reshape(atoms.count, -1)).reshape(n, 3, -1)
+    shape = Sum(S, total * atoms.reach)
+    if images.fit.perspective:
+        check_points(images, shape, checks)
+        return shape
     square = images.weights**2
-    norm = np.sqrt(square.sum(axis=1))
-    mean = np.einsum("nap,np->na", images.points, square) / (norm**2)[:, None]
-    centred = images.weights[:, None] * (images.points - mean[..., None])
-    whole = np.sqrt((centred**2).sum(axis=(1, 2)))
-    share = np.sqrt((r**2).sum(axis=(1, 2))) / whole
-    error = norm * (error + 2 * share * images.points_error) / whole
-    return Value(share, error + images.allow(share, 1.0))
+    T = np.einsum("nap,np->na", images.points - S[:, :2], square) / square.sum(axis=1)[:, None]
+    check_place(images, shape, T, checks)
+    P = objective(images, S[:, :2], T, total, atoms, "squared")
+    check_bound(images, "objective", "relative_gap", P, D if images.fit.has_gap else None, checks)
+    return shape
 
 
-def dual_bound(
-    images: Images, dual: Floats, atoms: Atoms, kept: Flags | None, checks: Checks
-) -> Value:
-    """D of the dual Y (n, 2, p); checks that it is feasible.
+def objective(
+    images: Images, X: Floats, T: Floats, total: Floats, atoms: Atoms, loss: str = ""
+) -> Sum:
+    """P of projections X (n, 2, p) of transforms whose norms sum to `total`, translation T (n, 2).
 
-    The error also covers what a dual loses that is feasible to within rounding, when it is made so.
+    The loss is that of the fit unless it is named.
     """
-    n, _, p = dual.shape
-    loss, lam = images.fit.loss, images.lam
-    bound = {"l1": 1.0, "sparse-error": images.fit.beta}.get(loss)
-    weighted, most = dual * images.weights[:, None], np.empty(n)
+    loss, beta, omega = loss or images.fit.loss, images.fit.beta, images.weights[:, None]
+    size = np.abs(omega * (images.points - X - T[..., None]))
+    f, slope = size**2 / 2, size
+    if loss == "sparse-error":
+        f, slope = np.where(size <= beta, f, beta * (size - beta / 2)), np.minimum(size, beta)
+    elif loss == "l1":
+        f, slope = size, (omega > 0) + 0.0
+    elif loss == "exact":
+        f, slope = np.zeros_like(size), np.zeros_like(size)
+    P = f.sum(axis=(1, 2)) + images.lam * total
+    far = 1 + largest(np.abs(images.points)) + total * atoms.reach + largest(np.abs(T))
+    steep = (slope * omega).sum(axis=(1, 2)) + images.rounding * far * (omega**2).sum(axis=(1, 2))
+    return Sum(P, P + steep * 2 * far)
+
+
+def check_dual(images: Images, atoms: Atoms, kept: Flags | None, checks: Checks) -> Sum:
+    """Check that the dual Y (n, 2, p) is feasible; returns D.
+
+    The terms also cover what a dual loses that is feasible to within rounding, when it is made so.
+    """
+    Y, lam, fit = images.columns["dual"], images.lam, images.fit
+    n, _, p = Y.shape
+    weighted, most = Y * images.weights[:, None], np.empty(n)
     for some in (slice(start, start + BLOCK) for start in range(0, n, BLOCK)):
         N = (weighted[some].reshape(-1, p) @ atoms.columns).reshape(-1, 2, 3, atoms.count)
         norms = nuclear_norms(N[:, 0], N[:, 1])
         most[some] = largest(norms if kept is None else np.where(kept[some], norms, 0.0))
-    magnitude = np.sqrt((weighted**2).sum(axis=1)).sum(axis=1) * atoms.reach
-    slack = images.allow(2 * (magnitude / lam + 1), 1.0)
-    checks.add("the dual is feasible", most / lam - 1, slack)
+    magnitude = np.sqrt((weighted**2).sum(axis=1)).sum(axis=1) * atoms.reach / lam + 1
+    checks.add("the dual is feasible", most / lam - 1, images.allow(2 * magnitude, 1.0))
     sizes = np.abs(weighted).sum(axis=2)
-    allowed = np.maximum(images.factor[:, None] * sizes, FLOOR * sizes)
+    allowed = np.maximum(images.rounding, FLOOR)[:, None] * sizes
     checks.add("the dual is balanced", np.abs(weighted.sum(axis=2)), allowed)
-    hidden = np.abs(dual) * (images.weights[:, None] == 0)
+    hidden = np.abs(Y) * (images.weights[:, None] == 0)
     checks.add("the dual is 0 where nothing is seen", hidden, 0.0)
+    bound = {"l1": 1.0, "sparse-error": fit.beta}.get(fit.loss)
     if bound is not None:
-        checks.add("the dual is bounded", largest(np.abs(dual)) / bound - 1, images.allow(lam, 1.0))
-    V = images.points
-    along = np.einsum("nap,nap->n", weighted, V)
-    squared = loss in ("squared", "sparse-error")
-    square = np.einsum("nap,nap->n", dual, dual) if squared else np.zeros(n)
-    terms = np.einsum("nap,nap->n", np.abs(weighted), np.abs(V)) + square
-    error = sizes.sum(axis=1) * images.points_error + images.factor * terms
-    error += 2 * slack * (np.abs(along) + square) + allowed.sum(axis=1) * images.reach
-    return Value(along - square / 2, error)
+        checks.add("the dual is bounded", largest(np.abs(Y)) / bound - 1, images.allow(lam, 1.0))
+    along = np.einsum("nap,nap->n", weighted, images.points)
+    square = np.einsum("nap,nap->n", Y, Y) * (fit.loss in ("squared", "sparse-error"))
+    reach = 1 + 2 * largest(np.abs(images.points))
+    terms = sizes.sum(axis=1) * 2 * reach + square + 4 * magnitude * (np.abs(along) + square)
+    return Sum(along - square / 2, terms)
 
 
-def gap_of(images: Images, P: Value, D: Value) -> Value:
-    """Return (P - D) / P; 0 where both are 0."""
+def check_bound(
+    images: Images, objective: str, gap: str, P: Sum, D: Sum | None, checks: Checks
+) -> None:
+    """Check the datasets of the objective P and of the gap (P - D) / P, 0 where both are 0."""
+    checks.equal(objective, "the fit", P.value, images.allow(P.terms, P.value))
+    if D is None:
+        return
     none = (P.value == 0) & (D.value == 0)
-    gap = np.where(none, 0.0, (P.value - D.value) / P.value)
-    error = (P.error * np.abs(D.value) / P.value + D.error) / P.value
-    return Value(gap, np.where(none, 0.0, error) + images.allow(np.abs(gap), 1.0))
+    found = np.where(none, 0.0, (P.value - D.value) / P.value)
+    terms = np.where(none, 0.0, (P.terms * np.abs(D.value) / P.value + D.terms) / P.value)
+    checks.equal(gap, "objective and dual", found, images.allow(terms, 2 + np.abs(found)))
 
 
-def check_active(images: Images, checks: Checks) -> None:
-    """Check how many coefficients are not negligible; those at the limit may count or not."""
-    size, stated = np.abs(images.columns["coefficients"]), images.columns["active_atoms"]
+def check_coefficients(
+    images: Images, c: Floats, blocks: Floats | None, total: Floats, checks: Checks
+) -> None:
+    """Check c (n, k), transforms (n, k, 2, 3) if stated, and which atoms are active.
+
+    Coefficients at the limit to within rounding can count as active or not.
+    """
+    stated, allowed = images.columns["active_atoms"], images.allow(total, total)
+    checks.equal("coefficients", "the transforms", c, allowed)
+    if blocks is not None:
+        checks.equal("transforms", "the coefficients or active ones", blocks, allowed)
+    size = np.abs(c)
     limit = ACTIVE * largest(size)[:, None]
-    surely = (size > limit * (1 + FLOOR)).sum(axis=1)
-    perhaps, more = surely.copy(), np.flatnonzero(stated > surely)
-    perhaps[more] = (size[more] > limit[more] * (1 - FLOOR)).sum(axis=1)
-    off = np.maximum(surely - stated, stated - perhaps)
-    checks.add("active_atoms follow from the coefficients", off, 0.0, "active_atoms")
+    surely, perhaps = ((size > limit * (1 + side)).sum(axis=1) for side in (FLOOR, -FLOOR))
+    right = (stated >= surely) & (stated <= perhaps)
+    checks.hold("active_atoms follows from the coefficients", right, "active_atoms")
 
 
-def check_place(images: Images, T: Value, checks: Checks) -> None:
-    """Check that scale is the size (n,), and translation size x T + centroid, T (n, 2)."""
+def check_place(images: Images, S: Sum, T: Floats, checks: Checks) -> None:
+    """Check scale = size, translation = size T + centroid, and the shapes; T (n, 2)."""
     check_scale(images, checks)
-    far = images.size * (np.abs(T.value).max(axis=1) + 1)
-    found = images.size[:, None] * T.value + images.centroid
-    allowed = images.allow(3 * images.extent + far, images.extent + far) + images.size * T.error
-    checks.equal("translation", "translation follows from the fit", found, allowed)
+    far = images.size * (largest(np.abs(T)) + 1)
+    found = images.size[:, None] * T + images.centroid
+    number = far + largest(np.abs(images.centroid))
+    allowed = images.allow(4 * (far + images.size * S.terms), number)
+    checks.equal("translation", "the fit", found, allowed)
+    check_points(images, S, checks)
 
 
 def check_scale(images: Images, checks: Checks) -> None:
     """Check that scale is the size (n,) of the landmarks."""
-    allowed = images.allow(3 * images.extent, images.size)
-    checks.equal("scale", "scale follows from the landmarks", images.size, allowed)
+    checks.equal("scale", "the landmarks", images.size, images.allow(3 * images.size, images.size))
 
 
-def check_points(images: Images, shapes: Value, checks: Checks) -> None:
-    """Check that the shapes (n, 3, p) are scale x shapes + translation on x and y."""
+def check_points(images: Images, S: Sum, checks: Checks) -> None:
+    """Check that the shapes (n, 3, p) are scale x S + translation on x and y."""
     scale, translation = images.columns["scale"], images.columns["translation"]
-    expected = scale[:, None, None] * shapes.value
-    expected[:, :2] += translation[..., None]
-    size = scale * largest(np.abs(shapes.value)) + np.abs(translation).max(axis=1)
-    allowed = scale * shapes.error + images.allow(size, size)
-    checks.equal("shapes", "shapes follow from the fit", expected, allowed)
+    found = scale[:, None, None] * S.value
+    found[:, :2] += translation[..., None]
+    number = scale * largest(np.abs(S.value)) + largest(np.abs(translation))
+    checks.equal("shapes", "the fit", found, images.allow(2 * scale * S.terms, number))
 
 
-def _check_solution(
-    images: Images, M: Transforms, r: Floats, error: Floats, gap: Value, checks: Checks
-) -> None:
-    """Check status, coefficients and labels of images with transforms of residuals r."""
-    fit, stated, total = images.fit, images.columns, M.total(M.norms)
-    exact, words = fit.loss == "exact", stated["status"].astype(str)
-    off, allowed = gap.value, gap.error
-    if exact:
-        left = relative(images, r, error)
-        off, allowed = np.maximum(np.abs(off), left.value), np.maximum(allowed, left.error)
-    claim = "an optimal image is within the tolerance"
-    checks.add(claim, off - fit.tolerance, allowed, "status", words == OPTIMAL)
-    beyond = ~(stated["relative_gap"] <= fit.tolerance)
-    beyond |= ~(stated["residual"] <= fit.tolerance) if exact else False
-    checks.hold("an image at the iteration limit is not optimal", beyond, of=words == LIMITED)
-    c = np.zeros((M.images, M.atoms))
-    c[M.image, M.atom] = M.norms
-    claim = "coefficients follow from the transforms"
-    checks.equal("coefficients", claim, c, images.allow(total, total))
-    checks.settled.update(("transform_count", "transform_atom", "active_transforms"))
-    checks.settled.update(("dual", "convex_translation"))
-    check_active(images, checks)
-    _check_tight(images, M, checks)
-    if "transforms" in stated:
-        dense = np.zeros((M.images, M.atoms, 2, 3))
-        dense[M.image, M.atom] = M.blocks
-        checks.equal("transforms", "transforms are the active ones", dense, 0.0)
-    if fit.loss in ("l1", "sparse-error") and "outliers" in stated:
-        _check_outliers(images, r, error, checks)
+def check_proper(images: Images, checks: Checks) -> None:
+    """Check that R (n, 3, 3) are rotations wherever they are stated: R^T R = I and det R = +1."""
+    R = images.columns["rotation"]
+    gram = np.abs(R.swapaxes(1, 2) @ R - np.eye(3)).reshape(len(R), 9)
+    off = np.concatenate([gram, np.abs(np.linalg.det(R) - 1)[:, None]], axis=1)
+    stated = np.asarray(~np.isnan(R).all(axis=(1, 2)))
+    checks.add("rotation is proper and orthonormal", off, 4 * FLOOR, of=stated)
+
+
+def check_nearest(rotation: Floats, A: Floats, size: Floats, error: Floats, checks: Checks) -> None:
+    """Check that rotations R (n, 3, 3) are the nearest ones to A = sum_i c_i R_i.
+
+    R maximises <R, A> over rotations where R^T A is symmetric and no two of its eigenvalues sum
+    to less than 0. A is at most `error` (n,) off and of about the size (n,), 0 for no transforms:
+    there R is nan.
+    """
+    turned, absent = (size > 0) & checks.fitted, np.isnan(rotation).all(axis=(1, 2))
+    checks.hold("rotation is absent without transforms", absent, of=checks.fitted & ~turned)
+    H = np.where(turned[:, None, None], rotation, np.eye(3)).swapaxes(1, 2) @ A
+    skew = largest(np.abs(H - H.swapaxes(1, 2)))
+    H = np.where(np.isfinite(H), H + H.swapaxes(1, 2), 0.0) / 2
+    sums = np.trace(H, axis1=1, axis2=2)[:, None, None] * np.eye(3) - H
+    off = np.maximum(skew, -np.linalg.eigvalsh(sums)[:, 0])
+    checks.add("rotation is nearest to the transforms", off, 3 * error, "rotation", turned)
 
 
 def _check_tight(images: Images, M: Transforms, checks: Checks) -> None:
@@ -343,29 +349,25 @@ def _check_tight(images: Images, M: Transforms, checks: Checks) -> None:
 
     What lies at the limit to within rounding can be called either.
     """
-    x, y, square = M.blocks[:, 0], M.blocks[:, 1], M.norms**2
-    xx, yy, xy = (np.einsum("ai,ai->a", *pair) / square for pair in ((x, x), (y, y), (x, y)))
+    xx, yy, xy = (each / M.norms**2 for each in M.gram)
     apart = np.sqrt((xx - 1) ** 2 + (yy - 1) ** 2 + 2 * xy**2)
-    error = FLOOR + images.factor[M.image]
     active = M.norms > ACTIVE * largest(images.columns["coefficients"])[M.image]
-    some = np.bincount(M.image[active], minlength=M.images) > 0
-
-    def all_within(limit: Floats) -> Flags:
-        within = np.ones(M.images, dtype=bool)
-        within[M.image[active & (apart > limit)]] = False
-        return within & some
-
-    surely, perhaps = all_within(ORTHOGONAL - error), all_within(ORTHOGONAL + error)
+    error = FLOOR + images.rounding[M.image]
+    some = M.total(active) > 0
+    surely, perhaps = (
+        some & (M.total(active & (apart > ORTHOGONAL + side * error)) == 0) for side in (-1, 1)
+    )
     right = np.where(images.columns["tight"] != 0, perhaps, ~surely)
     checks.hold("tight follows from the transforms", right, "tight")
 
 
-def _check_outliers(images: Images, r: Floats, error: Floats, checks: Checks) -> None:
+def _check_outliers(images: Images, X: Floats, T: Floats, checks: Checks) -> None:
     """Check that outliers are the landmarks with a weighted residual beyond beta."""
-    weights, beta = images.weights, images.fit.beta
+    omega, beta = images.weights, images.fit.beta
+    r = omega[:, None] * (images.points - X - T[..., None])
     labelled = images.columns["outliers"] != 0
     beyond = np.abs(r).max(axis=1) - beta
-    off = np.where(weights > 0, np.where(labelled, -beyond, beyond), 0.0)
-    off[labelled & (weights == 0)] = np.inf
-    allowed = weights * error[:, None] + FLOOR * beta
+    off = np.where(omega > 0, np.where(labelled, -beyond, beyond), np.where(labelled, np.inf, 0.0))
+    far = largest(np.abs(images.points)) + largest(np.abs(X)) + largest(np.abs(T))
+    allowed = (omega + beta) * images.allow(2 * far, 1.0)[:, None]
     checks.add("outliers are beyond beta", off, allowed, "outliers")

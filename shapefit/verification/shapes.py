@@ -1,83 +1,23 @@
-"""What follows from shapes and their error bars: landmarks fitted, place, verdict, other points."""
+"""What follows from shapes and error bars: landmarks fitted, camera, residual, other points."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from shapefit.arrays import Flags, Floats
+from shapefit.arrays import Floats
 from shapefit.verification.checks import FLOOR, Checks, largest
-from shapefit.verification.fit import LIMITED, Images, seen_in
-from shapefit.verification.program import (
-    Atoms,
-    Value,
-    check_active,
-    check_place,
-    check_points,
-    check_scale,
-    gap_of,
-    objective,
-    relative,
-    residual,
-)
+from shapefit.verification.fit import Images
+from shapefit.verification.program import Sum, check_scale
 
 SINGLE = 2.0**-23
 """Rounding of correlations, which are stored in single precision."""
-VIEWED = 6
-"""Numbers of a view: rotation, scale, translation."""
-PAIRS = ((0, 1), (0, 2), (1, 2))
-"""Coordinates of a landmark, in the order of the correlations."""
-DOUBTS = (
-    "too few landmarks seen",
-    "implausible landmarks",
-    "near and far not told apart",
-    "wide error bars",
-    "not optimal",
-)
-"""Why an image is not trusted: the first of these that holds."""
+FREEDOM = 3
+"""Landmarks up to which some view of any shape fits, so that nothing is implausible."""
+PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+"""Coordinates of a landmark: variances, then pairs in the order of the correlations."""
 
 
-def check_one_rotation(
-    images: Images, atoms: Atoms, kept: Flags | None, D: Value | None, checks: Checks
-) -> None:
-    """Check a shape R sum_i c_i B_i, and its gap to the bound D if there is one."""
-    images = replace(images, weights=images.inliers)
-    stated, n = images.columns, len(images.fitted)
-    c, R = stated["coefficients"], stated["rotation"]
-    R = np.where(np.isfinite(R), R, 0.0)
-    total = np.abs(c).sum(axis=1)
-    S = R @ (c @ atoms.rows.reshape(atoms.count, -1)).reshape(n, 3, -1)
-    shapes = Value(S, images.allow(2 * total, total) * atoms.reach)
-    turned = checks.fitted & (total > 0)
-    checks.hold(
-        "a shape has a rotation", np.isfinite(stated["rotation"]).all(axis=(1, 2)), of=turned
-    )
-    checks.settled.update(("rotation", "coefficients"))
-    check_active(images, checks)
-    if "transforms" in stated:
-        found, claim = c[:, :, None, None] * R[:, None, :2], "transforms are those of the rotation"
-        checks.equal("transforms", claim, found, images.allow(total, total))
-    if kept is not None:
-        unused = ~(~kept & (c != 0)).any(axis=1)
-        checks.hold("atoms that are left out have no coefficient", unused)
-    if images.fit.perspective:
-        check_camera(images, shapes, checks)
-        check_points(images, shapes, checks)
-        return
-    square = images.weights**2
-    T = np.einsum("nap,np->na", images.points - S[:, :2], square) / square.sum(axis=1)[:, None]
-    r, error = residual(images, S[:, :2], T, total, atoms)
-    P = objective(images, r, error + shapes.error, total, "squared")
-    check_place(images, Value(T, error + shapes.error), checks)
-    check_points(images, shapes, checks)
-    checks.equal("objective", "the objective is that of the fit", P.value, P.error)
-    if D is not None and images.fit.has_gap:
-        gap = gap_of(images, P, D)
-        checks.equal("relative_gap", "the gap is that to the dual", gap.value, gap.error)
-
-
-def check_camera(images: Images, S: Value, checks: Checks) -> None:
+def check_camera(images: Images, S: Sum, checks: Checks) -> None:
     """Check scale, translation and fitted landmarks under u = centre + focal X_xy / (sign X_z).
 
     X = S + t, for shapes S (n, 3, p) in the frame of the camera and t the camera's translation.
@@ -93,25 +33,21 @@ def check_camera(images: Images, S: Value, checks: Checks) -> None:
     z = sign * X[:, 2]
     along = X[:, :2] / z[:, None]
     fitted = centre[..., None] + focal[..., None] * along
-    far = np.abs(S.value).max(axis=(1, 2)) + np.abs(t).max(axis=1)
-    error = (S.error + images.allow(far, far))[:, None] / np.abs(z)
-    ray = focal[..., None] * (error[:, None] * (1 + np.abs(along)))
-    size = images.extent + np.abs(centre).max(axis=1)
-    pixel = images.allow(size, size)[:, None]
-    place = pixel + images.allow(np.ones(len(t)), 1.0)[:, None] * (
-        focal * (1 + np.abs(t[:, :2]) / depth[:, None])
-    )
-    checks.equal("scale", "scale follows from the camera", scale, images.allow(scale, scale))
-    checks.equal("translation", "translation follows from the camera", origin, place)
-    claim = "landmarks_fitted follow from the camera"
-    checks.equal("landmarks_fitted", claim, fitted, pixel[..., None] + ray)
+    far = largest(np.abs(S.value)) + largest(np.abs(t))
+    error = (images.allow(2 * S.terms, far) / np.abs(z).min(axis=1))[:, None, None]
+    pixel = FLOOR * (largest(np.abs(stated["landmarks_fitted"])) + largest(np.abs(centre)))
+    place = pixel[:, None] + FLOOR * focal * (1 + np.abs(t[:, :2]) / depth[:, None])
+    ray = focal[..., None] * error * (1 + np.abs(along))
+    checks.equal("scale", "the camera", scale, FLOOR * np.abs(scale))
+    checks.equal("translation", "the camera", origin, place)
+    checks.equal("landmarks_fitted", "the camera", fitted, pixel[:, None, None] + ray)
     checks.settled.update(("focal", "camera_translation", "principal_point"))
 
 
-def check_seen(images: Images, A: Floats, checks: Checks) -> None:
-    """Check the points seen, A S for the map A (p, p) of the landmarks: those fitted, their place.
+def check_seen(images: Images, A: Floats, shape: Sum | None, checks: Checks) -> None:
+    """Check the landmarks fitted: A S as the camera sees it, for the map A (p, p) of the landmarks.
 
-    A method without coefficients states no more of its shapes.
+    shape S in the camera's frame and normalised units, where coefficients give it.
     """
     stated, fit = images.columns, images.fit
     shapes, scale = stated["shapes"], stated["scale"]
@@ -120,133 +56,84 @@ def check_seen(images: Images, A: Floats, checks: Checks) -> None:
         if fit.has_posterior:
             middle = np.pad(stated["translation"], ((0, 0), (0, 1)))[..., None]
             S = (seen - middle) / scale[:, None, None]
-            check_camera(
-                images, Value(S, images.allow(largest(np.abs(shapes)) / scale, 0.0)), checks
-            )
+            shape = Sum(S, largest(np.abs(shapes)) / scale)
+        if shape is not None:
+            check_camera(images, shape, checks)
         return
     far = largest(np.abs(seen))
-    claim = "landmarks_fitted are x and y of the shapes"
-    checks.equal("landmarks_fitted", claim, seen[:, :2], images.allow(far, far))
-    if not (fit.is_program or fit.has_one_rotation):
+    checks.equal("landmarks_fitted", "x and y of the shapes", seen[:, :2], images.allow(far, far))
+    if "scale" not in checks.settled:  # a method without coefficients
         check_scale(images, checks)
 
 
 def check_residual(images: Images, checks: Checks) -> None:
-    """Check the relative residual of the landmarks fitted, the weighted ones that were kept."""
-    stated, fit = images.columns, images.fit
-    if "residual" not in stated or fit.method == "sequences" or "residual" in checks.settled:
+    """Check ||r||_F over that of the points about their mean, both weighted by what was kept.
+
+    r = V - (landmarks_fitted - centroid) / size.
+    """
+    stated, fit, V = images.columns, images.fit, images.points
+    if "residual" not in stated or fit.method == "sequences":
         return
     if fit.perspective and not fit.has_posterior:
         return
-    r = (
-        images.points
-        - (stated["landmarks_fitted"] - images.centroid[..., None]) / (images.size[:, None, None])
+    omega = images.inliers if fit.has_one_rotation else images.weights
+    fitted = (stated["landmarks_fitted"] - images.centroid[..., None]) / images.size[:, None, None]
+    square = omega**2
+    mean = np.einsum("nap,np->na", V, square) / square.sum(axis=1)[:, None]
+    r, centred = (
+        np.where(omega[:, None] > 0, omega[:, None] * apart, 0.0)
+        for apart in (V - fitted, V - mean[..., None])
     )
-    if fit.has_one_rotation:
-        images = replace(images, weights=images.inliers)
-    r = images.weights[:, None] * np.where(images.weights[:, None] > 0, r, 0.0)
-    far = images.points_error + images.factor * images.extent / images.size
-    left = relative(images, r, far + FLOOR * images.reach)
-    checks.equal("residual", "residual follows from the landmarks", left.value, left.error)
+    whole = np.sqrt((centred**2).sum(axis=(1, 2)))
+    found = np.sqrt((r**2).sum(axis=(1, 2))) / whole
+    share = np.sqrt(square.sum(axis=1)) / whole * (1 + found)
+    far = 1 + largest(np.abs(V))
+    allowed = share * images.allow(4 * far, far) + images.allow(found, 1.0)
+    checks.equal("residual", "the landmarks fitted", found, allowed)
 
 
 def check_bars(images: Images, checks: Checks) -> None:
-    """Check error bars: finite, of a covariance, with correlations; chances; and the verdict."""
-    stated, everyone = images.columns, np.ones_like(images.fitted)
-    sd, weighed = stated["shape_sd"], images.weights > 0
-    with_bars = np.isfinite(sd).all(axis=(1, 2)) & (sd >= 0).all(axis=(1, 2))
-    checks.hold("shape_sd is finite and not negative", with_bars)
-    if "input_shape_sd" in stated:
-        own = stated["input_shape_sd"]
-        finite = (np.isfinite(own) & (own >= 0)).all(axis=(1, 2))
-        checks.hold("input_shape_sd is finite and not negative", finite)
+    """Check error bars: finite, of a covariance, with correlations; chances; and the evidence."""
+    stated, weighed = images.columns, images.weights > 0
+    for name in ("shape_sd", "input_shape_sd"):
+        if name in stated:
+            fine = np.isfinite(stated[name]) & (stated[name] >= 0)
+            checks.hold(f"{name} is finite and not negative", fine.all(axis=(1, 2)))
     for name in ("shape_correlation", "input_shape_correlation"):
         if name in stated:
-            within = (np.abs(stated[name]) <= 1 + SINGLE).all(axis=(1, 2))
-            checks.hold(f"{name} is within -1 and 1", within)
+            within = np.abs(stated[name]) <= 1 + SINGLE
+            checks.hold(f"{name} is within -1 and 1", within.all(axis=(1, 2)))
     if "shape_covariance" in stated:
-        _check_covariance(images, checks)
+        check_covariance(images, checks)
     belief, p = stated["belief"], stated["plausibility"]
     chance = np.where(weighed, (belief >= 0) & (belief <= 1), np.isnan(belief)).all(axis=1)
     checks.hold("belief is a chance of each landmark seen", chance)
-    some = weighed.sum(axis=1) > VIEWED // 2
-    checks.hold(
-        "plausibility is a chance where 4 landmarks are seen",
-        np.where(some, (p >= 0) & (p <= 1), np.isnan(p)),
-    )
+    chance = np.where(weighed.sum(axis=1) > FREEDOM, (p >= 0) & (p <= 1), np.isnan(p))
+    checks.hold("plausibility is a chance where 4 landmarks are seen", chance)
     off = np.abs(stated["log_evidence"] + stated["objective"])
     checks.add("objective is -log_evidence", off, FLOOR * np.abs(stated["objective"]))
-    if "trusted" in stated and "doubt" in stated:
-        good = np.zeros_like(everyone)
-        for nearly in (1 - FLOOR, 1 + FLOOR):
-            doubt = find_doubts(images, nearly)
-            good |= (stated["doubt"].astype(str) == doubt) & (stated["trusted"] == (doubt == ""))
-        checks.hold("trusted and doubt follow from bars", good, "trusted doubt", everyone)
 
 
-def find_doubts(images: Images, nearly: float) -> np.ndarray[tuple[int], np.dtype[np.str_]]:
-    """Why each image (n,) is not trusted, "" where it is; limits are multiplied by `nearly`.
-
-    The bars mean_j sqrt(sum_a sd_aj^2) are wide beside the spread of the shape, the root of the
-    mean variance of its coordinates.
-    """
-    stated, fit = images.columns, images.fit
-    spread = np.sqrt(stated["shapes"].var(axis=2).mean(axis=1))
-    bar = np.sqrt((stated["shape_sd"] ** 2).sum(axis=1)).mean(axis=1)
-    widest = fit.key("posterior.widest", np.inf)
-    reasons = (
-        2 * seen_in(stated).sum(axis=1) <= VIEWED,
-        stated["plausibility"] < fit.key("posterior.implausible", 0.0) * nearly,
-        np.full(len(bar), fit.depth_is_open),
-        ~(bar <= widest * nearly * spread),
-        stated["status"].astype(str) == LIMITED,
-    )
-    doubt = np.select(reasons, DOUBTS, "")
-    return np.asarray(np.where(images.fitted, doubt, "no shape"))
-
-
-def _check_covariance(images: Images, checks: Checks) -> None:
+def check_covariance(images: Images, checks: Checks) -> None:
     """Check covariances (n, 3p, 3p), x, y, z of one landmark after the other, against the bars."""
-    stated = images.columns
-    sd, C = stated["shape_sd"], stated["shape_covariance"]
+    sd, C = images.columns["shape_sd"], images.columns["shape_covariance"]
     n, _, p = sd.shape
     most = largest(sd**2)
-    j = np.arange(p)
-    own = np.moveaxis(C.reshape(n, p, 3, p, 3)[:, j, :, j], 0, -1)  # (n, 3, 3, p)
-    scale = sd[:, :, None] * sd[:, None]
-    found = np.zeros((n, 3, 3, p))
-    found[:, range(3), range(3)] = 1.0
-    for row, (a, b) in enumerate(PAIRS):
-        found[:, a, b] = found[:, b, a] = stated["shape_correlation"][:, row]
-    allowed = 4 * SINGLE * scale + FLOOR * most[:, None, None, None]
-    checks.add(
-        "shape_covariance has the deviations and correlations", np.abs(own - found * scale), allowed
-    )
-    off = np.abs(C - C.swapaxes(1, 2))
-    checks.add("shape_covariance is symmetric", off, 1e-6 * most)
-    least = np.zeros(n)
-    good = np.isfinite(C).all(axis=(1, 2))
+    own = np.einsum("npapb->nabp", C.reshape(n, p, 3, p, 3))
+    pairs = np.stack([own[:, a, b] for a, b in PAIRS], axis=1)  # (n, 6, p)
+    scale = np.stack([sd[:, a] * sd[:, b] for a, b in PAIRS], axis=1)
+    found = np.concatenate([np.ones((n, 3, p)), images.columns["shape_correlation"]], axis=1)
+    claim = "shape_covariance has the deviations and correlations"
+    allowed = 4 * SINGLE * scale + FLOOR * most[:, None, None]
+    checks.add(claim, np.abs(pairs - found * scale), allowed)
+    checks.add("shape_covariance is symmetric", np.abs(C - C.swapaxes(1, 2)), 1e-6 * most)
+    least, good = np.zeros(n), np.isfinite(C).all(axis=(1, 2))
     least[good] = np.linalg.eigvalsh(C[good])[:, 0]
     checks.hold("shape_covariance has no negative variance", good & (least >= -1e-6 * most * p))
 
 
 def check_inputs(images: Images, rows: Floats, checks: Checks) -> None:
     """Check the landmarks of the files in 3D: weights `rows` (m, p) of the shapes."""
-    shapes, claim = images.columns["shapes"], "input_shapes follow from the shapes"
+    shapes = images.columns["shapes"]
     far = largest(np.abs(shapes)) * (1 + np.abs(rows).sum(axis=1).max(initial=0.0))
-    checks.equal("input_shapes", claim, shapes @ rows.T, images.allow(far, far))
-
-
-def check_metres(images: Images, found: Floats, checks: Checks) -> None:
-    """Check the metres (n,) in one unit of each shape: as large as the training shapes were."""
-    stated, allowed = images.columns["metres_per_unit"], images.allow(found, found)
-    off = np.where(np.isnan(stated) & np.isnan(found), 0.0, np.abs(stated - found))
-    allowed = np.where(np.isnan(found), 0.0, allowed)
-    checks.add("metres_per_unit follow from the shapes", off, allowed, "metres_per_unit")
-
-
-def check_position(images: Images, unit: Floats, checks: Checks) -> None:
-    """Check the camera's translation in the dictionary's unit, of which one is `unit` (n,)."""
-    found = unit[:, None] * images.columns["camera_translation"]
-    far, claim = largest(np.abs(found)), "position follows from the camera_translation"
-    checks.equal("position", claim, found, images.allow(far, far))
+    checks.equal("input_shapes", "the shapes", shapes @ rows.T, FLOOR * far)

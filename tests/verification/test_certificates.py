@@ -7,19 +7,9 @@ import pytest
 
 from shapefit.geometry.rotations import nearest_rotation, random_rotations, rotation_about
 from shapefit.verification.checks import Checks
-from shapefit.verification.program import Transforms, nuclear_norms, polar_rows
-from shapefit.verification.rotation import check_nearest, check_proper
+from shapefit.verification.program import Transforms, check_nearest, check_proper, nuclear_norms
 
 N = 40
-
-
-def transforms(blocks):
-    columns = {
-        "active_transforms": blocks,
-        "transform_count": np.ones(len(blocks), int),
-        "transform_atom": np.zeros(len(blocks), int),
-    }
-    return Transforms.of(SimpleNamespace(columns=columns), 1)
 
 
 def test_norms_are_sums_of_singular_values(rng):
@@ -31,20 +21,8 @@ def test_norms_are_sums_of_singular_values(rng):
     s = np.linalg.svd(blocks, compute_uv=False)
     x, y = blocks[:, 0, :, None], blocks[:, 1, :, None]
     assert nuclear_norms(x, y)[:, 0] == pytest.approx(s.sum(axis=1), rel=1e-14, abs=1e-28)
-    assert transforms(blocks).norms == pytest.approx(s[:, 0], rel=1e-14, abs=1e-28)
-
-
-def test_polar_rows_are_the_nearest_and_are_completed_to_rotations(rng):
-    blocks = rng.standard_normal((64, 2, 3))
-    svd = np.linalg.svd(blocks, full_matrices=False)
-    M = transforms(blocks)
-    rows, condition = polar_rows(blocks, M.norms)
-    assert condition == pytest.approx(svd.S[:, 0] / svd.S[:, 1])
-    off = np.abs(rows - M.norms[:, None, None] * (svd.U @ svd.Vh)).max(axis=(1, 2))
-    assert (off <= 1e-14 * M.norms * condition).all()
-    R = M.completed(orthogonal=True)[0] / M.norms[:, None, None]
-    assert R @ R.swapaxes(1, 2) == pytest.approx(np.tile(np.eye(3), (64, 1, 1)), abs=1e-9)
-    assert np.linalg.det(R) == pytest.approx(np.ones(64))
+    M = Transforms(np.zeros(len(blocks), int), np.zeros(len(blocks), int), blocks, 1)
+    assert M.norms == pytest.approx(s[:, 0], rel=1e-14, abs=1e-28)
 
 
 @pytest.fixture
@@ -80,11 +58,11 @@ def test_the_nearest_rotation_passes_and_no_other_stationary_one(sums, rng):
 
 @pytest.mark.parametrize("change", [-1.0, 0.0, 2.0, 1e-300, 1 + 1e-6, np.inf])
 def test_what_is_no_rotation_is_found(rng, change):
-    R, factor = random_rotations(N, rng), np.zeros(N)
+    R = random_rotations(N, rng)
     for values, found in ((R, False), (change * R, True), (np.full_like(R, np.nan), False)):
         checks = Checks(np.ones(N, dtype=bool), {})
         with np.errstate(all="ignore"):
-            check_proper(values, factor, checks)
+            check_proper(SimpleNamespace(columns={"rotation": values}), checks)
         assert (checks.missed() == found).all()
 
 
