@@ -94,9 +94,7 @@ def test_any_change_of_any_dataset_is_found_or_named(
 
 
 @pytest.mark.parametrize("case", ["global", "posterior", "left out", "camera"])
-def test_a_dataset_that_is_gone_is_no_internal_error(
-    fitted, changed, verify, dictionaries, case
-):
+def test_a_dataset_that_is_gone_is_no_internal_error(fitted, changed, verify, dictionaries, case):
     kind, keys = CASES[case]
     with h5py.File(fitted(kind, **keys)) as file:
         names = set(file)
