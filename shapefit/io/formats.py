@@ -516,11 +516,11 @@ class RecordWriter(Generic[Record]):
             raise ValueError("nothing was appended; append one record, which may be empty")
 
 
-def _metres(title: str, suffix: str, writer: str) -> FileFormat:
+def _metres(title: str, writer: str, *suffixes: str) -> FileFormat:
     """Return the row of files in metres; the writer is named below `shapefit.io.written`."""
     return FileFormat(
         title=title,
-        suffixes=(suffix,),
+        suffixes=suffixes,
         writer=f".written.{writer}",
         writes=("shapes", "result"),
         in_metres=True,
@@ -529,10 +529,15 @@ def _metres(title: str, suffix: str, writer: str) -> FileFormat:
 
 WRITTEN: dict[str, FileFormat] = {
     **{name: known for name, known in FORMATS.items() if known.writer},
-    "bvh": _metres("a BVH file", ".bvh", "bones:bvh_output"),
-    "c3d": _metres("a C3D file", ".c3d", "markers:c3d_output"),
-    "glb": _metres("a GLB file", ".glb", "glb:glb_output"),
-    "trc": _metres("a TRC file", ".trc", "markers:trc_output"),
+    "bvh": _metres("a BVH file", "bones:bvh_output", ".bvh"),
+    "c3d": _metres("a C3D file", "markers:c3d_output", ".c3d"),
+    "glb": _metres("a GLB file", "glb:glb_output", ".glb"),
+    "trc": _metres("a TRC file", "markers:trc_output", ".trc"),
+    "mot": _metres("a MOT file", "tables:mot_output", ".mot"),
+    "metres": _metres(
+        "a table in metres", "tables:metres_output", ".metres.csv", ".metres.parquet"
+    ),
+    "angles": _metres("a table of joint angles", "tables:angles_output", ".angles.csv"),
 }
 """Formats that are written."""
 
@@ -585,11 +590,10 @@ def find_target_format(path: Path, name: str = "auto") -> FileFormat:
         return named_format(name, WRITTEN, "to")
     if is_stream(path):
         return CSV
-    for known in WRITTEN.values():
-        if known.has_suffix(path):
-            return known
+    endings = {suffix: known for known in WRITTEN.values() for suffix in known.suffixes}
+    if named := [suffix for suffix in endings if path.name.lower().endswith(suffix)]:
+        return endings[max(named, key=len)]
     if path.suffix:
-        endings = [suffix for known in WRITTEN.values() for suffix in known.suffixes]
         found = f"no format that is written ends in {path.suffix}"
         raise input_error(path, found, f"end the name in {listed(endings)}")
     return HDF5

@@ -17,6 +17,7 @@ from shapefit.errors import input_error, printable
 from shapefit.io.layout import Layout
 from shapefit.io.options import OutputOptions
 from shapefit.io.written.motion import Motion, MotionWriter, by_individual, motion_output
+from shapefit.io.written.tables import write_angles
 
 BLOCK = 4096
 """Frames that are made text at a time."""
@@ -42,7 +43,7 @@ def write_trc(path: Path, motions: Sequence[Motion]) -> None:
             file.write(_lines(frames.tolist(), table))
 
 
-trc_output = motion_output(write_trc, by_individual)
+trc_output = motion_output(write_trc, by_individual, angles=write_angles)
 
 
 def _trc_header(motion: Motion) -> Iterator[str]:

@@ -20,9 +20,10 @@ from shapefit.io.atomic import atomic_path, check_output, file_stem, staged_file
 from shapefit.io.foreign.items import FRAME
 from shapefit.io.formats import RecordWriter
 from shapefit.io.layout import EDGES, METRES_PER_UNIT, Layout
-from shapefit.io.options import OutputOptions, Summary
+from shapefit.io.options import AS_KNOWN, OutputOptions, Summary
 from shapefit.io.records import Names, ResultSet, ShapeSet, concatenate
 from shapefit.io.skeletons import edges_of
+from shapefit.io.written.angles import ANGLE_SD, ANGLES, angle_columns, angle_names
 from shapefit.io.written.metres import (
     CAMERA_TRANSLATION,
     EXTRINSIC_ROTATION,
@@ -55,9 +56,10 @@ class Track:
         return np.asarray(known, np.int64).reshape(-1, 2)
 
 
-def points_of(record: Solid) -> Solid:
+def points_of(record: Solid, options: OutputOptions = AS_KNOWN) -> Solid:
     """Return a record with nothing but what files of motion are made of."""
     kept = {name: values for name, values in record.further.items() if name in KEPT}
+    kept |= angle_columns(record, options.up)
     if isinstance(record, ShapeSet):
         return record.replaced(mesh_vertices=None, mesh_faces=None, further=kept)
     return ResultSet(
@@ -193,7 +195,8 @@ class Motion:
     points (f, 3, p) in metres, nan where there is nothing; first, the number of the first frame;
     rate in Hz, 1 where it is not known; edges (e, 2) between landmarks; axes and size in words;
     warnings about the sequence; start (3,) as in `Placed`; verdicts where the records say which
-    shapes are to be trusted; rig for files that hold turning bones.
+    shapes are to be trusted; rig for files that hold turning bones. deviations (f, p) of points in
+    metres, angles and their deviations (f, a) in degrees; nan where they are not known.
     """
 
     name: str
@@ -204,6 +207,9 @@ class Motion:
     axes: str
     size: str
     warnings: tuple[str, ...]
+    deviations: Floats
+    angles: Floats
+    angle_deviations: Floats
     edges: Integers = field(default_factory=lambda: np.empty((0, 2), np.int64))
     start: Floats = field(default_factory=lambda: np.zeros(3))
     verdicts: Verdicts | None = None
@@ -213,6 +219,21 @@ class Motion:
     def frames(self) -> NDArray[np.int64]:
         """Return the number of each frame (f,)."""
         return self.first + np.arange(len(self.points), dtype=np.int64)
+
+    @property
+    def angle_names(self) -> Names:
+        """Return the names of the joint angles (a,)."""
+        return angle_names(self.landmark_names)
+
+    @property
+    def trusted(self) -> list[str]:
+        """Return for each frame whether its shape is to be trusted, "" where that is not known."""
+        said = self.verdicts
+        known = {} if said is None else dict(zip(said.frames.tolist(), said.doubts, strict=True))
+        return [
+            ("false" if known[frame] else "true") if frame in known else ""
+            for frame in self.frames.tolist()
+        ]
 
 
 def find_motion(track: Track, options: OutputOptions, place: str) -> Motion:
@@ -227,8 +248,16 @@ def find_motion(track: Track, options: OutputOptions, place: str) -> Motion:
     if length > MOST_GAPS * n:
         found = f"there are {counted(n, 'item')} in {length:,} frames{_of(track.name)}"
         raise input_error(place, found, "write items that are so far apart to HDF5 or CSV")
-    points = np.full((length, 3, len(records.landmark_names)), np.nan)
-    points[frames - first] = placed.points
+
+    def by_frame(values: Floats) -> Floats:
+        """Return values of the items (n, ...) for each frame (f, ...), nan in gaps."""
+        spread = np.full((length, *values.shape[1:]), np.nan)
+        spread[frames - first] = values
+        return spread
+
+    sd = getattr(records, "shape_sd", None)
+    sd = np.full_like(records.shapes, np.nan) if sd is None else sd
+    none = np.empty((n, 0))
     failed = int((~np.isfinite(placed.points).any(axis=(1, 2))).sum())
     warnings = list(placed.warnings)
     if failed:
@@ -240,7 +269,10 @@ def find_motion(track: Track, options: OutputOptions, place: str) -> Motion:
     return Motion(
         name=track.name,
         landmark_names=records.landmark_names,
-        points=points,
+        points=by_frame(placed.points),
+        deviations=by_frame(placed.factor[:, None] * np.sqrt((sd**2).sum(axis=1))),
+        angles=by_frame(records.further.get(ANGLES, none)),
+        angle_deviations=by_frame(records.further.get(ANGLE_SD, none)),
         first=first,
         rate=records.frame_rate or 1.0,
         edges=track.edges,
@@ -279,7 +311,7 @@ class MotionWriter(RecordWriter[Solid]):
     def append(self, record: Solid) -> None:
         """Take the items of a record after those that are there."""
         self.begun = True
-        self._parts.append(points_of(record))
+        self._parts.append(points_of(record, self._options))
 
     def motions(self, place: str) -> list[Motion]:
         """Return all sequences in metres. Raises ValueError where nothing was appended."""
@@ -290,7 +322,11 @@ class MotionWriter(RecordWriter[Solid]):
 
 
 def motion_output(
-    write: Write, group: Group, unit: str = "m", prepare: Prepare | None = None
+    write: Write,
+    group: Group,
+    unit: str = "m",
+    prepare: Prepare | None = None,
+    angles: Write | None = None,
 ) -> Output:
     """Return what gives a writer to files that appear on a clean exit: `target`, or one per group.
 
@@ -309,7 +345,7 @@ def motion_output(
         motions, note = writer.motions(str(target)), ""
         if prepare is not None:
             motions, note = prepare(motions, str(target))
-        files = _files(target, group(motions), write)
+        files = _files(target, group(motions), write, angles)
         if len(files) == 1:
             with atomic_path(target) as path:
                 write(path, motions)
@@ -337,14 +373,16 @@ def by_video(motions: Sequence[Motion]) -> dict[str, list[Motion]]:
 
 
 def _files(
-    target: Path, groups: dict[str, list[Motion]], write: Write
+    target: Path, groups: dict[str, list[Motion]], write: Write, angles: Write | None
 ) -> dict[PurePosixPath, Callable[[Path], None]]:
-    """Return the files to write, by name: a motion file per group, and its verdicts beside it."""
+    """Return the files to write, by name: one per group, with angles and verdicts beside it."""
     resolved = Path(os.path.realpath(target))
     files: dict[PurePosixPath, Callable[[Path], None]] = {}
     for name, motions in zip(_plain_names(groups), groups.values(), strict=True):
         stem = file_stem(f"{resolved.stem}_{name}") if len(groups) > 1 else resolved.stem
         files[PurePosixPath(f"{stem}{resolved.suffix}")] = partial(_write_group, write, motions)
+        if angles is not None and motions[0].angle_names:
+            files[PurePosixPath(f"{stem}_angles.csv")] = partial(_write_group, angles, motions)
         if verdicts := [each.verdicts for each in motions if each.verdicts]:
             files[PurePosixPath(f"{stem}_frames.csv")] = partial(write_verdicts, verdicts)
     return files

@@ -26,6 +26,7 @@ from shapefit.io import (
     read_dictionary,
     result_writer,
 )
+from shapefit.io.formats import find_target_format
 from shapefit.io.options import OutputOptions
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
@@ -84,6 +85,8 @@ def run(
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
         estimates = estimates or prepare(config, dictionary, lambda: source.first(FIRST))
         config = config.changed(**estimates.values)
+        if find_target_format(output).in_metres:  # the error of an angle is that of several joints
+            config = config.changed(posterior={"covariance": True})
         setup = set_up(config, dictionary, source.head.landmark_names)
         report, seconds, inputs = Report(setup), 0.0, dict[str, str]()
         with (

@@ -87,6 +87,9 @@ def test_more_labels_or_longer_ones_than_a_byte_counts(tmp_path, count, bytes_, 
         axes="",
         size="",
         warnings=(),
+        deviations=np.zeros((2, count)),
+        angles=np.empty((2, 0)),
+        angle_deviations=np.empty((2, 0)),
     )
     (line,) = problems(write_c3d, tmp_path / "man.c3d", [motion])
     assert f"there are {count} landmarks, the longest name" in line

@@ -1,0 +1,94 @@
+"""Motion as tables: joints in metres, and joint angles, as CSV, Parquet and the .mot of OpenSim."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from shapefit.errors import input_error, printable
+from shapefit.io.written.motion import Motion, by_individual, motion_output
+
+METRES = ("frame", "time", "landmark", "x", "y", "z", "sd", "trusted")
+"""Columns; sd is that of the distance to the point, sqrt(sd_x^2 + sd_y^2 + sd_z^2)."""
+
+
+def write_metres(path: Path, motions: Sequence[Motion]) -> None:
+    """Write a row per frame and landmark of one motion: Parquet where the name ends so, else CSV.
+
+    Points that are not known are empty, and so are deviations without error bars.
+    """
+    (motion,) = motions
+    f, p = len(motion.points), len(motion.landmark_names)
+    columns: tuple[Any, ...] = (
+        np.repeat(motion.frames, p),
+        np.repeat(motion.frames / motion.rate, p),
+        list(motion.landmark_names) * f,
+        *(motion.points[:, axis].ravel() for axis in range(3)),
+        motion.deviations.ravel(),
+        [answer for answer in motion.trusted for _ in range(p)],
+    )
+    if path.suffix in (".parquet", ".pq"):
+        import pyarrow.parquet
+
+        import shapefit.io.parquet_table  # noqa: F401  (says what to install without pyarrow)
+
+        table = pyarrow.table(dict(zip(METRES, columns, strict=True)))
+        pyarrow.parquet.write_table(table, path, compression="zstd", write_page_checksum=True)
+    else:
+        _write_csv(path, METRES, zip(*columns, strict=True), ".7g")
+
+
+def write_angles(path: Path, motions: Sequence[Motion]) -> None:
+    """Write a row per frame of one motion: each angle and its standard deviation, in degrees."""
+    (motion,) = motions
+    pairs = np.stack([motion.angles, motion.angle_deviations], axis=2).reshape(
+        len(motion.points), -1
+    )
+    header = ("frame", "time", "trusted", *(c for n in motion.angle_names for c in (n, f"{n}_sd")))
+    rows = zip(motion.frames, motion.frames / motion.rate, motion.trusted, pairs, strict=True)
+    _write_csv(path, header, ((frame, t, said, *row) for frame, t, said, row in rows), ".4g")
+
+
+def write_mot(path: Path, motions: Sequence[Motion]) -> None:
+    """Write the joint angles of one motion in degrees, as OpenSim reads them; gaps are NaN."""
+    (motion,) = motions
+    table = np.column_stack([motion.frames / motion.rate, motion.angles])
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(f"{printable(motion.name) or 'Coordinates'}\nversion=1\nnRows={len(table)}\n")
+        file.write(f"nColumns={table.shape[1]}\ninDegrees=yes\nendheader\n")
+        file.write("\t".join(["time", *motion.angle_names]) + "\n")
+        for row in table.tolist():
+            cells = (f"{value:.10g}" if np.isfinite(value) else "NaN" for value in row)
+            file.write("\t".join(cells) + "\n")
+
+
+def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Any], digits: str) -> None:
+    """Write rows of whole numbers, times, texts and other numbers; what is not known is empty."""
+
+    def cell(value: Any) -> str:
+        if not isinstance(value, float):
+            return str(value)
+        return format(value, digits) if np.isfinite(value) else ""
+
+    with path.open("w", encoding="utf-8", newline="") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(header)
+        table.writerows([frame, f"{time:.10g}", *map(cell, rest)] for frame, time, *rest in rows)
+
+
+def _with_angles(motions: Sequence[Motion], place: str) -> tuple[list[Motion], str]:
+    """Raise InputError where landmarks determine no joint angle."""
+    for motion in motions:
+        if not motion.angle_names:
+            fix = "lift with the dictionary `people`, or rename landmarks to its joints (`rename`)"
+            raise input_error(place, "no joint angle follows from these landmarks", fix)
+    return list(motions), ""
+
+
+metres_output = motion_output(write_metres, by_individual)
+angles_output = motion_output(write_angles, by_individual, prepare=_with_angles)
+mot_output = motion_output(write_mot, by_individual, prepare=_with_angles)
