@@ -34,7 +34,7 @@ def write_metres(path: Path, motions: Sequence[Motion]) -> None:
     if path.suffix in (".parquet", ".pq"):
         import pyarrow.parquet
 
-        import shapefit.io.parquet_table  # noqa: F401  (says what to install without pyarrow)
+        import shapefit.io.parquet_file  # noqa: F401  (says what to install without pyarrow)
 
         table = pyarrow.table(dict(zip(METRES, columns, strict=True)))
         pyarrow.parquet.write_table(table, path, compression="zstd", write_page_checksum=True)

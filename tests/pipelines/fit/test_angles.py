@@ -1,12 +1,13 @@
 """Knee and elbow angles of a man on a beam against those of four cameras together."""
 
 import csv
+from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-from shapefit.config import load_config
+from shapefit.config import find_config, load_config
 from shapefit.geometry.joint_angles import known_angles, measure_angles
 from shapefit.io.written.angles import joints_of
 from shapefit.pipelines.fit.run import run
@@ -25,7 +26,7 @@ def test_hinges_of_a_man_on_a_beam(real_data, tmp_path):
         output = tmp_path / f"{camera}.angles.csv"
         arguments = {"landmarks": [str(landmarks)], "dictionary": "people", "output": str(output)}
         rate = ["sequences.frame_rate=60"]
-        list(run(load_config("fit", None, rate, arguments)))
+        list(run(load_config("fit", find_config("fit", Path("sequences")), rate, arguments)))
         with output.open() as file:
             rows = list(csv.DictReader(file))
         with h5py.File(landmarks) as file:
