@@ -59,7 +59,6 @@ class Outcome:
 
     `done` items of `total` (None where it is not known) were finished by this part, `failures`
     of them without a result; `unit` is what the items are, where that depends on the config;
-    `items` are the names of those that were done, where parts need them;
     `note` is a short state of the work for a progress bar, `line` is to be shown at once,
     `doubts` counts the items whose result is not to be trusted, by reason;
     `listing` the lines that the command was asked for, `written` the files that now stand complete.
@@ -68,7 +67,6 @@ class Outcome:
     done: int = 0
     total: int | None = None
     failures: tuple[Failure, ...] = ()
-    items: tuple[str, ...] = ()
     warnings: tuple[str | Counted, ...] = ()
     doubts: tuple[Counted, ...] = ()
     unit: str = ""

@@ -55,7 +55,6 @@ class Report:
             done=len(images),
             total=total,
             failures=find_failures(images, lifting, strict=config.strict),
-            items=images.items,
             warnings=find_warnings(images, lifting, self._setup),
             doubts=count_doubts(record),
         )

@@ -12,7 +12,7 @@ import threading
 import time
 from collections import Counter as Count
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Generator, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -34,7 +34,6 @@ from shapefit.config.paths import DONE
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError, counted, input_error
 from shapefit.io import read_dictionary
-from shapefit.io.names import stable_hashes
 from shapefit.pipelines.fit.prepare import Estimates
 from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.outcome import Counted, Failure, Outcome, add_up
@@ -76,7 +75,6 @@ class Job:
 class Done:
     """What became of a part: its line in the manifest, and what is told of it.
 
-    hashes   stable ones of the names of its images
     error    why it has no result
     passing  whether another try, or another machine, may do better
     """
@@ -84,7 +82,6 @@ class Done:
     part: Part
     outcome: Outcome = field(default_factory=Outcome)
     entry: dict[str, Any] = field(default_factory=dict)
-    hashes: bytes = b""
     error: str | None = None
     passing: bool = False
 
@@ -116,7 +113,7 @@ def _fit(job: Job) -> Done:
     config = job.config.model_copy(update={"landmarks": job.part.inputs, "output": target})
     rows = None if job.part.rows is None else slice(*job.part.rows)
     clear_way(job.folder, job.part.file)
-    images, failed, hashes = 0, 0, list[bytes]()
+    images, failed = 0, 0
     failures: list[Failure] = []
     warnings: dict[str, str | Counted] = {}
     doubts: dict[str, str | Counted] = {}
@@ -124,7 +121,6 @@ def _fit(job: Job) -> Done:
     for outcome in run(config, rows, job.estimates, dictionary):
         images += outcome.done
         failed += len(outcome.failures)
-        hashes.append(stable_hashes(outcome.items).tobytes())
         failures += outcome.failures[: MOST_TOLD - len(failures)]
         add_up(warnings, outcome.warnings, MOST_TOLD)
         add_up(doubts, (replace(doubt, items=()) for doubt in outcome.doubts))
@@ -143,7 +139,7 @@ def _fit(job: Job) -> Done:
         "bytes": (find_state(target) or (0, ""))[0],
         "digest": result_digest(target),
     }
-    return Done(job.part, told, job.part.describe() | entry, b"".join(hashes))
+    return Done(job.part, told, job.part.describe() | entry)
 
 
 @lru_cache(maxsize=1)
@@ -162,7 +158,7 @@ Start = Callable[[int], AbstractContextManager[Executor]]
 """Gives an executor that does so many parts at a time."""
 
 
-def do_jobs(jobs: deque[Job], start: Start, at_once: int) -> Iterator[Done]:
+def do_jobs(jobs: deque[Job], start: Start, at_once: int) -> Generator[Done, None, None]:
     """Do jobs on an executor; yield what became of each, as they end.
 
     One that fails for what may pass is tried again. Where a process dies, the parts that were under
@@ -233,14 +229,14 @@ def died(job: Job, those: str) -> Done:
 
 
 @contextmanager
-def executor_of(config: FitConfig) -> Iterator[tuple[Start, int, str]]:
+def executor_of(config: FitConfig, jobs: Collection[Job]) -> Iterator[tuple[Start, int, str]]:
     """Give what starts the executor that the config names, parts at a time, and a line about it.
 
     Raises InputError where Dask is not installed, and where no scheduler answers.
     """
     if config.workers is not None:
         yield processes, config.workers, ""
-    elif wants_cluster(config):
+    elif jobs and wants_cluster(config):
         with connected(config) as client:
             workers, link = client.nthreads(), client.dashboard_link
             line = f"Dask: {counted(len(workers), 'worker')}"

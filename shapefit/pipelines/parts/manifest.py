@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from shapefit import __version__
-from shapefit.config.paths import DONE, MANIFEST, OLD_MANIFEST, ResultFolder, manifest_lines
+from shapefit.config.paths import DONE, MANIFEST, ResultFolder, manifest_lines
 from shapefit.errors import InputError, counted, input_error
 from shapefit.io.atomic import atomic_path, check_folder, storage_errors, write_all
 from shapefit.io.inputs import in_words
-from shapefit.stores import UrlPath, find_state, held_object, remove
+from shapefit.stores import UrlPath, find_state, held_object
 
 LOCK = ".lock"
 
@@ -133,11 +133,6 @@ def held_folder(folder: Path) -> Iterator[None]:
 def _busy(folder: Path, until: str = "") -> InputError:
     found = "another run is writing results to it"
     return input_error(folder, found, f"wait until it ends{until}, or choose another")
-
-
-def remove_old(folder: Path) -> None:
-    """Remove the manifest that an earlier version wrote."""
-    remove(folder / OLD_MANIFEST)
 
 
 def find_folders(files: Sequence[Path]) -> dict[Path, Manifest]:

@@ -5,34 +5,32 @@ Running again does the parts that are missing, and those that changed or were da
 
 from __future__ import annotations
 
+import fnmatch
 import hashlib
 import json
 import time
 from collections import deque
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import asdict, replace
 from functools import partial
-from pathlib import Path, PurePosixPath
-
-import numpy as np
+from pathlib import Path
 
 from shapefit.config import FitConfig
-from shapefit.config.paths import FAILED, ResultFolder
+from shapefit.config.paths import FAILED, OLD_MANIFEST, ResultFolder
 from shapefit.errors import abbreviate, counted, input_error, printable
 from shapefit.io import digest, read_dictionary
-from shapefit.io.formats import HDF5
 from shapefit.io.inputs import is_stream
-from shapefit.io.names import Equal, find_equal_names, repeated, stable_hashes
+from shapefit.io.names import Equal, find_equal_names
 from shapefit.io.source import open_results
 from shapefit.pipelines.fit.prepare import Estimates, first_images, prepare
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
-from shapefit.pipelines.parts.executors import Done, Job, do_jobs, executor_of, wants_cluster
+from shapefit.pipelines.parts.executors import Job, do_jobs, executor_of, wants_cluster
 from shapefit.pipelines.parts.manifest import (
     Entry,
     Manifest,
     held_folder,
     read_manifest,
-    remove_old,
     result_digest,
 )
 from shapefit.pipelines.parts.plan import Part, plan_parts
@@ -68,74 +66,60 @@ def run(config: FitConfig) -> Iterator[Outcome]:
             config, read_dictionary(config.dictionary), lambda: first_images(config, parts)
         )
     first = {**digests, "method": config.method, "estimated": asdict(estimates)}
+    elsewhere = config.workers is not None or wants_cluster(config)
+    if elsewhere and config.threads == 0:
+        config = config.changed(threads=1)
     with held_folder(folder.path):
         manifest = Manifest(folder.manifest, first, kept)
         for line in estimates.lines:
             yield Outcome(line=line)
         before = f"{len(kept)} of {counted(len(parts), 'part')} done before"
         yield Outcome(warnings=(*estimates.warnings, *again), note=before)
-        yield from _run(config.changed(**estimates.values), folder.path, parts, manifest, estimates)
-
-
-def _run(
-    config: FitConfig,
-    folder: Path,
-    parts: Sequence[Part],
-    manifest: Manifest,
-    estimates: Estimates,
-) -> Iterator[Outcome]:
-    elsewhere = config.workers is not None or wants_cluster(config)
-    alone = {"threads": 1} if elsewhere and config.threads == 0 else {}
-    shared = config.model_copy(update={"landmarks": (), **alone})  # each part names its own
-    told = replace(estimates, lines=(), warnings=())
-    job = partial(Job, config=shared, folder=folder, estimates=told)
-    kept = tuple(manifest.done)
-    jobs = deque(job(part) for part in parts if part.file not in kept)
-    lost: list[Failure] = []
-    hashes: list[bytes] = []
-    images, began = 0, time.monotonic()
-    manifest.write()
-    try:
-        for done in on_executor(jobs, config):
-            if isinstance(done, str):
-                yield Outcome(line=done)
-                continue
-            if done.error is not None:
-                lost.append(_lost(done.part, done.error))
-                failed = {"status": FAILED, "error": lost[-1].reason}
-                manifest.add(done.part.describe() | failed)
-            else:
-                images += done.outcome.done
-                hashes.append(done.hashes)
-                manifest.add(done.entry)
-            reached, seconds = len(manifest.done), time.monotonic() - began
-            note = tell_pace(reached, len(parts), len(lost), images, len(hashes), seconds)
-            yield replace(done.outcome, note=note)
-    finally:
+        told = replace(estimates, lines=(), warnings=())
+        shared = config.changed(landmarks=(), **estimates.values)  # each part names its own
+        todo = [part for part in parts if part.file not in kept]
+        jobs = deque(Job(part, shared, folder.path, told) for part in todo)
+        lost: list[Failure] = []
+        images, began = 0, time.monotonic()
         manifest.write()
-    remove_stale(folder, {part.file for part in parts})
-    equal = equal_items(folder, kept, tuple(manifest.done), hashes)
-    text = "in more than one part: `eval` cannot tell them apart"
-    yield Outcome(
-        failures=tuple(lost),
-        warnings=(Counted(equal.count, "item", text, worst=str(equal)),) if equal.count else (),
-        note=f"{len(manifest.done)} of {counted(len(parts), 'part')} done",
-        written=(manifest.path,),
-    )
-
-
-def on_executor(jobs: deque[Job], config: FitConfig) -> Iterator[Done | str]:
-    """Do jobs on the executor that the config names, which a line introduces."""
-    if not jobs:
-        return
-    with executor_of(config) as (start, at_once, line):
-        if line:
-            yield line
-        yield from do_jobs(jobs, start, at_once)
+        try:
+            with (
+                executor_of(config, jobs) as (start, at_once, line),
+                closing(do_jobs(jobs, start, at_once)) as ended,
+            ):
+                yield Outcome(line=line)
+                for number, done in enumerate(ended, 1):
+                    images += done.outcome.done
+                    if done.error is not None:
+                        lost.append(_lost(done.part, done.error))
+                        failed = {"status": FAILED, "error": lost[-1].reason}
+                        manifest.add(done.part.describe() | failed)
+                    else:
+                        manifest.add(done.entry)
+                    reached, seconds = len(manifest.done), time.monotonic() - began
+                    left = len(parts) - reached - len(lost)
+                    words = [f"{reached} of {counted(len(parts), 'part')} done"]
+                    words += [f"{len(lost)} failed"] if lost else []
+                    words += [f"{images / seconds:,.0f} images/s"] if images and seconds > 0 else []
+                    words += [f"{in_time(left * seconds / number)} left"] if left else []
+                    yield replace(done.outcome, note=", ".join(words))
+        finally:
+            manifest.write()
+        of_earlier = {*fnmatch.filter(files_in(folder.path), "part-*.h5"), OLD_MANIFEST}
+        for name in of_earlier - {part.file for part in parts}:
+            remove(folder.path / name)
+        equal = equal_items(folder.path, manifest.done) if images else Equal(0, ())
+        text = "in more than one part: `eval` cannot tell them apart"
+        yield Outcome(
+            failures=tuple(lost),
+            warnings=(Counted(equal.count, "item", text, worst=str(equal)),) if equal.count else (),
+            note=f"{len(manifest.done)} of {counted(len(parts), 'part')} done",
+            written=(manifest.path,),
+        )
 
 
 def check_parts(config: FitConfig) -> None:
-    """Raise InputError for what cannot be done part by part,."""
+    """Raise InputError for what cannot be done part by part."""
     assert isinstance(config.output, ResultFolder)
     if any(map(is_stream, config.landmarks)):
         found = "standard input cannot be divided into parts"
@@ -193,55 +177,19 @@ def _lost(part: Part, error: str) -> Failure:
     return Failure(part.file, error if named else f"{_words(part)}: {error}")
 
 
-def equal_items(
-    folder: Path, kept: Sequence[str], files: Sequence[str], hashes: Sequence[bytes]
-) -> Equal:
-    """Return the items that are in two or more parts.
-
-    hashes of the names in those that were just done; of others they are read, and of all where two
-    hashes are the same. Where nothing was done, an earlier run has reported them.
-    """
-    if not hashes:
-        return Equal(0, ())
+def equal_items(folder: Path, files: Iterable[str]) -> Equal:
+    """Return the items that are in two or more parts."""
 
     def names_in(file: str) -> Iterator[Sequence[str]]:
         with open_results([folder / file], check=False) as source:
             yield from source.names()
 
-    met = [np.frombuffer(each, np.uint64) for each in hashes]
-    met += [stable_hashes(block) for file in kept for block in names_in(file)]
-    if not len(repeated(np.concatenate(met))):
-        return Equal(0, ())
     return find_equal_names({folder / file: partial(names_in, file) for file in sorted(files)})
 
 
-def remove_stale(folder: Path, own: Collection[str]) -> None:
-    """Remove the results of an earlier run that this one does not have."""
-    for name in files_in(folder):
-        is_part = name.startswith("part-") and PurePosixPath(name).suffix == HDF5.suffixes[0]
-        if is_part and name not in own:
-            remove(folder / name)
-    remove_old(folder)
-
-
-UNITS = ((3600, "h", 1), (60, "min", 0), (0.0, "s", 0))
-
-
-def tell_pace(reached: int, parts: int, lost: int, images: int, ended: int, seconds: float) -> str:
-    """Return one line: `12 of 40 parts done, 1 failed, 34,500 images/s, 3 min left`.
-
-    reached   parts that are done, those of earlier runs included
-    lost      parts that failed
-    images    lifted by this run, in the `ended` parts that it did, within `seconds`
-    """
-    words = [f"{reached} of {counted(parts, 'part')} done"]
-    if lost:
-        words.append(f"{lost} failed")
-    if images and seconds > 0:
-        words.append(f"{images / seconds:,.0f} images/s")
-    left = parts - reached - lost
-    if left and ended:
-        rest = left * seconds / ended
-        size, unit, digits = next(each for each in UNITS if rest >= each[0])
-        words.append(f"{rest / (size or 1):.{digits}f} {unit} left")
-    return ", ".join(words)
+def in_time(seconds: float) -> str:
+    """Return a duration in its largest unit: `1.5 h`, `3 min`, `20 s`."""
+    for size, unit, digits in ((3600, "h", 1), (60, "min", 0)):
+        if seconds >= size:
+            return f"{seconds / size:.{digits}f} {unit}"
+    return f"{seconds:.0f} s"

@@ -1,7 +1,7 @@
 """A dictionary of eight landmarks, numbered images of them, and the folder of results `out`."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -35,13 +35,16 @@ def entries(folder: Path = Path("out")) -> list[dict[str, Any]]:
     return sorted(map(json.loads, lines), key=lambda entry: entry["file"])
 
 
-def same_bits(parts: Iterable[Path], whole: Path) -> None:
-    """Assert that results are, one after the other, those of one run."""
+OF_CONVEX = {"item", "shapes", "coefficients", "objective", "rotation"}
+
+
+def same_bits(parts: Iterable[Path], whole: Path, among: Collection[str] = OF_CONVEX) -> None:
+    """Assert that results are, one after the other, those of one run; `among` their datasets."""
     parts = list(parts)
     with h5py.File(whole) as expected:
         count = len(expected["item"])
         names = [name for name, each in expected.items() if each.shape[:1] == (count,)]
-        assert {"item", "shapes", "coefficients", "objective", "rotation"} <= set(names)
+        assert set(among) <= set(names)
         for name in names:
             pieces = []
             for part in parts:

@@ -5,7 +5,6 @@ On processes of this machine, without Dask; and, slowly, on a Dask cluster.
 
 import json
 import os
-import random
 import resource
 import signal
 import subprocess
@@ -13,7 +12,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,10 +22,10 @@ import pytest
 
 from shapefit.config import load_config
 from shapefit.errors import InputError
-from shapefit.io.atomic import machine_name
 from shapefit.pipelines.parts import executors
-from shapefit.pipelines.parts.executors import Done, InThisProcess, Job, do_jobs, processes
+from shapefit.pipelines.parts.executors import InThisProcess, Job, do_jobs, processes
 from shapefit.pipelines.parts.plan import Part, plan_parts
+from tests.cli.conftest import run_in
 from tests.pipelines.parts.made import entries, make_dictionary, make_images
 from tests.pipelines.parts.made import same_bits as same_results
 
@@ -36,9 +35,6 @@ SLOW = ("--set", "method=alternate", "--set", "alternation.views=1000")
 LIMIT = 60
 ROOM = 20_000
 """Bytes that a worker without room can write to a file; results are longer."""
-
-KILLS, PAUSE = 6, 1.5
-"""Workers killed again and again, and most seconds between; a worker takes about one to start."""
 
 
 @pytest.fixture(scope="module")
@@ -119,21 +115,6 @@ def job(data) -> Job:
     arguments = {"landmarks": (data / "views.h5",), "dictionary": data / "dict.h5"}
     config = load_config("fit", None, (), {**arguments, "output": f"{data}/direct/"})
     return Job(Part(7, (data / "views.h5",), None, ()), config, data / "direct")
-
-
-@pytest.mark.parametrize(("bad", "error"), [(2, None), (9, "OSError: busy")])
-def test_a_part_that_fails_is_tried_three_times(job, monkeypatch, bad, error):
-    tries = []
-
-    def busy(one: Job) -> Done:
-        tries.append(one)
-        passing = len(tries) <= bad
-        return Done(one.part, error="OSError: busy" if passing else None, passing=passing)
-
-    monkeypatch.setattr(executors, "fit_part", busy)
-    (done,) = do_jobs(deque([job]), lambda _: nullcontext(InThisProcess()), 1)
-    assert (done.part, done.error) == (job.part, error)
-    assert len(tries) == 3
 
 
 def test_a_worker_of_another_version_ends_the_run(job):
@@ -306,29 +287,14 @@ def test_what_is_assumed_of_the_camera_is_the_same_for_all_parts(project, data, 
         (data / name).mkdir()
         for frame in some:
             (data / name / frame.name).write_bytes(frame.read_bytes())
-    line = [str(BIN / "shapefit"), "fit", "early", "late", "-d", "people"]
-    line += ["--set", "keypoints=body_25", "--set", "method=posterior"]
-    for more in (
-        ("-o", "walkers.h5"),
-        ("-o", "walkers/", "--set", "partition=10", "--scheduler", cluster.address),
-    ):
-        told = subprocess.run([*line, *more], cwd=data, capture_output=True, text=True, check=False)
+    line = ["fit", "early", "late", "-d", "people", "--set", "keypoints=body_25"]
+    line += ["--set", "method=posterior"]
+    for more in (("walkers.h5",), ("walkers/", "--scheduler", cluster.address)):
+        told = run_in(data, *line, "-o", *more)
         assert told.returncode == 0, told.stderr
         assert "focal length 1408 px assumed" in told.stderr
-    whole = shapes_by_item([data / "walkers.h5"])
-    parts = shapes_by_item(results(data / "walkers"))
-    assert whole.keys() == parts.keys()
     assert len(results(data / "walkers")) == 2
-    for item, shape in whole.items():
-        np.testing.assert_array_equal(parts[item], shape)
-
-
-def shapes_by_item(paths: Sequence[Path]) -> dict[bytes, np.ndarray]:
-    found: dict[bytes, np.ndarray] = {}
-    for path in paths:
-        with h5py.File(path) as file:
-            found |= dict(zip(file["item"][:], file["shapes"][:], strict=True))
-    return found
+    same_results(results(data / "walkers"), data / "walkers.h5", {"item", "shapes"})
 
 
 @pytest.mark.slow
@@ -354,9 +320,6 @@ def test_a_killed_client(data, cluster):
     for path in there:
         with h5py.File(path) as file:  # whole
             assert len(file["item"]) == SIZE
-    missing = f"part-{PARTS - 1:05}"
-    litter = data / "client" / f".{missing}-{machine_name()}-{process.pid}-0123ab.partial.h5"
-    litter.write_bytes(b"left by a killed worker")
     before = listed(data / "client") if (data / "client/manifest.jsonl").exists() else []
     stamps = {name: (data / "client" / name).stat().st_mtime_ns for name in before}
     done = fit(data, "client/", "--scheduler", cluster.address)
@@ -408,55 +371,25 @@ def test_a_killed_scheduler(data):
     same_bits(data, "scheduler/")
 
 
-@pytest.mark.slow
-def test_no_scheduler_at_the_address(data):
-    done = fit(data, "nobody/", "--scheduler", "tcp://127.0.0.1:9")
-    assert done.returncode == 2
-    assert done.stderr.startswith("Error: tcp://127.0.0.1:9: no scheduler answers")
-    assert not results(data / "nobody")
-
-
-@pytest.mark.slow
-def test_a_file_that_is_not_of_a_scheduler(data):
+@pytest.mark.parametrize(("options", "told", "modules"), [
+    (("--scheduler", "tcp://127.0.0.1:9"), "pip install distributed", {"distributed": None}),
+    pytest.param(
+        ("--scheduler", "tcp://127.0.0.1:9"), "Error: tcp://127.0.0.1:9: no scheduler answers", {},
+        marks=pytest.mark.slow,
+    ),
+    pytest.param(
+        ("--scheduler-file", "empty.json"), "empty.json: is not the file of a Dask scheduler", {},
+        marks=pytest.mark.slow,
+    ),
+])  # fmt: skip
+def test_without_a_scheduler(data, monkeypatch, options, told, modules):
     (data / "empty.json").write_text("{}")
-    done = fit(data, "nobody/", "--scheduler-file", "empty.json")
-    assert done.returncode == 2, done.stderr
-    assert "empty.json: is not the file of a Dask scheduler" in done.stderr
-
-
-def test_without_dask(data):
-    code = (
-        "import sys; sys.modules['distributed'] = None; sys.modules['dask'] = None\n"
-        "from shapefit.cli.main import run; sys.exit(run(sys.argv[1:]))"
-    )
-    words = [sys.executable, "-c", code, *command("none/", "--scheduler", "tcp://127.0.0.1:9")[1:]]
-    done = subprocess.run(words, cwd=data, capture_output=True, text=True, check=False)
+    for name, module in modules.items():
+        monkeypatch.setitem(sys.modules, name, module)
+    done = run_in(data, *command("none/", *options)[1:])
     assert done.returncode == 2
-    assert "pip install distributed" in done.stderr
-
-
-@pytest.mark.slow
-def test_workers_that_are_killed_again_and_again(data, cluster):
-    rng, killed, runs = random.Random(0), 0, 0
-    while killed < KILLS:
-        output, code, runs = f"kills-{runs}/", 1, runs + 1
-        words = command(output, "--scheduler", cluster.address)
-        while code:
-            process = subprocess.Popen(words, cwd=data, stderr=subprocess.DEVNULL)
-            while process.poll() is None:
-                time.sleep(rng.uniform(0, PAUSE))
-                if killed < KILLS and process.poll() is None:
-                    number = rng.randrange(2)
-                    cluster.workers[number].kill()
-                    cluster.workers[number].wait()
-                    cluster.workers[number] = start_worker(cluster)
-                    killed += 1
-            code = process.returncode
-            assert code in (0, 1), f"after {killed} kills"
-            for path in results(data / output):
-                with h5py.File(path) as file:
-                    assert len(file["item"]) == SIZE
-        same_bits(data, output)
+    assert told in done.stderr
+    assert not results(data / "none")
 
 
 @pytest.mark.slow

@@ -7,15 +7,16 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from shapefit.cli.main import run as shapefit
 
 from shapefit.config import load_config
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.parts.run import run
-from shapefit.stores import held_object
-from tests.pipelines.parts.made import NAMES, make_dictionary, make_images
-from tests.pipelines.told import done
+from shapefit.stores import held_object, location
+from tests.pipelines.parts.made import make_dictionary, make_images
+from tests.pipelines.told import done, failures
 
 DATASETS = ("item", "shapes", "dual", "coefficients", "objective")
 
@@ -46,16 +47,8 @@ def fit(store, output: str = "", *overrides: str):
     return list((run if isinstance(config.output, ResultFolder) else fit_whole)(config))
 
 
-def failures(outcomes) -> list:
-    return [failure for outcome in outcomes for failure in outcome.failures]
-
-
 def names(store) -> list[str]:
     return sorted(name.rpartition("/")[2] for name in store.files.find(f"{store.name}/results"))
-
-
-def parts(count: int) -> list[str]:
-    return ["manifest.jsonl", *(f"part-{n:05}.h5" for n in range(count))]
 
 
 def entries(store) -> list[dict]:
@@ -83,7 +76,7 @@ def same_as_on_a_disk(store) -> None:
 
 def test_parts_have_the_bits_of_a_local_run(store):
     assert done(fit(store)) == 300
-    assert names(store) == parts(3)
+    assert names(store) == ["manifest.jsonl", *(f"part-{n:05}.h5" for n in range(3))]
     assert entries(store)[0]["inputs"] == [f"{store.url}/one.h5"]
     same_as_on_a_disk(store)
 
@@ -105,24 +98,12 @@ def test_an_input_with_another_etag_is_done_again(store):
     same_as_on_a_disk(store)
 
 
-def test_stale_parts_are_removed(store):
-    fit(store)
-    assert done(fit(store, "", "partition=200")) == 300
-    assert names(store) == parts(2)
-
-
 def test_a_second_client_is_refused(store):
-    place = load_config_output(store).path / ".lock"
-    with held_object(place) as held:
+    with held_object(location(f"{store.url}/results/.lock")) as held:
         assert held
         with pytest.raises(InputError, match="another run is writing results to it"):
             fit(store)
     assert done(fit(store)) == 300
-
-
-def load_config_output(store) -> ResultFolder:
-    arguments = {"landmarks": "one.h5", "dictionary": "dict.h5", "output": f"{store.url}/results/"}
-    return load_config("fit", None, (), arguments).output
 
 
 class TestAPutThatFails:
@@ -147,15 +128,15 @@ class TestAPutThatFails:
     def test_it_is_tried_again(self, store, puts):
         puts["part-00001.h5"] = 2
         outcomes = fit(store)
-        assert failures(outcomes) == []
+        assert failures(outcomes) == {}
         assert done(outcomes) == 300
         assert puts["part-00001.h5"] == 0
 
     def test_after_three_times_the_part_is_listed_and_the_others_are_done(self, store, puts):
         puts["part-00001.h5"] = 3
-        (failure,) = failures(fit(store))
-        assert failure.item == "part-00001.h5"
-        assert f"{store.url}/results/part-00001.h5: cannot be written" in failure.reason
+        ((part, reason),) = failures(fit(store)).items()
+        assert part == "part-00001.h5"
+        assert f"{store.url}/results/part-00001.h5: cannot be written" in reason
         assert names(store) == ["manifest.jsonl", "part-00000.h5", "part-00002.h5"]
         assert done(fit(store)) == 72
         same_as_on_a_disk(store)
@@ -169,41 +150,15 @@ class TestAPutThatFails:
         assert store.files.cat_file(f"{store.name}/whole.h5") == before
 
 
-class TestTheFolderIsOneResult:
-    @pytest.fixture(autouse=True)
-    def fitted(self, store):
-        fit(store)
-        fit(store, "whole.h5")
-        self.folder = f"{store.url}/results/"
-
-    def command(self, *arguments: str) -> int:
-        from shapefit.cli.main import run as shapefit
-
-        return shapefit([*arguments, "-q"])
-
-    def test_converted_verified_shown_and_judged(self, store, rng, capsys):
-        assert self.command("convert", self.folder, "-o", "joined.csv") == 0
-        assert self.command("convert", "whole.h5", "-o", "whole.csv") == 0
-        assert Path("joined.csv").read_text() == Path("whole.csv").read_text()
-        assert self.command("verify", self.folder, "-d", f"{store.url}/dict.h5") == 0
-        assert self.command("view", self.folder, "-o", f"{store.url}/page.html") == 0
-        assert store.files.size(f"{store.name}/page.html") > 10_000
-        assert self.command("info", self.folder) == 0
-        assert store.url in capsys.readouterr().out
-        self.judge(store, rng)
-
-    def judge(self, store, rng):
-        from shapefit.io import write_shapes
-        from shapefit.io.records import ShapeSet
-
-        truth = ShapeSet(rng.normal(size=(300, 3, 8)), NAMES, tuple(f"i{n}" for n in range(300)))
-        write_shapes(Path("truth.h5"), truth)
-        store.files.put_file("truth.h5", f"{store.name}/truth.h5")
-        truth_url = f"{store.url}/truth.h5"
-        line = (self.folder, "whole.h5", "--truth", truth_url, "-o", "r", "--set", "plots=false")
-        assert self.command("eval", *line) == 0
-        lines = Path("r/per_image.csv").read_text().splitlines()
-        own = [line.split(",", 1)[1] for line in lines if line.startswith("results,")]
-        other = [line.split(",", 1)[1] for line in lines if line.startswith("whole,")]
-        assert sorted(own) == sorted(other)
-        assert len(own) >= 300
+def test_the_folder_is_one_result(store, capsys):
+    fit(store)
+    fit(store, "whole.h5")
+    folder = f"{store.url}/results/"
+    for name, table in ((folder, "joined.csv"), ("whole.h5", "whole.csv")):
+        assert shapefit(["convert", name, "-o", table, "-q"]) == 0
+    assert Path("joined.csv").read_text() == Path("whole.csv").read_text()
+    assert shapefit(["verify", folder, "-d", f"{store.url}/dict.h5", "-q"]) == 0
+    assert shapefit(["view", folder, "-o", f"{store.url}/page.html", "-q"]) == 0
+    assert store.files.size(f"{store.name}/page.html") > 10_000
+    assert shapefit(["info", folder]) == 0
+    assert store.url in capsys.readouterr().out

@@ -3,7 +3,6 @@
 import fcntl
 import json
 import os
-import shutil
 import signal
 from pathlib import Path
 
@@ -11,15 +10,15 @@ import h5py
 import pytest
 from shapefit.cli.main import run as shapefit
 
-from shapefit.config import dump_config, load_config
-from shapefit.config.paths import ResultFolder, result_parts
+from shapefit.config import load_config
+from shapefit.config.paths import result_parts
 from shapefit.errors import InputError
 from shapefit.io import write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.parts import executors
 from shapefit.pipelines.parts.plan import plan_parts
-from shapefit.pipelines.parts.run import run, tell_pace
+from shapefit.pipelines.parts.run import run
 from tests.pipelines.parts.made import NAMES, entries, make_dictionary, make_images, same_bits
 from tests.pipelines.told import done, failures, texts
 
@@ -208,14 +207,6 @@ class TestWhatIsRefusedOrReplaced:
         assert shapefit(["fit", "one.h5", "-d", "dict.h5", "-o", name, "-q"]) == 0
         assert {path.name for path in Path().iterdir()} == before | {name}
 
-    @pytest.mark.parametrize("text", ["output: far/", "output: ./far/"])
-    def test_a_config_names_a_folder_as_the_command_line_does(self, folder, text):
-        Path("c.yaml").write_text(f"landmarks: one.h5\ndictionary: dict.h5\n{text}\n")
-        config = load_config("fit", Path("c.yaml"))
-        assert config.output == ResultFolder(folder / "far")
-        Path("again.yaml").write_text(dump_config(config))
-        assert load_config("fit", Path("again.yaml")) == config
-
     def test_links_in_the_folder_are_replaced(self):
         Path("outside").write_text("mine")
         OUT.mkdir()
@@ -251,10 +242,6 @@ class TestWhatIsRefusedOrReplaced:
     def test_exports(self):
         with pytest.raises(InputError, match="is not written for a folder of results"):
             fit("export.folder=meshes", output="free/")
-
-    def test_a_cluster_for_one_file(self):
-        with pytest.raises(InputError, match="a cluster writes a folder of results"):
-            config_of("out.h5", "workers=2")
 
 
 class TestParts:
@@ -348,20 +335,6 @@ def test_items_in_two_parts_are_told(rng, earlier):
     assert not [text for text in texts(fit(landmarks=inputs)) if "more than one" in text]
 
 
-@pytest.mark.parametrize(
-    ("numbers", "line"),
-    [
-        ((0, 1, 0, 0, 0, 0.0), "0 of 1 part done"),
-        ((12, 40, 1, 20_000, 10, 10.0), "12 of 40 parts done, 1 failed, 2,000 images/s, 27 s left"),
-        ((2, 40, 0, 20_000, 2, 60.0), "2 of 40 parts done, 333 images/s, 19 min left"),
-        ((1, 1001, 0, 3600, 1, 36.0), "1 of 1001 parts done, 100 images/s, 10.0 h left"),
-        ((9, 10, 1, 900, 9, 1.0), "9 of 10 parts done, 1 failed, 900 images/s"),
-    ],
-)
-def test_the_pace_is_told(numbers, line):
-    assert tell_pace(*numbers) == line
-
-
 def test_the_manifest_has_a_line_for_the_run_and_one_for_each_part():
     fit()
     first = json.loads(MANIFEST.read_text().splitlines()[0])
@@ -370,4 +343,3 @@ def test_the_manifest_has_a_line_for_the_run_and_one_for_each_part():
     assert entry["inputs"] == [str(Path("two.h5").resolve())]
     assert (entry["status"], entry["images"], entry["rows"]) == ("done", 100, None)
     assert entry["bytes"] == (OUT / entry["file"]).stat().st_size
-    shutil.rmtree(OUT)
