@@ -11,116 +11,88 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import partial
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 Arrays = Mapping[str, Any]
-Verdict = dict[str, float]  # share of the images that ended well, and a sum to compare
-Run = Callable[[], Callable[[], Verdict]]  # what is timed, and what looks at it afterwards
+Run = Callable[[], Any]
+"""What is timed; what it returns is looked at afterwards."""
+
+
+def take(name: str, *modules: str) -> Any:
+    """Return what a version of shapefit has by this name in one of these modules."""
+    for module in modules:
+        with suppress(ImportError, AttributeError):
+            return getattr(import_module(f"shapefit.{module}"), name)
+    raise ImportError(f"shapefit has no {name}")
+
+
+def solver(tolerance: float, threads: float) -> Any:
+    """Return the solver of the convex program."""
+    solve = take("solve_newton", "convex.solver", "convex.newton")
+    return partial(solve, tolerance=tolerance, threads=int(threads))
 
 
 def newton(data: Arrays, tolerance: float, threads: float) -> Run:
     """Solve the convex program; each image must be certified."""
-    from shapefit.convex.solver import solve_newton
-
-    problem = build(data)
-
-    def run() -> Callable[[], Verdict]:
-        found = solve_newton(problem, tolerance=tolerance, threads=int(threads))
-        return partial(verdict, found.status, found.objective)
-
-    return run
+    return partial(solver(tolerance, threads), build(data))
 
 
-def lift(data: Arrays, method: str, threads: float) -> Run:
+def lift(data: Arrays, method: str, threads: float, tolerance: float = 1e-4, **further: Any) -> Run:
     """Lift by one of the methods, from the convex program or the mean shape on."""
-    from shapefit.convex.solver import solve_newton
     from shapefit.lifting.methods import Settings, choose_method
 
-    solve = partial(solve_newton, tolerance=1e-4, threads=int(threads))
-    settings = Settings(solve=solve, mean_shape=data["mean_shape"], threads=int(threads))
-    estimate, problem = choose_method(method, settings), build(data)
-
-    def run() -> Callable[[], Verdict]:
-        found = estimate(problem)
-        return partial(verdict, found.status, found.objective)
-
-    return run
+    settings = Settings(
+        solve=solver(tolerance, threads), mean_shape=data["mean_shape"], threads=int(threads),
+        **further,
+    )  # fmt: skip
+    return partial(choose_method(method, settings), build(data))
 
 
 def posterior(data: Arrays, misfit: float, threads: float) -> Run:
     """Find the posterior of each image under a prior of many components."""
-    from shapefit.convex.solver import solve_newton
     from shapefit.dictionary.mixture import Mixture
-    from shapefit.lifting.methods import PosteriorOptions, Settings, choose_method
 
-    solve = partial(solve_newton, tolerance=1e-3, threads=int(threads))
-    settings = Settings(
-        solve=solve,
-        mean_shape=data["mean_shape"],
-        needs={"prior": Mixture(data["weights"], data["means"], data["covariances"])},
-        options=PosteriorOptions(misfit=misfit),
-        threads=int(threads),
-    )
-    estimate, problem = choose_method("posterior", settings), build(data)
-
-    def run() -> Callable[[], Verdict]:
-        found = estimate(problem)
-        return partial(verdict, found.status, found.objective)
-
-    return run
+    needs = {"prior": Mixture(data["weights"], data["means"], data["covariances"])}
+    options = take("PosteriorOptions", "lifting.methods", "lifting.options")(misfit=misfit)
+    return lift(data, "posterior", threads, 1e-3, needs=needs, options=options)
 
 
 def perspective(data: Arrays, threads: float) -> Run:
     """Refine under the full projection of known cameras."""
     from shapefit.geometry.pinhole import Camera
-    from shapefit.lifting.perspective.view import PerspectiveOptions, refine_perspective
 
-    camera = Camera(data["focal"], data["centre"], float(data["sign"]))
-    options = PerspectiveOptions(ridge=0.3, softness=0.1, max_rounds=200, threads=int(threads))
+    options = take("PerspectiveOptions", "lifting.perspective.view", "lifting.options")
+    refine = take("refine_perspective", "lifting.perspective.view", "lifting.perspective")
     problem = build(data)
-    rest = camera, data["rotation"], data["prior"], options
-
-    def run() -> Callable[[], Verdict]:
-        found = refine_perspective(problem.landmarks, problem.weights, problem.atoms, *rest)
-        return partial(verdict, found.status, found.objective)
-
-    return run
+    return partial(
+        refine, problem.landmarks, problem.weights, problem.atoms,
+        Camera(data["focal"], data["centre"], float(data["sign"])), data["rotation"],
+        data["prior"], options(ridge=0.3, softness=0.1, max_rounds=200, threads=int(threads)),
+    )  # fmt: skip
 
 
 def ransac(data: Arrays, threads: float) -> Run:
     """Find the landmarks that agree with a pose of the mean shape."""
-    from shapefit.lifting.consensus import find_consensus
-
-    landmarks, shape = data["landmarks"], data["mean_shape"]
+    find = take("find_consensus", "lifting.consensus", "lifting.outliers.ransac")
+    landmarks = data["landmarks"]
     weights = np.isfinite(landmarks).all(axis=1).astype(float)
-    seeds = np.arange(len(landmarks), dtype=np.uint64)
-    settings: dict[str, Any] = {
-        "threshold": 0.25,
-        "draws": 500,
-        "max_rounds": 100,
-        "threads": int(threads),
-    }
-
-    def run() -> Callable[[], Verdict]:
-        inliers = find_consensus(landmarks, weights, shape, seeds, **settings)
-        return lambda: {"well": float(inliers.any(axis=1).mean()), "sum": float(inliers.sum())}
-
-    return run
+    return partial(
+        find, landmarks, weights, data["mean_shape"], np.arange(len(landmarks), dtype=np.uint64),
+        threshold=0.25, draws=500, max_rounds=100, threads=int(threads),
+    )  # fmt: skip
 
 
 def learn(data: Arrays, k: float) -> Run:
     """Learn a dictionary; all cores, as learn-dict does."""
     from shapefit.dictionary.learning import learn as rounds
 
-    def run() -> Callable[[], Verdict]:
-        *_, learned = rounds(data["shapes"], int(k), 0.1, iterations=15)
-        return lambda: {"well": 1.0, "sum": float(np.abs(learned.atoms).sum())}
-
-    return run
+    return lambda: [*rounds(data["shapes"], int(k), 0.1, iterations=15)][-1].atoms
 
 
 def build(data: Arrays) -> Any:
@@ -130,21 +102,18 @@ def build(data: Arrays) -> Any:
     return build_problem(data["landmarks"], data["atoms"], float(data["lam"]))
 
 
-def verdict(status: Sequence[Any], objective: Any) -> Verdict:
-    """Share of the images solved or converged, and the sum of the objectives."""
-    well = [one.name in ("OPTIMAL", "CONVERGED") for one in status]
-    return {"well": float(np.mean(well)), "sum": float(np.nansum(objective))}
+def verdict(found: Any) -> dict[str, float]:
+    """Share of the images solved, converged or with inliers, and a sum to compare."""
+    if isinstance(found, np.ndarray):
+        well = found.any(axis=1) if found.dtype == bool else [True]
+        return {"well": float(np.mean(well)), "sum": float(np.abs(found).sum())}
+    well = [one.name in ("OPTIMAL", "CONVERGED") for one in found.status]
+    return {"well": float(np.mean(well)), "sum": float(np.nansum(found.objective))}
 
 
 JOBS: dict[str, Callable[..., Run]] = {
-    "newton": newton,
-    "lift": lift,
-    "posterior": posterior,
-    "perspective": perspective,
-    "ransac": ransac,
-    "learn": learn,
+    job.__name__: job for job in (newton, lift, posterior, perspective, ransac, learn)
 }
-
 
 CLOCKS = {"processor": time.process_time, "wall": time.perf_counter}
 """Time of the processor, or that of the clock where threads are compared."""
@@ -172,7 +141,7 @@ def main() -> None:
         began = clock()
         found = run()
         seconds = clock() - began
-        print(json.dumps({"seconds": seconds, **found()}), flush=True)
+        print(json.dumps({"seconds": seconds, **verdict(found)}), flush=True)
 
 
 if __name__ == "__main__":

@@ -24,8 +24,8 @@ from typing import NamedTuple
 PROJECT = Path(__file__).resolve().parents[1]
 
 ROOMS = (
-    *("lifting", "dictionary", "geometry", "evaluation", "verification", "io"),
-    *("pipelines/fit", "pipelines/fit.py", "pipelines/evaluate", "pipelines/evaluate.py"),
+    *("lifting", "dictionary", "geometry", "convex", "evaluation", "verification", "io"),
+    *("pipelines/fit", "pipelines/evaluate"),
 )
 """Rooms whose files are changed, below `shapefit/`."""
 

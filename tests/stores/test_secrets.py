@@ -6,6 +6,7 @@ import pytest
 from shapefit.cli.main import run as shapefit
 
 from shapefit.config import load_config
+from shapefit.stores import masked, use_storage_options
 
 KEY, SECRET, TOKEN = "planted-key", "planted-secret", "planted-token"
 PLANTED = b"planted-"
@@ -94,3 +95,12 @@ def test_the_options_are_no_part_of_the_terms(bucket, config, capfd):
     other = ("--set", "storage_options.default_block_size=5242880")
     assert shapefit(["fit", "-c", str(config), *other]) == 0
     assert "fit: 0 images" in capfd.readouterr().err
+
+
+def test_a_secret_that_begins_another_one_shows_nothing_of_it(monkeypatch):
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", f"{SECRET}-of-more")
+    use_storage_options({"key": KEY, "client_kwargs": {"secret": [SECRET]}})
+    try:
+        assert masked(f"{KEY}, {SECRET}, {SECRET}-of-more") == "***, ***, ***"
+    finally:
+        use_storage_options({})
