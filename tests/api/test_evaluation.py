@@ -46,22 +46,16 @@ def test_errors_and_sums_are_those_of_the_command(tmp_path, chain, sample):
 def test_arrays_are_matched_by_their_order(chain, sample):
     truth = shapefit.read_shapes(sample / "people_test.h5")
     rows = [truth.items.index(item) for item in chain.items]
-    named = shapefit.evaluate(chain, truth, metrics=["similarity"])
+    with pytest.warns(UserWarning, match="no camera without the dataset `true_rotation`"):
+        named = shapefit.evaluate(chain, truth)
+    assert {metric for metric, _ in named.errors} == {"similarity", "reprojection"}
+    with pytest.raises(shapefit.InputError, match="truth: has 3 shapes for 150 images"):
+        shapefit.evaluate(chain, truth.shapes[:3])
     for result in (chain, chain.shapes):
         plain = shapefit.evaluate(result, truth.shapes[rows], metrics=["similarity"])
         np.testing.assert_array_equal(
             plain.errors["similarity", "normalised"], named.errors["similarity", "normalised"]
         )
-
-
-def test_a_metric_without_its_dataset_is_a_warning(chain, sample):
-    truth = shapefit.read_shapes(sample / "people_test.h5")
-    with (
-        pytest.warns(UserWarning, match="no camera without the dataset `true_rotation`"),
-        pytest.warns(UserWarning, match="no rotation without the dataset `true_rotation`"),
-    ):
-        found = shapefit.evaluate(chain, truth)
-    assert {metric for metric, _ in found.errors} == {"similarity", "reprojection"}
 
 
 def test_an_image_that_failed_has_no_error(chain, sample):
@@ -87,8 +81,3 @@ def test_what_is_wrong_is_an_error_with_its_place(chain, sample, changes, messag
     truth = shapefit.read_shapes(sample / "people_test.h5")
     with pytest.raises(shapefit.InputError, match=message):
         shapefit.evaluate(chain, truth, **({"metrics": ["similarity"]} | changes))
-
-
-def test_as_many_true_shapes_as_images(chain):
-    with pytest.raises(shapefit.InputError, match="truth: has 3 shapes for 150 images"):
-        shapefit.evaluate(chain, np.random.default_rng(1).random((3, 15, 3)))

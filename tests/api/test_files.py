@@ -12,41 +12,24 @@ import shapefit
 from .conftest import run_command, same_file
 
 
-@pytest.mark.parametrize("name", ["people_test.h5", "cars.h5"])
-def test_shapes_come_back_as_they_were(tmp_path, sample, name):
-    shapes = shapefit.read_shapes(sample / name)
-    with h5py.File(sample / name) as file:
-        np.testing.assert_array_equal(shapes.shapes, file["shapes"][()])
-    shapefit.write_shapes(tmp_path / "again.h5", shapes)
-    same_file(sample / name, tmp_path / "again.h5")
-
-
-def test_landmarks_come_back_as_they_were(tmp_path, sample, views):
-    for path in (views, sample / "cars_views.h5"):
-        images = shapefit.read_landmarks(path)
-        with h5py.File(path) as file:
-            np.testing.assert_array_equal(images.landmarks, file["landmarks"][()])
-        shapefit.write_landmarks(tmp_path / "again.h5", images)
-        same_file(path, tmp_path / "again.h5")
-
-
-def test_a_dictionary_comes_back_as_it_was(tmp_path, people):
-    for path in people.values():
-        atoms = shapefit.read_dictionary(path)
-        with h5py.File(path) as file:
-            np.testing.assert_array_equal(atoms.atoms, file["atoms"][()])
-        shapefit.write_dictionary(tmp_path / "again.h5", atoms)
-        same_file(path, tmp_path / "again.h5")
-
-
-def test_a_result_comes_back_as_it_was_but_for_its_proof(tmp_path, people, views):
-    run_command(
-        "fit", landmarks=str(views), dictionary=str(people["sparse-coding"]),
-        output=str(tmp_path / "result.h5"), proof=False,
-    )  # fmt: skip
-    found = shapefit.read_results(tmp_path / "result.h5")
-    shapefit.write_results(tmp_path / "again.h5", found)
-    same_file(tmp_path / "result.h5", tmp_path / "again.h5")
+def test_what_is_read_is_written_as_it_was(tmp_path, sample, people, views):
+    command = {"landmarks": str(views), "dictionary": str(people["sparse-coding"])}
+    run_command("fit", **command, output=str(tmp_path / "result.h5"), proof=False)
+    kinds = {
+        "shapes": [sample / "people_test.h5", sample / "cars.h5"],
+        "landmarks": [views, sample / "cars_views.h5"],
+        "dictionary": [*people.values()],
+        "results": [tmp_path / "result.h5"],
+    }
+    for kind, paths in kinds.items():
+        read, write = (getattr(shapefit, f"{verb}_{kind}") for verb in ("read", "write"))
+        points = {"dictionary": "atoms", "results": "shapes"}.get(kind, kind)
+        for path in paths:
+            found = read(path)
+            with h5py.File(path) as file:
+                np.testing.assert_array_equal(getattr(found, points), file[points][()])
+            write(tmp_path / "again.h5", found)
+            same_file(path, tmp_path / "again.h5")
     assert found.attributes["method"] == "convex"
 
 

@@ -166,12 +166,9 @@ def test_landmarks_that_cannot_be_are_refused(people, landmarks, message):
         shapefit.fit(landmarks, shapefit.read_dictionary(people["sparse-coding"]))
 
 
-def test_landmarks_with_other_counts_are_refused():
+def test_a_dictionary_that_cannot_be_is_refused(people, views):
     with pytest.raises(shapefit.InputError, match=r"landmarks\.items: has the shape"):
         shapefit.Landmarks(np.ones((2, 15, 2)), items=["a"])
-
-
-def test_a_dictionary_that_cannot_be_is_refused(people, views):
     atoms = shapefit.read_dictionary(people["sparse-coding"])
     images = shapefit.read_landmarks(views)
     with pytest.raises(shapefit.InputError, match=r"dictionary\.mean_shape: all its landmarks"):

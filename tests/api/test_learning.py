@@ -1,12 +1,9 @@
 """`shapefit.learn` makes what the command makes, bit for bit, and refuses what it refuses."""
 
-import inspect
-
 import numpy as np
 import pytest
 
 import shapefit
-from shapefit.config import LearnDictConfig
 
 from .conftest import run_command, same_file
 
@@ -45,12 +42,6 @@ def test_arrays_alone_are_enough(sample):
     assert made.landmark_names == tuple(map(str, range(15)))
     named = shapefit.learn(shapes.replaced(sequences=None), k=5, iterations=1, every=60)
     np.testing.assert_array_equal(named.atoms, made.atoms)
-
-
-def test_the_defaults_are_those_of_the_command():
-    defaults = {n: p.default for n, p in inspect.signature(shapefit.learn).parameters.items()}
-    for name in ("k", "beta"):
-        assert defaults[name] == LearnDictConfig.model_fields[name].default
 
 
 def test_shapes_that_cannot_be_used_are_a_warning(sample):

@@ -42,14 +42,6 @@ class Cars:
     mesh_faces: NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class Wires:
-    """15 models: shapes (15, 3, 256), edges (222, 2)."""
-
-    shapes: Floats
-    edges: NDArray[np.int64]
-
-
 @pytest.fixture(scope="session")
 def cars(real_data: Path) -> Cars:
     with h5py.File(real_data / "cars" / "models.h5") as file:
@@ -57,12 +49,4 @@ def cars(real_data: Path) -> Cars:
             file["shapes"][:].astype(float).swapaxes(1, 2),
             file["mesh_vertices"][:].astype(float).swapaxes(1, 2),
             file["mesh_faces"][:].astype(np.int64),
-        )
-
-
-@pytest.fixture(scope="session")
-def wires(real_data: Path) -> Wires:
-    with h5py.File(real_data / "cars" / "fg3dcar_shapes.h5") as file:
-        return Wires(
-            file["shapes"][:].astype(float).swapaxes(1, 2), file["edges"][:].astype(np.int64)
         )

@@ -119,15 +119,3 @@ def test_tubes_in_one_line_stay_apart_when_a_reader_merges_vertices(edges):
     mesh = trimesh.Trimesh(vertices.T, faces)
     assert mesh.is_watertight
     assert mesh.body_count == 2
-
-
-@pytest.mark.real_data
-def test_every_real_wireframe_is_closed_tube_by_tube(wires):
-    different = {frozenset(edge) for edge in wires.edges.tolist()}
-    assert len(different) < len(wires.edges)
-    for shape in wires.shapes:
-        vertices, faces = tubes(shape, wires.edges)
-        mesh = trimesh.Trimesh(vertices.T, faces)
-        assert mesh.is_watertight
-        assert mesh.is_winding_consistent
-        assert mesh.body_count == len(different)

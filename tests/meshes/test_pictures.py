@@ -8,7 +8,6 @@ from io import BytesIO
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
 from mpl_toolkits.mplot3d import proj3d
 
 from shapefit.evaluation.plots import save
@@ -132,22 +131,6 @@ def test_titles_are_taken_literally_and_long_ones_without_their_middle(image, bo
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             save(fit_picture([odd], Model("down", box_faces)), BytesIO(), file_format)
-
-
-@pytest.mark.real_data
-def test_pictures_of_real_cars_are_files_that_open(cars, tmp_path):
-    def image(i):
-        shape, mesh = 100 * cars.shapes[i], 100 * cars.mesh_vertices[i]
-        return FittedImage(f"car {i}", shape[:2], shape, shape[:2], mesh, mesh[:2])
-
-    model = Model("up", cars.mesh_faces)
-    for name, figure in (
-        ("one", fit_picture([image(0)], model)),
-        ("sheet", contact_sheet([image(i) for i in range(6)], model)),
-    ):
-        save(figure, tmp_path / f"{name}.png", "png")
-        pixels = imread(tmp_path / f"{name}.png")[..., :3]
-        assert 0.05 < (pixels < 0.9).any(axis=-1).mean() < 0.8
 
 
 def test_pictures_need_no_screen_and_no_pyplot():

@@ -4,17 +4,14 @@ import numpy as np
 import pytest
 import trimesh
 
-from shapefit.config import ViewConfig
 from shapefit.io import read_results
-from shapefit.pipelines.view.run import make_page
 from tests.pipelines.fitted import fit_file
-from tests.viewer.projected import in_image
 
 ITEMS = ("sedan_2/view_1", "pickup_1/view_4")
-MESH = "return Array.from(shapefit.layer(arguments[0]).mesh(shapefit.frame))"
+MESH = "return Array.from(shapefit.layer(arguments[0]).mesh(shapefit.view.frame))"
 IN_IMAGE = """
   const layer = shapefit.layer(arguments[0]);
-  return Array.from(layer.inImage(shapefit.frame, layer.points(shapefit.frame)));
+  return Array.from(layer.inImage(shapefit.view.frame, layer.points(shapefit.view.frame)));
 """
 
 
@@ -48,19 +45,13 @@ def test_a_blended_mesh_is_the_exported_one(made, cars, open_page, method, item)
     assert np.abs(shown - exported).max() < 1e-4 * np.ptp(exported, axis=0).max()
 
 
-def test_landmarks_are_seen_where_the_camera_sees_them(made, cars, world, open_page):
+def test_landmarks_are_seen_where_the_camera_sees_them(made, cars, open_page):
     results = read_results(cars / "perspective.h5")
     row = results.items.index(ITEMS[0])
     page = open_page(made.path, f"#item={ITEMS[0]}")
     seen = np.array(page.run(IN_IMAGE, "perspective")).reshape(-1, 2)
     size = np.ptp(results.landmarks_fitted[row])
     np.testing.assert_allclose(seen, results.landmarks_fitted[row].T, atol=1e-3 * size)
-    config = ViewConfig(
-        files={"perspective": (cars / "perspective.h5",)}, dictionary=world.dictionary("cars")
-    )
-    (layer,) = make_page(config).scene.layers
-    drawn = in_image(layer, row, results.shapes[row])
-    np.testing.assert_allclose(drawn, results.landmarks_fitted[row], atol=1e-3 * size)
     flat = results.shapes[row, :2].T
     assert np.abs(flat - results.landmarks_fitted[row].T).max() > 1e-2 * size
 
@@ -76,9 +67,9 @@ def test_the_mesh_of_the_truth_lies_on_the_result(made, open_page):
 def test_the_car_stands_upright_in_its_own_frame(made, open_page):
     page = open_page(made.path, f"#item={ITEMS[0]}")
     page.click("#upright")
-    seen = np.array(page.state("projected.weak"))
+    seen = np.array(page.state("view.projected.weak"))
     page.keys("3")
-    above = np.array(page.state("projected.weak"))
+    above = np.array(page.state("view.projected.weak"))
     tall, long = (np.ptp(each[:, 1]) / np.ptp(each[:, 0]) for each in (seen, above))  # by width
     assert long > 2 * tall  # a car is longer than it is high
 
@@ -88,6 +79,6 @@ def test_a_car_fills_its_panel_whichever_way_it_is_seen(made, open_page):
     box = page.find("#space").rect
     for view in "123":
         page.keys(view)
-        seen = np.ptp(np.array(page.state("projected.weak")), axis=0)
+        seen = np.ptp(np.array(page.state("view.projected.weak")), axis=0)
         share = seen / [box["width"], box["height"]]
         assert 0.6 < share.max() < 1

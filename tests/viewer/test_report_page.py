@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shapefit.config import EvalConfig
-from shapefit.evaluation.report import as_markdown, markdown_table
+from shapefit.evaluation.report import markdown_table
 from shapefit.evaluation.summaries import ImageErrors
 from shapefit.pipelines.evaluate import run as evaluate
 from shapefit.pipelines.evaluate.run import RANKED, rank
@@ -21,13 +21,6 @@ BLOCKS = [
     "![bars](bars.svg)",
 ]
 DRAWING = b"<svg xmlns='http://www.w3.org/2000/svg'/>"
-
-
-def test_blocks_are_one_page_in_markdown():
-    text = as_markdown(BLOCKS)
-    assert text.startswith("# Errors\n\nA paragraph.\n\n| method |     mean |\n")
-    assert "| paper  |        – |" in text
-    assert "\n## Failed\n\n- one: why\n\n![bars](bars.svg)\n" in text
 
 
 def test_tables_sort_by_number_up_and_down(tmp_path, open_page):
@@ -102,17 +95,5 @@ def test_the_worst_image_leads_to_its_frame(evaluated, open_page):
     worst = max(rows, key=lambda row: float(row["error"]))["item"]
     page = open_page(evaluated / "report.html")
     page.find(".images a").click()
-    page.until("return window.shapefit && shapefit.drawn > 0")
+    page.until("return window.shapefit && shapefit.view.drawn > 0")
     assert page.state("item") == worst
-
-
-def test_without_a_view_there_are_no_links(sequence, tmp_path):
-    settings = {"truth": (sequence.truth,), "metrics": ("similarity",), "plots": False}
-    config = EvalConfig(
-        results={"walker": (sequence.result,)}, output=tmp_path / "out", view=False, **settings
-    )
-    *_, last = evaluate.run(config)
-    assert "view.html" not in {path.name for path in last.written}
-    assert (
-        "view.html" not in (tmp_path / "out/report.html").read_text("utf-8").split("<details>")[0]
-    )

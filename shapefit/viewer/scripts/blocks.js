@@ -37,4 +37,3 @@ const blocks = (() => {
 
   return { numbers, open };
 })();
-if (typeof module !== "undefined") module.exports = blocks;

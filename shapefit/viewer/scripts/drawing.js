@@ -1,4 +1,3 @@
-"use strict";
 /**
  * Lines, marks and meshes in WebGL2, seen by an orthographic camera.
  *

@@ -1,4 +1,3 @@
-"use strict";
 /**
  * The mathematics of the page: rotations, the orthographic camera of the 3D panel, blended meshes.
  *
@@ -113,4 +112,3 @@ const geometry = (() => {
 
   return { IDENTITY, viewRotation, inverse, uprightRotation, turn, project, blend, seenInPerspective, box, ball };
 })();
-if (typeof module !== "undefined") module.exports = geometry;

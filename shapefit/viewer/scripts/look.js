@@ -1,9 +1,7 @@
-"use strict";
 /** What both panels share: colours, sizes of canvases, and which frames are drawn together. */
 const look = (() => {
   const INDIVIDUALS = [0, 2, 3, 4, 5, 1]; // colours of those who are seen at once
   const CROWD = 40; // more landmarks than these have smaller marks
-  const known = new Map(); // colours of the style by name
 
   /** A colour of the style, by name, as [red, green, blue, alpha]. */
   function rgba(name, alpha = 1) {
@@ -11,15 +9,9 @@ const look = (() => {
     return [0, 2, 4].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255).concat(alpha);
   }
 
-  /** A colour of the style, by name, as it stands there. */
+  /** A colour of the style, by name, as it stands there; the style is light or dark. */
   function text(name) {
-    if (!known.has(name)) known.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
-    return known.get(name);
-  }
-
-  /** Read the style anew, which is light or dark now. */
-  function refresh() {
-    known.clear();
+    return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
   }
 
   function css(colour) {
@@ -84,6 +76,5 @@ const look = (() => {
     return kept;
   }
 
-  return { refresh, rgba, text, css, mixed, fitCanvas, framesOf, colourOf, sideTints, sideOf, markOf, apart };
+  return { rgba, text, css, mixed, fitCanvas, framesOf, colourOf, sideTints, sideOf, markOf, apart };
 })();
-if (typeof module !== "undefined") module.exports = look;

@@ -1,4 +1,3 @@
-"use strict";
 /**
  * The left panel: landmarks as seen, over the image where there is one, and what was fitted.
  *
@@ -60,7 +59,7 @@ const plane = (() => {
   }
 
   function drawPicture(context, data, view, at, zoom) {
-    const picture = view.pictures.get(view.frame);
+    const picture = view.pictures[view.frame];
     if (!picture?.complete) return;
     const [w, h] = data.pictures[view.frame].size;
     context.drawImage(picture, ...at(0, data.yDown ? 0 : h), w * zoom, h * zoom);
@@ -175,4 +174,3 @@ const plane = (() => {
 
   return { draw, place, niceStep };
 })();
-if (typeof module !== "undefined") module.exports = plane;

@@ -1,4 +1,3 @@
-"use strict";
 /** What the page shows, read from its JSON: frames, sequences, layers (results, truth), pictures. */
 const scene = (() => {
   const LOOKED_AT = 200; // frames of a sequence, evenly spread, that tell its size
@@ -144,16 +143,12 @@ const scene = (() => {
     return rows;
   }
 
-  /** The first frame after `from` of start..end, going round, whose shape a shown layer doubts; -1 for none. */
+  /** The first frame after `from` of start..end, going round, whose shape a shown layer doubts; else `from`. */
   function nextDoubtful(layers, from, start, end) {
-    const count = end - start;
-    for (let step = 1; step <= count; step++) {
-      const frame = start + ((from - start + step) % count);
-      if (layers.some((layer) => layer.doubt?.(frame))) return frame;
-    }
-    return -1;
+    const following = (step) => start + ((from - start + step) % (end - start));
+    const frames = Array.from({ length: end - start }, (_, i) => following(i + 1));
+    return frames.find((frame) => layers.some((layer) => layer.doubt?.(frame))) ?? from;
   }
 
   return { open, find, nextDoubtful };
 })();
-if (typeof module !== "undefined") module.exports = scene;

@@ -1,4 +1,3 @@
-"use strict";
 /** The right panel: shapes in 3D on a floor, each frame around the middle of what it shows. */
 const space = (() => {
   const FILL = 0.44; // share of the panel from its middle to the farthest point, whichever way it turns

@@ -1,4 +1,3 @@
-"use strict";
 /** The strip under the slider: one bar per frame, high where the frame is worth a look. */
 const strip = (() => {
   /**
@@ -61,4 +60,3 @@ const strip = (() => {
 
   return { badness, columnsOf, ranking, draw, frameAt };
 })();
-if (typeof module !== "undefined") module.exports = strip;

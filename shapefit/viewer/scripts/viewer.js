@@ -1,8 +1,7 @@
-"use strict";
 /** The page at work: its state, what is drawn of it, and what keys, mouse and buttons do to it. */
 (() => {
   const $ = (id) => document.getElementById(id);
-  const PICTURES = 60; // that are kept ready to draw
+  const AS_AT_FIRST = { yaw: 0, pitch: 0, zoom: 1, pan: [0, 0], planeZoom: 1, planePan: [0, 0] };
   const DEGREES_A_PIXEL = 0.5;
   const DARK = matchMedia("(prefers-color-scheme: dark)");
   const data = scene.open(JSON.parse($("page").textContent));
@@ -10,9 +9,9 @@
     layer.colour = layer.role === "truth" ? "truth" : `layer-${i % 6}`;
   });
   const view = {
-    frame: 0, yaw: 0, pitch: 0, zoom: 1, pan: [0, 0], planeZoom: 1, planePan: [0, 0],
+    frame: 0, ...AS_AT_FIRST,
     shown: new Set(data.layers.filter((layer, i) => i === 0 || !data.layers[0].faces)), hidden: new Set(),
-    mesh: true, names: false, upright: false, pictures: new Map(), playing: null, drawn: 0, rank: 0, projected: {}, axes: [],
+    mesh: true, names: false, upright: false, pictures: {}, playing: null, drawn: 0, rank: 0, projected: {}, axes: [],
   };
   const renderer = drawing.renderer($("space"));
   let due = false;
@@ -88,12 +87,7 @@
 
   function loadPicture(frame) {
     const picture = data.pictures[frame];
-    if (!picture || view.pictures.has(frame)) return;
-    const image = new Image();
-    image.onload = () => change();
-    image.src = picture.data;
-    view.pictures.set(frame, image);
-    if (view.pictures.size > PICTURES) view.pictures.delete(view.pictures.keys().next().value);
+    if (picture) view.pictures[frame] ??= Object.assign(new Image(), { onload: () => change(), src: picture.data });
   }
 
   /** Say in words what is shown, whether it is to be trusted and why not, and mark it in the list. */
@@ -159,21 +153,13 @@
   }
 
   function jumpDoubtful() {
-    const next = scene.nextDoubtful([...view.shown], view.frame, sequence().start, sequence().end);
-    if (next >= 0) jump(next);
+    const { start, end } = sequence();
+    jump(scene.nextDoubtful([...view.shown], view.frame, start, end));
   }
 
   /* The camera. */
   function turn(yaw, pitch) {
-    stand(view.yaw + yaw, clamp(view.pitch + pitch, -90, 90));
-  }
-
-  function stand(yaw, pitch) {
-    change({ yaw, pitch });
-  }
-
-  function reset() {
-    change({ yaw: 0, pitch: 0, zoom: 1, pan: [0, 0], planeZoom: 1, planePan: [0, 0] });
+    change({ yaw: view.yaw + yaw, pitch: clamp(view.pitch + pitch, -90, 90) });
   }
 
   function zoom(factor, name = "zoom") {
@@ -210,8 +196,8 @@
   /* Keys. */
   const step = (count) => jump(clamp(view.frame + count, sequence().start, sequence().end - 1));
   const KEYS = {
-    " ": () => play(), w: jumpWorst, d: jumpDoubtful, 0: reset,
-    1: () => stand(0, 0), 2: () => stand(-90, 0), 3: () => stand(0, 90),
+    " ": () => play(), w: jumpWorst, d: jumpDoubtful, 0: () => change(AS_AT_FIRST),
+    1: () => change({ yaw: 0, pitch: 0 }), 2: () => change({ yaw: -90, pitch: 0 }), 3: () => change({ yaw: 0, pitch: 90 }),
     "+": () => zoom(1.2), "=": () => zoom(1.2), "-": () => zoom(1 / 1.2),
     home: () => jump(sequence().start), end: () => jump(sequence().end - 1),
     arrowleft: (shift) => step(shift ? -10 : -1), arrowright: (shift) => step(shift ? 10 : 1),
@@ -324,21 +310,15 @@
   });
   on("list", "click", () => $("list").blur()); // the keys are the page's again
   on("slider", "input", () => jump(sequence().start + Number($("slider").value)));
-  on("play", "click", () => play());
   on("speed", "change", restart);
   on("measure", "change", () => change({ rank: 0 }));
-  on("worst", "click", jumpWorst);
-  on("doubtful", "click", jumpDoubtful);
   on("strip", "click", (event) => {
     const { start, end } = sequence();
     const box = $("strip").getBoundingClientRect();
     jump(start + strip.frameAt(event.clientX - box.left, box.width, end - start));
   });
   for (const key of ["mesh", "names", "upright"]) on(key, "change", () => change({ [key]: $(key).checked }));
-  on("front", "click", KEYS[1]);
-  on("side", "click", KEYS[2]);
-  on("top", "click", KEYS[3]);
-  on("reset", "click", reset);
+  for (const button of document.querySelectorAll("[data-key]")) button.addEventListener("click", () => KEYS[button.dataset.key]());
   on("theme", "click", () => restyle(document.documentElement.dataset.theme === "light"));
   DARK.addEventListener("change", () => restyle(DARK.matches));
   window.addEventListener("resize", () => change());
@@ -346,7 +326,6 @@
 
   function restyle(dark) {
     document.documentElement.dataset.theme = dark ? "dark" : "light";
-    look.refresh();
     change();
   }
 
@@ -377,16 +356,8 @@
   /** What the page shows, for scripts and tests. */
   window.shapefit = {
     data,
-    get frame() { return view.frame; },
+    view,
     get item() { return data.items[view.frame]; },
-    get camera() { return { yaw: view.yaw, pitch: view.pitch, zoom: view.zoom, pan: view.pan }; },
-    get projected() { return view.projected; },
-    get playing() { return Boolean(view.playing); },
-    get drawn() { return view.drawn; },
-    get opened() { return view.opened; },
-    get shown() { return [...view.shown].map((layer) => layer.name); },
-    get landmarks() { return Array.from(data.seen(view.frame) ?? []); },
-    onPlane: (x, y) => plane.place(view.plane, view.plane.width, view.plane.height, x, y),
     layer: (name) => data.layers.find((layer) => layer.name === name),
     turn,
     go: jump,

@@ -10,8 +10,7 @@ from shapefit.config import ViewConfig
 from shapefit.evaluation import metrics
 from shapefit.io import read_results, read_shapes, write_dictionary
 from shapefit.pipelines.view.run import make_page
-from shapefit.viewer.scene import Layer, Measure, Scene, as_json, block_of_points
-from tests.viewer.projected import mesh_vertices
+from shapefit.viewer.scene import block_of_points
 
 
 def decoded(block):
@@ -46,23 +45,6 @@ def test_what_32_bits_cannot_hold_is_missing(rng, far):
     found = block_of_points(points)
     json.dumps(found, allow_nan=False)
     assert found == block_of_points(without)
-
-
-def test_a_unit_that_is_not_known_is_not_shown():
-    measures = tuple(Measure("error", np.zeros(1), unit=unit) for unit in ("unknown", "mm"))
-    layer = Layer("fit", "result", np.zeros((1, 3, 2)), measures=measures)
-    edges = np.empty((0, 2), np.int64)
-    scene = Scene("t", ["a"], [("", 0)], ["x", "y"], edges, [layer], "unknown", True)
-    page = as_json(scene)
-    assert page["unit"] == ""
-    assert [measure["unit"] for measure in page["layers"][0]["measures"]] == ["", "mm"]
-
-
-@pytest.mark.parametrize(
-    "points", [np.full((2, 3, 3), np.nan), np.zeros((2, 3, 3)), np.ones((1, 2, 1))]
-)
-def test_points_without_extent(points):
-    np.testing.assert_array_equal(decoded(block_of_points(points)), points)
 
 
 def test_many_frames_are_thinned_and_the_page_says_so(desk, monkeypatch):
@@ -143,6 +125,19 @@ def test_errors_and_trust_stand_on_the_strip(desk, rng):
     assert measures["plausibility"]["bad"] == "low"
     np.testing.assert_allclose(decoded(layer["sd"]), 1, atol=1e-4)
     np.testing.assert_array_equal(decoded(made.data["outliers"]), extras["outliers"])
+
+
+def mesh_vertices(scene, frame, layer):
+    """Return the blended mesh (3, q) of a frame, as the page does; None where there is none."""
+    if layer.blend is None or layer.pose is None:
+        return None
+    start, end = layer.blend.start[frame : frame + 2]
+    if start == end:
+        return None
+    atoms = scene.meshes[layer.blend.mesh_set].vertices[layer.blend.atom[start:end]]
+    mixed = np.tensordot(layer.blend.weight[start:end], atoms, axes=1)
+    R, scale, t = layer.pose[frame, :9].reshape(3, 3), layer.pose[frame, 9], layer.pose[frame, 10:]
+    return scale * (R @ mixed) + t[:, None]
 
 
 def test_meshes_follow_the_coefficients(desk, made_dictionary, rng):
