@@ -18,6 +18,9 @@ from shapefit.io.inputs import require_file
 
 MATRIX, DISTORTION = ("matrix", "camera_matrix"), ("distortions", "distortion")
 
+OF_TOOLS = "give the calibration of anipose, Pose2Sim or caliscope"
+UNDISTORT = "remove the distortion of the landmarks first"
+
 
 @dataclass(frozen=True, kw_only=True)
 class CalibratedCamera:
@@ -45,80 +48,74 @@ def read_camera(path: Path, name: str | None) -> CalibratedCamera:
     """
     require_file(path)
     try:
-        with path.open("rb") as file:
-            content = tomllib.load(file)
+        content = tomllib.loads(path.read_bytes().decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        fix = "give the calibration of anipose, Pose2Sim or caliscope"
-        raise input_error(path, f"is no TOML ({error})", fix) from error
-    cameras = list(_cameras(content))
+        raise input_error(path, f"is no TOML ({error})", OF_TOOLS) from error
+    cameras = list(_sections(content))
     if not cameras:
-        fix = "give the calibration of anipose, Pose2Sim or caliscope"
-        raise input_error(path, "has no section with the `matrix` of a camera", fix)
-    there = listed([_described(section, table) for section, table in cameras], "and")
-    if name is None:
-        if len(cameras) > 1:
-            raise input_error(path, f"has {len(cameras)} cameras", f"set `camera.name`: {there}")
+        raise input_error(path, "has no section with the `matrix` of a camera", OF_TOOLS)
+    there = []
+    for section, table in cameras:
+        others = [other for other in _names(table) if other != section]
+        there.append(f"{section} ({', '.join(others)})" if others else section)
+    if name is None and len(cameras) == 1:
         return _camera(path, *cameras[0])
-    for found in (
-        [camera for camera in cameras if camera[0] == name],
-        [camera for camera in cameras if str(camera[1].get("name")) == name],
-        [camera for camera in cameras if str(camera[1].get("port")) == name],
-    ):
+    if name is None:
+        fix = f"set `camera.name`: {listed(there, 'and')}"
+        raise input_error(path, f"has {len(cameras)} cameras", fix)
+    for key in ("", "name", "port"):
+        found = [each for each in cameras if (str(each[1].get(key)) if key else each[0]) == name]
         if len(found) == 1:
             return _camera(path, *found[0])
-    raise input_error(path, f"has no camera {name!r}", f"there are {there}")
+    raise input_error(path, f"has no camera {name!r}", f"there are {listed(there, 'and')}")
 
 
-def _cameras(content: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
+def _sections(content: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield the sections that have a camera matrix, with their names."""
     for name, value in content.items():
-        if not isinstance(value, dict):
-            continue
-        if any(key in value for key in MATRIX):
+        if isinstance(value, dict) and any(key in value for key in MATRIX):
             yield name, value
-        else:
-            yield from _cameras(value)
+        elif isinstance(value, dict):
+            yield from _sections(value)
 
 
-def _described(section: str, table: Mapping[str, Any]) -> str:
-    others = [str(table[key]) for key in ("name", "port") if key in table]
-    others = [other for other in others if other != section]
-    return f"{section} ({', '.join(others)})" if others else section
+def _names(table: Mapping[str, Any]) -> tuple[str, ...]:
+    return tuple(str(table[key]) for key in ("name", "port") if key in table)
 
 
 def _camera(path: Path, section: str, table: Mapping[str, Any]) -> CalibratedCamera:
     place = f"{path}: {section}"
     if table.get("fisheye") is True:
-        found = "is a fisheye lens, whose model is another one"
-        raise input_error(place, found, "remove the distortion of the landmarks first")
+        raise input_error(place, "is a fisheye lens, whose model is another one", UNDISTORT)
     matrix = _array(table, MATRIX, (3, 3), place)
     assert matrix is not None
-    _check_matrix(matrix, place)
-    rotation = _array(table, ("rotation",), None, place)
-    if rotation is not None:
-        rotation = _rotation(rotation, place)
+    rest = matrix - np.diag(np.diag(matrix))
+    rest[:2, 2] = 0.0
+    proper = matrix[0, 0] > 0 and matrix[1, 1] > 0 and np.allclose(matrix[2], [0, 0, 1])
+    if not proper or np.abs(rest).max() > 1e-6 * np.abs(matrix).max():
+        rows = ", ".join(" ".join(f"{x:g}" for x in row) for row in matrix)
+        fix = "give a matrix with rows fx 0 cx, 0 fy cy, 0 0 1 (no skew)"
+        raise input_error(place, f"an impossible camera matrix, {rows}", fix)
     return CalibratedCamera(
         section=section,
-        names=tuple(str(table[key]) for key in ("name", "port") if key in table),
+        names=_names(table),
         matrix=matrix,
-        distortion=_distortion(table, place),
+        distortion=_distortion(_array(table, DISTORTION, None, place), place),
         size=_array(table, ("size",), (2,), place),
-        rotation=rotation,
+        rotation=_rotation(_array(table, ("rotation",), None, place), place),
         translation=_array(table, ("translation",), (3,), place),
     )
 
 
-def _distortion(table: Mapping[str, Any], place: str) -> Floats:
-    given = _array(table, DISTORTION, None, place)
+def _distortion(given: Floats | None, place: str) -> Floats:
     if given is None:
         return np.zeros(COEFFICIENTS)
     given = given.ravel()
     if given[COEFFICIENTS:].any():
         found = f"has {len(given)} coefficients of distortion, of a thin prism or a tilted sensor"
-        raise input_error(place, found, "remove the distortion of the landmarks first")
-    if len(given) > COEFFICIENTS:
-        given = given[:COEFFICIENTS]
-    if len(given) in (1, 2, 3):  # k1, or k1 k2, or k1 k2 p1
+        raise input_error(place, found, UNDISTORT)
+    given = given[:COEFFICIENTS]
+    if len(given) < 4:  # k1, or k1 k2, or k1 k2 p1
         given = np.concatenate([given, np.zeros(4 - len(given))])
     try:
         return complete(given)
@@ -127,23 +124,13 @@ def _distortion(table: Mapping[str, Any], place: str) -> Floats:
         raise input_error(place, f"has {error}", fix) from error
 
 
-def _check_matrix(matrix: Floats, place: str) -> None:
-    """Raise InputError for a matrix that no camera without skew has."""
-    rest = matrix - np.diag(np.diag(matrix))
-    rest[:2, 2] = 0.0
-    proper = matrix[0, 0] > 0 and matrix[1, 1] > 0 and np.allclose(matrix[2], [0, 0, 1])
-    if not proper or np.abs(rest).max() > 1e-6 * np.abs(matrix).max():
-        rows = ", ".join(" ".join(f"{x:g}" for x in row) for row in matrix)
-        fix = "give a matrix with rows fx 0 cx, 0 fy cy, 0 0 1 (no skew)"
-        raise input_error(place, f"an impossible camera matrix, {rows}", fix)
-
-
-def _rotation(given: Floats, place: str) -> Floats:
+def _rotation(given: Floats | None, place: str) -> Floats | None:
     """Return a rotation (3, 3) given as a matrix or as a vector, its axis times its angle."""
+    if given is None:
+        return None
     if given.size == 3:
-        vector = given.ravel()
-        angle = float(np.linalg.norm(vector))
-        return rotation_about(vector, np.array([angle]))[0] if angle > 0 else np.eye(3)
+        angle = float(np.linalg.norm(given))
+        return rotation_about(given.ravel(), np.array([angle]))[0] if angle > 0 else np.eye(3)
     if given.shape != (3, 3) or np.linalg.norm(given @ given.T - np.eye(3)) > 1e-3:
         found = f"the rotation is none (shape {given.shape})"
         raise input_error(place, found, "give a vector of 3 or a 3x3 rotation matrix")
@@ -155,7 +142,7 @@ def _rotation(given: Floats, place: str) -> Floats:
 def _array(
     table: Mapping[str, Any], keys: tuple[str, ...], shape: tuple[int, ...] | None, place: str
 ) -> Floats | None:
-    """Return the numbers under the first of these keys that is there."""
+    """Return the numbers under the first of these keys that is there; None for none."""
     key = next((key for key in keys if key in table), None)
     if key is None:
         return None

@@ -6,15 +6,13 @@ whole.
 
 from __future__ import annotations
 
-import gc
 import json
 import math
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import wraps
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -27,32 +25,89 @@ from shapefit.errors import counted, input_error, listed
 from shapefit.io.foreign.recording import ANYBODY, Recording, take_instances
 from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
 
+CHECK = "check what wrote the file"
+
 _LAST_NUMBER = re.compile(r"^(.*?)([0-9]{1,18})([^0-9]*)$", re.DOTALL)
 _DIGITS = re.compile(r"([0-9]+)")
 
 
-class FrameFile(NamedTuple):
-    """A file, its video, the place of its frame there, and what the name calls the frame."""
+class Frame(NamedTuple):
+    """A frame: its file, its video, its place there, and what the file calls it."""
 
     path: Path
     video: str
-    frame: int
+    number: int
     label: str
 
 
-def files_in(folder: Path, suffix: str) -> tuple[Path, ...]:
-    """Return the files of a folder with this ending, in any order; folders in it do not count.
+class Images(NamedTuple):
+    """Files of one recording: how messages name them, their video, and each in order."""
 
-    Raises InputError for links that lead nowhere, pipes and devices, which cannot be read whole.
+    name: str
+    video: str
+    frames: list[Frame]
+
+
+def images_in(paths: Sequence[Path], suffix: str, but: str = "") -> Images:
+    """Return the files of a folder that is given as a whole, but for one, or these files.
+
+    Raises InputError for two files of one frame, and for links that lead nowhere, pipes and devices
+    in a folder, which cannot be read whole.
     """
-    with os.scandir(folder) as entries:
-        named = [folder / entry.name for entry in entries if entry.name.lower().endswith(suffix)]
-    found = [path for path in named if not path.is_dir()]
-    for path in found:
+    folder = paths[0] if paths[0].is_dir() else paths[0].parent
+    own = paths
+    if paths[0].is_dir():
+        with os.scandir(folder) as entries:
+            names = [each.name for each in entries if each.name.lower().endswith(suffix)]
+        own = [path for path in map(folder.joinpath, names) if not path.is_dir()]
+        own = [path for path in own if path.name != but]
+    for path in own:
         if not path.is_file():
             what = "leads to no file" if path.is_symlink() else "is not a regular file"
             raise input_error(path, what, "remove it, or name the files themselves")
-    return tuple(found)
+    video = folder.resolve().name
+    return Images(str(paths[0] if len(own) == 1 else folder), video, _frames(own, video))
+
+
+def _frames(paths: Sequence[Path], folder: str) -> list[Frame]:
+    """Return files in order of videos and frames; `folder` is the name of a single video.
+
+    The last number in a name is that of the frame. Names that differ in more than this number are
+    of several videos, unless one of these would have a single frame: then each name is that of an
+    image. Raises InputError where two files have the same number.
+    """
+    series: dict[tuple[str, str], dict[int, Path]] = {}
+    parts = [_LAST_NUMBER.match(_stem(path)) for path in paths]
+    for path, match in sorted(zip(paths, parts, strict=True), key=lambda each: each[0].name):
+        if match is None:
+            continue
+        own, number = series.setdefault((match[1], match[3]), {}), int(match[2])
+        if (other := own.setdefault(number, path)) is not path:
+            found = f"two files of frame {number}, {other.name} and {path.name}"
+            raise input_error(path.parent, found, "remove or rename one of them")
+    if None in parts or (len(series) > 1 and any(len(own) == 1 for own in series.values())):
+        images = sorted(paths, key=_natural)
+        return [Frame(path, folder, place, _stem(path)) for place, path in enumerate(images)]
+    names = [folder]
+    if len(series) > 1:  # what files have before the number, where that differs
+        names = [before.rstrip("._- ") for before, _ in series]
+        if len({*names, ""}) <= len(series):
+            names = [before + after for before, after in series]
+    return [
+        Frame(own[number], name, number - min(own), str(number))
+        for name, own in zip(names, series.values(), strict=True)
+        for number in sorted(own)
+    ]
+
+
+def _stem(path: Path) -> str:
+    return path.name.rpartition(".")[0] or path.name
+
+
+def _natural(path: Path) -> list[tuple[int, int, str]]:
+    """Return a key by which 9 comes before 10."""
+    pieces = _DIGITS.split(path.name)
+    return [(0, int(piece), "") if piece.isdigit() else (1, 0, piece) for piece in pieces]
 
 
 MOST_APART = 100
@@ -69,108 +124,25 @@ def are_series(names: Sequence[str]) -> bool:
     return not numbers or max(numbers) - min(numbers) < MOST_APART * len(numbers)
 
 
-def frame_files(paths: Sequence[Path], folder: str) -> list[FrameFile]:
-    """Return files in order of videos and frames; `folder` is the name of a single video.
-
-    The last number in a name is that of the frame. Names that differ in more than this number are
-    of several videos, unless one of these would have a single frame: then each name is that of an
-    image. Raises InputError where two files have the same number.
-    """
-    series: dict[tuple[str, str], dict[int, Path]] = {}
-    by_name = sorted(paths, key=lambda path: path.name)
-    parts = {path: _LAST_NUMBER.match(_stem(path)) for path in by_name}
-    for path, match in parts.items():
-        if match is None:
-            continue
-        own = series.setdefault((match[1], match[3]), {})
-        number = int(match[2])
-        if number in own:
-            found = f"two files of frame {number}, {own[number].name} and {path.name}"
-            raise input_error(path.parent, found, "remove or rename one of them")
-        own[number] = path
-    alone = len(series) > 1 and any(len(own) == 1 for own in series.values())
-    if None in parts.values() or alone:
-        images = sorted(paths, key=_natural)
-        return [FrameFile(path, folder, place, _stem(path)) for place, path in enumerate(images)]
-    names = _video_names(list(series), folder)
-    return [
-        FrameFile(own[number], name, number - numbers[0], str(number))
-        for name, own in zip(names, series.values(), strict=True)
-        for numbers in [sorted(own)]
-        for number in numbers
-    ]
-
-
-class Images(NamedTuple):
-    """Files of one recording: how messages name them, their video, and each in order."""
-
-    name: str
-    video: str
-    files: list[FrameFile]
-
-    @property
-    def unordered(self) -> bool:
-        """Whether files are named as images, without numbers of frames."""
-        return not all(file.label.isdigit() for file in self.files)
-
-
-def images_in(paths: Sequence[Path], suffix: str, but: str = "") -> Images:
-    """Return the files of a folder that is given as a whole, but for one, or these files.
-
-    Raises InputError as `files_in` and `frame_files`.
-    """
-    folder = paths[0] if paths[0].is_dir() else paths[0].parent
-    own = paths
-    if paths[0].is_dir():
-        own = [path for path in files_in(folder, suffix) if path.name != but]
-    video = folder.resolve().name
-    return Images(str(paths[0] if len(own) == 1 else folder), video, frame_files(own, video))
-
-
-def _video_names(series: list[tuple[str, str]], folder: str) -> list[str]:
-    """Return the names of videos: what their files have before the number, where that differs."""
-    if len(series) == 1:
-        return [folder]
-    short = [before.rstrip("._- ") for before, _ in series]
-    return (
-        short if len({*short, ""}) > len(series) else [before + after for before, after in series]
-    )
-
-
-def _stem(path: Path) -> str:
-    name = path.name
-    return name.rpartition(".")[0] or name
-
-
-def _natural(path: Path) -> list[tuple[int, int, str]]:
-    """Return a key by which 9 comes before 10."""
-    pieces = _DIGITS.split(path.name)
-    return [(0, int(piece), "") if piece.isdigit() else (1, 0, piece) for piece in pieces]
-
-
-NAMED_BY_COUNT: Mapping[int, str] = {17: "coco_17", 26: "halpe_26", 33: "mediapipe_33"}
-"""The skeleton that detectors of people mean by a number of landmarks, where one is usual."""
-
-
 @dataclass
 class Detections:
     """What grows while files are read, one entry for each detection.
 
-    name and video as in a Recording; unordered, whether they are images of no video; numbers, x, y
-    and, with `step` 3, the confidence of each landmark, empty where nothing was found; scores, the
-    confidences where they stand by themselves; frames, labels and videos as in a Recording;
-    identities what the file calls who it is, None or a negative number where it does not know.
+    name and video as in a Recording; `several`, whether there are several videos; unordered,
+    whether they are images of no video; numbers, x, y and, with `step` 3, the confidence of each
+    landmark, empty where nothing was found; scores, the confidences where they stand by themselves;
+    frames, or what the file calls the image until `in_images`; identities what the file calls who
+    it is, None or a negative number where it does not know.
     """
 
     name: str
     video: str
     step: int = 3
     unordered: bool = False
-    videos: list[str] | None = None
+    several: bool = False
     numbers: list[Sequence[float]] = field(default_factory=list)
     scores: list[Sequence[float]] = field(default_factory=list)
-    frames: list[int] = field(default_factory=list)
-    labels: list[str] = field(default_factory=list)
+    frames: list[Any] = field(default_factory=list)
     identities: list[Any] = field(default_factory=list)
 
     @classmethod
@@ -179,35 +151,35 @@ class Detections:
         return cls(str(path), path.name.partition(".")[0], step)
 
     @classmethod
-    def in_images(cls, images: Images, step: int = 3) -> Self:
+    def in_files(cls, images: Images, step: int = 3) -> Self:
         """Begin with those of files of a frame each, of one video or several."""
-        several = len({file.video for file in images.files}) > 1
-        return cls(images.name, images.video, step, images.unordered, [] if several else None)
+        unordered = not all(frame.label.isdigit() for frame in images.frames)
+        several = len({frame.video for frame in images.frames}) > 1
+        return cls(images.name, images.video, step, unordered, several)
 
-    def add(self, numbers: Sequence[float], file: FrameFile, who: Any) -> None:
-        """Add a detection in a frame of a video, and whom the file calls it."""
+    def add(self, numbers: Sequence[float], frame: Any, who: Any) -> None:
+        """Add a detection in a frame of a video, or an image, and whom the file calls it."""
         self.numbers.append(numbers)
-        self.frames.append(file.frame)
-        self.labels.append(file.label)
+        self.frames.append(frame)
         self.identities.append(who)
-        if self.videos is not None:
-            self.videos.append(file.video)
 
-    def of_images(self, images: Sequence[int | float | str], named: Iterable[Any] = ()) -> int:
-        """Say in which image each detection is; return how many there are.
+    def in_images(self, named: Iterable[tuple[Any, Any]] = ()) -> int:
+        """Take the images that the file names for frames; return how many there are.
 
-        Images have the order of their first appearance, those `named` (id, what it is called)
+        They have the order of their first appearance, those `named` (id, what it is called)
         before, and their names without folder and ending where these are unique.
         """
         called = dict(named)
-        for image in images:
+        for image in self.frames:
             called.setdefault(image, image)
-        place = {image: number for number, image in enumerate(called)}
-        texts = [str(name) for name in called.values()]
-        short = [Path(n).stem if isinstance(n, str) else str(n) for n in called.values()]
-        names = short if len(set(short)) == len(short) else texts
-        self.frames = [place[image] for image in images]
-        self.labels = [names[frame] for frame in self.frames]
+        names = [
+            Path(name).stem if isinstance(name, str) else str(name) for name in called.values()
+        ]
+        if len(set(names)) < len(names):
+            names = list(map(str, called.values()))
+        frames = enumerate(zip(called, names, strict=True))
+        at = {image: Frame(Path(), self.video, number, name) for number, (image, name) in frames}
+        self.frames = [at[image] for image in self.frames]
         self.unordered = not are_series(names)
         return len(called)
 
@@ -223,12 +195,15 @@ class Detections:
         return _numbers(self.scores, 1, self.name)[..., 0]
 
 
-CHECK = "check what wrote the file"
+def image_key(image: Any, place: str) -> int | float | str:
+    """Return what identifies an image. Raises InputError at `place` for what cannot."""
+    if not isinstance(image, int | float | str):
+        raise input_error(place, f"no image ({str(image)[:40]})", "name images by number or text")
+    return image
 
 
 def _numbers(given: list[Sequence[float]], step: int, name: str) -> Floats:
-    sizes = Counter(map(len, given))
-    sizes.pop(0, 0)
+    sizes = Counter(map(len, filter(None, given)))
     width = next(iter(sizes), 0)
     if strange := [size for size in sizes if size % step]:
         found = f"a detection of {strange[0]} numbers, which are not {step} for each landmark"
@@ -245,6 +220,10 @@ def _numbers(given: list[Sequence[float]], step: int, name: str) -> Floats:
         found = f"keypoints that are not numbers ({str(error)[:80]})"
         raise input_error(name, found, CHECK) from error
     return np.where(np.isfinite(values), values, np.nan)
+
+
+NAMED_BY_COUNT: Mapping[int, str] = {17: "coco_17", 26: "halpe_26", 33: "mediapipe_33"}
+"""The skeleton that detectors of people mean by a number of landmarks, where one is usual."""
 
 
 def as_recording(
@@ -271,21 +250,21 @@ def as_recording(
     people, individuals, doubts = _identities(detections)
     known = NAMED_BY_COUNT.get(values.shape[1])
     further.setdefault("default_keypoints", None if further.get("landmark_names") else known)
-    in_frames = np.array(detections.frames, dtype=np.int64)
+    videos = [frame.video for frame in detections.frames]
+    numbers = np.array([frame.number for frame in detections.frames], dtype=np.int64)
     instances = {
         "points": np.where(missing[..., None], np.nan, values[..., :2]),
         "confidence": None if confidence is None else np.where(missing, 0.0, confidence),
-        "frames": in_frames,
-        "labels": detections.labels,
+        "frames": numbers,
+        "labels": [frame.label for frame in detections.frames],
         "individuals": individuals,
-        "videos": detections.videos,
+        "videos": videos if detections.several else None,
     }
-    first = numbered(detections.videos or [""] * len(values))[0]
-    order = np.lexsort((in_frames, np.array(first))).astype(np.intp)
+    first = np.array(_numbered(videos if detections.several else [""] * len(videos))[0])
     return Recording(
         name=detections.name,
         video=detections.video,
-        **take_instances(instances, order),
+        **take_instances(instances, np.lexsort((numbers, first)).astype(np.intp)),
         individual_names=people,
         frame_count=frames,
         notes=notes + doubts,
@@ -295,17 +274,10 @@ def as_recording(
     )
 
 
-def numbered(ids: Iterable[Any]) -> tuple[list[int], list[Any]]:
+def _numbered(ids: Iterable[Any]) -> tuple[list[int], list[Any]]:
     """Return the places of ids in the order of their first appearance, and those ids."""
     place: dict[Any, int] = {}
     return [place.setdefault(one, len(place)) for one in ids], list(place)
-
-
-def image_key(image: Any, place: str) -> int | float | str:
-    """Return what identifies an image. Raises InputError at `place` for what cannot."""
-    if not isinstance(image, int | float | str):
-        raise input_error(place, f"no image ({str(image)[:40]})", "name images by number or text")
-    return image
 
 
 def _identities(detections: Detections) -> tuple[tuple[str, ...], Integers, tuple[str, ...]]:
@@ -317,12 +289,11 @@ def _identities(detections: Detections) -> tuple[tuple[str, ...], Integers, tupl
     ids = [_plain(one) for one in detections.identities]
     nobody = np.full(len(ids), ANYBODY, dtype=np.int64)
     known = [row for row, one in enumerate(ids) if one is not None]
-    videos = detections.videos or [""] * len(ids)
-    seen = Counter((videos[row], detections.frames[row], ids[row]) for row in known)
+    seen = Counter((*detections.frames[row][1:3], ids[row]) for row in known)
     if twice := sum(number > 1 for number in seen.values()):
         text = f"numbers of people are not used, as {twice} of them occur twice in a frame"
         return (), nobody, (text,)
-    nobody[known], names = numbered(ids[row] for row in known)
+    nobody[known], names = _numbered(ids[row] for row in known)
     return tuple(names), nobody, ()
 
 
@@ -336,8 +307,6 @@ def _plain(identity: Any) -> str | None:
         return identity or None
     return None if identity < 0 or identity != identity else f"id {identity:g}"
 
-
-Paths = tuple[Path, ...]
 
 _NOT_JSON = re.compile(rb"\b(?:NaN|-?Infinity)\b")
 
@@ -360,22 +329,3 @@ def read_json(path: Path) -> Any:
             raise input_error(path, "is empty", "make or copy the file again") from error
         found = f"is not whole JSON ({error.msg})"
         raise input_error(f"{path}:{error.lineno}", found, "make or copy the file again") from error
-
-
-def without_collection(record: Callable[[Paths], Recording]) -> Callable[[Paths], Recording]:
-    """Return a reader during which the garbage collector rests.
-
-    It would walk again and again over the millions of lists of a large file, several times as slow.
-    """
-
-    @wraps(record)
-    def resting(paths: Paths) -> Recording:
-        running = gc.isenabled()
-        gc.disable()
-        try:
-            return record(paths)
-        finally:
-            if running:
-                gc.enable()
-
-    return resting

@@ -5,6 +5,7 @@ Landmarks that a file does not name are those of a skeleton known by name (`keyp
 
 from __future__ import annotations
 
+import gc
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -66,12 +67,22 @@ def peek_recording(known: FileFormat, paths: tuple[Path, ...]) -> Recording:
 
 
 def read_recording(known: FileFormat, paths: tuple[Path, ...]) -> Recording:
-    """Return the recording in these files, be it of landmarks or of shapes."""
+    """Return the recording in these files, be it of landmarks or of shapes.
+
+    The garbage collector rests: it would walk again and again over the millions of lists of a
+    large JSON file, several times as slow.
+    """
     if known.recorder is None:
         raise ValueError(f"{known.title} is not a recording")
     if (kept := _held.pop(paths, None)) is not None:
         return kept
-    found: Recording = load(known.recorder)(paths)
+    running = gc.isenabled()
+    gc.disable()
+    try:
+        found: Recording = load(known.recorder)(paths)
+    finally:
+        if running:
+            gc.enable()
     return found
 
 
@@ -170,45 +181,43 @@ def in_pixels(recording: Recording, options: InputOptions) -> Recording:
 
 def landmarks_of(recording: Recording, options: InputOptions) -> tuple[LandmarkSet, Notes]:
     """Return a recording of 2D landmarks as images, and notes."""
-    names = landmark_names(recording, options)
     recording = in_pixels(replace(recording, y_axis=options.y_axis or recording.y_axis), options)
-    chosen, notes = select_instances(recording, options)
+    fields, chosen, notes = _fields(recording, options)
     whole: dict[str, NDArray[Any]] = {}
     if recording.edges:
         whole[EDGES] = np.array(recording.edges, dtype=np.int64)
-    images = LandmarkSet(
-        landmarks=np.ascontiguousarray(chosen["points"].transpose(0, 2, 1)),
-        confidence=chosen["confidence"],
-        landmark_names=names,
-        items=tuple(chosen["items"]),
-        sequences=tuple(chosen["sequences"]) if any(chosen["sequences"]) else None,
-        unit=recording.unit,
-        y_axis=recording.y_axis,
-        frame_rate=recording.frame_rate,
-        columns={**whole, FRAME: chosen["frames"]},
-        of_file=whole,
-    )
+    columns = {**whole, FRAME: chosen["frames"]}
+    if chosen["confidence"] is not None:
+        columns["confidence"] = chosen["confidence"]
+    images = LandmarkSet(**fields, y_axis=recording.y_axis, columns=columns, of_file=whole)
     return images, notes
 
 
 def shapes_of(recording: Recording, options: InputOptions) -> tuple[ShapeSet, Notes]:
     """Return a recording of 3D points as shapes, NaN where a landmark is unknown; and notes."""
-    names = landmark_names(recording, options)
-    chosen, notes = select_instances(recording, options)
+    fields, chosen, notes = _fields(recording, options)
     columns = {FRAME: chosen["frames"]}
     if chosen["confidence"] is not None:
         columns["confidence"] = chosen["confidence"]
-    shapes = ShapeSet(
-        shapes=np.ascontiguousarray(chosen["points"].transpose(0, 2, 1)),
-        landmark_names=names,
-        items=tuple(chosen["items"]),
-        sequences=tuple(chosen["sequences"]) if any(chosen["sequences"]) else None,
-        edges=np.array(recording.edges, dtype=np.int64) if recording.edges else None,
-        unit=recording.unit,
-        frame_rate=recording.frame_rate,
-        columns=columns,
-    )
-    return shapes, notes
+    edges = np.array(recording.edges, dtype=np.int64) if recording.edges else None
+    return ShapeSet(**fields, edges=edges, columns=columns), notes
+
+
+def _fields(
+    recording: Recording, options: InputOptions
+) -> tuple[dict[str, Any], dict[str, Any], Notes]:
+    """Return what landmarks and shapes have, the instances (`select_instances`), and notes."""
+    names = landmark_names(recording, options)
+    chosen, notes = select_instances(recording, options)
+    fields = {
+        "points": np.ascontiguousarray(chosen["points"].transpose(0, 2, 1)),
+        "landmark_names": names,
+        "items": chosen["items"],
+        "sequences": chosen["sequences"] if any(chosen["sequences"]) else None,
+        "unit": recording.unit,
+        "frame_rate": recording.frame_rate,
+    }
+    return fields, chosen, notes
 
 
 NOBODY = "individuals without a landmark left out"
@@ -241,7 +250,9 @@ def select_instances(recording: Recording, options: InputOptions) -> tuple[dict[
         )
         people = tuple(filter(None, people))
     if options.individual is not None and options.individual not in people:
-        raise _unknown_individual(recording.name, options.individual, people)
+        fix = "its format names none; leave out `individual`, or join people with `track: nearest`"
+        fix = f"name one of {abbreviate(people)}" if people else fix
+        raise input_error(recording.name, f"has no individual {options.individual!r}", fix)
     counts = Counter[str]()
     points, confidence = recording.points, recording.confidence
     placed: Flags = np.asarray(np.isfinite(points).all(axis=2))
@@ -285,26 +296,20 @@ def _names_of(
     videos = recording.videos or [recording.video] * len(recording)
     people = recording.individual_names
     anonymous = f"{UNTRACKED}/" if people else ""
+    names = {number: _name(people, number) for number in np.unique(individuals).tolist()}
     items: list[str] = []
     sequences: list[str] = []
-    own = np.ones(len(recording), bool)
     numbers: Counter[tuple[str, str]] = Counter()  # anonymous instances of each frame
-    known: dict[tuple[str, int], tuple[str, str]] = {}
-    each = zip(videos, individuals.tolist(), recording.labels, strict=True)
-    for row, (video, number, label) in enumerate(each):
+    for video, number, label in zip(videos, individuals.tolist(), recording.labels, strict=True):
         if number == ANYBODY:
             items.append(f"{video}/{anonymous}{label}/{numbers[video, label]}")
             sequences.append("")
             numbers[video, label] += 1
-            own[row] = wanted is None
-            continue
-        if (video, number) not in known:
-            name = _name(people, number)
-            known[video, number] = name, f"{video}/{name}" if name else video
-        name, sequence = known[video, number]
-        items.append(f"{sequence}/{label}")
-        sequences.append(sequence)
-        own[row] = wanted in (None, name)
+        else:
+            sequences.append(f"{video}/{names[number]}" if names[number] else video)
+            items.append(f"{sequences[-1]}/{label}")
+    wanted_ones = [n for n, name in names.items() if n != ANYBODY and wanted == name]
+    own = np.isin(individuals, wanted_ones) | (wanted is None)
     return items, sequences, own
 
 
@@ -320,23 +325,12 @@ def first_track(people: Sequence[str]) -> int:
     return max(1, len(people))
 
 
-def _unknown_individual(place: str, name: str, names: Sequence[str]) -> InputError:
-    if names:
-        fix = f"name one of {abbreviate(names)}"
-    else:
-        fix = "its format names none; leave out `individual`, or join people with `track: nearest`"
-    return input_error(place, f"has no individual {name!r}", fix)
-
-
 def _check_unique(place: str, items: Sequence[str]) -> None:
     """Raise InputError for an individual that is twice in a frame."""
-    if len(set(items)) == len(items):
-        return
-    twice = [item for item, number in Counter(items).items() if number > 1]
-    verb = "occur" if len(twice) > 1 else "occurs"
-    names = abbreviate(twice) if len(twice) > 1 else twice[0]
-    fix = "give each frame a number of its own, and each individual one place in it"
-    raise input_error(place, f"{names} {verb} more than once", fix)
+    if twice := [item for item, number in Counter(items).items() if number > 1]:
+        found = f"{abbreviate(twice)} occur{'s' * (len(twice) == 1)} more than once"
+        fix = "give each frame a number of its own, and each individual one place in it"
+        raise input_error(place, found, fix)
 
 
 KNOWN_SHARE = 0.9

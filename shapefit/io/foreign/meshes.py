@@ -2,106 +2,25 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import orjson
 
 from shapefit.arrays import Floats, Integers
-from shapefit.errors import InputError, counted, input_error
-from shapefit.io.inputs import read_whole
+from shapefit.errors import counted, input_error
+from shapefit.io.foreign.detections import read_json
+from shapefit.io.foreign.text_table import Table
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.names import match_landmarks
 from shapefit.io.records import ShapeSet
 
-Place = int | tuple[float, float, float]
+Place = int | tuple[float, ...]
 Places = Mapping[str, Place]
 """The number of a vertex, from 0, or a point in the frame of the mesh, by landmark."""
 
 FORMS = "`landmark,vertex` or `landmark,x,y,z` in CSV, or {name: vertex or [x, y, z]} in JSON"
-
-
-def find_file(mesh: Path) -> Path:
-    """Return NAME.landmarks.json or .csv beside NAME.obj, or landmarks.json or .csv for all there.
-
-    Raises InputError where there is none.
-    """
-    names = [f"{mesh.stem}.landmarks", "landmarks"]
-    wanted = [mesh.with_name(f"{name}.{kind}") for name in names for kind in ("json", "csv")]
-    for path in wanted:
-        if path.is_file():
-            return path
-    found = "nothing says which of its vertices are landmarks"
-    fix = f"write {wanted[1].name} beside it, or {wanted[3].name} for all meshes there: {FORMS}"
-    raise input_error(mesh, found, fix)
-
-
-def read_places(mesh: Path) -> Places:
-    """Return the places of a mesh's landmarks. Raises InputError for a file of another form."""
-    path = find_file(mesh)
-    text = read_whole(path).decode("utf-8-sig", "backslashreplace")
-    places = _of_json(path, text) if path.suffix == ".json" else _of_csv(path, text)
-    if not places:
-        raise input_error(path, "names no landmarks", f"write {FORMS}")
-    return places
-
-
-def _of_json(path: Path, text: str) -> Places:
-    try:
-        found = orjson.loads(text)
-    except orjson.JSONDecodeError as error:
-        raise input_error(f"{path}:{error.lineno}", f"is no JSON ({error.msg})", FORMS) from error
-    if not isinstance(found, dict):
-        raise input_error(path, "is no JSON object", f"write {FORMS}")
-    return {name: _place(value, f"{path}: {name}") for name, value in found.items()}
-
-
-def _of_csv(path: Path, text: str) -> Places:
-    try:
-        rows = [
-            (line, [cell.strip() for cell in row])
-            for line, row in enumerate(csv.reader(text.splitlines()), 1)
-            if any(cell.strip() for cell in row)
-        ]
-    except csv.Error as error:
-        raise input_error(path, f"is no CSV ({error})", f"write {FORMS}") from error
-    header = rows[0][1] if rows else []
-    if header not in (["landmark", "vertex"], ["landmark", "x", "y", "z"]):
-        raise input_error(f"{path}:1", f"the header is {','.join(header)[:80]!r}", f"write {FORMS}")
-    places: dict[str, Place] = {}
-    for line, row in rows[1:]:
-        place = f"{path}:{line}"
-        if len(row) != len(header):
-            found = f"has {len(row)} cells for {len(header)} columns"
-            raise input_error(place, found, "write one cell per column")
-        if row[0] in places:
-            raise input_error(place, f"the landmark {row[0]!r} repeats", "keep one of them")
-        try:
-            values: Any = int(row[1]) if len(row) == 2 else [float(cell) for cell in row[1:]]
-        except ValueError as error:
-            raise _wrong(place, ",".join(row[1:])) from error
-        places[row[0]] = _place(values, place)
-    return places
-
-
-def _place(value: Any, place: str) -> Place:
-    if isinstance(value, int) and not isinstance(value, bool):
-        return value
-    if isinstance(value, list) and len(value) == 3:
-        plain = all(isinstance(x, int | float) and not isinstance(x, bool) for x in value)
-        if plain and np.isfinite(value).all():
-            x, y, z = map(float, value)
-            return x, y, z
-    raise _wrong(place, str(value))
-
-
-def _wrong(place: str, value: str) -> InputError:
-    fix = "give the number of a vertex, from 0, or three coordinates"
-    return input_error(place, f"{value[:40]!r} is no place", fix)
-
 
 METRES = ".glb"
 """Endings of the format whose unit is the metre; the others have none."""
@@ -113,25 +32,25 @@ def read_meshes(paths: tuple[Path, ...], *, gaps: bool = False) -> tuple[ShapeSe
     Vertices and faces are kept where all meshes have the same faces. Raises InputError for a mesh
     without landmarks or with other ones than the first, and for one that cannot be read.
     """
-    loaded = [load(path) for path in paths]
-    places = [read_places(path) for path in paths]
+    loaded = [_load(path) for path in paths]
+    places = [_read_places(path) for path in paths]
     names = tuple(places[0])
-    found = np.array(
-        [
-            find_landmarks(path, vertices, place, names)
-            for path, (vertices, _), place in zip(paths, loaded, places, strict=True)
-        ]
-    )
+    found = [
+        _find_landmarks(path, vertices, place, names)
+        for path, (vertices, _), place in zip(paths, loaded, places, strict=True)
+    ]
     notes: tuple[str, ...] = ()
     vertices, faces = loaded[0]
     shared = all(v.shape == vertices.shape and np.array_equal(f, faces) for v, f in loaded)
     kept = shared and len(faces) > 0
     if not kept and len(paths) > 1:
-        what = f"{counted(len(paths), 'mesh').replace('meshs', 'meshes')} of different faces"
-        notes = (f"{paths[0].parent}: {what}; only their landmarks are read",)
+        notes = (
+            f"{paths[0].parent}: {len(paths)} meshes of different faces; "
+            "only their landmarks are read",
+        )
     metres = all(path.suffix.lower() == METRES for path in paths)
     shapes = ShapeSet(
-        shapes=found.transpose(0, 2, 1),
+        shapes=np.array(found).transpose(0, 2, 1),
         landmark_names=names,
         items=tuple(path.stem for path in paths),
         mesh_vertices=np.array([v.T for v, _ in loaded]) if kept else None,
@@ -141,7 +60,7 @@ def read_meshes(paths: tuple[Path, ...], *, gaps: bool = False) -> tuple[ShapeSe
     return shapes, notes
 
 
-def load(path: Path) -> tuple[Floats, Integers]:
+def _load(path: Path) -> tuple[Floats, Integers]:
     """Return vertices (q, 3) and faces (f, 3) of a mesh, in the order of the file."""
     import trimesh
 
@@ -162,19 +81,66 @@ def load(path: Path) -> tuple[Floats, Integers]:
     return vertices, faces
 
 
-def find_landmarks(path: Path, vertices: Floats, places: Places, names: tuple[str, ...]) -> Floats:
+def _read_places(mesh: Path) -> Places:
+    """Read NAME.landmarks.json or .csv beside NAME.obj, or landmarks.json or .csv for all there.
+
+    Raises InputError where there is none, and for a file of another form.
+    """
+    names = [f"{mesh.stem}.landmarks", "landmarks"]
+    wanted = [mesh.with_name(f"{name}.{kind}") for name in names for kind in ("json", "csv")]
+    path = next((path for path in wanted if path.is_file()), None)
+    if path is None:
+        found = "nothing says which of its vertices are landmarks"
+        fix = f"write {wanted[1].name} beside it, or {wanted[3].name} for all meshes there: {FORMS}"
+        raise input_error(mesh, found, fix)
+    places = _of_json(path) if path.suffix == ".json" else _of_csv(path)
+    if not places:
+        raise input_error(path, "names no landmarks", f"write {FORMS}")
+    return places
+
+
+def _of_json(path: Path) -> Places:
+    found = read_json(path)
+    if not isinstance(found, dict):
+        raise input_error(path, "is no JSON object", f"write {FORMS}")
+    return {name: _place(value, f"{path}: {name}") for name, value in found.items()}
+
+
+def _of_csv(path: Path) -> Places:
+    table = Table(path)
+    ((line, header),) = table.first_rows(1) or [(1, [])]
+    header = [cell.strip() for cell in header]
+    if header not in (["landmark", "vertex"], ["landmark", "x", "y", "z"]):
+        raise input_error(f"{path}:1", f"the header is {','.join(header)[:80]!r}", f"write {FORMS}")
+    table.skip(line, header)
+    values, (names,), lines = table.read(range(1, len(header)), [0])
+    places: dict[str, Place] = {}
+    for name, own, line in zip(names, values.tolist(), lines.tolist(), strict=True):
+        if name in places:
+            raise input_error(f"{path}:{line}", f"the landmark {name!r} repeats", "keep one")
+        whole = len(own) == 1 and own[0] == own[0] // 1
+        places[name] = _place(int(own[0]) if whole else own, f"{path}:{line}")
+    return places
+
+
+def _place(value: Any, place: str) -> Place:
+    if type(value) is int:
+        return value
+    plain = isinstance(value, list) and all(type(x) in (int, float) for x in value)
+    if plain and len(value) == 3 and np.isfinite(value).all():
+        return tuple(map(float, value))
+    fix = "give the number of a vertex, from 0, or three coordinates"
+    raise input_error(place, f"{str(value)[:40]!r} is no place", fix)
+
+
+def _find_landmarks(path: Path, vertices: Floats, places: Places, names: tuple[str, ...]) -> Floats:
     """Return the landmarks (p, 3) of a mesh. Raises InputError for other names than these."""
     match_landmarks(tuple(places), names, f"{path}: landmarks")
     match_landmarks(names, tuple(places), f"{path}: landmarks")
-    found = []
-    for name in names:
-        place = places[name]
-        if not isinstance(place, int):
-            found.append(place)
-            continue
-        if not 0 <= place < len(vertices):
+    for name, place in places.items():
+        if isinstance(place, int) and not 0 <= place < len(vertices):
             there = counted(len(vertices), "vertex").replace("vertexs", "vertices")
             what = f"the landmark {name!r} is vertex {place} of {there}"
             raise input_error(path, what, "count vertices from 0, in the order of the file")
-        found.append(tuple(vertices[place].tolist()))
+    found = [vertices[place] if isinstance(place, int) else place for place in map(places.get, names)]
     return np.array(found, dtype=np.float64)

@@ -19,15 +19,14 @@ from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io.foreign.detections import (
     CHECK,
     Detections,
-    FrameFile,
+    Frame,
     as_recording,
     image_key,
     images_in,
     read_json,
-    without_collection,
 )
 from shapefit.io.foreign.items import are_fractions
-from shapefit.io.foreign.recording import FRACTION, Recording, edges_of, video_name
+from shapefit.io.foreign.recording import FRACTION, Edges, Recording, edges_of, video_name
 from shapefit.io.layout import UNKNOWN_UNIT
 
 PEOPLE = ("people", "bodies")
@@ -42,16 +41,15 @@ def read_openpose(paths: tuple[Path, ...]) -> Recording:
     `person_id` is not -1.
     """
     images = images_in(paths, ".json")
-    detections = Detections.in_images(images)
+    detections = Detections.in_files(images)
     strange: list[str] = []
     further = 0
-    for file in images.files:
-        people = _people_of(read_json(file.path))
+    for frame in images.frames:
+        people = _people_of(read_json(frame.path))
         if people is None:
-            strange.append(file.path.name)
-            continue
-        for person in people:
-            detections.add(_keypoints_of(person, file.path), file, person.get("person_id"))
+            strange.append(frame.path.name)
+        for person in people or ():
+            detections.add(_keypoints_of(person, frame.path), frame, person.get("person_id"))
             further += any(person.get(key) for key in OTHERS)
     notes: tuple[str, ...] = ()
     if strange:
@@ -60,8 +58,7 @@ def read_openpose(paths: tuple[Path, ...]) -> Recording:
     if further:
         notes += (f"hands and faces left out, of {counted(further, 'detection')}",)
     values = detections.values()
-    frames = len(images.files) - len(strange)
-    scores = values[..., 2]
+    scores, frames = values[..., 2], len(images.frames) - len(strange)
     return as_recording(
         detections, values, ~(scores > 0), confidence=scores, frames=frames, notes=notes
     )
@@ -72,11 +69,8 @@ def _people_of(contents: Any) -> Sequence[Any] | None:
     if not isinstance(contents, dict):
         return None
     for key in PEOPLE:
-        people = contents.get(key)
-        if isinstance(people, list):
+        if key in contents and isinstance(people := contents[key] or [], list):
             return people
-        if key in contents and people is None:
-            return ()
     return () if contents.keys() <= {"version", "part_candidates"} else None
 
 
@@ -93,7 +87,6 @@ def _keypoints_of(person: Any, place: str | Path) -> list[float]:
     return found
 
 
-@without_collection
 def read_alphapose(paths: tuple[Path, ...]) -> Recording:
     """Read AlphaPose's one file of all images, in the layouts `open` and `cmu`.
 
@@ -105,16 +98,13 @@ def read_alphapose(paths: tuple[Path, ...]) -> Recording:
     if not isinstance(found, dict):
         raise input_error(path, "is no object of images", fix)
     detections = Detections.in_file(path)
-    images: list[str] = []
     for image, contents in found.items():
         people = _people_of(contents)
         if people is None:
             raise input_error(f"{path}: {image}", "no list of people", fix)
         for person in people:
-            detections.numbers.append(_keypoints_of(person, f"{path}: {image}"))
-            detections.identities.append(person.get("idx"))
-            images.append(image)
-    frames = detections.of_images(images, zip(found, found, strict=True))
+            detections.add(_keypoints_of(person, f"{path}: {image}"), image, person.get("idx"))
+    frames = detections.in_images((image, image) for image in found)
     detections.unordered = False
     values = detections.values()
     confidence, notes = _scaled(values[..., 2], [*found])
@@ -140,7 +130,6 @@ def _scaled(confidence: Floats, images: Sequence[Any]) -> tuple[Floats, tuple[st
     return confidence / ALPHAPOSE_LARGEST, (note,)
 
 
-@without_collection
 def read_coco_results(paths: tuple[Path, ...]) -> Recording:
     """Read a list of {image_id, category_id, keypoints, score}, as MMDet and AlphaPose write it.
 
@@ -152,15 +141,14 @@ def read_coco_results(paths: tuple[Path, ...]) -> Recording:
     if not isinstance(found, list):
         raise input_error(path, "is no list of results", "give COCO results")
     detections = Detections.in_file(path)
-    images = []
     for number, entry in enumerate(found):
         place = f"{path}:[{number}]"
         if not isinstance(entry, dict) or not isinstance(entry.get("keypoints"), list):
             raise input_error(place, "no keypoints", "give COCO results of keypoints")
-        images.append(image_key(entry.get("image_id"), place))
-        detections.numbers.append(entry["keypoints"])
-        detections.identities.append(entry.get("track_id", entry.get("idx")))
-    frames = detections.of_images(images)
+        image = image_key(entry.get("image_id"), place)
+        detections.add(entry["keypoints"], image, entry.get("track_id", entry.get("idx")))
+    images = list(detections.frames)
+    frames = detections.in_images()
     values = detections.values()
     confidence, notes = _scaled(values[..., 2], images)
     missing = np.asarray(~values.any(axis=2) | np.isnan(values).any(axis=2))
@@ -169,7 +157,6 @@ def read_coco_results(paths: tuple[Path, ...]) -> Recording:
     )
 
 
-@without_collection
 def read_coco_annotations(paths: tuple[Path, ...]) -> Recording:
     """Read what people annotated: images, annotations, and categories with names.
 
@@ -181,36 +168,32 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Recording:
     images, annotations, categories = (
         _objects(found, key, path) for key in ("images", "annotations", "categories")
     )
-    own = {
-        image_key(entry.get("id"), f"{path}:categories"): _category_names(entry, path)
-        for entry in categories
-    }
+    place = f"{path}:categories"
+    own = {image_key(each.get("id"), place): _category_names(each, place) for each in categories}
     names = tuple(dict.fromkeys(name for each in own.values() for name in each))
-    place = {name: number for number, name in enumerate(names)}
-    columns = {key: [place[name] for name in each] for key, each in own.items() if each}
-    listed = {
+    columns = {key: [names.index(name) for name in each] for key, each in own.items() if each}
+    called = {
         image_key(image.get("id"), f"{path}:images"): image.get("file_name") or image["id"]
         for image in images
     }
     detections = Detections.in_file(path)
-    where = []
     without = 0
     for number, entry in enumerate(annotations):
         keypoints, category = entry.get("keypoints"), entry.get("category_id")
         if not isinstance(keypoints, list) or not keypoints:
             without += 1
             continue
-        where.append(image_key(entry.get("image_id"), f"{path}:annotations[{number}]"))
-        mine = columns.get(category) if isinstance(category, int | float | str) else None
+        place = f"{path}:annotations[{number}]"
+        image = image_key(entry.get("image_id"), place)
         if names:
-            keypoints = _spread(keypoints, mine, len(names), f"{path}:annotations[{number}]")
-        detections.numbers.append(keypoints)
-        detections.identities.append(_identity(entry))
-    frames = detections.of_images(where, listed.items())
+            mine = columns.get(category) if isinstance(category, int | float | str) else None
+            keypoints = _spread(keypoints, mine, len(names), place)
+        detections.add(keypoints, image, _identity(entry))
+    frames = detections.in_images(called.items())
     notes: tuple[str, ...] = ()
     if without:
         notes += (f"{counted(without, 'annotation')} without keypoints left out",)
-    if unlisted := frames - len(listed):
+    if unlisted := frames - len(called):
         notes += (f"{counted(unlisted, 'image')} of annotations not listed among the images",)
     values = detections.values()
     return as_recording(
@@ -232,10 +215,9 @@ def _objects(found: Any, key: str, path: Path) -> list[dict[str, Any]]:
     return entries
 
 
-def _category_names(category: dict[str, Any], path: Path) -> list[str]:
+def _category_names(category: dict[str, Any], place: str) -> list[str]:
     """Return the landmarks of a category."""
     names = category.get("keypoints") or []
-    place = f"{path}:categories"
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise input_error(place, "keypoints that are no names", "give their names")
     if len(set(names)) < len(names):
@@ -261,17 +243,13 @@ def _spread(
     if len(keypoints) != 3 * len(columns):
         found = f"{len(keypoints)} numbers for {len(columns)} landmarks"
         raise input_error(place, found, "give x, y and v of each landmark of its category")
-    if columns == list(range(count)):
-        return keypoints
     every = [0.0] * (3 * count)
     for number, column in enumerate(columns):
         every[3 * column : 3 * column + 3] = keypoints[3 * number : 3 * number + 3]
     return every
 
 
-def _edges(
-    categories: list[dict[str, Any]], columns: dict[Any, list[int]]
-) -> tuple[tuple[int, int], ...]:
+def _edges(categories: list[dict[str, Any]], columns: dict[Any, list[int]]) -> Edges:
     """Return the edges of all skeletons, which count landmarks from 1, once each."""
     pairs: dict[tuple[int, int], None] = {}
     for category in categories:
@@ -285,16 +263,14 @@ def _edges(
 MMPOSE_FIX = "give the predictions of MMPose's inferencer"
 
 
-@without_collection
 def read_mmpose_video(paths: tuple[Path, ...]) -> Recording:
     """Read a list of {frame_id, instances}, which may stand as `instance_info` beside `meta_info`.
 
     An instance has keypoints [[x, y], ...] and keypoint_scores, which are taken as they are; they
     may be a little above 1. `meta_info` has the names.
     """
-    path = paths[0]
+    path, meta = paths[0], None
     found = read_json(path)
-    meta: Any = {}
     if isinstance(found, dict):
         meta, found = found.get("meta_info"), found.get("instance_info")
     if not isinstance(found, list):
@@ -302,53 +278,57 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Recording:
     if found and isinstance(found[0], dict) and "instances" not in found[0]:
         found = [{"frame_id": 0, "instances": found}]
     detections = Detections.in_file(path, step=2)
-    for place, frame in enumerate(found):
+    for number, frame in enumerate(found):
         instances = frame.get("instances") if isinstance(frame, dict) else None
         if not isinstance(instances, list):
-            raise input_error(f"{path}:[{place}]", "a frame without `instances`", MMPOSE_FIX)
+            raise input_error(f"{path}:[{number}]", "a frame without `instances`", MMPOSE_FIX)
         label = frame.get("frame_id")
-        said = str(place if label is None else label)
-        _add_people(detections, instances, FrameFile(path, "", place, said))
+        label = str(number if label is None else label)
+        _add_people(detections, instances, Frame(path, "", number, label))
     return _of_mmpose(detections, len(found), meta)
 
 
 def read_mmpose_images(paths: tuple[Path, ...]) -> Recording:
     """Read a list of instances per image: those of a folder, or these files."""
     images = images_in(paths, ".json")
-    detections = Detections.in_images(images, step=2)
-    for file in images.files:
-        instances = read_json(file.path)
+    detections = Detections.in_files(images, step=2)
+    for frame in images.frames:
+        instances = read_json(frame.path)
         if not isinstance(instances, list):
-            raise input_error(file.path, "no list of instances, as the other files", MMPOSE_FIX)
-        _add_people(detections, instances, file)
-    return _of_mmpose(detections, len(images.files), {})
+            raise input_error(frame.path, "no list of instances, as the other files", MMPOSE_FIX)
+        _add_people(detections, instances, frame)
+    return _of_mmpose(detections, len(images.frames), None)
 
 
-def _add_people(detections: Detections, instances: list[Any], file: FrameFile) -> None:
+def _add_people(detections: Detections, instances: list[Any], frame: Frame) -> None:
     """Add the people of a frame, as x, y and score of each landmark."""
     for number, instance in enumerate(instances):
-        place = f"{file.path}: frame {file.label}, instance {number}"
+        place = f"{frame.path}: frame {frame.label}, instance {number}"
         points = instance.get("keypoints") if isinstance(instance, dict) else None
         if not isinstance(points, list):
             raise input_error(place, "no keypoints", MMPOSE_FIX)
         scores = instance.get("keypoint_scores")
         if scores is None:
             scores = [1.0] * len(points)
-        try:
-            widths = set(map(len, points))
-        except TypeError:
-            widths = {0}
+        widths = {len(point) if isinstance(point, list) else 0 for point in points}
         if not widths <= {2} or not isinstance(scores, list) or len(scores) != len(points):
             found = f"{len(points)} keypoints that are not x and y with a score each"
             found = "3D keypoints" if widths == {3} else found
             raise input_error(place, found, "give predictions of 2D landmarks")
         detections.scores.append(scores)
-        detections.add([*chain.from_iterable(points)], file, instance.get("track_id"))
+        detections.add([*chain.from_iterable(points)], frame, instance.get("track_id"))
 
 
 def _of_mmpose(detections: Detections, frames: int, meta: Any) -> Recording:
+    """Return the recording; `meta` names landmarks by number, as texts or in a list."""
     values, scores = detections.values(), detections.confidence()
-    names = _mmpose_names(meta, values.shape[1])
+    count = values.shape[1]
+    known = meta.get("keypoint_id2name") if isinstance(meta, dict) else None
+    if isinstance(known, dict):
+        known = [known.get(str(number)) for number in range(count)]
+    known = known if isinstance(known, list) else []
+    named = all(isinstance(name, str) for name in known)
+    names = tuple(known) if named and len(known) == len({*known}) == count else None
     return as_recording(
         detections,
         values,
@@ -356,18 +336,8 @@ def _of_mmpose(detections: Detections, frames: int, meta: Any) -> Recording:
         confidence=scores,
         frames=frames,
         landmark_names=names,
-        edges=edges_of(meta.get("skeleton_links"), values.shape[1]) if names else (),
+        edges=edges_of(meta.get("skeleton_links"), count) if names else (),
     )
-
-
-def _mmpose_names(meta: Any, count: int) -> tuple[str, ...] | None:
-    """Return the names in `meta_info`: landmark numbers -> names, as texts or as a list."""
-    known = meta.get("keypoint_id2name") if isinstance(meta, dict) else None
-    if isinstance(known, dict):
-        known = [known.get(str(number)) for number in range(count)]
-    if not isinstance(known, list) or len(known) != count or len({*map(str, known)}) != count:
-        return None
-    return tuple(known) if all(isinstance(name, str) for name in known) else None
 
 
 BODIES = (
@@ -380,7 +350,6 @@ FRAMES = ("frames", "results")
 SCORES = ("visibility", "score", "confidence", "presence")
 
 
-@without_collection
 def read_mediapipe(paths: tuple[Path, ...]) -> Recording:
     """Read landmarks as MediaPipe gives them: lists of {x, y, z, visibility}.
 
@@ -401,7 +370,7 @@ def read_mediapipe(paths: tuple[Path, ...]) -> Recording:
     for number, frame in enumerate(found):
         for body in _bodies(frame):
             numbers = [value for point in body for value in _point(point)]
-            detections.add(numbers, FrameFile(path, "", number, str(number)), None)
+            detections.add(numbers, Frame(path, "", number, str(number)), None)
             names = names or [point.get("name") for point in body]
     values = detections.values()
     placed = values[np.isfinite(values).all(axis=2)]

@@ -6,16 +6,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.io.foreign.detections import Detections, as_recording, images_in
 from shapefit.io.foreign.recording import FRACTION, Edges, Recording, edges_of, read_yaml
 from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
 
-Table = NDArray[np.float64]
-
 BOX = 5
+"""Numbers of a line before its landmarks: class, centre and size of a box."""
+
 FILE = "data.yaml"
 
 
@@ -39,21 +38,21 @@ def read_yolo(paths: tuple[Path, ...]) -> Recording:
     missing.
     """
     images = images_in(paths, ".txt", "classes.txt")
-    rows = [(file, row) for file in images.files for row in _rows(file.path)]
-    layout = _stated(paths[0] if paths[0].is_dir() else paths[0].parent) or _guessed(
-        [row for _, row in rows], images.name
-    )
+    rows = [(frame, row) for frame in images.frames for row in _rows(frame.path)]
+    layout = _stated(paths[0] if paths[0].is_dir() else paths[0].parent)
+    layout = layout or _guessed([row for _, row in rows], images.name)
     width = BOX + layout.landmarks * layout.step
-    detections = Detections.in_images(images, step=layout.step)
-    for file, row in rows:
-        rest = len(row) - width
-        if rest not in (0, 1, 2):
+    detections = Detections.in_files(images, step=layout.step)
+    for frame, row in rows:
+        if len(row) - width not in (0, 1, 2):
             found = f"a line of {len(row)} numbers, and {layout.landmarks} landmarks take {width}"
-            raise input_error(file.path, found, f"check kpt_shape in {FILE}")
-        who = row[-1] if rest == 2 else None
-        detections.add(row[BOX:width], file, who)
+            raise input_error(frame.path, found, f"check kpt_shape in {FILE}")
+        detections.add(row[BOX:width], frame, row[-1] if len(row) == width + 2 else None)
     values = detections.values()
-    missing, confidence = _seen(values)
+    missing, confidence = np.asarray((values <= 0).all(axis=2)), None
+    if layout.step == 3:
+        v = values[..., 2]
+        missing, confidence = np.asarray(~(v > 0)), None if np.isin(v, (0, 1, 2)).all() else v
     numbers = tuple(map(str, range(layout.landmarks)))
     person = layout.people and layout.landmarks == 17
     return as_recording(
@@ -61,7 +60,7 @@ def read_yolo(paths: tuple[Path, ...]) -> Recording:
         values,
         missing,
         confidence=confidence,
-        frames=len(images.files),
+        frames=len(images.frames),
         unit=FRACTION,
         landmark_names=layout.names or (None if person else numbers),
         default_keypoints="coco_17" if person else None,
@@ -72,33 +71,19 @@ def read_yolo(paths: tuple[Path, ...]) -> Recording:
 def _rows(path: Path) -> list[list[float]]:
     """Return the numbers of each line; comments and empty lines are skipped."""
     rows = []
-    for number, line in enumerate(
-        read_whole(path).removeprefix(BYTE_ORDER_MARK).splitlines(), start=1
-    ):
-        cells = line.partition(b"#")[0].split()
-        if not cells:
-            continue
+    text = read_whole(path).removeprefix(BYTE_ORDER_MARK)
+    for number, line in enumerate(text.splitlines(), start=1):
         try:
-            rows.append([float(cell) for cell in cells])
+            rows.append([float(cell) for cell in line.partition(b"#")[0].split()])
         except ValueError as error:
             found = f"is no line of numbers ({str(error)[:60]})"
             raise input_error(f"{path}:{number}", found, "give labels of poses") from error
-    return rows
-
-
-def _seen(values: Table) -> tuple[NDArray[np.bool_], Table | None]:
-    """Return which landmarks are missing, and the confidences where v is not 0, 1 or 2."""
-    if values.shape[2] == 2:
-        return np.asarray((values <= 0).all(axis=2)), None
-    v = values[..., 2]
-    marks = np.isin(v, (0, 1, 2)).all()
-    return ~(v > 0), None if marks else v
+    return [row for row in rows if row]
 
 
 def _guessed(rows: list[list[float]], name: str) -> Layout:
     """Return the layout that lines have where no data.yaml states it."""
-    sizes = {len(row) - BOX for row in rows}
-    smallest = min(sizes, default=0)
+    smallest = min((len(row) - BOX for row in rows), default=0)
     threes = [m for m in (smallest, smallest - 1, smallest - 2) if m > 0 and m % 3 == 0]
     marks = {row[place] for row in rows for place in range(BOX + 2, BOX + (threes or [0])[0], 3)}
     if threes and (marks <= {0, 1, 2} or threes[0] == 51):
@@ -116,31 +101,19 @@ def _stated(folder: Path) -> Layout | None:
     path, found = read_yaml(folder, FILE, 3) or (folder, None)
     if not isinstance(found, dict) or (shape := found.get("kpt_shape")) is None:
         return None
-    if not (
-        isinstance(shape, list)
-        and len(shape) == 2
-        and all(type(size) is int for size in shape)
-        and 0 < shape[0] < 10_000
-        and shape[1] in (2, 3)
-    ):
+    whole = isinstance(shape, list) and len(shape) == 2 and all(type(n) is int for n in shape)
+    if not whole or not 0 < shape[0] < 10_000 or shape[1] not in (2, 3):
         raise input_error(path, f"kpt_shape is {shape}", "give [landmarks, 2] or [landmarks, 3]")
-    count = shape[0]
-    classes = found.get("names")
+    count, classes = shape[0], found.get("names")
     classes = list(classes.values()) if isinstance(classes, dict) else classes
+    names: Any = found.get("kpt_names")
+    if isinstance(names, dict):  # a list for each class, of which the first is taken
+        names = next(iter(names.values()), None)
+    named = isinstance(names, list) and len(names) == len({*map(str, names)}) == count
     return Layout(
         count,
         shape[1],
-        _landmark_names(found, count),
+        tuple(map(str, names)) if named else None,
         people=classes == ["person"],
         edges=edges_of(found.get("skeleton"), count),
     )
-
-
-def _landmark_names(found: dict[str, Any], count: int) -> tuple[str, ...] | None:
-    """Return `kpt_names`: a list, or one per class, of which the first is taken."""
-    names = found.get("kpt_names")
-    if isinstance(names, dict):
-        names = next(iter(names.values()), None)
-    if not isinstance(names, list) or len(names) != count or len({*map(str, names)}) != count:
-        return None
-    return tuple(map(str, names))
