@@ -19,7 +19,7 @@ from shapefit.errors import InputError, counted, input_error, listed
 from shapefit.io.checks import warn_of_zeros
 from shapefit.io.foreign.detections import are_series, read_json
 from shapefit.io.foreign.items import are_fractions
-from shapefit.io.foreign.recording import ANYBODY, FRACTION, Recording, video_name
+from shapefit.io.foreign.recording import ANYBODY, FRACTION, Recording
 from shapefit.io.inputs import check_fits
 from shapefit.io.layout import UNKNOWN_UNIT
 
@@ -55,17 +55,15 @@ def of_bodies(
         else:
             notes += warn_of_zeros(points)
     fraction = dimensions == 2 and are_fractions(points[np.isfinite(points)])
-    names = labels if labels is not None else [str(row) for row in range(n)]
-    return Recording(
-        name=str(path),
-        video=video_name(path),
-        points=points,
-        confidence=confidence,
+    names = labels or [str(row) for row in range(n)]
+    return Recording.of_frames(
+        path,
+        points,
+        confidence,
+        names,
         frames=np.arange(n) if frames is None else np.array(frames, dtype=np.int64),
-        labels=names,
         individuals=np.full(n, ANYBODY if images else 0, np.int64),
         videos=videos,
-        frame_count=n,
         unit=FRACTION if fraction else UNKNOWN_UNIT,
         size_needed=fraction,
         unordered=images and not are_series(names),

@@ -142,5 +142,7 @@ def _find_landmarks(path: Path, vertices: Floats, places: Places, names: tuple[s
             there = counted(len(vertices), "vertex").replace("vertexs", "vertices")
             what = f"the landmark {name!r} is vertex {place} of {there}"
             raise input_error(path, what, "count vertices from 0, in the order of the file")
-    found = [vertices[place] if isinstance(place, int) else place for place in map(places.get, names)]
+    found = [
+        vertices[place] if isinstance(place, int) else place for place in map(places.get, names)
+    ]
     return np.array(found, dtype=np.float64)

@@ -66,7 +66,7 @@ def test_meshes_of_different_faces_keep_their_landmarks(tmp_path):
         ("landmarks.csv", "landmark,vertex\ntip,1\ntip,2\n", ["landmarks.csv:3", "repeats"]),
         ("landmarks.csv", "landmark,x,y,z\ntip,1,2\n", ["landmarks.csv:2", "3 cells"]),
         ("landmarks.csv", "landmark,vertex\n", ["landmarks.csv", "no landmarks"]),
-        ("landmarks.json", "{", ["landmarks.json:1", "no JSON"]),
+        ("landmarks.json", "{", ["landmarks.json:1", "is not whole JSON"]),
         ("landmarks.json", '{"tip": 1.5}', ["landmarks.json: tip", "1.5"]),
         ("landmarks.json", '{"tip": [1, 2, NaN]}', ["landmarks.json"]),
         ("landmarks.json", '{"tip": true}', ["landmarks.json: tip"]),
