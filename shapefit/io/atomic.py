@@ -17,8 +17,6 @@ import stat
 import zlib
 from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from functools import partial
-from io import FileIO
 from pathlib import Path, PurePosixPath
 from urllib.parse import quote
 
@@ -26,16 +24,13 @@ from shapefit.errors import input_error, path_text
 from shapefit.io.inputs import is_stream, require_file
 from shapefit.stores import UrlPath, check_target, uploaded
 
-Write = Callable[[Path], object]
+WriteBytes = Callable[[bytes | memoryview], None]
 
 NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
-
+OTHER_FOLDER = "choose another folder, or change its permissions"
 FIXES = {
     **dict.fromkeys(NO_ROOM, "free some space or choose another disk (nothing was replaced)"),
-    **dict.fromkeys(
-        (errno.EACCES, errno.EPERM, errno.EROFS),
-        "choose another folder, or change its permissions",
-    ),
+    **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), OTHER_FOLDER),
     **dict.fromkeys(
         (errno.EISDIR, errno.ENOTDIR, errno.EEXIST, errno.ENOTEMPTY),
         "choose another name, or move the existing file away",
@@ -50,11 +45,12 @@ MOST_BYTES = 100
 """Of the name of an output, in the name of its temporary."""
 
 
-def check_output(target: Path) -> Path:
+def check_output(target: Path, instead: str = "give the name of a file in it") -> Path:
     """Return the file that writing to `target` would replace, links followed.
 
     Raises InputError where its folder can be neither written to nor made, or `target` is a folder
-    or some other thing that cannot be replaced by a file. Nothing is written. `-` is always good.
+    (`instead` says what to do then) or some other thing that cannot be replaced by a file. Nothing
+    is written. `-` is always good.
     """
     if is_stream(target):
         return target
@@ -72,13 +68,12 @@ def check_output(target: Path) -> Path:
         if error.errno == errno.ENAMETOOLONG:
             raise input_error(target, "its name is too long", "give a shorter one") from None
     if os.path.isdir(resolved):
-        raise input_error(target, "it is a folder", "give the name of a file in it")
+        raise input_error(target, "it is a folder", instead)
     around = next(folder for folder in resolved.parents if os.path.lexists(folder))
     if not os.path.isdir(around):
         raise input_error(target, f"{around} is not a folder", "choose another folder")
     if not is_writable(around):
-        found = f"its folder {around} is not writable"
-        raise input_error(target, found, "choose another folder, or change its permissions")
+        raise input_error(target, f"its folder {around} is not writable", OTHER_FOLDER)
     return resolved
 
 
@@ -137,8 +132,7 @@ def atomic_path(target: Path) -> Iterator[Path]:
         return
     resolved = check_output(target)
     with _new_folders(resolved.parent):
-        _sweep(resolved.parent, resolved.stem, resolved.suffix)
-        temporary = _temporary_name(resolved.parent, resolved.stem, resolved.suffix)
+        temporary = _temporary(resolved.parent, resolved.stem, resolved.suffix)
         try:
             with storage_errors(target, None):
                 os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
@@ -155,30 +149,32 @@ def atomic_path(target: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def output_bytes(target: Path) -> Iterator[Callable[[bytes | memoryview], None]]:
+def output_bytes(target: Path) -> Iterator[WriteBytes]:
     """Give what writes bytes to a file that appears on a clean exit, as `atomic_path`."""
-    with atomic_path(target) as path:
-        with storage_errors(target, None):
-            file = path.open("wb", buffering=0)
-        with file:
-            yield _writer(file, target)
+    with atomic_path(target) as path, _opened(path, target) as write:
+        yield write
 
 
-def write_all(file: FileIO, data: bytes | memoryview) -> None:
-    """Write every byte of `data` (a raw file may take fewer at a time)."""
-    rest = memoryview(data)
-    while rest:
-        rest = rest[file.write(rest) :]
+def append_bytes(path: Path, data: bytes) -> None:
+    """Add bytes at the end of a file; what goes wrong is an InputError."""
+    with _opened(path, path, "ab") as write:
+        write(data)
 
 
-def _writer(file: FileIO, target: Path) -> Callable[[bytes | memoryview], None]:
-    """Return what writes to a file whose faults are InputErrors at the target."""
+@contextmanager
+def _opened(path: Path, target: Path, mode: str = "wb") -> Iterator[WriteBytes]:
+    """Give what writes to a file; what goes wrong there is an InputError at the target."""
+    with storage_errors(target, None):
+        file = open(path, mode, buffering=0)  # noqa: SIM115
 
     def write(data: bytes | memoryview) -> None:
+        rest = memoryview(data)
         with storage_errors(target, None):
-            write_all(file, data)
+            while rest:  # a raw file may take fewer at a time
+                rest = rest[file.write(rest) :]
 
-    return write
+    with file:
+        yield write
 
 
 class StagedFiles:
@@ -193,12 +189,14 @@ class StagedFiles:
         """Whether folder/name was written, or what the file system takes for the same name."""
         return (self._staging / name).exists()
 
-    def write(self, name: PurePosixPath, write: Write, item: str) -> None:
+    def write(
+        self, name: PurePosixPath, write: Callable[[Path], object], item: str, *, sync: bool = False
+    ) -> None:
         """Let `write` fill the file of an item that becomes folder/name, its folders included.
 
-        Raises InputError where it cannot be written, where something in the folder is in the way,
-        and where a file of another item is: the names of two items may be equal for the
-        file system.
+        With `sync` it is on the disk, then. Raises InputError where it cannot be written, where
+        something in the folder is in the way, and where a file of another item is: the names of
+        two items may be equal for the file system.
         """
         target, path = self.folder / name, self._staging / name
         with storage_errors(target, None):
@@ -207,29 +205,23 @@ class StagedFiles:
                 found = f"is a file of another item as well as of {item!r}"
                 place = self.folder / occupied.relative_to(self._staging)
                 raise input_error(place, found, "rename one of them, or choose another format")
-            _check_replaceable(target)
+            check_output(target, IN_THE_WAY)
             path.parent.mkdir(parents=True, exist_ok=True)
             write(path)
+            if sync:
+                _sync(path)
             self.empty = False
 
-    def write_bytes(self, name: PurePosixPath, content: bytes) -> None:
-        """Write the file that becomes folder/name, and have it on the disk."""
-        self.write(
-            name, partial(write_and_sync, partial(Path.write_bytes, data=content)), name.stem
-        )
-
     @contextmanager
-    def opened(self, name: str) -> Iterator[Callable[[bytes | memoryview], None]]:
+    def opened(self, name: str) -> Iterator[WriteBytes]:
         """Give what writes the file that becomes folder/name, piece by piece."""
         target = self.folder / name
-        _check_replaceable(target)
+        check_output(target, IN_THE_WAY)
         self.empty = False
+        with _opened(self._staging / name, target) as write:
+            yield write
         with storage_errors(target, None):
-            file = (self._staging / name).open("wb", buffering=0)
-        with file:
-            yield _writer(file, target)
-            with storage_errors(target, None):
-                os.fsync(file.fileno())
+            _sync(self._staging / name)
 
     def publish(self) -> None:
         """Move every file to its place, over the one of an earlier run if there is one.
@@ -239,11 +231,14 @@ class StagedFiles:
         made = [Path(place, name) for place, _, names in os.walk(self._staging) for name in names]
         targets = {path: self.folder / path.relative_to(self._staging) for path in made}
         for target in targets.values():
-            _check_replaceable(target)
+            check_output(target, IN_THE_WAY)
         for path, target in targets.items():
             with storage_errors(target, None):
                 target.parent.mkdir(parents=True, exist_ok=True)
                 path.replace(target)
+
+
+IN_THE_WAY = "remove or rename it, or choose another folder"
 
 
 @contextmanager
@@ -257,9 +252,8 @@ def staged_files(folder: Path) -> Iterator[StagedFiles]:
     """
     around = folder if folder.is_dir() else folder.parent
     with _new_folders(around):
-        for place in (folder, folder.parent):
-            _sweep(place, folder.name)
-        staging = _temporary_name(around, folder.name)
+        _sweep(folder.parent, folder.name, "")
+        staging = _temporary(around, folder.name, "")
         with storage_errors(folder, None):
             staging.mkdir()
         try:
@@ -270,12 +264,6 @@ def staged_files(folder: Path) -> Iterator[StagedFiles]:
             shutil.rmtree(staging, ignore_errors=True)
 
 
-def write_and_sync(write: Write, path: Path) -> None:
-    """Write a file, and have it on the disk."""
-    write(path)
-    _sync(path)
-
-
 def _sync(path: Path) -> None:
     with path.open("rb") as written:
         os.fsync(written.fileno())
@@ -284,36 +272,17 @@ def _sync(path: Path) -> None:
 @contextmanager
 def _new_folders(folder: Path) -> Iterator[None]:
     """Make a folder and those around it; on any error, those that are new and empty are removed."""
-    missing = []
-    while not folder.exists():
-        missing.append(folder)
-        folder = folder.parent
-    made: list[Path] = []
+    missing = [each for each in (folder, *folder.parents) if not each.exists()]
     try:
         for new in reversed(missing):
             with storage_errors(new, None, "created"):
                 new.mkdir(exist_ok=True)
-            made.append(new)
         yield
     except BaseException:
-        with suppress(OSError):
-            for new in reversed(made):
+        for new in missing:
+            with suppress(OSError):
                 new.rmdir()
         raise
-
-
-def _check_replaceable(target: Path) -> None:
-    """Raise InputError where no file can be put at `target` although its folders may be made."""
-    if target.is_dir():
-        fix = "remove or rename it, or choose another folder"
-        raise input_error(target, "it is a folder, but must be a file", fix)
-    around = next(folder for folder in target.parents if os.path.lexists(folder))
-    if not around.is_dir():
-        fix = "remove or rename it, or choose another folder"
-        raise input_error(around, "it is not a folder, but files must go into it", fix)
-    if not is_writable(around):
-        fix = "change its permissions, or choose another folder"
-        raise input_error(around, "it is not writable, but files must go into it", fix)
 
 
 # The names of temporaries.
@@ -324,18 +293,18 @@ def machine_name() -> str:
     return f"{zlib.crc32(socket.gethostname().encode()):08x}"
 
 
-def _temporary_name(folder: Path, stem: str, suffix: str = "") -> Path:
-    """Return a new hidden name in the folder; it tells which process made it."""
-    start, end = _shortened(stem), _shortened(suffix)
+def _temporary(folder: Path, stem: str, suffix: str) -> Path:
+    """Return a new hidden name in the folder that tells which process made it; sweep there."""
+    _sweep(folder, stem, suffix)
     writer = f"{machine_name()}-{os.getpid()}-{secrets.token_hex(3)}"
-    return folder / f".{start}-{writer}.partial{end}"
+    return folder / f".{_shortened(stem)}-{writer}.partial{_shortened(suffix)}"
 
 
 def _shortened(name: str) -> str:
     return os.fsencode(name)[:MOST_BYTES].decode(errors="ignore")
 
 
-def _sweep(folder: Path, stem: str, suffix: str = "") -> None:
+def _sweep(folder: Path, stem: str, suffix: str) -> None:
     """Remove the temporaries of processes of this machine that are no more."""
     start, end = re.escape(_shortened(stem)), re.escape(_shortened(suffix))
     pattern = re.compile(rf"\.{start}-{machine_name()}-(\d+)-[0-9a-f]{{6}}\.partial{end}")
@@ -389,33 +358,23 @@ def digest(path: Path) -> str:
 ESCAPED = frozenset('%<>:"|?*\\')
 """`%` begins an escape; the others may not be part of a file's name on Windows."""
 
-ESCAPED_AT_ENDS = frozenset(". ")
-"""Not at the ends of a name: hidden files, `..`, and what some systems cut off."""
-
-MOST_BYTES_OF_A_PART, MOST_BYTES_IN_ALL, MOST_PARTS = 180, 600, 32
-"""More gives way to a digest; most systems take 255 and 1024 bytes, suffix and folder included."""
+MOST_BYTES_OF_A_PART = 180
+"""More gives way to a digest; most systems take 255 bytes, suffix included."""
 
 
 def file_stem(item: str) -> PurePosixPath:
     """Return the relative path, without suffix, of the files of an item: `walk/007` -> walk/007.
 
-    `/` divides folders. Other characters that a name cannot have are written %XX, as in URLs; an
-    empty part is %. The end of a part beyond 180 bytes gives way to its digest, and the last parts
-    of an item beyond 600 bytes or 32 parts to the digest of the item. No path leads out of its
-    folder.
+    `/` divides folders. Other characters that a name cannot have are written %XX, as in URLs, and
+    so are dots and spaces at its ends; an empty part is %. The end of a part beyond 180 bytes gives
+    way to its digest. No path leads out of its folder.
     """
-    stem = PurePosixPath(*map(_file_part, item.split("/")))
-    if len(bytes(stem)) <= MOST_BYTES_IN_ALL and len(stem.parts) <= MOST_PARTS:
-        return stem
-    folders = PurePosixPath(*stem.parts[: MOST_PARTS - 1])
-    while len(bytes(folders)) > MOST_BYTES_IN_ALL - MOST_BYTES_OF_A_PART:
-        folders = folders.parent
-    return folders / f"%-{_text_digest(item)}"  # no other part begins so
+    return PurePosixPath(*map(_file_part, item.split("/")))
 
 
 def _file_part(text: str) -> str:
     def is_safe(place: int, letter: str) -> bool:
-        at_end = place in (0, len(text) - 1) and letter in ESCAPED_AT_ENDS
+        at_end = place in (0, len(text) - 1) and letter in ". "
         return letter.isprintable() and letter not in ESCAPED and not at_end
 
     name = "".join(
@@ -425,8 +384,4 @@ def _file_part(text: str) -> str:
     if len(name.encode()) <= MOST_BYTES_OF_A_PART:
         return name or "%"
     head = name.encode()[:MOST_BYTES_OF_A_PART].decode(errors="ignore")
-    return f"{head}%-{_text_digest(text)}"
-
-
-def _text_digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
+    return f"{head}%-{hashlib.sha256(text.encode()).hexdigest()[:16]}"

@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
-from pathlib import PurePosixPath
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -100,7 +99,8 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
         found = sum_up(config, methods, [*warnings], inputs)
         contents, left_out = _contents(config, found, len(truth), draws=draws)
         for name, content in contents.items():
-            folder.write_bytes(PurePosixPath(name), content)
+            with folder.opened(name) as write:
+                write(content)
     yield Outcome(
         warnings=(*found.ungrouped, *plots_left_out(config.plots), *left_out),
         note=as_markdown(report_blocks(found.report)).rstrip(),

@@ -18,7 +18,7 @@ from typing import Any
 from shapefit import __version__
 from shapefit.config.paths import DONE, MANIFEST, ResultFolder, manifest_lines
 from shapefit.errors import InputError, counted, input_error
-from shapefit.io.atomic import atomic_path, check_folder, storage_errors, write_all
+from shapefit.io.atomic import append_bytes, atomic_path, check_folder
 from shapefit.io.inputs import in_words
 from shapefit.stores import UrlPath, find_state, held_object
 
@@ -58,8 +58,7 @@ class Manifest:
             if time.monotonic() > self.written + PAUSE:
                 self.write()
             return
-        with storage_errors(self.path, None), self.path.open("ab", buffering=0) as file:
-            write_all(file, _line(entry))
+        append_bytes(self.path, _line(entry))
 
 
 def _line(entry: Mapping[str, Any]) -> bytes:

@@ -185,11 +185,11 @@ def test_a_full_disk_is_told_and_replaces_nothing(desk, monkeypatch, fault):
     desk.run()
     old = {path.name: path.read_bytes() for path in desk.config.output.iterdir()}
 
-    def fill(write, path):
+    def fill(path):
         raise fault
 
-    monkeypatch.setattr(atomic, "write_and_sync", fill)
-    with pytest.raises(InputError, match=r"report/report.csv: cannot be written: No space left"):
+    monkeypatch.setattr(atomic, "_sync", fill)
+    with pytest.raises(InputError, match=r"report/per_image.csv: cannot be written: No space left"):
         desk.run(metrics=["similarity"])
     assert {path.name: path.read_bytes() for path in desk.config.output.iterdir()} == old
 
