@@ -208,7 +208,6 @@ _HOW_TO_READ_SOLVING = (
     "pmp and mean-shape minimise different functions, and all depend on lambda and the dictionary. "
     "Times are those of the machine and the threads of each fit, for solving alone."
 )
-_SPEED = ("ms per image", "images/s")
 _SHARES = [f"{level:.0%}" for level in LEVELS]
 _HOW_TO_READ_BARS = (
     f"Share of the landmarks whose truth is inside the {' and '.join(_SHARES)} ellipsoids of the "
@@ -243,9 +242,7 @@ def report_blocks(report: Report, failures: int = FAILURES_SHOWN) -> list[str]:
         blocks += [_HOW_TO_READ]
         for (metric, unit), summaries in tables.items():
             blocks += [f"## {metric} ({unit})", _errors_table(summaries)]
-    if report.coverage:
-        blocks += ["## Error bars", " ".join([_HOW_TO_READ_BARS, *_exceptions(report)])]
-        blocks += [_bars_by_group(report.coverage), *_bars_by_landmark(report.coverage)]
+    blocks += _error_bars(report)
     if report.kept:
         blocks += ["## Least plausible images", _HOW_TO_READ_KEPT, _kept_table(report.kept)]
     counts = [[m.name, str(m.images - m.failed), str(m.failed)] for m in report.methods]
@@ -297,69 +294,72 @@ def decimals_of(values: Iterable[float | None]) -> int:
     return max(3, 2 - math.floor(math.log10(largest))) if largest > 0 else 3
 
 
+def _table(rows: Iterable[Mapping[str, str]]) -> str:
+    """Return a table of rows by the names of their columns, all of which every row has."""
+    rows = list(rows)
+    return markdown_table(list(rows[0]), [list(row.values()) for row in rows])
+
+
+def _place(entry: Coverage | Kept, entries: Sequence[Coverage] | Sequence[Kept]) -> dict[str, str]:
+    """Return the method of an entry, and its group where there are groups."""
+    grouped = {each.group for each in entries} != {ALL}
+    return {"method": entry.method} | ({"group": entry.group} if grouped else {})
+
+
 def _overview(report: Report, tables: Mapping[Kind, Sequence[Summary]]) -> str:
     """Methods down; mean / median of every metric and unit, then the speed, across."""
-    cells: dict[str, dict[str, str]] = {}
+    timed = any(method.solving.milliseconds is not None for method in report.methods)
+    names = [s.method for summaries in tables.values() for s in summaries]
+    names += [method.name for method in report.methods if timed]
+    rows = {name: {"method": name} for name in names}
     for (metric, unit), summaries in tables.items():
         decimals = decimals_of(value for s in summaries for value in (s.mean, s.median))
-        for s in summaries:
-            both = f"{number(s.mean, decimals)} / {number(s.median, decimals)}"
-            cells.setdefault(s.method, {})[f"{metric} ({unit})"] = both
-    if any(method.solving.milliseconds is not None for method in report.methods):
-        for method in report.methods:
-            speed = dict(zip(_SPEED, _speed(method.solving), strict=True))
-            cells[method.name] = cells.get(method.name, {}) | speed
-    header = list(dict.fromkeys(name for row in cells.values() for name in row))
-    header.sort(key=lambda name: name in _SPEED)
-    rows = [[name, *(row.get(each, ABSENT) for each in header)] for name, row in cells.items()]
-    return markdown_table(["method", *header], rows)
+        both = {s.method: [number(v, decimals) for v in (s.mean, s.median)] for s in summaries}
+        for name, row in rows.items():
+            row[f"{metric} ({unit})"] = " / ".join(both.get(name, [ABSENT]))
+    if timed:
+        known = {method.name: method.solving for method in report.methods}
+        for name, row in rows.items():
+            row |= _speed(known.get(name, Solving()))
+    return _table(rows.values())
 
 
 def _errors_table(summaries: Sequence[Summary]) -> str:
     """Groups down, methods across: means."""
     means = {(s.group, s.method): s.mean for s in summaries}
-    methods = dict.fromkeys(method for _, method in means)
+    groups, methods = (dict.fromkeys(names) for names in zip(*means, strict=True))
     decimals = decimals_of(means.values())
-    rows = [
-        [group, *(number(means.get((group, method)), decimals) for method in methods)]
-        for group in dict.fromkeys(group for group, _ in means)
-    ]
-    return markdown_table(["", *methods], rows)
+    return _table(
+        {"": group} | {m: number(means.get((group, m)), decimals) for m in methods}
+        for group in groups
+    )
 
 
-def _exceptions(report: Report) -> list[str]:
-    """Sentences about the methods without error bars, and those without correlations."""
-    found = []
+def _error_bars(report: Report) -> list[str]:
+    """Return how true error bars are: by group, then by landmark; nothing where there are none."""
+    coverage, said = report.coverage, [_HOW_TO_READ_BARS]
+    if not coverage:
+        return []
     if report.without_bars:
-        found.append(f"Without error bars, and left out: {listed(report.without_bars, 'and')}.")
+        said.append(f"Without error bars, and left out: {listed(report.without_bars, 'and')}.")
     if report.parallel:
-        found.append(
+        said.append(
             f"The ellipsoids of {listed(report.parallel, 'and')} are parallel to the axes, as the "
             "results hold `shape_sd` without `shape_correlation`."
         )
-    return found
-
-
-def _bars_by_group(coverage: Sequence[Coverage]) -> str:
     whole = [c for c in coverage if c.landmark is None]
-    units = list(dict.fromkeys(unit for c in whole for unit in c.median_width))
-    decimals = {unit: decimals_of(c.median_width.get(unit) for c in whole) for unit in units}
-    header = ["landmarks", *_SHARES, *(f"median width ({unit})" for unit in units)]
-    rows = [
-        [
-            *(str(c.judged), *map(_share, c.inside)),
-            *(number(c.median_width.get(unit), decimals[unit]) for unit in units),
-        ]
+    units = dict.fromkeys(unit for c in whole for unit in c.median_width)
+    digits = {unit: decimals_of(c.median_width.get(unit) for c in whole) for unit in units}
+    by_group = _table(
+        {
+            **_place(c, whole),
+            "landmarks": str(c.judged),
+            **dict(zip(_SHARES, map(_share, c.inside), strict=True)),
+            **{f"median width ({u})": number(c.median_width.get(u), d) for u, d in digits.items()},
+        }
         for c in whole
-    ]
-    return _table_of_groups(whole, header, rows)
-
-
-def _bars_by_landmark(coverage: Sequence[Coverage]) -> list[str]:
-    """One table, landmarks down, methods and groups across."""
+    )
     single = {(c.method, c.group, c.landmark): c for c in coverage if c.landmark is not None}
-    columns = list(dict.fromkeys((method, group) for method, group, _ in single))
-    landmarks = list(dict.fromkeys(str(landmark) for *_, landmark in single))
     (unit, *_) = next(iter(single.values())).median_width
     decimals = decimals_of(c.median_width[unit] for c in single.values())
 
@@ -368,12 +368,14 @@ def _bars_by_landmark(coverage: Sequence[Coverage]) -> list[str]:
             return ABSENT
         return " / ".join([*map(_share, c.inside), number(c.median_width[unit], decimals)])
 
-    header = ["", *(m if g == ALL else f"{m}, {g}" for m, g in columns)]
-    rows = [
-        [name, *(cell(single.get((*column, name))) for column in columns)] for name in landmarks
-    ]
+    columns = list(dict.fromkeys((method, group) for method, group, _ in single))
+    by_landmark = _table(
+        {"": str(name)}
+        | {m if g == ALL else f"{m}, {g}": cell(single.get((m, g, name))) for m, g in columns}
+        for name in dict.fromkeys(name for *_, name in single)
+    )
     title = f"Landmark by landmark, {' / '.join(_SHARES)} / median width ({unit}):"
-    return [title, markdown_table(header, rows)]
+    return ["## Error bars", " ".join(said), by_group, title, by_landmark]
 
 
 def _kept_table(kept: Sequence[Kept]) -> str:
@@ -383,26 +385,18 @@ def _kept_table(kept: Sequence[Kept]) -> str:
         first.setdefault(k.method, (k.metric, k.unit))
     shown = [k for k in kept if first[k.method] == (k.metric, k.unit)]
     decimals = decimals_of(k.mean for k in shown)
-    header = ["metric", "images", "error", "kept", "error of the kept", "plausibility from"]
-    rows = [
-        [
-            *(f"{k.metric} ({k.unit})", str(k.images), number(k.mean, decimals)),
-            *(str(k.kept), number(k.mean_kept, decimals), f"{k.plausibility:.2g}"),
-        ]
+    return _table(
+        {
+            **_place(k, shown),
+            "metric": f"{k.metric} ({k.unit})",
+            "images": str(k.images),
+            "error": number(k.mean, decimals),
+            "kept": str(k.kept),
+            "error of the kept": number(k.mean_kept, decimals),
+            "plausibility from": f"{k.plausibility:.2g}",
+        }
         for k in shown
-    ]
-    return _table_of_groups(shown, header, rows)
-
-
-def _table_of_groups(
-    entries: Sequence[Coverage] | Sequence[Kept], header: list[str], rows: list[list[str]]
-) -> str:
-    """Put the method before each row, and the group where there are groups."""
-    grouped = {entry.group for entry in entries} != {ALL}
-    before = [[e.method, e.group] if grouped else [e.method] for e in entries]
-    names = ["method", "group"] if grouped else ["method"]
-    cells = [[*own, *row] for own, row in zip(before, rows, strict=True)]
-    return markdown_table([*names, *header], cells)
+    )
 
 
 def _failed_items(report: Report, most: int) -> list[str]:
@@ -419,25 +413,28 @@ def _failed_items(report: Report, most: int) -> list[str]:
 
 def _solving(report: Report) -> list[str]:
     """The table of what the fits report; empty for results that report nothing, as in CSV."""
-    told = [(method.name, method.solving) for method in report.methods]
-    if all(solving == Solving() for _, solving in told):
+    if all(method.solving == Solving() for method in report.methods):
         return []
-    decimals = decimals_of(s.mean_objective for _, s in told)
-    header = ["method", "mean objective", *_SPEED, "optimal or converged"]
-    rows = [
-        [name, number(s.mean_objective, decimals), *_speed(s), _cut_percent(s.solved)]
-        for name, s in told
-    ]
-    return ["## Solving", _HOW_TO_READ_SOLVING, markdown_table(header, rows)]
+    decimals = decimals_of(method.solving.mean_objective for method in report.methods)
+    table = _table(
+        {
+            "method": method.name,
+            "mean objective": number(method.solving.mean_objective, decimals),
+            **_speed(method.solving),
+            "optimal or converged": _cut_percent(method.solving.solved),
+        }
+        for method in report.methods
+    )
+    return ["## Solving", _HOW_TO_READ_SOLVING, table]
 
 
-def _speed(solving: Solving) -> list[str]:
-    """Cells of `_SPEED`; from 100 images per second on whole ones."""
-    rate = solving.images_per_second
-    return [
-        ABSENT if solving.milliseconds is None else f"{solving.milliseconds:.3g}",
-        ABSENT if rate is None else f"{rate:.0f}" if rate >= 100 else f"{rate:.3g}",
-    ]
+def _speed(solving: Solving) -> dict[str, str]:
+    """Cells of the speed; from 100 images per second on whole ones."""
+    time, rate = solving.milliseconds, solving.images_per_second
+    return {
+        "ms per image": ABSENT if time is None else f"{time:.3g}",
+        "images/s": ABSENT if rate is None else f"{rate:.0f}" if rate >= 100 else f"{rate:.3g}",
+    }
 
 
 def _cut_percent(share: float | None) -> str:

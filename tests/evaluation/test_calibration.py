@@ -78,14 +78,6 @@ def test_truth_drawn_from_the_error_bars_is_inside_as_often_as_they_say(rng):
         assert less < nominal - error - 0.01
 
 
-def test_without_correlations_ellipsoids_are_parallel_to_the_axes(rng):
-    estimate, C, truth = draw(rng, 5, 6, 0.2)
-    sd, correlation = deviations_of(C)
-    parallel = find_levels(estimate, truth, sd, np.zeros_like(correlation))
-    np.testing.assert_allclose(find_levels(estimate, truth, sd, None), parallel)
-    assert not np.allclose(parallel[0], find_levels(estimate, truth, sd, correlation)[0])
-
-
 def test_what_is_not_known_is_left_out(rng):
     estimate, C, truth = draw(rng, 4, 6, 0.2)
     truth[0, :, 2] = np.nan

@@ -68,16 +68,6 @@ def test_names_cannot_break_the_table(image_errors, groups):
     assert "a\\|b" in markdown(Report((), summaries))
 
 
-@pytest.mark.parametrize(
-    ("value", "printed"),
-    [(0.2594, "0.259"), (1.25, "1.250"), (40.26, "40.3"), (0.00123, "0.00123"), (0.0, "0.000")],
-)
-def test_digits_suit_the_size_of_the_numbers(image_errors, value, printed):
-    summaries = summarise(image_errors(values=(value,) * 4), {"Subject 14": ("14_01",)})
-    text = markdown(Report((), tuple(summaries)))
-    assert cells(text, "similarity (normalised)")[1] == ["Subject 14", printed]
-
-
 class TestWithoutGroups:
     """One table: methods down, mean / median of all metrics across."""
 

@@ -1,12 +1,10 @@
 """Sums over sequences and groups, computed by hand."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from shapefit.evaluation.report import Run, Solving, sum_up_runs
-from shapefit.evaluation.summaries import ImageErrors, group_sequences, join_errors, summarise
+from shapefit.evaluation.summaries import ImageErrors, group_sequences, summarise
 
 NAN = float("nan")
 
@@ -57,37 +55,9 @@ def test_groups_take_their_sequences_by_glob_in_order_of_appearance():
     assert warnings == ["group none: no sequence matches '15_*'"]
 
 
-def test_without_groups_all_sequences_are_in_one():
-    assert group_sequences({}, ["b", "a", "b"]) == ({"all": ("b", "a")}, [])
-
-
 def test_groups_and_sequences_without_an_image_are_left_out():
     rows = summarise(errors(a=[1]), {"one": ("a", "elsewhere"), "none": ("elsewhere",)})
     assert [(row.group, row.sequence) for row in rows] == [("one", None), ("one", "a")]
-
-
-def test_errors_of_files_are_joined_by_kind(rng):
-    values, names = rng.standard_normal(60), [f"s{i}" for i in rng.integers(0, 4, 60)]
-    items = [f"i{i}" for i in range(60)]
-    trust = rng.random(60)
-    whole = ImageErrors("m", "similarity", "m", items, tuple(names), values, trust)
-    parts = [whole.take(np.arange(start, stop)) for start, stop in ((0, 7), (7, 8), (8, 60))]
-    (joined,) = join_errors(parts)
-    assert joined.items == items
-    assert [joined.sequences.names[code] for code in joined.sequences.codes] == names
-    np.testing.assert_array_equal(joined.values, values)
-    np.testing.assert_array_equal(joined.plausibility, trust)
-    grouping = {"all": ("s0", "s1", "s2", "s3")}
-    assert summarise(joined, grouping) == summarise(whole, grouping)
-
-
-def test_a_file_without_plausibilities_leaves_those_of_the_others():
-    known = errors(a=[1, 2])
-    told = replace(known, plausibility=np.array([0.2, 0.8]))
-    (joined,) = join_errors([told, known])
-    np.testing.assert_array_equal(joined.plausibility, [0.2, 0.8, NAN, NAN])
-    (joined,) = join_errors([known, known])
-    assert joined.plausibility is None
 
 
 def test_each_image_weighs_the_same():
@@ -106,10 +76,3 @@ def test_without_a_known_objective_there_is_no_mean():
     for objective in (np.nan, np.inf, 1e300):
         run = Run(1, np.array([objective]), 0, 0.5)
         assert sum_up_runs([run]) == Solving(None, 500.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    ("milliseconds", "rate"), [(0.25, 4000.0), (80.0, 12.5), (0.0, None), (None, None)]
-)
-def test_the_rate_is_the_inverse_of_the_time_of_an_image(milliseconds, rate):
-    assert Solving(milliseconds=milliseconds).images_per_second == rate

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import json
 
 import numpy as np
 import pytest
@@ -22,34 +21,6 @@ def write_table(path, columns, rows):
     path.write_text(report_tables.table_text(columns, rows), newline="", encoding="utf-8")
 
 
-def rows_of(path):
-    with path.open(newline="", encoding="utf-8") as file:
-        return list(csv.reader(file))
-
-
-def test_per_image_lists_every_image_the_failed_one_without_error(tmp_path, errors):
-    write_per_image(tmp_path / "per_image.csv", errors)
-    header, *rows = rows_of(tmp_path / "per_image.csv")
-    assert header == ["method", "sequence", "item", "metric", "error", "unit"]
-    assert rows[0] == ["convex", "13_01", "a", "similarity", "0.1", "normalised"]
-    assert rows[3] == ["convex", "14_01", "d", "similarity", "", "normalised"]
-    assert len(rows) == 8
-
-
-def test_report_csv_has_group_rows_without_sequence(tmp_path, report):
-    (tmp_path / "report.csv").write_text(report_tables.write_tables(report)["report.csv"])
-    header, *rows = rows_of(tmp_path / "report.csv")
-    expected = "method,metric,group,sequence,images,mean,median,p90,unit"
-    assert ",".join(header) == expected
-    by_place = {(row[0], row[2], row[3]): dict(zip(header, row, strict=True)) for row in rows}
-    group = by_place["convex", "Subject 13", ""]
-    assert float(group["mean"]) == pytest.approx((0.15 + 0.35) / 2)
-    assert (group["images"], group["unit"]) == ("3", "normalised")
-    assert float(by_place["convex", "Subject 13", "13_01"]["p90"]) == pytest.approx(0.19)
-    failed = by_place["convex", "Subject 14", ""]
-    assert (failed["images"], failed["mean"]) == ("0", "")
-
-
 def test_names_and_errors_are_written_as_by_the_library(tmp_path):
     """Names in quotes where they need them, of an image and a sequence without one nothing."""
     names = ("a,b", 'c"d', "e\nf", "g\rh", " i ", "", "ü", "plain")
@@ -66,15 +37,6 @@ def test_names_and_errors_are_written_as_by_the_library(tmp_path):
         csv.writer(lines[-1]).writerow(row)
     expected = "".join(line.getvalue().removesuffix("\r\n") + "\n" for line in lines)
     assert (tmp_path / "per_image.csv").read_bytes() == expected.encode()
-
-
-def test_json_counts_and_lists_failures(report):
-    document = json.loads(report_tables.report_json(report))
-    convex, admm = document["methods"]
-    assert (convex["images"], convex["failed"], admm["failed"]) == (4, 1, 0)
-    assert convex["failures"] == [{"item": "d", "reason": "no estimate"}]
-    failed = next(s for s in document["summaries"] if s["sequence"] == "14_01")
-    assert (failed["mean"], failed["failed"]) == (None, 1)
 
 
 def test_numbers_have_all_their_digits_and_nan_is_empty(tmp_path):

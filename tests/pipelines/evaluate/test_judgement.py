@@ -227,20 +227,10 @@ class TestSequences:
 
 
 class TestInputErrors:
-    def test_no_item_matches(self, fields, truth):
-        fields["items"] = tuple("uvwxyz")
-        with pytest.raises(InputError, match=r"convex.h5: none of its 6 images.*'u'.*'item0'"):
-            judged(fields, truth)
-
     def test_too_few_landmarks_match(self, fields, truth):
         fields["landmark_names"] = ("head", "left", "x", "y", "z")
         with pytest.raises(InputError, match=r"has 2 of its landmarks.*at least 3"):
             judged(fields, truth)
-
-    def test_unknown_dataset_to_match_by(self, fields, truth):
-        fields["columns"]["model"] = np.array(truth.items, dtype=object)
-        with pytest.raises(InputError, match=r"'true_model' .*`match` to one of: item, model$"):
-            judged(fields, truth, "true_model")
 
     @pytest.mark.parametrize("name", ["true_rotation", "landmarks", "bounding_box"])
     def test_dataset_of_wrong_shape(self, fields, truth, name):

@@ -58,25 +58,6 @@ def test_failed_items_are_counted_listed_and_left_out(desk, truth, results):
     assert [row["error"] for row in failed] == [""] * 7
 
 
-def test_several_methods_side_by_side(desk, results):
-    desk.write("worse.h5", results.replaced(shapes=-results.shapes))
-    methods = {"good": [desk.folder / "convex.h5"], "mirrored": [desk.folder / "worse.h5"]}
-    outcomes = desk.run(results=methods)
-    assert [outcome.note for outcome in outcomes[:-1]] == ["good", "mirrored"]
-    labels = {"metric": "similarity", "unit": "m", "group": "Subject 14", "sequence": ""}
-    good, mirrored = (float(desk.row(**labels, method=m)["mean"]) for m in methods)
-    assert good < mirrored
-
-
-def test_csv_results_are_judged_by_shape_alone(desk, results):
-    desk.write("table.csv", results)
-    judged, last = desk.run(results=[desk.folder / "table.csv"])
-    assert len(judged.warnings) == 3
-    assert all(warning in last.note for warning in judged.warnings)
-    metrics_left = {row["metric"] for row in desk.rows()}
-    assert metrics_left == {"similarity"}
-
-
 def test_without_groups_and_sequences_all_is_one(desk, truth, results):
     write_shapes(desk.folder / "truth.h5", truth.replaced(sequences=None))
     desk.write("convex.h5", results.replaced(sequences=None))
@@ -199,18 +180,6 @@ class TestInputErrors:
         with pytest.raises(InputError, match=r"groups: no sequence matches.*13_01, 13_02, 14_01"):
             desk.run(groups={"Subject 15": "15_*"})
         assert not desk.config.output.exists()
-
-    def test_results_of_other_items(self, desk, results):
-        desk.write("convex.h5", results.replaced(items=tuple("abcdefg")))
-        with pytest.raises(InputError, match="none of its 7 images is in the truth"):
-            desk.run()
-        assert not desk.config.output.exists()
-
-    def test_output_is_a_file(self, desk):
-        (desk.folder / "report").write_text("kept")
-        with pytest.raises(InputError, match="report: it is not a folder"):
-            desk.begin()
-        assert (desk.folder / "report").read_text() == "kept"
 
 
 @pytest.mark.parametrize("seconds", [float("nan"), float("inf"), -1.0, "soon"])

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
-import trimesh
 
-from shapefit.config import LearnDictConfig
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import ShapeSet, read_dictionary, read_shapes, write_shapes
-from shapefit.pipelines.learn_dict import run as learn_dict
+from shapefit.io import ShapeSet
 from tests.pipelines.told import warnings
 
 FACES = np.array([(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
@@ -33,19 +30,7 @@ def models(rng):
     )
 
 
-@pytest.fixture
-def make(tmp_path, models):
-    """Return the function that makes a dictionary of the models, or of others."""
-
-    def run(shapes=models, **keys):
-        path = tmp_path / "models.h5"
-        write_shapes(path, shapes)
-        settings = {"method": "exemplars"} | keys
-        config = LearnDictConfig(shapes=str(path), output=str(tmp_path / "dict.h5"), **settings)
-        outcomes = list(learn_dict.run(config))
-        return read_dictionary(config.output), outcomes
-
-    return run
+EXEMPLARS = {"method": "exemplars"}
 
 
 def metric(dictionary, points):
@@ -53,7 +38,7 @@ def metric(dictionary, points):
 
 
 def test_every_normalised_model_is_an_atom(make, models):
-    dictionary, outcomes = make(align="none")
+    dictionary, outcomes = make(models, align="none", **EXEMPLARS)
     normalised = normalise(models.shapes)
     np.testing.assert_array_equal(dictionary.atoms, normalised.points)
     np.testing.assert_array_equal(dictionary.atom_scale, normalised.scale)
@@ -68,7 +53,7 @@ def test_every_normalised_model_is_an_atom(make, models):
 
 
 def test_the_scale_gives_the_models_back_with_their_meshes(make, models):
-    dictionary, _ = make(align="none")
+    dictionary, _ = make(models, align="none", **EXEMPLARS)
     middle = models.shapes.mean(axis=2, keepdims=True)
     np.testing.assert_allclose(metric(dictionary, dictionary.atoms) + middle, models.shapes)
     found = metric(dictionary, dictionary.mesh_vertices) + middle
@@ -77,7 +62,7 @@ def test_the_scale_gives_the_models_back_with_their_meshes(make, models):
 
 
 def test_models_are_turned_onto_each_other_with_their_meshes(make, models):
-    dictionary, _ = make(align="all")
+    dictionary, _ = make(models, align="all", **EXEMPLARS)
     alignment = generalised_procrustes(normalise(models.shapes).points)
     np.testing.assert_array_equal(dictionary.atoms, alignment.shapes)
     assert np.abs(alignment.rotations - np.eye(3)).max() > 0.5
@@ -87,8 +72,8 @@ def test_models_are_turned_onto_each_other_with_their_meshes(make, models):
 
 
 def test_the_dictionary_without_a_model_is_that_of_the_others(make, models, same_dictionary):
-    whole, _ = make(align="none")
-    others, _ = make(models.take([0, 1, 2, 3, 5, 6, 7, 8]), align="none")
+    whole, _ = make(models, align="none", **EXEMPLARS)
+    others, _ = make(models.take([0, 1, 2, 3, 5, 6, 7, 8]), align="none", **EXEMPLARS)
     same_dictionary(whole.without("model4"), others)
 
 
@@ -100,22 +85,3 @@ def same_dictionary():
             np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-12)
 
     return check
-
-
-@pytest.mark.real_data
-def test_the_real_cars_stay_in_their_frame_and_their_meshes_closed(real_data, tmp_path):
-    cars = real_data / "cars" / "models.h5"
-    config = LearnDictConfig(
-        shapes=str(cars), output=str(tmp_path / "dict.h5"), method="exemplars", align="none"
-    )
-    list(learn_dict.run(config))
-    dictionary, models = read_dictionary(config.output), read_shapes([cars])
-    assert (dictionary.k, dictionary.unit, dictionary.atom_items) == (34, "m", models.items)
-    middle = models.shapes.mean(axis=2, keepdims=True)
-    vertices = metric(dictionary, dictionary.mesh_vertices) + middle
-    np.testing.assert_allclose(vertices, models.mesh_vertices, atol=1e-9)
-    for found in vertices:
-        mesh = trimesh.Trimesh(found.T, dictionary.mesh_faces, process=False)
-        assert mesh.is_watertight
-        assert mesh.is_winding_consistent
-        assert mesh.volume > 0

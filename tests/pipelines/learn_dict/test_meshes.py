@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from shapefit.config import LearnDictConfig
 from shapefit.dictionary.learning import learn
 from shapefit.geometry.normalisation import normalise, spread
 from shapefit.geometry.procrustes import generalised_procrustes
-from shapefit.io import ShapeSet, read_dictionary, read_shapes, write_shapes
+from shapefit.io import ShapeSet, read_shapes
 from shapefit.meshes.dense import carry_mesh, mesh_of_atoms
 from shapefit.pipelines.learn_dict import from_3d
-from shapefit.pipelines.learn_dict import run as learn_dict
+from tests.pipelines.told import warnings
 
 FACES = np.array([(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
 
@@ -34,30 +33,22 @@ def models(rng):
     )
 
 
-def make(folder, models, **keys):
-    path = folder / "models.h5"
-    write_shapes(path, models)
-    settings = {"k": 4, "iterations": 5} if keys.get("method") != "pca-bases" else {}
-    settings |= keys
-    config = LearnDictConfig(shapes=str(path), output=str(folder / "dict.h5"), **settings)
-    outcomes = list(learn_dict.run(config))
-    warnings = [warning for outcome in outcomes for warning in outcome.warnings]
-    return read_dictionary(config.output), warnings
+LEARNED = {"k": 4, "iterations": 5}
 
 
-def test_vertices_go_where_the_landmarks_go_on_which_they_lie(tmp_path, models):
+def test_vertices_go_where_the_landmarks_go_on_which_they_lie(make, models):
     for align in ("all", "none", ["a", "b", "c"]):
-        dictionary, warnings = make(tmp_path, models, align=align)
-        assert warnings == []
+        dictionary, outcomes = make(models, align=align, **LEARNED)
+        assert warnings(outcomes) == []
         np.testing.assert_allclose(
             dictionary.mesh_vertices, dictionary.atoms[:, :, :4], rtol=0, atol=1e-12
         )
         np.testing.assert_array_equal(dictionary.mesh_faces, FACES)
 
 
-def test_meshes_mixed_otherwise_follow_the_mixture(tmp_path, models, rng):
+def test_meshes_mixed_otherwise_follow_the_mixture(make, models, rng):
     meshes = rng.standard_normal((12, 3, 7))
-    dictionary, _ = make(tmp_path, models.replaced(mesh_vertices=meshes))
+    dictionary, _ = make(models.replaced(mesh_vertices=meshes), **LEARNED)
     normalised = normalise(models.shapes)
     alignment = generalised_procrustes(normalised.points)
     carried = carry_mesh(meshes, normalised, alignment.rotations)
@@ -65,8 +56,8 @@ def test_meshes_mixed_otherwise_follow_the_mixture(tmp_path, models, rng):
     np.testing.assert_array_equal(dictionary.mesh_vertices, expected)
 
 
-def test_learned_atoms_have_sizes_in_the_unit_of_the_shapes(tmp_path, models):
-    dictionary, _ = make(tmp_path, models)
+def test_learned_atoms_have_sizes_in_the_unit_of_the_shapes(make, models):
+    dictionary, _ = make(models, **LEARNED)
     assert dictionary.unit == "m"
     assert dictionary.atom_items is None
     normalised = normalise(models.shapes)
@@ -74,11 +65,11 @@ def test_learned_atoms_have_sizes_in_the_unit_of_the_shapes(tmp_path, models):
     grown = dictionary.atom_scale * spread(dictionary.atoms)
     share = learned.coefficients / learned.coefficients.sum(axis=0)
     np.testing.assert_allclose(grown, share.T @ normalised.scale, rtol=1e-12)
-    larger, _ = make(tmp_path, models.replaced(shapes=1000 * models.shapes))
+    larger, _ = make(models.replaced(shapes=1000 * models.shapes), **LEARNED)
     np.testing.assert_allclose(larger.atom_scale, 1000 * dictionary.atom_scale, rtol=1e-9)
 
 
-def test_an_atom_that_is_no_mixture_leaves_the_meshes_out(tmp_path, models, monkeypatch):
+def test_an_atom_that_is_no_mixture_leaves_the_meshes_out(make, models, monkeypatch):
     def learn_elsewhere(shapes, *settings, **options):
         *_, learned = learn(shapes, *settings, **options)
         bent = learned.atoms + 0.1 * np.sin(np.arange(15)).reshape(3, 5)
@@ -86,18 +77,18 @@ def test_an_atom_that_is_no_mixture_leaves_the_meshes_out(tmp_path, models, monk
 
     monkeypatch.setattr(from_3d, "learn", learn_elsewhere)
     few = models.take([0, 1, 2, 3])
-    dictionary, warnings = make(tmp_path, few)
-    assert warnings == [
+    dictionary, outcomes = make(few, **LEARNED)
+    assert warnings(outcomes) == [
         "the meshes are left out: an atom is not a linear combination of the training shapes"
     ]
     assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
 
 
 @pytest.mark.real_data
-def test_learned_real_cars_are_closed_meshes_of_car_size(real_data, tmp_path):
+def test_learned_real_cars_are_closed_meshes_of_car_size(make, real_data):
     models = read_shapes([real_data / "cars" / "models.h5"])
-    dictionary, warnings = make(tmp_path, models, k=8, align="none")
-    assert not any("mesh" in warning for warning in warnings)
+    dictionary, outcomes = make(models, k=8, iterations=5, align="none")
+    assert not any("mesh" in warning for warning in warnings(outcomes))
     assert dictionary.mesh_vertices.shape == (8, 3, 1352)
     lengths = np.ptp(models.mesh_vertices[:, 2], axis=-1)
     for vertices, scale in zip(dictionary.mesh_vertices, dictionary.atom_scale, strict=True):
@@ -107,14 +98,3 @@ def test_learned_real_cars_are_closed_meshes_of_car_size(real_data, tmp_path):
         assert mesh.volume > 0
         assert np.isfinite(mesh.vertices).all()
         assert 0.8 * lengths.min() < mesh.extents[2] < 1.2 * lengths.max()
-
-
-@pytest.mark.real_data
-def test_fg3dcar_learns_with_edges_alone(real_data, tmp_path):
-    wires = read_shapes([real_data / "cars" / "fg3dcar_shapes.h5"])
-    dictionary, warnings = make(tmp_path, wires, k=8)
-    assert not any("mesh" in warning for warning in warnings)
-    assert dictionary.atoms.shape == (8, 3, 256)
-    assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
-    np.testing.assert_array_equal(dictionary.edges, wires.edges)
-    assert (dictionary.atom_scale > 0).all()

@@ -5,8 +5,7 @@ import pytest
 
 from shapefit.config import LearnDictConfig
 from shapefit.errors import InputError
-from shapefit.io import read_dictionary, read_shapes, write_shapes
-from shapefit.io.records import ShapeSet
+from shapefit.io import read_dictionary
 from shapefit.pipelines.learn_dict.run import run
 from tests.pipelines.told import texts
 
@@ -53,22 +52,6 @@ def test_files_without_a_landmark_that_is_mostly_known(tmp_path, rng):
         learn(trc(tmp_path / "walk.trc", points[:0]), tmp_path / "d.h5")
 
 
-def test_the_dictionary_is_that_of_the_same_shapes_in_our_format(tmp_path, rng):
-    points = np.round(rng.normal(size=(30, 5, 3)), 6)
-    other, _ = learn(trc(tmp_path / "walk.trc", points), tmp_path / "d.h5", k=6, iterations=3)
-    shapes = ShapeSet(
-        shapes=points.swapaxes(1, 2),
-        landmark_names=tuple(f"m{j}" for j in range(5)),
-        items=tuple(f"walk/{i}" for i in range(30)),
-        sequences=("walk",) * 30,
-        unit="m",
-        frame_rate=50.0,
-    )
-    write_shapes(tmp_path / "own.h5", shapes)
-    own, _ = learn(tmp_path / "own.h5", tmp_path / "e.h5", k=6, iterations=3)
-    np.testing.assert_allclose(other.atoms, own.atoms, atol=1e-6)
-
-
 @pytest.mark.real_data
 def test_a_real_c3d_is_one_command(tmp_path, real_data):
     """A walking animal: four points that were never seen are left out."""
@@ -79,13 +62,3 @@ def test_a_real_c3d_is_one_command(tmp_path, real_data):
     assert not any(name.startswith("*") for name in dictionary.landmark_names)
     assert any("*12" in text for text in warnings)
     assert np.isfinite(dictionary.atoms).all()
-
-
-@pytest.mark.real_data
-def test_a_real_deeplabcut_3d_file_is_one_command(tmp_path, real_data):
-    path = real_data / "formats/dlc/reachingDEMO_3D.h5"
-    dictionary, warnings = learn(path, tmp_path / "d.h5", k=16, iterations=3)
-    whole = read_shapes([path])
-    assert dictionary.landmark_names == whole.landmark_names
-    assert np.isfinite(dictionary.atoms).all()
-    assert all("left out" in text for text in warnings)

@@ -10,7 +10,6 @@ import pytest
 
 from shapefit import __version__
 from shapefit.config import LearnDictConfig
-from shapefit.config.commands.learn_dict import PriorConfig
 from shapefit.dictionary.learning import learn, principal_components
 from shapefit.dictionary.model import origin_of
 from shapefit.errors import InputError
@@ -21,7 +20,6 @@ from shapefit.io import ShapeSet, digest, read_dictionary, read_shapes, write_sh
 from shapefit.io.source import Source
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.learn_dict import training_shapes
-from shapefit.pipelines.learn_dict.from_3d import number_of_copies
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
 from shapefit.pipelines.outcome import Note
 from tests.pipelines.told import failures, warnings
@@ -217,37 +215,18 @@ class TestFailures:
         assert failures(outcomes) == dict.fromkeys(("item4", "item7"), "a coordinate is not finite")
         assert np.isfinite(dictionary.atoms).all()
 
-    def test_shapes_that_are_not_kept_cannot_fail(self, config, shapes):
-        points = shapes.shapes.copy()
-        points[4] = 0
-        outcomes, _ = learned(config(shapes.replaced(shapes=points), every=3))
-        assert failures(outcomes) == {}
-
 
 class TestRefusals:
-    def test_more_atoms_than_shapes(self, config):
-        with pytest.raises(InputError, match=r"k: 31 atoms .* 30 shapes .*; lower k"):
-            list(learn_dict.run(config(k=31)))
-
     def test_failed_shapes_do_not_count(self, config, shapes):
         points = shapes.shapes.copy()
         points[4] = 0
         with pytest.raises(InputError, match="29 shapes"):
             list(learn_dict.run(config(shapes.replaced(shapes=points), k=30)))
 
-    def test_no_shapes(self, config, shapes):
-        with pytest.raises(InputError, match="0 shapes"):
-            list(learn_dict.run(config(shapes.take([]), k=1)))
-
     def test_no_shape_that_can_be_used(self, config, shapes):
         points = np.repeat(shapes.shapes[:, :, :1], shapes.shapes.shape[2], axis=2)
         with pytest.raises(InputError, match=r"0 shapes.*; item0, for one: all its landmarks are"):
             list(learn_dict.run(config(shapes.replaced(shapes=points), k=1)))
-
-    def test_an_output_folder_that_cannot_be_made_is_seen_before_any_work(self, config, tmp_path):
-        (tmp_path / "none").touch()
-        with pytest.raises(InputError, match="none is not a folder"):
-            next(learn_dict.run(config(output=str(tmp_path / "none" / "dict.h5"))))
 
     def test_a_refusal_leaves_the_old_dictionary(self, config):
         made = config()
@@ -274,17 +253,3 @@ def test_the_protocol_on_motion_capture(real_data: Path, tmp_path):
     first = read_shapes(config.shapes).shapes[0]
     first = normalise(first).points
     np.testing.assert_allclose(rotation_onto(first, dictionary.mean_shape), np.eye(3), atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("number", "keys", "copies"),
-    [
-        (100, {"stretch": 0.15}, 15),
-        (6712, {"exchange": 0.5}, 2),
-        (1, {"stretch": 0.1}, 100),
-        (100, {}, 1),
-        (100, {"stretch": 0.1, "copies": 4}, 4),
-    ],
-)
-def test_few_shapes_are_varied_more_often(number, keys, copies):
-    assert number_of_copies(number, PriorConfig(**keys)) == copies

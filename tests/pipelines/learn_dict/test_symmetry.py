@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 
-from shapefit.config import LearnDictConfig
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import mirror
-from shapefit.io import ShapeSet, read_dictionary, write_shapes
-from shapefit.pipelines.learn_dict import run as learn_dict
+from shapefit.io import ShapeSet
 
 PARTNERS = np.array([1, 0, 3, 2, 4])
 
@@ -29,23 +27,11 @@ def shapes(rng):
     )
 
 
-@pytest.fixture
-def make(tmp_path, shapes):
-    """Return the function that makes a dictionary of the shapes, or of others."""
-
-    def run(given=shapes, **keys):
-        path = tmp_path / "faces.h5"
-        write_shapes(path, given)
-        settings = {"method": "exemplars", "align": "none"} | keys
-        config = LearnDictConfig(shapes=str(path), output=str(tmp_path / "dict.h5"), **settings)
-        outcomes = list(learn_dict.run(config))
-        return read_dictionary(config.output), outcomes
-
-    return run
+PLAIN = {"method": "exemplars", "align": "none"}
 
 
 def test_doubled_atoms_are_the_shapes_and_their_mirror_images(make, shapes):
-    dictionary, outcomes = make(symmetry="double")
+    dictionary, outcomes = make(shapes, symmetry="double", **PLAIN)
     plain = normalise(shapes.shapes).points
     np.testing.assert_array_equal(dictionary.atoms[:6], plain)
     np.testing.assert_allclose(dictionary.atoms[6:], mirror(plain, PARTNERS, 2), atol=1e-14)
@@ -57,8 +43,8 @@ def test_doubled_atoms_are_the_shapes_and_their_mirror_images(make, shapes):
 
 
 def test_leaving_out_a_model_leaves_out_its_mirror_image(make, shapes):
-    dictionary, _ = make(symmetry="double")
-    rest, _ = make(shapes.take([0, 1, 3, 4, 5]), symmetry="double")
+    dictionary, _ = make(shapes, symmetry="double", **PLAIN)
+    rest, _ = make(shapes.take([0, 1, 3, 4, 5]), symmetry="double", **PLAIN)
     left = dictionary.without("face2")
     np.testing.assert_allclose(left.atoms, rest.atoms, atol=1e-14)
     assert left.atom_items == rest.atom_items
@@ -67,7 +53,7 @@ def test_leaving_out_a_model_leaves_out_its_mirror_image(make, shapes):
 
 def test_learned_atoms_come_from_doubled_shapes(make, shapes):
     keys = {"method": "sparse-coding", "align": "all", "iterations": 3, "k": 12}
-    dictionary, _ = make(symmetry="double", **keys)
+    dictionary, _ = make(shapes, symmetry="double", **keys)
     assert dictionary.k == 12
     both = np.concatenate([shapes.shapes, mirror(shapes.shapes, PARTNERS, 2)])
     items = tuple(f"face{i}" for i in range(12))
@@ -75,25 +61,25 @@ def test_learned_atoms_come_from_doubled_shapes(make, shapes):
     expected, _ = make(given, **keys)
     np.testing.assert_allclose(dictionary.atoms, expected.atoms, atol=1e-12)
     with pytest.raises(InputError, match="12 atoms are more than the 6 shapes"):
-        make(**keys)
+        make(shapes, **keys)
 
 
 def test_meshes_are_left_out_and_a_warning_says_why(make, shapes, rng):
     meshed = shapes.replaced(
         mesh_vertices=rng.normal(size=(6, 3, 4)), mesh_faces=np.array([[0, 1, 2]])
     )
-    dictionary, outcomes = make(meshed, symmetry="double")
+    dictionary, outcomes = make(meshed, symmetry="double", **PLAIN)
     assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
     (warning,) = outcomes[0].warnings
     assert warning.startswith("the meshes are left out: `symmetry` mirrors landmarks")
-    dictionary, outcomes = make(meshed)
+    dictionary, outcomes = make(meshed, **PLAIN)
     assert outcomes[0].warnings == ()
     assert dictionary.mesh_vertices.shape == (6, 3, 4)
 
 
 def test_shapes_without_pairs_are_refused(make, shapes):
     with pytest.raises(InputError, match=r"has no dataset `mirror_index`; give `mirror`"):
-        make(shapes.replaced(further={}), symmetry="double")
+        make(shapes.replaced(further={}), symmetry="double", **PLAIN)
 
 
 @pytest.mark.parametrize(
@@ -103,5 +89,5 @@ def test_shapes_without_pairs_are_refused(make, shapes):
 )
 def test_an_index_that_pairs_nothing_is_refused(make, shapes, index):
     broken = shapes.replaced(further={"mirror_index": np.array(index)})
-    with pytest.raises(InputError, match=r"faces\.h5:/mirror_index: does not pair the landmarks; "):
-        make(broken, symmetry="double")
+    with pytest.raises(InputError, match=r"/mirror_index: does not pair the landmarks; "):
+        make(broken, symmetry="double", **PLAIN)

@@ -287,6 +287,61 @@ def test_what_needs_no_solver_is_checked(fitted, changed, verify, dictionaries, 
         assert verify(lied, dictionaries[kind]).failures
 
 
+def of_tree(name, change):
+    """Return the lie that changes a dataset of the tree of the first image."""
+
+    def lie(file):
+        values = file[name][()]
+        change(values, file["tree_vertices"][0])
+        file[name][...] = values
+
+    return lie
+
+
+def split_at(cell):
+    def change(splits, _):
+        splits[cell] = 5 if splits[cell] != 5 else 4
+        splits[cell + 1] = -1
+
+    return change
+
+
+def at(row, other):
+    def change(values, _):
+        values[row] = other(values[row])
+
+    return change
+
+
+def reverse_first(values, count):
+    values[:count] = values[:count][::-1].copy()
+
+
+TREES = {
+    "split": ("the cells hold", of_tree("tree_splits", split_at(0))),
+    "root": ("the cells hold", of_tree("tree_rotations", at(4, lambda q: q[[1, 2, 3, 0]] + 0.1))),
+    "middle": ("the cells hold", of_tree("tree_rotations", at(61, lambda q: q + 1e-9))),
+    "exchange": ("the multipliers are feasible", of_tree("tree_multipliers", reverse_first)),
+    "sign": ("the multipliers have the value", of_tree("tree_multipliers", at(7, lambda Y: -Y))),
+    "scale": ("the multipliers are feasible",
+              of_tree("tree_multipliers", at(slice(60), lambda Y: 1.2 * Y))),
+    "bound": ("the multipliers have the value",
+              lambda file: file["relative_gap"].__setitem__(0, 0.9 * file["relative_gap"][0])),
+    "balance": ("the multipliers are balanced",
+                of_tree("tree_multipliers", at(3, lambda Y: Y + 1e-6))),
+}  # fmt: skip
+"""A way to spoil the tree of a global optimum -> the claim that does not hold, and the lie."""
+
+
+@pytest.mark.parametrize("way", TREES)
+def test_a_spoiled_tree_is_found(fitted, changed, verify, dictionaries, item_of, way):
+    (claim, lie), (kind, keys) = TREES[way], CASES["global"]
+    honest = fitted(kind, **keys)
+    found = verify(changed(honest, lie), dictionaries["people"])
+    assert item_of(honest, 0) in found.failures
+    assert f"| {claim}" in "\n".join(x for x in found.note.splitlines() if "| 0 |" not in x)
+
+
 def test_no_images_prove_nothing(fitted, verify, dictionaries, tmp_path):
     from shapefit.io import read_results, result_writer
 
