@@ -51,7 +51,7 @@ SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
 demo: $(RUNS)
 	$(SHAPEFIT) fit sample_data/openpose -d people --set keypoints=body_25 \
-	    --set sequences.frame_rate=25 -o results/demo/walk.h5
+	    --set frame_rate=25 -o results/demo/walk.h5
 	$(SHAPEFIT) view results/demo/walk.h5 -o results/demo/walk.html
 	$(call chain,demo)
 	$(SHAPEFIT) learn-dict -c configs/demo/cars/learn-dict.yaml

@@ -45,19 +45,12 @@ COMMAND_LINE, STANDARD_INPUT = "command line", "standard input"
 MOST_BYTES = 1 << 20
 """Of a config: beyond that it is something else."""
 
-INPUT = "input"
-
-SHORT = (
-    "keypoints",
-    "individual",
-    "track",
-    "likelihood_below",
-    "rename",
-    "image_size",
-    "y_axis",
-    "landmarks",
-)
-"""Keys of the section `input` that may be given beside it, in short."""
+SHORT: Mapping[str, str] = {
+    **dict.fromkeys("keypoints individual track likelihood_below rename".split(), "input"),
+    **dict.fromkeys("image_size y_axis landmarks".split(), "input"),
+    "frame_rate": "sequences",
+}
+"""Keys of sections that may be given beside these, in short."""
 
 PRESET, FILE, OPTION = range(3)
 """Who set a value: an installed config, a file, the command line."""
@@ -130,8 +123,8 @@ class Settings:
     def __init__(self, model: type[ConfigModel], place: str = COMMAND_LINE) -> None:
         self.path_keys = marked_keys(model, PathWords)
         self.data_keys = marked_keys(model, PathWords, OfTheData)
-        self._short = {key for key in SHORT if key not in field_keys(model)}
-        self._short = self._short if INPUT in field_keys(model) else set()
+        own = field_keys(model)
+        self._short = {key for key, within in SHORT.items() if key not in own and within in own}
         self.values: dict[str, Any] = {}
         self.problems: list[str] = []
         self.readable = True
@@ -192,7 +185,7 @@ class Settings:
 
     def set(self, keys: tuple[str, ...], value: Any, places: Mapping[Location, Place]) -> None:
         """Put a value in; `places` says where it stands, and what is in it."""
-        keys = (INPUT, *keys) if keys[0] in self._short else keys
+        keys = (SHORT[keys[0]], *keys) if keys[0] in self._short else keys
         *parents, last = keys
         mapping = self.values
         for depth, key in enumerate(parents, start=1):

@@ -318,3 +318,13 @@ def test_the_defaults_of_a_section_are_valid(field):
     default = field.get_default(call_default_factory=True)
     assert default == field.annotation.model_validate({})
     assert default.model_dump() == field.annotation().model_dump()
+
+
+@pytest.mark.parametrize("option", ["frame_rate=25", "sequences.frame_rate=25"])
+def test_a_key_of_a_section_in_short(option, tmp_path):
+    (tmp_path / "a.csv").touch()
+    (tmp_path / "d.h5").touch()
+    arguments = {"landmarks": [tmp_path / "a.csv"], "dictionary": tmp_path / "d.h5"}
+    output = {"output": tmp_path / "r.h5"}
+    config = load_config("fit", overrides=[option], arguments=arguments | output)
+    assert config.sequences.frame_rate == 25

@@ -45,10 +45,7 @@ KEPT = {
 MOST_GAPS = 100
 """Frames without an item, for each with one; with more it is no sequence."""
 
-NO_RATE = (
-    "the frame rate is unknown, so times are numbers of frames; set `frame_rate` "
-    "(`sequences.frame_rate` of `fit`)"
-)
+NO_RATE = "the frame rate is unknown, so times are numbers of frames; set `frame_rate`"
 
 COLUMNS = ("item", "frame", "time", "trusted", "reason", "plausibility", "mean_error_bar_m")
 """Of the verdicts on the items of a motion, whose cells are empty where something is not known."""

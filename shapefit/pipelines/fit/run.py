@@ -199,7 +199,7 @@ def warn_of_rate(
     and_times = ", and times are numbers of frames" if NO_RATE in of_writer else ""
     return (
         "the frame rate is unknown, so the motion from image to image is taken for that of the "
-        f"training shapes{and_times}; set `sequences.frame_rate`",
+        f"training shapes{and_times}; set `frame_rate`",
         *(each for each in of_writer if each != NO_RATE),
     )
 
