@@ -46,8 +46,8 @@ MOST_BYTES = 1 << 20
 """Of a config: beyond that it is something else."""
 
 SHORT: Mapping[str, str] = {
-    **dict.fromkeys("keypoints individual track likelihood_below rename".split(), "input"),
-    **dict.fromkeys("image_size y_axis landmarks".split(), "input"),
+    **dict.fromkeys(["keypoints", "individual", "track", "likelihood_below", "rename"], "input"),
+    **dict.fromkeys(["image_size", "y_axis", "landmarks"], "input"),
     "frame_rate": "sequences",
 }
 """Keys of sections that may be given beside these, in short."""
