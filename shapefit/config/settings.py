@@ -63,6 +63,7 @@ GONE: Mapping[str, Mapping[str, str]] = {
     "fit": {
         "posterior.views": "it starts from the poses of the convex program alone; leave it out",
         "posterior.max_rounds": _CONSTANT,
+        "posterior.widest": _CONSTANT,
         "posterior.gross_density": _CONSTANT,
         "posterior.csv_deviations": "CSV has sd_x, sd_y, sd_z where the method knows them",
         "camera.ridge": _CONSTANT,

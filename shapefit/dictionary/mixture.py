@@ -9,7 +9,7 @@ that of all shapes and e together, as that many shapes would. No round lowers th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,16 @@ class Mixture:
 
     def __len__(self) -> int:
         return len(self.weights)
+
+    def __eq__(self, other: object) -> bool:
+        """Whether all numbers are the same, so that what follows from a mixture is found once."""
+        return isinstance(other, Mixture) and all(
+            np.array_equal(getattr(self, each.name), getattr(other, each.name))
+            for each in fields(self)
+        )
+
+    def __hash__(self) -> int:
+        return hash((self.weights.tobytes(), self.means.tobytes()))
 
     @property
     def by_landmark(self) -> Floats:
@@ -64,6 +74,11 @@ class Mixture:
             log_size = np.log(np.diag(L)).sum() + 0.5 * len(L) * np.log(2 * np.pi)
             found[:, k] = np.log(self.weights[k]) - 0.5 * (z * z).sum(axis=0) - log_size
         return found
+
+
+def widen(mixture: Mixture, factor: float) -> Mixture:
+    """Return the mixture with covariances times a factor."""
+    return Mixture(mixture.weights, mixture.means, factor * mixture.covariances)
 
 
 @dataclass(frozen=True)

@@ -73,7 +73,6 @@ class PosteriorOptions:
     widening       factor of all covariances, for bodies and motions that the prior lacks
     views          views, spread evenly, to start from besides that of the convex program
     covariance     whether the covariance of all landmarks together is wanted
-    plausibility   whether it is wanted how plausible images are, for which others are drawn
     """
 
     misfit: float = 0.01
@@ -83,7 +82,6 @@ class PosteriorOptions:
     widening: float = 1.0
     views: int = 0
     covariance: bool = False
-    plausibility: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)

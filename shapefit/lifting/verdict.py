@@ -6,8 +6,8 @@ An image is trusted unless one of these holds, in this order; the first is its r
 - Its landmarks leave no degree of freedom: m points have 2 m coordinates, and a view takes 6.
 - Its plausibility is below a limit.
 - The class was learned from 2D landmarks, and nothing has told near from far.
-- Its error bars are wide: mean_j sqrt(sum_a sd_aj^2) exceeds a share of the spread of the shape,
-  the root of the mean variance of its coordinates.
+- Its error bars are wide: mean_j sqrt(sum_a sd_aj^2) exceeds WIDEST times the spread of the
+  shape, the root of the mean variance of its coordinates.
 - The solver stopped before the optimum of the convex program from which the view starts.
 """
 
@@ -27,6 +27,9 @@ from shapefit.lifting.posterior.plausibility import VIEWED
 TRUSTED, DOUBT, PLAUSIBILITY = "trusted", "doubt", "plausibility"
 """Datasets (n,) of a result: true or false, why not, and a p-value."""
 
+WIDEST = 0.8
+"""Width of error bars beside the spread of the shape beyond which it is not to be trusted."""
+
 NO_SHAPE = "no shape"
 TOO_FEW = "too few landmarks seen"
 IMPLAUSIBLE = "implausible landmarks"
@@ -43,7 +46,6 @@ def find_doubts(
     status: Sequence[Status],
     *,
     implausible: float,
-    widest: float,
     depth_is_open: bool = False,
 ) -> NDArray[np.object_]:
     """Return why each of n images is not to be trusted, "" where it is.
@@ -60,7 +62,7 @@ def find_doubts(
             (2 * seen.sum(axis=1) <= VIEWED, TOO_FEW),
             (plausibility < implausible, IMPLAUSIBLE),
             (np.full(len(shapes), depth_is_open), MIRRORED),
-            (relative_width(shapes, deviation) > widest, WIDE),
+            (relative_width(shapes, deviation) > WIDEST, WIDE),
             (stopped, NOT_OPTIMAL),
         )
     doubt = np.full(len(shapes), "", dtype=object)

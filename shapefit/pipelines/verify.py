@@ -205,7 +205,6 @@ def check_by_rules(images: Images, model: Model, dictionary: Dictionary, checks:
             *(columns["shapes"], columns["shape_sd"], seen, columns["plausibility"]),
             [Status.ITERATION_LIMIT if each else Status.OPTIMAL for each in limited],
             implausible=fit.key("posterior.implausible", 0.0),
-            widest=fit.key("posterior.widest", np.inf),
             depth_is_open=dictionary.depth_is_open,
         )
         right = (columns["doubt"] == doubt) & (columns["trusted"] == (doubt == ""))

@@ -51,7 +51,7 @@ IDLE = {
         "posterior.calibration=a.csv": "",
         "posterior.covariance=true": "method=posterior output=r.csv",
         "posterior.implausible=0.5": "",
-        "posterior.widest=0.5": "",
+        "posterior.prior_width=2": "",
         "sequences.lengths=a.csv": "method=posterior",
         "solver.tolerance=0.01": "method=alternate",
         "solver.max_iterations=9": "method=pmp",

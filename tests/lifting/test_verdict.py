@@ -21,7 +21,6 @@ def doubt(**changes) -> str:
         np.array([case["plausibility"]]),
         (case["status"],),
         implausible=0.05,
-        widest=0.8,
     )
     return str(found[0])
 

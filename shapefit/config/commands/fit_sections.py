@@ -99,12 +99,16 @@ class OutliersConfig(ConfigModel):
 class PosteriorConfig(ConfigModel):
     """How `method: posterior` weighs landmarks against the prior over shapes."""
 
+    prior_width: float | None = Field(default=None, gt=0)
+    """Factor on the covariances of the prior: poses that its training shapes lack. By default 1, 2,
+    4 or 8, as the first images say by their evidence."""
     misfit: float | None = Field(
         default=None,
         gt=0,
         description="Variance of a landmark's coordinate that prior and camera do not explain, in "
         "the unit of normalised shapes, at confidence 1; by default that of the dictionary, or "
-        f"{PosteriorOptions.misfit} where it has none. It is added to the variance of `noise`.",
+        f"{PosteriorOptions.misfit} where it has none, or 2, 4 or 8 times that, as the first "
+        "images say by their evidence. It is added to the variance of `noise`.",
     )
     least_score: float | None = Field(default=PosteriorOptions.least_score, ge=0)
     """Hide landmarks whose confidence is below this, and take all others for equally precise: the
@@ -122,9 +126,6 @@ class PosteriorConfig(ConfigModel):
     HDF5)."""
     implausible: float = Field(default=0.05, ge=0, lt=1)
     """Images with a plausibility below this are not to be trusted."""
-    widest: float = Field(default=0.8, gt=0)
-    """Images whose error bars are wider than this are not to be trusted: the mean over landmarks,
-    beside the spread of the shape."""
 
 
 class SequencesConfig(ConfigModel):

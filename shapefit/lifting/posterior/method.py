@@ -35,6 +35,9 @@ from shapefit.lifting.shared_rotation.pose import (
     turn_in_plane,
 )
 
+SURPRISE, PLAUSIBILITY = "surprise", "plausibility"
+"""Squared Mahalanobis distance (n,) of the landmarks from those expected, and its p-value."""
+
 NEARLY_EXACT = 3e-3
 """Misfit below which landmarks look gross from any view but the right one."""
 
@@ -48,7 +51,7 @@ FAILED = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 
 
 def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> Estimate:
-    """Return the posterior mean, its standard deviations, and what the images are worth.
+    """Return the posterior mean, its standard deviations, and how surprising the landmarks are.
 
     The convex program finds the view to start from; its proof goes with the result, and is one of
     that program only. An image that the program cannot solve has no posterior. `modes` of each
@@ -88,15 +91,6 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
     shapes = found.mean.copy()
     shapes[:, :2] -= translation[:, :, None]
     widening = np.sqrt(options.widening)
-    plausibility = np.full(len(lost), np.nan)
-    if options.plausibility:
-        plausibility = find_plausibility(
-            found.surprise,
-            seen.sum(axis=1),
-            np.where(seen, found.belief, 0.0).sum(axis=1),
-            Model(settings.needs["prior"], options.misfit, gross),
-            settings.threads,
-        )
     estimate = Estimate(
         shapes=np.where(lost[:, None, None], 0.0, shapes),
         translation=np.where(lost[:, None], 0.0, translation),
@@ -122,12 +116,33 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         convex_proof=ConvexProof.of(solution),
         further={
             "log_evidence": found.log_evidence,
-            "plausibility": plausibility,
+            SURPRISE: found.surprise,
             "belief": np.where(seen, found.belief, np.nan),
             CORRELATION: found.correlation.swapaxes(1, 2).astype(np.float32),
         },
     )
     return estimate if camera is None else look_through(estimate, found, problem, camera)
+
+
+def with_plausibility(found: Estimate, problem: Problem, settings: Settings) -> Estimate:
+    """Return what `lift_to_posterior` found with p-values in place of surprises.
+
+    Apart from lifting, as images are drawn from the model for it, see `find_plausibility`.
+    """
+    options: PosteriorOptions = settings.options
+    further = dict(found.further)
+    further[PLAUSIBILITY] = find_plausibility(
+        further.pop(SURPRISE),
+        (problem.weights > 0).sum(axis=1),
+        np.nansum(further["belief"], axis=1),
+        Model(
+            settings.needs["prior"],
+            options.misfit,
+            Gross(options.gross_chance, options.gross_density),
+        ),
+        settings.threads,
+    )
+    return replace(found, further=further)
 
 
 def find_starts(problem: Problem, solution: Solution, settings: Settings) -> Floats:

@@ -27,7 +27,7 @@ from shapefit.io import LandmarkSet
 from shapefit.io.skeletons import SKELETONS, Skeleton
 from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.fit.camera import find_camera
-from shapefit.pipelines.fit.lift import lift_images
+from shapefit.pipelines.fit.lift import judge, lift_images
 from shapefit.pipelines.joints import MEANS, LandmarkMap, find_joints, named_as_joints, of_files
 
 FACTORS = (0.25, 0.5, 2.0, 4.0)
@@ -68,6 +68,28 @@ class Sample(NamedTuple):
     pairs: NDArray[np.intp]
 
 
+class Lifted(NamedTuple):
+    """Images that were lifted by the posterior, with the dictionary and the config for it."""
+
+    lifting: Lifting
+    dictionary: Dictionary
+    config: FitConfig
+
+    @property
+    def log_evidence(self) -> Floats:
+        """log p(w) (n,)."""
+        found: Floats = self.lifting.estimate.further["log_evidence"]
+        return found
+
+    @property
+    def implausible_share(self) -> float:
+        """The share of the images that are implausible, of those that can be judged."""
+        plausibility = judge(*self).estimate.further["plausibility"]
+        judged = plausibility[np.isfinite(plausibility)]
+        limit = self.config.posterior.implausible
+        return float((judged < limit).mean()) if len(judged) else float("nan")
+
+
 def lift_sample(
     images: LandmarkSet,
     config: FitConfig,
@@ -75,8 +97,7 @@ def lift_sample(
     *,
     dependent: bool = False,
     exchanged: bool = False,
-    plausibility: bool = False,
-) -> Lifting:
+) -> Lifted:
     """Lift images one by one by the posterior, by the names that their landmarks have.
 
     dependent: those of feet count, too, which say where a body faces; exchanged: the names of left
@@ -94,13 +115,12 @@ def lift_sample(
     theta = {**MEANS, **(config.theta or {})}
     seen = LandmarkMap(joints, theta, bool(joints.markers)).apply(known)
     single = config.changed(method="posterior")
-    return lift_images(arranged, seen, single, dependent=dependent, plausibility=plausibility)
+    return Lifted(lift_images(arranged, seen, single, dependent=dependent), seen, single)
 
 
 def log_evidence(images: LandmarkSet, config: FitConfig, dictionary: Dictionary) -> Floats:
     """Return log p(w) (n,) of images, by what the config says of camera and skeleton."""
-    found: Floats = lift_sample(images, config, dictionary).estimate.further["log_evidence"]
-    return found
+    return lift_sample(images, config, dictionary).log_evidence
 
 
 def mean_gain(before: Floats, after: Floats) -> tuple[float, float, int]:
@@ -150,9 +170,7 @@ def check_labels(config: FitConfig, images: LandmarkSet, dictionary: Dictionary)
         return ()
     names = images.landmark_names
     taken = next((each for each in SKELETONS.values() if each.landmark_names == names), None)
-    found = lift_sample(
-        sample.images, config, dictionary, dependent=True, plausibility=taken is not None
-    )
+    found = lift_sample(sample.images, config, dictionary, dependent=True)
     other = check_skeleton(sample.images, taken, found, config, dictionary)
     return other or check_sides(sample, found, config, dictionary)
 
@@ -181,7 +199,7 @@ def choose_sample(images: LandmarkSet) -> Sample:
 def check_skeleton(
     images: LandmarkSet,
     taken: Skeleton | None,
-    found: Lifting,
+    found: Lifted,
     config: FitConfig,
     dictionary: Dictionary,
 ) -> tuple[str, ...]:
@@ -189,16 +207,18 @@ def check_skeleton(
 
     Others are those with as many landmarks, which `keypoints` might have meant.
     """
-    own = implausible_share(found, config)
-    if taken is None or not own > IMPLAUSIBLE:
+    if taken is None:
+        return ()
+    own = found.implausible_share
+    if not own > IMPLAUSIBLE:
         return ()
     shares: dict[str, float] = {}
     for other in SKELETONS.values():
         as_many = len(other.landmark_names) == len(taken.landmark_names)
         if as_many and other is not taken and enough_names(other.landmark_names, dictionary):
             renamed = images.replaced(landmark_names=other.landmark_names)
-            lifting = lift_sample(renamed, config, dictionary, dependent=True, plausibility=True)
-            shares[other.name] = implausible_share(lifting, config)
+            as_other = lift_sample(renamed, config, dictionary, dependent=True)
+            shares[other.name] = as_other.implausible_share
     best = min(shares, key=lambda name: shares[name], default=None)
     if best is None or not shares[best] < own / 2:
         return ()
@@ -208,25 +228,16 @@ def check_skeleton(
     )
 
 
-def implausible_share(found: Lifting, config: FitConfig) -> float:
-    """Return the share of the images that are implausible, of those that can be judged."""
-    plausibility = found.estimate.further["plausibility"]
-    judged = plausibility[np.isfinite(plausibility)]
-    return float((judged < config.posterior.implausible).mean()) if len(judged) else float("nan")
-
-
 def check_sides(
-    sample: Sample, found: Lifting, config: FitConfig, dictionary: Dictionary
+    sample: Sample, found: Lifted, config: FitConfig, dictionary: Dictionary
 ) -> tuple[str, ...]:
     """Warn where images are clearly likelier with left and right exchanged."""
     known = of_files(dictionary, sample.images.landmark_names)
     if known.mirror_index is None:
         return ()
     other = lift_sample(sample.images, config, dictionary, dependent=True, exchanged=True)
-    gain, error, count = mean_gain(
-        *(lifting.estimate.further["log_evidence"] for lifting in (found, other))
-    )
-    total = gain + walks_backwards(found, known.landmark_names, sample) / GROWTH
+    gain, error, count = mean_gain(found.log_evidence, other.log_evidence)
+    total = gain + walks_backwards(found.lifting, known.landmark_names, sample) / GROWTH
     if count < FEWEST or not total > max(SIDES_GAIN, 2 * error):
         return ()
     return (

@@ -19,6 +19,7 @@ from shapefit.config import FitConfig
 from shapefit.convex.problem import Loss
 from shapefit.convex.solver import solve_newton
 from shapefit.core import STRETCH
+from shapefit.dictionary.mixture import widen
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
@@ -78,6 +79,8 @@ def lift_landmarks(
     """
     of_each = lift_images if config.leave_out is None else lift_left_out
     lifting = of_each(images, dictionary, config)
+    if METHODS[config.method].has_prior:
+        lifting = judge(lifting, dictionary, config)
     if METHODS[config.method].sequences:
         from shapefit.pipelines.fit.sequences import refine_sequences
 
@@ -92,12 +95,8 @@ def lift_images(
     config: FitConfig,
     *,
     dependent: bool = False,
-    plausibility: bool = True,
 ) -> Lifting:
-    """Lift images one by one; dependent landmarks, as those of feet, count only if asked for.
-
-    Without `plausibility` a posterior does not draw the images from its model that it takes.
-    """
+    """Lift images one by one; dependent landmarks, as those of feet, count only if asked for."""
     method, lost = METHODS[config.method], dict[int, str]()
     visible = weights = weigh(images, config)
     if method.has_prior and not dependent:
@@ -113,7 +112,7 @@ def lift_images(
         weights,
         dictionary.atoms,
         program_of(config),
-        choose_method(config.method, settings_of(config, dictionary, plausibility=plausibility)),
+        choose_method(config.method, settings_of(config, dictionary)),
         find_covariance(images) if method.precisions else None,
         camera if method.perspective == "own" else None,
     )
@@ -127,6 +126,15 @@ def lift_images(
         views = AlternationOptions(views=config.alternation.views).number_of_views
         lifting = refine_view(lifting, images.landmarks, camera, dictionary, options, views=views)
     return lifting
+
+
+def judge(lifting: Lifting, dictionary: Dictionary, config: FitConfig) -> Lifting:
+    """Say how plausible images are that were lifted with the prior of the dictionary."""
+    from shapefit.lifting.posterior.method import with_plausibility
+
+    settings = settings_of(config, dictionary)
+    found = with_plausibility(lifting.estimate, lifting.problem, settings)
+    return replace(lifting, estimate=found)
 
 
 def check_needs(config: FitConfig, dictionary: Dictionary) -> None:
@@ -148,9 +156,7 @@ def program_of(config: FitConfig) -> Program:
     )
 
 
-def settings_of(
-    config: FitConfig, dictionary: Dictionary, *, plausibility: bool = True
-) -> Settings:
+def settings_of(config: FitConfig, dictionary: Dictionary) -> Settings:
     """Return what the method needs besides the problem.
 
     Where its tolerance is that of another gap, the convex program is solved at its own default.
@@ -163,8 +169,10 @@ def settings_of(
         values = {key: getattr(section, key) for key in keys & type(section).model_fields.keys()}
         if "misfit" in keys:
             values["misfit"] = find_misfit(config, dictionary)
-            values["plausibility"] = plausibility
         options = method.section.options(**values)
+    needs = {need.name: getattr(dictionary, need.name) for need in method.needs}
+    if method.has_prior:
+        needs["prior"] = widen(needs["prior"], config.posterior.prior_width or 1.0)
     own = min(tolerance, METHODS["convex"].tolerance) if method.proves == "global" else tolerance
     return Settings(
         solve=partial(
@@ -174,7 +182,7 @@ def settings_of(
             threads=config.threads,
         ),
         mean_shape=dictionary.mean_shape,
-        needs={need.name: getattr(dictionary, need.name) for need in method.needs},
+        needs=needs,
         options=options,
         orthogonal=config.rotations == "orthogonal",
         tolerance=tolerance,

@@ -35,6 +35,7 @@ from shapefit.pipelines.fit.camera import (
 )
 from shapefit.pipelines.fit.checks import check_camera, check_labels, log_evidence
 from shapefit.pipelines.fit.lift import check_items, check_needs, find_misfit
+from shapefit.pipelines.fit.width import choose_width
 from shapefit.pipelines.items import spread
 from shapefit.pipelines.joints import (
     MEANS,
@@ -215,9 +216,12 @@ def prepare(
     config = config.changed(theta=theta)
     measured = calibrated is not None or CAMERA_MATRIX in images.columns
     warnings = check_camera(sample, config, own) if measured and is_open and camera != WEAK else ()
-    warnings += check_labels(config, images, dictionary)
-    lines = tuple(filter(None, (of_camera, of_skeleton, of_bars)))
-    return Estimates({"camera": camera, "posterior": bars, "theta": theta}, lines, warnings)
+    of_labels = check_labels(config, images, dictionary)
+    # a wide prior would take wrong names for poses that it lacks
+    width, of_width = choose_width(config, images, dictionary, learned=bool(of_labels))
+    lines = tuple(filter(None, (of_camera, of_skeleton, of_width, of_bars)))
+    values = {"camera": camera, "posterior": {**bars, **width}, "theta": theta}
+    return Estimates(values, lines, warnings + of_labels)
 
 
 def read_widening(config: FitConfig) -> tuple[dict[str, Any], str]:

@@ -164,7 +164,6 @@ def verdict(images: LandmarkSet, lifting: Lifting, setup: Setup) -> dict[str, ND
         found.further["plausibility"],
         found.status,
         implausible=limits.implausible,
-        widest=limits.widest,
         depth_is_open=setup.dictionary.depth_is_open,
     )
     return {TRUSTED: doubt == "", DOUBT: doubt}

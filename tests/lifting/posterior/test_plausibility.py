@@ -10,7 +10,7 @@ from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.methods import PosteriorOptions, Settings
-from shapefit.lifting.posterior.method import lift_to_posterior
+from shapefit.lifting.posterior.method import lift_to_posterior, with_plausibility
 from shapefit.lifting.posterior.plausibility import Model, exceeds, find_plausibility
 from shapefit.lifting.posterior.posterior import Gross, find_posterior
 
@@ -61,7 +61,8 @@ def find(prior: Mixture, hidden: int = 0):
         needs={"prior": prior},
         options=PosteriorOptions(misfit=MISFIT, gross_chance=CHANCE, gross_density=DENSITY),
     )
-    return lift_to_posterior(problem, settings).further["plausibility"]
+    found = lift_to_posterior(problem, settings)
+    return with_plausibility(found, problem, settings).further["plausibility"]
 
 
 def assert_uniform(p):

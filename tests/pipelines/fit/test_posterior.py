@@ -114,7 +114,10 @@ def test_implausible_images_are_reported_and_keep_their_status(fit, with_prior, 
 
 
 def test_images_are_trusted_unless_something_speaks_against_it(fit, with_prior, images):
-    keys = {"posterior": {"implausible": 0, "widest": 100}, "camera": {"model": "weak-perspective"}}
+    keys = {
+        "posterior": {"implausible": 0, "widening": 0.01},
+        "camera": {"model": "weak-perspective"},
+    }
     found, outcomes = fit(with_prior, images, method="posterior", **keys)
     assert found.columns["trusted"].all()
     assert not any(out.doubts for out in outcomes)

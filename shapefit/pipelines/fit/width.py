@@ -1,0 +1,113 @@
+"""How wide the prior is and how exactly landmarks are known, by the evidence of a sample.
+
+A prior that was learned from few poses is too sure of itself, and landmarks of an animal follow its
+bones less exactly than those of a person. Of the factors f on the covariances of the prior and the
+misfits v, a file is lifted with the pair of the greatest mean log evidence
+
+    1/n sum_i log p(w_i | f, v),    f in {1, 2, 4, 8},  v in {v_0, 2 v_0, 4 v_0, 8 v_0},
+
+where v_0 is the misfit of the dictionary. Smaller ones are not tried: their evidence is flat where
+error bars are far too narrow already. Of pairs that are as likely as the best by the standard error
+of their difference, the widest prior is taken and, with it, the smallest misfit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from shapefit.arrays import Floats
+from shapefit.config import FitConfig
+from shapefit.dictionary.from_2d.model import evenly
+from shapefit.dictionary.model import Dictionary
+from shapefit.io import LandmarkSet
+from shapefit.pipelines.fit.checks import FEWEST, enough_names, log_evidence
+from shapefit.pipelines.fit.lift import find_misfit
+
+FACTORS = (1.0, 2.0, 4.0, 8.0)
+"""Of the covariances of the prior, and of the misfit."""
+
+FIRST_LOOK, SAMPLE = 24, 96
+"""Images for which the next wider prior and the next larger misfit are tried; where either is
+likelier, so many are lifted with all pairs."""
+
+FEWEST_SEEN = 5
+"""Landmarks of an image of the sample; four fit almost any shape."""
+
+Pair = tuple[float, float]
+"""Factors on the covariances of the prior and on the misfit."""
+
+Evidence = Callable[[Pair, LandmarkSet], Floats]
+
+
+class Width(NamedTuple):
+    """Factors on the covariances of the prior and on the misfit; the nats an image they gain."""
+
+    prior: float
+    misfit: float
+    gain: float
+
+
+def choose_width(
+    config: FitConfig, images: LandmarkSet, dictionary: Dictionary, *, learned: bool = False
+) -> tuple[dict[str, float], str]:
+    """Return `prior_width` and `misfit` of `posterior`, as given, else found, and a line about it.
+
+    The config has its camera and skeleton. What is not given stays as it was `learned` on demand;
+    where all does, the line is empty.
+    """
+    own, start = config.posterior, find_misfit(config, dictionary)
+    widths = FACTORS if own.prior_width is None else (own.prior_width,)
+    misfits = FACTORS if own.misfit is None else (1.0,)
+
+    def keys(width: float, factor: float) -> dict[str, float]:
+        return {"prior_width": width, "misfit": factor * start}
+
+    def evidence(pair: Pair, sample: LandmarkSet) -> Floats:
+        return log_evidence(sample, config.changed(posterior=keys(*pair)), dictionary)
+
+    first = Width(widths[0], misfits[0], 0.0)
+    seen = images.take(np.flatnonzero(images.seen().sum(axis=1) >= FEWEST_SEEN))
+    is_open = len(widths) + len(misfits) > 2 and not learned
+    can_say = len(seen) >= FEWEST and enough_names(images.landmark_names, dictionary)
+    found = find_width(evidence, seen, widths, misfits) if is_open and can_say else first
+    told = (
+        f"prior {found.prior:g} times as wide (covariances), misfit {found.misfit * start:g} in "
+        f"place of {start:g}: likelier by {found.gain:.1f} nats an image"
+    )
+    return keys(found.prior, found.misfit), "" if found[:2] == first[:2] else told
+
+
+def find_width(
+    evidence: Evidence,
+    images: LandmarkSet,
+    widths: tuple[float, ...] = FACTORS,
+    misfits: tuple[float, ...] = FACTORS,
+) -> Width:
+    """Choose among pairs of factors by their evidence (n,) of images, in order of both."""
+    first = widths[0], misfits[0]
+    few = images.take(evenly(len(images), FIRST_LOOK))
+    near = [(each, first[1]) for each in widths[1:2]] + [(first[0], each) for each in misfits[1:2]]
+    before = evidence(first, few)
+    if not any(np.nanmean(evidence(pair, few) - before) > 0 for pair in near):
+        return Width(*first, 0.0)
+    sample = images.take(evenly(len(images), SAMPLE))
+    of = {(f, v): evidence((f, v), sample) for f in widths for v in misfits}
+    return likeliest(of)
+
+
+def likeliest(of: Mapping[Pair, Floats]) -> Width:
+    """Choose by evidence (n,): the widest of those as likely as the best; then the least misfit."""
+    best = max(of, key=lambda pair: float(np.nanmean(of[pair])))
+
+    def is_as_likely(pair: Pair) -> bool:
+        lost = of[best] - of[pair]
+        lost = lost[np.isfinite(lost)]
+        return bool(lost.mean() <= lost.std() / np.sqrt(len(lost)))
+
+    prior, misfit = max(filter(is_as_likely, of), key=lambda pair: (pair[0], -pair[1]))
+    first = next(iter(of))
+    gain = float(np.nanmean(of[prior, misfit] - of[first]))
+    return Width(prior, misfit, gain)

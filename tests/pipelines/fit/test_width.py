@@ -1,0 +1,112 @@
+"""Planted files: how wide the prior is and how exact landmarks are is found of the images."""
+
+import json
+
+import numpy as np
+import pytest
+
+from shapefit.config import FitConfig
+from shapefit.dictionary.mixture import Mixture
+from shapefit.dictionary.model import Dictionary
+from shapefit.geometry.rotations import random_rotations
+from shapefit.io import LandmarkSet, write_dictionary
+from shapefit.pipelines.fit.prepare import FIRST, prepare
+from shapefit.pipelines.fit.width import likeliest
+from tests.pipelines.fitted import fit_images
+
+P, IMAGES = 12, 60
+NAMES = tuple(f"point{j}" for j in range(P))
+MISFIT = 0.002
+
+
+@pytest.fixture(scope="module")
+def planted(tmp_path_factory):
+    """A dictionary with one Gaussian, and what draws images whose truth is as wide as stated."""
+    rng = np.random.default_rng(5)
+    mean = rng.normal(size=(3, P))
+    root = 0.12 * rng.normal(size=(3 * P, 8)) / np.sqrt(8)
+    C = root @ root.T * 8 / 3 + 1e-3 * np.eye(3 * P)
+    prior = Mixture(np.ones(1), mean[None], C[None])
+    path = tmp_path_factory.mktemp("width") / "dictionary.h5"
+    made = Dictionary(mean[None] / 4, NAMES, mean, prior=prior, misfit=np.array([MISFIT]))
+    write_dictionary(path, made)
+
+    def draw(width, misfit, wrong=None):
+        x = np.linalg.cholesky(width * C) @ rng.normal(size=(3 * P, IMAGES))
+        shapes = random_rotations(IMAGES, rng) @ (mean + x.T.reshape(IMAGES, 3, P))
+        w = shapes[:, :2] + np.sqrt(misfit) * rng.normal(size=(IMAGES, 2, P))
+        if wrong is not None:
+            w[:, :, wrong] += 3 * rng.normal(size=(IMAGES, 2))
+        items = tuple(f"image{i}" for i in range(IMAGES))
+        images = LandmarkSet(landmarks=100 * w, landmark_names=NAMES, items=items)
+        return images, 100 * shapes
+
+    return path, made, draw
+
+
+def estimate(planted, images, **posterior):
+    path, made, _ = planted
+    keys = {"method": "posterior", "camera": {"model": "weak-perspective"}, "posterior": posterior}
+    config = FitConfig(landmarks=[str(path)], dictionary=str(path), output="result.h5", **keys)
+    found = prepare(config, made, lambda: images.take(slice(0, FIRST)))
+    return found, found.sections["posterior"]
+
+
+@pytest.mark.parametrize("width", [1, 4])
+@pytest.mark.parametrize("misfit", [MISFIT, 8 * MISFIT])
+def test_the_factors_that_images_have_are_found(planted, width, misfit):
+    found, keys = estimate(planted, planted[2](width, misfit)[0])
+    assert (keys["prior_width"], keys["misfit"]) == (width, pytest.approx(misfit))
+    said = any("nats an image" in line for line in found.lines)
+    assert said == ((width, misfit) != (1, MISFIT))
+
+
+def test_landmarks_more_exact_than_the_misfit_of_the_dictionary_keep_it(planted):
+    _, keys = estimate(planted, planted[2](1, MISFIT / 20)[0])
+    assert keys["misfit"] == MISFIT
+
+
+def test_what_is_stated_is_obeyed(planted):
+    images, _ = planted[2](4, 8 * MISFIT)
+    _, keys = estimate(planted, images, prior_width=1.5)
+    assert keys["prior_width"] == 1.5
+    assert keys["misfit"] > MISFIT
+    found, keys = estimate(planted, images, prior_width=1.5, misfit=0.1)
+    assert keys["misfit"] == 0.1
+    assert not found.lines
+
+
+def test_few_images_say_nothing(planted):
+    _, keys = estimate(planted, planted[2](4, MISFIT)[0].take(slice(0, 9)))
+    assert (keys["prior_width"], keys["misfit"]) == (1, MISFIT)
+
+
+def test_regions_hold_where_the_truth_is_wider_than_the_prior(planted, tmp_path):
+    images, shapes = planted[2](8, MISFIT)
+    camera = {"model": "weak-perspective"}
+
+    def held(**posterior):
+        keys = {"method": "posterior", "camera": camera, "posterior": posterior}
+        result, _ = fit_images(tmp_path, images, planted[0], **keys)
+        away = (result.shapes - shapes)[:, 2] / result.shape_sd[:, 2]
+        return (np.abs(away - away.mean(axis=1, keepdims=True)) < 1.645).mean(), result
+
+    own, result = held()
+    assert own == pytest.approx(0.9, abs=0.08)
+    assert held(prior_width=1)[0] < 0.75
+    assert json.loads(result.attributes["config"])["posterior"]["prior_width"] == 8
+    assert "prior 8 times as wide" in result.attributes["estimated"]
+
+
+def test_of_pairs_as_likely_the_widest_is_taken_with_the_least_misfit():
+    noise = np.random.default_rng(0).normal(size=(4, 100))
+    noise -= noise.mean(axis=1, keepdims=True)
+    of = {
+        (1.0, 1.0): -10 + noise[0],
+        (2.0, 1.0): -5.05 + noise[1],
+        (2.0, 2.0): -5 + noise[2],
+        (4.0, 1.0): -7 + noise[3],
+    }
+    found = likeliest(of)
+    assert (found.prior, found.misfit) == (2, 1)
+    assert found.gain == pytest.approx(4.95)
