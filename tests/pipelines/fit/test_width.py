@@ -49,7 +49,7 @@ def estimate(planted, images, **posterior):
     keys = {"method": "posterior", "camera": {"model": "weak-perspective"}, "posterior": posterior}
     config = FitConfig(landmarks=[str(path)], dictionary=str(path), output="result.h5", **keys)
     found = prepare(config, made, lambda: images.take(slice(0, FIRST)))
-    return found, found.sections["posterior"]
+    return found, found.values["posterior"]
 
 
 @pytest.mark.parametrize("width", [1, 4])
