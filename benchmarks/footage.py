@@ -159,7 +159,7 @@ def move(points: Floats, given: float, cell: Cell) -> tuple[Floats, float]:
         points = CubicSpline(np.arange(len(points)) / given, points)(times)
     if cell.turn:
         middle = points.mean(axis=(0, 2))[:, None]
-        turns = rotation_about_axis(1, cell.turn * np.arange(len(points)) / rate)
+        turns = rotation_about_axis(1, np.float64(cell.turn / rate) * np.arange(len(points)))
         points = turns @ (points - middle) + middle
     return points, rate
 
@@ -172,7 +172,9 @@ def look(
     yaw = rng.uniform(0, 2 * np.pi)
     tilt, roll = (TILT * rng.standard_normal(2)).tolist()
     middle = (points if aim is None else points[..., aim]).mean(axis=(0, 2))
-    about = [rotation_about_axis(k, np.array(a, float)) for k, a in enumerate((tilt, yaw, roll))]
+    about = [
+        rotation_about_axis(k, np.array(a, np.float64)) for k, a in enumerate((tilt, yaw, roll))
+    ]
     turned = about[2] @ about[0] @ np.diag([1.0, -1.0, -1.0]) @ about[1]
     seen = turned @ (points - middle[:, None])
     away = tall * rng.uniform(*cell.heights)

@@ -56,11 +56,11 @@ def test_a_body_before_a_camera_at_rest(real_data, error, method, stated):
     ("name", "ratio"),
     [
         ("to the hips, 1 m", 0.924),
-        ("half hidden for a second", 0.900),
-        ("left and right swapped", 0.952),
+        ("half hidden for a second", 0.922),
+        ("left and right swapped", 0.916),
         ("stands", 0.830),
         ("walks off", 0.944),
-        ("10 frames a second", 0.954),
+        ("10 frames a second", 0.935),
         ("COCO and MediaPipe", 0.852),
     ],
 )
@@ -75,7 +75,7 @@ def test_sequences_are_no_worse_than_their_images(real_data, name, ratio):
 
 
 @pytest.mark.real_data
-@pytest.mark.parametrize(("method", "stated"), [("posterior", 0.250), ("sequences", 0.223)])
+@pytest.mark.parametrize(("method", "stated"), [("posterior", 0.250), ("sequences", 0.213)])
 def test_a_detected_man_on_a_beam(real_data, error, method, stated):
     folder = real_data / "detected/pose2sim_balancing"
     images = load(folder / "cam03.h5").take(slice(0, 100, 3))

@@ -4,12 +4,12 @@ Error bars. Smoothing takes the errors of frames for independent. But what the p
 get wrong in one frame they get wrong in its neighbours, too, and what a detector gets wrong of a
 landmark in all frames does not average out either:
 
-    C_t = S_t + r^2 P_t + (k sigma)^2 I
+    C_t = S_t + r^2 P_t + sigma^2 I
 
 for the covariance S_t of a landmark that smoothing gives, P_t of the image alone, and the deviation
 sigma with which the landmarks were taken.
 
-A sequence that would move its images too far (`find_farthest`) is only steadied.
+A sequence that would move its images farther than `CONSTANTS.farthest` is only steadied.
 """
 
 from __future__ import annotations
@@ -35,7 +35,6 @@ from shapefit.lifting.sequences.smoothing import (
     Lengths,
     Model,
     Observations,
-    first_lengths,
     observe,
     smooth,
 )
@@ -149,7 +148,7 @@ def refine_lifting(
     rows = nearest_known(says_something(clips), split(sequences))
     images = (own[rows], own_mixed[rows].swapaxes(1, 2).astype(np.float64))
     smoothed = (refined.deviation / scale, refined.correlation)
-    constant = CONSTANTS.lasting * refined.noise / scale[:, 0, 0]
+    constant = refined.noise / scale[:, 0, 0]
     bars, correlation = add_common_error(smoothed, images, constant)
     mixed = correlation.swapaxes(1, 2).astype(np.float32)
     if whole is not None and refined.covariance is not None:
@@ -238,16 +237,17 @@ def refine_clip(
     unit = median(clips.scale[clip][there])
     seen = in_unit(clips, clip, unit)
     acceleration = motion.acceleration * find_haste(seen, motion.acceleration)
-    model = Model(motion.bones, acceleration**-2, motion.give, motion.known)
     sigma = float(np.sqrt(clips.misfit))
     if clips.noise is not None:
         sigma = min(max(clips.noise / unit, CONSTANTS.least_noise), sigma)
+    known = weigh_lengths(motion.known, int(there.sum()) * sigma**2 / clips.misfit)
+    model = Model(motion.bones, acceleration**-2, motion.give, known)
     smoothed = smooth(seen, model, sigma, covariances=found.covariance is not None)
     rows = np.arange(clip.start, clip.stop)[finite]
     sd = np.full_like(seen.start, np.inf)
     sd[there] = clips.deviation[clip][there] / unit
     moved = (smoothed.points - seen.start) / sd
-    if median((moved[there] ** 2).mean(axis=(1, 2))) > find_farthest(seen, model):
+    if median((moved[there] ** 2).mean(axis=(1, 2))) > CONSTANTS.farthest:
         found.points[rows] = unit * steady(seen.start, sd, acceleration)[finite]
         return
     found.points[rows] = unit * smoothed.points[finite]
@@ -259,36 +259,17 @@ def refine_clip(
         found.covariance[rows] = unit**2 * smoothed.covariance[finite]
 
 
-def find_farthest(seen: Observations, model: Model) -> float:
-    """How far the sequence may move its images: less where no bone turns that could show lengths.
+def weigh_lengths(known: Lengths | None, frames: float) -> Lengths | None:
+    """Return the known lengths with the precision (1 + r^2 t) Q, for t frames.
 
-    Lengths that no bone shows and nobody measured fit what the images have wrong alike.
+    What t images say of the lengths has the variance P (1 / t + r^2), as their deviations have the
+    share r in common; the objective takes it for P / t. So images would count (1 + r^2 t) times too
+    much beside Q: their errors do not average out, however many they are. Frames whose landmarks
+    are stated to be exacter count for the share sigma^2 / v of their variance that is left.
     """
-    if model.known is not None and model.known.measured:
-        return CONSTANTS.farthest
-    still = len(model.bones) > 0 and find_turn(seen, model) < CONSTANTS.least_turn
-    return CONSTANTS.farthest_still if still else CONSTANTS.farthest
-
-
-def find_turn(seen: Observations, model: Model) -> float:
-    """Median over the bones of how their projections vary over time, in their lengths.
-
-    The root of the mean square distance of a bone's projection from its mean; a bone that turns
-    once around in the plane of the image has 1.
-    """
-    i, j = model.bones.T
-    w = np.where(seen.trust[:, None] > 0, seen.landmarks, np.nan)
-    bone = w[:, :, i] - w[:, :, j]
-    known = np.isfinite(bone).all(axis=1)
-    count = known.sum(axis=0)
-    shown = count > 0
-    if not shown.any():
-        return 0.0
-    mean = np.where(known[:, None], bone, 0.0).sum(axis=0) / np.maximum(count, 1)
-    apart = np.where(known[:, None], bone - mean, 0.0)
-    spread = np.sqrt((apart**2).sum(axis=(0, 1)) / np.maximum(count, 1))
-    lengths = first_lengths(seen.start, model)
-    return median(spread[shown] / np.maximum(lengths[shown], 1e-12))
+    if known is None:
+        return None
+    return known._replace(precision=(1 + CONSTANTS.shared**2 * frames) * known.precision)
 
 
 def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:
@@ -383,7 +364,7 @@ def find_jitter(means: Floats, deviations: Floats) -> Floats:
 def add_common_error(
     smoothed: tuple[Floats, Floats], images: tuple[Floats, Floats], constant: Floats
 ) -> tuple[Floats, Floats]:
-    """Deviations and correlations of C, from those of S and P, all (n, 3, p), and k sigma (n,).
+    """Deviations and correlations of C, from those of S and P, all (n, 3, p), and sigma (n,).
 
     Correlations of x with y, x with z, and y with z of each landmark. A correlation of a landmark
     that has no deviation is 0.

@@ -54,17 +54,10 @@ class Constants:
                     the prior is too sure, and the sequence is only steadied. Below 0.5 on clips of
                     subject 86, whatever the noise; on footage of three other bodies, seen to the
                     hips by a near camera, it saves 13% of the error
-    farthest_still  the same where bones hardly turn and no length was measured. Of footage of six
-                    bodies other than 86, 13 and 14, clips below it end with .89 of the error of
-                    their images, clips between it and `farthest` with .99
-    least_turn      how much bones turn, see `find_turn`, that are said to: in their lengths
     least_jitter    share of the variance of images that is taken for jitter at least
     shared          r, the share of the deviations of single images that neighbouring frames have in
-                    common. Chosen on clips of subject 86 that the prior had not seen: 90% of their
-                    truth is then in the 90% ellipsoids
-    lasting         k, the part of the landmarks' noise that lasts over a sequence. Chosen on
-                    footage (benchmarks/footage.py) of six bodies other than 86, 13 and 14
-    through_camera  refinements before a pinhole camera, each with the depths of the one before it
+                    common: in error bars, and in what images say of lengths. Chosen on footage
+                    (benchmarks/footage.py) of bodies other than 86, 13 and 14
     """
 
     modes: int = 4
@@ -77,12 +70,8 @@ class Constants:
     widest: float = 3.0
     least_noise: float = 0.003
     farthest: float = 0.6
-    farthest_still: float = 0.3
-    least_turn: float = 0.3
     least_jitter: float = 1e-6
-    shared: float = 0.4
-    lasting: float = 0.9
-    through_camera: int = 2
+    shared: float = 0.5
 
 
 CONSTANTS = Constants()

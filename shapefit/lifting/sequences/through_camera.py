@@ -5,13 +5,12 @@ Seen in the direction u, the landmark of a point at the depth f + z lies at
     w = f u (1 + z / f)
 
 where weak perspective would have it, in the unit of the image of a body whose middle is at the
-depth f. The depths z are those of the images at first, then those of the sequence.
+depth f. The depths z are those of the images.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -20,7 +19,6 @@ from shapefit.arrays import Floats
 from shapefit.geometry.pinhole import project
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.posterior.method import find_rays
-from shapefit.lifting.sequences.smoothing import CONSTANTS
 
 Refine = Callable[[Lifting, Floats], Lifting]
 
@@ -55,13 +53,8 @@ def refine_through_camera(lifting: Lifting, landmarks: Floats, refine: Refine) -
         estimate=replace(found, translation=flat).in_unit(grow),
         perspective=None,
     )
-    refined = weak
-    for left in reversed(range(CONSTANTS.through_camera)):
-        depth = view.camera.sign * refined.shapes[:, 2:] / rays.focal[:, None, None]
-        # Covariances of modes are written over: all rounds but the last have a copy.
-        modes = deepcopy(found.posterior_modes) if left else found.posterior_modes
-        own = replace(weak, estimate=replace(weak.estimate, posterior_modes=modes))
-        refined = refine(own, rays.landmarks * (1 + depth))
+    depth = view.camera.sign * points[:, 2:] / rays.focal[:, None, None]
+    refined = refine(weak, rays.landmarks * (1 + depth))
     return place_before_camera(lifting, view, refined, rays.focal, grow)
 
 

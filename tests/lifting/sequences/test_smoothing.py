@@ -1,5 +1,6 @@
 """The inference over a sequence: optimality, planted bodies, copies of a frame, error bars."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 
 from shapefit.arrays import median
 from shapefit.lifting.sequences import smoothing
-from shapefit.lifting.sequences.clips import find_haste, find_jitter, steady
+from shapefit.lifting.sequences.clips import find_haste, find_jitter, steady, weigh_lengths
 from shapefit.lifting.sequences.smoothing import (
     CONSTANTS,
     Lengths,
@@ -280,3 +281,21 @@ def test_steadying_takes_away_jitter_and_nothing_else(rng):
 def test_the_median_is_that_of_numpy(rng, count):
     values = rng.standard_normal(count)
     assert median(values) == np.median(values)
+
+
+def test_errors_that_images_share_do_not_outweigh_known_lengths(images, body, model, monkeypatch):
+    """A bone too short alike in all frames: many copies say no more of it than some do."""
+    monkeypatch.setattr(smoothing, "CONSTANTS", replace(CONSTANTS, least_gain=1e-9))
+    i, j = model.bones.T
+    true = np.linalg.norm(body[0, :, i] - body[0, :, j], axis=1)
+    usual = Lengths(true, np.eye(4) / 0.03**2, measured=False)
+    short = body[:1].copy()
+    short[..., 4] = 0.6 * short[..., 4] + 0.4 * short[..., 1]
+    off = {}
+    for frames, known in itertools.product((20, 200), (usual, None)):
+        seen = images(np.repeat(short, frames, axis=0), depth=0.2, sure=0.2)
+        weighed = replace(model, known=known or weigh_lengths(usual, frames))
+        found = smooth(seen, weighed, 0.1, rounds=50).lengths
+        off[frames, known is None] = np.log((found / true)[:3].mean() * true[3] / found[3])
+    assert off[200, True] < 0.7 * off[200, False]
+    assert off[200, True] == pytest.approx(off[20, True], rel=0.1)
