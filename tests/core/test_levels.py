@@ -13,7 +13,6 @@ SHOW = "from shapefit import core; print(core.LEVEL)"
 # Certificates, planted problems and many starts judge every level alike; `make test-levels` runs
 # more than these.
 QUICK = [
-    "tests/convex/test_kernels.py",
     "tests/convex/test_newton.py",
     "tests/convex/test_planted.py",
     "tests/dictionary/test_coding.py",

@@ -40,6 +40,9 @@ class TestCoincide:
         points[1, 2] += 1e-6
         assert not coincide(points)
 
+    def test_holds_where_there_is_no_point(self):
+        assert coincide(np.zeros((2, 3, 0))).tolist() == [True, True]
+
 
 class TestSimilarityTransform:
     @pytest.fixture

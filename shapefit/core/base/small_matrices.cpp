@@ -1,6 +1,5 @@
 #include "small_matrices.hpp"
 
-#include "registry.hpp"
 #include "vectors.hpp"
 
 namespace shapefit {
@@ -144,13 +143,5 @@ void symmetric_eigen(Matrix<double> A, Vector<double> values, Matrix<double> V) 
     for (long i = 0; i < m; ++i) values[i] = A[i][i];
     sort(values, V);
 }
-
-const Exported<symmetric_eigen> symmetric_eigen_exported{"symmetric_eigen", PART};
-
-void log_of_each(Vector<const double> x, Vector<double> logarithm) {
-    for (long i = 0; i < x.size[0]; ++i) logarithm[i] = log_of_one_plus(x[i]);
-}
-
-const Exported<log_of_each> log_of_one_plus_exported{"log_of_one_plus", PART};
 
 }  // namespace shapefit

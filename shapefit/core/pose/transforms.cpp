@@ -239,12 +239,10 @@ namespace {
 bool find_polar(Matrix<const double> A, Matrix<double> R) {
     return polar_rotation(A.data, *reinterpret_cast<Rotation*>(R.data));
 }
-void find_nearest(Matrix<const double> A, Matrix<double> R) { nearest_rotation(A.data).write(R.data); }
 
 const Exported<synchronise> synchronise_exported{"synchronise"};
 const Exported<reconstruct> reconstruct_exported{"reconstruct"};
 const Exported<find_polar> polar_rotation_exported{"polar_rotation", PART};
-const Exported<find_nearest> nearest_rotation_exported{"nearest_rotation", PART};
 
 }  // namespace
 
