@@ -113,13 +113,15 @@ def _of_csv(path: Path) -> Places:
     if header not in (["landmark", "vertex"], ["landmark", "x", "y", "z"]):
         raise input_error(f"{path}:1", f"the header is {','.join(header)[:80]!r}", f"write {FORMS}")
     table.skip(line, header)
-    values, (names,), lines = table.read(range(1, len(header)), [0])
+    values, (names,), lines = table.read(range(1, len(header)), [0], finite=True, empty=False)
     places: dict[str, Place] = {}
     for name, own, line in zip(names, values.tolist(), lines.tolist(), strict=True):
         if name in places:
-            raise input_error(f"{path}:{line}", f"the landmark {name!r} repeats", "keep one")
-        whole = len(own) == 1 and own[0] == own[0] // 1
-        places[name] = _place(int(own[0]) if whole else own, f"{path}:{line}")
+            raise input_error(
+                f"{path}:{line}", f"the landmark {name!r} repeats", "keep one of them"
+            )
+        value = own if len(own) == 3 else int(own[0]) if own[0].is_integer() else own[0]
+        places[name] = _place(value, f"{path}:{line}")
     return places
 
 

@@ -1,0 +1,457 @@
+"""Motion as text and C3D: worked out by hand, against other people's kinematics, in all forms."""
+
+import re
+import sys
+from contextlib import suppress
+
+import numpy as np
+import pytest
+
+from shapefit.errors import InputError
+from shapefit.io import open_shapes, read_shapes, write_shapes
+from shapefit.io.foreign import markers
+from shapefit.io.options import InputOptions
+from tests.io.files import load_shapes
+
+NAN = [np.nan] * 3
+
+# TRC
+
+HEAD = (
+    "PathFileType\t4\t(X/Y/Z)\twalk.trc\n"
+    "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\n"
+    "50\t50\t3\t2\tmm\n"
+    "Frame#\tTime\tknee\t\t\tankle\t\t\n"
+    "\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n"
+)
+ROWS = "0\t0.00\t1\t2\t3\t4\t5\t6\n1\t0.02\t7\t8\t9\t0\t0\t0\n2\t0.04\tnan\t\t\t-1e2\t.5\t6.\n"
+TRC = HEAD + ROWS
+MARKERS = np.array([[[1, 2, 3], [4, 5, 6]], [[7, 8, 9], NAN], [NAN, [-100, 0.5, 6]]])
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Write a text under a name and read it as shapes, with warnings."""
+
+    def read(name, text):
+        (tmp_path / name).write_bytes(text.encode("utf-8", "surrogateescape"))
+        return load_shapes(tmp_path / name)
+
+    return read
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        TRC,
+        HEAD + "\n" + ROWS,
+        HEAD + "\t\t\n" + ROWS + "\n\n",
+        (HEAD + "\n" + ROWS).replace("\t", ","),
+        TRC.replace("\n", "\r\n"),
+        "\ufeff" + TRC,
+        HEAD.replace("knee\t\t\tankle\t\t", "knee\tankle") + ROWS,
+        HEAD + ROWS.replace("\t0\t0\t0", ""),
+        TRC.replace("6\n", "6\t\t\n"),
+        HEAD + ROWS.replace("0.02\t7\t8\t9", "0.02\t7\t8\t9  "),
+        HEAD + ROWS.replace("\t\t", "\tnan\tnan").replace("\t", "  "),
+    ],
+)
+def test_trc_in_all_its_forms(read, text):
+    shapes, _ = read("walk.trc", text)
+    assert shapes.landmark_names == ("knee", "ankle")
+    assert shapes.items == ("walk/0", "walk/1", "walk/2")
+    assert (shapes.unit, shapes.frame_rate) == ("m", 50.0)
+    np.testing.assert_allclose(shapes.shapes.swapaxes(1, 2), MARKERS / 1000)
+
+
+@pytest.mark.parametrize(
+    ("unit", "factor", "name"),
+    [("m", 1, "m"), ("cm", 0.01, "m"), ("Meters", 1, "m"), ("", 1, "unknown"), ("ell", 1, "ell")],
+)
+def test_lengths_are_metres_where_the_unit_is_known(read, unit, factor, name):
+    shapes, _ = read("walk.trc", TRC.replace("mm", unit))
+    assert shapes.unit == name
+    np.testing.assert_allclose(shapes.shapes.swapaxes(1, 2), factor * MARKERS)
+
+
+@pytest.mark.parametrize(
+    ("text", "names", "note"),
+    [
+        (HEAD.replace("\t3\t2\t", "\t9\t2\t") + ROWS, "knee ankle", "6 frames are announced"),
+        (TRC, "knee ankle", "1 points at exactly 0, 0, 0"),
+        (TRC.replace("ankle", "knee"), "knee knee_2", "1 label repeated, and numbered (knee_2)"),
+        (TRC.replace("ankle", ""), "knee *1", ""),
+        (TRC.replace("knee", "kn\udce9e"), r"kn\xe9e ankle", ""),
+    ],
+)
+def test_names_and_warnings_of_trc(read, text, names, note):
+    shapes, notes = read("walk.trc", text)
+    assert shapes.landmark_names == tuple(names.split())
+    assert note in "\n".join(notes)
+
+
+def test_cut_off_anywhere_it_is_read_or_refused(read):
+    for end in range(15, len(TRC), 3):
+        with suppress(InputError):
+            shapes, _ = read("walk.trc", TRC[:end])
+            assert len(shapes.landmark_names) <= 2
+
+
+# anipose
+
+ANIPOSE = "nose_x,nose_y,nose_z,nose_error,nose_ncams,nose_score,"
+ANIPOSE += "tail_1_x,tail_1_y,tail_1_z,tail_1_error,tail_1_ncams,tail_1_score,M_00,center_0,fnum\n"
+FLY = "1,2,3,0.5,3,0.9,4,5,6,0.4,2,0.8,1,0,7\n1.5,2,3,0.5,3,0.9,,,,,,,1,0,8\n"
+FLY += "nan,nan,nan,nan,nan,nan,4,5,6,0.4,2,nan,1,0,9\n"
+
+
+@pytest.mark.parametrize("end", ["\n", "\r\n"])
+def test_points_scores_and_frame_numbers_of_anipose(read, end):
+    shapes, _ = read("fly.csv", (ANIPOSE + FLY).replace("\n", end))
+    assert shapes.landmark_names == ("nose", "tail_1")
+    assert shapes.items == ("fly/7", "fly/8", "fly/9")
+    assert shapes.sequences == ("fly",) * 3
+    expected = [[[1, 2, 3], [4, 5, 6]], [[1.5, 2, 3], NAN], [NAN, [4, 5, 6]]]
+    np.testing.assert_array_equal(shapes.shapes.swapaxes(1, 2), expected)
+    np.testing.assert_array_equal(shapes.columns["confidence"], [[0.9, 0.8], [0.9, 0], [0, 1]])
+    shapes, notes = read("fly.csv", re.sub("nose_(error|ncams|score)", r"\1", ANIPOSE) + FLY)
+    assert shapes.landmark_names == ("tail_1",)
+    assert any("points left out: nose" in note for note in notes)
+
+
+# BVH
+
+TREE = """HIERARCHY
+ROOT Hips
+{
+  OFFSET 0 10 0
+  CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation
+  JOINT Left Leg
+  {
+    OFFSET 0 -4 0
+    CHANNELS 3 Xrotation Yrotation Zrotation
+    End Site
+    {
+      OFFSET 0 0 2
+    }
+  }
+}
+MOTION
+Frames: 2
+Frame Time: 0.04
+"""
+FRAMES = "0 0 0 0 0 0 0 0 0\n1 2 3 90 0 0 90 90 0\n"
+BVH = TREE + FRAMES
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        BVH,
+        BVH.replace("\n", "\r\n"),
+        TREE.replace("ROOT Hips\n{", "ROOT Hips {").replace("  }\n}", "  } }") + FRAMES,
+        TREE.replace("rotation", "Rotation").replace("position", "POSITION") + "\n" + FRAMES,
+    ],
+)
+def test_bvh_worked_out_by_hand(read, text):
+    """Channels turn in their order, each in the frame of those before; positions replace offsets.
+
+    Second frame: the root turns -y to x. The leg turns about x, then about its new y, which takes
+    its z through its own axes to x; the root takes that to y.
+    """
+    shapes, notes = read("walk.bvh", text)
+    assert shapes.landmark_names == ("Hips", "Left Leg", "Left Leg_end")
+    assert shapes.items == ("walk/0", "walk/1")
+    assert (shapes.unit, shapes.frame_rate, notes) == ("unknown", 25.0, ())
+    assert shapes.edges.tolist() == [[0, 1], [1, 2]]
+    np.testing.assert_allclose(shapes.shapes[0].T, [[0, 0, 0], [0, -4, 0], [0, -4, 2]], atol=1e-12)
+    np.testing.assert_allclose(shapes.shapes[1].T, [[1, 2, 3], [5, 2, 3], [5, 4, 3]], atol=1e-12)
+
+
+def test_an_offset_holds_where_no_channel_replaces_it(read):
+    tree = TREE.replace("6 Xposition Yposition Zposition", "3")
+    shapes, _ = read("walk.bvh", tree + "0 0 0 0 0 0\n0 0 0 0 0 0\n")
+    np.testing.assert_allclose(shapes.shapes[0].T, [[0, 10, 0], [0, 6, 0], [0, 6, 2]])
+
+
+# ASF/AMC
+
+CMU = {
+    "root": "pelvis", "rhipjoint": "rhip", "rfemur": "rknee", "rtibia": "rankle",
+    "lhipjoint": "lhip", "lfemur": "lknee", "ltibia": "lankle", "thorax": "neck",
+    "rclavicle": "rshoulder", "rhumerus": "relbow", "lclavicle": "lshoulder",
+    "lhumerus": "lelbow",
+}  # fmt: skip
+"""Ends of bones -> joints, as docs/formats.md gives them; head, rwrist, lwrist keep their names."""
+
+ASF = """# made
+:version 1.10
+:units
+  mass 1.0
+  length 0.5
+  angle deg
+:root
+  order TX TY TZ RX RY RZ
+  axis XYZ
+  position 0 0 0
+  orientation 0 0 0
+:bonedata
+  begin
+    id 1
+    name thigh
+    direction 0 -1 0
+    length 2
+    axis 0 0 90 XYZ
+    dof rx
+  end
+  begin
+    id 2
+    name shin
+    direction 0 -1 0
+    length 1
+    axis 0 0 0 XYZ
+    dof rx rz
+  end
+:hierarchy
+  begin
+    root thigh
+    thigh shin
+  end
+"""
+
+AMC = """#!OML:ASF made
+:FULLY-SPECIFIED
+:DEGREES
+1
+root 1 2 3 0 0 0
+thigh 0
+shin 0 0
+2
+root 1 2 3 0 0 90
+thigh 90
+shin 0 90
+"""
+
+HALF_INCH = 0.0254 / 0.5
+
+
+@pytest.fixture
+def motion(tmp_path):
+    def make(asf=ASF, amc=AMC):
+        (tmp_path / "01.asf").write_text(asf)
+        (tmp_path / "01_02.amc").write_text(amc)
+        return tmp_path / "01_02.amc"
+
+    return make
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize(
+    ("motions", "exact", "step", "bound"),
+    [
+        (["86/86_01", "86/86_09"], "subject86_120fps_exact", 1, 2.5e-6),
+        (["13/13_29"], "subject13_29_120fps_exact", 1, 1e-6),
+        ([f"02/02_{n:02d}" for n in range(1, 11)], "other_subjects_24fps", 5, 1e-6),
+    ],
+)
+def test_acclaim_equals_the_exact_kinematics(real_data, motions, exact, step, bound):
+    """Of subjects 86 and 13 the exact joints are relative to the root; so they are compared.
+
+    Those of subject 86 were computed from angles with fewer digits: they are off by 2 micrometres.
+    """
+    mocap = real_data / "mocap"
+    paths = [mocap / f"asfamc/{motion}.amc" for motion in motions]
+    with open_shapes(paths, InputOptions(rename=CMU)) as source:
+        (found,) = source.batches(source.count)
+    known = read_shapes([mocap / f"{exact}.h5"])
+    columns = [found.landmark_names.index(name) for name in known.landmark_names]
+    assert found.unit == "m"
+    for motion in motions:
+        name = motion.partition("/")[2]
+        ours = found.shapes[np.array(found.sequences) == name][::step][:, :, columns]
+        theirs = known.shapes[np.array(known.sequences) == name]
+        assert len(ours) == len(theirs)
+        if step == 1:
+            ours = ours - ours[:, :, :1]
+            theirs = theirs - theirs[:, :, :1]
+        assert np.abs(ours - theirs).max() < bound
+
+
+def test_bones_turn_in_their_own_frames(motion):
+    """Worked out by hand: the thigh's x axis points along y, so that it turns about y."""
+    shapes = read_shapes([motion()])
+    assert shapes.landmark_names == ("root", "thigh", "shin")
+    assert shapes.items == ("01_02/1", "01_02/2")
+    assert shapes.edges.tolist() == [[0, 1], [1, 2]]
+    still = [[1, 2, 3], [1, 0, 3], [1, -1, 3]]
+    np.testing.assert_allclose(shapes.shapes[0].T, HALF_INCH * np.array(still), atol=1e-12)
+    # The root turns -y to x; the thigh turns about its length; the shin turns by z -y to x first,
+    # which the thigh turns to -z.
+    moved = [[1, 2, 3], [3, 2, 3], [3, 2, 2]]
+    np.testing.assert_allclose(shapes.shapes[1].T, HALF_INCH * np.array(moved), atol=1e-12)
+
+
+def test_radians_and_lengths_without_a_unit(motion):
+    right = str(np.pi / 2)
+    amc = AMC.replace(":DEGREES", ":RADIANS").replace(" 90", f" {right}")
+    degrees = read_shapes([motion()])
+    radians = read_shapes([motion(asf=ASF.replace("length 0.5", "length 1"), amc=amc)])
+    assert radians.unit == "unknown"
+    np.testing.assert_allclose(radians.shapes, degrees.shapes / HALF_INCH, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("asf", "amc", "words"),
+    [
+        (ASF, AMC.replace("shin 0 0", "shin 0"), ["01_02.amc:7", "2 degrees of freedom of shin"]),
+        (ASF, AMC.replace("shin", "calf"), ["01_02.amc:7", "no bone 'calf'"]),
+        (ASF, AMC.replace("thigh 90", "thigh x"), ["01_02.amc:10", "'x' is no number"]),
+        (ASF, AMC.removesuffix("shin 0 90\n"), ["01_02.amc", "lacks bones"]),
+        (ASF.replace("thigh shin", "thigh calf"), AMC, ["01.asf:32", "calf"]),
+        (ASF.replace("length 2", "length two"), AMC, ["01.asf:13", "two"]),
+        (ASF.partition(":bonedata")[0], AMC, ["01.asf", "no bones"]),
+        (ASF.partition(":hierarchy")[0], AMC, ["01.asf", "thigh, shin"]),
+    ],
+)
+def test_errors_of_acclaim_name_file_and_line(motion, asf, amc, words):
+    with pytest.raises(InputError) as error:
+        read_shapes([motion(asf=asf, amc=amc)])
+    assert all(word in str(error.value) for word in words), error.value
+
+
+def test_the_skeleton_is_found_by_its_name(motion, tmp_path):
+    path = motion()
+    (tmp_path / "02.asf").write_text(ASF.replace("length 2", "length 20"))
+    assert read_shapes([path]).shapes[0, 1, 1] == pytest.approx(0)
+    path = path.rename(tmp_path / "walk.amc")
+    with pytest.raises(InputError, match="none of the ASF files"):
+        read_shapes([path])
+    given = read_shapes([path, tmp_path / "02.asf"])
+    assert given.shapes[0, 1, 1] == pytest.approx(-18 * HALF_INCH)
+    with pytest.raises(InputError, match="a skeleton without a motion"):
+        read_shapes([tmp_path / "02.asf"])
+
+
+WRONG = [
+    ("walk.trc", HEAD + ROWS.replace("8", "x"), ["walk.trc:7", "'x' is no number"]),
+    ("walk.trc", HEAD + ROWS.replace("6\n", "6\t7\n", 1), ["walk.trc:6", "9 cells for 8 columns"]),
+    ("walk.trc", HEAD.partition("Frame#")[0], ["walk.trc", "names of markers"]),
+    ("walk.trc", HEAD.replace("knee\t\t\tankle\t\t", "").partition("\t\tX1")[0], ["walk.trc"]),
+    ("walk.trc", HEAD + ROWS + ROWS, ["walk/0", "walk.trc"]),
+    ("fly.csv", ANIPOSE + FLY.replace("0.8,1,0,7", "0.8,1,7"), ["csv:2", "14 cells for 15"]),
+    ("fly.csv", ANIPOSE + FLY.replace("1.5,", "one,"), ["fly.csv:3", "'one'"]),
+    ("fly.csv", ANIPOSE + FLY + FLY, ["fly/7"]),
+    ("w.bvh", TREE + FRAMES.replace("90 90 0", "90 90"), ["w.bvh:20", "8 cells for 9"]),
+    ("w.bvh", TREE + FRAMES.replace("90 90 0", "90 x 0"), ["w.bvh:20", "'x'"]),
+    ("w.bvh", TREE + FRAMES.replace("90 90 0", "90 inf 0"), ["w.bvh:20", "'inf'"]),
+    ("w.bvh", TREE.partition("MOTION")[0], ["w.bvh", "no motion"]),
+    ("w.bvh", TREE.partition("    End")[0], ["w.bvh", "no motion"]),
+    ("w.bvh", BVH.replace("  }\n}\n", ""), ["w.bvh:16", "not complete"]),
+    ("w.bvh", BVH.replace("CHANNELS 3", "CHANNELS 4"), ["w.bvh:9", "4 channels"]),
+    ("w.bvh", BVH.replace("Zrotation", "Wrotation"), ["w.bvh:5", "'Wrotation'"]),
+    ("w.bvh", BVH.replace("OFFSET 0 -4 0", "x OFFSET 0 -4 0"), ["w.bvh:8", "'x'"]),
+    ("w.bvh", BVH.replace("0 -4 0", "0 -4 nan"), ["w.bvh:8", "3 numbers"]),
+    ("w.bvh", BVH.replace("Time: 0.04", "Time: soon"), ["w.bvh:18", "soon"]),
+    ("w.bvh", BVH.replace("Frames: 2", "Frames: many"), ["w.bvh:17", "many"]),
+    ("w.bvh", BVH.replace("Frames: 2", "Frames: 1e400"), ["w.bvh:17"]),
+]
+
+
+@pytest.mark.parametrize(("name", "text", "words"), WRONG)
+def test_errors_name_file_and_line(read, name, text, words):
+    with pytest.raises(InputError) as error:
+        read(name, text)
+    assert all(word in str(error.value) for word in words), error.value
+
+
+# C3D, written by ezc3d
+
+
+@pytest.fixture
+def c3d(tmp_path):
+    ezc3d = pytest.importorskip("ezc3d", reason="ezc3d is the extra `c3d`")
+
+    def make(labels=("knee", "ankle"), n=4, **lists):
+        file = ezc3d.c3d()
+        parameters = file["parameters"]["POINT"]
+        parameters["LABELS"]["value"] = list(labels)
+        parameters["UNITS"]["value"] = ["mm"]
+        parameters["RATE"]["value"] = [100.0]
+        for name, value in lists.items():
+            file.add_parameter("POINT", name, value)
+        points = np.ones((4, len(labels), n))
+        points[:3] = np.arange(3 * len(labels) * n).reshape(3, len(labels), n)
+        points[:3, -1, 2] = np.nan
+        file["data"]["points"] = points
+        path = tmp_path / "walk.c3d"
+        file.write(str(path))
+        return path, points[:3].transpose(2, 0, 1)
+
+    return make
+
+
+def test_units_rate_and_missing_points(c3d):
+    path, points = c3d()
+    shapes, notes = load_shapes(path)
+    assert shapes.landmark_names == ("knee", "ankle")
+    assert (shapes.unit, shapes.frame_rate, notes) == ("m", 100.0, ())
+    assert len(set(shapes.items)) == 4
+    np.testing.assert_allclose(shapes.shapes, points / 1000, rtol=1e-6)
+    assert np.isnan(shapes.shapes[2, :, 1]).all()
+
+
+def test_subjects_are_individuals(c3d):
+    path, points = c3d(labels=("Ann:knee", "Bob:knee", "Bob:hip", "*3"))
+    shapes, _ = load_shapes(path)
+    assert shapes.landmark_names == ("knee", "hip", "*3")
+    assert set(shapes.sequences) == {"walk/Ann", "walk/Bob", "walk/unassigned"}
+    bob = np.array(shapes.sequences) == "walk/Bob"
+    np.testing.assert_allclose(shapes.shapes[bob][:, :, :2], points[:, :, 1:3] / 1000, rtol=1e-6)
+
+
+def test_what_a_model_computed_is_no_point(c3d):
+    shapes, notes = load_shapes(c3d(labels=("knee", "KneeAngle"), ANGLES=["KneeAngle"])[0])
+    assert shapes.landmark_names == ("knee",)
+    assert any("KneeAngle" in note for note in notes)
+
+
+def test_without_ezc3d_the_error_says_how_to_get_it(c3d, monkeypatch):
+    path, _ = c3d()
+    monkeypatch.setitem(sys.modules, "ezc3d", None)
+    with pytest.raises(InputError, match="pip install ezc3d"):
+        load_shapes(path)
+
+
+def test_damaged_c3d_is_refused(c3d):
+    """Cut off, before ezc3d sees it; and a record of a name too long, which sends it anywhere."""
+    path, _ = c3d()
+    whole = path.read_bytes()
+    place = whole.index(b"POINT") - 2
+    wrong = [whole[:place] + bytes([size]) + whole[place + 1 :] for size in (127, 130)]
+    for data in (whole[:600], whole[: len(whole) // 2], whole[:-500], *wrong):
+        path.write_bytes(data)
+        with pytest.raises(InputError, match=r"walk\.c3d: (is cut|has|cannot be read)"):
+            load_shapes(path)
+
+
+def test_a_negative_residual_is_missing_whatever_the_point(c3d, monkeypatch):
+    """Of ezc3d such points are not numbers; another version may leave what stood there."""
+    path, points = c3d()
+    file = markers._read_c3d(path)
+    file["data"]["points"][:3, 0, 1] = 7.0
+    residuals = np.array(file["data"]["meta_points"]["residuals"])
+    residuals[0, 0, 1] = -1.0
+    file["data"]["meta_points"]["residuals"] = residuals
+    monkeypatch.setattr(markers, "_read_c3d", lambda _: file)
+    shapes, _ = load_shapes(path)
+    assert np.isnan(shapes.shapes[1, :, 0]).all()
+    np.testing.assert_allclose(shapes.shapes[0], points[0] / 1000, rtol=1e-6)
+
+
+def test_labels_that_are_not_utf8_are_latin1(c3d, tmp_path):
+    path, _ = c3d(labels=("ZZpaule", "Köper"))
+    whole = path.read_bytes()
+    path.write_bytes(whole.replace(b"ZZpaule", b"\xc9paule "))
+    shapes, _ = load_shapes(path)
+    assert shapes.landmark_names == ("Épaule", "Köper")
+    write_shapes(tmp_path / "same.h5", shapes)

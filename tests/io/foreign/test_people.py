@@ -1,0 +1,340 @@
+"""JSON and labels of detectors: made files, and what is read from them."""
+
+import os
+
+import numpy as np
+import pytest
+
+from shapefit.errors import InputError
+from shapefit.io.foreign.people import read_coco_annotations
+
+from .conftest import read_images as read
+
+NAN = np.nan
+
+
+def person(points=17, **further):
+    return {"pose_keypoints_2d": [10.0, 20.0, 0.5] * points, **further}
+
+
+def frame(*people, **further):
+    return {"version": 1.3, "people": list(people), **further}
+
+
+HIDDEN = person()
+HIDDEN["pose_keypoints_2d"] = [0, 0, 0, *HIDDEN["pose_keypoints_2d"][3:]]
+NOBODY = {"pose_keypoints_2d": []}
+
+MOUSE = {"id": 1, "name": "mouse", "keypoints": ["nose", "tail"], "skeleton": [[1, 2]]}
+FLY = {"id": 5, "name": "fly", "keypoints": ["head", "nose"]}
+
+
+def annotations(*entries, categories=(MOUSE, FLY)):
+    return {
+        "images": [{"id": n, "file_name": f"day/{n}.png"} for n in range(2)],
+        "categories": list(categories),
+        "annotations": [{"id": n, **entry} for n, entry in enumerate(entries)],
+    }
+
+
+def entry(image, category, *keypoints, **further):
+    return {"image_id": image, "category_id": category, "keypoints": list(keypoints), **further}
+
+
+def alphapose(people, keypoints, score=0.5):
+    one = {keypoints: [1.0, 2.0, score] * 17 + [0, 0, 0]}
+    found = {"7.jpg": [one, one], "9.jpg": [], "10.jpg": [one]}
+    return {image: {"version": "AlphaPose v0.3", people: own} for image, own in found.items()}
+
+
+def instance(points=17, score=0.5, **further):
+    return {"keypoints": [[1.0, 2.0]] * points, "keypoint_scores": [score] * points, **further}
+
+
+META = {"keypoint_id2name": {"0": "a", "1": "b"}, "skeleton_links": [[0, 1]]}
+CALISCOPE = "sync_index,port,frame_index,frame_time,point_id,img_loc_x,img_loc_y\n"
+CALISCOPE += "0,1,5,0.1,0,10,20\n0,1,5,0.1,100,30,40\n0,2,5,0.1,32,50,60\n1,1,7,0.2,0,,\n"
+RAT = "names: {0: rat}\nkpt_shape: [2, 3]\nkpt_names: {0: [nose, tail]}\n"
+BOX = "0 .5 .5 .1 .1"
+ALPHAPOSE = {"items": ["a/7/0", "a/7/1", "a/10/0"], "seen": [[True] * 17 + [False]] * 3}
+ID_3 = [{"track_id": 3}, {"attributes": {"track_id": 3}}, {"attributes": {"object_id": 3}}]
+
+CASES = [
+    # OpenPose: files in order of their numbers, one recording
+    (
+        {f"cam/c_{n:012d}_keypoints.json": frame(person()) for n in (9, 10, 2)},
+        {"items": ["cam/2/0", "cam/9/0", "cam/10/0"], "frames": [0, 7, 8], "unit": "px"},
+    ),
+    (
+        {
+            "cam/0.json": frame(NOBODY, HIDDEN),
+            "cam/1.json": frame(),
+            "cam/2.json": {"version": 1.3},
+        },
+        {
+            "items": ["cam/0/1"],
+            "seen": [[False, *[True] * 16]],
+            "confidence": [[0, *[0.5] * 16]],
+            "notes": ["1 individuals without a landmark left out"],
+        },
+    ),
+    (
+        {f"cam/{n}.json": frame() for n in range(3)},
+        {"items": [], "notes": ["nobody was found in 3 frames"]},
+    ),
+    (
+        {
+            "cam/0.json": frame(person(person_id=[4]), person(person_id=[7])),
+            "cam/1.json": frame(person(person_id=[7]), person(person_id=[-1])),
+        },
+        {"items": ["cam/id 4/0", "cam/id 7/0", "cam/id 7/1", "cam/untracked/1/0"]},
+    ),
+    (
+        {"cam/0.json": frame(person(person_id=[7]), person(person_id=[7]))},
+        {
+            "items": ["cam/0/0", "cam/0/1"],
+            "notes": ["numbers of people are not used, as 1 of them occur twice in a frame"],
+        },
+    ),
+    (
+        {
+            "cam/0.json": frame(person(face_keypoints_2d=[1, 2, 3])),
+            "cam/meta.json": {"camera": 1},
+        },
+        {
+            "notes": [
+                "1 file without people left out (meta.json)",
+                "hands and faces left out, of 1 detection",
+            ]
+        },
+    ),
+    (
+        {f"rig/cam_{n}_keypoints.json": frame(person()) for n in ("a_0", "a_1", "b_0", "b_1")},
+        {"items": ["cam_a/0/0", "cam_a/1/0", "cam_b/0/0", "cam_b/1/0"]},
+    ),
+    # AlphaPose, whose scores of COCO's models go to 6
+    ({"a.json": alphapose("people", "pose_keypoints_2d")}, ALPHAPOSE),
+    ({"a.json": alphapose("bodies", "joints")}, ALPHAPOSE),
+    (
+        {"a.json": alphapose("people", "pose_keypoints_2d", 4.5)},
+        {
+            "confidence": [[0.75] * 17 + [0]] * 3,
+            "notes": ["confidences divided by 6, the largest that AlphaPose states"],
+        },
+    ),
+    # COCO: visibility decides, categories are joined
+    (
+        {"a.json": annotations(entry(1, 5, 1, 2, 2, 3, 4, 1), entry(0, 1, 5, 6, 0, 7, 8, 2))},
+        {
+            "names": ["nose", "tail", "head"],
+            "items": ["a/0/0", "a/1/0"],
+            "points": [[[NAN, NAN], [7, 8], [NAN, NAN]], [[3, 4], [NAN, NAN], [1, 2]]],
+            "confidence": None,
+        },
+    ),
+    (
+        {"a.json": annotations({"image_id": 0, "bbox": []}, entry(9, 1, 1, 2, 2, 3, 4, 2))},
+        {
+            "items": ["a/9/0"],
+            "notes": [
+                "1 annotation without keypoints left out",
+                "1 image of annotations not listed among the images",
+            ],
+        },
+    ),
+    *(
+        ({"a.json": annotations(*(entry(n, 1, 1, 2, 2, 3, 4, 2, **who) for n in range(2)))},
+         {"items": ["a/id 3/0", "a/id 3/1"]})
+        for who in ID_3
+    ),
+    (
+        {"r.json": [entry(7, 1, *[1, 2, 0.5] * 17), entry(3, 1, *[0, 0, 0] * 17)]},
+        {"items": ["r/7/0"], "notes": ["1 individuals without a landmark left out"]},
+    ),
+    *(
+        ({"r.json": [entry(f"{n}.jpg", 1, *[1, 2, largest] * 17, idx=[0.0]) for n in range(3)]},
+         {"items": ["r/id 0/0", "r/id 0/1", "r/id 0/2"],
+          "confidence": [[largest / divisor] * 17] * 3})
+        for largest, divisor in ((0.9, 1), (1.2, 1), (5.4, 6))
+    ),
+    # MMPose
+    (
+        {"v.json": [{"frame_id": n, "instances": [instance()] * n} for n in range(3)]},
+        {"items": ["v/1/0", "v/2/0", "v/2/1"], "frames": [1, 2, 2]},
+    ),
+    (
+        {"v.json": {"meta_info": META, "instance_info": [instance(2)]}},
+        {"items": ["v/0/0"], "names": ["a", "b"]},
+    ),
+    (
+        {"v.json": {"meta_info": META,
+                    "instance_info": [{"frame_id": 4, "instances": [instance(2, track_id=3)]}]}},
+        {"items": ["v/id 3/4"], "names": ["a", "b"]},
+    ),
+    (
+        {f"set/{n}.json": [instance()] * n for n in range(3)},
+        {"items": ["set/1/0", "set/2/0", "set/2/1"]},
+    ),
+    # caliscope: a port is a video; numbers of the body have names
+    (
+        {"xy.csv": CALISCOPE},
+        {
+            "items": ["xy/port 1/5", "xy/port 2/5"],
+            "names": ["nose", "right_foot_index", "100"],
+            "points": [
+                [[10, 20], [NAN, NAN], [30, 40]],
+                [[NAN, NAN], [50, 60], [NAN, NAN]],
+            ],
+        },
+    ),
+    # YOLO
+    (
+        {
+            "data.yaml": RAT,
+            "labels/rat_3.txt": f"# comment\n{BOX} .25 .5 2 .9 .9 0\n\n",
+            "labels/rat_4.txt": "",
+        },
+        {
+            "items": ["labels/3/0"],
+            "names": ["nose", "tail"],
+            "seen": [[True, False]],
+            "confidence": None,
+            "unit": "fraction of the image",
+        },
+    ),
+    (
+        {"data.yaml": "kpt_shape: [4, 2]\n", "labels/a.txt": f"{BOX} .2 .5 0 0 0 .5 .2 0 .8 7\n"},
+        {"items": ["labels/id 7/a"], "seen": [[True, False, True, True]]},
+    ),
+    *(
+        ({"data.yaml": "kpt_shape: [4, 2]\n",
+          "labels/a.txt": f"{BOX} .25 .5 {place} .5 .25 .3 .8\n"},
+         {"seen": [[True, False, True, True]]})
+        for place in ("nan .5", ".25 nan", "nan nan")
+    ),
+    (
+        {"labels/v_1.txt": f"{BOX}{' .25 .5 .75' * 16} .25 .5 1\n" * 2},
+        {"items": ["labels/1/0", "labels/1/1"], "confidence": [[*[0.75] * 16, 1]] * 2},
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("files", "expected"), CASES)
+def test_what_is_read(written, tmp_path, files, expected):
+    """Files that lie in a folder are read as that folder, and one by one."""
+    paths = [written(name, content) for name, content in files.items()]
+    paths = [path for path in paths if path.name != "data.yaml"]
+    folder = paths[0].parent
+    alone = not {"meta.json", "rat_4.txt"} & {path.name for path in paths}  # of no kind by itself
+    for given in [[folder]] * (folder != tmp_path) + [paths] * alone:
+        images, notes = read(*given)
+        found = {
+            "items": list(images.items),
+            "names": list(images.landmark_names),
+            "frames": images.columns["frame"].tolist(),
+            "unit": images.unit,
+            "seen": np.isfinite(images.landmarks).all(axis=1).tolist(),
+            "notes": [note.partition(": ")[2] for note in notes],
+        }
+        for name, wanted in expected.items():
+            if name == "points":
+                np.testing.assert_array_equal(images.landmarks.swapaxes(1, 2), wanted)
+            elif name == "confidence" and wanted is not None:
+                np.testing.assert_allclose(images.confidence, wanted)
+            elif name == "confidence":
+                assert images.confidence is None
+            elif name == "items" and len(given) < len(paths):
+                assert sorted(found[name]) == sorted(wanted)
+            else:
+                assert found[name] == wanted
+        if len(images.landmark_names) == 17:
+            assert images.landmark_names[5] == "left_shoulder"
+
+
+def test_cameras_in_a_folder_have_people_of_their_own(written, tmp_path):
+    for camera in "ab":
+        for n in range(2):
+            written(f"rig/cam_{camera}_{n}_keypoints.json", frame(person()))
+    images, _ = read(tmp_path / "rig", track="nearest")
+    assert sorted(set(images.sequences)) == ["cam_a/person 1", "cam_b/person 2"]
+
+
+def test_edges_count_from_1_within_their_category(written):
+    path = written("a.json", annotations(entry(0, 1, 1, 2, 2, 3, 4, 2), categories=(FLY, MOUSE)))
+    recording = read_coco_annotations((path,))
+    assert recording.landmark_names == ("head", "nose", "tail")
+    assert recording.edges == ((1, 2),)
+    assert recording.frame_count == 2
+
+
+@pytest.mark.parametrize(
+    ("names", "motion"),
+    [
+        (["frame_000.jpg", "frame_001.jpg", "frame_007.jpg"], True),
+        (["000000000785.jpg", "000000040083.jpg", "000000397133.jpg"], False),
+        (["beach.jpg", "dog.jpg", "street.jpg"], False),
+    ],
+)
+def test_images_of_different_files_are_no_motion(written, names, motion):
+    content = {
+        "images": [{"id": n, "file_name": name} for n, name in enumerate(names)],
+        "annotations": [{"image_id": n, "keypoints": [1.0, 2.0, 2] * 17} for n in range(3)],
+        "categories": [],
+    }
+    path = written("all.json", content)
+    if motion:
+        assert len(set(read(path, track="motion")[0].sequences)) == 1
+    else:
+        with pytest.raises(InputError, match=r"without numbers of frames: no motion; set `track"):
+            read(path, track="motion")
+    assert len(set(read(path, track="nearest")[0].sequences)) == 1
+
+
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [
+        ({"0.json": frame(person(25))}, r"body_25 and body_25b have.*keypoints=body_25`"),
+        (
+            {"0.json": frame(person(), person()), "1.json": frame(person(25))},
+            "2 detections with 17 and 1 detections with 25",
+        ),
+        (
+            {"c_1.json": frame(person()), "c_01.json": frame(person())},
+            r"cam: two files of frame 1, c_01.json and c_1.json",
+        ),
+        ({"walk.mp4": "ftyp"}, r"it is a folder, and holds none of these: .*OpenPose"),
+    ],
+)
+def test_folders_that_are_refused(written, tmp_path, files, words):
+    for name, content in files.items():
+        written(f"cam/{name}", content)
+    with pytest.raises(InputError, match=words):
+        read(tmp_path / "cam")
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to(path)])
+@pytest.mark.parametrize(
+    ("name", "content"), [("0.json", frame(person())), ("0.txt", BOX + " .5 .5 1" * 17)]
+)
+def test_only_regular_files_of_a_folder_are_opened(written, tmp_path, make, name, content):
+    written(f"cam/{name}", content)
+    make(tmp_path / "cam" / name.replace("0", "1"))
+    with pytest.raises(InputError, match=r"cam/1\.(json|txt): (is not a regular|leads to no) file"):
+        read(tmp_path / "cam")
+
+
+def test_so_many_landmarks_that_no_other_key_is_seen(written, tmp_path, rng):
+    """133 landmarks are more than the beginning of a file that recognisers look at."""
+    points = rng.uniform(1, 900, (133, 3))
+    points[:, 2] /= 1000
+    pairs = {"keypoints": points[:, :2].tolist(), "keypoint_scores": points[:, 2].tolist()}
+    flat = {"keypoints": points.ravel().tolist(), "image_id": 7, "category_id": 1, "score": 1}
+    for path, item in (
+        (written("images/cat.json", [pairs]), "images/cat/0"),
+        (tmp_path / "images", "images/cat/0"),
+        (written("results.json", [flat]), "results/7/0"),
+    ):
+        found, _ = read(path)
+        assert list(found.items) == [item]
+        np.testing.assert_array_equal(found.landmarks[0].T, points[:, :2])
+        np.testing.assert_array_equal(found.weights()[0], points[:, 2])
