@@ -68,13 +68,6 @@ def test_what_is_free_is_known_here_and_in_a_container(tmp_path, monkeypatch):
     assert inputs.free_memory() > 10**7
 
 
-@pytest.mark.parametrize(
-    ("size", "words"), [(10, "10 bytes"), (6.71e9, "6.71 GB"), (4e4, "40 kB"), (3e15, "3 PB")]
-)
-def test_sizes_in_words(size, words):
-    assert inputs.in_words(size) == words
-
-
 def test_a_table_whose_rows_share_nothing(tmp_path, problems, monkeypatch):
     path = tmp_path / "diagonal.csv"
     rows = (f"item {row},landmark {row},0,0" for row in range(6_000))

@@ -49,25 +49,12 @@ def test_chunks_hold_the_transforms_of_their_images(path, proved, size):
     assert start == 5
 
 
-def test_counts_and_indices_are_small_in_the_file(path):
-    with h5py.File(path) as file:
-        assert file["transform_count"].dtype == file["transform_atom"].dtype == np.int32
-
-
 def test_results_are_read_without_their_proofs(path, proved):
     found = read_results(path)
     assert found.dual is None
     assert found.transform_count is None
     assert found.active_transforms is None
     np.testing.assert_array_equal(found.shapes, proved.shapes)
-
-
-def test_results_without_a_proof_are_read(tmp_path, results):
-    save(tmp_path / "old.h5", results)
-    with open_results([tmp_path / "old.h5"], proofs=True) as found:
-        (chunk,) = found.batches(9)
-    assert chunk.dual is None
-    assert chunk.transform_count is None
 
 
 @pytest.mark.parametrize(("count", "message"), [(-1, "is -1, not a number"), (9, "is 9, not a"),

@@ -12,25 +12,30 @@ from shapefit.io.records import LandmarkSet, ShapeSet, concatenate
 from tests.io.files import save
 
 
-def test_match_landmarks_lists_the_nearest_names(problems):
+@pytest.mark.parametrize(
+    ("wanted", "told"),
+    [
+        (["head", "left hnad"], ["there is no landmark 'left hnad'; did you mean 'left hand' "]),
+        (
+            ["head", "xyz"],
+            ["there is no landmark 'xyz'; use one of: left hand, right "],
+        ),
+        (
+            ["head", " foot"],
+            ["names of landmarks differ from the known ones in spaces "],
+        ),
+        (
+            ["door", "roof"],
+            ["none of the 2 landmarks (door, roof) is known; known are "],
+        ),
+        ([*"abcdefghijkl", "head"], [*["there is no landmark"] * 10, "... and 2 more"]),
+    ],
+)
+def test_landmarks_that_are_not_there(problems, wanted, told):
     have = ["left hand", "right hand", "head", "foot"]
-    lines = problems(
-        match_landmarks, have, ["head", "left hnad", "xyz"], "views.h5:/landmark_names"
-    )
-    assert lines == (
-        "views.h5:/landmark_names: there is no landmark 'left hnad'; "
-        "did you mean 'left hand' or 'right hand'?",
-        "views.h5:/landmark_names: there is no landmark 'xyz'; "
-        "use one of: left hand, right hand, head, foot",
-    )
-
-
-def test_match_landmarks_says_at_once_that_nothing_is_known(problems):
-    lines = problems(match_landmarks, ["head", "foot"], ["door", "roof"], "views.h5")
-    assert lines == (
-        "views.h5: none of the 2 landmarks (door, roof) is known; known are head, foot; "
-        "give files with the same landmark names",
-    )
+    lines = problems(match_landmarks, have, wanted, "views.h5")
+    for line, start in zip(lines, told, strict=True):
+        assert line.removeprefix("views.h5: ").startswith(start)
 
 
 @pytest.mark.parametrize("rows", [[3, 0], np.array([False, True, True, False, False]), slice(1, 4)])

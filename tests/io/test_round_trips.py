@@ -215,6 +215,24 @@ def test_dictionary(folder, same, dictionary):
     same(read_dictionary(folder / "dict.h5"), dictionary)
 
 
+@pytest.mark.parametrize("suffix", ["h5", "parquet", "csv"])
+def test_chunks_of_a_file_must_go_together(tmp_path, landmarks, suffix):
+    def write(*chunks):
+        with landmark_writer(tmp_path / f"views.{suffix}") as writer:
+            for chunk in chunks:
+                writer.append(chunk)
+
+    others = [landmarks.replaced(confidence=None)]
+    if suffix == "h5":
+        others += [landmarks.replaced(landmark_names=tuple("abcd")), landmarks.replaced(further={})]
+    for other in others:
+        with pytest.raises(ValueError, match="not those of the first"):
+            write(landmarks, other)
+    with pytest.raises(ValueError, match="nothing was appended"):
+        write()
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.real_data
 def test_real_files_come_back_as_they_were(tmp_path, real_data, same):
     for name in ("mocap/subject13_29_120fps_exact.h5", "cars/models.h5", "cars/fg3dcar_shapes.h5"):

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from shapefit.io import open_landmarks, read_shapes, write_shapes
 from tests.io.files import save
@@ -32,17 +34,19 @@ def renamed(record, prefix):
 # Shapes
 
 
-@pytest.mark.parametrize("suffixes", [(".h5", ".h5"), (".csv", ".csv")])
-def test_permuted_landmarks_are_matched_by_name(tmp_path, shapes, same, suffixes):
-    one, two = (tmp_path / f"{name}{suffix}" for name, suffix in zip("ab", suffixes, strict=True))
+@given(st.permutations(range(4)), st.sampled_from([".h5", ".csv", ".parquet"]))
+@settings(
+    max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_permuted_landmarks_are_matched_by_name(tmp_path, shapes, same, order, suffix):
+    one, two = tmp_path / f"a{suffix}", tmp_path / f"b{suffix}"
     write_shapes(one, shapes.take([0, 1]))
-    write_shapes(two, permuted_shapes(shapes.take([2, 3, 4]), ORDER))
+    write_shapes(two, permuted_shapes(shapes.take([2, 3, 4]), order))
     found = read_shapes([one, two])
-    if suffixes == (".h5", ".h5"):
+    if suffix == ".h5":
         same(found, shapes)
     np.testing.assert_array_equal(found.shapes, shapes.shapes)
-    assert found.landmark_names == shapes.landmark_names
-    assert found.items == shapes.items
+    assert (found.landmark_names, found.items) == (shapes.landmark_names, shapes.items)
 
 
 def test_edges_and_mirror_follow_their_landmarks(tmp_path, shapes):
@@ -140,40 +144,20 @@ def test_files_without_sequences_units_or_shapes_go_with_others(tmp_path, shapes
 # Landmarks
 
 
-def test_chunks_run_over_the_ends_of_files(tmp_path, landmarks, same):
-    paths = [
-        views_file(tmp_path / f"{rows}.h5", landmarks.take(rows))
-        for rows in (slice(0, 1), slice(1, 1), slice(1, 4), slice(4, 5))
-    ]
+@pytest.mark.parametrize("by_file", [False, True])
+def test_chunks_run_over_the_ends_of_files_unless_told(tmp_path, landmarks, same, by_file):
+    parts = (slice(0, 1), slice(1, 1), slice(1, 4), slice(4, 5))
+    paths = [views_file(tmp_path / f"{rows}.h5", landmarks.take(rows)) for rows in parts]
+    ends = {rows.stop for rows in parts} if by_file else {5}
     with open_landmarks(paths) as source:
-        assert source.count == 5
-        assert source.head.landmark_names == landmarks.landmark_names
-        assert (source.head.unit, source.head.y_axis) == ("px", "down")
+        assert (source.count, source.head.unit, source.head.y_axis) == (5, "px", "down")
         for size in (1, 2, 3, 5, 100):
-            chunks = list(source.batches(size))
-            assert [len(chunk) for chunk in chunks] == [size] * (5 // size) + [5 % size] * (
-                5 % size > 0
-            )
             start = 0
-            for chunk in chunks:
-                same(chunk, landmarks.take(slice(start, start + size)))
-                start += size
-
-
-def test_chunks_of_files_end_where_files_do(tmp_path, landmarks, same):
-    paths = [
-        views_file(tmp_path / f"{rows}.h5", landmarks.take(rows))
-        for rows in (slice(0, 1), slice(1, 1), slice(1, 4), slice(4, 5))
-    ]
-    with open_landmarks(paths) as source:
-        for size in (1, 2, 3, 5, 100):
-            chunks = list(source.batches(size, by_file=True))
-            middle = [1, 1, 1] if size == 1 else [2, 1] if size == 2 else [3]
-            assert [len(chunk) for chunk in chunks] == [1, *middle, 1]
-            start = 0
-            for chunk in chunks:
-                same(chunk, landmarks.take(slice(start, start + len(chunk))))
-                start += len(chunk)
+            for chunk in source.batches(size, by_file=by_file):
+                stop = min(start + size, min(end for end in ends if end > start))
+                same(chunk, landmarks.take(slice(start, stop)))
+                start = stop
+            assert start == 5
 
 
 def test_landmarks_of_files_are_united(tmp_path, landmarks):
@@ -195,21 +179,6 @@ def test_landmarks_of_files_are_united(tmp_path, landmarks):
     assert (chunk.confidence[1:, 1] == 0).all()
 
 
-def test_csv_and_hdf5_together(tmp_path, landmarks):
-    plain = landmarks.replaced(further={})
-    one = views_file(tmp_path / "a.csv", plain.take([0, 1]))
-    two = views_file(tmp_path / "b.h5", plain.take([2, 3, 4]))
-    with open_landmarks([one, two]) as source:
-        chunk = source.whole()
-    np.testing.assert_array_equal(chunk.landmarks, landmarks.landmarks)
-    assert (source.head.unit, source.head.y_axis, chunk.unit, chunk.y_axis) == (
-        "px",
-        "down",
-        "px",
-        "down",
-    )
-
-
 def test_landmarks_that_do_not_go_together(tmp_path, landmarks, problems):
     one = views_file(tmp_path / "a.h5", landmarks.take([0]))
     part = landmarks.take([1])
@@ -221,6 +190,3 @@ def test_landmarks_that_do_not_go_together(tmp_path, landmarks, problems):
         assert problems(open_landmarks, [one, two]) == (
             f"{two}: {found}; use files that agree, or process them separately",
         )
-
-
-# Duplicates

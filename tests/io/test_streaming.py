@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from shapefit.io import landmark_writer, result_writer
+from shapefit.io import landmark_writer
 
 MAKE = """
 import os, resource, signal, sys
@@ -54,30 +54,6 @@ def test_a_disk_that_fills_while_writing(tmp_path, run_python, name, limit):
     done = run_python(MAKE + FULL, target, str(limit))
     assert done.stdout.startswith(f"{target}: cannot be written: File too large; free some space")
     assert (done.returncode, done.stderr) == (0, "")
-    assert target.read_text() == "old"
-    assert os.listdir(tmp_path) == [name]
-
-
-KILLED = """
-with result_writer(Path(sys.argv[1])) as writer:
-    for start in range(0, 4000, 1000):
-        writer.append(results(views(start, 1000)))
-    os.kill(os.getpid(), signal.SIGKILL)
-"""
-
-
-@pytest.mark.parametrize("name", ["result.h5", "result.csv"])
-def test_an_error_between_chunks(tmp_path, results, name):
-    target = tmp_path / name
-    target.write_text("old")
-
-    def write():
-        with result_writer(target) as writer:
-            writer.append(results)
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        write()
     assert target.read_text() == "old"
     assert os.listdir(tmp_path) == [name]
 

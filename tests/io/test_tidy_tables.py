@@ -11,8 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from shapefit.io import csv_file, inputs, landmark_writer, read_results, result_writer
-from shapefit.io import write_shapes as write_shape_file
+from shapefit.io import csv_file, inputs, read_results, result_writer
 from shapefit.io.csv_file import read_rows, split_columns
 from shapefit.io.records import LandmarkSet
 from shapefit.io.tidy_table import read_numbers
@@ -121,18 +120,6 @@ def test_a_landmark_with_half_a_position_is_unseen(csv, cells, read_views):
     views = read_views(csv(f"item,landmark,x,y\na,head,{cells}\na,foot,1,2\n"))
     np.testing.assert_array_equal(views.landmarks, [[[np.nan, 1], [np.nan, 2]]])
     assert views.confidence is views.sequences is None
-
-
-def test_names_are_texts_not_numbers(csv, read_views):
-    views = read_views(csv("item,landmark,x,y\n007,1.0,1,2\n7, 1.0,1,2\n"))
-    assert views.items == ("007", "7")
-    assert views.landmark_names == ("1.0", " 1.0")
-
-
-def test_results_may_have_failed_items(csv):
-    found = read_results(csv("item,landmark,x,y,z\na,head,1,2,3\nb,head,,,\n"))
-    np.testing.assert_array_equal(found.shapes, [[[1], [2], [3]], [[np.nan]] * 3])
-    assert found.coefficients is found.status is found.landmarks_fitted is None
 
 
 @given(st.text(st.sampled_from('aaa,,,\n\n"\r'), min_size=1, max_size=12))
@@ -317,34 +304,6 @@ def test_results_as_csv(tmp_path, results):
     assert lines[5] == "image 1,head,,,,a"
     assert len(lines) == 1 + 5 * 4
     np.testing.assert_array_equal(read_results(path).shapes, shapes)
-
-
-def test_standard_output(landmarks, capfdbinary):
-    save(Path("-"), landmarks.take([0]))
-    lines = capfdbinary.readouterr().out.decode().splitlines()
-    assert lines[0] == "item,landmark,x,y,confidence,sequence"
-    assert lines[1].startswith("image 0,head,")
-    assert len(lines) == 5
-
-
-def test_names_with_commas_quotes_and_line_ends(tmp_path, shapes, read_one):
-    odd_landmarks = ('a,"b"', "new\nline", "return\r", " blank ")
-    items = ("é", "\r\n", '"', "x\ny", "'")
-    odd = shapes.replaced(landmark_names=odd_landmarks, items=items, sequences=("\r",) * 5)
-    write_shape_file(tmp_path / "odd.csv", odd)
-    found = read_one(tmp_path / "odd.csv")
-    assert (found.landmark_names, found.items) == (odd_landmarks, items)
-    assert found.sequences == odd.sequences
-    np.testing.assert_array_equal(found.shapes, odd.shapes)
-
-
-def test_columns_of_chunks_must_agree(tmp_path, landmarks):
-    with pytest.raises(ValueError, match="not those of the first"):
-        save(tmp_path / "views.csv", landmarks, landmarks.replaced(confidence=None))
-    nothing = pytest.raises(ValueError, match="nothing was appended")
-    with nothing, landmark_writer(tmp_path / "x.csv"):
-        pass
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_items_without_landmarks_write_a_header(tmp_path):

@@ -2,10 +2,8 @@
 
 import h5py
 import numpy as np
-import pytest
 
 from shapefit.io import (
-    landmark_writer,
     open_landmarks,
     read_dictionary,
     read_results,
@@ -47,18 +45,6 @@ def test_one_point_a_row_in_the_file_one_a_column_in_memory(shape_file, shapes):
         np.testing.assert_array_equal(file["shapes"][2, 1], shapes.shapes[2, :, 1])
         np.testing.assert_array_equal(file["mesh_vertices"][4, 5], shapes.mesh_vertices[4, :, 5])
     assert read_shapes([shape_file]).shapes.flags.c_contiguous
-
-
-def test_results_keep_attributes_and_carried_datasets(result_file, results):
-    found = read_results(result_file)
-    assert found.attributes == results.attributes
-    assert found.columns["true_model"].tolist() == list("vwxyz")
-    np.testing.assert_array_equal(found.columns["camera_matrix"], np.eye(3))
-    assert found.columns["maker"].item() == "José"
-    with h5py.File(result_file) as file:
-        assert file.attrs["version"] == 1
-        assert file.attrs["shapefit_version"] == b"0.1.0"
-        assert file.attrs["method"] == b"convex"
 
 
 def test_three_images_do_not_make_rows_of_the_camera_matrix(landmark_file, tmp_path):
@@ -111,26 +97,6 @@ def test_a_landmark_with_half_a_position_is_unseen(landmark_file, landmarks, edi
     points[0, 0] = (1.0, np.nan)
     first, _ = read_landmarks(edit(landmark_file, landmarks=points))
     assert np.isnan(first.landmarks[0, :, 0]).all()
-
-
-def test_chunks_must_go_together(tmp_path, landmarks):
-    path = tmp_path / "views.h5"
-
-    def write(*chunks):
-        with landmark_writer(path) as writer:
-            for chunk in chunks:
-                writer.append(chunk)
-
-    for other in (
-        landmarks.replaced(confidence=None),
-        landmarks.replaced(landmark_names=("a", "b", "c", "d")),
-        landmarks.replaced(further={}),
-    ):
-        with pytest.raises(ValueError, match="not those of the first"):
-            write(landmarks, other)
-    with pytest.raises(ValueError, match="nothing was appended"):
-        write()
-    assert not path.exists()
 
 
 def test_a_zero_byte_in_a_text_is_refused(shape_file, landmark_file, problems, edit):

@@ -91,23 +91,3 @@ def test_everything_that_is_written_has_checksums(result_file, dictionary_file):
 def test_the_file_ends_where_its_content_does(tmp_path, result_file):
     with h5py.File(result_file) as file:
         assert result_file.stat().st_size == file.id.get_filesize() < 1 << 20
-
-
-@pytest.mark.parametrize("texts", [("", "é"), ("x" * 3000, "y"), ("日本",) * 2])
-def test_texts_of_any_length_come_back(tmp_path, landmarks, texts):
-    from tests.io.files import load, save
-
-    parts = [landmarks.take([i]).replaced(items=(f"{i}{t}",)) for i, t in enumerate(texts)]
-    parts = [p.with_columns({"note": np.array([t])}) for p, t in zip(parts, texts, strict=True)]
-    save(tmp_path / "views.h5", *parts)
-    found = load(tmp_path / "views.h5")
-    assert found.items == tuple(f"{i}{t}" for i, t in enumerate(texts))
-    assert found.columns["note"].tolist() == list(texts)
-
-
-def test_texts_with_zero_bytes_are_refused(tmp_path, landmarks, problems):
-    from tests.io.files import save
-
-    names = ("a\0b", *landmarks.items[1:])
-    (line,) = problems(save, tmp_path / "views.h5", landmarks.replaced(items=names))
-    assert "zero byte" in line
