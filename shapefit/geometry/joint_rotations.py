@@ -10,8 +10,8 @@ The edges between landmarks are one tree of bones, whose nodes can each turn.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree, shortest_path
@@ -101,9 +101,10 @@ OPPOSITE = 1e-9
 
 @dataclass(frozen=True)
 class Rig:
-    """A tree of m nodes in motion: offsets (m, 3) from the parent at rest, the pose of one frame.
+    """A tree of m nodes in motion: offsets (m, 3) from the parent at rest.
 
-    rotations L (m, f, 3, 3) in the frame of the parent; root (f, 3), where the first node is.
+    The pose at rest is that of the frame `rest`, or one that was chosen (`in_pose`). rotations
+    L (m, f, 3, 3) in the frame of the parent; root (f, 3), where the first node is.
     """
 
     tree: tuple[Node, ...]
@@ -121,6 +122,39 @@ def find_rig(points: Floats, edges: Integers, root: int | None = None) -> Rig:
     above = [node.above for node in tree[1:]]
     L = np.concatenate([G[:1], G[above].swapaxes(-1, -2) @ G[1:]])
     return Rig(tree, find_offsets(points, tree, rest), L, points[:, :, tree[0].joint], rest)
+
+
+def in_pose(rig: Rig, directions: Mapping[int, Sequence[float]]) -> Rig:
+    """o' = T_parent o, L' = T_parent L T^T: the same motion of a rig with another pose at rest.
+
+    directions: landmark where a bone ends -> its direction at rest (3,). T (m, 3, 3) turns the
+    bones of a node to them: the shortest way a single one, by least squares several. Bones without
+    a direction turn with their parent.
+    """
+    tree, T = rig.tree, np.empty((len(rig.tree), 3, 3))
+    bones = {node.joint: offset for node, offset in zip(tree, rig.offsets, strict=True)
+             if offset.any()}  # fmt: skip
+    for number, node in enumerate(tree):
+        P = T[node.above] if node.above >= 0 else np.eye(3)
+        known = [end for end in node.aims if end in directions and end in bones]
+        ends = _directions(np.array([directions[end] for end in known]).reshape(-1, 3))
+        starts = _directions(np.array([bones[end] for end in known]).reshape(-1, 3))
+        if len(known) == len(node.aims) == 1:
+            T[number] = _shortest_turns(P @ starts[0], ends)[0] @ P
+        else:
+            T[number] = nearest_rotation(ends.T @ starts + PRIOR * P) if known else P
+    above = [node.above for node in tree[1:]]
+    P = np.concatenate([np.eye(3)[None], T[above]])
+    L = P[:, None] @ rig.rotations @ T[:, None].swapaxes(-1, -2)
+    return replace(rig, offsets=(P @ rig.offsets[..., None])[..., 0], rotations=L)
+
+
+def rest_places(rig: Rig) -> Floats:
+    """Return where nodes are at rest (m, 3), the first one where it is in the frame `rest`."""
+    places = [rig.root[rig.rest]]
+    for node, offset in zip(rig.tree[1:], rig.offsets[1:], strict=True):
+        places.append(places[node.above] + offset)
+    return np.array(places)
 
 
 def find_places(rig: Rig) -> Floats:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error
-from shapefit.geometry.joint_rotations import Rig, find_places, find_rig
+from shapefit.geometry.joint_rotations import Rig, find_places, find_rig, in_pose
 from shapefit.io.skeletons import part_names
 from shapefit.io.written.motion import Motion, by_individual, motion_output
 
@@ -45,6 +45,20 @@ BONES: Mapping[str, str] = {
 }
 """Parts of the body -> the same for what turns at the landmark before and leads only there."""
 
+_ACROSS = ("shoulder", "elbow", "wrist", "hand", "knuckle", "thumb")
+_FORWARD = ("toe", "big toe", "ball", "small toe")
+
+T_POSE: Mapping[str, tuple[float, float, float]] = {
+    **dict.fromkeys((*_CHEST, *_HEAD, *_SPINE), (0, 1, 0)),
+    **{f"{s}{part}": (x, 0, 0) for s, x in (("l", 1), ("r", -1)) for part in _ACROSS},
+    **{f"{s}hip": (x, -1, 0) for s, x in (("l", 1), ("r", -1))},
+    **{f"{s}{part}": (0, -1, 0) for s in "lr" for part in ("knee", "ankle")},
+    **{f"{s}{part}": (0, -0.5, 1) for s in "lr" for part in _FORWARD},
+    **{f"{s}heel": (0, -1, -1) for s in "lr"},
+}
+"""Parts of the body -> the directions of the bones that end there, y up, in the pose in which
+programs expect a body at rest: upright, seen from the front, arms to the sides."""
+
 NEEDED = frozenset(f"{s}{part}" for s, _ in _SIDES for part, _ in _LIMBS)
 """Without all of these it is no person."""
 
@@ -68,7 +82,9 @@ def _rigged(motion: Motion, place: str) -> Motion:
         raise input_error(place, found, fix)
     whole = _bridged(motion, place)
     hips = [j for j, part in enumerate(_parts(whole)) if JOINTS.get(part) == "Hips"]
-    return replace(whole, rig=find_rig(whole.points, whole.edges, hips[0] if hips else None))
+    rig = find_rig(whole.points, whole.edges, hips[0] if hips else None)
+    known = {j: T_POSE[part] for j, part in enumerate(_parts(whole)) if part in T_POSE}
+    return replace(whole, rig=in_pose(rig, known) if known else rig)
 
 
 def _distances(motion: Motion) -> Floats:

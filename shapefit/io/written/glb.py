@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from shapefit import __version__
 from shapefit.arrays import Floats
-from shapefit.geometry.joint_rotations import Rig, find_bones, find_places
+from shapefit.geometry.joint_rotations import Rig, find_bones, rest_places
 from shapefit.io.written.bones import node_names, rigged
 from shapefit.io.written.motion import Motion, by_video, motion_output
 from shapefit.meshes.export import tubes
@@ -66,7 +66,7 @@ def _add_nodes(scene: Scene, rig: Rig, names: Sequence[str], times: Floats) -> i
 
 def _skin(scene: Scene, rig: Rig, here: int, name: str, material: int) -> tuple[int, int]:
     """Add a solid per bone, which turns with the node that aims along it, and what joins them."""
-    rest = find_places(rig)[:, rig.rest]
+    rest = rest_places(rig)
     node_of = {node.joint: number for number, node in reversed([*enumerate(rig.tree)])}
     order = {joint: place for place, joint in enumerate(node_of)}
     bones = {

@@ -63,6 +63,23 @@ def test_a_result_is_in_metres_with_joints_that_are_known(tmp_path, scene):
         assert f"JOINT {name}\n" in text
 
 
+def test_people_rest_in_a_t(tmp_path, scene):
+    """Arms to the sides, the left one to +x; legs down, head up."""
+    save(tmp_path / "man.bvh", scene.result)
+    text = (tmp_path / "man.bvh").read_text()
+    rest = re.findall(r"(?:JOINT|ROOT) (\S+)\s*\{\s*OFFSET (\S+) (\S+) (\S+)", text)
+    bones = {name: np.array(offset, float) for name, *offset in rest}
+    for names, direction in {
+        ("LeftArm", "LeftForeArm", "LeftHand"): (1, 0, 0),
+        ("RightArm", "RightForeArm", "RightHand"): (-1, 0, 0),
+        ("LeftLeg", "LeftFoot", "RightLeg", "RightFoot"): (0, -1, 0),
+        ("Spine2", "Head"): (0, 1, 0),
+    }.items():
+        for name in names:
+            length = np.linalg.norm(bones[name])
+            np.testing.assert_allclose(bones[name], length * np.array(direction), atol=1e-5)
+
+
 @pytest.mark.parametrize("rate", [24.7, 59.94, 119.88])
 def test_the_time_of_a_frame_is_exact_to_ten_digits(tmp_path, shapes, rate):
     save(tmp_path / "man.bvh", shapes.replaced(frame_rate=rate))

@@ -135,8 +135,17 @@ def test_several_people_are_several_skins_as_far_apart_as_in_the_image(tmp_path,
 
 
 def test_trimesh_shows_the_pose_at_rest(tmp_path, scene):
+    """A T: as wide as shoulders and arms, as high as legs, trunk and head."""
     save(tmp_path / "man.glb", scene.result)
     loaded = trimesh.load(tmp_path / "man.glb")
-    extent = np.ptp(loaded.bounds, axis=0)
-    assert extent[1] == pytest.approx(np.ptp(scene.y_up[0][1]), abs=0.06)
+    man = dict(zip(scene.result.landmark_names, scene.y_up[0].T, strict=True))
+
+    def along(*joints):
+        bones = np.diff([man[joint] for joint in joints], axis=0)
+        return np.linalg.norm(bones, axis=1).sum()
+
+    wide = sum(along("neck", *(f"{s}{j}" for j in ("shoulder", "elbow", "wrist"))) for s in "lr")
+    high = along("rhip", "rknee", "rankle") + along("pelvis", "neck", "head")
+    high += along("pelvis", "rhip") / np.sqrt(2)
+    np.testing.assert_allclose(np.ptp(loaded.bounds, axis=0)[:2], [wide, high], atol=0.06)
     assert all(geometry.is_watertight for geometry in loaded.geometry.values())
