@@ -228,6 +228,40 @@ def check_skeleton(
     )
 
 
+def find_cause(images: LandmarkSet, dictionary: Dictionary, config: FitConfig) -> str:
+    """Say why most images are implausible, by trying what would make that share half as large.
+
+    images have the landmarks of the dictionary, `config` what was estimated. Other names of
+    landmarks were tried before the fit, where the files have names of a known skeleton.
+    """
+    single, most = config.changed(method="posterior"), "most images are implausible"
+    images = images.take(evenly(len(images), MOST))
+
+    def share(images: LandmarkSet, config: FitConfig = single) -> float:
+        return Lifted(lift_images(images, dictionary, config), dictionary, config).implausible_share
+
+    limit, partner = share(images) / 2, dictionary.mirror_index
+    if partner is not None:
+        sides = images.replaced(
+            landmarks=images.landmarks[..., partner],
+            confidence=None if images.confidence is None else images.confidence[:, partner],
+        )
+        if share(sides) < limit:
+            return f"{most}, but not with left and right exchanged: exchange the names by `rename`"
+    if config.camera.model == "perspective":
+        parallel = {"model": "weak-perspective", "focal": None, "intrinsics": None}
+        weak = {**parallel, "calibration": None, "name": None, "principal_point": None}
+        if share(images, single.changed(camera=weak)) < limit:
+            return (
+                f"{most}, but not by weak perspective: is the camera right? "
+                "`camera.model=weak-perspective` does without"
+            )
+    return (
+        f"{most}, with left and right exchanged and without the camera, too: the dictionary may be "
+        "of another class, or its training shapes lack these poses; look at some results"
+    )
+
+
 def check_sides(
     sample: Sample, found: Lifted, config: FitConfig, dictionary: Dictionary
 ) -> tuple[str, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from shapefit.arrays import Floats
@@ -12,10 +14,15 @@ from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.skeletons import PEOPLE, people_joints
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
-from shapefit.lifting.verdict import DOUBT, NO_SHAPE
+from shapefit.lifting.verdict import DOUBT, NO_SHAPE, PLAUSIBILITY
+from shapefit.pipelines.fit.checks import FEWEST, find_cause
 from shapefit.pipelines.fit.lift import LEAVE_OUT, find_items
 from shapefit.pipelines.fit.prepare import Setup
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
+
+MOSTLY = 0.5
+"""Belief below which a landmark is gross; share of the images in which it is so to be named, and
+share of implausible images from which the cause is looked for."""
 
 STEEP = 0.5
 """Cosine of the angle to the vertical within which a body stands, or is on its head: 60 degrees."""
@@ -27,8 +34,13 @@ FAR_ASIDE = np.tan(np.radians(15.0))
 class Report:
     """Says of each batch what failed and what is doubtful, and counts for the end what adds up."""
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: Setup, *, explained: bool = False) -> None:
+        """Count for a fit; `explained` where it was said before what is wrong with its images."""
         self.done = 0
+        self._explained = explained
+        self._sample: LandmarkSet | None = None
+        self._gross, self._seen = np.zeros((2, len(setup.dictionary.landmark_names)), np.int64)
+        self._implausible = self._judged = 0
         self._setup = setup
         names = setup.dictionary.landmark_names
         joints = people_joints(names) | {name: name for name in names if name in PEOPLE}
@@ -47,6 +59,7 @@ class Report:
         config = self._setup.config
         self.done += len(images)
         self._count_upright(record)
+        self._count_beliefs(images, record)
         if config.leave_out is not None:
             items, known = find_items(images, config, self._setup.dictionary)
             self._unknown_items += int((~known).sum())
@@ -71,6 +84,33 @@ class Report:
         self._on_head += int((up < -STEEP * np.linalg.norm(body, axis=1)).sum())
         self._y_axis = record.y_axis
 
+    def _count_beliefs(self, images: LandmarkSet, record: ResultSet) -> None:
+        """Count the images in which each landmark is gross, and those that are implausible."""
+        belief, plausibility = (record.columns.get(name) for name in ("belief", PLAUSIBILITY))
+        if belief is None or plausibility is None:
+            return
+        self._sample = self._sample or images
+        self._gross += (belief < MOSTLY).sum(axis=0)
+        self._seen += np.isfinite(belief).sum(axis=0)
+        self._implausible += int((plausibility < self._setup.config.posterior.implausible).sum())
+        self._judged += int(np.isfinite(plausibility).sum())
+
+    def _warn_of_landmarks(self) -> Iterator[str | Counted]:
+        """Name landmarks that are gross in most images; else say why most are implausible."""
+        markers = self._setup.joints.markers
+        seen = np.maximum(self._seen, FEWEST)
+        for j in np.flatnonzero(self._gross > MOSTLY * seen):
+            joint = self._setup.dictionary.landmark_names[j]
+            name = " and ".join(markers.get(joint, (joint,)))
+            text = (
+                f"in which {name} is grossly wrong: rename it if it is another point of the body, "
+                f"or leave it out with `rename={{{name}: unused}}`"
+            )
+            yield Counted(int(self._gross[j]), "image", text)
+        if self._implausible > MOSTLY * max(self._judged, FEWEST) and not self._explained:
+            assert self._sample is not None, "some were judged"
+            yield find_cause(self._sample, self._setup.seen, self._setup.config)
+
     @property
     def warnings(self) -> tuple[str | Counted, ...]:
         """What is known at the end only, with shares of all images.
@@ -83,6 +123,8 @@ class Report:
             taken = f"y was taken to point {y}; if it points {other}, set `y_axis: {other}`"
             text = f"with people on their heads: {taken}"
             found.append(Counted(self._on_head, "image", text))
+        if self._judged:
+            found += self._warn_of_landmarks()
         if self._unknown_items:
             found.append(self._warn_of_items())
         return tuple(found)

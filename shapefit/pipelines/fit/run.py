@@ -88,7 +88,11 @@ def run(
         if find_target_format(output).in_metres:  # the error of an angle is that of several joints
             config = config.changed(posterior={"covariance": True})
         setup = set_up(config, dictionary, source.head.landmark_names)
-        report, seconds, inputs = Report(setup), 0.0, dict[str, str]()
+        report, seconds, inputs = (
+            Report(setup, explained=bool(estimates.warnings)),
+            0.0,
+            dict[str, str](),
+        )
         with (
             open_exports(config, setup.dictionary, source.count) as exports,
             result_writer(output, OutputOptions(height=config.height)) as writer,

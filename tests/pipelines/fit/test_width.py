@@ -13,6 +13,7 @@ from shapefit.io import LandmarkSet, write_dictionary
 from shapefit.pipelines.fit.prepare import FIRST, prepare
 from shapefit.pipelines.fit.width import likeliest
 from tests.pipelines.fitted import fit_images
+from tests.pipelines.told import texts
 
 P, IMAGES = 12, 60
 NAMES = tuple(f"point{j}" for j in range(P))
@@ -110,3 +111,32 @@ def test_of_pairs_as_likely_the_widest_is_taken_with_the_least_misfit():
     found = likeliest(of)
     assert (found.prior, found.misfit) == (2, 1)
     assert found.gain == pytest.approx(4.95)
+
+
+def test_a_landmark_that_is_mostly_wrong_is_named_and_frames_stay_trusted(planted, tmp_path):
+    images, _ = planted[2](1, MISFIT, wrong=3)
+    keys = {"method": "posterior", "camera": {"model": "weak-perspective"}}
+    result, outcomes = fit_images(tmp_path, images, planted[0], **keys)
+    (told,) = [each for each in texts(outcomes) if "grossly wrong" in each]
+    assert int(told.split()[0]) > 45
+    assert "in which point3 is grossly wrong" in told
+    assert result.columns["trusted"].mean() > 0.8
+    _, outcomes = fit_images(
+        tmp_path, images, planted[0], **keys, input={"rename": {"point3": "unused"}}
+    )
+    assert not any("grossly wrong" in each for each in texts(outcomes))
+
+
+def test_images_of_another_class_are_said_to_be(planted, tmp_path):
+    """Shapes that the widest prior does not hold, and left and right that nobody exchanged."""
+    images, _ = planted[2](1, MISFIT)
+    other = images.replaced(landmarks=images.landmarks[..., [*range(6, P), *range(6)]])
+    keys = {"method": "posterior", "camera": {"model": "weak-perspective"}}
+    result, outcomes = fit_images(tmp_path, other, planted[0], **keys)
+    if (result.columns["plausibility"] < 0.05).mean() > 0.5:
+        assert any("another class" in each for each in texts(outcomes))
+    keys["posterior"] = {"prior_width": 1, "misfit": MISFIT}
+    _, outcomes = fit_images(tmp_path, other, planted[0], **keys)
+    assert [each for each in texts(outcomes) if "another class" in each]
+    _, outcomes = fit_images(tmp_path, images, planted[0], **keys)
+    assert not any("implausible" in each for each in texts(outcomes))
