@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from base64 import b64encode
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -51,13 +51,29 @@ class Blend:
 
 
 @dataclass(frozen=True)
+class Words:
+    """A text for every frame: the different ones, and codes (n,) of those of the frames."""
+
+    words: Sequence[str]
+    codes: Integers
+
+    @classmethod
+    def of(cls, texts: NDArray[Any] | None) -> Words | None:
+        """Return texts (n,); None where there are none."""
+        if texts is None:
+            return None
+        words, codes = np.unique(texts.astype(str), return_inverse=True)
+        return cls(words.tolist(), codes)
+
+
+@dataclass(frozen=True)
 class Layer:
     """One result, the truth, or shapes: points (n, 3, p), nan where there are none.
 
     fitted (n, 2, p) are given where they are not x and y of the points; sd (n, 3, p) standard
     deviations; pose (n, 13) rotation, scale, translation that carry a mesh into the frame of the
-    points; camera (n, 7) position of the centroid, focal lengths, principal point; status a word
-    for every frame; doubts says of every frame why its shape is not to be trusted, "" where it is.
+    points; camera (n, 7) position of the centroid, focal lengths, principal point; status is a
+    word for every frame; doubts says why a shape is not to be trusted, "" where it is.
     """
 
     name: str
@@ -68,14 +84,14 @@ class Layer:
     pose: Floats | None = None
     camera: Floats | None = None
     blend: Blend | None = None
-    status: Sequence[str] | None = None
-    doubts: Sequence[str] | None = None
+    status: Words | None = None
+    doubts: Words | None = None
     measures: tuple[Measure, ...] = ()
 
 
 @dataclass(frozen=True)
 class Picture:
-    """The image under the landmarks of a frame: base64 of a JPEG, size in the original pixels."""
+    """The image under the landmarks of a frame: a data URL, size in the original pixels."""
 
     data: str
     size: tuple[int, int]
@@ -89,65 +105,48 @@ class Scene:
     landmarks, nan where hidden, or None; outliers (n, p). sides says of each landmark whether it is
     in the middle (0), on the left (1) or on the right (2), or on one side and the other where it is
     not known which is which (`sides_named`). moments (n,) are equal for frames of different
-    individuals that were seen at once, and 0 for others. notes say what the page lacks.
+    individuals that were seen at once, and 0 for others. flat says that there are images to show;
+    notes say what the page lacks.
     """
 
     title: str
     items: Sequence[str]
     sequences: Sequence[tuple[str, int]]
     landmarks: Sequence[str]
-    edges: Integers
+    edges: Sequence[Sequence[int]]
     layers: Sequence[Layer]
     unit: str
     y_down: bool
-    frame_rate: float | None = None
+    frame_rate: float = RATE_OF_IMAGES
+    rate_known: bool = False
+    flat: bool = False
     seen: Floats | None = None
     outliers: NDArray[np.bool_] | None = None
-    sides: Sequence[int] = ()
+    sides: Sequence[int] | None = None
     sides_named: bool = True
     moments: Integers | None = None
     meshes: Sequence[MeshSet] = ()
     pictures: Mapping[int, Picture] = field(default_factory=dict)
-    notes: Sequence[str] = ()
+    notes: tuple[str, ...] = ()
 
 
-def as_json(scene: Scene) -> dict[str, Any]:
-    """Return what the page reads, ready for JSON."""
-    has_images = scene.seen is not None or any(layer.role == "result" for layer in scene.layers)
-    in_motion = any(name for name, _ in scene.sequences)
-    return {
-        "unit": shown_unit(scene.unit),
-        "yDown": scene.y_down,
-        "frameRate": scene.frame_rate or (USUAL_RATE if in_motion else RATE_OF_IMAGES),
-        "rateKnown": scene.frame_rate is not None,
-        "flat": has_images,
-        "landmarks": list(scene.landmarks),
-        "edges": scene.edges.tolist(),
-        "sides": list(scene.sides) if any(scene.sides) else None,
-        "sidesNamed": scene.sides_named,
-        "moments": None if scene.moments is None else block(scene.moments, "u4"),
-        "items": list(scene.items),
-        "sequences": [{"name": name, "start": start} for name, start in scene.sequences],
-        "seen": None if scene.seen is None else block_of_points(scene.seen),
-        "outliers": None if scene.outliers is None else block(scene.outliers, "u1"),
-        "layers": [_layer(layer) for layer in scene.layers],
-        "meshes": [
-            {
-                "vertices": block_of_points(mesh.vertices),
-                "faces": block(mesh.faces, smallest_kind(mesh.vertices.shape[2])),
-            }
-            for mesh in scene.meshes
-        ],
-        "pictures": {
-            str(frame): {"data": f"data:image/jpeg;base64,{each.data}", "size": each.size}
-            for frame, each in scene.pictures.items()
-        },
-    }
+def as_json(value: Any) -> Any:
+    """Return a scene, or a part of one, as the page reads it: fields by their names.
 
-
-def shown_unit(unit: str) -> str:
-    """Return a unit as the page has it: nothing for one that is not known."""
-    return "" if unit == "unknown" else unit
+    Numbers are blocks: points (n, d, p) on a scale of each set, other floats in 32 bits, integers
+    in as few bytes as they need.
+    """
+    if is_dataclass(value):
+        named = {field.name: getattr(value, field.name) for field in fields(value)}
+        return {name: as_json(each) for name, each in named.items() if each is not None}
+    if isinstance(value, np.ndarray):
+        if value.dtype.kind == "f":
+            return block_of_points(value) if value.ndim == 3 else block(value, "f4")
+        largest = int(value.max(initial=0))
+        return block(value, "u1" if largest < 2**8 else "u2" if largest < 2**16 else "u4")
+    if isinstance(value, Mapping):
+        return {str(key): as_json(each) for key, each in value.items()}
+    return [as_json(each) for each in value] if isinstance(value, list | tuple) else value
 
 
 def block(values: NDArray[Any], kind: str) -> dict[str, Any]:
@@ -173,46 +172,3 @@ def block_of_points(points: Floats) -> dict[str, Any]:
     codes = np.rint((np.where(known, rows, offset) - offset) / np.maximum(scale, 1e-300))
     codes = np.where(known, np.clip(codes, -LARGEST, LARGEST), MISSING)
     return block(codes, "i2") | {"places": block(places, "f4")}
-
-
-def smallest_kind(largest: int) -> str:
-    """Return the integer type that holds numbers up to `largest`."""
-    return "u1" if largest < 2**8 else "u2" if largest < 2**16 else "u4"
-
-
-def _layer(layer: Layer) -> dict[str, Any]:
-    document: dict[str, Any] = {
-        "name": layer.name,
-        "role": layer.role,
-        "points": block_of_points(layer.points),
-        "measures": [
-            {
-                "name": measure.name,
-                "scale": measure.scale,
-                "bad": measure.bad,
-                "unit": shown_unit(measure.unit),
-                "limit": measure.limit,
-                "values": block(measure.values, "f4"),
-            }
-            for measure in layer.measures
-        ],
-    }
-    for name, points in (("fitted", layer.fitted), ("sd", layer.sd)):
-        if points is not None:
-            document[name] = block_of_points(points)
-    for name, values in (("pose", layer.pose), ("camera", layer.camera)):
-        if values is not None:
-            document[name] = block(values, "f4")
-    for name, texts in (("status", layer.status), ("doubts", layer.doubts)):
-        if texts is not None:
-            words, codes = np.unique(np.array(texts, dtype=str), return_inverse=True)
-            kind = smallest_kind(len(words))
-            document[name] = {"words": words.tolist(), "codes": block(codes, kind)}
-    if (blend := layer.blend) is not None:
-        document["mesh"] = {
-            "of": blend.mesh_set,
-            "start": block(blend.start, "u4"),
-            "atom": block(blend.atom, smallest_kind(int(blend.atom.max(initial=0)))),
-            "weight": block(blend.weight, "f4"),
-        }
-    return document

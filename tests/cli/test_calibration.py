@@ -78,12 +78,3 @@ def test_regions_of_shapes_drawn_from_the_prior_hold_what_they_say(drawn):
     (kept,) = (row for row in rows(drawn / "report/trusted.csv") if row["metric"] == "similarity"
                and row["unit"] == "normalised")  # fmt: skip
     assert (int(kept["images"]), int(kept["kept"])) == (N, N - N // 10)
-
-
-def test_narrower_bars_hold_less(drawn):
-    narrow = ["--set", "posterior.widening=0.5"]
-    shapefit("fit", "-c", "fit.yaml", *narrow, folder=drawn)
-    shapefit("eval", "-c", "eval.yaml", folder=drawn)
-    whole = rows(drawn / "report/calibration.csv")[0]
-    assert float(whole["inside_90"]) < 0.82
-    assert float(whole["inside_50"]) < 0.42

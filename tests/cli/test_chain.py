@@ -66,27 +66,3 @@ def test_a_wrong_name_leaves_the_old_result(demo):
     assert "pelviss" in result.stderr
     assert "pelvis" in result.stderr.replace("pelviss", "")
     assert (folder / "result.h5").read_bytes() == before
-
-
-@pytest.mark.real_data
-def test_motion_capture(project, real_data, tmp_path):
-    configs, data = project / "configs/mocap", ("--set", f"data={real_data / 'mocap'}")
-    trial = "{data}/subject13_29_120fps_exact.h5"
-    shapefit(
-        "learn-dict", "-c", configs / "learn-dict.yaml", *data, *SMALL, "--set", "every=60",
-        "-o", "dict.h5", folder=tmp_path,
-    )  # fmt: skip
-    shapefit(
-        "project", "-c", configs / "project.yaml", *data, "--set", f"shapes='{trial}'",
-        "-o", "views.h5", folder=tmp_path,
-    )  # fmt: skip
-    shapefit(
-        "fit", "-c", configs / "fit.yaml", *data, "views.h5", "-d", "dict.h5", "-o", "result.h5",
-        folder=tmp_path,
-    )  # fmt: skip
-    shown = shapefit(
-        "eval", "-c", configs / "eval.yaml", *data, "result.h5", "-o", "report",
-        "--set", f"truth='{trial}'", folder=tmp_path,
-    )  # fmt: skip
-    assert "Subject 13" in shown.stdout
-    assert 0 < similarity_errors(tmp_path / "report/report.csv")["Subject 13"] < 0.5

@@ -95,7 +95,7 @@ test("search finds sequences and items whatever the case; without text the curre
 
 test("individuals of one moment are found from each other's frames", () => {
   const moments = { type: "u4", shape: [5], data: base64(Uint32Array.of(0, 1, 2, 2, 1)) };
-  const sequences = [{ name: "v/a", start: 0 }, { name: "v/b", start: 3 }, { name: "w", start: 5 }];
+  const sequences = [["v/a", 0], ["v/b", 3], ["w", 5]];
   const open = scene.open({ items: ["a0", "a1", "a2", "b2", "b1", "w"], sequences, moments, meshes: [], layers: [], landmarks: [] });
   assert.deepEqual([0, 1, 2, 3].map(open.together), [[], [1, 4], [2, 3], [2, 3]]);
   assert.deepEqual([0, 1, 2].map(open.group), [[0, 1], [0, 1], []]);
@@ -121,7 +121,7 @@ test("frames of a sequence share a scale, but for a few of them; single images h
   const radii = [...new Array(38).fill(1), 2, 90];
   const points = { type: "f4", shape: [40, 2, 3], data: base64(Float32Array.from(radii.flatMap((r) => [-r, -r, 0, r, r, 0]))) };
   const layer = { name: "fit", role: "result", points, measures: [] };
-  const page = (name) => ({ items: radii.map(String), sequences: [{ name, start: 0 }], meshes: [], layers: [layer], landmarks: ["a", "b"] });
+  const page = (name) => ({ items: radii.map(String), sequences: [[name, 0]], meshes: [], layers: [layer], landmarks: ["a", "b"] });
   assert.deepEqual(scene.open(page("walk")).size(0).solid, [2, 2]);
   assert.deepEqual(scene.open(page("")).size(0).solid, [0, 0]);
 });

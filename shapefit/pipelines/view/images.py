@@ -102,7 +102,8 @@ def _embed(path: Path) -> Picture:
     small.thumbnail((LONGEST_SIDE, LONGEST_SIDE))
     data = BytesIO()
     small.save(data, "JPEG", quality=QUALITY)
-    return Picture(b64encode(data.getvalue()).decode("ascii"), size)
+    text = b64encode(data.getvalue()).decode("ascii")
+    return Picture(f"data:image/jpeg;base64,{text}", size)
 
 
 def _candidates(images: Path, item: str) -> Iterator[Path]:

@@ -21,6 +21,7 @@ from shapefit.geometry.procrustes import lateral_axis, similarity_transform
 from shapefit.io import read_dictionary
 from shapefit.io.foreign.items import FRAME
 from shapefit.io.joined import agreed
+from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.listing import Listing
 from shapefit.io.skeletons import edges_of
 from shapefit.lifting.methods import METHODS
@@ -40,7 +41,16 @@ from shapefit.pipelines.view.reading import (
     read_truth,
     renamed_edges,
 )
-from shapefit.viewer.scene import Blend, Layer, Measure, MeshSet, Scene
+from shapefit.viewer.scene import (
+    RATE_OF_IMAGES,
+    USUAL_RATE,
+    Blend,
+    Layer,
+    Measure,
+    MeshSet,
+    Scene,
+    Words,
+)
 
 MOST_MESHES = 200
 """Meshes of shapes that a page holds, at most."""
@@ -89,6 +99,7 @@ def assemble(
     rates = [config.frame_rate, *(one.frame_rate for one in every)]
     rates += [] if truth is None else [truth.frame_rate]
     rate = next((rate for rate in rates if rate is not None and rate < 1e6), None)
+    in_motion = any(name for name, _ in frames.sequences)
     pictures = {} if config.images is None else embed_images(config.images, frames.items)
     if config.images is not None and len(pictures) < len(frames.items):
         notes.append(f"{len(pictures)} of {counted(len(frames.items), 'frame')} have a picture.")
@@ -97,14 +108,16 @@ def assemble(
         items=frames.items,
         sequences=frames.sequences,
         landmarks=landmarks,
-        edges=np.empty((0, 2), np.int64) if edges is None else edges,
+        edges=[] if edges is None else edges.tolist(),
         layers=layers,
-        unit=every[0].unit,
+        unit=_shown(every[0].unit),
         y_down=y_axis == "down",
-        frame_rate=None if rate is None else rate / frames.step,
+        frame_rate=rate / frames.step if rate else USUAL_RATE if in_motion else RATE_OF_IMAGES,
+        rate_known=rate is not None,
+        flat=seen is not None or bool(results),
         seen=seen,
         outliers=np.logical_or.reduce(outliers) if np.any(outliers) else None,
-        sides=named if any(named) else next(filter(any, halves), ()),
+        sides=named if any(named) else next(filter(any, halves), None),
         sides_named=any(named),
         moments=find_moments(found, frames),
         meshes=meshes,
@@ -251,7 +264,6 @@ def _result_layer(gathered: Gathered, seen: Floats | None, truth: Truth | None) 
     """Return the layer of a result; `seen` (n, 2, p) are the observed landmarks of the page."""
     found, points = gathered.of_frames, gathered.points
     fitted = found.get("landmarks_fitted")
-    status, doubts = gathered.texts.get("status"), gathered.texts.get(DOUBT)
     camera = _camera(gathered)
     return Layer(
         name=gathered.name,
@@ -261,8 +273,8 @@ def _result_layer(gathered: Gathered, seen: Floats | None, truth: Truth | None) 
         sd=found.get("shape_sd"),
         pose=None if camera is None else _pose(gathered),
         camera=camera,
-        status=None if status is None else tuple(status),
-        doubts=None if doubts is None else tuple(doubts),
+        status=Words.of(gathered.texts.get("status")),
+        doubts=Words.of(gathered.texts.get(DOUBT)),
         measures=tuple(_measures(gathered, seen, truth)),
     )
 
@@ -273,7 +285,7 @@ def _measures(gathered: Gathered, seen: Floats | None, truth: Truth | None) -> I
     if truth is not None:
         error = metrics.similarity(gathered.points, truth.points)
         if np.isfinite(error).any():
-            yield Measure("error", error, unit=truth.shapes.unit)
+            yield Measure("error", error, unit=_shown(truth.shapes.unit))
     posterior = fit_config(gathered.attributes).get("posterior")
     limit = posterior.get("implausible") if isinstance(posterior, dict) else None
     limits = {"plausibility": limit if isinstance(limit, float) else None}
@@ -284,7 +296,7 @@ def _measures(gathered: Gathered, seen: Floats | None, truth: Truth | None) -> I
     if seen is not None:
         flat = found.get("landmarks_fitted", gathered.points[:, :2])
         error = metrics.reprojection(flat, seen)
-        yield Measure("reprojection", error, unit=gathered.listings[0].unit)
+        yield Measure("reprojection", error, unit=_shown(gathered.listings[0].unit))
     if "relative_gap" in found and np.isfinite(found["relative_gap"]).any():
         yield Measure("relative gap", found["relative_gap"], scale="log")
     if "status" in gathered.texts:
@@ -413,6 +425,11 @@ def _note_what_lacks(
         failed = int((~np.isfinite(layer.points).any(axis=(1, 2))).sum())
         if failed:
             notes.append(f"{layer.name} has no shape of {counted(failed, 'frame')}.")
+
+
+def _shown(unit: str) -> str:
+    """Return a unit as the page has it: nothing for one that is not known."""
+    return "" if unit == UNKNOWN_UNIT else unit
 
 
 def _ordinal(number: int) -> str:

@@ -52,17 +52,17 @@ const plane = (() => {
     const [wide, tall] = box.extent.map((own, axis) => Math.max(own, whole[axis]));
     const zoom = FILL * view.planeZoom * Math.min(width / (wide || tall || 1), height / (tall || wide || 1));
     const middle = box.middle.map((value, axis) => {
-      const towards = axis === 1 && !data.yDown ? 1 : -1;
+      const towards = axis === 1 && !data.y_down ? 1 : -1;
       return value + (towards * view.planePan[axis]) / zoom;
     });
-    return { zoom, middle, yDown: data.yDown };
+    return { zoom, middle, yDown: data.y_down };
   }
 
   function drawPicture(context, data, view, at, zoom) {
     const picture = view.pictures[view.frame];
     if (!picture?.complete) return;
     const [w, h] = data.pictures[view.frame].size;
-    context.drawImage(picture, ...at(0, data.yDown ? 0 : h), w * zoom, h * zoom);
+    context.drawImage(picture, ...at(0, data.y_down ? 0 : h), w * zoom, h * zoom);
   }
 
   /** 1, 2 or 5 times a power of ten, at least `least`. */

@@ -4,7 +4,7 @@ const scene = (() => {
 
   function open(page) {
     const count = page.items.length;
-    const sequences = page.sequences.map(({ name, start }, i) => ({ name, start, end: page.sequences[i + 1]?.start ?? count }));
+    const sequences = page.sequences.map(([name, start], i) => ({ name, start, end: page.sequences[i + 1]?.[1] ?? count }));
     const owners = new Uint32Array(count); // the sequence of each frame
     sequences.forEach(({ start, end }, i) => owners.fill(i, start, end));
     const meshes = page.meshes.map(({ vertices, faces }) => {
@@ -58,7 +58,7 @@ const scene = (() => {
    * that all are shown in one scale; 0 for frames that are no sequence.
    */
   function sizeOf(data, { name, start, end }) {
-    if (!name && !data.rateKnown) return { solid: [0, 0], flat: [0, 0] };
+    if (!name && !data.rate_known) return { solid: [0, 0], flat: [0, 0] };
     const [solid, flat] = [[], []];
     for (let frame = start; frame < end; frame += Math.max(1, Math.floor((end - start) / LOOKED_AT))) {
       for (const layer of data.layers) solid.push(geometry.box(layer.points(frame), 3));
@@ -74,7 +74,7 @@ const scene = (() => {
   function openLayer(layer, meshes) {
     const row = (name) => (layer[name] ? blocks.open(layer[name]).row : null);
     const [points, pose, camera, fitted] = ["points", "pose", "camera", "fitted"].map(row);
-    const mesh = layer.mesh ? openBlend(layer.mesh, meshes[layer.mesh.of], pose) : () => null;
+    const mesh = layer.blend ? openBlend(layer.blend, meshes[layer.blend.mesh_set], pose) : () => null;
 
     /** Where the image shows points of this layer: x and y, or the camera's perspective. */
     function inImage(frame, values) {
@@ -97,7 +97,7 @@ const scene = (() => {
       hasCamera: Boolean(camera),
       unit: (frame) => (camera ? pose(frame)[9] : 1),
       pose: pose ?? (() => null),
-      faces: layer.mesh ? meshes[layer.mesh.of].faces : null,
+      faces: layer.blend ? meshes[layer.blend.mesh_set].faces : null,
       fitted: fitted ?? ((frame) => inImage(frame, points(frame))),
       sd: row("sd") ?? (() => null),
       measures: layer.measures.map((measure) => ({ ...measure, values: blocks.numbers(measure.values) })),

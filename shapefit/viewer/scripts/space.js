@@ -24,7 +24,7 @@ const space = (() => {
   function stand(data, view, bodies) {
     const pose = view.upright && bodies.length ? bodies[0].layer.pose(view.frame) : null;
     if (pose && Number.isFinite(pose[0])) return geometry.inverse(Array.from(pose.slice(0, 9)));
-    return geometry.uprightRotation(data.yDown);
+    return geometry.uprightRotation(data.y_down);
   }
 
   /** Draw the frame of the view; returns {projected: points by layer in px, axes: their ends in px}. */

@@ -124,7 +124,7 @@
   function advance(now) {
     if (!view.playing) return;
     const { start, end } = sequence();
-    const passed = (Math.max(0, now - view.playing.since) / 1000) * data.frameRate * Number($("speed").value);
+    const passed = (Math.max(0, now - view.playing.since) / 1000) * data.frame_rate * Number($("speed").value);
     const frame = start + ((view.playing.from - start + Math.floor(passed)) % (end - start));
     if (frame !== view.frame) go(frame);
     requestAnimationFrame(advance);
@@ -257,7 +257,7 @@
 
   /** Left and right have colours that the page explains where one layer is shown alone. */
   function showSides() {
-    $("sides").hidden = !data.sides || !data.sidesNamed || view.shown.size !== 1 || look.framesOf(data, view).length > 1;
+    $("sides").hidden = !data.sides || !data.sides_named || view.shown.size !== 1 || look.framesOf(data, view).length > 1;
     const [layer] = view.shown;
     if (layer) $("left-mark").style.background = `var(--${look.colourOf(data, layer, view.frame)})`;
   }
@@ -344,7 +344,7 @@
     fillMeasures();
     showKey();
     $("mesh-choice").hidden = $("upright-choice").hidden = !data.layers.some((layer) => layer.faces);
-    $("rate").textContent = data.count > 1 ? `${data.frameRate} frames/s${data.rateKnown ? "" : " (not stated in the files)"}` : "";
+    $("rate").textContent = data.count > 1 ? `${data.frame_rate} frames/s${data.rate_known ? "" : " (not stated in the files)"}` : "";
     $("doubtful").hidden = !data.layers.some((layer) => layer.doubt);
     $("flat").hidden = !data.flat;
     $("solid").hidden = $("layers").hidden = !data.layers.length;

@@ -42,12 +42,12 @@ def test_a_dictionary_says_what_names_do_not(desk, made_dictionary):
     write_dictionary(path, replace(made_dictionary, mean_shape=mean, mirror_index=pairs))
     data = desk.view(desk.result(), dictionary=path).data
     assert data["sides"] == [1, 2, 0, 2, 1]
-    assert not data["sidesNamed"]
+    assert not data["sides_named"]
     names = ("left_a", "right_a", "c", "d", "e")
     write_dictionary(path, replace(made_dictionary, landmark_names=names, mirror_index=pairs))
     data = desk.view(desk.result(landmark_names=names), dictionary=path).data
     assert data["sides"] == [1, 2, 0, 0, 0]
-    assert data["sidesNamed"]
+    assert data["sides_named"]
 
 
 def gathered(name, items, frame):
