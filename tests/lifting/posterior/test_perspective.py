@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shapefit.geometry.pinhole import Camera, project
-from shapefit.lifting.posterior.method import face, find_rays, place
+from shapefit.lifting.posterior.method import face, find_rays, place, stretch_noise
 from shapefit.lifting.posterior.posterior import find_posterior
 from tests.lifting.posterior.pinhole import MISFIT, P, Scene
 
@@ -108,3 +108,14 @@ def test_a_lifting_through_the_camera_tells_one_story(draw_mixture, sign):
     assert np.median(np.abs(depth / 6 - 1)) < 0.1
     off = np.linalg.norm(found.landmarks_fitted - scene.landmarks, axis=1)
     assert np.median(off) < 20
+
+
+def test_the_noise_of_a_landmark_is_that_of_its_ray(rng):
+    """Samples of noise in pixels that are not square, seen as rays."""
+    camera = Camera(np.array([[900.0, 400.0]]), np.array([[320.0, 240.0]]), 1.0)
+    covariance = np.array([[4.0, 1.5], [1.5, 9.0]])
+    w = rng.multivariate_normal([500, 100], covariance, 100_000).T[None]
+    expected = np.cov(find_rays(w, camera).landmarks[0])
+    np.testing.assert_allclose(
+        stretch_noise(covariance[None, None], camera)[0, 0], expected, rtol=0.03
+    )

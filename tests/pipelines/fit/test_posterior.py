@@ -6,10 +6,12 @@ import h5py
 import numpy as np
 import pytest
 
+from shapefit.config import FitConfig
 from shapefit.dictionary.mixture import Mixture
 from shapefit.errors import InputError
-from shapefit.io import read_dictionary, write_dictionary
+from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
 from shapefit.pipelines import verify
+from shapefit.pipelines.fit.lift import weigh
 from tests.pipelines.told import failures
 
 
@@ -100,6 +102,18 @@ def test_what_confidences_above_one_do_is_told(fit, with_prior, images, method):
     (warning,) = told
     assert "more precise than the model otherwise believes" in warning
     assert "lambda" not in warning
+
+
+def test_a_confidence_of_the_least_score_counts_as_seen(world):
+    scores = np.array([[0.0, 0.29, 0.3, 0.31, 7.0]])
+    images = LandmarkSet(
+        landmarks=np.ones((1, 2, 5)), landmark_names=tuple("abcde"), items=("0",), confidence=scores
+    )
+    paths = {"landmarks": str(world.images("people")), "dictionary": "people", "output": "o.h5"}
+    config = FitConfig(**paths, method="posterior", posterior={"least_score": 0.3})
+    assert weigh(images, config).tolist() == [[0, 0, 1, 1, 1]]
+    by_confidence = FitConfig(**paths, method="posterior", posterior={"least_score": None})
+    np.testing.assert_array_equal(weigh(images, by_confidence), images.weights())
 
 
 def test_implausible_images_are_reported_and_keep_their_status(fit, with_prior, images):
