@@ -45,15 +45,6 @@ def labels_of(names: Sequence[str]) -> Labels:
     return Labels(tuple(places), codes)
 
 
-def join_labels(parts: Sequence[Labels]) -> Labels:
-    """Return the labels of one set of values after the other."""
-    names = tuple(dict.fromkeys(name for part in parts for name in part.names))
-    places = {name: place for place, name in enumerate(names)}
-    own = [np.array([places[name] for name in part.names], np.int32) for part in parts]
-    codes = [found[part.codes] for found, part in zip(own, parts, strict=True)]
-    return Labels(names, np.concatenate(codes))
-
-
 @dataclass(frozen=True)
 class ImageErrors:
     """Errors of one method in one metric and unit, one per image; nan = failed.
@@ -89,28 +80,6 @@ class ImageErrors:
             values=self.values[rows],
             plausibility=None if self.plausibility is None else self.plausibility[rows],
         )
-
-
-def join_errors(parts: Iterable[ImageErrors]) -> list[ImageErrors]:
-    """Return the errors of several files of one method, those of one metric and unit together."""
-    kinds: dict[Kind, list[ImageErrors]] = {}
-    for part in parts:
-        kinds.setdefault(part.kind, []).append(part)
-    return [own[0] if len(own) == 1 else _joined(own) for own in kinds.values()]
-
-
-def _joined(parts: Sequence[ImageErrors]) -> ImageErrors:
-    known = [part.plausibility for part in parts]
-    trust = [
-        np.full(len(p.values), np.nan) if p.plausibility is None else p.plausibility for p in parts
-    ]
-    return replace(
-        parts[0],
-        items=[item for part in parts for item in part.items],
-        sequences=join_labels([part.sequences for part in parts]),
-        values=np.concatenate([part.values for part in parts]),
-        plausibility=None if all(each is None for each in known) else np.concatenate(trust),
-    )
 
 
 @dataclass(frozen=True)

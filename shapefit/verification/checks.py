@@ -2,8 +2,9 @@
 
 A sum that takes N roundings is off by at most N u / (1 - N u) of the sum of its terms' magnitudes,
 u = 2^-53 (Higham, Accuracy and Stability of Numerical Algorithms, section 3.1). Everything here is
-allowed C u (p + 3 m) sum |terms| for p landmarks and m active transforms, the fit having rounded in
-an order of its own, and 1e-9 of the number itself at least.
+allowed C u (p + 3 m) (1 + r) sum |terms| for p landmarks and m active transforms, the fit having
+rounded in an order of its own, r being how many of their sizes the landmarks lie from the origin;
+and 1e-9 of the number itself at least.
 """
 
 from __future__ import annotations

@@ -33,6 +33,8 @@ ACTIVE = 1e-6
 ORTHOGONAL = 1e-3
 """Most that M M^T / c^2 may differ from I, in the Frobenius norm, where M counts as orthogonal."""
 MOST_CONDITION = 2.0**52
+POSITIVE = 1e-6
+"""Share of the cube of its size above which no rounding makes a determinant of 3 x 3 negative."""
 BLOCK = 128
 """Images whose products with the atoms are in the cache of the processor together."""
 
@@ -90,7 +92,8 @@ class Transforms:
     def gram(self) -> tuple[Floats, Floats, Floats]:
         """||x||^2, ||y||^2 and x . y of the rows x, y of each block, (a,) each."""
         x, y = self.blocks[:, 0], self.blocks[:, 1]
-        return (x * x).sum(axis=1), (y * y).sum(axis=1), (x * y).sum(axis=1)
+        xx, yy, xy = (np.einsum("ai,ai->a", *pair) for pair in ((x, x), (y, y), (x, y)))
+        return xx, yy, xy
 
     @cached_property
     def norms(self) -> Floats:
@@ -340,7 +343,10 @@ def check_nearest(rotation: Floats, A: Floats, size: Floats, error: Floats, chec
     skew = largest(np.abs(H - H.swapaxes(1, 2)))
     H = np.where(np.isfinite(H), H + H.swapaxes(1, 2), 0.0) / 2
     sums = np.trace(H, axis1=1, axis2=2)[:, None, None] * np.eye(3) - H
-    off = np.maximum(skew, -np.linalg.eigvalsh(sums)[:, 0])
+    minor = sums[:, 0, 0] * sums[:, 1, 1] - sums[:, 0, 1] ** 2
+    sure = (sums[:, 0, 0] > 0) & (minor > 0) & (np.linalg.det(sums) > POSITIVE * size**3)
+    off = skew.copy()
+    off[~sure] = np.maximum(skew[~sure], -np.linalg.eigvalsh(sums[~sure])[:, 0])
     checks.add("rotation is nearest to the transforms", off, 3 * error, "rotation", turned)
 
 

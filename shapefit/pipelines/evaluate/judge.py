@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from shapefit.arrays import Flags, Floats
 from shapefit.config import EvalConfig
 from shapefit.convex.solver import Status
 from shapefit.errors import abbreviate, input_error
-from shapefit.evaluation.calibration import ErrorBars, correlations_of, find_squares
+from shapefit.evaluation.calibration import ErrorBars, correlations_of, find_squares, join_bars
 from shapefit.evaluation.metric_table import (
     BOX,
     CORRELATION,
@@ -99,7 +99,8 @@ class Judged:
     """Errors of the n images of one result file.
 
     items and sequences (n), a sequence that nobody knows is empty; errors maps a metric and unit
-    to (n,), nan where an image failed or, in precision and recall, has nothing to judge; failures
+    to (n,), nan where an image failed, infinite where it does not count, as in precision and recall
+    where there is nothing to judge; failures
     maps the failed items to the reason; bars says how the truth lies in the error bars, and
     plausibility (n,), where the method has them; run is what the file says of the fit.
     """
@@ -115,19 +116,39 @@ class Judged:
     run: Run
 
     def image_errors(self, method: str) -> list[ImageErrors]:
-        """Return the errors in each metric and unit, of the images that count in it.
-
-        Those that leave labels undefined do not, unless they failed.
-        """
-        found = []
-        failed = np.array([item in self.failures for item in self.items], dtype=np.bool_)
-        every = labels_of(self.sequences)
+        """Return the errors in each metric and unit, of the images that count in it."""
+        found, sequences = [], labels_of(self.sequences)
         for kind, values in self.errors.items():
-            whole = ImageErrors(method, *kind, self.items, every, values, self.plausibility)
-            counts = failed | ~np.isnan(values) | (not METRICS[kind[0]].of_labels)
+            whole = ImageErrors(method, *kind, self.items, sequences, values, self.plausibility)
+            counts = ~np.isinf(values)
             if counts.any():
                 found.append(whole if counts.all() else whole.take(np.flatnonzero(counts)))
         return found
+
+
+def join(files: Sequence[Judged]) -> Judged:
+    """Return the files of one method as one; images do not count in metrics that a file lacks."""
+
+    def joined(arrays: Iterable[Floats | None], missing: float) -> Floats:
+        pairs = zip(files, arrays, strict=True)
+        return np.concatenate(
+            [np.full(len(one.items), missing) if own is None else own for one, own in pairs]
+        )
+
+    bars = [one.bars for one in files if one.bars is not None]
+    trust = [one.plausibility for one in files]
+    return replace(
+        files[0],
+        items=tuple(item for one in files for item in one.items),
+        sequences=tuple(name for one in files for name in one.sequences),
+        errors={
+            kind: joined((one.errors.get(kind) for one in files), np.inf)
+            for kind in dict.fromkeys(kind for one in files for kind in one.errors)
+        },
+        failures={item: why for one in files for item, why in one.failures.items()},
+        bars=join_bars(bars) if bars else None,
+        plausibility=None if all(each is None for each in trust) else joined(trust, np.nan),
+    )
 
 
 def judge(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) -> Judged:
@@ -160,12 +181,17 @@ def judge(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) -> J
         values[~judged.any(axis=-1)] = np.nan
     bars, unjudged = _judge_bars(file, results, own, arrays, scale, units[0])
     sequences = _sequences(results, shapes, rows)
+    failures = _failures(results, keys, rows, judged, errors)
+    lifted = np.array([item not in failures for item in results.items], dtype=np.bool_)
+    for (metric, _), values in errors.items():
+        if METRICS[metric].of_labels:
+            values[np.isnan(values) & lifted] = np.inf
     return Judged(
         file=file,
         items=results.items,
         sequences=sequences,
         errors=errors,
-        failures=_failures(results, keys, rows, judged, errors),
+        failures=failures,
         warnings=(
             *too_few,
             *_left_out(file, results, shapes, names),

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
+from itertools import islice
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,7 +16,7 @@ from shapefit.config import EvalConfig, ViewConfig
 from shapefit.config.commands.input import InputConfig
 from shapefit.errors import InputError, counted, input_error, listed, path_text, printable
 from shapefit.evaluation import calibration, report
-from shapefit.evaluation.calibration import ErrorBars, image_shares, join_bars
+from shapefit.evaluation.calibration import ErrorBars, image_shares
 from shapefit.evaluation.metric_table import METRICS, SHARE
 from shapefit.evaluation.plots import draws_plots, plots_left_out
 from shapefit.evaluation.report import MOST_LISTED, Method, Report, as_markdown, report_blocks
@@ -23,7 +24,6 @@ from shapefit.evaluation.summaries import (
     NORMALISED,
     ImageErrors,
     group_sequences,
-    join_errors,
     keep_plausible,
     labels_of,
     summarise,
@@ -32,7 +32,7 @@ from shapefit.io import open_shapes, read_results
 from shapefit.io.atomic import check_folder, digests, staged_files
 from shapefit.io.csv_file import per_image_header, per_image_rows
 from shapefit.io.options import input_options
-from shapefit.pipelines.evaluate.judge import Judged, Truth, judge, with_shapes_of
+from shapefit.pipelines.evaluate.judge import Judged, Truth, join, judge, with_shapes_of
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.viewer.report_page import Links, report_page
 
@@ -129,26 +129,22 @@ def sum_up(
 
     Raises InputError where nothing was measured, and where no sequence is in any group.
     """
-    errors = [
-        joined
-        for name, judged in methods.items()
-        for joined in join_errors(part for each in judged for part in each.image_errors(name))
-    ]
+    whole = {name: join(judged) for name, judged in methods.items()}
+    errors = [each for name, judged in whole.items() for each in judged.image_errors(name)]
     if not errors:
         nothing = f"no image has anything to judge in {', '.join(config.metrics)}"
         raise input_error("metrics", nothing, "add `similarity`, which every shape has")
     sequences = (name for each in errors for name in each.sequences.names)
     grouping, ungrouped = group_sequences(config.groups, sequences)
-    parts = {name: [j.bars for j in own if j.bars is not None] for name, own in methods.items()}
-    bars = {name: join_bars(own) for name, own in parts.items() if own}
+    bars = {name: judged.bars for name, judged in whole.items() if judged.bars is not None}
     grouped_bars = {
         (name, group): own
-        for name, whole in bars.items()
-        for group, own in calibration.by_group(whole, grouping).items()
+        for name, every in bars.items()
+        for group, own in calibration.by_group(every, grouping).items()
     }
     plausible = [e for e in errors if not METRICS[e.metric].of_labels]
     found = Report(
-        methods=tuple(_method(name, judged) for name, judged in methods.items()),
+        methods=tuple(_method(name, whole[name], judged) for name, judged in methods.items()),
         summaries=tuple(s for each in errors for s in summarise(each, grouping)),
         warnings=tuple(map(printable, (*warnings, *ungrouped))),
         coverage=tuple(
@@ -249,15 +245,14 @@ def _check_distinct(judged: Judged, before: Sequence[Judged]) -> None:
             raise input_error(judged.file, found, fix)
 
 
-def _method(name: str, judged: Sequence[Judged]) -> Method:
-    failures = {item: why for each in judged for item, why in each.failures.items()}
+def _method(name: str, whole: Judged, files: Sequence[Judged]) -> Method:
     return Method(
         name=name,
-        files=tuple(path_text(each.file) for each in judged),
-        images=sum(len(each.items) for each in judged),
-        failures=dict(list(failures.items())[:MOST_LISTED]),
-        solving=report.sum_up_runs([each.run for each in judged]),
-        unlisted=max(len(failures) - MOST_LISTED, 0),
+        files=tuple(path_text(each.file) for each in files),
+        images=len(whole.items),
+        failures=dict(islice(whole.failures.items(), MOST_LISTED)),
+        solving=report.sum_up_runs([each.run for each in files]),
+        unlisted=max(len(whole.failures) - MOST_LISTED, 0),
     )
 
 
