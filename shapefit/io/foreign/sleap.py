@@ -16,6 +16,7 @@ from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import input_error, printable
 from shapefit.io.foreign.recording import (
     ANYBODY,
+    Edges,
     Recording,
     check_unique,
     name_of,
@@ -178,7 +179,7 @@ class Metadata:
 
     landmarks: tuple[str, ...]
     skeletons: list[NDArray[np.intp]]
-    edges: tuple[tuple[int, int], ...]
+    edges: Edges
     tracks: tuple[str, ...]
     videos: tuple[str, ...]
     shift: float

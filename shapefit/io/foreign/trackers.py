@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error, printable
 from shapefit.io.foreign.recording import (
+    Edges,
     Recording,
     check_unique,
     number_labels,
@@ -102,7 +103,7 @@ class TrackerFile(Hdf5File):
             found = np.ravel(stored.dataset[()])
         return tuple(text(value) for value in found)
 
-    def edges(self, name: str, count: int) -> tuple[tuple[int, int], ...]:
+    def edges(self, name: str, count: int) -> Edges:
         """Return the pairs of landmarks in a dataset (e, 2); none where it is absent or empty."""
         if not self.is_dataset(name) or 0 in self.shape(name):
             return ()
@@ -288,27 +289,20 @@ STEADY = 0.01
 
 @dataclass(frozen=True)
 class Series:
-    """One landmark of an animal: points (n, 2) or (n, 3), confidence and times (n,) in s.
+    """A PoseEstimationSeries: the way of one landmark of one animal, which is in a module.
 
-    confidence is NaN where there is none; rate is that of a series that states its rate.
+    points (n, 2 or 3) times the conversion that is stated; confidence (n,), NaN where there is
+    none; times (n,) in seconds; rate in Hz, of a series that states it.
     """
 
-    name: str
+    module: str
+    animal: str
+    landmark: str
     points: Floats
     confidence: Floats
     times: Floats
     rate: float | None
     unit: str
-
-
-@dataclass(frozen=True)
-class Animal:
-    """A PoseEstimation: its module and name, its series, and the group of its skeleton, if any."""
-
-    module: str
-    name: str
-    series: tuple[Series, ...]
-    skeleton: str | None
 
 
 def read_nwb(paths: tuple[Path, ...]) -> Recording:
@@ -319,63 +313,64 @@ def read_nwb(paths: tuple[Path, ...]) -> Recording:
     """
     path = paths[0]
     with TrackerFile(path) as file:
-        found = list(_animals(file, "processing", 1)) if file.has("processing") else []
-        if not found:
+        animals = dict(_animals(file, "processing", 1)) if file.has("processing") else {}
+        if not animals:
             what = "holds no PoseEstimation (ndx-pose), so no landmarks"
             raise input_error(path, what, "give a file of estimated poses")
-        names, edges = _landmarks(file, found)
-    series = [each for animal in found for each in animal.series]
+        names, edges = _landmarks(file, animals)
+    series = [each for own in animals.values() for each in own]
     if len(dimensions := {each.points.shape[1] for each in series}) != 1:
         raise input_error(path, "holds 2D and 3D series", "save them in files of their own")
-    people = tuple(dict.fromkeys(animal.name for animal in found))
-    modules = dict.fromkeys(animal.module for animal in found)
-    several = len(people) < len(found)
-    videos = [[a for a in found if a.module == m] for m in modules] if several else [found]
-    read = [_join(own, names, people) for own in videos]
+    people = tuple(dict.fromkeys(each.animal for each in series))
+    several = len(people) < len(animals)
+    modules = list(dict.fromkeys(each.module for each in series)) if several else [""]
+    videos = [[each for each in series if each.module == m or not several] for m in modules]
+    times = [np.unique(np.concatenate([each.times for each in own])) for own in videos]
+    read = [_join(own, at, names, people) for own, at in zip(videos, times, strict=True)]
     points, confidence, frames, individuals = (
-        np.concatenate(each) for each in zip(*(own[:4] for own in read), strict=True)
+        np.concatenate(each) for each in zip(*read, strict=True)
     )
-    times = [own[4] for own in read]
-    called = [module for module, own in zip(modules, read, strict=False) for _ in own[2]]
-    units = {each.unit for each in series}
-    unit = UNITS.get(next(iter(units)), "unknown") if len(units) == 1 else "unknown"
+    called = [module for module, own in zip(modules, read, strict=True) for _ in own[2]]
+    labels = [number_labels("", at[own[2]]) for at, own in zip(times, read, strict=True)]
+    units = {UNITS.get(each.unit, "unknown") for each in series}
+    unit = units.pop() if len({each.unit for each in series}) == 1 else "unknown"
     return Recording(
         name=str(path),
         video=video_name(path),
         points=points,
         confidence=None if np.isnan(confidence).all() else confidence,
         frames=frames,
-        labels=[label for own in read for label in number_labels("", own[4][own[2]])],
+        labels=[label for own in labels for label in own],
         individuals=individuals,
         videos=called if several else None,
         landmark_names=names,
         individual_names=people,
         frame_count=sum(map(len, times)),
-        frame_rate=_rate([each.rate for each in series if len(each.times) > 1], times),
+        frame_rate=_rate({each.rate for each in series if len(each.times) > 1}, times),
         unit="px" if dimensions == {2} else unit,
         edges=edges,
     )
 
 
-def _animals(file: TrackerFile, group: str, depth: int) -> Iterator[Animal]:
-    """Yield all animals in a group that have a series."""
+def _animals(file: TrackerFile, group: str, depth: int) -> Iterator[tuple[str, list[Series]]]:
+    """Yield the groups of all animals below a group that have series, and these."""
     for name in file.groups(group):
         below = f"{group}/{name}"
         if text(file.attribute(TYPE, below) or "") != POSE:
             if depth < DEEPEST:
                 yield from _animals(file, below, depth + 1)
             continue
-        own = tuple(
-            _series(file, f"{below}/{each}", each)
-            for each in file.groups(below)
-            if text(file.attribute(TYPE, f"{below}/{each}") or "") == SERIES
-        )
+        inner = [(each, f"{below}/{each}") for each in file.groups(below)]
+        own = [
+            _series(file, place, group.rpartition("/")[2], name, landmark)
+            for landmark, place in inner
+            if text(file.attribute(TYPE, place) or "") == SERIES
+        ]
         if own:
-            skeleton = _skeleton(file, below, {series.name for series in own})
-            yield Animal(group.rpartition("/")[2], name, own, skeleton)
+            yield below, own
 
 
-def _series(file: TrackerFile, group: str, name: str) -> Series:
+def _series(file: TrackerFile, group: str, module: str, animal: str, landmark: str) -> Series:
     data, scores, start = (f"{group}/{each}" for each in ("data", "confidence", "starting_time"))
     count, axes = file.shape(data, "times, coordinates")
     if axes not in (2, 3):
@@ -390,26 +385,26 @@ def _series(file: TrackerFile, group: str, name: str) -> Series:
         first = float(file.numbers(start))
         if not np.isfinite(first):
             raise file.fault(start, "is no number", "store the time of the first point")
-        stated = _number(file, "rate", start)
-        rate = stated if stated is not None and stated > 0 else None
+        stated = _number(file, "rate", start, 0.0)
+        rate = stated if stated > 0 else None
         times = first + np.arange(count) / (rate or 1.0)
-    elif file.is_dataset(name_of_times := f"{group}/timestamps"):
-        file.check_shape(name_of_times, (count,))
-        times = file.numbers(name_of_times)
+    elif file.is_dataset(stamps := f"{group}/timestamps"):
+        file.check_shape(stamps, (count,))
+        times = file.numbers(stamps)
         if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
             fix = "give each point a time of its own, in their order"
-            raise file.fault(name_of_times, "does not increase", fix)
+            raise file.fault(stamps, "does not increase", fix)
     else:
         raise file.fault(group, "has neither timestamps nor starting_time")
-    factor, offset = (_number(file, each, data) for each in ("conversion", "offset"))
-    points = file.numbers(data) * (factor or 1.0) + (offset or 0.0)
+    factor = _number(file, "conversion", data, 1.0) or 1.0
+    points = file.numbers(data) * factor + _number(file, "offset", data, 0.0)
     unit = text(file.attribute("unit", data) or "pixels").lower()
-    return Series(name, points, confidence, times, rate, unit)
+    return Series(module, animal, landmark, points, confidence, times, rate, unit)
 
 
-def _number(file: TrackerFile, name: str, node: str) -> float | None:
+def _number(file: TrackerFile, name: str, node: str, default: float) -> float:
     value = file.attribute(name, node)
-    return float(value) if isinstance(value, int | float) and np.isfinite(value) else None
+    return float(value) if isinstance(value, int | float) and np.isfinite(value) else default
 
 
 def _skeleton(file: TrackerFile, animal: str, landmarks: set[str]) -> str | None:
@@ -430,51 +425,48 @@ def _skeleton(file: TrackerFile, animal: str, landmarks: set[str]) -> str | None
 
 
 def _landmarks(
-    file: TrackerFile, found: list[Animal]
-) -> tuple[tuple[str, ...], tuple[tuple[int, int], ...]]:
+    file: TrackerFile, animals: Mapping[str, list[Series]]
+) -> tuple[tuple[str, ...], Edges]:
     """Return all landmarks, in the order of skeletons, then of appearance; and their edges."""
     names: dict[str, None] = {}
     pairs: dict[tuple[str, str], None] = {}
-    for animal in found:
-        own = [series.name for series in animal.series]
-        nodes: tuple[str, ...] = ()
-        if animal.skeleton is not None:
-            nodes = file.texts(f"{animal.skeleton}/nodes")
-            check_unique(file.place(f"{animal.skeleton}/nodes"), nodes, "node")
-            lines = file.edges(f"{animal.skeleton}/edges", len(nodes))
+    for group, series in animals.items():
+        own = [each.landmark for each in series]
+        if (skeleton := _skeleton(file, group, set(own))) is not None:
+            nodes = file.texts(f"{skeleton}/nodes")
+            check_unique(file.place(f"{skeleton}/nodes"), nodes, "node")
+            lines = file.edges(f"{skeleton}/edges", len(nodes))
             pairs |= dict.fromkeys((nodes[a], nodes[b]) for a, b in lines)
-        names |= dict.fromkeys([*(name for name in nodes if name in own), *own])
+            names |= dict.fromkeys(name for name in nodes if name in own)
+        names |= dict.fromkeys(own)
     place = {name: number for number, name in enumerate(names)}
     edges = ((place[a], place[b]) for a, b in pairs if a in place and b in place)
     return tuple(names), tuple(edges)
 
 
 def _join(
-    own: list[Animal], names: tuple[str, ...], people: tuple[str, ...]
-) -> tuple[Floats, Floats, Integers, Integers, Floats]:
-    """Return points (N, p, d), confidence (N, p), frames and individuals (N,), and all times.
+    own: list[Series], times: Floats, names: tuple[str, ...], people: tuple[str, ...]
+) -> tuple[Floats, Floats, Integers, Integers]:
+    """Return points (N, p, d), confidence (N, p), and frames and individuals (N,).
 
-    A frame is a time that any series has; an instance an animal with a point then.
+    A frame is one of the times (n,); an instance an animal with a point then.
     """
-    times = np.unique(np.concatenate([each.times for animal in own for each in animal.series]))
-    shape = (len(times), len(own), len(names))
-    points = np.full((*shape, own[0].series[0].points.shape[1]), np.nan)
+    shape = (len(times), len(people), len(names))
+    points = np.full((*shape, own[0].points.shape[1]), np.nan)
     confidence = np.full(shape, np.nan)
     present = np.zeros(shape[:2], bool)
-    for number, animal in enumerate(own):
-        for series in animal.series:
-            frames, column = np.searchsorted(times, series.times), names.index(series.name)
-            points[frames, number, column] = series.points
-            confidence[frames, number, column] = series.confidence
-            present[frames, number] = True
-    frame, who = np.nonzero(present)
-    individuals = np.array([people.index(animal.name) for animal in own])[who]
-    return points[frame, who], confidence[frame, who], frame, individuals, times
+    for each in own:
+        frames = np.searchsorted(times, each.times)
+        who, landmark = people.index(each.animal), names.index(each.landmark)
+        points[frames, who, landmark] = each.points
+        confidence[frames, who, landmark] = each.confidence
+        present[frames, who] = True
+    frame, individual = np.nonzero(present)
+    return points[present], confidence[present], frame, individual
 
 
-def _rate(rates: list[float | None], times: list[Floats]) -> float | None:
+def _rate(stated: set[float | None], times: list[Floats]) -> float | None:
     """Return the frame rate that the series state, or that the times of all videos keep."""
-    stated = set(rates)
     if len(stated) == 1 and (rate := next(iter(stated))) is not None:
         return rate
     steps = [np.diff(each) for each in times if len(each) > 2]
