@@ -99,16 +99,6 @@ def test_a_result_keeps_its_proof(world, tmp_path):
     )
 
 
-def test_a_mixture_of_formats_is_counted(tmp_path):
-    (tmp_path / "mouse.csv").write_text(
-        "scorer,a,a,a\nbodyparts,nose,nose,nose\ncoords,x,y,likelihood\n0,1.0,2.0,0.9\n"
-    )
-    files = (tmp_path / "mouse.csv", SAMPLES / "openpose")
-    (warning,) = convert(*files, output=tmp_path / "both.h5", keypoints="body_25")
-    assert warning.startswith("several formats in one call: a DeepLabCut or Lightning Pose CSV (1)")
-    assert "a set of OpenPose files (1)" in warning
-
-
 def test_pixels_have_two_decimals_in_csv(tmp_path, landmarks):
     wide = landmarks.replaced(landmarks=100 * landmarks.landmarks)
     rounded = np.round(wide.landmarks, 2)

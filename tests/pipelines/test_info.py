@@ -59,16 +59,6 @@ def test_files_of_one_recording_are_one_input():
     assert "openpose/*.json' -d people " in told["go on with"]
 
 
-def test_people_need_no_dictionary_of_their_own():
-    options = ("keypoints=body_25",)
-    config = load_config("info", None, options, {"files": [SAMPLES / "openpose"]})
-    (outcome,) = run(config)
-    told = lines(outcome.note)
-    assert told["frames"] == "36"
-    assert told["images"] == "72"
-    assert told["go on with"].endswith("-d people -o result.h5 --set keypoints=body_25")
-
-
 def test_commands_are_as_they_are_typed(tmp_path, monkeypatch):
     file = tmp_path / "my walk.h5"
     file.write_bytes((SAMPLES / "people_test.h5").read_bytes())
@@ -79,17 +69,14 @@ def test_commands_are_as_they_are_typed(tmp_path, monkeypatch):
     assert told["go on with"] == "shapefit learn-dict 'my walk.h5' -o dict.h5"
 
 
-def fit_parts(folder, *options):
-    """Fit two files of landmarks into a folder."""
-    views = (SAMPLES / "people_views.csv", SAMPLES / "one_person.csv")
-    inputs = {"landmarks": views, "dictionary": "people", "output": f"{folder}/"}
-    list(fit(load_config("fit", None, options, inputs)))
-    return folder
-
-
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory):
-    return fit_parts(tmp_path_factory.mktemp("fitted") / "out")
+    """A folder of results, of two files."""
+    folder = tmp_path_factory.mktemp("fitted") / "out"
+    views = (SAMPLES / "people_views.csv", SAMPLES / "one_person.csv")
+    inputs = {"landmarks": views, "dictionary": "people", "output": f"{folder}/"}
+    list(fit(load_config("fit", None, (), inputs)))
+    return folder
 
 
 def test_a_folder_of_results_is_one_input(fitted):
@@ -116,14 +103,4 @@ def test_a_part_that_cannot_be_read_is_named(fitted, tmp_path, number, change):
     outcome = info(tmp_path / "out")
     assert lines(outcome.note)["parts"].startswith("2, ")
     (failure,) = outcome.failures
-    assert failure.item == str(part)
-
-
-def test_the_numbers_of_a_part_that_was_touched_are_read(tmp_path):
-    folder = fit_parts(tmp_path / "out")
-    part = folder / "part-00001.h5"
-    data = bytearray(part.read_bytes())
-    data[len(data) // 3 : len(data) // 2] = bytes(len(data) // 2 - len(data) // 3)
-    part.write_bytes(data)
-    (failure,) = info(folder).failures
     assert failure.item == str(part)

@@ -185,22 +185,14 @@ def test_the_convex_program_takes_landmarks_where_joints_are(images, lift):
     assert "input_shapes" not in found.columns
 
 
-def test_nothing_changes_where_names_match(images):
-    joints = find_joints(images.landmark_names, images.landmark_names)
-    assert joints.markers == {}
-    assert named_as_joints(images, joints, "here") is images
-
-
-def test_joints_that_the_file_names_itself_stay():
-    assert find_joints(("lhip", "LHip", "RHip"), PEOPLE).names == {"RHip": "rhip"}
-
-
-def test_two_names_of_one_joint_stand_for_none():
-    assert find_joints(("left_hip", "LHip", "RHip"), PEOPLE).names == {"RHip": "rhip"}
-
-
-def test_other_dictionaries_are_left_alone():
-    assert find_joints(("LHip", "Head"), ("snout", "tail")).names == {}
+@pytest.mark.parametrize(("own", "known", "expected"), [
+    (("lhip", "LHip", "RHip"), PEOPLE, {"RHip": "rhip"}),  # what the file names itself stays
+    (("left_hip", "LHip", "RHip"), PEOPLE, {"RHip": "rhip"}),  # of two alike none is meant
+    (("LHip", "Head"), ("snout", "tail"), {}),
+    (PEOPLE, PEOPLE, {}),
+])  # fmt: skip
+def test_which_names_stand_for_joints(own, known, expected):
+    assert find_joints(own, known).names == expected
 
 
 def test_three_names_that_match_are_enough():
@@ -211,19 +203,23 @@ def test_three_names_that_match_are_enough():
     check_enough((), PEOPLE, "here")
 
 
-def test_names_that_do_not_match_are_told_with_both_lists():
-    with pytest.raises(InputError) as caught:
-        check_enough(("lft_hip", "ankle_l", "2", "rhip"), PEOPLE, "here")
-    (line,) = caught.value.problems
-    assert line.startswith("here: 1 of the 4 landmarks of the files are in the dictionary, and 3")
-    assert "the files have lft_hip, ankle_l, 2, rhip; the dictionary has pelvis, rhip" in line
-    assert line.endswith("name them alike: `rename: {lft_hip: lhip, ankle_l: lankle}`")
+TWO = (*SKELETONS["body_25"].landmark_names, *SKELETONS["coco_17"].landmark_names)
 
 
-def test_names_of_another_object_are_not_paired():
-    with pytest.raises(InputError, match="give a dictionary of such objects, or name") as caught:
-        check_enough(("snout", "leftear", "rightear", "tailbase"), PEOPLE, "here")
-    assert "leftear: " not in str(caught.value)
+@pytest.mark.parametrize(("own", "found"), [
+    (
+        ("lft_hip", "ankle_l", "2", "rhip"),
+        "here: 1 of the 4 landmarks of the files are in the dictionary, and 3.* the files have "
+        "lft_hip, ankle_l, 2, rhip; the dictionary has pelvis, rhip.*"
+        "name them alike: `rename: {lft_hip: lhip, ankle_l: lankle}`$",
+    ),
+    (("snout", "leftear", "rightear", "tailbase"), "give a dictionary of such objects, or name"),
+    (TWO, "RShoulder and right_shoulder are one joint.*separate"),
+    ((" rhip", "lhip ", "head "), "in spaces"),
+])  # fmt: skip
+def test_names_that_do_not_match_are_told(own, found):
+    with pytest.raises(InputError, match=found):
+        check_enough(own, PEOPLE, "here")
 
 
 def test_no_hint_at_a_name_that_the_file_has_itself():
@@ -231,17 +227,6 @@ def test_no_hint_at_a_name_that_the_file_has_itself():
     (warning,) = name_warnings(own, ("a1", "b", "c", "finger1"))
     assert "finger3" in warning
     assert "rename" not in warning
-
-
-def test_two_skeletons_are_told():
-    own = (*SKELETONS["body_25"].landmark_names, *SKELETONS["coco_17"].landmark_names)
-    with pytest.raises(InputError, match=r"RShoulder and right_shoulder are one joint.*separate"):
-        check_enough(own, PEOPLE, "here")
-
-
-def test_spaces_are_told():
-    with pytest.raises(InputError, match="in spaces"):
-        check_enough((" rhip", "lhip ", "head "), PEOPLE, "here")
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 from shapefit.config import ProjectConfig
-from shapefit.errors import InputError
-from shapefit.io import source as shape_files
 from shapefit.io import write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.pipelines.projection import (
@@ -18,10 +16,8 @@ from shapefit.pipelines.projection import (
     add_noise,
     hide,
     run,
-    stream,
 )
 from tests.io.files import load
-from tests.pipelines.told import done
 
 NAMES = ("head", "left", "right", "foot", "hand")
 LENGTHS = {"walk": 5, "run": 3}
@@ -120,32 +116,11 @@ def test_the_file_says_how_it_was_made(tmp_path, shapes):
         assert "shapefit_version" in file.attrs
 
 
-def test_outcomes_count_the_images_and_name_the_file(tmp_path, many):
-    _, outcomes = view(tmp_path, many)
-    assert [outcome.done for outcome in outcomes] == [BATCH, BATCH, 100, 0]
-    assert {outcome.total for outcome in outcomes} == {len(many)}
-    assert outcomes[-1].written == (tmp_path / "views.h5",)
-
-
 def test_a_weak_perspective_camera_scales_landmarks_and_noise_has_their_unit(tmp_path, many):
     plain, _ = view(tmp_path, many, noise=0.1)
     scaled, _ = view(tmp_path, many, noise=20.0, camera={"scale": 200.0})
     np.testing.assert_allclose(scaled.landmarks, 200 * plain.landmarks, rtol=1e-9, atol=1e-9)
     assert (plain.unit, scaled.unit) == ("unknown", "px")
-
-
-def test_noise_has_the_given_level(tmp_path, many):
-    images, _ = view(tmp_path, many, noise=0.03)
-    exact = (images.columns["true_rotation"] @ many.shapes)[:, :2]
-    noise = images.landmarks - exact
-    assert noise.std() == pytest.approx(0.03, rel=5 / np.sqrt(2 * noise.size))
-
-
-def test_the_share_of_hidden_landmarks_holds(tmp_path, many):
-    images, _ = view(tmp_path, many, hidden=0.3, camera={"view": "random"})
-    visible = np.isfinite(images.landmarks[:, 0])
-    assert visible.sum(axis=1).min() == 3
-    assert visible.mean() == pytest.approx(0.7, abs=0.01)
 
 
 def test_the_seed_decides(tmp_path, shapes):
@@ -174,16 +149,6 @@ def test_an_image_depends_on_its_place_alone(tmp_path, many):
     assert np.array_equal(whole.landmarks[: BATCH + 50], part.landmarks, equal_nan=True)
 
 
-def test_permuted_landmarks_give_permuted_views(tmp_path, shapes):
-    order = [3, 0, 4, 1, 2]
-    names = tuple(NAMES[i] for i in order)
-    permuted = shapes.replaced(shapes=shapes.shapes[..., order], landmark_names=names, further={})
-    first, _ = view(tmp_path, shapes)
-    second, _ = view(tmp_path, permuted)
-    assert second.landmark_names == names
-    np.testing.assert_array_equal(second.landmarks, first.landmarks[..., order])
-
-
 def test_files_are_seen_one_after_the_other(tmp_path, many):
     keys = {"noise": 0.1, "camera": {"view": "random"}}
     whole, _ = view(tmp_path, many, **keys)
@@ -207,13 +172,6 @@ def test_csv_in_and_out(tmp_path, shapes):
     assert sum(",,," in line for line in lines) == 8
 
 
-def test_an_output_that_cannot_be_written_is_told_before_the_work(tmp_path):
-    (tmp_path / "shapes.h5").write_text("this is looked at later")
-    config = ProjectConfig(shapes=[tmp_path / "shapes.h5"], output=tmp_path / "shapes.h5" / "v.h5")
-    with pytest.raises(InputError, match=r"shapes\.h5 is not a folder"):
-        next(run(config))
-
-
 def test_what_came_with_the_shapes_is_no_truth_of_the_view(tmp_path, shapes):
     before = np.tile(2 * np.eye(3), (len(shapes), 1, 1))
     marks = np.arange(len(shapes))
@@ -224,22 +182,6 @@ def test_what_came_with_the_shapes_is_no_truth_of_the_view(tmp_path, shapes):
     np.testing.assert_array_equal(images.columns["input_corrupted"], marks)
     np.testing.assert_array_equal(images.columns["mass"], marks)
     assert "corrupted" not in images.columns
-
-
-def test_shapes_are_read_block_by_block(tmp_path, many, monkeypatch):
-    """What is held at a time is a block, however many shapes there are."""
-    sizes = []
-    read = shape_files._read
-
-    def counted(reader, rows, without=(), **known):
-        part = read(reader, rows, without, **known)
-        sizes.extend([len(part)] if isinstance(part, ShapeSet) else [])
-        return part
-
-    monkeypatch.setattr(shape_files, "_read", counted)
-    _, outcomes = view(tmp_path, many)
-    assert done(outcomes) == len(many)
-    assert max(sizes) == BATCH
 
 
 P = 15
@@ -270,43 +212,13 @@ def test_each_image_has_its_share_of_hidden_landmarks(noisy, rng, share):
     np.testing.assert_allclose(often, share, atol=5 * np.sqrt(share * (1 - share) / BATCH))
 
 
-def test_images_have_masks_of_their_own(noisy, rng):
-    hidden = np.isnan(hide(noisy, 0.4, rng)[:, 0])
-    assert len(np.unique(hidden, axis=0)) > 0.8 * BATCH
-
-
-def test_what_is_not_hidden_stays(noisy, rng):
-    after = hide(noisy, 0.4, rng)
-    assert np.array_equal(after[np.isfinite(after)], noisy[np.isfinite(after)])
-
-
 @pytest.mark.parametrize("p", [1, 3, 4, 15])
 def test_some_landmarks_stay_visible(rng, p):
     visible = np.isfinite(hide(rng.standard_normal((50, 2, p)), 0.99, rng)[:, 0])
     assert np.array_equal(visible.sum(axis=1), np.full(50, min(p, LEAST_VISIBLE)))
 
 
-def test_streams_differ_by_seed_purpose_and_block():
-    draws = {
-        stream(seed, purpose, block).random()
-        for seed in (0, 1)
-        for purpose in Purpose
-        for block in (0, 1)
-    }
-    assert len(draws) == 2 * len(Purpose) * 2
-
-
 def test_a_seed_means_the_same_in_every_version():
     """Files of old runs can be made again: neither purposes nor their numbers may change."""
     members = {name: purpose.value for name, purpose in Purpose.__members__.items()}
     assert members == {"VIEW": 0, "NOISE": 1, "HIDDEN": 2}
-
-
-@pytest.mark.parametrize("spoil", [
-    lambda W, rng: add_noise(W, 0.1, rng),
-    lambda W, rng: hide(W, 0.3, rng),
-])  # fmt: skip
-def test_an_image_fares_the_same_however_many_follow(noisy, spoil):
-    whole = spoil(noisy, np.random.default_rng(3))
-    part = spoil(noisy[:10], np.random.default_rng(3))
-    assert np.array_equal(whole[:10], part, equal_nan=True)

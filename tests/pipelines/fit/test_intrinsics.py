@@ -89,11 +89,6 @@ def test_what_is_no_camera_is_refused(values, words):
         assert word in str(error.value)
 
 
-def test_landmarks_without_datasets_want_a_focal_length():
-    with pytest.raises(InputError, match=r"give `camera\.focal`, or landmarks in HDF5"):
-        camera(images(), intrinsics="camera")
-
-
 @pytest.mark.parametrize(
     ("shift", "expected"),
     [
@@ -112,20 +107,6 @@ def test_landmarks_all_far_to_one_side_look_wrong(shift, expected, rng):
     landmarks[1, :, 2] = -np.array(shift)
     assert not all_aside(landmarks, found)
     assert not all_aside(np.full((N, 2, 5), np.nan), found)
-
-
-@pytest.mark.parametrize(
-    "keys",
-    [
-        {"model": "perspective"},
-        {"focal": 700.0},
-        {"model": "weak-perspective", "intrinsics": "K"},
-        {"model": "perspective", "focal": 700.0, "intrinsics": "K"},
-    ],
-)
-def test_configs_that_say_too_little_or_too_much(keys):
-    with pytest.raises(ValueError, match="focal"):
-        ViewingConfig(**keys)
 
 
 PERSPECTIVE = {"model": "perspective", "intrinsics": "camera_matrix"}
@@ -207,9 +188,3 @@ def test_without_sizes_there_is_no_position(fit, dictionary):
     found, _ = fit(**PERSPECTIVE)
     assert "position" not in found.columns
     assert np.isfinite(found.columns["camera_translation"]).all()
-
-
-def test_a_dataset_that_is_not_there_is_refused_before_anything_is_written(fit, tmp_path):
-    with pytest.raises(InputError, match=r"camera\.intrinsics: cameras: .* camera_matrix"):
-        fit(model="perspective", intrinsics="cameras")
-    assert not (tmp_path / "result.h5").exists()

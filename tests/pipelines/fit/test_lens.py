@@ -164,14 +164,6 @@ def test_a_lens_that_cannot_be_right_warns(lens, words):
         assert words in found[0]
 
 
-def test_warnings_reach_the_command(views, fit):
-    _, bent = views
-    _, warnings = fit(bent.replaced(further={"camera_matrix": MATRIX, "distortion": LENS / 640}))
-    assert any("divides the distortion" in str(text) for text in warnings)
-    _, warnings = fit(bent.replaced(further={"distortion": LENS}))
-    assert any("without `camera_matrix`" in str(text) for text in warnings)
-
-
 @pytest.mark.real_data
 def test_the_truth_projects_nearer_to_real_detections(real_data):
     """Median distance in pixels of the projected truth, before and after; once 0.2 (1.7)."""

@@ -71,7 +71,6 @@ class TestFamily:
         ("sparse-coding", "convex+refine", None),
         ("exemplars", "convex", None),
         (None, "pmp", None),
-        (None, "convex", None),
     ],
 )
 def test_bases_belong_to_pmp_and_atoms_to_the_others(learned, method, made_for):
@@ -81,18 +80,6 @@ def test_bases_belong_to_pmp_and_atoms_to_the_others(learned, method, made_for):
     assert len(told) == (made_for is not None)
     if made_for:
         assert f"learned with `method: {learned}`; {made_for}" in told[0]
-
-
-def test_signed_coefficients_may_meet_bases(project, tmp_path):
-    dictionary = Dictionary(
-        np.ones((1, 3, 2)), ("a", "b"), np.ones((3, 2)), provenance={"method": "pca-bases"}
-    )
-    views = str(project / "sample_data/people_views.csv")
-    config = FitConfig(
-        landmarks=[views], dictionary=views, output=str(tmp_path / "r.h5"), method="alternate",
-        alternation={"signed": True},
-    )  # fmt: skip
-    assert warn_of_dictionary(config, dictionary) == ()
 
 
 @pytest.mark.parametrize(

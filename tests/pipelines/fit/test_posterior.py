@@ -10,7 +10,6 @@ from shapefit.config import FitConfig
 from shapefit.dictionary.mixture import Mixture
 from shapefit.errors import InputError
 from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
-from shapefit.pipelines import verify
 from shapefit.pipelines.fit.lift import weigh
 from tests.pipelines.told import failures
 
@@ -48,12 +47,6 @@ def test_a_prior_that_is_none_is_refused(with_prior, dataset, value, found):
         file[dataset][...] = value
     with pytest.raises(InputError, match=found):
         read_dictionary(with_prior)
-
-
-def test_a_dictionary_without_a_prior_names_the_command(fit, dictionary, images):
-    write_dictionary(dictionary, replace(read_dictionary(dictionary), prior=None))
-    with pytest.raises(InputError, match=r"no `prior`.*learn-dict.*prior: \{components: 16\}"):
-        fit(dictionary, images, method="posterior")
 
 
 def test_results_hold_error_bars_in_the_unit_of_the_landmarks(fit, with_prior, images):
@@ -137,16 +130,6 @@ def test_images_are_trusted_unless_something_speaks_against_it(fit, with_prior, 
     assert not any(out.doubts for out in outcomes)
 
 
-def test_images_without_enough_landmarks_fail_alone(fit, with_prior, images):
-    landmarks = images.landmarks.copy()
-    landmarks[2, :, 2:] = np.nan
-    found, outcomes = fit(with_prior, images.replaced(landmarks=landmarks), method="posterior")
-    assert list(failures(outcomes)) == ["image2"]
-    assert np.isnan(found.shapes[2]).all()
-    assert np.isnan(found.shape_sd[2]).all()
-    assert np.isfinite(found.shapes[[0, 1, 3, 4, 5, 6, 7]]).all()
-
-
 def test_a_known_camera_is_looked_through(fit, tmp_path, with_prior, images):
     """Images far from a long lens are those of weak perspective; a proof and a place come along."""
     keys = {"method": "posterior", "posterior": {"covariance": True}}
@@ -165,15 +148,3 @@ def test_a_known_camera_is_looked_through(fit, tmp_path, with_prior, images):
     assert np.abs(other.landmarks_fitted - other.shapes[:, :2]).max() > 0.1
     names = ("shape_covariance", "camera_translation", "focal", "principal_point")
     assert all(np.isfinite(other.columns[name]).all() for name in names)
-
-
-def test_a_result_through_a_camera_passes_verification(fit, tmp_path, with_prior, images):
-    camera = {"model": "perspective", "focal": 60.0, "principal_point": [80.0, 50.0]}
-    fit(with_prior, images, method="posterior", camera=camera)
-    request = verify.Request(tmp_path / "result.h5", with_prior, ())
-    outcomes = list(verify.run(request))
-    assert not failures(outcomes)
-    with h5py.File(tmp_path / "result.h5", "a") as file:
-        file["camera_translation"][2, 2] *= 1.01
-    outcomes = list(verify.run(request))
-    assert any("camera" in f.reason for outcome in outcomes for f in outcome.failures)

@@ -1,8 +1,6 @@
 """What is estimated before lifting: once, from all inputs together, whatever they are cut into."""
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import h5py
@@ -15,10 +13,10 @@ from shapefit.io import LandmarkSet, read_dictionary
 from shapefit.io.skeletons import SKELETONS
 from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.parts.run import run as run_parts
+from tests.cli.conftest import run_in
 from tests.io.files import save
 from tests.pipelines.told import texts
 
-COMMAND = Path(sys.executable).with_name("shapefit")
 SIZE = np.array([1920.0, 1080.0])
 
 
@@ -220,8 +218,7 @@ def test_dictionaries_that_are_not_of_people_get_no_assumed_size(tmp_path, dicti
 
 def test_the_command_says_what_it_assumes(bodies, tmp_path):
     save(tmp_path / "views.h5", frames(bodies))
-    line = [COMMAND, "fit", "views.h5", "-d", "people", "-o", "result.h5"]
-    done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert "focal length 2112 px assumed" in done.stderr
-    assert "1920 x 1080" in done.stderr
-    assert "set `image_size`" in done.stderr
+    done = run_in(tmp_path, "fit", "views.h5", "-d", "people", "-o", "result.h5")
+    assert done.returncode == 0
+    for words in ("focal length 2112 px assumed", "1920 x 1080", "set `image_size`"):
+        assert words in done.stderr

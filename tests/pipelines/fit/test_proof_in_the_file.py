@@ -4,12 +4,9 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
-from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import LandmarkSet, write_dictionary
-from shapefit.pipelines.fit.run import run
 
 N, K, P = 12, 6, 10
 NAMES = tuple(f"point{j}" for j in range(P))
@@ -65,15 +62,3 @@ def test_objective_and_gap_follow_from_the_datasets(files):
         gap = (primal - dual) / primal
         assert gap == pytest.approx(data["relative_gap"][i], abs=1e-12)
         assert 0 <= gap <= 1e-4
-
-
-def test_no_file_of_points_is_asked_to_hold_more(files, tmp_path):
-    config = FitConfig(
-        landmarks=[str(tmp_path / "views.h5")],
-        dictionary=str(tmp_path / "dictionary.h5"),
-        output=str(tmp_path / "result.csv"),
-        transforms=True,
-    )
-    with pytest.raises(InputError, match=r"transforms: cannot be stored in .*csv"):
-        list(run(config))
-    assert not config.output.exists()

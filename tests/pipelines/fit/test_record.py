@@ -66,8 +66,3 @@ def test_datasets_of_the_landmarks_do_not_pass_for_those_of_the_fit(fit):
     for name in mine:
         assert f"{name} is stored as input_{name}" in warning
     assert "subject" not in warning
-
-
-def test_a_table_holds_no_datasets_to_be_told_of(fit):
-    _, told = fit({"status": np.zeros(3)}, output="result.csv")
-    assert not [line for line in told if "that a result uses" in line]

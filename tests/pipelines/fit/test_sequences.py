@@ -1,9 +1,9 @@
-"""The method `sequences` through `fit`: frame rates, order, known lengths, single images."""
+"""The method `sequences` through `fit`: order, motion, known lengths, single images."""
 
 import json
 from dataclasses import replace
+from itertools import pairwise
 
-import h5py
 import numpy as np
 import pytest
 
@@ -21,7 +21,7 @@ from shapefit.lifting.sequences import clips
 from shapefit.pipelines import projection as projecting
 from shapefit.pipelines import verify
 from shapefit.pipelines.evaluate import run as evaluating
-from shapefit.pipelines.fit.sequences import find_known
+from shapefit.pipelines.fit.sequences import find_known, find_lengths, whole_sequences
 from shapefit.pipelines.learn_dict import run as learning
 from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file
@@ -53,21 +53,6 @@ def fitted(folder, landmarks, **keys):
 def written(path, images):
     save(path, images)
     return path
-
-
-def test_a_dictionary_of_sequences_knows_motion_and_bones(people):
-    dictionary = read_dictionary(people / "dictionary.h5")
-    assert (dictionary.acceleration > 0).all()
-    assert dictionary.edge_give.shape == (len(dictionary.edges),)
-
-
-def test_shapes_move_and_have_deviations(people):
-    single, _ = fitted(people, people / "views.h5", method="posterior")
-    whole, _ = fitted(people, people / "views.h5")
-    assert np.isfinite(whole.shapes).all()
-    assert (whole.shape_sd > 0).all()
-    assert np.abs(whole.shapes - single.shapes).max() > 0
-    np.testing.assert_array_equal(whole.landmarks_fitted, whole.shapes[:, :2])
 
 
 def test_without_edges_sequences_go_by_steady_motion(people, tmp_path):
@@ -186,17 +171,6 @@ def test_frames_that_say_nothing_have_the_bars_of_their_neighbours(people, tmp_p
     assert (whole.shape_sd[5] < 0.4 * single.shape_sd[5]).mean() > 0.5
 
 
-def test_the_program_that_sequences_start_from_is_proved(people):
-    fitted(people, people / "views.h5")
-    request = verify.Request(people / "result.h5", people / "dictionary.h5", ())
-    assert not any(outcome.failures for outcome in verify.run(request))
-    with h5py.File(people / "result.h5", "r+") as file:
-        file["dual"][3] *= 0.9
-    failures = [failure for outcome in verify.run(request) for failure in outcome.failures]
-    assert len(failures) == 1
-    assert "the convex gap" in failures[0].reason
-
-
 def test_sequences_of_one_image_are_single_images(people, tmp_path):
     images = load(people / "views.h5").take(slice(0, 20))
     alone = images.replaced(sequences=tuple(map(str, range(20))))
@@ -230,15 +204,6 @@ def test_an_unknown_frame_rate_is_a_warning(people, tmp_path):
     assert result.frame_rate == 24
 
 
-@pytest.mark.parametrize("rate", [0.0, -5.0, np.nan])
-def test_a_frame_rate_that_is_none_is_an_error(people, tmp_path, rate):
-    path = written(tmp_path / "landmarks.h5", load(people / "views.h5").take(slice(0, 3)))
-    with h5py.File(path, "r+") as file:
-        file.attrs["frame_rate"] = rate
-    with pytest.raises(InputError, match="frame_rate is"):
-        fitted(people, path)
-
-
 def test_sequences_out_of_order_are_an_error(people, tmp_path):
     images = load(people / "views.h5").take(slice(0, 6))
     mixed = images.replaced(sequences=("a", "a", "b", "b", "a", "a"))
@@ -247,8 +212,6 @@ def test_sequences_out_of_order_are_an_error(people, tmp_path):
 
 
 def test_known_lengths_come_from_shapes_or_a_table(people, project, tmp_path):
-    from shapefit.pipelines.fit.sequences import find_lengths
-
     dictionary = read_dictionary(people / "dictionary.h5")
 
     def lengths(path):
@@ -269,20 +232,6 @@ def test_known_lengths_come_from_shapes_or_a_table(people, project, tmp_path):
     table.write_text("from,to,length\nhead,neck,long\n")
     with pytest.raises(InputError, match=r"lengths\.csv:2: is no length"):
         lengths(table)
-
-
-def test_landmarks_are_renamed_and_strange_ones_left_out(people, tmp_path):
-    images = load(people / "views.h5").take(slice(0, 8))
-    names = list(images.landmark_names)
-    odd = images.replaced(landmark_names=("first", *names[1:-1], names[-1] + "x"))
-    path = written(tmp_path / "odd.h5", odd)
-    result, warnings = fitted(people, path, method="convex", input={"rename": {"first": names[0]}})
-    assert any(f"{names[-1]}x: {names[-1]}" in text for text in warnings)
-    assert result.landmark_names == tuple(names)
-    with pytest.raises(InputError, match=r"no landmark fist.*did you mean 'fist' -> 'first'"):
-        fitted(people, path, method="convex", input={"rename": {"fist": names[0]}})
-    with pytest.raises(InputError, match="gives the name"):
-        fitted(people, path, method="convex", input={"rename": {"first": names[1]}})
 
 
 def test_a_sequence_before_a_camera(people, project, tmp_path):
@@ -346,17 +295,13 @@ def test_bars_too_narrow_become_true_by_a_report(judged, tmp_path, method):
     assert inside == pytest.approx(0.9, abs=0.01)
 
 
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        ("{", "no factors"),
-        ("{}", "no factors"),
-        ('{"posterior": {"90%": 2}}', "no factors"),
-        ('{"posterior": {"50%": 1, "90%": -2}}', "no factors"),
-        ('{"a": {"50%": 1, "90%": 2}, "b": {"50%": 1, "90%": 2}}', "of a, b, not of posterior"),
-        ('{"posterior": {"50%": 1, "90%": null}}', "has no factor"),
-    ],
-)
+@pytest.mark.parametrize(("text", "found"), [
+    ("{", "no factors"),
+    ('{"posterior": {"90%": 2}}', "no factors"),
+    ('{"posterior": {"50%": 1, "90%": -2}}', "no factors"),
+    ('{"a": {"50%": 1, "90%": 2}, "b": {"50%": 1, "90%": 2}}', "of a, b, not of posterior"),
+    ('{"posterior": {"50%": 1, "90%": null}}', "has no factor"),
+])  # fmt: skip
 def test_a_file_without_factors_is_refused(people, tmp_path, text, found):
     path = tmp_path / "rig.json"
     path.write_text(text, encoding="utf-8")
@@ -374,3 +319,35 @@ def test_lengths_of_other_bodies_leave_the_size_free(people, rng):
     np.testing.assert_array_equal(known.usual, dictionary.edge_length)
     assert not known.measured
     assert find_known(replace(dictionary, edge_covariance=None)) is None
+
+
+def frames_of(names):
+    n = len(names)
+    return LandmarkSet(
+        landmarks=np.arange(6.0 * n).reshape(n, 2, 3),
+        landmark_names=("a", "b", "c"),
+        items=tuple(f"image{i}" for i in range(n)),
+        sequences=tuple(names),
+    )
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 5, 100])
+@pytest.mark.parametrize("names", ["aaabbbbcd", "a", "aaaaaaa", "abcdefgh", "aabbcc", ""])
+def test_no_run_is_divided_and_nothing_lost(names, size):
+    whole = frames_of(names)
+    chunks = [whole.take(slice(at, at + size)) for at in range(0, max(len(names), 1), size)]
+    parts = list(whole_sequences(chunks))
+    assert [item for part in parts for item in part.items] == list(whole.items)
+    np.testing.assert_array_equal(np.concatenate([p.landmarks for p in parts]), whole.landmarks)
+    for before, after in pairwise(parts):
+        assert before.sequences[-1] != after.sequences[0]
+    assert all(len(part) < size + 8 for part in parts)
+
+
+def test_ended_sequences_are_given_out_before_the_stream_ends():
+    def stream():
+        yield frames_of("aab")
+        yield frames_of("bbc")
+        raise AssertionError("read too far")
+
+    assert next(whole_sequences(stream())).sequences == ("a", "a")

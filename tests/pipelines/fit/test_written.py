@@ -1,7 +1,5 @@
 """`fit` writes TRC and the like, and what it stores lets `convert` do so later."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -9,12 +7,11 @@ from shapefit.config import load_config
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
-from shapefit.io import read_dictionary, read_results, write_dictionary
+from shapefit.io import read_results, write_dictionary
 from shapefit.io.skeletons import FURTHER, PEOPLE
 from shapefit.pipelines.convert import run as convert
 from shapefit.pipelines.fit.run import run as fit
 from tests.io.files import save
-from tests.pipelines.told import texts
 
 EDGES = np.array([[0, 1], [1, 2], [2, 3]])
 
@@ -80,15 +77,6 @@ def test_what_the_result_stores(tmp_path, films, measured):
     np.testing.assert_allclose(total(metres.swapaxes(1, 2)), 0.6)
 
 
-def test_an_unknown_frame_rate_is_one_warning(project, tmp_path):
-    overrides = ("keypoints=body_25", "method=sequences")
-    given = {"landmarks": [project / "sample_data/openpose"], "dictionary": "people"}
-    config = load_config("fit", None, overrides, {"output": tmp_path / "walk.trc", **given})
-    said = texts(fit(config))
-    (warning,) = [text for text in said if "frame rate" in text]
-    assert "of the training shapes, and times are numbers of frames; set" in warning
-
-
 def test_without_a_size_height_is_asked_for(tmp_path, films, dictionary):
     given = {"landmarks": [films], "dictionary": dictionary}
     with pytest.raises(InputError, match=r"man\.trc: .*--set height=1\.78"):
@@ -97,15 +85,6 @@ def test_without_a_size_height_is_asked_for(tmp_path, films, dictionary):
     _, note = run(fit, "fit", tmp_path / "man.trc", "height=0.5", **given)
     assert "in m by height 0.5 m" in note
     assert np.ptp(points(tmp_path / "man_a.trc")[..., 1], axis=1).max() == pytest.approx(0.5, 0.2)
-
-
-def test_the_lengths_of_edges_are_checked(measured):
-    dictionary = read_dictionary(measured)
-    np.testing.assert_array_equal(dictionary.edge_length, [10, 20, 30])
-    wrong = replace(dictionary, edge_length=np.array([1.0, np.nan, 2.0]))
-    write_dictionary(measured, wrong)
-    with pytest.raises(InputError, match="edge_length: holds what is no length"):
-        read_dictionary(measured)
 
 
 @pytest.mark.real_data
