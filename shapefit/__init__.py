@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         write_shapes,
     )
     from shapefit.api.functions import Evaluation, evaluate, fit, learn
+    from shapefit.api.program import Optimum, solve
     from shapefit.api.records import Dictionary, Fit, Landmarks, Shapes
     from shapefit.errors import InputError
 
@@ -32,6 +33,7 @@ __all__ = [
     "Fit",
     "InputError",
     "Landmarks",
+    "Optimum",
     "Shapes",
     "__version__",
     "evaluate",
@@ -41,6 +43,7 @@ __all__ = [
     "read_landmarks",
     "read_results",
     "read_shapes",
+    "solve",
     "write_dictionary",
     "write_landmarks",
     "write_results",
@@ -51,6 +54,7 @@ _PLACES = {
     "errors": ("InputError",),
     "api.files": tuple(name for name in __all__ if name.startswith(("read_", "write_"))),
     "api.functions": ("Evaluation", "evaluate", "fit", "learn"),
+    "api.program": ("Optimum", "solve"),
     "api.records": ("Dictionary", "Fit", "Landmarks", "Shapes"),
 }
 
