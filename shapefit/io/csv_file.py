@@ -23,6 +23,7 @@ from shapefit.errors import InputError, input_error
 from shapefit.io.atomic import output_bytes, storage_errors
 from shapefit.io.checks import input_problems
 from shapefit.io.formats import RecordWriter
+from shapefit.io.head import Head
 from shapefit.io.inputs import BYTE_ORDER_MARK, is_stream, read_text_blocks, source_name
 from shapefit.io.layout import Layout
 from shapefit.io.options import Summary
@@ -61,13 +62,7 @@ def read_csv(path: Path, kind: str, *, gaps: bool = False) -> Any:
 
 def csv_kind(path: Path) -> str:
     """Return what a table holds: landmarks, or shapes where it has the column z."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        columns = file.readline(LONGEST_HEADER).lstrip("\ufeff").strip().split(",")
-    return "shapes" if "z" in {column.strip(' "') for column in columns} else "landmarks"
-
-
-LONGEST_HEADER = 1 << 16
-"""Characters of a first line that are looked at: a device may never end it."""
+    return "shapes" if "z" in Head(path).columns else "landmarks"
 
 
 class CsvRows:

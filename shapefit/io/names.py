@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from hashlib import blake2b
 from itertools import chain
 from pathlib import Path
 
@@ -90,24 +89,8 @@ def _some(names: Sequence[str]) -> str:
 MOST_NAMED = 3
 """Names that are given as examples."""
 
-Hashes = NDArray[np.uint64]
 Blocks = Callable[[], Iterable[Sequence[str]]]
 """Reads the names of a list anew, block by block."""
-
-
-def stable_hashes(names: Iterable[str]) -> Hashes:
-    """Return a hash of each name, the same in all processes."""
-    encoded = (name.encode("utf-8", "surrogatepass") for name in names)
-    return np.frombuffer(b"".join(blake2b(e, digest_size=8).digest() for e in encoded), np.uint64)
-
-
-def repeated(hashes: Hashes) -> Hashes:
-    """Return the hashes that are there twice or more."""
-    together = np.sort(hashes)
-    twice = together[1:][together[1:] == together[:-1]]
-    new = np.ones(len(twice), np.bool_)  # np.unique would import numpy.ma
-    new[1:] = twice[1:] != twice[:-1]
-    return twice[new]
 
 
 def repetitions(lists: Sequence[Blocks]) -> Iterator[tuple[str, list[tuple[int, int]]]]:
@@ -116,11 +99,12 @@ def repetitions(lists: Sequence[Blocks]) -> Iterator[tuple[str, list[tuple[int, 
     Only names whose hash is there twice are read again and compared: 8 bytes for each.
     """
 
-    def hashed(names: Sequence[str]) -> Hashes:
-        return np.fromiter(map(hash, names), np.int64, len(names)).view(np.uint64)
+    def hashed(names: Sequence[str]) -> NDArray[np.int64]:
+        return np.fromiter(map(hash, names), np.int64, len(names))
 
     every = chain.from_iterable(blocks() for blocks in lists)
-    hashes = repeated(np.concatenate([np.empty(0, np.uint64), *map(hashed, every)]))
+    hashes = np.sort(np.concatenate([np.empty(0, np.int64), *map(hashed, every)]))
+    hashes = hashes[1:][hashes[1:] == hashes[:-1]]
     places: dict[str, list[tuple[int, int]]] = {}
     for number, blocks in enumerate(lists if len(hashes) else ()):
         start = 0

@@ -57,21 +57,18 @@ def test_a_folder(reader, tmp_path, problems):
     assert f"; name the files in it, e.g. '{tmp_path}/*.h5'" in line
 
 
-def test_an_empty_file(reader, tmp_path, problems):
-    for name in ("x.h5", "x.csv"):
-        path = tmp_path / name
-        path.write_bytes(b"")
-        assert problems(reader, path) == (
-            f"{path}: is empty (0 bytes); make or copy the file again",
-        )
-
-
-def test_not_hdf5(reader, tmp_path, problems):
-    path = tmp_path / "x.h5"
-    path.write_text("item,landmark,x,y\n")
-    assert problems(reader, path) == (
-        f"{path}: is not an HDF5 file; give an HDF5 file, or name it .csv if it is CSV",
-    )
+@pytest.mark.parametrize(
+    ("name", "text", "told"),
+    [
+        ("x.h5", "", "is empty (0 bytes); make or copy the file again"),
+        ("x.csv", "", "is empty (0 bytes); make or copy the file again"),
+        ("x.h5", "item,landmark,x,y\n", "is not an HDF5 file; give an HDF5 file, or name it .csv"),
+    ],
+)
+def test_an_empty_file_or_another_one(reader, tmp_path, problems, name, text, told):
+    (tmp_path / name).write_text(text)
+    (line,) = problems(reader, tmp_path / name)
+    assert line.startswith(f"{tmp_path / name}: {told}")
 
 
 def test_another_format(shape_file, landmark_file, problems):
