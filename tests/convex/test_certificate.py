@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from shapefit.convex.problem import Loss, Problem, build_problem
+from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solver import solve_newton
-from tests.convex.certificate import certify_transforms, lambda_max
+from tests.convex.certificate import certify_transforms
 
 
 def random_point(
@@ -68,21 +68,3 @@ def test_no_point_lies_below_any_bound(
         P, D = found.objective, found.objective * (1 - found.relative_gap)
         assert (P >= best.objective * (1 - 1e-9)).all()
         assert (D <= best.objective * (1 + 1e-12)).all()
-
-
-def test_one_landmark_pair_by_hand() -> None:
-    """W and the one atom are (1, -1) in their first rows and 0 elsewhere, M is m there.
-
-    The residual is (1 - m)(1, -1), the objective (1 - m)^2 + lambda m, least at m = 1 - lambda / 2.
-    """
-    landmarks = np.array([[1.0, -1.0], [0, 0]])
-    atoms = np.array([[[1.0, -1.0], [0, 0], [0, 0]]])
-    problem = build_problem(landmarks, atoms, 0.6)
-    M = np.zeros((1, 1, 2, 3))
-    M[0, 0, 0, 0] = 0.7
-    Y = np.array([[[0.3, -0.3], [0, 0]]])
-    found = certify_transforms(problem, M, Y)
-    assert found.objective[0] == pytest.approx(0.3**2 + 0.6 * 0.7)
-    assert found.relative_gap[0] == pytest.approx(0, abs=1e-15)
-    assert found.residual[0] == pytest.approx(0.3)
-    assert lambda_max(problem)[0] == pytest.approx(2)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from shapefit.dictionary.bodies import SPREAD, find_edge_covariance
+from shapefit.dictionary.bodies import find_edge_covariance
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary, mapped
 
@@ -19,11 +19,6 @@ def test_sequences_of_one_body_count_once(rng):
     again = bodies[[0, 0, 1, 0, 2, 3, 3]] * np.exp(0.005 * rng.standard_normal((7, 6)))
     again[[0, 2, 4, 5]] = bodies
     np.testing.assert_allclose(find_edge_covariance(again), find_edge_covariance(bodies))
-
-
-def test_one_body_leaves_the_usual_spread():
-    found = find_edge_covariance(np.array([[1.0, 2, 3], [1.001, 2, 3]]))
-    np.testing.assert_allclose(found, SPREAD**2 * np.eye(3))
 
 
 def test_an_edge_without_length_differs_by_the_usual_spread(rng):

@@ -24,16 +24,6 @@ def shapes(rng, atoms):
     return mixed + 0.3 * rng.standard_normal(mixed.shape)
 
 
-class TestHandSolved:
-    def test_orthonormal_atoms_shrink_the_positive_part(self, rng):
-        atoms = np.linalg.qr(rng.standard_normal((6, 6)))[0].reshape(6, 3, 2)
-        shapes = rng.standard_normal((10, 3, 2))
-        overlaps = flat(shapes) @ flat(atoms).T
-        np.testing.assert_allclose(
-            sparse_code(shapes, atoms, BETA), np.maximum(overlaps - BETA, 0), atol=1e-13
-        )
-
-
 class TestOptimality:
     def test_kkt_certificate(self, shapes, atoms):
         C = sparse_code(shapes, atoms, BETA)

@@ -76,14 +76,17 @@ def test_a_weight_counts_as_so_many_shapes():
     assert weighted.covariances == pytest.approx(repeated.covariances)
 
 
-def test_shrinkage_draws_towards_the_covariance_of_all():
-    shapes, _ = draw(300, seed=4)
-    X = shapes.reshape(300, -1)
-    G = np.cov(X.T, bias=True) + 0.01 * np.eye(9)
-    for shrinkage in (0.1, 0.9):
-        C = learn_mixture(shapes, 3, shrinkage=shrinkage, floor=0.01).mixture.covariances
-        apart = np.linalg.norm(C - G, axis=(1, 2)) / np.linalg.norm(G)
-        assert (apart < 1.2 * (1 - shrinkage) + 0.1).all()
+def test_shrinkage_is_the_share_of_the_covariance_of_all():
+    """Of two clusters far apart with as many shapes each, by hand."""
+    rng, floor, shrinkage = np.random.default_rng(5), 0.01, 1e-3
+    X = rng.normal(size=(2, 100, 9)) + 50 * np.array([[[-1.0]], [[1.0]]])
+    found = learn_mixture(X.reshape(200, 3, 3), 2, shrinkage=shrinkage, floor=floor).mixture
+    G = np.cov(X.reshape(200, 9).T, bias=True) + floor * np.eye(9)
+    for cluster in X:
+        own = np.cov(cluster.T, bias=True) + floor * np.eye(9)
+        k = np.abs(found.means.reshape(2, 9) - cluster.mean(axis=0)).sum(axis=1).argmin()
+        expected = (1 - shrinkage) * own + shrinkage * G
+        np.testing.assert_allclose(found.covariances[k], expected, rtol=1e-6)
 
 
 def test_more_components_than_shapes_are_refused():

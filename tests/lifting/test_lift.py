@@ -105,48 +105,6 @@ def test_the_exact_loss_has_no_lambda_to_choose(make_scene):
     np.testing.assert_array_equal(flat.problem.lam, 1.0)
 
 
-@pytest.fixture
-def planted(rng):
-    """An optimum known by construction: lam, W, c, R and the atoms; W is normalised.
-
-    A dual Y with ||Y B_i^T||_* = lam where c_i > 0 and less elsewhere, M_i = c_i U V^T from the
-    singular value decomposition of Y B_i^T, and W = sum_i M_i B_i + Y.
-    """
-    k, p, lam = 10, 14, 0.3
-    Y = rng.standard_normal((2, p))
-    Y -= Y.mean(axis=1, keepdims=True)
-    atoms = rng.standard_normal((k, 3, p))
-    atoms -= atoms.mean(axis=2, keepdims=True)
-    U, s, Vt = np.linalg.svd(Y @ atoms.swapaxes(1, 2), full_matrices=False)
-    share = np.where(np.arange(k) < 3, 1.0, rng.uniform(0.2, 0.9, k))
-    atoms *= (lam * share / s.sum(axis=1))[:, None, None]
-    c = np.where(np.arange(k) < 3, rng.uniform(5, 9, k), 0.0)
-    M = c[:, None, None] * (U @ Vt)
-    W = np.einsum("kab,kbp->ap", M, atoms) + Y
-    sigma = normalise(W).scale
-    return lam / sigma, W / sigma, c / sigma, U @ Vt, atoms
-
-
-def test_a_planted_optimum_comes_back(planted, convex):
-    lam, W, c, rows, atoms = planted
-    landmarks = 120.0 * W[None] + np.array([[640.0], [360.0]])
-    found = lift(landmarks, np.ones((1, 14)), atoms, Program(lam=lam), convex)
-    np.testing.assert_allclose(found.estimate.coefficients[0], c, atol=1e-4)
-    for i in range(3):
-        np.testing.assert_allclose(
-            found.estimate.transforms.dense()[0, i] / c[i], rows[i], atol=1e-4
-        )
-    R = np.stack([np.vstack([r, np.cross(r[0], r[1])]) for r in rows])
-    S = np.einsum("k,kab,kbp->ap", c, R, atoms)
-    np.testing.assert_allclose(found.shapes[0, 2], 120 * S[2], atol=0.05)
-    np.testing.assert_allclose(found.shapes[0, 0] - 640, 120 * S[0], atol=0.05)
-    np.testing.assert_allclose(found.translation[0], [640, 360], atol=1e-6)
-    assert found.scale[0] == pytest.approx(120)
-    assert found.estimate.active_atoms[0] == 3
-    assert found.estimate.tight[0]
-    assert found.estimate.status == (Status.OPTIMAL,)
-
-
 def test_a_planted_rotation_comes_back(make_scene, convex):
     """One atom without noise: exact in rotation and, but for the shrinkage, in shape."""
     scene = make_scene(n=10, k=1, active=1)

@@ -5,7 +5,7 @@ import pytest
 
 from shapefit import core
 from shapefit.lifting.global_optimum.method import find_optimum, record_tree
-from shapefit.verification.tree import Tree, unfold
+from shapefit.verification.tree import unfold
 from tests.lifting.global_optimum.conftest import TRIPLES, best_at, rotation_rows
 
 
@@ -103,7 +103,7 @@ def test_no_rotation_of_a_dropped_cell_is_below_the_cut(make_scene, setting, rng
     for image, (objective, bound) in enumerate(zip(found.objective, found.bound, strict=True)):
         tree = record_tree(problem, image, bound)
         assert tree is not None
-        leaves = unfold(Tree(tree.splits, tree.vertices, tree.multipliers))
+        leaves = unfold(tree.splits, tree.vertices)
         assert leaves is not None
         corners = aligned(tree.vertices[leaves])
         inside = is_inside(unit(rng.standard_normal((300, 4))), corners)

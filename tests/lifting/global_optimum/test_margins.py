@@ -9,7 +9,7 @@ from shapefit import core
 from shapefit.convex.problem import Problem, build_problem
 from shapefit.convex.solver import Status
 from shapefit.lifting.global_optimum.method import Limits, find_optimum, record_tree
-from shapefit.verification.tree import SLIVER, Tree, bilinear, unfold
+from shapefit.verification.tree import SLIVER, bilinear, unfold
 from tests.lifting.global_optimum.conftest import TRIPLES
 
 exact = np.frompyfunc(Fraction, 1, 1)
@@ -31,7 +31,7 @@ def test_the_excess_of_a_cell_is_above_the_exact_one_by_the_share_of_slivers(mak
     problem = make_scene(n=1, k=4, p=6, noise=0.2, weighted=True).problem(0.3)
     bound = float(find_optimum(problem, tolerance=0.05, threads=1).bound[0])
     tree = record_tree(problem, 0, bound)
-    leaves = unfold(Tree(tree.splits, tree.vertices, tree.multipliers))
+    leaves = unfold(tree.splits, tree.vertices)
     atoms, lam = exact(problem.atoms), Fraction(float(problem.lam[0]))
     for leaf in rng.choice(leaves, 6, replace=False):
         corners = tree.vertices[leaf]

@@ -1,11 +1,8 @@
 """Images with few landmarks, and what cannot be pursued at all."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from shapefit.convex.problem import Loss
 from shapefit.convex.solver import Status
 from shapefit.lifting.matching_pursuit import pursue
 
@@ -61,14 +58,3 @@ class TestRefusals:
         scene = make_scene()
         with pytest.raises(ValueError, match="length 0"):
             pursue(scene.problem, scene.mean, np.array([[1, 1]]))
-
-    def test_a_mean_of_other_landmarks(self, make_scene):
-        scene = make_scene()
-        with pytest.raises(ValueError, match="mean_shape"):
-            pursue(scene.problem, scene.mean[:, 1:], scene.edges)
-
-    def test_a_robust_loss(self, make_scene):
-        scene = make_scene()
-        problem = replace(scene.problem, loss=Loss.ABSOLUTE)
-        with pytest.raises(ValueError, match="squared loss only"):
-            pursue(problem, scene.mean, scene.edges)

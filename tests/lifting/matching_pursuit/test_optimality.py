@@ -87,12 +87,6 @@ class TestCertificate:
             error = np.linalg.norm(w - found.camera[image] @ X) ** 2
             assert found.error[image] == pytest.approx(error, rel=1e-10)
 
-    @pytest.mark.parametrize("most_atoms", range(1, 7))
-    def test_the_limbs_keep_the_sum_of_their_squares(self, noisy, most_atoms):
-        found = noisy.pursue(goal=0.0, most_atoms=most_atoms, most_rounds=3)
-        wanted = noisy.squared_limbs(noisy.mean)
-        np.testing.assert_allclose(noisy.squared_limbs(noisy.mix(found)), wanted, rtol=1e-12)
-
 
 class TestDescent:
     @pytest.mark.parametrize("most_rounds", [1, 30])
