@@ -17,7 +17,6 @@ from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import (
     AlternationOptions,
-    PosteriorOptions,
     Settings,
     choose_method,
 )
@@ -38,7 +37,7 @@ METHODS: dict[str, tuple[str, Loss, object]] = {
     "mean-shape": ("mean-shape", Loss.SQUARED, FINE),
     "global": ("global", Loss.SQUARED, None),
     "pmp": ("pmp", Loss.SQUARED, None),
-    "posterior": ("posterior", Loss.SQUARED, PosteriorOptions(plausibility=False)),
+    "posterior": ("posterior", Loss.SQUARED, None),
 }
 """Case -> method, loss, options."""
 
