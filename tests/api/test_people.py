@@ -66,7 +66,7 @@ def test_people_of_a_frame_are_joined_over_frames(seen, found):
     ("landmarks", "options", "message"),
     [
         (np.ones((3, 25, 3)), {}, r'has 25 landmarks without names, not 15; name them, as in `key'),
-        (np.ones((3, 25, 2)), {"keypoints": "body_26"}, "body_25"),
+        (np.full((3, 25, 2), 9.0), {"keypoints": "body_26"}, "body_25"),
         ([np.ones((1, 25, 2)), np.ones((1, 17, 2))], {}, "frames that differ in their landmarks"),
         (np.full((3, 15, 3), 7.0), {}, "third numbers run from 7 to 7"),
     ],

@@ -9,6 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from shapefit.geometry.rotations import rotation_about
+
 ONE_COMMAND = "apt-get install chromium chromium-driver nodejs"
 FLAGS = (
     "--headless=new",
@@ -182,15 +184,7 @@ def sequence(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sequence")
     rng = np.random.default_rng(3)
     base = rng.normal(size=(3, 4)) * 40
-    angle = np.linspace(0, 6, N)
-    rotation = np.stack(
-        [
-            np.stack([np.cos(angle), 0 * angle, np.sin(angle)], -1),
-            np.stack([0 * angle, 0 * angle + 1, 0 * angle], -1),
-            np.stack([-np.sin(angle), 0 * angle, np.cos(angle)], -1),
-        ],
-        axis=1,
-    )
+    rotation = rotation_about(np.eye(3)[1], np.linspace(0, 6, N))
     shapes = rotation @ base + np.array([300.0, 200, 0])[:, None]
     landmarks = shapes[:, :2] + 0.3 * rng.normal(size=(N, 2, 4))
     landmarks[::7, :, 2] = np.nan
