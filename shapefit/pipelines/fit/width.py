@@ -73,11 +73,13 @@ def choose_width(
     is_open = len(widths) + len(misfits) > 2 and not learned
     can_say = len(seen) >= FEWEST and enough_names(images.landmark_names, dictionary)
     found = find_width(evidence, seen, widths, misfits) if is_open and can_say else first
-    told = (
-        f"prior {found.prior:g} times as wide (covariances), misfit {found.misfit * start:g} in "
-        f"place of {start:g}: likelier by {found.gain:.1f} nats an image"
+    changed = (
+        f"prior {found.prior:g} times as wide (covariances)" if found.prior != first.prior else "",
+        f"misfit {found.misfit * start:g} in place of {start:g}" if found.misfit > 1 else "",
     )
-    return keys(found.prior, found.misfit), "" if found[:2] == first[:2] else told
+    told = ", ".join(filter(None, changed))
+    told += f": likelier by {found.gain:.1f} nats an image" if told else ""
+    return keys(found.prior, found.misfit), told
 
 
 def find_width(
