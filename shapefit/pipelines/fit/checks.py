@@ -56,6 +56,10 @@ clips of five bodies (seen as in benchmarks/footage.py, not those scored) the ri
 never less likely by more than 0.43 on average over a clip; exchanged names of three bodies are
 noticed."""
 
+MOSTLY = 0.5
+"""Belief below which a landmark is gross; share of the images in which it is so to be named, and
+share of implausible images from which the cause is looked for."""
+
 IMPLAUSIBLE = 0.5
 """Share of implausible images from which other skeletons are tried; one that has less than half of
 that share is named."""

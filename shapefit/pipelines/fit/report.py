@@ -15,14 +15,10 @@ from shapefit.io.skeletons import PEOPLE, people_joints
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import DOUBT, NO_SHAPE, PLAUSIBILITY
-from shapefit.pipelines.fit.checks import FEWEST, find_cause
+from shapefit.pipelines.fit.checks import FEWEST, MOSTLY, find_cause
 from shapefit.pipelines.fit.lift import LEAVE_OUT, find_items
 from shapefit.pipelines.fit.prepare import Setup
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
-
-MOSTLY = 0.5
-"""Belief below which a landmark is gross; share of the images in which it is so to be named, and
-share of implausible images from which the cause is looked for."""
 
 STEEP = 0.5
 """Cosine of the angle to the vertical within which a body stands, or is on its head: 60 degrees."""

@@ -23,8 +23,16 @@ from shapefit.config import FitConfig
 from shapefit.dictionary.from_2d.model import evenly
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet
-from shapefit.pipelines.fit.checks import FEWEST, enough_names, log_evidence
+from shapefit.pipelines.fit.checks import (
+    FEWEST,
+    MOSTLY,
+    Lifted,
+    enough_names,
+    lift_sample,
+    log_evidence,
+)
 from shapefit.pipelines.fit.lift import find_misfit
+from shapefit.pipelines.joints import find_joints
 
 FACTORS = (1.0, 2.0, 4.0, 8.0)
 """Of the covariances of the prior, and of the misfit."""
@@ -71,8 +79,11 @@ def choose_width(
     first = Width(widths[0], misfits[0], 0.0)
     seen = images.take(np.flatnonzero(images.seen().sum(axis=1) >= FEWEST_SEEN))
     is_open = len(widths) + len(misfits) > 2 and not learned
-    can_say = len(seen) >= FEWEST and enough_names(images.landmark_names, dictionary)
-    found = find_width(evidence, seen, widths, misfits) if is_open and can_say else first
+    found = first
+    if is_open and len(seen) >= FEWEST and enough_names(images.landmark_names, dictionary):
+        as_learned = config.changed(posterior=keys(*first[:2]))
+        known = without_gross(seen, lift_sample(few_of(seen), as_learned, dictionary))
+        found = find_width(evidence, known, widths, misfits)
     changed = (
         f"prior {found.prior:g} times as wide (covariances)" if found.prior != first.prior else "",
         f"misfit {found.misfit * start:g} in place of {start:g}" if found.misfit > 1 else "",
@@ -80,6 +91,28 @@ def choose_width(
     told = ", ".join(filter(None, changed))
     told += f": likelier by {found.gain:.1f} nats an image" if told else ""
     return keys(found.prior, found.misfit), told
+
+
+def few_of(images: LandmarkSet) -> LandmarkSet:
+    """Return the images of the first look."""
+    return images.take(evenly(len(images), FIRST_LOOK))
+
+
+def without_gross(images: LandmarkSet, found: Lifted) -> LandmarkSet:
+    """Hide landmarks that were gross in most images of the first look.
+
+    What is wrong with a landmark says nothing of the others, but would make them all less exact.
+    """
+    belief = found.lifting.estimate.further["belief"]
+    gross = (belief < MOSTLY).sum(axis=0) > MOSTLY * np.maximum(np.isfinite(belief).sum(axis=0), 1)
+    if not 0 < gross.sum() <= len(gross) / 3:  # none, or the prior is wrong, not the landmarks
+        return images
+    known = found.dictionary.landmark_names
+    markers = find_joints(images.landmark_names, known).markers
+    names = {name for j in np.flatnonzero(gross) for name in markers.get(known[j], (known[j],))}
+    landmarks = images.landmarks.copy()
+    landmarks[..., [name in names for name in images.landmark_names]] = np.nan
+    return images.replaced(landmarks=landmarks)
 
 
 def find_width(
@@ -90,7 +123,7 @@ def find_width(
 ) -> Width:
     """Choose among pairs of factors by their evidence (n,) of images, in order of both."""
     first = widths[0], misfits[0]
-    few = images.take(evenly(len(images), FIRST_LOOK))
+    few = few_of(images)
     near = [(each, first[1]) for each in widths[1:2]] + [(first[0], each) for each in misfits[1:2]]
     before = evidence(first, few)
     if not any(np.nanmean(evidence(pair, few) - before) > 0 for pair in near):

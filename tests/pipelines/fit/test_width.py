@@ -140,3 +140,9 @@ def test_images_of_another_class_are_said_to_be(planted, tmp_path):
     assert [each for each in texts(outcomes) if "another class" in each]
     _, outcomes = fit_images(tmp_path, images, planted[0], **keys)
     assert not any("implausible" in each for each in texts(outcomes))
+
+
+def test_a_landmark_that_is_mostly_wrong_does_not_make_the_others_less_exact(planted):
+    images, _ = planted[2](1, MISFIT, wrong=3)
+    _, keys = estimate(planted, images)
+    assert (keys["prior_width"], keys["misfit"]) == (1, MISFIT)
