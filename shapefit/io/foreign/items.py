@@ -182,33 +182,26 @@ def in_pixels(recording: Recording, options: InputOptions) -> Recording:
 def landmarks_of(recording: Recording, options: InputOptions) -> tuple[LandmarkSet, Notes]:
     """Return a recording of 2D landmarks as images, and notes."""
     recording = in_pixels(replace(recording, y_axis=options.y_axis or recording.y_axis), options)
-    fields, chosen, notes = _fields(recording, options)
+    fields, notes = _fields(recording, options)
     whole: dict[str, NDArray[Any]] = {}
     if recording.edges:
         whole[EDGES] = np.array(recording.edges, dtype=np.int64)
-    columns = {**whole, FRAME: chosen["frames"]}
-    if chosen["confidence"] is not None:
-        columns["confidence"] = chosen["confidence"]
-    images = LandmarkSet(**fields, y_axis=recording.y_axis, columns=columns, of_file=whole)
-    return images, notes
+    fields["columns"] = whole | fields["columns"]
+    return LandmarkSet(**fields, y_axis=recording.y_axis, of_file=whole), notes
 
 
 def shapes_of(recording: Recording, options: InputOptions) -> tuple[ShapeSet, Notes]:
     """Return a recording of 3D points as shapes, NaN where a landmark is unknown; and notes."""
-    fields, chosen, notes = _fields(recording, options)
-    columns = {FRAME: chosen["frames"]}
-    if chosen["confidence"] is not None:
-        columns["confidence"] = chosen["confidence"]
+    fields, notes = _fields(recording, options)
     edges = np.array(recording.edges, dtype=np.int64) if recording.edges else None
-    return ShapeSet(**fields, edges=edges, columns=columns), notes
+    return ShapeSet(**fields, edges=edges), notes
 
 
-def _fields(
-    recording: Recording, options: InputOptions
-) -> tuple[dict[str, Any], dict[str, Any], Notes]:
-    """Return what landmarks and shapes have, the instances (`select_instances`), and notes."""
+def _fields(recording: Recording, options: InputOptions) -> tuple[dict[str, Any], Notes]:
+    """Return what landmarks and shapes both have, and notes."""
     names = landmark_names(recording, options)
     chosen, notes = select_instances(recording, options)
+    columns = {FRAME: chosen["frames"], "confidence": chosen["confidence"]}
     fields = {
         "points": np.ascontiguousarray(chosen["points"].transpose(0, 2, 1)),
         "landmark_names": names,
@@ -216,8 +209,9 @@ def _fields(
         "sequences": chosen["sequences"] if any(chosen["sequences"]) else None,
         "unit": recording.unit,
         "frame_rate": recording.frame_rate,
+        "columns": {name: values for name, values in columns.items() if values is not None},
     }
-    return fields, chosen, notes
+    return fields, notes
 
 
 NOBODY = "individuals without a landmark left out"
