@@ -7,7 +7,7 @@ the fit judge what was learned.
 from __future__ import annotations
 
 import json
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet, digests, read_dictionary
 from shapefit.io.layout import EDGES
 from shapefit.io.records import concatenate
+from shapefit.io.skeletons import part_names
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import PosteriorOptions
 from shapefit.pipelines.fit.camera import read_intrinsics
@@ -74,6 +75,12 @@ QUICK = 3
 
 SURE = 5.0
 """Standard errors of the evidence beyond which perspective decides what is near."""
+
+BENT = 0.3
+"""Share of the bends of knees and elbows, less that of the others, that tells near from far.
+
+In 84 sequences of eight bodies it is 0.42 and more.
+"""
 
 FIX = {
     ALIKE: "give images from more sides: the camera or the body must turn, and not be flat",
@@ -125,7 +132,8 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     said = describe(judgement, size)
     if not judgement.fine:
         raise input_error(place, f"{judgement.verdict} ({said})", FIX[judgement.verdict])
-    sided = config.flip is not None or CAMERA_MATRIX in some.columns
+    bend = find_bend(state.in_camera, some.landmark_names)
+    sided = config.flip is not None or CAMERA_MATRIX in some.columns or abs(bend) > BENT
     gross = f"{int(state.gross.sum())} of {counted(int(some.seen().sum()), 'landmark')}"
     yield Outcome(
         line=f"{counted(len(some), 'image')}: {judgement.verdict}; {said}; {gross} gross and "
@@ -147,7 +155,7 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     verdict = "doubtful" if judgement.verdict == DOUBTFUL else "learned"
     known = {LEARNED_FROM: "landmarks", VERDICT: verdict}
     made = replace(made, provenance={**made.provenance, **known})
-    return (yield from decide_near_and_far(some, made, config.flip))
+    return (yield from decide_near_and_far(some, made, config.flip, bend))
 
 
 def are_usable(given: LandmarkSet) -> NDArray[np.bool_]:
@@ -276,25 +284,64 @@ def gaussian_prior(state: State, mean: Floats, *, flipped: bool) -> dict[str, An
 
 
 def decide_near_and_far(
-    images: LandmarkSet, made: Dictionary, flip: bool | None
+    images: LandmarkSet, made: Dictionary, flip: bool | None, bend: float
 ) -> Generator[Outcome, None, Dictionary]:
-    """Return the dictionary, or its mirror image where the known cameras see that one.
+    """Return the dictionary, or its mirror image where cameras see, or limbs bend like, that one.
 
-    Its provenance says what has decided; the key `flip` goes before cameras.
+    Its provenance says what has decided; the key `flip` goes before cameras, and these before
+    limbs, see `find_bend`.
     """
     told = OPEN if flip is None else "stated by `flip`"
     if flip is None and CAMERA_MATRIX in images.columns:
         gain, deviation = evidence_of_mirror(images, made)
-        if abs(gain) < SURE * deviation:
-            yield Outcome(warnings=(MIRRORED,))
-        else:
+        if abs(gain) >= SURE * deviation:
             told = "told by perspective"
             made = mirror_image(made) if gain > 0 else made
             yield Outcome(
                 line=f"perspective: near and far {'exchanged' if gain > 0 else 'kept'}, log "
                 f"evidence {abs(gain):.2f} +- {deviation:.2f} an image"
             )
+    if told == OPEN and abs(bend) > BENT:
+        told = "told by knees and elbows"
+        made = mirror_image(made) if bend < 0 else made
+        yield Outcome(
+            line=f"knees and elbows: near and far {'exchanged' if bend < 0 else 'kept'}, "
+            f"{50 + 50 * abs(bend):.0f}% of what they bend is then the way that they can"
+        )
+    elif told == OPEN and CAMERA_MATRIX in images.columns:
+        yield Outcome(warnings=(MIRRORED,))
     return replace(made, provenance={**made.provenance, NEAR_AND_FAR: told})
+
+
+def find_bend(shapes: Floats, names: Sequence[str]) -> float:
+    """Return how far knees of shapes (n, 3, p) bend forwards and elbows backwards, from -1 to 1.
+
+        sum_t,limbs +-b f / sum_t,limbs |b f|
+
+    for the vector b from the line of a limb's ends to its joint, and the direction f that the body
+    faces: from right to left times from hips to shoulders. The mirror image of a body has the
+    opposite sign. 0 where hips, shoulders, and the ends of a limb do not all have known names.
+    """
+    place = {part: names.index(name) for name, part in part_names(names).items()}
+    at = {part: shapes[..., j] for part, j in place.items()}
+    if not {f"{side}{part}" for side in "rl" for part in ("hip", "shoulder")} <= at.keys():
+        return 0.0
+    left = at["lhip"] - at["rhip"] + at["lshoulder"] - at["rshoulder"]
+    up = at["lshoulder"] + at["rshoulder"] - at["lhip"] - at["rhip"]
+    forward = np.cross(left, up)
+    forward /= np.maximum(np.linalg.norm(forward, axis=1, keepdims=True), 1e-12)
+    bends = [np.zeros(len(shapes))]
+    for limb, sign in (("hip knee ankle", 1), ("shoulder elbow wrist", -1)):
+        for side in "rl":
+            ends = [side + part for part in limb.split()]
+            if set(ends) <= at.keys():
+                start, joint, stop = (at[end] for end in ends)
+                along = stop - start
+                share = ((joint - start) * along).sum(axis=1) / (along**2).sum(axis=1)
+                off = joint - start - share[:, None] * along
+                bends.append(sign * (off * forward).sum(axis=1))
+    size = np.abs(bends).sum()
+    return float(np.sum(bends) / size) if size > 0 else 0.0
 
 
 def mirror_image(made: Dictionary) -> Dictionary:

@@ -111,6 +111,7 @@ VERDICTS = {
     "flat and stiff": (seen_anywhere, {"deviation": 0.0, "depth": 0.0}, {ALIKE}),
     "flat and bends": (seen_anywhere, {"depth": 0.0}, {ALIKE, DOUBTFUL}),
     "20 images of 6 modes": (seen_anywhere, {"n": 20, "modes": 6, "deviation": 0.25}, {DOUBTFUL}),
+    "sways by 45 degrees": (partial(swayed, axis=1, degrees=45), {"n": 150}, {DOUBTFUL, LEARNED}),
     "any view": (seen_anywhere, {}, {LEARNED}),
     "stiff, 30 images": (seen_anywhere, {"n": 30, "deviation": 0.0}, {LEARNED}),
     "shallow": (seen_anywhere, {"depth": 0.2}, {LEARNED}),

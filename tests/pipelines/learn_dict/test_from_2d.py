@@ -17,12 +17,13 @@ from shapefit.io import (
     LandmarkSet,
     ShapeSet,
     read_dictionary,
+    read_shapes,
     write_dictionary,
     write_shapes,
 )
 from shapefit.pipelines import info, verify
 from shapefit.pipelines.learn_dict import run as learn_dict
-from shapefit.pipelines.learn_dict.from_2d import find_doubts, lift_by
+from shapefit.pipelines.learn_dict.from_2d import BENT, find_bend, find_doubts, lift_by
 from tests.io.files import save
 from tests.pipelines.fitted import fit_file
 
@@ -299,3 +300,29 @@ def test_bones_of_landmarks_vary_the_last_prior(learn, tmp_path, class_of_shapes
         np.testing.assert_array_equal(made.edges, edges)
         freedom.append(made.prior.covariances[0].trace())
     assert freedom[1] > 1.2 * freedom[0]
+
+
+@pytest.fixture
+def people(project, rng):
+    """People (n, 3, p) of the sample data before the camera, from any side, and their joints."""
+    shapes = read_shapes([project / "sample_data/people_train.h5"])
+    some = shapes.take(np.linspace(0, len(shapes) - 1, 150).round().astype(np.intp))
+    turned = random_rotations(len(some), rng) @ some.shapes
+    return turned - turned.mean(axis=2, keepdims=True), shapes.landmark_names
+
+
+def test_knees_and_elbows_bend_one_way(people):
+    shapes, names = people
+    assert find_bend(shapes, names) > BENT
+    mirrored = shapes * np.array([1.0, 1.0, -1.0])[:, None]
+    assert find_bend(mirrored, names) == pytest.approx(-find_bend(shapes, names))
+    assert find_bend(shapes, [f"mark {name}" for name in names]) == 0
+
+
+def test_knees_and_elbows_decide_what_is_near(learn, tmp_path, people):
+    shapes, names = people
+    outcomes = learn(shapes[:, :2], {"landmark_names": names})
+    assert any("knees and elbows: near and far" in outcome.line for outcome in outcomes)
+    assert "near and far told by knees and elbows" in told_of(tmp_path)
+    found = lift(tmp_path)
+    assert error(found, shapes, 1) < 0.7 * error(found, shapes, -1)
