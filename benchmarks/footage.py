@@ -355,6 +355,11 @@ def main() -> None:
             if not given.cells or cell.name in given.cells:
                 rows.append(measure(cell, shapes, dictionary, clips, given.longest))
                 print(body, cell.name, f"{rows[-1]['ratio']:.3f}", flush=True)
+        write(rows)
+
+
+def write(rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write the rows as CSV, and the means over the bodies as a page."""
     with atomic_path(FOLDER / "cells.csv") as path, path.open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
