@@ -53,10 +53,6 @@ class TestSimilarity:
         error = metrics.similarity(estimate, np.stack([SQUARE, SQUARE]))
         np.testing.assert_allclose(error, [0, 0.4], atol=1e-12)
 
-    def test_is_in_the_unit_of_the_truth(self, estimate, truth):
-        metres, millimetres = (metrics.similarity(estimate, u * truth) for u in (1, 1000))
-        np.testing.assert_allclose(millimetres, 1000 * metres)
-
     def test_ignores_any_similarity_of_the_estimate(self, estimate, truth, rng):
         error = metrics.similarity(estimate, truth)
         np.testing.assert_allclose(metrics.similarity(moved(estimate, rng), truth), error)
