@@ -318,7 +318,8 @@ def _lines(record: Records, part: slice, columns: Columns, in_pixels: bool) -> m
     numbers = np.stack([*columns.numbers.values()], axis=-1).reshape(-1, len(columns.numbers))
     if in_pixels:
         points = numbers[:, : record.points.shape[1]]
-        points[:] = np.where(np.abs(points) < WHOLE, np.round(points, DECIMALS), points)
+        some = np.abs(points) < WHOLE
+        points[some] = np.round(points[some], DECIMALS)
     item, landmark = np.divmod(np.arange(len(items) * len(names)), max(len(names), 1))
     words = {True: "true", False: "false"}
     after = ([words.get(value, value) for value in v] for v in columns.of_items.values())
