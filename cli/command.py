@@ -54,18 +54,20 @@ def run_command(
     print_config: bool,
     quiet: bool,
     verbose: bool,
+    as_json: bool = False,
     opens: bool = False,
+    fail_untrusted: float | None = None,
     **arguments: object,
 ) -> int:
     """Run the pipeline of a command with its config; return the exit code.
 
     With `print_config` the config is printed to stdout instead; `opens` opens what was written in a
-    browser. Raises InputError on a wrong config.
+    browser; `as_json` prints what was done. Raises InputError on a wrong config.
     """
     # No plug-in changes the schema, and looking for them in all installed packages takes long.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     from shapefit.config import dump_config, find_config, load_config
-    from shapefit.config.paths import ResultFolder
+    from shapefit.config.paths import STANDARD_STREAM, ResultFolder
 
     file = find_config(spec.name, Path(config_path) if config_path else None)
     chooses = file is None and bool(spec.chooser)
@@ -96,7 +98,10 @@ def run_command(
     if not gc.isenabled():
         gc.freeze()  # or the first look for cycles goes through all that was imported
         gc.enable()
-    report = Report(spec.name, spec.unit, quiet, verbose, spec.prints_note)
+    if as_json and getattr(config, "output", None) == STANDARD_STREAM:
+        raise click.UsageError("--json and the output both go to stdout; name a file as output")
+    prints_note = spec.prints_note and not as_json
+    report = Report(spec.name, spec.unit, quiet, verbose, prints_note, as_json, fail_untrusted)
     code = report.follow(pipeline(config))
     if opens:
         _open_in_browser(report.written)

@@ -38,6 +38,7 @@ def _files(key: str, metavar: str | None = None) -> click.Argument:
 _TRUTH = "File of the true 3D shapes. Repeatable."
 _START = "Dictionary that 2D landmarks adapt, or the name of an installed one."
 _OF_A_FIT = "Dictionary that learn-dict wrote, or the name of an installed one, such as people."
+_UNTRUSTED = "Exit with 1 if more than this share of images, 0 to 1, is not to be trusted."
 _DRAWN = "Dictionary with the edges and meshes to draw."
 
 COMMANDS = (
@@ -109,6 +110,7 @@ store (s3://, gs://).""",
             option("--scheduler", "Do the parts on a running Dask cluster.", "ADDRESS"),
             option("--scheduler-file", "The same, by the file of the scheduler.", "FILE"),
             option("--dry-run", "Only list the parts to do.", default=None),
+            option("--fail-untrusted", _UNTRUSTED, "SHARE", type=click.FloatRange(0, 1)),
         ),
     ),
     Spec(

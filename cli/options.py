@@ -95,5 +95,6 @@ def reporting_options() -> list[click.Option]:
     return [
         option("-q --quiet", "Print only errors and failed items.", is_eager=True),
         option("-v --verbose", everything, callback=_not_both),
+        option("--json as_json", "Print what was done as JSON to stdout."),
         show(where, is_eager=True, expose_value=False),
     ]

@@ -32,7 +32,9 @@ class Report:
     """The sum of a pipeline's outcomes; memory does not grow with the number of items.
 
     A `quiet` one has no warnings and no summary; a `verbose` one lists everything. A pipeline that
-    `prints_note` has the result of the command, for standard output, as its last note.
+    `prints_note` has the result of the command, for standard output, as its last note. With
+    `as_json` all goes there as one object; with more than the share `most_untrusted` of items that
+    are not to be trusted the exit code is 1.
     """
 
     command: str
@@ -40,13 +42,17 @@ class Report:
     quiet: bool = False
     verbose: bool = False
     prints_note: bool = False
+    as_json: bool = False
+    most_untrusted: float | None = None
     done: int = 0
     failed: int = 0
     note: str = ""
     written: list[Path] = field(default_factory=list)
+    data: Any = None
     _failures: list[Failure] = field(default_factory=list)
     _warnings: dict[str, str | Counted] = field(default_factory=dict)
     _doubts: dict[str, str | Counted] = field(default_factory=dict)
+    _listing: list[str] = field(default_factory=list)
     _unlisted_warnings: int = 0
     _started: float = field(default_factory=time.monotonic)
 
@@ -63,7 +69,8 @@ class Report:
             for outcome in outcomes:
                 self.add(outcome)
                 for row in outcome.listing:
-                    click.echo(printable(row))
+                    if not self.as_json:
+                        click.echo(printable(row))
                 note = "" if self.prints_note else outcome.note
                 if outcome.line and not self.quiet:
                     if bar is not None:
@@ -79,6 +86,10 @@ class Report:
                     tell(self._progress(outcome.total, note))
         if self.prints_note:
             click.echo(self.note)
+        if self.as_json:
+            import json
+
+            click.echo(json.dumps(self.values(), ensure_ascii=False, default=str))
         for line in self.lines():
             tell(line)
         return self.exit_code
@@ -95,6 +106,8 @@ class Report:
         add_up(self._doubts, (d if self.verbose else replace(d, items=()) for d in outcome.doubts))
         self.written += outcome.written
         self.note = outcome.note or self.note
+        self.data = outcome.data if outcome.data is not None else self.data
+        self._listing += outcome.listing if self.as_json else ()
 
     @property
     def _most_listed(self) -> int:
@@ -102,8 +115,38 @@ class Report:
 
     @property
     def exit_code(self) -> int:
-        """Return 0 if no item failed, otherwise 1."""
-        return 1 if self.failed else 0
+        """Return 0 if no item failed, and not too many are not to be trusted, otherwise 1."""
+        return 1 if self.failed or self._too_few_trusted else 0
+
+    @property
+    def _untrusted(self) -> dict[str, int]:
+        """Return the reasons not to trust items, each with their number."""
+        from shapefit.pipelines.outcome import Counted
+
+        doubts = (doubt for doubt in self._doubts.values() if isinstance(doubt, Counted))
+        return {doubt.text: doubt.number for doubt in doubts}
+
+    @property
+    def _too_few_trusted(self) -> bool:
+        most = self.most_untrusted
+        return most is not None and sum(self._untrusted.values()) > most * self.done
+
+    def values(self) -> dict[str, Any]:
+        """Return the report as values of JSON."""
+        return {
+            "command": self.command,
+            "unit": self.unit,
+            "done": self.done,
+            "failed": self.failed,
+            "untrusted": self._untrusted,
+            "failures": [{"item": each.item, "reason": each.reason} for each in self._failures],
+            "warnings": [str(warning) for warning in self._warnings.values()],
+            "note": self.note,
+            "listing": self._listing,
+            "written": [str(path) for path in self.written],
+            "seconds": round(time.monotonic() - self._started, 3),
+            "data": self.data,
+        }
 
     def lines(self) -> Iterator[str]:
         """Yield the report as lines of text: warnings, failures, then one line on everything."""
@@ -119,6 +162,9 @@ class Report:
             yield f"Failed: {failure.item}: {failure.reason}"
         if self.failed > len(self._failures):
             yield f"Failed: and {self.failed - len(self._failures)} more"
+        if self._too_few_trusted:
+            share = sum(self._untrusted.values()) / self.done
+            yield f"Failed: {share:.0%} are not to be trusted, more than --fail-untrusted allows"
         if not self.quiet:
             yield "; ".join(self._summary())
 

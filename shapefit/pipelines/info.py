@@ -56,6 +56,7 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
             found = "standard input can be read only once"
             raise input_error("-", found, "save it to a file and name that")
     texts: list[str] = []
+    data: list[dict[str, str]] = []
     notes: tuple[str, ...] = ()
     failures: list[Failure] = []
     problems: list[str] = []
@@ -77,7 +78,9 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
             except InputError as error:
                 fail(folder / name, error)
         if shared:
-            texts.append(_as_text(_of_folder(folder, manifest, shared)))
+            lines = _of_folder(folder, manifest, shared)
+            texts.append(_as_text(lines))
+            data.append(_as_data(lines))
     for path in config.files:
         if path.parent in folders:
             continue
@@ -94,16 +97,22 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
             fail(paths[0], error)
         else:
             texts.append(_as_text(lines))
+            data.append(_as_data(lines))
             notes += warnings
     if not texts:
         raise InputError(problems)
     note = "\n\n".join(texts)
-    yield Outcome(done=len(config.files), failures=tuple(failures), warnings=notes, note=note)
+    done = len(config.files)
+    yield Outcome(done=done, failures=tuple(failures), warnings=notes, note=note, data=data)
 
 
 def _as_text(lines: Sequence[Line]) -> str:
     (_, title), *others = lines
     return "\n".join([title, *(f"  {name + ':':<13} {text}" for name, text in others)])
+
+
+def _as_data(lines: Sequence[Line]) -> dict[str, str]:
+    return {key or "name": text for key, text in lines}
 
 
 def _told(

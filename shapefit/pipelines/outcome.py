@@ -6,6 +6,7 @@ import sys
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from shapefit.errors import InputError, counted
 
@@ -61,7 +62,8 @@ class Outcome:
     of them without a result; `unit` is what the items are, where that depends on the config;
     `note` is a short state of the work for a progress bar, `line` is to be shown at once,
     `doubts` counts the items whose result is not to be trusted, by reason;
-    `listing` the lines that the command was asked for, `written` the files that now stand complete.
+    `listing` the lines that the command was asked for, `written` the files that now stand complete;
+    `data` is what the note says, in values of JSON.
     """
 
     done: int = 0
@@ -74,6 +76,7 @@ class Outcome:
     line: str = ""
     listing: tuple[str, ...] = ()
     written: tuple[Path, ...] = ()
+    data: Any = None
 
 
 def add_up(

@@ -19,7 +19,14 @@ from shapefit.evaluation import calibration, report
 from shapefit.evaluation.calibration import ErrorBars, image_shares
 from shapefit.evaluation.metric_table import METRICS, SHARE
 from shapefit.evaluation.plots import draws_plots, plots_left_out
-from shapefit.evaluation.report import MOST_LISTED, Method, Report, as_markdown, report_blocks
+from shapefit.evaluation.report import (
+    MOST_LISTED,
+    Method,
+    Report,
+    as_markdown,
+    report_blocks,
+    report_json,
+)
 from shapefit.evaluation.summaries import (
     NORMALISED,
     ImageErrors,
@@ -105,6 +112,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
         warnings=(*found.ungrouped, *plots_left_out(config.plots), *left_out),
         note=as_markdown(report_blocks(found.report)).rstrip(),
         written=tuple(config.output / name for name in ("per_image.csv", *contents)),
+        data=json.loads(report_json(found.report)),
     )
 
 
