@@ -84,6 +84,7 @@ def config_options(command: str) -> list[click.Option]:
         option("-c --config config_path", config, "CONFIG", type=names),
         option("--set overrides", key, "KEY=VALUE", multiple=True, type=keys),
         option("--print-config", "Print the config with every default as YAML, and exit."),
+        option("--json as_json", "Print what was done as JSON to stdout."),
     ]
 
 
@@ -95,6 +96,5 @@ def reporting_options() -> list[click.Option]:
     return [
         option("-q --quiet", "Print only errors and failed items.", is_eager=True),
         option("-v --verbose", everything, callback=_not_both),
-        option("--json as_json", "Print what was done as JSON to stdout."),
         show(where, is_eager=True, expose_value=False),
     ]
