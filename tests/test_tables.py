@@ -161,7 +161,7 @@ from shapefit.io.records import LandmarkSet
 from shapefit.io.atomic import atomic_path
 
 
-def read_points(path):
+def read_points(path, kind, *, gaps):
     first, *lines = path.read_text().splitlines()
     names = tuple(first.split()[1:])
     rows = [line.split() for line in lines]
@@ -196,7 +196,8 @@ FORMATS["points"] = FileFormat(
     title="a points file",
     suffixes=(".points",),
     begins=lambda head: head.bytes.startswith(b"POINTS"),
-    readers={"landmarks": "toy:read_points"}, writer="toy:write_points", writes=("landmarks",),
+    records=("landmarks",), reader="toy:read_points",
+    writer="toy:write_points", writes=("landmarks",),
 )
 """
 

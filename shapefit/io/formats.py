@@ -528,7 +528,6 @@ def _metres(title: str, writer: str, *suffixes: str) -> FileFormat:
 
 
 WRITTEN: dict[str, FileFormat] = {
-    **{name: known for name, known in FORMATS.items() if known.writer},
     "bvh": _metres("a BVH file", "bones:bvh_output", ".bvh"),
     "c3d": _metres("a C3D file", "markers:c3d_output", ".c3d"),
     "glb": _metres("a GLB file", "glb:glb_output", ".glb"),
@@ -539,7 +538,12 @@ WRITTEN: dict[str, FileFormat] = {
     ),
     "angles": _metres("a table of joint angles", "tables:angles_output", ".angles.csv"),
 }
-"""Formats that are written."""
+"""Formats that are written for other tools; those of them that can be read have a row above."""
+
+
+def targets() -> dict[str, FileFormat]:
+    """Return the formats that can be written, by their names."""
+    return {name: known for name, known in FORMATS.items() if known.writer} | WRITTEN
 
 
 def landmark_writer(target: Path) -> AbstractContextManager[RecordWriter[LandmarkSet]]:
@@ -587,10 +591,10 @@ def find_target_format(path: Path, name: str = "auto") -> FileFormat:
     With another `name` than auto it is that format. Raises InputError for an ending of no format.
     """
     if name != "auto":
-        return named_format(name, WRITTEN, "to")
+        return named_format(name, targets(), "to")
     if is_stream(path):
         return CSV
-    endings = {suffix: known for known in WRITTEN.values() for suffix in known.suffixes}
+    endings = {suffix: known for known in targets().values() for suffix in known.suffixes}
     if named := [suffix for suffix in endings if path.name.lower().endswith(suffix)]:
         return endings[max(named, key=len)]
     if path.suffix:
