@@ -7,6 +7,7 @@ from shapefit.geometry.rotations import (
     random_rotations,
 )
 from shapefit.lifting.reconstruction import (
+    complete_transforms,
     is_active,
     orthogonal_transforms,
     reconstruct,
@@ -93,3 +94,9 @@ def test_activity_is_beside_the_largest_of_the_image():
     np.testing.assert_array_equal(
         is_active(c), [[True, False, True], [True, True, False], [False, False, False]]
     )
+
+
+def test_planted_rotations_come_back(planted):
+    c, R, _ = planted
+    turned = complete_transforms(transforms(c, R))
+    np.testing.assert_allclose(turned, c[..., None, None] * R, atol=1e-14)
