@@ -9,7 +9,7 @@ landmark in all frames does not average out either:
 for the covariance S_t of a landmark that smoothing gives, P_t of the image alone, and the deviation
 sigma with which the landmarks were taken.
 
-A sequence that would move its images farther than `CONSTANTS.farthest` is only steadied.
+A sequence that would move its images too far (`find_farthest`) is only steadied.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from shapefit.lifting.sequences.smoothing import (
     Lengths,
     Model,
     Observations,
+    first_lengths,
     observe,
     smooth,
 )
@@ -247,7 +248,7 @@ def refine_clip(
     sd = np.full_like(seen.start, np.inf)
     sd[there] = clips.deviation[clip][there] / unit
     moved = (smoothed.points - seen.start) / sd
-    if median((moved[there] ** 2).mean(axis=(1, 2))) > CONSTANTS.farthest:
+    if median((moved[there] ** 2).mean(axis=(1, 2))) > find_farthest(seen, model):
         found.points[rows] = unit * steady(seen.start, sd, acceleration)[finite]
         return
     found.points[rows] = unit * smoothed.points[finite]
@@ -257,6 +258,38 @@ def refine_clip(
     if found.covariance is not None:
         assert smoothed.covariance is not None
         found.covariance[rows] = unit**2 * smoothed.covariance[finite]
+
+
+def find_farthest(seen: Observations, model: Model) -> float:
+    """How far the sequence may move its images: less where no bone turns that could show lengths.
+
+    Lengths that no bone shows and nobody measured fit what the images have wrong alike.
+    """
+    if model.known is not None and model.known.measured:
+        return CONSTANTS.farthest
+    still = len(model.bones) > 0 and find_turn(seen, model) < CONSTANTS.least_turn
+    return CONSTANTS.farthest_still if still else CONSTANTS.farthest
+
+
+def find_turn(seen: Observations, model: Model) -> float:
+    """Median over the bones of how their projections vary over time, in their lengths.
+
+    The root of the mean square distance of a bone's projection from its mean; a bone that turns
+    once around in the plane of the image has 1.
+    """
+    i, j = model.bones.T
+    w = np.where(seen.trust[:, None] > 0, seen.landmarks, np.nan)
+    bone = w[:, :, i] - w[:, :, j]
+    known = np.isfinite(bone).all(axis=1)
+    count = known.sum(axis=0)
+    shown = count > 0
+    if not shown.any():
+        return 0.0
+    mean = np.where(known[:, None], bone, 0.0).sum(axis=0) / np.maximum(count, 1)
+    apart = np.where(known[:, None], bone - mean, 0.0)
+    spread = np.sqrt((apart**2).sum(axis=(0, 1)) / np.maximum(count, 1))
+    lengths = first_lengths(seen.start, model)
+    return median(spread[shown] / np.maximum(lengths[shown], 1e-12))
 
 
 def weigh_lengths(known: Lengths | None, frames: float) -> Lengths | None:
