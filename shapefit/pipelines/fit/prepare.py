@@ -128,6 +128,8 @@ def set_up(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence[s
     if config.leave_out is not None:
         check_items(seen)
     method.load()  # before the clock of solving starts
+    if config.camera.model == "perspective" and method.perspective == "refined":
+        import shapefit.lifting.perspective.view  # noqa: F401
     return Setup(
         config=config,
         dictionary=dictionary,
