@@ -130,6 +130,8 @@ def set_up(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence[s
     method.load()  # before the clock of solving starts
     if config.camera.model == "perspective" and method.perspective == "refined":
         import shapefit.lifting.perspective.view  # noqa: F401
+    if config.outliers.method == "ransac":
+        import shapefit.lifting.consensus  # noqa: F401
     return Setup(
         config=config,
         dictionary=dictionary,
