@@ -89,6 +89,20 @@ def lift_landmarks(
     return fail_nonfinite(lifting)
 
 
+def load_steps(config: FitConfig) -> None:
+    """Import what the config asks for, before the clock of solving starts."""
+    method = METHODS[config.method]
+    method.load()
+    if config.camera.model == "perspective" and method.perspective == "refined":
+        import shapefit.lifting.perspective.view
+    if config.outliers.method not in ("none", *ROBUST):
+        import shapefit.lifting.consensus
+    if config.leave_out is not None:
+        import concurrent.futures.thread  # noqa: F401
+
+        import shapefit.lifting.merging  # noqa: F401
+
+
 def lift_images(
     images: LandmarkSet,
     dictionary: Dictionary,

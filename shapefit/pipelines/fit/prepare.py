@@ -34,7 +34,7 @@ from shapefit.pipelines.fit.camera import (
     straightened,
 )
 from shapefit.pipelines.fit.checks import check_camera, check_labels, log_evidence
-from shapefit.pipelines.fit.lift import check_items, check_needs, find_misfit
+from shapefit.pipelines.fit.lift import check_items, check_needs, find_misfit, load_steps
 from shapefit.pipelines.fit.width import choose_width
 from shapefit.pipelines.items import spread
 from shapefit.pipelines.joints import (
@@ -127,11 +127,7 @@ def set_up(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence[s
         lengths = find_lengths(config.sequences.lengths, seen)
     if config.leave_out is not None:
         check_items(seen)
-    method.load()  # before the clock of solving starts
-    if config.camera.model == "perspective" and method.perspective == "refined":
-        import shapefit.lifting.perspective.view  # noqa: F401
-    if config.outliers.method == "ransac":
-        import shapefit.lifting.consensus  # noqa: F401
+    load_steps(config)
     return Setup(
         config=config,
         dictionary=dictionary,
