@@ -91,3 +91,16 @@ def test_an_index_that_pairs_nothing_is_refused(make, shapes, index):
     broken = shapes.replaced(further={"mirror_index": np.array(index)})
     with pytest.raises(InputError, match=r"/mirror_index: does not pair the landmarks; "):
         make(broken, symmetry="double", **PLAIN)
+
+
+def test_pairs_of_the_config_are_those_of_the_file(make, shapes):
+    """`mirror` stands for a `mirror_index` that files do not have."""
+    names, index = shapes.landmark_names, shapes.columns["mirror_index"]
+    mirror = {names[a]: names[b] for a, b in enumerate(index) if a < b}
+    known, _ = make(shapes, symmetry="double", **PLAIN)
+    told, _ = make(shapes.replaced(further={}), symmetry="double", mirror=mirror, **PLAIN)
+    np.testing.assert_array_equal(told.atoms, known.atoms)
+    np.testing.assert_array_equal(told.mirror_index, index)
+    first, second = next(iter(mirror.items()))
+    with pytest.raises(InputError, match="name each landmark of a pair once"):
+        make(shapes, symmetry="double", mirror={first: second, second: names[0]}, **PLAIN)
