@@ -238,11 +238,15 @@ def sizes(images: Images, hypotheses: Hypotheses, share: Floats) -> Floats:
 
 
 def mixture_of(state: Adapted, models: Sequence[Gaussian], start: Mixture) -> Mixture:
-    """Return the mixture over shapes; what the modes of the start do not span stays as it is."""
+    """C' = M C M^T, M = 1 + V (L - 1) V^+, and m' = m + V m_z: the mixture over shapes.
+
+    What the modes V of the start do not span stays as it is; where landmarks of a body are left out
+    its middle moves together with the modes, since these are of shapes about their middle.
+    """
     means, covariances = start.means.copy(), start.covariances.copy()
     for k, model in enumerate(models):
         V = model.modes.reshape(model.mean.size, -1)
-        VL = V @ state.factor[k]
+        M = np.eye(len(V)) + V @ (state.factor[k] - np.eye(V.shape[1])) @ np.linalg.pinv(V)
         means[k] += model.modes @ state.shift[k]
-        covariances[k] += VL @ VL.T - V @ V.T
+        covariances[k] = M @ covariances[k] @ M.T
     return Mixture(state.weights, means, covariances)

@@ -1,5 +1,6 @@
 """A mixture adapted to planted images comes nearer to the truth; a start of all weight stays."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,9 +13,10 @@ from shapefit.dictionary.from_2d.adaptation import (
     Start,
     adapt,
     maximisation_step,
+    mixture_of,
 )
 from shapefit.dictionary.from_2d.learning import SCALE
-from shapefit.dictionary.from_2d.model import Images, Views
+from shapefit.dictionary.from_2d.model import Images, Views, maximise
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import similarity_transform
@@ -143,3 +145,28 @@ def test_the_objective_holds_the_expected_density_of_the_start(step):
     of_scale = -0.5 * n * (np.log(state.spread) + SCALE**2 / state.spread)
     expected = step.found.log_density.sum() + step.start.weight * of_start + of_scale
     assert step.after.objective == pytest.approx(expected)
+
+
+def test_covariances_of_part_of_a_body_stay_positive(rng):
+    """Modes are about the middle of the landmarks, which moves with those that are left out.
+
+    What moves along the modes is multiplied, and shapes that are drawn go with it.
+    """
+    root = rng.normal(size=(18, 18))
+    whole = (root @ root.T).reshape(3, 6, 3, 6)
+    start = Mixture(
+        np.ones(1), rng.normal(size=(1, 3, 5)), whole[:, :5][:, :, :, :5].reshape(1, 15, 15)
+    )
+    model = maximise(start.means[0], start.covariances[0], left=0)
+    q = model.modes.shape[2]
+    still = Adapted(np.ones(1), np.zeros((1, q)), np.eye(q)[None], np.zeros(1), 1.0)
+    np.testing.assert_allclose(
+        mixture_of(still, [model], start).covariances, start.covariances, atol=1e-9
+    )
+    less = replace(still, factor=0.1 * np.eye(q)[None])
+    found = mixture_of(less, [model], start).covariances[0]
+    assert np.linalg.eigvalsh(found).min() > 0
+    drawn = np.linalg.cholesky(start.covariances[0]) @ rng.normal(size=(15, 4000))
+    centred = drawn.reshape(3, 5, -1) - drawn.reshape(3, 5, -1).mean(axis=1, keepdims=True)
+    moved = drawn - 0.9 * centred.reshape(15, -1)
+    np.testing.assert_allclose(found, np.cov(moved), atol=0.1 * np.abs(found).max())
