@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -48,7 +48,7 @@ class Report:
     failed: int = 0
     note: str = ""
     written: list[Path] = field(default_factory=list)
-    data: Any = None
+    data: Callable[[], Any] = lambda: None
     _failures: list[Failure] = field(default_factory=list)
     _warnings: dict[str, str | Counted] = field(default_factory=dict)
     _doubts: dict[str, str | Counted] = field(default_factory=dict)
@@ -106,7 +106,7 @@ class Report:
         add_up(self._doubts, (d if self.verbose else replace(d, items=()) for d in outcome.doubts))
         self.written += outcome.written
         self.note = outcome.note or self.note
-        self.data = outcome.data if outcome.data is not None else self.data
+        self.data = outcome.data or self.data
         self._listing += outcome.listing if self.as_json else ()
 
     @property
@@ -121,10 +121,13 @@ class Report:
     @property
     def _untrusted(self) -> dict[str, int]:
         """Return the reasons not to trust items, each with their number."""
+        return {doubt.text: doubt.number for doubt in self._counted_doubts}
+
+    @property
+    def _counted_doubts(self) -> list[Counted]:
         from shapefit.pipelines.outcome import Counted
 
-        doubts = (doubt for doubt in self._doubts.values() if isinstance(doubt, Counted))
-        return {doubt.text: doubt.number for doubt in doubts}
+        return [doubt for doubt in self._doubts.values() if isinstance(doubt, Counted)]
 
     @property
     def _too_few_trusted(self) -> bool:
@@ -145,7 +148,7 @@ class Report:
             "listing": self._listing,
             "written": [str(path) for path in self.written],
             "seconds": round(time.monotonic() - self._started, 3),
-            "data": self.data,
+            "data": self.data(),
         }
 
     def lines(self) -> Iterator[str]:
@@ -169,9 +172,9 @@ class Report:
             yield "; ".join(self._summary())
 
     def _not_to_be_trusted(self) -> Iterator[str]:
-        from shapefit.pipelines.outcome import Counted, tell_doubts
+        from shapefit.pipelines.outcome import tell_doubts
 
-        doubts = [doubt for doubt in self._doubts.values() if isinstance(doubt, Counted)]
+        doubts = self._counted_doubts
         for doubt in doubts:
             yield from (f"Doubtful: {item}: {doubt.text}" for item in doubt.items)
         if doubts:

@@ -1,11 +1,15 @@
-"""Work on several parts or files at once, on threads."""
+"""Work on threads: on several parts at once, or while the next one is made."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections import deque
+from collections.abc import Callable, Generator, Iterable
 from contextvars import copy_context
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
 
 Part = TypeVar("Part")
 Done = TypeVar("Done")
@@ -32,3 +36,25 @@ def on_threads(
     own = [copy_context() for _ in known]
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(lambda context, part: context.run(work, part), own, known))
+
+
+def side_by_side(
+    work: Callable[[Part], Done], items: Iterable[Part], workers: int
+) -> Generator[Done, None, None]:
+    """Do work with so many items at a time, each on a thread of its own, but for 0 workers.
+
+    Results come in the order of the items, of which the next one is got meanwhile.
+    """
+    if not workers:
+        yield from map(work, items)
+        return
+    from concurrent.futures import ThreadPoolExecutor  # where there is more than one item
+
+    waiting: deque[Future[Done]] = deque()
+    with ThreadPoolExecutor(workers) as pool:
+        for item in items:
+            waiting.append(pool.submit(work, item))
+            if len(waiting) > workers:
+                yield waiting.popleft().result()
+        while waiting:
+            yield waiting.popleft().result()

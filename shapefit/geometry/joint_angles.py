@@ -60,26 +60,24 @@ def _ankle(points: Floats, _: Floats) -> Floats:
     return angle
 
 
-def _limb(points: Floats, _: Floats) -> Floats:
-    """atan2(d_x, -d_y) of the bone d from the fifth point to the sixth, in the axes of the trunk.
-
-    The points before are left and right of the line that the limb turns about, and of the other
-    end of the trunk; y points to the head, so hips take `_hip`, which turns it round.
-    """
-    left, right, other_left, other_right, start, end = points
-    z = right - left
-    y = left + right - other_left - other_right
-    return _flexion(y, z, end - start)
+def _arm(points: Floats, _: Floats) -> Floats:
+    return _flexion(points, 1.0)
 
 
 def _hip(points: Floats, _: Floats) -> Floats:
+    return _flexion(points, -1.0)
+
+
+def _flexion(points: Floats, head: float) -> Floats:
+    """atan2(d_x, -d_y) of the bone d from the fifth point to the sixth, in the axes of the trunk.
+
+    The points before are left and right of the line that the limb turns about, and of the other end
+    of the trunk. `head` is 1 where that line is the end towards the head, else -1. y is made
+    orthogonal to z, and x = y x z is forward.
+    """
     left, right, other_left, other_right, start, end = points
-    return _flexion(other_left + other_right - left - right, right - left, end - start)
-
-
-def _flexion(y: Floats, z: Floats, limb: Floats) -> Floats:
-    """Return the flexion of a limb; y is made orthogonal to z, and x = y x z is forward."""
-    x = _cross(y, z)
+    z, limb = right - left, end - start
+    x = _cross(head * (left + right - other_left - other_right), z)
     y = _cross(z, x)
     along = _dot(limb, y) / np.sqrt(_dot(y, y))
     forward = _dot(limb, x) / np.sqrt(_dot(x, x))
@@ -117,7 +115,7 @@ ANGLES = (
             JointAngle(
                 f"arm_flex_{side}",
                 (*SHOULDERS, *HIPS, f"{side}shoulder", f"{side}elbow"),
-                _limb,
+                _arm,
             ),
             JointAngle(
                 f"elbow_flex_{side}", (f"{side}shoulder", f"{side}elbow", f"{side}wrist"), _hinge

@@ -132,8 +132,8 @@ def in_pose(rig: Rig, directions: Mapping[int, Sequence[float]]) -> Rig:
     a direction turn with their parent.
     """
     tree, T = rig.tree, np.empty((len(rig.tree), 3, 3))
-    bones = {node.joint: offset for node, offset in zip(tree, rig.offsets, strict=True)
-             if offset.any()}  # fmt: skip
+    placed = zip(tree, rig.offsets, strict=True)
+    bones = {node.joint: offset for node, offset in placed if offset.any()}
     for number, node in enumerate(tree):
         P = T[node.above] if node.above >= 0 else np.eye(3)
         known = [end for end in node.aims if end in directions and end in bones]
@@ -151,10 +151,8 @@ def in_pose(rig: Rig, directions: Mapping[int, Sequence[float]]) -> Rig:
 
 def rest_places(rig: Rig) -> Floats:
     """Return where nodes are at rest (m, 3), the first one where it is in the frame `rest`."""
-    places = [rig.root[rig.rest]]
-    for node, offset in zip(rig.tree[1:], rig.offsets[1:], strict=True):
-        places.append(places[node.above] + offset)
-    return np.array(places)
+    unturned = np.tile(np.eye(3), (len(rig.tree), 1, 1, 1))
+    return find_places(replace(rig, rotations=unturned, root=rig.root[[rig.rest]]))[:, 0]
 
 
 def find_places(rig: Rig) -> Floats:

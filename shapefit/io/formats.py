@@ -61,6 +61,7 @@ class FileFormat:
     writes       the kinds that it can write
     in_metres    what it writes is in metres and upright, a sequence a file; its writer takes
                  OutputOptions, too
+    angles       it is written with the joint angles of bodies, or holds nothing else
     points_only  it has no place for what is not a point: attributes, further datasets
     states_y_axis  its files say, or it is known of all of them, whether y points up or down
     """
@@ -77,6 +78,7 @@ class FileFormat:
     writer: str | None = None
     writes: tuple[str, ...] = ()
     in_metres: bool = False
+    angles: bool = False
     points_only: bool = True
     states_y_axis: bool = True
 
@@ -516,7 +518,7 @@ class RecordWriter(Generic[Record]):
             raise ValueError("nothing was appended; append one record, which may be empty")
 
 
-def _metres(title: str, writer: str, *suffixes: str) -> FileFormat:
+def _metres(title: str, writer: str, *suffixes: str, angles: bool = False) -> FileFormat:
     """Return the row of files in metres; the writer is named below `shapefit.io.written`."""
     return FileFormat(
         title=title,
@@ -524,6 +526,7 @@ def _metres(title: str, writer: str, *suffixes: str) -> FileFormat:
         writer=f".written.{writer}",
         writes=("shapes", "result"),
         in_metres=True,
+        angles=angles,
     )
 
 
@@ -531,12 +534,14 @@ WRITTEN: dict[str, FileFormat] = {
     "bvh": _metres("a BVH file", "bones:bvh_output", ".bvh"),
     "c3d": _metres("a C3D file", "markers:c3d_output", ".c3d"),
     "glb": _metres("a GLB file", "glb:glb_output", ".glb"),
-    "trc": _metres("a TRC file", "markers:trc_output", ".trc"),
-    "mot": _metres("a MOT file", "tables:mot_output", ".mot"),
+    "trc": _metres("a TRC file", "markers:trc_output", ".trc", angles=True),
+    "mot": _metres("a MOT file", "tables:mot_output", ".mot", angles=True),
     "metres": _metres(
         "a table in metres", "tables:metres_output", ".metres.csv", ".metres.parquet"
     ),
-    "angles": _metres("a table of joint angles", "tables:angles_output", ".angles.csv"),
+    "angles": _metres(
+        "a table of joint angles", "tables:angles_output", ".angles.csv", angles=True
+    ),
 }
 """Formats that are written for other tools; those of them that can be read have a row above."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -130,6 +130,13 @@ def parquet_output(target: Path, form: Layout) -> Iterator[ParquetWriter]:
         finally:
             writer.close()
         writer.check_begun()
+
+
+def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
+    """Write a table of its own: columns by their names."""
+    pyarrow.parquet.write_table(
+        pyarrow.table(dict(columns)), path, compression="zstd", write_page_checksum=True
+    )
 
 
 def _table(record: Records, part: slice) -> Any:

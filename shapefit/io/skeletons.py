@@ -303,6 +303,12 @@ def people_joints(names: Iterable[str]) -> dict[str, str]:
     return _alone({name: _MARKED[name] for name in names if name in _MARKED})
 
 
+def joint_columns(names: Sequence[str]) -> dict[str, int]:
+    """Return the joints of a body that landmarks stand for, by any skeleton -> their columns."""
+    joints = {name: name for name in names if name in (*PEOPLE, *FURTHER)} | people_joints(names)
+    return {joints[name]: column for column, name in enumerate(names) if name in joints}
+
+
 def people_parts(names: Iterable[str]) -> dict[str, Part]:
     """Return the parts of the body that those of the names mark which mark one."""
     return {name: PARTS[_MARKED[name]] for name in names if name in _MARKED}

@@ -55,8 +55,7 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
         if is_stream(path):
             found = "standard input can be read only once"
             raise input_error("-", found, "save it to a file and name that")
-    texts: list[str] = []
-    data: list[dict[str, str]] = []
+    told: list[list[Line]] = []
     notes: tuple[str, ...] = ()
     failures: list[Failure] = []
     problems: list[str] = []
@@ -78,9 +77,7 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
             except InputError as error:
                 fail(folder / name, error)
         if shared:
-            lines = _of_folder(folder, manifest, shared)
-            texts.append(_as_text(lines))
-            data.append(_as_data(lines))
+            told.append(_of_folder(folder, manifest, shared))
     for path in config.files:
         if path.parent in folders:
             continue
@@ -96,23 +93,22 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
         except InputError as error:
             fail(paths[0], error)
         else:
-            texts.append(_as_text(lines))
-            data.append(_as_data(lines))
+            told.append(lines)
             notes += warnings
-    if not texts:
+    if not told:
         raise InputError(problems)
-    note = "\n\n".join(texts)
-    done = len(config.files)
-    yield Outcome(done=done, failures=tuple(failures), warnings=notes, note=note, data=data)
+    yield Outcome(
+        done=len(config.files),
+        failures=tuple(failures),
+        warnings=notes,
+        note="\n\n".join(map(_as_text, told)),
+        data=lambda: [{key or "name": text for key, text in lines} for lines in told],
+    )
 
 
 def _as_text(lines: Sequence[Line]) -> str:
     (_, title), *others = lines
     return "\n".join([title, *(f"  {name + ':':<13} {text}" for name, text in others)])
-
-
-def _as_data(lines: Sequence[Line]) -> dict[str, str]:
-    return {key or "name": text for key, text in lines}
 
 
 def _told(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -63,7 +63,7 @@ class Outcome:
     `note` is a short state of the work for a progress bar, `line` is to be shown at once,
     `doubts` counts the items whose result is not to be trusted, by reason;
     `listing` the lines that the command was asked for, `written` the files that now stand complete;
-    `data` is what the note says, in values of JSON.
+    `data` gives what the note says in values of JSON, to those who ask.
     """
 
     done: int = 0
@@ -76,7 +76,7 @@ class Outcome:
     line: str = ""
     listing: tuple[str, ...] = ()
     written: tuple[Path, ...] = ()
-    data: Any = None
+    data: Callable[[], Any] | None = None
 
 
 def add_up(

@@ -45,9 +45,9 @@ from shapefit.pipelines.fit.camera import straightened
 from shapefit.pipelines.fit.record import OF_A_RESULT
 from shapefit.pipelines.joints import MEANS, Joints, find_joints, named_as_joints
 from shapefit.pipelines.outcome import Failure, Outcome, unread
-from shapefit.pipelines.overlap import side_by_side
 from shapefit.pipelines.parts.manifest import read_manifest, result_digest
 from shapefit.stores import UrlPath, files_in
+from shapefit.threads import side_by_side
 from shapefit.verification.checks import FLOOR, Checks
 from shapefit.verification.claims import Model, check_images
 from shapefit.verification.fit import LIMITED, Fit, Images, read_fit, seen_in

@@ -10,23 +10,18 @@ from shapefit.arrays import Floats
 from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP, Up, nearest_axis_up
 from shapefit.geometry.joint_angles import known_angles, measure_angles
 from shapefit.io.records import Names, ResultSet, ShapeSet
-from shapefit.io.skeletons import FURTHER, PEOPLE, people_joints
+from shapefit.io.skeletons import joint_columns
 from shapefit.io.written.metres import EXTRINSIC_ROTATION
+from shapefit.lifting.estimate import CORRELATION
 
-COVARIANCE, CORRELATION = "shape_covariance", "shape_correlation"
+COVARIANCE = "shape_covariance"
 ANGLES, ANGLE_SD = "joint_angles", "joint_angle_sd"
 """Columns (n, a) of records on their way to a file of motion, in degrees."""
 
 
-def joints_of(names: Sequence[str]) -> dict[str, int]:
-    """Return the joints of a body that stand among landmarks -> their columns."""
-    joints = {name: name for name in names if name in (*PEOPLE, *FURTHER)} | people_joints(names)
-    return {joints[name]: column for column, name in enumerate(names) if name in joints}
-
-
 def angle_names(names: Sequence[str]) -> Names:
     """Return the names of the joint angles that landmarks determine; none unless it is a body."""
-    return tuple(angle.name for angle in known_angles(joints_of(names)))
+    return tuple(angle.name for angle in known_angles(joint_columns(names)))
 
 
 def angle_columns(record: ShapeSet | ResultSet, up: Up | None) -> dict[str, Floats]:
@@ -36,7 +31,7 @@ def angle_columns(record: ShapeSet | ResultSet, up: Up | None) -> dict[str, Floa
     `up`, y by default. Deviations take into account how the errors of landmarks go together where
     the record has `shape_covariance`; without, they are two to three times as large.
     """
-    joints = joints_of(record.landmark_names)
+    joints = joint_columns(record.landmark_names)
     if not known_angles(joints):
         return {}
     if isinstance(record, ShapeSet):

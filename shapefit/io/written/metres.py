@@ -14,7 +14,7 @@ from shapefit.geometry.normalisation import metres_in
 from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, UNKNOWN_UNIT
 from shapefit.io.options import OutputOptions
 from shapefit.io.records import ResultSet, ShapeSet
-from shapefit.io.skeletons import PEOPLE, people_joints
+from shapefit.io.skeletons import joint_columns
 
 Solid = ShapeSet | ResultSet
 
@@ -38,8 +38,7 @@ def find_stature(shapes: Floats, names: Sequence[str]) -> Floats | None:
     shapes (n, 3, p); legs are the mean of both, hips and shoulders the middles of theirs. None
     where the landmarks are not those of a person with hips, knees, ankles and shoulders.
     """
-    joints = people_joints(names) | {name: name for name in names if name in PEOPLE}
-    column = {joint: place for place, name in enumerate(names) if (joint := joints.get(name))}
+    column = joint_columns(names)
     if not set(_JOINTS) <= column.keys():
         return None
 

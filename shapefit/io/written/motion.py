@@ -216,15 +216,17 @@ Output = Callable[[Path, Layout, OutputOptions], AbstractContextManager["MotionW
 class MotionWriter(RecordWriter[Solid]):
     """Takes shapes or results; keeps their points, as the scale of a sequence takes all of it."""
 
-    def __init__(self, options: OutputOptions) -> None:
+    def __init__(self, options: OutputOptions, *, angles: bool) -> None:
+        """Take records for files in metres; `angles`, whether joint angles are written of them."""
         super().__init__()
         self.parts: list[Solid] = []
-        self._up = options.up
+        self._up, self._angles = options.up, angles
 
     def append(self, record: Solid) -> None:
         """Take the items of a record after those that are there."""
         self.begun = True
-        columns = {**record.columns, **angle_columns(record, self._up)}
+        measured = angle_columns(record, self._up) if self._angles else {}
+        columns = {**record.columns, **measured}
         kept = {name: values for name, values in columns.items() if name in KEPT}
         self.parts.append(record.replaced(columns=kept))  # type: ignore[arg-type]
 
@@ -235,11 +237,13 @@ def motion_output(
     unit: str = "m",
     prepare: Prepare | None = None,
     angles: Write | None = None,
+    measured: bool = False,
 ) -> Output:
     """Return what gives a writer to files that appear on a clean exit: `target`, or one per group.
 
-    Several are named after the target: man.trc becomes man_NAME.trc. What is returned raises
-    InputError where they cannot be written; those of an earlier run then stay as they were.
+    Several are named after the target: man.trc becomes man_NAME.trc. `angles` writes joint angles
+    beside each, and `measured` ones are part of the format. What is returned raises InputError
+    where they cannot be written; those of an earlier run then stay as they were.
     """
 
     @contextmanager
@@ -248,7 +252,7 @@ def motion_output(
             found = "motion can be several files, which do not appear together in an object store"
             raise input_error(target, found, "write it to this machine, and copy it there")
         check_output(target)
-        writer = MotionWriter(options)
+        writer = MotionWriter(options, angles=measured or angles is not None)
         yield writer
         writer.check_begun()
         records: Solid = concatenate(writer.parts)  # type: ignore[type-var]

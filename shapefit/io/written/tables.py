@@ -32,12 +32,9 @@ def write_metres(path: Path, motions: Sequence[Motion]) -> None:
         [answer for answer in motion.trusted for _ in range(p)],
     )
     if path.suffix in (".parquet", ".pq"):
-        import pyarrow.parquet
+        from shapefit.io.parquet_file import write_columns
 
-        import shapefit.io.parquet_file  # noqa: F401  (says what to install without pyarrow)
-
-        table = pyarrow.table(dict(zip(METRES, columns, strict=True)))
-        pyarrow.parquet.write_table(table, path, compression="zstd", write_page_checksum=True)
+        write_columns(path, dict(zip(METRES, columns, strict=True)))
     else:
         _write_csv(path, METRES, zip(*columns, strict=True), ".7g")
 
@@ -90,5 +87,5 @@ def _with_angles(motions: Sequence[Motion], place: str) -> tuple[list[Motion], s
 
 
 metres_output = motion_output(write_metres, by_individual)
-angles_output = motion_output(write_angles, by_individual, prepare=_with_angles)
-mot_output = motion_output(write_mot, by_individual, prepare=_with_angles)
+angles_output = motion_output(write_angles, by_individual, prepare=_with_angles, measured=True)
+mot_output = motion_output(write_mot, by_individual, prepare=_with_angles, measured=True)

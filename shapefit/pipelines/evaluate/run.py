@@ -112,7 +112,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
         warnings=(*found.ungrouped, *plots_left_out(config.plots), *left_out),
         note=as_markdown(report_blocks(found.report)).rstrip(),
         written=tuple(config.output / name for name in ("per_image.csv", *contents)),
-        data=json.loads(report_json(found.report)),
+        data=lambda: json.loads(report_json(found.report)),
     )
 
 

@@ -47,9 +47,8 @@ from shapefit.pipelines.fit.record import as_result, warn_of_names
 from shapefit.pipelines.fit.report import Report
 from shapefit.pipelines.joints import describe_names, name_warnings, named_as_joints
 from shapefit.pipelines.outcome import Outcome, nothing_in
-from shapefit.pipelines.overlap import side_by_side
 from shapefit.stores import UrlPath, local_copy
-from shapefit.threads import on_threads
+from shapefit.threads import on_threads, side_by_side
 
 BATCH = 4096
 """Images that are read before the first whole sequences of them are lifted."""
@@ -85,14 +84,11 @@ def run(
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
         estimates = estimates or prepare(config, dictionary, lambda: source.first(FIRST))
         config = config.changed(**estimates.values)
-        if find_target_format(output).in_metres:  # the error of an angle is that of several joints
+        if find_target_format(output).angles:  # the error of an angle is that of several joints
             config = config.changed(posterior={"covariance": True})
         setup = set_up(config, dictionary, source.head.landmark_names)
-        report, seconds, inputs = (
-            Report(setup, explained=bool(estimates.warnings)),
-            0.0,
-            dict[str, str](),
-        )
+        report = Report(setup, explained=bool(estimates.warnings))
+        seconds, inputs = 0.0, dict[str, str]()
         with (
             open_exports(config, setup.dictionary, source.count) as exports,
             result_writer(output, OutputOptions(height=config.height)) as writer,

@@ -111,3 +111,9 @@ def test_what_is_no_body_has_no_angles(record, tmp_path):
         "chair.trc",
         "chair_frames.csv",
     ]
+
+
+def test_parquet_says_what_to_install(record, tmp_path, without_pyarrow):
+    with pytest.raises(InputError, match="need the library pyarrow, which is not installed"):
+        save(tmp_path / "leg.metres.parquet", record)
+    assert not list(tmp_path.iterdir())

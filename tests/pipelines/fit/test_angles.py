@@ -9,7 +9,7 @@ import pytest
 
 from shapefit.config import find_config, load_config
 from shapefit.geometry.joint_angles import known_angles, measure_angles
-from shapefit.io.written.angles import joints_of
+from shapefit.io.skeletons import joint_columns
 from shapefit.pipelines.fit.run import run
 
 HINGES = tuple(f"{joint}_{side}" for joint in ("knee_angle", "elbow_flex") for side in "rl")
@@ -30,7 +30,7 @@ def test_hinges_of_a_man_on_a_beam(real_data, tmp_path):
         with output.open() as file:
             rows = list(csv.DictReader(file))
         with h5py.File(landmarks) as file:
-            joints = joints_of(file["landmark_names"].asstr()[()])
+            joints = joint_columns(file["landmark_names"].asstr()[()])
             shapes = file["true_shapes"][()].swapaxes(1, 2)
         truth = dict(
             zip(

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from shapefit.pipelines.overlap import side_by_side
+from shapefit.threads import side_by_side
 
 
 @pytest.mark.parametrize("workers", [0, 1, 2, 3])
