@@ -19,14 +19,18 @@ from shapefit.api.records import (
     landmark_set,
     shape_set,
 )
+from shapefit.api.shown import stated_height
+from shapefit.api.words import speaks_python
 from shapefit.config.named_files import find_dictionaries
 from shapefit.errors import input_error, listed
-from shapefit.io.options import InputOptions
+from shapefit.io.formats import find_target_format
+from shapefit.io.options import InputOptions, OutputOptions
 from shapefit.stores import UrlPath, forget_copy, location
 
 File = str | PathLike[str]
 
 
+@speaks_python
 def read_shapes(*paths: File, **options: Any) -> Shapes:
     """Read files of 3D shapes, in any format of `learn-dict`, as one set.
 
@@ -36,6 +40,7 @@ def read_shapes(*paths: File, **options: Any) -> Shapes:
     return Shapes.of(io.read_shapes([_path(path) for path in paths], _input(options)))
 
 
+@speaks_python
 def read_landmarks(*paths: File, **options: Any) -> Landmarks:
     """Read files of 2D landmarks, in any format of `fit`, as one set.
 
@@ -46,6 +51,7 @@ def read_landmarks(*paths: File, **options: Any) -> Landmarks:
         return Landmarks.of(source.whole())
 
 
+@speaks_python
 def read_dictionary(path: File) -> Dictionary:
     """Read a dictionary: a file, or the installed one of that name, such as "people"."""
     found = _path(path)
@@ -54,30 +60,38 @@ def read_dictionary(path: File) -> Dictionary:
     return Dictionary.of(io.read_dictionary(found))
 
 
+@speaks_python
 def read_results(path: File) -> Fit:
     """Read a result; what proves it stays in the file, for `shapefit verify`."""
     return fit_of(io.read_results(_path(path)), {})
 
 
+@speaks_python
 def write_shapes(path: File, shapes: Shapes) -> None:
     """Write shapes to HDF5, or to CSV or Parquet where the name ends in .csv or .parquet."""
     io.write_shapes(_path(path), shape_set(shapes))
 
 
+@speaks_python
 def write_landmarks(path: File, landmarks: Landmarks) -> None:
     """Write landmarks to HDF5, or to CSV or Parquet where the name ends in .csv or .parquet."""
     with io.landmark_writer(_path(path)) as writer:
         writer.append(landmark_set(landmarks))
 
 
+@speaks_python
 def write_dictionary(path: File, dictionary: Dictionary) -> None:
     """Write a dictionary to HDF5."""
     io.write_dictionary(_path(path), dictionary._inside)
 
 
+@speaks_python
 def write_results(path: File, result: Fit) -> None:
-    """Write a fit to HDF5, or Parquet by its name, as `fit` does, or its shapes to .csv."""
-    with io.result_writer(_path(path)) as writer:
+    """Write a fit as `fit -o` does: HDF5, or the format that the name ends in, such as .trc."""
+    target = _path(path)
+    in_metres = find_target_format(target).in_metres
+    options = OutputOptions(height=stated_height(result) if in_metres else None)
+    with io.result_writer(target, options) as writer:
         writer.append(result._inside)
         writer.attributes.update(result.attributes)
 

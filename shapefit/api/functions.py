@@ -5,8 +5,7 @@ Keyword arguments are checked against the config of the command: the same keys, 
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -27,16 +26,20 @@ from shapefit.api.records import (
     landmark_set,
     result_set,
     shape_set,
+    unnamed,
 )
+from shapefit.api.words import speaks_python, warn
 from shapefit.config import EvalConfig, FitConfig, LearnDictConfig, find_config
+from shapefit.config.commands.input import InputConfig
 from shapefit.config.model import CommandConfig, field_keys, submodel
 from shapefit.config.settings import OPTION, Place, Settings, check
+from shapefit.dictionary import model
 from shapefit.errors import counted, input_error
 from shapefit.evaluation.summaries import Summary, group_sequences, summarise
 from shapefit.io.dictionaries import check_given_dictionary
 from shapefit.io.foreign.arrays import of_array
 from shapefit.io.foreign.items import landmarks_of
-from shapefit.io.options import InputOptions, Track, input_options
+from shapefit.io.options import input_options
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.io.source import source_of
 from shapefit.pipelines.evaluate.judge import Truth, judge
@@ -46,7 +49,7 @@ from shapefit.pipelines.fit.report import Report
 from shapefit.pipelines.fit.run import attributes_of, lift_source
 from shapefit.pipelines.joints import name_warnings
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes
-from shapefit.pipelines.outcome import Counted, Failure, Note, Outcome, add_up
+from shapefit.pipelines.outcome import Counted, Outcome, add_up
 
 PLACE = Path("landmarks")
 WANTED = "give (n, p, 2) or (n, p, 3) with a confidence of 0 to 1, or a list of (people, p, 2 or 3)"
@@ -74,6 +77,7 @@ def default(model: type[CommandConfig], name: str) -> Any:
     return model.model_fields[name].get_default(call_default_factory=True)
 
 
+@speaks_python
 def fit(
     landmarks: Landmarks | ArrayLike | Sequence[ArrayLike],
     dictionary: Dictionary | str | PathLike[str],
@@ -102,21 +106,12 @@ def fit(
     `outliers={"method": "ransac"}` (docs/config.md). Images without a shape are in `failures` of
     the result; what the command warns of is a Python warning. Raises InputError.
     """
-    if not isinstance(dictionary, Dictionary):
-        dictionary = read_dictionary(dictionary)
-    atoms = dictionary._inside
-    check_given_dictionary(atoms, "dictionary")
+    atoms = _dictionary(dictionary)
     section, matrices = _camera(camera)
     given = {"lambda": lam, "method": method, "camera": section, "keypoints": keypoints}
-    given = {key: value for key, value in given.items() if value is not None}
-    given |= options
-
-    def reading(track: Track) -> InputOptions:
-        config = config_of(FitConfig, "fit", given, FIT, final=False)
-        return input_options(config.input, track)
-
-    names = atoms.marked(()).landmark_names
-    images = _with_weights(_images(landmarks, keypoints, names, reading), weights)
+    given = {key: value for key, value in given.items() if value is not None} | options
+    read = config_of(FitConfig, "fit", given, FIT, final=False).input
+    images = _with_weights(_images(landmarks, read, atoms.marked(()).landmark_names), weights)
     if config is None:
         default = choose_by_dictionary(
             atoms.provenance,
@@ -129,8 +124,7 @@ def fit(
         default = Default()
     wanted = config_of(FitConfig, "fit", given, FIT, config)
     if default.method is not None and fits(default, wanted):
-        given["method"] = default.method
-        wanted = config_of(FitConfig, "fit", given, FIT, config)
+        wanted = config_of(FitConfig, "fit", given | {"method": default.method}, FIT, config)
     if matrices is not None:
         images = images.with_columns({CAMERA: matrices})
     records, seconds = [], 0.0
@@ -150,17 +144,24 @@ def fit(
             seconds += batch.seconds
             failures |= {failure.item: failure.reason for failure in outcome.failures}
             add_up(messages, outcome.warnings)
-    for message in (*messages.values(), *doubts, *report.warnings):
-        if not isinstance(message, Note):
-            warnings.warn(str(message), stacklevel=2)
+    warn((*messages.values(), *doubts, *report.warnings))
     whole = concatenate(records)
     attributes = attributes_of(setup, estimates, {}, seconds, len(whole))
-    return fit_of(whole.replaced(attributes=attributes), failures)
+    return fit_of(whole.replaced(attributes={**whole.attributes, **attributes}), failures)
 
 
-def _images(
-    landmarks: Any, keypoints: str | None, names: Names, reading: Callable[[Track], InputOptions]
-) -> LandmarkSet:
+def _dictionary(given: Dictionary | str | PathLike[str]) -> model.Dictionary:
+    """Return a dictionary, read where it is a name or a file. Raises InputError."""
+    if not isinstance(given, Dictionary | str | PathLike):
+        found = f"is no dictionary, but {type(given).__name__} {np.shape(given) or ''}".rstrip()
+        fix = "for arrays there is solve(W, B, lam); Dictionary(atoms=B) takes atoms (k, p, 3)"
+        raise input_error("dictionary", found, fix)
+    atoms = (given if isinstance(given, Dictionary) else read_dictionary(given))._inside
+    check_given_dictionary(atoms, "dictionary")
+    return atoms
+
+
+def _images(landmarks: Any, section: InputConfig, names: Names) -> LandmarkSet:
     """Return landmarks as the package has them, with these names (p) where they have none.
 
     Arrays with confidences, of a skeleton, of one image or of several people are read as files of a
@@ -170,15 +171,14 @@ def _images(
         return landmark_set(landmarks, names)
     crowd = isinstance(landmarks, list) and any(np.ndim(frame) == 3 for frame in landmarks)
     points, further = in_one_array(landmarks) if crowd else (_array(landmarks), {})
-    with_confidence = points.ndim == 3 and points.shape[2] == 3
+    keypoints, with_confidence = section.keypoints, points.ndim == 3 and points.shape[2] == 3
     if not (crowd or keypoints is not None or points.ndim == 2 or with_confidence):
         return landmark_set(points, names)
-    options = reading("nearest" if crowd else "none")
-    if options.keypoints is None:
+    if keypoints is None:
         if points.shape[-2] != len(names):
-            found = f"has {points.shape[-2]} landmarks without names, not {len(names)}"
-            raise input_error("landmarks", found, 'name them, as in `keypoints="coco_17"`')
+            raise unnamed("landmarks", points.shape[-2], names)
         further |= {"landmark_names": tuple(names)}
+    options = input_options(section, "nearest" if crowd else "none")
     return landmarks_of(of_array(PLACE, points, **further), options)[0]
 
 
@@ -228,6 +228,7 @@ def _with_weights(images: LandmarkSet, weights: ArrayLike | None) -> LandmarkSet
     return images.replaced(confidence=values)
 
 
+@speaks_python
 def learn(
     shapes: Shapes | ArrayLike,
     k: int = default(LearnDictConfig, "k"),
@@ -246,25 +247,22 @@ def learn(
     config = config_of(LearnDictConfig, "learn", given | options, LEARN)
     given_set = source_of(shape_set(shapes), "shapes", config.input.rename).whole()
     making = learn_from_shapes(given_set, config, {})
-    failures: list[Failure] = []
-    messages: list[str] = []
+    outcomes: list[Outcome] = []
     while True:
         try:
-            outcome: Outcome = next(making)
+            outcomes.append(next(making))
         except StopIteration as stop:
             dictionary = stop.value
             break
-        failures += outcome.failures
-        messages += [str(each) for each in outcome.warnings if not isinstance(each, Note)]
+    failures = [failure for outcome in outcomes for failure in outcome.failures]
     if failures:
         unused = f"{failures[0].item}, for one: {failures[0].reason}"
-        messages.insert(0, f"{counted(len(failures), 'shape')} cannot be used; {unused}")
-    for message in messages:
-        warnings.warn(message, stacklevel=2)
+        warn([f"{counted(len(failures), 'shape')} cannot be used; {unused}"])
+    warn(message for outcome in outcomes for message in outcome.warnings)
     return Dictionary.of(dictionary)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Evaluation:
     """Errors of n images: errors maps a metric and its unit to (n,), nan where it is undefined.
 
@@ -278,6 +276,13 @@ class Evaluation:
     summaries: tuple[Summary, ...]
     failures: Mapping[str, str]
 
+    def __repr__(self) -> str:
+        kinds = {(row.metric, row.unit) for row in self.summaries}
+        means = [f"{m} {self.mean(m, u):.3g} {u}" for m, u in self.errors if (m, u) in kinds]
+        parts = [counted(len(self.items), "image"), *means]
+        parts += [f"{len(self.failures)} without errors"] if self.failures else []
+        return f"<shapefit.Evaluation: {', '.join(parts)}>"
+
     def mean(self, metric: str, unit: str | None = None) -> float:
         """Return the mean over the groups' means in a metric, in its first unit if none is given.
 
@@ -290,6 +295,7 @@ class Evaluation:
         return float(np.mean([row.mean for row in rows]))
 
 
+@speaks_python
 def evaluate(
     result: Fit | Shapes | ArrayLike,
     truth: Shapes | ArrayLike,
@@ -323,8 +329,7 @@ def evaluate(
     errors = judged.image_errors("result")
     sequences = (name for each in errors for name in each.sequences.names)
     grouping, ungrouped = group_sequences(config.groups, sequences)
-    for message in (*judged.warnings, *ungrouped):
-        warnings.warn(message, stacklevel=2)
+    warn((*judged.warnings, *ungrouped))
     return Evaluation(
         items=judged.items,
         sequences=judged.sequences,

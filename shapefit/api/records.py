@@ -16,15 +16,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from shapefit.api import shown
 from shapefit.dictionary import model
-from shapefit.errors import counted, input_error
+from shapefit.errors import InputError, counted, input_error, listed
 from shapefit.io.layout import (
     DICTIONARY,
+    LANDMARKS,
     UNKNOWN_UNIT,
     Layout,
     fit_axes,
     free_names,
 )
 from shapefit.io.records import LandmarkSet, Records, ResultSet, ShapeSet
+from shapefit.io.skeletons import SKELETONS
 
 Names = Sequence[str]
 OF_RECORDS = ("landmark_names", "items", "sequences", "unit", "y_axis", "frame_rate", "attributes")
@@ -164,8 +166,9 @@ class Landmarks(_Items):
 class Dictionary(_View):
     """k atoms: atoms (k, p, 3), centred and on the scale of normalised shapes.
 
-    Fields: landmark_names, mean_shape (p, 3) and others of a dictionary file (docs/files.md);
-    prior is the mixture over shapes that `learn` or `read_dictionary` gives.
+    Fields: landmark_names, by default 0, 1, ...; mean_shape (p, 3), by default that of the atoms;
+    others of a dictionary file (docs/files.md). prior is the mixture over shapes that `learn` or
+    `read_dictionary` gives.
     """
 
     _LAYOUT = DICTIONARY
@@ -173,12 +176,22 @@ class Dictionary(_View):
     _inside: model.Dictionary
 
     def __init__(
-        self, *, atoms: ArrayLike, landmark_names: Names, mean_shape: ArrayLike, **further: Any
+        self,
+        *,
+        atoms: ArrayLike,
+        landmark_names: Names | None = None,
+        mean_shape: ArrayLike | None = None,
+        **further: Any,
     ) -> None:
         own = {"atoms": atoms, "landmark_names": landmark_names, "mean_shape": mean_shape}
         if unknown := further.keys() - set(self._FIELDS):
             raise TypeError(f"a dictionary has no {', '.join(sorted(unknown))}")
-        self._inside = model.Dictionary(**_in_columns(own | further, DICTIONARY, "dictionary."))
+        values = _in_columns(own | further, DICTIONARY, "dictionary.")
+        if landmark_names is None:
+            values["landmark_names"] = tuple(map(str, range(values["atoms"].shape[2])))
+        if mean_shape is None:
+            values["mean_shape"] = values["atoms"].mean(axis=0)
+        self._inside = model.Dictionary(**values)
 
     def __repr__(self) -> str:
         size = counted(self._inside.k, "atom"), counted(len(self.landmark_names), "landmark")
@@ -218,6 +231,8 @@ class Fit(_Items):
     _repr_html_ = shown.embedded_page
     view = shown.open_page
     plot = shown.draw_shape
+    metres = property(shown.as_metres)
+    to_metres = shown.as_metres
     to_pandas = shown.as_table
     to_xarray = shown.as_dataset
 
@@ -261,10 +276,17 @@ def _named(view: _Items, names: Names | None) -> Any:
         return view._inside
     place, p = view._LAYOUT.points.name, len(view.landmark_names)
     if len(names) != p:
-        found = f"has {p} landmarks without names, not {len(names)}"
-        fix = f"name them: {place.title()}({place}, landmark_names=[...])"
-        raise input_error(place, found, fix)
+        raise unnamed(place, p, names)
     return view._inside.replaced(landmark_names=tuple(names))
+
+
+def unnamed(place: str, p: int, names: Names) -> InputError:
+    """Return the error of p landmarks without names that are not as many as these."""
+    skeletons = [name for name, each in SKELETONS.items() if len(each.landmark_names) == p]
+    fix = f"name them: {place.title()}({place}, landmark_names=[...])"
+    if skeletons and place == LANDMARKS.points.name:
+        fix = f"name them, as in {listed(f'`keypoints={name}`' for name in skeletons)}"
+    return input_error(place, f"has {p} landmarks without names, not {len(names)}", fix)
 
 
 def _in_columns(given: Mapping[str, Any], layout: Layout, place: str = "") -> dict[str, Any]:

@@ -5,6 +5,7 @@ What draws or tabulates is imported when it is called.
 
 from __future__ import annotations
 
+import json
 import tempfile
 from html import escape
 from importlib import import_module
@@ -14,10 +15,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from shapefit.api.words import speaks_python, warn
 from shapefit.errors import counted, input_error
+from shapefit.io.options import OutputOptions
+from shapefit.io.skeletons import edges_of
+from shapefit.io.written.motion import find_motions
+from shapefit.io.written.tables import METRES, metres_columns
 
 if TYPE_CHECKING:
     from shapefit.api.records import Fit
+    from shapefit.geometry.cameras import Up
     from shapefit.io.records import ResultSet
 
 HEIGHT = 640
@@ -75,22 +82,62 @@ def open_page(fit: Fit, path: str | PathLike[str] | None = None) -> Path:
 
 
 def draw_shape(fit: Fit, image: int = 0) -> Any:
-    """Draw the shape of an image in 3D with matplotlib, with its error bars; return the axes."""
+    """Draw the shape of an image in 3D with matplotlib: bones, error bars; return the axes."""
     from shapefit.meshes.pictures import FittedImage, Model, View, draw_solid
 
     pyplot = _library("matplotlib.pyplot")
-    axes = pyplot.figure().add_subplot(projection="3d")
+    axes = pyplot.figure(figsize=(5, 5)).add_axes((0, 0, 1, 0.93), projection="3d")
     found = fit._inside
     shape, sd = found.shapes[image], None if found.shape_sd is None else found.shape_sd[image]
     drawn = FittedImage(found.items[image], shape[:2], shape, shape[:2], sd=sd)
     axes.set_title(drawn.title, parse_math=False)
     if drawn.fitted:
-        draw_solid(axes, drawn, Model(found.y_axis, edges=found.lines), View(*SIDE))
+        edges = edges_of(found.landmark_names) if found.lines is None else found.lines
+        draw_solid(axes, drawn, Model(found.y_axis, edges=np.array(edges, int)), View(*SIDE))
     return axes
 
 
+@speaks_python
+def as_metres(
+    fit: Fit,
+    *,
+    height: float | None = None,
+    unit: str | None = None,
+    up: Up | None = None,
+    world_unit: str | None = None,
+) -> np.recarray[Any, Any]:
+    """Return joints in metres: a row per frame and landmark, as `convert -o x.metres.csv` writes.
+
+    Columns: frame, time (s, or frames without a frame rate), landmark, x, y, z, sd of the distance
+    to the point, trusted, sequence; nan in gaps. height of the body in metres, by default that of
+    the fit; unit, up and world_unit as of `convert`. Raises InputError where nothing says how large
+    the shapes are.
+    """
+    height = stated_height(fit) if height is None else height
+    options = OutputOptions(height=height, unit=unit, up=up, world_unit=world_unit)
+    motions = find_motions(fit._inside, options, "Fit.to_metres")
+    warn(dict.fromkeys(text for each in motions for text in each.warnings))
+    parts = []
+    for motion in motions:
+        columns = metres_columns(motion)
+        columns["trusted"] = [answer == "true" for answer in columns["trusted"]]
+        parts.append([*columns.values(), [motion.name] * len(columns["x"])])
+    arrays = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    kinds = [(name, a.dtype) for name, a in zip([*METRES, "sequence"], arrays, strict=True)]
+    return np.rec.fromarrays(arrays, dtype=kinds)
+
+
+def stated_height(fit: Fit) -> float | None:
+    """Return the height in metres that a fit was told."""
+    height: float | None = json.loads(str(fit.attributes.get("config", "{}"))).get("height")
+    return height
+
+
 def as_table(fit: Fit) -> Any:
-    """Return a pandas.DataFrame with a row per landmark and image: item, x, y, z, more."""
+    """Return a pandas.DataFrame with a row per landmark and image: item, x, y, z, more.
+
+    time is in s where the frame rate is known, else in frames.
+    """
     n, p = len(fit), len(fit.landmark_names)
     columns: dict[str, Any] = {
         "item": np.repeat(np.array(fit.items, dtype=object), p),
@@ -100,7 +147,9 @@ def as_table(fit: Fit) -> Any:
     if fit.shape_sd is not None:
         names = ("sd_x", "sd_y", "sd_z")
         columns |= dict(zip(names, fit.shape_sd.reshape(n * p, 3).T, strict=True))
-    of_images = {"sequence": fit.sequences, "trusted": fit.trusted, "doubt": fit.doubt}
+    frames, _, _ = _frames(fit)
+    of_images = {"frame": frames, "time": frames / (fit.frame_rate or 1)}
+    of_images |= {"sequence": fit.sequences, "trusted": fit.trusted, "doubt": fit.doubt}
     columns |= {name: np.repeat(v, p) for name, v in of_images.items() if v is not None}
     return _library("pandas").DataFrame(columns)
 
@@ -110,13 +159,7 @@ def as_dataset(fit: Fit) -> Any:
 
     Individuals are the sequences; time is in s where the frame rate is known, else in frames.
     """
-    n = len(fit)
-    names = fit.sequences if fit.sequences is not None else ("",) * n
-    who, which = np.unique(np.array(names, dtype=str), return_inverse=True)
-    frames = np.asarray(fit.extras.get("frame", np.zeros(n)), dtype=np.int64)
-    if "frame" not in fit.extras:
-        for individual in range(len(who)):
-            frames[which == individual] = np.arange((which == individual).sum())
+    frames, who, which = _frames(fit)
     times, at = np.unique(frames, return_inverse=True)
     position = np.full((len(times), 3, len(fit.landmark_names), len(who)), np.nan)
     position[at, :, :, which] = fit.shapes.swapaxes(1, 2)
@@ -130,6 +173,18 @@ def as_dataset(fit: Fit) -> Any:
         },
         attrs={"unit": fit.unit, "y_axis": fit.y_axis, "fps": fit.frame_rate or "unknown"},
     )
+
+
+def _frames(fit: Fit) -> tuple[Any, Any, Any]:
+    """Return the frame of each image (n,), the names of sequences, and which is its own (n,)."""
+    names = fit.sequences if fit.sequences is not None else ("",) * len(fit)
+    who, which = np.unique(np.array(names, dtype=str), return_inverse=True)
+    if "frame" in fit.extras:
+        return np.asarray(fit.extras["frame"], np.int64), who, which
+    frames = np.zeros(len(fit), np.int64)
+    for individual in range(len(who)):
+        frames[which == individual] = np.arange((which == individual).sum())
+    return frames, who, which
 
 
 def _library(name: str) -> Any:

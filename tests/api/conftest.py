@@ -33,7 +33,7 @@ def same_file(one: Path, other: Path, but: tuple[str, ...] = ()) -> None:
             if x.dtype.kind == "f" and x.dtype == y.dtype:
                 x, y = x.view(np.uint8), y.view(np.uint8)
             assert np.array_equal(x, y, equal_nan=x.dtype.kind == "f"), name
-        for name in ("unit", "method", "y_axis"):
+        for name in ("unit", "method", "y_axis", "metres_from"):
             one, other = (f.attrs.get(name) for f in (a, b))
             assert _text(one) == _text(other), name
 

@@ -1,4 +1,4 @@
-"""The examples of docs/python.md run one after the other and print what the page says."""
+"""The examples of a page run one after the other and print what it says."""
 
 import contextlib
 import io
@@ -13,19 +13,24 @@ import pytest
 BLOCK = re.compile(r"```(python|console|)\n(.*?)```", re.DOTALL)
 
 
+PAGES = {"python": 9, "from_matlab": 4}
+"""Pages of docs/, and how many examples there are at least."""
+
+
 @pytest.mark.filterwarnings("ignore::UserWarning")
-def test_the_examples_print_what_the_page_says(project, tmp_path, monkeypatch):
+@pytest.mark.parametrize("page", PAGES)
+def test_the_examples_print_what_the_page_says(project, tmp_path, monkeypatch, page):
     (tmp_path / "sample_data").symlink_to(project / "sample_data")
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     printed = None
-    blocks = BLOCK.findall((project / "docs/python.md").read_text(encoding="utf-8"))
-    assert len([kind for kind, _ in blocks if kind == "python"]) >= 6
+    blocks = BLOCK.findall((project / f"docs/{page}.md").read_text(encoding="utf-8"))
+    assert len([kind for kind, _ in blocks if kind == "python"]) >= PAGES[page]
     for kind, text in blocks:
         if kind == "python":
             assert not printed, f"the page does not show {printed!r}"
             with contextlib.redirect_stdout(io.StringIO()) as shown:
-                exec(compile(text, "docs/python.md", "exec"), names)
+                exec(compile(text, f"docs/{page}.md", "exec"), names)
             printed = shown.getvalue()
         elif kind == "console":
             for line in text.splitlines():

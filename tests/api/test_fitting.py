@@ -166,6 +166,17 @@ def test_landmarks_that_cannot_be_are_refused(people, landmarks, message):
         shapefit.fit(landmarks, shapefit.read_dictionary(people["sparse-coding"]))
 
 
+def test_arrays_of_atoms_are_no_dictionary_and_make_one(people, views):
+    atoms = shapefit.read_dictionary(people["sparse-coding"])
+    points, B = shapefit.read_landmarks(views).landmarks, atoms.atoms
+    with pytest.raises(shapefit.InputError, match=r"ndarray \(24, 15, 3\); for arrays there"):
+        shapefit.fit(points, B, 0.1)
+    own = shapefit.fit(points, shapefit.Dictionary(atoms=B), 0.1)
+    named = shapefit.fit(points, atoms, 0.1, method="convex")
+    np.testing.assert_array_equal(own.objective, named.objective)
+    np.testing.assert_array_equal(own.transforms, named.transforms)
+
+
 def test_a_dictionary_that_cannot_be_is_refused(people, views):
     with pytest.raises(shapefit.InputError, match=r"landmarks\.items: has the shape"):
         shapefit.Landmarks(np.ones((2, 15, 2)), items=["a"])

@@ -1,11 +1,15 @@
 """Arrays of detectors to people, as the command lifts them; and what a fit shows and hands on."""
 
+import csv
 import json
 
 import numpy as np
 import pytest
 
 import shapefit
+from shapefit.api.words import in_python
+from shapefit.config import load_config
+from shapefit.pipelines import convert
 
 from .conftest import run_command
 
@@ -65,7 +69,8 @@ def test_people_of_a_frame_are_joined_over_frames(seen, found):
 @pytest.mark.parametrize(
     ("landmarks", "options", "message"),
     [
-        (np.ones((3, 25, 3)), {}, r'has 25 landmarks without names, not 15; name them, as in `key'),
+        (np.ones((3, 25, 3)), {}, r'not 15; name them, as in `keypoints="body_25"` or `keypoints='),
+        (np.ones((3, 17, 2)), {}, r'not 15; name them, as in `keypoints="coco_17"` or `keypoints='),
         (np.full((3, 25, 2), 9.0), {"keypoints": "body_26"}, "body_25"),
         ([np.ones((1, 25, 2)), np.ones((1, 17, 2))], {}, "frames that differ in their landmarks"),
         (np.full((3, 15, 3), 7.0), {}, "third numbers run from 7 to 7"),
@@ -108,10 +113,66 @@ def test_a_shape_is_drawn(found):
     np.testing.assert_allclose(bones, ends[..., [0, 2, 1]] * [1, 1, -1])
 
 
+def test_joints_in_metres_are_those_that_convert_writes(found, tmp_path):
+    shapefit.write_results(tmp_path / "fit.h5", found)
+    files = {"files": [str(tmp_path / "fit.h5")], "output": str(tmp_path / "x.metres.csv")}
+    for _ in convert.run(load_config("convert", arguments=files)):
+        pass
+    with pytest.warns(UserWarning, match="times are numbers of frames; set `frame_rate`"):
+        table = found.metres
+    with (tmp_path / "x.metres.csv").open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [*rows[0], "sequence"] == list(table.dtype.names)
+    for name in ("frame", "time", "x", "y", "z", "sd"):
+        np.testing.assert_allclose([float(row[name]) for row in rows], table[name], rtol=1e-6)
+    assert [row["landmark"] for row in rows] == table["landmark"].tolist()
+    assert {row["trusted"] for row in rows} == {"true"}
+    assert table["trusted"].all()
+
+
+def test_the_height_of_a_body_is_that_of_the_fit(seen, tmp_path):
+    images = seen.replaced(frame_rate=25)[:12]
+    small = shapefit.fit(images, "people", method="convex", height=1.2)
+    table, tall = small.metres, small.to_metres(height=1.8)
+    assert table["time"][-1] == 11 / 25
+    assert not table["trusted"].any()
+    moved, twice = (each["x"] - each["x"][0] for each in (table, tall))
+    np.testing.assert_allclose(twice, 1.5 * moved, atol=1e-9)
+    shapefit.write_results(tmp_path / "small.metres.csv", small)
+    written = np.genfromtxt(tmp_path / "small.metres.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(written["x"], table["x"], rtol=1e-6)
+
+
+def test_what_has_no_size_has_no_metres(keypoints):
+    atoms = shapefit.read_dictionary("people").atoms[:, :15]
+    alone = shapefit.fit(keypoints[:2, :15, :2], shapefit.Dictionary(atoms=atoms))
+    with pytest.raises(shapefit.InputError, match=r"metres is not known; give it, .* `height=1"):
+        _ = alone.metres
+
+
+@pytest.mark.parametrize(
+    ("said", "python"),
+    [
+        ("give `--set keypoints=coco_17`, or", 'give `keypoints="coco_17"`, or'),
+        ("`--set image_size=[1920,1080]`", "`image_size=[1920, 1080]`"),
+        ("is it? `keypoints: body_25`", 'is it? `keypoints="body_25"`'),
+        ("`camera.model=weak-perspective`", '`camera={"model": "weak-perspective"}`'),
+        ("`outliers: {method: sparse-error}`", '`outliers={"method": "sparse-error"}`'),
+        ("`lambda: auto` or `proof: true`", '`lam="auto"` or `proof=True`'),
+        ("`shapefit convert --set every=N`", "`shapefit convert --set every=N`"),
+        ('`keypoints="body_25"` and `a=[`', '`keypoints="body_25"` and `a=[`'),
+    ],
+)
+def test_errors_speak_python(said, python):
+    assert in_python(said) == python
+
+
 @pytest.mark.slow
 def test_tables_of_other_libraries(found):
     table = found.to_pandas()
     assert list(table.columns[:5]) == ["item", "landmark", "x", "y", "z"]
+    assert table["frame"].tolist() == np.repeat(np.arange(36), 21).tolist()
+    assert table["time"].tolist() == table["frame"].tolist()
     np.testing.assert_array_equal(table[["x", "y", "z"]].to_numpy(), found.shapes.reshape(-1, 3))
     dataset = found.to_xarray()
     assert dict(dataset.sizes) == {"time": 36, "space": 3, "keypoints": 21, "individuals": 1}

@@ -16,14 +16,10 @@ METRES = ("frame", "time", "landmark", "x", "y", "z", "sd", "trusted")
 """Columns; sd is that of the distance to the point, sqrt(sd_x^2 + sd_y^2 + sd_z^2)."""
 
 
-def write_metres(path: Path, motions: Sequence[Motion]) -> None:
-    """Write a row per frame and landmark of one motion: Parquet where the name ends so, else CSV.
-
-    Points that are not known are empty, and so are deviations without error bars.
-    """
-    (motion,) = motions
+def metres_columns(motion: Motion) -> dict[str, Any]:
+    """Return METRES of one motion by name: a row per frame and landmark, nan where not known."""
     f, p = len(motion.points), len(motion.landmark_names)
-    columns: tuple[Any, ...] = (
+    columns = (
         np.repeat(motion.frames, p),
         np.repeat(motion.frames / motion.rate, p),
         list(motion.landmark_names) * f,
@@ -31,12 +27,22 @@ def write_metres(path: Path, motions: Sequence[Motion]) -> None:
         motion.deviations.ravel(),
         [answer for answer in motion.trusted for _ in range(p)],
     )
+    return dict(zip(METRES, columns, strict=True))
+
+
+def write_metres(path: Path, motions: Sequence[Motion]) -> None:
+    """Write a row per frame and landmark of one motion: Parquet where the name ends so, else CSV.
+
+    Points that are not known are empty, and so are deviations without error bars.
+    """
+    (motion,) = motions
+    columns = metres_columns(motion)
     if path.suffix in (".parquet", ".pq"):
         from shapefit.io.parquet_file import write_columns
 
-        write_columns(path, dict(zip(METRES, columns, strict=True)))
+        write_columns(path, columns)
     else:
-        _write_csv(path, METRES, zip(*columns, strict=True), ".7g")
+        _write_csv(path, METRES, zip(*columns.values(), strict=True), ".7g")
 
 
 def write_angles(path: Path, motions: Sequence[Motion]) -> None:
