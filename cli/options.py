@@ -51,7 +51,7 @@ class Named(click.types.StringParamType):
 
 
 def _dictionaries() -> Iterable[str]:
-    from shapefit.config.named_files import find_dictionaries
+    from shapefit.config.paths import find_dictionaries
 
     return find_dictionaries()
 

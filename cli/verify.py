@@ -28,7 +28,7 @@ def _verify(
 
 def _find(dictionary: str) -> Path:
     """Return the file at a path, or the installed dictionary of that name."""
-    from shapefit.config.named_files import find_dictionaries
+    from shapefit.config.paths import find_dictionaries
     from shapefit.stores import location
 
     path = location(dictionary)

@@ -21,7 +21,7 @@ from shapefit.api.records import (
 )
 from shapefit.api.shown import stated_height
 from shapefit.api.words import speaks_python
-from shapefit.config.named_files import find_dictionaries
+from shapefit.config.paths import find_dictionaries
 from shapefit.errors import input_error, listed
 from shapefit.io.formats import find_target_format
 from shapefit.io.options import InputOptions, OutputOptions

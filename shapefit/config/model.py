@@ -33,6 +33,8 @@ MOST_STEPS = 1_000_000
 
 MOST_THREADS = 1024
 
+Keys = tuple[str, ...]
+
 
 def _tuples(value: Any) -> Any:
     return tuple(_tuples(item) for item in value) if isinstance(value, list) else value
@@ -185,24 +187,23 @@ def expected(field: FieldInfo) -> str | None:
     return next((entry.phrase for entry in field.metadata if isinstance(entry, Expected)), None)
 
 
-def dotted_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
+def all_fields(model: type[BaseModel], above: Keys = ()) -> Iterator[tuple[Keys, FieldInfo]]:
+    """Yield all fields of a model, sections before what is in them, each with the way to it."""
+    for key, field in field_keys(model).items():
+        yield (*above, key), field
+        if (inner := submodel(field)) is not None:
+            yield from all_fields(inner, (*above, key))
+
+
+def dotted_keys(model: type[BaseModel]) -> Iterator[str]:
     """Yield all keys of a model, those of sections with the section before them: `a.b`."""
-    for key, field in field_keys(model).items():
-        yield prefix + key
-        inner = submodel(field)
-        if inner is not None:
-            yield from dotted_keys(inner, f"{prefix}{key}.")
+    return (".".join(keys) for keys, _ in all_fields(model))
 
 
-def marked_keys(model: type[BaseModel], *marks: type) -> dict[str, Any]:
-    """Return the keys of a model with one of these marks -> those within them; {} for none."""
-    keys: dict[str, Any] = {}
-    for key, field in field_keys(model).items():
-        inner = submodel(field)
-        within = {} if inner is None else marked_keys(inner, *marks)
-        if within or any(isinstance(entry, marks) for entry in field.metadata):
-            keys[key] = within
-    return keys
+def marked_keys(model: type[BaseModel], *marks: type) -> list[Keys]:
+    """Return the ways to the fields of a model that have one of these marks."""
+    fields = all_fields(model)
+    return [keys for keys, field in fields if any(isinstance(m, marks) for m in field.metadata)]
 
 
 def meaning(model: type[BaseModel], key: str) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
@@ -33,9 +33,8 @@ from shapefit.config.paths import (
     OfTheData,
     PathWords,
     anchored,
-    change_paths,
+    change_texts,
     with_data,
-    without,
 )
 from shapefit.errors import InputError, input_error
 from shapefit.stores import MASK, STORAGE_OPTIONS, is_url, use_storage_options
@@ -153,10 +152,10 @@ class Settings:
             self.problems.append(f"{self.place(())}: {found}")
             return
         folder = Path.cwd() / path.parent
-        values = change_paths(
-            document.value or {}, self.path_keys, partial(anchored, folder=folder)
-        )
-        values = without(values, self.data_keys) if is_preset else values
+        values = document.value or {}
+        _change_paths(values, self.path_keys, partial(anchored, folder=folder))
+        for owner, key in list(_held(values, self.data_keys)) if is_preset else ():
+            del owner[key]
         for key in sorted(values, key=self._short.__contains__):  # they go over the section's
             within = {at[1:]: place for at, place in places.items() if at and at[0] == key}
             self.set((key,), values[key], within)
@@ -205,16 +204,16 @@ class Settings:
 
     def finish(self) -> None:
         """Fill in `{data}`, and drop what a preset says of a folder that nothing names."""
-        for name, within in self.path_keys.items():
+        for name, *within in self.path_keys:
             section = self.values.get(name)
-            if "folder" in within and isinstance(section, dict) and not section.get("folder"):
+            if within == ["folder"] and isinstance(section, dict) and not section.get("folder"):
                 levels = {key: self._places.get((name, key), self._places[()]) for key in section}
                 kept = {key: section[key] for key in section if levels[key].level != PRESET}
                 self.values[name] = kept
         data = self.values.get("data")
         if isinstance(data, str) and not is_url(data):
             data = str(Path.cwd() / os.path.expanduser(data))
-        self.values = change_paths(self.values, self.path_keys, partial(with_data, data=data))
+        _change_paths(self.values, self.path_keys, partial(with_data, data=data))
 
     def level(self, location: Location) -> int:
         """Return how far above others the value at `location`, or within it, was set."""
@@ -238,6 +237,24 @@ class Settings:
             location = location[:-1]
         place = self._places[location]
         return place.key if key else place.value
+
+
+def _held(values: Any, keys: Iterable[tuple[str, ...]]) -> Iterator[tuple[dict[str, Any], str]]:
+    """Yield the mapping and the key of each of the `keys` (ways to a value) that has a value."""
+    for *above, last in keys:
+        owner = values
+        for key in above:
+            owner = owner.get(key) if isinstance(owner, dict) else None
+        if isinstance(owner, dict) and last in owner:
+            yield owner, last
+
+
+def _change_paths(
+    values: dict[str, Any], keys: Iterable[tuple[str, ...]], change: Callable[[str], str]
+) -> None:
+    """Change every text that is or is in the value of one of the `keys`."""
+    for owner, key in _held(values, keys):
+        owner[key] = change_texts(owner[key], change)
 
 
 def _text(path: Path) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from shapefit.config import InfoConfig
-from shapefit.config.named_files import find_dictionaries
+from shapefit.config.paths import find_dictionaries
 from shapefit.dictionary.model import SUITS, describe_learning, origin_of
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
 from shapefit.io import (

@@ -6,12 +6,12 @@ import pytest
 
 import shapefit
 from shapefit.config import find_config, load_config
-from shapefit.config.named_files import FOLDER, find_dictionaries
+from shapefit.config.paths import DICTIONARIES, find_dictionaries
 from shapefit.errors import InputError
 from shapefit.io.skeletons import FURTHER
 from shapefit.io.skeletons import PEOPLE as PEOPLE_JOINTS
 
-PEOPLE = FOLDER / "people.h5"
+PEOPLE = DICTIONARIES / "people.h5"
 
 
 @pytest.fixture(autouse=True)

@@ -69,11 +69,7 @@ fit | lambda: .nan | 4:9 | {auto}, found nan
 fit | lambda: .inf | 4:9 | {auto}, found inf
 fit | lambda: true | 4:9 | {auto}, found true
 fit | lambda: | 4:1 | {auto}, found nothing
-fit | lambda: 1_0 | 4:9 | {auto}, found '1_0'
-fit | lambda: 0b1 | 4:9 | {auto}, found '0b1'
-fit | lambda: +0x1 | 4:9 | {auto}, found '+0x1'
 fit | lambda: [1] | 4:9 | {auto}, found a list
-fit | chunk: 1_0 | 4:8 | `chunk` should be a valid integer, found '1_0'
 fit | chunk: 2.5 | 4:8 | `chunk` should be a valid integer, found 2.5
 fit | strict: no | 4:9 | `strict` should be a valid boolean, found 'no'
 fit | threads: -1 | 4:10 | `threads` should be greater than or equal to 0, found -1
@@ -212,7 +208,7 @@ LAUGHS = "&a [x,x,x,x,x,x,x,x,x], " + ", ".join(
         ("- a\n- b\n", "c.yaml:1:1: expected keys with values (key: value), found a list"),
         ("--- {}\n--- {}\n", "c.yaml:2:1: not valid YAML: "),
         ("? [a]\n: 1\n", "c.yaml:1:3: a key must be a string"),
-        ("lambda: !!int x\n", "c.yaml:1:9: expected a number > 0 or auto, found 'x'"),
+        ("lambda: !!int x\n", "c.yaml:1:1: not valid YAML: invalid literal for int()"),
         ("lambda: !foo x\n", "c.yaml:1:9: is no number, text, list or mapping; leave out the tag"),
         ("lambda: 1\nlambda: 2\n", 'c.yaml:2:1: not valid YAML: found duplicate key "lambda"'),
         (f"k: 1\nk: [{LAUGHS}]\n", 'c.yaml:2:1: not valid YAML: found duplicate key "k"'),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.config.loader import load_config
-from shapefit.config.named_files import FOLDER
+from shapefit.config.paths import DICTIONARIES
 from shapefit.dictionary.bodies import find_skeleton
 from shapefit.dictionary.model import origin_of
 from shapefit.geometry.normalisation import normalise
@@ -18,7 +18,7 @@ from shapefit.io.skeletons import FURTHER, PEOPLE, SKELETONS, edges_of
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
 
 JOINTS = (*PEOPLE, *FURTHER)
-FILE = FOLDER / "people.h5"
+FILE = DICTIONARIES / "people.h5"
 LEARNING = ("method", "every", "align", "symmetry", "mirror", "k", "beta", "iterations", "prior")
 
 

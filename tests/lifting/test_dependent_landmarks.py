@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.config.named_files import find_dictionary
+from shapefit.config.paths import find_dictionary
 from shapefit.convex.solver import Status
 from shapefit.io import LandmarkSet, read_dictionary
 from shapefit.io.skeletons import PEOPLE

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.config.named_files import find_dictionary
+from shapefit.config.paths import find_dictionary
 from shapefit.dictionary.model import mapped
 from shapefit.errors import InputError
 from shapefit.io import (

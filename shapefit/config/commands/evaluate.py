@@ -14,8 +14,7 @@ from shapefit.config.model import (
     Plots,
     section,
 )
-from shapefit.config.named_files import NamedFiles
-from shapefit.config.paths import OF_THE_DATA, InputPaths, OutputPath
+from shapefit.config.paths import OF_THE_DATA, InputPaths, NamedFiles, OutputPath
 from shapefit.errors import listed
 from shapefit.evaluation.metric_table import METRICS, of_fits, of_labels
 

@@ -8,8 +8,7 @@ from pydantic import Field
 
 from shapefit.config.commands.input import DetectionsInput, InputConfig
 from shapefit.config.model import CommandConfig, Height, section
-from shapefit.config.named_files import NamedInputPaths
-from shapefit.config.paths import InputPaths, OutputPath
+from shapefit.config.paths import InputPaths, NamedInputPaths, OutputPath
 
 
 class ConvertConfig(CommandConfig):

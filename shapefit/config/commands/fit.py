@@ -23,9 +23,9 @@ from shapefit.config.model import (
     Height,
     section,
 )
-from shapefit.config.named_files import DictionaryPath
 from shapefit.config.paths import (
     OF_THE_DATA,
+    DictionaryPath,
     Expected,
     InputPaths,
     OptionalInputPath,

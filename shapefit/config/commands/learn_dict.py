@@ -15,8 +15,13 @@ from shapefit.config.model import (
     FromLists,
     section,
 )
-from shapefit.config.named_files import OptionalDictionaryPath
-from shapefit.config.paths import OF_THE_DATA, Expected, InputPaths, OutputPath
+from shapefit.config.paths import (
+    OF_THE_DATA,
+    Expected,
+    InputPaths,
+    OptionalDictionaryPath,
+    OutputPath,
+)
 
 _ALIGN = "`all`, `none`, or a list of at least three different landmark names"
 

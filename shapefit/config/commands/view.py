@@ -9,9 +9,10 @@ from pydantic import Field
 
 from shapefit.config.commands.input import InputConfig
 from shapefit.config.model import CommandConfig, FromLists, section
-from shapefit.config.named_files import NamedFiles, OptionalDictionaryPath
 from shapefit.config.paths import (
     OF_THE_DATA,
+    NamedFiles,
+    OptionalDictionaryPath,
     OptionalInputPaths,
     OptionalPath,
     PathWords,

@@ -77,7 +77,7 @@ def fits(default: Default, config: FitConfig) -> bool:
     """Whether nothing that the config asks for is in conflict with a default method."""
     if default.method is None:
         return True
-    return find_conflict(config.model_copy(update={"method": default.method})) is None
+    return find_conflict(config.changed(method=default.method)) is None
 
 
 def method_of(name: str) -> str:

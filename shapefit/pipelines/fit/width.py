@@ -30,6 +30,7 @@ from shapefit.pipelines.fit.checks import (
     enough_names,
     lift_sample,
     log_evidence,
+    mean_gain,
 )
 from shapefit.pipelines.fit.lift import find_misfit
 from shapefit.pipelines.joints import find_joints
@@ -138,11 +139,9 @@ def likeliest(of: Mapping[Pair, Floats]) -> Width:
     best = max(of, key=lambda pair: float(np.nanmean(of[pair])))
 
     def is_as_likely(pair: Pair) -> bool:
-        lost = of[best] - of[pair]
-        lost = lost[np.isfinite(lost)]
-        return bool(lost.mean() <= lost.std() / np.sqrt(len(lost)))
+        lost, error, _ = mean_gain(of[pair], of[best])
+        return lost <= error
 
     prior, misfit = max(filter(is_as_likely, of), key=lambda pair: (pair[0], -pair[1]))
     first = next(iter(of))
-    gain = float(np.nanmean(of[prior, misfit] - of[first]))
-    return Width(prior, misfit, gain)
+    return Width(prior, misfit, mean_gain(of[first], of[prior, misfit])[0])

@@ -231,9 +231,9 @@ def learn_mixtures(
 
     def learned(shapes: ShapeSet, components: int, rounds: int, *, varied: bool) -> Learning:
         still = {} if varied else {"stretch": 0.0, "exchange": 0.0, "copies": None}
-        prior = config.prior.model_copy(update={"components": components, **still})
-        update = {"prior": prior, "iterations": rounds}
-        return learn_from_shapes(shapes, config.model_copy(update=update), inputs)
+        prior = {"components": components, **still}
+        changed = config.changed(prior=prior, iterations=rounds)
+        return learn_from_shapes(shapes, changed, inputs)
 
     method = "posterior" if images.sequences is None else "sequences"
     most = int(np.clip(len(images) // IMAGES_PER_COMPONENT, 1, MOST_COMPONENTS))

@@ -110,7 +110,7 @@ def fit_part(job: Job) -> Done:
 
 def _fit(job: Job) -> Done:
     began, target = time.perf_counter(), job.folder / job.part.file
-    config = job.config.model_copy(update={"landmarks": job.part.inputs, "output": target})
+    config = job.config.changed(landmarks=job.part.inputs, output=target)
     rows = None if job.part.rows is None else slice(*job.part.rows)
     clear_way(job.folder, job.part.file)
     images, failed = 0, 0

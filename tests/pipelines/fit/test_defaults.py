@@ -60,7 +60,7 @@ def test_the_config_of_a_method_that_is_named_is_taken_or_none(suited, method, n
     ("suits", "name"), [({}, None), ({"suits": "cars"}, "cars"), ({"suits": "strange"}, None)]
 )
 def test_other_dictionaries_bring_what_they_name(suited, tmp_path, suits, name):
-    from shapefit.config.named_files import find_dictionaries
+    from shapefit.config.paths import find_dictionaries
 
     known = read_dictionary(find_dictionaries()["people"])
     kept = {key: text for key, text in known.provenance.items() if key != "suits"}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.config.named_files import find_dictionaries
+from shapefit.config.paths import find_dictionaries
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io import LandmarkSet, read_dictionary
 from shapefit.io.skeletons import SKELETONS, THETA, people_parts

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.config import FitConfig
-from shapefit.config.named_files import find_dictionaries
+from shapefit.config.paths import find_dictionaries
 from shapefit.io import LandmarkSet, read_dictionary
 from shapefit.io.skeletons import SKELETONS
 from shapefit.pipelines.fit.run import run
