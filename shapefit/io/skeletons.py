@@ -320,12 +320,34 @@ def part_names(names: Iterable[str]) -> dict[str, str]:
     return {name: known[name] for name in names if name in known}
 
 
+ANIMAL_BONES = (
+    "SpineF-HeadB SpineF-HeadF SpineF-HeadL SpineF-ShoulderL-ElbowL-ArmL "
+    "SpineF-ShoulderR-ElbowR-ArmR SpineF-SpineM-SpineL SpineL-HipL-KneeL-ShinL "
+    "SpineL-HipR-KneeR-ShinR",
+    "L_Eye-Nose R_Eye-Nose L_Eye-R_Eye Nose-Neck-Root_of_tail Neck-L_Shoulder-L_Elbow-L_F_Paw "
+    "Neck-R_Shoulder-R_Elbow-R_F_Paw Root_of_tail-L_Hip-L_Knee-L_B_Paw "
+    "Root_of_tail-R_Hip-R_Knee-R_B_Paw",
+)
+"""Bones of the markers of Rat 7M, and of the landmarks of AP-10K."""
+
+
 def edges_of(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
-    """Return the edges between landmarks that all have names of one skeleton; none otherwise."""
+    """Return the bones between landmarks most of which have names of one skeleton.
+
+    It is the one that has most of the names; none where that is no more than half of them.
+    """
+    place = {name: number for number, name in enumerate(names)}
     joints = _skeleton("people", " ".join((*PEOPLE, *FURTHER)), PEOPLE_BONES, {})
-    for skeleton in (joints, *_PRESETS):
-        if set(names) <= set(skeleton.landmark_names):
-            place = {name: number for number, name in enumerate(names)}
-            pairs = ([skeleton.landmark_names[end] for end in edge] for edge in skeleton.edges)
-            return tuple((place[a], place[b]) for a, b in pairs if a in place and b in place)
-    return ()
+    bones = [
+        [(one.landmark_names[a], one.landmark_names[b]) for a, b in one.edges]
+        for one in (joints, *_PRESETS)
+    ]
+    bones += [
+        [pair for chain in text.split() for pair in pairwise(chain.split("-"))]
+        for text in ANIMAL_BONES
+    ]
+    known = [{name for pair in pairs for name in pair} & place.keys() for pairs in bones]
+    best = max(range(len(bones)), key=lambda number: len(known[number]))
+    if 2 * len(known[best]) <= len(place):
+        return ()
+    return tuple((place[a], place[b]) for a, b in bones[best] if a in place and b in place)

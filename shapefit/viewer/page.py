@@ -16,7 +16,6 @@ from shapefit.viewer.scene import Scene, as_json
 SCRIPTS = (
     "blocks.js",
     "geometry.js",
-    "drawing.js",
     "scene.js",
     "look.js",
     "plane.js",
@@ -40,6 +39,7 @@ def viewer_page(scene: Scene) -> str:
         style=resource("viewer.css"),
         script=script,
         title=escape(scene.title),
+        summary=list_items(scene.summary),
         notes=list_items(scene.notes),
         page=embedded_json(as_json(scene)),
     )

@@ -19,14 +19,13 @@ MISSING, LARGEST = -32768, 32767
 
 @dataclass(frozen=True)
 class Measure:
-    """A number (n,) for every frame, for the strip: its scale, and which end of it is bad.
+    """A number (n,) for every frame, for the strip, not negative; and which end of it is bad.
 
     limit is the value beyond which a frame is doubtful, where there is one.
     """
 
     name: str
     values: Floats
-    scale: Literal["linear", "log", "share"] = "linear"
     bad: Literal["high", "low"] = "high"
     unit: str = ""
     limit: float | None = None
@@ -68,12 +67,13 @@ class Words:
 
 @dataclass(frozen=True)
 class Layer:
-    """One result, the truth, or shapes: points (n, 3, p), nan where there are none.
+    """One result, the truth, or shapes: points (n, 3, p) in space, nan where there are none.
 
-    fitted (n, 2, p) are given where they are not x and y of the points; sd (n, 3, p) standard
-    deviations; pose (n, 13) rotation, scale, translation that carry a mesh into the frame of the
-    points; camera (n, 7) position of the centroid, focal lengths, principal point; status is a
-    word for every frame; doubts says why a shape is not to be trusted, "" where it is.
+    camera (n, 4) focal lengths and principal point that take them to the image: x f / |z| + c in
+    perspective, else x f + c; x and y themselves without it. fitted (n, 2, p) are given where the
+    landmarks are elsewhere. sd (n, 3, p) standard deviations in space; pose (n, 13) rotation,
+    scale, translation that carry a mesh into it; status is a word for frames that have one;
+    doubts says why a shape is not to be trusted, "" where it is.
     """
 
     name: str
@@ -83,10 +83,21 @@ class Layer:
     sd: Floats | None = None
     pose: Floats | None = None
     camera: Floats | None = None
+    perspective: bool = False
     blend: Blend | None = None
     status: Words | None = None
     doubts: Words | None = None
     measures: tuple[Measure, ...] = ()
+
+
+@dataclass(frozen=True)
+class Stand:
+    """How the shapes of a sequence stand: upright (9) turns space so that y is up, seen from the
+    camera; floor is its y there, None where it is not known.
+    """
+
+    upright: Sequence[float]
+    floor: float | None = None
 
 
 @dataclass(frozen=True)
@@ -104,9 +115,11 @@ class Scene:
     sequences maps names to the first frame of each, in order; seen (n, 2, p) are the observed
     landmarks, nan where hidden, or None; outliers (n, p). sides says of each landmark whether it is
     in the middle (0), on the left (1) or on the right (2), or on one side and the other where it is
-    not known which is which (`sides_named`). moments (n,) are equal for frames of different
-    individuals that were seen at once, and 0 for others. flat says that there are images to show;
-    notes say what the page lacks.
+    not known which is which (`sides_named`). Sequences that were seen at once are one recording:
+    recordings names the sequences of each, times (n,) the time of each frame in its recording;
+    None where each sequence is by itself. stands has one for each sequence. flat says that there
+    are images to show; summary how good the results are and what is assumed, notes what the page
+    lacks.
     """
 
     title: str
@@ -116,7 +129,9 @@ class Scene:
     edges: Sequence[Sequence[int]]
     layers: Sequence[Layer]
     unit: str
+    space_unit: str
     y_down: bool
+    stands: Sequence[Stand]
     frame_rate: float = RATE_OF_IMAGES
     rate_known: bool = False
     flat: bool = False
@@ -124,9 +139,11 @@ class Scene:
     outliers: NDArray[np.bool_] | None = None
     sides: Sequence[int] | None = None
     sides_named: bool = True
-    moments: Integers | None = None
+    recordings: Sequence[Sequence[int]] | None = None
+    times: Integers | None = None
     meshes: Sequence[MeshSet] = ()
     pictures: Mapping[int, Picture] = field(default_factory=dict)
+    summary: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
 

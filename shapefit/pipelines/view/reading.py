@@ -18,6 +18,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError, input_error
 from shapefit.io import digest, open_shapes, read_dictionary
 from shapefit.io.foreign.items import FRAME
+from shapefit.io.layout import METRES_PER_UNIT
 from shapefit.io.listing import AnyRecords, Listing, read_rows
 from shapefit.io.options import input_options
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
@@ -29,13 +30,10 @@ from shapefit.stores import location
 
 CAMERA = ("camera_translation", "focal", "principal_point")
 """Datasets that describe how a camera sees the shapes of a result in perspective."""
-JUDGEMENTS = ("plausibility", "log_evidence")
-"""Datasets (n,) that say how far an image can be trusted: less is worse."""
 POSE = ("coefficients", "rotation", "translation", "scale")
-OF_IMAGES = (*POSE, "relative_gap", *CAMERA, *JUDGEMENTS)
-OF_RESULTS = frozenset(
-    {"sequence", "landmarks_fitted", "status", "shape_sd", "relative_gap", *POSE}
-)
+EXTRINSIC_ROTATION = "extrinsic_rotation"
+OF_IMAGES = (*POSE, *CAMERA, "plausibility", METRES_PER_UNIT)
+OF_RESULTS = frozenset({"sequence", "landmarks_fitted", "status", "shape_sd", *POSE})
 """Datasets of a result that a page is made of, beside those that the format does not know."""
 
 
@@ -67,7 +65,7 @@ class Gathered:
 
     points (n, 3, p) with the p landmarks of the page; `of_frames` holds other numbers by name, each
     (n, ...), those of landmarks (n, ..., p); texts the same for texts. Frame f has the vertices
-    mesh_vertices[f] (3, q), where there are any.
+    mesh_vertices[f] (3, q), where there are any. extrinsics (3, 3) turn the world to the camera.
     """
 
     name: str
@@ -79,6 +77,7 @@ class Gathered:
     mesh_vertices: dict[int, Floats] = field(default_factory=dict)
     mesh_faces: NDArray[np.int64] | None = None
     edges: NDArray[np.int64] | None = None
+    extrinsics: Floats | None = None
 
     @property
     def attributes(self) -> Mapping[str, Any]:
@@ -161,6 +160,8 @@ def _take(
             if name in own and own[name].shape == at.shape:
                 texts = gathered.texts.setdefault(name, np.full(n, "", dtype=object))
                 texts[at] = own[name].astype(str)
+    if EXTRINSIC_ROTATION in own and own[EXTRINSIC_ROTATION].shape == (3, 3):
+        gathered.extrinsics = np.asarray(own[EXTRINSIC_ROTATION], np.float64)
     if records.lines is not None:
         gathered.edges = columns[records.lines]
 

@@ -1,11 +1,9 @@
-"""The scene of a page, put together from its files: layers, meshes, measures, sides, moments."""
+"""The scene of a page, put together from its files: layers, bones, sides, recordings, words."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,61 +11,39 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.config import ViewConfig
-from shapefit.convex.solver import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted
-from shapefit.evaluation import metrics
-from shapefit.geometry.procrustes import lateral_axis, similarity_transform
+from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP, nearest_axis_up
+from shapefit.geometry.procrustes import lateral_axis
 from shapefit.io import read_dictionary
 from shapefit.io.foreign.items import FRAME
 from shapefit.io.joined import agreed
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.listing import Listing
 from shapefit.io.skeletons import edges_of
-from shapefit.lifting.methods import METHODS
-from shapefit.lifting.verdict import DOUBT
 from shapefit.pipelines.view.images import MEGABYTES, embed_images
+from shapefit.pipelines.view.layers import Dictionaries, first_known, make_layers
 from shapefit.pipelines.view.reading import (
-    CAMERA,
-    JUDGEMENTS,
-    POSE,
     Frames,
     Gathered,
     Truth,
     as_judged,
-    fit_config,
     fit_dictionary,
     gather,
     read_truth,
     renamed_edges,
 )
-from shapefit.viewer.scene import (
-    RATE_OF_IMAGES,
-    USUAL_RATE,
-    Blend,
-    Layer,
-    Measure,
-    MeshSet,
-    Scene,
-    Words,
-)
+from shapefit.pipelines.view.words import lacking, summary
+from shapefit.viewer.scene import RATE_OF_IMAGES, USUAL_RATE, Scene, Stand
 
-MOST_MESHES = 200
-"""Meshes of shapes that a page holds, at most."""
-SEVERITY = {
-    Status.OPTIMAL.value: 0.1,
-    Status.CONVERGED.value: 0.1,
-    Status.ITERATION_LIMIT.value: 0.6,
-}
-"""How bad a status is, from 0 to 1; others are failures, which have no number."""
-SAME = 1e-3
-"""Fitted landmarks within this share of the extent of x and y of the shape are those."""
 MIDDLE, LEFT, RIGHT = 0, 1, 2
 OTHER_SIDE = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
-WORD_LEFT = re.compile(r"left|Left|LEFT|(?<![A-Za-z])[lL](?![a-z])|^[lL](?=[A-Za-z])")
-"""`left` anywhere, `l` alone, and `l` before a name: left_hip, HipLeft, L_Hip, LHip, lhip."""
+WORD_LEFT = re.compile(r"left|Left|LEFT|(?<![A-Za-z])[lL](?![a-z])|^[lL](?=[A-Za-z])|(?<=[a-z])L$")
+"""`left` anywhere, `l` alone, before or behind a name: left_hip, HipLeft, L_Hip, LHip, HipL."""
 FILES = "*"
 """In the place of a video: files of one individual each, which are shown together."""
+ALONE = "\0"
+"""Before a number, in the place of a video: a sequence by itself."""
 
 
 def assemble(
@@ -86,10 +62,11 @@ def assemble(
     found = [gather(n, own, frames, landmarks, config.match) for n, own in listings.items()]
     results = [each for each in found if each.kind == "result"]
     truth = read_truth(config, results, frames, landmarks) if config.truth else None
-    seen = _first_known(e.of_frames["landmarks"] for e in found if "landmarks" in e.of_frames)
+    seen = first_known(e.of_frames["landmarks"] for e in found if "landmarks" in e.of_frames)
     known = _dictionaries(config, results, notes)
-    layers, meshes, edges = _layers(found, known, seen, truth, landmarks, notes)
-    _note_what_lacks(layers, seen, edges, notes)
+    layers, meshes, unit = make_layers(found, known, seen, truth, notes)
+    edges = _edges(found, known, truth, landmarks)
+    notes += lacking(layers, seen, edges)
     named = find_sides(landmarks)
     halves = (_halves(dictionary, landmarks) for _, dictionary in known if dictionary is not None)
     outliers = [each.of_frames["outliers"] == 1 for each in results if "outliers" in each.of_frames]
@@ -103,6 +80,8 @@ def assemble(
     pictures = {} if config.images is None else embed_images(config.images, frames.items)
     if config.images is not None and len(pictures) < len(frames.items):
         notes.append(f"{len(pictures)} of {counted(len(frames.items), 'frame')} have a picture.")
+    recordings, times = find_recordings(found, frames) or (None, None)
+    upright, how = find_upright(results, y_axis)
     return Scene(
         title=", ".join(listings) + (" and the truth" if truth else ""),
         items=frames.items,
@@ -111,7 +90,9 @@ def assemble(
         edges=[] if edges is None else edges.tolist(),
         layers=layers,
         unit=_shown(every[0].unit),
+        space_unit=_shown(every[0].unit if unit is None else unit),
         y_down=y_axis == "down",
+        stands=[Stand(upright.ravel().tolist())] * len(frames.sequences),
         frame_rate=rate / frames.step if rate else USUAL_RATE if in_motion else RATE_OF_IMAGES,
         rate_known=rate is not None,
         flat=seen is not None or bool(results),
@@ -119,9 +100,11 @@ def assemble(
         outliers=np.logical_or.reduce(outliers) if np.any(outliers) else None,
         sides=named if any(named) else next(filter(any, halves), None),
         sides_named=any(named),
-        moments=find_moments(found, frames),
+        recordings=recordings,
+        times=times,
         meshes=meshes,
         pictures=pictures,
+        summary=tuple(summary(results, layers, frames, recordings, landmarks, how)),
         notes=tuple(notes),
     )
 
@@ -153,11 +136,13 @@ def _halves(dictionary: Dictionary, names: Sequence[str]) -> list[int]:
     return [side_of.get(name, MIDDLE) for name in names]
 
 
-def find_moments(found: Sequence[Gathered], frames: Frames) -> Integers | None:
-    """Return a number (n,) that frames of one moment share, 0 for others; None where all are 0.
+def find_recordings(
+    found: Sequence[Gathered], frames: Frames
+) -> tuple[list[list[int]], Integers] | None:
+    """Return the sequences that were seen at once, and the time (n,) of each frame among theirs.
 
-    The individuals of a video are its sequences, `video/individual`; or each is a file. Frames of
-    one moment have the same number in the dataset `frame`.
+    The individuals of a video are its sequences, `video/individual`; or each is a file. The dataset
+    `frame` numbers their frames. None where every sequence is by itself.
     """
     owner = {item: each.name for each in found for one in each.listings for item in one.items}
     numbers = np.full(len(frames.items), np.nan)
@@ -166,21 +151,68 @@ def find_moments(found: Sequence[Gathered], frames: Frames) -> Integers | None:
     starts = [*(start for _, start in frames.sequences), len(frames.items)]
     owners = [owner.get(frames.items[start]) for start in starts[:-1]]
     each_a_file = len(set(owners)) == len(owners)
-    members: dict[tuple[str, int], list[int]] = {}
-    for (name, _), (start, end) in zip(frames.sequences, pairwise(starts), strict=True):
+    times = np.arange(len(frames.items)) - np.repeat(starts[:-1], np.diff(starts))
+    recordings: dict[str, list[int]] = {}
+    for row, (name, start) in enumerate(frames.sequences):
         video = name.rpartition("/")[0] or (FILES if name and each_a_file else "")
-        for frame in range(start, end) if video else ():
-            if np.isfinite(numbers[frame]):
-                members.setdefault((video, int(numbers[frame])), []).append(frame)
-    moments = np.zeros(len(frames.items), dtype=np.int64)
-    for moment, several in enumerate((m for m in members.values() if len(m) > 1), 1):
-        moments[several] = moment
-    return moments if moments.any() else None
+        known = np.isfinite(numbers[start : starts[row + 1]]).all()
+        recordings.setdefault(video if video and known else f"{ALONE}{row}", []).append(row)
+    groups = []
+    for members in recordings.values():
+        rows = np.concatenate([np.arange(starts[m], starts[m + 1]) for m in members])
+        moments, order = np.unique(numbers[rows], return_inverse=True)
+        if len(members) == 1 or len(moments) == len(rows):  # nobody is seen beside another
+            groups += [[member] for member in members]
+            continue
+        groups.append(members)
+        times[rows] = order
+    return (groups, times) if len(groups) < len(frames.sequences) else None
+
+
+def find_upright(results: Sequence[Gathered], y_axis: str) -> tuple[Floats, str]:
+    """Return the rotation (3, 3) from space to a frame with y up, seen from the camera; and why.
+
+    Up is what the extrinsics of all files say; else up in the image.
+    """
+    level = TO_Y_UP[IMAGE_UP] if y_axis == "down" else np.eye(3)
+    stated = [each.extrinsics for each in results]
+    first = stated[0] if stated else None
+    if first is None or any(one is None or not np.array_equal(one, first) for one in stated):
+        return level, ""
+    axis = nearest_axis_up(first)
+    up = first @ TO_Y_UP[axis][1]  # x right, y down, z away from the camera
+    return turn_up(TO_Y_UP[IMAGE_UP] @ up) @ level, f"Up is the axis {axis} of the extrinsics."
+
+
+def turn_up(up: Floats) -> Floats:
+    """Return the smallest rotation (3, 3) that takes a direction (3,) to y."""
+    unit = up / np.linalg.norm(up)
+    if unit[1] < -1 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    across = np.cross(np.cross(unit, [0.0, 1.0, 0.0]), np.eye(3)).T  # v -> (up x y) x v
+    return np.eye(3) + across + across @ across / (1 + unit[1])
+
+
+def _edges(
+    found: Sequence[Gathered],
+    known: Dictionaries,
+    truth: Truth | None,
+    landmarks: Sequence[str],
+) -> NDArray[np.int64] | None:
+    """Return lines between landmarks: of a dictionary, of shapes, of the files, of known names."""
+    dictionaries = [dictionary for _, dictionary in known if dictionary is not None]
+    edges = [renamed_edges(one.edges, one.landmark_names, landmarks) for one in dictionaries]
+    edges += [each.edges for each in found if each.kind == "shapes"]
+    if truth is not None:
+        edges.append(renamed_edges(truth.shapes.edges, truth.shapes.landmark_names, landmarks))
+    edges += [each.edges for each in found]
+    edges += [np.array(usual) for usual in [edges_of(landmarks)] if usual]
+    return next((each for each in edges if each is not None), None)
 
 
 def _dictionaries(
     config: ViewConfig, results: Sequence[Gathered], notes: list[str]
-) -> list[tuple[Path | None, Dictionary | None]]:
+) -> Dictionaries:
     """Return the dictionary of each result: that of the config, else that of the fit.
 
     The one of the config is there where there is no result, too.
@@ -198,233 +230,6 @@ def _dictionaries(
             notes.append(f"{result.name}: {why}; -d DICT.h5 names another.")
         known.append((None, None))
     return known
-
-
-def _layers(
-    found: Sequence[Gathered],
-    known: Sequence[tuple[Path | None, Dictionary | None]],
-    seen: Floats | None,
-    truth: Truth | None,
-    landmarks: Sequence[str],
-    notes: list[str],
-) -> tuple[list[Layer], list[MeshSet], NDArray[np.int64] | None]:
-    """Results first, then what is laid onto the first of them, the truth last."""
-    results = [each for each in found if each.kind == "result"]
-    layers: list[Layer] = []
-    others: list[Layer] = []
-    meshes: list[MeshSet] = []
-    set_of: dict[Path, int] = {}
-    dictionaries = [dictionary for _, dictionary in known if dictionary is not None]
-    edges = [renamed_edges(one.edges, one.landmark_names, landmarks) for one in dictionaries]
-    for each, (path, dictionary) in zip(results, known, strict=False):
-        layer = _result_layer(each, seen, truth)
-        if path is not None and dictionary is not None and dictionary.mesh_vertices is not None:
-            if obstacle := _mesh_obstacle(each, dictionary):
-                notes.append(f"{each.name} has no mesh: {obstacle}.")
-            else:
-                if path not in set_of:
-                    set_of[path] = len(meshes)
-                    assert dictionary.mesh_faces is not None
-                    meshes.append(MeshSet(dictionary.mesh_vertices, dictionary.mesh_faces))
-                layer = _with_mesh(layer, each, set_of[path])
-        layers.append(layer)
-    for each in (each for each in found if each.kind == "shapes"):
-        rows = np.array([f if f in each.mesh_vertices else -1 for f in range(len(each.points))])
-        layer = Layer(each.name, "shapes", each.points)
-        others.append(
-            _with_own_meshes(layer, each.mesh_vertices, each.mesh_faces, rows, meshes, notes)
-        )
-        edges.append(each.edges)
-    if truth is not None:
-        shapes = truth.shapes
-        layer = Layer("truth", "truth", truth.points)
-        own = dict(enumerate(() if shapes.mesh_vertices is None else shapes.mesh_vertices))
-        others.append(_with_own_meshes(layer, own, shapes.mesh_faces, truth.rows, meshes, notes))
-        edges.append(renamed_edges(shapes.edges, shapes.landmark_names, landmarks))
-    target = _first_known(layer.points for layer in layers)
-    if target is not None and others:
-        laid = ", ".join(layer.name for layer in others)
-        notes.append(f"Aligned with {results[0].name} by the best similarity: {laid}.")
-        others = [_laid_onto(layer, target) for layer in others]
-    edges += [each.edges for each in found]
-    edges += [np.array(usual) for usual in [edges_of(landmarks)] if usual]
-    return layers + others, meshes, next((each for each in edges if each is not None), None)
-
-
-def _first_known(arrays: Iterable[Floats]) -> Floats | None:
-    """Points (n, d, p): those of the first array that has any of a frame."""
-    known: Floats | None = None
-    for points in arrays:
-        empty = True if known is None else ~np.isfinite(known).any(axis=(1, 2), keepdims=True)
-        known = np.where(empty, points, points if known is None else known)
-    return known
-
-
-def _result_layer(gathered: Gathered, seen: Floats | None, truth: Truth | None) -> Layer:
-    """Return the layer of a result; `seen` (n, 2, p) are the observed landmarks of the page."""
-    found, points = gathered.of_frames, gathered.points
-    fitted = found.get("landmarks_fitted")
-    camera = _camera(gathered)
-    return Layer(
-        name=gathered.name,
-        role="result",
-        points=points,
-        fitted=None if camera is not None or _are_x_and_y(fitted, points) else fitted,
-        sd=found.get("shape_sd"),
-        pose=None if camera is None else _pose(gathered),
-        camera=camera,
-        status=Words.of(gathered.texts.get("status")),
-        doubts=Words.of(gathered.texts.get(DOUBT)),
-        measures=tuple(_measures(gathered, seen, truth)),
-    )
-
-
-def _measures(gathered: Gathered, seen: Floats | None, truth: Truth | None) -> Iterator[Measure]:
-    """Yield what is known of each frame, what says most about it first."""
-    found = gathered.of_frames
-    if truth is not None:
-        error = metrics.similarity(gathered.points, truth.points)
-        if np.isfinite(error).any():
-            yield Measure("error", error, unit=_shown(truth.shapes.unit))
-    posterior = fit_config(gathered.attributes).get("posterior")
-    limit = posterior.get("implausible") if isinstance(posterior, dict) else None
-    limits = {"plausibility": limit if isinstance(limit, float) else None}
-    for name in JUDGEMENTS:
-        if name in found and found[name].ndim == 1:
-            label = name.replace("_", " ")
-            yield Measure(label, found[name], bad="low", limit=limits.get(name))
-    if seen is not None:
-        flat = found.get("landmarks_fitted", gathered.points[:, :2])
-        error = metrics.reprojection(flat, seen)
-        yield Measure("reprojection", error, unit=_shown(gathered.listings[0].unit))
-    if "relative_gap" in found and np.isfinite(found["relative_gap"]).any():
-        yield Measure("relative gap", found["relative_gap"], scale="log")
-    if "status" in gathered.texts:
-        levels = np.array([SEVERITY.get(word, np.nan) for word in gathered.texts["status"]])
-        yield Measure("status", levels, scale="share")
-
-
-def _are_x_and_y(fitted: Floats | None, points: Floats) -> bool:
-    if fitted is None:
-        return True
-    known = metrics.visible_in_both(fitted, points[:, :2])
-    if not known.any():
-        return True
-    values = fitted.swapaxes(1, 2)[known]
-    away = np.abs(values - points[:, :2].swapaxes(1, 2)[known]).max()
-    return bool(away <= SAME * np.ptp(values, axis=0).max())
-
-
-def _pose(gathered: Gathered) -> Floats:
-    """Rotation, scale and translation (n, 13) that carry the atoms into the frame of the shapes."""
-    found = gathered.of_frames
-    n = len(gathered.points)
-    R, t = found["rotation"].reshape(n, 9), found["translation"]
-    return np.concatenate([R, found["scale"][:, None], t, np.zeros((n, 1))], axis=1)
-
-
-def _camera(gathered: Gathered) -> Floats | None:
-    found = gathered.of_frames
-    shapes = [found[name].shape[1:] for name in CAMERA if name in found]
-    if shapes != [(3,), (2,), (2,)] or not {"rotation", "translation", "scale"} <= found.keys():
-        return None
-    return np.concatenate([found[name] for name in CAMERA], axis=1)
-
-
-def _mesh_obstacle(gathered: Gathered, dictionary: Dictionary) -> str | None:
-    """Say why the meshes of a dictionary cannot follow this result; None where they can."""
-    found = gathered.of_frames
-    if lacking := sorted({*POSE} - found.keys()):
-        return f"it has no {' and no '.join(lacking)}"
-    if (count := found["coefficients"].shape[1]) != dictionary.k:
-        return f"its {count} coefficients are not those of {dictionary.k} atoms"
-    name = str(gathered.attributes.get("method"))
-    method = METHODS.get(name)
-    if method is not None and not method.mixes_atoms and _camera(gathered) is None:
-        return f"method {name} gives no coefficients to combine the atoms' meshes"
-    return None
-
-
-def _with_mesh(layer: Layer, gathered: Gathered, mesh_set: int) -> Layer:
-    """Return a result's layer with the meshes of the atoms, mixed and placed as the shape is."""
-    c = gathered.of_frames["coefficients"]
-    pose = _pose(gathered)
-    whole: NDArray[np.bool_] = np.isfinite(c.sum(axis=1) + pose.sum(axis=1))
-    used = np.where(whole[:, None], c, 0.0) != 0
-    frames, atoms = np.nonzero(used)
-    start = np.searchsorted(frames, np.arange(len(c) + 1))
-    return replace(layer, pose=pose, blend=Blend(mesh_set, start, atoms, c[used]))
-
-
-def _with_own_meshes(
-    layer: Layer,
-    vertices: Mapping[int, Floats],
-    faces: NDArray[np.int64] | None,
-    rows: NDArray[np.intp],
-    meshes: list[MeshSet],
-    notes: list[str],
-) -> Layer:
-    """Return a layer of shapes whose frame j shows vertices[rows[j]] (3, q), nothing where -1."""
-    used = np.unique(rows[rows >= 0])
-    if not vertices or faces is None or not len(used):
-        return layer
-    if len(used) > MOST_MESHES:
-        notes.append(f"{layer.name} has no meshes here: {len(used)} are too many for a page.")
-        return layer
-    meshes.append(MeshSet(np.stack([vertices[row] for row in used]), faces))
-    frames = np.flatnonzero(rows >= 0)
-    start = np.searchsorted(frames, np.arange(len(rows) + 1))
-    which = np.searchsorted(used, rows[frames])
-    pose = np.tile(np.r_[np.eye(3).ravel(), 1.0, 0.0, 0.0, 0.0], (len(rows), 1))
-    blend = Blend(len(meshes) - 1, start, which, np.ones(len(frames)))
-    return replace(layer, pose=pose, blend=blend)
-
-
-def _laid_onto(layer: Layer, target: Floats) -> Layer:
-    """Move a layer, frame by frame, onto the points (n, 3, p) by the best similarity.
-
-    Over the landmarks that both have; frames with fewer than three such are nan afterwards, and
-    those that have no target stay where they are.
-    """
-    both: NDArray[np.bool_] = metrics.visible_in_both(layer.points, target)
-    has_target = np.any(metrics.visible_in_both(target, target), axis=1)
-    frames = np.flatnonzero(has_target)
-    points = np.where(has_target[:, None, None], np.nan, layer.points)
-    pose = None if layer.pose is None else layer.pose.copy()
-    masks, which = np.unique(both[frames], axis=0, return_inverse=True)
-    for number, mask in enumerate(masks):
-        rows = frames[which.ravel() == number]
-        if mask.sum() < metrics.FEWEST_LANDMARKS:
-            continue
-        move = similarity_transform(layer.points[rows][:, :, mask], target[rows][:, :, mask])
-        points[rows] = move.apply(layer.points[rows])
-        if pose is not None:
-            R = move.rotation @ pose[rows, :9].reshape(-1, 3, 3)
-            pose[rows, 10:] = move.apply(pose[rows, 10:, None])[..., 0]
-            pose[rows, :9] = R.reshape(-1, 9)
-            pose[rows, 9] *= move.scale
-    return replace(layer, points=points, pose=pose)
-
-
-def _note_what_lacks(
-    layers: Sequence[Layer],
-    seen: Floats | None,
-    edges: NDArray[np.int64] | None,
-    notes: list[str],
-) -> None:
-    if not layers:
-        notes.append("There are only landmarks here, and nothing in 3D.")
-    results = [layer for layer in layers if layer.role == "result"]
-    if results and seen is None:
-        notes.append("The results hold no observed landmarks; add the landmark file to see them.")
-    if edges is None and not any(layer.blend for layer in layers):
-        notes.append(
-            "No edges are known, so landmarks are points; -d DICT.h5 or --truth may have them."
-        )
-    for layer in results:
-        failed = int((~np.isfinite(layer.points).any(axis=(1, 2))).sum())
-        if failed:
-            notes.append(f"{layer.name} has no shape of {counted(failed, 'frame')}.")
 
 
 def _shown(unit: str) -> str:

@@ -12,28 +12,20 @@ const blocks = (() => {
 
   /** All numbers of a block as a typed array. */
   function numbers(block) {
-    const text = atob(block.data);
-    const bytes = new Uint8Array(text.length);
-    for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);
-    return new TYPES[block.type](bytes.buffer);
+    return new TYPES[block.type](Uint8Array.from(atob(block.data), (letter) => letter.charCodeAt(0)).buffer);
   }
 
-  /** {count, row(i)}: each row as a Float64Array, NaN where a value is missing. */
-  function open(block) {
-    const [count, ...axes] = block.shape;
-    const size = axes.reduce((product, length) => product * length, 1);
-    const codes = numbers(block);
-    const places = block.places && numbers(block.places);
-    const dimensions = axes.at(-1);
-
-    function row(index) {
+  /** The function that gives a row as a Float64Array, NaN where a value is missing. */
+  function rows(block) {
+    const size = block.shape.slice(1).reduce((product, length) => product * length, 1);
+    const [codes, places, d] = [numbers(block), block.places && numbers(block.places), block.shape.at(-1)];
+    return (index) => {
       const values = Float64Array.from(codes.subarray(index * size, (index + 1) * size));
       if (!places) return values;
-      const place = places.subarray(index * (dimensions + 1), (index + 1) * (dimensions + 1));
-      return values.map((code, i) => (code === MISSING ? NaN : place[i % dimensions] + place[dimensions] * code));
-    }
-    return { count, row };
+      const place = places.subarray(index * (d + 1), (index + 1) * (d + 1));
+      return values.map((code, i) => (code === MISSING ? NaN : place[i % d] + place[d] * code));
+    };
   }
 
-  return { numbers, open };
+  return { numbers, rows };
 })();

@@ -1,12 +1,11 @@
 /**
- * The mathematics of the page: rotations, the orthographic camera of the 3D panel, blended meshes.
+ * The mathematics of the page: rotations, cameras, blended meshes, boxes, ellipses.
  *
  * Points are flat arrays x0 y0 z0 x1 ...; rotations are 9 numbers, row by row. The frame of the
  * viewer is x right, y up, z towards the viewer. Angles are in degrees.
  */
 const geometry = (() => {
   const DEGREE = Math.PI / 180;
-  const IDENTITY = [1, 0, 0, 0, 1, 0, 0, 0, 1];
   const ORIGIN = [0, 0, 0];
 
   /** Rx(pitch) Ry(yaw): walk around the object by yaw, then rise above it by pitch. */
@@ -21,15 +20,6 @@ const geometry = (() => {
     return [R[0], R[3], R[6], R[1], R[4], R[7], R[2], R[5], R[8]];
   }
 
-  /**
-   * From the camera frame to the viewer's: half a turn about x where y points down.
-   *
-   * The camera frame is landmark x, landmark y and their cross product.
-   */
-  function uprightRotation(yDown) {
-    return yDown ? [1, 0, 0, 0, -1, 0, 0, 0, -1] : IDENTITY;
-  }
-
   /** R (x - centre) for every point. */
   function turn(points, R, centre = ORIGIN) {
     const turned = new Float64Array(points.length);
@@ -38,15 +28,6 @@ const geometry = (() => {
       for (let row = 0; row < 3; row++) turned[i + row] = R[3 * row] * x + R[3 * row + 1] * y + R[3 * row + 2] * z;
     }
     return turned;
-  }
-
-  /** Pixels [u, v] (v down) of points that were turned: zoom px a unit, pan in px from the middle. */
-  function project(turned, { zoom, pan }, width, height) {
-    const pixels = [];
-    for (let i = 0; i < turned.length; i += 3) {
-      pixels.push([width / 2 + pan[0] + zoom * turned[i], height / 2 + pan[1] - zoom * turned[i + 1]]);
-    }
-    return pixels;
   }
 
   /** s R sum_i w_i V_i + t: a mesh mixed of the vertices V_i of atoms, then placed by a pose. */
@@ -60,20 +41,29 @@ const geometry = (() => {
     return turn(mixed, R).map((value, i) => scale * value + t[i % 3]);
   }
 
-  /**
-   * (f X / |Z| + centre): where a perspective camera sees points placed by a pose (…, scale, t).
-   *
-   * camera holds position x y z of the centroid, focal lengths x y and principal point x y; depths
-   * are negative where y points up.
-   */
-  function seenInPerspective(points, scale, t, camera) {
-    const seen = new Float64Array((points.length / 3) * 2);
+  /** Pixels of the image a unit of x and of y, at a depth: f / |Z|, or f where nothing is smaller far away. */
+  function magnification([fx, fy], perspective, depth) {
+    const share = perspective ? 1 / Math.abs(depth) : 1;
+    return [share * fx, share * fy];
+  }
+
+  /** Where a camera [focal lengths x, y, principal point x, y] sees points: x0 y0 x1 ... */
+  function seen(points, camera, perspective) {
+    const places = new Float64Array((points.length / 3) * 2);
     for (let i = 0, j = 0; i < points.length; i += 3, j += 2) {
-      const depth = Math.abs(points[i + 2] / scale + camera[2]);
-      seen[j] = (camera[3] * ((points[i] - t[0]) / scale + camera[0])) / depth + camera[5];
-      seen[j + 1] = (camera[4] * ((points[i + 1] - t[1]) / scale + camera[1])) / depth + camera[6];
+      const [mx, my] = magnification(camera, perspective, points[i + 2]);
+      places[j] = mx * points[i] + camera[2];
+      places[j + 1] = my * points[i + 1] + camera[3];
     }
-    return seen;
+    return places;
+  }
+
+  /** The ellipse {long, short, angle} of deviations sd (3) seen by the rows a and b of a projection. */
+  function ellipse([a, b], sd) {
+    const sum = (u, v) => u.reduce((total, value, i) => total + value * v[i] * sd[i] ** 2, 0);
+    const [xx, yy, xy] = [sum(a, a), sum(b, b), sum(a, b)];
+    const [middle, away] = [(xx + yy) / 2, Math.hypot((xx - yy) / 2, xy)];
+    return { long: Math.sqrt(middle + away), short: Math.sqrt(Math.max(0, middle - away)), angle: Math.atan2(2 * xy, xx - yy) / 2 };
   }
 
   /**
@@ -97,18 +87,5 @@ const geometry = (() => {
     return { low, middle, extent };
   }
 
-  /** A ball of radius 1 as triangles: an octahedron whose faces are divided once. */
-  function ball() {
-    const unit = (point) => point.map((value) => value / Math.hypot(...point));
-    const between = (a, b) => unit(a.map((value, i) => value + b[i]));
-    const triangles = [];
-    for (const x of [-1, 1]) for (const y of [-1, 1]) for (const z of [-1, 1]) {
-      const [a, b, c] = [[x, 0, 0], [0, y, 0], [0, 0, z]];
-      const [ab, bc, ca] = [between(a, b), between(b, c), between(c, a)];
-      triangles.push(a, ab, ca, b, bc, ab, c, ca, bc, ab, bc, ca);
-    }
-    return triangles;
-  }
-
-  return { IDENTITY, viewRotation, inverse, uprightRotation, turn, project, blend, seenInPerspective, box, ball };
+  return { viewRotation, inverse, turn, blend, magnification, seen, ellipse, box };
 })();

@@ -1,56 +1,54 @@
-/** What both panels share: colours, sizes of canvases, and which frames are drawn together. */
+/** What both panels share: colours, canvases, and how one body is drawn on them. */
 const look = (() => {
-  const INDIVIDUALS = [0, 2, 3, 4, 5, 1]; // colours of those who are seen at once
+  const COLOURS = 6; // of bodies
   const CROWD = 40; // more landmarks than these have smaller marks
+  const FONT = "12px system-ui, sans-serif";
 
-  /** A colour of the style, by name, as [red, green, blue, alpha]. */
-  function rgba(name, alpha = 1) {
-    const hex = text(name).slice(1);
-    return [0, 2, 4].map((i) => parseInt(hex.slice(i, i + 2), 16) / 255).concat(alpha);
-  }
-
-  /** A colour of the style, by name, as it stands there; the style is light or dark. */
+  /** A colour of the style, by name; the style is light or dark. */
   function text(name) {
     return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
   }
 
-  function css(colour) {
-    return `rgb(${colour.slice(0, 3).map((value) => Math.round(255 * value)).join(" ")})`;
+  /** A colour of the style as [red, green, blue], with a share of another. */
+  function mixed(name, other, share) {
+    const [own, added] = [text(name), text(other)].map((hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16)));
+    return own.map((value, i) => Math.round(value + share * (added[i] - value)));
   }
 
-  function mixed(one, other, share) {
-    return one.map((value, i) => value + share * (other[i] - value));
+  /** {context, width, height} in CSS pixels of a canvas that has the pixels it covers, and is empty. */
+  function pen(canvas) {
+    const [width, height, ratio] = [canvas.clientWidth, canvas.clientHeight, Math.min(2, window.devicePixelRatio || 1)];
+    [canvas.width, canvas.height] = [Math.round(width * ratio), Math.round(height * ratio)];
+    const context = canvas.getContext("2d");
+    context.scale(ratio, ratio);
+    context.font = FONT;
+    return { context, width, height };
   }
 
-  /** Give a canvas the pixels that it covers; returns [width, height] in CSS pixels, and the ratio. */
-  function fitCanvas(canvas) {
-    const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-    const ratio = Math.min(2, window.devicePixelRatio || 1);
-    const [w, h] = [Math.round(width * ratio), Math.round(height * ratio)];
-    if (canvas.width !== w || canvas.height !== h) [canvas.width, canvas.height] = [w, h];
-    return [width, height, ratio];
-  }
-
-  /** The frames to draw at once: that of the view, and those of its moment that are not switched off. */
-  function framesOf(data, view) {
-    const others = data.together(view.frame).filter((frame) => frame !== view.frame && !view.hidden.has(data.sequenceOf(frame)));
-    return [view.frame, ...others].sort((a, b) => a - b);
-  }
-
-  /** The name of the colour of a layer or, where there is one, of the individual of a frame. */
-  function colourOf(data, layer, frame) {
-    const group = data.group(data.sequenceOf(frame));
+  /** One result is coloured by its individuals, several by result. */
+  function colourOf(data, layer, track) {
+    if (layer.role === "truth") return "truth";
     const one = data.layers.filter(({ role }) => role !== "truth").length === 1;
-    if (group.length < 2 || !one || layer.role === "truth") return layer.colour;
-    return `layer-${INDIVIDUALS[group.indexOf(data.sequenceOf(frame)) % INDIVIDUALS.length]}`;
+    return `body-${(one ? track : data.layers.indexOf(layer)) % COLOURS}`;
   }
 
-  /** Colours of what is in the middle, on the left and on the right; those of one body alone differ most. */
-  function sideTints(data, name, alone) {
-    const own = rgba(name);
-    if (!data.sides) return [own, own, own];
-    if (alone) return [rgba("faint"), own, rgba("right")];
-    return [mixed(own, rgba("ink"), 0.3), own, mixed(own, rgba("ink"), 0.6)];
+  /**
+   * The bodies of the moment that are switched on: {layer, frame, colour, tints, label}.
+   *
+   * tints are the colours in the middle, on the left and on the right: of all individuals alike, in
+   * the first layer that is shown.
+   */
+  function bodiesOf(data, view) {
+    const { tracks } = data.recordingOf(view.frame);
+    const time = data.timeOf(view.frame);
+    const layers = data.layers.filter((layer) => view.shown.has(layer));
+    return layers.flatMap((layer, i) => tracks.flatMap(({ frames, sequence, label }, track) => {
+      const frame = frames[time];
+      if (frame < 0 || (view.hidden.has(sequence) && frame !== view.frame) || !layer.has(frame)) return [];
+      const colour = colourOf(data, layer, track);
+      const tints = data.sides && i === 0 ? [colour, "left", "right"] : [colour, colour, colour];
+      return [{ layer, frame, colour, tints, label: tracks.length > 1 && i === 0 ? label : "" }];
+    }));
   }
 
   /** The side of a line between two landmarks: theirs, unless they have different ones. */
@@ -59,12 +57,83 @@ const look = (() => {
     return first && second && first !== second ? 0 : first || second;
   }
 
+  /**
+   * Draw a body: error bars, then bones and landmarks, the far ones first and paler.
+   *
+   * places are [x, y, depth from 0 (near) to 1 (far)] in px; rowsAt(j) the projection at landmark j.
+   */
+  function drawBody(context, data, { layer, frame, tints, colour, label }, places, rowsAt) {
+    const [sd, seen, outliers] = [layer.sd(frame), data.seen(frame), data.outliers(frame)];
+    const [known, radius] = [places.map(([x]) => Number.isFinite(x)), markOf(data)];
+    places.forEach(([x, y], j) => {
+      if (!known[j] || !Number.isFinite(sd?.[3 * j])) return;
+      const { long, short, angle } = geometry.ellipse(rowsAt(j), sd.subarray(3 * j, 3 * j + 3));
+      context.beginPath();
+      context.ellipse(x, y, long, short, angle, 0, 2 * Math.PI);
+      fill(context, text(colour), 0.15);
+    });
+    const parts = data.edges.filter(([a, b]) => known[a] && known[b])
+      .map(([a, b]) => ({ a, b, far: (places[a][2] + places[b][2]) / 2 }));
+    places.forEach((place, j) => known[j] && parts.push({ a: j, far: place[2] - 0.01 }));
+    for (const { a, b, far } of parts.sort((one, other) => other.far - one.far)) {
+      const tint = `rgb(${mixed(tints[sideOf(data, a, b)], "background", 0.55 * far * far)})`;
+      const [x, y] = places[a];
+      context.beginPath();
+      if (b !== undefined) context.moveTo(x, y);
+      if (b !== undefined) stroke(context, tint, radius - 0.5, () => context.lineTo(...places[b]));
+      else if (layer.role === "result" && outliers[a]) cross(context, x, y);
+      else {
+        const hidden = layer.role === "result" && seen && !Number.isFinite(seen[2 * a]);
+        context.arc(x, y, radius + (hidden ? 1 : 0), 0, 2 * Math.PI);
+        fill(context, hidden ? text("background") : tint);
+        if (hidden) stroke(context, tint, 1.5);
+      }
+    }
+    const top = places.reduce((best, place, j) => (known[j] && !(best?.[1] <= place[1]) ? place : best), null);
+    if (label && top) write(context, label, top[0], top[1] - 12, text(colour), "center");
+  }
+
   /** Radius of the mark of a landmark, px. */
   function markOf(data) {
     return data.landmarks.length > CROWD ? 2.5 : 3.5;
   }
 
-  /** The names that fit beside their points without covering each other: indices, first come first. */
+  function fill(context, tint, alpha = 1) {
+    context.globalAlpha = alpha;
+    context.fillStyle = tint;
+    context.fill();
+    context.globalAlpha = 1;
+  }
+
+  function stroke(context, tint, width, path = () => {}) {
+    path();
+    [context.strokeStyle, context.lineWidth, context.lineCap] = [tint, width, "round"];
+    context.stroke();
+  }
+
+  function cross(context, x, y) {
+    context.beginPath();
+    stroke(context, text("doubt"), 3, () => [-5, 5].forEach((side) => {
+      context.moveTo(x - 5, y - side);
+      context.lineTo(x + 5, y + side);
+    }));
+  }
+
+  /** A text that stands out from what is below it. */
+  function write(context, words, x, y, tint = text("ink"), align = "left") {
+    [context.textAlign, context.textBaseline, context.lineJoin] = [align, "middle", "round"];
+    context.strokeStyle = text("background");
+    context.lineWidth = 3;
+    context.strokeText(words, x, y);
+    context.fillStyle = tint;
+    context.fillText(words, x, y);
+  }
+
+  /** Names beside their points, those that fit without covering each other, first come first. */
+  function drawNames(context, places, names) {
+    for (const j of apart(places, names)) write(context, names[j], places[j][0] + 6, places[j][1] - 9);
+  }
+
   function apart(places, names) {
     const kept = [];
     names.forEach((name, j) => {
@@ -76,5 +145,20 @@ const look = (() => {
     return kept;
   }
 
-  return { rgba, text, css, mixed, fitCanvas, framesOf, colourOf, sideTints, sideOf, markOf, apart };
+  /** 1, 2 or 5 times a power of ten, at least `least`. */
+  function niceStep(least) {
+    const power = 10 ** Math.floor(Math.log10(least));
+    return power * ([1, 2, 5].find((factor) => factor * power >= least) ?? 10);
+  }
+
+  /** A bar in the corner that is so long in a unit: zoom px are one. Metres below one are centimetres. */
+  function drawScale(context, height, zoom, unit) {
+    const step = niceStep(70 / zoom);
+    const small = unit === "m" && step < 1;
+    context.fillStyle = text("faint");
+    context.fillRect(12, height - 12, zoom * step, 2);
+    write(context, `${Number((small ? 100 * step : step).toPrecision(1))} ${small ? "cm" : unit}`, 12, height - 22, text("faint"));
+  }
+
+  return { text, mixed, pen, colourOf, bodiesOf, drawBody, markOf, fill, stroke, cross, drawNames, apart, niceStep, drawScale };
 })();

@@ -1,159 +1,76 @@
-/**
- * The left panel: landmarks as seen, over the image where there is one, and what was fitted.
- *
- * A plane is {zoom (px a unit), middle (the point in the middle of the panel), yDown}.
- */
+/** The left panel: landmarks as seen, over the image where there is one, and what was fitted. */
 const plane = (() => {
   const FILL = 0.42; // share of the panel from its middle to the farthest point
-  const FONT = "12px system-ui, sans-serif";
 
-  /** From the plane to the panel, in CSS pixels. */
-  function place({ zoom, middle, yDown }, width, height, x, y) {
-    const up = yDown ? 1 : -1;
-    return [width / 2 + zoom * (x - middle[0]), height / 2 + up * zoom * (y - middle[1])];
-  }
-
-  /** Draw the frame of the view; returns the plane. */
+  /** Draw the moment of the view. */
   function draw(canvas, data, view) {
-    const [width, height, ratio] = look.fitCanvas(canvas);
-    const context = canvas.getContext("2d");
-    context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    context.clearRect(0, 0, width, height);
-    const { frame } = view;
-    const frames = look.framesOf(data, view);
-    const results = data.layers.filter((layer) => view.shown.has(layer) && layer.role === "result");
-    const bodies = results.flatMap((layer) => frames.map((each) => {
-      const colour = look.colourOf(data, layer, each);
-      const alone = view.shown.size === 1 && frames.length === 1;
-      return { layer, frame: each, fitted: layer.fitted(each), tint: look.text(colour), tints: look.sideTints(data, colour, alone).map(look.css) };
-    }));
-    const seen = data.seen(frame);
-    const own = planeOf(data, view, frames, bodies, width, height);
-    const at = (points, j) => place(own, width, height, points[2 * j], points[2 * j + 1]);
-    drawPicture(context, data, view, (x, y) => place(own, width, height, x, y), own.zoom);
-    drawScale(context, height, own.zoom, data.unit);
+    const { context, width, height } = look.pen(canvas);
+    const bodies = look.bodiesOf(data, view).filter(({ layer }) => layer.role === "result").map((body) => {
+      const mesh = view.mesh ? body.layer.mesh(body.frame) : null;
+      return { ...body, fitted: body.layer.fitted(body.frame), mesh: mesh && body.layer.inImage(body.frame, mesh) };
+    });
+    const frames = [...new Set([view.frame, ...bodies.map(({ frame }) => frame)])];
+    const points = [...frames.map(data.seen), ...bodies.flatMap(({ fitted, mesh }) => [fitted, mesh])].filter(Boolean);
+    const { zoom, middle } = fit(data, view, points, width, height);
+    const up = data.y_down ? 1 : -1;
+    const at = (values, j) => [width / 2 + zoom * (values[2 * j] - middle[0]), height / 2 + up * zoom * (values[2 * j + 1] - middle[1])];
+    drawPicture(context, data, view, at, zoom);
+    for (const { layer, mesh, colour } of bodies) if (mesh) fillMesh(context, layer.faces, mesh, at, look.text(colour));
     for (const body of bodies) {
-      const { layer, fitted, tint, tints } = body;
-      const mesh = view.mesh && body.frame === frame ? layer.mesh(frame) : null;
-      if (mesh) fillMesh(context, layer, layer.inImage(frame, mesh), at, tint);
-      tints.forEach((colour, side) => drawEdges(context, fitted, data.edges.filter(([a, b]) => look.sideOf(data, a, b) === side), at, colour));
-      if (body.frame === frame) drawMarks(context, body, seen, own.zoom, at, look.markOf(data));
+      const solid = body.layer.points(body.frame);
+      const rowsAt = (j) => {
+        const [x, y] = body.layer.magnification(body.frame, solid[3 * j + 2]);
+        return [[zoom * x, 0, 0], [0, up * zoom * y, 0]];
+      };
+      look.drawBody(context, data, body, data.landmarks.map((_, j) => [...at(body.fitted, j), 0]), rowsAt);
     }
-    if (seen) drawSeen(context, data, view, seen, bodies.length > 0, at);
-    return { ...own, width, height };
+    for (const frame of frames) drawSeen(context, data, frame, bodies.find((body) => body.frame === frame), at);
+    const named = data.seen(view.frame);
+    if (view.names && named) look.drawNames(context, data.landmarks.map((_, j) => at(named, j)), data.landmarks);
+    look.drawScale(context, height, zoom, data.unit);
   }
 
-  /** What the panel shows: the bodies of the frame, a sequence in one scale. */
-  function planeOf(data, view, frames, bodies, width, height) {
-    const points = [data.seen(view.frame), ...bodies.map(({ fitted }) => fitted)].filter(Boolean);
-    const alone = frames.length === 1;
+  /** {zoom (px a unit), middle (the point in the middle of the panel)}: a recording in one scale. */
+  function fit(data, view, points, width, height) {
     const box = geometry.box(points.flatMap((each) => Array.from(each)), 2) ?? { middle: [0, 0], extent: [1, 1] };
-    const whole = alone ? data.size(data.sequenceOf(view.frame)).flat : [0, 0];
+    const whole = data.size(data.recordingOf(view.frame)).flat;
     const [wide, tall] = box.extent.map((own, axis) => Math.max(own, whole[axis]));
     const zoom = FILL * view.planeZoom * Math.min(width / (wide || tall || 1), height / (tall || wide || 1));
-    const middle = box.middle.map((value, axis) => {
-      const towards = axis === 1 && !data.y_down ? 1 : -1;
-      return value + (towards * view.planePan[axis]) / zoom;
-    });
-    return { zoom, middle, yDown: data.y_down };
+    const [right, down] = view.planePan;
+    return { zoom, middle: [box.middle[0] - right / zoom, box.middle[1] - ((data.y_down ? 1 : -1) * down) / zoom] };
   }
 
   function drawPicture(context, data, view, at, zoom) {
     const picture = view.pictures[view.frame];
     if (!picture?.complete) return;
     const [w, h] = data.pictures[view.frame].size;
-    context.drawImage(picture, ...at(0, data.y_down ? 0 : h), w * zoom, h * zoom);
+    context.drawImage(picture, ...at([0, data.y_down ? 0 : h], 0), w * zoom, h * zoom);
   }
 
-  /** 1, 2 or 5 times a power of ten, at least `least`. */
-  function niceStep(least) {
-    const power = 10 ** Math.floor(Math.log10(least));
-    return power * ([1, 2, 5].find((factor) => factor * power >= least) ?? 10);
-  }
-
-  /** A bar in the corner that is so long in the unit of the landmarks. */
-  function drawScale(context, height, zoom, unit) {
-    const step = niceStep(70 / zoom);
-    context.fillStyle = look.text("faint");
-    context.font = FONT;
-    context.textBaseline = "bottom";
-    context.fillRect(12, height - 12, zoom * step, 2);
-    context.fillText(`${Number(step.toPrecision(1))} ${unit}`, 12, height - 14);
-  }
-
-  function drawEdges(context, points, edges, at, tint) {
-    context.strokeStyle = tint;
-    context.globalAlpha = 0.75;
-    context.lineWidth = 2;
-    context.beginPath();
-    for (const [a, b] of edges) {
-      if (!Number.isFinite(points[2 * a] + points[2 * b])) continue;
-      context.moveTo(...at(points, a));
-      context.lineTo(...at(points, b));
-    }
-    context.stroke();
-    context.globalAlpha = 1;
-  }
-
-  /** Error bars, rings where landmarks are hidden, lines from the others to where the model has them. */
-  function drawMarks(context, { layer, frame, fitted, tint }, seen, zoom, at, mark) {
-    const sd = layer.sd(frame);
-    for (let j = 0; j < fitted.length / 2; j++) {
-      if (!Number.isFinite(fitted[2 * j])) continue;
-      const [x, y] = at(fitted, j);
-      if (Number.isFinite(sd?.[3 * j])) {
-        context.beginPath();
-        context.ellipse(x, y, zoom * sd[3 * j], zoom * sd[3 * j + 1], 0, 0, 2 * Math.PI);
-        fill(context, tint, 0.2);
-      }
-      if (!seen) continue;
+  /** Observed landmarks: discs, crosses where they were judged to be wrong, lines to where the model has them. */
+  function drawSeen(context, data, frame, body, at) {
+    const [seen, outliers] = [data.seen(frame), data.outliers(frame)];
+    if (!seen) return;
+    const [ink, faint, background, residual] = ["ink", "faint", "background", "residual"].map(look.text);
+    for (const [a, b] of body ? [] : data.edges) {
       context.beginPath();
-      context.lineWidth = 1.5;
-      if (Number.isFinite(seen[2 * j])) {
-        context.strokeStyle = look.text("residual");
-        context.moveTo(...at(seen, j));
-        context.lineTo(x, y);
-      } else {
-        context.strokeStyle = tint;
-        context.arc(x, y, mark + 0.5, 0, 2 * Math.PI);
-        fill(context, look.text("background"));
-      }
-      context.stroke();
+      if (Number.isFinite(seen[2 * a] + seen[2 * b])) look.stroke(context, faint, 2, () => [a, b].forEach((j) => context.lineTo(...at(seen, j))));
     }
-  }
-
-  /** Observed landmarks: discs, and crosses where they were judged to be wrong; their names. */
-  function drawSeen(context, data, view, seen, fitted, at) {
-    const outliers = data.outliers(view.frame);
-    const [ink, faint, background, outlier] = ["ink", "faint", "background", "outlier"].map(look.text);
-    if (!fitted) drawEdges(context, seen, data.edges, at, faint);
-    const places = data.landmarks.map((_, j) => at(seen, j));
-    places.forEach(([x, y], j) => {
-      if (!Number.isFinite(x)) return;
+    data.landmarks.forEach((_, j) => {
+      if (!Number.isFinite(seen[2 * j])) return;
+      const [x, y] = at(seen, j);
       context.beginPath();
-      if (outliers[j]) {
-        for (const side of [-5, 5]) {
-          context.moveTo(x - 5, y - side);
-          context.lineTo(x + 5, y + side);
-        }
-      } else {
-        context.arc(x, y, look.markOf(data), 0, 2 * Math.PI);
-        fill(context, ink);
-      }
-      context.strokeStyle = outliers[j] ? outlier : background;
-      context.lineWidth = outliers[j] ? 3 : 1;
-      context.stroke();
+      if (body && Number.isFinite(body.fitted[2 * j])) look.stroke(context, residual, 1.5, () => [seen, body.fitted].forEach((p) => context.lineTo(...at(p, j))));
+      if (outliers[j]) return look.cross(context, x, y);
+      context.beginPath();
+      context.arc(x, y, look.markOf(data), 0, 2 * Math.PI);
+      look.fill(context, ink);
+      look.stroke(context, background, 1);
     });
-    context.font = FONT;
-    context.textBaseline = "middle";
-    context.fillStyle = ink;
-    for (const j of view.names ? look.apart(places, data.landmarks) : []) {
-      context.fillText(data.landmarks[j], places[j][0] + 6, places[j][1] - 9);
-    }
   }
 
   /** Fill the triangles that face the viewer, as one shape. */
-  function fillMesh(context, { faces }, points, at, tint) {
+  function fillMesh(context, faces, points, at, tint) {
     context.beginPath();
     for (let f = 0; f < faces.length; f += 3) {
       const [a, b, c] = [at(points, faces[f]), at(points, faces[f + 1]), at(points, faces[f + 2])];
@@ -162,15 +79,8 @@ const plane = (() => {
       context.lineTo(...b);
       context.lineTo(...c);
     }
-    fill(context, tint, 0.3);
+    look.fill(context, tint, 0.3);
   }
 
-  function fill(context, tint, alpha = 1) {
-    context.globalAlpha = alpha;
-    context.fillStyle = tint;
-    context.fill();
-    context.globalAlpha = 1;
-  }
-
-  return { draw, place, niceStep };
+  return { draw };
 })();

@@ -1,68 +1,74 @@
-/** What the page shows, read from its JSON: frames, sequences, layers (results, truth), pictures. */
+/** What the page shows, read from its JSON: frames, recordings, layers (results, truth), pictures. */
 const scene = (() => {
-  const LOOKED_AT = 200; // frames of a sequence, evenly spread, that tell its size
+  const LOOKED_AT = 200; // frames of a recording, evenly spread, that tell its size
+  const LONG = 24; // letters of a name that fit into the list
 
+  /**
+   * The page with functions in place of its blocks.
+   *
+   * A recording has a row of frames for each of its tracks, one individual each, -1 where it is not
+   * there: tracks[i].frames[time]. A sequence that is alone is a recording of one track.
+   */
   function open(page) {
     const count = page.items.length;
     const sequences = page.sequences.map(([name, start], i) => ({ name, start, end: page.sequences[i + 1]?.[1] ?? count }));
-    const owners = new Uint32Array(count); // the sequence of each frame
-    sequences.forEach(({ start, end }, i) => owners.fill(i, start, end));
-    const meshes = page.meshes.map(({ vertices, faces }) => {
-      const block = blocks.open(vertices);
-      return { atoms: Array.from({ length: block.count }, (_, i) => block.row(i)), faces: Uint32Array.from(blocks.numbers(faces)) };
+    const [owners, homes, times] = [0, 1, 2].map(() => new Uint32Array(count)); // sequence, recording, time of frames
+    sequences.forEach(({ start, end }, i) => {
+      for (let frame = start; frame < end; frame++) [owners[frame], times[frame]] = [i, frame - start];
     });
-    const outliers = page.outliers && blocks.open(page.outliers);
+    if (page.times) times.set(blocks.numbers(page.times));
+    const recordings = (page.recordings ?? sequences.map((_, i) => [i])).map((members, home) => {
+      const frames = members.flatMap((i) => Array.from({ length: sequences[i].end - sequences[i].start }, (_, f) => sequences[i].start + f));
+      const length = 1 + frames.reduce((most, frame) => Math.max(most, times[frame]), 0);
+      const tracks = members.map((i) => ({ ...sequences[i], label: sequences[i].name.split("/").pop(), sequence: i, frames: new Int32Array(length).fill(-1) }));
+      for (const frame of frames) {
+        homes[frame] = home;
+        tracks[members.indexOf(owners[frame])].frames[times[frame]] = frame;
+      }
+      return { tracks, length };
+    });
+    const meshes = page.meshes.map(({ vertices, faces }) => {
+      const row = blocks.rows(vertices);
+      return { atoms: Array.from({ length: vertices.shape[0] }, (_, i) => row(i)), faces: Uint32Array.from(blocks.numbers(faces)) };
+    });
     const data = {
       ...page,
       count,
       sequences,
+      recordings,
       sequenceOf: (frame) => owners[frame],
-      together: openMoments(page.moments ? blocks.numbers(page.moments) : []),
-      seen: page.seen ? blocks.open(page.seen).row : () => null,
-      outliers: outliers ? outliers.row : () => [],
-      hasOutliers: Boolean(outliers),
+      standOf: (frame) => page.stands[owners[frame]],
+      recordingOf: (frame) => recordings[homes[frame]],
+      timeOf: (frame) => times[frame],
+      seen: page.seen ? blocks.rows(page.seen) : () => null,
+      outliers: page.outliers ? blocks.rows(page.outliers) : () => [],
       layers: page.layers.map((layer) => openLayer(layer, meshes)),
     };
-    data.group = memo((index) => groupOf(data, index));
-    data.size = memo((index) => sizeOf(data, sequences[index]));
+    const found = new Map();
+    data.size = (recording) => {
+      if (!found.has(recording)) found.set(recording, sizeOf(data, recording, page.stands[recording.tracks[0].sequence]));
+      return found.get(recording);
+    };
     return data;
   }
 
-  /** The function, which finds the value of each index once. */
-  function memo(find) {
-    const found = new Map();
-    return (index) => {
-      if (!found.has(index)) found.set(index, find(index));
-      return found.get(index);
-    };
-  }
-
-  /** The frames of the same moment as a frame, itself among them; [] where it is alone. */
-  function openMoments(moments) {
-    const frames = new Map();
-    moments.forEach((moment, frame) => {
-      if (moment) frames.set(moment, [...(frames.get(moment) ?? []), frame]);
-    });
-    return (frame) => frames.get(moments[frame]) ?? [];
-  }
-
-  /** The sequences of which some frame is of one moment with one of this sequence, itself among them. */
-  function groupOf(data, index) {
-    const { start, end } = data.sequences[index];
-    const frames = Array.from({ length: end - start }, (_, i) => data.together(start + i)).flat();
-    return [...new Set(frames.map(data.sequenceOf))].sort((a, b) => a - b);
+  /** The frames of all individuals at a time of a recording. */
+  function framesAt(recording, time) {
+    return recording.tracks.map(({ frames }) => frames[time]).filter((frame) => frame >= 0);
   }
 
   /**
-   * {solid, flat}: extents that hold 95% of the frames of a sequence, in space and in the image, so
+   * {solid, flat}: extents that hold 95% of the frames of a recording, in space and in the image, so
    * that all are shown in one scale; 0 for frames that are no sequence.
    */
-  function sizeOf(data, { name, start, end }) {
-    if (!name && !data.rate_known) return { solid: [0, 0], flat: [0, 0] };
+  function sizeOf(data, recording, { upright }) {
+    if (!recording.tracks[0].name && !data.rate_known) return { solid: [0, 0], flat: [0, 0] };
     const [solid, flat] = [[], []];
-    for (let frame = start; frame < end; frame += Math.max(1, Math.floor((end - start) / LOOKED_AT))) {
-      for (const layer of data.layers) solid.push(geometry.box(layer.points(frame), 3));
-      flat.push(geometry.box(data.seen(frame) ?? [], 2));
+    for (let time = 0; time < recording.length; time += Math.max(1, Math.floor(recording.length / LOOKED_AT))) {
+      const frames = framesAt(recording, time);
+      const whole = (rows) => frames.flatMap((frame) => rows.flatMap((row) => Array.from(row(frame) ?? [])));
+      solid.push(geometry.box(geometry.turn(whole(data.layers.map(({ points }) => points)), upright), 3));
+      flat.push(geometry.box(whole([data.seen]), 2));
     }
     const most = (boxes) => [0, 1].map((axis) => {
       const known = boxes.filter(Boolean).map(({ extent }) => extent[axis]).sort((a, b) => a - b);
@@ -72,36 +78,24 @@ const scene = (() => {
   }
 
   function openLayer(layer, meshes) {
-    const row = (name) => (layer[name] ? blocks.open(layer[name]).row : null);
+    const row = (name) => (layer[name] ? blocks.rows(layer[name]) : null);
     const [points, pose, camera, fitted] = ["points", "pose", "camera", "fitted"].map(row);
     const mesh = layer.blend ? openBlend(layer.blend, meshes[layer.blend.mesh_set], pose) : () => null;
-
-    /** Where the image shows points of this layer: x and y, or the camera's perspective. */
-    function inImage(frame, values) {
-      if (!camera) return values.filter((_, i) => i % 3 < 2);
-      const placed = pose(frame);
-      return geometry.seenInPerspective(values, placed[9], placed.slice(10), camera(frame));
-    }
-    /** Where the camera has points of this layer, or as they are: in one space with other individuals. */
-    function inSpace(frame, values) {
-      if (!camera) return values;
-      const [placed, at] = [pose(frame), camera(frame)];
-      return values.map((value, i) => (value - placed[10 + (i % 3)]) / placed[9] + at[i % 3]);
-    }
+    const cameraOf = camera ?? (() => [1, 1, 0, 0]);
+    const inImage = (frame, values) => geometry.seen(values, cameraOf(frame), layer.perspective);
     return {
       ...layer,
       points,
       mesh,
       inImage,
-      inSpace,
-      hasCamera: Boolean(camera),
-      unit: (frame) => (camera ? pose(frame)[9] : 1),
+      magnification: (frame, depth) => geometry.magnification(cameraOf(frame), layer.perspective, depth),
       pose: pose ?? (() => null),
       faces: layer.blend ? meshes[layer.blend.mesh_set].faces : null,
       fitted: fitted ?? ((frame) => inImage(frame, points(frame))),
       sd: row("sd") ?? (() => null),
+      has: (frame) => points(frame).some(Number.isFinite),
       measures: layer.measures.map((measure) => ({ ...measure, values: blocks.numbers(measure.values) })),
-      status: layer.status ? openWords(layer.status) : () => null,
+      word: layer.status ? openWords(layer.status) : () => "",
       doubt: layer.doubts ? openWords(layer.doubts) : null,
     };
   }
@@ -143,12 +137,30 @@ const scene = (() => {
     return rows;
   }
 
-  /** The first frame after `from` of start..end, going round, whose shape a shown layer doubts; else `from`. */
-  function nextDoubtful(layers, from, start, end) {
-    const following = (step) => start + ((from - start + step) % (end - start));
-    const frames = Array.from({ length: end - start }, (_, i) => following(i + 1));
-    return frames.find((frame) => layers.some((layer) => layer.doubt?.(frame))) ?? from;
+  /** Names that differ where they are read: long ones without what all begin with, and with the end of what is left. */
+  function short(names) {
+    if (names.every(({ length }) => length <= LONG)) return names;
+    let same = 0;
+    while (names.length > 1 && names.every((name) => same < name.length && name[same] === names[0][same])) same++;
+    const kept = names[0].slice(0, same).search(/[^/ ]*$/); // whole words
+    return names.map((name) => {
+      const rest = kept > 1 ? `…${name.slice(kept)}` : name;
+      return rest.length <= LONG ? rest : `${rest.slice(0, 8)}…${rest.slice(9 - LONG)}`;
+    });
   }
 
-  return { open, find, nextDoubtful };
+  /** The first frame after `from`, over all recordings and going round, in which `doubted` doubts some individual; null for none. */
+  function nextDoubtful(data, from, doubted) {
+    const here = data.recordings.indexOf(data.recordingOf(from));
+    for (let step = 0; step <= data.recordings.length; step++) {
+      const recording = data.recordings[(here + step) % data.recordings.length];
+      for (let time = step ? 0 : data.timeOf(from) + 1; time < recording.length; time++) {
+        const found = framesAt(recording, time).find(doubted);
+        if (found !== undefined) return found;
+      }
+    }
+    return null;
+  }
+
+  return { open, framesAt, find, short, nextDoubtful };
 })();

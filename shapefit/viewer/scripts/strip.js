@@ -1,62 +1,85 @@
-/** The strip under the slider: one bar per frame, high where the frame is worth a look. */
+/** The strip under the slider: a row for each individual, with a bar for each frame, and axes. */
 const strip = (() => {
-  /**
-   * How bad each value is, from 0 to 1, on the scale of these values; NaN is Infinity.
-   *
-   * `scale` is "linear", "log", or "share" for values that are from 0 to 1 already; `bad` is "high"
-   * or "low". Values are measured beside `limit`, where there is one; equal values are as good.
-   */
-  function badness(values, { scale, bad, limit }, wanted = values) {
-    const on = (value) => (scale === "log" ? Math.log10(Math.max(value, 1e-16)) : value);
-    const known = [...values, limit ?? NaN].filter(Number.isFinite).map(on);
-    let [low, high] = known.reduce(([l, h], v) => [Math.min(l, v), Math.max(h, v)], [Infinity, -Infinity]);
-    if (scale === "linear" && bad === "high") low = Math.min(low, 0);
-    if (scale === "share") [low, high] = [0, 1];
-    return Array.from(wanted, (value) => {
-      if (!Number.isFinite(value)) return Infinity;
-      if (high <= low) return 0;
-      const share = (on(value) - low) / (high - low);
-      return bad === "low" ? 1 - share : share;
-    });
-  }
+  const LEFT = 92, BELOW = 16; // px of the names and values, and of the times
+  const STATES = { trusted: 0, doubtful: 1, none: 2 };
 
-  /** The worst of the frames that share each of `columns` columns. */
-  function columnsOf(levels, columns) {
-    const worst = new Array(columns).fill(-1);
-    levels.forEach((level, i) => {
-      const first = Math.floor((i * columns) / levels.length);
-      const last = Math.max(first + 1, Math.floor(((i + 1) * columns) / levels.length));
-      for (let c = first; c < last; c++) worst[c] = Math.max(worst[c], level);
+  /** The bars that share each of `columns` columns as one: the worst state, and the worst value. */
+  function columnsOf(bars, columns, bad) {
+    const worst = new Array(columns).fill(null);
+    bars.forEach((bar, i) => {
+      const first = Math.floor((i * columns) / bars.length);
+      const last = Math.max(first + 1, Math.floor(((i + 1) * columns) / bars.length));
+      for (let c = first; bar && c < last; c++) {
+        const before = worst[c] ?? bar;
+        const values = [before.value, bar.value].filter(Number.isFinite);
+        const state = STATES[bar.state] > STATES[before.state] ? bar.state : before.state;
+        worst[c] = { value: values.length ? (bad === "low" ? Math.min : Math.max)(...values) : NaN, state };
+      }
     });
     return worst;
   }
 
-  /** Frames by their levels, the worst first, ties in order. */
-  function ranking(levels) {
+  /** Places in time by their worst row, the worst first, ties in order; those without a value before all. */
+  function ranking(rows) {
+    const level = (bar, bad) => (!bar ? -Infinity : !Number.isFinite(bar.value) ? Infinity : bad === "low" ? -bar.value : bar.value);
+    const levels = rows[0].bars.map((_, time) => rows.reduce((most, { bars, bad }) => Math.max(most, level(bars[time], bad)), -Infinity));
     return levels.map((_, i) => i).sort((a, b) => (levels[a] === levels[b] ? a - b : levels[b] - levels[a]));
   }
 
-  /** Draw rows [{levels, tint, limit}], one above the other, with a line where the limit is. */
-  function draw(context, width, height, rows, outlier) {
-    context.clearRect(0, 0, width, height);
-    const tall = height / rows.length;
-    rows.forEach(({ levels, tint, limit }, r) => {
-      const base = (r + 1) * tall - 1;
-      columnsOf(levels, Math.max(1, Math.floor(width))).forEach((level, x) => {
-        if (level < 0) return;
-        const bar = 2 + (tall - 4) * Math.min(1, level);
-        context.fillStyle = level === Infinity ? outlier : tint;
-        context.fillRect(x, base - bar, 1, bar);
+  /** The value at the top of all rows: the largest that is trusted, where some are, and not below the limit. */
+  function topOf(rows, limit) {
+    const known = rows.flatMap(({ bars }) => bars).filter((bar) => Number.isFinite(bar?.value));
+    const trusted = known.filter(({ state }) => state === "trusted");
+    return (trusted.length ? trusted : known).reduce((top, { value }) => Math.max(top, value), limit ?? 0) || 1;
+  }
+
+  /**
+   * Draw rows [{name, tint, bars: [{value, state}, or null where nobody is]}] one above the other.
+   *
+   * A bar that is not trusted has the colour of doubt, one without a shape is a pale full bar; a
+   * line marks the limit. Below stand frames or, where `rate` is known, seconds.
+   */
+  function draw({ context, width, height }, rows, { limit, bad, rate }) {
+    const [wide, tall, top] = [width - LEFT, (height - BELOW) / rows.length, topOf(rows, limit)];
+    const [doubt, faint, line] = ["doubt", "faint", "line"].map(look.text);
+    const write = (words, x, y, align, tint = faint) => {
+      [context.textAlign, context.textBaseline, context.fillStyle] = [align, "middle", tint];
+      context.fillText(words, x, y, LEFT - 30);
+    };
+    rows.forEach(({ name, tint, bars }, r) => {
+      const base = (r + 1) * tall;
+      const high = (value) => (tall - 4) * Math.min(1, value / top);
+      columnsOf(bars, Math.max(1, Math.floor(wide)), bad).forEach((bar, x) => {
+        if (!bar) return;
+        const lost = bar.state === "none";
+        context.globalAlpha = lost ? 0.25 : 1;
+        context.fillStyle = bar.state === "trusted" ? tint : doubt;
+        const long = lost ? tall - 4 : Math.max(2, high(bar.value) || 0);
+        context.fillRect(LEFT + x, base - long, 1, long);
       });
-      context.fillStyle = outlier;
-      if (Number.isFinite(limit)) context.fillRect(0, base - 2 - (tall - 4) * limit, width, 1);
+      context.globalAlpha = 1;
+      context.fillStyle = line;
+      context.fillRect(LEFT, base, wide, 1);
+      context.fillStyle = doubt;
+      if (Number.isFinite(limit)) context.fillRect(LEFT, base - high(limit), wide, 1);
+      if (rows.length > 1) write(name, 4, base - tall / 2, "left", tint);
+      write(String(Number(top.toPrecision(2))), LEFT - 6, base - tall + 9, "right");
+      if (tall > 27) write("0", LEFT - 6, base - 5, "right");
     });
+    const unit = rate ? 1 / rate : 1;
+    const length = rows[0].bars.length;
+    const step = Math.max(look.niceStep((80 / wide) * length * unit), rate ? 0 : 1);
+    for (let at = 0; at < length * unit; at += step) {
+      const x = LEFT + (wide * (at / unit + 0.5)) / length;
+      const words = rate ? `${Number(at.toPrecision(6))} s` : `${at ? at : 1}`;
+      if (x < width - 20) write(words, x, height - 7, "center");
+    }
   }
 
-  /** The frame of `count` that stands at `x` of `width`. */
-  function frameAt(x, width, count) {
-    return Math.max(0, Math.min(count - 1, Math.floor((x / width) * count)));
+  /** The place in time, of `length`, that stands at `x` of `width`. */
+  function timeAt(x, width, length) {
+    return Math.max(0, Math.min(length - 1, Math.floor(((x - LEFT) / (width - LEFT)) * length)));
   }
 
-  return { badness, columnsOf, ranking, draw, frameAt };
+  return { columnsOf, ranking, topOf, draw, timeAt, LEFT };
 })();

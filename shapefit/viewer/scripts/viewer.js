@@ -5,19 +5,18 @@
   const DEGREES_A_PIXEL = 0.5;
   const DARK = matchMedia("(prefers-color-scheme: dark)");
   const data = scene.open(JSON.parse($("page").textContent));
-  data.layers.forEach((layer, i) => {
-    layer.colour = layer.role === "truth" ? "truth" : `layer-${i % 6}`;
-  });
   const view = {
     frame: 0, ...AS_AT_FIRST,
     shown: new Set(data.layers.filter((layer, i) => i === 0 || !data.layers[0].faces)), hidden: new Set(),
-    mesh: true, names: false, upright: false, pictures: {}, playing: null, drawn: 0, rank: 0, projected: {}, axes: [],
+    mesh: true, names: false, upright: false, pictures: {}, playing: null, drawn: 0, rank: 0, projected: {},
   };
-  const renderer = drawing.renderer($("space"));
   let due = false;
 
-  const sequence = () => data.sequences[data.sequenceOf(view.frame)];
+  const recording = () => data.recordingOf(view.frame);
+  const time = () => data.timeOf(view.frame);
   const clamp = (value, low, high) => Math.max(low, Math.min(high, value));
+  const shown = () => data.layers.filter((layer) => view.shown.has(layer));
+  const visible = (frame) => !view.hidden.has(data.sequenceOf(frame));
 
   /** Change the state and draw it: at most once a frame of the screen. */
   function change(state = {}) {
@@ -29,10 +28,8 @@
   function draw() {
     due = false;
     if (!data.count) return;
-    if (data.flat) view.plane = plane.draw($("plane"), data, view);
-    Object.assign(view, space.draw($("space"), renderer, data, view));
-    space.nameMarks($("labels"), data, view);
-    showSides();
+    if (data.flat) plane.draw($("plane"), data, view);
+    if (data.layers.length) view.projected = space.draw($("space"), data, view);
     drawStrip();
     view.opened ??= performance.now();
     view.drawn++;
@@ -40,28 +37,34 @@
 
   /** Mark the frame on the strip; the bars are drawn only when they change. */
   function drawStrip() {
-    const { start, end } = sequence();
-    $("marker").style.left = `${(100 * (view.frame - start + 0.5)) / (end - start)}%`;
-    const key = [start, $("measure").value, $("strip").clientWidth, look.text("background"), ...view.shown].map((part) => part.name ?? part).join();
+    const { length, tracks } = recording();
+    $("marker").style.left = `calc(${strip.LEFT}px + (100% - ${strip.LEFT}px) * ${(time() + 0.5) / length})`;
+    const key = [tracks[0].start, $("measure").value, $("strip").clientWidth, look.text("background"), ...view.hidden, ...shown().map(({ name }) => name)].join();
     if (drawStrip.key === key) return;
     drawStrip.key = key;
-    const [width, height, ratio] = look.fitCanvas($("strip"));
-    const context = $("strip").getContext("2d");
-    context.setTransform(ratio, 0, 0, ratio, 0, 0);
-    const rows = stripRows().map((row) => ({ ...row, tint: look.text(row.layer.colour) }));
-    strip.draw(context, width, height, rows, look.text("outlier"));
+    const rows = stripRows();
+    if (!rows.length) return;
+    $("strip").style.height = `${clamp(26 * rows.length, 44, 120) + 16}px`;
+    strip.draw(look.pen($("strip")), rows, { ...rows[0], rate: data.rate_known && data.frame_rate });
   }
 
-  /** Levels of the chosen measure over the current sequence, a row for each shown layer that has it. */
+  /** The chosen measure over the recording, a row for each shown layer that has it and individual. */
   function stripRows() {
-    const { start, end } = sequence();
-    return [...view.shown].flatMap((layer) => {
+    return shown().flatMap((layer) => {
       const measure = layer.measures.find((m) => m.name === $("measure").value);
-      if (!measure) return [];
-      const values = measure.values.subarray(start, end);
-      const [limit] = strip.badness(values, measure, [measure.limit]);
-      return [{ layer, levels: strip.badness(values, measure), limit }];
+      const tracks = measure ? recording().tracks : [];
+      return tracks.flatMap(({ frames, sequence, label }, track) => (view.hidden.has(sequence) ? [] : [{
+        name: tracks.length > 1 ? label : layer.name,
+        tint: look.text(look.colourOf(data, layer, track)),
+        bad: measure.bad,
+        limit: measure.limit,
+        bars: Array.from(frames, (frame) => (frame < 0 ? null : { value: measure.values[frame], state: stateOf(layer, frame) })),
+      }]));
     });
+  }
+
+  function stateOf(layer, frame) {
+    return !layer.has(frame) ? "none" : layer.doubt?.(frame) ? "doubtful" : "trusted";
   }
 
   /* Frames. */
@@ -69,52 +72,64 @@
     const before = data.sequenceOf(view.frame);
     view.frame = clamp(Math.round(frame), 0, data.count - 1);
     if (data.sequenceOf(view.frame) !== before) enterSequence();
-    loadPicture(view.frame);
-    $("slider").value = view.frame - sequence().start;
+    const picture = data.pictures[view.frame];
+    if (picture) view.pictures[view.frame] ??= Object.assign(new Image(), { onload: () => change(), src: picture.data });
+    $("slider").value = time();
     clearTimeout(go.telling);
     if (!view.playing) go.telling = setTimeout(tell, 80);
     change();
   }
 
-  function enterSequence() {
-    const { start, end } = sequence();
-    $("slider").max = Math.max(0, end - start - 1);
-    $("slider").disabled = $("play").disabled = end - start < 2;
-    view.rank = 0;
-    fillIndividuals();
-    search();
+  /** The same individual at another time or, where it is not there, one that is; the times between have nobody. */
+  function frameAt(wanted, step = 1) {
+    const { tracks, length } = recording();
+    const own = tracks.find(({ sequence }) => sequence === data.sequenceOf(view.frame));
+    for (let at = clamp(wanted, 0, length - 1); at >= 0 && at < length; at += step) {
+      const [found] = [own.frames[at], ...scene.framesAt(recording(), at)].filter((frame) => frame >= 0);
+      if (found !== undefined) return found;
+    }
+    return view.frame;
   }
 
-  function loadPicture(frame) {
-    const picture = data.pictures[frame];
-    if (picture) view.pictures[frame] ??= Object.assign(new Image(), { onload: () => change(), src: picture.data });
+  function enterSequence() {
+    const { length } = recording();
+    $("slider").max = length - 1;
+    $("slider").disabled = $("play").disabled = length < 2;
+    view.rank = 0;
+    fillLayers();
+    search();
   }
 
   /** Say in words what is shown, whether it is to be trusted and why not, and mark it in the list. */
   function tell() {
-    const { name, start, end } = sequence();
-    const parts = [data.items[view.frame], `frame ${view.frame - start + 1} of ${end - start}${name ? ` in ${name}` : ""}`, ...data.layers.map(describe)];
-    $("state").textContent = parts.filter(Boolean).join(" · ");
-    const judged = data.layers.filter((layer) => layer.doubt && view.shown.has(layer));
-    const doubts = judged.filter((layer) => layer.doubt(view.frame)).map((layer) => (judged.length > 1 ? `${layer.name}: ` : "") + layer.doubt(view.frame));
-    $("badge").hidden = !judged.length;
+    const { tracks, length } = recording();
+    const layers = shown();
+    const known = scene.framesAt(recording(), time()).filter((frame) => visible(frame) || frame === view.frame);
+    const named = (layer, frame, text) => {
+      const name = tracks.length > 1 ? tracks.find(({ sequence }) => sequence === data.sequenceOf(frame)).label : layers.length > 1 ? layer.name : "";
+      return name && text ? `${name}: ${text}` : text;
+    };
+    const doubts = layers.flatMap((layer) => known.map((frame) => named(layer, frame, layer.doubt?.(frame)))).filter(Boolean);
+    $("badge").hidden = !layers.some((layer) => layer.doubt);
     $("badge").className = doubts.length ? "doubtful" : "";
     $("badge").textContent = doubts.length ? `not to be trusted: ${doubts.join("; ")}` : "trusted";
+    const own = layers.map((layer) => named(layer, view.frame, describe(layer, view.frame))).filter(Boolean);
+    $("state").textContent = [data.items[view.frame], `frame ${time() + 1} of ${length}`, ...own].join(" · ");
     $("list").value = `frame ${view.frame}`;
   }
 
-  function describe(layer) {
+  function describe(layer, frame) {
+    if (!layer.has(frame)) return layer.role === "result" ? "no shape" : "";
     const short = (value) => (Math.abs(value) < 1e-3 && value !== 0 ? value.toExponential(1) : String(Number(value.toPrecision(3))));
     const known = layer.measures
-      .filter((m) => m.scale !== "share" && Number.isFinite(m.values[view.frame]))
-      .map((m) => `${m.name} ${short(m.values[view.frame])} ${m.unit}`.trim());
-    const words = [layer.status(view.frame), ...known].filter(Boolean);
-    return words.length ? `${layer.name}: ${words.join(", ")}` : "";
+      .filter((m) => Number.isFinite(m.values[frame]))
+      .map((m) => `${m.name} ${short(m.values[frame])} ${m.unit}`.trim());
+    return [layer.word(frame), ...known].filter(Boolean).join(", ");
   }
 
   /* Playing. */
   function play(on = !view.playing) {
-    view.playing = on && sequence().end - sequence().start > 1 ? { since: performance.now(), from: view.frame } : null;
+    view.playing = on && recording().length > 1 ? { since: performance.now(), from: time() } : null;
     if (view.playing) requestAnimationFrame(advance);
     else tell();
     $("play").textContent = view.playing ? "Pause" : "Play";
@@ -123,15 +138,14 @@
 
   function advance(now) {
     if (!view.playing) return;
-    const { start, end } = sequence();
     const passed = (Math.max(0, now - view.playing.since) / 1000) * data.frame_rate * Number($("speed").value);
-    const frame = start + ((view.playing.from - start + Math.floor(passed)) % (end - start));
+    const frame = frameAt((view.playing.from + Math.floor(passed)) % recording().length);
     if (frame !== view.frame) go(frame);
     requestAnimationFrame(advance);
   }
 
   function restart() {
-    if (view.playing) view.playing = { since: performance.now(), from: view.frame };
+    if (view.playing) view.playing = { since: performance.now(), from: time() };
   }
 
   /** The user goes to a frame; playing goes on from there. */
@@ -145,16 +159,16 @@
   }
 
   function jumpWorst() {
-    const [first, ...others] = stripRows().map(({ levels }) => levels);
-    if (!first) return;
-    const order = strip.ranking(first.map((level, i) => Math.max(level, ...others.map((levels) => levels[i]))));
-    jump(sequence().start + order[view.rank % order.length]);
+    const rows = stripRows();
+    if (!rows.length) return;
+    const order = strip.ranking(rows);
+    jump(frameAt(order[view.rank % order.length]));
     view.rank++;
   }
 
   function jumpDoubtful() {
-    const { start, end } = sequence();
-    jump(scene.nextDoubtful([...view.shown], view.frame, start, end));
+    const doubted = (frame) => visible(frame) && shown().some((layer) => layer.doubt?.(frame));
+    jump(scene.nextDoubtful(data, view.frame, doubted) ?? view.frame);
   }
 
   /* The camera. */
@@ -194,12 +208,12 @@
   listen($("plane"), (dx, dy) => change({ planePan: moved(view.planePan, dx, dy) }), (factor) => zoom(factor, "planeZoom"));
 
   /* Keys. */
-  const step = (count) => jump(clamp(view.frame + count, sequence().start, sequence().end - 1));
+  const step = (count) => jump(frameAt(time() + count, Math.sign(count)));
   const KEYS = {
     " ": () => play(), w: jumpWorst, d: jumpDoubtful, 0: () => change(AS_AT_FIRST),
     1: () => change({ yaw: 0, pitch: 0 }), 2: () => change({ yaw: -90, pitch: 0 }), 3: () => change({ yaw: 0, pitch: 90 }),
     "+": () => zoom(1.2), "=": () => zoom(1.2), "-": () => zoom(1 / 1.2),
-    home: () => jump(sequence().start), end: () => jump(sequence().end - 1),
+    home: () => jump(frameAt(0)), end: () => jump(frameAt(recording().length - 1, -1)),
     arrowleft: (shift) => step(shift ? -10 : -1), arrowright: (shift) => step(shift ? 10 : 1),
     arrowup: () => jumpSequence(-1), arrowdown: () => jumpSequence(1),
     "/": () => $("search").focus(),
@@ -222,6 +236,7 @@
   });
 
   /* Controls. */
+  /** A tick for a layer or an individual, which is taken out of a set or put into it. */
   function choice(colour, text, checked, changed) {
     const [row, box, patch, name] = ["label", "input", "i", "bdi"].map((tag) => document.createElement(tag));
     Object.assign(box, { type: "checkbox", checked });
@@ -231,70 +246,61 @@
       change();
     });
     patch.style.background = `var(--${colour})`;
-    name.textContent = text;
+    [name.textContent, row.title] = [scene.short([text])[0], text];
     row.append(box, patch, name);
     return row;
   }
 
-  /** A tick for each layer; `put` in or out of a set what is switched on or off. */
+  /** Ticks for several layers, and for several individuals; the one whose frames are shown stays. */
   function fillLayers() {
-    $("layers").append(...data.layers.map((layer) => choice(layer.colour, layer.name, view.shown.has(layer), (on) => {
-      view.shown[on ? "add" : "delete"](layer);
-    })));
+    const { tracks } = recording();
+    const layers = data.layers.length < 2 ? [] : data.layers.map((layer) => (
+      choice(look.colourOf(data, layer, 0), layer.name, view.shown.has(layer), (on) => view.shown[on ? "add" : "delete"](layer))));
+    const individuals = tracks.length < 2 ? [] : tracks.map(({ label, sequence }, track) => (
+      choice(look.colourOf(data, data.layers[0] ?? {}, track), label, !view.hidden.has(sequence), (on) => view.hidden[on ? "delete" : "add"](sequence))));
+    $("layers").replaceChildren(...layers, ...individuals);
   }
 
-  /** A tick for each individual of the scene, in its colour; the one whose frames are shown stays. */
-  function fillIndividuals() {
-    const group = data.group(data.sequenceOf(view.frame));
-    const one = data.layers.filter(({ role }) => role !== "truth").length === 1;
-    $("individuals").replaceChildren(...(group.length > 1 && one ? group : []).map((index) => {
-      const { name, start } = data.sequences[index];
-      return choice(look.colourOf(data, data.layers[0], start), name.split("/").pop(), !view.hidden.has(index), (on) => {
-        view.hidden[on ? "delete" : "add"](index);
-      });
-    }));
-  }
-
-  /** Left and right have colours that the page explains where one layer is shown alone. */
-  function showSides() {
-    $("sides").hidden = !data.sides || !data.sides_named || view.shown.size !== 1 || look.framesOf(data, view).length > 1;
-    const [layer] = view.shown;
-    if (layer) $("left-mark").style.background = `var(--${look.colourOf(data, layer, view.frame)})`;
-  }
-
-  /** Explain the marks of the left panel that occur. */
-  function showKey() {
-    const fitted = data.layers.some((layer) => layer.role === "result");
-    $("key-observed").hidden = !data.seen(0);
-    $("key-hidden").hidden = $("key-residual").hidden = !(fitted && data.seen(0));
-    $("key-outlier").hidden = !data.hasOutliers;
-    $("key-bars").hidden = !data.layers.some((layer) => layer.sd(0));
-  }
-
-  function fillMeasures() {
+  /** Hide what this page has no use for. */
+  function hideTheRest() {
     const names = [...new Set(data.layers.flatMap((layer) => layer.measures.map((m) => m.name)))];
-    $("measure").append(...names.map((name) => new Option(name, name)));
-    for (const id of ["measure", "worst", "bars", "measure-label"]) $(id).hidden = !names.length;
+    const units = Object.fromEntries(data.layers.flatMap((layer) => layer.measures.map((m) => [m.name, m.unit])));
+    $("measure").append(...names.map((name) => new Option(units[name] ? `${name} (${units[name]})` : name, name)));
+    const results = data.layers.filter((layer) => layer.role === "result");
+    const judged = results.some((layer) => layer.doubt);
+    const has = {
+      "time-strip": names.length, worst: names.length, "measure-label": names.length,
+      doubtful: judged, states: judged && names.length,
+      flat: data.flat, solid: data.layers.length, sides: data.sides,
+      "mesh-choice": results.some((layer) => layer.faces), "upright-choice": results.some((layer) => layer.faces),
+      "key-observed": data.seen(0), "key-hidden": results.length && data.seen(0), "key-residual": results.length && data.seen(0),
+      "key-outlier": data.outliers(0).length, "key-bars": data.layers.some((layer) => layer.sd(0)),
+    };
+    for (const [id, there] of Object.entries(has)) $(id).hidden = !there;
+    if (!data.sides_named) [$("left-name").textContent, $("right-name").textContent] = ["one side", "the other"];
+    $("doubtful").disabled = !results.some((layer) => layer.doubts?.words.some(Boolean));
+    $("rate").textContent = data.count > 1 ? `${Number(data.frame_rate.toPrecision(4))} frames/s${data.rate_known ? "" : " (not stated in the files)"}` : "";
   }
 
   /** The list: frames of a sequence without its name, which stands above them. */
   function search() {
     const text = $("search").value;
     const rows = scene.find(data, text, data.sequenceOf(view.frame));
-    const frames = rows.filter((row) => row.frame !== undefined).length;
+    const frames = rows.filter((row) => row.frame !== undefined);
     const counted = `${data.count} frames, ${data.sequences.length} ${data.sequences.length === 1 ? "sequence" : "sequences"}`;
-    $("found").textContent = text.trim() ? `${frames} of ${data.count} found` : counted;
-    $("list").replaceChildren(...rows.map(({ sequence: index, frame }) => {
-      if (frame === undefined) {
-        const { name, start, end } = data.sequences[index];
-        return Object.assign(new Option(`${name || "(no sequence)"} (${end - start})`, `sequence ${index}`), { className: "sequence" });
-      }
-      const [item, above] = [data.items[frame], `${data.sequences[data.sequenceOf(frame)].name}/`];
-      const shown = !text.trim() && item.startsWith(above) ? item.slice(above.length) : item;
-      return Object.assign(new Option(shown, `frame ${frame}`), { className: "frame", title: item });
+    $("found").textContent = text.trim() ? `${frames.length} of ${data.count} found` : counted;
+    const above = `${data.sequences[data.sequenceOf(view.frame)].name}/`;
+    const own = frames.map(({ frame }) => data.items[frame]);
+    const items = scene.short(own.map((item) => (!text.trim() && item.startsWith(above) ? item.slice(above.length) : item)));
+    const names = scene.short(data.sequences.map(({ name }) => name));
+    let next = 0;
+    $("list").replaceChildren(...rows.map(({ sequence, frame }) => {
+      if (frame !== undefined) return Object.assign(new Option(items[next++], `frame ${frame}`), { className: "frame", title: data.items[frame] });
+      const { name, start, end } = data.sequences[sequence];
+      return Object.assign(new Option(`${names[sequence] || "(no sequence)"} (${end - start})`, `sequence ${sequence}`), { className: "sequence", title: name });
     }));
     $("list").value = `frame ${view.frame}`;
-    search.first = rows.find((row) => row.frame !== undefined) ?? rows[0];
+    search.first = frames[0] ?? rows[0];
   }
 
   function follow(row) {
@@ -309,13 +315,12 @@
     follow({ [kind]: Number(index) });
   });
   on("list", "click", () => $("list").blur()); // the keys are the page's again
-  on("slider", "input", () => jump(sequence().start + Number($("slider").value)));
+  on("slider", "input", () => jump(frameAt(Number($("slider").value))));
   on("speed", "change", restart);
   on("measure", "change", () => change({ rank: 0 }));
   on("strip", "click", (event) => {
-    const { start, end } = sequence();
     const box = $("strip").getBoundingClientRect();
-    jump(start + strip.frameAt(event.clientX - box.left, box.width, end - start));
+    jump(frameAt(strip.timeAt(event.clientX - box.left, box.width, recording().length)));
   });
   for (const key of ["mesh", "names", "upright"]) on(key, "change", () => change({ [key]: $(key).checked }));
   for (const button of document.querySelectorAll("[data-key]")) button.addEventListener("click", () => KEYS[button.dataset.key]());
@@ -338,21 +343,6 @@
     return frame >= 0;
   }
 
-  function begin() {
-    restyle(DARK.matches);
-    fillLayers();
-    fillMeasures();
-    showKey();
-    $("mesh-choice").hidden = $("upright-choice").hidden = !data.layers.some((layer) => layer.faces);
-    $("rate").textContent = data.count > 1 ? `${data.frame_rate} frames/s${data.rate_known ? "" : " (not stated in the files)"}` : "";
-    $("doubtful").hidden = !data.layers.some((layer) => layer.doubt);
-    $("flat").hidden = !data.flat;
-    $("solid").hidden = $("layers").hidden = !data.layers.length;
-    $("broken").hidden = Boolean(renderer);
-    enterSequence();
-    if (!followLink()) go(0);
-  }
-
   /** What the page shows, for scripts and tests. */
   window.shapefit = {
     data,
@@ -363,5 +353,8 @@
     go: jump,
   };
 
-  begin();
+  restyle(DARK.matches);
+  hideTheRest();
+  enterSequence();
+  if (!followLink()) go(0);
 })();

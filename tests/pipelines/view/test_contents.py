@@ -8,7 +8,9 @@ import pytest
 
 from shapefit.config import ViewConfig
 from shapefit.evaluation import metrics
+from shapefit.geometry.rotations import rotation_about
 from shapefit.io import read_results, read_shapes, write_dictionary
+from shapefit.pipelines.view.layers import in_length
 from shapefit.pipelines.view.run import make_page
 from shapefit.viewer.scene import block_of_points
 
@@ -78,36 +80,149 @@ def test_sequences_are_put_together_and_single_ones_are_none(desk):
 
 
 def test_errors_and_trust_stand_on_the_strip(desk, rng):
-    gap = np.array([1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 0.1])
     landmarks = desk.shapes(6)[:, :2]
+    doubt = np.array(["", "", "", "wide error bars", "", "implausible landmarks"], object)
     extras = {
         "landmarks": landmarks.swapaxes(1, 2),
         "plausibility": np.linspace(0, 1, 6),
-        "log_evidence": -np.arange(6.0),
         "outliers": np.eye(6, 5, dtype=bool),
+        "doubt": doubt,
     }
     status = np.array(["optimal", "converged", "iteration limit", "degenerate", "x", "optimal"])
-    result = desk.result(
-        extras=extras, relative_gap=gap, status=status, shape_sd=np.ones((6, 3, 5))
-    )
-    made = desk.view(result, truth=(desk.truth(),))
+    sd = np.full((6, 3, 5), 2.0)
+    sd[1, :, 2] = np.nan
+    result = desk.result(extras=extras, status=status, shape_sd=sd)
+    made = desk.view(result, truth=(desk.truth(unit="mm"),))
     layer = made.data["layers"][0]
     measures = {measure["name"]: measure for measure in layer["measures"]}
-    assert list(measures) == [
-        "error", "plausibility", "log evidence", "reprojection", "relative gap", "status",
-    ]  # fmt: skip
     found, truth = read_results(result), read_shapes([desk.folder / "truth.h5"])
-    for name, expected in (
-        ("error", metrics.similarity(found.shapes, truth.shapes)),
-        ("reprojection", metrics.reprojection(found.shapes[:, :2], landmarks)),
-        ("relative gap", gap),
-        ("status", [0.1, 0.1, 0.6, np.nan, np.nan, 0.1]),
-        ("plausibility", extras["plausibility"]),
-    ):
-        np.testing.assert_allclose(decoded(measures[name]["values"]), expected, rtol=0.004)
+    error = metrics.similarity(found.shapes, truth.shapes)
+    expected = {
+        "error against the truth": ("cm", error / 10),
+        "expected error": ("px", [12**0.5] * 6),
+        "plausibility": ("", extras["plausibility"]),
+        "misfit in the image": ("px", metrics.reprojection(found.shapes[:, :2], landmarks)),
+    }
+    assert list(measures) == list(expected)
+    for name, (unit, values) in expected.items():
+        assert measures[name]["unit"] == unit
+        np.testing.assert_allclose(decoded(measures[name]["values"]), values, rtol=0.004)
     assert measures["plausibility"]["bad"] == "low"
-    np.testing.assert_allclose(decoded(layer["sd"]), 1, atol=1e-4)
+    words = [layer["status"]["words"][code] for code in decoded(layer["status"]["codes"])]
+    assert words == ["", "", "iteration limit", "degenerate", "x", ""]
     np.testing.assert_array_equal(decoded(made.data["outliers"]), extras["outliers"])
+    quality, assumed = made.data["summary"]
+    middle = f"{np.median(error) / 10:.2g} cm"
+    assert quality == (
+        f"Landmark errors about 3.5 px, 66% of 6 frames trusted, against the truth {middle}."
+    )
+    assert assumed.startswith("Assumed: a level camera; no perspective")
+
+
+@pytest.mark.parametrize(
+    ("unit", "values", "shown", "name"),
+    [("m", [0.06, 0.08], [6, 8], "cm"), ("mm", [2, 3], [2, 3], "mm"), ("px", [5], [5], "px")],
+)
+def test_lengths_are_said_as_people_say_them(unit, values, shown, name):
+    measure = in_length("error", np.array(values, float), 1.0, unit)
+    np.testing.assert_allclose(measure.values, shown)
+    assert measure.unit == name
+
+
+def camera(n=4):
+    """Columns of a result under a camera that was assumed, in which a unit is two metres."""
+    return {
+        "camera_translation": np.tile([0.5, -0.2, 8.0], (n, 1)),
+        "focal": np.full((n, 2), 1400.0),
+        "principal_point": np.tile([640.0, 360.0], (n, 1)),
+        "metres_per_unit": np.full(n, 2 / 50),
+    }
+
+
+def test_shapes_stand_in_metres_where_the_camera_has_them(desk):
+    n, scale, middle = 4, 50.0, np.array([700.0, 300.0])
+    own = np.random.default_rng(1).normal(size=(n, 3, 5))
+    own -= own.mean(axis=2, keepdims=True)
+    shapes = scale * own + np.append(middle, 0.0)[:, None]
+    place = {
+        "rotation": np.tile(np.eye(3), (n, 1, 1)), "scale": np.full(n, scale),
+        "translation": np.tile(middle, (n, 1)), "shapes": shapes,
+    }  # fmt: skip
+    attributes = {"estimated": "perspective camera: focal length 1400 px assumed"}
+    sd = np.full((n, 3, 5), 5.0)
+    result = desk.result(
+        n=n, extras=camera(), attributes=attributes, shape_sd=sd, sequences=("s",) * n, **place
+    )
+    flat = desk.result("flat.h5", n=n, shapes=shapes, sequences=("s",) * n)
+    page = make_page(ViewConfig(files={"deep": (result,), "flat": (flat,)})).scene
+    deep, beside = page.layers
+    assert (page.unit, page.space_unit) == ("px", "m")
+    there = 2 * (own + camera()["camera_translation"][0][:, None])
+    np.testing.assert_allclose(deep.points, there)
+    np.testing.assert_allclose(beside.points, there)  # the same shapes, put where they are seen
+    np.testing.assert_allclose(deep.sd, 0.2)
+    seen = 1400 * there[:, :2] / there[:, 2:] + [[640.0], [360.0]]
+    f, c = deep.camera[:, :2, None], deep.camera[:, 2:, None]
+    np.testing.assert_allclose(f * deep.points[:, :2] / np.abs(deep.points[:, 2:]) + c, seen)
+    assert deep.perspective
+    assert not beside.perspective
+    np.testing.assert_allclose(beside.fitted, shapes[:, :2])
+    errors, _, assumed = page.summary
+    assert errors == "Deep: landmark errors about 35 cm."
+    assert "images of 1280 x 720 px and a focal length of 1400 px" in assumed
+
+
+def test_without_a_camera_all_frames_have_one_scale(desk):
+    shapes = desk.shapes(4)
+    metres = np.array([0.01, 0.02, np.nan, 0.03])
+    result = desk.result(n=4, shapes=shapes, extras={"metres_per_unit": metres})
+    page = make_page(ViewConfig(files={"r": (result,)})).scene
+    (layer,) = page.layers
+    np.testing.assert_allclose(layer.points, 0.02 * shapes)
+    np.testing.assert_allclose(layer.camera, np.tile([50.0, 50, 0, 0], (4, 1)))
+    assert (page.space_unit, layer.fitted, layer.perspective) == ("m", None, False)
+
+
+def test_each_individual_has_words_of_its_own(desk):
+    extras = {
+        "frame": np.r_[0:20, 0:20, 3],
+        "doubt": np.array([""] * 20 + ["wide error bars"] * 20 + [""], object),
+    }
+    items = tuple(f"v/{'abc'[i // 20]}/{i}" for i in range(41))
+    sequences = tuple(item[:3] for item in items)
+    page = make_page(
+        ViewConfig(
+            files={"r": (desk.result(n=41, items=items, sequences=sequences, extras=extras),)}
+        )
+    ).scene
+    assert page.recordings == [[0, 1, 2]]
+    assert page.summary[0] == "A: 100% of 20 frames trusted; b: 0% of 20 frames trusted."
+
+
+def test_a_shape_that_may_be_mirrored_and_a_method_without_bars_are_said(desk):
+    doubt = np.array(["near and far not told apart"] * 6, object)
+    page = make_page(ViewConfig(files={"r": (desk.result(extras={"doubt": doubt}),)})).scene
+    assert any("mirrored in depth" in line for line in page.summary)
+    result = desk.result(attributes={"method": "convex"})
+    page = make_page(ViewConfig(files={"r": (result,)})).scene
+    assert page.summary[0] == "No error bars and no verdict: method convex gives none."
+
+
+@pytest.mark.parametrize("y_axis", ["down", "up"])
+def test_up_is_that_of_the_extrinsics(desk, y_axis):
+    """A camera 30 degrees above the horizon of a world with z up, rolled by 20 degrees."""
+    down, roll = rotation_about(np.eye(3)[0], np.radians([-30, 0])), np.radians([20, 0])
+    world = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # x right, y down, z away from it
+    R = rotation_about(np.eye(3)[2], roll)[0] @ down[0].T @ world
+    result = desk.result(extras={"extrinsic_rotation": R}, y_axis=y_axis)
+    page = make_page(ViewConfig(files={"r": (result,)})).scene
+    upright = np.reshape(page.stands[0].upright, (3, 3))
+    level = np.eye(3) if y_axis == "down" else np.diag([1.0, -1, -1])
+    np.testing.assert_allclose(upright @ level @ R @ [0, 0, 1], [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(upright), 1)
+    assert page.summary[-1] == "Up is the axis z of the extrinsics."
+    plain = make_page(ViewConfig(files={"r": (desk.result(y_axis=y_axis),)})).scene
+    np.testing.assert_array_equal(np.reshape(plain.stands[0].upright, (3, 3)), np.diag([1, -1, -1]) @ level)
 
 
 def mesh_vertices(scene, frame, layer):
@@ -230,6 +345,6 @@ def test_a_truth_of_the_detectors_landmarks_is_compared_as_eval_does(desk):
     truth = desk.truth(landmark_names=[f"detected_{name}" for name in "abcde"])
     made = desk.view(desk.result(extras=columns), truth=(truth,))
     measures = made.data["layers"][0]["measures"]
-    (error,) = (one["values"] for one in measures if one["name"] == "error")
+    (error,) = (one["values"] for one in measures if one["name"] == "error against the truth")
     expected = metrics.similarity(own, read_shapes([truth]).shapes)
     np.testing.assert_allclose(decoded(error), expected, rtol=0.004)

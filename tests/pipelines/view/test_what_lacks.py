@@ -50,7 +50,7 @@ def test_a_page_says_what_it_lacks(desk):
 
 def test_numbers_of_frames_that_are_not_one_per_item_are_left_out(desk):
     for frame in (np.arange(5.0), np.array(3.0), np.full(6, "first", object), np.zeros((6, 2))):
-        assert "moments" not in desk.view(desk.result(extras={"frame": frame})).data
+        assert "recordings" not in desk.view(desk.result(extras={"frame": frame})).data
 
 
 def test_csv_shows_points(desk):

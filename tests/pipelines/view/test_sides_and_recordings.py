@@ -9,12 +9,14 @@ import pytest
 from shapefit.io import write_dictionary
 from shapefit.io.skeletons import PEOPLE, SKELETONS
 from shapefit.pipelines.view.reading import Frames
-from shapefit.pipelines.view.scene import find_moments, find_sides
+from shapefit.pipelines.view.scene import find_recordings, find_sides
 
 
 def test_names_of_other_files():
     names = ["nose", "L_ear", "R_ear", "HipLeft", "HipRight", "left", "lone", "left_toe", "HEAD"]
     assert find_sides(names) == [0, 1, 2, 1, 2, 0, 0, 0, 0]
+    rat = ["HeadL", "SpineL", "HipL", "KneeL", "HipR", "KneeR", "XL"]
+    assert find_sides(rat) == [0, 0, 1, 1, 2, 2, 0]
 
 
 @pytest.mark.parametrize("name", SKELETONS)
@@ -55,19 +57,30 @@ def gathered(name, items, frame):
     return SimpleNamespace(name=name, listings=[SimpleNamespace(items=items)], of_frames=numbers)
 
 
+def recordings(found, frames):
+    made = find_recordings(found, frames)
+    return made and (made[0], made[1].tolist())
+
+
 def test_individuals_of_a_video():
     frames = Frames.of({"v/1": "abc", "v/2": "de"}, 5)
-    found = find_moments([gathered("walk", "abcde", [7, 8, 9, 8, 9])], frames)
-    np.testing.assert_array_equal(found, [0, 1, 2, 1, 2])
-    assert find_moments([gathered("walk", "abcde", None)], frames) is None
+    found = [gathered("walk", "abcde", [7, 8, 9, 8, 9])]
+    assert recordings(found, frames) == ([[0, 1]], [0, 1, 2, 1, 2])
+    assert recordings([gathered("walk", "abcde", None)], frames) is None
+    assert recordings([gathered("walk", "abcde", [7, 8, 9, np.nan, 9])], frames) is None
+    after = [gathered("walk", "abcde", [1, 2, 3, 4, 5])]
+    assert recordings(after, frames) is None  # never at once
     apart = Frames.of({"v/1": "abc", "w/1": "de"}, 5)
-    assert find_moments([gathered("walk", "abcde", [7, 8, 9, 8, 9])], apart) is None
+    assert recordings(found, apart) is None
+    mixed = Frames.of({"v/1": "ab", "w/1": "c", "v/2": "de"}, 5)
+    found = [gathered("walk", "abcde", [7, 9, 7, 8, 9])]
+    assert recordings(found, mixed) == ([[0, 2], [1]], [0, 2, 0, 1, 2])
 
 
 def test_files_of_one_individual_each():
     frames = Frames.of({"anna": "ab", "ben": "cd"}, 4)
     nan = np.nan
     files = [gathered("anna", "ab", [0, 1, nan, nan]), gathered("ben", "cd", [nan, nan, 1, 2])]
-    np.testing.assert_array_equal(find_moments(files, frames), [0, 1, 1, 0])
+    assert recordings(files, frames) == ([[0, 1]], [0, 1, 1, 2])
     one = [gathered("both", "abcd", [0, 1, 1, 2])]
-    assert find_moments(one, frames) is None
+    assert recordings(one, frames) is None
