@@ -9,7 +9,7 @@
 #   make sanitize     the solvers' tests under the address and undefined-behaviour sanitizers (GCC)
 #   make arm64        compile the kernels for arm64 (needs g++-aarch64-linux-gnu)
 #   make fuzz         50,000 damaged files, configs and options, each in a separate process
-#   make mutants      300 small changes of the code, each with the nearest tests; lists what survives
+#   make mutants      300 small changes of the code, each with the tests that reach it; lists what survives
 #   make faults       every writing call fails with every error, 200 kills, and 200 of a cluster's
 #                     workers; outputs stay whole
 #   make pictures     photograph the pages of the demo for README and docs (needs chromium)

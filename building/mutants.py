@@ -1,11 +1,12 @@
-"""Change the package in small ways, run the nearest tests of each change, list what survives.
+"""Change the package in small ways, run the tests that reach each change, list what survives.
 
-    python building/mutants.py --count 300 --seed 1 [--only shapefit/geometry] [--seconds 120]
+    python building/mutants.py --count 300 --seed 1 [--only shapefit/geometry] [--seconds 60]
 
-A mutant is one change of one line: an operator, a constant, a sign, a term or factor left out, an
-order, a condition turned round. The nearest tests are those that mirror its file, or its folder. A
-mutant survives when all of them pass. Files are changed where they stand and put back, so the
-checkout must be clean.
+A mutant is one change of one expression: an operator, a constant, a sign, a term or factor left
+out, an order, a condition turned round. Its tests are the quick ones that run its lines, as
+`building/reach.py` records once (anew where its folder, `build/reach`, is deleted): those of its
+own folder first, the fastest first. A mutant survives when all of them pass, and where no test
+reaches it. Files are changed where they stand and put back, so the checkout must be clean.
 """
 
 from __future__ import annotations
@@ -13,13 +14,19 @@ from __future__ import annotations
 import argparse
 import ast
 import copy
+import importlib
+import os
 import random
+import resource
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
+
+from reach import Reach, reach_of_tests, tests_of
 
 PROJECT = Path(__file__).resolve().parents[1]
 
@@ -29,8 +36,8 @@ ROOMS = (
 )
 """Rooms whose files are changed, below `shapefit/`."""
 
-THROUGH_A_COMMAND = {"evaluation": "pipelines/evaluate", "verification": "pipelines/verify"}
-"""Rooms that are tested above all through a command, and the folder of those tests."""
+LIBRARIES = ("h5py", "hypothesis", "pydantic", "pytest", "ruamel.yaml", "scipy.optimize", "tqdm")
+"""Imported once: each mutant runs in a copy of this process, which has not imported the package."""
 
 COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
     ast.Lt: ast.LtE,
@@ -78,10 +85,12 @@ UNWRAPPED = {"sqrt", "abs", "exp", "log", "sorted", "clip"}
 
 
 class Mutant(NamedTuple):
-    """One change: the file, the line, what it was and is, and the source with it."""
+    """One change: the file, the lines of its statement up to it (from 0 where that runs at import),
+    what it was and is, and the source with it.
+    """
 
     path: Path
-    line: int
+    lines: range
     before: str
     after: str
     source: str
@@ -136,23 +145,28 @@ def changed(node: ast.AST) -> Iterator[ast.expr]:
             yield ast.IfExp(node.test, other, body)
 
 
-def places(tree: ast.Module) -> Iterator[tuple[ast.AST, str, int | None]]:
-    """Yield parent, field and index of the expressions that run and are no messages."""
-    waiting: list[ast.AST] = [tree]
+def places(tree: ast.Module) -> Iterator[tuple[ast.AST, str, int | None, int]]:
+    """Yield parent, field and index of the expressions that run and are no messages, and the line
+    where their statement begins; 0 where it runs at import.
+    """
+    waiting: list[tuple[ast.AST, int, bool]] = [(tree, 0, False)]
     while waiting:
-        parent = waiting.pop()
+        parent, first, inside = waiting.pop()
         if isinstance(parent, ast.Raise | ast.JoinedStr | ast.Import | ast.ImportFrom | ast.Assert):
             continue
         if isinstance(parent, ast.If) and ast.unparse(parent.test) == "TYPE_CHECKING":
             continue
+        function = isinstance(parent, ast.FunctionDef | ast.Lambda)
         for field, value in ast.iter_fields(parent):
             if field in ("annotation", "returns", "decorator_list", "type_params", "ctx"):
                 continue
+            within = inside or (function and field == "body")
             for index, child in enumerate(value) if isinstance(value, list) else [(None, value)]:
                 if isinstance(child, ast.AST):
-                    waiting.append(child)
+                    line = child.lineno if isinstance(child, ast.stmt) else first
+                    waiting.append((child, line, within))
                 if isinstance(child, ast.expr):
-                    yield parent, field, index
+                    yield parent, field, index, first if within else 0
 
 
 def put(parent: ast.AST, field: str, index: int | None, node: ast.AST) -> None:
@@ -166,48 +180,69 @@ def put(parent: ast.AST, field: str, index: int | None, node: ast.AST) -> None:
 def mutants(path: Path) -> Iterator[Mutant]:
     """Yield every mutant of a file."""
     tree = ast.parse(path.read_text("utf-8"))
-    for parent, field, index in list(places(tree)):
+    for parent, field, index, first in list(places(tree)):
         value = getattr(parent, field)
         node = value if index is None else value[index]
         for new in changed(node):
             put(parent, field, index, new)
             source = ast.unparse(ast.fix_missing_locations(tree))
             put(parent, field, index, node)
-            yield Mutant(path, node.lineno, ast.unparse(node), ast.unparse(new), source)
+            lines = range(first, (node.end_lineno or node.lineno) + 1)
+            yield Mutant(path, lines, ast.unparse(node), ast.unparse(new), source)
 
 
-def nearest_tests(path: Path) -> list[str]:
-    """Return the tests that mirror a file, and those beside them; else those of its room."""
-    inside = path.relative_to(PROJECT / "shapefit").with_suffix("")
-    folder = PROJECT / "tests" / inside.parent
-    while not any(folder.rglob("test_*.py")):
-        folder = folder.parent
-    own = [*folder.glob(f"test_{inside.name}*.py")]
-    if (PROJECT / "tests" / inside).is_dir():
-        own.append(PROJECT / "tests" / inside)
-    if inside.parts[0] in THROUGH_A_COMMAND:
-        own.append(PROJECT / "tests" / THROUGH_A_COMMAND[inside.parts[0]])
-    return [*map(str, own), str(folder)]
+class WithoutShrinking:
+    """A plugin of pytest: Hypothesis takes the same examples each time and shrinks none."""
+
+    def pytest_sessionstart(self) -> None:
+        """Choose so before tests are read."""
+        from hypothesis import Phase, settings
+
+        phases = (Phase.explicit, Phase.generate)
+        settings.register_profile("mutants", database=None, derandomize=True, phases=phases)
+        settings.load_profile("mutants")
 
 
-def survives(mutant: Mutant, seconds: float) -> bool:
-    """Whether the nearest tests pass with the change; what takes too long has failed."""
-    original = mutant.path.read_bytes()
-    command = [sys.executable, "-m", "pytest", "-q", "-x", "-n", "0", "-m", "not slow"]
+def code_of(tests: list[str], seconds: float) -> int:
+    """Run tests in a copy of this process and return its exit code; -1 where it takes too long."""
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            os.setpgid(0, 0)
+            resource.setrlimit(resource.RLIMIT_CPU, (int(4 * seconds + 60),) * 2)
+            for stream in (0, 1, 2):
+                os.dup2(os.open(os.devnull, os.O_RDWR), stream)
+            options = ["-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist"]
+            code = importlib.import_module("pytest").main(options + tests, [WithoutShrinking()])
+        finally:
+            os._exit(int(code))
+    until = time.monotonic() + 10 * seconds + 120
+    while time.monotonic() < until:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            return os.waitstatus_to_exitcode(status)
+        time.sleep(0.02)
+    os.killpg(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return -1
+
+
+def verdict(mutant: Mutant, reach: Reach, seconds: float) -> str:
+    """Return "killed", "survives" or "not reached"; what takes too long is killed."""
+    tests = tests_of(mutant.path, mutant.lines, reach, seconds)
+    if not tests:
+        return "not reached"
+    original, status = mutant.path.read_bytes(), mutant.path.stat()
     try:
         mutant.path.write_text(mutant.source, encoding="utf-8")
-        done = subprocess.run(
-            [*command, "-p", "no:cacheprovider", *nearest_tests(mutant.path)],
-            cwd=PROJECT,
-            capture_output=True,
-            timeout=seconds,
-            check=False,
-        )
-        return done.returncode == 0
-    except subprocess.TimeoutExpired:
-        return False
+        code = code_of(tests, seconds)
+        if code == 4:  # a test has another name with the change, or the package no longer loads
+            code = code_of(sorted({test.partition("::")[0] for test in tests}), seconds)
+        return "killed" if code else "survives"
     finally:
         mutant.path.write_bytes(original)
+        os.utime(mutant.path, ns=(status.st_atime_ns, status.st_mtime_ns))
 
 
 def files(only: str | None) -> list[Path]:
@@ -218,29 +253,34 @@ def files(only: str | None) -> list[Path]:
 
 
 def main() -> int:
-    """Run the mutants and print those that survive; 2 where the checkout is not clean."""
+    """Run the mutants and print what becomes of each; 2 where the checkout is not clean."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--count", type=int, default=300)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", help="a file or folder, from the top of the checkout")
-    parser.add_argument("--seconds", type=float, default=300.0, help="at most, per mutant")
+    parser.add_argument("--seconds", type=float, default=60.0, help="of tests, per mutant")
     options = parser.parse_args()
     status = ["git", "status", "--porcelain", "shapefit"]
     if subprocess.run(status, cwd=PROJECT, capture_output=True, check=True).stdout:
         print("The checkout is not clean: commit first.", file=sys.stderr)
         return 2
+    reached = reach_of_tests()
+    sys.dont_write_bytecode = True  # a changed file leaves nothing behind
+    sys.path.insert(0, str(PROJECT))
+    os.chdir(PROJECT)
+    for name in LIBRARIES:
+        importlib.import_module(name)
     every = [mutant for path in files(options.only) for mutant in mutants(path)]
     some = random.Random(options.seed).sample(every, min(options.count, len(every)))
     print(f"{len(some)} of {len(every)} mutants", flush=True)
     began, alive = time.monotonic(), 0
-    for number, mutant in enumerate(some, 1):
-        if survives(mutant, options.seconds):
-            alive += 1
-            place = f"{mutant.path.relative_to(PROJECT)}:{mutant.line}"
-            print(f"{place}: {mutant.before}  ->  {mutant.after}", flush=True)
-        if number % 25 == 0 or number == len(some):
-            minutes = (time.monotonic() - began) / 60
-            print(f"{alive} of {number} survive ({minutes:.0f} min)", flush=True)
+    for mutant in some:
+        found = verdict(mutant, reached, options.seconds)
+        alive += found != "killed"
+        place = f"{mutant.path.relative_to(PROJECT)}:{mutant.lines[-1]}"
+        print(found, place, mutant.before, mutant.after, sep="\t", flush=True)
+    minutes = (time.monotonic() - began) / 60
+    print(f"{alive} of {len(some)} survive ({minutes:.0f} min)", flush=True)
     return 0
 
 

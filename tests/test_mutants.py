@@ -12,6 +12,7 @@ PROJECT = Path(__file__).resolve().parents[1]
 
 @pytest.fixture(scope="module")
 def script():
+    sys.path.append(str(PROJECT / "building"))
     spec = importlib.util.spec_from_file_location("mutants", PROJECT / "building/mutants.py")
     module = importlib.util.module_from_spec(spec)
     sys.modules["mutants"] = module
@@ -44,10 +45,39 @@ def test_every_kind_of_change_is_made_and_messages_are_left(script, tmp_path):
         assert ast.dump(ast.parse(mutant.source)) != ast.dump(ast.parse(text))
 
 
-def test_the_nearest_tests_mirror_a_file(script):
-    file = PROJECT / "shapefit/geometry/procrustes.py"
-    own, folder = script.nearest_tests(file)[0], script.nearest_tests(file)[-1]
-    assert own.endswith("tests/geometry/test_procrustes.py")
-    assert folder.endswith("tests/geometry")
-    through = script.nearest_tests(PROJECT / "shapefit/verification/tree.py")
-    assert any(place.endswith("tests/pipelines/verify") for place in through)
+def test_a_change_has_the_tests_that_run_its_lines_those_of_its_folder_and_fast_ones_first(script):
+    path = PROJECT / "shapefit/geometry/procrustes.py"
+    a, b = "tests/geometry/test_a.py::a", "tests/geometry/test_b.py::b"
+    c, d = "tests/convex/test_c.py::c", "tests/geometry/test_d.py::d"
+    reach = script.Reach(
+        contexts={str(path): {1: [""], 5: [a, "world"], 6: [a], 9: [c]}},
+        seconds={a: 3.0, b: 1.0, c: 0.5, d: 9.0, "world": 1.0},
+        needs={a: {a}, b: {b, "world"}, c: {c}, d: {d}},
+        tests=[a, b, c, d],
+    )
+    assert script.tests_of(path, range(5, 6), reach, 60.0) == [b, a]
+    assert script.tests_of(path, range(5, 6), reach, 4.0) == [b]
+    assert script.tests_of(path, range(6, 10), reach, 60.0) == [a, c]
+    assert script.tests_of(path, range(7, 9), reach, 60.0) == []
+    assert script.tests_of(path, range(2), reach, 60.0) == [b, a, d, c]
+
+
+def test_a_changed_file_is_put_back_whatever_becomes_of_its_tests(script, tmp_path, monkeypatch):
+    path = tmp_path / "source.py"
+    path.write_text("x = 1  # one\n")
+    mutant = next(script.mutants(path))
+    codes = iter([0, 1, -1, 4, 0])
+    ran = []
+
+    def code_of(tests, seconds):
+        ran.append((path.read_text(), *tests))
+        return next(codes)
+
+    monkeypatch.setattr(script, "tests_of", lambda *_: ["a::b", "a::c"])
+    monkeypatch.setattr(script, "code_of", code_of)
+    verdicts = [script.verdict(mutant, None, 1.0) for _ in range(4)]
+    assert verdicts == ["survives", "killed", "killed", "survives"]
+    assert path.read_text() == "x = 1  # one\n"
+    assert ran == [("x = 2", "a::b", "a::c")] * 4 + [("x = 2", "a")]
+    monkeypatch.setattr(script, "tests_of", lambda *_: [])
+    assert script.verdict(mutant, None, 1.0) == "not reached"
