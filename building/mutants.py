@@ -6,26 +6,33 @@ A mutant is one change of one expression: an operator, a constant, a sign, a ter
 out, an order, a condition turned round. Its tests are the quick ones that run its lines, as
 `building/reach.py` records once (anew where its folder, `build/reach`, is deleted): those of its
 own folder first, the fastest first. A mutant survives when all of them pass, and where no test
-reaches it. Files are changed where they stand and put back, so the checkout must be clean.
+reaches it. Functions are changed in the memory of a process that is forked from one that has read
+all tests; what acts at import is changed in its file and put back, so the checkout must be clean.
 """
 
 from __future__ import annotations
 
 import argparse
-import ast
-import copy
+import gc
 import importlib
+import inspect
 import os
 import random
 import resource
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from types import CodeType, FunctionType
+from typing import TextIO
 
+import hypothesis
+import pytest
+from changes import Mutant, mutants
 from reach import Reach, reach_of_tests, tests_of
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -36,210 +43,138 @@ ROOMS = (
 )
 """Rooms whose files are changed, below `shapefit/`."""
 
-LIBRARIES = ("h5py", "hypothesis", "pydantic", "pytest", "ruamel.yaml", "scipy.optimize", "tqdm")
-"""Imported once: each mutant runs in a copy of this process, which has not imported the package."""
 
-COMPARISONS: dict[type[ast.cmpop], type[ast.cmpop]] = {
-    ast.Lt: ast.LtE,
-    ast.LtE: ast.Lt,
-    ast.Gt: ast.GtE,
-    ast.GtE: ast.Gt,
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
-    ast.In: ast.NotIn,
-    ast.NotIn: ast.In,
-    ast.Is: ast.IsNot,
-    ast.IsNot: ast.Is,
-}
-OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
-    ast.Add: ast.Sub,
-    ast.Sub: ast.Add,
-    ast.Mult: ast.Div,
-    ast.Div: ast.Mult,
-    ast.Mod: ast.FloorDiv,
-    ast.FloorDiv: ast.Mod,
-    ast.BitAnd: ast.BitOr,
-    ast.BitOr: ast.BitAnd,
-}
-NAMES = {
-    "min": "max",
-    "max": "min",
-    "any": "all",
-    "all": "any",
-    "mean": "median",
-    "median": "mean",
-    "argmin": "argmax",
-    "argmax": "argmin",
-    "minimum": "maximum",
-    "maximum": "minimum",
-    "zeros": "ones",
-    "ones": "zeros",
-    "nanmean": "nanmedian",
-    "nansum": "nanmax",
-    "sum": "max",
-}
-"""Functions and methods, and what is called in their place."""
-
-UNWRAPPED = {"sqrt", "abs", "exp", "log", "sorted", "clip"}
-"""Functions whose first argument is taken in their place."""
+def functions_by_file() -> dict[str, list[FunctionType]]:
+    """Return the functions of the package that are in memory, by the file that defines them."""
+    found: dict[str, list[FunctionType]] = {}
+    for one in gc.get_objects():
+        if isinstance(one, FunctionType) and (one.__module__ or "").startswith("shapefit"):
+            found.setdefault(one.__code__.co_filename, []).append(one)
+    return found
 
 
-class Mutant(NamedTuple):
-    """One change: the file, the lines of its statement up to it (from 0 where that runs at import),
-    what it was and is, and the source with it.
-    """
-
-    path: Path
-    lines: range
-    before: str
-    after: str
-    source: str
+def codes(whole: CodeType) -> Iterator[CodeType]:
+    """Yield the code of functions that are made when a module or a class body runs."""
+    for one in whole.co_consts:
+        if isinstance(one, CodeType):
+            if one.co_flags & inspect.CO_NEWLOCALS and one.co_flags & inspect.CO_OPTIMIZED:
+                yield one
+            else:
+                yield from codes(one)
 
 
-def is_text(node: ast.expr) -> bool:
-    """Whether an expression is plainly a string."""
-    return isinstance(node, ast.JoinedStr) or (
-        isinstance(node, ast.Constant) and isinstance(node.value, str)
-    )
+def put_into_memory(mutant: Mutant, functions: list[FunctionType]) -> None:
+    """Give the functions of the mutant's file the code that they have with the change."""
+    now = compile(mutant.path.read_text("utf-8"), str(mutant.path), "exec", dont_inherit=True)
+    then = compile(mutant.source, str(mutant.path), "exec", dont_inherit=True)
+    other = dict(zip(codes(now), codes(then), strict=True))
+    for function in functions:
+        if function.__code__ in other:
+            function.__code__ = other[function.__code__]
 
 
-def changed(node: ast.AST) -> Iterator[ast.expr]:
-    """Yield what an expression could be in its place."""
-    match node:
-        case ast.Compare(ops=[operator], comparators=[_]) if type(operator) in COMPARISONS:
-            new = copy.copy(node)
-            new.ops = [COMPARISONS[type(operator)]()]
-            yield new
-        case ast.BoolOp(values=[first, *_]):
-            turned = copy.copy(node)
-            turned.op = ast.Or() if isinstance(node.op, ast.And) else ast.And()
-            yield turned
-            yield first
-        case ast.BinOp(left=left, right=right, op=operator) if type(operator) in OPERATORS:
-            if not is_text(left) and not is_text(right):
-                swapped = copy.copy(node)
-                swapped.op = OPERATORS[type(operator)]()
-                yield swapped
-                yield left
-        case ast.UnaryOp(op=ast.USub() | ast.Not(), operand=operand):
-            yield operand
-        case ast.Constant(value=bool(value)):
-            yield ast.Constant(not value)
-        case ast.Constant(value=int(value)):
-            yield ast.Constant(value + 1)
-        case ast.Constant(value=float(value)) if value not in (float("inf"),):
-            yield ast.Constant(2 * value if value else 1.0)
-        case ast.Call(func=ast.Name(id=name) | ast.Attribute(attr=name)) if name in NAMES:
-            called = copy.deepcopy(node)
-            if isinstance(called.func, ast.Name):
-                called.func.id = NAMES[name]
-            elif isinstance(called.func, ast.Attribute):
-                called.func.attr = NAMES[name]
-            yield called
-        case ast.Call(func=ast.Name(id=name) | ast.Attribute(attr=name), args=[first, *_]):
-            if name in UNWRAPPED:
-                yield first
-            elif name == "argsort":
-                yield ast.parse(f"np.arange(len({ast.unparse(first)}))", mode="eval").body
-        case ast.IfExp(body=body, orelse=other):
-            yield ast.IfExp(node.test, other, body)
+class Trial:
+    """A plugin of pytest: after collection it tries every mutant, each in a copy of the process."""
 
-
-def places(tree: ast.Module) -> Iterator[tuple[ast.AST, str, int | None, int]]:
-    """Yield parent, field and index of the expressions that run and are no messages, and the line
-    where their statement begins; 0 where it runs at import.
-    """
-    waiting: list[tuple[ast.AST, int, bool]] = [(tree, 0, False)]
-    while waiting:
-        parent, first, inside = waiting.pop()
-        if isinstance(parent, ast.Raise | ast.JoinedStr | ast.Import | ast.ImportFrom | ast.Assert):
-            continue
-        if isinstance(parent, ast.If) and ast.unparse(parent.test) == "TYPE_CHECKING":
-            continue
-        function = isinstance(parent, ast.FunctionDef | ast.Lambda)
-        for field, value in ast.iter_fields(parent):
-            if field in ("annotation", "returns", "decorator_list", "type_params", "ctx"):
-                continue
-            within = inside or (function and field == "body")
-            for index, child in enumerate(value) if isinstance(value, list) else [(None, value)]:
-                if isinstance(child, ast.AST):
-                    line = child.lineno if isinstance(child, ast.stmt) else first
-                    waiting.append((child, line, within))
-                if isinstance(child, ast.expr):
-                    yield parent, field, index, first if within else 0
-
-
-def put(parent: ast.AST, field: str, index: int | None, node: ast.AST) -> None:
-    """Put a node in its place below a parent."""
-    if index is None:
-        setattr(parent, field, node)
-    else:
-        getattr(parent, field)[index] = node
-
-
-def mutants(path: Path) -> Iterator[Mutant]:
-    """Yield every mutant of a file."""
-    tree = ast.parse(path.read_text("utf-8"))
-    for parent, field, index, first in list(places(tree)):
-        value = getattr(parent, field)
-        node = value if index is None else value[index]
-        for new in changed(node):
-            put(parent, field, index, new)
-            source = ast.unparse(ast.fix_missing_locations(tree))
-            put(parent, field, index, node)
-            lines = range(first, (node.end_lineno or node.lineno) + 1)
-            yield Mutant(path, lines, ast.unparse(node), ast.unparse(new), source)
-
-
-class WithoutShrinking:
-    """A plugin of pytest: Hypothesis takes the same examples each time and shrinks none."""
+    def __init__(self, mutants: list[Mutant], reach: Reach, seconds: float, out: TextIO) -> None:
+        self.mutants, self.reach, self.seconds, self.out = mutants, reach, seconds, out
+        self.red = ""
+        self.sound: dict[str, bool] = {}
 
     def pytest_sessionstart(self) -> None:
-        """Choose so before tests are read."""
-        from hypothesis import Phase, settings
+        """Let Hypothesis take the same examples each time and shrink none."""
+        phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)
+        hypothesis.settings.register_profile(
+            "mutants", database=None, deadline=None, derandomize=True, phases=phases
+        )
+        hypothesis.settings.load_profile("mutants")
 
-        phases = (Phase.explicit, Phase.generate)
-        settings.register_profile("mutants", database=None, derandomize=True, phases=phases)
-        settings.load_profile("mutants")
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """Remember a test that fails."""
+        if report.failed:
+            self.red = report.nodeid
+
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        """Try the mutants, and print what becomes of each."""
+        session.config.pluginmanager.unregister(name="terminalreporter")
+        for path in self.reach.contexts:
+            inside = Path(path).relative_to(PROJECT).with_suffix("")
+            with suppress(ImportError):  # of a library that is optional
+                importlib.import_module(".".join(inside.parts).removesuffix(".__init__"))
+        self.items = {item.nodeid: item for item in session.items}
+        self.functions = functions_by_file()
+        gc.freeze()
+        began, alive = time.monotonic(), 0
+        for mutant in self.mutants:
+            found = self.verdict(mutant)
+            alive += not found.startswith("killed")
+            place = f"{mutant.path.relative_to(PROJECT)}:{mutant.lines[-1]}"
+            print(found, place, mutant.before, mutant.after, sep="\t", file=self.out, flush=True)
+        minutes = (time.monotonic() - began) / 60
+        print(f"{alive} of {len(self.mutants)} survive ({minutes:.0f} min)", file=self.out)
+        return True
+
+    def verdict(self, mutant: Mutant) -> str:
+        """Return "killed by" a test, "survives" or "not reached"."""
+        tests, at_import = tests_of(mutant.path, mutant.lines, self.reach, self.seconds)
+        tests = [test for test in tests if self.sound.get(test, True) and test in self.items]
+        if not tests:
+            return "not reached"
+        if at_import:
+            return on_disk(mutant, tests, self.seconds)
+        red = self.red_of(tests, mutant)
+        while red in self.items and not self.sound.setdefault(red, not self.red_of([red], None)):
+            tests = tests[tests.index(red) + 1 :]  # it fails without the change, too
+            red = self.red_of(tests, mutant)
+        return f"killed by {red}" if red else "survives"
+
+    def red_of(self, tests: list[str], mutant: Mutant | None) -> str:
+        """Return the first of these tests that fails in a copy of this process; "" for none."""
+        with tempfile.TemporaryDirectory() as folder:
+            child = os.fork()
+            if child == 0:
+                answer = "what is not a test"
+                try:
+                    os.setpgid(0, 0)
+                    resource.setrlimit(resource.RLIMIT_CPU, (int(4 * self.seconds + 60),) * 2)
+                    answer = self.in_child(tests, mutant, Path(folder))
+                finally:
+                    Path(folder, "red").write_text(answer, encoding="utf-8")
+                    os._exit(0)
+            until = time.monotonic() + 10 * self.seconds + 120
+            while not os.waitpid(child, os.WNOHANG)[0]:
+                if time.monotonic() > until:
+                    os.killpg(child, signal.SIGKILL)
+                time.sleep(0.02)
+            answered = Path(folder, "red")
+            return answered.read_text("utf-8") if answered.exists() else "the time that it takes"
+
+    def in_child(self, tests: list[str], mutant: Mutant | None, folder: Path) -> str:
+        """Change the code and run tests until one fails; return its name."""
+        items = [self.items[test] for test in tests]
+        items[0].config._tmp_path_factory._basetemp = folder  # type: ignore[attr-defined]
+        if mutant:
+            put_into_memory(mutant, self.functions.get(str(mutant.path), []))
+        self.red = ""
+        for item, following in zip(items, [*items[1:], None], strict=True):
+            item.config.hook.pytest_runtest_protocol(item=item, nextitem=following)
+            if self.red:
+                break
+        return self.red
 
 
-def code_of(tests: list[str], seconds: float) -> int:
-    """Run tests in a copy of this process and return its exit code; -1 where it takes too long."""
-    child = os.fork()
-    if child == 0:
-        code = 1
-        try:
-            os.setpgid(0, 0)
-            resource.setrlimit(resource.RLIMIT_CPU, (int(4 * seconds + 60),) * 2)
-            for stream in (0, 1, 2):
-                os.dup2(os.open(os.devnull, os.O_RDWR), stream)
-            options = ["-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist"]
-            code = importlib.import_module("pytest").main(options + tests, [WithoutShrinking()])
-        finally:
-            os._exit(int(code))
-    until = time.monotonic() + 10 * seconds + 120
-    while time.monotonic() < until:
-        done, status = os.waitpid(child, os.WNOHANG)
-        if done:
-            return os.waitstatus_to_exitcode(status)
-        time.sleep(0.02)
-    os.killpg(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    return -1
-
-
-def verdict(mutant: Mutant, reach: Reach, seconds: float) -> str:
-    """Return "killed", "survives" or "not reached"; what takes too long is killed."""
-    tests = tests_of(mutant.path, mutant.lines, reach, seconds)
-    if not tests:
-        return "not reached"
+def on_disk(mutant: Mutant, tests: list[str], seconds: float) -> str:
+    """Return the verdict on a change that acts at import: the file is changed, and put back."""
     original, status = mutant.path.read_bytes(), mutant.path.stat()
+    command = [sys.executable, "-B", "-m", "pytest", "-q", "-x", "-p", "no:cacheprovider"]
     try:
         mutant.path.write_text(mutant.source, encoding="utf-8")
-        code = code_of(tests, seconds)
-        if code == 4:  # a test has another name with the change, or the package no longer loads
-            code = code_of(sorted({test.partition("::")[0] for test in tests}), seconds)
-        return "killed" if code else "survives"
+        done = subprocess.run(
+            [*command, *tests], cwd=PROJECT, capture_output=True, timeout=10 * seconds, check=False
+        )
+        return "killed at import" if done.returncode else "survives"
+    except subprocess.TimeoutExpired:
+        return "killed by the time that it takes"
     finally:
         mutant.path.write_bytes(original)
         os.utime(mutant.path, ns=(status.st_atime_ns, status.st_mtime_ns))
@@ -265,22 +200,14 @@ def main() -> int:
         print("The checkout is not clean: commit first.", file=sys.stderr)
         return 2
     reached = reach_of_tests()
-    sys.dont_write_bytecode = True  # a changed file leaves nothing behind
     sys.path.insert(0, str(PROJECT))
     os.chdir(PROJECT)
-    for name in LIBRARIES:
-        importlib.import_module(name)
     every = [mutant for path in files(options.only) for mutant in mutants(path)]
     some = random.Random(options.seed).sample(every, min(options.count, len(every)))
-    print(f"{len(some)} of {len(every)} mutants", flush=True)
-    began, alive = time.monotonic(), 0
-    for mutant in some:
-        found = verdict(mutant, reached, options.seconds)
-        alive += found != "killed"
-        place = f"{mutant.path.relative_to(PROJECT)}:{mutant.lines[-1]}"
-        print(found, place, mutant.before, mutant.after, sep="\t", flush=True)
-    minutes = (time.monotonic() - began) / 60
-    print(f"{alive} of {len(some)} survive ({minutes:.0f} min)", flush=True)
+    with os.fdopen(os.dup(1), "w", encoding="utf-8") as out:
+        print(f"{len(some)} of {len(every)} mutants", file=out, flush=True)
+        trial = Trial(some, reached, options.seconds, out)
+        pytest.main(["-q", "-m", "not slow", "-p", "no:cacheprovider", "tests"], plugins=[trial])
     return 0
 
 

@@ -78,8 +78,8 @@ def with_needs(name: str, needs: dict[str, set[str]]) -> set[str]:
     return found
 
 
-def tests_of(path: Path, changed: range, reach: Reach, seconds: float) -> list[str]:
-    """Return tests that run lines of a file and take so long at most.
+def tests_of(path: Path, changed: range, reach: Reach, seconds: float) -> tuple[list[str], bool]:
+    """Return tests that run lines of a file and take so long at most; whether they run at import.
 
     What runs at import counts for all tests that run a line of the file, and for those of its
     folder.
@@ -87,7 +87,8 @@ def tests_of(path: Path, changed: range, reach: Reach, seconds: float) -> list[s
     lines = reach.contexts.get(str(path), {})
     own = str(Path("tests") / path.parent.relative_to(PROJECT / "shapefit"))
     reached = {name for line in changed for name in lines.get(line, [])}
-    if changed[0] == 0 or "" in reached:
+    at_import = changed[0] == 0 or "" in reached
+    if at_import:
         reached = {name for some in lines.values() for name in some}
         reached |= {test for test in reach.tests if test.startswith(own)}
     reached -= {""}
@@ -102,4 +103,4 @@ def tests_of(path: Path, changed: range, reach: Reach, seconds: float) -> list[s
         if chosen and sum(reach.seconds[name] for name in made) > seconds:
             break
         chosen.append(test)
-    return chosen[:AT_MOST]
+    return chosen[:AT_MOST], at_import

@@ -4,6 +4,7 @@ import ast
 import importlib.util
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -55,29 +56,37 @@ def test_a_change_has_the_tests_that_run_its_lines_those_of_its_folder_and_fast_
         needs={a: {a}, b: {b, "world"}, c: {c}, d: {d}},
         tests=[a, b, c, d],
     )
-    assert script.tests_of(path, range(5, 6), reach, 60.0) == [b, a]
-    assert script.tests_of(path, range(5, 6), reach, 4.0) == [b]
-    assert script.tests_of(path, range(6, 10), reach, 60.0) == [a, c]
-    assert script.tests_of(path, range(7, 9), reach, 60.0) == []
-    assert script.tests_of(path, range(2), reach, 60.0) == [b, a, d, c]
+    assert script.tests_of(path, range(5, 6), reach, 60.0) == ([b, a], False)
+    assert script.tests_of(path, range(5, 6), reach, 4.0) == ([b], False)
+    assert script.tests_of(path, range(6, 10), reach, 60.0) == ([a, c], False)
+    assert script.tests_of(path, range(7, 9), reach, 60.0) == ([], False)
+    assert script.tests_of(path, range(2), reach, 60.0) == ([b, a, d, c], True)
 
 
-def test_a_changed_file_is_put_back_whatever_becomes_of_its_tests(script, tmp_path, monkeypatch):
+def test_a_change_acts_in_memory_and_nowhere_else(script, tmp_path):
+    path = tmp_path / "changed_in_memory.py"
+    path.write_text("class A:\n    def f(self, x):\n        return [x + y for y in (1, 2)]\n")
+    spec = importlib.util.spec_from_file_location("changed_in_memory", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    mutant = next(one for one in script.mutants(path) if one.after == "x - y")
+    script.put_into_memory(mutant, [module.A.f])
+    assert module.A().f(5) == [4, 3]
+    assert "x + y" in path.read_text()
+
+
+def test_a_file_that_is_changed_is_put_back(script, tmp_path, monkeypatch):
     path = tmp_path / "source.py"
     path.write_text("x = 1  # one\n")
     mutant = next(script.mutants(path))
-    codes = iter([0, 1, -1, 4, 0])
-    ran = []
+    codes, seen = iter([0, 1]), []
 
-    def code_of(tests, seconds):
-        ran.append((path.read_text(), *tests))
-        return next(codes)
+    def run(command, **_):
+        seen.append((path.read_text(), command[-1]))
+        return SimpleNamespace(returncode=next(codes))
 
-    monkeypatch.setattr(script, "tests_of", lambda *_: ["a::b", "a::c"])
-    monkeypatch.setattr(script, "code_of", code_of)
-    verdicts = [script.verdict(mutant, None, 1.0) for _ in range(4)]
-    assert verdicts == ["survives", "killed", "killed", "survives"]
+    monkeypatch.setattr(script.subprocess, "run", run)
+    assert script.on_disk(mutant, ["a::b"], 1.0) == "survives"
+    assert script.on_disk(mutant, ["a::b"], 1.0).startswith("killed")
     assert path.read_text() == "x = 1  # one\n"
-    assert ran == [("x = 2", "a::b", "a::c")] * 4 + [("x = 2", "a")]
-    monkeypatch.setattr(script, "tests_of", lambda *_: [])
-    assert script.verdict(mutant, None, 1.0) == "not reached"
+    assert seen == [("x = 2", "a::b")] * 2
