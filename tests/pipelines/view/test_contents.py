@@ -222,7 +222,9 @@ def test_up_is_that_of_the_extrinsics(desk, y_axis):
     np.testing.assert_allclose(np.linalg.det(upright), 1)
     assert page.summary[-1] == "Up is the axis z of the extrinsics."
     plain = make_page(ViewConfig(files={"r": (desk.result(y_axis=y_axis),)})).scene
-    np.testing.assert_array_equal(np.reshape(plain.stands[0].upright, (3, 3)), np.diag([1, -1, -1]) @ level)
+    np.testing.assert_array_equal(
+        np.reshape(plain.stands[0].upright, (3, 3)), np.diag([1, -1, -1]) @ level
+    )
 
 
 def mesh_vertices(scene, frame, layer):
