@@ -50,7 +50,7 @@ class _View:
         if name.startswith("_") or name not in self._FIELDS:
             raise AttributeError(f"{type(self).__name__} has no {name}")
         value = getattr(self._inside, name)
-        dataset = self._LAYOUT.find(name)
+        dataset = self._LAYOUT.by_name.get(name)
         turned = dataset is not None and dataset.points and value is not None
         return np.swapaxes(value, -1, -2) if turned else value
 

@@ -131,21 +131,16 @@ def atomic_path(target: Path) -> Iterator[Path]:
             yield local
         return
     resolved = check_output(target)
-    with _new_folders(resolved.parent):
-        temporary = _temporary(resolved.parent, resolved.stem, resolved.suffix)
-        try:
-            with storage_errors(target, None):
-                os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-                if resolved.exists():
-                    temporary.chmod(stat.S_IMODE(resolved.stat().st_mode))
-            with storage_errors(target):
-                yield temporary
-            with storage_errors(target, None):
-                _sync(temporary)
-                temporary.replace(resolved)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
+    with _temporary(resolved.parent, resolved.stem, resolved.suffix) as temporary:
+        with storage_errors(target, None):
+            os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+            if resolved.exists():
+                temporary.chmod(stat.S_IMODE(resolved.stat().st_mode))
+        with storage_errors(target):
+            yield temporary
+        with storage_errors(target, None):
+            _sync(temporary)
+            temporary.replace(resolved)
 
 
 @contextmanager
@@ -157,15 +152,15 @@ def output_bytes(target: Path) -> Iterator[WriteBytes]:
 
 def append_bytes(path: Path, data: bytes) -> None:
     """Add bytes at the end of a file; what goes wrong is an InputError."""
-    with _opened(path, path, "ab") as write:
-        write(data)
+    with storage_errors(path, None), path.open("ab", buffering=0) as file:
+        file.write(data)
 
 
 @contextmanager
-def _opened(path: Path, target: Path, mode: str = "wb") -> Iterator[WriteBytes]:
+def _opened(path: Path, target: Path) -> Iterator[WriteBytes]:
     """Give what writes to a file; what goes wrong there is an InputError at the target."""
     with storage_errors(target, None):
-        file = open(path, mode, buffering=0)  # noqa: SIM115
+        file = open(path, "wb", buffering=0)  # noqa: SIM115
 
     def write(data: bytes | memoryview) -> None:
         rest = memoryview(data)
@@ -250,18 +245,14 @@ def staged_files(folder: Path) -> Iterator[StagedFiles]:
     which would take most of the time: a power failure, unlike a killed process, may leave empty
     ones. Raises InputError as `StagedFiles` does.
     """
+    _sweep(folder.parent, folder.name, "")
     around = folder if folder.is_dir() else folder.parent
-    with _new_folders(around):
-        _sweep(folder.parent, folder.name, "")
-        staging = _temporary(around, folder.name, "")
+    with _temporary(around, folder.name, "") as staging:
         with storage_errors(folder, None):
             staging.mkdir()
-        try:
-            files = StagedFiles(folder, staging)
-            yield files
-            files.publish()
-        finally:
-            shutil.rmtree(staging, ignore_errors=True)
+        files = StagedFiles(folder, staging)
+        yield files
+        files.publish()
 
 
 def _sync(path: Path) -> None:
@@ -269,35 +260,36 @@ def _sync(path: Path) -> None:
         os.fsync(written.fileno())
 
 
+# Temporaries, and what killed processes left of theirs.
+
+
 @contextmanager
-def _new_folders(folder: Path) -> Iterator[None]:
-    """Make a folder and those around it; on any error, those that are new and empty are removed."""
+def _temporary(folder: Path, stem: str, suffix: str) -> Iterator[Path]:
+    """Give a new hidden name in a folder, which is made; after it nothing is there any more.
+
+    The name tells which process made it. On any error folders that are new and empty are removed.
+    """
     missing = [each for each in (folder, *folder.parents) if not each.exists()]
+    name = f".{_shortened(stem)}-{_machine()}-{os.getpid()}-{secrets.token_hex(3)}.partial"
+    temporary = folder / f"{name}{_shortened(suffix)}"
     try:
         for new in reversed(missing):
             with storage_errors(new, None, "created"):
                 new.mkdir(exist_ok=True)
-        yield
+        _sweep(folder, stem, suffix)
+        yield temporary
     except BaseException:
+        _remove(temporary)
         for new in missing:
             with suppress(OSError):
                 new.rmdir()
         raise
+    _remove(temporary)
 
 
-# The names of temporaries.
-
-
-def machine_name() -> str:
+def _machine() -> str:
     """Return eight digits that tell this machine from others."""
     return f"{zlib.crc32(socket.gethostname().encode()):08x}"
-
-
-def _temporary(folder: Path, stem: str, suffix: str) -> Path:
-    """Return a new hidden name in the folder that tells which process made it; sweep there."""
-    _sweep(folder, stem, suffix)
-    writer = f"{machine_name()}-{os.getpid()}-{secrets.token_hex(3)}"
-    return folder / f".{_shortened(stem)}-{writer}.partial{_shortened(suffix)}"
 
 
 def _shortened(name: str) -> str:
@@ -307,14 +299,18 @@ def _shortened(name: str) -> str:
 def _sweep(folder: Path, stem: str, suffix: str) -> None:
     """Remove the temporaries of processes of this machine that are no more."""
     start, end = re.escape(_shortened(stem)), re.escape(_shortened(suffix))
-    pattern = re.compile(rf"\.{start}-{machine_name()}-(\d+)-[0-9a-f]{{6}}\.partial{end}")
+    pattern = re.compile(rf"\.{start}-{_machine()}-(\d+)-[0-9a-f]{{6}}\.partial{end}")
     with suppress(OSError):
         for name in os.listdir(folder):
             match = pattern.fullmatch(name)
             if match and not _is_running(int(match[1])):
-                path = folder / name
-                with suppress(OSError):
-                    path.unlink() if path.is_file() else shutil.rmtree(path)
+                _remove(folder / name)
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or folder, if it is there and that is possible."""
+    with suppress(OSError):
+        path.unlink() if path.is_file() else shutil.rmtree(path)
 
 
 def _is_running(process: int) -> bool:

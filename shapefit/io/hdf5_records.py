@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 import h5py
 import numpy as np
@@ -17,19 +17,14 @@ from shapefit.io.checks import input_problems
 from shapefit.io.hdf5_file import Hdf5File, as_text
 from shapefit.io.layout import (
     AXES,
-    FURTHER_OF_RESULTS,
-    LANDMARKS,
     LAYOUTS,
     PER_ITEM_FLAG,
     PLAIN_ATTRIBUTES,
-    RESULTS,
-    SHAPES,
     UNKNOWN_UNIT,
     VERSION,
     Dataset,
     Layout,
     fit_axes,
-    fits_kind,
     is_per_item,
     plain_name,
 )
@@ -37,30 +32,32 @@ from shapefit.io.layout import (
 CACHE_BYTES = 1 << 20
 """Of chunks that are kept for each dataset; by default HDF5 keeps 8 MB, and rows are read once."""
 
-LOOKED_FOR = (
-    "DeepLabCut (a table of pandas in the root)",
-    "SLEAP (tracks and node_names, or metadata, frames and instances)",
-    "JABS (poseest/points)",
-    "NWB (the attribute nwb_version)",
-    "movement (the attribute ds_type)",
-)
-KERAS = {"keras_version", "model_weights", "layer_names"}
+LOOKED_FOR = "DeepLabCut, SLEAP, JABS, NWB (the attribute nwb_version) or movement (ds_type)"
+"""The HDF5 files of other tools that are read."""
 
 
 def hdf5_kind(path: Path) -> str:
     """Return the kind of the layout that a file says it has. Raises InputError for other files."""
-    with Hdf5File(path) as file, file.damage():
-        name = as_text(file.attribute("format"))
-        wrong = None if "format" in file.root.attrs else _not_ours(file.root)
-    if wrong is not None:
-        raise input_error(path, *wrong)
+    with Hdf5File(path) as file:
+        name = _format_of(file)
     if not isinstance(name, str) or name not in LAYOUTS:
         found = f"is a {name} file" if isinstance(name, str) else "has a format that is no text"
         raise input_error(path, found, f"give one of {', '.join(LAYOUTS)}")
     return LAYOUTS[name].kind
 
 
-class Hdf5Reader:
+def _format_of(file: Hdf5File, form: str = "a format of shapefit") -> Any:
+    """Return the root attribute `format`; `form` is what it should be."""
+    if (found := as_text(file.attribute("format"))) is None:
+        with file.damage():
+            holds = abbreviate([printable(name) for name in sorted(file.root)]) or "nothing"
+        missing = f"has no root attribute format, and holds {holds}"
+        fix = f"give a file of {LOOKED_FOR}, or set it to {form} if the file has that layout"
+        raise input_error(file.path, missing, fix)
+    return found
+
+
+class Hdf5Reader(Hdf5File):
     """An open HDF5 file of a known layout; a context manager.
 
     Opening checks the layout and its version, and the kind and shape of every dataset, and reads
@@ -69,27 +66,17 @@ class Hdf5Reader:
     """
 
     def __init__(self, path: Path, form: Layout) -> None:
-        self.path, self.form = path, form
+        super().__init__(path, CACHE_BYTES)
+        self.form = form
         self._sizes: dict[str, int] = {}
         self._ends: dict[str, Integers] = {}
-        self._file = Hdf5File(path, CACHE_BYTES)
         try:
             self._root = self._read_root()
             self._present = self._check_datasets()
             self.landmark_names = self._check_landmark_names(self.read("landmark_names"))
         except BaseException:
-            self._file.close()
+            self.close()
             raise
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_error: object) -> None:
-        self._file.close()
-
-    def place(self, name: str, row: int | None = None) -> str:
-        """Name a dataset, or a row of it, in messages."""
-        return self._file.place(name, row)
 
     @property
     def count(self) -> int:
@@ -140,8 +127,7 @@ class Hdf5Reader:
         Of what grows with the items, that is the part of the items in `rows`. Numbers come as
         float64, indices as int64, texts as a tuple of str, labels as they are.
         """
-        dataset = self.form.find(name)
-        assert dataset is not None, name
+        dataset = self.form.by_name[name]
         if not {name, dataset.counted_by or name} <= self._present:
             return None
         values = self._values(name, self._own_rows(dataset, rows))
@@ -164,34 +150,18 @@ class Hdf5Reader:
         return {dataset.attribute: self.read(dataset.name, rows) for dataset in chosen}
 
     def further(self, rows: slice = slice(None)) -> dict[str, Any]:
-        """Return these rows of the datasets that the layout does not know, as records take them.
-
-        Raises InputError for those of a result that are not as a fit writes them.
-        """
+        """Return these rows of the datasets that the layout does not know, as records take them."""
         per_item, whole = self._further_names
         columns = {name: self._values(name, rows) for name in per_item}
         columns |= {name: np.asarray(self._values(name, ())) for name in whole}
-        if self.form is RESULTS:
-            self._check_further(columns, len(range(*rows.indices(self.count))))
         return {"columns": columns, "of_file": whole}
-
-    def _check_further(self, columns: Mapping[str, Any], count: int) -> None:
-        sizes = {"n": count, "p": len(self.landmark_names)}
-        for dataset in FURTHER_OF_RESULTS:
-            if (values := columns.get(dataset.name)) is None:
-                continue
-            kind = "O" if values.dtype.kind == "U" else values.dtype.kind
-            if not fits_kind(kind, dataset) or not fit_axes(dataset.axes, values.shape, sizes):
-                found = f"holds {values.dtype} of the shape {values.shape}"
-                fix = f"{_wanted(dataset)}, or remove it"
-                raise input_error(self.place(dataset.name), found, fix)
 
     @cached_property
     def _further_names(self) -> tuple[list[str], list[str]]:
         """Names of the datasets that the layout does not know: per item, and of the file."""
         found: list[Any] = []
-        with self._file.damage():
-            self._file.root.visititems(lambda name, node: found.append((name, node)))
+        with self.damage():
+            self.root.visititems(lambda name, node: found.append((name, node)))
         per_item: list[str] = []
         whole: list[str] = []
         for name, dataset in found:
@@ -200,20 +170,20 @@ class Hdf5Reader:
                 raise input_error(self.path, strange, "rename it or remove it")
             if name in self.form.names or not isinstance(dataset, h5py.Dataset):
                 continue
-            with self._file.damage(name):
+            with self.damage(name):
                 carried = dataset.shape is not None and _kind(dataset) in (*"biufc", "O")
                 flagged = bool(dataset.attrs.get(PER_ITEM_FLAG, True))
             if not carried:
                 fix = "store numbers or text, or remove it"
-                raise self._file.fault(name, "cannot be carried over", fix)
+                raise self.fault(name, "cannot be carried over", fix)
             mine = flagged and is_per_item(name, dataset.shape, self.count)
             (per_item if mine else whole).append(name)
         return per_item, whole
 
     def _values(self, name: str, rows: slice | tuple[()]) -> Any:
-        values = self._file.rows(name, rows)
-        if self._file.stored(name).text and "\0" in "".join(np.ravel(values)):
-            raise self._file.fault(name, "holds a string with a zero byte", "remove it")
+        values = self.rows(name, rows)
+        if self.stored(name).text and "\0" in "".join(np.ravel(values)):
+            raise self.fault(name, "holds a string with a zero byte", "remove it")
         return values
 
     def _own_rows(self, dataset: Dataset, items: slice) -> slice | tuple[()]:
@@ -248,35 +218,27 @@ class Hdf5Reader:
 
     def _read_root(self) -> dict[str, Any]:
         """Return the attributes of the root, format and version checked."""
-        with self._file.damage():
-            stored = {name: as_text(self._file.attribute(name)) for name in self._file.root.attrs}
+        with self.damage():
+            stored = {name: as_text(self.attribute(name)) for name in self.root.attrs}
         root = {name: value for name, value in stored.items() if value is not None}
         for name, value in root.items():
             if isinstance(value, str) and not _is_utf8(value):
                 place, fix = f"{self.path}: root attribute {name}", "write it as UTF-8"
                 raise input_error(place, "is not UTF-8 text, or has a zero byte", fix)
-        found, version = root.get("format"), root.get("version")
-        if found is None:
-            with self._file.damage():
-                wrong = _not_ours(self._file.root, self.form.name)
-            raise input_error(self.path, *wrong)
-        if found != self.form.name:
+        if (found := _format_of(self, self.form.name)) != self.form.name:
             raise input_error(self.path, f"is a {found} file", f"give a {self.form.name} file")
-        if version != VERSION:
-            said = "has no root attribute version" if version is None else f"has version {version}"
-            fix = f"this program reads version {VERSION}"
-            if isinstance(version, str):
-                said, fix = f"has the version '{version}' as text", f"store the number {VERSION}"
-            raise input_error(self.path, said, fix)
+        if (version := root.get("version")) != VERSION:
+            fix = f"this program reads version {VERSION}, a number"
+            raise input_error(self.path, f"has the root attribute version {version!r}", fix)
         return root
 
     def _check_datasets(self) -> set[str]:
-        """Return the names of the datasets of the layout that are there."""
+        """Return the names of the datasets that the layout lists and the file has."""
         present, problems = set(), []
-        for dataset in self.form.datasets:
+        for dataset in (*self.form.datasets, *self.form.further):
             wrong: str | None = None
-            with self._file.damage(dataset.name):
-                node = self._file.root.get(dataset.name)
+            with self.damage(dataset.name):
+                node = self.root.get(dataset.name)
                 if isinstance(node, h5py.Dataset):
                     present.add(dataset.name)
                     wrong = _wrong_kind(node, dataset) or self._wrong_shape(node, dataset)
@@ -311,22 +273,6 @@ class Hdf5Reader:
         return names
 
 
-def _not_ours(file: Any, form: str = "") -> tuple[str, str]:
-    """Return what is wrong with an open HDF5 file without the attribute `format`, and the fix.
-
-    form is the layout that it should have, "" where any of ours would do.
-    """
-    entries, attributes = sorted(file), sorted(file.attrs)
-    holds = abbreviate([printable(name) for name in entries]) or "nothing"
-    found = f"has no root attribute format, and holds {holds}"
-    if KERAS & {*entries, *attributes}:
-        return found, "it is a model of Keras: give the landmarks that it found"
-    own = f"set it to {form} if the file has that layout" if form else "a file of shapefit"
-    if form and form not in (LANDMARKS.name, SHAPES.name):
-        return found, own
-    return found, f"give a file of {', '.join(LOOKED_FOR)}, or {own}"
-
-
 def _wanted(dataset: Dataset) -> str:
     """Say how to store a dataset: `store numbers (items, landmarks, 3)`."""
     kinds = {"number": "numbers", "index": "integers", "text": "UTF-8 text", "label": "UTF-8 text"}
@@ -334,9 +280,13 @@ def _wanted(dataset: Dataset) -> str:
     return f"store {kinds[dataset.kind]} ({axes})"
 
 
+NUMPY_KINDS = {"number": "biuf", "index": "iu", "text": "O", "label": "Oiu"}
+"""Types of NumPy that the kinds of datasets can have in files, O for text."""
+
+
 def _wrong_kind(node: Any, dataset: Dataset) -> str | None:
     kind = _kind(node)
-    if fits_kind(kind, dataset):
+    if kind and kind in NUMPY_KINDS[dataset.kind]:
         return None
     return f"holds values of type {'text' if kind == 'O' else node.dtype}; {_wanted(dataset)}"
 

@@ -23,7 +23,7 @@ from shapefit import core
 from shapefit.errors import input_error
 from shapefit.io.atomic import atomic_path, storage_errors
 from shapefit.io.formats import RecordWriter
-from shapefit.io.layout import PER_ITEM_FLAG, VERSION, Dataset, Layout, stored_name
+from shapefit.io.layout import DICTIONARY, PER_ITEM_FLAG, VERSION, Dataset, Layout, stored_name
 
 Array = NDArray[Any]
 
@@ -91,14 +91,14 @@ class Hdf5Writer(RecordWriter[Any]):
         columns, of_file = getattr(record, "further", {}), getattr(record, "of_file", ())
         if not self.begun:
             self.begun = True
-            self._first = record.take(slice(0)) if self._form.per_item else record
+            self._first = record.take(slice(0)) if self._form is not DICTIONARY else record
             self._whole = {name: columns[name] for name in columns if name in of_file}
         if record.landmark_names != self._first.landmark_names:
             raise ValueError("the landmarks of this record are not those of the first")
         rows = {
             dataset.name: _as_stored(dataset, getattr(record, dataset.attribute))
-            for dataset in self._form.growing
-            if getattr(record, dataset.attribute) is not None
+            for dataset in self._form.datasets
+            if dataset.grows and getattr(record, dataset.attribute) is not None
         }
         # What was whole in the first record is per item by chance: it has as many rows as these.
         rows |= {name: v for name, v in columns.items() if name not in self._whole}
@@ -193,7 +193,9 @@ class Hdf5Writer(RecordWriter[Any]):
         rest = values.shape[1:]
         row_bytes = max(values.itemsize * int(np.prod(rest, dtype=int)), 1)
         rows = max(1, min(CHUNK_BYTES // row_bytes, max(len(values), CHUNK_ROWS)))
-        packed = name in self._form.sparse or (kind is not None and values.itemsize > CHUNK_ROWS)
+        known = self._form.by_name.get(name)
+        sparse = known is not None and known.sparse
+        packed = sparse or (kind is not None and values.itemsize > CHUNK_ROWS)
         return self._file.create_dataset(
             name,
             shape=(0, *rest),

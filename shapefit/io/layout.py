@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Set
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -65,15 +65,6 @@ def fit_axes(axes: tuple[str | int, ...], shape: tuple[int, ...], sizes: dict[st
     return len(shape) == len(axes) and all(fitting)
 
 
-NUMPY_KINDS = {"number": "biuf", "index": "iu", "text": "O", "label": "Oiu"}
-"""Types of NumPy that the kinds of datasets can have in files, O for text."""
-
-
-def fits_kind(kind: str, dataset: Dataset) -> bool:
-    """Whether values of a type of NumPy can be a dataset."""
-    return bool(kind) and kind in NUMPY_KINDS[dataset.kind]
-
-
 @dataclass(frozen=True)
 class Layout:
     """The datasets of one kind of file; `name` is the value of its root attribute `format`.
@@ -95,43 +86,20 @@ class Layout:
         """The dataset that every item has: its landmarks, or its shape."""
         return next(known for known in self.datasets if known.required and known.points)
 
-    @property
-    def per_item(self) -> tuple[Dataset, ...]:
-        """Datasets with a row for each item."""
-        return tuple(dataset for dataset in self.datasets if dataset.per_item)
-
-    @property
-    def growing(self) -> tuple[Dataset, ...]:
-        """Datasets that get longer with more items."""
-        return tuple(dataset for dataset in self.datasets if dataset.grows)
-
-    @property
-    def sparse(self) -> frozenset[str]:
-        """Names of the datasets that are mostly 0."""
-        return frozenset(dataset.name for dataset in self.datasets if dataset.sparse)
-
     @cached_property
-    def names(self) -> frozenset[str]:
+    def by_name(self) -> dict[str, Dataset]:
+        """The datasets by their names."""
+        return {dataset.name: dataset for dataset in self.datasets}
+
+    @property
+    def names(self) -> Set[str]:
         """Names of the datasets."""
-        return frozenset(dataset.name for dataset in self.datasets)
+        return self.by_name.keys()
 
     @cached_property
     def all_names(self) -> frozenset[str]:
         """Names of the datasets, and of those that may stand beside them."""
-        return self.names | {dataset.name for dataset in self.further}
-
-    def find(self, name: str) -> Dataset | None:
-        """Return a dataset by its name; None for others."""
-        return self._by_name.get(name)
-
-    def kind_of(self, name: str) -> Kind | Literal[""]:
-        """Return the kind of a dataset; "" for others."""
-        dataset = self._by_name.get(name)
-        return "" if dataset is None else dataset.kind
-
-    @cached_property
-    def _by_name(self) -> dict[str, Dataset]:
-        return {dataset.name: dataset for dataset in self.datasets}
+        return frozenset(self.names | {dataset.name for dataset in self.further})
 
 
 VERSION = 1

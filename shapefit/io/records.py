@@ -19,7 +19,6 @@ from shapefit.io.layout import (
     RESULTS,
     SHAPES,
     UNKNOWN_UNIT,
-    Dataset,
     Layout,
     fit_axes,
     is_per_item,
@@ -86,8 +85,9 @@ class Records:
         self.attributes = attributes or {}
         given = {self.LAYOUT.points.name: points, **(columns or {}), **named}
         self.columns = {
-            name: np.asarray(value, _TYPES.get(self.LAYOUT.kind_of(name)))
+            name: np.asarray(value, _TYPES.get(known.kind) if known else None)
             for name, value in given.items()
+            for known in [self.LAYOUT.by_name.get(name)]
             if value is not None
         }
         found = (n for n, v in self.further.items() if not is_per_item(n, v.shape, len(self)))
@@ -137,7 +137,7 @@ class Records:
 
     def per_item(self, name: str) -> NDArray[Any] | None:
         """Return a column that has a row for each item; None where there is none."""
-        dataset = self.LAYOUT.find(name)
+        dataset = self.LAYOUT.by_name.get(name)
         if name in self.of_file or (dataset is not None and not dataset.per_item):
             return None
         return self.columns.get(name)
@@ -191,7 +191,11 @@ class Records:
     def take(self, indices: Rows) -> Self:
         """Return the items at these indices (numbers, a mask or a slice), in their order."""
         rows = np.arange(len(self))[indices]
-        changes = {name: values[rows] for name, values in self._by_item().items()}
+        changes = {
+            name: values[rows]
+            for name, values in self.columns.items()
+            if self.per_item(name) is not None
+        }
         for dataset in self.LAYOUT.datasets:
             if dataset.counted_by and dataset.name in self.columns:
                 pieces = _pieces(self.columns[dataset.counted_by], rows)
@@ -204,12 +208,6 @@ class Records:
             columns={**self.columns, **changes},
             of_file=self.of_file,
         )
-
-    def _by_item(self) -> dict[str, NDArray[Any]]:
-        """Return the columns with a row for each item."""
-        return {
-            name: values for name, values in self.columns.items() if self.per_item(name) is not None
-        }
 
     def with_whole_points(self) -> Self:
         """Return the same items; a landmark with one unknown coordinate has none."""
@@ -357,31 +355,6 @@ class ResultSet(Records):
 
     LAYOUT = RESULTS
 
-    shapes: Floats
-    landmarks_fitted: Floats | None
-    coefficients: Floats | None
-    rotation: Floats | None
-    translation: Floats | None
-    scale: Floats | None
-    objective: Floats | None
-    relative_gap: Floats | None
-    iterations: Integers | None
-    status: NDArray[Any] | None
-    shape_sd: Floats | None
-    transforms: Floats | None
-    mesh_vertices: Floats | None
-    dual: Floats | None
-    convex_translation: Floats | None
-    convex_objective: Floats | None
-    convex_relative_gap: Floats | None
-    transform_count: Integers | None
-    transform_atom: Integers | None
-    active_transforms: Floats | None
-    tree_cells: Integers | None
-    tree_splits: Integers | None
-    tree_vertices: Integers | None
-    tree_rotations: Floats | None
-    tree_multipliers: Floats | None
     y_axis: Direction
 
 
@@ -410,7 +383,7 @@ def concatenate(parts: Sequence[Record]) -> Record:
 
 
 def _grows(records: Records, name: str) -> bool:
-    dataset: Dataset | None = records.LAYOUT.find(name)
+    dataset = records.LAYOUT.by_name.get(name)
     return name not in records.of_file if dataset is None else dataset.grows
 
 

@@ -45,7 +45,7 @@ def test_take(request, kind, rows):
     part = record.take(rows)
     kept = np.arange(5)[rows]
     assert len(part) == len(kept)
-    for dataset in record.LAYOUT.per_item:
+    for dataset in filter(lambda each: each.per_item, record.LAYOUT.datasets):
         own = getattr(record, dataset.attribute)
         if own is not None:
             taken = np.asarray(own)[kept]
