@@ -123,9 +123,15 @@ def make_layers(
         others.append(_with_own_meshes(layer, own, shapes.mesh_faces, truth.rows, meshes, notes))
     target = first_known(layer.points for layer in layers)
     if target is not None and others:
-        laid = ", ".join(layer.name for layer in others)
-        notes.append(f"Aligned with {results[0].name} by the best similarity: {laid}.")
         others = [_laid_onto(layer, target) for layer in others]
+        strange = [layer.name for layer in others if not np.isfinite(layer.points).any()]
+        others = [layer for layer in others if layer.name not in strange]
+        if strange:
+            fewest = f"fewer than {metrics.FEWEST_LANDMARKS} landmarks of the same names"
+            notes.append(f"Not shown, for {results[0].name} has {fewest}: {', '.join(strange)}.")
+        if others:
+            laid = ", ".join(layer.name for layer in others)
+            notes.append(f"Aligned with {results[0].name} by the best similarity: {laid}.")
     return layers + others, meshes, unit
 
 

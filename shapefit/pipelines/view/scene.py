@@ -207,7 +207,7 @@ def _edges(
         edges.append(renamed_edges(truth.shapes.edges, truth.shapes.landmark_names, landmarks))
     edges += [each.edges for each in found]
     edges += [np.array(usual) for usual in [edges_of(landmarks)] if usual]
-    return next((each for each in edges if each is not None), None)
+    return next((each for each in edges if each is not None and len(each)), None)
 
 
 def _dictionaries(

@@ -48,6 +48,37 @@ def test_a_page_says_what_it_lacks(desk):
     assert (made.data["flat"], made.notes) == (False, "")
 
 
+def test_a_truth_of_other_landmarks_is_not_called_aligned(desk):
+    truth = desk.truth(landmark_names=["a", "b", "x", "y", "z"])
+    made = desk.view(desk.result(), truth=(truth,))
+    assert (
+        "Not shown, for result has fewer than 3 landmarks of the same names: truth." in made.notes
+    )
+    assert "Aligned" not in made.notes
+    assert [layer["name"] for layer in made.data["layers"]] == ["result"]
+
+
+@pytest.mark.parametrize(
+    ("names", "joined"),
+    [
+        (("RHip", "RKnee", "RAnkle", "Neck", "C7"), {("RHip", "RKnee"), ("RKnee", "RAnkle")}),
+        (
+            ("SpineF", "SpineM", "SpineL", "HipL", "tail"),
+            {("SpineF", "SpineM"), ("SpineM", "SpineL"), ("SpineL", "HipL")},
+        ),
+        (("RHip", "x", "y", "z", "SpineM"), set()),
+    ],
+)
+def test_bones_are_known_by_most_of_the_names(desk, made_dictionary, names, joined):
+    """Also where those of the dictionary join none of the landmarks that are shown."""
+    path = desk.folder / "dict.h5"
+    write_dictionary(path, made_dictionary)
+    made = desk.view(desk.result(landmark_names=names), dictionary=path)
+    shown = {(names[a], names[b]) for a, b in made.data["edges"]}
+    assert shown - {("RHip", "Neck")} == joined
+    assert ("No edges are known" in made.notes) == (not joined)
+
+
 def test_numbers_of_frames_that_are_not_one_per_item_are_left_out(desk):
     for frame in (np.arange(5.0), np.array(3.0), np.full(6, "first", object), np.zeros((6, 2))):
         assert "recordings" not in desk.view(desk.result(extras={"frame": frame})).data
