@@ -14,6 +14,7 @@ from benchmarks.oracles import oracle_rows
 from benchmarks.paper.recovery import Shares, rotation_sections
 from benchmarks.paper.sensitivity import Point, read_points
 from shapefit.evaluation.report import markdown_table
+from shapefit.viewer.report_page import add_section
 
 PUBLISHED_MILLISECONDS = {"convex": 330, "alternate": 440, "pmp": 3020}
 """Time of a frame in the paper: MATLAB on an i7 with 3.4 GHz."""
@@ -50,9 +51,9 @@ def quoted_shares() -> Shares:
 
 
 def add_published(name: str, folder: Path) -> str:
-    """Add what was published (mocap), or oracles (cars), to report.md of an evaluation.
+    """Add what was published (mocap), or oracles (cars), to report.md and .html of an evaluation.
 
-    Returns the new part of the page; done again, it takes the place of the former.
+    Returns the new part in Markdown; done again, it takes the place of the former.
     """
     report = _read(folder / "report.json")
     if name == "mocap":
@@ -65,6 +66,9 @@ def add_published(name: str, folder: Path) -> str:
     path = folder / "report.md"
     before = path.read_text(encoding="utf-8").partition("\n## Published\n")[0]
     path.write_text(f"{before.rstrip()}\n\n{page}", encoding="utf-8")
+    html = folder / "report.html"
+    if html.is_file():
+        html.write_text(add_section(html.read_text("utf-8"), parts), encoding="utf-8")
     return page
 
 

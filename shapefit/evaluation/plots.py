@@ -8,14 +8,16 @@ from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.evaluation.calibration import CURVE, LEVELS, Coverage
 from shapefit.evaluation.metric_table import METRICS, SHARE
-from shapefit.evaluation.summaries import ALL, ImageErrors, Summary, without_nan
+from shapefit.evaluation.summaries import ALL, ImageErrors, Summary, of_sequences, without_nan
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -106,22 +108,19 @@ def draw_bars(summaries: Sequence[Summary]) -> Figure:
 def draw_boxes(errors: Sequence[ImageErrors], grouping: Mapping[str, Sequence[str]]) -> Figure:
     """Draw the errors of the images of each group: quartiles, median with its number, whiskers.
 
-    errors of one metric and unit, one entry per method. Every image weighs the same, whichever its
-    sequence. Failed images, nan, are left out, and so are groups without any image.
+    errors of one metric and unit, one entry per method. As in the tables, each number is the mean
+    of that of its sequences. Failed images, nan, are left out, and so are groups without any image.
     """
     known = {
-        group: [without_nan(e.values[e.sequences.among(members)]) for e in errors]
-        for group, members in grouping.items()
+        group: [_percentiles_of(e, members) for e in errors] for group, members in grouping.items()
     }
     known = {group: own for group, own in known.items() if any(map(len, own))} or known
     figure, axes = _panels(0.45 * len(errors) * len(known), [1] * len(known))
     for axis, (group, methods) in zip(axes, known.items(), strict=True):
-        for index, values in enumerate(methods):
-            if not len(values):
+        for index, percentiles in enumerate(methods):
+            if not len(percentiles):
                 continue
-            low, q1, median, q3, high = np.percentile(
-                values, [WHISKERS[0], 25, 50, 75, WHISKERS[1]]
-            )
+            low, q1, median, q3, high = percentiles.mean(axis=0)
             box = {"med": median, "q1": q1, "q3": q3, "whislo": low, "whishi": high}
             drawn = axis.bxp(
                 [box], positions=[index], widths=0.8, showfliers=False, patch_artist=True
@@ -134,6 +133,14 @@ def draw_boxes(errors: Sequence[ImageErrors], grouping: Mapping[str, Sequence[st
         axis.set_ylim(bottom=0)
     axes[0].set_ylabel(error_label(errors[0].unit))
     return _finish(figure, axes, f"{METRICS[errors[0].metric].title}, image by image")
+
+
+def _percentiles_of(errors: ImageErrors, sequences: Sequence[str]) -> Floats:
+    """Return whisker, quartiles and whisker (s, 5) of the s sequences that have an image."""
+    every = of_sequences(errors)
+    own = [without_nan(every[name]) for name in sequences if name in every]
+    at = [WHISKERS[0], 25, 50, 75, WHISKERS[1]]
+    return np.array([np.percentile(values, at) for values in own if len(values)]).reshape(-1, 5)
 
 
 def draw_calibration(
@@ -185,13 +192,23 @@ def _panels(
     return figure, list(axes)
 
 
+def _in_lines(title: str, points: float, inches: float) -> str:
+    """Return a title in lines so short that none is cut; a letter is 0.6 of its height wide."""
+    return "\n".join(wrap(title, max(8, int(72 * inches / (0.6 * points)))))
+
+
 def _finish(figure: Figure, axes: Sequence[Axes], title: str) -> Figure:
     """Put the title above the panels, and below them the names of what any of them shows."""
     shown: dict[str, Any] = {}
     for axis in axes:
         handles, labels = axis.get_legend_handles_labels()
         shown |= dict(zip(labels, handles, strict=True))
-    figure.suptitle(title, x=0.01, ha="left")
+    figure.suptitle(_in_lines(title, 12, figure.get_figwidth()), x=0.01, ha="left")
+    grid = axes[0].get_gridspec()
+    assert grid is not None
+    ratios = np.array(grid.get_width_ratios(), dtype=float)
+    for axis, share in zip(figure.axes, ratios / ratios.sum(), strict=True):
+        axis.set_title(_in_lines(axis.get_title(), 9, share * figure.get_figwidth()), fontsize=9)
     figure.legend(
         list(shown.values()),
         list(shown),

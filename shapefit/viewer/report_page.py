@@ -36,7 +36,7 @@ def report_page(
         for heading, images in (links or {}).items():
             lines = "".join(_link(view, item, line) for item, line in images)
             body.append(f'<h3>{escape(heading)}</h3><ul class="images">{lines}</ul>')
-    body += _provenance(provenance)
+    body += [_further([]), *_provenance(provenance)]
     return fill(
         resource("report.html"),
         style=resource("report.css"),
@@ -44,6 +44,17 @@ def report_page(
         title=escape(blocks[0].removeprefix("# ")),
         body="\n".join(body),
     )
+
+
+def _further(blocks: Sequence[str]) -> str:
+    body = "\n".join(_html(block, {}) for block in blocks)
+    return f'<section id="further">{body}</section>'
+
+
+def add_section(page: str, blocks: Sequence[str]) -> str:
+    """Return a page of `report_page` with blocks before how it was made, in place of such."""
+    section = re.compile(re.escape(_further([])).replace("><", ">.*?<"), re.DOTALL)
+    return section.sub(lambda _: _further(blocks), page, count=1)
 
 
 def _html(block: str, drawings: Mapping[str, bytes]) -> str:
@@ -76,6 +87,9 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _cell(cell: str) -> str:
+    """Return a cell; what stands between asterisks is quoted from elsewhere."""
+    if quoted := re.fullmatch(r"\*(.+)\*", cell):
+        return f"<bdi><i>{escape(quoted[1])}</i></bdi>"
     return f"<bdi>{escape(cell)}</bdi>"
 
 

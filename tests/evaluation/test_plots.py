@@ -33,13 +33,27 @@ def test_bars_are_the_means_of_sequences_and_of_groups():
     assert first.get_ylabel() == "mean error (m)"
 
 
-def test_boxes_are_the_quartiles_of_the_images_that_did_not_fail():
+def test_boxes_are_the_quartiles_of_the_images_that_did_not_fail_as_in_the_tables():
+    """Of several sequences the mean of theirs: medians 2 and 6, where that of all images is 3."""
     first, second = draw_boxes([errors()], GROUPS).axes
     (box,) = first.patches
     bottom, top = box.get_path().vertices[:, 1].min(), box.get_path().vertices[:, 1].max()
-    assert (bottom, top) == tuple(np.percentile([1, 3, 6], (25, 75)))
-    assert [text.get_text() for text in first.texts] == ["3"]
+    assert (bottom, top) == ((1.5 + 6) / 2, (2.5 + 6) / 2)
+    assert [text.get_text() for text in first.texts] == ["4"]
     assert [text.get_text() for text in second.texts] == ["5"]
+    in_tables = [s.median for s in summarise(errors(), GROUPS) if s.sequence is None]
+    assert in_tables == [4, 5]
+
+
+def test_titles_fit_above_their_panels():
+    groups = {"the first of all of the subjects that were ever seen": ("13_1",), "14": ("14_1",)}
+    figure = draw_boxes([errors()], groups)
+    figure.draw_without_rendering()
+    for text in (figure._suptitle, *(axis.title for axis in figure.axes)):
+        box = text.get_window_extent()
+        assert box.x0 >= 0
+        assert box.x1 <= figure.bbox.width
+    assert "\n" in figure.axes[0].get_title()
 
 
 def test_files_are_the_same_every_time_and_need_no_screen(tmp_path):

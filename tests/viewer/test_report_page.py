@@ -10,7 +10,7 @@ from shapefit.evaluation.report import markdown_table
 from shapefit.evaluation.summaries import ImageErrors
 from shapefit.pipelines.evaluate import run as evaluate
 from shapefit.pipelines.evaluate.run import RANKED, rank
-from shapefit.viewer.report_page import report_page
+from shapefit.viewer.report_page import add_section, report_page
 
 BLOCKS = [
     "# Errors",
@@ -46,6 +46,17 @@ def test_tables_sort_by_number_up_and_down(tmp_path, open_page):
     assert page.run("return document.querySelector('figure img').complete")
     assert page.complaints() == []
     assert page.requests() == []
+
+
+def test_further_blocks_stand_once_before_how_it_was_made():
+    page = report_page(BLOCKS, drawings={"bars.svg": DRAWING}, provenance={"version": "1"})
+    table = markdown_table(["method", "13"], [["*PMP*", "0.390"], ["<b>", "1"]])
+    added = add_section(add_section(page, ["## Old"]), ["## Published", table])
+    assert "Old" not in added
+    for text in ("<h2>Published</h2>", "<i>PMP</i>", "0.390", "&lt;b&gt;"):
+        assert added.count(text) == 1
+        assert added.index("</figure>") < added.index(text) < added.index("How it was made")
+    assert add_section(added, []) == page
 
 
 @pytest.mark.parametrize("decimals", [0, 1, 9], ids=["all-equal", "ties", "no-ties"])
