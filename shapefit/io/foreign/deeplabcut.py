@@ -18,13 +18,14 @@ from shapefit.errors import InputError, abbreviate, input_error, listed, printab
 from shapefit.io.foreign.recording import (
     Edges,
     Recording,
+    at,
+    expect,
     image_labels,
     number_labels,
     read_yaml,
 )
 from shapefit.io.foreign.text_table import Table
 from shapefit.io.foreign.trackers import TrackerFile, text
-from shapefit.io.hdf5_file import DAMAGED
 from shapefit.io.inputs import is_stream
 from shapefit.io.tidy_table import read_numbers
 from shapefit.stores import UrlPath
@@ -32,6 +33,10 @@ from shapefit.stores import UrlPath
 COORDINATES = ("x", "y", "z", "likelihood")
 
 SAVE = "save the table again with DeepLabCut"
+
+Columns = list[tuple[str, ...]]
+Blocks = list[tuple[Columns, NDArray[Any]]]
+"""Names of columns, and their numbers (n, columns)."""
 
 
 @dataclass(frozen=True)
@@ -75,45 +80,37 @@ def arrange(place: str, columns: Sequence[tuple[str, ...]]) -> Layout:
     them only is missing for the others. Columns of other coordinates are left out, with a note.
     Raises InputError for columns that are there twice, and for coordinates without the others.
     """
-    if not columns:
-        raise input_error(place, "has no columns of coordinates", SAVE)
-    depth = len(columns[0])
-    if depth not in (3, 4) or any(len(column) != depth for column in columns):
-        found = f"its columns have {depth} names each"
-        raise input_error(place, found, f"{SAVE}: scorer, (individual,) body part, coordinate")
     number: dict[tuple[str, str, str], int] = {}
     others: dict[str, None] = {}
-    for place_in_row, column in enumerate(columns):
-        key = (column[1] if depth == 4 else "", column[-2], column[-1])
-        if key[2] not in COORDINATES:
-            others.setdefault(printable(key[2]))
-            continue
-        if key in number:
-            scorers = abbreviate(sorted({printable(other[0]) for other in columns}))
-            found = f"{key[2]} of {printable(' '.join(key[:2]).strip())} is there twice"
-            raise input_error(place, found, f"keep the columns of one scorer (here {scorers})")
-        number[key] = place_in_row
-    individuals = tuple(dict.fromkeys(key[0] for key in number))
-    landmarks = tuple(dict.fromkeys(key[1] for key in number))
-    present = {key[2] for key in number}
-    axes = [axis for axis in COORDINATES[:3] if axis in present]
-    if axes[:2] != ["x", "y"]:
-        have = f" ({abbreviate(list(others))})" if others else ""
-        raise input_error(place, f"has no columns x and y{have}", SAVE)
-    for who, landmark in {key[:2] for key in number}:
-        if lost := [axis for axis in axes if (who, landmark, axis) not in number]:
-            found = f"{printable(landmark)} has no column {lost[0]}"
-            raise input_error(place, found, "add it, or remove the landmark")
-    missing = len(columns)
+    depths = {len(column) for column in columns}
+    with at(place, f"{SAVE}, with the columns of one scorer, x and y for each body part"):
+        expect(columns, "has no columns of coordinates")
+        expect(depths in ({3}, {4}), f"its columns have {abbreviate([*map(str, depths)])} names")
+        for place_in_row, column in enumerate(columns):
+            key = (column[1] if len(column) == 4 else "", column[-2], column[-1])
+            if key[2] not in COORDINATES:
+                others.setdefault(printable(key[2]))
+                continue
+            expect(key not in number, f"{key[2]} of {' '.join(key[:2]).strip()} is there twice")
+            number[key] = place_in_row
+        individuals, landmarks, present = (
+            tuple(dict.fromkeys(key[level] for key in number)) for level in range(3)
+        )
+        axes = [axis for axis in COORDINATES[:3] if axis in present]
+        expect(axes[:2] == ["x", "y"], f"has no columns x and y ({abbreviate([*others])})")
+        for who, landmark in {key[:2] for key in number}:
+            lost = [axis for axis in axes if (who, landmark, axis) not in number]
+            expect(not lost, f"{landmark} has no column {''.join(lost[:1])}")
 
     def find(axis: str) -> NDArray[np.intp]:
+        missing = len(columns)
         return np.array(
             [[number.get((who, name, axis), missing) for name in landmarks] for who in individuals],
             dtype=np.intp,
         )
 
     return Layout(
-        individuals if depth == 4 else (),
+        individuals if depths == {4} else (),
         landmarks,
         np.stack([find(axis) for axis in axes], axis=-1),
         find("likelihood") if "likelihood" in present else None,
@@ -143,9 +140,9 @@ def read_csv(paths: tuple[Path, ...]) -> Recording:
             raise input_error(f"{path}:1", f"there is no line {name!r}", SAVE)
     coords = header["coords"]
     levels = [header[name] for name in HEADER[1:] if name in header]
-    if sizes := sorted({len(level) for level in levels} - {len(coords)}):
-        found = f"the lines of names have {sizes[0]} and {len(coords)} cells"
-        raise input_error(f"{path}:1", found, "give each column a name in each line")
+    with at(f"{path}:1", "give each column a name in each line"):
+        sizes = sorted({*map(len, levels)})
+        expect(len(sizes) == 1, f"the lines of names have {' and '.join(map(str, sizes))} cells")
     named = [column for column in range(1, len(coords)) if coords[column]]
     scorers = [*header.get("scorer", []), *[""] * len(coords)]
     columns = [(scorers[at], *(level[at] for level in levels)) for at in named]
@@ -201,41 +198,36 @@ ALLOWED = frozenset(
 )
 """Opcodes of lists and tuples of names and numbers in protocol 0, which can execute nothing."""
 
-BROKEN = (ValueError, IndexError, KeyError, TypeError, AttributeError, EOFError, OverflowError)
-"""What the standard library raises for pickles that are cut off or damaged."""
-
 FIX = "save it as CSV"
 
 
-def names_of(place: str, pickled: Any) -> list[Any]:
-    """Return the list that an attribute at `place` holds.
+def names_of(place: str, pickled: Any) -> Columns:
+    """Return the list of names of columns that an attribute at `place` holds as a pickle.
 
     Raises InputError for what is not such a list, naming the opcode where there is another.
     """
-    if not isinstance(pickled, bytes):
-        raise input_error(place, "holds no list of names", FIX)
+    pickled = pickled.encode() if isinstance(pickled, str) else pickled
     try:
-        for code, argument, _ in pickletools.genops(pickled):
-            if code.name not in ALLOWED:
-                found = f"holds the opcode {code.name}, which is not read here"
-                raise input_error(place, found, FIX)
-            if code.name == "PUT" and int(argument or 0) > len(pickled):
-                raise ValueError(f"it puts {argument} names aside")  # pickle would make room
-        names = pickle.loads(pickled)
-    except (*BROKEN, pickle.UnpicklingError) as error:
-        text = printable(str(error).partition("\n")[0])
-        raise input_error(place, f"holds a list that cannot be read ({text})", FIX) from error
-    if not isinstance(names, list):
-        raise input_error(place, "holds no list of names", FIX)
-    return names
+        with at(place, FIX):
+            expect(isinstance(pickled, bytes), "holds no list of names")
+            for code, argument, _ in pickletools.genops(pickled):
+                known = code.name in ALLOWED
+                expect(known, f"holds the opcode {code.name}, which is not read here")
+                if code.name == "PUT":  # pickle would make room
+                    few = int(argument or 0) <= len(pickled)
+                    expect(few, f"it puts {argument} names aside")
+            names = pickle.loads(pickled)
+            whole = isinstance(names, list) and all(isinstance(one, tuple) for one in names)
+            expect(whole, "holds no list of names")
+            return [tuple(map(str, name)) for name in names]
+    except (pickle.UnpicklingError, EOFError) as error:
+        raise input_error(place, f"holds a list that cannot be read ({error})", FIX) from error
 
 
 KEYS = ("df_with_missing", "tracks")
 """Groups that DeepLabCut writes; another one is read where it is the only one."""
 
 TABLE, FIXED = "frame_table", "frame"
-
-Columns = list[tuple[str, ...]]
 
 
 def read_hdf5(paths: tuple[Path, ...]) -> Recording:
@@ -251,9 +243,10 @@ def read_hdf5(paths: tuple[Path, ...]) -> Recording:
         kind = text(file.attribute("pandas_type", key) or "")
         if kind not in (TABLE, FIXED):
             raise file.fault(key, f"is a {printable(kind)} of pandas, not a table of frames", FIX)
-        read = _read_table if kind == TABLE else _read_fixed
-        columns, values, labels = read(file, key)
+        blocks, labels = (_read_table if kind == TABLE else _read_fixed)(file, key)
+        columns = [column for own, _ in blocks for column in own]
         layout = arrange(file.place(key), columns)
+        values = np.concatenate([_numbers(block, len(own)) for own, block in blocks], axis=1)
     return layout.recording(path, values, labels)
 
 
@@ -263,109 +256,80 @@ def _key(file: TrackerFile) -> str:
         nodes = {name: file.root.get(name) for name in file.root}
         found = [n for n, one in nodes.items() if one is not None and "pandas_type" in one.attrs]
     known = [key for key in KEYS if key in found] or found
-    if len(known) == 1:
-        return known[0]
-    if not known:
-        raise input_error(file.path, "holds no table of pandas", DAMAGED)
-    tables = listed(map(printable, known), "and")
-    fix = "save one of them in a file of its own"
-    raise input_error(file.path, f"holds the tables {tables}", fix)
+    if len(known) != 1:
+        tables = listed(map(printable, known), "and") if known else "none"
+        fix = "save one of them in a file of its own"
+        raise input_error(file.path, f"holds the tables {tables} of pandas", fix)
+    return known[0]
 
 
-def _read_table(file: TrackerFile, key: str) -> tuple[Columns, Floats, list[str]]:
-    """Return names of columns, numbers (n, columns) and labels of frames of the table layout."""
+def _numbers(values: Any, columns: int) -> Floats:
+    """Return a block (n, columns) as numbers."""
+    values = values[:, None] if values.ndim == 1 else values
+    expect(values.dtype.kind in "biuf", "holds pickled values, not numbers; save it as CSV")
+    expect(values.shape[1:] == (columns,), f"has the shape {values.shape} for {columns} columns")
+    return np.asarray(values, np.float64)
+
+
+def _labels(file: TrackerFile, name: str, values: NDArray[Any], *, texts: bool) -> list[str]:
+    """Return what the frames are called that an index numbers or names."""
+    if texts:
+        return image_labels([text(value) for value in values.tolist()])
+    expect(values.dtype.kind in "iuf" and values.ndim == 1, "its index is no number")
+    return number_labels(file.place(name), values)
+
+
+def _read_table(file: TrackerFile, key: str) -> tuple[Blocks, list[str]]:
+    """Return the blocks of the table layout, and labels of its frames."""
     table = f"{key}/table"
-    fields = file.fields(table)
-    if "index" not in fields:
-        raise file.fault(table, "has no column 'index' for the frames", FIX)
-    columns: Columns = []
-    parts = []
-    rows: Any = None
-    for field in (name for name in fields if name != "index"):
-        place = f"{file.place(table)}@{printable(field)}_kind"
-        pickled = file.attribute(f"{field}_kind", table)
-        own = names_of(place, pickled.encode() if isinstance(pickled, str) else pickled)
-        for column in own:
-            if not isinstance(column, tuple):
-                raise input_error(place, f"names a column {printable(repr(column))}", FIX)
-        rows = file.rows(table) if rows is None else rows
-        parts.append(_numbers(file, table, rows[field], len(own)))
-        columns += [tuple(map(str, column)) for column in own]
-    if not parts:
-        raise file.fault(table, "has no numbers", FIX)
-    index = rows["index"]
-    if text(file.attribute("index_kind", table) or "").startswith("string"):
-        labels = image_labels([text(value) for value in index])
-    elif index.dtype.kind not in "iuf" or index.ndim != 1:
-        raise file.fault(table, "its index is no number", FIX)
-    else:
-        labels = number_labels(file.place(table), index)
-    return columns, np.concatenate(parts, axis=1), labels
+    rows = file.table(table, "index")
+    blocks = [
+        (
+            names_of(
+                f"{file.place(table)}@{printable(field)}_kind",
+                file.attribute(f"{field}_kind", table),
+            ),
+            rows[field],
+        )
+        for field in rows.dtype.names
+        if field != "index"
+    ]
+    texts = text(file.attribute("index_kind", table) or "").startswith("string")
+    return blocks, _labels(file, table, rows["index"], texts=texts)
 
 
-def _read_fixed(file: TrackerFile, key: str) -> tuple[Columns, Floats, list[str]]:
+def _read_fixed(file: TrackerFile, key: str) -> tuple[Blocks, list[str]]:
     """Return the same of the fixed layout, whose columns are levels and codes."""
-    columns: Columns = []
-    parts = []
+    blocks: Blocks = []
     count = file.attribute("nblocks", key)
     for number in range(count if isinstance(count, int) and 0 <= count < 100 else 1):
-        dataset = f"{key}/block{number}_values"
-        if text(file.attribute(f"block{number}_items_variety", key) or "") != "multi":
-            raise file.fault(dataset, "its columns have no levels (scorer, bodyparts, coords)", FIX)
         own = _levels(file, f"{key}/block{number}_items")
-        rows, width = file.shape(dataset, "frames, columns")
-        transposed = not file.attribute("transposed", dataset)
-        if (rows if transposed else width) != len(own):
-            raise file.fault(dataset, f"has the shape {(rows, width)} for {len(own)} columns")
+        dataset = f"{key}/block{number}_values"
         values = file.rows(dataset)
-        parts.append(_numbers(file, dataset, values.T if transposed else values, len(own)))
-        columns += own
-    if not parts:
-        raise file.fault(key, "has no numbers", FIX)
+        blocks.append((own, values if file.attribute("transposed", dataset) else values.T))
     axis = f"{key}/axis0"
-    if file.is_dataset(f"{axis}_level0") and sorted(_levels(file, axis)) != sorted(columns):
-        raise file.fault(axis, "names other columns than its blocks")
-    labels = _fixed_labels(file, key)
-    if len(labels) != len(parts[0]):
-        found = f"names {len(labels)} frames, and there are {len(parts[0])}"
-        raise file.fault(f"{key}/axis1", found)
-    return columns, np.concatenate(parts, axis=1), labels
-
-
-def _fixed_labels(file: TrackerFile, key: str) -> list[str]:
-    """Return what the frames are called in the fixed layout."""
+    if file.is_dataset(f"{axis}_level0"):
+        columns = sorted(column for own, _ in blocks for column in own)
+        expect(sorted(_levels(file, axis)) == columns, "names other columns than its blocks")
     axis = f"{key}/axis1"
     if text(file.attribute("axis1_variety", key) or "") == "multi":
-        return image_labels(["/".join(filter(None, row)) for row in _levels(file, axis)])
-    values = np.ravel(file.rows(axis))
-    if values.dtype.kind in "iuf":
-        return number_labels(file.place(axis), values)
-    return image_labels([text(value) for value in values.tolist()])
+        labels = image_labels(["/".join(filter(None, row)) for row in _levels(file, axis)])
+    else:
+        values = np.ravel(file.rows(axis))
+        labels = _labels(file, axis, values, texts=values.dtype.kind not in "iuf")
+    rows = len(blocks[0][1])
+    expect(len(labels) == rows, f"names {len(labels)} frames, and there are {rows}")
+    return blocks, labels
 
 
 def _levels(file: TrackerFile, start: str) -> Columns:
     """Return the names that levels and codes stand for, one tuple each."""
     levels: list[list[str]] = []
-    while file.is_dataset(f"{start}_level{len(levels)}"):
-        number = len(levels)
-        known = [text(value) for value in np.ravel(file.rows(f"{start}_level{number}")).tolist()]
-        codes = np.ravel(file.rows(f"{start}_label{number}"))
-        if codes.dtype.kind not in "iu" or ((codes < -1) | (codes >= len(known))).any():
-            raise file.fault(f"{start}_label{number}", "are no codes")
-        levels.append(["" if code < 0 else known[code] for code in codes.tolist()])
-    if not levels or len({len(level) for level in levels}) > 1:
-        raise file.fault(start, "its levels do not go together")
+    while file.is_dataset(place := f"{start}_level{len(levels)}"):
+        known = [*map(text, np.ravel(file.rows(place)).tolist()), ""]
+        codes = np.ravel(file.rows(f"{start}_label{len(levels)}"))
+        expect(codes.dtype.kind in "iu" and (codes >= -1).all(), "are no codes")
+        expect((codes < len(known) - 1).all(), "are no codes")
+        levels.append([known[code] for code in codes.tolist()])
+    expect(levels, f"has no names for the columns of {start}")
     return list(zip(*levels, strict=True))
-
-
-def _numbers(file: TrackerFile, dataset: str, values: Any, columns: int) -> Floats:
-    """Return a block as numbers (n, columns)."""
-    values = np.asarray(values)
-    if values.ndim == 1:
-        values = values[:, None]
-    if values.dtype.kind not in "biuf":
-        raise file.fault(dataset, "holds pickled values, not numbers", FIX)
-    if values.shape[1:] != (columns,):
-        found = f"has rows of {values.shape[1:]} numbers for {columns} columns"
-        raise file.fault(dataset, found)
-    return values.astype(np.float64, copy=False)

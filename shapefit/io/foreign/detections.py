@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted, input_error, listed
-from shapefit.io.foreign.recording import ANYBODY, Recording, take_instances
+from shapefit.io.foreign.recording import ANYBODY, Recording, at, take_instances
 from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
 
 CHECK = "check what wrote the file"
@@ -129,33 +129,30 @@ class Detections:
     """What grows while files are read, one entry for each detection.
 
     name and video as in a Recording; `several`, whether there are several videos; unordered,
-    whether they are images of no video; numbers, x, y and, with `step` 3, the confidence of each
-    landmark, empty where nothing was found; scores, the confidences where they stand by themselves;
-    frames, or what the file calls the image until `in_images`; identities what the file calls who
-    it is, None or a negative number where it does not know.
+    whether they are images of no video; numbers, x, y and the confidence of each landmark, empty
+    where nothing was found; frames, or what the file calls the image until `in_images`; identities
+    what the file calls who it is, None or a negative number where it does not know.
     """
 
     name: str
     video: str
-    step: int = 3
     unordered: bool = False
     several: bool = False
     numbers: list[Sequence[float]] = field(default_factory=list)
-    scores: list[Sequence[float]] = field(default_factory=list)
     frames: list[Any] = field(default_factory=list)
     identities: list[Any] = field(default_factory=list)
 
     @classmethod
-    def in_file(cls, path: Path, step: int = 3) -> Self:
+    def in_file(cls, path: Path) -> Self:
         """Begin with those of one file."""
-        return cls(str(path), path.name.partition(".")[0], step)
+        return cls(str(path), path.name.partition(".")[0])
 
     @classmethod
-    def in_files(cls, images: Images, step: int = 3) -> Self:
+    def in_files(cls, images: Images) -> Self:
         """Begin with those of files of a frame each, of one video or several."""
         unordered = not all(frame.label.isdigit() for frame in images.frames)
         several = len({frame.video for frame in images.frames}) > 1
-        return cls(images.name, images.video, step, unordered, several)
+        return cls(images.name, images.video, unordered, several)
 
     def add(self, numbers: Sequence[float], frame: Any, who: Any) -> None:
         """Add a detection in a frame of a video, or an image, and whom the file calls it."""
@@ -178,48 +175,29 @@ class Detections:
         if len(set(names)) < len(names):
             names = list(map(str, called.values()))
         frames = enumerate(zip(called, names, strict=True))
-        at = {image: Frame(Path(), self.video, number, name) for number, (image, name) in frames}
-        self.frames = [at[image] for image in self.frames]
+        place = {image: Frame(Path(), self.video, at, name) for at, (image, name) in frames}
+        self.frames = [place[image] for image in self.frames]
         self.unordered = not are_series(names)
         return len(called)
 
     def values(self) -> Floats:
-        """Return the numbers (N, p, step), NaN where a detection has none or they are not finite.
+        """Return the numbers (N, p, 3), NaN where a detection has none or they are not finite.
 
         Raises InputError where detections have different numbers of landmarks, and for texts.
         """
-        return _numbers(self.numbers, self.step, self.name)
-
-    def confidence(self) -> Floats:
-        """Return the scores (N, p), as `values` returns the numbers."""
-        return _numbers(self.scores, 1, self.name)[..., 0]
-
-
-def image_key(image: Any, place: str) -> int | float | str:
-    """Return what identifies an image. Raises InputError at `place` for what cannot."""
-    if not isinstance(image, int | float | str):
-        raise input_error(place, f"no image ({str(image)[:40]})", "name images by number or text")
-    return image
-
-
-def _numbers(given: list[Sequence[float]], step: int, name: str) -> Floats:
-    sizes = Counter(map(len, filter(None, given)))
-    width = next(iter(sizes), 0)
-    if strange := [size for size in sizes if size % step]:
-        found = f"a detection of {strange[0]} numbers, which are not {step} for each landmark"
-        raise input_error(name, found, CHECK)
-    if len(sizes) > 1:
-        kinds = [f"{n} detections with {s // step}" for s, n in sorted(sizes.items())]
-        fix = "give the files of each skeleton in a separate call"
-        raise input_error(name, f"several skeletons: {listed(kinds, 'and')} landmarks", fix)
-    nothing = [math.nan] * width
-    try:
-        values = np.array([row or nothing for row in given], dtype=np.float64)
-        values = values.reshape(len(given), width // step, step)
-    except (ValueError, TypeError, OverflowError) as error:
-        found = f"keypoints that are not numbers ({str(error)[:80]})"
-        raise input_error(name, found, CHECK) from error
-    return np.where(np.isfinite(values), values, np.nan)
+        sizes = Counter(map(len, filter(None, self.numbers)))
+        if len(sizes) > 1:
+            kinds = [f"{n} detections with {s // 3}" for s, n in sorted(sizes.items())]
+            fix = "give the files of each skeleton in a separate call"
+            raise input_error(
+                self.name, f"several skeletons: {listed(kinds, 'and')} landmarks", fix
+            )
+        width = next(iter(sizes), 0)
+        nothing = [math.nan] * width
+        with at(self.name, CHECK):
+            values = np.array([row or nothing for row in self.numbers], dtype=np.float64)
+            values = values.reshape(len(self.numbers), width // 3, 3)
+        return np.where(np.isfinite(values), values, np.nan)
 
 
 NAMED_BY_COUNT: Mapping[int, str] = {17: "coco_17", 26: "halpe_26", 33: "mediapipe_33"}
@@ -228,33 +206,38 @@ NAMED_BY_COUNT: Mapping[int, str] = {17: "coco_17", 26: "halpe_26", 33: "mediapi
 
 def as_recording(
     detections: Detections,
-    values: Floats,
-    missing: NDArray[np.bool_],
-    *,
-    confidence: Floats | None = None,
     frames: int,
+    values: Floats | None = None,
+    missing: NDArray[np.bool_] | None = None,
+    *,
+    scored: bool = True,
     notes: tuple[str, ...] = (),
     **further: Any,
 ) -> Recording:
-    """Return a recording of detections.
+    """Return a recording of detections in so many frames.
 
-    values (N, p, 2 or more) are what was read, x and y first; missing (N, p). Where nobody was
-    found, the recording is empty and says so. `further` are fields of a Recording; without names
-    landmarks are those of the skeleton that detectors mean by their number.
+    values (N, p, 3) are x, y and the confidence, by default those of the detections, and `missing`
+    (N, p) by default those without confidence; the others say how sure they are where they are
+    `scored`. Where nobody was found, the recording is empty and says so. `further` are fields of a
+    Recording; without names landmarks are those of the skeleton that detectors mean by their
+    number.
     """
+    values = detections.values() if values is None else values
+    missing = np.asarray(~(values[..., 2] > 0)) if missing is None else missing
     if not values.size:
         notes += (f"nobody was found in {counted(frames, 'frame')}",)
-        values, missing = np.empty((0, 0, 2)), np.empty((0, 0), bool)
-        confidence, further = None, {"landmark_names": ()}
+        values, missing = np.empty((0, 0, 3)), np.empty((0, 0), bool)
+        scored, further = False, {"landmark_names": ()}
         detections = Detections(detections.name, detections.video)
     people, individuals, doubts = _identities(detections)
     known = NAMED_BY_COUNT.get(values.shape[1])
     further.setdefault("default_keypoints", None if further.get("landmark_names") else known)
     videos = [frame.video for frame in detections.frames]
     numbers = np.array([frame.number for frame in detections.frames], dtype=np.int64)
+    weights = np.where(missing, 0.0, np.nan_to_num(values[..., 2]))
     instances = {
         "points": np.where(missing[..., None], np.nan, values[..., :2]),
-        "confidence": None if confidence is None else np.where(missing, 0.0, confidence),
+        "confidence": weights if scored else None,
         "frames": numbers,
         "labels": [frame.label for frame in detections.frames],
         "individuals": individuals,

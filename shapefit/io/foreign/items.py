@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
-from shapefit.io.foreign.recording import ANYBODY, FRACTION, Recording, take_instances
+from shapefit.io.foreign.recording import ANYBODY, FRACTION, Recording, at, take_instances
 from shapefit.io.formats import FORMATS, FileFormat, load
 from shapefit.io.inputs import source_name
 from shapefit.io.layout import EDGES
@@ -79,7 +79,8 @@ def read_recording(known: FileFormat, paths: tuple[Path, ...]) -> Recording:
     running = gc.isenabled()
     gc.disable()
     try:
-        found: Recording = load(known.recorder)(paths)
+        with at(source_name(paths[0]), f"give {known.title} as its program writes it"):
+            found: Recording = load(known.recorder)(paths)
     finally:
         if running:
             gc.enable()

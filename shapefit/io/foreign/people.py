@@ -1,37 +1,68 @@
 """JSON of detectors of people: OpenPose, AlphaPose, COCO, MMPose, MediaPipe.
 
 All of them write x, y and a confidence of each landmark, people of a frame in any order, as a rule
-without an identity over frames.
+without an identity over frames. They differ in where the people of a frame stand.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from itertools import chain
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.errors import abbreviate, counted, input_error
+from shapefit.errors import abbreviate, counted
 from shapefit.io.foreign.detections import (
     CHECK,
     Detections,
     Frame,
     as_recording,
-    image_key,
     images_in,
     read_json,
 )
 from shapefit.io.foreign.items import are_fractions
-from shapefit.io.foreign.recording import FRACTION, Edges, Recording, edges_of, video_name
+from shapefit.io.foreign.recording import (
+    FRACTION,
+    Edges,
+    Recording,
+    at,
+    check_names,
+    edges_of,
+    expect,
+    video_name,
+)
 from shapefit.io.layout import UNKNOWN_UNIT
 
 PEOPLE = ("people", "bodies")
-POSE = ("pose_keypoints_2d", "pose_keypoints", "joints")
+POSE = ("pose_keypoints_2d", "pose_keypoints", "joints", "keypoints")
+WHO = ("person_id", "track_id", "idx")
 OTHERS = ("face_keypoints_2d", "hand_left_keypoints_2d", "hand_right_keypoints_2d")
+
+
+def _add(
+    found: Detections, frame: Any, people: Any, place: str | Path, *, needed: bool = False
+) -> None:
+    """Add the people of a frame or an image, who may have no landmarks unless they are `needed`.
+
+    The landmarks of each are x, y, confidence in one list, or [x, y] beside `keypoint_scores`.
+    """
+    with at(place, CHECK):
+        expect(isinstance(people, list), "no list of people")
+        for person in people:
+            points = next((person[key] for key in POSE if person.get(key) is not None), None)
+            expect(points is not None or not needed, "a person without keypoints")
+            points = [] if points is None else points
+            expect(isinstance(points, list), "keypoints that are no list")
+            if points and isinstance(points[0], list):
+                scores = person.get("keypoint_scores")
+                scored = zip(points, [1.0] * len(points) if scores is None else scores, strict=True)
+                points = [number for (x, y), score in scored for number in (x, y, score)]
+            expect(len(points) % 3 == 0, f"a person of {len(points)} numbers, not 3 a landmark")
+            who = next((person[key] for key in WHO if person.get(key) is not None), None)
+            found.add(points, frame, who)
 
 
 def read_openpose(paths: tuple[Path, ...]) -> Recording:
@@ -41,50 +72,33 @@ def read_openpose(paths: tuple[Path, ...]) -> Recording:
     `person_id` is not -1.
     """
     images = images_in(paths, ".json")
-    detections = Detections.in_files(images)
+    found = Detections.in_files(images)
     strange: list[str] = []
     further = 0
     for frame in images.frames:
         people = _people_of(read_json(frame.path))
         if people is None:
             strange.append(frame.path.name)
-        for person in people or ():
-            detections.add(_keypoints_of(person, frame.path), frame, person.get("person_id"))
-            further += any(person.get(key) for key in OTHERS)
+        else:
+            _add(found, frame, people, frame.path)
+            further += sum(any(person.get(key) for key in OTHERS) for person in people)
     notes: tuple[str, ...] = ()
     if strange:
         lost = f"{counted(len(strange), 'file')} without people left out ({abbreviate(strange)})"
         notes += (lost,)
     if further:
         notes += (f"hands and faces left out, of {counted(further, 'detection')}",)
-    values = detections.values()
-    scores, frames = values[..., 2], len(images.frames) - len(strange)
-    return as_recording(
-        detections, values, ~(scores > 0), confidence=scores, frames=frames, notes=notes
-    )
+    return as_recording(found, len(images.frames) - len(strange), notes=notes)
 
 
-def _people_of(contents: Any) -> Sequence[Any] | None:
+def _people_of(contents: Any) -> list[Any] | None:
     """Return the people of a frame; None where the file is not of this kind."""
     if not isinstance(contents, dict):
         return None
     for key in PEOPLE:
         if key in contents and isinstance(people := contents[key] or [], list):
             return people
-    return () if contents.keys() <= {"version", "part_candidates"} else None
-
-
-def _keypoints_of(person: Any, place: str | Path) -> list[float]:
-    """Return x, y and confidence of each landmark of a person, as they stand in the file."""
-    if not isinstance(person, dict):
-        raise input_error(place, "a person that is no object", CHECK)
-    found: Any = next((person[key] for key in POSE if person.get(key) is not None), [])
-    if not isinstance(found, list):
-        raise input_error(place, "keypoints that are no list", CHECK)
-    if len(found) % 3:
-        what = f"a person of {len(found)} numbers, which are not 3 for each landmark"
-        raise input_error(place, what, CHECK)
-    return found
+    return [] if contents.keys() <= {"version", "part_candidates"} else None
 
 
 def read_alphapose(paths: tuple[Path, ...]) -> Recording:
@@ -93,41 +107,31 @@ def read_alphapose(paths: tuple[Path, ...]) -> Recording:
     {image: {version, people: [{pose_keypoints_2d}]}} or {image: {version, bodies: [{joints}]}}; the
     folder `sep-json` beside it has a file for each image, which is OpenPose's layout.
     """
-    path, fix = paths[0], "give AlphaPose's results"
-    found = read_json(path)
-    if not isinstance(found, dict):
-        raise input_error(path, "is no object of images", fix)
-    detections = Detections.in_file(path)
-    for image, contents in found.items():
-        people = _people_of(contents)
-        if people is None:
-            raise input_error(f"{path}: {image}", "no list of people", fix)
-        for person in people:
-            detections.add(_keypoints_of(person, f"{path}: {image}"), image, person.get("idx"))
-    frames = detections.in_images((image, image) for image in found)
-    detections.unordered = False
-    values = detections.values()
-    confidence, notes = _scaled(values[..., 2], [*found])
-    missing = np.asarray(~(values[..., 2] > 0))
-    return as_recording(
-        detections, values, missing, confidence=confidence, frames=frames, notes=notes
-    )
+    path = paths[0]
+    contents = read_json(path)
+    found = Detections.in_file(path)
+    for image, frame in contents.items():
+        _add(found, image, _people_of(frame), f"{path}: {image}")
+    frames = found.in_images((image, image) for image in contents)
+    found.unordered = False
+    values, notes = _scaled(found.values(), [*contents])
+    return as_recording(found, frames, values, notes=notes)
 
 
 ALPHAPOSE_LARGEST, SURELY_NOT_OF_1 = 6.0, 2.0
 
 
-def _scaled(confidence: Floats, images: Sequence[Any]) -> tuple[Floats, tuple[str, ...]]:
-    """Bring AlphaPose's confidences of COCO's models to 0..1.
+def _scaled(values: Floats, images: Sequence[Any]) -> tuple[Floats, tuple[str, ...]]:
+    """Bring AlphaPose's confidences (N, p, 3: the last) of COCO's models to 0..1.
 
     AlphaPose, whose image_id is the name of a file, states a scale of 0 to 6, and newer models of
     it give 0 to 1: where one in such a file is above 2, all are divided by 6.
     """
     named = all(isinstance(image, str) for image in images)
-    if not named or not confidence.size or not np.nanmax(confidence, initial=0) > SURELY_NOT_OF_1:
-        return confidence, ()
+    if not named or not np.nanmax(values[..., 2], initial=0) > SURELY_NOT_OF_1:
+        return values, ()
     note = f"confidences divided by {ALPHAPOSE_LARGEST:g}, the largest that AlphaPose states"
-    return confidence / ALPHAPOSE_LARGEST, (note,)
+    return values / [1.0, 1.0, ALPHAPOSE_LARGEST], (note,)
 
 
 def read_coco_results(paths: tuple[Path, ...]) -> Recording:
@@ -137,24 +141,23 @@ def read_coco_results(paths: tuple[Path, ...]) -> Recording:
     landmark of 0, 0, 0 is missing, others of confidence 0 have no weight.
     """
     path = paths[0]
-    found = read_json(path)
-    if not isinstance(found, list):
-        raise input_error(path, "is no list of results", "give COCO results")
-    detections = Detections.in_file(path)
-    for number, entry in enumerate(found):
-        place = f"{path}:[{number}]"
-        if not isinstance(entry, dict) or not isinstance(entry.get("keypoints"), list):
-            raise input_error(place, "no keypoints", "give COCO results of keypoints")
-        image = image_key(entry.get("image_id"), place)
-        detections.add(entry["keypoints"], image, entry.get("track_id", entry.get("idx")))
-    images = list(detections.frames)
-    frames = detections.in_images()
-    values = detections.values()
-    confidence, notes = _scaled(values[..., 2], images)
+    found = Detections.in_file(path)
+    for number, entry in enumerate(read_json(path)):
+        with at(f"{path}:[{number}]", "give COCO results of keypoints"):
+            expect(isinstance(entry["keypoints"], list), "no keypoints")
+            image = _image(entry["image_id"])
+        _add(found, image, [entry], f"{path}:[{number}]")
+    images = list(found.frames)
+    frames = found.in_images()
+    values, notes = _scaled(found.values(), images)
     missing = np.asarray(~values.any(axis=2) | np.isnan(values).any(axis=2))
-    return as_recording(
-        detections, values, missing, confidence=confidence, frames=frames, notes=notes
-    )
+    return as_recording(found, frames, values, missing, notes=notes)
+
+
+def _image(image: Any) -> Any:
+    """Return what identifies an image. Raises UnexpectedError for what cannot."""
+    expect(isinstance(image, int | float | str), f"no image ({str(image)[:40]})")
+    return image
 
 
 def read_coco_annotations(paths: tuple[Path, ...]) -> Recording:
@@ -164,69 +167,46 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Recording:
     visible. Categories may have different landmarks: then all names together, in their order.
     """
     path = paths[0]
-    found = read_json(path)
+    contents = read_json(path)
     images, annotations, categories = (
-        _objects(found, key, path) for key in ("images", "annotations", "categories")
+        contents.get(key, []) for key in ("images", "annotations", "categories")
     )
-    place = f"{path}:categories"
-    own = {image_key(each.get("id"), place): _category_names(each, place) for each in categories}
+    own: dict[Any, list[str]] = {}
+    for number, each in enumerate(categories):
+        with at(f"{path}:categories[{number}]", "give each landmark a name of its own"):
+            own[_image(each["id"])] = [*(each.get("keypoints") or [])]
+            check_names(own[each["id"]], "landmark")
     names = tuple(dict.fromkeys(name for each in own.values() for name in each))
     columns = {key: [names.index(name) for name in each] for key, each in own.items() if each}
-    called = {
-        image_key(image.get("id"), f"{path}:images"): image.get("file_name") or image["id"]
-        for image in images
-    }
-    detections = Detections.in_file(path)
+    called: dict[Any, Any] = {}
+    for number, each in enumerate(images):
+        with at(f"{path}:images[{number}]", CHECK):
+            called[_image(each["id"])] = each.get("file_name") or each["id"]
+    found = Detections.in_file(path)
     without = 0
     for number, entry in enumerate(annotations):
-        keypoints, category = entry.get("keypoints"), entry.get("category_id")
-        if not isinstance(keypoints, list) or not keypoints:
-            without += 1
-            continue
-        place = f"{path}:annotations[{number}]"
-        image = image_key(entry.get("image_id"), place)
-        if names:
-            mine = columns.get(category) if isinstance(category, int | float | str) else None
-            keypoints = _spread(keypoints, mine, len(names), place)
-        detections.add(keypoints, image, _identity(entry))
-    frames = detections.in_images(called.items())
+        with at(f"{path}:annotations[{number}]", "give x, y and v of each landmark"):
+            keypoints = entry.get("keypoints")
+            if not isinstance(keypoints, list) or not keypoints:
+                without += 1
+                continue
+            image = _image(entry["image_id"])
+            if names:
+                keypoints = _spread(keypoints, columns[entry.get("category_id")], len(names))
+            found.add(keypoints, image, _identity(entry))
+    frames = found.in_images(called.items())
     notes: tuple[str, ...] = ()
     if without:
         notes += (f"{counted(without, 'annotation')} without keypoints left out",)
     if unlisted := frames - len(called):
         notes += (f"{counted(unlisted, 'image')} of annotations not listed among the images",)
-    values = detections.values()
+    edges = _edges(categories, columns)
     return as_recording(
-        detections,
-        values,
-        ~(values[..., 2] > 0),
-        frames=frames,
-        landmark_names=names or None,
-        edges=_edges(categories, columns),
-        notes=notes,
+        found, frames, scored=False, landmark_names=names or None, edges=edges, notes=notes
     )
 
 
-def _objects(found: Any, key: str, path: Path) -> list[dict[str, Any]]:
-    """Return the list of objects of a name; none where the file lacks it."""
-    entries = found.get(key, []) if isinstance(found, dict) else None
-    if not isinstance(entries, list) or not all(isinstance(one, dict) for one in entries):
-        raise input_error(f"{path}:{key}", "is no list of objects", "give COCO annotations")
-    return entries
-
-
-def _category_names(category: dict[str, Any], place: str) -> list[str]:
-    """Return the landmarks of a category."""
-    names = category.get("keypoints") or []
-    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        raise input_error(place, "keypoints that are no names", "give their names")
-    if len(set(names)) < len(names):
-        found = f"landmarks of {category.get('name')!r} with the same name"
-        raise input_error(place, found, "give every landmark a unique name")
-    return names
-
-
-def _identity(entry: dict[str, Any]) -> Any:
+def _identity(entry: Mapping[str, Any]) -> Any:
     """Return who an annotation is of: CVAT's and sleap-io's stand among its attributes."""
     attributes = entry.get("attributes")
     if "track_id" in entry or not isinstance(attributes, dict):
@@ -234,22 +214,17 @@ def _identity(entry: dict[str, Any]) -> Any:
     return attributes.get("track_id", attributes.get("object_id"))
 
 
-def _spread(
-    keypoints: list[float], columns: list[int] | None, count: int, place: str
-) -> list[float]:
+def _spread(keypoints: list[float], columns: list[int], count: int) -> list[float]:
     """Return keypoints of a category at the places of its landmarks among all."""
-    if columns is None:
-        raise input_error(place, "a category without landmarks", "name them in `categories`")
-    if len(keypoints) != 3 * len(columns):
-        found = f"{len(keypoints)} numbers for {len(columns)} landmarks"
-        raise input_error(place, found, "give x, y and v of each landmark of its category")
+    given = f"{len(keypoints)} numbers for {len(columns)} landmarks"
+    expect(len(keypoints) == 3 * len(columns), given)
     every = [0.0] * (3 * count)
     for number, column in enumerate(columns):
         every[3 * column : 3 * column + 3] = keypoints[3 * number : 3 * number + 3]
     return every
 
 
-def _edges(categories: list[dict[str, Any]], columns: dict[Any, list[int]]) -> Edges:
+def _edges(categories: list[dict[str, Any]], columns: Mapping[Any, list[int]]) -> Edges:
     """Return the edges of all skeletons, which count landmarks from 1, once each."""
     pairs: dict[tuple[int, int], None] = {}
     for category in categories:
@@ -260,9 +235,6 @@ def _edges(categories: list[dict[str, Any]], columns: dict[Any, list[int]]) -> E
     return tuple(pairs)
 
 
-MMPOSE_FIX = "give the predictions of MMPose's inferencer"
-
-
 def read_mmpose_video(paths: tuple[Path, ...]) -> Recording:
     """Read a list of {frame_id, instances}, which may stand as `instance_info` beside `meta_info`.
 
@@ -270,74 +242,43 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Recording:
     may be a little above 1. `meta_info` has the names.
     """
     path, meta = paths[0], None
-    found = read_json(path)
-    if isinstance(found, dict):
-        meta, found = found.get("meta_info"), found.get("instance_info")
-    if not isinstance(found, list):
-        raise input_error(path, "no list of instances", MMPOSE_FIX)
-    if found and isinstance(found[0], dict) and "instances" not in found[0]:
-        found = [{"frame_id": 0, "instances": found}]
-    detections = Detections.in_file(path, step=2)
-    for number, frame in enumerate(found):
-        instances = frame.get("instances") if isinstance(frame, dict) else None
-        if not isinstance(instances, list):
-            raise input_error(f"{path}:[{number}]", "a frame without `instances`", MMPOSE_FIX)
-        label = frame.get("frame_id")
+    contents = read_json(path)
+    if isinstance(contents, dict):
+        meta, contents = contents.get("meta_info"), contents["instance_info"]
+    if contents and "instances" not in contents[0]:
+        contents = [{"frame_id": 0, "instances": contents}]
+    found = Detections.in_file(path)
+    for number, frame in enumerate(contents):
+        place = f"{path}:[{number}]"
+        with at(place, CHECK):
+            label, people = frame.get("frame_id"), frame["instances"]
         label = str(number if label is None else label)
-        _add_people(detections, instances, Frame(path, "", number, label))
-    return _of_mmpose(detections, len(found), meta)
+        _add(found, Frame(path, "", number, label), people, place, needed=True)
+    return _of_mmpose(found, len(contents), meta)
 
 
 def read_mmpose_images(paths: tuple[Path, ...]) -> Recording:
     """Read a list of instances per image: those of a folder, or these files."""
     images = images_in(paths, ".json")
-    detections = Detections.in_files(images, step=2)
+    found = Detections.in_files(images)
     for frame in images.frames:
-        instances = read_json(frame.path)
-        if not isinstance(instances, list):
-            raise input_error(frame.path, "no list of instances, as the other files", MMPOSE_FIX)
-        _add_people(detections, instances, frame)
-    return _of_mmpose(detections, len(images.frames), None)
+        _add(found, frame, read_json(frame.path), frame.path, needed=True)
+    return _of_mmpose(found, len(images.frames), None)
 
 
-def _add_people(detections: Detections, instances: list[Any], frame: Frame) -> None:
-    """Add the people of a frame, as x, y and score of each landmark."""
-    for number, instance in enumerate(instances):
-        place = f"{frame.path}: frame {frame.label}, instance {number}"
-        points = instance.get("keypoints") if isinstance(instance, dict) else None
-        if not isinstance(points, list):
-            raise input_error(place, "no keypoints", MMPOSE_FIX)
-        scores = instance.get("keypoint_scores")
-        if scores is None:
-            scores = [1.0] * len(points)
-        widths = {len(point) if isinstance(point, list) else 0 for point in points}
-        if not widths <= {2} or not isinstance(scores, list) or len(scores) != len(points):
-            found = f"{len(points)} keypoints that are not x and y with a score each"
-            found = "3D keypoints" if widths == {3} else found
-            raise input_error(place, found, "give predictions of 2D landmarks")
-        detections.scores.append(scores)
-        detections.add([*chain.from_iterable(points)], frame, instance.get("track_id"))
-
-
-def _of_mmpose(detections: Detections, frames: int, meta: Any) -> Recording:
+def _of_mmpose(found: Detections, frames: int, meta: Any) -> Recording:
     """Return the recording; `meta` names landmarks by number, as texts or in a list."""
-    values, scores = detections.values(), detections.confidence()
+    values = found.values()
     count = values.shape[1]
-    known = meta.get("keypoint_id2name") if isinstance(meta, dict) else None
+    meta = meta if isinstance(meta, dict) else {}
+    known = meta.get("keypoint_id2name")
     if isinstance(known, dict):
         known = [known.get(str(number)) for number in range(count)]
     known = known if isinstance(known, list) else []
     named = all(isinstance(name, str) for name in known)
     names = tuple(known) if named and len(known) == len({*known}) == count else None
-    return as_recording(
-        detections,
-        values,
-        np.isnan(values).any(axis=2) | ~(scores > 0),
-        confidence=scores,
-        frames=frames,
-        landmark_names=names,
-        edges=edges_of(meta.get("skeleton_links"), count) if names else (),
-    )
+    edges = edges_of(meta.get("skeleton_links"), count) if names else ()
+    return as_recording(found, frames, values, landmark_names=names, edges=edges)
 
 
 BODIES = (
@@ -355,33 +296,31 @@ def read_mediapipe(paths: tuple[Path, ...]) -> Recording:
 
     Each body is such a list. A frame has one, or a list of them, or an object with them under
     `pose_landmarks` or the like. A file has one frame, a list of them, or an object with `frames`.
-    x and y are fractions of the image. Raises InputError for what are no points.
+    x and y are fractions of the image.
     """
     path = paths[0]
-    found = read_json(path)
-    if isinstance(found, dict):
-        found = next((found[key] for key in FRAMES if isinstance(found.get(key), list)), [found])
-    elif _is_body(found):
-        found = [found]
-    if not isinstance(found, list):
-        raise input_error(path, "is no list of frames", "give MediaPipe's landmarks")
-    detections = Detections(str(path), video_name(path))
+    contents = read_json(path)
+    if isinstance(contents, dict):
+        lists = (contents[key] for key in FRAMES if isinstance(contents.get(key), list))
+        contents = next(lists, [contents])
+    elif _is_body(contents):
+        contents = [contents]
+    found = Detections(str(path), video_name(path))
     names: list[Any] = []
-    for number, frame in enumerate(found):
+    for number, frame in enumerate(contents):
         for body in _bodies(frame):
             numbers = [value for point in body for value in _point(point)]
-            detections.add(numbers, Frame(path, "", number, str(number)), None)
+            found.add(numbers, Frame(path, "", number, str(number)), None)
             names = names or [point.get("name") for point in body]
-    values = detections.values()
+    values = found.values()
     placed = values[np.isfinite(values).all(axis=2)]
     fractions = are_fractions(placed[:, :2])
     named = all(isinstance(name, str) and name for name in names) and len({*names}) == len(names)
     return as_recording(
-        detections,
+        found,
+        len(contents),
         values,
         np.asarray(np.isnan(values[..., :2]).any(axis=2)),
-        confidence=np.nan_to_num(values[..., 2]),
-        frames=len(found),
         unit=FRACTION if fractions else UNKNOWN_UNIT,
         size_needed=fractions,
         landmark_names=tuple(names) if named and names else None,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path, PurePosixPath, PureWindowsPath
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
-from shapefit.errors import abbreviate, counted, input_error
+from shapefit.errors import abbreviate, counted, input_error, printable
 from shapefit.io.layout import UNKNOWN_UNIT
 
 ANYBODY = -1
@@ -23,6 +24,44 @@ FRACTION = "fraction of the image"
 """Unit of coordinates that are divided by the width and the height of the image."""
 
 Edges = tuple[tuple[int, int], ...]
+
+STRANGE = (LookupError, TypeError, ValueError, AttributeError, OverflowError)
+"""What a reader stumbles over in a file that is not as it expects."""
+
+
+@contextmanager
+def at(place: str | Path, fix: str) -> Iterator[None]:
+    """Turn whatever a reader stumbles over here into the InputError that names the place."""
+    try:
+        yield
+    except STRANGE as error:
+        raise input_error(place, said(error), fix) from error
+
+
+class UnexpectedError(ValueError):
+    """What a file should not hold, in words; `at` names the place."""
+
+
+def said(error: BaseException) -> str:
+    """Return what an error says, on one line."""
+    text = printable(str(error).strip().partition("\n")[0][:160])
+    if isinstance(error, UnexpectedError):
+        return text
+    missing = isinstance(error, KeyError)
+    return f"there is no {text}" if missing else f"is not as its format says ({text})"
+
+
+def expect(condition: object, found: str) -> None:
+    """Raise UnexpectedError with what was found, unless a condition holds."""
+    if not condition:
+        raise UnexpectedError(found)
+
+
+def check_names(names: Sequence[str], what: str) -> None:
+    """Raise UnexpectedError for names that are empty or repeat."""
+    expect(all(names), f"a {what} has no name")
+    twice = next((name for name, number in Counter(names).items() if number > 1), "")
+    expect(not twice, f"the {what} {twice!r} is there twice")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,6 +144,22 @@ class Recording:
         fields |= {"name": str(path), "video": video_name(path), "frame_count": n}
         fields["unit"] = "px" if d == 2 else UNKNOWN_UNIT
         return cls(**fields | further)
+
+    def __post_init__(self) -> None:
+        """Raise InputError for names that are empty or repeat, and fields that do not agree."""
+        n, p, d = self.points.shape
+        with at(self.name, "give each a name of its own, and each point its place"):
+            check_names(self.individual_names, "individual")
+            check_names(self.landmark_names or (), "landmark")
+            expect(d in (2, 3), f"has points of {d} coordinates")
+            named = p if self.landmark_names is None else len(self.landmark_names)
+            expect(named == p or not n, f"has {p} landmarks, and names {named}")
+            for field in ("frames", "labels", "individuals", "videos", "confidence"):
+                if (values := getattr(self, field)) is not None:
+                    found = f"has {len(values)} {field} of {n} instances"
+                    expect(len(values) == n, found)
+            known = max(1, len(self.individual_names))
+            expect((self.individuals < known).all(), f"has points of more than {known} individuals")
 
     def __len__(self) -> int:
         return len(self.points)
@@ -194,18 +249,6 @@ def numbered_repeats(
             changed.append(names[place])
     note = f"{counted(len(changed), 'label')} repeated, and numbered ({abbreviate(changed)})"
     return tuple(names), (note,) if changed else ()
-
-
-def check_unique(place: str, names: Sequence[str], what: str) -> None:
-    """Raise InputError for names that are empty or repeat."""
-    known: set[str] = set()
-    for name in names:
-        if not name:
-            raise input_error(place, f"a {what} has no name", "name each of them")
-        if name in known:
-            found = f"the {what} {name!r} is there twice"
-            raise input_error(place, found, "give each a name of its own")
-        known.add(name)
 
 
 def edges_of(lines: Any, landmarks: int) -> Edges:

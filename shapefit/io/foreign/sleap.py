@@ -13,12 +13,13 @@ import orjson
 from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats, Integers
-from shapefit.errors import input_error, printable
 from shapefit.io.foreign.recording import (
     ANYBODY,
     Edges,
     Recording,
-    check_unique,
+    at,
+    check_names,
+    expect,
     name_of,
     numbered_repeats,
     video_name,
@@ -48,41 +49,34 @@ def read_analysis(paths: tuple[Path, ...]) -> Recording:
     path = paths[0]
     with TrackerFile(path) as file:
         nodes = file.texts("node_names")
-        check_unique(file.place("node_names"), nodes, "node")
-        shape = file.shape("tracks", ", ".join(SLEAP_ORDER))
+        tracks = file.numbers("tracks", None, None, None, None)
         axes = _stated_axes(file, "tracks", SLEAP_ORDER) or _fitting_axes(file, len(nodes))
-        sizes = dict(zip(axes, shape, strict=True))
-        if sizes["node"] != len(nodes) or sizes["xy"] != 2:
-            raise file.fault("tracks", f"has the shape {shape} for {len(nodes)} nodes")
+        points = tracks.transpose([axes.index(axis) for axis in FRAMES_FIRST])
+        count = points.shape[1]
+        fits = points.shape[2:] == (len(nodes), 2)
+        expect(fits, f"has the shape {tracks.shape} for {len(nodes)} nodes")
         confidence = None
         if file.is_dataset("point_scores"):
             wanted = tuple(axis for axis in axes if axis != "xy")
             own = _stated_axes(file, "point_scores", wanted) or wanted
-            file.check_shape("point_scores", [sizes[axis] for axis in own])
-            confidence = file.arranged("point_scores", own, FRAMES_FIRST[:3])
+            sizes = [tracks.shape[axes.index(axis)] for axis in own]
+            scores = file.numbers("point_scores", *sizes)
+            confidence = scores.transpose([own.index(axis) for axis in FRAMES_FIRST[:3]])
         edges = file.edges("edge_inds", len(nodes))
-        individuals = _track_names(file, sizes["track"])
-        points = file.arranged("tracks", axes, FRAMES_FIRST)
-    several = sizes["track"] > 1
+        names = file.texts("track_names") if file.has("track_names") else ()
+        expect(len(names) in (0, count), f"names {len(names)} tracks, and there are {count}")
+    if not names and count > 1:
+        names = ("",) * count
+    names = tuple(name or f"track_{n}" for n, name in enumerate(names))
     return Recording.of_frames(
         path,
         points,
         confidence,
-        there=np.asarray(np.isfinite(points).any(axis=(2, 3))) if several else None,
+        there=np.asarray(np.isfinite(points).any(axis=(2, 3))) if count > 1 else None,
         landmark_names=nodes,
-        individual_names=individuals,
+        individual_names=numbered_repeats(names, REPEATED)[0],
         edges=edges,
     )
-
-
-def _track_names(file: TrackerFile, count: int) -> tuple[str, ...]:
-    """Return the names of the tracks; none for a single one that has no name."""
-    names = file.texts("track_names") if file.has("track_names") else ()
-    if not names:
-        return () if count == 1 else tuple(f"track_{number}" for number in range(count))
-    if len(names) != count:
-        raise file.fault("track_names", f"names {len(names)} tracks, and there are {count}")
-    return numbered_repeats([name or f"track_{n}" for n, name in enumerate(names)], REPEATED)[0]
 
 
 def _stated_axes(file: TrackerFile, name: str, wanted: Axes) -> Axes | None:
@@ -90,29 +84,23 @@ def _stated_axes(file: TrackerFile, name: str, wanted: Axes) -> Axes | None:
     stated = file.attribute("dims", name)
     if stated is None:
         return None
-    try:
+    with at(f"{file.place(name)}@dims", f"name the axes {', '.join(wanted)}"):
         axes = stated if isinstance(stated, list) else json.loads(text(stated))
-        found = tuple(text(axis) for axis in axes)
-    except (ValueError, TypeError):
-        found = ()
-    if sorted(found) != sorted(wanted):
-        place = f"{file.place(name)}@dims"
-        raise input_error(place, f"is {printable(stated)}", f"name the axes {', '.join(wanted)}")
-    return found
+        found = tuple(map(text, axes))
+        expect(sorted(found) == sorted(wanted), f"is {stated}")
+        return found
 
 
 def _fitting_axes(file: TrackerFile, nodes: int) -> Axes:
-    """Return the order of axes that the lengths of the tracks fit; InputError for none."""
+    """Return the order of axes that the lengths of the tracks fit."""
     shape = file.shape("tracks")
     orders = [dict(zip(order, shape, strict=True)) for order in (SLEAP_ORDER, FRAMES_FIRST)]
     fitting = [sizes for sizes in orders if (sizes["xy"], sizes["node"]) == (2, nodes)]
     if len(fitting) > 1 and file.is_dataset("track_occupancy"):
-        occupied = file.shape("track_occupancy", "frame, track")
+        occupied = file.shape("track_occupancy")
         agreeing = [sizes for sizes in fitting if (sizes["frame"], sizes["track"]) == occupied]
         fitting = agreeing or fitting
-    if not fitting:
-        found = f"has the shape {shape} for {nodes} nodes, which is in no order of axes"
-        raise file.fault("tracks", found)
+    expect(fitting, f"has the shape {shape} for {nodes} nodes, which is in no order of axes")
     return tuple(fitting[0])
 
 
@@ -120,9 +108,10 @@ def _fitting_axes(file: TrackerFile, nodes: int) -> Axes:
 
 USER, PREDICTED = 0, 1
 TABLES = {USER: "points", PREDICTED: "pred_points"}
-FRAME_COLUMNS = "video frame_idx instance_id_start instance_id_end"
+FRAME_COLUMNS = ("video", "frame_idx", "instance_id_start", "instance_id_end")
 INSTANCE_COLUMNS = (
-    "instance_id instance_type skeleton track from_predicted point_id_start point_id_end"
+    *("instance_id", "instance_type", "skeleton", "track", "from_predicted"),
+    *("point_id_start", "point_id_end"),
 )
 
 REPLACED = "predicted instances replaced by those that a user placed"
@@ -144,8 +133,7 @@ def read_labels(paths: tuple[Path, ...]) -> Recording:
     path = paths[0]
     with TrackerFile(path) as file:
         metadata = _read_metadata(file)
-        found, labelled = _read_instances(file)
-        _check_instances(file, found, metadata)
+        found, labelled = _read_instances(file, metadata)
         replaced = _replaced(found)
         found = {name: values[~replaced] for name, values in found.items()}
         points, confidence = _read_points(file, metadata, found)
@@ -186,26 +174,20 @@ class Metadata:
 
 
 def _read_metadata(file: TrackerFile) -> Metadata:
-    """Read the metadata of a file. Raises InputError where they are damaged."""
+    """Read the metadata of a file."""
     version = file.attribute("format_id", "metadata")
-    place = f"{file.place('metadata')}@json"
-    try:
+    lists = [
+        file.texts(name) if file.is_dataset(name) else () for name in ("tracks_json", "videos_json")
+    ]
+    with at(f"{file.place('metadata')}@json", DAMAGED):
         found = orjson.loads(file.attribute("json", "metadata"))
-    except (orjson.JSONDecodeError, TypeError) as error:
-        raise input_error(place, "is no JSON", DAMAGED) from error
-    listed = {name: file.texts(name) if file.is_dataset(name) else () for name in LISTS}
-    try:
         nodes = [str(node["name"]) for node in found["nodes"]]
         skeletons, pairs = _skeletons(found["skeletons"], nodes)
-        tracks = [str(orjson.loads(each)[1]) for each in listed["tracks_json"]]
-        videos = [_video(orjson.loads(each)) for each in listed["videos_json"]]
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-        what = f"is not as SLEAP writes it ({type(error).__name__}: {printable(error)})"
-        raise input_error(place, what, DAMAGED) from error
-    if not any(skeletons):
-        raise input_error(place, "has no skeleton with nodes", DAMAGED)
-    for skeleton in skeletons:
-        check_unique(place, skeleton, "node of a skeleton")
+        tracks = [str(orjson.loads(each)[1]) for each in lists[0]]
+        videos = [_video(orjson.loads(each)) for each in lists[1]]
+        expect(any(skeletons), "has no skeleton with nodes")
+        for skeleton in skeletons:
+            check_names(skeleton, "node of a skeleton")
     number = {name: i for i, name in enumerate(dict.fromkeys(n for s in skeletons for n in s))}
     return Metadata(
         tuple(number),
@@ -215,9 +197,6 @@ def _read_metadata(file: TrackerFile) -> Metadata:
         numbered_repeats(videos, REPEATED)[0],
         0.0 if isinstance(version, int | float) and version >= PIXEL_MIDDLES else 0.5,
     )
-
-
-LISTS = ("tracks_json", "videos_json")
 
 
 def _skeletons(
@@ -231,8 +210,7 @@ def _skeletons(
     for skeleton in found:
         graph = skeleton.get("nx_graph", skeleton)
         ids = [node["id"] for node in graph["nodes"]]
-        if any(isinstance(number, int) and number < 0 for number in ids):
-            raise ValueError("a node has a negative number")
+        expect(all(number >= 0 for number in ids), "a node has a negative number")
         skeletons.append(tuple(nodes[number] for number in ids))
         types: list[int] = []
         for link in graph.get("links", ()):
@@ -257,59 +235,39 @@ def _video(found: Any) -> str:
     return PurePosixPath(name_of(str(name))).stem or "video"
 
 
-def _read_instances(file: TrackerFile) -> tuple[dict[str, Integers], int]:
-    """Return columns of all instances, sorted by video and frame, and the number of frames."""
-    frames = _columns(file, "frames", FRAME_COLUMNS)
-    table = _columns(file, "instances", INSTANCE_COLUMNS)
+def _read_instances(file: TrackerFile, metadata: Metadata) -> tuple[dict[str, Integers], int]:
+    """Return columns of all instances, sorted by video and frame, and the number of frames.
+
+    They are of tracks, skeletons and videos that are there, with the points of their skeletons.
+    """
+    tables = []
+    for name, columns in (("frames", FRAME_COLUMNS), ("instances", INSTANCE_COLUMNS)):
+        table = file.table(name, *columns)
+        tables.append({column: table[column].astype(np.int64) for column in columns})
+    frames, table = tables
     start, end = frames["instance_id_start"], frames["instance_id_end"]
-    if ((start < 0) | (end < start) | (end > len(table["track"]))).any():
-        raise file.fault("frames", "points at instances that are not there")
+    there = (start >= 0) & (end >= start) & (end <= len(table["track"]))
+    expect(there.all(), "has other instances than those that `frames` points at")
     order = np.lexsort((frames["frame_idx"], frames["video"]))
     counts = (end - start)[order]
     owner = np.repeat(order, counts)
     rows = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts) + start[owner]
     found = {name: values[rows] for name, values in table.items()}
-    return found | {name: frames[name][owner] for name in ("frame_idx", "video")}, len(start)
-
-
-def _columns(file: TrackerFile, name: str, wanted: str) -> dict[str, Integers]:
-    """Return columns of a table as integers."""
-    _check_fields(file, name, wanted.split())
-    file.shape(name, "rows")
-    table = file.rows(name)
-    return {column: table[column].astype(np.int64) for column in wanted.split()}
-
-
-def _check_fields(file: TrackerFile, name: str, wanted: Sequence[str]) -> None:
-    known = file.fields(name)
-    if lost := [column for column in wanted if column not in known]:
-        raise file.fault(name, f"has no column {lost[0]}")
-
-
-def _check_instances(file: TrackerFile, found: Mapping[str, Integers], metadata: Metadata) -> None:
-    """Raise InputError for instances of tracks, skeletons, videos or points that are not there."""
-    place = file.place("instances")
+    found |= {name: frames[name][owner] for name in ("frame_idx", "video")}
     for column, count, lowest in (
         ("instance_type", 2, 0),
         ("track", len(metadata.tracks), -1),
         ("skeleton", len(metadata.skeletons), 0),
         ("video", max(len(metadata.videos), 1), 0),
     ):
-        wrong = (found[column] < lowest) | (found[column] >= count)
-        if wrong.any():
-            value = int(found[column][np.argmax(wrong)])
-            raise input_error(place, f"has the {column} {value} of {count}", DAMAGED)
+        own = found[column]
+        wrong = own[(own < lowest) | (own >= count)]
+        expect(not len(wrong), f"has the {column} {wrong[:1].sum()} of {count}")
     sizes = np.array([len(skeleton) for skeleton in metadata.skeletons])[found["skeleton"]]
     start, end = found["point_id_start"], found["point_id_end"]
-    if (end - start != sizes).any() or (start < 0).any():
-        raise input_error(place, "has another number of points than its skeleton", DAMAGED)
-    for kind, table in TABLES.items():
-        own = found["instance_type"] == kind
-        if own.any():
-            score = ["score"] if kind == PREDICTED else []
-            _check_fields(file, table, [*score, "visible", "x", "y"])
-            if end[own].max() > file.shape(table, "points")[0]:
-                raise file.fault(table, "ends before the points of instances")
+    fits = (end - start == sizes).all() and (start >= 0).all()
+    expect(fits, "has another number of points than its skeleton")
+    return found, len(counts)
 
 
 def _replaced(found: Mapping[str, Integers]) -> Flags:
@@ -334,15 +292,16 @@ def _read_points(
     points, confidence = np.full((n, p, 2), np.nan), np.full((n, p), np.nan)
     for kind, name in TABLES.items():
         of_kind = found["instance_type"] == kind
-        table = file.rows(name) if of_kind.any() else None
+        if not of_kind.any():
+            continue
+        scored = kind == PREDICTED
+        table = file.table(name, *["score"] * scored, "visible", "x", "y")
         for number, places in enumerate(metadata.skeletons):
             own = of_kind & (found["skeleton"] == number)
-            if table is None or not own.any() or not len(places):
-                continue
             rows = table[found["point_id_start"][own][:, None] + np.arange(len(places))]
             xy = np.stack([rows["x"], rows["y"]], axis=-1).astype(np.float64) - metadata.shift
             seen = rows["visible"].astype(bool)
             points[np.ix_(own, places)] = np.where(seen[..., None], xy, np.nan)
-            if kind == PREDICTED:
+            if scored:
                 confidence[np.ix_(own, places)] = rows["score"]
     return points, confidence

@@ -16,20 +16,38 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error, printable
 from shapefit.io.foreign.recording import (
+    STRANGE,
     Edges,
     Recording,
-    check_unique,
+    check_names,
+    expect,
     number_labels,
+    said,
     video_name,
 )
-from shapefit.io.hdf5_file import Hdf5File
+from shapefit.io.hdf5_file import Hdf5File, Stored
 
 MOST_TEXTS = 1_000_000
 """Names that a dataset of names can hold."""
 
 
 class TrackerFile(Hdf5File):
-    """An open HDF5 file of another tool."""
+    """An open HDF5 file of another tool.
+
+    Whatever a reader stumbles over while it is open is told of the dataset that was read last.
+    """
+
+    last = ""
+
+    def __exit__(self, *raised: object) -> None:
+        super().__exit__()
+        if isinstance(error := raised[1], STRANGE):
+            raise self.fault(self.last, said(error)) from error
+
+    def stored(self, name: str) -> Stored:
+        """Return a dataset, of which is told what goes wrong from now on."""
+        self.last = name
+        return super().stored(name)
 
     def groups(self, group: str) -> tuple[str, ...]:
         """Return the names of the groups in a group."""
@@ -42,48 +60,30 @@ class TrackerFile(Hdf5File):
         with self.damage(name):
             return self.root.get(name) is not None
 
-    def shape(self, name: str, axes: str = "") -> tuple[int, ...]:
-        """Return the shape of a dataset; InputError unless it has as many axes as are listed."""
-        shape = self.stored(name).shape
-        if axes and len(shape) != len(axes.split(", ")):
-            raise self.fault(name, f"has the shape {shape}", f"its axes should be ({axes})")
-        return shape
+    def shape(self, name: str) -> tuple[int, ...]:
+        """Return the shape of a dataset."""
+        return self.stored(name).shape
 
-    def check_shape(self, name: str, wanted: Sequence[int]) -> None:
-        """Raise InputError unless a dataset has this shape."""
-        shape = self.shape(name)
-        if shape != tuple(wanted):
-            found = f"has the shape {shape}, and other datasets want {tuple(wanted)}"
-            raise self.fault(name, found)
+    def numbers(self, name: str, *wanted: int | None) -> Floats:
+        """Return a dataset as numbers, of the wanted shape if one is given; None is any length."""
+        stored = self.stored(name)
+        found = f"has the shape {stored.shape}, and {wanted or 'others'} are wanted"
+        fits = len(wanted) == len(stored.shape) and all(
+            length in (None, size) for length, size in zip(wanted, stored.shape, strict=True)
+        )
+        expect(not wanted or fits, found.replace("None", "any"))
+        expect(stored.dataset.dtype.kind in "biuf", "holds no numbers")
+        return np.asarray(self.rows(name), np.float64)
 
-    def fields(self, name: str) -> tuple[str, ...]:
-        """Return the names of the columns of a table; InputError where it is none."""
-        found = self.stored(name).dataset.dtype.names
-        if not found:
-            raise self.fault(name, "is not a table of named columns")
-        return tuple(found)
-
-    def numbers(self, name: str) -> Floats:
-        """Return a dataset as numbers. Raises InputError where they are none."""
-        if self.stored(name).dataset.dtype.kind not in "biuf":
-            raise self.fault(name, "holds no numbers")
-        values = self.rows(name)
-        with self.damage(name):
-            return np.asarray(values, np.float64)
-
-    def arranged(self, name: str, axes: Sequence[str], wanted: Sequence[str]) -> Floats:
-        """Return a dataset with the wanted axes in order; one that it has not is 1 long."""
-        values = self.numbers(name)
-        present = [axis for axis in wanted if axis in axes]
-        values = values.transpose([axes.index(axis) for axis in present])
-        return values.reshape([values.shape[present.index(a)] if a in axes else 1 for a in wanted])
-
-    def is_text(self, name: str) -> bool:
-        """Whether a dataset holds text."""
-        return self.stored(name).text
+    def table(self, name: str, *columns: str) -> Any:
+        """Return a table of these columns, and maybe others, as it stands in the file."""
+        there = self.stored(name).dataset.dtype.names or ()
+        lost = [column for column in columns if column not in there]
+        expect(not lost and len(self.shape(name)) == 1, f"is no table of {', '.join(columns)}")
+        return self.rows(name)
 
     def scales(self, name: str) -> tuple[str, ...]:
-        """Return the names of the dimension scales of a dataset; InputError without them."""
+        """Return the names of the dimension scales of a dataset."""
         dataset = self.stored(name).dataset
         with self.damage(name):  # h5py's own `dims` can abort the process on damaged files
             scales = dataset.attrs["DIMENSION_LIST"]
@@ -91,28 +91,22 @@ class TrackerFile(Hdf5File):
         return tuple(name.strip("/") for name in names)
 
     def texts(self, name: str) -> tuple[str, ...]:
-        """Return a dataset of names. Raises InputError where they are none, or too many."""
+        """Return a dataset of names."""
         stored = self.stored(name)
-        if prod(stored.shape) > MOST_TEXTS:
-            raise self.fault(name, f"holds {stored.shape} names")
-        if not stored.text:
-            if stored.dataset.size == 0:
-                return ()  # SLEAP writes lists without entries as numbers
-            raise self.fault(name, "holds no text")
+        expect(prod(stored.shape) <= MOST_TEXTS, f"holds {stored.shape} names")
+        if not stored.text:  # SLEAP writes lists without entries as numbers
+            expect(stored.dataset.size == 0, "holds no text")
+            return ()
         with self.damage(name):
-            found = np.ravel(stored.dataset[()])
-        return tuple(text(value) for value in found)
+            return tuple(map(text, np.ravel(stored.dataset[()])))
 
     def edges(self, name: str, count: int) -> Edges:
         """Return the pairs of landmarks in a dataset (e, 2); none where it is absent or empty."""
         if not self.is_dataset(name) or 0 in self.shape(name):
             return ()
-        shape = self.shape(name)
-        if len(shape) != 2 or shape[1] != 2:
-            raise self.fault(name, f"has the shape {shape}, not (edges, 2)")
-        pairs = self.numbers(name)
-        if not ((pairs >= 0) & (pairs < count)).all():
-            raise self.fault(name, "points at landmarks that are not there")
+        pairs = self.numbers(name, None, 2)
+        there = ((pairs >= 0) & (pairs < count)).all()
+        expect(there, "points at landmarks that are not there")
         return tuple((int(a), int(b)) for a, b in pairs)
 
 
@@ -120,13 +114,6 @@ def text(value: Any) -> str:
     """Return bytes of a file as text; what is not UTF-8 as escapes."""
     return value.decode("utf-8", "backslashreplace") if isinstance(value, bytes) else str(value)
 
-
-POINTS, CONFIDENCE = "poseest/points", "poseest/confidence"
-COUNT, TRACK, IDENTITY = (
-    "poseest/instance_count",
-    "poseest/instance_track_id",
-    "poseest/instance_embed_id",
-)
 
 MOUSE = (
     "NOSE LEFT_EAR RIGHT_EAR BASE_NECK LEFT_FRONT_PAW RIGHT_FRONT_PAW CENTER_SPINE "
@@ -147,34 +134,30 @@ def read_jabs(paths: tuple[Path, ...]) -> Recording:
     path = paths[0]
     names = tuple(MOUSE.split())
     with TrackerFile(path) as file:
-        shape = file.shape(POINTS)
-        if len(shape) not in (3, 4) or shape[-1] != 2:
-            found = f"has the shape {shape}"
-            raise file.fault(POINTS, found, "its axes are (frame, [mouse,] point, 2)")
-        if file.is_dataset(CONFIDENCE):
-            file.check_shape(CONFIDENCE, shape[:-1])
-        frames, many, p = shape[0], (shape[1] if len(shape) == 4 else 1), shape[-2]
-        ids, absent = np.zeros((frames, many), np.int64), np.zeros((frames, many), bool)
-        if len(shape) == 4:
-            ids, absent = _identities(file, frames, many)
-        points = file.numbers(POINTS).reshape(frames, many, p, 2)[..., ::-1]
-        confidence = np.ones(points.shape[:-1])
-        if file.is_dataset(CONFIDENCE):
-            confidence = file.numbers(CONFIDENCE).reshape(confidence.shape)
+        points = file.numbers("poseest/points")
+        shape = points.shape
+        expect(points.ndim in (3, 4) and shape[-1] == 2, f"has the shape {shape}")
+        several = points.ndim == 4
+        points = (points if several else points[:, None])[..., ::-1]
+        confidence = np.ones(points.shape[:3])
+        if file.is_dataset("poseest/confidence"):
+            confidence = file.numbers("poseest/confidence", *shape[:-1]).reshape(points.shape[:3])
+        ids, absent = np.zeros(points.shape[:2], np.int64), np.zeros(points.shape[:2], bool)
+        if several:
+            ids, absent = _identities(file, *points.shape[:2])
     seen = confidence > 0
-    points = np.where(seen[..., None], points, np.nan)
     known = np.unique(ids[~absent])
     lost = int((seen.any(axis=2) & absent).sum())
-    named = p == len(names)
+    named = points.shape[2] == len(names)
     return Recording.of_frames(
         path,
-        points,
+        np.where(seen[..., None], points, np.nan),
         confidence,
         individuals=np.searchsorted(known, ids),
         there=~absent,
         video=sub(r"_pose_est(_v\d+)?$", "", video_name(path)),
         landmark_names=names if named else None,
-        individual_names=tuple(map(str, known.tolist())) if len(shape) == 4 else (),
+        individual_names=tuple(map(str, known.tolist())) if several else (),
         edges=LINES if named else (),
         notes=(f"{lost} instances without an identity left out",) if lost else (),
     )
@@ -182,19 +165,16 @@ def read_jabs(paths: tuple[Path, ...]) -> Recording:
 
 def _identities(file: TrackerFile, frames: int, many: int) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return who is where (frame, instance) in a file of several mice, and where is nobody."""
+    identity, track = "poseest/instance_embed_id", "poseest/instance_track_id"
     stated = file.attribute("version", "poseest")
     version = stated[0] if isinstance(stated, list) and stated else stated
-    by_identity = version > 3 if isinstance(version, int) else file.is_dataset(IDENTITY)
-    name = IDENTITY if by_identity else TRACK
-    file.check_shape(name, (frames, many))
-    ids = file.numbers(name).astype(np.int64)
+    by_identity = version > 3 if isinstance(version, int) else file.is_dataset(identity)
+    ids = file.numbers(identity if by_identity else track, frames, many).astype(np.int64)
     if by_identity:
         return ids, ids <= 0
-    file.check_shape(COUNT, (frames,))
-    return ids, np.arange(many) >= file.numbers(COUNT)[:, None]
+    counts = file.numbers("poseest/instance_count", frames)
+    return ids, np.arange(many) >= counts[:, None]
 
-
-POSITION, SCORES = "position", "confidence"
 
 SINGULAR = {"keypoints": "keypoint", "individuals": "individual"}
 
@@ -210,37 +190,26 @@ def read_movement(paths: tuple[Path, ...]) -> Recording:
     """
     path = paths[0]
     with TrackerFile(path) as file:
-        kind = text(file.attribute("ds_type") or "")
-        if kind != "poses":
+        if (kind := text(file.attribute("ds_type") or "")) != "poses":
             found = f"holds {printable(kind) or 'data of no stated type'}, not poses"
             fix = "give a data set of poses; bounding boxes have no landmarks"
             raise input_error(path, found, fix)
-        axes = _axes(file, POSITION)
-        sizes = dict(zip(axes, file.shape(POSITION), strict=True))
-        for axis in ("time", "space"):
-            if axis not in sizes:
-                raise file.fault(POSITION, f"has no axis {axis}")
-        names = _names(file, "keypoint", sizes.get("keypoint", 1))
-        individuals = _names(file, "individual", sizes.get("individual", 1))
-        space = _names(file, "space", sizes["space"])
-        if space not in (("x", "y"), ("x", "y", "z")):
-            found = f"names the coordinates {printable(', '.join(space))}"
-            raise file.fault("space", found, "name them x, y and z")
-        rate = file.attribute("fps")
+        points = _arranged(file, "position", WANTED)
+        frames, people, landmarks, coordinates = points.shape
         confidence = None
-        if file.is_dataset(SCORES):
-            own = _axes(file, SCORES)
-            if {*own, "space"} != set(axes):
-                found = f"has the axes {', '.join(own)}, and position {', '.join(axes)}"
-                raise file.fault(SCORES, found)
-            file.check_shape(SCORES, [sizes[axis] for axis in own])
-            confidence = file.arranged(SCORES, own, WANTED[:3])
-        times = np.arange(sizes["time"], dtype=float)
+        if file.is_dataset("confidence"):
+            confidence = _arranged(file, "confidence", WANTED[:3])
+            fits = confidence.shape == points.shape[:3]
+            expect(fits, f"has the shape {confidence.shape}, and position {points.shape}")
+        times = np.arange(frames, dtype=float)
         if file.is_dataset("time"):
-            file.check_shape("time", (sizes["time"],))
-            times = file.numbers("time")
-        points = file.arranged(POSITION, axes, WANTED)
+            times = file.numbers("time", frames)
         labels = number_labels(file.place("time"), times)
+        space = _names(file, "space", coordinates)
+        expect(space in (("x", "y"), ("x", "y", "z")), f"names the coordinates {', '.join(space)}")
+        rate = file.attribute("fps")
+        names = _names(file, "keypoint", landmarks)
+        individuals = _names(file, "individual", people)
     return Recording.of_frames(
         path,
         points,
@@ -252,31 +221,28 @@ def read_movement(paths: tuple[Path, ...]) -> Recording:
     )
 
 
-def _axes(file: TrackerFile, name: str) -> tuple[str, ...]:
-    """Return the names of the axes of a dataset, as its dimension scales say."""
-    found = [SINGULAR.get(axis, axis) for axis in file.scales(name)]
-    if len(found) != len(file.shape(name)):
-        raise file.fault(name, f"has the shape {file.shape(name)}, and names {len(found)} axes")
-    if len(set(found)) != len(found) or not set(found) <= set(WANTED):
-        what = f"has the axes {printable(', '.join(found))}"
-        raise file.fault(name, what, f"name them {', '.join(WANTED)}")
-    return tuple(found)
+def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
+    """Return a dataset with the wanted axes in order; an animal or point picked out is 1 long."""
+    axes = [SINGULAR.get(axis, axis) for axis in file.scales(name)]
+    kept = [axis for axis in wanted if axis in axes]
+    needed = {"time", *wanted[3:]} <= set(axes)
+    expect(needed and sorted(kept) == sorted(axes), f"has the axes {', '.join(axes)}")
+    values = file.numbers(name).transpose([axes.index(axis) for axis in kept])
+    sizes = dict(zip(kept, values.shape, strict=True))
+    return values.reshape([sizes.get(axis, 1) for axis in wanted])
 
 
 def _names(file: TrackerFile, axis: str, size: int) -> tuple[str, ...]:
     """Return the names along an axis; its numbers where it has none."""
     place = next((name for name in (axis, f"{axis}s") if file.is_dataset(name)), None)
-    if place is None or not file.is_text(place):
+    if place is None or not file.stored(place).text:
         return tuple(f"{axis}_{number}" for number in range(size))
     names = file.texts(place)
-    if len(names) != size:
-        raise file.fault(place, f"names {len(names)}, and there are {size}")
-    check_unique(file.place(place), names, axis)
+    expect(len(names) == size, f"names {len(names)}, and there are {size}")
     return names
 
 
 TYPE = "neurodata_type"
-POSE, SERIES = "PoseEstimation", "PoseEstimationSeries"
 
 DEEPEST = 4
 """Groups below `processing` in which animals are looked for."""
@@ -327,13 +293,11 @@ def read_nwb(paths: tuple[Path, ...]) -> Recording:
     videos = [[each for each in series if each.module == m or not several] for m in modules]
     times = [np.unique(np.concatenate([each.times for each in own])) for own in videos]
     read = [_join(own, at, names, people) for own, at in zip(videos, times, strict=True)]
-    points, confidence, frames, individuals = (
-        np.concatenate(each) for each in zip(*read, strict=True)
-    )
-    called = [module for module, own in zip(modules, read, strict=True) for _ in own[2]]
+    points, confidence, frames, individuals = map(np.concatenate, zip(*read, strict=True))
     labels = [number_labels("", at[own[2]]) for at, own in zip(times, read, strict=True)]
-    units = {UNITS.get(each.unit, "unknown") for each in series}
-    unit = units.pop() if len({each.unit for each in series}) == 1 else "unknown"
+    called = [module for module, own in zip(modules, read, strict=True) for _ in own[2]]
+    units = {each.unit for each in series}
+    unit = UNITS.get(units.pop(), "unknown") if len(units) == 1 else "unknown"
     return Recording(
         name=str(path),
         video=video_name(path),
@@ -356,48 +320,41 @@ def _animals(file: TrackerFile, group: str, depth: int) -> Iterator[tuple[str, l
     """Yield the groups of all animals below a group that have series, and these."""
     for name in file.groups(group):
         below = f"{group}/{name}"
-        if text(file.attribute(TYPE, below) or "") != POSE:
-            if depth < DEEPEST:
-                yield from _animals(file, below, depth + 1)
-            continue
-        inner = [(each, f"{below}/{each}") for each in file.groups(below)]
-        own = [
-            _series(file, place, group.rpartition("/")[2], name, landmark)
-            for landmark, place in inner
-            if text(file.attribute(TYPE, place) or "") == SERIES
-        ]
-        if own:
-            yield below, own
+        if text(file.attribute(TYPE, below) or "") == "PoseEstimation":
+            own = [
+                _series(file, f"{below}/{landmark}", group.rpartition("/")[2], name, landmark)
+                for landmark in file.groups(below)
+                if text(file.attribute(TYPE, f"{below}/{landmark}")) == "PoseEstimationSeries"
+            ]
+            if own:
+                yield below, own
+        elif depth < DEEPEST:
+            yield from _animals(file, below, depth + 1)
 
 
 def _series(file: TrackerFile, group: str, module: str, animal: str, landmark: str) -> Series:
-    data, scores, start = (f"{group}/{each}" for each in ("data", "confidence", "starting_time"))
-    count, axes = file.shape(data, "times, coordinates")
-    if axes not in (2, 3):
-        raise file.fault(data, f"has {axes} coordinates")
+    data, scores, start, stamps = (
+        f"{group}/{name}" for name in ("data", "confidence", "starting_time", "timestamps")
+    )
+    points = file.numbers(data, None, None)
+    count, axes = points.shape
+    expect(axes in (2, 3), f"has {axes} coordinates")
     confidence = np.full(count, np.nan)
     if file.is_dataset(scores):
-        file.check_shape(scores, (count,))
-        confidence = file.numbers(scores)
+        confidence = file.numbers(scores, count)
     rate = None
     if file.is_dataset(start):
-        file.check_shape(start, ())
-        first = float(file.numbers(start))
-        if not np.isfinite(first):
-            raise file.fault(start, "is no number", "store the time of the first point")
+        expect(file.shape(start) == (), "is no number; store the time of the first point")
         stated = _number(file, "rate", start, 0.0)
         rate = stated if stated > 0 else None
-        times = first + np.arange(count) / (rate or 1.0)
-    elif file.is_dataset(stamps := f"{group}/timestamps"):
-        file.check_shape(stamps, (count,))
-        times = file.numbers(stamps)
-        if not np.isfinite(times).all() or (np.diff(times) <= 0).any():
-            fix = "give each point a time of its own, in their order"
-            raise file.fault(stamps, "does not increase", fix)
-    else:
-        raise file.fault(group, "has neither timestamps nor starting_time")
+        times = file.numbers(start) + np.arange(count) / (rate or 1.0)
+        expect(np.isfinite(times).all(), "is no number; store the time of the first point")
+    else:  # one of the two is there
+        times = file.numbers(stamps, count)
+        rising = np.isfinite(times).all() and (np.diff(times) > 0).all()
+        expect(rising, "does not increase; give each point a time of its own, in their order")
     factor = _number(file, "conversion", data, 1.0) or 1.0
-    points = file.numbers(data) * factor + _number(file, "offset", data, 0.0)
+    points = points * factor + _number(file, "offset", data, 0.0)
     unit = text(file.attribute("unit", data) or "pixels").lower()
     return Series(module, animal, landmark, points, confidence, times, rate, unit)
 
@@ -434,7 +391,7 @@ def _landmarks(
         own = [each.landmark for each in series]
         if (skeleton := _skeleton(file, group, set(own))) is not None:
             nodes = file.texts(f"{skeleton}/nodes")
-            check_unique(file.place(f"{skeleton}/nodes"), nodes, "node")
+            check_names(nodes, "node")
             lines = file.edges(f"{skeleton}/edges", len(nodes))
             pairs |= dict.fromkeys((nodes[a], nodes[b]) for a, b in lines)
             names |= dict.fromkeys(name for name in nodes if name in own)

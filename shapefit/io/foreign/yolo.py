@@ -9,7 +9,15 @@ import numpy as np
 
 from shapefit.errors import input_error
 from shapefit.io.foreign.detections import Detections, as_recording, images_in
-from shapefit.io.foreign.recording import FRACTION, Edges, Recording, edges_of, read_yaml
+from shapefit.io.foreign.recording import (
+    FRACTION,
+    Edges,
+    Recording,
+    at,
+    edges_of,
+    expect,
+    read_yaml,
+)
 from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
 
 BOX = 5
@@ -42,27 +50,26 @@ def read_yolo(paths: tuple[Path, ...]) -> Recording:
     layout = _stated(paths[0] if paths[0].is_dir() else paths[0].parent)
     layout = layout or _guessed([row for _, row in rows], images.name)
     width = BOX + layout.landmarks * layout.step
-    detections = Detections.in_files(images, step=layout.step)
+    detections = Detections.in_files(images)
     for frame, row in rows:
-        if len(row) - width not in (0, 1, 2):
-            found = f"a line of {len(row)} numbers, and {layout.landmarks} landmarks take {width}"
-            raise input_error(frame.path, found, f"check kpt_shape in {FILE}")
-        detections.add(row[BOX:width], frame, row[-1] if len(row) == width + 2 else None)
+        with at(frame.path, f"check kpt_shape in {FILE}"):
+            given = f"a line of {len(row)} numbers, and {layout.landmarks} landmarks take {width}"
+            expect(len(row) - width in (0, 1, 2), given)
+        numbers = row[BOX:width]
+        if layout.step == 2:
+            pairs = zip(numbers[::2], numbers[1::2], strict=True)
+            numbers = [value for x, y in pairs for value in (x, y, float(x > 0 or y > 0))]
+        detections.add(numbers, frame, row[-1] if len(row) == width + 2 else None)
     values = detections.values()
-    missing, confidence = np.asarray((values <= 0).all(axis=2)), None
-    if layout.step == 3:
-        v = values[..., 2]
-        missing, confidence = np.asarray(~(v > 0)), None if np.isin(v, (0, 1, 2)).all() else v
-    numbers = tuple(map(str, range(layout.landmarks)))
     person = layout.people and layout.landmarks == 17
     return as_recording(
         detections,
+        len(images.frames),
         values,
-        missing,
-        confidence=confidence,
-        frames=len(images.frames),
+        scored=not np.isin(values[..., 2], (0, 1, 2)).all(),
         unit=FRACTION,
-        landmark_names=layout.names or (None if person else numbers),
+        landmark_names=layout.names
+        or (None if person else tuple(map(str, range(layout.landmarks)))),
         default_keypoints="coco_17" if person else None,
         edges=layout.edges,
     )
@@ -73,11 +80,8 @@ def _rows(path: Path) -> list[list[float]]:
     rows = []
     text = read_whole(path).removeprefix(BYTE_ORDER_MARK)
     for number, line in enumerate(text.splitlines(), start=1):
-        try:
+        with at(f"{path}:{number}", "give labels of poses"):
             rows.append([float(cell) for cell in line.partition(b"#")[0].split()])
-        except ValueError as error:
-            found = f"is no line of numbers ({str(error)[:60]})"
-            raise input_error(f"{path}:{number}", found, "give labels of poses") from error
     return [row for row in rows if row]
 
 
