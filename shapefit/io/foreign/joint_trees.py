@@ -9,11 +9,19 @@ from pathlib import Path
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.errors import InputError, abbreviate, counted, input_error, listed, printable
+from shapefit.errors import abbreviate, counted, input_error, listed
 from shapefit.geometry.rotations import rotation_about_axes
-from shapefit.io.foreign.recording import Recording, numbered_repeats
-from shapefit.io.foreign.text_table import Row, Table, read_cells, read_text, read_words
+from shapefit.io.foreign.recording import (
+    Recording,
+    UnexpectedError,
+    at,
+    check_names,
+    expect,
+    numbered_repeats,
+)
+from shapefit.io.foreign.text_table import Row, Table, read_text
 from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.tidy_table import read_numbers
 
 Channel = tuple[bool, int]
 """Whether it turns, and the axis."""
@@ -115,46 +123,43 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], set[int], int, 
     ends: set[int] = set()
     frames = -1
     for number, line in enumerate(text.split("\n"), 1):
-        place = f"{path}:{number}"
         word, *rest = line.replace("{", " ").replace("}", " ").split() or [""]
-        if (key := word.upper()) in ("ROOT", "JOINT", "END"):
-            parent = open_joints[-1] if open_joints else -1
-            if (parent < 0) != (key == "ROOT"):
-                raise input_error(place, f"{key} stands in the wrong place", "correct it")
-            open_joints.append(len(joints))
-            ends |= {len(joints)} if key == "END" else set()
-            name = f"{joints[parent].name}_end" if key == "END" else " ".join(rest)
-            joints.append(Joint(name, parent))
-        elif key in ("OFFSET", "CHANNELS") and not open_joints:
-            raise input_error(place, f"{key} belongs to no joint", "correct it")
-        elif key == "OFFSET":
-            joints[open_joints[-1]].before = np.array(read_words(rest, 3, place))
-        elif key == "CHANNELS":
-            channels = [_channel(name, place) for name in rest[1:]]
-            if rest[:1] != [str(len(channels))]:
-                found = f"{' '.join(rest[:1])} channels, and {len(channels)} names"
-                raise input_error(place, found, "name as many as there are")
-            joints[open_joints[-1]].channels = channels
-        elif key == "FRAMES:":
-            frames = int(read_words(rest[:1], 1, place)[0])
-        elif key == "FRAME" and rest[:1] == ["Time:"]:
-            if not joints or open_joints:
-                raise input_error(place, "the tree of joints is not complete", "correct it")
-            for joint in joints:  # a channel of position stands for the offset along its axis
-                joint.before[[axis for turns, axis in joint.channels if not turns]] = 0
-            return joints, ends, number, frames, read_words(rest[1:2], 1, place)[0]
-        elif key not in ("", "HIERARCHY", "MOTION"):
-            found = f"begins with {printable(word)!r}, which is no word of BVH"
-            raise input_error(place, found, "correct it")
+        key = word.upper()
+        parent = open_joints[-1] if open_joints else -1
+        with at(f"{path}:{number}", "correct it"):
+            if key in ("ROOT", "JOINT", "END"):
+                expect((parent < 0) == (key == "ROOT"), f"{key} stands in the wrong place")
+                open_joints.append(len(joints))
+                ends |= {len(joints)} if key == "END" else set()
+                name = f"{joints[parent].name}_end" if key == "END" else " ".join(rest)
+                joints.append(Joint(name, parent))
+            elif key in ("OFFSET", "CHANNELS"):
+                expect(open_joints, f"{key} belongs to no joint")
+                if key == "OFFSET":
+                    joints[parent].before = np.array(read_words(rest, 3))
+                else:
+                    joints[parent].channels = channels = [_channel(name) for name in rest[1:]]
+                    given = f"{' '.join(rest[:1])} channels, and {len(channels)} names"
+                    expect(rest[:1] == [str(len(channels))], given)
+            elif key == "FRAMES:":
+                frames = int(read_words(rest[:1], 1)[0])
+            elif key == "FRAME" and rest[:1] == ["Time:"]:
+                expect(joints and not open_joints, "the tree of joints is not complete")
+                for joint in joints:  # a channel of position stands for the offset along its axis
+                    joint.before[[axis for turns, axis in joint.channels if not turns]] = 0
+                return joints, ends, number, frames, read_words(rest[1:2], 1)[0]
+            else:
+                known = key in ("", "HIERARCHY", "MOTION")
+                expect(known, f"begins with {word!r}, which is no word of BVH")
         if "}" in line and open_joints:
             del open_joints[-line.count("}") :]
     raise input_error(path, "has no motion, or is cut off before it", "give a complete BVH file")
 
 
-def _channel(name: str, place: str) -> Channel:
+def _channel(name: str) -> Channel:
     axis, kind = "xyz".find(name[:1].lower()), name[1:].lower()
-    if axis < 0 or kind not in ("rotation", "position"):
-        raise input_error(place, f"there is no channel {name!r}", "use Xrotation, Yposition, ...")
+    known = axis >= 0 and kind in ("rotation", "position")
+    expect(known, f"there is no channel {name!r}, as Xrotation or Yposition")
     return kind == "rotation", axis
 
 
@@ -176,8 +181,7 @@ HEAD_LINES = 100
 """Within which a motion says whether its angles are degrees."""
 
 WHOLE = "give a whole ASF file"
-SAME_BONES = "give a whole file; every frame must list the same bones"
-OTHER_SKELETON = "give the ASF file of this motion"
+SAME_BONES = "give a whole file, in which every frame lists the same bones, and its own ASF file"
 
 
 @dataclass(frozen=True)
@@ -252,7 +256,7 @@ def _read_skeleton(path: Path) -> Skeleton:
     given out in metres; with `length 1` their unit is unknown.
     """
     units: dict[str, str] = {}
-    blocks: list[tuple[str, dict[str, list[str]]]] = [(f"{path}: root", {"name": [ROOT]})]
+    blocks: list[tuple[str, dict[str, list[str]]]] = [(f"{path}: root", ROOT_BLOCK.copy())]
     links: list[Row] = []
     section = ""
     for number, line in enumerate(read_text(path).split("\n"), 1):
@@ -261,50 +265,57 @@ def _read_skeleton(path: Path) -> Skeleton:
         if key.startswith(":"):
             section = key
         elif key == "begin" and section == ":bonedata":
-            blocks.append((f"{path}:{number}", {}))
+            blocks.append((f"{path}:{number}", {"dof": []}))
         elif key in ("begin", "end", ""):
             continue
         elif section == ":units":
             units[key] = (rest or [word])[-1].lower()
         elif section in (":root", ":bonedata"):
-            blocks[0 if section == ":root" else -1][1].setdefault(key, rest)
+            own = blocks[0 if section == ":root" else -1][1]
+            own["dof" if key == "order" else key] = rest
         elif section == ":hierarchy":
             links.append((number, [word, *rest]))
     degrees = not units.get("angle", "deg").startswith("rad")
-    bones = [_bone(block, place, degrees, is_root=not n) for n, (place, block) in enumerate(blocks)]
-    if len(bones) == 1:
-        raise input_error(path, "has no bones", WHOLE)
+    bones = []
+    for place, block in blocks:
+        with at(place, WHOLE):
+            bones.append(_bone(block, degrees))
     _join(bones, links, path)
-    (length,) = read_words([units.get("length", "1")], 1, f"{path}: length")
-    if length <= 0:
-        raise input_error(path, f"has the unit of length {length:g}", "give a number > 0")
+    with at(path, WHOLE):
+        expect(len(bones) > 1, "has no bones")
+        (length,) = read_words([units.get("length", "1")], 1)
+        expect(length > 0, f"has the unit of length {length:g}")
     scale, unit = (1.0, UNKNOWN_UNIT) if length == 1 else (INCH / length, "m")
     return Skeleton(bones, unit, scale, degrees)
 
 
-def _bone(block: dict[str, list[str]], place: str, degrees: bool, *, is_root: bool) -> Joint:
+ROOT_BLOCK: dict[str, list[str]] = {
+    "name": [ROOT],
+    "dof": ["TX", "TY", "TZ", "RX", "RY", "RZ"],
+    "axis": [],
+    "position": ["0"] * 3,
+    "orientation": ["0"] * 3,
+}
+"""The root, which has a place and not a length, where a file does not say other."""
+
+
+def _bone(block: dict[str, list[str]], degrees: bool) -> Joint:
     """Return a bone, or the root, whose place is where it turns; its first angle turns first."""
-    if is_root:
-        order = block.get("order", ["TX", "TY", "TZ", "RX", "RY", "RZ"])
-        turn = [*block.get("orientation", ["0"] * 3), *block.get("axis", ())]
-        before = np.array(read_words(block.get("position", ["0"] * 3), 3, place))
-        after = np.zeros(3)
+    before, after, turn = np.zeros(3), np.zeros(3), block["axis"]
+    if "orientation" in block:
+        turn = [*block["orientation"], *turn]
+        before = np.array(read_words(block["position"], 3))
     else:
-        lacking = [key for key in ("name", "direction", "length", "axis") if not block.get(key)]
-        if lacking:
-            raise input_error(place, f"a bone without {', '.join(lacking)}", WHOLE)
-        order, turn, before = block.get("dof", []), block["axis"], np.zeros(3)
-        after = np.array(read_words(block["direction"], 3, place))
-        after *= read_words(block["length"], 1, place)[0]
-    angles, letters = read_words(turn[:3], 3, place), (turn[3:] or ["XYZ"])[0]
-    if sorted(letters.lower()) != ["x", "y", "z"]:
-        raise input_error(place, f"the axes are {letters!r}", "give XYZ in any order")
+        after = np.array(read_words(block["direction"], 3))
+        after *= read_words(block["length"], 1)[0]
+    angles, letters = read_words(turn[:3], 3), (turn[3:] or ["XYZ"])[0].lower()
+    expect(sorted(letters) == ["x", "y", "z"], f"the axes are {letters!r}, not XYZ in any order")
     turned = np.radians(angles[::-1]) if degrees else np.array(angles[::-1])
-    axes = rotation_about_axes(["xyz".index(a) for a in reversed(letters.lower())], turned)
+    axes = rotation_about_axes(["xyz".index(a) for a in reversed(letters)], turned)
     channels = []
-    for name in map(str.lower, reversed(order)):
-        if len(name) != 2 or name[0] not in "rt" or name[1] not in "xyz":
-            raise input_error(place, f"a degree of freedom {name!r}", "use tx ty tz rx ry rz")
+    for name in map(str.lower, reversed(block["dof"])):
+        known = len(name) == 2 and name[0] in "rt" and name[1] in "xyz"
+        expect(known, f"a degree of freedom {name!r}, not tx ty tz rx ry rz")
         channels.append((name[0] == "r", "xyz".index(name[1])))
     return Joint(block["name"][0], -1, before, after, axes, channels)
 
@@ -312,23 +323,21 @@ def _bone(block: dict[str, list[str]], place: str, degrees: bool, *, is_root: bo
 def _join(bones: list[Joint], links: list[Row], path: Path) -> None:
     """Give each bone its parent. Raises InputError where they are no tree."""
     index = {bone.name: number for number, bone in enumerate(bones)}
-    if len(index) < len(bones):
-        raise input_error(path, "two bones have one name", "give every bone a name of its own")
     parents = [-1] + [len(bones)] * (len(bones) - 1)
     twice = []
     for line, words in links:
-        if unknown := [word for word in words if word not in index]:
-            found = f"there is no bone {abbreviate(unknown)}"
-            raise input_error(f"{path}:{line}", found, "correct the hierarchy")
-        for name in words[1:]:
-            if parents[index[name]] != len(bones):
-                twice.append(name)
+        with at(f"{path}:{line}", "name bones that are there"):
+            above, *below = (index[word] for word in words)
+        for number in below:
+            if parents[number] != len(bones):
+                twice.append(number)
             else:
-                parents[index[name]] = bones[index[name]].parent = index[words[0]]
+                parents[number] = bones[number].parent = above
     reached = set(_parents_first(parents))
-    if lost := [b.name for i, b in enumerate(bones) if i not in reached or b.name in twice]:
-        found = f"the hierarchy does not reach every bone once ({abbreviate(lost)})"
-        raise input_error(path, found, f"correct it, or {WHOLE}")
+    lost = [b.name for i, b in enumerate(bones) if i not in reached or i in twice]
+    with at(path, f"correct it, or {WHOLE}"):
+        check_names([bone.name for bone in bones], "bone")
+        expect(not lost, f"the hierarchy does not reach every bone once ({abbreviate(lost)})")
 
 
 def _read_motion(path: Path, skeleton: Skeleton) -> tuple[list[str], Floats]:
@@ -355,38 +364,48 @@ def _read_motion(path: Path, skeleton: Skeleton) -> tuple[list[str], Floats]:
             rows.append((line, words))
     if not rows:
         return [], np.empty((0, len(skeleton.bones), 3))
-    size = size or len(rows)
-    _check_frames(path, skeleton.bones, rows, size, len(labels))
-    place = {words[0]: number for number, (_, words) in enumerate(rows[:size])}
-    values = []
-    for bone in skeleton.bones:
-        own = [(line, words[:0:-1]) for line, words in rows[place.get(bone.name, size) :: size]]
-        if bone.name in place and bone.channels:
-            values.append(read_cells(own, path))
-        else:
-            values.append(np.zeros((len(labels), len(bone.channels))))
-    ends = find_places(skeleton.bones, np.concatenate(values, axis=1), degrees=degrees)
+    bones, size = skeleton.bones, size or len(rows)
+    count = {bone.name: len(bone.channels) for bone in bones}
+    order = [words[0] for _, words in rows[:size]]
+    for (line, (name, *cells)), wanted in zip(rows, order * len(labels), strict=False):
+        if name != wanted or len(cells) != count.get(name):
+            with at(f"{path}:{line}", SAME_BONES):
+                expect(name == wanted, f"{name!r} stands where other frames have {wanted!r}")
+                expect(name in count, f"the skeleton has no bone {name!r}")
+                given = f"{counted(len(cells), 'number')} for the"
+                raise UnexpectedError(f"{given} {count[name]} degrees of freedom of {name}")
+    if len(rows) != size * len(labels):
+        raise input_error(path, "the last frame lacks bones, or has too many", SAME_BONES)
+    place = {name: number for number, name in enumerate(order)}
+    values = [
+        read_cells([(line, words[:0:-1]) for line, words in rows[place[bone.name] :: size]], path)
+        if bone.name in place and bone.channels
+        else np.zeros((len(labels), len(bone.channels)))
+        for bone in bones
+    ]
+    ends = find_places(bones, np.concatenate(values, axis=1), degrees=degrees)
     return labels, skeleton.scale * ends
 
 
-def _check_frames(
-    path: Path, bones: Sequence[Joint], rows: Sequence[Row], size: int, frames: int
-) -> None:
-    """Raise InputError where a frame lists other bones than the first, or other numbers."""
+def read_cells(rows: Sequence[Row], path: Path) -> Floats:
+    """Return rows of as many cells each as finite numbers (n, cells).
 
-    def error(row: int, found: str, fix: str) -> InputError:
-        return input_error(f"{path}:{rows[row][0]}", found, fix)
+    Raises InputError for the first cell that is none.
+    """
+    values, _ = read_numbers([cell for _, cells in rows for cell in cells])
+    for place in np.flatnonzero(~np.isfinite(values))[:1].tolist():
+        line, cells = rows[place // len(rows[0][1])]
+        cell = cells[place % len(cells)]
+        raise input_error(f"{path}:{line}", f"{cell[:40]!r} is no number", "correct it")
+    return values.reshape(len(rows), -1)
 
-    for row, (_, (name, *_)) in enumerate(rows):
-        if name != (wanted := rows[row % size][1][0]):
-            raise error(row, f"{name!r} stands where other frames have {wanted!r}", SAME_BONES)
-    if len(rows) != size * frames:
-        raise error(-1, "the last frame lacks bones, or has too many", SAME_BONES)
-    count = {bone.name: len(bone.channels) for bone in bones}
-    for row, (_, (name, *cells)) in enumerate(rows):
-        if name not in count:
-            found = f"the skeleton has no bone {name!r} ({abbreviate([*count])})"
-            raise error(row, found, OTHER_SKELETON)
-        if len(cells) != count[name]:
-            found = f"{counted(len(cells), 'number')} for the {count[name]} degrees of freedom"
-            raise error(row, f"{found} of {name}", OTHER_SKELETON)
+
+def read_words(words: Sequence[str], count: int) -> tuple[float, ...]:
+    """Return so many words as finite numbers. Raises ValueError where they are none."""
+    given = f"expected {count} numbers, found {' '.join(words)[:40]!r}"
+    try:
+        numbers = tuple(map(float, words))
+    except ValueError:
+        numbers = ()
+    expect(len(numbers) == count and np.isfinite(numbers).all(), given)
+    return numbers

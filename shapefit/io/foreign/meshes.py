@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from shapefit.arrays import Floats, Integers
-from shapefit.errors import counted, input_error
+from shapefit.errors import input_error
 from shapefit.io.foreign.detections import read_json
+from shapefit.io.foreign.recording import UnexpectedError, at, check_names, expect
 from shapefit.io.foreign.text_table import Table
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.names import match_landmarks
@@ -64,20 +65,16 @@ def _load(path: Path) -> tuple[Floats, Integers]:
     """Return vertices (q, 3) and faces (f, 3) of a mesh, in the order of the file."""
     import trimesh
 
-    try:
-        mesh = trimesh.load(path, force="mesh", process=False, maintain_order=True)
-        vertices = np.asarray(mesh.vertices, dtype=np.float64)
-        faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
-    except Exception as error:  # trimesh has many kinds of error for damaged files
-        found = f"cannot be read as a mesh ({error})"
-        raise input_error(path, found, "give a whole OBJ, PLY or GLB file") from error
-    if vertices.ndim != 2 or not len(vertices):
-        raise input_error(path, "has no vertices", "give a mesh")
-    if vertices.shape[1] != 3:
-        found = f"has vertices of {vertices.shape[1]} coordinates"
-        raise input_error(path, found, "give x, y and z for each")
-    if not np.isfinite(vertices).all():
-        raise input_error(path, "has a vertex that is not finite", "correct it")
+    with at(path, "give a whole OBJ, PLY or GLB file"):
+        try:
+            mesh = trimesh.load(path, force="mesh", process=False, maintain_order=True)
+            vertices = np.asarray(mesh.vertices, dtype=np.float64)
+            faces = np.asarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
+        except Exception as error:  # trimesh has many kinds of error for damaged files
+            raise UnexpectedError(f"cannot be read as a mesh ({error})") from error
+        expect(vertices.ndim == 2 and len(vertices), "has no vertices")
+        expect(vertices.shape[1] == 3, f"has vertices of {vertices.shape[1]} coordinates, not 3")
+        expect(np.isfinite(vertices).all(), "has a vertex that is not finite")
     return vertices, faces
 
 
@@ -93,57 +90,46 @@ def _read_places(mesh: Path) -> Places:
         found = "nothing says which of its vertices are landmarks"
         fix = f"write {wanted[1].name} beside it, or {wanted[3].name} for all meshes there: {FORMS}"
         raise input_error(mesh, found, fix)
-    places = _of_json(path) if path.suffix == ".json" else _of_csv(path)
-    if not places:
-        raise input_error(path, "names no landmarks", f"write {FORMS}")
+    with at(path, f"write {FORMS}"):
+        if path.suffix == ".json":
+            places: Places = {name: _place(name, value) for name, value in read_json(path).items()}
+        else:
+            places = _of_csv(path)
+        expect(places, "names no landmarks")
     return places
-
-
-def _of_json(path: Path) -> Places:
-    found = read_json(path)
-    if not isinstance(found, dict):
-        raise input_error(path, "is no JSON object", f"write {FORMS}")
-    return {name: _place(value, f"{path}: {name}") for name, value in found.items()}
 
 
 def _of_csv(path: Path) -> Places:
     table = Table(path)
     ((line, header),) = table.first_rows(1) or [(1, [])]
     header = [cell.strip() for cell in header]
-    if header not in (["landmark", "vertex"], ["landmark", "x", "y", "z"]):
-        raise input_error(f"{path}:1", f"the header is {','.join(header)[:80]!r}", f"write {FORMS}")
+    known = header in (["landmark", "vertex"], ["landmark", "x", "y", "z"])
+    expect(known, f"the header is {','.join(header)[:80]!r}")
     table.skip(line, header)
-    values, (names,), lines = table.read(range(1, len(header)), [0], finite=True, empty=False)
-    places: dict[str, Place] = {}
-    for name, own, line in zip(names, values.tolist(), lines.tolist(), strict=True):
-        if name in places:
-            raise input_error(
-                f"{path}:{line}", f"the landmark {name!r} repeats", "keep one of them"
-            )
-        value = own if len(own) == 3 else int(own[0]) if own[0].is_integer() else own[0]
-        places[name] = _place(value, f"{path}:{line}")
-    return places
+    values, (names,), _ = table.read(range(1, len(header)), [0], finite=True, empty=False)
+    check_names(names, "landmark")
+    rows = (own if len(own) == 3 else own[0] for own in values.tolist())
+    return {name: _place(name, place) for name, place in zip(names, rows, strict=True)}
 
 
-def _place(value: Any, place: str) -> Place:
-    if type(value) is int:
-        return value
+def _place(name: str, value: Any) -> Place:
+    """Return the number of a vertex, from 0, or three coordinates."""
+    if type(value) in (int, float) and value == int(value):
+        return int(value)
     plain = isinstance(value, list) and all(type(x) in (int, float) for x in value)
-    if plain and len(value) == 3 and np.isfinite(value).all():
-        return tuple(map(float, value))
-    fix = "give the number of a vertex, from 0, or three coordinates"
-    raise input_error(place, f"{str(value)[:40]!r} is no place", fix)
+    point = plain and len(value) == 3 and np.isfinite(value).all()
+    expect(point, f"{name!r} is at {str(value)[:40]}: neither a vertex nor three coordinates")
+    return tuple(map(float, value))
 
 
 def _find_landmarks(path: Path, vertices: Floats, places: Places, names: tuple[str, ...]) -> Floats:
     """Return the landmarks (p, 3) of a mesh. Raises InputError for other names than these."""
     match_landmarks(tuple(places), names, f"{path}: landmarks")
     match_landmarks(names, tuple(places), f"{path}: landmarks")
-    for name, place in places.items():
-        if isinstance(place, int) and not 0 <= place < len(vertices):
-            there = counted(len(vertices), "vertex").replace("vertexs", "vertices")
-            what = f"the landmark {name!r} is vertex {place} of {there}"
-            raise input_error(path, what, "count vertices from 0, in the order of the file")
+    with at(path, "count vertices from 0, in the order of the file"):
+        for name, place in places.items():
+            there = not isinstance(place, int) or 0 <= place < len(vertices)
+            expect(there, f"the landmark {name!r} is vertex {place} of {len(vertices)} vertices")
     found = [
         vertices[place] if isinstance(place, int) else place for place in map(places.get, names)
     ]

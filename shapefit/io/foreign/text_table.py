@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import orjson
-from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats, Integers
-from shapefit.errors import input_error, printable
+from shapefit.errors import printable
 from shapefit.io.checks import input_problems
 from shapefit.io.csv_file import read_rows, refuse_zero_bytes
 from shapefit.io.head import decode
@@ -168,29 +167,3 @@ class Table:
 
 
 _PLAIN = {float, int, type(None)}
-
-
-def read_cells(rows: Sequence[Row], path: Path) -> NDArray[np.float64]:
-    """Return rows of as many cells each as finite numbers (n, cells).
-
-    Raises InputError for the first cell that is none.
-    """
-    values, strange = read_numbers([cell for _, cells in rows for cell in cells])
-    wrong = strange | ~np.isfinite(values)
-    if wrong.any():
-        row, column = divmod(int(wrong.argmax()), len(rows[0][1]))
-        line, cells = rows[row]
-        raise input_error(f"{path}:{line}", f"{cells[column][:40]!r} is no number", "correct it")
-    return values.reshape(len(rows), -1)
-
-
-def read_words(words: Sequence[str], count: int, place: str) -> tuple[float, ...]:
-    """Return so many words as finite numbers. Raises InputError where they are none."""
-    try:
-        numbers = tuple(float(word) for word in words)
-    except ValueError:
-        numbers = ()
-    if len(numbers) != count or not np.isfinite(numbers).all():
-        found = f"expected {count} numbers, found {' '.join(words)[:40]!r}"
-        raise input_error(place, found, "correct it")
-    return numbers

@@ -62,7 +62,7 @@ def test_the_only_camera_needs_no_name_and_may_lack_a_place(calibration):
         (TWO, None, ["2 cameras", "cam_0 (left)", "cam_1 (7)"]),
         (TWO, "right", ["no camera 'right'", "cam_0 (left) and cam_1 (7)"]),
         ("[metadata]\nerror = 1\n", None, ["no section with the `matrix`"]),
-        ("matrix = [", None, ["is no TOML"]),
+        ("matrix = [", None, ["is not as its format says", "give the calibration of anipose"]),
         (TWO.replace("500.0, 0.0, 320.0", "500.0, 3.0, 320.0"), "left", ["cam_0", "500 3 320"]),
         (TWO.replace("500.0, 0.0, 320.0", "-500.0, 0.0, 320.0"), "left", ["cam_0", "-500"]),
         (TWO.replace("[0.0, 0.0, 1.57", "[0.0, 1.57"), "left", ["cam_0", "rotation"]),

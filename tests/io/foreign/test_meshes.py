@@ -62,14 +62,18 @@ def test_meshes_of_different_faces_keep_their_landmarks(tmp_path):
         ("other.csv", "", ["a.obj", "a.landmarks.csv", "landmarks.csv"]),
         ("landmarks.csv", "landmark,vertex\ntip,4\n", ["a.obj", "vertex 4 of 4 vertices"]),
         ("landmarks.csv", "landmark,vertex\ntip,one\n", ["landmarks.csv:2", "'one'"]),
-        ("landmarks.csv", "name,vertex\ntip,1\n", ["landmarks.csv:1", "name,vertex"]),
-        ("landmarks.csv", "landmark,vertex\ntip,1\ntip,2\n", ["landmarks.csv:3", "repeats"]),
+        ("landmarks.csv", "name,vertex\ntip,1\n", ["landmarks.csv", "'name,vertex'"]),
+        (
+            "landmarks.csv",
+            "landmark,vertex\ntip,1\ntip,2\n",
+            ["landmarks.csv", "'tip' is there twice"],
+        ),
         ("landmarks.csv", "landmark,x,y,z\ntip,1,2\n", ["landmarks.csv:2", "3 cells"]),
         ("landmarks.csv", "landmark,vertex\n", ["landmarks.csv", "no landmarks"]),
         ("landmarks.json", "{", ["landmarks.json:1", "is not whole JSON"]),
-        ("landmarks.json", '{"tip": 1.5}', ["landmarks.json: tip", "1.5"]),
+        ("landmarks.json", '{"tip": 1.5}', ["landmarks.json", "'tip' is at 1.5"]),
         ("landmarks.json", '{"tip": [1, 2, NaN]}', ["landmarks.json"]),
-        ("landmarks.json", '{"tip": true}', ["landmarks.json: tip"]),
+        ("landmarks.json", '{"tip": true}', ["landmarks.json", "'tip' is at True"]),
     ],
 )
 def test_errors_name_what_is_wrong(tmp_path, name, text, words):
