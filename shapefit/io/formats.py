@@ -18,7 +18,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from shapefit.errors import InputError, input_error, listed
+from shapefit.errors import input_error, listed
 from shapefit.io.head import (
     Head,
     anipose_landmarks,
@@ -148,17 +148,24 @@ def _slp(head: Head) -> bool:
     return "metadata@format_id" in found.inner and {"frames", "instances"} <= found.entries
 
 
-PEOPLE = {"people", "bodies"}
-"""Keys of OpenPose's layout, and of AlphaPose's `cmu`."""
+def _files(ending: str, begins: Callable[[Head], bool]) -> Callable[[Head], bool]:
+    """Return whether a file begins so, or one of the first in a folder."""
+
+    def any_begins(head: Head) -> bool:
+        return any(map(begins, head.files(ending) if head.is_folder else [head]))
+
+    return any_begins
+
 
 _ALPHAPOSE = re.compile(rb'\s*\{\s*"(?:[^"\\]|\\.)*"\s*:\s*\{\s*"(?:version|people|bodies)"\s*:')
 
 
 def _openpose(head: Head) -> bool:
-    if head.is_folder:
-        return any(_openpose(each) for each in head.files(".json"))
+    """Whether an object has OpenPose's keys, which AlphaPose's `cmu` has, too."""
     found = head.json
-    return bool(found.kind == "{" and found.keys & PEOPLE) or found.keys == {"version"}
+    return (found.kind == "{" and bool(found.keys & {"people", "bodies"})) or found.keys == {
+        "version"
+    }
 
 
 def _coco_results(head: Head) -> bool:
@@ -175,42 +182,28 @@ def _coco_annotations(head: Head) -> bool:
 
 
 def _mmpose_video(head: Head) -> bool:
-    found = head.json
-    if found.kind == "[":
-        return "instances" in found.keys
-    return found.kind == "{" and bool(found.keys & {"meta_info", "instance_info"})
+    wanted = {"{": {"meta_info", "instance_info"}, "[": {"instances"}, "": set[str]()}
+    return bool(head.json.keys & wanted[head.json.kind])
 
 
 def _mmpose_images(head: Head) -> bool:
-    if head.is_folder:
-        return any(_is_list_of_instances(each) for each in head.files(".json"))
-    return head.bytes.strip() == b"[]" or _is_list_of_instances(head)
-
-
-def _is_list_of_instances(head: Head) -> bool:
     found = head.json
     named = {"keypoints", "keypoint_scores"} <= found.keys and "instances" not in found.keys
-    return found.kind == "[" and (named or found.points == "pairs")
+    empty = head.bytes.strip() == b"[]"
+    return found.kind == "[" and (named or found.points == "pairs" or empty)
 
 
 def _yolo(head: Head) -> bool:
     """Whether a .txt file begins with a line of a class, a box and landmarks, all fractions."""
-    if head.is_folder:
-        first = next((each for each in head.files(".txt") if each.bytes.strip()), None)
-        return first is not None and _yolo(first)
     cells = next((c for line in head.lines[:10] if (c := line.partition(b"#")[0].split())), [])
     try:
-        numbers = [float(cell) for cell in cells]
+        first, *numbers = map(float, cells)
     except ValueError:
         return False
-    return (
-        head.named(".txt")
-        and len(numbers) >= 7
-        and numbers[0].is_integer()
-        and numbers[0] >= 0
-        and all(0 <= value <= 1 for value in numbers[1:5])
-        and all(-1 <= value <= 2 for value in numbers[5:7])
-    )
+    box, point = numbers[:4], numbers[4:6]
+    placed = len(point) == 2 and all(-1 <= value <= 2 for value in point)
+    fractions = all(0 <= value <= 1 for value in box)
+    return head.named(".txt") and first.is_integer() and first >= 0 and placed and fractions
 
 
 _POINT = re.compile(rb'\{\s*(?:"(?:name|id)"\s*:\s*"?\w+"?,\s*)?"x"\s*:\s*[^,{}]+,\s*"y"\s*:')
@@ -336,17 +329,21 @@ FORMATS: dict[str, FileFormat] = {
     ),
     "mmpose-images": _read(
         *("a set of MMPose files", ".json", IMAGES),
-        *(_mmpose_images, "people:read_mmpose_images"),
+        *(_files(".json", _mmpose_images), "people:read_mmpose_images"),
         **_SETS,
     ),
     "mmpose-video": _read(
         *("an MMPose file", ".json", IMAGES), *(_mmpose_video, "people:read_mmpose_video")
     ),
     "openpose": _read(
-        "a set of OpenPose files", ".json", IMAGES, _openpose, "people:read_openpose", **_SETS
+        *("a set of OpenPose files", ".json", IMAGES),
+        *(_files(".json", _openpose), "people:read_openpose"),
+        **_SETS,
     ),
     "ultralytics-txt": _read(
-        "a set of YOLO pose labels", ".txt", IMAGES, _yolo, "yolo:read_yolo", **_SETS
+        *("a set of YOLO pose labels", ".txt", IMAGES),
+        *(_files(".txt", _yolo), "yolo:read_yolo"),
+        **_SETS,
     ),
     "acclaim": _read(
         *("an ASF/AMC motion", ".amc .asf", SHAPES),
@@ -411,7 +408,8 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     if (error := unsupported_file(head)) is not None:
         raise error
     if b"\0" in head.bytes and not CSV.has_suffix(path):
-        raise _unknown(path)
+        titles = listed(known.title for known in FORMATS.values())
+        raise input_error(path, "is of no known format", f"give {titles}")
     if head.json.kind:
         raise unknown_json(head)
     return CSV
@@ -446,14 +444,6 @@ def _likely_first(path: Path) -> Iterator[FileFormat]:
     ordered = [*others, HDF5, CSV]
     yield from (known for known in ordered if known.has_suffix(path))
     yield from (known for known in ordered if not known.has_suffix(path))
-
-
-def _unknown(path: Path) -> InputError:
-    """Return the error for a binary file that is in none of the known formats."""
-    near = next((known for known in FORMATS.values() if known.has_suffix(path)), None)
-    fix = f"it is named like {near.title}, but does not begin like one; " if near else ""
-    titles = listed(known.title for known in FORMATS.values())
-    return input_error(path, "is of no known format", f"{fix}known are {titles}")
 
 
 def group_inputs(

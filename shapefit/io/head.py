@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from shapefit.errors import InputError, abbreviate, input_error, printable
 from shapefit.io.inputs import BYTE_ORDER_MARK, HDF5_SIGNATURE
@@ -136,78 +136,54 @@ def find_json_keys(data: bytes) -> JsonKeys:
 
 def find_hdf5_keys(path: Path) -> Hdf5Keys:
     """Open an HDF5 file, and return what its root holds."""
-    from shapefit.io.hdf5_file import open_hdf5
+    from shapefit.io.hdf5_file import as_text, open_hdf5
 
     try:
         with open_hdf5(path) as file:
-            return _keys_of(file)
+            if str(as_text(file.attrs.get("format", ""))).startswith(OWN_FORMAT):
+                return Hdf5Keys()
+            groups = {name: file.get(name) for name in file}
+            inner: set[str] = set()
+            for name in ("poseest", "processing", "metadata"):
+                if (group := groups.get(name)) is not None:
+                    inner |= {f"{name}@{each}" for each in group.attrs}
+                    inner |= {f"{name}/{each}" for each in getattr(group, "keys", tuple)()}
+            there = [(name, one.attrs) for name, one in groups.items() if one is not None]
+            pandas = tuple(name for name, attributes in there if "pandas_type" in attributes)
+            return Hdf5Keys(frozenset(groups), frozenset(file.attrs), pandas, frozenset(inner))
     except StoreError:
         raise
     except Exception:  # h5py has many kinds of error for damaged files; their reader names them
         return Hdf5Keys()
 
 
-def _keys_of(file: Any) -> Hdf5Keys:
-    stated = file.attrs.get("format", "")
-    if isinstance(stated, bytes):
-        stated = stated.decode("utf-8", "replace")
-    if isinstance(stated, str) and stated.startswith(OWN_FORMAT):
-        return Hdf5Keys()
-    groups = {name: file.get(name) for name in file}
-    inner: set[str] = set()
-    for name in ("poseest", "processing", "metadata"):
-        if (group := groups.get(name)) is not None:
-            inner |= {f"{name}@{each}" for each in group.attrs}
-            inner |= {f"{name}/{each}" for each in group} if hasattr(group, "keys") else set()
-    return Hdf5Keys(
-        frozenset(groups),
-        frozenset(file.attrs),
-        tuple(name for name, one in groups.items() if one is not None and _is_pandas(one)),
-        frozenset(inner),
-    )
+OF_A_DETECTOR = "give the file of landmarks that a detector made of it"
 
-
-def _is_pandas(group: Any) -> bool:
-    return "pandas_type" in group.attrs
-
-
-UNPACK = "unpack it first"
-LANDMARKS = "give the file of landmarks that a detector made of it"
-EXPORT = "export its points as CSV"
-PICKLE = "is a pickle of Python, which is never executed here"
-
-SIGNS: tuple[tuple[tuple[bytes, ...], str, str], ...] = (
-    ((b"\x1f\x8b",), "is compressed by gzip", UNPACK),
-    ((b"BZh",), "is compressed by bzip2", UNPACK),
-    ((b"\xfd7zXZ\0",), "is compressed by xz", UNPACK),
-    ((b"\x28\xb5\x2f\xfd",), "is compressed by zstd", UNPACK),
+UNSUPPORTED: tuple[tuple[str, str, tuple[bytes, ...]], ...] = (
+    ("is compressed", "unpack it first", (b"\x1f\x8b", b"BZh", b"\xfd7zXZ\0", b"\x28\xb5\x2f\xfd")),
     (
-        (b"PK\x03\x04",),
         "is a zip archive, as models of PyTorch are, too",
-        "give a file of landmarks; unpack it first if it holds one",
+        "give a file of landmarks",
+        (b"PK\x03\x04",),
     ),
     (
-        tuple(bytes([128, protocol]) for protocol in range(2, 6)),
-        PICKLE,
+        "is a pickle of Python, which is never executed here",
         "give the CSV or HDF5 file that its program exports",
+        tuple(bytes([128, protocol]) for protocol in range(2, 6)),
     ),
-    ((b"MATLAB ",), "is a file of MATLAB", EXPORT),
-    ((b"CDF",), "is netCDF 3", "write it as netCDF 4: to_netcdf(..., engine='h5netcdf')"),
-    ((b"RIFF", b"\x1aE\xdf\xa3"), "is a video, or a part of one", LANDMARKS),
-    (
-        (b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"BM"),
-        "is an image",
-        "give the file of landmarks found in it",
-    ),
+    ("is a file of MATLAB", "export its points as CSV", (b"MATLAB ",)),
+    ("is netCDF 3", "write it as netCDF 4: to_netcdf(..., engine='h5netcdf')", (b"CDF",)),
+    ("is a video, or a part of one", OF_A_DETECTOR, (b"RIFF", b"\x1aE\xdf\xa3")),
+    ("is an image", OF_A_DETECTOR, (b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"BM")),
 )
-"""First bytes, what such a file is, and the fix."""
+"""What a file is, the fix, and the first bytes that such files have."""
 
 
 def unsupported_file(head: Head) -> InputError | None:
     """Return the error for a file whose first bytes say what else it is; None without such."""
     if head.bytes[4:8] in (b"ftyp", b"moov", b"mdat"):
-        return input_error(head.path, "is a video, or a part of one", LANDMARKS)
-    for starts, found, fix in SIGNS:
+        return input_error(head.path, "is a video, or a part of one", OF_A_DETECTOR)
+    for found, fix, starts in UNSUPPORTED:
         if head.bytes.startswith(starts) and not _is_text(head.bytes):
             return input_error(head.path, found, fix)
     return None
@@ -222,26 +198,17 @@ def _is_text(data: bytes) -> bool:
     return b"\0" not in data
 
 
-_JSON = {
-    "COCO annotations": ("images", "annotations", "categories"),
-    "COCO results": ("image_id", "category_id", "keypoints", "score"),
-    "OpenPose": ("version", "people", "pose_keypoints_2d"),
-    "MMPose": ("frame_id", "instances", "keypoints", "keypoint_scores", "meta_info"),
-}
-
-
 def unknown_json(head: Head) -> InputError:
-    """Return the error for JSON that is in no known format: what it has, what was looked for."""
+    """Return the error for JSON that is in no known format: what it has, and what is known."""
     keys = head.json.keys
     place = "an object" if head.json.kind == "{" else "a list of objects"
     found = f"{place} with {abbreviate(sorted(keys))}" if keys else f"{place} without names"
-    looked = "; ".join(f"{title} ({', '.join(names)})" for title, names in _JSON.items())
-    shared = {title: len(keys & set(names)) for title, names in _JSON.items()}
-    near = max(shared, key=lambda title: shared[title])
-    hint = f"the nearest is {near}" if shared[near] else "none of them is near"
+    fix = (
+        "give what OpenPose (version, people), AlphaPose, MMPose (instances) or MediaPipe write, "
+        "COCO annotations (images, annotations, categories) or COCO results (image_id, keypoints)"
+    )
     if {"shapes", "imagePath"} <= keys:
-        hint = "it is LabelMe's: export it as COCO keypoints"
-    fix = f"known are {looked}; {hint}"
+        fix = "it is LabelMe's: export it as COCO keypoints"
     return input_error(head.path, f"is JSON of no known kind, {found}", fix)
 
 
