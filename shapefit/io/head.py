@@ -248,7 +248,6 @@ _NAMED = re.compile(
     r"(.+)[_.: -](x|y|z|likelihood|confidence|conf|score|visibility|prob|v|c)", re.I
 )
 _NUMBERED = re.compile(r"(x|y|z|visibility|v|c)_?([0-9]{1,9})", re.I)
-_NUMBER = re.compile(r"[0-9]{1,9}")
 
 
 @dataclass(frozen=True)
@@ -257,14 +256,13 @@ class Columns:
 
     roles: item, frame, sequence, and in a long table landmark, x, y, z and confidence -> column;
     landmarks: of a wide table, in order: role -> column for each name, None for a long table;
-    numbered: whether these names are numbers that follow one another; others: names left out.
+    others: names left out.
     """
 
     delimiter: str
     names: tuple[str, ...]
     roles: Mapping[str, int]
     landmarks: Mapping[str, Mapping[str, int]] | None
-    numbered: bool
     others: tuple[str, ...]
 
     @property
@@ -322,7 +320,7 @@ def _long_columns(delimiter: str, names: tuple[str, ...]) -> Columns | None:
     roles, others = _roles(names)
     if not {"landmark", "x", "y"} <= roles.keys() or not {"item", "frame"} & roles.keys():
         return None
-    return Columns(delimiter, names, roles, None, False, tuple(filter(None, others)))
+    return Columns(delimiter, names, roles, None, tuple(filter(None, others)))
 
 
 def _wide_columns(delimiter: str, names: tuple[str, ...]) -> Columns | None:
@@ -344,22 +342,12 @@ def _wide_columns(delimiter: str, names: tuple[str, ...]) -> Columns | None:
     whole = {name: own for name, own in landmarks.items() if {"x", "y"} <= own.keys()}
     if len(whole) < 2:
         return None
-    numbers = sorted(numbers_of(whole))
-    numbered_names = numbers == list(range(numbers[0], numbers[0] + len(numbers)))
-    numbered_names = numbered_names and numbers[0] in (0, 1)
-    if numbered_names:
-        whole = dict(sorted(whole.items(), key=lambda each: int(each[0])))
     roles, others = _roles(list(rest.values()))
     places = list(rest)
     roles = {role: places[at] for role, at in roles.items() if role not in OF_A_POINT}
     others += [name for name in landmarks if name not in whole]
     left = tuple(name for name in others if name and not name.lower().startswith("unnamed"))
-    return Columns(delimiter, names, roles, whole, numbered_names, left)
-
-
-def numbers_of(names: Iterable[str]) -> list[int]:
-    """Return the numbers that landmarks are called, -1 for other names."""
-    return [int(name) if _NUMBER.fullmatch(name) else -1 for name in names]
+    return Columns(delimiter, names, roles, whole, left)
 
 
 def anipose_landmarks(columns: Iterable[str]) -> tuple[str, ...]:

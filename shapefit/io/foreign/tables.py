@@ -14,17 +14,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.errors import InputError, abbreviate, counted, input_error, printable
+from shapefit.errors import InputError, abbreviate, input_error, printable
 from shapefit.io.foreign.arrays import of_bodies
 from shapefit.io.foreign.recording import Recording, video_name
 from shapefit.io.foreign.text_table import Table
-from shapefit.io.head import OF_A_POINT, Columns, numbers_of, parse_header
+from shapefit.io.head import OF_A_POINT, Columns, parse_header
 from shapefit.io.inputs import check_fits
 from shapefit.io.skeletons import SKELETONS
 from shapefit.io.tidy_table import read_numbers
 
 LAST_FRAME = 2.0**53
 """Numbers of frames are below it, whole and told apart."""
+
+CALISCOPE = {
+    "port": "sequence",
+    "cam_id": "sequence",
+    "frame_index": "frame",
+    "point_id": "landmark",
+    "img_loc_x": "x",
+    "img_loc_y": "y",
+}
+"""Column of caliscope -> its role."""
 
 
 def read_caliscope(paths: tuple[Path, ...]) -> Recording:
@@ -37,46 +47,25 @@ def read_caliscope(paths: tuple[Path, ...]) -> Recording:
     path = paths[0]
     table = Table(path)
     ((line, cells),) = table.first_rows(1)
-    columns = [cell.strip(' "') for cell in cells]
-    table.skip(line, columns)
-    port = "port" if "port" in columns else "cam_id"
-    wanted = (port, "frame_index", "point_id", "img_loc_x", "img_loc_y")
-    values, _, _ = table.read([columns.index(name) for name in wanted])
-    keys, xy = values[:, :3], values[:, 3:]
-    whole = np.isfinite(keys).all(axis=1) & (np.abs(keys[:, 1]) < LAST_FRAME)
-    whole &= keys[:, 1] == np.rint(keys[:, 1])
-    placed = whole & np.isfinite(xy).all(axis=1)
-    notes: tuple[str, ...] = ()
-    if not whole.all():
-        rows = counted(int((~whole).sum()), "row")
-        notes += (f"{rows} without camera, frame or point left out",)
-    images, row = np.unique(keys[whole, :2], axis=0, return_inverse=True)
-    row = row.ravel()[placed[whole]]
-    ids, column = np.unique(keys[placed, 2], return_inverse=True)
-    repeated = len(row) - len(np.unique(row * max(len(ids), 1) + column))
-    if repeated:
-        notes += (f"{counted(repeated, 'point')} given twice, the last of each is used",)
-    check_fits(str(path), 2 * 8 * len(images) * len(ids), "what it holds")
-    points = np.full((len(images), len(ids), 2), np.nan)
-    points[row, column] = xy[placed]
-    ports, number = np.unique(images[:, 0], return_inverse=True)
-    starts = np.full(len(ports), np.inf)
-    np.minimum.at(starts, number, images[:, 1])
-    video = path.name.partition(".")[0]
+    names = tuple(cell.strip(' "') for cell in cells)
+    table.skip(line, names)
+    roles = {CALISCOPE[name]: at for at, name in enumerate(names) if name in CALISCOPE}
+    points, _, ids, of = _read_long(table, Columns(",", names, roles, None, ()))
+    by_number = np.argsort(_numbers(ids), kind="stable")
     body = SKELETONS["mediapipe_33"].landmark_names
-    names = [body[int(i)] if 0 <= i < len(body) and i == int(i) else f"{i:g}" for i in ids.tolist()]
-    return Recording(
-        name=str(path),
+    called = [body[int(i)] if i.isdigit() and int(i) < len(body) else i for i in ids]
+    video = path.name.partition(".")[0]
+    videos = [f"{video}/port {port}" for port in of["sequence"]]
+    order, frames = _in_order(of["frame"], videos, table)
+    return Recording.of_frames(
+        path,
+        points[order][:, by_number],
+        labels=[of["frame"][row] for row in order.tolist()],
+        frames=np.array(frames, np.int64),
+        individuals=np.zeros(len(points), np.int64),
         video=video,
-        points=points,
-        frames=(images[:, 1] - starts[number]).astype(np.int64),
-        labels=[f"{frame:g}" for frame in images[:, 1].tolist()],
-        individuals=np.zeros(len(images), np.int64),
-        videos=[f"{video}/port {each:g}" for each in images[:, 0].tolist()],
-        landmark_names=tuple(names),
-        frame_count=len(images),
-        unit="px",
-        notes=notes,
+        videos=[videos[row] for row in order.tolist()],
+        landmark_names=tuple(called[place] for place in by_number.tolist()),
     )
 
 
@@ -88,13 +77,19 @@ def read_any_table(paths: tuple[Path, ...]) -> Recording:
     """Read a table of no known tool. Raises InputError where it can be understood in two ways.
 
     z beside x and y is a third coordinate, unless there is a confidence of 0 to 1: then it is the
-    depth that detectors guess, which is left out.
+    depth that detectors guess, which is left out. Landmarks that are numbered have no names.
     """
     path = paths[0]
     table = Table(path)
     columns = _take_header(table)
-    taken = _read_long if columns.landmarks is None else _read_wide
-    points, confidence, names, cells = taken(table, columns)
+    wide = columns.landmarks is not None
+    points, confidence, names, cells = (_read_wide if wide else _read_long)(table, columns)
+    numbers = _numbers(names)
+    numbered = sorted(numbers) in [[*range(k, k + len(names))] for k in range(1 + wide)]
+    if numbered:
+        by_number = np.argsort(numbers)
+        points = points[:, by_number]
+        confidence = None if confidence is None else confidence[:, by_number]
     notes: tuple[str, ...] = ()
     if columns.others:
         notes += (f"columns left out: {abbreviate(list(map(printable, columns.others)))}",)
@@ -103,25 +98,24 @@ def read_any_table(paths: tuple[Path, ...]) -> Recording:
         notes += ("z left out, the depth that a detector guesses beside its confidence",)
     points[np.isnan(points).any(axis=-1)] = np.nan
     images, frames, sequences = (cells.get(role) for role in ("item", "frame", "sequence"))
-    labels = images or frames
-    videos = None
+    labels, videos = images or frames, None
     if sequences is not None:
         videos = [f"{video_name(path)}/{name}" for name in sequences]
-    order, numbers = np.arange(len(points)), None
+    order, places = np.arange(len(points)), None
     if frames is not None:
-        order, numbers = _in_order(frames, videos or [""] * len(frames), table)
-    deep = len(columns.axes) == 3
+        order, places = _in_order(frames, videos or [""] * len(frames), table)
+    depth = len(columns.axes) == 3 and points.shape[1] == BODY
     return of_bodies(
         path,
         points[order],
         None if confidence is None else confidence[order],
         labels=None if labels is None else [labels[row] for row in order.tolist()],
-        frames=numbers,
+        frames=places,
         videos=None if videos is None else [videos[row] for row in order.tolist()],
         images=images is not None and frames is None and sequences is None,
         notes=notes,
-        landmark_names=None if names is None else tuple(map(printable, names)),
-        default_keypoints="mediapipe_33" if deep and points.shape[1] == BODY else None,
+        landmark_names=None if numbered else tuple(map(printable, names)),
+        default_keypoints="mediapipe_33" if depth else None,
     )
 
 
@@ -147,30 +141,35 @@ def _error(table: Table, line: int | None, found: str, fix: str) -> InputError:
     return input_error(place, found, fix + table.hint)
 
 
-Taken = tuple[Floats, Floats | None, list[str] | None, dict[str, list[str]]]
-"""Points (n, p, 2 or 3), confidence (n, p), names of the landmarks, and cells by role (n)."""
+def _numbers(names: Sequence[str]) -> list[int]:
+    """Return the numbers that landmarks are called, -1 for other names."""
+    short = (
+        name if name.isascii() and name.isdigit() and len(name) < 10 else "-1" for name in names
+    )
+    return list(map(int, short))
+
+
+Taken = tuple[Floats, Floats | None, list[str], dict[str, list[str]]]
+"""Points (n, p, 2 or 3), confidence (n, p), what landmarks are called, and cells by role (n)."""
 
 
 def _read_wide(table: Table, columns: Columns) -> Taken:
     """Read a table with a row per image."""
     assert columns.landmarks is not None
     own = columns.landmarks
-    roles = [*columns.axes]
-    scored = any("confidence" in each for each in own.values())
-    wanted = [each.get(role) for role in (*roles, "confidence") for each in own.values()]
-    known = sorted({at for at in wanted if at is not None})
     named = [role for role in columns.roles if role in ("item", "frame", "sequence")]
-    texts = [columns.roles[role] for role in named]
-    found, cells, _ = table.read(known, texts, finite=True)
-    numbers = np.full((len(found), len(wanted)), np.nan)
-    for place, at in enumerate(wanted):
-        if at is not None:
-            numbers[:, place] = found[:, known.index(at)]
-    split = numbers.reshape(len(found), len(roles) + 1, len(own))
-    points = split[:, :-1].transpose(0, 2, 1).copy()
-    names = None if columns.numbered else list(own)
-    confidence = split[:, -1] if scored else None
-    return points, confidence, names, dict(zip(named, cells, strict=True))
+    known = sorted({at for each in own.values() for at in each.values()})
+    found, cells, _ = table.read(known, [columns.roles[role] for role in named], finite=True)
+    padded = np.column_stack([found, np.full(len(found), np.nan)])
+    place = {at: number for number, at in enumerate(known)}
+    wanted = [
+        [place.get(each.get(role, -1), -1) for role in (*columns.axes, "confidence")]
+        for each in own.values()
+    ]
+    values = padded[:, wanted]
+    scored = any("confidence" in each for each in own.values())
+    cells_of = dict(zip(named, cells, strict=True))
+    return values[..., :-1].copy(), values[..., -1] if scored else None, list(own), cells_of
 
 
 def _read_long(table: Table, columns: Columns) -> Taken:
@@ -183,36 +182,22 @@ def _read_long(table: Table, columns: Columns) -> Taken:
     *parts, landmark_cells = cells
     landmarks: dict[str, int] = {}
     images: dict[tuple[str, ...], int] = {}
-    first: list[int] = []
-    places = np.empty((len(found), 2), np.int64)
     taken: dict[tuple[int, int], int] = {}
     for number, (name, *key) in enumerate(zip(landmark_cells, *parts, strict=True)):
         image = images.setdefault(tuple(key), len(images))
-        if image == len(first):
-            first.append(number)
-        place = image, landmarks.setdefault(name, len(landmarks))
-        if place in taken:
-            what = f"{name!r} of {' '.join(key)} is also in line {lines[taken[place]]}"
+        first = taken.setdefault((image, landmarks.setdefault(name, len(landmarks))), number)
+        if first != number:
+            what = f"{name!r} of {' '.join(key)} is also in line {lines[first]}"
             fix = "keep one body per image, or part them by a column `sequence`"
             raise _error(table, int(lines[number]), what, fix)
-        taken[place] = number
-        places[number] = place
-    numbers = numbers_of(landmarks)
-    numbered = sorted(numbers) == list(range(len(numbers)))
-    if numbered:
-        places[:, 1] = np.array(numbers, np.int64)[places[:, 1]]
     check_fits(str(table.path), 8 * len(wanted) * len(images) * len(landmarks), "what it holds")
     values = np.full((len(images), len(landmarks), len(wanted)), np.nan)
-    values[places[:, 0], places[:, 1]] = found
+    rows, columns_of = np.array(list(taken), np.int64).reshape(-1, 2).T
+    values[rows, columns_of] = found
     confidence = values[..., -1] if "confidence" in wanted else None
-    points = values[..., : len(columns.axes)].copy()
-    names = None if numbered else list(landmarks)
-    return (
-        points,
-        confidence,
-        names,
-        {role: [own[row] for row in first] for role, own in zip(keys, parts, strict=True)},
-    )
+    of = zip(*images, strict=True) if images else ((),) * len(keys)
+    cells_of = {role: list(own) for role, own in zip(keys, of, strict=True)}
+    return values[..., : len(columns.axes)].copy(), confidence, list(landmarks), cells_of
 
 
 def _in_order(
