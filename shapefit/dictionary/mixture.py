@@ -112,8 +112,8 @@ def learn_mixture(
     w = w * (len(X) / w.sum())
     if not 1 <= components <= len(X):
         raise ValueError(f"components must be within 1..{len(X)}, is {components}")
-    G = _scatter(X, w, w @ X / w.sum()) / w.sum() + floor * np.eye(X.shape[1])
-    kappa = shrinkage / (1 - shrinkage) * len(X) / components
+    G = pulled_to(X, w, floor)
+    kappa = pull_of(shrinkage, len(X), components)
     share = np.eye(components)[kmeans(X, components, w)]
     mixture = maximise(X, share * w[:, None], G, kappa, floor)
     trace: list[float] = []
@@ -127,6 +127,16 @@ def learn_mixture(
         share = np.exp(density - total[:, None])
         mixture = maximise(X, share * w[:, None], G, kappa, floor)
     return LearnedMixture(alive(mixture, len(X)), np.array(trace))
+
+
+def pulled_to(X: Floats, w: Floats, floor: float) -> Floats:
+    """G (d, d), the covariance of all shapes X (n, d) with weights w (n,) and of e together."""
+    return _scatter(X, w, w @ X / w.sum()) / w.sum() + floor * np.eye(X.shape[1])
+
+
+def pull_of(shrinkage: float, shapes: float, components: int) -> float:
+    """kappa, of which G has the share `shrinkage` in a component of average size."""
+    return shrinkage / (1 - shrinkage) * shapes / components
 
 
 def alive(mixture: Mixture, n: int) -> Mixture:

@@ -76,8 +76,8 @@ IDLE = {
         **{
             f"prior.{key}": "start=people"
             for key in (
-                "components=2", "shrinkage=0.5", "floor=0.1", "copies=3", "stretch=0.5",
-                "exchange=0.5", "weights=a",
+                "components=2", "shrinkage=0.5", "floor=0.1", "width=2", "copies=3",
+                "stretch=0.5", "exchange=0.5", "weights=a",
             )
         },
     },

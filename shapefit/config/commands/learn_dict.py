@@ -45,10 +45,14 @@ class PriorConfig(ConfigModel):
 
     components: int = Field(default=0, ge=0, le=1000)
     """Gaussians in the mixture; 0 learns none."""
-    shrinkage: float = Field(default=0.3, ge=0, lt=1)
-    """Share of the covariance of all shapes in that of a component of average size."""
-    floor: float = Field(default=0.01, gt=0)
-    """Variance of every coordinate beyond that of the shapes, which are normalised."""
+    shrinkage: float | None = Field(default=None, ge=0, lt=1)
+    """Share of the covariance of all shapes in that of a component of average size; 0.3 or more,
+    chosen by shapes left out, without it."""
+    floor: float | None = Field(default=None, gt=0)
+    """Variance of every coordinate beyond that of the shapes, which are normalised; 0.01 or more,
+    chosen by shapes left out, without it."""
+    width: float | None = Field(default=None, gt=0)
+    """Factor on the covariances; 1 or more, chosen by shapes left out, without it."""
     copies: int | None = Field(default=None, ge=1, le=100)
     """Number of copies of each shape, each varied at random; by default 1, and with `stretch` or
     `exchange` 2, or as many as give 1500 shapes of fewer."""

@@ -23,6 +23,7 @@ from shapefit.dictionary.from_2d.adaptation import Start, adapt
 from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, UNLIKE, Judgement, judge
 from shapefit.dictionary.from_2d.learning import State, learn
 from shapefit.dictionary.from_2d.model import Images, evenly, hide
+from shapefit.dictionary.left_out import AS_LEARNED
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import LEARNED_FROM, NEAR_AND_FAR, OPEN, VERDICT, Dictionary
 from shapefit.errors import InputError, counted, input_error
@@ -226,12 +227,15 @@ def learn_mixtures(
     """Learn mixtures over the shapes that the prior before lifted, while they predict better.
 
     images and their shapes, as `state` has them; the prior of the dictionary is the best one, or,
-    where bodies are to vary, one of varied shapes.
+    where bodies are to vary, one of varied shapes. Hidden landmarks judge how sure it is, and
+    shapes that were lifted, and not measured, say nothing of it.
     """
 
     def learned(shapes: ShapeSet, components: int, rounds: int, *, varied: bool) -> Learning:
         still = {} if varied else {"stretch": 0.0, "exchange": 0.0, "copies": None}
-        prior = {"components": components, **still}
+        open_keys = (key for key in AS_LEARNED._fields if getattr(config.prior, key) is None)
+        sure = {key: getattr(AS_LEARNED, key) for key in open_keys}
+        prior = {"components": components, **sure, **still}
         changed = config.changed(prior=prior, iterations=rounds)
         return learn_from_shapes(shapes, changed, inputs)
 

@@ -9,12 +9,21 @@ from dataclasses import replace
 import numpy as np
 
 from shapefit import __version__
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 from shapefit.config import LearnDictConfig
 from shapefit.config.commands.learn_dict import PriorConfig
 from shapefit.dictionary.bodies import find_skeleton, vary
 from shapefit.dictionary.learning import Summary, learn, principal_components, summarise
-from shapefit.dictionary.mixture import Mixture, learn_mixture
+from shapefit.dictionary.left_out import (
+    FLOORS,
+    SHRINKAGES,
+    WIDTHS,
+    Chosen,
+    Sureness,
+    choose_sureness,
+    find_folds,
+)
+from shapefit.dictionary.mixture import Mixture, learn_mixture, widen
 from shapefit.dictionary.model import SUITS, Dictionary
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
@@ -59,8 +68,9 @@ def learn_from_shapes(
             made = yield from sparse_coding(training, config)
     prior = None
     if config.prior.components:
-        prior = learn_prior(training, config)
-        yield Outcome(note=f"prior of {counted(len(prior), 'component')}")
+        prior, chosen, told = learn_prior(training, config)
+        config = config.model_copy(update={"prior": chosen})
+        yield Outcome(line=told, note=f"prior of {counted(len(prior), 'component')}")
     provenance = {
         "method": config.method,
         "version": __version__,
@@ -145,9 +155,12 @@ def describe(summary: Summary) -> str:
     )
 
 
-def learn_prior(training: TrainingShapes, config: LearnDictConfig) -> Mixture:
+def learn_prior(
+    training: TrainingShapes, config: LearnDictConfig
+) -> tuple[Mixture, PriorConfig, str]:
     """Learn the mixture over the aligned shapes, varied as the section `prior` says.
 
+    Returns the section with what it left open as chosen by shapes left out, and a line about it.
     Raises InputError for more components than shapes, weights that are none, and bones that are no
     tree where they are to vary.
     """
@@ -161,15 +174,63 @@ def learn_prior(training: TrainingShapes, config: LearnDictConfig) -> Mixture:
     shapes = training.alignment.shapes
     if varied or copies > 1:
         shapes = vary_shapes(training, config, copies)
-    learned = learn_mixture(
-        shapes,
-        prior.components,
-        shrinkage=prior.shrinkage,
-        floor=prior.floor,
-        weights=np.tile(find_weights(training, prior.weights), copies),
-        max_rounds=MOST_ROUNDS,
-    )
-    return learned.mixture
+    weights = np.tile(find_weights(training, prior.weights), copies)
+
+    def learned(sureness: Sureness) -> Mixture:
+        return learn_mixture(
+            shapes,
+            prior.components,
+            shrinkage=sureness.shrinkage,
+            floor=sureness.floor,
+            weights=weights,
+            max_rounds=MOST_ROUNDS,
+        ).mixture
+
+    tried = [
+        known if value is None else (value,)
+        for value, known in zip(
+            (prior.shrinkage, prior.floor, prior.width),
+            (SHRINKAGES, FLOORS, WIDTHS),
+            strict=True,
+        )
+    ]
+    if prior.components == 1:
+        tried[0] = tried[0][:1]  # all shapes are in that component
+    first = Sureness(*(values[0] for values in tried))
+    mixture, chosen, told = learned(first), first, ""
+    if any(len(values) > 1 for values in tried):
+        folds = np.tile(folds_of(training), copies)
+        by_folds = choose_sureness(shapes, weights, folds, mixture, tried)
+        chosen, told = by_folds.sureness, say_chosen(by_folds, first)
+    if chosen[:2] != first[:2]:
+        mixture = learned(chosen)
+    return widen(mixture, chosen.width), prior.model_copy(update=chosen._asdict()), told
+
+
+def say_chosen(found: Chosen, first: Sureness) -> str:
+    """Say what the shapes left out changed; nothing where none could be left out."""
+    if not found.folds:
+        return ""
+    shrinkage, floor, width = found.sureness
+    changed = [
+        f"covariances times {width:g}" if width != first.width else "",
+        f"floor {floor:g} in place of {first.floor:g}" if floor != first.floor else "",
+        f"shrinkage {shrinkage:g} in place of {first.shrinkage:g}"
+        if shrinkage != first.shrinkage
+        else "",
+    ]
+    told = ", ".join(filter(None, changed))
+    gain = f", {found.gain:.1f} nats a shape likelier" if told else ""
+    return f"prior: {told or 'as sure as learned'}, by {found.folds} folds of shapes left out{gain}"
+
+
+def folds_of(training: TrainingShapes) -> Integers:
+    """Fold (n,) of each training shape; a mirror image, in the second half, goes with its own."""
+    original = training.original
+    halves = 1 if training.dictionary.mirror_index is None else 2
+    own = len(training) // halves
+    sequences = original.sequences and original.sequences[:own]
+    return np.tile(find_folds(training.alignment.shapes[:own], sequences), halves)
 
 
 def number_of_copies(number: int, prior: PriorConfig) -> int:
