@@ -5,7 +5,6 @@ from __future__ import annotations
 import glob
 import json
 import os
-import stat
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePath
@@ -36,9 +35,6 @@ class ResultFolder:
     def manifest(self) -> Path:
         """The list of the parts that are done."""
         return self.path / MANIFEST
-
-
-_READ_AS_FILES = frozenset({stat.S_IFREG, stat.S_IFIFO, stat.S_IFCHR})
 
 
 @dataclass(frozen=True)
@@ -129,13 +125,12 @@ def expand_path(value: Any) -> tuple[Path, ...]:
     path = absolute_path(value)
     if isinstance(path, UrlPath):
         return _expand_url(path)
-    kind = None if path == STANDARD_STREAM else _kind(path)
-    if kind == stat.S_IFDIR:
+    if os.path.isdir(path):
         return result_parts(path) or (path,)
-    if path == STANDARD_STREAM or kind in _READ_AS_FILES:
+    if path == STANDARD_STREAM or os.path.exists(path):
+        if path.is_socket() or path.is_block_device():
+            raise ValueError(f"{path} is neither a file nor a pipe; name one, or use - for stdin")
         return (path,)
-    if kind is not None:
-        raise ValueError(f"{path} is neither a file nor a pipe; name one, or use - for stdin")
     if not glob.has_magic(str(path)):
         raise ValueError(f"no file {path}; check the spelling")
     matches = sorted(Path(match) for match in glob.glob(str(path), recursive=True))
@@ -202,21 +197,6 @@ def manifest_lines(folder: Path) -> list[dict[str, Any]] | None:
             f"{folder / name} is not a manifest of results ({error}); fit again"
         ) from None
     return [run, *parts]
-
-
-def _kind(path: Path) -> int | None:
-    """Return what stands at the path, as `stat.S_IFMT` names it; None for nothing.
-
-    Raises ValueError where that cannot be found out.
-    """
-    try:
-        return stat.S_IFMT(os.stat(path).st_mode)
-    except (FileNotFoundError, NotADirectoryError, ValueError):
-        return None
-    except OSError as error:
-        if glob.has_magic(str(path)):
-            return None
-        raise ValueError(f"{path} cannot be read: {error.strerror}; check the path") from None
 
 
 def expand_one(value: Any) -> Path:

@@ -21,6 +21,7 @@ from pydantic_core import ErrorDetails
 from shapefit.config.effects import idle_keys
 from shapefit.config.model import (
     ConfigModel,
+    all_fields,
     dotted_keys,
     expected,
     field_keys,
@@ -290,7 +291,9 @@ def check(model: type[Config], settings: Settings, *, final: bool = True) -> Con
     try:
         config = model.model_validate(settings.values, by_alias=True, by_name=False)
     except ValidationError as error:
-        lines = [*settings.problems, *_schema_problems(model, error, settings)]
+        unread = [("missing", keys) for keys in settings.refused]  # which are not missing
+        details = (each for each in error.errors() if (each["type"], each["loc"]) not in unread)
+        lines = [*settings.problems, *(_problem(model, each, settings) for each in details)]
     else:
         lines = [*settings.problems, *(_idle_problems(config, settings) if final else ())]
         if not lines:
@@ -304,42 +307,17 @@ def _idle_problems(config: ConfigModel, settings: Settings) -> Iterator[str]:
     What an installed config sets is no mistake, nor what a file sets and the command line overrules
     by another choice.
     """
+    changed = config.model_dump(exclude_defaults=True)
     for keys, effect in idle_keys(config.COMMAND, config):
         level = settings.level(keys)
         overruled = any(settings.level(tuple(key.split("."))) > level for key in effect.because)
         if level == PRESET or overruled:
             continue
-        for key in _changed_keys(config, keys):
-            if settings.said(key):
+        for key, field in all_fields(type(config)):
+            of_effect = key[: len(keys)] == keys and submodel(field) is None
+            if of_effect and settings.said(key) and any(_held(changed, [key])):
                 found = f"`{'.'.join(key)}` has no effect here, only {effect.condition}"
                 yield f"{settings.place(key, key=True)}: {found}; leave it out"
-
-
-def _changed_keys(config: BaseModel, location: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
-    """Yield the key at `location`, or those of the section there, whose values are no defaults."""
-    owner: Any = config
-    for key in location[:-1]:
-        owner = getattr(owner, key)
-    fields = type(owner).model_fields.items()
-    name, field = next((n, f) for n, f in fields if location[-1] == (f.alias or n))
-    value = getattr(owner, name)
-    if isinstance(value, BaseModel):
-        for key in field_keys(type(value)):
-            yield from _changed_keys(config, (*location, key))
-    elif value != field.get_default(call_default_factory=True):
-        yield location
-
-
-def _schema_problems(
-    model: type[BaseModel], error: ValidationError, settings: Settings
-) -> Iterator[str]:
-    """Yield a line for each thing that the schema of `model` rejects in `settings`.
-
-    A key whose value cannot be read is not missing.
-    """
-    for detail in error.errors():
-        if not (detail["type"] == "missing" and detail["loc"] in settings.refused):
-            yield _problem(model, detail, settings)
 
 
 def _problem(model: type[BaseModel], detail: ErrorDetails, settings: Settings) -> str:

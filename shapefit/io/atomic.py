@@ -369,14 +369,8 @@ def file_stem(item: str) -> PurePosixPath:
 
 
 def _file_part(text: str) -> str:
-    def is_safe(place: int, letter: str) -> bool:
-        at_end = place in (0, len(text) - 1) and letter in ". "
-        return letter.isprintable() and letter not in ESCAPED and not at_end
-
-    name = "".join(
-        letter if is_safe(place, letter) else quote(letter, safe="").replace(".", "%2E")
-        for place, letter in enumerate(text)
-    )
+    letters = (c if c.isprintable() and c not in ESCAPED else quote(c, safe="") for c in text)
+    name = re.sub(r"^[. ]|[. ]$", lambda end: f"%{ord(end[0]):02X}", "".join(letters))
     if len(name.encode()) <= MOST_BYTES_OF_A_PART:
         return name or "%"
     head = name.encode()[:MOST_BYTES_OF_A_PART].decode(errors="ignore")

@@ -57,19 +57,19 @@ def warn_of_zeros(points: Floats) -> tuple[str, ...]:
 
 
 def check_points(
-    points: Floats,
-    bad: Callable[[Floats], Flags],
-    word: Callable[[int, int, str], str],
+    points: Floats, bad: Flags, where: Callable[[int], str], names: Sequence[str], fix: str
 ) -> None:
-    """Raise InputError for points (n, d, p) of which a coordinate is bad.
+    """Raise InputError for points (n, d, p) of which a coordinate is `bad`.
 
-    `word` tells one: item and point by their numbers, and its coordinates.
+    `where` begins the line of a row; points without names are vertices.
     """
-    wrong = np.argwhere(bad(points).any(axis=1))
+    wrong = np.argwhere(bad.any(axis=1))
 
     def told(entry: int) -> str:
         row, point = wrong[entry].tolist()
-        return word(row, point, ", ".join(map(str, points[row, :, point].tolist())))
+        name = f"landmark '{names[point]}'" if names else f"vertex {point}"
+        values = ", ".join(map(str, points[row, :, point].tolist()))
+        return f"{where(row)}{name} is ({values}); {fix}"
 
     raise_at(range(len(wrong)), told)
 
@@ -78,12 +78,9 @@ def check_magnitudes(
     place: str, points: Floats, items: Sequence[str], landmarks: Sequence[str]
 ) -> None:
     """Raise InputError for points (n, 3, p) whose squares would overflow; nan is no such point."""
-
-    def word(row: int, point: int, values: str) -> str:
-        found = f"item '{items[row]}', landmark '{landmarks[point]}' is ({values})"
-        return f"{place}: {found}; correct it, or use a larger unit: the limit is {LARGEST:g}"
-
-    check_points(points, lambda values: np.abs(values) > LARGEST, word)
+    fix = f"correct it, or use a larger unit: the limit is {LARGEST:g}"
+    where = lambda row: f"{place}: item '{items[row]}', "  # noqa: E731
+    check_points(points, np.abs(points) > LARGEST, where, landmarks, fix)
 
 
 def check_finite(
@@ -98,12 +95,8 @@ def check_finite(
     fix = f"write a finite number, at most {LARGEST:g}, or leave the item out"
     if gaps:
         fix = f"write a number of at most {LARGEST:g}, or NaN where the landmark is unknown"
-
-    def word(row: int, point: int, values: str) -> str:
-        found = f"landmark '{names[point]}'" if names else f"vertex {point}"
-        return f"{place(name, start + row)}: {found} is ({values}); {fix}"
-
-    check_points(points, lambda x: ~(np.abs(x) <= LARGEST) & ~(gaps & np.isnan(x)), word)
+    bad = ~(np.abs(points) <= LARGEST) & ~(gaps & np.isnan(points))
+    check_points(points, bad, lambda row: f"{place(name, start + row)}: ", names, fix)
 
 
 def check_values(
@@ -121,19 +114,15 @@ def check_values(
     be unknown. What results hold is checked where it is read.
     """
     if form is LANDMARKS:
-
-        def told(name: str, fix: str) -> Callable[[int, int, str], str]:
-            def word(row: int, point: int, values: str) -> str:
-                return f"{place(name, start + row)}: landmark '{names[point]}' is ({values}); {fix}"
-
-            return word
-
+        points, weights = fields["landmarks"], fields.get("confidence")
+        where = lambda row: f"{place('landmarks', start + row)}: "  # noqa: E731
         fix = "write NaN where the landmark is unseen"
-        check_points(fields["landmarks"], np.isinf, told("landmarks", fix))
-        if (confidence := fields.get("confidence")) is not None:
+        check_points(points, np.isinf(points), where, names, fix)
+        if weights is not None:
+            unfit = ~(np.isfinite(weights) & (weights >= 0))
+            where = lambda row: f"{place('confidence', start + row)}: "  # noqa: E731
             fix = "write 0 (hidden) or a positive number"
-            unfit = lambda w: ~(np.isfinite(w) & (w >= 0))  # noqa: E731
-            check_points(confidence[:, None], unfit, told("confidence", fix))
+            check_points(weights[:, None], unfit[:, None], where, names, fix)
     if form is SHAPES:
         check_finite(place, "shapes", fields["shapes"], names, start=start, gaps=gaps)
         check_mesh(place, fields, len(names), start)

@@ -10,7 +10,6 @@ import os
 import re
 import socket
 import tempfile
-import threading
 from collections.abc import Generator, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -270,39 +269,23 @@ def find_state(path: Path) -> State | None:
 # Reading: the first bytes from the store itself, all else from a copy on this machine.
 
 
-class _Copies:
-    """Copies of objects in a folder that is removed with them."""
-
-    def __init__(self) -> None:
-        self.paths: dict[UrlPath, Path] = {}
-        self._folder: tempfile.TemporaryDirectory[str] | None = None
-        self._making = threading.Lock()
-
-    def place_for(self, path: UrlPath) -> Path:
-        """Return where a new copy goes, in a folder of its own, under the name of the object."""
-        with self._making:
-            self._folder = self._folder or tempfile.TemporaryDirectory(prefix="shapefit-copies-")
-        return Path(tempfile.mkdtemp(dir=self._folder.name)) / path.name
-
-    def remove(self) -> None:
-        """Remove all copies."""
-        if self._folder is not None:
-            self._folder.cleanup()
-
-
-_copies: ContextVar[_Copies] = ContextVar("copies", default=_Copies())  # noqa: B039
+_copies: ContextVar[dict[UrlPath, tempfile.TemporaryDirectory[str]]] = ContextVar(
+    "copies",
+    default={},  # noqa: B039
+)
+"""Objects -> the folders of their copies, which have the names of the objects."""
 
 
 @contextmanager
 def own_copies() -> Iterator[None]:
     """Know of no copy at the start, and remove in the end what is copied within."""
-    own = _Copies()
-    token = _copies.set(own)
+    token = _copies.set({})
     try:
         yield
     finally:
+        for folder in _copies.get().values():
+            folder.cleanup()
         _copies.reset(token)
-        own.remove()
 
 
 def local_copy(path: UrlPath) -> Path:
@@ -311,32 +294,32 @@ def local_copy(path: UrlPath) -> Path:
     Raises InputError where that is not possible.
     """
     known = _copies.get()
-    if path not in known.paths:
+    if path not in known:
         system, name = open_store(path)
         with store_errors(path):
             try:
-                copy = known.place_for(path)
-                system.get_file(name, str(copy))
+                folder = tempfile.TemporaryDirectory(prefix="shapefit-copies-")
+                system.get_file(name, str(Path(folder.name, path.name)))
             except OSError as error:
                 if error.errno not in (errno.ENOSPC, errno.EDQUOT):
                     raise
                 found = f"has no room for a copy of {path} ({error.strerror})"
                 fix = "free some space, or set TMPDIR to another folder"
                 raise input_error(tempfile.gettempdir(), found, fix) from error
-        known.paths[path] = copy
-    return known.paths[path]
+        known[path] = folder
+    return Path(known[path].name, path.name)
 
 
 def forget_copy(path: Path) -> None:
     """Drop the copy of an object that changed, or may have."""
-    copy = _copies.get().paths.pop(path, None) if isinstance(path, UrlPath) else None
-    if copy is not None:
-        copy.unlink(missing_ok=True)
+    folder = _copies.get().pop(path, None) if isinstance(path, UrlPath) else None
+    if folder is not None:
+        folder.cleanup()
 
 
 def read_head(path: Path, size: int) -> bytes:
     """Return the first bytes of a file; of an object, only these are fetched."""
-    if not isinstance(path, UrlPath) or path in _copies.get().paths:
+    if not isinstance(path, UrlPath) or path in _copies.get():
         with path.open("rb") as file:
             return file.read(size)
     system, name = open_store(path)

@@ -236,8 +236,8 @@ def test_a_config_that_cannot_be_read_is_named(folder):
     [
         ("x.h5", "c.yaml:1:12: no file {folder}/x.h5; check the spelling"),
         ("'*.csv'", "c.yaml:1:12: no file matches {folder}/*.csv; check the pattern"),
-        ("x" * 300, "/" + "x" * 300 + " cannot be read: File name too long; check the path"),
-        ("loop", "c.yaml:1:12: {folder}/loop cannot be read: Too many levels of symbolic links;"),
+        ("x" * 300, "no file {folder}/" + "x" * 300 + "; check the spelling"),
+        ("loop", "c.yaml:1:12: no file {folder}/loop; check the spelling"),
         ("socket", "c.yaml:1:12: {folder}/socket is neither a file nor a pipe; name one, or use -"),
         ('"a\\0b"', "expected a path, found one with a zero byte"),
         ("'*/" + "x" * 300 + "'", "; check the pattern"),
