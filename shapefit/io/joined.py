@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.errors import input_error, listed
+from shapefit.errors import input_error
 from shapefit.io.checks import check_magnitudes
 from shapefit.io.layout import EDGES, UNKNOWN_UNIT
 from shapefit.io.options import Direction
-from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet, grows
 
 Array = NDArray[Any]
 APART = "use files that agree, or process them separately"
+MESH = frozenset({"mesh_vertices", "mesh_faces"})
 ALL_OR_NONE = "give it to all files (CSV cannot hold it) or to none, or process them separately"
 
 
@@ -33,7 +34,10 @@ def common_head(
     (_, first), *_ = heads
     names = first.landmark_names
     if isinstance(first, ResultSet):
-        _check_same_datasets(heads)
+        for place, head in heads:
+            if head.landmark_names != names:
+                found = f"its landmarks are not those of {heads[0][0]}, in their order"
+                raise input_error(place, found, APART)
     else:
         if isinstance(first, LandmarkSet):
             names = tuple(dict.fromkeys(name for _, head in heads for name in head.landmark_names))
@@ -107,46 +111,32 @@ def _text(value: str | float) -> str:
 
 
 def _check_same_columns(heads: Sequence[tuple[str, Any]]) -> None:
-    """Raise InputError unless all files have the same meshes, and columns beside the layout's.
+    """Raise InputError unless all files have the same columns, of results all, of others `_own`.
 
     Those per item must agree in the shape of a row, the others in their values.
     """
     (first_place, first), *others = heads
     for place, head in others:
-        for name in ("mesh_vertices", "mesh_faces") if isinstance(head, ShapeSet) else ():
-            what = name.removesuffix("_vertices")
-            one, other = first.columns.get(name), head.columns.get(name)
-            if (one is None) != (other is None):
-                found = f"has no {what}" if other is None else f"has a {what}"
-                raise input_error(place, f"{found}, unlike {first_place}", APART)
-            if one is not None and not _agree(first, head, name):
-                raise input_error(place, f"its {what} is not that of {first_place}", APART)
-        one, other = first.further.keys(), head.further.keys()
+        one, other = _own(first), _own(head)
         for has, names in (("has no", one - other), ("has the", other - one)):
             if names:
                 found = f"{has} dataset {', '.join(sorted(names))}, unlike {first_place}"
                 raise input_error(place, found, ALL_OR_NONE)
-        for name in one:
+        for name in sorted(one):
             if not _agree(first, head, name):
                 raise input_error(place, f"its dataset {name} is not that of {first_place}", APART)
+
+
+def _own(head: Any) -> set[str]:
+    """Return the columns that others must have too: those that no layout lists, and meshes."""
+    if isinstance(head, ResultSet):
+        return {*head.columns}
+    return {*head.further, *(head.columns.keys() & MESH)}
 
 
 def _agree(first: Any, head: Any, name: str) -> bool:
     """Whether a column of two files is per item in both, with rows of one shape, or the same."""
     one, other = first.columns[name], head.columns[name]
-    per_item = first.per_item(name) is not None, head.per_item(name) is not None
-    if any(per_item):
-        return all(per_item) and one.shape[1:] == other.shape[1:]
+    if grows(first, name) or grows(head, name):
+        return grows(first, name) and grows(head, name) and one.shape[1:] == other.shape[1:]
     return np.array_equal(one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f")
-
-
-def _check_same_datasets(heads: Sequence[tuple[str, ResultSet]]) -> None:
-    """Raise InputError unless all results have the same landmarks and datasets."""
-    (first_place, first), *others = heads
-    for place, head in others:
-        if head.landmark_names != first.landmark_names:
-            found = f"its landmarks are not those of {first_place}, in their order"
-            raise input_error(place, found, APART)
-        if differing := sorted(head.datasets ^ first.datasets):
-            found = f"only one of it and {first_place} has {listed(differing, 'and')}"
-            raise input_error(place, found, APART)

@@ -358,6 +358,11 @@ class ResultSet(Records):
     y_axis: Direction
 
 
+KINDS: dict[str, type[Records]] = {
+    kind.LAYOUT.kind: kind for kind in (LandmarkSet, ShapeSet, ResultSet)
+}
+"""What a file of each kind is in memory."""
+
 Record = TypeVar("Record", bound=Records)
 
 
@@ -369,7 +374,7 @@ def concatenate(parts: Sequence[Record]) -> Record:
     first = parts[0]
     if len(parts) == 1:
         return first
-    growing = [name for name in first.columns if _grows(first, name)]
+    growing = [name for name in first.columns if grows(first, name)]
     changes = {name: np.concatenate([part.columns[name] for part in parts]) for name in growing}
     sequences = None
     if first.sequences is not None:
@@ -382,7 +387,8 @@ def concatenate(parts: Sequence[Record]) -> Record:
     )
 
 
-def _grows(records: Records, name: str) -> bool:
+def grows(records: Records, name: str) -> bool:
+    """Whether a column gets longer with more items."""
     dataset = records.LAYOUT.by_name.get(name)
     return name not in records.of_file if dataset is None else dataset.grows
 

@@ -29,7 +29,7 @@ from shapefit.io.joined import common_head, conform
 from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, TREES, Dataset, Layout
 from shapefit.io.names import check_items, check_known
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions, Opened, check_effects
-from shapefit.io.records import LandmarkSet, Record, Records, ResultSet, ShapeSet, concatenate
+from shapefit.io.records import KINDS, LandmarkSet, Record, ResultSet, ShapeSet, concatenate
 
 PROOFS = PROOF + TREES
 """Datasets of results that stay in the file unless they are asked for."""
@@ -49,10 +49,6 @@ CHECKED_BYTES = 1 << 24
 
 GAP = 1 << 10
 """Rows that are read and dropped rather than begun anew behind them."""
-
-KINDS: dict[str, type[Records]] = {
-    kind.LAYOUT.name: kind for kind in (LandmarkSet, ShapeSet, ResultSet)
-}
 
 
 def open_landmarks(
@@ -435,7 +431,7 @@ def _open_hdf5(
             stated["y_axis"] = reader.y_axis or "down"
         if form is RESULTS:
             stated["attributes"] = reader.attributes
-        found = KINDS[form.name](**fields, **reader.further(rows), **stated)
+        found = KINDS[form.kind](**fields, **reader.further(rows), **stated)
         return found if form is RESULTS else found.with_whole_points()
 
     def blocks(reader: Hdf5Reader) -> Iterator[slice]:

@@ -20,15 +20,11 @@ from numpy.typing import NDArray
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.io.checks import input_problems
 from shapefit.io.inputs import check_fits
-from shapefit.io.records import LandmarkSet, Records, ResultSet, ShapeSet
+from shapefit.io.records import KINDS, Records, ResultSet
 from shapefit.lifting.verdict import TRUSTED
 
 DEVIATIONS = ("sd_x", "sd_y", "sd_z")
 """Columns of results: standard deviations, which nothing here reads back."""
-
-RECORDS: dict[str, type[Records]] = {
-    "landmarks": LandmarkSet, "shapes": ShapeSet, "result": ResultSet
-}  # fmt: skip
 
 IGNORED = (*DEVIATIONS, "modes", TRUSTED)
 """Columns of results that may be there."""
@@ -152,7 +148,7 @@ def read_tidy(rows: Rows, kind: str, *, gaps: bool = False) -> Any:
         fields["sequences"] = tuple(names[code] for code in table.sequence.cut(n).tolist())
     if "confidence" in rows.columns:
         fields["confidence"] = table.confidence.cut(n, p)
-    return RECORDS[kind](table.points.cut(n, len(table.axes), p), **fields)
+    return KINDS[kind](table.points.cut(n, len(table.axes), p), **fields)
 
 
 class _Grid:

@@ -179,3 +179,23 @@ def test_what_a_fit_writes_beside_the_layout_has_its_axes(tmp_path, results, nam
     with pytest.raises(InputError, match=re.escape(wanted)) as caught:
         read_results(path)
     assert name in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("count", "found"),
+    [
+        (-1, "is -1, not a number"),
+        (9, "is 9, not a"),
+        (1, "holds 6 active transforms, and"),
+        (4, "holds 6 active transforms, and"),
+    ],
+)
+def test_counts_that_do_not_fit_are_refused(tmp_path, results, count, found):
+    proved = results.replaced(
+        transform_count=np.array([2, 0, 1, count, 0]),
+        transform_atom=np.arange(6),
+        active_transforms=np.zeros((6, 2, 3)),
+    )
+    save(tmp_path / "result.h5", proved)
+    with pytest.raises(InputError, match=found):
+        read_results(tmp_path / "result.h5", proofs=True)

@@ -91,10 +91,9 @@ def test_shapes_that_do_not_go_together(tmp_path, shapes, problems):
     part = shapes.take([1])
     for other, found in (
         (part.replaced(unit="mm"), f"its unit is 'mm', that of {one} is 'm'"),
-        (part.replaced(mesh_vertices=None), f"has no mesh, unlike {one}"),
         (
             part.replaced(mesh_faces=part.mesh_faces[::-1]),
-            f"its mesh_faces is not that of {one}",
+            f"its dataset mesh_faces is not that of {one}",
         ),
         (
             part.replaced(further={**part.further, "mirror_index": np.arange(4)}),
@@ -127,6 +126,10 @@ def test_datasets_that_only_some_files_have(tmp_path, shapes, problems):
     write_shapes(two, part.replaced(mesh_vertices=None, mesh_faces=None, further=more))
     assert problems(read_shapes, [one, two]) == (
         f"{two}: has the dataset more, unlike {one}; {fix}",
+    )
+    write_shapes(two, part)
+    assert problems(read_shapes, [one, two]) == (
+        f"{two}: has the dataset mesh_faces, mesh_vertices, unlike {one}; {fix}",
     )
 
 
