@@ -5,6 +5,8 @@ Keyword arguments are checked against the config of the command: the same keys, 
 
 from __future__ import annotations
 
+import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -112,19 +114,13 @@ def fit(
     given = {key: value for key, value in given.items() if value is not None} | options
     read = config_of(FitConfig, "fit", given, FIT, final=False).input
     images = _with_weights(_images(landmarks, read, atoms.marked(()).landmark_names), weights)
+    default = Default(None if config is None else os.fspath(config))
     if config is None:
-        default = choose_by_dictionary(
-            atoms.provenance,
-            method,
-            lambda: are_long(images.sequences),
-            prior=atoms.prior is not None,
-        )
-        config = default.config
-    else:
-        default = Default()
-    wanted = config_of(FitConfig, "fit", given, FIT, config)
+        prior, long = atoms.prior is not None, lambda: are_long(images.sequences)
+        default = choose_by_dictionary(atoms.provenance, method, long, prior=prior)
+    wanted = config_of(FitConfig, "fit", given, FIT, default.config)
     if default.method is not None and fits(default, wanted):
-        wanted = config_of(FitConfig, "fit", given | {"method": default.method}, FIT, config)
+        wanted = config_of(FitConfig, "fit", given | {"method": default.method}, FIT)
     if matrices is not None:
         images = images.with_columns({CAMERA: matrices})
     records, seconds = [], 0.0
@@ -134,9 +130,8 @@ def fit(
         setup = set_up(wanted.changed(**estimates.values), atoms, source.head.landmark_names)
         report = Report(setup)
         of_dictionary = warn_of_dictionary(setup.config, setup.dictionary)
-        messages: dict[str, str | Counted] = {
-            text: text for text in (*estimates.warnings, *of_dictionary)
-        }
+        messages: dict[str, str | Counted] = {}
+        add_up(messages, (*estimates.warnings, *of_dictionary))
         doubts = name_warnings(source.head.landmark_names, setup.dictionary.landmark_names)
         for batch in lift_source(source, setup):
             outcome = report.add(batch.images, batch.lifting, batch.record)
@@ -387,10 +382,8 @@ def _give(
 
 def plain(value: Any) -> Any:
     """Return a value as YAML would have it: no numbers or arrays of NumPy, no tuples, no paths."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    return str(value) if isinstance(value, Path) else value
+
+    def other(each: Any) -> Any:
+        return each.tolist() if isinstance(each, np.ndarray | np.generic) else str(each)
+
+    return json.loads(json.dumps(value, default=other))

@@ -573,7 +573,9 @@ def record_writer(
         raise input_error("output", found, "name a file")
     if options.given and not known.in_metres:
         found = f"{known.title} keeps the unit and the axes of what is written"
-        raise input_error(options.given[0], found, "leave it out, or write TRC or C3D")
+        raise input_error(
+            options.given[0], found, "leave it out, or end the name in .metres.csv, .trc or .c3d"
+        )
     further = (options,) if known.in_metres else ()
     writer: AbstractContextManager[RecordWriter[Any]]
     writer = load(str(known.writer))(target, form, *further)

@@ -76,9 +76,9 @@ class Layout:
 def arrange(place: str, columns: Sequence[tuple[str, ...]]) -> Layout:
     """Sort columns, named (scorer, [individual,] body part, coordinate), each after `place`.
 
-    Individuals and landmarks stand in order of appearance; a column that is there for some of
-    them only is missing for the others. Columns of other coordinates are left out, with a note.
-    Raises InputError for columns that are there twice, and for coordinates without the others.
+    Individuals and landmarks stand in order of appearance; a landmark that only some individuals
+    have is missing for the others. Columns of other coordinates are left out, with a note. Raises
+    InputError for columns that are there twice, and for those of a landmark without the others.
     """
     number: dict[tuple[str, str, str], int] = {}
     others: dict[str, None] = {}
@@ -98,8 +98,9 @@ def arrange(place: str, columns: Sequence[tuple[str, ...]]) -> Layout:
         )
         axes = [axis for axis in COORDINATES[:3] if axis in present]
         expect(axes[:2] == ["x", "y"], f"has no columns x and y ({abbreviate([*others])})")
+        wanted = [axis for axis in COORDINATES if axis in present]
         for who, landmark in {key[:2] for key in number}:
-            lost = [axis for axis in axes if (who, landmark, axis) not in number]
+            lost = [axis for axis in wanted if (who, landmark, axis) not in number]
             expect(not lost, f"{landmark} has no column {''.join(lost[:1])}")
 
     def find(axis: str) -> NDArray[np.intp]:

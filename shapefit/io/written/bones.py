@@ -120,7 +120,8 @@ def _parts(motion: Motion) -> list[str]:
 
 
 def _number(millimetres: float) -> str:
-    return f"{millimetres:.1f}" if millimetres < 10 else f"{millimetres:.0f}"
+    small = ".1g" if 1e-4 < millimetres < 0.1 else ".1f"  # a fly is .2 mm long
+    return format(millimetres, ".0f" if millimetres >= 10 else small)
 
 
 def _bridged(motion: Motion, place: str) -> Motion:

@@ -95,6 +95,11 @@ REFUSED = [
     ("t.csv", DLC + '0,1,2,3,"4\n', ":4: a quote is never closed"),
     ("t.csv", DLC.replace("b,b", "a,a") + "0,1,2,3,4\n", "x of a is there twice"),
     ("t.csv", DLC.replace("x,y\n", "x,w\n") + "0,1,2,3,4\n", "b has no column y"),
+    (
+        "t.csv",
+        "scorer,n,n,n,n,n\nbodyparts,a,a,a,b,b\ncoords,x,y,likelihood,x,y\n0,1,2,1,3,4\n",
+        "b has no column likelihood",
+    ),
     ("t.csv", DLC.replace("x,y,x,y", "l,angle,l,angle"), r"no columns x and y \(l, angle\)"),
     ("t.csv", DLC.replace("coords", "scorer"), "there is no line 'coords'"),
     ("t.csv", "scorer,n\n", "there is no line 'bodyparts'"),

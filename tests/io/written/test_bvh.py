@@ -42,7 +42,7 @@ def places(path, names):
 def test_rigid_bones_come_back_to_a_millimetre(tmp_path, project):
     shapes = read_shapes([project / "sample_data/people_test.h5"])
     summary = save(tmp_path / "man.bvh", shapes)
-    assert "bones of one length, joints 0.0 mm from the landmarks on average" in summary.note
+    assert "bones of one length, joints 0.004 mm from the landmarks on average" in summary.note
     sequences = np.array(shapes.sequences)
     assert len(summary.written) == 8
     for path in summary.written:
