@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import Any, Generic, Self
+from typing import TYPE_CHECKING, Any, Generic, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,9 @@ from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, TREES, Dataset
 from shapefit.io.names import check_items, check_known
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions, Opened, check_effects
 from shapefit.io.records import KINDS, LandmarkSet, Record, ResultSet, ShapeSet, concatenate
+
+if TYPE_CHECKING:
+    from shapefit.io.csv_file import Stretch
 
 PROOFS = PROOF + TREES
 """Datasets of results that stay in the file unless they are asked for."""
@@ -54,7 +57,7 @@ GAP = 1 << 10
 def open_landmarks(
     paths: Sequence[Path],
     options: InputOptions = AS_THEY_ARE,
-    rows: slice | None = None,
+    rows: slice | Stretch | None = None,
     *,
     check: bool = True,
     obeyed: Collection[str] = (),
@@ -65,9 +68,9 @@ def open_landmarks(
     wrong with a file, for items that occur twice, and for files that do not go together (other
     units, directions of y, frame rates, or further datasets), and for names of landmarks to rename
     that no file has. HDF5 is read a batch at a time, all else whole. `rows` are those of the one
-    HDF5 file that are given out: nothing else of it is read. Without `check` nothing but heads is
-    read of HDF5, and values and names are believed. Raises InputError for options without effect,
-    but for those that are `obeyed` elsewhere.
+    HDF5 or CSV file that are given out: nothing else of it is read. Without `check` nothing but
+    heads is read of HDF5, and values and names are believed. Raises InputError for options without
+    effect, but for those that are `obeyed` elsewhere.
     """
     files = _open_all(LANDMARKS, paths, options, obeyed, rows=rows, check=check)
     return Source(files, options.y_axis, check=check)
@@ -390,7 +393,9 @@ def _open(
         if known.together:
             records, notes = load(known.reader)(paths, gaps=gaps)
         else:
-            records = load(known.reader)(path, form.kind, gaps=gaps)
+            rows = how.get("rows")
+            part = {} if rows is None or isinstance(rows, slice) else {"stretch": rows}
+            records = load(known.reader)(path, form.kind, gaps=gaps, **part)
     if form is SHAPES:
         check_magnitudes(name, records.shapes, records.items, records.landmark_names)
     elif form is LANDMARKS:

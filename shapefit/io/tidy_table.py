@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from itertools import count
@@ -122,30 +122,31 @@ def check_columns(columns: Sequence[str], kind: str, place: str) -> None:
         raise input_problems(told)
 
 
-def read_tidy(rows: Rows, kind: str, *, gaps: bool = False) -> Any:
+def read_tidy(rows: Rows, kind: str, *, gaps: bool = False, landmarks: Iterable[str] = ()) -> Any:
     """Return the records of a table: items and landmarks in order of appearance.
 
-    A landmark that has no row or lacks a coordinate is NaN, its confidence 0; shapes need all
-    unless `gaps`. Raises InputError for the first wrong cells, by line.
+    `landmarks` are known before. A landmark that has no row or lacks a coordinate is NaN, its
+    confidence 0; shapes need all unless `gaps`. Raises InputError for the first wrong cells, by
+    line.
     """
-    table = _Table(rows, kind, gaps)
+    table = _Table(rows, kind, gaps, landmarks)
     for block in rows.blocks():
         table.take(block)
-    items, landmarks = table.names("item"), table.names("landmark")
-    n, p = len(items), len(landmarks)
+    items, names = table.names("item"), table.names("landmark")
+    n, p = len(items), len(names)
     if table.finite:
         missing = np.argwhere(table.lines.cut(n, p) == 0)
         told = [
-            f"{rows.name}: item '{items[row]}' has no landmark '{landmarks[column]}'; "
+            f"{rows.name}: item '{items[row]}' has no landmark '{names[column]}'; "
             "write every landmark of every item"
             for row, column in missing[:10].tolist()
         ]
         if told:
             raise input_problems(told, len(missing))
-    fields: dict[str, Any] = {"landmark_names": landmarks, "items": items}
+    fields: dict[str, Any] = {"landmark_names": names, "items": items}
     if "sequence" in rows.columns:
-        names = table.names("sequence")
-        fields["sequences"] = tuple(names[code] for code in table.sequence.cut(n).tolist())
+        known = table.names("sequence")
+        fields["sequences"] = tuple(known[code] for code in table.sequence.cut(n).tolist())
     if "confidence" in rows.columns:
         fields["confidence"] = table.confidence.cut(n, p)
     return KINDS[kind](table.points.cut(n, len(table.axes), p), **fields)
@@ -186,7 +187,7 @@ class _Grid:
 class _Table:
     """The arrays of a table while its blocks come in."""
 
-    def __init__(self, rows: Rows, kind: str, gaps: bool) -> None:
+    def __init__(self, rows: Rows, kind: str, gaps: bool, landmarks: Iterable[str]) -> None:
         self.axes = ("x", "y") if kind == "landmarks" else ("x", "y", "z")
         self.finite = kind == "shapes" and not gaps
         self.lines = _Grid(rows.name, 2, 0, np.uint32)  # of each item and landmark; 0 is none
@@ -196,6 +197,8 @@ class _Table:
         self._rows, self._fix = rows, FIXES["gaps" if gaps else kind]
         texts = ("item", "landmark", "sequence")
         self._numbers = {text: defaultdict[str, int](count().__next__) for text in texts}
+        for name in landmarks:
+            _ = self._numbers["landmark"][name]  # which gives it the next number
         self._told: list[tuple[int, str]] = []
 
     def names(self, column: str) -> tuple[str, ...]:

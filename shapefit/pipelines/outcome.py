@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import re
 import sys
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from shapefit.errors import InputError, counted
+from shapefit.errors import InputError, abbreviate, counted
+from shapefit.io.inputs import HDF5_SIGNATURE, begins_with, in_words, is_stream
+from shapefit.stores import find_state
+
+LONG = 1 << 25
+"""Bytes of text that take a second to read."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +27,9 @@ class Failure:
 
 def unread(path: Path, error: InputError) -> Failure:
     """Return the failure of a file that cannot be read, with its reason."""
-    return Failure(str(path), "; ".join(each.removeprefix(f"{path}: ") for each in error.problems))
+    here = re.compile(f"{re.escape(str(path))}:(?: |(\\d+: ))")  # `a.csv: found`, `a.csv:2: found`
+    told = (here.sub(lambda at: f"line {at[1]}" if at[1] else "", each) for each in error.problems)
+    return Failure(str(path), "; ".join(told))
 
 
 @dataclass(frozen=True)
@@ -104,6 +112,14 @@ def tell_doubts(doubts: Collection[Counted], total: int) -> str:
     noun = next((doubt.noun for doubt in doubts), "item")
     listed = ", ".join(f"{number} {text}" for text, number in reasons.items())
     return f"{sum(reasons.values())} of {counted(total, noun)} not to be trusted: {listed}"
+
+
+def reading(paths: Iterable[Path]) -> Iterator[Outcome]:
+    """Say that files which are read whole come first, where that takes more than a second."""
+    text = [path for path in paths if not is_stream(path) and not begins_with(path, HDF5_SIGNATURE)]
+    size = sum((find_state(path) or (0, ""))[0] for path in text)
+    if size > LONG:
+        yield Outcome(line=f"Reading {in_words(size)} of {abbreviate([p.name for p in text], 1)}.")
 
 
 def nothing_in(count: int, unit: str) -> tuple[str, ...]:

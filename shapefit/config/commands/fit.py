@@ -117,7 +117,7 @@ class FitConfig(CommandConfig):
     """Height of the body or object in metres, for outputs in metres (TRC, C3D, BVH, GLB); by
     default it is as large as the training shapes of the dictionary."""
     partition: int = Field(default=100_000, ge=1)
-    """With a folder as output, images per part: of a large HDF5 file, rounded up to a
+    """With a folder as output, images per part: of a large HDF5 or CSV file, rounded up to a
     multiple of 64, or to whole sequences where those are lifted."""
     scheduler: str | None = Field(default=None, min_length=1)
     """Address of a running Dask scheduler that the parts are sent to."""

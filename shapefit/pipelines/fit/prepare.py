@@ -266,7 +266,7 @@ def first_images(config: FitConfig, parts: Iterable[Part]) -> LandmarkSet:
     for part in parts:
         start, stop = part.rows or (0, FIRST)
         try:
-            rows = slice(start, min(stop, start + left))
+            rows = part.stretch[1] if part.stretch else slice(start, min(stop, start + left))
             with open_landmarks(part.inputs, options, rows) as source:
                 found.append(source.first(left))
         except InputError as error:

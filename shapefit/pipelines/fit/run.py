@@ -26,6 +26,7 @@ from shapefit.io import (
     read_dictionary,
     result_writer,
 )
+from shapefit.io.csv_file import Stretch
 from shapefit.io.formats import find_target_format
 from shapefit.io.options import OutputOptions
 from shapefit.lifting.lift import Lifting
@@ -46,7 +47,7 @@ from shapefit.pipelines.fit.prepare import (
 from shapefit.pipelines.fit.record import as_result, warn_of_names
 from shapefit.pipelines.fit.report import Report
 from shapefit.pipelines.joints import describe_names, name_warnings, named_as_joints
-from shapefit.pipelines.outcome import Outcome, nothing_in
+from shapefit.pipelines.outcome import Outcome, nothing_in, reading
 from shapefit.stores import UrlPath, local_copy
 from shapefit.threads import on_threads, side_by_side
 
@@ -65,7 +66,7 @@ class Batch(NamedTuple):
 
 def run(
     config: FitConfig,
-    rows: slice | None = None,
+    rows: slice | Stretch | None = None,
     estimates: Estimates | None = None,
     dictionary: Dictionary | None = None,
 ) -> Iterator[Outcome]:
@@ -81,6 +82,7 @@ def run(
     on_threads(local_copy, (path for path in files if isinstance(path, UrlPath)))
     dictionary = dictionary or read_dictionary(config.dictionary)
     check_exports(config, dictionary)
+    yield from reading(config.landmarks if rows is None else ())
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
         estimates = estimates or prepare(config, dictionary, lambda: source.first(FIRST))
         config = config.changed(**estimates.values)

@@ -110,8 +110,9 @@ def fit_part(job: Job) -> Done:
 
 def _fit(job: Job) -> Done:
     began, target = time.perf_counter(), job.folder / job.part.file
-    config = job.config.changed(landmarks=job.part.inputs, output=target)
-    rows = None if job.part.rows is None else slice(*job.part.rows)
+    part = job.part
+    config = job.config.changed(landmarks=part.inputs, output=target)
+    rows = part.stretch[0] if part.stretch else slice(*part.rows) if part.rows else None
     clear_way(job.folder, job.part.file)
     images, failed = 0, 0
     failures: list[Failure] = []

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from shapefit.config import FitConfig
 from shapefit.errors import InputError, input_error, path_text
 from shapefit.io import LandmarkSource, open_landmarks
-from shapefit.io.formats import HDF5, FileFormat, group_inputs
-from shapefit.io.inputs import HDF5_SIGNATURE, begins_with
+from shapefit.io.csv_file import Stretch, index_items
+from shapefit.io.formats import CSV, HDF5, FileFormat, group_inputs
+from shapefit.io.inputs import HDF5_SIGNATURE, begins_with, is_stream
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.lift import whole_stretches
-from shapefit.pipelines.fit.prepare import read_options
-from shapefit.stores import State, find_state
+from shapefit.pipelines.fit.prepare import FIRST, read_options
+from shapefit.stores import State, UrlPath, find_state
 from shapefit.threads import on_threads
 
 FEWEST_BYTES = 16
@@ -30,14 +33,16 @@ class Part:
 
     number      in the order of the inputs, counted from 0
     inputs      a file, or those of one recording
-    rows        of the one HDF5 file: from the first to before the second; None for all
+    rows        of the one HDF5 or CSV file: from the first to before the second; None for all
     state       size and time of change (or etag) of the inputs, by which a changed file is known
+    stretch     where the rows of a CSV file are, and those that estimates are made of
     """
 
     number: int
     inputs: tuple[Path, ...]
     rows: Rows
     state: tuple[State, ...]
+    stretch: tuple[Stretch, Stretch] | None = None
 
     @property
     def file(self) -> str:
@@ -61,14 +66,15 @@ class Piece(NamedTuple):
     inputs: tuple[Path, ...]
     rows: Sequence[Rows] = (None,)
     sequences: Sequence[str] = ()
+    stretches: Sequence[tuple[Stretch, Stretch] | None] = ()
 
 
 def plan_parts(config: FitConfig) -> list[Part]:
     """Return the parts of a fit, in the order of the inputs.
 
-    A large HDF5 file is cut where no result changes: after whole stretches of images, which start
-    from one another's solutions, and between sequences where those are lifted whole. Raises
-    InputError for sequences over two files.
+    A large HDF5 or CSV file is cut where no result changes: after whole stretches of images, which
+    start from one another's solutions, and (HDF5) between sequences where those are lifted whole.
+    Raises InputError for sequences over two files.
     """
     states = {path: find_state(path) or (0, "") for path in config.landmarks}
     whole, options = METHODS[config.method].sequences, read_options(config)
@@ -79,6 +85,8 @@ def plan_parts(config: FitConfig) -> list[Part]:
 
     def divide(group: tuple[FileFormat, tuple[Path, ...]]) -> Piece:
         known, inputs = group
+        if known is CSV and not whole and states[inputs[0]][0] >= FEWEST_BYTES * config.partition:
+            return divide_text(inputs[0], config.partition)
         if known is not HDF5 and not whole:
             return Piece(inputs)
         try:
@@ -99,11 +107,33 @@ def plan_parts(config: FitConfig) -> list[Part]:
     pieces |= {piece.inputs[0]: piece for piece in found}
     ordered = [pieces[path] for path in states if path in pieces]
     check_sequences(ordered)
-    each = [(piece.inputs, rows) for piece in ordered for rows in piece.rows]
-    return [
-        Part(number, inputs, rows, tuple(states[path] for path in inputs))
-        for number, (inputs, rows) in enumerate(each)
+    each = [
+        (piece.inputs, rows, stretch)
+        for piece in ordered
+        for rows, stretch in zip_longest(piece.rows, piece.stretches)
     ]
+    return [
+        Part(number, inputs, rows, tuple(states[path] for path in inputs), stretch)
+        for number, (inputs, rows, stretch) in enumerate(each)
+    ]
+
+
+def divide_text(path: Path, size: int) -> Piece:
+    """Return a CSV file in ranges of `size` images, where its rows let it be divided."""
+    step = whole_stretches(1)
+    index = None if isinstance(path, UrlPath) or is_stream(path) else index_items(path, step)
+    size = whole_stretches(size)
+    if index is None or index.size <= size:
+        return Piece((path,))
+    rows = [(at, min(at + size, index.size)) for at in range(0, index.size, size)]
+
+    def between(start: int, stop: int) -> Stretch:
+        first, last = start // step, math.ceil(stop / step)
+        ends = int(index.starts[first]), int(index.starts[last])
+        return Stretch(*ends, int(index.lines[first]), index.landmarks)
+
+    stretches = [(between(*own), between(own[0], min(own[0] + FIRST, own[1]))) for own in rows]
+    return Piece((path,), rows, stretches=stretches)
 
 
 def cut_between_sequences(

@@ -24,7 +24,7 @@ from shapefit.io.inputs import is_stream
 from shapefit.io.names import Equal, find_equal_names
 from shapefit.io.source import open_results
 from shapefit.pipelines.fit.prepare import Estimates, first_images, prepare
-from shapefit.pipelines.outcome import Counted, Failure, Outcome
+from shapefit.pipelines.outcome import Counted, Failure, Outcome, reading
 from shapefit.pipelines.parts.executors import Job, do_jobs, executor_of, wants_cluster
 from shapefit.pipelines.parts.manifest import (
     Entry,
@@ -51,6 +51,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     check_parts(config)
     digests = digests_of(config)
     known = read_manifest(folder.path)
+    yield from reading(config.landmarks)
     parts = plan_parts(config)
     kept, again = find_kept(known, parts, digests)
     if config.dry_run:

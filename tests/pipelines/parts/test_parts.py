@@ -71,6 +71,57 @@ def test_parts_are_files_and_row_ranges_with_the_bits_of_one_run():
     same_as_one_run()
 
 
+def table(path: str, *, header="item,landmark,x,y", rows=None) -> Path:
+    """Write the images of one.h5 as CSV; the last has a landmark that no other has."""
+    convert = shapefit(["convert", "one.h5", "-o", path, "-q"])
+    assert convert == 0
+    text = Path(path).read_text()
+    lines = [header, *text.splitlines()[1:], "i399,z,1,2"] if rows is None else [header, *rows]
+    Path(path).write_text("\n".join(lines) + "\n")
+    return Path(path)
+
+
+class TestTables:
+    def test_a_table_is_divided_with_the_bits_of_one_run(self):
+        one = (str(table("one.csv")),)
+        assert done(fit(landmarks=one)) == 400
+        assert [entry["rows"] for entry in entries()] == [
+            [0, 128],
+            [128, 256],
+            [256, 384],
+            [384, 400],
+        ]
+        list(fit_whole(config_of("whole.h5", landmarks=one)))
+        same_bits((OUT / name for name in names()), Path("whole.h5"))
+        (OUT / "part-00002.h5").unlink()
+        assert done(fit(landmarks=one)) == 128
+
+    def test_a_part_reads_its_own_rows_and_names_lines_of_the_file(self):
+        path = table("one.csv")
+        lines = path.read_text().splitlines()
+        lines[8 * 200 + 1] = "i200,a,one,2"
+        path.write_text("\n".join(lines))
+        outcomes = fit(landmarks=(str(path),))
+        assert done(outcomes) == 400 - 128
+        (failure,) = failures(outcomes).values()
+        assert f"{path.name}:1602: x is 'one'" in failure
+
+    @pytest.mark.parametrize("fault", ["quoted", "apart", "empty row", "name last", "spaces"])
+    def test_what_is_not_plain_stays_whole(self, fault):
+        path = table("one.csv")
+        text = path.read_text()
+        changed = {
+            "quoted": text.replace("i3,", '"i3",'),
+            "apart": text + "i5,zz,1,2\n",
+            "empty row": text.replace("i3,a", "\ni3,a"),
+            "name last": "x,y,landmark,item\n" + "1,2,a,i0\n" * 3,
+            "spaces": text.replace("item,landmark", "item, landmark"),
+        }
+        assert len(plan_parts(config_of("out/", "partition=100", landmarks=(str(path),)))) == 4
+        path.write_text(changed[fault])
+        assert len(plan_parts(config_of("out/", "partition=100", landmarks=(str(path),)))) == 1
+
+
 class TestResuming:
     def test_what_is_done_stays(self):
         fit()
