@@ -49,6 +49,7 @@ from shapefit.pipelines.fit.default import Default, are_long, choose_by_dictiona
 from shapefit.pipelines.fit.prepare import FIRST, prepare, set_up, warn_of_dictionary
 from shapefit.pipelines.fit.report import Report
 from shapefit.pipelines.fit.run import attributes_of, lift_source
+from shapefit.pipelines.items import keys_of
 from shapefit.pipelines.joints import name_warnings
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes
 from shapefit.pipelines.outcome import Counted, Outcome, add_up
@@ -320,7 +321,7 @@ def evaluate(
             raise input_error("truth", found, "give one for each, or name them: Shapes(..., items)")
         true = true.replaced(items=record.items)
     record = record.without(BARS)
-    judged = judge(Path("result"), record, Truth(true, true.items, true.take), config)
+    judged = judge(Path("result"), record, Truth(true, keys_of([true]), true.take), config)
     errors = judged.image_errors("result")
     sequences = (name for each in errors for name in each.sequences.names)
     grouping, ungrouped = group_sequences(config.groups, sequences)

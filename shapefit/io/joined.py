@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -45,6 +45,7 @@ def common_head(
     if isinstance(first, LandmarkSet):
         edges = _first(head.columns.get(EDGES) for _, head in heads)
         heads = [(place, _with_edges(head, edges)) for place, head in heads]
+    heads = _with_own_columns(heads)
     _check_same_columns(heads)
     units = [(place, None if head.unit == UNKNOWN_UNIT else head.unit) for place, head in heads]
     rates = [(place, head.frame_rate) for place, head in heads]
@@ -66,6 +67,7 @@ def common_head(
 
 def conform(part: Any, head: Any, place: str) -> Any:
     """Return a part of one file with the landmarks and fields of the whole source."""
+    part = _of_items(part, part.of_file & head.columns.keys() - head.of_file)
     changes: dict[str, Any] = {"unit": head.unit, "frame_rate": head.frame_rate}
     if head.sequences is not None and part.sequences is None:
         changes["sequences"] = ("",) * len(part)
@@ -78,6 +80,29 @@ def conform(part: Any, head: Any, place: str) -> Any:
         changes["confidence"] = np.ones((len(part), len(part.landmark_names)))
     part = part.replaced(**changes, y_axis=head.y_axis).arrange(head.landmark_names, place)
     return _with_edges(part, head.columns.get(EDGES))
+
+
+def _with_own_columns(heads: Sequence[tuple[str, Any]]) -> Sequence[tuple[str, Any]]:
+    """Return heads of images in which what differs between files, as of cameras, is of items."""
+    (_, first), *others = heads
+    own = [
+        name
+        for name in first.of_file & first.further.keys() - {EDGES, "mirror_index"}
+        if isinstance(first, LandmarkSet)
+        and all(name in head.of_file for _, head in others)
+        and len({head.columns[name].shape for _, head in heads}) == 1
+        and not all(_agree(first, head, name) for _, head in others)
+    ]
+    return [(place, _of_items(head, own)) for place, head in heads] if own else heads
+
+
+def _of_items(records: Any, names: Collection[str]) -> Any:
+    """Return records in which these columns of the file are columns of each item."""
+    if not names:
+        return records
+    known = {name: records.columns[name] for name in names}
+    spread = {name: np.broadcast_to(v, (len(records), *v.shape)) for name, v in known.items()}
+    return records.with_columns(spread)
 
 
 def _first(values: Iterable[Any]) -> Any:

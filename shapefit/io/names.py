@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
 
 import numpy as np
@@ -115,10 +115,11 @@ def repetitions(lists: Sequence[Blocks]) -> Iterator[tuple[str, list[tuple[int, 
     return ((name, found) for name, found in places.items() if len(found) > 1)
 
 
-def check_items(files: Sequence[tuple[Blocks, Callable[[int], str]]]) -> None:
-    """Raise InputError for items without a name, and for those that occur more than once.
+def check_items(files: Sequence[tuple[Blocks, Callable[[int], str]]]) -> tuple[str, int] | None:
+    """Return an item that occurs in two files, and how many do; None for none.
 
-    Each file comes with what reads its items, and what names a row of it.
+    Each file comes with what reads its items, and what names a row of it. Raises InputError for
+    items without a name, and for those that occur twice in a file.
     """
     empty: list[str] = []
 
@@ -130,8 +131,13 @@ def check_items(files: Sequence[tuple[Blocks, Callable[[int], str]]]) -> None:
             start += len(block)
             yield block
 
-    met = repetitions([lambda f=file: read(*f) for file in files])  # type: ignore[misc]
-    again = sorted((other, first, item) for item, (first, *others) in met for other in others)
+    met = list(repetitions([lambda f=file: read(*f) for file in files]))  # type: ignore[misc]
+    again = sorted(
+        (other, first, item)
+        for item, places in met
+        for first, other in pairwise(places)
+        if first[0] == other[0]
+    )
     if empty:
         raise input_problems(list(dict.fromkeys(empty)))
 
@@ -141,6 +147,7 @@ def check_items(files: Sequence[tuple[Blocks, Callable[[int], str]]]) -> None:
         return f"{one}: item '{item}' is also at {other}; give every item a unique name"
 
     raise_at(range(len(again)), told)
+    return (met[0][0], len(met)) if met else None
 
 
 @dataclass(frozen=True)

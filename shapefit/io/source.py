@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Generic, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.errors import input_error
 from shapefit.io.checks import check_magnitudes, check_values, place_in_memory, warn_of_zeros
 from shapefit.io.foreign.items import are_fractions, keep_landmarks, size_needed
 from shapefit.io.formats import (
@@ -209,6 +210,19 @@ class SourceFile(Generic[Record]):
 
         return replace(self, head=change(self.head), open=opened)
 
+    def called(self, name: str) -> Self:
+        """Return the file with its items and sequences called `name/...`."""
+
+        def longer(texts: Iterable[str]) -> tuple[str, ...]:
+            return tuple(text and f"{name}/{text}" for text in texts)
+
+        def change(records: Record) -> Record:
+            known = records.sequences
+            sequences = None if known is None else longer(known)
+            return records.replaced(items=longer(records.items), sequences=sequences)
+
+        return replace(self.changed(change), texts=lambda kind: map(longer, self.texts(kind)))
+
 
 class Source(Generic[Record]):
     """The items of one or more files; a context manager, which closes the files.
@@ -224,12 +238,15 @@ class Source(Generic[Record]):
         *,
         check: bool = True,
     ) -> None:
-        """Take files; raises InputError for files that differ, and, if `check`, equal items."""
+        """Take files; raises InputError for files that differ, and, if `check`, equal items in one.
+
+        Items that are in two files begin with the name of their file, as all then do.
+        """
+        if check:
+            files = _told_apart(files)
         self._files = files
         self._running: list[Generator[Record, None, None]] = []
         self.count = sum(file.count for file in files)
-        if check:
-            check_items([(lambda file=file: file.texts("item"), file.place) for file in files])  # type: ignore[misc]
         filled = [file for file in files if file.count] or files[:1]  # what is empty may differ
         heads = [(file.name, file.head) for file in filled]
         self.head: Record = common_head(heads, [(f.name, f.y_axis) for f in filled], y_axis)
@@ -320,6 +337,24 @@ class Source(Generic[Record]):
                 for start in range(0, file.count, size):
                     rows = slice(start, min(start + size, file.count))
                     yield conform(read(rows), self.head, file.name)
+
+
+def _told_apart(files: Sequence[SourceFile[Any]]) -> Sequence[SourceFile[Any]]:
+    """Return files whose items and sequences begin with the file's name if two have an item."""
+    again = check_items([(lambda file=file: file.texts("item"), file.place) for file in files])  # type: ignore[misc]
+    if again is None:
+        return files
+    paths = [Path(file.name).with_suffix("").parts for file in files]
+    depths = range(1, max(map(len, paths)) + 1)
+    depth = next((d for d in depths if len({own[-d:] for own in paths}) == len(paths)), None)
+    if depth is None:
+        found = f"the item '{again[0]}' is in two files of this name"
+        raise input_error(files[0].name, found, "give each file once, under a name of its own")
+    names = ["/".join(own[-depth:]) for own in paths]
+    example = f"'{again[0]}'" + (f" and {again[1] - 1} more" if again[1] > 1 else "")
+    note = f"{example} in more than one file: items begin with the file, '{names[0]}/...'"
+    named = [file.called(name) for file, name in zip(files, names, strict=True)]
+    return [replace(named[0], notes=(*named[0].notes, note)), *named[1:]]
 
 
 LandmarkSource = Source[LandmarkSet]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from shapefit.io import open_landmarks, read_shapes, write_shapes
+from shapefit.io import LandmarkSet, open_landmarks, open_shapes, read_shapes, write_shapes
 from tests.io.files import save
 
 ORDER = [2, 0, 3, 1]
@@ -74,15 +74,38 @@ def test_other_landmarks(tmp_path, shapes, problems):
     assert line.startswith(f"{two}: there is no landmark 'foot'; ")
 
 
-def test_items_in_two_files(tmp_path, shapes, problems):
-    one, two, three = tmp_path / "a.h5", tmp_path / "b.h5", tmp_path / "c.csv"
+def test_items_in_two_files_begin_with_the_name_of_their_file(tmp_path, shapes):
+    (tmp_path / "c").mkdir()
+    one, two, three = tmp_path / "a.h5", tmp_path / "b.h5", tmp_path / "c" / "b.h5"
     write_shapes(one, shapes.take([0, 1]))
     write_shapes(two, shapes.take([2, 1]))
     write_shapes(three, shapes.take([0]))
-    assert problems(read_shapes, [one, two, three]) == (
-        f"{two}:/item[1]: item 'walk/1' is also at {one}:/item[1]; give every item a unique name",
-        f"{three}: item 'walk/0' is also at {one}:/item[0]; give every item a unique name",
-    )
+    with open_shapes([one, two]) as source:
+        assert source.whole().items == ("a/walk/0", "a/walk/1", f"b/{shapes.items[2]}", "b/walk/1")
+        assert [name for part in source.names() for name in part] == list(source.whole().items)
+        assert source.whole().sequences[1] == f"a/{shapes.sequences[1]}"
+        (note,) = source.notes
+        assert note.startswith("'walk/1' in more than one file: items begin with the file, 'a/...")
+    with open_shapes([one, two, three]) as source:
+        assert source.whole().items[3:] == (f"{tmp_path.name}/b/walk/1", "c/b/walk/0")
+
+
+def test_an_item_that_is_twice_in_a_file_is_refused_beside_another_file(tmp_path, problems):
+    one, two = tmp_path / "a.csv", tmp_path / "b.csv"
+    for path in (one, two):
+        path.write_text("item,landmark,x,y,z\nwalk/0,foot,1,2,3\nwalk/0,foot,1,2,3\n")
+    assert "is also on line 2" in problems(read_shapes, [one, two])[0]
+
+
+def test_what_each_camera_says_is_of_its_images(tmp_path):
+    paths = [tmp_path / "a.h5", tmp_path / "b.h5"]
+    for number, path in enumerate(paths):
+        camera = {"camera_matrix": np.eye(3) * (number + 1), "image_size": np.array([640, 480])}
+        save(path, LandmarkSet(np.zeros((2, 2, 3)), "abc", ("i", "j"), columns=camera))
+    with open_landmarks(paths) as source:
+        whole = source.whole()
+    np.testing.assert_array_equal(whole.columns["camera_matrix"][:, 0, 0], [1, 1, 2, 2])
+    assert whole.columns["image_size"].tolist() == [640, 480]
 
 
 def test_shapes_that_do_not_go_together(tmp_path, shapes, problems):

@@ -2,7 +2,8 @@
 
 import pytest
 
-from shapefit.pipelines.items import ChosenItems, spread
+from shapefit.errors import InputError
+from shapefit.pipelines.items import ChosenItems, Keys, find_truth, spread
 
 ITEMS = ("a1", "a[1]", "a2", "b/1", "b/2", "A1")
 
@@ -40,3 +41,40 @@ def test_what_chose_nothing_is_named():
 )
 def test_spread(wanted, count, places):
     assert spread(wanted, count) == places
+
+
+def rows(match, own, truth):
+    return find_truth("r.h5", match, own, truth).tolist()
+
+
+class TestTruthByFrame:
+    ANNA = Keys(("a", "b", "c"), ("anna",) * 3, [0, 1, 2])
+
+    @pytest.mark.parametrize(
+        ("own", "expected"),
+        [
+            (Keys(("x", "y"), ("anna",) * 2, [2, 1]), [2, 1]),
+            (Keys(("x", "y"), ("cam1/anna", "cam2/anna"), [1, 1]), [1, 1]),
+            (Keys(("x", "y"), ("berta", "berta"), [0, 7]), [0, -1]),
+            (Keys(("x", "y")), [0, 1]),
+            (Keys(("x", "y"), ("cam1", "cam2")), [0, 0]),
+        ],
+    )
+    def test_frames_are_of_the_same_sequence_one_that_ends_so_or_the_only_one(self, own, expected):
+        assert rows("frame", own, self.ANNA) == expected
+
+    def test_times_where_rates_differ(self):
+        own = Keys(("x", "y", "z"), None, [0, 1, 2], 60.0)
+        assert rows("frame", own, Keys("abcde", None, None, 120.0)) == [0, 2, 4]
+        assert rows("frame", own, Keys("abcde", None, None, 30.0)) == [0, -1, 1]
+
+    def test_a_frame_in_two_sequences_of_other_names_is_none(self):
+        two = Keys(("a", "b"), ("anna", "berta"), [0, 0])
+        assert rows("frame", Keys(("x",), ("berta",)), two) == [1]
+        with pytest.raises(InputError, match="no frame of its 1 images is in the truth, or there"):
+            rows("frame", Keys(("x",), ("carla",)), two)
+
+    def test_by_item_what_fails_names_the_alternative(self):
+        assert rows("item", Keys(("b", "x")), self.ANNA) == [1, -1]
+        with pytest.raises(InputError, match="set `match`: to `frame` where both"):
+            rows("item", Keys(("x",)), self.ANNA)

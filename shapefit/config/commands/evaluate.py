@@ -42,8 +42,8 @@ class EvalConfig(CommandConfig):
     output: OutputPath
     """Folder to write the report to."""
     match: Annotated[str, OF_THE_DATA] = Field(default="item", min_length=1)
-    """What identifies the true shape of an image: `item`, or the name of a dataset of the result
-    that holds items of the truth."""
+    """What identifies the true shape of an image: `item`; `frame`, its frame and sequence; or the
+    name of a dataset of the result that holds items of the truth."""
     groups: Annotated[Mapping[str, str], OF_THE_DATA] = Field(default_factory=dict)
     """Groups of sequences to average over: name -> glob on sequence names."""
     metrics: Annotated[tuple[AnyMetric, ...], FromLists] = Field(

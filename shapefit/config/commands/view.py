@@ -32,8 +32,8 @@ class ViewConfig(CommandConfig):
     truth: OptionalInputPaths = ()
     """Files of the true 3D shapes, aligned with the first result by the best similarity."""
     match: Annotated[str, OF_THE_DATA] = Field(default="item", min_length=1)
-    """What identifies the true shape of an image: `item`, or the name of a dataset of the result
-    that holds items of the truth."""
+    """What identifies the true shape of an image: `item`; `frame`, its frame and sequence; or the
+    name of a dataset of the result that holds items of the truth."""
     input: InputConfig = section(InputConfig)
     dictionary: OptionalDictionaryPath = None
     """Dictionary with the edges and meshes to draw; by default, the one with which the result was

@@ -44,7 +44,14 @@ from shapefit.geometry.procrustes import coincide
 from shapefit.io.layout import RESULTS
 from shapefit.io.names import match_landmarks
 from shapefit.io.records import ResultSet, ShapeSet
-from shapefit.pipelines.items import named_items
+from shapefit.pipelines.items import (
+    BY_FRAME,
+    BY_ITEM,
+    Keys,
+    find_truth,
+    keys_of,
+    named_items,
+)
 from shapefit.pipelines.joints import INPUT_CORRELATION, INPUT_NAMES, INPUT_SD, INPUT_SHAPES
 
 OF_THE_BOX = "box"
@@ -63,32 +70,27 @@ FIELDS = {dataset.name: dataset.attribute for dataset in RESULTS.datasets}
 
 
 class Truth:
-    """True shapes, found by their items: head, all but the shapes; take(rows) reads some."""
+    """True shapes, found by their keys: head, all but the shapes; take(rows) reads some."""
 
     def __init__(
-        self, head: ShapeSet, items: Sequence[str], take: Callable[[NDArray[np.intp]], ShapeSet]
+        self, head: ShapeSet, keys: Keys, take: Callable[[NDArray[np.intp]], ShapeSet]
     ) -> None:
         self.head = head
-        self._items = items
-        self._rows = {item: row for row, item in enumerate(items)}
+        self._keys = keys
         self._take = take
 
     def __len__(self) -> int:
-        return len(self._items)
+        return len(self._keys.items)
 
-    def find(self, file: Path, keys: Sequence[str]) -> tuple[ShapeSet, NDArray[np.intp]]:
-        """Return shapes, and the row among them of each key, -1 where there is none.
+    def find(self, file: Path, match: str, own: Keys) -> tuple[ShapeSet, NDArray[np.intp]]:
+        """Return shapes, and the row among them of each image, -1 where there is none.
 
-        Raises InputError where no key is known; `file` has the images that they belong to.
+        Raises InputError where none has one; `file` has the images that they belong to.
         """
-        if not self._items:
+        if not len(self):
             fix = f"give the truth of the images of {file}"
             raise input_error("truth", "holds no shapes", fix)
-        rows = np.array([self._rows.get(key, -1) for key in keys], dtype=np.intp)
-        if (rows < 0).all():
-            found = f"none of its {len(keys)} images is in the truth, which has no '{keys[0]}'"
-            fix = f"give the truth of these images, or set `match` (an item: '{self._items[0]}')"
-            raise input_error(file, found, fix)
+        rows = find_truth(file, match, own, self._keys)
         unique, places = np.unique(rows, return_inverse=True)
         unknown = int(unique[0] < 0)
         return self._take(unique[unknown:]), places.reshape(-1) - unknown
@@ -162,12 +164,14 @@ def judge(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) -> J
         raise input_error(file, "holds no images", "check the run that wrote it")
     run = _run_of(results)
     results, too_few = take_visible(file, results, config.least_visible)
-    keys = named_items(results, config.match, file, "match")
-    shapes, rows = truth.find(file, keys)
+    own = keys_of([results])
+    if config.match != BY_FRAME:
+        own = replace(own, items=named_items(results, config.match, file, "match"))
+    shapes, rows = truth.find(file, config.match, own)
     names = common_landmarks(file, results.landmark_names, shapes.landmark_names)
     # `take` gives them in the order of the core, an index gives them landmark by landmark.
-    own = match_landmarks(results.landmark_names, names)
-    estimate = results.shapes.take(own, axis=2)
+    places = match_landmarks(results.landmark_names, names)
+    estimate = results.shapes.take(places, axis=2)
     true = shapes.shapes[rows].take(match_landmarks(shapes.landmark_names, names), axis=2)
     true[rows < 0] = np.nan
     rotation = _true_rotation(file, results, true, config.truth_frame)
@@ -179,9 +183,10 @@ def judge(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) -> J
     judged = in_blocks(visible_in_both, estimate, true)
     for values in errors.values():
         values[~judged.any(axis=-1)] = np.nan
-    bars, unjudged = _judge_bars(file, results, own, arrays, scale, units[0])
+    bars, unjudged = _judge_bars(file, results, places, arrays, scale, units[0])
     sequences = _sequences(results, shapes, rows)
-    failures = _failures(results, keys, rows, judged, errors)
+    sought = BY_FRAME if config.match == BY_FRAME else BY_ITEM
+    failures = _failures(results, sought, own, rows, judged, errors)
     lifted = np.array([item not in failures for item in results.items], dtype=np.bool_)
     for (metric, _), values in errors.items():
         if METRICS[metric].of_labels:
@@ -450,7 +455,8 @@ def _sequences(results: ResultSet, truth: ShapeSet, rows: NDArray[np.intp]) -> t
 
 def _failures(
     results: ResultSet,
-    keys: Sequence[str],
+    sought: str,
+    own: Keys,
     rows: NDArray[np.intp],
     judged: Flags,
     errors: Mapping[Kind, Floats],
@@ -459,7 +465,8 @@ def _failures(
 
     def reason(i: int) -> str:
         if rows[i] < 0:
-            return f"the truth has no item '{keys[i]}'"
+            names = own.by_frame()[1] if sought == BY_FRAME else own.items
+            return f"the truth has no {sought} '{names[i]}'"
         if not np.isfinite(results.shapes[i]).any():
             status = "" if results.status is None else f" (status {results.status[i]})"
             return f"the results hold no shape{status}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from io import BytesIO
@@ -39,7 +40,9 @@ from shapefit.io import open_shapes, read_results
 from shapefit.io.atomic import check_folder, digests, staged_files
 from shapefit.io.csv_file import per_image_header, per_image_rows
 from shapefit.io.options import input_options
+from shapefit.io.records import ShapeSet
 from shapefit.pipelines.evaluate.judge import Judged, Truth, join, judge, with_shapes_of
+from shapefit.pipelines.items import keys_of
 from shapefit.pipelines.outcome import Failure, Outcome
 from shapefit.viewer.report_page import Links, report_page
 
@@ -177,16 +180,20 @@ def open_truth(config: EvalConfig) -> Iterator[tuple[Truth, list[str]]]:
     Raises InputError as `open_shapes` does.
     """
     with open_shapes(config.truth, input_options(config.input), gaps=True) as source:
-        items: list[str] = []
-        shapes, landmarks = 0, 0
-        for part in source.batches(AT_A_TIME, by_file=True):
-            items += part.items
-            gaps = np.asarray(np.isnan(part.shapes).any(axis=1))
-            shapes += int(gaps.any(axis=1).sum())
-            landmarks += int(gaps.sum())
+        gaps = Counter[str]()
+
+        def counting() -> Iterator[ShapeSet]:
+            for part in source.batches(AT_A_TIME, by_file=True):
+                unknown = np.asarray(np.isnan(part.shapes).any(axis=1))
+                gaps["shapes"] += int(unknown.any(axis=1).sum())
+                gaps["landmarks"] += int(unknown.sum())
+                yield part
+
+        keys = keys_of(counting())
+        landmarks, shapes = gaps["landmarks"], gaps["shapes"]
         number = f"{counted(landmarks, 'landmark')} of {counted(shapes, 'shape')}"
         lacks = [f"the truth lacks {number} (NaN): left out"] if shapes else []
-        yield Truth(source.head, items, source.take), lacks
+        yield Truth(source.head, keys, source.take), lacks
 
 
 def bar_shares(method: str, judged: Judged) -> list[ImageErrors]:

@@ -110,7 +110,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         for name in of_earlier - {part.file for part in parts}:
             remove(folder.path / name)
         equal = equal_items(folder.path, manifest.done) if images else Equal(0, ())
-        text = "in more than one part: `eval` cannot tell them apart"
+        text = "in more than one part: `eval` cannot tell them apart; give each its own folder"
         yield Outcome(
             failures=tuple(lost),
             warnings=(Counted(equal.count, "item", text, worst=str(equal)),) if equal.count else (),

@@ -24,12 +24,15 @@ from shapefit.io.options import input_options
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.source import open_results
 from shapefit.lifting.verdict import DOUBT
-from shapefit.pipelines.evaluate.judge import with_shapes_of
+from shapefit.pipelines.evaluate.judge import common_landmarks, with_shapes_of
+from shapefit.pipelines.items import BY_FRAME, BY_ITEM, Keys, find_truth, keys_of
 from shapefit.pipelines.joints import INPUT_NAMES
 from shapefit.stores import location
 
 CAMERA = ("camera_translation", "focal", "principal_point")
 """Datasets that describe how a camera sees the shapes of a result in perspective."""
+AT_A_TIME = 1 << 14
+"""True shapes that are read at a time for their names."""
 POSE = ("coefficients", "rotation", "translation", "scale")
 EXTRINSIC_ROTATION = "extrinsic_rotation"
 OF_IMAGES = (*POSE, *CAMERA, "plausibility", METRES_PER_UNIT)
@@ -197,22 +200,23 @@ def read_truth(
     config: ViewConfig, results: Sequence[Gathered], frames: Frames, landmarks: Sequence[str]
 ) -> Truth:
     """Read the truth of the frames. Raises InputError where there is none of any."""
-    keys = _keys(config.match, results, frames)
-    wanted = frozenset(keys)
+    own = _keys(config.match, results, frames)
+    place = results[0].listings[0].path
     with open_shapes(config.truth, input_options(config.input), gaps=True) as source:
-        names = chain.from_iterable(source.names())
-        known = np.array([row for row, item in enumerate(names) if item in wanted], np.intp)
-        shapes, frame_rate = source.take(known), source.head.frame_rate
-    index = {item: row for row, item in enumerate(shapes.items)}
-    rows = np.array([index.get(key, -1) for key in keys], dtype=np.intp)
-    if (rows < 0).all():
-        found = f"has none of the {len(rows)} items, such as '{keys[0]}'"
-        raise input_error("truth", found, "give the truth of these images, or set `match`")
+        if config.match == BY_FRAME:
+            keys = keys_of(source.batches(AT_A_TIME))
+        else:
+            keys = Keys(list(chain.from_iterable(source.names())))
+        common_landmarks(place, landmarks, source.head.landmark_names)
+        unique, places = np.unique(find_truth(place, config.match, own, keys), return_inverse=True)
+        unknown = int(unique[0] < 0)
+        shapes, frame_rate = source.take(unique[unknown:]), source.head.frame_rate
+    rows = places.reshape(-1) - unknown
     points = np.full((len(rows), 3, len(landmarks)), np.nan)
     for j, name in enumerate(landmarks):
         if name in shapes.landmark_names:
-            own = shapes.shapes[:, :, shapes.landmark_names.index(name)]
-            points[rows >= 0, :, j] = own[rows[rows >= 0]]
+            column = shapes.shapes[:, :, shapes.landmark_names.index(name)]
+            points[rows >= 0, :, j] = column[rows[rows >= 0]]
     return Truth(shapes, rows, points, frame_rate)
 
 
@@ -250,12 +254,21 @@ def renamed_edges(
     return np.array([end for end in ends if min(end) >= 0], dtype=np.int64).reshape(-1, 2)
 
 
-def _keys(match: str, results: Sequence[Gathered], frames: Frames) -> Sequence[str]:
-    """Item of the truth of each frame, empty where no result says it."""
-    if match == "item":
-        return frames.items
+def _keys(match: str, results: Sequence[Gathered], frames: Frames) -> Keys:
+    """Return what the frames are matched by; an item is empty where no result says it."""
+    if match == BY_FRAME:
+        known: dict[str, tuple[str, int]] = {}
+        for listing in chain.from_iterable(each.listings for each in results):
+            places = zip(*Keys(listing.items, listing.sequences).by_frame(), strict=True)
+            known = dict(zip(listing.items, places, strict=True)) | known
+        sequences, numbers = zip(*(known[item] for item in frames.items), strict=True)
+        for stated in (each.of_frames[FRAME] for each in results if FRAME in each.of_frames):
+            numbers = np.where(np.isfinite(stated), stated, numbers).astype(int).tolist()
+        return Keys(frames.items, sequences, numbers, results[0].listings[0].frame_rate)
+    if match == BY_ITEM:
+        return Keys(frames.items)
     named = [each.texts[match] for each in results if match in each.texts]
     if not named:
         found = f"no result has the dataset '{match}'"
         raise input_error("match", found, "name one that holds items of the truth")
-    return [next((n[f] for n in named if n[f]), "") for f in range(len(frames.items))]
+    return Keys([next((n[f] for n in named if n[f]), "") for f in range(len(frames.items))])

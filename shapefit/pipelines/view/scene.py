@@ -61,7 +61,7 @@ def assemble(
     landmarks = tuple(dict.fromkeys(name for one in every for name in one.landmark_names))
     found = [gather(n, own, frames, landmarks, config.match) for n, own in listings.items()]
     results = [each for each in found if each.kind == "result"]
-    truth = read_truth(config, results, frames, landmarks) if config.truth else None
+    truth = read_truth(config, found, frames, landmarks) if config.truth else None
     seen = first_known(e.of_frames["landmarks"] for e in found if "landmarks" in e.of_frames)
     known = _dictionaries(config, results, notes)
     layers, meshes, unit = make_layers(found, known, seen, truth, notes)

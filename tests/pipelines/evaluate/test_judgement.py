@@ -11,6 +11,7 @@ from shapefit.evaluation import metrics
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.pipelines.evaluate.judge import Truth, judge
+from shapefit.pipelines.items import Keys, keys_of
 
 FILE = Path("/results/convex.h5")
 NAMES = ("head", "left", "right", "foot", "hand")
@@ -55,7 +56,7 @@ def fields(truth, rotations, rng):
 
 def judged(fields, truth, match="item", metrics=METRICS):
     config = EvalConfig.model_construct(match=match, metrics=metrics)
-    return judge(FILE, ResultSet(**fields), Truth(truth, truth.items, truth.take), config)
+    return judge(FILE, ResultSet(**fields), Truth(truth, keys_of([truth]), truth.take), config)
 
 
 def test_every_metric_in_its_units(fields, truth, rotations):
@@ -241,7 +242,9 @@ class TestInputErrors:
 
     def test_no_images(self, fields, truth):
         with pytest.raises(InputError, match="holds no images"):
-            judge(FILE, ResultSet(**fields).take([]), Truth(truth, (), truth.take), EvalConfig)
+            judge(
+                FILE, ResultSet(**fields).take([]), Truth(truth, Keys(()), truth.take), EvalConfig
+            )
 
 
 def test_a_truth_without_shapes(truth, fields):

@@ -157,7 +157,7 @@ def test_what_cannot_be_shown_is_refused(desk, made_dictionary):
     assert "match: no result has the dataset 'true_model'" in found
     truth = desk.truth(items=tuple("uvwxyz"))
     found = refused(desk, result, truth=(truth,))
-    assert "truth: has none of the 6 items, such as 'i0'" in found
+    assert "none of its 6 images is in the truth, which has no 'i0'; give the truth" in found
     assert "holds no images" in refused(desk, desk.result(n=0))
 
 
