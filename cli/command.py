@@ -57,12 +57,14 @@ def run_command(
     as_json: bool = False,
     opens: bool = False,
     fail_untrusted: float | None = None,
+    markers: str | None = None,
     **arguments: object,
 ) -> int:
     """Run the pipeline of a command with its config; return the exit code.
 
     With `print_config` the config is printed to stdout instead; `opens` opens what was written in a
-    browser; `as_json` prints what was done. Raises InputError on a wrong config.
+    browser; `as_json` prints what was done; `markers` goes to the pipeline. Raises InputError on a
+    wrong config.
     """
     # No plug-in changes the schema, and looking for them in all installed packages takes long.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
@@ -98,11 +100,14 @@ def run_command(
     if not gc.isenabled():
         gc.freeze()  # or the first look for cycles goes through all that was imported
         gc.enable()
+    if in_parts and markers is not None:
+        raise click.UsageError("--markers is for one output in metres, and the output is a folder")
     if as_json and getattr(config, "output", None) == STANDARD_STREAM:
         raise click.UsageError("--json and the output both go to stdout; name a file as output")
     prints_note = spec.prints_note and not as_json
     report = Report(spec.name, spec.unit, quiet, verbose, prints_note, as_json, fail_untrusted)
-    code = report.follow(pipeline(config))
+    further = {} if markers is None else {"markers": markers}
+    code = report.follow(pipeline(config, **further))
     if opens:
         _open_in_browser(report.written)
     return code

@@ -39,6 +39,12 @@ _TRUTH = "File of the true 3D shapes. Repeatable."
 _START = "Dictionary that 2D landmarks adapt, or the name of an installed one."
 _OF_A_FIT = "Dictionary that learn-dict wrote, or the name of an installed one, such as people."
 _UNTRUSTED = "Exit with 1 if more than this share of images, 0 to 1, is not to be trusted."
+_MARKERS = option(
+    "--markers",
+    "In files in metres: joints, or input, the landmarks of the detector by their own names.",
+    "WHICH",
+    type=click.Choice(["joints", "input"]),
+)
 _DRAWN = "Dictionary with the edges and meshes to draw."
 
 COMMANDS = (
@@ -111,6 +117,7 @@ store (s3://, gs://).""",
             option("--scheduler-file", "The same, by the file of the scheduler.", "FILE"),
             option("--dry-run", "Only list the parts to do.", default=None),
             option("--fail-untrusted", _UNTRUSTED, "SHARE", type=click.FloatRange(0, 1)),
+            _MARKERS,
         ),
     ),
     Spec(
@@ -151,6 +158,7 @@ lists them. The format of the output follows from its name, or --to.""",
             _files("files", "INPUT..."),
             option("-o --output", "File to write; - is stdout (CSV).", "OUTPUT"),
             option("--to", "Format to write, such as parquet or csv.", "FORMAT"),
+            _MARKERS,
         ),
     ),
     Spec(

@@ -184,6 +184,10 @@ TREES = (
 )
 """What proves the bound on all rotations of some images."""
 
+INPUT_SHAPES, INPUT_SD = "input_shapes", "input_shape_sd"
+INPUT_CORRELATION, INPUT_NAMES = "input_shape_correlation", "input_landmark_names"
+"""Of a result: the landmarks of the files in 3D with their error bars, beside the joints."""
+
 _NUMBERS_OF_A_RESULT: dict[tuple[str | int, ...], str] = {
     ("n",): "lambda residual active_atoms tight metres_per_unit log_evidence "
     "plausibility trusted sequence_noise",
@@ -193,7 +197,7 @@ _NUMBERS_OF_A_RESULT: dict[tuple[str | int, ...], str] = {
     ("n", "p", 2): "landmarks",
     ("n", "p", 3): "shape_correlation",
     ("n", "r", "r"): "shape_covariance",
-    ("n", "i", 3): "input_shapes input_shape_sd input_shape_correlation",
+    ("n", "i", 3): f"{INPUT_SHAPES} {INPUT_SD} {INPUT_CORRELATION}",
     ("p", "p"): "landmark_map",
 }
 
@@ -205,7 +209,7 @@ FURTHER_OF_RESULTS = (
     ),
     Dataset("doubt", ("n",), "text"),
     Dataset("left_out", ("n",), "text"),
-    Dataset("input_landmark_names", ("i",), "text"),
+    Dataset(INPUT_NAMES, ("i",), "text"),
 )
 """What a fit can write beside; in memory as in the file."""
 

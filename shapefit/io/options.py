@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 Track = Literal["nearest", "none", "motion"]
 Direction = Literal["down", "up"]
+Markers = Literal["joints", "input"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,12 +61,14 @@ class OutputOptions:
     unit        of shapes whose files do not say it
     up          axis of the shapes, or of the world that the extrinsics know, that points up
     world_unit  of the translation of the extrinsics; metres by default
+    markers     input: the landmarks of the files that were lifted, in place of the joints
     """
 
     height: float | None = None
     unit: str | None = None
     up: Up | None = None
     world_unit: str | None = None
+    markers: Markers | None = None
 
     @property
     def given(self) -> tuple[str, ...]:

@@ -331,6 +331,19 @@ ANIMAL_BONES = (
 """Bones of the markers of Rat 7M, and of the landmarks of AP-10K."""
 
 
+def model_names(names: Sequence[str]) -> tuple[str, ...]:
+    """Return landmarks by the names that markers have in the OpenSim models of Pose2Sim.
+
+    These know the detectors' own, but for the middle of the hips of `body_25` and for `coco_17`.
+    """
+    known = {"MidHip": "CHip"}
+    if set(names) <= set(SKELETONS["coco_17"].landmark_names):
+        for name in names:
+            side, _, part = name.rpartition("_")
+            known[name] = f"{side[:1].upper()}{part.capitalize()}"
+    return tuple(known.get(name, name) for name in names)
+
+
 def edges_of(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
     """Return the bones between landmarks most of which have names of one skeleton.
 

@@ -17,7 +17,7 @@ from shapefit.io.formats import CSV, find_target_format, record_writer
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.listing import Kind, find_kind
-from shapefit.io.options import InputOptions, OutputOptions, input_options
+from shapefit.io.options import InputOptions, Markers, OutputOptions, input_options
 from shapefit.io.source import ResultSource, open_results
 from shapefit.pipelines.outcome import Outcome, nothing_in
 
@@ -32,8 +32,8 @@ OBEYED = ("individual",)
 Source = LandmarkSource | ShapeSource | ResultSource
 
 
-def run(config: ConvertConfig) -> Iterator[Outcome]:
-    """Read the files and write them; yields an Outcome per chunk."""
+def run(config: ConvertConfig, markers: Markers | None = None) -> Iterator[Outcome]:
+    """Read the files and write them, results by `markers`; yields an Outcome per chunk."""
     target = find_target_format(config.output, config.to)
     options = input_options(config.input, "motion" if target.in_metres else "none")
     kind = find_common_kind(config.files, options)
@@ -46,7 +46,11 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
         found = "`frame_rate` has no effect here: CSV does not hold it"
         raise input_error("frame_rate", found, "leave it out, or write .h5 or .parquet")
     placed = OutputOptions(
-        height=config.height, unit=config.unit, up=config.up, world_unit=config.world_unit
+        height=config.height,
+        unit=config.unit,
+        up=config.up,
+        world_unit=config.world_unit,
+        markers=markers,
     )
     with (
         _open(kind, config.files, options) as source,

@@ -19,16 +19,14 @@ from shapefit.arrays import Floats, Integers
 from shapefit.dictionary.model import WHERE_MARKED, Dictionary, mapped
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io import LandmarkSet
+from shapefit.io.layout import INPUT_CORRELATION, INPUT_NAMES, INPUT_SD, INPUT_SHAPES
 from shapefit.io.names import match_landmarks, nearest_names
 from shapefit.io.skeletons import PEOPLE, THETA, Part, people_joints, people_parts
 from shapefit.lifting.derived_landmarks import as_joints, place_dependents, see_rows
 from shapefit.lifting.lift import Lifting
 
-INPUT_SHAPES, INPUT_SD = "input_shapes", "input_shape_sd"
-INPUT_CORRELATION, INPUT_NAMES = "input_shape_correlation", "input_landmark_names"
 MAP = "landmark_map"
-"""Datasets of a result: the landmarks of the files in 3D with their error bars, and A."""
-
+"""Dataset of a result: A."""
 
 MEANS: Mapping[str, float] = {name: parameter.mean for name, parameter in THETA.items()}
 

@@ -10,6 +10,7 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP, nearest_axis_up
+from shapefit.geometry.floor import Floor
 from shapefit.geometry.normalisation import metres_in
 from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, UNKNOWN_UNIT
 from shapefit.io.options import OutputOptions
@@ -87,16 +88,19 @@ class Placed:
     warnings: tuple[str, ...] = ()
 
 
-def in_metres(records: Solid, options: OutputOptions, place: str) -> Placed:
+def in_metres(
+    records: Solid, options: OutputOptions, place: str, floor: Floor | None = None
+) -> Placed:
     """Return one sequence in metres.
 
-    Results have y up, shapes keep their axes unless `up` turns them. Raises InputError at `place`
-    where nothing says how large they are.
+    Results have y up, shapes keep their axes unless `up` turns them. On a floor y = 0 is the floor,
+    and x = z = 0 the camera. Raises InputError at `place` where nothing says how large they are.
     """
     if isinstance(records, ShapeSet):
         return _shapes(records, options, place)
     upright, axes, known = _upright(records, options, place)
     factor, size = _factor(records, upright, options, place)
+    names = records.landmark_names
     warnings: tuple[str, ...] = ()
     start = np.zeros(3)
     if known is None:
@@ -107,6 +111,11 @@ def in_metres(records: Solid, options: OutputOptions, place: str) -> Placed:
         points = _in_the_world(records, factor, known, world, place)
         origin = "position from the camera"
         warnings = _doubts(world)
+        if floor is not None:
+            points = floor.stand(points)
+            axes, origin = "y up from the floor", str(floor)
+        elif EXTRINSIC_ROTATION not in records.columns and find_stature(upright, names) is not None:
+            origin = f"no resting foot shows the floor; {origin}"
     return Placed(points, factor, f"{axes}; {origin}", size, start, warnings)
 
 

@@ -16,20 +16,37 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import abbreviate, counted, input_error
+from shapefit.geometry.floor import Body, Floor, find_floor
+from shapefit.geometry.joint_angles import measure_angles
 from shapefit.geometry.joint_rotations import Rig
+from shapefit.geometry.pinhole import ASSUMED_FOCAL
 from shapefit.io.atomic import atomic_path, check_output, file_stem, staged_files
 from shapefit.io.foreign.items import FRAME
 from shapefit.io.formats import RecordWriter
-from shapefit.io.layout import EDGES, METRES_PER_UNIT, Layout
+from shapefit.io.layout import (
+    EDGES,
+    INPUT_NAMES,
+    INPUT_SD,
+    INPUT_SHAPES,
+    METRES_PER_UNIT,
+    Layout,
+)
 from shapefit.io.options import OutputOptions, Summary
-from shapefit.io.records import Names, concatenate
-from shapefit.io.skeletons import edges_of
+from shapefit.io.records import Names, ShapeSet, concatenate
+from shapefit.io.skeletons import (
+    SKELETONS,
+    edges_of,
+    joint_columns,
+    model_names,
+    people_joints,
+)
 from shapefit.io.written.angles import ANGLE_SD, ANGLES, angle_columns, angle_names
 from shapefit.io.written.metres import (
     CAMERA_TRANSLATION,
     EXTRINSIC_ROTATION,
     EXTRINSIC_TRANSLATION,
     Solid,
+    find_stature,
     in_metres,
 )
 from shapefit.lifting.verdict import DOUBT, PLAUSIBILITY
@@ -38,12 +55,16 @@ from shapefit.stores import UrlPath
 KEPT = {
     *("shapes", "translation", "scale", "shape_sd"),
     *(EDGES, METRES_PER_UNIT, CAMERA_TRANSLATION, EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION),
-    *(FRAME, DOUBT, PLAUSIBILITY, ANGLES, ANGLE_SD),
+    *(FRAME, DOUBT, PLAUSIBILITY, ANGLES, ANGLE_SD, "focal", "principal_point", "landmarks"),
+    *(INPUT_SHAPES, INPUT_SD, INPUT_NAMES),
 }
 """Columns that files of motion are made of."""
 
 MOST_GAPS = 100
 """Frames without an item, for each with one; with more it is no sequence."""
+
+MOST_SAID = 3
+"""Floors of different videos that the note of a command describes."""
 
 NO_RATE = "the frame rate is unknown, so times are numbers of frames; set `frame_rate`"
 
@@ -74,6 +95,7 @@ class Motion:
     deviations: Floats
     angles: Floats
     angle_deviations: Floats
+    angle_names: Names
     edges: Integers = field(default_factory=lambda: np.empty((0, 2), np.int64))
     start: Floats = field(default_factory=lambda: np.zeros(3))
     verdicts: Sequence[tuple[object, ...]] = ()
@@ -85,11 +107,6 @@ class Motion:
         return self.first + np.arange(len(self.points), dtype=np.int64)
 
     @property
-    def angle_names(self) -> Names:
-        """Return the names of the joint angles (a,)."""
-        return angle_names(self.landmark_names)
-
-    @property
     def trusted(self) -> list[str]:
         """Return for each frame whether its shape is to be trusted, "" where that is not known."""
         known = {row[1]: str(row[3]) for row in self.verdicts}
@@ -97,11 +114,24 @@ class Motion:
 
 
 def find_motions(records: Solid, options: OutputOptions, place: str) -> list[Motion]:
-    """Part records by sequence, each in the order of its frames.
+    """Part records by sequence, each in the order of its frames, on the floor of its video.
+
+    Raises InputError as `_tracks`, and for frames too far apart.
+    """
+    tracks = _tracks(records, place)
+    floors = find_floors(records, options, place)
+    return [
+        _motion(name, track, frames, options, place, floors.get(video_of(name)))
+        for name, track, frames in tracks
+    ]
+
+
+def _tracks(records: Solid, place: str) -> list[tuple[str, Solid, Integers]]:
+    """Part records by sequence: name, items and their frames (n,), in the order of these.
 
     Frames are those of the dataset `frame`, or, without one, the order of the items. Raises
-    InputError where two items of a sequence are of one frame, for frames too far apart, and for
-    items of no sequence whose places in a video are known: nobody says that they are of one body.
+    InputError where two items of a sequence are of one frame, and for items of no sequence whose
+    places in a video are known: nobody says that they are of one body.
     """
     names = np.array(records.sequences or ("",) * len(records), dtype=object)
     frames = records.columns.get(FRAME)
@@ -112,7 +142,7 @@ def find_motions(records: Solid, options: OutputOptions, place: str) -> list[Mot
         found = f"{abbreviate(loose)} belong to no sequence: they are no motion"
         fix = "read them with `track: nearest`, which joins detections over frames"
         raise input_error(place, found, fix)
-    motions = []
+    tracks = []
     for name in dict.fromkeys(names.tolist()) or ("",):
         rows = np.flatnonzero(names == name)
         own = np.arange(len(rows)) if frames is None else frames[rows].astype(np.int64)
@@ -124,15 +154,84 @@ def find_motions(records: Solid, options: OutputOptions, place: str) -> list[Mot
             found = f"'{one}' and '{other}' are of one frame of one sequence"
             fix = "read detections with `track: nearest`, which joins them, or one `individual`"
             raise input_error(place, found, fix)
-        motions.append(_motion(name, track, own, options, place))
-    return motions
+        tracks.append((name, track, own))
+    return tracks
+
+
+def video_of(sequence: str) -> str:
+    """Return the video of a sequence, which is `video/individual` or a video."""
+    return sequence.rpartition("/")[0] or sequence
+
+
+FOCAL_SD, SCALE_SD = 0.18, 0.05
+"""Of the logarithm of the distance to a body: by a focal length that is assumed (lenses have .8 to
+1.5 widths), and by a known one."""
+
+USUAL_RATE = 25.0
+"""Frames a second where nobody says."""
+
+
+def find_floors(records: Solid, options: OutputOptions, place: str) -> dict[str, Floor]:
+    """Return the floor that the bodies of each video stand on, by its name, where it is known.
+
+    It takes results under perspective, in the frame of their camera, and what is to be trusted of
+    them. Raises InputError as `in_metres`.
+    """
+    columns, names = records.columns, records.landmark_names
+    if isinstance(records, ShapeSet) or CAMERA_TRANSLATION not in columns:
+        return {}
+    if EXTRINSIC_ROTATION in columns or find_stature(records.shapes[:0], names) is None:
+        return {}
+    size = 2 * np.max(columns.get("principal_point", 0.0))
+    assumed = bool(np.isclose(np.max(columns.get("focal", 0.0)), ASSUMED_FOCAL * size))
+    bodies: dict[str, list[Body]] = {}
+    for name, track, _ in _tracks(records, place):
+        placed = in_metres(track, options, place)
+        points, sd = placed.points, track.columns.get("shape_sd", np.full_like(track.shapes, 0.1))
+        points, rate = points.copy(), track.frame_rate or USUAL_RATE
+        if (doubt := track.columns.get(DOUBT)) is not None:
+            points[doubt != ""] = np.nan
+        for ankle in (joint_columns(names)[f"{side}ankle"] for side in "lr"):
+            points[~_seen_about(track, ankle, rate), :, ankle] = np.nan
+        stature = find_stature(points, names)
+        assert stature is not None
+        if np.isfinite(stature).any():
+            tall = float(np.nanmedian(stature))
+            body = Body(points, placed.factor[:, None, None] * sd, joint_columns(names), tall, rate)
+            bodies.setdefault(video_of(name), []).append(body)
+    found = {name: find_floor(of, FOCAL_SD if assumed else SCALE_SD) for name, of in bodies.items()}
+    return {name: floor for name, floor in found.items() if floor is not None}
+
+
+def _seen_about(records: Solid, column: int, rate: float) -> NDArray[np.bool_]:
+    """Whether a landmark (n,) was seen in the image or in one within a quarter of a second.
+
+    Feet that the model gives where an image ends at the hips stand nowhere.
+    """
+    landmarks = records.columns.get("landmarks")
+    if landmarks is None or landmarks.shape[:2] != (len(records), len(records.landmark_names)):
+        return np.ones(len(records), dtype=np.bool_)
+    seen = np.isfinite(landmarks[:, column]).all(axis=-1)
+    near = min(round(rate / 4), len(seen) - 1)
+    return np.asarray(np.convolve(seen, np.ones(2 * near + 1))[near : near + len(seen)] > 0)
 
 
 def _motion(
-    name: str, records: Solid, frames: Integers, options: OutputOptions, place: str
+    name: str,
+    records: Solid,
+    frames: Integers,
+    options: OutputOptions,
+    place: str,
+    floor: Floor | None,
 ) -> Motion:
     """Return one sequence in metres, its frames (n,) in order, with gaps for those it lacks."""
-    placed = in_metres(records, options, place)
+    names, angles = angle_names(records.landmark_names), records.columns.get(ANGLES)
+    if floor is not None and angles is not None:  # tilts of trunk and head to the true vertical
+        up = floor.up * (np.array([1.0, -1.0, -1.0]) if records.y_axis == "down" else 1.0)
+        angles = measure_angles(records.shapes, up, joint_columns(records.landmark_names))[0]
+    if options.markers == "input":
+        records = _as_markers(records)
+    placed = in_metres(records, options, place, floor)
     n, first = len(frames), int(frames[0]) if len(frames) else 0
     length = int(frames[-1]) - first + 1 if n else 0
     of = f" of {name}" if name else ""
@@ -163,8 +262,9 @@ def _motion(
         landmark_names=records.landmark_names,
         points=by_frame(placed.points),
         deviations=by_frame(placed.factor[:, None] * np.sqrt((sd**2).sum(axis=1))),
-        angles=by_frame(records.columns.get(ANGLES, none)),
+        angles=by_frame(none if angles is None else angles),
         angle_deviations=by_frame(records.columns.get(ANGLE_SD, none)),
+        angle_names=names,
         first=first,
         rate=rate,
         edges=np.asarray(edges, np.int64).reshape(-1, 2),
@@ -174,6 +274,31 @@ def _motion(
         start=placed.start,
         verdicts=_verdicts(records, frames, rate, placed.factor),
     )
+
+
+def _as_markers(records: Solid) -> Solid:
+    """Return the landmarks of the files, by the names that models know, in place of the joints."""
+    columns = records.columns
+    sd, given = columns.get(INPUT_SD), tuple(map(str, columns[INPUT_NAMES]))
+    kept = records.without((INPUT_SHAPES, INPUT_SD, INPUT_NAMES, EDGES))
+    return kept.replaced(
+        shapes=columns[INPUT_SHAPES].swapaxes(1, 2),
+        shape_sd=None if sd is None else sd.swapaxes(1, 2),
+        landmark_names=model_names(given),
+    )
+
+
+def _say_markers(records: Solid) -> str:
+    """Say which markers were fitted where they were seen, and which follow from the others."""
+    own = tuple(map(str, records.columns[INPUT_NAMES]))
+    fitted = people_joints(own)
+    following = [name for name in own if name not in fitted]
+    skeletons = (set(each.landmark_names) for each in SKELETONS.values())
+    whole = next((each for each in skeletons if set(own) <= each), set(own))
+    said = f"{counted(len(own), 'marker')} of the files"
+    said += f"; {abbreviate(following)} estimated by the model alone" if following else ""
+    missing = sorted(whole - set(own))
+    return said + (f"; {abbreviate(missing)} not marked, or not determined" if missing else "")
 
 
 def _verdicts(
@@ -220,12 +345,16 @@ class MotionWriter(RecordWriter[Solid]):
         """Take records for files in metres; `angles`, whether joint angles are written of them."""
         super().__init__()
         self.parts: list[Solid] = []
-        self._up, self._angles = options.up, angles
+        self._options, self._angles = options, angles
 
     def append(self, record: Solid) -> None:
         """Take the items of a record after those that are there."""
+        if self._options.markers == "input" and INPUT_SHAPES not in record.columns:
+            found = "`--markers input`: there are no landmarks of a detector beside the joints"
+            fix = "leave it out, or lift them with `posterior` or `sequences`"
+            raise input_error("markers", found, fix)
         self.begun = True
-        measured = angle_columns(record, self._up) if self._angles else {}
+        measured = angle_columns(record, self._options.up) if self._angles else {}
         columns = {**record.columns, **measured}
         kept = {name: values for name, values in columns.items() if name in KEPT}
         self.parts.append(record.replaced(columns=kept))  # type: ignore[arg-type]
@@ -260,6 +389,8 @@ def motion_output(
         motions, note = find_motions(records, options, str(target)), ""
         if prepare is not None:
             motions, note = prepare(motions, str(target))
+        if options.markers == "input":
+            note = "; ".join(filter(None, (note, _say_markers(records))))
         files = _files(target, group(motions), write, angles)
         if len(files) == 1:
             with atomic_path(target) as path:
@@ -268,7 +399,9 @@ def motion_output(
             with staged_files(Path(os.path.realpath(target)).parent) as staged:
                 for name, fill in files.items():
                     staged.write(name, fill, name.stem, sync=True)
-        said = dict.fromkeys(f"in {unit} by {each.size}, {each.axes}" for each in motions)
+        said = [*dict.fromkeys(f"in {unit} by {each.size}, {each.axes}" for each in motions)]
+        if len(said) > MOST_SAID:
+            said[MOST_SAID:] = [f"and {len(said) - MOST_SAID} others, as their files say"]
         warnings = dict.fromkeys(text for each in motions for text in each.warnings)
         paths = [target] if len(files) == 1 else [target.parent / name for name in files]
         note = "; ".join([*said, *([note] if note else ())])
@@ -291,10 +424,10 @@ def by_individual(motions: Sequence[Motion]) -> dict[str, list[Motion]]:
 
 
 def by_video(motions: Sequence[Motion]) -> dict[str, list[Motion]]:
-    """Put the individuals of a video in one file; a sequence is `video/individual`, or a video."""
+    """Put the individuals of a video in one file."""
     groups: dict[str, list[Motion]] = {}
     for motion in motions:
-        groups.setdefault(motion.name.rpartition("/")[0] or motion.name, []).append(motion)
+        groups.setdefault(video_of(motion.name), []).append(motion)
     return groups
 
 

@@ -41,7 +41,7 @@ from shapefit.evaluation.report import Run
 from shapefit.evaluation.summaries import ALL, NORMALISED, ImageErrors, Kind, labels_of
 from shapefit.geometry.normalisation import centroid
 from shapefit.geometry.procrustes import coincide
-from shapefit.io.layout import RESULTS
+from shapefit.io.layout import INPUT_CORRELATION, INPUT_NAMES, INPUT_SD, INPUT_SHAPES, RESULTS
 from shapefit.io.names import match_landmarks
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.pipelines.items import (
@@ -52,7 +52,6 @@ from shapefit.pipelines.items import (
     keys_of,
     named_items,
 )
-from shapefit.pipelines.joints import INPUT_CORRELATION, INPUT_NAMES, INPUT_SD, INPUT_SHAPES
 
 OF_THE_BOX = "box"
 """Unit of distances in an image as shares of the diagonal of the object's box."""

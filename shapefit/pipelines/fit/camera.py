@@ -18,7 +18,7 @@ from shapefit.arrays import Floats
 from shapefit.config import FitConfig
 from shapefit.config.commands.fit_sections import CAMERA_MATRIX, ViewingConfig
 from shapefit.errors import input_error
-from shapefit.geometry.pinhole import Camera, depth_sign
+from shapefit.geometry.pinhole import ASSUMED_FOCAL, Camera, depth_sign
 from shapefit.io import LandmarkSet
 from shapefit.io.inputs import IMAGE_SUFFIXES, read_image_size
 from shapefit.io.layout import UNKNOWN_UNIT
@@ -26,10 +26,6 @@ from shapefit.stores import UrlPath
 
 if TYPE_CHECKING:
     from shapefit.io.foreign.calibration import CalibratedCamera
-
-FOCAL = 1.1
-"""Focal length in longer sides of the image: an angle of view of 49 degrees across it. With it the
-posterior does as well as with the true cameras of the man on the beam."""
 
 COMMON_SIZES = ((1280, 720), (720, 1280), (1920, 1080), (1080, 1920), (3840, 2160), (2160, 3840))
 """Width and height in pixels of the videos that people take, the smallest first."""
@@ -94,8 +90,8 @@ def choose_camera(
     """Return the keys of `camera` that `model: auto` means, and a line about them.
 
     A measured camera, of a calibration or the `camera_matrix` of the files, is taken as it is.
-    Else the focal length is `FOCAL` times the longer side of the image and the axis meets its
-    centre, unless landmarks are no pixels or too small for perspective to show (`LEAST_ANGLE`).
+    Else the focal length is `ASSUMED_FOCAL` times the longer side of the image and the axis meets
+    its centre, unless landmarks are no pixels or too small for perspective to show (`LEAST_ANGLE`).
     """
     if config.camera.model != "auto":
         return {}, ""
@@ -110,14 +106,14 @@ def choose_camera(
     if isinstance(found, str):
         return WEAK, f"weak perspective: {found}; {ASK}"
     width, height = map(float, found.size)
-    focal = FOCAL * max(width, height)
+    focal = ASSUMED_FOCAL * max(width, height)
     if extent.diagonal < LEAST_ANGLE * focal:
         return WEAK, "weak perspective: the landmarks cover little of the image"
     camera = {"model": "perspective", "focal": focal, "principal_point": (width / 2, height / 2)}
     return camera, (
-        f"perspective camera: focal length {focal:.0f} px assumed, {FOCAL} times the longer side of"
-        f" the image, {width:.0f} x {height:.0f} ({found.source}); depths in metres rest on it; "
-        "`camera.model=weak-perspective` does without"
+        f"perspective camera: focal length {focal:.0f} px assumed, {ASSUMED_FOCAL} times the longer"
+        f" side of the image, {width:.0f} x {height:.0f} ({found.source}); depths in metres rest"
+        " on it; `camera.model=weak-perspective` does without"
     )
 
 

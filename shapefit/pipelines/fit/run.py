@@ -28,7 +28,7 @@ from shapefit.io import (
 )
 from shapefit.io.csv_file import Stretch
 from shapefit.io.formats import find_target_format
-from shapefit.io.options import OutputOptions
+from shapefit.io.options import Markers, OutputOptions
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.export.run import check_exports, open_exports
@@ -69,11 +69,12 @@ def run(
     rows: slice | Stretch | None = None,
     estimates: Estimates | None = None,
     dictionary: Dictionary | None = None,
+    markers: Markers | None = None,
 ) -> Iterator[Outcome]:
     """Lift every image of the landmark files, or these rows of the one; an Outcome per batch.
 
     estimates are those of all inputs, where these are a part of them; the dictionary that of the
-    config, where it was read before.
+    config, where it was read before; markers those of a file in metres.
     """
     output = config.output
     assert isinstance(output, Path), "a folder is written part by part"
@@ -93,7 +94,7 @@ def run(
         seconds, inputs = 0.0, dict[str, str]()
         with (
             open_exports(config, setup.dictionary, source.count) as exports,
-            result_writer(output, OutputOptions(height=config.height)) as writer,
+            result_writer(output, OutputOptions(height=config.height, markers=markers)) as writer,
             closing(lift_source(source, setup)) as batches,
         ):
             for batch in batches:

@@ -18,7 +18,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError, input_error
 from shapefit.io import digest, open_shapes, read_dictionary
 from shapefit.io.foreign.items import FRAME
-from shapefit.io.layout import METRES_PER_UNIT
+from shapefit.io.layout import INPUT_NAMES, METRES_PER_UNIT
 from shapefit.io.listing import AnyRecords, Listing, read_rows
 from shapefit.io.options import input_options
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
@@ -26,7 +26,6 @@ from shapefit.io.source import open_results
 from shapefit.lifting.verdict import DOUBT
 from shapefit.pipelines.evaluate.judge import common_landmarks, with_shapes_of
 from shapefit.pipelines.items import BY_FRAME, BY_ITEM, Keys, find_truth, keys_of
-from shapefit.pipelines.joints import INPUT_NAMES
 from shapefit.stores import location
 
 CAMERA = ("camera_translation", "focal", "principal_point")

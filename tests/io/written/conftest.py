@@ -63,7 +63,9 @@ def scene(rng) -> Scene:
     return Scene(world, seen(world, R, t))
 
 
-def seen(world: np.ndarray, R: np.ndarray, t: np.ndarray) -> ResultSet:
+def seen(
+    world: np.ndarray, R: np.ndarray, t: np.ndarray, names: tuple[str, ...] = PEOPLE
+) -> ResultSet:
     """Lay out the world as a fit under perspective does; the unit of the dictionary is 0.4 m."""
     X = (R @ world + t[:, None]) / 0.4
     origin = X.mean(axis=2)
@@ -77,7 +79,7 @@ def seen(world: np.ndarray, R: np.ndarray, t: np.ndarray) -> ResultSet:
         shapes=shapes,
         translation=place,
         scale=scale,
-        landmark_names=PEOPLE,
+        landmark_names=names,
         items=tuple(f"film/anna/{i}" for i in range(n)),
         sequences=("film/anna",) * n,
         columns={

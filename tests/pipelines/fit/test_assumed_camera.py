@@ -7,9 +7,10 @@ import pytest
 
 from shapefit.config import FitConfig
 from shapefit.errors import InputError
+from shapefit.geometry.pinhole import ASSUMED_FOCAL as FOCAL
 from shapefit.io import LandmarkSet
 from shapefit.io.inputs import read_image_size
-from shapefit.pipelines.fit.camera import FOCAL, choose_camera
+from shapefit.pipelines.fit.camera import choose_camera
 
 SIZE = np.array([1920, 1080])
 MATRIX = np.array([[2500.0, 0, 900], [0, 2600, 500], [0, 0, 1]])
