@@ -95,7 +95,7 @@ class Motion:
     deviations: Floats
     angles: Floats
     angle_deviations: Floats
-    angle_names: Names
+    angle_names: Names = ()
     edges: Integers = field(default_factory=lambda: np.empty((0, 2), np.int64))
     start: Floats = field(default_factory=lambda: np.zeros(3))
     verdicts: Sequence[tuple[object, ...]] = ()
