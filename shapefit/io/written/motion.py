@@ -280,11 +280,12 @@ def _as_markers(records: Solid) -> Solid:
     """Return the landmarks of the files, by the names that models know, in place of the joints."""
     columns = records.columns
     sd, given = columns.get(INPUT_SD), tuple(map(str, columns[INPUT_NAMES]))
-    kept = records.without((INPUT_SHAPES, INPUT_SD, INPUT_NAMES, EDGES))
+    kept = records.without((INPUT_SHAPES, INPUT_SD, INPUT_NAMES))
     return kept.replaced(
         shapes=columns[INPUT_SHAPES].swapaxes(1, 2),
         shape_sd=None if sd is None else sd.swapaxes(1, 2),
         landmark_names=model_names(given),
+        further={**kept.further, EDGES: np.array(edges_of(given), np.int64).reshape(-1, 2)},
     )
 
 

@@ -148,4 +148,5 @@ def test_angles_are_those_of_the_rotations_and_change_little(rng):
 def test_edges_of_known_skeletons(names):
     edges = edges_of(names)
     assert len(edges) >= len(names) - 2
-    assert edges_of((*names, "tail")) == ()
+    assert edges_of((*names, "tail")) == edges
+    assert edges_of((*names, *"abcdefghijklmno")) == ()

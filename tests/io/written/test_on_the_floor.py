@@ -175,6 +175,13 @@ def test_markers_of_the_detector(tmp_path, lifted):
     assert angles[0] == angles[1]
 
 
+def test_bones_join_markers_that_are_renamed(tmp_path, lifted):
+    save(tmp_path / "man.bvh", lifted, markers="input")
+    bones = (tmp_path / "man.bvh").read_text(encoding="utf-8")
+    assert "CHip" in bones
+    assert "RHip" in bones
+
+
 def test_markers_of_coco_have_the_names_of_models(tmp_path, lifted):
     names = np.array(["right_hip", "left_hip", "nose", "left_ear"], dtype=object)
     save(tmp_path / "man.trc", lifted.with_columns({INPUT_NAMES: names}), markers="input")
