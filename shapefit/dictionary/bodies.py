@@ -71,14 +71,17 @@ def find_lengths(
     return lengths, np.stack(mean, axis=1) if mean else np.empty((len(count), 0)), of
 
 
-def find_edge_covariance(lengths: Floats) -> Floats:
+def find_edge_covariance(lengths: Floats, of_shapes: Floats | None = None) -> Floats:
     """S = (sum_b d_b d_b^T + m s^2 I) / (n - 1 + m), d_b = log l_b - mean, of n bodies (e, e).
 
     lengths (q, e), mean lengths of the edges in q sequences, in any unit; those of one body
     (`ALIKE`) count once, and edges without a length differ by s alone. A few bodies say little of
-    others: the spread s counts as much as m further ones would.
+    others: the spread s counts as much as m further ones would. Where nothing says which shapes are
+    of one body they count as one, and S grows by the covariance of log l `of_shapes` (n, e).
     """
     there = (lengths > 0).all(axis=0)
+    if of_shapes is not None:
+        there &= (of_shapes > 0).all(axis=0)
     logs = np.log(np.where(there, lengths, 1.0))
     bodies: list[Floats] = []
     for each in logs:
@@ -87,7 +90,12 @@ def find_edge_covariance(lengths: Floats) -> Floats:
     away = np.array(bodies) - np.mean(bodies, axis=0)
     e = logs.shape[1]
     found: Floats = away.T @ away + WORTH * SPREAD**2 * np.eye(e)
-    return found / (len(bodies) - 1 + WORTH)
+    found /= len(bodies) - 1 + WORTH
+    if of_shapes is not None:
+        each = np.log(np.where(there, of_shapes, 1.0))
+        each -= each.mean(axis=0)
+        found += each.T @ each / len(each)
+    return found
 
 
 def find_edge_length(shapes: Floats, edges: Integers) -> Floats:

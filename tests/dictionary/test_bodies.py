@@ -56,3 +56,16 @@ def test_edges_of_landmarks_are_as_long_as_their_map_makes_them(rng):
     expected = length * np.sqrt(squares(A) / squares(np.eye(4)))
     found = mapped(given, A, np.zeros(4)).edge_length
     np.testing.assert_allclose(found, expected, rtol=0.01)
+
+
+def test_shapes_of_nobody_knows_whom_are_one_body_and_as_much_surer_as_they_are_alike():
+    """Of bones of one length, S is that of one body; lengths that differ add how they do."""
+    one = np.array([[1.0, 2.0, 0.5]])
+    alone = find_edge_covariance(one)
+    np.testing.assert_allclose(find_edge_covariance(one, np.tile(one, (9, 1))), alone)
+    rng = np.random.default_rng(3)
+    other = one * np.exp(0.1 * rng.normal(size=(4000, 3)))
+    found = find_edge_covariance(one, other)
+    np.testing.assert_allclose(found, alone + 0.01 * np.eye(3), atol=1e-3)
+    other[7, 1] = 0.0
+    np.testing.assert_allclose(find_edge_covariance(one, other)[1], alone[1], atol=1e-12)

@@ -209,10 +209,12 @@ def find_motion(given: ShapeSet, shapes: ShapeSet) -> dict[str, Any]:
         return found
     found["edge_length"] = find_edge_length(shapes.shapes, edges)
     if len(given):
-        found["edge_give"] = find_give(given.shapes, edges, sequences or ("",) * len(given))
-    if sequences and len(edges):
-        bodies = find_lengths(given.shapes, edges, sequences)[1]
-        found["edge_covariance"] = find_edge_covariance(bodies)
+        of = sequences or ("",) * len(given)
+        found["edge_give"] = find_give(given.shapes, edges, of)
+        if len(edges):
+            lengths, bodies, _ = find_lengths(given.shapes, edges, of)
+            unknown = None if sequences else lengths
+            found["edge_covariance"] = find_edge_covariance(bodies, unknown)
     return found
 
 
