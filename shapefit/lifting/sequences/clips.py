@@ -45,6 +45,9 @@ NOISE = "sequence_noise"
 """Dataset (n,) of the deviation of a coordinate with which the landmarks of a sequence were taken,
 nan for images that are not refined."""
 
+LEAST = float(np.finfo(np.float64).eps)
+"""Of a share that divides."""
+
 PAIRS = ((0, 1), (0, 2), (1, 2))
 """Coordinates of a landmark, in the order of the correlations."""
 
@@ -265,10 +268,11 @@ def find_farthest(seen: Observations, model: Model) -> float:
 
     Lengths that no bone shows and nobody measured fit what the images have wrong alike.
     """
-    if model.known is not None and model.known.measured:
+    measured = model.known is not None and model.known.measured
+    if measured or not len(model.bones):
         return CONSTANTS.farthest
-    still = len(model.bones) > 0 and find_turn(seen, model) < CONSTANTS.least_turn
-    return CONSTANTS.farthest_still if still else CONSTANTS.farthest
+    turn = find_turn(seen, model)
+    return min(max(turn, CONSTANTS.farthest_still), CONSTANTS.farthest)
 
 
 def find_turn(seen: Observations, model: Model) -> float:
@@ -383,14 +387,14 @@ def find_jitter(means: Floats, deviations: Floats) -> Floats:
     known = np.isfinite(deviations)
     second = means[2:] - 2 * means[1:-1] + means[:-2]
     if len(second) < 2:
-        return np.full(3, CONSTANTS.least_jitter)
+        return np.full(3, LEAST)
     variance, covariance = (second**2).mean(axis=0), (second[1:] * second[:-1]).mean(axis=0)
     white = np.maximum(0.7 * variance - covariance, 0.0) / 8.2
     own = np.where(known, deviations, 0.0) ** 2
     whole = own.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
     of_plane = white[:2].sum() / max(float(whole[:2].sum()), 1e-300)
     of_depth = white[2].sum() / max(float(whole[2].sum()), 1e-300)
-    share: Floats = np.clip(np.array([of_plane, of_plane, of_depth]), CONSTANTS.least_jitter, 1.0)
+    share: Floats = np.clip(np.array([of_plane, of_plane, of_depth]), LEAST, 1.0)
     return share
 
 

@@ -41,24 +41,22 @@ class Constants:
                     one length, for memory
     rounds          of Levenberg and Marquardt's method at most
     least_gain      of the objective, for each frame, with which rounds go on
-    depth_variance  added to the covariances, which know no mean depth: it stays where it is; in
-                    squares of the size of the landmarks
-    unseen          variance of the frames whose image says nothing: the others place them
     widest          standard deviation of a coordinate, in the size of the landmarks, beyond which
-                    an image says nothing: its posterior then has next to no scale
+                    an image says nothing: its posterior then has next to no scale. Frames whose
+                    image says nothing have it: the others place them
     least_noise     deviation of a coordinate, in the size of the landmarks, as which a smaller one
                     counts: exact landmarks have rounding and a prior beside them. Of the levels
-                    .003, .01, .03 and .06 the best on exact clips of subject 86
+                    .003, .01, .03 and .06 the best on exact clips of subject 86. Its square is
+                    added to the covariances, which know no mean depth: it stays where it is
     farthest        median over the images of the mean square of what a sequence may move them, in
                     their deviations. Beyond it bones are not rigid, landmarks are grossly wrong, or
                     the prior is too sure, and the sequence is only steadied. Below 0.5 on clips of
                     subject 86, whatever the noise; on footage of three other bodies, seen to the
                     hips by a near camera, it saves 13% of the error
-    farthest_still  the same where bones hardly turn and no length was measured. Of footage of six
-                    bodies other than 86, 13 and 14, clips below it end with .89 of the error of
-                    their images, clips between it and `farthest` with .99
-    least_turn      how much bones turn, see `find_turn`, that are said to: in their lengths
-    least_jitter    share of the variance of images that is taken for jitter at least
+    farthest_still  the same where bones hardly turn and no length was measured; where they turn by
+                    more, see `find_turn`, it is as much as they do. Of footage of six bodies other
+                    than 86, 13 and 14 that turn by less than .3, clips below it end with .89 of the
+                    error of their images, clips between it and `farthest` with .99
     shared          r, the share of the deviations of single images that neighbouring frames have in
                     common: in error bars, and in what images say of lengths. Chosen on footage
                     (benchmarks/footage.py) of bodies other than 86, 13 and 14
@@ -69,14 +67,10 @@ class Constants:
     longest: int = 4096
     rounds: int = 8
     least_gain: float = 1e-2
-    depth_variance: float = 1e-5
-    unseen: float = 100.0
     widest: float = 3.0
     least_noise: float = 0.003
     farthest: float = 0.6
     farthest_still: float = 0.3
-    least_turn: float = 0.3
-    least_jitter: float = 1e-6
     shared: float = 0.5
 
 
@@ -264,7 +258,7 @@ def observe(
     precision, log_det = find_precisions(
         np.ascontiguousarray(covariances[:, :k]),
         np.where(there, np.reshape(grow, (-1, 1)) ** 2, 0.0),
-        np.where(there, CONSTANTS.depth_variance, CONSTANTS.unseen),
+        np.where(there, CONSTANTS.least_noise, CONSTANTS.widest) ** 2,
         there | ~known[:, None] & (np.arange(k) == 0),
     )
     return Observations(

@@ -240,7 +240,7 @@ def test_frames_without_modes_lie_between_their_neighbours(images, body):
         seen.landmarks, np.ones((len(seen), 5)), seen.start, evidence, modes, covariance, 0.01
     )
     assert blind.trust[0].sum() == 0
-    assert blind.precision[0, 0, 0, 0] == pytest.approx(1 / CONSTANTS.unseen)
+    assert blind.precision[0, 0, 0, 0] == pytest.approx(CONSTANTS.widest**-2)
     with pytest.raises(ValueError, match="no frame"):
         fill(seen.start, np.zeros(len(seen), dtype=bool))
 
