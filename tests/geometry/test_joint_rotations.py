@@ -140,3 +140,9 @@ def test_a_knee_that_bends_back_for_a_moment_hardly_turns_the_thigh():
     twist = np.concatenate([np.zeros(60), np.full(3, 0.3)])
     found, rest = turn_about_thigh(leg(twist, bend))
     assert np.abs(found - found[rest]).max() < 25
+
+
+def test_without_edges_the_tree_joins_what_keeps_its_distance(moved):
+    bones = find_bones(find_tree(moved, np.empty((0, 2), int)))
+    found = {frozenset(bone) for bone in bones.items()}
+    assert found == {frozenset(edge) for edge in EDGES.tolist()}

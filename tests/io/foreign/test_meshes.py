@@ -93,6 +93,15 @@ def test_a_damaged_mesh(tmp_path, content):
         read(path)
 
 
+def test_a_mesh_without_vertices(tmp_path):
+    path = tmp_path / "a.ply"
+    axes = "".join(f"property float {axis}\n" for axis in "xyz")
+    path.write_text(f"ply\nformat ascii 1.0\nelement vertex 0\n{axes}end_header\n")
+    (tmp_path / "landmarks.json").write_text("{}")
+    with pytest.raises(InputError, match=r"a.ply: (has no vertices|cannot be read as a mesh)"):
+        read(path)
+
+
 def test_a_mesh_in_the_plane(tmp_path):
     path = tmp_path / "a.obj"
     path.write_text("v 0 0\nf 1 1 1\n")

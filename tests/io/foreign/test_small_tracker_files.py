@@ -8,9 +8,10 @@ from tests.io.files import load_shapes
 from tests.io.foreign import tracker_files as made
 
 
-def test_an_analysis_file_of_tracks_and_nodes_alone(tmp_path, points, confidence, read):
+@pytest.mark.parametrize("frames", [7, 2])  # of two the order of axes is open but for the rule
+def test_an_analysis_file_of_tracks_and_nodes_alone(tmp_path, points, confidence, read, frames):
     path = tmp_path / "tracks.h5"
-    made.write_sleap_analysis(path, points, confidence)
+    made.write_sleap_analysis(path, points[:frames], confidence[:frames])
     whole = read(path)
     with h5py.File(path, "a") as file:
         for name in set(file) - {"tracks", "node_names"}:

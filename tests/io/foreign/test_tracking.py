@@ -188,3 +188,11 @@ def test_the_size_of_somebody_half_hidden_shrinks_slowly(frames, same):
     parts = [FIGURE, *[half] * frames, half + np.array([40, 0])]
     found = follow(parts, list(range(len(parts))))
     assert (found[0] == found[-1]) == same
+
+
+@pytest.mark.parametrize(("moved", "same"), [(25, True), (40, False)])
+def test_without_a_landmark_in_common_the_middles_of_the_boxes_are_compared(moved, same):
+    left, right = FIGURE.copy(), FIGURE + np.array([moved, 0])
+    left[1::2], right[::2] = np.nan, np.nan
+    found = follow([left, right], [0, 1])
+    assert (found[0] == found[1]) == same

@@ -1,0 +1,25 @@
+"""Images on which the checks are tried: spread over all, in pairs half a second apart."""
+
+import numpy as np
+import pytest
+
+from shapefit.io import LandmarkSet
+from shapefit.pipelines.fit.checks import MOST, choose_sample
+
+
+@pytest.mark.parametrize(("rate", "apart"), [(None, 12), (50.0, 25), (0.5, 1)])
+def test_pairs_are_of_one_sequence_and_a_step_apart(rng, rate, apart):
+    n = 3 * MOST
+    images = LandmarkSet(
+        rng.random((n, 2, 4)),
+        tuple("abcd"),
+        tuple(map(str, range(n))),
+        sequences=tuple("walk" if number < MOST else "run" for number in range(n)),
+        frame_rate=rate,
+    )
+    sample = choose_sample(images)
+    first, later = (np.array(sample.images.items, int)[sample.pairs[:, at]] for at in (0, 1))
+    assert (later - first == apart).all()
+    assert ((first < MOST) == (later < MOST)).all()
+    assert len(first) >= MOST // 3
+    assert len(choose_sample(images.replaced(sequences=None)).pairs) == 0
