@@ -39,6 +39,11 @@ def test_a_table_of_another_program(table):
     assert images.confidence is None
 
 
+def test_whole_numbers_beyond_those_of_floats_are_rounded(table):
+    images = load(table(**TIDY | {"y": [1, 2, 3, 2**53 + 1]}))
+    assert images.landmarks[1, 1, 0] == 2.0**53
+
+
 def test_columns_are_typed_and_state_what_csv_cannot(tmp_path, landmarks, results):
     landmarks = landmarks.replaced(y_axis="up", frame_rate=25.0)
     save(tmp_path / "views.parquet", landmarks)

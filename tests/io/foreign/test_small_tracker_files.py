@@ -43,3 +43,11 @@ def test_the_unit_of_shapes_in_nwb_is_that_of_all_series(tmp_path, rng, units, u
     shapes, _ = load_shapes(path)
     assert shapes.unit == unit
     np.testing.assert_allclose(shapes.shapes.swapaxes(1, 2), points[:, 0])
+
+
+def test_an_edge_to_a_landmark_that_is_not_there(tmp_path, points, confidence, problem):
+    path = tmp_path / "tracks.h5"
+    made.write_sleap_analysis(path, points, confidence)
+    with h5py.File(path, "a") as file:
+        file["edge_inds"][...] = [[0, points.shape[2]]]
+    assert "points at landmarks that are not there" in problem(path)

@@ -5,7 +5,7 @@ import sys
 import numpy as np
 import pytest
 
-from shapefit.io.written.markers import write_c3d
+from shapefit.io.written.markers import MOST_FRAMES, write_c3d
 from shapefit.io.written.motion import Motion
 from tests.io.files import save
 
@@ -75,22 +75,32 @@ def test_a_disk_that_fills_up_unseen(tmp_path, scene, problems, monkeypatch):
     assert [path.name for path in tmp_path.iterdir()] == ["man.c3d"]
 
 
-@pytest.mark.parametrize(("count", "bytes_"), [(3, 256), (256, 3)])
-def test_more_labels_or_longer_ones_than_a_byte_counts(tmp_path, count, bytes_, problems):
-    names = tuple(f"{number:03}".rjust(bytes_, "x") for number in range(count))
-    motion = Motion(
+def motion_of(names, first=0):
+    """Two frames of points at the origin."""
+    return Motion(
         name="",
         landmark_names=names,
-        points=np.zeros((2, 3, count)),
-        first=0,
+        points=np.zeros((2, 3, len(names))),
+        first=first,
         rate=30.0,
         axes="",
         size="",
         warnings=(),
-        deviations=np.zeros((2, count)),
+        deviations=np.zeros((2, len(names))),
         angles=np.empty((2, 0)),
         angle_deviations=np.empty((2, 0)),
     )
-    (line,) = problems(write_c3d, tmp_path / "man.c3d", [motion])
+
+
+def test_the_last_frame_that_c3d_can_number(tmp_path, problems):
+    write_c3d(tmp_path / "man.c3d", [motion_of(("a",), MOST_FRAMES - 2)])
+    (line,) = problems(write_c3d, tmp_path / "man.c3d", [motion_of(("a",), MOST_FRAMES - 1)])
+    assert f"and C3D numbers {MOST_FRAMES:,} at most" in line
+
+
+@pytest.mark.parametrize(("count", "bytes_"), [(3, 256), (256, 3)])
+def test_more_labels_or_longer_ones_than_a_byte_counts(tmp_path, count, bytes_, problems):
+    names = tuple(f"{number:03}".rjust(bytes_, "x") for number in range(count))
+    (line,) = problems(write_c3d, tmp_path / "man.c3d", [motion_of(names)])
     assert f"there are {count} landmarks, the longest name" in line
     assert f"of {bytes_} bytes, and C3D counts to 255" in line

@@ -11,7 +11,7 @@ from shapefit.io.formats import record_writer
 from shapefit.io.layout import RESULTS
 from shapefit.io.options import OutputOptions
 from shapefit.io.written import markers
-from shapefit.io.written.motion import by_individual, motion_output
+from shapefit.io.written.motion import MOST_GAPS, by_individual, find_motions, motion_output
 from tests.io.files import save
 
 
@@ -100,3 +100,16 @@ def test_names_of_files_have_no_spaces(tmp_path, several):
 def test_items_of_no_sequence_are_no_motion(tmp_path, several, problems):
     (line,) = problems(save, tmp_path / "man.trc", several.replaced(sequences=None))
     assert "a/0, a/1, b/0, b/1 belong to no sequence: they are no motion; read them with" in line
+
+
+@pytest.mark.parametrize(("last", "refused"), [(2 * MOST_GAPS - 1, False), (2 * MOST_GAPS, True)])
+def test_frames_too_far_apart_are_no_sequence(scene, problems, last, refused):
+    frames = np.array([0, last])
+    two = scene.result.take([0, 1])
+    two = two.replaced(further={**two.further, "frame": frames}, sequences=("walk", "walk"))
+    if refused:
+        (line,) = problems(find_motions, two, OutputOptions(), "man.trc")
+        assert f"there are 2 items in {last + 1} frames" in line
+    else:
+        (motion,) = find_motions(two, OutputOptions(), "man.trc")
+        assert len(motion.points) == last + 1
