@@ -8,12 +8,16 @@ import pytest
 
 from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, LEARNED, UNLIKE, judge
 from shapefit.dictionary.from_2d.learning import (
+    EXACT,
+    HOLD,
     SCALE,
     complete,
+    filled,
     find_views,
     first_state,
     learn,
     learn_round,
+    upgrade,
 )
 from shapefit.dictionary.from_2d.model import Images
 from shapefit.geometry.rotations import exponential, random_rotations, rotation_about_axis
@@ -26,6 +30,8 @@ def test_planted_shapes_are_recovered_and_the_objective_never_falls(plant, noise
     states = list(learn(made.images))
     assert (np.diff([state.objective for state in states]) > 0).all()
     assert relative_error(states[-1].in_camera, made.shapes) < most
+    exact = [k for k, state in enumerate(states) if state.model.noise < EXACT**2]
+    assert not exact[1:] or exact[-2] <= HOLD  # what is exact is learned
 
 
 def test_rigid_shapes_give_the_views_of_the_truth(plant):
@@ -184,3 +190,27 @@ def test_a_round_gives_the_spread_of_sizes_its_likeliest_value(plant):
 
     best = objective(found.spread)
     assert best > max(objective(found.spread * factor) for factor in (0.99, 1.01))
+
+
+def test_hidden_landmarks_are_placed_about_the_middle_of_those_that_are_seen(rng):
+    w, placed = rng.standard_normal((2, 5, 2, 6))
+    seen = rng.random((5, 6)) < 0.6
+    seen[0] = np.arange(6) == 2
+    W, middle = filled(w, seen, placed)
+    for n in range(5):
+        expected = (w - placed)[n][:, seen[n]].mean(axis=1, keepdims=True)
+        np.testing.assert_allclose(middle[n], expected)
+        whole = np.where(seen[n], w[n] - expected, placed[n])
+        np.testing.assert_allclose(W[n], whole - whole.mean(axis=1, keepdims=True))
+
+
+@pytest.mark.parametrize("rank", [3, 5])
+def test_an_upgrade_of_exact_factors_makes_every_view_orthonormal(rng, rank):
+    A = rng.standard_normal((rank, rank))
+    rows = np.concatenate(
+        [random_rotations(40, rng)[:, :2], rng.standard_normal((40, 2, rank - 3))], axis=2
+    )
+    L = rows @ np.linalg.inv(A)
+    Q = upgrade(L, A[:, :3] + 0.05 * rng.standard_normal((rank, 3)))
+    gram = (L @ Q) @ np.swapaxes(L @ Q, 1, 2)
+    np.testing.assert_allclose(gram, np.broadcast_to(np.eye(2), gram.shape), atol=1e-6)

@@ -64,6 +64,15 @@ def test_trc_in_all_its_forms(read, text):
     np.testing.assert_allclose(shapes.shapes.swapaxes(1, 2), MARKERS / 1000)
 
 
+def test_the_names_of_the_markers_stand_within_twelve_lines(read):
+    first, rest = TRC.split("\n", 1)
+    names = HEAD.split("\n").index("Frame#\tTime\tknee\t\t\tankle\t\t")
+    spaced = [f"{first}\n" + "\n" * empty + rest for empty in (10 - names, 11 - names)]
+    assert read("walk.trc", spaced[0])[0].landmark_names == ("knee", "ankle")
+    with pytest.raises(InputError):
+        read("walk.trc", spaced[1])
+
+
 @pytest.mark.parametrize(
     ("unit", "factor", "name"),
     [("m", 1, "m"), ("cm", 0.01, "m"), ("Meters", 1, "m"), ("", 1, "unknown"), ("ell", 1, "ell")],

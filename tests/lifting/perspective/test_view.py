@@ -11,7 +11,12 @@ from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations, rotation_angle
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.perspective.view import PerspectiveOptions, find_rotations, refine_view
+from shapefit.lifting.perspective.view import (
+    PerspectiveOptions,
+    find_rotations,
+    place_in_depth,
+    refine_view,
+)
 from shapefit.lifting.shared_rotation.pose import find_pose, spread_views
 
 N, K, P = 6, 5, 14
@@ -159,3 +164,13 @@ def test_the_estimate_is_in_normalised_units_and_counts_its_own_atoms(
     c = e.coefficients
     np.testing.assert_array_equal(e.active_atoms, (c > 1e-6 * c.max(axis=1)[:, None]).sum(axis=1))
     assert (e.active_atoms != first.estimate.active_atoms).any()
+
+
+def test_a_flat_shape_before_the_camera_is_put_where_it_is(camera, rng):
+    shape = rng.standard_normal((3, P)) * [[1.0], [1.0], [0.0]] + [[0.4], [-0.3], [0.2]]
+    t = np.stack([rng.uniform(-1, 1, N), rng.uniform(-1, 1, N), rng.uniform(6, 9, N)], axis=1)
+    weights = rng.uniform(0.5, 2, (N, P)) * (rng.random((N, P)) < 0.8)
+    landmarks = project(camera, shape + t[..., None])
+    rotation = np.broadcast_to(np.eye(3), (N, 3, 3))
+    found = place_in_depth(landmarks, weights, shape, camera, rotation)
+    np.testing.assert_allclose(found, t, rtol=1e-10)

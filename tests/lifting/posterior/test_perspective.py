@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from shapefit.geometry.pinhole import Camera, project
+from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.posterior.method import face, find_rays, place, stretch_noise
 from shapefit.lifting.posterior.posterior import find_posterior
 from tests.lifting.posterior.pinhole import MISFIT, P, Scene
@@ -119,3 +120,18 @@ def test_the_noise_of_a_landmark_is_that_of_its_ray(rng):
     np.testing.assert_allclose(
         stretch_noise(covariance[None, None], camera)[0, 0], expected, rtol=0.03
     )
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_rotations_are_turned_onto_the_ray_to_what_is_seen_and_no_further(rng, sign):
+    n, p = 5, 8
+    camera = Camera(rng.uniform(800, 900, (n, 2)), rng.uniform(200, 300, (n, 2)), sign)
+    landmarks, seen = rng.uniform(0, 900, (n, 2, p)), rng.random((n, p)) < 0.6
+    rotations = random_rotations(3 * n, rng).reshape(n, 3, 3, 3)
+    turn = face(rotations, landmarks, seen, camera) @ np.swapaxes(rotations, 2, 3)
+    middle = np.stack([w[:, s].mean(axis=1) for w, s in zip(landmarks, seen, strict=True)])
+    ray = np.column_stack([(middle - camera.centre) / camera.focal, np.full(n, sign)])
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    onto = np.broadcast_to(ray[:, None], (n, 3, 3))
+    np.testing.assert_allclose(turn @ [0.0, 0.0, sign], onto, atol=1e-12)
+    np.testing.assert_allclose((np.trace(turn[:, 0], axis1=1, axis2=2) - 1) / 2, sign * ray[:, 2])

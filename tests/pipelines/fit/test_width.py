@@ -11,7 +11,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import LandmarkSet, write_dictionary
 from shapefit.pipelines.fit.prepare import FIRST, prepare
-from shapefit.pipelines.fit.width import likeliest
+from shapefit.pipelines.fit.width import find_width, likeliest
 from tests.pipelines.fitted import fit_images
 from tests.pipelines.told import texts
 
@@ -111,6 +111,18 @@ def test_of_pairs_as_likely_the_widest_is_taken_with_the_least_misfit():
     found = likeliest(of)
     assert (found.prior, found.misfit) == (2, 1)
     assert found.gain == pytest.approx(4.95)
+
+
+@pytest.mark.parametrize("best", [(1.0, 1.0), (2.0, 1.0), (1.0, 2.0), (8.0, 2.0)])
+def test_a_wider_prior_or_a_larger_misfit_alone_makes_all_pairs_be_tried(best):
+    images = LandmarkSet(np.zeros((30, 2, P)), NAMES, tuple(map(str, range(30))))
+
+    def evidence(pair, some):
+        return np.full(len(some), -np.abs(np.log2(pair) - np.log2(best)).sum())
+
+    found = find_width(evidence, images)
+    assert (found.prior, found.misfit) == best
+    assert found.gain == pytest.approx(np.log2(best).sum())
 
 
 def test_a_landmark_that_is_mostly_wrong_is_named_and_frames_stay_trusted(planted, tmp_path):
