@@ -38,6 +38,7 @@ from shapefit.io.records import LandmarkSet, Records
 from shapefit.io.tidy_table import (
     Block,
     Columns,
+    Rows,
     check_columns,
     columns_of,
     read_tidy,
@@ -77,7 +78,7 @@ def read_csv(path: Path, kind: str, *, gaps: bool = False, stretch: Stretch | No
     An empty or nan coordinate is unknown; shapes must have every landmark of every item unless
     `gaps`. Of a `stretch` nothing else is read but the header.
     """
-    rows = CsvRows(path, kind, stretch)
+    rows = _open(path, kind, stretch)
     return read_tidy(rows, kind, gaps=gaps, landmarks=stretch.landmarks if stretch else ())
 
 
@@ -86,66 +87,61 @@ def csv_kind(path: Path) -> str:
     return "shapes" if "z" in Head(path).columns else "landmarks"
 
 
-class CsvRows:
-    """The rows of a CSV file as blocks of cells; empty rows are dropped.
+def _open(path: Path, kind: str, stretch: Stretch | None) -> Rows:
+    """Open a table of a kind, or a stretch of it; empty rows are dropped.
 
     Where the header has spaces around its names, so have the cells, and they are taken away. Raises
     InputError for text that is not UTF-8 and for other columns than those of the kind.
     """
+    name, begun = source_name(path), read_texts(path)
+    _, text = next(begun)
+    first, _, rest = text.partition("\n")
+    try:
+        header = next(csv.reader([first]), [])
+    except csv.Error as error:
+        raise _bad_line(f"{name}:1", error) from error
+    columns = [column.strip() for column in header]
+    required, optional = table_columns(kind)
+    if not {*required, *optional} & set(columns):
+        raise _strange_header(first.strip(), columns, required, f"{name}:1")
+    check_columns(columns, kind, f"{name}:1")
+    if stretch is None:
+        texts: Iterator[tuple[int, str]] = chain([(2, rest)] if rest else [], begun)
+    else:
+        begun.close()
+        texts = read_texts(path, *stretch[:3])
+    parts = _parts(texts, len(columns), name)
 
-    def __init__(self, path: Path, kind: str, stretch: Stretch | None = None) -> None:
-        self.name = source_name(path)
-        texts = read_texts(path)
-        _, text = next(texts)
-        first, _, rest = text.partition("\n")
-        self._texts = chain([(2, rest)] if rest else [], texts)
-        if stretch is not None:
-            texts.close()
-            self._texts = chain(read_texts(path, *stretch[:3]))
-        try:
-            header = next(csv.reader([first]), [])
-        except csv.Error as error:
-            raise _bad_line(f"{self.name}:1", error) from error
-        self.columns = [column.strip() for column in header]
-        self._spaced = self.columns != header
-        required, optional = table_columns(kind)
-        if not {*required, *optional} & set(self.columns):
-            raise _strange_header(first.strip(), self.columns, required, f"{self.name}:1")
-        check_columns(self.columns, kind, f"{self.name}:1")
+    def blocks() -> Iterator[Block]:
+        for lines, cells in parts:
+            if columns != header:
+                cells = [[cell.strip() for cell in column] for column in cells]
+            yield Block(dict(zip(columns, cells, strict=True)), lines)
 
-    def place(self, line: int) -> str:
-        """Name a line in messages."""
-        return f"{self.name}:{line}"
+    return Rows(name, columns, blocks())
 
-    def blocks(self) -> Iterator[Block]:
-        """Give out all rows, once.
 
-        Raises InputError for text that is not UTF-8, for cells that are no CSV and for rows with
-        too few or too many cells.
-        """
-        for line, text in self._texts:
-            columns = split_columns(text, len(self.columns))
-            if columns is not None:
-                yield self._block(columns, np.arange(line, line + len(columns[0])))
-            else:
-                following = (text for _, text in self._texts) if '"' in text else ()
-                yield from self._read_rows(chain([text], following), line)
+def _parts(
+    texts: Iterator[tuple[int, str]], width: int, name: str
+) -> Iterator[tuple[Integers, Sequence[Sequence[str]]]]:
+    """Yield the lines and the columns of some rows after others.
 
-    def _read_rows(self, texts: Iterable[str], line: int) -> Iterator[Block]:
-        rows = read_rows(texts, line, self.name)
-        width = len(self.columns)
+    Raises InputError for text that is not UTF-8, for cells that are no CSV and for rows with too
+    few or too many cells.
+    """
+    for line, text in texts:
+        columns = split_columns(text, width)
+        if columns is not None:
+            yield np.arange(line, line + len(columns[0])), columns
+            continue
+        following = (text for _, text in texts) if '"' in text else ()
+        rows = read_rows(chain([text], following), line, name)
         while part := [row for row, _ in zip(rows, range(ROWS), strict=False)]:
-            wrong = [(line, len(row)) for line, row in part if len(row) != width]
-            if wrong:
+            if wrong := [(at, len(row)) for at, row in part if len(row) != width]:
                 end = f"cells for {width} columns; write one cell per column"
-                raise input_problems([f"{self.name}:{line}: has {n} {end}" for line, n in wrong])
-            columns = list(zip(*(row for _, row in part), strict=True))
-            yield self._block(columns, np.array([line for line, _ in part]))
-
-    def _block(self, columns: Sequence[Sequence[str]], lines: Integers) -> Block:
-        if self._spaced:
-            columns = [[cell.strip() for cell in column] for column in columns]
-        return Block(dict(zip(self.columns, columns, strict=True)), lines)
+                raise input_problems([f"{name}:{at}: has {n} {end}" for at, n in wrong])
+            lines = np.array([at for at, _ in part])
+            yield lines, list(zip(*(row for _, row in part), strict=True))
 
 
 def _strange_header(

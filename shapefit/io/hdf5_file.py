@@ -5,10 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from math import prod
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import h5py
 import numpy as np
@@ -146,7 +145,10 @@ class Hdf5File:
             raise self.fault(name, "there is no such dataset")
         with self.damage(name):
             if name not in self._asked:
-                self._asked[name] = Stored.of(self.root[name])
+                found = self.root[name]
+                text = h5py.check_string_dtype(found.dtype) is not None
+                sizes = found.shape or (), found.chunks, found.dtype.itemsize
+                self._asked[name] = Stored(found, text, *sizes)
             return self._asked[name]
 
     def row_bytes(self, name: str) -> int:
@@ -185,8 +187,7 @@ MOST_COMPRESSED = 2000
 """No filter of HDF5 makes data smaller by more: beyond that they were never written."""
 
 
-@dataclass(frozen=True)
-class Stored:
+class Stored(NamedTuple):
     """A dataset, and what h5py takes long to say of it, and every read wants to know."""
 
     dataset: Any
@@ -194,13 +195,6 @@ class Stored:
     shape: tuple[int, ...]
     chunks: tuple[int, ...] | None
     itemsize: int
-
-    @classmethod
-    def of(cls, dataset: Any) -> Self:
-        """Ask a dataset once."""
-        kind = dataset.dtype
-        text = h5py.check_string_dtype(kind) is not None
-        return cls(dataset, text, dataset.shape or (), dataset.chunks, kind.itemsize)
 
 
 def _decoded(stored: Any) -> Any:

@@ -15,7 +15,7 @@ from shapefit.io.atomic import atomic_path, storage_errors
 from shapefit.io.formats import RecordWriter
 from shapefit.io.layout import UNKNOWN_UNIT, Layout
 from shapefit.io.records import Records
-from shapefit.io.tidy_table import IGNORED, Block, check_columns, columns_of, read_tidy
+from shapefit.io.tidy_table import IGNORED, Block, Rows, check_columns, columns_of, read_tidy
 
 try:
     import pyarrow
@@ -33,13 +33,25 @@ TEXTS = ("item", "landmark", "sequence")
 
 def read_parquet(path: Path, kind: str, *, gaps: bool = False) -> Records:
     """Read the columns that CSV has; null or nan is unknown. `gaps` as in CSV."""
-    rows = ParquetRows(path, kind)
+    with _damage(path):
+        file = pyarrow.parquet.ParquetFile(
+            pyarrow.OSFile(os.fspath(path)), page_checksum_verification=True
+        )
+        columns = list(file.schema_arrow.names)
+        stored = file.schema_arrow.metadata or {}
+        own = (b"unit", b"y_axis", b"frame_rate")
+        said = {key.decode(): stored[key].decode() for key in own if key in stored}
+    if b"landmark_names" in stored or ("item" in columns) > ("landmark" in columns):
+        fix = "convert it to HDF5 with the version that wrote it (it has a row per landmark)"
+        raise input_error(path, "is a table with one item a row", fix)
+    check_columns(columns, kind, str(path))
+    rows = Rows(str(path), columns, _blocks(file, path), ": row ")
     records: Records = read_tidy(rows, kind, gaps=gaps)
-    rate = rows.metadata.get("frame_rate")
+    rate = said.get("frame_rate")
     return records.replaced(
-        unit=rows.metadata.get("unit", UNKNOWN_UNIT),
+        unit=said.get("unit", UNKNOWN_UNIT),
         frame_rate=None if rate is None else float(rate),
-        y_axis=rows.metadata.get("y_axis", records.y_axis) if kind != "shapes" else None,
+        y_axis=said.get("y_axis", records.y_axis) if kind != "shapes" else None,
     )
 
 
@@ -50,43 +62,21 @@ def parquet_kind(path: Path) -> str:
     return "shapes" if "z" in names else "landmarks"
 
 
-class ParquetRows:
-    """The rows of a file as blocks of columns; `line` of a message is a row, from 1."""
-
-    def __init__(self, path: Path, kind: str) -> None:
-        self.name = str(path)
-        with _damage(path):
-            self._file = pyarrow.parquet.ParquetFile(
-                pyarrow.OSFile(os.fspath(path)), page_checksum_verification=True
-            )
-            self.columns = list(self._file.schema_arrow.names)
-            stored = self._file.schema_arrow.metadata or {}
-            own = (b"unit", b"y_axis", b"frame_rate")
-            self.metadata = {key.decode(): stored[key].decode() for key in own if key in stored}
-        if b"landmark_names" in stored or ("item" in self.columns) > ("landmark" in self.columns):
-            fix = "convert it to HDF5 with the version that wrote it (it has a row per landmark)"
-            raise input_error(path, "is a table with one item a row", fix)
-        check_columns(self.columns, kind, self.name)
-
-    def place(self, row: int) -> str:
-        """Name a row in messages."""
-        return f"{self.name}: row {row}"
-
-    def blocks(self) -> Iterator[Block]:
-        """Read the rows in order."""
-        start = 1
-        with _damage(Path(self.name)):
-            for batch in self._file.iter_batches(ROWS, use_threads=False):
-                columns = dict(zip(self.columns, batch.columns, strict=True))
-                texts = {name: _texts(columns[name]) for name in TEXTS if name in columns}
-                numbers = {
-                    name: _numbers(values, f"{self.name}: column {name}")
-                    for name, values in columns.items()
-                    if name not in texts and name not in IGNORED
-                }
-                if len(batch):
-                    yield Block(texts, np.arange(start, start + len(batch)), numbers)
-                start += len(batch)
+def _blocks(file: Any, path: Path) -> Iterator[Block]:
+    """Read the rows in order; the first one is 1."""
+    start = 1
+    with _damage(path):
+        for batch in file.iter_batches(ROWS, use_threads=False):
+            columns = dict(zip(file.schema_arrow.names, batch.columns, strict=True))
+            texts = {name: _texts(columns[name]) for name in TEXTS if name in columns}
+            numbers = {
+                name: _numbers(values, f"{path}: column {name}")
+                for name, values in columns.items()
+                if name not in texts and name not in IGNORED
+            }
+            if len(batch):
+                yield Block(texts, np.arange(start, start + len(batch)), numbers)
+            start += len(batch)
 
 
 class ParquetWriter(RecordWriter[Records]):

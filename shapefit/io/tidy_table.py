@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from itertools import count
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 import orjson
@@ -82,17 +82,17 @@ class Block:
         return read_numbers(self.cells[name])
 
 
-class Rows(Protocol):
-    """An open table: its name in messages, its columns, and its rows, which come once."""
+class Rows(NamedTuple):
+    """An open table: its name and columns, its rows, which come once, and what marks a line."""
 
     name: str
-    columns: list[str]
+    columns: Sequence[str]
+    blocks: Iterator[Block]
+    mark: str = ":"
 
     def place(self, line: int) -> str:
         """Name a line in messages."""
-
-    def blocks(self) -> Iterator[Block]:
-        """Give out all rows."""
+        return f"{self.name}{self.mark}{line}"
 
 
 def table_columns(kind: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -130,7 +130,7 @@ def read_tidy(rows: Rows, kind: str, *, gaps: bool = False, landmarks: Iterable[
     line.
     """
     table = _Table(rows, kind, gaps, landmarks)
-    for block in rows.blocks():
+    for block in rows.blocks:
         table.take(block)
     items, names = table.names("item"), table.names("landmark")
     n, p = len(items), len(names)

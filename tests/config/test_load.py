@@ -120,18 +120,23 @@ def test_paths_are_relative_to_who_says_them(folder):
     assert config.landmarks == (folder / "a.h5",)
 
 
-def test_globs_are_sorted_and_name_each_file_once(folder):
-    text = "shapes: [../b.h5, '../*.h5', '../far/**/*.h5']\noutput: d.h5\n"
-    config = load_config("learn-dict", write(folder, text))
-    names = [path.relative_to(folder).as_posix() for path in config.shapes]
-    assert names == ["b.h5", "a.h5", "far/deep/y.h5", "far/x.h5"]
-
-
-def test_a_file_with_a_glob_character_in_its_name_is_that_file(folder):
-    (folder / "x[1].h5").touch()
-    (folder / "x1.h5").touch()
-    config = load_config("learn-dict", None, [], {"shapes": "x[1].h5", "output": "d.h5"})
-    assert config.shapes == (folder / "x[1].h5",)
+@pytest.mark.parametrize(
+    ("shapes", "names"),
+    [
+        ("[../b.h5, '../?.h5', '../far/**/*.h5']", "b.h5 a.h5 far/deep/y.h5 far/x.h5"),
+        ("../x[1].h5", "x[1].h5"),
+        ("../pipe.csv", "pipe.csv"),
+        ("../*.csv", "c.csv"),
+        ("['{data}/x.h5', '{data}/deep/*.h5']", "far/x.h5 far/deep/y.h5"),
+    ],
+)
+def test_globs_are_sorted_and_name_each_file_once(folder, shapes, names):
+    for name in ("x[1].h5", "x1.h5"):
+        (folder / name).touch()
+    os.mkfifo(folder / "pipe.csv")  # a file, but not for a glob
+    path = write(folder, f"shapes: {shapes}\noutput: d.h5\n")
+    found = load_config("learn-dict", path, ["data=far"]).shapes
+    assert found == tuple(folder / name for name in names.split())
 
 
 def test_a_home_that_does_not_exist_is_a_name(folder):
@@ -145,21 +150,8 @@ def test_a_home_that_does_not_exist_is_a_name(folder):
     assert config.output == folder / "~nobody.here/d.h5"
 
 
-def test_a_pipe_is_a_file_but_not_for_a_glob(folder):
-    os.mkfifo(folder / "pipe.csv")
-    config = load_config("learn-dict", None, [], {"shapes": "pipe.csv", "output": "d.h5"})
-    assert config.shapes == (folder / "pipe.csv",)
-    config = load_config("learn-dict", None, [], {"shapes": "*.csv", "output": "d.h5"})
-    assert config.shapes == (folder / "c.csv",)
-
-
 def test_data_stands_for_a_folder(folder):
     text = "data: ../far\nshapes: ['{data}/x.h5', '{data}/deep/*.h5']\noutput: d.h5\n"
-    config = load_config("learn-dict", write(folder, text))
-    assert [path.resolve() for path in config.shapes] == [
-        folder / "far/x.h5",
-        folder / "far/deep/y.h5",
-    ]
     (folder / "other/deep").mkdir(parents=True)
     for name in ("x.h5", "deep/z.h5"):
         (folder / "other" / name).touch()
@@ -199,32 +191,18 @@ def test_json_holds_every_key_under_its_yaml_name(folder):
 @given(
     lam=st.floats(min_value=0, exclude_min=True, allow_infinity=False) | st.just("auto"),
     threads=st.integers(0, 1024),
-    tolerance=st.floats(min_value=0, exclude_min=True, allow_infinity=False),
+    groups=st.dictionaries(PRINTABLE, st.text("*?[]a_ 1:#-'")),
+    match=PRINTABLE,
 )
-def test_a_printed_fit_config_loads_again(folder, lam, threads, tolerance):
-    values = {
-        "landmarks": ["a.h5", "-"],
-        "dictionary": "b.h5",
-        "output": "-",
-        "lambda": lam,
-        "noise": 1.0,
-        "method": "posterior",
+def test_a_printed_config_of_any_values_loads_again(folder, lam, threads, groups, match):
+    fit = {"landmarks": ["a.h5", "-"], "dictionary": "b.h5", "output": "-", "noise": 1.0}
+    said = {
+        "fit": fit | {"lambda": lam, "threads": threads, "method": "posterior"},
+        "eval": EVAL | {"results": {"no": "a.h5"}, "groups": groups, "match": match},
     }
-    config = FitConfig(**values, threads=threads, solver={"tolerance": tolerance})
-    assert load_config("fit", write(folder, dump_config(config))) == config
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
-@given(groups=st.dictionaries(PRINTABLE, st.text("*?[]a_ 1:#-'")), match=PRINTABLE)
-def test_a_printed_eval_config_loads_again(folder, groups, match):
-    config = EvalConfig(
-        results={"no": "a.h5"},
-        truth="a.h5",
-        output="r",
-        match=match,
-        groups=groups,
-    )
-    assert load_config("eval", write(folder, dump_config(config))) == config
+    for command, keys in said.items():
+        config = CONFIGS[command](**keys)
+        assert load_config(command, write(folder, dump_config(config))) == config
 
 
 EVAL = {"results": "a.h5", "truth": "a.h5", "output": "r"}
