@@ -46,7 +46,11 @@ def viewer_page(scene: Scene) -> str:
 
 
 def fill(template: str, *, style: str, script: str, **values: str) -> str:
-    """Fill a page: `{{name}}` stands for a value; style and script are the only ones allowed."""
+    """Fill a page: `{{name}}` stands for a value; style and script are the only ones allowed.
+
+    The style begins with the colours of all pages.
+    """
+    style = resource("palette.css") + style
     policy = content_security_policy(style, script)
     given = {"policy": policy, "style": style, "script": script, **values}
     return re.sub(r"\{\{([a-z]+)\}\}", lambda found: given[found[1]], template)

@@ -1,4 +1,6 @@
 "use strict";
+if (matchMedia("(prefers-color-scheme: dark)").matches) document.documentElement.dataset.theme = "dark";
+
 /** Tables of a report: a click on the head of a column sorts by it. */
 for (const table of document.querySelectorAll("table")) {
   /* The first number of a cell such as "0.12 / 0.10" or "97.5 %"; what has none stands last. */

@@ -44,11 +44,7 @@ const scene = (() => {
       outliers: page.outliers ? blocks.rows(page.outliers) : () => [],
       layers: page.layers.map((layer) => openLayer(layer, meshes)),
     };
-    const found = new Map();
-    data.size = (recording) => {
-      if (!found.has(recording)) found.set(recording, sizeOf(data, recording, page.stands[recording.tracks[0].sequence]));
-      return found.get(recording);
-    };
+    data.size = (recording) => (recording.size ??= sizeOf(data, recording, page.stands[recording.tracks[0].sequence]));
     return data;
   }
 

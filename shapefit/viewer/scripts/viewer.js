@@ -31,7 +31,6 @@
     if (data.flat) plane.draw($("plane"), data, view);
     if (data.layers.length) view.projected = space.draw($("space"), data, view);
     drawStrip();
-    view.opened ??= performance.now();
     view.drawn++;
   }
 
