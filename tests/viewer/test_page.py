@@ -306,7 +306,8 @@ def test_no_text_is_small_and_everything_has_a_name(page):
 
 def test_the_colours_can_be_told_from_the_background():
     """Contrast as in WCAG 2.1: 4.5 for text, 3 for what is drawn."""
-    light, dark = re.findall(r"^:root.*?{(.*?)^}", resource("palette.css"), re.DOTALL | re.MULTILINE)
+    palette = resource("palette.css")
+    light, dark = re.findall(r"^:root.*?{(.*?)^}", palette, re.DOTALL | re.MULTILINE)
     for style in (light, dark):
         colours = dict(re.findall(r"--([\w-]+): #(\w{6})", style))
         assert len(colours) == 17

@@ -14,15 +14,19 @@ from shapefit.config import ViewConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted
 from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP, nearest_axis_up
+from shapefit.geometry.floor import Floor
 from shapefit.geometry.procrustes import lateral_axis
-from shapefit.io import read_dictionary
+from shapefit.io import read_dictionary, read_results
 from shapefit.io.foreign.items import FRAME
 from shapefit.io.joined import agreed
-from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.layout import METRES_PER_UNIT, UNKNOWN_UNIT
 from shapefit.io.listing import Listing
+from shapefit.io.options import AS_KNOWN
+from shapefit.io.records import concatenate
 from shapefit.io.skeletons import edges_of
+from shapefit.io.written.motion import find_floors, video_of
 from shapefit.pipelines.view.images import MEGABYTES, embed_images
-from shapefit.pipelines.view.layers import Dictionaries, first_known, make_layers
+from shapefit.pipelines.view.layers import Dictionaries, first_known, has_camera, make_layers
 from shapefit.pipelines.view.reading import (
     Frames,
     Gathered,
@@ -42,6 +46,8 @@ WORD_LEFT = re.compile(r"left|Left|LEFT|(?<![A-Za-z])[lL](?![a-z])|^[lL](?=[A-Za
 """`left` anywhere, `l` alone, before or behind a name: left_hip, HipLeft, L_Hip, LHip, HipL."""
 FILES = "*"
 """In the place of a video: files of one individual each, which are shown together."""
+MOST_ON_FLOOR = 100_000
+"""Images of a result that are read once more, to find the floor."""
 ALONE = "\0"
 """Before a number, in the place of a video: a sequence by itself."""
 
@@ -81,7 +87,7 @@ def assemble(
     if config.images is not None and len(pictures) < len(frames.items):
         notes.append(f"{len(pictures)} of {counted(len(frames.items), 'frame')} have a picture.")
     recordings, times = find_recordings(found, frames) or (None, None)
-    upright, how = find_upright(results, y_axis)
+    stands, why_upright = find_stands(results, frames, y_axis)
     return Scene(
         title=", ".join(listings) + (" and the truth" if truth else ""),
         items=frames.items,
@@ -92,7 +98,7 @@ def assemble(
         unit=_shown(every[0].unit),
         space_unit=_shown(every[0].unit if unit is None else unit),
         y_down=y_axis == "down",
-        stands=[Stand(upright.ravel().tolist())] * len(frames.sequences),
+        stands=stands,
         frame_rate=rate / frames.step if rate else USUAL_RATE if in_motion else RATE_OF_IMAGES,
         rate_known=rate is not None,
         flat=seen is not None or bool(results),
@@ -104,7 +110,7 @@ def assemble(
         times=times,
         meshes=meshes,
         pictures=pictures,
-        summary=tuple(summary(results, layers, frames, recordings, landmarks, how)),
+        summary=tuple(summary(results, layers, frames, recordings, landmarks, why_upright)),
         notes=tuple(notes),
     )
 
@@ -169,19 +175,47 @@ def find_recordings(
     return (groups, times) if len(groups) < len(frames.sequences) else None
 
 
-def find_upright(results: Sequence[Gathered], y_axis: str) -> tuple[Floats, str]:
-    """Return the rotation (3, 3) from space to a frame with y up, seen from the camera; and why.
+def find_stands(
+    results: Sequence[Gathered], frames: Frames, y_axis: str
+) -> tuple[list[Stand], str]:
+    """Return how the shapes of each sequence stand, and why, "" where the camera is taken as level.
 
-    Up is what the extrinsics of all files say; else up in the image.
+    Up is that of the floor below people, or what the extrinsics of all files say; else up in the
+    image. Shapes are turned to it by the shortest way, so that they are seen from the camera.
     """
     level = TO_Y_UP[IMAGE_UP] if y_axis == "down" else np.eye(3)
+    floors = next(filter(None, map(_floors, results)), {})
+    if floors:
+        own = [floors.get(video_of(name)) for name, _ in frames.sequences]
+        flat = Stand(level.ravel().tolist())
+        stands = [flat if floor is None else _on_floor(floor, level) for floor in own]
+        several = len(floors) > 1
+        told = f"{len(floors)} floors were found" if several else f"The floor was found, {own[0]}"
+        return stands, f"{told}, from feet that rest."
     stated = [each.extrinsics for each in results]
     first = stated[0] if stated else None
-    if first is None or any(one is None or not np.array_equal(one, first) for one in stated):
-        return level, ""
-    axis = nearest_axis_up(first)
-    up = first @ TO_Y_UP[axis][1]  # x right, y down, z away from the camera
-    return turn_up(TO_Y_UP[IMAGE_UP] @ up) @ level, f"Up is the axis {axis} of the extrinsics."
+    upright, why = level, ""
+    if first is not None and all(one is not None and np.array_equal(one, first) for one in stated):
+        axis = nearest_axis_up(first)
+        up = first @ TO_Y_UP[axis][1]  # x right, y down, z away from the camera
+        upright = turn_up(TO_Y_UP[IMAGE_UP] @ up) @ level
+        why = f"Up is the axis {axis} of the extrinsics."
+    return [Stand(upright.ravel().tolist())] * len(frames.sequences), why
+
+
+def _floors(result: Gathered) -> Mapping[str, Floor]:
+    """Return the floor of each video of a result, where it is known."""
+    images = sum(len(one.items) for one in result.listings)
+    if not has_camera(result) or METRES_PER_UNIT not in result.of_frames or images > MOST_ON_FLOOR:
+        return {}
+    records = concatenate([read_results(one.path) for one in result.listings])
+    return find_floors(records, AS_KNOWN, result.name)
+
+
+def _on_floor(floor: Floor, level: Floats) -> Stand:
+    """Return how shapes in metres before the camera stand on a floor."""
+    turn = floor._replace(height=0.0).stand(np.eye(3))
+    return Stand((turn @ level).ravel().tolist(), -floor.height)
 
 
 def turn_up(up: Floats) -> Floats:

@@ -33,7 +33,7 @@ def summary(
 ) -> Iterator[str]:
     """Yield how large errors are and how much is trusted, then what is assumed, in sentences.
 
-    `upright` says where up comes from.
+    `upright` says where up comes from, "" where it is up in the image.
     """
     part = "joint" if joint_columns(landmarks) else "landmark"
     starts = [*(start for _, start in frames.sequences), len(frames.items)]
@@ -51,7 +51,7 @@ def summary(
             ]
         said = [_quality(name, rows, each, layer, part) for name, rows in named]
         yield "; ".join(said)[:1].upper() + "; ".join(said)[1:] + "."
-    assumed = dict.fromkeys(line for each in results for line in _assumed(each))
+    assumed = dict.fromkeys(line for each in results for line in _assumed(each, level=not upright))
     if assumed:
         yield f"Assumed: {'; '.join(assumed)}."
     if upright:
@@ -89,10 +89,10 @@ def _number(values: Floats) -> str:
     return f"{median:.0f}" if median >= 9.5 else f"{median:.2g}"
 
 
-def _assumed(gathered: Gathered) -> Iterator[str]:
+def _assumed(gathered: Gathered, *, level: bool) -> Iterator[str]:
     """Yield what a fit took for granted."""
     attributes, found = gathered.attributes, gathered.of_frames
-    if gathered.extrinsics is None:
+    if level:
         yield "a level camera"
     if not has_camera(gathered):
         yield "no perspective, so distances from the camera are unknown"
