@@ -46,6 +46,8 @@ WORD_LEFT = re.compile(r"left|Left|LEFT|(?<![A-Za-z])[lL](?![a-z])|^[lL](?=[A-Za
 """`left` anywhere, `l` alone, before or behind a name: left_hip, HipLeft, L_Hip, LHip, HipL."""
 FILES = "*"
 """In the place of a video: files of one individual each, which are shown together."""
+SURE = 0.5
+"""Metres of the deviation of a floor that is shown; a level camera is as good a guess as others."""
 MOST_ON_FLOOR = 100_000
 """Images of a result that are read once more, to find the floor."""
 ALONE = "\0"
@@ -189,9 +191,8 @@ def find_stands(
         own = [floors.get(video_of(name)) for name, _ in frames.sequences]
         flat = Stand(level.ravel().tolist())
         stands = [flat if floor is None else _on_floor(floor, level) for floor in own]
-        several = len(floors) > 1
-        told = f"{len(floors)} floors were found" if several else f"The floor was found, {own[0]}"
-        return stands, f"{told}, from feet that rest."
+        told = next(iter(floors.values())) if len(floors) == 1 else f"{len(floors)} videos have one"
+        return stands, f"Floor from resting feet: {told}."
     stated = [each.extrinsics for each in results]
     first = stated[0] if stated else None
     upright, why = level, ""
@@ -204,12 +205,13 @@ def find_stands(
 
 
 def _floors(result: Gathered) -> Mapping[str, Floor]:
-    """Return the floor of each video of a result, where it is known."""
+    """Return the floor of each video of a result, where it is known to half a metre."""
     images = sum(len(one.items) for one in result.listings)
     if not has_camera(result) or METRES_PER_UNIT not in result.of_frames or images > MOST_ON_FLOOR:
         return {}
     records = concatenate([read_results(one.path) for one in result.listings])
-    return find_floors(records, AS_KNOWN, result.name)
+    found = find_floors(records, AS_KNOWN, result.name)
+    return {video: floor for video, floor in found.items() if floor.height_sd <= SURE}
 
 
 def _on_floor(floor: Floor, level: Floats) -> Stand:

@@ -8,6 +8,7 @@ import pytest
 
 from shapefit.config import ViewConfig
 from shapefit.evaluation import metrics
+from shapefit.geometry.floor import Floor
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io import read_results, read_shapes, write_dictionary
 from shapefit.pipelines.view.layers import in_length
@@ -225,6 +226,36 @@ def test_up_is_that_of_the_extrinsics(desk, y_axis):
     np.testing.assert_array_equal(
         np.reshape(plain.stands[0].upright, (3, 3)), np.diag([1, -1, -1]) @ level
     )
+
+
+def test_people_stand_on_the_floor_that_was_found(desk, monkeypatch):
+    """A camera two metres up that looks down by 30 degrees; the other video has no floor."""
+    n, tilt = 4, np.radians(30)
+    up = np.array([0.0, np.cos(tilt), np.sin(tilt)])  # x right, y up, z towards the viewer
+    floor = Floor(up, 2.0, 30.0, 0.0, 0.1, 3.0, 3.0)
+    monkeypatch.setattr("shapefit.pipelines.view.scene.find_floors", lambda *_: {"v": floor})
+    sequences = ("v/a", "v/a", "w/a", "w/a")
+    place = {
+        "rotation": np.tile(np.eye(3), (n, 1, 1)), "scale": np.full(n, 50.0),
+        "translation": np.zeros((n, 2)), "sequences": sequences,
+        "items": tuple(f"{name}/{i}" for i, name in enumerate(sequences)),
+    }  # fmt: skip
+    config = ViewConfig(files={"r": (desk.result(n=n, extras=camera(), **place),)})
+    page = make_page(config).scene
+    on, without = page.stands
+    turned = np.reshape(on.upright, (3, 3))
+    np.testing.assert_allclose(turned @ (up * [1, -1, -1]), [0, 1, 0], atol=1e-12)
+    np.testing.assert_allclose(turned @ [1, 0, 0], [1, 0, 0], atol=1e-12)
+    assert on.floor == -2
+    assert without.floor is None
+    np.testing.assert_array_equal(np.reshape(without.upright, (3, 3)), np.diag([1, -1, -1]))
+    assert page.summary[-1] == f"Floor from resting feet: {floor}."
+    assert not any("level" in line for line in page.summary)
+    unsure = floor._replace(height_sd=0.6)
+    monkeypatch.setattr("shapefit.pipelines.view.scene.find_floors", lambda *_: {"v": unsure})
+    page = make_page(config).scene
+    assert page.stands[0].floor is None
+    assert "Assumed: a level camera" in page.summary[1]
 
 
 def mesh_vertices(scene, frame, layer):
