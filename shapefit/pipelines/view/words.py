@@ -50,7 +50,7 @@ def summary(
                 if end - start > SHARE_NAMED * longest
             ]
         said = [_quality(name, rows, each, layer, part) for name, rows in named]
-        yield "; ".join(said)[:1].upper() + "; ".join(said)[1:] + "."
+        yield "; ".join(said) + "."
     assumed = dict.fromkeys(line for each in results for line in _assumed(each, level=not upright))
     if assumed:
         yield f"Assumed: {'; '.join(assumed)}."
@@ -80,7 +80,8 @@ def _quality(name: str, rows: slice, gathered: Gathered, layer: Layer, part: str
         said = [f"no error bars and no verdict{f': method {method} gives none' if method else ''}"]
     if "error against the truth" in medians:
         said.append(f"against the truth {medians['error against the truth']}")
-    return (f"{name}: " if name else "") + ", ".join(said)
+    text = ", ".join(said)
+    return f"{name}: {text}" if name else text[0].upper() + text[1:]
 
 
 def _number(values: Floats) -> str:

@@ -66,13 +66,11 @@ const strip = (() => {
       write(String(Number(top.toPrecision(2))), LEFT - 6, base - tall + 9, "right");
       if (tall > 27) write("0", LEFT - 6, base - 5, "right");
     });
-    const unit = rate ? 1 / rate : 1;
     const length = rows[0].bars.length;
-    const step = Math.max(look.niceStep((80 / wide) * length * unit), rate ? 0 : 1);
-    for (let at = 0; at < length * unit; at += step) {
-      const x = LEFT + (wide * (at / unit + 0.5)) / length;
-      const words = rate ? `${Number(at.toPrecision(6))} s` : `${at ? at : 1}`;
-      if (x < width - 20) write(words, x, height - 7, "center");
+    const step = Math.max(look.niceStep((80 / wide) * length / (rate || 1)), rate ? 0 : 1);
+    for (let at = 0; at <= length / (rate || 1); at += step) { // seconds from 0, or frames from 1
+      const x = LEFT + (wide * (Math.max(0, rate ? at * rate : at - 1) + 0.5)) / length;
+      if (x < width - 20) write(rate ? `${Number(at.toPrecision(6))} s` : String(at || 1), x, height - 7, "center");
     }
   }
 

@@ -278,7 +278,7 @@
     for (const [id, there] of Object.entries(has)) $(id).hidden = !there;
     if (!data.sides_named) [$("left-name").textContent, $("right-name").textContent] = ["one side", "the other"];
     $("doubtful").disabled = !results.some((layer) => layer.doubts?.words.some(Boolean));
-    $("rate").textContent = data.count > 1 ? `${Number(data.frame_rate.toPrecision(4))} frames/s${data.rate_known ? "" : " (not stated in the files)"}` : "";
+    $("rate").textContent = data.count > 1 ? `${Number(data.frame_rate.toPrecision(4))} frames/s${data.rate_known ? "" : " assumed"}` : "";
   }
 
   /** The list: frames of a sequence without its name, which stands above them. */

@@ -169,7 +169,7 @@ def test_shapes_stand_in_metres_where_the_camera_has_them(desk):
     assert not beside.perspective
     np.testing.assert_allclose(beside.fitted, shapes[:, :2])
     errors, _, assumed = page.summary
-    assert errors == "Deep: landmark errors about 35 cm."
+    assert errors == "deep: landmark errors about 35 cm."
     assert "images of 1280 x 720 px and a focal length of 1400 px" in assumed
 
 
@@ -197,7 +197,7 @@ def test_each_individual_has_words_of_its_own(desk):
         )
     ).scene
     assert page.recordings == [[0, 1, 2]]
-    assert page.summary[0] == "A: 100% of 20 frames trusted; b: 0% of 20 frames trusted."
+    assert page.summary[0] == "a: 100% of 20 frames trusted; b: 0% of 20 frames trusted."
 
 
 def test_a_shape_that_may_be_mirrored_and_a_method_without_bars_are_said(desk):
