@@ -107,6 +107,7 @@ test("the next doubtful frame is sought over all individuals and recordings, goi
   assert.equal(next(0, 3), 3);
   assert.equal(next(2, 3), 3); // going round: this moment again, last of all
   assert.equal(next(0, 5, 4), 4);
+  assert.equal(next(3, 3, 4), 4); // and not this one again
   assert.equal(next(4, 5), 5);
   assert.equal(next(4, 1), 1);
   assert.equal(next(0), null);
