@@ -199,7 +199,7 @@ def _measures(gathered: Gathered, seen: Floats | None, truth: Truth | None) -> I
         limit = posterior.get("implausible") if isinstance(posterior, dict) else None
         limit = limit if isinstance(limit, float) else None
         yield Measure("plausibility", found["plausibility"], bad="low", limit=limit)
-    if seen is not None:
+    if seen is not None and ("landmarks_fitted" in found or not has_camera(gathered)):
         flat = found.get("landmarks_fitted", gathered.points[:, :2])
         yield in_length("misfit in the image", metrics.reprojection(flat, seen), 1.0, unit)
 

@@ -22,6 +22,7 @@ from shapefit.io.layout import INPUT_NAMES, METRES_PER_UNIT
 from shapefit.io.listing import AnyRecords, Listing, read_rows
 from shapefit.io.options import input_options
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+from shapefit.io.skeletons import people_joints
 from shapefit.io.source import open_results
 from shapefit.lifting.verdict import DOUBT
 from shapefit.pipelines.evaluate.judge import common_landmarks, with_shapes_of
@@ -109,10 +110,23 @@ def gather(
         owner[at] = number
         records = read_rows(listing, OF_RESULTS, rows)
         if isinstance(records, ResultSet) and records.landmark_names != listing.landmark_names:
-            records = with_shapes_of(records, listing.landmark_names).without(["edges"])
+            records = _of_the_input(records, listing.landmark_names)
         columns = np.array([column[each] for each in listing.landmark_names], dtype=np.intp)
         _take(gathered, records, at, columns, match)
     return gathered
+
+
+def _of_the_input(records: ResultSet, names: Sequence[str]) -> ResultSet:
+    """Return a result of joints with the landmarks of its input, observed where they are joints."""
+    shown = with_shapes_of(records, names).without(["edges"])
+    seen = records.columns.get("landmarks")
+    if seen is None:
+        return shown
+    column = {joint: number for number, joint in enumerate(records.landmark_names)}
+    joints = people_joints(names)
+    own = [column.get(joints.get(name, name), -1) for name in names]
+    known = np.where(np.array(own)[:, None] >= 0, seen[:, own], np.nan)
+    return shown.with_columns({"landmarks": known})
 
 
 def _take(

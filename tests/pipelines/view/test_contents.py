@@ -10,7 +10,7 @@ from shapefit.config import ViewConfig
 from shapefit.evaluation import metrics
 from shapefit.geometry.floor import Floor
 from shapefit.geometry.rotations import rotation_about
-from shapefit.io import read_results, read_shapes, write_dictionary
+from shapefit.io import ShapeSet, read_results, read_shapes, write_dictionary, write_shapes
 from shapefit.pipelines.view.layers import in_length
 from shapefit.pipelines.view.run import make_page
 from shapefit.viewer.scene import block_of_points
@@ -381,3 +381,24 @@ def test_a_truth_of_the_detectors_landmarks_is_compared_as_eval_does(desk):
     (error,) = (one["values"] for one in measures if one["name"] == "error against the truth")
     expected = metrics.similarity(own, read_shapes([truth]).shapes)
     np.testing.assert_allclose(decoded(error), expected, rtol=0.004)
+
+
+def test_what_was_seen_of_joints_is_seen_of_the_landmarks_that_stand_for_them(desk):
+    """Where the landmarks of the detector are shown, for the truth has their names."""
+    seen = desk.shapes(6)[:, :2].swapaxes(1, 2)
+    names = ["RKnee", "Nose", "LHip", "RHip"]
+    columns = {
+        "landmarks": seen,
+        "input_shapes": desk.shapes(6, 4).swapaxes(1, 2),
+        "input_landmark_names": np.array(names, dtype=object),
+    }
+    result = desk.result(
+        landmark_names=("pelvis", "rhip", "rknee", "lhip", "lknee"), extras=columns
+    )
+    truth = desk.folder / "of_names.h5"
+    write_shapes(truth, ShapeSet(desk.shapes(6, 4), tuple(names), tuple(f"i{i}" for i in range(6))))
+    page = make_page(ViewConfig(files={"r": (result,)}, truth=(truth,))).scene
+    assert page.landmarks == tuple(names)
+    expected = seen[:, [2, 0, 3, 1]].swapaxes(1, 2)
+    expected[:, :, 1] = np.nan
+    np.testing.assert_allclose(page.seen, expected)
