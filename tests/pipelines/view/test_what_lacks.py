@@ -48,9 +48,9 @@ def test_a_page_says_what_it_lacks(desk):
     assert (made.data["flat"], made.notes) == (False, "")
 
 
-def test_a_truth_of_other_landmarks_is_not_called_aligned(desk):
+def test_shapes_of_other_landmarks_are_not_called_aligned(desk):
     truth = desk.truth(landmark_names=["a", "b", "x", "y", "z"])
-    made = desk.view(desk.result(), truth=(truth,))
+    made = desk.view(desk.result(), truth)
     assert (
         "Not shown, for result has fewer than 3 landmarks of the same names: truth." in made.notes
     )
