@@ -268,11 +268,10 @@ def find_farthest(seen: Observations, model: Model) -> float:
 
     Lengths that no bone shows and nobody measured fit what the images have wrong alike.
     """
-    measured = model.known is not None and model.known.measured
-    if measured or not len(model.bones):
+    if model.known is not None and model.known.measured:
         return CONSTANTS.farthest
-    turn = find_turn(seen, model)
-    return min(max(turn, CONSTANTS.farthest_still), CONSTANTS.farthest)
+    still = len(model.bones) > 0 and find_turn(seen, model) < CONSTANTS.least_turn
+    return CONSTANTS.farthest_still if still else CONSTANTS.farthest
 
 
 def find_turn(seen: Observations, model: Model) -> float:

@@ -53,10 +53,10 @@ class Constants:
                     the prior is too sure, and the sequence is only steadied. Below 0.5 on clips of
                     subject 86, whatever the noise; on footage of three other bodies, seen to the
                     hips by a near camera, it saves 13% of the error
-    farthest_still  the same where bones hardly turn and no length was measured; where they turn by
-                    more, see `find_turn`, it is as much as they do. Of footage of six bodies other
-                    than 86, 13 and 14 that turn by less than .3, clips below it end with .89 of the
-                    error of their images, clips between it and `farthest` with .99
+    farthest_still  the same where bones hardly turn and no length was measured. Of footage of six
+                    bodies other than 86, 13 and 14, clips below it end with .89 of the error of
+                    their images, clips between it and `farthest` with .99
+    least_turn      how much bones turn, see `find_turn`, that are said to: in their lengths
     shared          r, the share of the deviations of single images that neighbouring frames have in
                     common: in error bars, and in what images say of lengths. Chosen on footage
                     (benchmarks/footage.py) of bodies other than 86, 13 and 14
@@ -71,6 +71,7 @@ class Constants:
     least_noise: float = 0.003
     farthest: float = 0.6
     farthest_still: float = 0.3
+    least_turn: float = 0.3
     shared: float = 0.5
 
 
