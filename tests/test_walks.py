@@ -142,7 +142,7 @@ def test_an_engineer_resumes_and_reads_codes_and_json(folder):
 @pytest.mark.slow
 @pytest.mark.real_data
 def test_a_folder_of_a_real_camera_is_a_motion_after_two_commands(real_data, tmp_path):
-    """100 frames of OpenPose with a bystander; five seconds, of which half is starting Python."""
+    """100 frames of OpenPose with a bystander; five seconds, and some for a busy machine."""
     camera = real_data / "detected/pose2sim_balancing/openpose_json/cam01_json"
     command = [str(Path(sys.executable).with_name("shapefit"))]
     lines = (
@@ -152,7 +152,7 @@ def test_a_folder_of_a_real_camera_is_a_motion_after_two_commands(real_data, tmp
     before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
     for line in lines:
         subprocess.run([*command, *line.split()], check=True, capture_output=True, cwd=tmp_path)
-    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before < 10
+    assert resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before < 7
     angles = rows_of(tmp_path / "man_person_1_angles.csv")
     assert len(angles) == 100
     assert (tmp_path / "man.html").stat().st_size > 10_000
