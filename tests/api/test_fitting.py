@@ -101,6 +101,7 @@ def test_an_image_without_landmarks_fails_and_the_others_do_not(people, views):
     points = images.landmarks.copy()
     points[3] = np.nan
     found = shapefit.fit(images.replaced(landmarks=points), atoms)
+    assert found.attributes["method"] == "sequences"  # the dictionary has a prior
     assert found.failures == {images.items[3]: "all landmarks are hidden"}
     failed = np.isnan(found.shapes).all(axis=(1, 2))
     assert failed.tolist() == [image == 3 for image in range(150)]
