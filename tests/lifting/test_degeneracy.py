@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from shapefit.geometry.normalisation import normalise
-from shapefit.lifting.degeneracy import find_degenerate, normalise_seen
+from shapefit.lifting.degeneracy import FLAT, find_degenerate, normalise_seen
 
 TRIANGLE = np.array([[0.0, 1.0, 0.0, 0.3], [0.0, 0.0, 1.0, 0.2]])
 
@@ -23,6 +23,16 @@ def test_a_degenerate_image_is_found_with_its_reason(landmarks, weights, reason)
         np.array([TRIANGLE, landmarks], dtype=float), np.array([np.ones(4), weights], dtype=float)
     )
     assert found == {1: reason}
+
+
+def test_how_thin_a_line_is_counts_beside_its_length():
+    x = np.linspace(-1, 1, 20)
+    across = (-1.0) ** np.arange(20)
+    across -= x * (x @ across) / (x @ x)
+    wide, long = np.linalg.norm(across), np.linalg.norm(x)
+    thin = [np.stack([x, share * FLAT * long / wide * across]) for share in (0.7, 1.4)]
+    found = find_degenerate(np.array(thin), np.ones((2, 20)))
+    assert found == {0: "all visible landmarks lie on one line"}
 
 
 @pytest.mark.parametrize("scale", [1e-12, 1.0, 1e12])

@@ -5,6 +5,7 @@ import pytest
 
 from shapefit.geometry.rotations import nearest_rotation, rotation_about
 from shapefit.verification.checks import Checks
+from shapefit.verification.fit import seen_in
 from shapefit.verification.program import Transforms, check_nearest, nuclear_norms
 
 N = 40
@@ -68,3 +69,12 @@ def test_the_worst_of_an_image_counts_and_nan_misses():
     none = Checks(np.zeros(0, dtype=bool), {})
     none.add("c", np.zeros((0, 3)), 1.0)
     assert none.missed().tolist() == []
+
+
+def test_what_has_no_place_or_no_confidence_is_not_seen():
+    landmarks = np.zeros((1, 2, 4))
+    landmarks[0, 1, 1] = np.nan
+    confidence = np.array([[1.0, 1.0, 0.0, 0.5]])
+    assert seen_in({"landmarks": landmarks}).tolist() == [[True, False, True, True]]
+    both = {"landmarks": landmarks, "confidence": confidence}
+    assert seen_in(both).tolist() == [[True, False, False, True]]
