@@ -36,12 +36,16 @@ from benchmarks.judged import CONFIGS, DATA, read_bodies, run, write_page
 from shapefit.config import EvalConfig
 from shapefit.evaluation.calibration import QUANTILE
 from shapefit.evaluation.report import markdown_table
+from shapefit.geometry.procrustes import rotation_onto
 from shapefit.geometry.rotations import rotation_about_axis
 from shapefit.io import write_shapes
 from shapefit.io.atomic import atomic_path
+from shapefit.io.options import AS_KNOWN
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.io.skeletons import PARTS, PEOPLE, SKELETONS, THETA, part_names
+from shapefit.io.written.motion import find_floors
 from shapefit.pipelines.evaluate.judge import Truth, judge
+from shapefit.pipelines.items import Keys
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -51,6 +55,9 @@ METHODS = ("convex", "posterior", "sequences")
 FILES = ("subject13", "subject14", "other_subjects")
 SCORED = ("13", "14")
 CHOSEN_ON = ("01", "02", "03", "10", "64", "118", "124")
+ON_A_FLOOR = ("01", "02", "10", "64", "118", "124")
+"""Bodies on an even floor at y = 0; 13 and 14 are without their way, and 03 walks uneven ground."""
+
 SECONDS = (1.7, 10.0)
 TILT = np.radians(12.0)
 SIZE = (1920, 1080)
@@ -290,7 +297,8 @@ def measure(
     body = (shapes.sequences or ("",))[0].split("_")[0]
     rng = np.random.default_rng([int(body), count])
     images, truth = film(shapes, choose_clips(shapes, count, longest, rng), rng, cell)
-    known, names = Truth(truth, truth.items, truth.take), np.array(truth.sequences)
+    known = Truth(truth, Keys(truth.items), truth.take)
+    names = np.array(truth.sequences)
     row: dict[str, Any] = {"cell": cell.name, "body": body, "ratio": np.nan}
     for method in METHODS:
         config = CONFIGS / f"detected/fit-{method}.yaml"
@@ -309,6 +317,54 @@ def measure(
     for what, which in (("error trusted", trusted), ("distrusted", ~trusted)):
         row[what] = error[which].mean() if which.sum() >= 10 else np.nan
     return row
+
+
+def measure_floor(
+    cell: Cell, shapes: ShapeSet, dictionary: shapefit.Dictionary, count: int, longest: float
+) -> tuple[Floats, Floats]:
+    """Film clips of a body that moves on y = 0; find the floor of each.
+
+    Returns the errors (count, 3) of the height of the camera in metres, its pitch and its roll in
+    degrees, and their deviations; nan where no floor is found.
+    """
+    body = (shapes.sequences or ("",))[0].split("_")[0]
+    rng = np.random.default_rng([int(body), count])
+    clips = choose_clips(shapes, count, longest, rng)
+    images, truth = film(shapes, clips, rng, cell)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        fit = shapefit.fit(shapefit.Landmarks.of(images), dictionary, config="sequences")
+    found = find_floors(fit._inside, AS_KNOWN, body)
+    errors, deviations = np.full((2, len(clips), 3), np.nan)
+    names = np.array(truth.sequences)
+    for number, clip in enumerate(clips):
+        floor = found.get(f"clip{number}")
+        if floor is None:
+            continue
+        world, seen = (
+            np.hstack([*one])
+            for one in (shapes.shapes[clip], truth.shapes[names == f"clip{number}"])
+        )
+        middles = world.mean(axis=1), seen.mean(axis=1)
+        R = rotation_onto(world - middles[0][:, None], seen - middles[1][:, None])
+        height = (middles[0] - R.T @ middles[1])[1]
+        up = R[:, 1] * [1, -1, -1]
+        pitch, roll = np.degrees(np.arctan([up[2] / up[1], up[0] / up[1]]))
+        errors[number] = floor.height - height, floor.pitch - pitch, floor.roll - roll
+        deviations[number] = floor.height_sd, floor.pitch_sd, floor.roll_sd
+    return errors, deviations
+
+
+def say_floor(errors: Floats, deviations: Floats) -> str:
+    """Return means and medians of absolute errors, and what 90% intervals hold, in a line."""
+    known = np.asarray(np.isfinite(errors).all(axis=1))
+    away, z = np.abs(errors[known]), np.abs(errors / deviations)[known]
+    each = zip(("height", "pitch", "roll"), away.T, z.T, strict=True)
+    said = (
+        f"{name} {np.mean(a):.2f} (median {np.median(a):.2f}, 90% holds {(b < 1.645).mean():.2f})"
+        for name, a, b in each
+    )
+    return f"{known.sum()} of {len(known)} clips: {', '.join(said)}"
 
 
 def learn(body: str, data: Path) -> shapefit.Dictionary:
@@ -345,8 +401,18 @@ def main() -> None:
     parser.add_argument("--cells", nargs="*", help="names of cells; all by default")
     parser.add_argument("--clips", type=int, default=6, help="of bodies 13 and 14; half of others")
     parser.add_argument("--longest", type=float, default=5.0, help="seconds of a clip")
+    parser.add_argument("--floor", action="store_true", help="height and tilt of the camera alone")
     given = parser.parse_args()
     FOLDER.mkdir(parents=True, exist_ok=True)
+    if given.floor:
+        for cell in (BASE, replace(BASE, name="focal length right", focal=(1.1, 1.1))):
+            parts = []
+            for body, shapes in read_bodies(given.data, FILES[2:], ON_A_FLOOR).items():
+                known = learn(body, given.data)
+                parts.append(measure_floor(cell, shapes, known, given.clips, given.longest))
+                print(body, cell.name, say_floor(*parts[-1]), flush=True)
+            print("all", cell.name, say_floor(*map(np.concatenate, zip(*parts, strict=True))))
+        return
     rows = []
     for body, shapes in read_bodies(given.data, FILES, given.bodies).items():
         dictionary = learn(body, given.data)

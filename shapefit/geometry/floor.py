@@ -45,7 +45,7 @@ by at most so many m/s, is at most so many metres above the other, and does so f
 ALONG = 1 / 3
 """What motion along the line of sight counts for, which one camera hardly sees."""
 
-LEVEL, SWAY, LEAN = (np.tan(np.radians(degrees)) for degrees in (15.0, 6.0, 2.0))
+LEVEL, SWAY, LEAN = (np.tan(np.radians(degrees)) for degrees in (15.0, 5.0, 2.0))
 """Deviations of tilt: of cameras, which people hold or put up about level; of a body from moment to
 moment; of what is the same in all moments. Chosen, as the others, on seven filmed bodies."""
 
