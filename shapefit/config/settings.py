@@ -52,6 +52,9 @@ SHORT: Mapping[str, str] = {
 }
 """Keys of sections that may be given beside these, in short."""
 
+ALIKE = 0.65
+"""Share of letters in common from which on a name is taken for a misspelt one."""
+
 PRESET, FILE, OPTION = range(3)
 """Who set a value: an installed config, a file, the command line."""
 
@@ -373,21 +376,26 @@ def _field_at(
 
 
 def _known(model: type[BaseModel], owner: type[BaseModel], location: Location) -> str:
-    """Return the end of a message on an unknown key: the nearest key, or all that are known."""
-    key = str(location[-1])
+    """Return the end of a message on an unknown key: the nearest key, or all that are known.
+
+    Keys of all sections count, those that may be given in short as such.
+    """
+    key, own = str(location[-1]), field_keys(owner)
     gone = GONE.get(getattr(model, "COMMAND", ""), {}).get(".".join(map(str, location)))
     if gone is not None:
         return f"; it is gone: {gone}"
-    elsewhere = [known for known in dotted_keys(model) if known.split(".")[-1] == key]
-    nearest = _did_you_mean(key, field_keys(owner)) or _did_you_mean(key, elsewhere, 0)
-    return nearest or f"; the keys here are {', '.join(field_keys(owner))}"
+    ways = {way.rpartition(".")[2]: way for way in reversed([*dotted_keys(model)])}
+    ways |= {short: short for short in SHORT if short in ways} | {name: name for name in own}
+    return _did_you_mean(key, ways) or f"; the keys here are {', '.join(own)}"
 
 
-def _did_you_mean(text: str, choices: Iterable[str], cutoff: float = 0.6) -> str:
+def _did_you_mean(text: str, choices: Iterable[str] | Mapping[str, str]) -> str:
+    """Say which choice is like a text; a mapping says how each is written."""
     from difflib import get_close_matches
 
-    nearest = get_close_matches(text, list(choices), n=1, cutoff=cutoff)
-    return f"; did you mean {nearest[0]!r}?" if nearest else ""
+    written = choices if isinstance(choices, Mapping) else {choice: choice for choice in choices}
+    nearest = get_close_matches(text, written, n=1, cutoff=ALIKE)
+    return f"; did you mean {written[nearest[0]]!r}?" if nearest else ""
 
 
 def _found(value: Any) -> str:

@@ -18,7 +18,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from shapefit.errors import input_error, listed
+from shapefit.errors import abbreviate, input_error, listed
 from shapefit.io.head import (
     Head,
     anipose_landmarks,
@@ -432,7 +432,10 @@ def _detect_folder(head: Head) -> FileFormat:
             return known
     path = head.path
     looked = f", and holds none of these: {listed(known.title for known in folders)}"
-    raise input_error(path, f"it is a folder{looked}", f"name the files in it, e.g. '{path}/*.h5'")
+    inner = sorted(str(each) for each in path.iterdir() if each.is_dir())
+    fix = f"name the files in it, e.g. '{path}/*.h5'"
+    fix = f"name the folders in it: {abbreviate(inner, 3)}" if inner else fix
+    raise input_error(path, f"it is a folder{looked}", fix)
 
 
 def _likely_first(path: Path) -> Iterator[FileFormat]:

@@ -430,7 +430,8 @@ def adapt_to_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Learn
     )
     if not gain.mean() > deviation + LEAST_GAIN:
         fix = "take the start as it is, or give more images"
-        raise input_error(place, f"the start is as good without them: {said}", fix)
+        why = "the log density of hidden landmarks, which decides, is no better than by the start"
+        raise input_error(place, f"{why}: {said}", fix)
     whole = yield from adapted(np.ones(len(some), bool))
     yield Outcome(line=f"{counted(len(some), 'image')}: adapted; {said}")
     provenance = {

@@ -25,6 +25,7 @@ from concurrent.futures import (
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -292,15 +293,19 @@ def wants_cluster(config: FitConfig) -> bool:
     return bool(named) and config.workers is None
 
 
+def check_cluster(config: FitConfig) -> None:
+    """Raise InputError where a cluster is asked for and Dask is not installed."""
+    if wants_cluster(config) and find_spec("distributed") is None:
+        found = "a cluster needs dask distributed, which is not installed"
+        fix = "run `pip install distributed`, or leave out --scheduler; --workers does without"
+        raise input_error("fit", found, fix)
+
+
 @contextmanager
 def connected(config: FitConfig) -> Iterator[Any]:
     """Give a client of the cluster that the config names."""
-    try:
-        import distributed
-    except ImportError:
-        found = "a cluster needs dask distributed, which is not installed"
-        fix = "run `pip install distributed`, or leave out --scheduler; --workers does without"
-        raise input_error("fit", found, fix) from None
+    import distributed
+
     for name in ("distributed", "distributed.client", "tornado.application", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     address, file = config.scheduler or os.environ.get(ADDRESS, ""), config.scheduler_file

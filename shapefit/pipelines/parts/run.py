@@ -25,7 +25,13 @@ from shapefit.io.names import Equal, find_equal_names
 from shapefit.io.source import open_results
 from shapefit.pipelines.fit.prepare import Estimates, first_images, prepare
 from shapefit.pipelines.outcome import Counted, Failure, Outcome, reading
-from shapefit.pipelines.parts.executors import Job, do_jobs, executor_of, wants_cluster
+from shapefit.pipelines.parts.executors import (
+    Job,
+    check_cluster,
+    do_jobs,
+    executor_of,
+    wants_cluster,
+)
 from shapefit.pipelines.parts.manifest import (
     Entry,
     Manifest,
@@ -122,6 +128,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
 def check_parts(config: FitConfig) -> None:
     """Raise InputError for what cannot be done part by part."""
     assert isinstance(config.output, ResultFolder)
+    check_cluster(config)
     if any(map(is_stream, config.landmarks)):
         found = "standard input cannot be divided into parts"
         raise input_error("landmarks", found, "save it to a file and name that")
