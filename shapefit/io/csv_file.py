@@ -277,8 +277,9 @@ def index_items(path: Path, each: int) -> Index | None:
     starts, lines, hashes = list[Integers](), list[Integers](), list[int]()
     landmarks: dict[bytes, None] = {}
     with path.open("rb") as file:
-        header = file.readline(BLOCK_BYTES).removeprefix(BYTE_ORDER_MARK).strip().split(b",")
-        if not {b"item", b"landmark"} <= set(header[:-1]):
+        first = file.readline(BLOCK_BYTES).removeprefix(BYTE_ORDER_MARK)
+        header = first.rstrip().split(b",")
+        if not (first.endswith(b"\n") and {b"item", b"landmark"} <= set(header[:-1])):
             return None
         own = [header.index(name) for name in (b"item", b"landmark")]
         start, line, last = file.tell(), 2, b""

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from difflib import get_close_matches
 from itertools import chain, pairwise
-from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,9 +85,6 @@ def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:10]) + (", ..." if len(names) > 10 else "")
 
 
-MOST_NAMED = 3
-"""Names that are given as examples."""
-
 Blocks = Callable[[], Iterable[Sequence[str]]]
 """Reads the names of a list anew, block by block."""
 
@@ -115,8 +111,16 @@ def repetitions(lists: Sequence[Blocks]) -> Iterator[tuple[str, list[tuple[int, 
     return ((name, found) for name, found in places.items() if len(found) > 1)
 
 
-def check_items(files: Sequence[tuple[Blocks, Callable[[int], str]]]) -> tuple[str, int] | None:
-    """Return an item that occurs in two files, and how many do; None for none.
+class Shared(NamedTuple):
+    """How many items are in two files or more, and one of them with the places of two files."""
+
+    number: int
+    item: str
+    files: tuple[int, int]
+
+
+def check_items(files: Sequence[tuple[Blocks, Callable[[int], str]]]) -> Shared | None:
+    """Return what items of files have in common; None for nothing.
 
     Each file comes with what reads its items, and what names a row of it. Raises InputError for
     items without a name, and for those that occur twice in a file.
@@ -147,27 +151,4 @@ def check_items(files: Sequence[tuple[Blocks, Callable[[int], str]]]) -> tuple[s
         return f"{one}: item '{item}' is also at {other}; give every item a unique name"
 
     raise_at(range(len(again)), told)
-    return (met[0][0], len(met)) if met else None
-
-
-@dataclass(frozen=True)
-class Equal:
-    """How many names are in more than one list, and the first of them with two of their lists."""
-
-    count: int
-    examples: tuple[tuple[str, Path, Path], ...]
-
-    def __str__(self) -> str:
-        named = ", ".join(f"'{item}' in {a.name} and {b.name}" for item, a, b in self.examples)
-        more = self.count - len(self.examples)
-        return named + (f" and {more} more" if more else "")
-
-
-def find_equal_names(lists: Mapping[Path, Blocks]) -> Equal:
-    """Return the names that are in two or more of these lists, each of which a file holds."""
-    files, found = list(lists), []
-    for name, places in repetitions(list(lists.values())):
-        numbers = list(dict.fromkeys(number for number, _ in places))
-        if len(numbers) > 1:
-            found.append((name, files[numbers[0]], files[numbers[1]]))
-    return Equal(len(found), tuple(sorted(found)[:MOST_NAMED]))
+    return Shared(len(met), met[0][0], (met[0][1][0][0], met[0][1][1][0])) if met else None

@@ -348,10 +348,10 @@ def _told_apart(files: Sequence[SourceFile[Any]]) -> Sequence[SourceFile[Any]]:
     depths = range(1, max(map(len, paths)) + 1)
     depth = next((d for d in depths if len({own[-d:] for own in paths}) == len(paths)), None)
     if depth is None:
-        found = f"the item '{again[0]}' is in two files of this name"
+        found = f"the item '{again.item}' is in two files of this name"
         raise input_error(files[0].name, found, "give each file once, under a name of its own")
     names = ["/".join(own[-depth:]) for own in paths]
-    example = f"'{again[0]}'" + (f" and {again[1] - 1} more" if again[1] > 1 else "")
+    example = f"'{again.item}'" + (f" and {again.number - 1} more" if again.number > 1 else "")
     note = f"{example} in more than one file: items begin with the file, '{names[0]}/...'"
     named = [file.called(name) for file, name in zip(files, names, strict=True)]
     return [replace(named[0], notes=(*named[0].notes, note)), *named[1:]]

@@ -10,7 +10,7 @@ import hashlib
 import json
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import asdict, replace
 from functools import partial
@@ -18,10 +18,10 @@ from pathlib import Path
 
 from shapefit.config import FitConfig
 from shapefit.config.paths import FAILED, OLD_MANIFEST, ResultFolder
-from shapefit.errors import abbreviate, counted, input_error, printable
+from shapefit.errors import abbreviate, counted, input_error, listed, printable
 from shapefit.io import digest, read_dictionary
 from shapefit.io.inputs import is_stream
-from shapefit.io.names import Equal, find_equal_names
+from shapefit.io.names import check_items
 from shapefit.io.source import open_results
 from shapefit.pipelines.fit.prepare import Estimates, first_images, prepare
 from shapefit.pipelines.outcome import Counted, Failure, Outcome, reading
@@ -115,11 +115,10 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         of_earlier = {*fnmatch.filter(files_in(folder.path), "part-*.h5"), OLD_MANIFEST}
         for name in of_earlier - {part.file for part in parts}:
             remove(folder.path / name)
-        equal = equal_items(folder.path, manifest.done) if images else Equal(0, ())
-        text = "in more than one part: `eval` cannot tell them apart; give each its own folder"
+        equal = equal_items(folder.path, sorted(manifest.done)) if images else ()
         yield Outcome(
             failures=tuple(lost),
-            warnings=(Counted(equal.count, "item", text, worst=str(equal)),) if equal.count else (),
+            warnings=equal,
             note=f"{len(manifest.done)} of {counted(len(parts), 'part')} done",
             written=(manifest.path,),
         )
@@ -185,14 +184,19 @@ def _lost(part: Part, error: str) -> Failure:
     return Failure(part.file, error if named else f"{_words(part)}: {error}")
 
 
-def equal_items(folder: Path, files: Iterable[str]) -> Equal:
-    """Return the items that are in two or more parts."""
+def equal_items(folder: Path, files: Sequence[str]) -> tuple[Counted, ...]:
+    """Return a warning about items that are in two or more parts, if there are any."""
 
     def names_in(file: str) -> Iterator[Sequence[str]]:
         with open_results([folder / file], check=False) as source:
             yield from source.names()
 
-    return find_equal_names({folder / file: partial(names_in, file) for file in sorted(files)})
+    again = check_items([(partial(names_in, file), str) for file in files])
+    if again is None:
+        return ()
+    text = "in more than one part: `eval` cannot tell them apart; give each its own folder"
+    example = f"'{again.item}' in {listed((files[n] for n in again.files), 'and')}"
+    return (Counted(again.number, "item", text, worst=example),)
 
 
 def in_time(seconds: float) -> str:
