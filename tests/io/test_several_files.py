@@ -6,6 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from shapefit.io import LandmarkSet, open_landmarks, open_shapes, read_shapes, write_shapes
+from shapefit.io.source import open_results
 from tests.io.files import save
 
 ORDER = [2, 0, 3, 1]
@@ -216,3 +217,31 @@ def test_landmarks_that_do_not_go_together(tmp_path, landmarks, problems):
         assert problems(open_landmarks, [one, two]) == (
             f"{two}: {found}; use files that agree, or process them separately",
         )
+
+
+# Results
+
+
+def test_results_that_do_not_go_together(tmp_path, results, problems):
+    one, two = tmp_path / "a.h5", tmp_path / "b.h5"
+    save(one, results.take([0]))
+    part = results.take([1])
+    for other, found in (
+        (
+            part.replaced(landmark_names=tuple("abcd")),
+            "its landmarks are not those of {}",
+        ),
+        (part.replaced(rotation=None), "has no dataset rotation, unlike {}; give it to all"),
+        (
+            part.replaced(coefficients=part.coefficients[:, :3], transforms=None),
+            "has no dataset transforms, unlike {}; give it to all",
+        ),
+        (part.replaced(mesh_vertices=np.zeros((1, 3, 2))), "its dataset mesh_vertices is not"),
+    ):
+        save(two, other)
+        (line,) = problems(open_results, [one, two])
+        assert line.startswith(f"{two}: {found.format(one)}")
+        assert line.endswith("process them separately")
+    save(two, part)
+    with open_results([one, two]) as source:
+        np.testing.assert_array_equal(source.whole().shapes, results.shapes[:2])

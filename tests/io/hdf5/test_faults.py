@@ -206,8 +206,8 @@ FAULTS = [
       "atom_item: has the shape (8,); store UTF-8 text (atoms), here (7)"]),
     ("dictionary", {"atom_item": [*"abcde", "", "g"]}, ["atom_item[5]: is empty; name every item"]),
     *((kind, {"item": ["a", "b", "c", "b", "b"]},
-       [f"item[{row}]: item 'b' is also at {{path}}:/item[1]; give every item a unique name"
-        for row in (3, 4)])
+       [f"item[{row}]: item 'b' is also at {{path}}:/item[{other}]; give every item a unique name"
+        for row, other in ((3, 1), (4, 3))])
       for kind in ("shapes", "results")),
 ]  # fmt: skip
 """A reader, datasets of its file changed, and the lines of the error, of which * is any."""
