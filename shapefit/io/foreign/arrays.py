@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.errors import InputError, counted, input_error, listed
+from shapefit.errors import InputError, abbreviate, input_error
 from shapefit.io.checks import warn_of_zeros
 from shapefit.io.foreign.detections import are_series, read_json
 from shapefit.io.foreign.items import are_fractions
-from shapefit.io.foreign.recording import ANYBODY, FRACTION, Recording
+from shapefit.io.foreign.recording import ANYBODY, FRACTION, Recording, at, expect
 from shapefit.io.inputs import check_fits
 from shapefit.io.layout import UNKNOWN_UNIT
 
@@ -92,35 +92,33 @@ def of_array(
     """
     if points.ndim == 2:
         points, scores = points[None], None if scores is None else scores[None]
-    if points.ndim != 3 or points.shape[2] not in (2, 3) or points.dtype.kind not in "biuf":
-        found = f"is an array of {points.dtype} and the shape {points.shape}"
-        raise input_error(path, found, WANTED)
-    points = points.astype(np.float64)
-    points = np.where(np.isfinite(points), points, np.nan)
-    if points.shape[2] == 3:
-        last = points[..., 2]
-        least, most = np.nanmin(last, initial=np.inf), np.nanmax(last, initial=-np.inf)
-        if scores is not None or least < 0 or most > 1:
-            shown = "; ".join(" ".join(f"{value:g}" for value in row) for row in points[0, :2])
+    with at(path, WANTED):
+        numeric = points.dtype.kind in "biuf" and points.ndim == 3 and points.shape[2] in (2, 3)
+        expect(numeric, f"is an array of {points.dtype} and the shape {points.shape}")
+        points = points.astype(np.float64)
+        points = np.where(np.isfinite(points), points, np.nan)
+        if points.shape[2] == 3:
+            last = points[..., 2]
+            least, most = np.nanmin(last, initial=np.inf), np.nanmax(last, initial=-np.inf)
+            rows = points.reshape(-1, 3)[:2]
+            shown = "; ".join(" ".join(f"{value:g}" for value in row) for row in rows)
             found = f"its third numbers run from {least:g} to {most:g}, so are they confidences?"
-            raise input_error(path, found, f"{WANTED} (the first rows are {shown})")
-        points, scores = points[..., :2], last
-    if scores is not None and scores.shape != points.shape[:2]:
-        found = f"has confidences of the shape {scores.shape}, and points {points.shape}"
-        raise input_error(path, found, WANTED)
+            found += f" (the first rows are {shown})"
+            expect(scores is None and not (least < 0 or most > 1), found)
+            points, scores = points[..., :2], last
+        if scores is not None:
+            found = f"has confidences of the shape {scores.shape}, and points {points.shape}"
+            expect(scores.shape == points.shape[:2], found)
+            scores = np.nan_to_num(scores.astype(np.float64))
     points[np.isnan(points).any(axis=2)] = np.nan
-    confidence = None if scores is None else np.nan_to_num(scores.astype(np.float64))
-    return of_bodies(path, points, confidence, **further)
+    return of_bodies(path, points, scores, **further)
 
 
 def _read(path: Path) -> tuple[NDArray[Any], NDArray[Any] | None]:
     """Return the points of a file, and the confidences where they are an array of their own."""
-    if path.suffix.lower() == ".json":
-        try:
-            return np.array(read_json(path), dtype=np.float64), None
-        except (ValueError, TypeError) as error:
-            raise input_error(path, "is no array: lists of different length", WANTED) from error
     try:
+        if path.suffix.lower() == ".json":
+            return np.array(read_json(path), dtype=np.float64), None
         if zipfile.is_zipfile(path):
             return _read_archive(path)
         array = np.load(path, mmap_mode="r", allow_pickle=False)
@@ -130,7 +128,8 @@ def _read(path: Path) -> tuple[NDArray[Any], NDArray[Any] | None]:
         raise
     except Exception as error:  # NumPy has many kinds of error for damaged files
         found = f"cannot be read as an array ({str(error).partition(chr(10))[0][:80]})"
-        raise input_error(path, found, "save it again with numpy.save, without objects") from error
+        fix = f"{WANTED}; save it again with numpy.save, without objects"
+        raise input_error(path, found, fix) from error
 
 
 def _read_archive(path: Path) -> tuple[NDArray[Any], NDArray[Any] | None]:
@@ -141,8 +140,7 @@ def _read_archive(path: Path) -> tuple[NDArray[Any], NDArray[Any] | None]:
     known = [name for name in arrays if name.lower() in POINTS]
     known = known or [name for name, one in arrays.items() if one.ndim == 3]
     if len(known) != 1:
-        names = [f"{name} {one.shape}" for name, one in arrays.items()]
-        held = f"{counted(len(names), 'array')}: {listed(names, 'and')}" if names else "nothing"
+        held = abbreviate([f"{name} {one.shape}" for name, one in arrays.items()]) or "nothing"
         raise input_error(path, f"holds {held}", "call the landmarks `landmarks`")
     scores = next((one for name, one in arrays.items() if name.lower() in SCORES), None)
     return arrays[known[0]], scores

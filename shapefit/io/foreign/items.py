@@ -240,10 +240,8 @@ def select_instances(recording: Recording, options: InputOptions) -> tuple[dict[
         from shapefit.io.foreign.tracking import track_people
 
         individuals = track_people(recording, first_track(people))
-        people = tuple(
-            dict.fromkeys(_name(people, number) for number in np.unique(individuals).tolist())
-        )
-        people = tuple(filter(None, people))
+        tracked = (_name(people, number) for number in np.unique(individuals).tolist())
+        people = tuple(filter(None, dict.fromkeys(tracked)))
     if options.individual is not None and options.individual not in people:
         fix = "its format names none; leave out `individual`, or join people with `track: nearest`"
         fix = f"name one of {abbreviate(people)}" if people else fix
@@ -259,7 +257,8 @@ def select_instances(recording: Recording, options: InputOptions) -> tuple[dict[
     rows = placed.any(axis=1)
     counts[NOBODY] = int((~rows).sum())
     if confidence is not None:
-        confidence = np.where(placed, _weights(confidence), 0.0)
+        weights = np.nan_to_num(confidence, nan=1.0, posinf=1.0, neginf=0.0)
+        confidence = np.where(placed, np.maximum(weights, 0.0), 0.0)
     items, sequences, own = _names_of(recording, individuals, options.individual)
     chosen = take_instances(
         {
@@ -271,17 +270,15 @@ def select_instances(recording: Recording, options: InputOptions) -> tuple[dict[
         },
         rows & own,
     )
-    _check_unique(recording.name, chosen["items"])
+    if twice := [item for item, number in Counter(chosen["items"]).items() if number > 1]:
+        found = f"{abbreviate(twice)} occur{'s' * (len(twice) == 1)} more than once"
+        fix = "give each frame a number of its own, and each individual one place in it"
+        raise input_error(recording.name, found, fix)
     first = {name: number for number, name in enumerate(dict.fromkeys(chosen["sequences"]))}
     order = np.argsort([first[name] for name in chosen["sequences"]], kind="stable")
     lost = tuple(f"{number} {text}" for text, number in counts.items() if number)
     notes = tuple(f"{recording.name}: {note}" for note in (*recording.notes, *lost))
     return take_instances(chosen, order.astype(np.intp)), notes
-
-
-def _weights(confidence: Floats) -> Floats:
-    """Return confidences as weights: 1 where there is none, 0 for those below 0."""
-    return np.maximum(np.nan_to_num(confidence, nan=1.0, posinf=1.0, neginf=0.0), 0.0)
 
 
 def _names_of(
@@ -318,14 +315,6 @@ def _name(people: Sequence[str], number: int) -> str:
 def first_track(people: Sequence[str]) -> int:
     """Return the number that the first individual gets who was joined over frames."""
     return max(1, len(people))
-
-
-def _check_unique(place: str, items: Sequence[str]) -> None:
-    """Raise InputError for an individual that is twice in a frame."""
-    if twice := [item for item, number in Counter(items).items() if number > 1]:
-        found = f"{abbreviate(twice)} occur{'s' * (len(twice) == 1)} more than once"
-        fix = "give each frame a number of its own, and each individual one place in it"
-        raise input_error(place, found, fix)
 
 
 KNOWN_SHARE = 0.9

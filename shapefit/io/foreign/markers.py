@@ -14,7 +14,7 @@ import numpy as np
 
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.geometry.normalisation import as_metres
-from shapefit.io.foreign.recording import Recording, numbered_repeats
+from shapefit.io.foreign.recording import Recording, at, expect, numbered_repeats
 from shapefit.io.foreign.text_table import Table, read_text
 from shapefit.io.head import anipose_landmarks
 from shapefit.io.inputs import check_fits
@@ -237,28 +237,25 @@ def _by_subject(
 def _check_whole(path: Path) -> None:
     """Raise InputError for a file shorter than its own header says, which ezc3d may not survive."""
     size = path.stat().st_size
-    with path.open("rb") as file:
+    with at(path, WHOLE), path.open("rb") as file:
         head = file.read(BLOCK)
         points, analog, first, last = struct.unpack("<HHHH", head[2:10])
         scale, start = struct.unpack("<fH", head[12:18])
         file.seek(BLOCK * (head[0] - 1))
         section = file.read(4)
-    if len(section) < 4:
-        raise input_error(path, "is cut off before its parameters", WHOLE)
-    frames, number_bytes = max(last - first + 1, 0), 4 if scale < 0 else 2
-    needed = BLOCK * max(start - 1, 0) + frames * (4 * points + analog) * number_bytes
-    if section[3] == INTEL and size < needed:
-        raise input_error(path, f"has {size} bytes, and its header announces {needed}", WHOLE)
+        expect(len(section) == 4, "is cut off before its parameters")
+        frames, number_bytes = max(last - first + 1, 0), 4 if scale < 0 else 2
+        needed = BLOCK * max(start - 1, 0) + frames * (4 * points + analog) * number_bytes
+        whole = section[3] != INTEL or size >= needed
+        expect(whole, f"has {size} bytes, and its header announces {needed}")
 
 
 def _read_c3d(path: Path) -> Any:
     try:
-        ezc3d = import_module("ezc3d")
+        return import_module("ezc3d").c3d(os.fspath(path))
     except ImportError as error:
         found = "is a C3D file, which ezc3d reads, and that is not installed"
         raise input_error(path, found, "run `pip install ezc3d`") from error
-    try:
-        return ezc3d.c3d(os.fspath(path))
     except MemoryError:
         raise
     except Exception as error:  # ezc3d has many kinds of error for damaged files
@@ -267,11 +264,8 @@ def _read_c3d(path: Path) -> Any:
 
 def _labels(parameters: Mapping[str, Any], count: int) -> list[str]:
     """Return the labels of all points; LABELS2 and so on continue LABELS beyond 255."""
-    labels = _texts(parameters, "LABELS")
-    more = 2
-    while len(labels) < count and f"LABELS{more}" in parameters:
-        labels += _texts(parameters, f"LABELS{more}")
-        more += 1
+    lists = ("LABELS", *(f"LABELS{number}" for number in range(2, len(parameters))))
+    labels = [label for name in lists for label in _texts(parameters, name)]
     return (labels + [""] * count)[:count]
 
 

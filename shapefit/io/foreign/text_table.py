@@ -76,16 +76,15 @@ class Table:
         lines = np.array([line for line, _ in rows], np.int64)
         values = self._read_plain([row for _, row in rows])
         if values is not None and (empty or not np.isnan(values).any()):
-            return values[:, numbers], [self._firsts(rows, column) for column in texts], lines
-        cells = self._columns(rows)
+            found = [[self._split(row)[column].strip() for _, row in rows] for column in texts]
+            return values[:, numbers], found, lines
+        cells = self._columns([self._split(row) for _, row in rows], lines)
         told: list[tuple[int, str]] = []
         values = np.empty((len(rows), len(numbers)))
         for place, column in enumerate(numbers):
             values[:, place], wrong = self._numbers(cells[column])
-            if finite:
-                wrong |= np.isinf(values[:, place])
-            if not empty:
-                wrong |= np.isnan(values[:, place])
+            wrong |= finite & np.isinf(values[:, place])
+            wrong |= (not empty) & np.isnan(values[:, place])
             for row in np.flatnonzero(wrong)[:10].tolist():
                 cell = printable(cells[column][row].strip()[:40])
                 what = f"{cell!r} is no number (column {printable(self.names[column])})"
@@ -122,8 +121,7 @@ class Table:
         if any(row.count(delimiter) != width - 1 for row in plain):
             return None
         text = ",".join(plain).replace(delimiter, ",")
-        if ",," in text or text.endswith(",") or text.startswith(","):
-            text = f",{text},".replace(",,", ",null,").replace(",,", ",null,")[1:-1]
+        text = f",{text},".replace(",,", ",null,").replace(",,", ",null,")[1:-1]
         try:
             values = orjson.loads(f"[{text}]")
         except orjson.JSONDecodeError:
@@ -132,14 +130,9 @@ class Table:
             return None
         return np.array(values, np.float64).reshape(len(rows), width)
 
-    def _firsts(self, rows: Sequence[tuple[int, str | list[str]]], column: int) -> list[str]:
-        """Return a column of rows that are plain numbers as it stands in the text."""
-        return [self._split(row)[column].strip() for _, row in rows]
-
-    def _columns(self, rows: Sequence[tuple[int, str | list[str]]]) -> list[tuple[str, ...]]:
+    def _columns(self, split: Sequence[list[str]], lines: Integers) -> list[tuple[str, ...]]:
         """Return the cells of rows by column."""
         width = len(self.names)
-        split = [self._split(row) for _, row in rows]
         if self.padded:
             split = [
                 cells if any(map(str.strip, cells[width:])) else (cells + [""] * width)[:width]
@@ -148,7 +141,7 @@ class Table:
         told = [
             f"{self.path}:{line}: has {len(cells)} cells for {width} columns; "
             "write one cell per column"
-            for (line, _), cells in zip(rows, split, strict=True)
+            for line, cells in zip(lines.tolist(), split, strict=True)
             if len(cells) != width
         ]
         if told:
