@@ -5,7 +5,6 @@ from __future__ import annotations
 import pickle
 import pickletools
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -39,43 +38,12 @@ Blocks = list[tuple[Columns, NDArray[Any]]]
 """Names of columns, and their numbers (n, columns)."""
 
 
-@dataclass(frozen=True)
-class Layout:
-    """Where the numbers of a row stand.
+def of_columns(
+    path: Path, place: str, columns: Columns, values: Floats, labels: Sequence[str]
+) -> Recording:
+    """Return the recording of rows (n, columns), each individual an instance.
 
-    individuals and landmarks are names; points (i, p, d) and likelihood (i, p) are columns of a
-    row that has a NaN appended, which is what is missing points at; notes are about columns that
-    are left out.
-    """
-
-    individuals: tuple[str, ...]
-    landmarks: tuple[str, ...]
-    points: NDArray[np.intp]
-    likelihood: NDArray[np.intp] | None
-    notes: tuple[str, ...] = ()
-
-    def recording(self, path: Path, values: Floats, labels: Sequence[str]) -> Recording:
-        """Return the recording of rows (n, columns), each individual an instance."""
-        padded = np.column_stack([values, np.full(len(values), np.nan)])
-        points = padded[:, self.points]
-        confidence = None if self.likelihood is None else padded[:, self.likelihood]
-        if confidence is not None:
-            points[confidence < 0] = np.nan  # what newer versions write for animals not found
-        return Recording.of_frames(
-            path,
-            points,
-            confidence,
-            labels,
-            landmark_names=self.landmarks,
-            individual_names=self.individuals,
-            notes=self.notes,
-            edges=skeleton_edges(path, self.landmarks),
-        )
-
-
-def arrange(place: str, columns: Sequence[tuple[str, ...]]) -> Layout:
-    """Sort columns, named (scorer, [individual,] body part, coordinate), each after `place`.
-
+    Columns are named (scorer, [individual,] body part, coordinate), in the file at `place`.
     Individuals and landmarks stand in order of appearance; a landmark that only some individuals
     have is missing for the others. Columns of other coordinates are left out, with a note. Raises
     InputError for columns that are there twice, and for those of a landmark without the others.
@@ -102,20 +70,23 @@ def arrange(place: str, columns: Sequence[tuple[str, ...]]) -> Layout:
         for who, landmark in {key[:2] for key in number}:
             lost = [axis for axis in wanted if (who, landmark, axis) not in number]
             expect(not lost, f"{landmark} has no column {''.join(lost[:1])}")
-
-    def find(axis: str) -> NDArray[np.intp]:
-        missing = len(columns)
-        return np.array(
-            [[number.get((who, name, axis), missing) for name in landmarks] for who in individuals],
-            dtype=np.intp,
-        )
-
-    return Layout(
-        individuals if depths == {4} else (),
-        landmarks,
-        np.stack([find(axis) for axis in axes], axis=-1),
-        find("likelihood") if "likelihood" in present else None,
-        (f"columns left out: {abbreviate(list(others))}",) if others else (),
+    shape = (len(values), len(individuals), len(landmarks))
+    found = {axis: np.full(shape, np.nan) for axis in present}
+    for (who, landmark, axis), column_in_row in number.items():
+        own = found[axis][:, individuals.index(who)]
+        own[:, landmarks.index(landmark)] = values[:, column_in_row]
+    points, confidence = np.stack([found[axis] for axis in axes], axis=-1), found.get("likelihood")
+    if confidence is not None:
+        points[confidence < 0] = np.nan  # what newer versions write for animals not found
+    return Recording.of_frames(
+        path,
+        points,
+        confidence,
+        labels,
+        landmark_names=landmarks,
+        individual_names=individuals if depths == {4} else (),
+        notes=(f"columns left out: {abbreviate(list(others))}",) if others else (),
+        edges=skeleton_edges(path, landmarks),
     )
 
 
@@ -147,7 +118,6 @@ def read_csv(paths: tuple[Path, ...]) -> Recording:
     named = [column for column in range(1, len(coords)) if coords[column]]
     scorers = [*header.get("scorer", []), *[""] * len(coords)]
     columns = [(scorers[at], *(level[at] for level in levels)) for at in named]
-    layout = arrange(f"{path}:1", columns)
     first = next((row for _, row in rows[len(header) :]), ["0"])
     numbered = not read_numbers(first[:1])[1].any()
     index_named = not numbered and "." not in first[0] and not any(first[1:])
@@ -163,7 +133,7 @@ def read_csv(paths: tuple[Path, ...]) -> Recording:
     else:
         values, parts, _ = table.read(named, range(named[0] if named else 1))
         labels = image_labels(["/".join(filter(None, row)) for row in zip(*parts, strict=True)])
-    return layout.recording(path, values, labels)
+    return of_columns(path, f"{path}:1", columns, values, labels)
 
 
 FILE = "config.yaml"
@@ -246,9 +216,8 @@ def read_hdf5(paths: tuple[Path, ...]) -> Recording:
             raise file.fault(key, f"is a {printable(kind)} of pandas, not a table of frames", FIX)
         blocks, labels = (_read_table if kind == TABLE else _read_fixed)(file, key)
         columns = [column for own, _ in blocks for column in own]
-        layout = arrange(file.place(key), columns)
         values = np.concatenate([_numbers(block, len(own)) for own, block in blocks], axis=1)
-    return layout.recording(path, values, labels)
+    return of_columns(path, file.place(key), columns, values, labels)
 
 
 def _key(file: TrackerFile) -> str:

@@ -15,7 +15,6 @@ from collections import defaultdict
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.io.foreign.recording import ANYBODY, Recording
@@ -119,13 +118,9 @@ def _follow(tracks: _Tracks, seen: _Tracks, weights: Floats, frame: int, followi
     if len(passed):
         passed = np.maximum(passed, 1)
         steps = tracks.motion * np.minimum(passed, STEADY)[:, None]
-        expected = tracks.points.copy()
-        expected[..., :2] += steps[:, None]
-        boxes = tracks.boxes + np.concatenate([steps, steps], axis=1)
-        reach = np.minimum(REACH + REACH_PER_GAP * (passed - 1), FARTHEST)
-        pairs = assign(*_costs(expected, boxes, tracks.size, reach, seen, weights))
+        pairs = assign(*_costs(tracks, steps, passed, seen, weights))
         if pairs:
-            _go_on(tracks, expected, seen, passed, *np.array(pairs).T)
+            _go_on(tracks, steps, passed, seen, *np.array(pairs).T)
     new: Flags = np.asarray(seen.number == ANYBODY)
     if new.any():
         seen.number[new] = np.arange(following, following + new.sum())
@@ -137,14 +132,15 @@ def _follow(tracks: _Tracks, seen: _Tracks, weights: Floats, frame: int, followi
 
 
 def _costs(
-    expected: Floats,
-    boxes: Floats,
-    size: Floats,
-    reach: Floats,
-    seen: _Tracks,
-    weights: Floats,
+    tracks: _Tracks, steps: Floats, passed: Integers, seen: _Tracks, weights: Floats
 ) -> tuple[Floats, Flags]:
-    """Return the cost (T, D) of each track and detection, and which pairs may be one person."""
+    """Return the cost (T, D) of each track and detection, and which pairs may be one person.
+
+    Tracks are `steps` (T, 2) from where they were, so many frames ago.
+    """
+    size, expected = tracks.size, _moved(tracks.points, steps)
+    boxes = tracks.boxes + np.concatenate([steps, steps], axis=1)
+    reach = np.minimum(REACH + REACH_PER_GAP * (passed - 1), FARTHEST)
     scale = np.maximum(size[:, None], seen.size)
     apart = seen.points - expected[:, None]
     away = np.sqrt(np.einsum("tdpc,tdpc->tdp", apart, apart))
@@ -162,13 +158,15 @@ def _costs(
     return ratio + (1 - _overlap(boxes[:, None], seen.boxes)) / 2, ratio <= 1
 
 
+def _moved(points: Floats, steps: Floats) -> Floats:
+    """Return points (T, p, d) after steps (T, 2)."""
+    moved = points.copy()
+    moved[..., :2] += steps[:, None]
+    return moved
+
+
 def _go_on(
-    tracks: _Tracks,
-    expected: Floats,
-    seen: _Tracks,
-    passed: Integers,
-    who: NDArray[np.intp],
-    own: NDArray[np.intp],
+    tracks: _Tracks, steps: Floats, passed: Integers, seen: _Tracks, who: Integers, own: Integers
 ) -> None:
     """Let tracks `who` go on to their detections; landmarks that these lack move as expected."""
     points = seen.points[own]
@@ -179,7 +177,8 @@ def _go_on(
     steady = tracks.motion[who]
     motion = steady + FORGETTING * (mean / passed[who, None] - steady)
     tracks.motion[who] = np.where(count > 0, motion, steady)
-    tracks.points[who] = np.where(np.isnan(points), expected[who], points)
+    expected = _moved(tracks.points[who], steps[who])
+    tracks.points[who] = np.where(np.isnan(points), expected, points)
     tracks.boxes[who] = seen.boxes[own]
     tracks.size[who] = np.maximum(seen.size[own], 0.95 * tracks.size[who])
     tracks.frame[who] = seen.frame[own]
