@@ -58,7 +58,10 @@ def _add(
             expect(isinstance(points, list), "keypoints that are no list")
             if points and isinstance(points[0], list):
                 scores = person.get("keypoint_scores")
-                scored = zip(points, [1.0] * len(points) if scores is None else scores, strict=True)
+                scores = [1.0] * len(points) if scores is None else scores
+                paired = {*map(len, points)} == {2} and len(scores) == len(points)
+                expect(paired, "keypoints that are not x and y with a score each")
+                scored = zip(points, scores, strict=True)
                 points = [number for (x, y), score in scored for number in (x, y, score)]
             expect(len(points) % 3 == 0, f"a person of {len(points)} numbers, not 3 a landmark")
             who = next((person[key] for key in WHO if person.get(key) is not None), None)

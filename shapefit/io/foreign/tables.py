@@ -50,23 +50,34 @@ def read_caliscope(paths: tuple[Path, ...]) -> Recording:
     names = tuple(cell.strip(' "') for cell in cells)
     table.skip(line, names)
     roles = {CALISCOPE[name]: at for at, name in enumerate(names) if name in CALISCOPE}
-    points, _, ids, of = _read_long(table, Columns(",", names, roles, None, ()))
+    points, _, points_of, of = _read_long(table, Columns(",", names, roles, None, ()))
+    ids, frames_of, ports = (_whole(path, own) for own in (points_of, of["frame"], of["sequence"]))
     by_number = np.argsort(_numbers(ids), kind="stable")
     body = SKELETONS["mediapipe_33"].landmark_names
     called = [body[int(i)] if i.isdigit() and int(i) < len(body) else i for i in ids]
     video = path.name.partition(".")[0]
-    videos = [f"{video}/port {port}" for port in of["sequence"]]
-    order, frames = _in_order(of["frame"], videos, table)
+    videos = [f"{video}/port {port}" for port in ports]
+    order, frames = _in_order(frames_of, videos, table)
     return Recording.of_frames(
         path,
         points[order][:, by_number],
-        labels=[of["frame"][row] for row in order.tolist()],
+        labels=[frames_of[row] for row in order.tolist()],
         frames=np.array(frames, np.int64),
         individuals=np.zeros(len(points), np.int64),
         video=video,
         videos=[videos[row] for row in order.tolist()],
         landmark_names=tuple(called[place] for place in by_number.tolist()),
     )
+
+
+def _whole(path: Path, cells: Sequence[str]) -> list[str]:
+    """Return cells that are whole numbers as such: 5.0 is 5."""
+    values, _ = read_numbers(cells)
+    wrong = ~(np.abs(values) < LAST_FRAME) | (values % 1 != 0)
+    if wrong.any():
+        found = f"{cells[int(wrong.argmax())]!r} is no whole number"
+        raise input_error(path, found, "give camera, frame and point of each row as numbers")
+    return [str(int(value)) for value in values.tolist()]
 
 
 BODY = 33

@@ -69,17 +69,19 @@ REFUSED = [
     (
         "v.json",
         [{"instances": [{"keypoints": [[1, 2, 3]]}]}],
-        r"\[0\]: is not as its format says \(too many values",
+        "not x and y with a score",
     ),
     (
         "v.json",
         [{"instances": [{"keypoints": [[1, 2]], "keypoint_scores": []}]}],
-        r"\[0\]: is not as its format says \(zip",
+        r"\[0\]: keypoints that are not",
     ),
     ("v.json", {"meta_info": {}}, "v.json: there is no 'instance_info'; give an MMPose"),
     # caliscope
     ("xy.csv", CALISCOPE + "0,0,0,0,0,1\n", "xy.csv:2: has 6 cells"),
     ("xy.csv", CALISCOPE + "0,0,0,0,0,a,1\n", "xy.csv:2: 'a' is no number"),
+    ("xy.csv", CALISCOPE + "0,0,0,0,nose,1,1\n", "xy.csv: 'nose' is no whole number"),
+    ("xy.csv", CALISCOPE + "0,0,,0,0,1,1\n", "xy.csv: '' is no whole number"),
     # YOLO, with what data.yaml says
     ("a.txt", ("0 .5 .5 .1 .1 .2 .5 .3 .3 .1 .3", None), "no data.yaml with kpt_shape"),
     ("a.txt", (YOLO, "kpt_shape: [2, 3]"), "a line of 8 numbers, and 2 landmarks"),
