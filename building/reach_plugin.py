@@ -54,9 +54,7 @@ def fixture_context(definition: Any) -> str:
     return f"{definition.baseid}|{definition.argname}"
 
 
-def pytest_sessionstart() -> None:
-    """Measure from here on."""
-    measured.start()
+measured.start()  # before conftest.py imports the package
 
 
 def pytest_collection_finish() -> None:
