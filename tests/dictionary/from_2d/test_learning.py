@@ -8,11 +8,14 @@ import pytest
 
 from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, LEARNED, UNLIKE, judge
 from shapefit.dictionary.from_2d.learning import (
+    EXACT,
+    HOLD,
     SCALE,
     complete,
     filled,
     find_views,
     first_state,
+    improve,
     learn,
     learn_round,
     upgrade,
@@ -210,3 +213,22 @@ def test_an_upgrade_of_exact_factors_makes_every_view_orthonormal(rng, rank):
     Q = upgrade(L, A[:, :3] + 0.05 * rng.standard_normal((rank, 3)))
     gram = (L @ Q) @ np.swapaxes(L @ Q, 1, 2)
     np.testing.assert_allclose(gram, np.broadcast_to(np.eye(2), gram.shape), atol=1e-6)
+
+
+def test_views_rest_at_first_and_where_they_are_not_to_turn(plant):
+    made = plant(40, noise=0.01)
+    W, _ = complete(made.images, 5)
+    first = first_state(made.images, W, find_views(W, (5,))[0])
+    for turning in (True, False):
+        states = improve(made.images, first, HOLD + 2, turning=turning)
+        resting = [(state.views.rotation == first.views.rotation).all() for state in states]
+        assert resting == [k < HOLD or not turning for k in range(HOLD + 2)]
+
+
+def test_learning_ends_where_nothing_is_left_to_explain(plant):
+    made = plant(40, deviation=0.0)
+    W, _ = complete(made.images, 3)
+    first = first_state(made.images, W, find_views(W, (3,))[0])
+    noise = [state.model.noise for state in improve(made.images, first)]
+    assert noise[-1] < EXACT**2
+    assert len(noise) == HOLD + 2
