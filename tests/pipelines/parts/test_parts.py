@@ -13,7 +13,7 @@ from shapefit.cli.main import run as shapefit
 from shapefit.config import load_config
 from shapefit.config.paths import result_parts
 from shapefit.errors import InputError
-from shapefit.io import write_shapes
+from shapefit.io import open_landmarks, write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.parts import executors
@@ -105,6 +105,14 @@ class TestTables:
         assert done(outcomes) == 400 - 128
         (failure,) = failures(outcomes).values()
         assert f"{path.name}:1602: x is 'one'" in failure
+
+    def test_a_part_has_the_landmarks_of_the_whole_file(self):
+        one = table("one.csv")
+        first, *_, last = plan_parts(config_of("out/", "partition=100", landmarks=(str(one),)))
+        for part, count in ((first, 128), (last, 16)):
+            with open_landmarks(part.inputs, rows=part.stretch[0]) as source:
+                assert source.head.landmark_names == (*NAMES, "z")
+                assert source.count == count
 
     @pytest.mark.parametrize("fault", ["quoted", "apart", "empty row", "name last", "spaces"])
     def test_what_is_not_plain_stays_whole(self, fault):
