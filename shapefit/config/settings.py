@@ -87,6 +87,7 @@ GONE: Mapping[str, Mapping[str, str]] = {
         "prior.max_rounds": _CONSTANT,
         "start_weight": "`start` counts as many images as there are; leave it out",
         "prior.folds": "`prior.components` states their number",
+        "prior.copies": "shapes that are varied have 2 copies, few shapes more; leave it out",
     },
     "convert": {"chunk": _CONSTANT},
     "info": {

@@ -56,6 +56,10 @@ FOOT, DEPTH, SIZE = 0.05, 0.12, 0.04
 """Deviations of a foot across the line of sight in metres and along it in distances, and of the
 size of a body."""
 
+SURE = 0.5
+"""Most metres of the deviation of a height that counts as known; beyond it, a camera that is taken
+as level is as good a guess."""
+
 STEPS = 10
 """Of least squares with weights 1 / (1 + u^2 / 4) of residuals u in deviations: a foot on a stair,
 or a moment off balance, counts little."""
@@ -114,7 +118,7 @@ class Feet(NamedTuple):
 
 
 def find_floor(bodies: Sequence[Body], distance_sd: float) -> Floor | None:
-    """Return the floor; None where no body stands on feet that rest.
+    """Return the floor; None where no body stands on feet that rest, or they leave it unsure.
 
     distance_sd: standard deviation of the logarithm of the distance, the same for all frames.
     """
@@ -133,6 +137,8 @@ def find_floor(bodies: Sequence[Body], distance_sd: float) -> Floor | None:
     r = np.sqrt(1 + a**2 + b**2)
     slope = np.array([-g * a / r**3, -g * b / r**3, 1 / r])
     height_sd = np.sqrt(slope @ covariance @ slope + (SIZE * g / r) ** 2)
+    if height_sd > SURE:
+        return None
     sd = np.degrees(np.sqrt(np.diag(covariance)[:2]) / (1 + found[:2] ** 2))
     roll, pitch = np.degrees(np.arctan(found[:2]))
     numbers = (g / r, pitch, roll, height_sd, sd[1], sd[0])

@@ -76,7 +76,7 @@ IDLE = {
         **{
             f"prior.{key}": "start=people"
             for key in (
-                "components=2", "shrinkage=0.5", "floor=0.1", "width=2", "copies=3",
+                "components=2", "shrinkage=0.5", "floor=0.1", "width=2",
                 "stretch=0.5", "exchange=0.5", "weights=a",
             )
         },

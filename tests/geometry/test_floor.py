@@ -107,9 +107,10 @@ def test_a_still_body_shows_them_less_well():
     assert standing.pitch_sd > 2.5
 
 
-def test_a_floor_far_below_is_less_certain_in_depth():
-    level, far = (find(seen(still(), away=away)[0]) for away in (3.0, 12.0))
-    assert far.height_sd > 2 * level.height_sd
+def test_a_floor_far_away_is_less_certain_and_then_unknown():
+    near, far = (find(seen(still(), away=away)[0]) for away in (3.0, 7.0))
+    assert far.height_sd > 1.6 * near.height_sd
+    assert find_floor([body(seen(still(), away=24.0)[0])], 0.05) is None
 
 
 def sitting():
@@ -167,7 +168,7 @@ def test_bodies_of_one_video_share_the_floor():
 
 
 def test_a_wrong_focal_length_is_in_the_bars():
-    points, _ = seen(walk(heading=np.pi / 2), pitch=20.0)
+    points, _ = seen(walk(heading=np.pi / 2), pitch=20.0, away=4.0)
     assert find(points, 0.18).height_sd > 1.3 * find(points, 0.05).height_sd
     points[:, 2] *= 1.18
     stretched = find(points, 0.18)

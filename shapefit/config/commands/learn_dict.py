@@ -53,12 +53,9 @@ class PriorConfig(ConfigModel):
     chosen by shapes left out, without it."""
     width: float | None = Field(default=None, gt=0)
     """Factor on the covariances; 1 or more, chosen by shapes left out, without it."""
-    copies: int | None = Field(default=None, ge=1, le=100)
-    """Number of copies of each shape, each varied at random; by default 1, and with `stretch` or
-    `exchange` 2, or as many as give 1500 shapes of fewer."""
     stretch: float = Field(default=0.0, ge=0, le=1)
     """Standard deviation of the logarithm of the lengths of bones (the edges of the shapes, a
-    tree): other bodies."""
+    tree): other bodies. Shapes that are varied count twice, or more often if they are few."""
     exchange: float = Field(default=0.0, ge=0, le=1)
     """Share of the shapes whose limbs, the chains of bones that end freely, come from other shapes:
     other poses."""

@@ -115,7 +115,7 @@ def in_metres(
             points = floor.stand(points)
             axes, origin = "y up from the floor", str(floor)
         elif EXTRINSIC_ROTATION not in records.columns and find_stature(upright, names) is not None:
-            origin = f"no resting foot shows the floor; {origin}"
+            origin = f"the feet do not show the floor; {origin}"
     return Placed(points, factor, f"{axes}; {origin}", size, start, warnings)
 
 

@@ -232,7 +232,7 @@ def learn_mixtures(
     """
 
     def learned(shapes: ShapeSet, components: int, rounds: int, *, varied: bool) -> Learning:
-        still = {} if varied else {"stretch": 0.0, "exchange": 0.0, "copies": None}
+        still = {} if varied else {"stretch": 0.0, "exchange": 0.0}
         open_keys = (key for key in AS_LEARNED._fields if getattr(config.prior, key) is None)
         sure = {key: getattr(AS_LEARNED, key) for key in open_keys}
         prior = {"components": components, **sure, **still}

@@ -172,7 +172,7 @@ def learn_prior(
     varied = bool(prior.stretch or prior.exchange)
     copies = number_of_copies(number, prior)
     shapes = training.alignment.shapes
-    if varied or copies > 1:
+    if varied:
         shapes = vary_shapes(training, config, copies)
     weights = np.tile(find_weights(training, prior.weights), copies)
 
@@ -234,9 +234,7 @@ def folds_of(training: TrainingShapes) -> Integers:
 
 
 def number_of_copies(number: int, prior: PriorConfig) -> int:
-    """Return the copies of each of so many shapes: as stated, or enough of varied ones."""
-    if prior.copies is not None:
-        return prior.copies
+    """Return the copies of each of so many shapes: one, or enough where they are varied."""
     if not (prior.stretch or prior.exchange):
         return 1
     return min(max(FEWEST_COPIES, ENOUGH // number), MOST_COPIES)
@@ -250,7 +248,7 @@ def vary_shapes(training: TrainingShapes, config: LearnDictConfig, copies: int) 
             raise ValueError("the shapes have no edges")
         skeleton = find_skeleton(edges, points)
     except ValueError as error:
-        fix = "give shapes whose `edges` are bones, or leave out `stretch`, `exchange` and `copies`"
+        fix = "give shapes whose `edges` are bones, or leave out `stretch` and `exchange`"
         raise input_error("prior", str(error), fix) from None
     varied = vary(
         training.alignment.shapes,

@@ -46,8 +46,6 @@ WORD_LEFT = re.compile(r"left|Left|LEFT|(?<![A-Za-z])[lL](?![a-z])|^[lL](?=[A-Za
 """`left` anywhere, `l` alone, before or behind a name: left_hip, HipLeft, L_Hip, LHip, HipL."""
 FILES = "*"
 """In the place of a video: files of one individual each, which are shown together."""
-SURE = 0.5
-"""Metres of the deviation of a floor that is shown; a level camera is as good a guess as others."""
 MOST_ON_FLOOR = 100_000
 """Images of a result that are read once more, to find the floor."""
 ALONE = "\0"
@@ -205,13 +203,12 @@ def find_stands(
 
 
 def _floors(result: Gathered) -> Mapping[str, Floor]:
-    """Return the floor of each video of a result, where it is known to half a metre."""
+    """Return the floor of each video of a result, where it is known."""
     images = sum(len(one.items) for one in result.listings)
     if not has_camera(result) or METRES_PER_UNIT not in result.of_frames or images > MOST_ON_FLOOR:
         return {}
     records = concatenate([read_results(one.path) for one in result.listings])
-    found = find_floors(records, AS_KNOWN, result.name)
-    return {video: floor for video, floor in found.items() if floor.height_sd <= SURE}
+    return find_floors(records, AS_KNOWN, result.name)
 
 
 def _on_floor(floor: Floor, level: Floats) -> Stand:

@@ -98,7 +98,7 @@ def test_weak_perspective_stays_as_it_is(tmp_path, walk):
 @pytest.mark.parametrize("posture", [planted.sitting, planted.running])
 def test_where_nobody_stands_the_camera_is_taken_as_level(tmp_path, posture):
     summary = save(tmp_path / "man.trc", result(posture()))
-    line = "y up as in the image; no resting foot shows the floor; position from the camera"
+    line = "y up as in the image; the feet do not show the floor; position from the camera"
     assert line in summary.note
 
 
