@@ -55,6 +55,7 @@ def check_tree(images: Images, atoms: Atoms, kept: Flags | None, checks: Checks)
     made = (cells > 0) & images.fitted
     complete = np.ones_like(made)
     low, over, unbalanced, allowed_low, allowed_over, allowed_balance = np.zeros((6, len(made)))
+    hidden = np.zeros(len(made))
     bound = stated["objective"] * (1 - stated["relative_gap"])
     for i in np.flatnonzero(made).tolist():
         c, v = (slice(n[:i].sum(), n[: i + 1].sum()) for n in (cells, vertices))
@@ -65,6 +66,7 @@ def check_tree(images: Images, atoms: Atoms, kept: Flags | None, checks: Checks)
             continue
         V, lam, rounding = images.points[i], images.lam[i], images.rounding[i]
         weighted = Y * images.weights[i]
+        hidden[i] = np.abs(Y * (images.weights[i] == 0)).max()
         along, square = (weighted * V).sum(axis=(1, 2)), (Y**2).sum(axis=(1, 2))
         sizes = np.abs(weighted).sum(axis=2)  # (v, 2)
         low[i] = bound[i] - (along - square / 2).min()
@@ -76,6 +78,7 @@ def check_tree(images: Images, atoms: Atoms, kept: Flags | None, checks: Checks)
         over[i] = excess(weighted, q, leaves, atoms, lam, own)
         allowed_over[i] = max(6 * rounding, FLOOR) * (sizes.max() * atoms.reach + lam)
     checks.hold("the cells hold all rotations", complete, of=made)
+    checks.add("the multipliers are 0 where nothing is seen", hidden, 0.0, of=made)
     checks.add("the multipliers are balanced", unbalanced, allowed_balance, of=made)
     checks.add("the multipliers have the value of the bound", low, allowed_low, of=made)
     checks.add("the multipliers are feasible in every cell", over, allowed_over, of=made)

@@ -274,7 +274,7 @@ def test_a_start_that_landmarks_do_not_better_stays(
     monkeypatch.setattr(
         "shapefit.pipelines.learn_dict.from_2d.adapt", lambda *given: iter([(given[2].prior, 0.0)])
     )
-    with pytest.raises(InputError, match="the start is as good"):
+    with pytest.raises(InputError, match="no better than by the start"):
         learn(class_of_shapes[:, :2], start=start)
     assert not (tmp_path / "dict.h5").exists()
 
