@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from shapefit.config.commands.fit_sections import (
     ExportConfig,
@@ -52,6 +52,12 @@ else:
 
 SEARCHING = listed(those(lambda method: method.section == ALTERNATION), "and")
 """The methods that read the section `alternation`."""
+
+
+def _no_robust_loss(value: Any) -> Any:
+    if value in ROBUST:
+        raise ValueError(f"{value} is a robust loss, which is `outliers.method: {value}`")
+    return value
 
 
 class SolverConfig(ConfigModel):
@@ -128,7 +134,7 @@ class FitConfig(CommandConfig):
     dry_run: bool = False
     """Only list the parts that would be done."""
     method: MethodName = Field(default="convex", description=f"How to lift: {summarise()}.")
-    loss: Literal["squared", "exact"] = "squared"
+    loss: Annotated[Literal["squared", "exact"], BeforeValidator(_no_robust_loss)] = "squared"
     """The data term: half the squared residual; or exact, no residual at all, where lambda is
     ignored. Robust ones are methods of `outliers`."""
     lam: Annotated[
