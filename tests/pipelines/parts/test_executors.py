@@ -12,7 +12,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -132,8 +132,11 @@ def listening(pids: list[int]) -> bool:
     """Whether one of these processes listens on a port of TCP."""
     states = Path("/proc/net/tcp").read_text().splitlines()[1:]
     open_ones = {f"socket:[{line.split()[9]}]" for line in states if line.split()[3] == "0A"}
-    links = [os.readlink(each) for pid in pids for each in Path(f"/proc/{pid}/fd").iterdir()]
-    return bool(open_ones & set(links))
+    links = set()
+    for each in (each for pid in pids for each in Path(f"/proc/{pid}/fd").iterdir()):
+        with suppress(FileNotFoundError):  # a file that was closed while we look
+            links.add(os.readlink(each))
+    return bool(open_ones & links)
 
 
 class TestProcesses:
