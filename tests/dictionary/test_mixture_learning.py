@@ -37,6 +37,14 @@ def test_no_round_lowers_the_objective(shrinkage):
     assert (np.diff(trace) >= -1e-8 * np.abs(trace[1:])).all()
 
 
+def test_rounds_end_at_the_first_that_gains_no_more_than_the_tolerance_a_shape():
+    shapes = np.random.default_rng(1).normal(size=(400, 3, 4)) ** 3
+    trace = learn_mixture(shapes, 6, shrinkage=0.3, floor=0.05, tolerance=0.02).trace
+    gains = np.diff(trace) / 400
+    assert len(gains) > 2
+    assert gains[-1] <= 0.02 < gains[:-1].min()
+
+
 def test_a_component_that_dies_keeps_its_mean_and_is_left_out():
     shapes, _ = draw(50)
     X = shapes.reshape(50, -1)

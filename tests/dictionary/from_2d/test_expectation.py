@@ -86,6 +86,9 @@ def test_doubt_is_what_the_density_gains_where_one_belief_changes(planted):
         gain = then.log_density[i] - found.log_density[i]
         assert found.doubt[i, j] == pytest.approx(gain, rel=1e-6, abs=1e-6)
     assert np.isneginf(found.doubt[planted.images.weights == 0]).all()
+    hidden = expect(planted.images.hiding(gross), planted.views, planted.model)
+    odds = np.log(0.02 / 0.98 * 0.05)  # one in fifty, anywhere in 20 units of area
+    assert found.log_density - hidden.log_density == pytest.approx(odds * gross.sum(axis=1))
 
 
 def test_gradient_is_that_of_the_log_density(planted):
@@ -115,6 +118,20 @@ def test_climbing_ends_where_the_truth_is(plant):
         np.linalg.norm(off.rotation - made.views.rotation, axis=(1, 2))
     )
     assert np.abs(expect(made.images, views, made.model).gradient).max() < 1.0
+
+
+@pytest.mark.parametrize("factor", [1e-3, 1e3])
+def test_a_step_is_damped_by_the_mean_information_and_no_longer_than_the_longest(planted, factor):
+    found = expect(planted.images, planted.views, planted.model)
+    damping = np.array([0.01, 0.1, 1.0, 10.0])
+    gradient = factor * found.gradient
+    climbed = climb(planted.views, replace(found, gradient=gradient), damping)
+    for i, H in enumerate(found.information):
+        step = np.linalg.solve(H + damping[i] * np.diag(H).mean() * np.eye(4), gradient[i])
+        step *= min(1.0, 0.3 / np.abs(step).max())
+        turned = exponential(step[None, :3])[0] @ planted.views.rotation[i]
+        np.testing.assert_allclose(climbed.rotation[i], turned, atol=1e-9)
+        assert climbed.log_scale[i] - planted.views.log_scale[i] == pytest.approx(step[3])
 
 
 def test_half_of_the_landmarks_of_an_image_stay_believed():

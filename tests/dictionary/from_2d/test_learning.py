@@ -215,6 +215,21 @@ def test_an_upgrade_of_exact_factors_makes_every_view_orthonormal(rng, rank):
     np.testing.assert_allclose(gram, np.broadcast_to(np.eye(2), gram.shape), atol=1e-6)
 
 
+def test_an_upgrade_of_exact_factors_takes_few_rounds(rng, monkeypatch):
+    """The steps are Gauss's and Newton's: the misfit squares, round by round."""
+    monkeypatch.setattr("shapefit.dictionary.from_2d.learning.UPGRADE_ROUNDS", 5)
+    test_an_upgrade_of_exact_factors_makes_every_view_orthonormal(rng, 5)
+
+
+@pytest.mark.parametrize("deviation", [0.0, 0.15])
+def test_what_a_rigid_shape_leaves_is_shape_and_half_as_much_noise_at_first(plant, deviation):
+    made = plant(40, deviation=deviation)
+    W, _ = complete(made.images, 5)
+    first = first_state(made.images, W, find_views(W, (5,))[0])
+    left = max(((W - first.in_camera[:, :2]) ** 2).mean(), 0.0005**2)
+    assert (first.model.rest, first.model.noise) == pytest.approx((left, left / 2))
+
+
 def test_views_rest_at_first_and_where_they_are_not_to_turn(plant):
     made = plant(40, noise=0.01)
     W, _ = complete(made.images, 5)
