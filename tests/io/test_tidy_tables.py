@@ -8,7 +8,7 @@ from threading import Thread
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from shapefit.io import csv_file, inputs, read_results, result_writer
@@ -313,6 +313,7 @@ def test_items_without_landmarks_write_a_header(tmp_path):
 
 
 @given(st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=1, max_size=20))
+@example([-1.2345678901234567e-300] * 20)  # as many digits as there are
 def test_numbers_come_back_to_the_last_bit(values):
     for as_python in (False, True):
         name = csv_file.cells_of(["a"], np.zeros(1, np.int64))

@@ -1,12 +1,20 @@
 """Norms in closed form beside LAPACK's, rotations that pass for the nearest, missed claims."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from shapefit.geometry.rotations import nearest_rotation, rotation_about
 from shapefit.verification.checks import Checks
 from shapefit.verification.fit import seen_in
-from shapefit.verification.program import Transforms, check_nearest, nuclear_norms
+from shapefit.verification.program import (
+    ACTIVE,
+    Transforms,
+    check_coefficients,
+    check_nearest,
+    nuclear_norms,
+)
 
 N = 40
 
@@ -69,6 +77,18 @@ def test_the_worst_of_an_image_counts_and_nan_misses():
     none = Checks(np.zeros(0, dtype=bool), {})
     none.add("c", np.zeros((0, 3)), 1.0)
     assert none.missed().tolist() == []
+
+
+def test_a_coefficient_at_the_limit_counts_as_active_or_not():
+    beyond = np.array([-2e-9, -5e-10, 5e-10, 2e-9])
+    c = np.stack([np.ones(4), ACTIVE * (1 + beyond)], axis=1)
+    for stated, wrong in ((1, [False, False, False, True]), (2, [True, False, False, False])):
+        checks = Checks(np.ones(4, dtype=bool), {"coefficients": c})
+        images = SimpleNamespace(
+            columns={"active_atoms": np.full(4, stated)}, allow=lambda terms, number: 1e-9 * terms
+        )
+        check_coefficients(images, c, None, c.sum(axis=1), checks)
+        assert checks.missed().tolist() == wrong
 
 
 def test_what_has_no_place_or_no_confidence_is_not_seen():

@@ -49,9 +49,10 @@ def test_by_section_name_or_port_and_rotations_of_both_kinds(calibration, name):
 
 
 def test_the_only_camera_needs_no_name_and_may_lack_a_place(calibration):
-    text = "[cameras.3]\nmatrix = [[500, 0, 320], [0, 500, 240], [0, 0, 1]]\nport = 3\n"
+    text = "[cameras.3]\nmatrix = [[0.8, 0, 0.5], [0, 0.9, 0.4], [0, 0, 1]]\nport = 3\n"
     camera = read_camera(calibration(text), None)
     assert camera.section == "3"
+    assert camera.matrix.tolist() == [[0.8, 0, 0.5], [0, 0.9, 0.4], [0, 0, 1]]
     assert camera.rotation is None
     assert not camera.distortion.any()
 

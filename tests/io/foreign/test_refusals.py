@@ -88,6 +88,11 @@ REFUSED = [
     ("a.txt", (YOLO + "\n0 .5 x", None), r"a.txt:2: is not as .*'x'"),
     ("a.txt", (YOLO, "kpt_shape: [2, 9]"), r"data.yaml: kpt_shape is \[2, 9\]"),
     ("a.txt", (YOLO, "{"), "data.yaml: is no YAML"),
+    (
+        "a.txt",
+        ("0 .5 .5 .1 .1 2.5 .5 2 .3 .3 2", "kpt_shape: [2, 3]"),
+        "the header is .0 .5 .5 .1 .1 2.5",
+    ),
     # DeepLabCut
     ("t.csv", DLC + "0,1,2,3,4\n0,1,2,3,4\n", "t/0 occurs more than once"),
     ("t.csv", DLC + "0,1,2,3,4\n1,1,2,3\n", ":5: has 4 cells for 5 columns"),

@@ -151,13 +151,25 @@ def more_than_memory_holds(file):
     file.create_dataset("tracks", (2, 2, 4, 10**12), "f8", chunks=(2, 2, 4, 1 << 20))
 
 
-def instances(column, rows, value):
+def instances(column, rows, value, of="instances"):
     def change(file):
-        table = file["instances"][:]
+        table = file[of][:]
         table[column][:rows] = value
-        file["instances"][...] = table
+        file[of][...] = table
 
     return change
+
+
+def two_numbers_a_frame(file):
+    group, name = file["df_with_missing"], "table"
+    old, said = group[name][:], dict(group[name].attrs)
+    kinds = [(field, old.dtype[field]) for field in old.dtype.names if field != "index"]
+    table = np.zeros(len(old), [("index", "<i8", (2,)), *kinds])
+    for field, _ in kinds:
+        table[field] = old[field]
+    del group[name]
+    group[name] = table
+    group[name].attrs.update(said)
 
 
 def no_start(file):
@@ -181,6 +193,8 @@ def no_poses(file):
         ("poses.nc", bounding_boxes, "holds bboxes, not poses"),
         ("tracks.analysis.h5", never_written, "the file holds 0 bytes; write its values"),
         ("tracks.analysis.h5", more_than_memory_holds, "tracks"),
+        ("table.h5", two_numbers_a_frame, "df_with_missing/table: its index is no number"),
+        ("labels.slp", instances("instance_id_end", 1, 99, "frames"), "that `frames` points at"),
         ("labels.slp", instances("track", 2, 0), "labels/animal0/0 occurs more than once"),
         ("labels.slp", instances("track", 1, 7), ":/instances: has the track 7 of 2"),
         ("labels.slp", instances("skeleton", 1, 3), ":/instances: has the skeleton 3 of 1"),

@@ -36,6 +36,9 @@ def camera(images, **keys):
 EACH = MATRIX * np.array([1, 2, 3, 4])[:, None, None]
 EACH[:, 2, 2] = 1
 
+ASIDE = np.array([[800.0, 2e-3, -5000], [0, 810, 240], [0, 0, 1]])
+"""Of an image that was cut out far to one side, skewed by less than the rounding of its numbers."""
+
 
 @pytest.mark.parametrize(
     ("values", "keys", "focal", "centre"),
@@ -47,8 +50,9 @@ EACH[:, 2, 2] = 1
         (MATRIX, {}, [800, 810], [320, 240]),
         (MATRIX, {"principal_point": (1.0, 2.0)}, [800, 810], [1, 2]),
         (EACH, {}, EACH[:, [0, 1], [0, 1]], EACH[:, :2, 2]),
+        (ASIDE, {}, [800, 810], [-5000, 240]),
     ],
-    ids=["config", "file", "one", "each", "matrix", "principal point", "matrix of each"],
+    ids=["config", "file", "one", "each", "matrix", "principal point", "matrix of each", "aside"],
 )
 def test_cameras_of_the_config_the_file_or_each_image(values, keys, focal, centre):
     given = {} if values is None else {"f": values}

@@ -1,5 +1,7 @@
 """Names that are wrong in every image: another skeleton, left and right exchanged."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from shapefit.config.paths import find_dictionaries
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io import LandmarkSet, read_dictionary
 from shapefit.io.skeletons import SKELETONS, THETA, people_parts
+from shapefit.pipelines.fit.checks import Sample, walks_backwards
 from tests.io.files import save
 from tests.pipelines.fitted import fit_file
 
@@ -137,3 +140,14 @@ def test_people_who_walk_backwards_have_their_sides_exchanged(warnings_of, poses
     names = [other[name[0]] + name[1:] if name[0] in other else name for name in joints]
     wrong = images.replaced(landmark_names=tuple(names))
     assert [each for each in warnings_of(wrong) if "exchanged" in each]
+
+
+def test_walking_backwards_is_the_mean_over_pairs_of_images():
+    """Who faces away from the camera (y down) and seems larger a step later walks backwards."""
+    names = ("lhip", "rhip", "lshoulder", "rshoulder")
+    body = np.array([[-1.0, 1, -1, 1], [0, 0, -2, -2], [0, 0, 0, 0]])
+    size = np.exp([0.0, 0.0, 0.0, 0.3, np.nan])
+    found = SimpleNamespace(shapes=size[:, None, None] * body)
+    pairs = np.array([[0, 1], [1, 2], [2, 3], [3, 4]])
+    sample = Sample(SimpleNamespace(y_axis="down"), pairs)
+    assert walks_backwards(found, names, sample) == pytest.approx(0.1)

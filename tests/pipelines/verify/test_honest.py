@@ -22,7 +22,7 @@ PEOPLE = [
     {"method": "convex+refine", "outliers": {"method": "l1"}},
     {"method": "convex+refine", "outliers": {"method": "sparse-error"}},
     {"method": "alternate"},
-    {"method": "convex+refine", "alternation": {"signed": True}},
+    {"method": "convex+refine", "lam": 0.01, "alternation": {"signed": True}},
     {"method": "mean-shape"},
     {"method": "global", "search": {"proof_every": 3, "max_cells": 2000}},
     {"rotations": "orthogonal"},
@@ -91,10 +91,29 @@ def test_what_is_proved_is_said(fitted, verify, dictionaries, keys, said):
 
 
 def test_pursuit_has_no_proof_and_is_no_failure(world, verify):
-    result = world.fit("people", "bases of people", method="pmp")
+    result = world.fit("people", "bases of people", method="pmp", transforms=True)
     found = verify(result, world.dictionary("bases of people"))
     assert found.failures == {}
     assert "pmp has no certificate" in found.note
+
+
+@pytest.mark.parametrize(
+    ("kind", "keys", "name", "values"),
+    [
+        ("cars", {"camera": PERSPECTIVE, "method": "mean-shape"}, "scale",
+         lambda scale: scale * (1 + 5e-10)),
+        ("prior", {"method": "posterior"}, "shape_correlation",
+         lambda correlation: np.sign(correlation) * np.float32(1 + 2**-23)),
+    ],
+)  # fmt: skip
+def test_a_number_may_be_rounded(fitted, changed, verify, dictionaries, kind, keys, name, values):
+    """By a share of 1e-9, and as much as a number of 32 bits about 1."""
+
+    def rounded(file):
+        file[name][...] = values(file[name][()])
+
+    found = verify(changed(fitted(kind, **keys), rounded), dictionaries[kind])
+    assert found.failures == {}
 
 
 def test_hard_images_are_accepted(tmp_path, verify, dictionaries, rng):
