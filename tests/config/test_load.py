@@ -47,6 +47,8 @@ def test_defaults_are_those_of_the_reference(folder):
     assert isinstance(config, FitConfig)
     assert (config.lam, config.method, config.chunk, config.threads) == (0.1, "convex", 4096, 0)
     assert config.solver.tolerance == 1e-6
+    found = load_config("fit", write(folder, FIT + "method: global\n"))
+    assert found.solver.tolerance == 1e-2
 
 
 def test_yaml_is_1_2(folder):

@@ -21,6 +21,7 @@ from shapefit.io.atomic import (
     check_output,
     digest,
     file_stem,
+    is_writable,
     output_bytes,
     staged_files,
 )
@@ -126,6 +127,11 @@ class TestOneFile:
             (line,) = problems(check, tmp_path / ("n" * 256))
             assert line.endswith("its name is too long; give a shorter one")
         assert stat.S_ISCHR(os.stat(os.devnull).st_mode)
+
+    def test_a_folder_that_none_may_enter_is_not_writable(self, monkeypatch, tmp_path):
+        for denied in (os.W_OK, os.X_OK):
+            monkeypatch.setattr(os, "access", lambda _, mode, d=denied, **keys: not mode & d)
+            assert not is_writable(tmp_path)
 
     def test_a_folder_that_is_not_writable(self, write, problems):
         folder = Path(tempfile.mkdtemp())
