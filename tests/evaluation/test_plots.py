@@ -31,6 +31,8 @@ def test_bars_are_the_means_of_sequences_and_of_groups():
     assert heights(second) == {"a": [5.0], "b": [6.0]}
     assert [axis.get_title() for axis in (first, second)] == ["13", "14"]
     assert first.get_ylabel() == "mean error (m)"
+    many = draw_bars([s for name in "abcdefghijkl" for s in summarise(errors(name), GROUPS)])
+    assert many.get_figwidth() > 0.12 * 12 * 6  # inches: 48 bars, and gaps as wide as 24
 
 
 def test_boxes_are_the_quartiles_of_the_images_that_did_not_fail_as_in_the_tables():

@@ -162,6 +162,7 @@ CASES = [
         {"v.json": [{"frame_id": n, "instances": [instance()] * n} for n in range(3)]},
         {"items": ["v/1/0", "v/2/0", "v/2/1"], "frames": [1, 2, 2]},
     ),
+    ({"v.json": [{"instances": [instance()], **instance()}]}, {"items": ["v/0/0"]}),
     (
         {"v.json": {"meta_info": META, "instance_info": [instance(2)]}},
         {"items": ["v/0/0"], "names": ["a", "b"]},
