@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from shapefit.evaluation.plots import draw_bars, draw_boxes, save
+from shapefit.evaluation.calibration import CURVE, Coverage
+from shapefit.evaluation.plots import draw_bars, draw_boxes, draw_calibration, save
 from shapefit.evaluation.summaries import ImageErrors, summarise
 
 NAN = float("nan")
@@ -45,6 +46,14 @@ def test_boxes_are_the_quartiles_of_the_images_that_did_not_fail_as_in_the_table
     assert [text.get_text() for text in second.texts] == ["5"]
     in_tables = [s.median for s in summarise(errors(), GROUPS) if s.sequence is None]
     assert in_tables == [4, 5]
+
+
+def test_marks_of_error_bars_are_as_wide_as_their_bars():
+    rows = [Coverage("a", "all", name, 4, (0.5, 0.9), {}) for name in ("hip", "knee")]
+    _, right = draw_calibration(rows, {("a", "all"): CURVE}).axes
+    marks = [mark[:, 0] for mark in right.collections[0].get_segments()]
+    bars = [[bar.get_x(), bar.get_x() + bar.get_width()] for bar in right.patches]
+    np.testing.assert_allclose(marks, bars, atol=1e-9)
 
 
 def test_titles_fit_above_their_panels():
