@@ -28,11 +28,14 @@ def _verify(
 
 def _find(dictionary: str) -> Path:
     """Return the file at a path, or the installed dictionary of that name."""
-    from shapefit.config.paths import find_dictionaries
     from shapefit.stores import location
 
     path = location(dictionary)
-    return path if path.is_file() else find_dictionaries().get(dictionary, path)
+    if path.is_file():
+        return path
+    from shapefit.config.paths import find_dictionaries
+
+    return find_dictionaries().get(dictionary, path)
 
 
 def _config(command: str, section: str) -> int:

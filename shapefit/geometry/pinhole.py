@@ -23,6 +23,9 @@ from shapefit.geometry.normalisation import Normalised
 
 Rows = NDArray[np.intp]
 
+CAMERA_MATRIX = "camera_matrix"
+"""Dataset K (3, 3) or (n, 3, 3) of landmarks and of results."""
+
 ASSUMED_FOCAL = 1.1
 """Focal length in longer sides of the image: an angle of view of 49 degrees across it. With it the
 posterior does as well as with the true cameras of the man on the beam."""

@@ -45,7 +45,6 @@ from shapefit.pipelines.fit.camera import straightened
 from shapefit.pipelines.fit.record import OF_A_RESULT
 from shapefit.pipelines.joints import MEANS, Joints, find_joints, named_as_joints
 from shapefit.pipelines.outcome import Failure, Outcome, unread
-from shapefit.pipelines.parts.manifest import read_manifest, result_digest
 from shapefit.stores import UrlPath, files_in
 from shapefit.threads import side_by_side
 from shapefit.verification.checks import FLOOR, Checks
@@ -441,6 +440,8 @@ def find_parts(request: Request) -> tuple[list[Part], tuple[Failure, ...], int]:
     result = request.result
     if result.is_file() or not (isinstance(result, UrlPath) or result.is_dir()):
         return [Part(result, request.landmarks)], (), 0
+    from shapefit.pipelines.parts.manifest import read_manifest, result_digest
+
     manifest = read_manifest(result)
     if manifest is None:
         raise input_error(result, "is a folder without results", "name a result in it")

@@ -8,10 +8,8 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator, mo
 
 from shapefit.config.model import ConfigModel, FromLists
 from shapefit.config.paths import OF_THE_DATA, Expected, Folder, OptionalInputPath
+from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.lifting.methods import PosteriorOptions
-
-CAMERA_MATRIX = "camera_matrix"
-"""Dataset (3, 3) or (n, 3, 3) of the landmarks, and where a calibration puts its matrix."""
 
 
 def _text(value: Any) -> Any:

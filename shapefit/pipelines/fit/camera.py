@@ -15,16 +15,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.config import FitConfig
-from shapefit.config.commands.fit_sections import CAMERA_MATRIX, ViewingConfig
 from shapefit.errors import input_error
-from shapefit.geometry.pinhole import ASSUMED_FOCAL, Camera, depth_sign
+from shapefit.geometry.pinhole import ASSUMED_FOCAL, CAMERA_MATRIX, Camera, depth_sign
 from shapefit.io import LandmarkSet
 from shapefit.io.inputs import IMAGE_SUFFIXES, read_image_size
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.stores import UrlPath
 
 if TYPE_CHECKING:
+    from shapefit.config import FitConfig
+    from shapefit.config.commands.fit_sections import ViewingConfig
     from shapefit.io.foreign.calibration import CalibratedCamera
 
 COMMON_SIZES = ((1280, 720), (720, 1280), (1920, 1080), (1080, 1920), (3840, 2160), (2160, 3840))

@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
-from shapefit.config import FitConfig
 from shapefit.convex.problem import Loss
 from shapefit.convex.solver import solve_newton
 from shapefit.core import STRETCH
@@ -40,6 +39,7 @@ from shapefit.pipelines.items import named_items
 from shapefit.threads import on_threads
 
 if TYPE_CHECKING:
+    from shapefit.config import FitConfig
     from shapefit.pipelines.fit.prepare import Setup
 
 MOST_ROUNDS = 100

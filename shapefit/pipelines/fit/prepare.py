@@ -14,10 +14,10 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.config import FitConfig
-from shapefit.config.commands.fit_sections import CAMERA_MATRIX
 from shapefit.config.paths import ResultFolder
 from shapefit.dictionary.model import LEARNED_FROM, Dictionary, describe_learning
 from shapefit.errors import InputError, input_error
+from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.io import LandmarkSet, open_landmarks
 from shapefit.io.formats import HDF5, FileFormat, find_target_format
 from shapefit.io.layout import LANDMARK_COVARIANCE

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,9 @@ from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import DOUBT, TRUSTED, find_doubts
 from shapefit.pipelines.fit.lift import find_left_out
-from shapefit.pipelines.fit.prepare import Setup
+
+if TYPE_CHECKING:
+    from shapefit.pipelines.fit.prepare import Setup
 
 OF_A_RESULT = RESULTS.names | {dataset.name for dataset in FURTHER_OF_RESULTS}
 """Datasets that a fit can write: what came with the landmarks is never mistaken for one of them."""

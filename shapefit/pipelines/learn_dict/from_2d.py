@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from shapefit import __version__
 from shapefit.arrays import Floats
 from shapefit.config import FitConfig, LearnDictConfig
-from shapefit.config.commands.fit_sections import CAMERA_MATRIX, ViewingConfig
+from shapefit.config.commands.fit_sections import ViewingConfig
 from shapefit.dictionary.from_2d.adaptation import Start, adapt
 from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, UNLIKE, Judgement, judge
 from shapefit.dictionary.from_2d.learning import State, learn
@@ -28,6 +28,7 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import LEARNED_FROM, NEAR_AND_FAR, OPEN, VERDICT, Dictionary
 from shapefit.errors import InputError, counted, input_error
 from shapefit.geometry.normalisation import normalise, spread
+from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet, digests, read_dictionary
 from shapefit.io.layout import EDGES
