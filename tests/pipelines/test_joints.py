@@ -94,6 +94,15 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     assert "landmarks taken for joints of people" in last.note
 
 
+def test_joints_are_as_far_apart_as_the_landmarks_that_stand_for_them(people):
+    joints = find_joints(BODY.landmark_names, people.landmark_names)
+    apart = dict(zip(people.landmark_names, joints.apart(), strict=True))
+    for joint, landmarks in joints.markers.items():
+        assert {joints.parts[name].apart for name in landmarks} == {apart.pop(joint)}
+    assert set(apart.values()) == {0.0}
+    assert len(set(joints.apart())) > 2
+
+
 def test_the_landmarks_of_the_files_come_back_in_3d(images, lift):
     """Those that stand for joints as they were fitted, the others where the joints put them."""
     found, _ = lift(as_detected(images, BODY), theta=MEANS)

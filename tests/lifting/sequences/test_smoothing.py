@@ -15,6 +15,7 @@ from shapefit.lifting.sequences.smoothing import (
     Observations,
     fill,
     find_precisions,
+    further_weight,
     observe,
     smooth,
 )
@@ -217,13 +218,22 @@ def test_neighbours_that_know_the_mode_leave_no_doubt(images, body, model):
 def test_haste_is_that_of_the_images(images, rng, body):
     still = np.repeat(body[:1], 400, axis=0)
     noise_alone = images(still, noise=0.05)
-    assert find_haste(noise_alone, np.full(5, 0.05)) == 1
+    assert find_haste(noise_alone, np.full(5, 0.03)) == 1  # however slow the body is
     path = np.cumsum(np.cumsum(rng.standard_normal((400, 3, 5)), axis=0), axis=0)
     kernel = np.ones(4) / 4
     smoothed = np.apply_along_axis(np.convolve, 0, path, kernel, "valid")
     second = np.sqrt((np.diff(smoothed, 2, axis=0) ** 2).mean())
     moving = images(smoothed)
     assert find_haste(moving, np.full(5, second / 5)) == pytest.approx(5, rel=0.2)
+
+
+def test_landmarks_stated_to_be_exacter_count_by_their_trust(images, body, rng):
+    seen = images(body)
+    trust = rng.random(seen.trust.shape)
+    expected = np.concatenate([trust, trust], axis=1) * (1 / 0.05**2 - 1 / seen.misfit)
+    found = further_weight(replace(seen, trust=trust), 0.05)
+    np.testing.assert_allclose(found, expected)
+    assert not further_weight(seen, 0.2).any()  # nothing is stated beyond what images have
 
 
 def test_frames_without_modes_lie_between_their_neighbours(images, body):

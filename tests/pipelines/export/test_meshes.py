@@ -1,11 +1,14 @@
 """Every mesh file that `fit` writes is opened again and compared with what its result says."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import trimesh
 
 from shapefit.io import read_dictionary
 from shapefit.io.records import concatenate
+from shapefit.pipelines.export.meshes import has_shape
 from tests.io.files import load
 from tests.pipelines.told import failures
 
@@ -121,6 +124,14 @@ def test_images_without_a_shape_are_counted(tmp_path, export, views):
     _, outcomes = export(fit_keys={"method": "convex", "lambda": 1e6})
     assert "with all coefficients 0): 6; they have no mesh" in outcomes[-1].warnings[0]
     assert outcomes[-1].written == (tmp_path / "result.h5",)
+
+
+def test_a_shape_without_extent_has_no_mesh():
+    shapes = np.zeros((3, 3, 4))
+    shapes[1, 0] = range(4)
+    shapes[2] = np.nan
+    found = SimpleNamespace(shapes=shapes, rotation=np.tile(np.eye(3), (3, 1, 1)))
+    assert has_shape(found).tolist() == [False, True, False]
 
 
 def test_every_file_has_the_mesh_of_its_own_image_wherever_chunks_end(
