@@ -38,6 +38,7 @@ from shapefit.config.settings import OPTION, Place, Settings, check
 from shapefit.dictionary import model
 from shapefit.errors import counted, input_error
 from shapefit.evaluation.summaries import Summary, group_sequences, summarise
+from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.io.dictionaries import check_given_dictionary
 from shapefit.io.foreign.arrays import of_array
 from shapefit.io.foreign.items import landmarks_of
@@ -56,9 +57,6 @@ from shapefit.pipelines.outcome import Counted, Outcome, add_up
 
 PLACE = Path("landmarks")
 WANTED = "give (n, p, 2) or (n, p, 3) with a confidence of 0 to 1, or a list of (people, p, 2 or 3)"
-
-CAMERA = "camera_matrix"
-"""Dataset that holds the matrices given as `camera`."""
 
 FIT = {
     "landmarks": (Path("landmarks"),),
@@ -123,7 +121,7 @@ def fit(
     if default.method is not None and fits(default, wanted):
         wanted = config_of(FitConfig, "fit", given | {"method": default.method}, FIT)
     if matrices is not None:
-        images = images.with_columns({CAMERA: matrices})
+        images = images.with_columns({CAMERA_MATRIX: matrices})
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
     with source_of(images, "landmarks", wanted.input.rename) as source:
@@ -211,7 +209,7 @@ def _camera(
     matrices = section.get("intrinsics")
     if matrices is None or isinstance(matrices, str):
         return plain(section), None
-    return plain(section | {"intrinsics": CAMERA}), np.asarray(matrices)
+    return plain(section | {"intrinsics": CAMERA_MATRIX}), np.asarray(matrices)
 
 
 def _with_weights(images: LandmarkSet, weights: ArrayLike | None) -> LandmarkSet:

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.geometry.rotations import rotation_about
+from shapefit.geometry.rotations import turn_up
 
 MASS = {"shoulder": 0.31, "hip": 0.39, "elbow": 0.04, "wrist": 0.03, "knee": 0.17, "ankle": 0.06}
 """Shares of the centre of mass that both joints of a kind bear: those of the segments between them
@@ -97,10 +97,7 @@ class Floor(NamedTuple):
 
     def stand(self, points: Floats) -> Floats:
         """R x + (0, height, 0) with the shortest rotation R up = y; points (..., 3, p)."""
-        x, y, z = self.up
-        axis = np.array([-z, 0.0, x]) if x or z else self.up
-        turn = rotation_about(axis, np.arccos(np.clip(y, -1.0, 1.0)))
-        return turn @ points + np.array([[0.0], [self.height], [0.0]])
+        return turn_up(self.up) @ points + np.array([[0.0], [self.height], [0.0]])
 
     def __str__(self) -> str:
         """Say it in one line."""

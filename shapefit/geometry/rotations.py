@@ -48,6 +48,15 @@ def rotation_about(axis: Floats, angles: Floats) -> Floats:
     return np.eye(3) + np.sin(a) * K + (1 - np.cos(a)) * (K @ K)
 
 
+def turn_up(up: Floats) -> Floats:
+    """Return the smallest rotation (3, 3) that takes a direction (3,) to y."""
+    unit = up / np.linalg.norm(up)
+    if unit[1] < -1 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    across = np.cross(np.cross(unit, [0.0, 1.0, 0.0]), np.eye(3)).T  # v -> (up x y) x v
+    return np.eye(3) + across + across @ across / (1 + unit[1])
+
+
 def rotation_angle(first: Floats, second: Floats) -> Floats:
     """Angle of first^T second in degrees; (..., 3, 3) each, nan where an entry is nan.
 

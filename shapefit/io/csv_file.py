@@ -258,7 +258,7 @@ INDEXED, WIDEST = 1 << 22, 256
 
 
 class Index(NamedTuple):
-    """Where items of a CSV file begin: bytes and lines of every so-manieth one, and of the end.
+    """Where items of a CSV file begin: bytes and lines of every `each`-th, and of the end.
 
     size is the number of all items; landmarks are the names of all, in their order.
     """

@@ -23,6 +23,7 @@ from shapefit.convex.solver import Status
 from shapefit.dictionary.bodies import has_lengths, knows_size, metres_per_unit
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError, counted, input_error
+from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.io import (
     LandmarkSet,
     ResultSet,
@@ -285,7 +286,7 @@ def false_attributes(head: ResultSet, fit: Fit, dictionary: Dictionary) -> Wrong
         "metres_from": (said.get("metres_from", by), by),
         "edges": (columns.get("edges", edges), edges),
     }
-    if "camera_matrix" not in columns:
+    if CAMERA_MATRIX not in columns:
         of_config["removed_distortion"] = columns.get("removed_distortion"), None
     return wrong + differing(of_config, "the config") + differing(of_dictionary, "the dictionary")
 

@@ -16,6 +16,7 @@ from shapefit.errors import counted
 from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP, nearest_axis_up
 from shapefit.geometry.floor import Floor
 from shapefit.geometry.procrustes import lateral_axis
+from shapefit.geometry.rotations import turn_up
 from shapefit.io import read_dictionary, read_results
 from shapefit.io.foreign.items import FRAME
 from shapefit.io.joined import agreed
@@ -215,15 +216,6 @@ def _on_floor(floor: Floor, level: Floats) -> Stand:
     """Return how shapes in metres before the camera stand on a floor."""
     turn = floor._replace(height=0.0).stand(np.eye(3))
     return Stand((turn @ level).ravel().tolist(), -floor.height)
-
-
-def turn_up(up: Floats) -> Floats:
-    """Return the smallest rotation (3, 3) that takes a direction (3,) to y."""
-    unit = up / np.linalg.norm(up)
-    if unit[1] < -1 + 1e-12:
-        return np.diag([1.0, -1.0, -1.0])
-    across = np.cross(np.cross(unit, [0.0, 1.0, 0.0]), np.eye(3)).T  # v -> (up x y) x v
-    return np.eye(3) + across + across @ across / (1 + unit[1])
 
 
 def _edges(
