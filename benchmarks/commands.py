@@ -133,7 +133,7 @@ def write_judged(folder: Path, number: int) -> None:
         sequences=sequences,
         shape_sd=np.full(true.shape, deviation),
         rotation=straight,
-        plausibility=rng.uniform(size=PART),
+        p_value=rng.uniform(size=PART),
         extras={"true_rotation": straight},
         unit=people.unit,
     )

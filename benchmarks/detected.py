@@ -202,18 +202,18 @@ def verdict_tables(folder: Path) -> str:
                     and row["unit"] == "normalised"
                 }
             found = shapefit.read_results(report.parents[1] / f"{method}.h5")
-            doubts = np.array(found.doubt, dtype=str)
+            doubts = np.array(found.reasons, dtype=str)
             own = np.array([errors.get(item, np.nan) for item in found.items])
             judged = np.array([item in errors for item in found.items])
-            for doubt in np.unique(doubts[judged]):
-                reasons[doubt or "trusted"] += own[judged & (doubts == doubt)].tolist()
+            for reasons in np.unique(doubts[judged]):
+                reasons[reasons or "trusted"] += own[judged & (doubts == reasons)].tolist()
             bad = judged & (doubts != "")
             name = report.parents[1].name
             counts = f"{bad.sum()} of {judged.sum()}"
             rows.append([name, method, counts, _mean(own[judged & ~bad]), _mean(own[bad])])
-    of_reasons = [[doubt, str(len(own)), _mean(own)] for doubt, own in sorted(reasons.items())]
+    of_reasons = [[reasons, str(len(own)), _mean(own)] for reasons, own in sorted(reasons.items())]
     first = markdown_table(["set", "method", "doubted", "error, trusted", "error, doubted"], rows)
-    return f"{first}\n\n{markdown_table(['doubt', 'frames', 'error'], of_reasons)}\n"
+    return f"{first}\n\n{markdown_table(['reasons', 'frames', 'error'], of_reasons)}\n"
 
 
 def _mean(values: Sequence[float]) -> str:

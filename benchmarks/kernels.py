@@ -72,7 +72,7 @@ def mocap_goals(folder: Path) -> Iterator[Goal]:
     wall: Options = {"clock": "wall"}
     yield Goal("two threads over one", "newton", seen, options(threads=2) | wall, options() | wall)
     for p, n in ((15, 500), (41, 60), (75, 20)):
-        how: Options = {"misfit": 0.006, "threads": 1}
+        how: Options = {"residual_variance": 0.006, "threads": 1}
         build = partial(bodies, folder, p, n)
         yield Goal(f"posterior, 32 components, p={p}", "posterior", build, how, repeats=5)
     yield Goal(

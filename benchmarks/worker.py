@@ -54,12 +54,14 @@ def lift(data: Arrays, method: str, threads: float, tolerance: float = 1e-4, **f
     return partial(choose_method(method, settings), build(data))
 
 
-def posterior(data: Arrays, misfit: float, threads: float) -> Run:
+def posterior(data: Arrays, residual_variance: float, threads: float) -> Run:
     """Find the posterior of each image under a prior of many components."""
     from shapefit.dictionary.mixture import Mixture
 
     needs = {"prior": Mixture(data["weights"], data["means"], data["covariances"])}
-    options = take("PosteriorOptions", "lifting.methods", "lifting.options")(misfit=misfit)
+    options = take("PosteriorOptions", "lifting.methods", "lifting.options")(
+        residual_variance=residual_variance
+    )
     return lift(data, "posterior", threads, 1e-3, needs=needs, options=options)
 
 

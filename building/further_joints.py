@@ -197,7 +197,9 @@ def extend(dictionary: Dictionary, given: ShapeSet) -> Dictionary:
             dictionary.prior, shapes, config["prior"]["shrinkage"], config["prior"]["floor"]
         ),
         acceleration=further(dictionary.acceleration, unit * acceleration),
-        edge_give=further(dictionary.edge_give, unit * find_give(moving, edges, sequences)),
+        bone_tolerance=further(
+            dictionary.bone_tolerance, unit * find_give(moving, edges, sequences)
+        ),
         edge_length=further(dictionary.edge_length, find_edge_length(moving, edges)),
         edge_covariance=Regression.of(between, e).joint(dictionary.edge_covariance),
         provenance={**dictionary.provenance, WHERE_MARKED: GROUPS},

@@ -121,13 +121,13 @@ class Report:
     @property
     def _untrusted(self) -> dict[str, int]:
         """Return the reasons not to trust items, each with their number."""
-        return {doubt.text: doubt.number for doubt in self._counted_doubts}
+        return {reasons.text: reasons.number for reasons in self._counted_doubts}
 
     @property
     def _counted_doubts(self) -> list[Counted]:
         from shapefit.pipelines.outcome import Counted
 
-        return [doubt for doubt in self._doubts.values() if isinstance(doubt, Counted)]
+        return [reasons for reasons in self._doubts.values() if isinstance(reasons, Counted)]
 
     @property
     def _too_few_trusted(self) -> bool:
@@ -175,8 +175,8 @@ class Report:
         from shapefit.pipelines.outcome import tell_doubts
 
         doubts = self._counted_doubts
-        for doubt in doubts:
-            yield from (f"Doubtful: {item}: {doubt.text}" for item in doubt.items)
+        for reasons in doubts:
+            yield from (f"Doubtful: {item}: {reasons.text}" for item in reasons.items)
         if doubts:
             yield tell_doubts(doubts, self.done) + ("" if self.verbose else "; -v lists them")
 

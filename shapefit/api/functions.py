@@ -67,7 +67,7 @@ LEARN = {"shapes": (Path("shapes"),), "output": Path("dictionary")}
 EVALUATE = {"results": {"result": "-"}, "truth": (Path("truth"),), "output": Path("report")}
 """What stands for the files of the commands in messages."""
 
-BARS = ("shape_sd", "shape_correlation", "shape_covariance", "plausibility")
+BARS = ("shape_sd", "shape_correlation", "shape_covariance", "p_value")
 """What the calibration of a report judges beside the errors."""
 
 Config = TypeVar("Config", bound=CommandConfig)

@@ -149,7 +149,7 @@ def as_table(fit: Fit) -> Any:
         columns |= dict(zip(names, fit.shape_sd.reshape(n * p, 3).T, strict=True))
     frames, _, _ = _frames(fit)
     of_images = {"frame": frames, "time": frames / (fit.frame_rate or 1)}
-    of_images |= {"sequence": fit.sequences, "trusted": fit.trusted, "doubt": fit.doubt}
+    of_images |= {"sequence": fit.sequences, "trusted": fit.trusted, "reasons": fit.reasons}
     columns |= {name: np.repeat(v, p) for name, v in of_images.items() if v is not None}
     return _library("pandas").DataFrame(columns)
 

@@ -41,7 +41,7 @@ its other sequences and those that suit other bodies; by 16 they are too small."
 SCORED = 2000
 """Shapes left out that are judged, evenly spread."""
 
-MISFIT = 0.01
+RESIDUAL_VARIANCE = 0.01
 """v, the variance of a coordinate of a normalised landmark that `fit` assumes by default."""
 
 
@@ -93,7 +93,7 @@ def choose_sureness(
     share *= (weights / share.sum(axis=1))[:, None]
     scored = np.zeros(len(X), bool)
     scored[np.unique(np.linspace(0, len(X) - 1, SCORED).astype(int))] = True
-    variances = [(f, f * (g - floors[0]) + MISFIT) for g, f in product(floors, widths)]
+    variances = [(f, f * (g - floors[0]) + RESIDUAL_VARIANCE) for g, f in product(floors, widths)]
     total, number = np.zeros((len(shrinkages), len(variances))), 0
     for fold in np.unique(folds):
         left, out = folds != fold, (folds == fold) & scored
@@ -104,7 +104,7 @@ def choose_sureness(
         for row, shrinkage in enumerate(shrinkages):
             kappa = pull_of(shrinkage, weights[left].sum(), len(mixture))
             without = maximise(X[left], share[left], G, kappa, floors[0])
-            found = log_densities(X[out], without, variances, floors[0] + MISFIT)
+            found = log_densities(X[out], without, variances, floors[0] + RESIDUAL_VARIANCE)
             total[row] += weights[out] @ found
     if number < 2:
         return Chosen(Sureness(shrinkages[0], floors[0], widths[0]), 0, 0.0)

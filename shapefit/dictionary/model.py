@@ -62,9 +62,9 @@ class Dictionary:
     unit: str = "unknown"
     atom_items: tuple[str, ...] | None = None
     prior: Mixture | None = None
-    misfit: Floats | None = None
+    residual_variance: Floats | None = None
     acceleration: Floats | None = None
-    edge_give: Floats | None = None
+    bone_tolerance: Floats | None = None
     edge_length: Floats | None = None
     edge_covariance: Floats | None = None
     frame_rate: float | None = None
@@ -120,7 +120,7 @@ class Dictionary:
         return np.array([name != item for name in self.atom_items], dtype=bool)
 
     @property
-    def depth_is_open(self) -> bool:
+    def depth_ambiguity(self) -> bool:
         """Whether nothing has told near from far: the class may be its mirror image in depth."""
         return LEARNED_FROM in self.provenance and self.provenance.get(NEAR_AND_FAR, OPEN) == OPEN
 
@@ -161,7 +161,7 @@ class Dictionary:
         place = np.full(len(self.landmark_names), -1)
         place[columns] = np.arange(len(columns))
         edges, partners, acceleration = self.edges, self.mirror_index, self.acceleration
-        give, length, covariance = self.edge_give, self.edge_length, self.edge_covariance
+        give, length, covariance = self.bone_tolerance, self.edge_length, self.edge_covariance
         if edges is not None:
             there = np.flatnonzero((place[edges] >= 0).all(axis=1))
             edges = place[edges[there]]
@@ -180,7 +180,7 @@ class Dictionary:
             mirror_index=partners,
             prior=None if self.prior is None else self.prior.marginal(columns),
             acceleration=None if acceleration is None else acceleration[columns],
-            edge_give=give,
+            bone_tolerance=give,
             edge_length=length,
             edge_covariance=covariance,
         )
@@ -246,7 +246,7 @@ def describe_learning(dictionary: Dictionary) -> tuple[str, ...]:
         return ()
     verdict = known.get(VERDICT, "of an earlier version, which stored no verdict")
     line = f"the class was learned from 2D {known[LEARNED_FROM]}: {verdict}; near and far "
-    if dictionary.depth_is_open:
+    if dictionary.depth_ambiguity:
         line += (
             f"{OPEN}, so that no image is trusted and error bars cover both: learn it again with "
             "`flip=true` or `flip=false`, as results show it"

@@ -44,7 +44,7 @@ TRUE_ROTATION = Dataset("true_rotation", (3, 3))
 BOX = Dataset("bounding_box", (4,))
 DEVIATION = Dataset("shape_sd", ("p", 3), points=True)
 CORRELATION = Dataset("shape_correlation", ("p", 3), points=True)
-PLAUSIBILITY = Dataset("plausibility")
+P_VALUE = Dataset("p_value")
 """Error bars and what an image is worth, where the method knows them."""
 
 OUTLIERS = Dataset("outliers", ("p",), labels=True)

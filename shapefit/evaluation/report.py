@@ -126,7 +126,7 @@ COVERAGE = (
     *(f"inside_{100 * level:.0f}" for level in LEVELS),
     *("median_width", "unit"),
 )
-KEPT = ("method", "metric", "group", "images", "mean", "kept", "mean_kept", "plausibility", "unit")
+KEPT = ("method", "metric", "group", "images", "mean", "kept", "mean_kept", "p_value", "unit")
 SUMMARY = ("method", "metric", "group", "sequence", "images", "mean", "median", "p90", "unit")
 
 
@@ -217,7 +217,7 @@ _HOW_TO_READ_BARS = (
 )
 _HOW_TO_READ_KEPT = (
     f"Mean error of all images, and of those kept when the {LEAST_TRUSTED:.0%} with the least "
-    "plausibility of each group are left out. Every image has the same weight, so the first may "
+    "p_value of each group are left out. Every image has the same weight, so the first may "
     "differ from the mean over sequences."
 )
 
@@ -393,7 +393,7 @@ def _kept_table(kept: Sequence[Kept]) -> str:
             "error": number(k.mean, decimals),
             "kept": str(k.kept),
             "error of the kept": number(k.mean_kept, decimals),
-            "plausibility from": f"{k.plausibility:.2g}",
+            "p_value from": f"{k.p_value:.2g}",
         }
         for k in shown
     )

@@ -59,7 +59,7 @@ class ImageErrors:
     items: Sequence[str]
     sequences: Labels
     values: Floats
-    plausibility: Floats | None = None
+    p_value: Floats | None = None
 
     def __post_init__(self) -> None:
         """Take the sequences as a tuple of names, too."""
@@ -78,7 +78,7 @@ class ImageErrors:
             items=[self.items[row] for row in rows.tolist()],
             sequences=Labels(self.sequences.names, self.sequences.codes[rows]),
             values=self.values[rows],
-            plausibility=None if self.plausibility is None else self.plausibility[rows],
+            p_value=None if self.p_value is None else self.p_value[rows],
         )
 
 
@@ -187,7 +187,7 @@ LEAST_TRUSTED = 0.1
 class Kept:
     """Mean error over the images of a group, and over those that are kept.
 
-    Every image has the same weight. `plausibility` is the least that was kept.
+    Every image has the same weight. `p_value` is the least that was kept.
     """
 
     method: str
@@ -198,7 +198,7 @@ class Kept:
     mean: float
     kept: int
     mean_kept: float
-    plausibility: float
+    p_value: float
 
 
 def keep_plausible(errors: ImageErrors, grouping: Mapping[str, Sequence[str]]) -> list[Kept]:
@@ -206,9 +206,9 @@ def keep_plausible(errors: ImageErrors, grouping: Mapping[str, Sequence[str]]) -
 
     Images without an error or a plausibility do not count, nor do groups without any other.
     """
-    if errors.plausibility is None:
+    if errors.p_value is None:
         return []
-    values, trust = errors.values, errors.plausibility
+    values, trust = errors.values, errors.p_value
     both = ~np.isnan(values) & ~np.isnan(trust)
     found = []
     for group, members in grouping.items():

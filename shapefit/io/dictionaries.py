@@ -28,7 +28,7 @@ def read_dictionary(path: Path) -> Dictionary:
     with Hdf5Reader(path, DICTIONARY) as reader:
         fields, place = reader.fields(), reader.place
         check_dictionary(fields, place)
-        for name, kind in (("edge_give", "deviation"), ("edge_length", "length")):
+        for name, kind in (("bone_tolerance", "deviation"), ("edge_length", "length")):
             values = fields[name]
             if values is not None and not (np.isfinite(values).all() and (values >= 0).all()):
                 raise input_error(place(name, None), f"holds what is no {kind}", AGAIN)

@@ -190,10 +190,10 @@ INPUT_CORRELATION, INPUT_NAMES = "input_shape_correlation", "input_landmark_name
 
 _NUMBERS_OF_A_RESULT: dict[tuple[str | int, ...], str] = {
     ("n",): "lambda residual active_atoms tight metres_per_unit log_evidence "
-    "plausibility trusted sequence_noise",
+    "p_value trusted sequence_noise",
     ("n", 2): "focal principal_point",
     ("n", 3): "camera_translation position",
-    ("n", "p"): "belief outliers",
+    ("n", "p"): "inlier_probability outliers",
     ("n", "p", 2): "landmarks",
     ("n", "p", 3): "shape_correlation",
     ("n", "r", "r"): "shape_covariance",
@@ -207,7 +207,7 @@ FURTHER_OF_RESULTS = (
         for axes, names in _NUMBERS_OF_A_RESULT.items()
         for name in names.split()
     ),
-    Dataset("doubt", ("n",), "text"),
+    Dataset("reasons", ("n",), "text"),
     Dataset("left_out", ("n",), "text"),
     Dataset(INPUT_NAMES, ("i",), "text"),
 )
@@ -252,10 +252,10 @@ DICTIONARY = Layout(
         Dataset("atom_item", ("k",), "text", field="atom_items"),
         Dataset("objective_trace", ("t",)),
         Dataset("acceleration", ("p",)),
-        Dataset("edge_give", ("e",)),
+        Dataset("bone_tolerance", ("e",)),
         Dataset("edge_length", ("e",)),
         Dataset("edge_covariance", ("e", "e")),
-        Dataset("misfit", (1,)),
+        Dataset("residual_variance", (1,)),
         Dataset("prior_weights", ("c",)),
         Dataset("prior_means", ("c", "p", 3), points=True),
         Dataset("prior_covariances", ("c", "p", 3, "p", 3)),

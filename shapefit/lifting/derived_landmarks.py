@@ -43,7 +43,7 @@ def place_dependents(
     landmarks: Floats,
     shown: NDArray[np.bool_],
     depends_on: Integers,
-    misfit: float,
+    residual_variance: float,
 ) -> Lifting:
     """Return a lifting with covariances whose dependent landmarks are where images say.
 
@@ -58,7 +58,7 @@ def place_dependents(
     away = (landmarks - lifting.landmarks_fitted) / lifting.scale[:, None, None]
     seen = np.tile(shown[:, a] & shown[:, b], 2)
     r = np.where(seen, (away[..., a] - away[..., b]).reshape(seen.shape), 0.0)
-    R = noise_of_differences(seen, np.concatenate([b, p + b]), misfit)
+    R = noise_of_differences(seen, np.concatenate([b, p + b]), residual_variance)
     C = found.covariance
     known = C[:, rest][:, :, rest] + 1e-6 * np.eye(len(rest))
     across = C[:, every][:, :, rest]
@@ -88,14 +88,16 @@ def place_dependents(
     )
 
 
-def noise_of_differences(seen: NDArray[np.bool_], shared: Integers, misfit: float) -> Floats:
+def noise_of_differences(
+    seen: NDArray[np.bool_], shared: Integers, residual_variance: float
+) -> Floats:
     """R (n, q, q): of differences between landmarks and others; equal `shared` (q,) have the same.
 
     seen (n, q), which differences the images show; the others have the variance UNSEEN.
     """
     both = seen[:, :, None] & seen[:, None] & (shared[:, None] == shared)
-    own = np.where(seen, misfit, UNSEEN)
-    R: Floats = own[:, :, None] * np.eye(len(shared)) + np.where(both, misfit, 0.0)
+    own = np.where(seen, residual_variance, UNSEEN)
+    R: Floats = own[:, :, None] * np.eye(len(shared)) + np.where(both, residual_variance, 0.0)
     return R
 
 

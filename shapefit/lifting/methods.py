@@ -75,9 +75,9 @@ class PosteriorOptions:
     covariance     whether the covariance of all landmarks together is wanted
     """
 
-    misfit: float = 0.01
+    residual_variance: float = 0.01
     least_score: float | None = 0.1
-    gross_chance: float = 0.02
+    outlier_rate: float = 0.02
     gross_density: float = 0.05
     widening: float = 1.0
     views: int = 0
@@ -280,7 +280,7 @@ METHODS: dict[str, Method] = {
         section=POSTERIOR,
         needs=(PRIOR,),
         yields=frozenset({"convex_proof", "deviation"}),
-        further=("log_evidence", "plausibility", "belief", "shape_correlation"),
+        further=("log_evidence", "p_value", "inlier_probability", "shape_correlation"),
         proves="bound",
         mixes_atoms=False,
         precisions=True,
@@ -292,7 +292,13 @@ METHODS: dict[str, Method] = {
         section=POSTERIOR,
         needs=(PRIOR,),
         yields=frozenset({"convex_proof", "deviation", "posterior_modes"}),
-        further=("log_evidence", "plausibility", "belief", "shape_correlation", "sequence_noise"),
+        further=(
+            "log_evidence",
+            "p_value",
+            "inlier_probability",
+            "shape_correlation",
+            "sequence_noise",
+        ),
         proves="bound",
         mixes_atoms=False,
         precisions=True,

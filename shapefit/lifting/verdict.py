@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.convex.solver import Status
 from shapefit.lifting.estimate import CORRELATION, Estimate
-from shapefit.lifting.posterior.plausibility import VIEWED
+from shapefit.lifting.posterior.p_value import VIEWED
 
-TRUSTED, DOUBT, PLAUSIBILITY = "trusted", "doubt", "plausibility"
+TRUSTED, REASONS, P_VALUE = "trusted", "reasons", "p_value"
 """Datasets (n,) of a result: true or false, why not, and a p-value."""
 
 WIDEST = 0.8
@@ -42,11 +42,11 @@ def find_doubts(
     shapes: Floats,
     deviation: Floats,
     seen: NDArray[np.bool_],
-    plausibility: Floats,
+    p_value: Floats,
     status: Sequence[Status],
     *,
     implausible: float,
-    depth_is_open: bool = False,
+    depth_ambiguity: bool = False,
 ) -> NDArray[np.object_]:
     """Return why each of n images is not to be trusted, "" where it is.
 
@@ -57,18 +57,18 @@ def find_doubts(
     failed = ~np.isfinite(shapes).all(axis=(1, 2))
     stopped = np.array([each is Status.ITERATION_LIMIT for each in status], dtype=bool)
     with np.errstate(invalid="ignore"):
-        reasons = (
+        rules = (
             (failed, NO_SHAPE),
             (2 * seen.sum(axis=1) <= VIEWED, TOO_FEW),
-            (plausibility < implausible, IMPLAUSIBLE),
-            (np.full(len(shapes), depth_is_open), MIRRORED),
+            (p_value < implausible, IMPLAUSIBLE),
+            (np.full(len(shapes), depth_ambiguity), MIRRORED),
             (relative_width(shapes, deviation) > WIDEST, WIDE),
             (stopped, NOT_OPTIMAL),
         )
-    doubt = np.full(len(shapes), "", dtype=object)
-    for holds, text in reversed(reasons):
-        doubt[holds] = text
-    return doubt
+    reasons = np.full(len(shapes), "", dtype=object)
+    for holds, text in reversed(rules):
+        reasons[holds] = text
+    return reasons
 
 
 def cover_mirror_image(estimate: Estimate) -> Estimate:

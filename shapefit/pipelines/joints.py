@@ -169,7 +169,7 @@ class LandmarkMap:
     active: bool
     keep_covariance: bool = False
     depends_on: Integers | None = None
-    misfit: float = 0.0
+    residual_variance: float = 0.0
 
     def apply(self, dictionary: Dictionary) -> Dictionary:
         """Return the dictionary of the landmarks."""
@@ -187,7 +187,9 @@ class LandmarkMap:
         if not self.active:
             return lifting, {}
         if self.depends_on is not None:
-            lifting = place_dependents(lifting, landmarks, seen, self.depends_on, self.misfit)
+            lifting = place_dependents(
+                lifting, landmarks, seen, self.depends_on, self.residual_variance
+            )
         A, names = self.joints.matrix(self.theta), tuple(self.joints.parts)
         rows = self.joints.rows(names, self.theta) @ np.linalg.inv(A)
         markers = {name for several in self.joints.markers.values() for name in several}

@@ -199,16 +199,16 @@ def check_by_rules(images: Images, model: Model, dictionary: Dictionary, checks:
     )
     degenerate = np.isin(np.arange(len(fitted)), some[list(reasons)])
     checks.hold("an image without a shape has degenerate landmarks", degenerate, of=~fitted)
-    if fit.has_posterior and {"trusted", "doubt"} <= columns.keys():
+    if fit.has_posterior and {"trusted", "reasons"} <= columns.keys():
         limited = columns["status"].astype(str) == LIMITED
-        doubt = find_doubts(
-            *(columns["shapes"], columns["shape_sd"], seen, columns["plausibility"]),
+        causes = find_doubts(
+            *(columns["shapes"], columns["shape_sd"], seen, columns["p_value"]),
             [Status.ITERATION_LIMIT if each else Status.OPTIMAL for each in limited],
             implausible=fit.key("posterior.implausible", 0.0),
-            depth_is_open=dictionary.depth_is_open,
+            depth_ambiguity=dictionary.depth_ambiguity,
         )
-        right = (columns["doubt"] == doubt) & (columns["trusted"] == (doubt == ""))
-        checks.hold("trusted and doubt follow from bars", right, "trusted doubt", everyone)
+        right = (columns["reasons"] == causes) & (columns["trusted"] == (causes == ""))
+        checks.hold("trusted and reasons follow from bars", right, "trusted reasons", everyone)
     if "metres_per_unit" in columns:
         stated, metres = columns["metres_per_unit"], metres_per_unit(columns["shapes"], dictionary)
         metres = np.full(len(fitted), np.nan) if metres is None else metres

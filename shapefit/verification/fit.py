@@ -36,7 +36,7 @@ REQUIRED = {
     "has_proof": PROOF,
     "perspective": "camera_translation focal principal_point",
     "left_out": "left_out",
-    "has_posterior": "shape_sd shape_correlation plausibility belief log_evidence",
+    "has_posterior": "shape_sd shape_correlation p_value inlier_probability log_evidence",
 }
 """What a fit is like -> datasets that every such fit writes."""
 

@@ -105,11 +105,13 @@ def check_bars(images: Images, checks: Checks) -> None:
             checks.hold(f"{name} is within -1 and 1", within.all(axis=(1, 2)))
     if "shape_covariance" in stated:
         check_covariance(images, checks)
-    belief, p = stated["belief"], stated["plausibility"]
-    chance = np.where(weighed, (belief >= 0) & (belief <= 1), np.isnan(belief)).all(axis=1)
-    checks.hold("belief is a chance of each landmark seen", chance)
+    inlier_probability, p = stated["inlier_probability"], stated["p_value"]
+    chance = np.where(
+        weighed, (inlier_probability >= 0) & (inlier_probability <= 1), np.isnan(inlier_probability)
+    ).all(axis=1)
+    checks.hold("inlier_probability is a chance of each landmark seen", chance)
     chance = np.where(weighed.sum(axis=1) > FREEDOM, (p >= 0) & (p <= 1), np.isnan(p))
-    checks.hold("plausibility is a chance where 4 landmarks are seen", chance)
+    checks.hold("p_value is a chance where 4 landmarks are seen", chance)
     off = np.abs(stated["log_evidence"] + stated["objective"])
     checks.add("objective is -log_evidence", off, FLOOR * np.abs(stated["objective"]))
 

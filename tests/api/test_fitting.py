@@ -89,7 +89,7 @@ def test_arrays_alone_are_enough(people, views):
     assert plain.coefficients.shape == (150, 24)
     assert set(plain.status) == {"optimal"}
     assert (plain.relative_gap <= 1e-6).all()
-    assert (plain.shape_sd, plain.plausibility) == (None, None)
+    assert (plain.shape_sd, plain.p_value) == (None, None)
     assert not plain.failures
 
 

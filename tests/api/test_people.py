@@ -44,7 +44,7 @@ def test_a_fit_is_the_command_on_the_same_array(found, keypoints, tmp_path):
     given = {key: wanted[key] for key in ("lambda", "solver", "posterior", "method", "input")}
     run_command("fit", **config, **given, output=str(tmp_path / "result.h5"))
     result = shapefit.read_results(tmp_path / "result.h5")
-    for name in ("shapes", "shape_sd", "plausibility", "trusted"):
+    for name in ("shapes", "shape_sd", "p_value", "trusted"):
         np.testing.assert_array_equal(getattr(found, name), getattr(result, name))
 
 

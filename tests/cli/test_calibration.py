@@ -13,7 +13,7 @@ from shapefit.io.records import ShapeSet
 from tests.cli.test_chain import shapefit
 from tests.io.files import save
 
-MISFIT, SIZE, N, P = 0.005, 30.0, 400, 9
+RESIDUAL_VARIANCE, SIZE, N, P = 0.005, 30.0, 400, 9
 NAMES = tuple(f"point{j}" for j in range(P))
 ITEMS = tuple(f"image{i}" for i in range(N))
 FIT = f"""
@@ -23,7 +23,7 @@ output: result.h5
 method: posterior
 lambda: 0.1
 solver: {{tolerance: 0.001}}
-posterior: {{misfit: {MISFIT}, gross_chance: 0}}
+posterior: {{residual_variance: {RESIDUAL_VARIANCE}, outlier_rate: 0}}
 """
 
 
@@ -39,7 +39,7 @@ def drawn(tmp_path, rng):
     roots = np.linalg.cholesky(C)[k]
     x = means[k] + (roots @ rng.standard_normal((N, 3 * P, 1))).reshape(N, 3, P)
     R = random_rotations(N, rng)
-    w = (R @ x)[:, :2] + np.sqrt(MISFIT) * rng.standard_normal((N, 2, P))
+    w = (R @ x)[:, :2] + np.sqrt(RESIDUAL_VARIANCE) * rng.standard_normal((N, 2, P))
     atoms = means / 5
     write_dictionary(
         tmp_path / "dictionary.h5", Dictionary(atoms, NAMES, means.mean(axis=0), prior=prior)

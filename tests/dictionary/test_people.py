@@ -43,7 +43,7 @@ def test_it_has_what_all_methods_need(people):
     }
     assert people.prior is not None
     assert (people.acceleration > 0).all()
-    assert people.edge_give.shape == (24,)
+    assert people.bone_tolerance.shape == (24,)
     assert people.edge_covariance.shape == (24, 24)
     sides = {"r": "l", "l": "r"}
     for j, i in enumerate(people.mirror_index.tolist()):

@@ -170,7 +170,7 @@ def test_the_least_plausible_tenth_of_a_group_is_left_out():
     first, second = keep_plausible(errors, {"A": ("a",), "B": ("b",)})
     assert (first.images, first.mean) == (20, 10.5)
     assert (first.kept, first.mean_kept) == (18, 9.5)
-    assert first.plausibility == pytest.approx(1 - 0.17)
+    assert first.p_value == pytest.approx(1 - 0.17)
     assert (second.images, second.kept, second.mean_kept) == (1, 1, 100.0)
 
 
@@ -184,7 +184,7 @@ def test_of_equally_plausible_images_the_first_are_left_out(rng):
     order = rows[np.argsort(trust[rows], kind="stable")]
     expected = order[len(order) // 10 :]
     assert (kept.images, kept.kept) == (len(order), len(expected))
-    assert kept.plausibility == trust[expected[0]]
+    assert kept.p_value == trust[expected[0]]
     assert kept.mean == pytest.approx(values[order].mean(), rel=1e-14)
     assert kept.mean_kept == pytest.approx(values[expected].mean(), rel=1e-14)
 

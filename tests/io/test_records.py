@@ -168,7 +168,7 @@ def test_a_mirror_index_belongs_to_the_file_where_there_are_as_many_shapes_as_la
         ("trusted", np.ones((5, 2)), "store numbers (items)"),
         ("metres_per_unit", np.ones(5, complex), "store numbers (items)"),
         ("log_evidence", np.full(5, "high", dtype=object), "store numbers (items)"),
-        ("doubt", np.empty(0, dtype=object), "store UTF-8 text (items)"),
+        ("reasons", np.empty(0, dtype=object), "store UTF-8 text (items)"),
         ("landmark_map", np.eye(3), "store numbers (landmarks, landmarks)"),
         ("input_landmark_names", np.arange(4), "store UTF-8 text (landmarks of the detector)"),
     ],

@@ -73,7 +73,7 @@ def test_feet_that_are_seen_are_nearer_to_the_truth_in_the_image_and_surer(image
 def test_the_noise_of_an_ankle_is_shared_by_its_foot():
     """Against all unknowns at once: the foot (9), and the noise of four landmarks (8)."""
     rng = np.random.default_rng(0)
-    p, misfit, feet, ankle = 6, 0.02, [3, 4, 5], 1
+    p, residual_variance, feet, ankle = 6, 0.02, [3, 4, 5], 1
     A = rng.standard_normal((3 * p, 3 * p))
     C = 0.02 * A @ A.T / p
     foot = np.concatenate([np.array(feet) + p * axis for axis in range(3)])
@@ -90,11 +90,15 @@ def test_the_noise_of_an_ankle_is_shared_by_its_foot():
         scale=np.ones(1), problem=None, estimate=estimate, failures={},
     )  # fmt: skip
     depends_on = np.array([-1, -1, -1, ankle, ankle, ankle])
-    found = place_dependents(lifting, landmarks, np.ones((1, p), bool), depends_on, misfit)
+    found = place_dependents(
+        lifting, landmarks, np.ones((1, p), bool), depends_on, residual_variance
+    )
 
     prior = np.zeros((17, 17))
     prior[:9, :9] = C[np.ix_(foot, foot)]
-    prior[9:, 9:] = misfit * np.eye(8)  # of the three landmarks in x, in y; of the ankle in x, y
+    prior[9:, 9:] = residual_variance * np.eye(
+        8
+    )  # of the three landmarks in x, in y; of the ankle in x, y
     H = np.zeros((6, 17))
     H[:, :6], H[:, 9:15] = np.eye(6), np.eye(6)
     H[:3, 15] = H[3:, 16] = -1.0

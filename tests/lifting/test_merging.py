@@ -151,7 +151,7 @@ def test_what_cannot_be_joined_is_named(run, atoms):
 def test_further_datasets_come_back_in_the_order_of_the_images(run, atoms):
     def with_further(group):
         values = {
-            "plausibility": np.array(group.images, float),
+            "p_value": np.array(group.images, float),
             "sd": np.ones((len(group.images), 3)),
         }
         estimate = replace(group.lifting.estimate, further=values)
@@ -159,5 +159,5 @@ def test_further_datasets_come_back_in_the_order_of_the_images(run, atoms):
 
     merged = merge([with_further(group) for group in one_by_one(run)], atoms)
     further = merged.estimate.further
-    np.testing.assert_array_equal(further["plausibility"], np.arange(7.0))
+    np.testing.assert_array_equal(further["p_value"], np.arange(7.0))
     assert further["sd"].shape == (7, 3)

@@ -300,7 +300,7 @@ def test_the_table_says_what_a_method_yields(name, scene, settings):
         assert ("convex_proof" in found) == (method.proves in ("optimum", "bound"))
     assert found == method.yields
     # p-values of surprises are found once all is lifted
-    assert {"plausibility" if name == "surprise" else name for name in further} == set(
+    assert {"p_value" if name == "squared_mahalanobis" else name for name in further} == set(
         method.further
     )
 

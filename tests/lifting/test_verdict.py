@@ -9,16 +9,16 @@ from shapefit.lifting.verdict import find_doubts, relative_width
 CUBE = np.array([[1, -1, 1, -1], [1, 1, -1, -1], [1, -1, -1, 1]], dtype=float)
 """Four landmarks whose coordinates have variance 1."""
 
-GOOD = {"shape": CUBE, "sd": 0.1, "seen": 4, "plausibility": 0.5, "status": Status.CONVERGED}
+GOOD = {"shape": CUBE, "sd": 0.1, "seen": 4, "p_value": 0.5, "status": Status.CONVERGED}
 
 
-def doubt(**changes) -> str:
+def reasons(**changes) -> str:
     case = GOOD | changes
     found = find_doubts(
         case["shape"][None],
         np.full((1, 3, 4), case["sd"]),
         np.arange(4)[None] < case["seen"],
-        np.array([case["plausibility"]]),
+        np.array([case["p_value"]]),
         (case["status"],),
         implausible=0.05,
     )
@@ -29,19 +29,19 @@ def doubt(**changes) -> str:
     ("changes", "reason"),
     [
         ({}, ""),
-        ({"plausibility": 0.05, "sd": 0.46}, ""),  # sqrt(3) 0.46 = 0.797 of the spread
+        ({"p_value": 0.05, "sd": 0.46}, ""),  # sqrt(3) 0.46 = 0.797 of the spread
         ({"sd": 0.47}, "wide error bars"),
-        ({"plausibility": 0.049}, "implausible landmarks"),
-        ({"plausibility": np.nan}, ""),
-        ({"seen": 3, "plausibility": np.nan}, "too few landmarks seen"),
+        ({"p_value": 0.049}, "implausible landmarks"),
+        ({"p_value": np.nan}, ""),
+        ({"seen": 3, "p_value": np.nan}, "too few landmarks seen"),
         ({"status": Status.ITERATION_LIMIT}, "not optimal"),
-        ({"shape": np.full((3, 4), np.nan), "plausibility": np.nan}, "no shape"),
+        ({"shape": np.full((3, 4), np.nan), "p_value": np.nan}, "no shape"),
         ({"shape": np.zeros((3, 4))}, "wide error bars"),
-        ({"seen": 3, "plausibility": 0.0, "sd": 9.0}, "too few landmarks seen"),
+        ({"seen": 3, "p_value": 0.0, "sd": 9.0}, "too few landmarks seen"),
     ],
 )
 def test_the_first_reason_that_holds_is_named(changes, reason):
-    assert doubt(**changes) == reason
+    assert reasons(**changes) == reason
 
 
 def test_the_width_is_that_of_the_body_whatever_its_size_and_place(rng):

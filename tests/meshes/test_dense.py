@@ -23,7 +23,7 @@ def normalised_models(shapes):
     return normalised, generalised_procrustes(normalised.points)
 
 
-def misfit(source, target):
+def residual_variance(source, target):
     """Largest distance of points left by the best similarity, as a share of the target's norm."""
     rest = similarity_transform(source, target).apply(source) - target
     return np.linalg.norm(rest, axis=-2).max() / np.linalg.norm(target)
@@ -46,7 +46,7 @@ def test_the_landmarks_alone_choose_the_frame_of_the_mesh(rng, box):
     scale = np.mean([4, 3, 2]) / 2  # corners of a box deviate by half a side
     np.testing.assert_allclose(one, mesh / scale, atol=1e-12)
     # the spread depends on the frame, so the turned model may differ in scale, in nothing else
-    assert misfit(other, one) < 1e-12
+    assert residual_variance(other, one) < 1e-12
     np.testing.assert_allclose(other / np.linalg.norm(other), one / np.linalg.norm(one))
 
 
@@ -116,9 +116,9 @@ def test_a_shared_rotation_keeps_the_form_and_several_shear_it(rng, box):
     # two boxes of one form: whatever the coefficients, the object is that box
     B, c = np.stack([box(4, 3, 2), 2 * box(4, 3, 2)]), np.array([[0.3, 0.2]])
     R, one, none = random_rotations(2, rng), np.ones(1), np.zeros((1, 2))
-    assert misfit(camera_frame(B, c, R[:1], one, none)[0], B[0]) < 1e-12
+    assert residual_variance(camera_frame(B, c, R[:1], one, none)[0], B[0]) < 1e-12
     M = c[..., None, None] * R[None, :, :2]
-    assert misfit(camera_frame_sheared(B, M, one, none)[0], B[0]) > 0.05
+    assert residual_variance(camera_frame_sheared(B, M, one, none)[0], B[0]) > 0.05
 
 
 def test_a_fit_by_one_atom_has_the_metric_size_of_its_model(rng):
@@ -131,7 +131,7 @@ def test_a_fit_by_one_atom_has_the_metric_size_of_its_model(rng):
     for shape, model in zip(metric, models[[1, 0]], strict=True):
         centred = model - model.mean(axis=1, keepdims=True)
         assert np.linalg.norm(shape) == pytest.approx(np.linalg.norm(centred))
-        assert misfit(shape, centred) < 1e-12
+        assert residual_variance(shape, centred) < 1e-12
 
 
 def test_the_metric_size_of_a_mixture_is_the_mean_of_the_sizes_of_its_parts(box):

@@ -43,7 +43,7 @@ def test_the_slider_shows_the_landmarks_of_its_frame(page, sequence):
     )
     np.testing.assert_allclose(shown, sequence.landmarks[310], atol=0.01)
     assert "frame 311 of 400" in page.text("#state")
-    assert "misfit in the image" in page.text("#state")
+    assert "residual_variance in the image" in page.text("#state")
     assert page.text("#summary").startswith("No error bars and no verdict, against the truth")
 
 
@@ -75,11 +75,11 @@ def walkers(view, project, tmp_path_factory):
     sample = str(project / "sample_data/openpose")
     assert run(["fit", sample, "-d", "people", "-o", str(walk), *keys]) == 0
     with h5py.File(walk, "r+") as file:
-        doubt = file["doubt"].asstr()[()].astype(object)
-        doubt[:] = ""
-        doubt[[36 + 9, 36 + 20]] = "wide error bars"
-        del file["doubt"]
-        file["doubt"] = doubt
+        reasons = file["reasons"].asstr()[()].astype(object)
+        reasons[:] = ""
+        reasons[[36 + 9, 36 + 20]] = "wide error bars"
+        del file["reasons"]
+        file["reasons"] = reasons
     return view({"walk": (walk,)})
 
 
@@ -138,7 +138,7 @@ def test_the_strip_has_a_row_for_each_individual_and_a_legend(walkers, open_page
     """
     assert page.text("#states") == "not to be trusted no shape"
     assert page.run("return document.getElementById('measure').value") == "expected error"
-    page.run(drawn, "plausibility")
+    page.run(drawn, "p_value")
     page.settle()
     rows, axis = page.run("return window.rows")
     assert [row["name"] for row in rows] == ["person 1", "person 2"]
@@ -229,7 +229,9 @@ def test_search_finds_and_enter_goes_there(page):
 def test_the_strip_leads_to_the_worst_frame(page, sequence):
     measure = "return Array.from(shapefit.layer('walker').measures.at(-1).values.subarray(0, 400))"
     order = np.argsort(-np.array(page.run(measure)), kind="stable")
-    choose = "const m = document.getElementById('measure'); m.value = 'misfit in the image';"
+    choose = (
+        "const m = document.getElementById('measure'); m.value = 'residual_variance in the image';"
+    )
     page.run(f"{choose} m.dispatchEvent(new Event('change'))")
     page.click("#worst")
     assert page.state("view.frame") == order[0]

@@ -145,8 +145,8 @@ class FitConfig(CommandConfig):
     `noise`."""
     noise: float | None = Field(default=None, ge=0)
     """Expected standard deviation of a landmark's coordinate, in the unit of the landmarks;
-    `lambda: auto` needs it. Sequences take landmarks for no more exact than `posterior.misfit`
-    unless it says so: 0 for projected motion capture."""
+    `lambda: auto` needs it. Sequences take landmarks for no more exact than
+    `posterior.residual_variance` unless it says so: 0 for projected motion capture."""
     solver: SolverConfig = section(SolverConfig)
     rotations: Literal["shared", "orthogonal"] = "shared"
     """convex: how the landmarks of atoms are rotated: by the transform of each atom, or, with

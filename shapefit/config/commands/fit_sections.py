@@ -97,22 +97,22 @@ class OutliersConfig(ConfigModel):
 class PosteriorConfig(ConfigModel):
     """How `method: posterior` weighs landmarks against the prior over shapes."""
 
-    prior_width: float | None = Field(default=None, gt=0)
+    prior_scale: float | None = Field(default=None, gt=0)
     """Factor on the covariances of the prior: poses that its training shapes lack. By default 1, 2,
     4 or 8, as the first images say by their evidence."""
-    misfit: float | None = Field(
+    residual_variance: float | None = Field(
         default=None,
         gt=0,
         description="Variance of a landmark's coordinate that prior and camera do not explain, in "
         "the unit of normalised shapes, at confidence 1; by default that of the dictionary, or "
-        f"{PosteriorOptions.misfit} where it has none, or 2, 4 or 8 times that, as the first "
-        "images say by their evidence. It is added to the variance of `noise`.",
+        f"{PosteriorOptions.residual_variance} where it has none, or 2, 4 or 8 times that, as the "
+        "first images say by their evidence. It is added to the variance of `noise`.",
     )
     least_score: float | None = Field(default=PosteriorOptions.least_score, ge=0)
     """Hide landmarks whose confidence is below this, and take all others for equally precise: the
     score of a detector is a chance, not a precision. Landmarks with `landmark_covariance` keep
     theirs. With null the variances are divided by the square of the confidence."""
-    gross_chance: float = Field(default=PosteriorOptions.gross_chance, ge=0, lt=1)
+    outlier_rate: float = Field(default=PosteriorOptions.outlier_rate, ge=0, lt=1)
     """Probability that a landmark is grossly wrong, anywhere; 0 trusts all."""
     widening: float = Field(default=PosteriorOptions.widening, gt=0)
     """Factor applied to all covariances, to allow for what the prior has not seen."""

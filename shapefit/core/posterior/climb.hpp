@@ -17,7 +17,7 @@ constexpr double DIFFERENCE = 2e-7;  // of the Hessian, to one side
 constexpr double LAST_LENGTH = 0.1, LAST_GAIN = 1e-2;
 
 // Where the lanes of a block stand. A block is an array of Doubles, and lanes can move between blocks:
-// these, then the belief (m,) and the next one (m,).
+// these, then the inlier_probability (m,) and the next one (m,).
 template <class Lanes>
 struct Climb {
     LaneView<Lanes> view;
@@ -28,8 +28,8 @@ struct Climb {
     Lanes hope;    // what the next step is expected to gain
     Lanes largest;  // log of the scale beyond which no step goes
 
-    Lanes* belief() { return reinterpret_cast<Lanes*>(this + 1); }
-    Lanes* next(long m) { return belief() + m; }
+    Lanes* inlier_probability() { return reinterpret_cast<Lanes*>(this + 1); }
+    Lanes* next(long m) { return inlier_probability() + m; }
 };
 
 template <class Lanes>
@@ -41,13 +41,13 @@ template <class Lanes>
 struct ClimbSpace {
     ClimbSpace(Workspace& workspace, long p)
         : likelihood(workspace, tiled(2 * p)),
-          belief(workspace.zeros<Lanes>(p)),
+          inlier_probability(workspace.zeros<Lanes>(p)),
           next(workspace.zeros<Lanes>(p)) {}
 
     LikelihoodSpace<Lanes> likelihood;
     LaneView<Lanes> view;
     Likelihood<Lanes> found;
-    Lanes *belief, *next;  // (m,)
+    Lanes *inlier_probability, *next;  // (m,)
 };
 
 template <class Lanes>
@@ -146,8 +146,8 @@ void begin(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const
     const long m = seen.m;
     for (long j = 0; j < m; ++j) at.next(m)[j] = all<Lanes>(1.0);
     for (long left = data.chance > 0 ? EARLY : 1; left--;) {
-        for (long j = 0; j < m; ++j) at.belief()[j] = at.next(m)[j];
-        find_likelihood(data, seen, pack, at.view, at.belief(), true, left == 0, space.likelihood, at.found,
+        for (long j = 0; j < m; ++j) at.inlier_probability()[j] = at.next(m)[j];
+        find_likelihood(data, seen, pack, at.view, at.inlier_probability(), true, left == 0, space.likelihood, at.found,
                         at.next(m));
     }
     for (int e = 0; e < VIEW * VIEW; ++e) at.curvature[e] = at.found.curvature[e];
@@ -170,8 +170,8 @@ void climb(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const
         Lanes step[VIEW], change[VIEW], mended[VIEW * VIEW];
         propose(at, step);
         move(at.view, step, space.view);
-        for (long j = 0; j < m; ++j) space.belief[j] = at.next(m)[j];
-        find_likelihood(data, seen, pack, space.view, space.belief, false, true, space.likelihood,
+        for (long j = 0; j < m; ++j) space.inlier_probability[j] = at.next(m)[j];
+        find_likelihood(data, seen, pack, space.view, space.inlier_probability, false, true, space.likelihood,
                         space.found, space.next);
         const Lanes gain = space.found.value - at.found.value;
         const Lanes kept = at.moving * indicate(gain + all<Lanes>(ROUNDING<Lanes>)) *
@@ -185,7 +185,7 @@ void climb(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const
         take(kept, at.view, space.view);
         keep(kept, at.found, space.found);
         for (long j = 0; j < m; ++j) {
-            at.belief()[j] = select(kept, space.belief[j], at.belief()[j]);
+            at.inlier_probability()[j] = select(kept, space.inlier_probability[j], at.inlier_probability()[j]);
             at.next(m)[j] = select(kept, space.next[j], at.next(m)[j]);
         }
         at.damping = select(kept, larger(at.damping * all<Lanes>(EASE), all<Lanes>(1e-9)), at.damping * HARDEN);
@@ -195,19 +195,19 @@ void climb(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const
     }
 }
 
-// The Hessian at the end by differences of gradients, the belief held, and Newton's last step. A lane
+// The Hessian at the end by differences of gradients, the inlier_probability held, and Newton's last step. A lane
 // is still moving where that step is not small: it stands on no stationary point.
 template <class Lanes>
 void finish(const PosteriorData& data, const Observed<Number<Lanes>>& seen,
             const Pack<Lanes>& pack, ClimbSpace<Lanes>& space, Climb<Lanes>& at) {
     const auto look = [&](const LaneView<Lanes>& view, Likelihood<Lanes>& found) {
-        find_likelihood(data, seen, pack, view, at.belief(), false, true, space.likelihood, found,
+        find_likelihood(data, seen, pack, view, at.inlier_probability(), false, true, space.likelihood, found,
                         space.next);
     };
     at.view.R.orthonormalise();  // to the last digit, from one in single precision
     look(at.view, at.found);
     take_last_step(at);
-    for (long j = 0; j < seen.m; ++j) at.belief()[j] = space.next[j];
+    for (long j = 0; j < seen.m; ++j) at.inlier_probability()[j] = space.next[j];
     look(at.view, at.found);
     Lanes* H = at.curvature;
     for (int i = 0; i < VIEW; ++i) {

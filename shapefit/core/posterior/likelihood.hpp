@@ -9,7 +9,7 @@
 // the expected shape is X = R mu + R C A^T alpha. The log likelihood of the m seen landmarks w is that of y less
 // (2 m - 2) log s. Derivatives are over theta: R <- exp([theta_1..3]_x) R, s <- exp(theta_4) s.
 //
-// q_j is the belief that landmark j is not gross. A gross one is uniform with the density u per area
+// q_j is the inlier_probability that landmark j is not gross. A gross one is uniform with the density u per area
 // of landmarks, u s^2 in the unit of shapes; with the chance g of that the value is the variational
 // bound, u for u s^2,
 //
@@ -33,7 +33,7 @@ struct PosteriorData {
     // of the rays: x and y per depth z; 0 = weak perspective
     Tensor<const double> slopes = from("slopes", "n 2 p");
     // v, variance in the unit of shapes, inf = hidden
-    Matrix<const double> misfit = from("misfit", "n p");
+    Matrix<const double> residual_variance = from("residual_variance", "n p");
     // V, covariance in the unit of the landmarks
     Blocks<const double> noise = from("noise", "n p 2 2");
     Vector<const double> log_weights = from("log_weights", "K");  // log pi
@@ -48,12 +48,12 @@ struct PosteriorData {
     // of x with y, x with z and y with z of a landmark
     Tensor<double> correlation = from("correlation", "n 3 p");
     Tensor<double> covariance = from("covariance", "n 3p 3p?");  // where it is wanted
-    Matrix<double> belief = from("belief", "n p");  // that a landmark is not gross
+    Matrix<double> inlier_probability = from("inlier_probability", "n p");  // that a landmark is not gross
     Tensor<double> rotation = from("rotation", "n 3 3");  // of the most likely mode
     Vector<double> scale = from("scale", "n");  // likewise
     Vector<double> log_evidence = from("log_evidence", "n");  // of the image
-    // squared Mahalanobis distance of the landmarks, noise of landmark j over its belief
-    Vector<double> surprise = from("surprise", "n");
+    // squared Mahalanobis distance of the landmarks, noise of landmark j over its inlier_probability
+    Vector<double> squared_mahalanobis = from("squared_mahalanobis", "n");
     Vector<bool> stationary = from("stationary", "n");  // whether a climb ended on a maximum
     Vector<int64_t> rounds = from("rounds", "n");  // steps taken by all climbs together
     // The M most likely modes, where they are wanted.
@@ -64,7 +64,7 @@ struct PosteriorData {
     Matrix<double> mode_log_evidence = from("mode_log_evidence", "n M?");
     Blocks<double> mode_mean = from("mode_mean", "n M 3 p?");
     Blocks<double> mode_covariance = from("mode_covariance", "n M 3p 3p?");
-    Tensor<double> mode_belief = from("mode_belief", "n M p?");
+    Tensor<double> mode_inlier_probability = from("mode_inlier_probability", "n M p?");
 };
 
 constexpr double LOG_TWO_PI = 1.8378770664093453;
@@ -86,7 +86,7 @@ struct Observed {
         : index(workspace.zeros<long>(p)),
           w(workspace.zeros<Number>(2 * p)),
           slope(workspace.zeros<Number>(2 * p)),
-          misfit(workspace.zeros<Number>(p)),
+          residual_variance(workspace.zeros<Number>(p)),
           noise(workspace.zeros<Number>(3 * p)) {}
 
     void take(const PosteriorData& data, long image) {
@@ -94,10 +94,10 @@ struct Observed {
         m = 0;
         noisy = false;
         for (long j = 0; j < data.landmarks.size[2]; ++j) {
-            if (!is_finite(data.misfit[image][j])) continue;
+            if (!is_finite(data.residual_variance[image][j])) continue;
             const long e = m++;
             index[e] = j;
-            misfit[e] = static_cast<Number>(data.misfit[image][j]);
+            residual_variance[e] = static_cast<Number>(data.residual_variance[image][j]);
             for (int a = 0; a < 2; ++a) {
                 w[2 * e + a] = static_cast<Number>(data.landmarks[image][a][j]);
                 slope[2 * e + a] = static_cast<Number>(data.slopes[image][a][j]);
@@ -113,7 +113,7 @@ struct Observed {
     long* index;     // (p,) their places among all p landmarks
     Number* w;       // (p, 2)
     Number* slope;   // (p, 2)
-    Number* misfit;  // v (p,)
+    Number* residual_variance;  // v (p,)
     Number* noise;   // V (p, 3): xx, xy, yy
     bool noisy = false;  // whether a V is not 0
 };
@@ -136,7 +136,7 @@ struct Likelihood {
     Lanes value;
     Lanes gradient[VIEW];          // of -value
     Lanes curvature[VIEW * VIEW];  // Gauss and Newton's
-    Lanes surprise;                // (y - A mu)^T S^-1 (y - A mu)
+    Lanes squared_mahalanobis;                // (y - A mu)^T S^-1 (y - A mu)
 };
 
 // Rows of 2 m numbers are padded to n, a multiple of TILE.
@@ -174,7 +174,7 @@ struct Noise {
 template <class Lanes>
 [[gnu::always_inline]] inline Noise<Lanes> noise_of(const Observed<Number<Lanes>>& seen, long j, Lanes shrunk) {
     const Number<Lanes>* V = seen.noise + 3 * j;
-    return {seen.misfit[j] + V[0] * shrunk, V[1] * shrunk, seen.misfit[j] + V[2] * shrunk};
+    return {seen.residual_variance[j] + V[0] * shrunk, V[1] * shrunk, seen.residual_variance[j] + V[2] * shrunk};
 }
 
 template <class Lanes>
@@ -201,7 +201,7 @@ void centre(const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, const 
 // S_0, and the covariances F_jk = z^T R C_jk A_k^T of the depth of j with what is seen of k.
 template <class Lanes>
 void fill_covariance(const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, const LaneView<Lanes>& view, Lanes shrunk,
-                     const Lanes* belief, const LikelihoodSpace<Lanes>& space) {
+                     const Lanes* inlier_probability, const LikelihoodSpace<Lanes>& space) {
     const long n = tiled(2 * seen.m);
     const Lanes* z = view.R + 6;
     for (long j = 0; j < seen.m; ++j) {
@@ -228,7 +228,7 @@ void fill_covariance(const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pac
             Fj[1] = T[6] * A[3] + T[7] * A[4] + T[8] * A[5];
         }
         const Noise<Lanes> N = noise_of(seen, j, shrunk);
-        const Lanes share = 1.0 / belief[j];
+        const Lanes share = 1.0 / inlier_probability[j];
         upper[2 * j] += N.xx * share;
         lower[2 * j] += N.xy * share;
         lower[2 * j + 1] += N.yy * share;
@@ -282,13 +282,13 @@ Translation<Lanes> solve(long n, const LikelihoodSpace<Lanes>& space) {
 
 // X = R mu + R C A^T alpha: in depth by F, and across by P X = y - N alpha - E[t].
 template <class Lanes>
-void expect(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lanes* belief, const Translation<Lanes>& t,
+void expect(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lanes* inlier_probability, const Translation<Lanes>& t,
             const LikelihoodSpace<Lanes>& space) {
     const long N = 2 * seen.m, n = tiled(N);
     for (long j = 0; j < seen.m; ++j) {
         const Lanes *F = space.F + j * n, *alpha = space.alpha + 2 * j, *y = space.y + 2 * j;
         const Noise<Lanes> noise = noise_of(seen, j, shrunk);
-        const Lanes share = 1.0 / belief[j];
+        const Lanes share = 1.0 / inlier_probability[j];
         Lanes z = space.mean[3 * j + 2];
         for (long e = 0; e < N; ++e) z += F[e] * space.alpha[e];
         Lanes* X = space.X + 3 * j;
@@ -340,7 +340,7 @@ void pull_back(const Observed<Number<Lanes>>& seen, bool alone, const Likelihood
 // Half the change of log det S with a turn G, sum_j tr(P_j G V_j), where V_j (3, 2), the rows of
 // sum_k R C_jk A_k^T S^-1_kj, is D_j in depth, and P_j V_j = I - N_j S^-1_jj - (B G)_j.
 template <class Lanes>
-void turn_determinant(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lanes* belief,
+void turn_determinant(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lanes* inlier_probability,
                       const LikelihoodSpace<Lanes>& space, Lanes* gradient) {
     const Lanes* BG = space.BG;
     const long n = tiled(2 * seen.m);
@@ -348,7 +348,7 @@ void turn_determinant(const Observed<Number<Lanes>>& seen, Lanes shrunk, const L
         const Lanes *I = space.diagonal + 3 * j, *D = space.D + 2 * j;
         const Number<Lanes>* u = seen.slope + 2 * j;
         const Noise<Lanes> noise = noise_of(seen, j, shrunk);
-        const Lanes share = 1.0 / belief[j];
+        const Lanes share = 1.0 / inlier_probability[j];
         Lanes V[2][2];
         for (int b = 0; b < 2; ++b) {
             const Lanes column[2] = {I[b], I[1 + b]};
@@ -382,7 +382,7 @@ void linearise(const Observed<Number<Lanes>>& seen, const LikelihoodSpace<Lanes>
 }
 
 template <class Lanes>
-void differentiate(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lanes* belief, const Translation<Lanes>& t,
+void differentiate(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lanes* inlier_probability, const Translation<Lanes>& t,
                    const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found) {
     const long N = 2 * seen.m, n = tiled(N);
     linearise(seen, space);
@@ -391,7 +391,7 @@ void differentiate(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lane
         for (long e = 0; e < N; ++e) total += space.J[i * n + e] * space.alpha[e];
         found.gradient[i] = total;
     }
-    turn_determinant(seen, shrunk, belief, space, found.gradient);
+    turn_determinant(seen, shrunk, inlier_probability, space, found.gradient);
     found.gradient[3] += static_cast<Number<Lanes>>(N - 2);
     if (seen.noisy)
         for (long j = 0; j < seen.m; ++j) {
@@ -402,8 +402,8 @@ void differentiate(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lane
             found.gradient[3] +=
                 shrunk * ((V[0] * (alpha[0] * alpha[0] - D[0]) + V[2] * (alpha[1] * alpha[1] - D[2]) +
                            2 * V[1] * (alpha[0] * alpha[1] - D[1])) /
-                              belief[j] +
-                          (1.0 - belief[j]) *
+                              inlier_probability[j] +
+                          (1.0 - inlier_probability[j]) *
                               (V[0] * noise.yy + V[2] * noise.xx - 2 * V[1] * noise.xy) / det);
         }
     multiply<VIEW>(n, space.L, space.J, space.white);
@@ -434,10 +434,10 @@ Lanes predict(const Noise<Lanes>& N, Lanes q, const Lanes* a, const Lanes* D) {
            all<Lanes>(LOG_TWO_PI);
 }
 
-// Add the terms of the belief to the value; the next belief.
+// Add the terms of the inlier_probability to the value; the next inlier_probability.
 template <class Lanes>
 void believe(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const LaneView<Lanes>& view, Lanes shrunk,
-             const Lanes* belief,
+             const Lanes* inlier_probability,
              bool by_others, const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found, Lanes* next) {
     if (!(data.chance > 0)) {
         for (long j = 0; j < seen.m; ++j) next[j] = all<Lanes>(1.0);
@@ -447,7 +447,7 @@ void believe(const PosteriorData& data, const Observed<Number<Lanes>>& seen, con
     const Lanes gross = all<Lanes>(log(data.chance * data.density)) + 2.0 * view.log_scale;
     for (long j = 0; j < seen.m; ++j) {
         const Noise<Lanes> N = noise_of(seen, j, shrunk);
-        const Lanes q = belief[j], rest = 1.0 - q;
+        const Lanes q = inlier_probability[j], rest = 1.0 - q;
         found.gradient[3] -= 2.0 * rest;
         const Lanes log_size = 0.5 * logarithm(N.xx * N.yy - N.xy * N.xy) + all<Lanes>(LOG_TWO_PI);
         const Lanes *a = space.alpha + 2 * j, *D = space.diagonal + 3 * j;
@@ -463,29 +463,29 @@ void believe(const PosteriorData& data, const Observed<Number<Lanes>>& seen, con
     }
 }
 
-// `belief` q (m,) in, `next` (m,) its next fixed point; or, `by_others`, what the other landmarks
+// `inlier_probability` q (m,) in, `next` (m,) its next fixed point; or, `by_others`, what the other landmarks
 // alone say of each, which a gross landmark cannot sway. Derivatives only where they are wanted.
 template <class Lanes>
 void find_likelihood(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack,
-                     const LaneView<Lanes>& view, const Lanes* belief, bool by_others, bool derived,
+                     const LaneView<Lanes>& view, const Lanes* inlier_probability, bool by_others, bool derived,
                      const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found, Lanes* next) {
     const long N = 2 * seen.m, n = tiled(N);
     const Lanes shrink = exponential(-view.log_scale);
     centre(seen, pack, view, shrink, space);
-    fill_covariance(seen, pack, view, shrink * shrink, belief, space);
+    fill_covariance(seen, pack, view, shrink * shrink, inlier_probability, space);
     const Lanes log_det = factorise(n, space.L, space.reciprocal);
     invert(n, space.L, space.reciprocal);
     const Translation<Lanes> t = solve(n, space);
-    found.surprise = t.square;
-    for (long e = 0; e < n; ++e) found.surprise += space.white[e] * space.white[e];
-    found.value = -0.5 * (found.surprise + log_det + t.log_det + all<Lanes>(static_cast<double>(N) * LOG_TWO_PI)) -
+    found.squared_mahalanobis = t.square;
+    for (long e = 0; e < n; ++e) found.squared_mahalanobis += space.white[e] * space.white[e];
+    found.value = -0.5 * (found.squared_mahalanobis + log_det + t.log_det + all<Lanes>(static_cast<double>(N) * LOG_TWO_PI)) -
                   static_cast<Number<Lanes>>(N - 2) * view.log_scale;
     pull_back(seen, !derived, space);
     if (derived) {
-        expect(seen, shrink * shrink, belief, t, space);
-        differentiate(seen, shrink * shrink, belief, t, space, found);
+        expect(seen, shrink * shrink, inlier_probability, t, space);
+        differentiate(seen, shrink * shrink, inlier_probability, t, space, found);
     }
-    believe(data, seen, view, shrink * shrink, belief, by_others, space, found, next);
+    believe(data, seen, view, shrink * shrink, inlier_probability, by_others, space, found, next);
 }
 
 }  // namespace shapefit

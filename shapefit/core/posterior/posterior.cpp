@@ -17,10 +17,10 @@ struct Mode {
     Rotation R;
     double log_scale;
     double log_evidence;
-    double surprise;
+    double squared_mahalanobis;
     bool stationary;            // nothing is left to climb, and every way leads down
     double root[VIEW * VIEW];   // W with W^T W = (H + I)^-1, the covariance of the view
-    double* belief;  // (m,)
+    double* inlier_probability;  // (m,)
 };
 
 struct ModeSpace {
@@ -84,11 +84,11 @@ void factorise(const Observed<double>& seen, const Mode& mode, double s, ModeSpa
         for (long k = 0; k < n; ++k)
             space.S[i * n + k] = i < N && k < N ? project_row(seen, k, space.K[i].data, p) : i == k ? 1.0 : 0.0;
     for (long j = 0; j < seen.m; ++j) {
-        const double *V = seen.noise + 3 * j, share = 1 / mode.belief[j];
+        const double *V = seen.noise + 3 * j, share = 1 / mode.inlier_probability[j];
         double* at = space.S + 2 * j * (n + 1);
-        at[0] += (seen.misfit[j] + V[0] / (s * s)) * share;
+        at[0] += (seen.residual_variance[j] + V[0] / (s * s)) * share;
         at[1] += V[1] / (s * s) * share;
-        at[n + 1] += (seen.misfit[j] + V[2] / (s * s)) * share;
+        at[n + 1] += (seen.residual_variance[j] + V[2] / (s * s)) * share;
     }
     factorise_block(space.S, space.V, n, n);
     for (long i = 0; i < n; ++i)
@@ -137,7 +137,7 @@ void differentiate(const Observed<double>& seen, const Mode& mode, double s, Mod
         } else {
             for (long j = 0; j < seen.m; ++j) {
                 const double *V = seen.noise + 3 * j, *alpha = space.alpha.data + 2 * j;
-                const double share = 2 / (s * s * mode.belief[j]);
+                const double share = 2 / (s * s * mode.inlier_probability[j]);
                 change[2 * j] = share * (V[0] * alpha[0] + V[1] * alpha[1]) - space.y[2 * j];
                 change[2 * j + 1] = share * (V[1] * alpha[0] + V[2] * alpha[1]) - space.y[2 * j + 1];
             }
@@ -240,7 +240,7 @@ void describe(const PosteriorData& data, const Observed<double>& seen, const Mod
 struct Modes {
     Modes(Workspace& workspace, long most, long p)
         : modes(workspace.zeros<Mode>(most)), order(workspace.zeros<long>(most)) {
-        for (long i = 0; i < most; ++i) modes[i].belief = workspace.zeros<double>(p);
+        for (long i = 0; i < most; ++i) modes[i].inlier_probability = workspace.zeros<double>(p);
     }
 
     const Mode& operator[](long i) const { return modes[order[i]]; }
@@ -278,8 +278,8 @@ void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) 
     mode.component = climbs.pair[i] % data.means.size[0];
     for (int e = 0; e < 9; ++e) mode.R[e] = at.view.R[e][lane];
     mode.log_scale = at.view.log_scale[lane];
-    for (long j = 0; j < search.late.seen.m; ++j) mode.belief[j] = at.belief()[j][lane];
-    mode.surprise = at.found.surprise[lane];
+    for (long j = 0; j < search.late.seen.m; ++j) mode.inlier_probability[j] = at.inlier_probability()[j][lane];
+    mode.squared_mahalanobis = at.found.squared_mahalanobis[lane];
     mode.log_evidence = at.found.value[lane] + data.log_weights[mode.component] +
                         0.5 * (VIEW * LOG_TWO_PI - curvature.log_det);
     // A saddle, or a point on the way, counts only where no climb ends on a maximum.
@@ -369,9 +369,9 @@ class Mixture {
 
 void fail(const PosteriorData& data, long image) {
     Mixture(data, image).set_all(NOT_A_NUMBER);
-    fill(data.belief[image].data, data.landmarks.size[2], NOT_A_NUMBER);
+    fill(data.inlier_probability[image].data, data.landmarks.size[2], NOT_A_NUMBER);
     fill(data.rotation[image].data, 9, NOT_A_NUMBER);
-    data.scale[image] = data.log_evidence[image] = data.surprise[image] = NOT_A_NUMBER;
+    data.scale[image] = data.log_evidence[image] = data.squared_mahalanobis[image] = NOT_A_NUMBER;
     data.stationary[image] = false;
 }
 
@@ -385,20 +385,20 @@ void store(const PosteriorData& data, long image, long rank, const Observed<doub
     for (long e = 0; e < d; ++e) data.mode_mean[image][rank].data[e] = mean[e];
     for (long e = 0; e < d; ++e)
         for (long f = 0; f < d; ++f) data.mode_covariance[image][rank][e][f] = covariance[e][f];
-    const Vector<double> belief = data.mode_belief[image][rank];
-    fill(belief.data, p, NOT_A_NUMBER);
-    for (long j = 0; j < seen.m; ++j) belief[seen.index[j]] = mode.belief[j];
+    const Vector<double> inlier_probability = data.mode_inlier_probability[image][rank];
+    fill(inlier_probability.data, p, NOT_A_NUMBER);
+    for (long j = 0; j < seen.m; ++j) inlier_probability[seen.index[j]] = mode.inlier_probability[j];
 }
 
 // The mixture of the first `kept` modes, by their evidence.
 void combine(const PosteriorData& data, long image, const Observed<double>& seen, const Modes& modes,
              long kept, ModeSpace& space, double* mean) {
     const double best = modes[0].log_evidence;
-    double total = 0, surprise = 0;
+    double total = 0, squared_mahalanobis = 0;
     for (long i = 0; i < kept; ++i) total += exp(modes[i].log_evidence - best);
-    const Vector<double> belief = data.belief[image];
-    fill(belief.data, data.landmarks.size[2], NOT_A_NUMBER);
-    for (long j = 0; j < seen.m; ++j) belief[seen.index[j]] = 0;
+    const Vector<double> inlier_probability = data.inlier_probability[image];
+    fill(inlier_probability.data, data.landmarks.size[2], NOT_A_NUMBER);
+    for (long j = 0; j < seen.m; ++j) inlier_probability[seen.index[j]] = 0;
     Mixture mixture(data, image);
     mixture.set_all(0);
     for (long i = 0; i < kept; ++i) {
@@ -407,15 +407,15 @@ void combine(const PosteriorData& data, long image, const Observed<double>& seen
         const bool is_stored = i < data.mode_component.size[1];
         describe(data, seen, mode, space, mixture.is_whole() || is_stored, mean);
         mixture.add(share, mean, space.C);
-        surprise += share * mode.surprise;
-        for (long j = 0; j < seen.m; ++j) belief[seen.index[j]] += share * mode.belief[j];
+        squared_mahalanobis += share * mode.squared_mahalanobis;
+        for (long j = 0; j < seen.m; ++j) inlier_probability[seen.index[j]] += share * mode.inlier_probability[j];
         if (is_stored) store(data, image, i, seen, mode, mean, space.C);
     }
     mixture.finish();
     modes[0].R.write(data.rotation[image].data);
     data.scale[image] = exp(modes[0].log_scale);
     data.log_evidence[image] = best + log(total);
-    data.surprise[image] = surprise;
+    data.squared_mahalanobis[image] = squared_mahalanobis;
     data.stationary[image] = modes[0].stationary;
 }
 

@@ -190,7 +190,7 @@ def learn_round(images: Images, state: State, *, still: bool) -> State:
     model, damping, doubting = state.model, state.damping.copy(), images.gross is not None
     rotation, log_scale = state.views.rotation.copy(), state.views.log_scale.copy()
     shapes, gross, density = np.empty((n, 3, p)), state.gross.copy(), 0.0
-    covariance, misfit = np.zeros((3 * p, 3 * p)), 0.0
+    covariance, residual_variance = np.zeros((3 * p, 3 * p)), 0.0
     for at in range(0, n, BLOCK):
         rows = slice(at, at + BLOCK)
         block, views = replace(images[rows], gross=gross[rows]), state.views[rows]
@@ -211,10 +211,10 @@ def learn_round(images: Images, state: State, *, still: bool) -> State:
         )
         density += float(found.log_density.sum())
         covariance += scatter(found, views, model)
-        misfit += float(found.misfit.sum())
+        residual_variance += float(found.residual_variance.sum())
     mean = shapes.mean(axis=0)
     apart = (shapes - mean).reshape(n, 3 * p)
-    noise = misfit / (2 * int(((images.weights > 0) & ~gross).sum()))
+    noise = residual_variance / (2 * int(((images.weights > 0) & ~gross).sum()))
     size = sequence_means(log_scale, images.sequence)
     spread = float((((log_scale - size[images.sequence]) ** 2).mean() + SCALE**2) / 2)
     following = replace(

@@ -145,7 +145,7 @@ class Expected:
     gain: Floats
     gradient: Floats
     information: Floats
-    misfit: Floats
+    residual_variance: Floats
 
 
 def expect(images: Images, views: Views, model: Gaussian) -> Expected:
@@ -217,11 +217,20 @@ def expect(images: Images, views: Views, model: Gaussian) -> Expected:
     share = np.where(seen, 1 - gain, 0.0)
     doubt = np.where(there, doubt_of(left, H, v, seen), -np.inf)
     of_view = np.einsum("npcc->np", BK) * v
-    misfit = (
+    residual_variance = (
         omega**2 * share**2 * ((left**2).sum(axis=2) + of_view) + 2 * omega**2 * share * rest
     ).sum(axis=1)
     return Expected(
-        log_density, doubt, shapes, z[:, :q], z[:, q:], inverse, gain, gradient, information, misfit
+        log_density,
+        doubt,
+        shapes,
+        z[:, :q],
+        z[:, q:],
+        inverse,
+        gain,
+        gradient,
+        information,
+        residual_variance,
     )
 
 

@@ -49,13 +49,13 @@ from shapefit.io.written.metres import (
     find_stature,
     in_metres,
 )
-from shapefit.lifting.verdict import DOUBT, PLAUSIBILITY
+from shapefit.lifting.verdict import P_VALUE, REASONS
 from shapefit.stores import UrlPath
 
 KEPT = {
     *("shapes", "translation", "scale", "shape_sd"),
     *(EDGES, METRES_PER_UNIT, CAMERA_TRANSLATION, EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION),
-    *(FRAME, DOUBT, PLAUSIBILITY, ANGLES, ANGLE_SD, "focal", "principal_point", "landmarks"),
+    *(FRAME, REASONS, P_VALUE, ANGLES, ANGLE_SD, "focal", "principal_point", "landmarks"),
     *(INPUT_SHAPES, INPUT_SD, INPUT_NAMES),
 }
 """Columns that files of motion are made of."""
@@ -68,7 +68,7 @@ MOST_SAID = 3
 
 NO_RATE = "the frame rate is unknown, so times are numbers of frames; set `frame_rate`"
 
-COLUMNS = ("item", "frame", "time", "trusted", "reason", "plausibility", "mean_error_bar_m")
+COLUMNS = ("item", "frame", "time", "trusted", "reason", "p_value", "mean_error_bar_m")
 """Of the verdicts on the items of a motion, whose cells are empty where something is not known."""
 
 
@@ -189,8 +189,8 @@ def find_floors(records: Solid, options: OutputOptions, place: str) -> dict[str,
         placed = in_metres(track, options, place)
         points, sd = placed.points, track.columns.get("shape_sd", np.full_like(track.shapes, 0.1))
         points, rate = points.copy(), track.frame_rate or USUAL_RATE
-        if (doubt := track.columns.get(DOUBT)) is not None:
-            points[doubt != ""] = np.nan
+        if (reasons := track.columns.get(REASONS)) is not None:
+            points[reasons != ""] = np.nan
         for ankle in (joint_columns(names)[f"{side}ankle"] for side in "lr"):
             points[~_seen_about(track, ankle, rate), :, ankle] = np.nan
         stature = find_stature(points, names)
@@ -310,14 +310,14 @@ def _verdicts(
     The error bar is the mean over landmarks of sqrt(sd_x^2 + sd_y^2 + sd_z^2), in metres; factor
     (n,) are the metres in a unit of each shape.
     """
-    doubts, sd = records.columns.get(DOUBT), records.columns.get("shape_sd")
+    doubts, sd = records.columns.get(REASONS), records.columns.get("shape_sd")
     if doubts is None or sd is None:
         return []
     bars = factor * np.sqrt((sd**2).sum(axis=1)).mean(axis=1)
-    plausible = records.columns.get(PLAUSIBILITY, np.full(len(records), np.nan))
+    plausible = records.columns.get(P_VALUE, np.full(len(records), np.nan))
     cells = ([f"{v:.4g}" if np.isfinite(v) else "" for v in each] for each in (plausible, bars))
     times = [f"{time:.10g}" for time in frames / rate]
-    trusted = ["false" if doubt else "true" for doubt in doubts]
+    trusted = ["false" if reasons else "true" for reasons in doubts]
     columns = (records.items, frames.tolist(), times, trusted, map(str, doubts), *cells)
     return list(zip(*columns, strict=True))
 

@@ -25,7 +25,7 @@ from shapefit.convex.solver import Solution, Status
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.lifting.estimate import CORRELATION, ConvexProof, Estimate, fit_translation
 from shapefit.lifting.methods import PosteriorOptions, Settings
-from shapefit.lifting.posterior.plausibility import Model, find_plausibility
+from shapefit.lifting.posterior.p_value import Model, find_plausibility
 from shapefit.lifting.posterior.posterior import Gross, Posterior, find_posterior
 from shapefit.lifting.reconstruction import reconstruct
 from shapefit.lifting.shared_rotation.pose import (
@@ -35,7 +35,7 @@ from shapefit.lifting.shared_rotation.pose import (
     turn_in_plane,
 )
 
-SURPRISE, PLAUSIBILITY = "surprise", "plausibility"
+SURPRISE, P_VALUE = "squared_mahalanobis", "p_value"
 """Squared Mahalanobis distance (n,) of the landmarks from those expected, and its p-value."""
 
 NEARLY_EXACT = 3e-3
@@ -63,7 +63,7 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
     starts = np.where(failed[:, None, None, None], np.nan, find_starts(problem, solution, settings))
     landmarks, noise, slopes = problem.landmarks, find_noise(problem), None
     seen, camera = problem.weights > 0, problem.camera
-    gross = Gross(options.gross_chance, options.gross_density)
+    gross = Gross(options.outlier_rate, options.gross_density)
     if camera is not None:
         rays = find_rays(landmarks, camera)
         starts = face(starts, landmarks, seen, camera)
@@ -77,11 +77,11 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         slopes=slopes,
         threads=settings.threads,
     )
-    if options.misfit < NEARLY_EXACT:
-        coarse = find(find_misfit(problem, COARSE), starts=starts)
+    if options.residual_variance < NEARLY_EXACT:
+        coarse = find(find_residual_variance(problem, COARSE), starts=starts)
         starts = coarse.rotation[:, None]
     found = find(
-        find_misfit(problem, options.misfit),
+        find_residual_variance(problem, options.residual_variance),
         starts=starts,
         modes=modes,
         covariance=options.covariance,
@@ -116,29 +116,29 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         convex_proof=ConvexProof.of(solution),
         further={
             "log_evidence": found.log_evidence,
-            SURPRISE: found.surprise,
-            "belief": np.where(seen, found.belief, np.nan),
+            SURPRISE: found.squared_mahalanobis,
+            "inlier_probability": np.where(seen, found.inlier_probability, np.nan),
             CORRELATION: found.correlation.swapaxes(1, 2).astype(np.float32),
         },
     )
     return estimate if camera is None else look_through(estimate, found, problem, camera)
 
 
-def with_plausibility(found: Estimate, problem: Problem, settings: Settings) -> Estimate:
+def with_p_value(found: Estimate, problem: Problem, settings: Settings) -> Estimate:
     """Return what `lift_to_posterior` found with p-values in place of surprises.
 
     Apart from lifting, as images are drawn from the model for it, see `find_plausibility`.
     """
     options: PosteriorOptions = settings.options
     further = dict(found.further)
-    further[PLAUSIBILITY] = find_plausibility(
+    further[P_VALUE] = find_plausibility(
         further.pop(SURPRISE),
         (problem.weights > 0).sum(axis=1),
-        np.nansum(further["belief"], axis=1),
+        np.nansum(further["inlier_probability"], axis=1),
         Model(
             settings.needs["prior"],
-            options.misfit,
-            Gross(options.gross_chance, options.gross_density),
+            options.residual_variance,
+            Gross(options.outlier_rate, options.gross_density),
         ),
         settings.threads,
     )
@@ -185,11 +185,11 @@ def look_through(
     )
 
 
-def find_misfit(problem: Problem, misfit: float) -> Floats:
+def find_residual_variance(problem: Problem, residual_variance: float) -> Floats:
     """Variance v / omega^2 (n, p) in the unit of shapes; inf where a landmark is hidden."""
     omega = problem.weights
     square = np.where(omega > 0, omega, 1.0) ** 2
-    return np.where(omega > 0, misfit / square, np.inf)
+    return np.where(omega > 0, residual_variance / square, np.inf)
 
 
 def find_noise(problem: Problem) -> Floats:

@@ -52,7 +52,7 @@ class Modes:
     log_evidence: Floats
     mean: Floats
     covariance: Floats
-    belief: Floats
+    inlier_probability: Floats
 
     @property
     def shares(self) -> Floats:
@@ -80,11 +80,11 @@ class Posterior:
     deviation: Floats
     correlation: Floats
     covariance: Floats | None
-    belief: Floats
+    inlier_probability: Floats
     rotation: Floats
     scale: Floats
     log_evidence: Floats
-    surprise: Floats
+    squared_mahalanobis: Floats
     stationary: NDArray[np.bool_]
     rounds: NDArray[np.int64]
     modes: Modes
@@ -92,7 +92,7 @@ class Posterior:
 
 def find_posterior(
     landmarks: Floats,
-    misfit: Floats,
+    residual_variance: Floats,
     noise: Floats,
     prior: Mixture,
     starts: Floats,
@@ -115,14 +115,14 @@ def find_posterior(
     """
     gross = gross or Gross()
     n, _, p = landmarks.shape
-    seen = np.isfinite(misfit)
+    seen = np.isfinite(residual_variance)
     middle = np.nan_to_num(centroid(landmarks, seen))[..., None]  # of which the wide prior is
     d, m = 3 * p, modes
     whole = np.empty((n if covariance else 0, d, d))
     of_images: dict[str, Any] = {
         **{name: np.empty((n, 3, p)) for name in ("mean", "deviation", "correlation")},
-        **{name: np.empty(n) for name in ("scale", "log_evidence", "surprise")},
-        "belief": np.empty((n, p)),
+        **{name: np.empty(n) for name in ("scale", "log_evidence", "squared_mahalanobis")},
+        "inlier_probability": np.empty((n, p)),
         "rotation": np.empty((n, 3, 3)),
         "stationary": np.zeros(n, bool),
         "rounds": np.empty(n, np.int64),
@@ -134,14 +134,14 @@ def find_posterior(
         "log_evidence": np.zeros((n, m)),
         "mean": np.full((n, m, 3, p), np.nan),
         "covariance": np.zeros((n, m, d, d)),
-        "belief": np.full((n, m, p), np.nan),
+        "inlier_probability": np.full((n, m, p), np.nan),
     }
     core.find_posterior(
         landmarks=_whole(np.where(seen[:, None], landmarks - middle, 0.0)),
         slopes=_whole(
             np.zeros_like(landmarks) if slopes is None else np.where(seen[:, None], slopes, 0.0)
         ),
-        misfit=_whole(misfit),
+        residual_variance=_whole(residual_variance),
         noise=_whole(noise),
         log_weights=np.log(prior.weights),
         means=_whole(prior.means),

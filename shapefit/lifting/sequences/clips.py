@@ -85,7 +85,7 @@ class Clips:
     scale: Floats
     centre: Floats
     modes: Modes
-    misfit: float
+    residual_variance: float
     noise: float | None
     deviation: Floats
 
@@ -115,7 +115,7 @@ def refine_lifting(
     landmarks: Floats,
     sequences: Sequence[str],
     motion: Motion,
-    misfit: float,
+    residual_variance: float,
     noise: float | None,
     widening: float,
     threads: int = 0,
@@ -136,12 +136,12 @@ def refine_lifting(
     centre = lifting.translation - lifting.scale[:, None] * found.translation
     clips = Clips(
         landmarks=np.where(seen, landmarks, np.nan),
-        trust=np.nan_to_num(found.further["belief"]) * weights**2,
+        trust=np.nan_to_num(found.further["inlier_probability"]) * weights**2,
         points=lifting.shapes,
         scale=lifting.scale,
         centre=centre,
         modes=modes,
-        misfit=misfit,
+        residual_variance=residual_variance,
         noise=noise,
         deviation=lifting.scale[:, None, None] * own / np.sqrt(widening),
     )
@@ -241,10 +241,10 @@ def refine_clip(
     unit = median(clips.scale[clip][there])
     seen = in_unit(clips, clip, unit)
     acceleration = motion.acceleration * find_haste(seen, motion.acceleration)
-    sigma = float(np.sqrt(clips.misfit))
+    sigma = float(np.sqrt(clips.residual_variance))
     if clips.noise is not None:
         sigma = min(max(clips.noise / unit, CONSTANTS.least_noise), sigma)
-    known = weigh_lengths(motion.known, int(there.sum()) * sigma**2 / clips.misfit)
+    known = weigh_lengths(motion.known, int(there.sum()) * sigma**2 / clips.residual_variance)
     model = Model(motion.bones, acceleration**-2, motion.give, known)
     smoothed = smooth(seen, model, sigma, covariances=found.covariance is not None)
     rows = np.arange(clip.start, clip.stop)[finite]
@@ -322,7 +322,7 @@ def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:
         log_evidence=np.where(known[:, None], clips.modes.log_evidence[clip], -np.inf),
         means=means,
         covariances=clips.modes.covariance[clip],
-        misfit=clips.misfit,
+        residual_variance=clips.residual_variance,
         grow=grow,
     )
 

@@ -121,7 +121,7 @@ class Observations:
     landmarks: Floats
     trust: Floats
     start: Floats
-    misfit: float
+    residual_variance: float
     log_share: Floats
     mean: Floats
     precision: Floats
@@ -196,7 +196,7 @@ def smooth(
 
 def further_weight(seen: Observations, noise: float) -> Floats:
     """Weight q (1/sigma^2 - 1/v) (t, 2p) of the landmarks beside what the images say of them."""
-    more = max(1 / noise**2 - 1 / seen.misfit, 0.0)
+    more = max(1 / noise**2 - 1 / seen.residual_variance, 0.0)
     weight: Floats = more * np.tile(seen.trust, (1, 2))
     return weight
 
@@ -237,7 +237,7 @@ def observe(
     log_evidence: Floats,
     means: Floats,
     covariances: Floats,
-    misfit: float,
+    residual_variance: float,
     grow: Floats | float = 1.0,
 ) -> Observations:
     """Lay out the modes of t frames, all in one unit.
@@ -268,7 +268,7 @@ def observe(
             np.isfinite(landmarks).all(axis=1) & known[:, None], np.nan_to_num(trust), 0.0
         ),
         start=start,
-        misfit=misfit,
+        residual_variance=residual_variance,
         log_share=log_share,
         mean=mean,
         precision=precision,

@@ -24,7 +24,7 @@ from shapefit.evaluation.metric_table import (
     LANDMARKS,
     LENGTH,
     METRICS,
-    PLAUSIBILITY,
+    P_VALUE,
     ROTATION,
     TRUE_ROTATION,
     TRUTH,
@@ -113,14 +113,14 @@ class Judged:
     failures: Mapping[str, str]
     warnings: tuple[str, ...]
     bars: ErrorBars | None
-    plausibility: Floats | None
+    p_value: Floats | None
     run: Run
 
     def image_errors(self, method: str) -> list[ImageErrors]:
         """Return the errors in each metric and unit, of the images that count in it."""
         found, sequences = [], labels_of(self.sequences)
         for kind, values in self.errors.items():
-            whole = ImageErrors(method, *kind, self.items, sequences, values, self.plausibility)
+            whole = ImageErrors(method, *kind, self.items, sequences, values, self.p_value)
             counts = ~np.isinf(values)
             if counts.any():
                 found.append(whole if counts.all() else whole.take(np.flatnonzero(counts)))
@@ -137,7 +137,7 @@ def join(files: Sequence[Judged]) -> Judged:
         )
 
     bars = [one.bars for one in files if one.bars is not None]
-    trust = [one.plausibility for one in files]
+    trust = [one.p_value for one in files]
     return replace(
         files[0],
         items=tuple(item for one in files for item in one.items),
@@ -148,7 +148,7 @@ def join(files: Sequence[Judged]) -> Judged:
         },
         failures={item: why for one in files for item, why in one.failures.items()},
         bars=join_bars(bars) if bars else None,
-        plausibility=None if all(each is None for each in trust) else joined(trust, np.nan),
+        p_value=None if all(each is None for each in trust) else joined(trust, np.nan),
     )
 
 
@@ -204,7 +204,7 @@ def judge(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) -> J
             *unjudged,
         ),
         bars=None if bars is None else replace(bars, landmarks=names, sequences=sequences),
-        plausibility=find_dataset(file, results, PLAUSIBILITY),
+        p_value=find_dataset(file, results, P_VALUE),
         run=run,
     )
 

@@ -88,8 +88,8 @@ class Lifted(NamedTuple):
     @property
     def implausible_share(self) -> float:
         """The share of the images that are implausible, of those that can be judged."""
-        plausibility = judge(*self).estimate.further["plausibility"]
-        judged = plausibility[np.isfinite(plausibility)]
+        p_value = judge(*self).estimate.further["p_value"]
+        judged = p_value[np.isfinite(p_value)]
         limit = self.config.posterior.implausible
         return float((judged < limit).mean()) if len(judged) else float("nan")
 

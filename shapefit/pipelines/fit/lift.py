@@ -65,7 +65,7 @@ def lift_batch(images: LandmarkSet, setup: Setup) -> tuple[Lifting, dict[str, ND
     if setup.mapped.active:  # error bars of the joints are those of all landmarks together
         config = config.changed(posterior={"covariance": True})
     lifting = lift_landmarks(images, setup.seen, config, setup.lengths)
-    if setup.dictionary.depth_is_open:
+    if setup.dictionary.depth_ambiguity:
         lifting = replace(lifting, estimate=cover_mirror_image(lifting.estimate))
     return setup.mapped.back(lifting, images.landmarks, weigh(images, config) > 0)
 
@@ -84,8 +84,8 @@ def lift_landmarks(
     if METHODS[config.method].sequences:
         from shapefit.pipelines.fit.sequences import refine_sequences
 
-        misfit = find_misfit(config, dictionary)
-        lifting = refine_sequences(lifting, images, dictionary, config, misfit, lengths)
+        residual_variance = find_residual_variance(config, dictionary)
+        lifting = refine_sequences(lifting, images, dictionary, config, residual_variance, lengths)
     return fail_nonfinite(lifting)
 
 
@@ -144,10 +144,10 @@ def lift_images(
 
 def judge(lifting: Lifting, dictionary: Dictionary, config: FitConfig) -> Lifting:
     """Say how plausible images are that were lifted with the prior of the dictionary."""
-    from shapefit.lifting.posterior.method import with_plausibility
+    from shapefit.lifting.posterior.method import with_p_value
 
     settings = settings_of(config, dictionary)
-    found = with_plausibility(lifting.estimate, lifting.problem, settings)
+    found = with_p_value(lifting.estimate, lifting.problem, settings)
     return replace(lifting, estimate=found)
 
 
@@ -181,12 +181,12 @@ def settings_of(config: FitConfig, dictionary: Dictionary) -> Settings:
         section = getattr(config, method.section.name)
         keys = {key.name for key in fields(method.section.options)}
         values = {key: getattr(section, key) for key in keys & type(section).model_fields.keys()}
-        if "misfit" in keys:
-            values["misfit"] = find_misfit(config, dictionary)
+        if "residual_variance" in keys:
+            values["residual_variance"] = find_residual_variance(config, dictionary)
         options = method.section.options(**values)
     needs = {need.name: getattr(dictionary, need.name) for need in method.needs}
     if method.has_prior:
-        needs["prior"] = widen(needs["prior"], config.posterior.prior_width or 1.0)
+        needs["prior"] = widen(needs["prior"], config.posterior.prior_scale or 1.0)
     own = min(tolerance, METHODS["convex"].tolerance) if method.proves == "global" else tolerance
     return Settings(
         solve=partial(
@@ -204,12 +204,12 @@ def settings_of(config: FitConfig, dictionary: Dictionary) -> Settings:
     )
 
 
-def find_misfit(config: FitConfig, dictionary: Dictionary) -> float:
+def find_residual_variance(config: FitConfig, dictionary: Dictionary) -> float:
     """Return the misfit of the config, of the dictionary, or the default."""
-    if config.posterior.misfit is not None:
-        return config.posterior.misfit
-    known = dictionary.misfit
-    return PosteriorOptions.misfit if known is None else float(known[0])
+    if config.posterior.residual_variance is not None:
+        return config.posterior.residual_variance
+    known = dictionary.residual_variance
+    return PosteriorOptions.residual_variance if known is None else float(known[0])
 
 
 def weigh(images: LandmarkSet, config: FitConfig) -> Floats:

@@ -34,7 +34,7 @@ from shapefit.pipelines.fit.camera import (
     straightened,
 )
 from shapefit.pipelines.fit.checks import check_camera, check_labels, log_evidence
-from shapefit.pipelines.fit.lift import check_items, check_needs, find_misfit, load_steps
+from shapefit.pipelines.fit.lift import check_items, check_needs, find_residual_variance, load_steps
 from shapefit.pipelines.fit.width import choose_width
 from shapefit.pipelines.items import spread
 from shapefit.pipelines.joints import (
@@ -117,7 +117,7 @@ def set_up(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence[s
         method.has_prior and bool(joints.markers or dependents is not None),
         config.posterior.covariance,
         dependents,
-        find_misfit(config, dictionary),
+        find_residual_variance(config, dictionary),
     )
     seen, lengths = mapped.apply(dictionary), None
     check_needs(config, seen)

@@ -16,7 +16,7 @@ from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.layout import FURTHER_OF_RESULTS, METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
-from shapefit.lifting.verdict import DOUBT, TRUSTED, find_doubts
+from shapefit.lifting.verdict import REASONS, TRUSTED, find_doubts
 from shapefit.pipelines.fit.lift import find_left_out
 
 if TYPE_CHECKING:
@@ -159,16 +159,16 @@ def verdict(images: LandmarkSet, lifting: Lifting, setup: Setup) -> dict[str, ND
     found, limits = lifting.estimate, setup.config.posterior
     if found.deviation is None:
         return {}
-    doubt = find_doubts(
+    reasons = find_doubts(
         np.where(np.isnan(lifting.scale)[:, None, None], np.nan, found.shapes),
         found.deviation,
         images.seen(),
-        found.further["plausibility"],
+        found.further["p_value"],
         found.status,
         implausible=limits.implausible,
-        depth_is_open=setup.dictionary.depth_is_open,
+        depth_ambiguity=setup.dictionary.depth_ambiguity,
     )
-    return {TRUSTED: doubt == "", DOUBT: doubt}
+    return {TRUSTED: reasons == "", REASONS: reasons}
 
 
 def warn_of_names(datasets: Iterable[str]) -> tuple[str, ...]:

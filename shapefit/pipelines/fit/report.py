@@ -14,7 +14,7 @@ from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.skeletons import PEOPLE, people_joints
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
-from shapefit.lifting.verdict import DOUBT, NO_SHAPE, PLAUSIBILITY
+from shapefit.lifting.verdict import NO_SHAPE, P_VALUE, REASONS
 from shapefit.pipelines.fit.checks import FEWEST, MOSTLY, find_cause
 from shapefit.pipelines.fit.lift import LEAVE_OUT, find_items
 from shapefit.pipelines.fit.prepare import Setup
@@ -82,14 +82,16 @@ class Report:
 
     def _count_beliefs(self, images: LandmarkSet, record: ResultSet) -> None:
         """Count the images in which each landmark is gross, and those that are implausible."""
-        belief, plausibility = (record.columns.get(name) for name in ("belief", PLAUSIBILITY))
-        if belief is None or plausibility is None:
+        inlier_probability, p_value = (
+            record.columns.get(name) for name in ("inlier_probability", P_VALUE)
+        )
+        if inlier_probability is None or p_value is None:
             return
         self._sample = self._sample or images
-        self._gross += (belief < MOSTLY).sum(axis=0)
-        self._seen += np.isfinite(belief).sum(axis=0)
-        self._implausible += int((plausibility < self._setup.config.posterior.implausible).sum())
-        self._judged += int(np.isfinite(plausibility).sum())
+        self._gross += (inlier_probability < MOSTLY).sum(axis=0)
+        self._seen += np.isfinite(inlier_probability).sum(axis=0)
+        self._implausible += int((p_value < self._setup.config.posterior.implausible).sum())
+        self._judged += int(np.isfinite(p_value).sum())
 
     def _warn_of_landmarks(self) -> Iterator[str | Counted]:
         """Name landmarks that are gross in most images; else say why most are implausible."""
@@ -203,7 +205,7 @@ def all_aside(landmarks: Floats, camera: Camera) -> bool:
 def count_doubts(record: ResultSet) -> tuple[Counted, ...]:
     """Count the images with a shape that is not to be trusted, by reason."""
     of_reason: dict[str, list[str]] = {}
-    for item, reason in zip(record.items, record.columns.get(DOUBT, ()), strict=False):
+    for item, reason in zip(record.items, record.columns.get(REASONS, ()), strict=False):
         if reason not in ("", NO_SHAPE):  # which has failed
             of_reason.setdefault(reason, []).append(item)
     return tuple(

@@ -74,7 +74,7 @@ def refine_sequences(
     images: LandmarkSet,
     dictionary: Dictionary,
     config: FitConfig,
-    misfit: float,
+    residual_variance: float,
     lengths: Floats | None,
 ) -> Lifting:
     """Infer whole sequences from what was found of each image; lengths (e,) of bones, if known."""
@@ -83,7 +83,7 @@ def refine_sequences(
         refine_lifting,
         sequences=images.sequences or (),
         motion=find_motion(dictionary, rate, lengths),
-        misfit=misfit,
+        residual_variance=residual_variance,
         noise=config.noise,
         widening=config.posterior.widening,
         threads=config.threads,
@@ -103,7 +103,7 @@ def find_motion(dictionary: Dictionary, rate: float | None, lengths: Floats | No
         acceleration = np.full(len(dictionary.landmark_names), USUAL)
     elif rate is not None and dictionary.frame_rate is not None:
         acceleration = acceleration * (dictionary.frame_rate / rate) ** 1.5
-    give = dictionary.edge_give
+    give = dictionary.bone_tolerance
     if give is None:
         give = np.full(len(edges), USUAL)
     known = find_known(dictionary)

@@ -32,7 +32,7 @@ from shapefit.pipelines.fit.checks import (
     log_evidence,
     mean_gain,
 )
-from shapefit.pipelines.fit.lift import find_misfit
+from shapefit.pipelines.fit.lift import find_residual_variance
 from shapefit.pipelines.joints import find_joints
 
 FACTORS = (1.0, 2.0, 4.0, 8.0)
@@ -55,24 +55,24 @@ class Width(NamedTuple):
     """Factors on the covariances of the prior and on the misfit; the nats an image they gain."""
 
     prior: float
-    misfit: float
+    residual_variance: float
     gain: float
 
 
 def choose_width(
     config: FitConfig, images: LandmarkSet, dictionary: Dictionary, *, learned: bool = False
 ) -> tuple[dict[str, float], str]:
-    """Return `prior_width` and `misfit` of `posterior`, as given, else found, and a line about it.
+    """Return `prior_scale` and `residual_variance`, given or by evidence, and a line about them.
 
     The config has its camera and skeleton. What is not given stays as it was `learned` on demand;
     where all does, the line is empty.
     """
-    own, start = config.posterior, find_misfit(config, dictionary)
-    widths = FACTORS if own.prior_width is None else (own.prior_width,)
-    misfits = FACTORS if own.misfit is None else (1.0,)
+    own, start = config.posterior, find_residual_variance(config, dictionary)
+    widths = FACTORS if own.prior_scale is None else (own.prior_scale,)
+    misfits = FACTORS if own.residual_variance is None else (1.0,)
 
     def keys(width: float, factor: float) -> dict[str, float]:
-        return {"prior_width": width, "misfit": factor * start}
+        return {"prior_scale": width, "residual_variance": factor * start}
 
     def evidence(pair: Pair, sample: LandmarkSet) -> Floats:
         return log_evidence(sample, config.changed(posterior=keys(*pair)), dictionary)
@@ -87,11 +87,13 @@ def choose_width(
         found = find_width(evidence, known, widths, misfits)
     changed = (
         f"prior {found.prior:g} times as wide (covariances)" if found.prior != first.prior else "",
-        f"misfit {found.misfit * start:g} in place of {start:g}" if found.misfit > 1 else "",
+        f"residual_variance {found.residual_variance * start:g} in place of {start:g}"
+        if found.residual_variance > 1
+        else "",
     )
     told = ", ".join(filter(None, changed))
     told += f": likelier by {found.gain:.1f} nats an image" if told else ""
-    return keys(found.prior, found.misfit), told
+    return keys(found.prior, found.residual_variance), told
 
 
 def few_of(images: LandmarkSet) -> LandmarkSet:
@@ -104,8 +106,10 @@ def without_gross(images: LandmarkSet, found: Lifted) -> LandmarkSet:
 
     What is wrong with a landmark says nothing of the others, but would make them all less exact.
     """
-    belief = found.lifting.estimate.further["belief"]
-    gross = (belief < MOSTLY).sum(axis=0) > MOSTLY * np.maximum(np.isfinite(belief).sum(axis=0), 1)
+    inlier_probability = found.lifting.estimate.further["inlier_probability"]
+    gross = (inlier_probability < MOSTLY).sum(axis=0) > MOSTLY * np.maximum(
+        np.isfinite(inlier_probability).sum(axis=0), 1
+    )
     if not 0 < gross.sum() <= len(gross) / 3:  # none, or the prior is wrong, not the landmarks
         return images
     known = found.dictionary.landmark_names
@@ -142,6 +146,6 @@ def likeliest(of: Mapping[Pair, Floats]) -> Width:
         lost, error, _ = mean_gain(of[pair], of[best])
         return lost <= error
 
-    prior, misfit = max(filter(is_as_likely, of), key=lambda pair: (pair[0], -pair[1]))
+    prior, residual_variance = max(filter(is_as_likely, of), key=lambda pair: (pair[0], -pair[1]))
     first = next(iter(of))
-    return Width(prior, misfit, mean_gain(of[first], of[prior, misfit])[0])
+    return Width(prior, residual_variance, mean_gain(of[first], of[prior, residual_variance])[0])

@@ -38,7 +38,7 @@ from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import PosteriorOptions
 from shapefit.pipelines.fit.camera import read_intrinsics
 from shapefit.pipelines.fit.checks import mean_gain
-from shapefit.pipelines.fit.lift import check_needs, find_misfit, lift_landmarks
+from shapefit.pipelines.fit.lift import check_needs, find_residual_variance, lift_landmarks
 from shapefit.pipelines.fit.prepare import set_up
 from shapefit.pipelines.fit.run import read_images
 from shapefit.pipelines.learn_dict.from_3d import Learning, learn_from_shapes
@@ -250,7 +250,7 @@ def learn_mixtures(
     for _ in range(MIXTURES):
         mixed = yield from learned(shapes, number, QUICK, varied=False)
         found = predict_hidden(images, mixed).error
-        gaussian = best.misfit is not None
+        gaussian = best.residual_variance is not None
         kept = found < (CLOSE * error if gaussian and number > 1 else error)
         yield Outcome(
             line=f"prior of {counted(number, 'component')}: hidden landmarks {found:.4f} off, "
@@ -266,14 +266,14 @@ def learn_mixtures(
     if config.prior.stretch or config.prior.exchange:
         return (yield from learned(best_shapes, number, config.iterations, varied=True))
     made = yield from learned(best_shapes, 0, config.iterations, varied=False)
-    return replace(made, prior=best.prior, misfit=best.misfit)
+    return replace(made, prior=best.prior, residual_variance=best.residual_variance)
 
 
 def gaussian_prior(state: State, mean: Floats, *, flipped: bool) -> dict[str, Any]:
     """Return what was learned as `prior` of normalised shapes, turned onto their mean (3, p).
 
-    `misfit` is the variance of what it cannot place. The size of a shape is the image's to find,
-    so that the covariance has no part along the mean.
+    `residual_variance` is the variance of what it cannot place. The size of a shape is the
+    image's to find, so that the covariance has no part along the mean.
     """
     model = state.model
     d = model.mean.size
@@ -285,7 +285,10 @@ def gaussian_prior(state: State, mean: Floats, *, flipped: bool) -> dict[str, An
     Q = (np.eye(d) - np.outer(unit, unit)) @ np.kron(turn, np.eye(d // 3)) / scale
     C = Q @ model.covariance @ Q.T + 1e-9 * np.eye(d)
     prior = Mixture(np.ones(1), mu[None], (C + C.T)[None] / 2)
-    return {"prior": prior, "misfit": np.array([max(model.noise / scale**2, LEAST_MISFIT)])}
+    return {
+        "prior": prior,
+        "residual_variance": np.array([max(model.noise / scale**2, LEAST_MISFIT)]),
+    }
 
 
 def decide_near_and_far(
@@ -399,7 +402,7 @@ def adapt_to_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Learn
     lifted = np.zeros(0, bool) if found is None else np.isfinite(found.shapes).all(axis=(1, 2))
     if found is None or lifted.sum() < FEWEST_IMAGES:
         raise too_few(int(lifted.sum()), source.count, place)
-    seen = np.nan_to_num(found.estimate.further["belief"]) > BELIEVED
+    seen = np.nan_to_num(found.estimate.further["inlier_probability"]) > BELIEVED
     some = some.replaced(landmarks=np.where(seen[:, None], some.landmarks, np.nan))
     fine = np.flatnonzero(lifted & are_usable(some))
     some, shapes = some.take(fine), found.shapes[fine]
@@ -408,7 +411,7 @@ def adapt_to_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Learn
         part = some.take(rows)
         images = images_of(part.replaced(sequences=None))
         size = spread(part.landmarks, part.seen())[:, None, None]
-        noise = find_misfit(fit, start)
+        noise = find_residual_variance(fit, start)
         of_start = Start(prior=prior, landmark_map=A, noise=noise, weight=len(part))
         made = prior
         for mixture, objective in adapt(images, shapes[rows] / size, of_start):
@@ -478,12 +481,17 @@ def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> Predicted:
     assert deviation is not None, "a posterior has deviations"
     size = spread(some.landmarks, seen)[:, None]
     apart = (found.shapes[:, :2] - some.landmarks) / size[..., None]
-    options, misfit = PosteriorOptions(), find_misfit(_fit_config("posterior"), dictionary)
-    variance = (found.scale[:, None, None] / size[..., None] * deviation[:, :2]) ** 2 + misfit
+    options, residual_variance = (
+        PosteriorOptions(),
+        find_residual_variance(_fit_config("posterior"), dictionary),
+    )
+    variance = (
+        found.scale[:, None, None] / size[..., None] * deviation[:, :2]
+    ) ** 2 + residual_variance
     normal = np.exp(-0.5 * (apart**2 / variance).sum(axis=1)) / (
         2 * np.pi * np.sqrt(variance.prod(axis=1))
     )
-    chance = options.gross_chance
+    chance = options.outlier_rate
     density = np.log((1 - chance) * normal + chance * options.gross_density)
     predicted = hidden & np.isfinite(density)
     count = predicted.sum(axis=1)

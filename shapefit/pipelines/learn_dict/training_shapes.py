@@ -210,7 +210,7 @@ def find_motion(given: ShapeSet, shapes: ShapeSet) -> dict[str, Any]:
     found["edge_length"] = find_edge_length(shapes.shapes, edges)
     if len(given):
         of = sequences or ("",) * len(given)
-        found["edge_give"] = find_give(given.shapes, edges, of)
+        found["bone_tolerance"] = find_give(given.shapes, edges, of)
         if len(edges):
             lengths, bodies, _ = find_lengths(given.shapes, edges, of)
             unknown = None if sequences else lengths

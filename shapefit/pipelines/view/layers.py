@@ -17,7 +17,7 @@ from shapefit.geometry.normalisation import metres_in
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io.layout import METRES_PER_UNIT, UNKNOWN_UNIT
 from shapefit.lifting.methods import METHODS
-from shapefit.lifting.verdict import DOUBT
+from shapefit.lifting.verdict import REASONS
 from shapefit.pipelines.view.reading import CAMERA, POSE, Gathered, Truth, fit_config
 from shapefit.viewer.scene import Blend, Layer, Measure, MeshSet, Words
 
@@ -171,7 +171,7 @@ def _result_layer(
         camera=camera,
         perspective=placement.perspective and camera is not None,
         status=None if good.all() else Words.of(np.where(good, "", status)),
-        doubts=Words.of(gathered.texts.get(DOUBT)),
+        doubts=Words.of(gathered.texts.get(REASONS)),
         measures=tuple(_measures(gathered, seen, truth)),
     )
 
@@ -194,14 +194,16 @@ def _measures(gathered: Gathered, seen: Floats | None, truth: Truth | None) -> I
             yield in_length("expected error", width, metres, "m")
         else:
             yield in_length("expected error", width, 1.0, unit)
-    if "plausibility" in found and np.isfinite(found["plausibility"]).any():
+    if "p_value" in found and np.isfinite(found["p_value"]).any():
         posterior = fit_config(gathered.attributes).get("posterior")
         limit = posterior.get("implausible") if isinstance(posterior, dict) else None
         limit = limit if isinstance(limit, float) else None
-        yield Measure("plausibility", found["plausibility"], bad="low", limit=limit)
+        yield Measure("p_value", found["p_value"], bad="low", limit=limit)
     if seen is not None and ("landmarks_fitted" in found or not has_camera(gathered)):
         flat = found.get("landmarks_fitted", gathered.points[:, :2])
-        yield in_length("misfit in the image", metrics.reprojection(flat, seen), 1.0, unit)
+        yield in_length(
+            "residual_variance in the image", metrics.reprojection(flat, seen), 1.0, unit
+        )
 
 
 def in_length(name: str, values: Floats, factor: Floats | float, unit: str) -> Measure:

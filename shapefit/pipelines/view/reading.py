@@ -24,7 +24,7 @@ from shapefit.io.options import input_options
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.skeletons import people_joints
 from shapefit.io.source import open_results
-from shapefit.lifting.verdict import DOUBT
+from shapefit.lifting.verdict import REASONS
 from shapefit.pipelines.evaluate.judge import common_landmarks, with_shapes_of
 from shapefit.pipelines.items import BY_FRAME, BY_ITEM, Keys, find_truth, keys_of
 from shapefit.stores import location
@@ -35,7 +35,7 @@ AT_A_TIME = 1 << 14
 """True shapes that are read at a time for their names."""
 POSE = ("coefficients", "rotation", "translation", "scale")
 EXTRINSIC_ROTATION = "extrinsic_rotation"
-OF_IMAGES = (*POSE, *CAMERA, "plausibility", METRES_PER_UNIT)
+OF_IMAGES = (*POSE, *CAMERA, "p_value", METRES_PER_UNIT)
 OF_RESULTS = frozenset({"sequence", "landmarks_fitted", "status", "shape_sd", *POSE})
 """Datasets of a result that a page is made of, beside those that the format does not know."""
 
@@ -172,7 +172,7 @@ def _take(
                 put_landmarks(name, own[name])
         if "landmarks" in own:
             put_landmarks("landmarks", np.swapaxes(own["landmarks"], 1, 2))
-        for name in ("status", DOUBT, match):
+        for name in ("status", REASONS, match):
             if name in own and own[name].shape == at.shape:
                 texts = gathered.texts.setdefault(name, np.full(n, "", dtype=object))
                 texts[at] = own[name].astype(str)

@@ -12,7 +12,7 @@ from shapefit.arrays import Floats
 from shapefit.errors import counted
 from shapefit.io.layout import METRES_FROM
 from shapefit.io.skeletons import joint_columns
-from shapefit.lifting.verdict import DOUBT, MIRRORED
+from shapefit.lifting.verdict import MIRRORED, REASONS
 from shapefit.pipelines.view.layers import has_camera
 from shapefit.pipelines.view.reading import Frames, Gathered, fit_config
 from shapefit.viewer.scene import Layer
@@ -56,7 +56,7 @@ def summary(
         yield f"Assumed: {'; '.join(assumed)}."
     if upright:
         yield upright
-    if any(np.any(each.texts.get(DOUBT, "") == MIRRORED) for each in results):
+    if any(np.any(each.texts.get(REASONS, "") == MIRRORED) for each in results):
         yield "Near and far are not told apart: shapes may be mirrored in depth."
 
 
@@ -70,8 +70,8 @@ def _quality(name: str, rows: slice, gathered: Gathered, layer: Layer, part: str
     said = []
     if "expected error" in medians:
         said.append(f"{part} errors about {medians['expected error']}")
-    if DOUBT in gathered.texts:
-        doubts = gathered.texts[DOUBT][rows]
+    if REASONS in gathered.texts:
+        doubts = gathered.texts[REASONS][rows]
         trusted = np.count_nonzero(doubts == "")
         share = int(100 * trusted / len(doubts)) if len(doubts) else 0
         said.append(f"{share}% of {counted(len(doubts), 'frame')} trusted")

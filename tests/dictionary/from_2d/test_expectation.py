@@ -51,16 +51,16 @@ def dense(made, i):
     noise_gain = model.noise * np.diag(omega**-2) @ np.linalg.inv(S)
     e = noise_gain @ r
     of_noise = model.noise * np.diag(omega**-2) - noise_gain @ (model.noise * np.diag(omega**-2))
-    misfit = float((omega**2 * (e**2 + np.diag(of_noise))).sum())
-    return model.mean.ravel() + gain @ r, C - gain @ A @ C, log_density, misfit
+    residual_variance = float((omega**2 * (e**2 + np.diag(of_noise))).sum())
+    return model.mean.ravel() + gain @ r, C - gain @ A @ C, log_density, residual_variance
 
 
 def test_shapes_covariances_and_noise_are_those_of_the_joint_gaussian(planted):
     found = expect(planted.images, planted.views, planted.model)
     exact = [dense(planted, i) for i in range(4)]
-    for i, (mean, _, _, misfit) in enumerate(exact):
+    for i, (mean, _, _, residual_variance) in enumerate(exact):
         np.testing.assert_allclose(found.shapes[i].ravel(), mean, atol=1e-5)
-        assert found.misfit[i] == pytest.approx(misfit, rel=1e-4)
+        assert found.residual_variance[i] == pytest.approx(residual_variance, rel=1e-4)
     total = sum(covariance for _, covariance, _, _ in exact)
     np.testing.assert_allclose(scatter(found, planted.views, planted.model), total, atol=1e-5)
 
@@ -84,8 +84,8 @@ def test_doubt_is_what_the_density_gains_where_one_belief_changes(planted):
         changed[i, j] ^= True
         then = expect(replace(images, gross=changed), planted.views, planted.model)
         gain = then.log_density[i] - found.log_density[i]
-        assert found.doubt[i, j] == pytest.approx(gain, rel=1e-6, abs=1e-6)
-    assert np.isneginf(found.doubt[planted.images.weights == 0]).all()
+        assert found.reasons[i, j] == pytest.approx(gain, rel=1e-6, abs=1e-6)
+    assert np.isneginf(found.reasons[planted.images.weights == 0]).all()
     hidden = expect(planted.images.hiding(gross), planted.views, planted.model)
     odds = np.log(0.02 / 0.98 * 0.05)  # one in fifty, anywhere in 20 units of area
     assert found.log_density - hidden.log_density == pytest.approx(odds * gross.sum(axis=1))
@@ -138,8 +138,8 @@ def test_half_of_the_landmarks_of_an_image_stay_believed():
     for p in (5, 6, 7):
         images = Images(np.zeros((1, 2, p)), np.ones((1, p)), np.zeros(1, np.intp))
         for _ in range(p):
-            doubt = np.where(images.seen, 1.0, -1.0)  # every landmark would rather be gross
-            images = replace(images, gross=change_belief(images, doubt))
+            reasons = np.where(images.seen, 1.0, -1.0)  # every landmark would rather be gross
+            images = replace(images, gross=change_belief(images, reasons))
         assert images.seen.sum() == (p + 1) // 2
 
 

@@ -103,9 +103,9 @@ def test_where_nobody_stands_the_camera_is_taken_as_level(tmp_path, posture):
 
 
 def test_what_is_not_to_be_trusted_says_nothing(walk):
-    doubt = np.array(["wide error bars"] * len(walk), dtype=object)
+    reasons = np.array(["wide error bars"] * len(walk), dtype=object)
     assert list(find_floors(walk, AS_KNOWN, "")) == ["film"]
-    assert find_floors(walk.with_columns({"doubt": doubt}), AS_KNOWN, "") == {}
+    assert find_floors(walk.with_columns({"reasons": reasons}), AS_KNOWN, "") == {}
 
 
 def test_feet_that_no_image_shows_stand_nowhere(walk):

@@ -22,7 +22,7 @@ def record():
     extras = {
         METRES_PER_UNIT: np.full(3, 0.01),
         "frame": np.array([3, 4, 6]),
-        "doubt": np.array(["", "wide error bars", ""], dtype=object),
+        "reasons": np.array(["", "wide error bars", ""], dtype=object),
         "trusted": np.array([True, False, True]),
     }
     return ResultSet(

@@ -18,9 +18,9 @@ def record(rng):
     extras = {
         METRES_PER_UNIT: np.full(4, 0.01),
         "frame": np.array([3, 4, 3, 4]),
-        "doubt": DOUBTS,
+        "reasons": DOUBTS,
         "trusted": DOUBTS == "",
-        "plausibility": np.array([0.5, 0.01, 0.25, np.nan]),
+        "p_value": np.array([0.5, 0.01, 0.25, np.nan]),
     }
     return ResultSet(
         shapes=rng.normal(size=(4, 3, 5)),
@@ -62,7 +62,7 @@ def test_each_motion_has_its_table(record, written, tmp_path, ending):
     assert rows[1]["reason"] == "implausible landmarks"
     assert float(rows[0]["mean_error_bar_m"]) == pytest.approx(0.02 * np.sqrt(3), rel=1e-3)
     with (tmp_path / "walk_b_frames.csv").open() as file:
-        assert [row["plausibility"] for row in csv.DictReader(file)] == ["0.25", ""]
+        assert [row["p_value"] for row in csv.DictReader(file)] == ["0.25", ""]
 
 
 def test_csv_has_a_column(record, written, tmp_path):

@@ -84,8 +84,10 @@ def test_the_fields_belong_together(landmarks, dictionary, camera, rng):
     )
     w = weights[:, None]
     centred = landmarks - (w**2 * landmarks).sum(2, keepdims=True) / (w**2).sum(2, keepdims=True)
-    misfit = np.linalg.norm(w * (landmarks - found.landmarks_fitted), axis=(1, 2))
-    np.testing.assert_allclose(e.residual, misfit / np.linalg.norm(w * centred, axis=(1, 2)))
+    residual_variance = np.linalg.norm(w * (landmarks - found.landmarks_fitted), axis=(1, 2))
+    np.testing.assert_allclose(
+        e.residual, residual_variance / np.linalg.norm(w * centred, axis=(1, 2))
+    )
     np.testing.assert_array_equal(seen.camera.focal, camera.focal)
 
 

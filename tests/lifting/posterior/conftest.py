@@ -38,14 +38,14 @@ def draw_scene():
         slopes = steep * rng.normal(size=(2, p)) if steep else None
         if slopes is not None:
             w -= 37 * slopes * X[2]
-        misfit = np.full(p, 0.003)
+        residual_variance = np.full(p, 0.003)
         noise = np.zeros((p, 2, 2))
         if noisy:
             L = rng.normal(size=(p, 2, 2))
             noise = 3 * L @ L.swapaxes(1, 2)
-        misfit[list(hidden)] = np.inf
+        residual_variance[list(hidden)] = np.inf
         w[:, list(hidden)] = np.nan
-        return Scene(w, misfit, noise, mean, C, slopes), R
+        return Scene(w, residual_variance, noise, mean, C, slopes), R
 
     return draw
 

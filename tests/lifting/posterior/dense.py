@@ -19,7 +19,7 @@ class Scene:
     """One image and one Gaussian; hidden landmarks have an infinite misfit."""
 
     landmarks: Floats  # (2, p)
-    misfit: Floats  # (p,)
+    residual_variance: Floats  # (p,)
     noise: Floats  # (p, 2, 2)
     mean: Floats  # (3, p)
     covariance: Floats  # (3p, 3p)
@@ -27,10 +27,12 @@ class Scene:
 
     @property
     def seen(self) -> NDArray[np.intp]:
-        return np.flatnonzero(np.isfinite(self.misfit))
+        return np.flatnonzero(np.isfinite(self.residual_variance))
 
 
-def joint(scene: Scene, R: Floats, s: float, belief: Floats) -> tuple[Floats, Floats, Floats]:
+def joint(
+    scene: Scene, R: Floats, s: float, inlier_probability: Floats
+) -> tuple[Floats, Floats, Floats]:
     """Mean (2m,) of the seen landmarks, their covariance, and that with s (R x + t) (3p, 2m)."""
     p = scene.landmarks.shape[1]
     turn = np.kron(R, np.eye(p))
@@ -45,7 +47,9 @@ def joint(scene: Scene, R: Floats, s: float, belief: Floats) -> tuple[Floats, Fl
             if scene.slopes is not None:
                 E[2 * row + a, 2 * p + j] = -scene.slopes[a, j]
         block = slice(2 * row, 2 * row + 2)
-        N[block, block] = (s * s * scene.misfit[j] * np.eye(2) + scene.noise[j]) / belief[j]
+        N[block, block] = (
+            s * s * scene.residual_variance[j] * np.eye(2) + scene.noise[j]
+        ) / inlier_probability[j]
     return s * E @ turn @ scene.mean.ravel(), s * s * E @ C @ E.T + N, s * s * C @ E.T
 
 
@@ -59,32 +63,34 @@ def observed(scene: Scene) -> Floats:
 
 
 def log_likelihood(
-    scene: Scene, R: Floats, s: float, gross: tuple[float, float], belief: Floats
+    scene: Scene, R: Floats, s: float, gross: tuple[float, float], inlier_probability: Floats
 ) -> float:
     """The variational bound at the belief (p,); that of no gross landmarks where gross[0] = 0.
 
     A translation with the deviation of TAU in the unit of shapes has the density of one that is
     flat in the unit of the landmarks but for a factor: s^2 of it is taken back.
     """
-    mean, S, _ = joint(scene, R, s, belief)
+    mean, S, _ = joint(scene, R, s, inlier_probability)
     r = observed(scene) - mean
     value = -0.5 * (r @ np.linalg.solve(S, r) + np.linalg.slogdet(2 * np.pi * S)[1])
     value += 2 * np.log(s)
     chance, density = gross
     if chance > 0:
         for j in scene.seen:
-            q = belief[j]
-            N = 2 * np.pi * (s * s * scene.misfit[j] * np.eye(2) + scene.noise[j])
+            q = inlier_probability[j]
+            N = 2 * np.pi * (s * s * scene.residual_variance[j] * np.eye(2) + scene.noise[j])
             value += 0.5 * np.linalg.slogdet(N / q)[1] - 0.5 * q * np.linalg.slogdet(N)[1]
             value += q * np.log1p(-chance) + (1 - q) * np.log(chance * density)
             value -= q * np.log(q) + (0 if q == 1 else (1 - q) * np.log1p(-q))
     return float(value)
 
 
-def condition(scene: Scene, R: Floats, s: float, belief: Floats) -> tuple[Floats, Floats]:
+def condition(
+    scene: Scene, R: Floats, s: float, inlier_probability: Floats
+) -> tuple[Floats, Floats]:
     """Mean (3p,) and covariance of y = s (R x + t) given the view, the mean depth taken out."""
     p = scene.landmarks.shape[1]
-    mean, S, cross = joint(scene, R, s, belief)
+    mean, S, cross = joint(scene, R, s, inlier_probability)
     turn = np.kron(R, np.eye(p))
     C = turn @ scene.covariance @ turn.T
     C[:p, :p] += TAU_SQUARE
@@ -129,7 +135,9 @@ def hessian(function, R: Floats, s: float, step: float = 1e-3) -> Floats:  # typ
     return H
 
 
-def draw_images(prior: Mixture, n: int, seed: int, misfit: float) -> tuple[Floats, Floats, Floats]:
+def draw_images(
+    prior: Mixture, n: int, seed: int, residual_variance: float
+) -> tuple[Floats, Floats, Floats]:
     """Shapes of the mixture, seen: y (n, 3, p) in the camera frame, landmarks, rotations."""
     rng = np.random.default_rng(seed)
     p = prior.means.shape[2]
@@ -137,11 +145,13 @@ def draw_images(prior: Mixture, n: int, seed: int, misfit: float) -> tuple[Float
     noise = np.linalg.cholesky(prior.covariances)[k] @ rng.normal(size=(n, 3 * p, 1))
     R = random_rotations(n, rng)
     y = R @ (prior.means[k] + noise.reshape(n, 3, p))
-    return y, y[:, :2] + np.sqrt(misfit) * rng.normal(size=(n, 2, p)), R
+    return y, y[:, :2] + np.sqrt(residual_variance) * rng.normal(size=(n, 2, p)), R
 
 
-def solve(prior: Mixture, w: Floats, starts: Floats, misfit: float, **options: Any) -> Posterior:
+def solve(
+    prior: Mixture, w: Floats, starts: Floats, residual_variance: float, **options: Any
+) -> Posterior:
     """Find the posterior of landmarks (n, 2, p); nan is hidden."""
     n, _, p = w.shape
-    v = np.where(np.isfinite(w).all(axis=1), misfit, np.inf)
+    v = np.where(np.isfinite(w).all(axis=1), residual_variance, np.inf)
     return find_posterior(w, v, np.zeros((n, p, 2, 2)), prior, starts, **options)

@@ -9,7 +9,7 @@ from shapefit.lifting.lift import Lifting, Program, lift
 from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior.method import face, lift_to_posterior
 
-MISFIT, P = 0.003, 12
+RESIDUAL_VARIANCE, P = 0.003, 12
 
 
 class Scene:
@@ -29,7 +29,7 @@ class Scene:
             np.tile([1000.0, 1100.0], (n, 1)), np.tile([640.0, 360.0], (n, 1)), sign
         )
         noisy = self.shapes + self.translation[..., None]
-        noisy[:, :2] += np.sqrt(MISFIT) * rng.normal(size=(n, 2, P))
+        noisy[:, :2] += np.sqrt(RESIDUAL_VARIANCE) * rng.normal(size=(n, 2, P))
         self.landmarks = project(self.camera, noisy)
         self.seen = np.ones((n, P), dtype=bool)
 

@@ -9,24 +9,30 @@ from tests.lifting.posterior import dense
 from tests.lifting.posterior.dense import draw_images, solve
 
 
-def draw_views(prior: Mixture, n: int, misfit: float, views: int):
+def draw_views(prior: Mixture, n: int, residual_variance: float, views: int):
     """Landmarks (n, 2, p) of shapes of the mixture, and rotations (n, views, 3, 3) at random."""
-    _, w, _ = draw_images(prior, n, 1, misfit)
+    _, w, _ = draw_images(prior, n, 1, residual_variance)
     return w, random_rotations(n * views, np.random.default_rng(2)).reshape(n, views, 3, 3)
 
 
-@pytest.mark.parametrize(("p", "size", "misfit"), [(5, 0.3, 0.02), (7, 0.5, 0.02), (6, 0.8, 0.01)])
-def test_every_mode_that_counts_is_stationary(draw_mixture, p, size, misfit):
+@pytest.mark.parametrize(
+    ("p", "size", "residual_variance"), [(5, 0.3, 0.02), (7, 0.5, 0.02), (6, 0.8, 0.01)]
+)
+def test_every_mode_that_counts_is_stationary(draw_mixture, p, size, residual_variance):
     """Newton's decrement from the dense log likelihood by differences; saddles do not count."""
     prior = draw_mixture(3, k=2, p=p, size=size)
-    w, starts = draw_views(prior, 20, misfit, 8)
-    found = solve(prior, w, starts, misfit, modes=8)
+    w, starts = draw_views(prior, 20, residual_variance, 8)
+    found = solve(prior, w, starts, residual_variance, modes=8)
     ones = np.ones(p)
     judged = 0
     for i, m in np.argwhere(found.modes.shares > 0.01):
         k = found.modes.component[i, m]
         scene = dense.Scene(
-            w[i], misfit * ones, np.zeros((p, 2, 2)), prior.means[k], prior.covariances[k]
+            w[i],
+            residual_variance * ones,
+            np.zeros((p, 2, 2)),
+            prior.means[k],
+            prior.covariances[k],
         )
 
         def value(R, s, scene=scene):
@@ -42,11 +48,11 @@ def test_every_mode_that_counts_is_stationary(draw_mixture, p, size, misfit):
 
 def test_modes_are_alike_from_all_sides_of_the_image(draw_mixture):
     """Few landmarks and a large misfit leave the view open; the axes of the image do not matter."""
-    prior, misfit = draw_mixture(2, k=1, p=4, size=0.3), 0.3
-    w, starts = draw_views(prior, 20, misfit, 1)
+    prior, residual_variance = draw_mixture(2, k=1, p=4, size=0.3), 0.3
+    w, starts = draw_views(prior, 20, residual_variance, 1)
     turn = rotation_about(np.array([0.0, 0.0, 1.0]), np.array(0.7))
-    plain = solve(prior, w, starts, misfit)
-    other = solve(prior, turn[:2, :2] @ w, turn @ starts, misfit)
+    plain = solve(prior, w, starts, residual_variance)
+    other = solve(prior, turn[:2, :2] @ w, turn @ starts, residual_variance)
     close = np.abs(other.mean - turn @ plain.mean).max(axis=(1, 2)) < 1e-3
     assert close.sum() > 12  # others climb to another mode
     assert other.log_evidence[close] == pytest.approx(plain.log_evidence[close], abs=2e-3)

@@ -12,7 +12,7 @@ def solve(scene, R, gross=(0.0, 0.05)):
     prior = Mixture(np.ones(1), scene.mean[None], scene.covariance[None])
     return find_posterior(
         scene.landmarks[None],
-        scene.misfit[None],
+        scene.residual_variance[None],
         scene.noise[None],
         prior,
         R[None, None],
@@ -33,18 +33,18 @@ def test_a_mode_is_that_of_the_dense_computation(draw_scene, noisy, hidden, chan
     gross = (chance, 0.05 / 37**2)
     found = solve(scene, R, gross).modes
     R, s = found.rotation[0, 0], found.scale[0, 0]
-    belief = np.nan_to_num(found.belief[0, 0], nan=1.0)
+    inlier_probability = np.nan_to_num(found.inlier_probability[0, 0], nan=1.0)
 
     def value(R, s):
-        return dense.log_likelihood(scene, R, s, gross, belief)
+        return dense.log_likelihood(scene, R, s, gross, inlier_probability)
 
     assert np.abs(dense.derivative(value, R, s)).max() < 1e-3
     H = -dense.hessian(value, R, s) + np.eye(4)  # no view is less certain than a radian
     evidence = value(R, s) + 2 * np.log(2 * np.pi) - 0.5 * np.linalg.slogdet(H)[1]
     assert found.log_evidence[0, 0] == pytest.approx(evidence, abs=1e-3)
-    y, C = dense.condition(scene, R, s, belief)
+    y, C = dense.condition(scene, R, s, inlier_probability)
     assert found.mean[0, 0].ravel() == pytest.approx(y, abs=1e-9 * s)
-    J = dense.derivative(lambda R, s: dense.condition(scene, R, s, belief)[0], R, s)
+    J = dense.derivative(lambda R, s: dense.condition(scene, R, s, inlier_probability)[0], R, s)
     whole = C + J.T @ np.linalg.inv(H) @ J
     assert found.covariance[0, 0] == pytest.approx(whole, abs=1e-4 * s**2)
 
@@ -56,7 +56,7 @@ def test_hidden_landmarks_are_marginalised(draw_scene):
     rows = [a * 7 + j for a in range(3) for j in kept]
     small = dense.Scene(
         scene.landmarks[:, kept],
-        scene.misfit[kept],
+        scene.residual_variance[kept],
         scene.noise[kept],
         scene.mean[:, kept],
         scene.covariance[np.ix_(rows, rows)],

@@ -7,14 +7,14 @@ from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.posterior.method import face, find_rays, place, stretch_noise
 from shapefit.lifting.posterior.posterior import find_posterior
-from tests.lifting.posterior.pinhole import MISFIT, P, Scene
+from tests.lifting.posterior.pinhole import RESIDUAL_VARIANCE, P, Scene
 
 
 def posterior(prior, landmarks, starts, slopes=None):
     n = len(landmarks)
     return find_posterior(
         landmarks,
-        np.full((n, P), MISFIT),
+        np.full((n, P), RESIDUAL_VARIANCE),
         np.zeros((n, P, 2, 2)),
         prior,
         starts,
@@ -68,7 +68,7 @@ def test_the_place_before_the_camera_is_found(draw_mixture):
     assert np.median(np.abs(at.translation / scene.translation - 1)[:, 2]) < 0.04
     seen = project(scene.camera, at.shapes + at.translation[..., None])
     unit = 1000 / 6.0
-    assert np.abs(seen - scene.landmarks).mean() < 1.5 * np.sqrt(MISFIT) * unit
+    assert np.abs(seen - scene.landmarks).mean() < 1.5 * np.sqrt(RESIDUAL_VARIANCE) * unit
 
 
 def test_a_long_lens_sees_weak_perspective(draw_mixture):

@@ -11,9 +11,9 @@ from tests.lifting.posterior.dense import draw_images, solve
 
 
 def test_the_mean_of_a_mixture_is_that_of_importance_sampling(draw_mixture):
-    prior, misfit, p = draw_mixture(2), 0.02, 7
-    _, w, R = draw_images(prior, 1, 4, misfit)
-    found = solve(prior, w, R[:, None], misfit, covariance=True, modes=6)
+    prior, residual_variance, p = draw_mixture(2), 0.02, 7
+    _, w, R = draw_images(prior, 1, 4, residual_variance)
+    found = solve(prior, w, R[:, None], residual_variance, covariance=True, modes=6)
     # views about those of the modes, weighed by the exact likelihood of all components
     rng = np.random.default_rng(0)
     modes, share = found.modes, found.modes.shares[0]
@@ -21,7 +21,7 @@ def test_the_mean_of_a_mixture_is_that_of_importance_sampling(draw_mixture):
     draws, spread = 4000, 0.25
     which = rng.choice(used, size=draws, p=share[used] / share[used].sum())
     scene = [
-        dense.Scene(w[0], np.full(p, misfit), np.zeros((p, 2, 2)), mean, C)
+        dense.Scene(w[0], np.full(p, residual_variance), np.zeros((p, 2, 2)), mean, C)
         for mean, C in zip(prior.means, prior.covariances, strict=True)
     ]
     log_weight, means = [], []
@@ -64,9 +64,9 @@ def rotation_vector(R):
 
 
 def test_regions_hold_what_they_say_for_shapes_of_the_model(draw_mixture):
-    prior, misfit, n, p = draw_mixture(4, size=0.1), 0.005, 600, 7
-    y, w, R = draw_images(prior, n, 6, misfit)
-    found = solve(prior, w, R[:, None], misfit, covariance=True)
+    prior, residual_variance, n, p = draw_mixture(4, size=0.1), 0.005, 600, 7
+    y, w, R = draw_images(prior, n, 6, residual_variance)
+    found = solve(prior, w, R[:, None], residual_variance, covariance=True)
     y[:, 2] -= y[:, 2].mean(axis=1, keepdims=True)
     blocks = found.covariance.reshape(n, 3, p, 3, p)
     apart = (y - found.mean).transpose(0, 2, 1)
@@ -79,15 +79,15 @@ def test_regions_hold_what_they_say_for_shapes_of_the_model(draw_mixture):
 
 
 def test_a_gross_landmark_is_disbelieved_and_the_others_stay(draw_mixture):
-    prior, misfit, n, p = draw_mixture(5, p=13, size=0.08), 0.005, 40, 13
-    y, w, R = draw_images(prior, n, 7, misfit)
-    clean = solve(prior, w, R[:, None], misfit, gross=Gross(0.05))
+    prior, residual_variance, n, p = draw_mixture(5, p=13, size=0.08), 0.005, 40, 13
+    y, w, R = draw_images(prior, n, 7, residual_variance)
+    clean = solve(prior, w, R[:, None], residual_variance, gross=Gross(0.05))
     w[:, :, 4] += np.array([2.0, -1.5])
-    found = solve(prior, w, R[:, None], misfit, gross=Gross(0.05))
+    found = solve(prior, w, R[:, None], residual_variance, gross=Gross(0.05))
     others = np.arange(p) != 4
     error = [np.median(np.abs(f.mean - y)[:, :2, others].mean(axis=(1, 2))) for f in (clean, found)]
-    assert np.median(found.belief[:, 4]) < 0.01
-    assert np.median(found.belief[:, others]) > 0.99
+    assert np.median(found.inlier_probability[:, 4]) < 0.01
+    assert np.median(found.inlier_probability[:, others]) > 0.99
     assert error[1] < 1.1 * error[0]
 
 
@@ -116,22 +116,24 @@ def test_a_climb_that_ends_on_a_saddle_does_not_count_beside_a_maximum():
 
 def test_surprise_is_never_negative(draw_mixture):
     """A gross landmark is no surprise where gross ones are denser than the others at their peak."""
-    prior, misfit = draw_mixture(5, p=13, size=0.08), 0.005
-    _, w, R = draw_images(prior, 10, 7, misfit)
+    prior, residual_variance = draw_mixture(5, p=13, size=0.08), 0.005
+    _, w, R = draw_images(prior, 10, 7, residual_variance)
     w[:, :, 4] += np.array([2.0, -1.5])
-    found = solve(prior, w, R[:, None], misfit, gross=Gross(0.9, 1e4))
-    assert (found.surprise >= 0).all()
+    found = solve(prior, w, R[:, None], residual_variance, gross=Gross(0.9, 1e4))
+    assert (found.squared_mahalanobis >= 0).all()
 
 
 def test_components_together_are_those_alone(draw_mixture):
     """Climbs side by side, that leave as they arrive or lose hope, change nothing that counts."""
-    prior, misfit = draw_mixture(8, k=13, p=9, size=0.1), 0.01
-    _, w, R = draw_images(prior, 12, 9, misfit)
+    prior, residual_variance = draw_mixture(8, k=13, p=9, size=0.1), 0.01
+    _, w, R = draw_images(prior, 12, 9, residual_variance)
     w[2:, :, 3], w[5, :, [0, 7]] = np.nan, np.nan
     gross = Gross(0.02)
-    together = solve(prior, w, R[:, None], misfit, gross=gross)
+    together = solve(prior, w, R[:, None], residual_variance, gross=gross)
     alone = [
-        solve(Mixture(np.ones(1), mean[None], C[None]), w, R[:, None], misfit, gross=gross)
+        solve(
+            Mixture(np.ones(1), mean[None], C[None]), w, R[:, None], residual_variance, gross=gross
+        )
         for mean, C in zip(prior.means, prior.covariances, strict=True)
     ]
     logs = np.log(prior.weights)[:, None] + np.stack([one.log_evidence for one in alone])
@@ -143,11 +145,11 @@ def test_components_together_are_those_alone(draw_mixture):
 
 
 def test_climbs_end_where_nothing_more_is_to_be_gained(draw_mixture, request):
-    prior, misfit = draw_mixture(3), 0.01
-    _, w, R = draw_images(prior, 20, 5, misfit)
+    prior, residual_variance = draw_mixture(3), 0.01
+    _, w, R = draw_images(prior, 20, 5, residual_variance)
     options = {"gross": Gross(0.02)}
-    early = solve(prior, w, R[:, None], misfit, **options)
+    early = solve(prior, w, R[:, None], residual_variance, **options)
     request.getfixturevalue("to_the_end")
-    late = solve(prior, w, R[:, None], misfit, **options)
+    late = solve(prior, w, R[:, None], residual_variance, **options)
     assert (early.rounds < late.rounds).mean() > 0.5
     assert early.log_evidence == pytest.approx(late.log_evidence, abs=2e-3)

@@ -9,7 +9,7 @@ from shapefit.lifting.sequences.clips import PAIRS, add_common_error, nearest_kn
 from shapefit.lifting.sequences.smoothing import CONSTANTS, Model, observe, smooth
 
 T, P = 9, 4
-MISFIT = 0.01
+RESIDUAL_VARIANCE = 0.01
 
 
 def parts_of(C):
@@ -61,9 +61,9 @@ def test_planted_errors_in_common_are_covered(rng):
         means = motion + errors[:T] + CONSTANTS.shared * errors[T]
         seen = observe(
             means[:, :2], np.ones((T, P)), means, np.zeros((T, 1)), means[:, None],
-            np.tile(whole, (T, 1, 1, 1)), MISFIT,
+            np.tile(whole, (T, 1, 1, 1)), RESIDUAL_VARIANCE,
         )  # fmt: skip
-        found = smooth(seen, model, np.sqrt(MISFIT), rounds=20)
+        found = smooth(seen, model, np.sqrt(RESIDUAL_VARIANCE), rounds=20)
         one = slice(T // 2, T // 2 + 1)
         smoothed = (found.deviation[one], found.correlation[one])
         away = (found.points - motion)[one]

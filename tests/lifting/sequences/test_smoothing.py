@@ -167,19 +167,19 @@ def test_a_frame_by_itself_has_the_covariance_of_its_mixture(model, rng, apart, 
     weight[10:] = 0
     share = np.log([0.6, 0.4])
     log_det = np.linalg.slogdet(C)[1]
-    misfit = 0.2**2
+    residual_variance = 0.2**2
     seen = Observations(
         landmarks=landmarks.reshape(1, 2, 5),
         trust=np.ones((1, 5)),
         start=mean[:1].reshape(1, 3, 5),
-        misfit=misfit,
+        residual_variance=residual_variance,
         log_share=share[None],
         mean=mean[None],
         precision=precision[None],
         log_det=log_det[None],
     )
     free = replace(model, bones=model.bones[:0], give=model.give[:0])
-    noise = (1 / misfit + weight[0, 0]) ** -0.5
+    noise = (1 / residual_variance + weight[0, 0]) ** -0.5
     found = smooth(seen, free, noise, covariances=True, rounds=50)
     w = np.append(landmarks, np.zeros(5))
     parts = np.linalg.inv(precision + weight)
@@ -230,7 +230,7 @@ def test_haste_is_that_of_the_images(images, rng, body):
 def test_landmarks_stated_to_be_exacter_count_by_their_trust(images, body, rng):
     seen = images(body)
     trust = rng.random(seen.trust.shape)
-    expected = np.concatenate([trust, trust], axis=1) * (1 / 0.05**2 - 1 / seen.misfit)
+    expected = np.concatenate([trust, trust], axis=1) * (1 / 0.05**2 - 1 / seen.residual_variance)
     found = further_weight(replace(seen, trust=trust), 0.05)
     np.testing.assert_allclose(found, expected)
     assert not further_weight(seen, 0.2).any()  # nothing is stated beyond what images have

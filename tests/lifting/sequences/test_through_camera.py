@@ -99,5 +99,5 @@ def test_landmarks_are_trusted_by_belief_times_the_square_of_their_confidence(
         clips.refine_lifting(lifting, scene.landmarks, ["one"] * N, motion, 0.01, None, 1.0)
     weights = lifting.problem.weights
     np.testing.assert_allclose(weights / weights[:, :1], confidence / confidence[:, :1])
-    belief = lifting.estimate.further["belief"]
-    np.testing.assert_allclose(given[0].trust, belief * weights**2)
+    inlier_probability = lifting.estimate.further["inlier_probability"]
+    np.testing.assert_allclose(given[0].trust, inlier_probability * weights**2)

@@ -18,7 +18,7 @@ from tests.pipelines.told import texts
 def sure(results, rng):
     """Results with error bars and plausibilities; item1 is the least plausible."""
     correlation = rng.uniform(-0.3, 0.3, (N, 5, 3))
-    own = {"shape_correlation": correlation, "plausibility": np.array([0.5, 0.1, *[0.9] * 5])}
+    own = {"shape_correlation": correlation, "p_value": np.array([0.5, 0.1, *[0.9] * 5])}
     return results.replaced(
         shape_sd=rng.uniform(0.1, 0.3, (N, 3, 5)), further=results.further | own
     )

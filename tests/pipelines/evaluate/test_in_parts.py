@@ -44,7 +44,7 @@ def results(truth, rng):
         attributes={"solve_seconds": 0.5},
         columns={
             "true_rotation": turns,
-            "plausibility": np.round(rng.random(COUNT), 1),
+            "p_value": np.round(rng.random(COUNT), 1),
             "outliers": rng.random((COUNT, 5)) < 0.2,
             "corrupted": rng.random((COUNT, 5)) < 0.2,
             "landmarks": estimate[:, :2].swapaxes(1, 2) + 0.01,

@@ -158,11 +158,11 @@ def test_perspective_finds_cars_better_than_weak_perspective(fit, views):
     weak, full = (fit(**camera)[0] for camera in ({}, PERSPECTIVE))
     errors = [np.median(rotation_angle(found.rotation, truth)) for found in (weak, full)]
     assert errors[1] < 0.5 * errors[0]
-    misfit = [
+    residual_variance = [
         np.sqrt(np.nanmean((found.landmarks_fitted - views.landmarks) ** 2, axis=(1, 2)))
         for found in (weak, full)
     ]
-    assert np.median(misfit[1]) < 0.5 * np.median(misfit[0])
+    assert np.median(residual_variance[1]) < 0.5 * np.median(residual_variance[0])
     assert set(full.status) == {Status.CONVERGED.value}
 
 

@@ -62,7 +62,7 @@ def test_results_hold_error_bars_in_the_unit_of_the_landmarks(fit, with_prior, i
     for row, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
         own = np.einsum("npp->np", blocks[:, :, a, :, b]) / (sd[..., a] * sd[..., b])
         assert correlation[..., row] == pytest.approx(own, abs=1e-6)
-    assert ((found.columns["plausibility"] >= 0) & (found.columns["plausibility"] <= 1)).all()
+    assert ((found.columns["p_value"] >= 0) & (found.columns["p_value"] <= 1)).all()
     assert set(found.status) == {"converged"}
     larger = images.replaced(landmarks=10 * images.landmarks)
     grown, _ = fit(with_prior, larger, **keys)
@@ -112,11 +112,11 @@ def test_a_confidence_of_the_least_score_counts_as_seen(world):
 def test_implausible_images_are_reported_and_keep_their_status(fit, with_prior, images):
     keys = {"posterior": {"implausible": 0.999999}, "camera": {"model": "weak-perspective"}}
     found, outcomes = fit(with_prior, images, method="posterior", **keys)
-    (doubt,) = [doubt for out in outcomes for doubt in out.doubts]
-    assert doubt.text == "implausible landmarks"
-    assert set(doubt.items) == set(found.items)
+    (reasons,) = [reasons for out in outcomes for reasons in out.doubts]
+    assert reasons.text == "implausible landmarks"
+    assert set(reasons.items) == set(found.items)
     assert not found.columns["trusted"].any()
-    assert set(found.columns["doubt"]) == {"implausible landmarks"}
+    assert set(found.columns["reasons"]) == {"implausible landmarks"}
     assert set(found.status) == {"converged"}
 
 

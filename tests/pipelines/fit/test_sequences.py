@@ -57,7 +57,7 @@ def written(path, images):
 
 def test_without_edges_sequences_go_by_steady_motion(people, tmp_path):
     known = read_dictionary(people / "dictionary.h5")
-    bare = dict.fromkeys(("edges", "edge_give", "edge_length"))
+    bare = dict.fromkeys(("edges", "bone_tolerance", "edge_length"))
     write_dictionary(tmp_path / "dictionary.h5", replace(known, **bare))
     single, _ = fitted(tmp_path, people / "views.h5", method="posterior")
     whole, _ = fitted(tmp_path, people / "views.h5")

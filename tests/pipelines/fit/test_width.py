@@ -17,7 +17,7 @@ from tests.pipelines.told import texts
 
 P, IMAGES = 12, 60
 NAMES = tuple(f"point{j}" for j in range(P))
-MISFIT = 0.002
+RESIDUAL_VARIANCE = 0.002
 
 
 @pytest.fixture(scope="module")
@@ -29,13 +29,15 @@ def planted(tmp_path_factory):
     C = root @ root.T * 8 / 3 + 1e-3 * np.eye(3 * P)
     prior = Mixture(np.ones(1), mean[None], C[None])
     path = tmp_path_factory.mktemp("width") / "dictionary.h5"
-    made = Dictionary(mean[None] / 4, NAMES, mean, prior=prior, misfit=np.array([MISFIT]))
+    made = Dictionary(
+        mean[None] / 4, NAMES, mean, prior=prior, residual_variance=np.array([RESIDUAL_VARIANCE])
+    )
     write_dictionary(path, made)
 
-    def draw(width, misfit, wrong=None):
+    def draw(width, residual_variance, wrong=None):
         x = np.linalg.cholesky(width * C) @ rng.normal(size=(3 * P, IMAGES))
         shapes = random_rotations(IMAGES, rng) @ (mean + x.T.reshape(IMAGES, 3, P))
-        w = shapes[:, :2] + np.sqrt(misfit) * rng.normal(size=(IMAGES, 2, P))
+        w = shapes[:, :2] + np.sqrt(residual_variance) * rng.normal(size=(IMAGES, 2, P))
         if wrong is not None:
             w[:, :, wrong] += 3 * rng.normal(size=(IMAGES, 2))
         items = tuple(f"image{i}" for i in range(IMAGES))
@@ -54,36 +56,39 @@ def estimate(planted, images, **posterior):
 
 
 @pytest.mark.parametrize("width", [1, 4])
-@pytest.mark.parametrize("misfit", [MISFIT, 8 * MISFIT])
-def test_the_factors_that_images_have_are_found(planted, width, misfit):
-    found, keys = estimate(planted, planted[2](width, misfit)[0])
-    assert (keys["prior_width"], keys["misfit"]) == (width, pytest.approx(misfit))
+@pytest.mark.parametrize("residual_variance", [RESIDUAL_VARIANCE, 8 * RESIDUAL_VARIANCE])
+def test_the_factors_that_images_have_are_found(planted, width, residual_variance):
+    found, keys = estimate(planted, planted[2](width, residual_variance)[0])
+    assert (keys["prior_scale"], keys["residual_variance"]) == (
+        width,
+        pytest.approx(residual_variance),
+    )
     said = any("nats an image" in line for line in found.lines)
-    assert said == ((width, misfit) != (1, MISFIT))
+    assert said == ((width, residual_variance) != (1, RESIDUAL_VARIANCE))
 
 
 def test_landmarks_more_exact_than_the_misfit_of_the_dictionary_keep_it(planted):
-    _, keys = estimate(planted, planted[2](1, MISFIT / 20)[0])
-    assert keys["misfit"] == MISFIT
+    _, keys = estimate(planted, planted[2](1, RESIDUAL_VARIANCE / 20)[0])
+    assert keys["residual_variance"] == RESIDUAL_VARIANCE
 
 
 def test_what_is_stated_is_obeyed(planted):
-    images, _ = planted[2](4, 8 * MISFIT)
-    _, keys = estimate(planted, images, prior_width=1.5)
-    assert keys["prior_width"] == 1.5
-    assert keys["misfit"] > MISFIT
-    found, keys = estimate(planted, images, prior_width=1.5, misfit=0.1)
-    assert keys["misfit"] == 0.1
+    images, _ = planted[2](4, 8 * RESIDUAL_VARIANCE)
+    _, keys = estimate(planted, images, prior_scale=1.5)
+    assert keys["prior_scale"] == 1.5
+    assert keys["residual_variance"] > RESIDUAL_VARIANCE
+    found, keys = estimate(planted, images, prior_scale=1.5, residual_variance=0.1)
+    assert keys["residual_variance"] == 0.1
     assert not found.lines
 
 
 def test_few_images_say_nothing(planted):
-    _, keys = estimate(planted, planted[2](4, MISFIT)[0].take(slice(0, 9)))
-    assert (keys["prior_width"], keys["misfit"]) == (1, MISFIT)
+    _, keys = estimate(planted, planted[2](4, RESIDUAL_VARIANCE)[0].take(slice(0, 9)))
+    assert (keys["prior_scale"], keys["residual_variance"]) == (1, RESIDUAL_VARIANCE)
 
 
 def test_regions_hold_where_the_truth_is_wider_than_the_prior(planted, tmp_path):
-    images, shapes = planted[2](8, MISFIT)
+    images, shapes = planted[2](8, RESIDUAL_VARIANCE)
     camera = {"model": "weak-perspective"}
 
     def held(**posterior):
@@ -94,8 +99,8 @@ def test_regions_hold_where_the_truth_is_wider_than_the_prior(planted, tmp_path)
 
     own, result = held()
     assert own == pytest.approx(0.9, abs=0.08)
-    assert held(prior_width=1)[0] < 0.75
-    assert json.loads(result.attributes["config"])["posterior"]["prior_width"] == 8
+    assert held(prior_scale=1)[0] < 0.75
+    assert json.loads(result.attributes["config"])["posterior"]["prior_scale"] == 8
     assert "prior 8 times as wide" in result.attributes["estimated"]
 
 
@@ -109,7 +114,7 @@ def test_of_pairs_as_likely_the_widest_is_taken_with_the_least_misfit():
         (4.0, 1.0): -7 + noise[3],
     }
     found = likeliest(of)
-    assert (found.prior, found.misfit) == (2, 1)
+    assert (found.prior, found.residual_variance) == (2, 1)
     assert found.gain == pytest.approx(4.95)
 
 
@@ -121,12 +126,12 @@ def test_a_wider_prior_or_a_larger_misfit_alone_makes_all_pairs_be_tried(best):
         return np.full(len(some), -np.abs(np.log2(pair) - np.log2(best)).sum())
 
     found = find_width(evidence, images)
-    assert (found.prior, found.misfit) == best
+    assert (found.prior, found.residual_variance) == best
     assert found.gain == pytest.approx(np.log2(best).sum())
 
 
 def test_a_landmark_that_is_mostly_wrong_is_named_and_frames_stay_trusted(planted, tmp_path):
-    images, _ = planted[2](1, MISFIT, wrong=3)
+    images, _ = planted[2](1, RESIDUAL_VARIANCE, wrong=3)
     keys = {"method": "posterior", "camera": {"model": "weak-perspective"}}
     result, outcomes = fit_images(tmp_path, images, planted[0], **keys)
     (told,) = [each for each in texts(outcomes) if "grossly wrong" in each]
@@ -141,13 +146,13 @@ def test_a_landmark_that_is_mostly_wrong_is_named_and_frames_stay_trusted(plante
 
 def test_images_of_another_class_are_said_to_be(planted, tmp_path):
     """Shapes that the widest prior does not hold, and left and right that nobody exchanged."""
-    images, _ = planted[2](1, MISFIT)
+    images, _ = planted[2](1, RESIDUAL_VARIANCE)
     other = images.replaced(landmarks=images.landmarks[..., [*range(6, P), *range(6)]])
     keys = {"method": "posterior", "camera": {"model": "weak-perspective"}}
     result, outcomes = fit_images(tmp_path, other, planted[0], **keys)
-    if (result.columns["plausibility"] < 0.05).mean() > 0.5:
+    if (result.columns["p_value"] < 0.05).mean() > 0.5:
         assert any("another class" in each for each in texts(outcomes))
-    keys["posterior"] = {"prior_width": 1, "misfit": MISFIT}
+    keys["posterior"] = {"prior_scale": 1, "residual_variance": RESIDUAL_VARIANCE}
     _, outcomes = fit_images(tmp_path, other, planted[0], **keys)
     assert [each for each in texts(outcomes) if "another class" in each]
     _, outcomes = fit_images(tmp_path, images, planted[0], **keys)
@@ -155,6 +160,6 @@ def test_images_of_another_class_are_said_to_be(planted, tmp_path):
 
 
 def test_a_landmark_that_is_mostly_wrong_does_not_make_the_others_less_exact(planted):
-    images, _ = planted[2](1, MISFIT, wrong=3)
+    images, _ = planted[2](1, RESIDUAL_VARIANCE, wrong=3)
     _, keys = estimate(planted, images)
-    assert (keys["prior_width"], keys["misfit"]) == (1, MISFIT)
+    assert (keys["prior_scale"], keys["residual_variance"]) == (1, RESIDUAL_VARIANCE)

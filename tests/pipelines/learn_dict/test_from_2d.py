@@ -99,7 +99,7 @@ def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
     files = [tmp_path / name for name in ("images.h5", "dict.h5", "result.h5")]
     result, outcomes = fit_file(*files, method="posterior")
     assert not result.columns["trusted"].any()
-    assert (result.columns["doubt"] == "near and far not told apart").mean() > 0.9
+    assert (result.columns["reasons"] == "near and far not told apart").mean() > 0.9
     texts = [str(text) for each in outcomes for text in each.warnings]
     (warning,) = [text for text in texts if "learned from 2D" in text]
     assert "learned from 2D landmarks: learned; near and far open" in warning
@@ -124,9 +124,9 @@ def test_the_verdict_stays_with_the_dictionary(tmp_path):
     shape = normalise(np.random.default_rng(0).standard_normal((3, 4))).points
     made = Dictionary(shape[None], tuple("abcd"), shape)
     assert describe_learning(made) == ()
-    assert not made.depth_is_open
+    assert not made.depth_ambiguity
     old = replace(made, provenance={"learned_from": "landmarks"})
-    assert old.depth_is_open
+    assert old.depth_ambiguity
     known = {"verdict": "doubtful", "near_and_far": "told by perspective"}
     write_dictionary(tmp_path / "dict.h5", replace(old, provenance=old.provenance | known))
     (line,) = describe_learning(read_dictionary(tmp_path / "dict.h5"))

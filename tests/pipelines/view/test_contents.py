@@ -82,12 +82,12 @@ def test_sequences_are_put_together_and_single_ones_are_none(desk):
 
 def test_errors_and_trust_stand_on_the_strip(desk, rng):
     landmarks = desk.shapes(6)[:, :2]
-    doubt = np.array(["", "", "", "wide error bars", "", "implausible landmarks"], object)
+    reasons = np.array(["", "", "", "wide error bars", "", "implausible landmarks"], object)
     extras = {
         "landmarks": landmarks.swapaxes(1, 2),
-        "plausibility": np.linspace(0, 1, 6),
+        "p_value": np.linspace(0, 1, 6),
         "outliers": np.eye(6, 5, dtype=bool),
-        "doubt": doubt,
+        "reasons": reasons,
     }
     status = np.array(["optimal", "converged", "iteration limit", "degenerate", "x", "optimal"])
     sd = np.full((6, 3, 5), 2.0)
@@ -101,14 +101,17 @@ def test_errors_and_trust_stand_on_the_strip(desk, rng):
     expected = {
         "error against the truth": ("cm", error / 10),
         "expected error": ("px", [12**0.5] * 6),
-        "plausibility": ("", extras["plausibility"]),
-        "misfit in the image": ("px", metrics.reprojection(found.shapes[:, :2], landmarks)),
+        "p_value": ("", extras["p_value"]),
+        "residual_variance in the image": (
+            "px",
+            metrics.reprojection(found.shapes[:, :2], landmarks),
+        ),
     }
     assert list(measures) == list(expected)
     for name, (unit, values) in expected.items():
         assert measures[name]["unit"] == unit
         np.testing.assert_allclose(decoded(measures[name]["values"]), values, rtol=0.004)
-    assert measures["plausibility"]["bad"] == "low"
+    assert measures["p_value"]["bad"] == "low"
     words = [layer["status"]["words"][code] for code in decoded(layer["status"]["codes"])]
     assert words == ["", "", "iteration limit", "degenerate", "x", ""]
     np.testing.assert_array_equal(decoded(made.data["outliers"]), extras["outliers"])
@@ -187,7 +190,7 @@ def test_without_a_camera_all_frames_have_one_scale(desk):
 def test_each_individual_has_words_of_its_own(desk):
     extras = {
         "frame": np.r_[0:20, 0:20, 3],
-        "doubt": np.array([""] * 20 + ["wide error bars"] * 20 + [""], object),
+        "reasons": np.array([""] * 20 + ["wide error bars"] * 20 + [""], object),
     }
     items = tuple(f"v/{'abc'[i // 20]}/{i}" for i in range(41))
     sequences = tuple(item[:3] for item in items)
@@ -201,8 +204,8 @@ def test_each_individual_has_words_of_its_own(desk):
 
 
 def test_a_shape_that_may_be_mirrored_and_a_method_without_bars_are_said(desk):
-    doubt = np.array(["near and far not told apart"] * 6, object)
-    page = make_page(ViewConfig(files={"r": (desk.result(extras={"doubt": doubt}),)})).scene
+    reasons = np.array(["near and far not told apart"] * 6, object)
+    page = make_page(ViewConfig(files={"r": (desk.result(extras={"reasons": reasons}),)})).scene
     assert any("mirrored in depth" in line for line in page.summary)
     result = desk.result(attributes={"method": "convex"})
     page = make_page(ViewConfig(files={"r": (result,)})).scene

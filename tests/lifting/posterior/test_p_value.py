@@ -10,11 +10,11 @@ from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.methods import PosteriorOptions, Settings
-from shapefit.lifting.posterior.method import lift_to_posterior, with_plausibility
-from shapefit.lifting.posterior.plausibility import Model, exceeds, find_plausibility
+from shapefit.lifting.posterior.method import lift_to_posterior, with_p_value
+from shapefit.lifting.posterior.p_value import Model, exceeds, find_plausibility
 from shapefit.lifting.posterior.posterior import Gross, find_posterior
 
-IMAGES, MISFIT, CHANCE, DENSITY = 800, 0.006, 0.02, 0.05
+IMAGES, RESIDUAL_VARIANCE, CHANCE, DENSITY = 800, 0.006, 0.02, 0.05
 
 
 def people(count: int) -> Mixture:
@@ -42,7 +42,7 @@ def draw(prior: Mixture, chance: float = 0.0):
     roots = np.linalg.cholesky(prior.covariances)[k]
     x = prior.means[k] + (roots @ rng.normal(size=(IMAGES, 3 * p, 1))).reshape(-1, 3, p)
     R = random_rotations(IMAGES, rng)
-    w = (R @ x)[:, :2] + np.sqrt(MISFIT) * rng.normal(size=(IMAGES, 2, p))
+    w = (R @ x)[:, :2] + np.sqrt(RESIDUAL_VARIANCE) * rng.normal(size=(IMAGES, 2, p))
     side = DENSITY**-0.5
     gross = rng.random((IMAGES, p)) < chance
     return np.where(gross[:, None], rng.uniform(-side / 2, side / 2, w.shape), w), R, gross
@@ -59,10 +59,12 @@ def find(prior: Mixture, hidden: int = 0):
         solve=solve_newton,
         mean_shape=np.tensordot(prior.weights, prior.means, 1),
         needs={"prior": prior},
-        options=PosteriorOptions(misfit=MISFIT, gross_chance=CHANCE, gross_density=DENSITY),
+        options=PosteriorOptions(
+            residual_variance=RESIDUAL_VARIANCE, outlier_rate=CHANCE, gross_density=DENSITY
+        ),
     )
     found = lift_to_posterior(problem, settings)
-    return with_plausibility(found, problem, settings).further["plausibility"]
+    return with_p_value(found, problem, settings).further["p_value"]
 
 
 def assert_uniform(p):
@@ -86,11 +88,13 @@ def test_gross_landmarks_that_are_known_do_not_count():
     prior = people(15)
     w, R, gross = draw(prior, chance=0.05)
     noise, gross_model = np.zeros((IMAGES, 15, 2, 2)), Gross(CHANCE, DENSITY)
-    misfit = np.full((IMAGES, 15), MISFIT)
-    found = find_posterior(w, misfit, noise, prior, R[:, None], gross_model)
-    model = Model(prior, MISFIT, gross_model)
-    p = find_plausibility(found.surprise, np.full(IMAGES, 15), found.belief.sum(axis=1), model)
-    known = ((found.belief < 0.5) == gross).all(axis=1)
+    residual_variance = np.full((IMAGES, 15), RESIDUAL_VARIANCE)
+    found = find_posterior(w, residual_variance, noise, prior, R[:, None], gross_model)
+    model = Model(prior, RESIDUAL_VARIANCE, gross_model)
+    p = find_plausibility(
+        found.squared_mahalanobis, np.full(IMAGES, 15), found.inlier_probability.sum(axis=1), model
+    )
+    known = ((found.inlier_probability < 0.5) == gross).all(axis=1)
     assert known[gross.any(axis=1)].mean() > 0.7
     assert_uniform(p[known & gross.any(axis=1)])
 
@@ -101,11 +105,11 @@ def test_hidden_landmarks_have_no_degrees_of_freedom(seen):
 
 
 def test_the_number_believed_decides_where_nothing_else_can():
-    model = Model(planted(15), MISFIT, Gross(CHANCE, DENSITY))
-    surprise = np.array([7.0, np.nan, 1.0, 1.0, 1.0, 1.0])
+    model = Model(planted(15), RESIDUAL_VARIANCE, Gross(CHANCE, DENSITY))
+    squared_mahalanobis = np.array([7.0, np.nan, 1.0, 1.0, 1.0, 1.0])
     seen = np.array([3, 12, 4, 12, 12, 12])
     believed = np.array([3.0, 0.0, 2.9, 7.9, 8.1, 12.0])
-    p = find_plausibility(surprise, seen, believed, model)
+    p = find_plausibility(squared_mahalanobis, seen, believed, model)
     assert np.isnan(p[:2]).all()
     assert p[2:4].tolist() == [0, 0]
     assert (p[4:] > 0.9).all()

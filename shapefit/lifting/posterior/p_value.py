@@ -53,12 +53,16 @@ class Model(NamedTuple):
     """The model of an image: a prior over shapes, the misfit of a coordinate, gross landmarks."""
 
     prior: Mixture
-    misfit: float
+    residual_variance: float
     gross: Gross
 
 
 def find_plausibility(
-    surprise: Floats, seen: NDArray[np.integer], believed: Floats, model: Model, threads: int = 0
+    squared_mahalanobis: Floats,
+    seen: NDArray[np.integer],
+    believed: Floats,
+    model: Model,
+    threads: int = 0,
 ) -> Floats:
     """P(a surprise of the model > surprise) of n images, given which landmarks are gross; (n,).
 
@@ -66,12 +70,12 @@ def find_plausibility(
     are not gross. It is nan where 3 are seen or fewer, which any view fits, and where there is no
     posterior. It is 0 where more are seen, but fewer than 3 or less than 2/3 of them believed.
     """
-    some = (np.asarray(seen) > VIEWED // 2) & np.isfinite(surprise)
-    p = np.full(len(surprise), np.nan)
+    some = (np.asarray(seen) > VIEWED // 2) & np.isfinite(squared_mahalanobis)
+    p = np.full(len(squared_mahalanobis), np.nan)
     if some.any():
         excess, share = find_surprise(np.asarray(seen)[some], model, threads)
         mean = np.maximum(2 * believed[some] - VIEWED + excess, LEAST_MEAN)
-        p[some] = exceeds(np.maximum(surprise[some], 0.0), mean, 2 * share * mean)
+        p[some] = exceeds(np.maximum(squared_mahalanobis[some], 0.0), mean, 2 * share * mean)
         p[some & (believed < np.maximum(FEWEST_BELIEVED, LEAST_BELIEVED * seen))] = 0.0
     return p
 
@@ -102,11 +106,11 @@ def draw_surprise(model: Model, count: int, threads: int) -> Surprise:
     away = np.einsum("nij,nj->ni", roots[k], rng.normal(size=(DRAWS, 3 * p)))
     R = random_rotations(DRAWS, rng)
     w = (R @ (prior.means[k] + away.reshape(DRAWS, 3, p)))[:, :2]
-    w += np.sqrt(model.misfit) * rng.normal(size=w.shape)
+    w += np.sqrt(model.residual_variance) * rng.normal(size=w.shape)
     shown = rng.random((DRAWS, p)).argsort(axis=1) < count
     found = find_posterior(
         landmarks=w,
-        misfit=np.where(shown, model.misfit, np.inf),
+        residual_variance=np.where(shown, model.residual_variance, np.inf),
         noise=np.zeros((DRAWS, p, 2, 2)),
         prior=prior,
         starts=R[:, None],
@@ -114,8 +118,8 @@ def draw_surprise(model: Model, count: int, threads: int) -> Surprise:
         threads=threads,
     )
     # images without a posterior, and those whose landmarks happen to look gross
-    known = found.surprise[np.isfinite(found.surprise)]
-    believed = np.nanmean(np.where(shown, found.belief, 0.0).sum(axis=1))
+    known = found.squared_mahalanobis[np.isfinite(found.squared_mahalanobis)]
+    believed = np.nanmean(np.where(shown, found.inlier_probability, 0.0).sum(axis=1))
     mean = float(known.mean())
     return Surprise(mean - float(2 * believed - VIEWED), float(known.var()) / (2 * mean))
 
