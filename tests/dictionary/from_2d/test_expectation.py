@@ -84,8 +84,8 @@ def test_doubt_is_what_the_density_gains_where_one_belief_changes(planted):
         changed[i, j] ^= True
         then = expect(replace(images, gross=changed), planted.views, planted.model)
         gain = then.log_density[i] - found.log_density[i]
-        assert found.reasons[i, j] == pytest.approx(gain, rel=1e-6, abs=1e-6)
-    assert np.isneginf(found.reasons[planted.images.weights == 0]).all()
+        assert found.doubt[i, j] == pytest.approx(gain, rel=1e-6, abs=1e-6)
+    assert np.isneginf(found.doubt[planted.images.weights == 0]).all()
     hidden = expect(planted.images.hiding(gross), planted.views, planted.model)
     odds = np.log(0.02 / 0.98 * 0.05)  # one in fifty, anywhere in 20 units of area
     assert found.log_density - hidden.log_density == pytest.approx(odds * gross.sum(axis=1))
@@ -138,8 +138,8 @@ def test_half_of_the_landmarks_of_an_image_stay_believed():
     for p in (5, 6, 7):
         images = Images(np.zeros((1, 2, p)), np.ones((1, p)), np.zeros(1, np.intp))
         for _ in range(p):
-            reasons = np.where(images.seen, 1.0, -1.0)  # every landmark would rather be gross
-            images = replace(images, gross=change_belief(images, reasons))
+            doubt = np.where(images.seen, 1.0, -1.0)  # every landmark would rather be gross
+            images = replace(images, gross=change_belief(images, doubt))
         assert images.seen.sum() == (p + 1) // 2
 
 
