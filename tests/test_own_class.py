@@ -24,7 +24,7 @@ def made(project, page, tmp_path_factory):
     (folder / "sample_data").symlink_to(project / "sample_data")
     blocks = re.findall(r"```console\n(.*?)```", page, re.DOTALL)
     commands = [line[2:] for block in blocks for line in block.splitlines()]
-    assert len(commands) == 6
+    assert len(commands) == 5
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         for command in commands:
@@ -50,5 +50,4 @@ def test_the_dog_walks_out_in_metres_with_its_own_names(made):
     assert {"withers", "left_front_paw", "tail_tip"} <= set(bones.landmark_names)
     assert not set(JOINTS.values()) & set(bones.landmark_names)
     assert bones.shapes[:, 1].min() > -1.5
-    assert (made / "dog.glb").read_bytes()[:4] == b"glTF"
     assert "left_front_paw" in (made / "dog.html").read_text(encoding="utf-8")

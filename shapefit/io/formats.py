@@ -526,7 +526,6 @@ def _metres(title: str, writer: str, *suffixes: str, angles: bool = False) -> Fi
 WRITTEN: dict[str, FileFormat] = {
     "bvh": _metres("a BVH file", "bones:bvh_output", ".bvh"),
     "c3d": _metres("a C3D file", "markers:c3d_output", ".c3d"),
-    "glb": _metres("a GLB file", "glb:glb_output", ".glb"),
     "trc": _metres("a TRC file", "markers:trc_output", ".trc", angles=True),
     "mot": _metres("a MOT file", "tables:mot_output", ".mot", angles=True),
     "metres": _metres(

@@ -1,10 +1,9 @@
-"""Records parted into sequences, each a motion in metres with gaps and verdicts; their writer."""
+"""Records parted into sequences, each a motion in metres with gaps; their writer."""
 
 from __future__ import annotations
 
-import csv
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -68,9 +67,6 @@ MOST_SAID = 3
 
 NO_RATE = "the frame rate is unknown, so times are numbers of frames; set `frame_rate`"
 
-COLUMNS = ("item", "frame", "time", "trusted", "reason", "p_value", "mean_error_bar_m")
-"""Of the verdicts on the items of a motion, whose cells are empty where something is not known."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
@@ -78,8 +74,8 @@ class Motion:
 
     points (f, 3, p) in metres, nan where there is nothing; first, the number of the first frame;
     rate in Hz, 1 where it is not known; edges (e, 2) between landmarks; axes and size in words;
-    warnings about the sequence; start (3,) as in `Placed`; verdicts, rows of COLUMNS where the
-    records say which shapes are to be trusted; rig for files that hold turning bones. deviations
+    warnings about the sequence; start (3,) as in `Placed`; trusted (f,), true, false, or "" where
+    the records do not say; rig for files that hold turning bones. deviations
     (f, p) of points in metres, angles and their deviations (f, a) in degrees; nan where they are
     not known.
     """
@@ -96,21 +92,15 @@ class Motion:
     angles: Floats
     angle_deviations: Floats
     angle_names: Names = ()
+    trusted: Sequence[str] = ()
     edges: Integers = field(default_factory=lambda: np.empty((0, 2), np.int64))
     start: Floats = field(default_factory=lambda: np.zeros(3))
-    verdicts: Sequence[tuple[object, ...]] = ()
     rig: Rig | None = None
 
     @property
     def frames(self) -> NDArray[np.int64]:
         """Return the number of each frame (f,)."""
         return self.first + np.arange(len(self.points), dtype=np.int64)
-
-    @property
-    def trusted(self) -> list[str]:
-        """Return for each frame whether its shape is to be trusted, "" where that is not known."""
-        known = {row[1]: str(row[3]) for row in self.verdicts}
-        return [known.get(frame, "") for frame in self.frames.tolist()]
 
 
 def find_motions(records: Solid, options: OutputOptions, place: str) -> list[Motion]:
@@ -272,8 +262,17 @@ def _motion(
         size=placed.size,
         warnings=tuple(warnings),
         start=placed.start,
-        verdicts=_verdicts(records, frames, rate, placed.factor),
+        trusted=_trusted(records, frames - first, length),
     )
+
+
+def _trusted(records: Solid, places: Integers, length: int) -> list[str]:
+    """Return for each frame whether its shape is trusted, "" where the records do not say."""
+    answers, reasons = [""] * length, records.columns.get(REASONS)
+    if reasons is not None:
+        for place, reason in zip(places.tolist(), reasons, strict=True):
+            answers[place] = "false" if reason else "true"
+    return answers
 
 
 def _as_markers(records: Solid) -> Solid:
@@ -300,31 +299,6 @@ def _say_markers(records: Solid) -> str:
     said += f"; {abbreviate(following)} estimated by the model alone" if following else ""
     missing = sorted(whole - set(own))
     return said + (f"; {abbreviate(missing)} not marked, or not determined" if missing else "")
-
-
-def _verdicts(
-    records: Solid, frames: Integers, rate: float, factor: Floats
-) -> list[tuple[object, ...]]:
-    """Return a row of COLUMNS for each item; none where the records say nothing.
-
-    The error bar is the mean over landmarks of sqrt(sd_x^2 + sd_y^2 + sd_z^2), in metres; factor
-    (n,) are the metres in a unit of each shape.
-    """
-    doubts, sd = records.columns.get(REASONS), records.columns.get("shape_sd")
-    if doubts is None or sd is None:
-        return []
-    bars = factor * np.sqrt((sd**2).sum(axis=1)).mean(axis=1)
-    plausible = records.columns.get(P_VALUE, np.full(len(records), np.nan))
-    cells = ([f"{v:.4g}" if np.isfinite(v) else "" for v in each] for each in (plausible, bars))
-    times = [f"{time:.10g}" for time in frames / rate]
-    trusted = ["false" if reasons else "true" for reasons in doubts]
-    columns = (records.items, frames.tolist(), times, trusted, map(str, doubts), *cells)
-    return list(zip(*columns, strict=True))
-
-
-def _write_verdicts(rows: Iterable[Sequence[object]], path: Path) -> None:
-    with path.open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
 
 
 Write = Callable[[Path, Sequence[Motion]], None]
@@ -435,7 +409,7 @@ def by_video(motions: Sequence[Motion]) -> dict[str, list[Motion]]:
 def _files(
     target: Path, groups: dict[str, list[Motion]], write: Write, angles: Write | None
 ) -> dict[PurePosixPath, Callable[[Path], None]]:
-    """Return the files to write, by name: one per group, with angles and verdicts beside it.
+    """Return the files to write, by name: one per group, with angles beside it.
 
     Names have no / and no spaces; those that become the same get a number.
     """
@@ -451,8 +425,6 @@ def _files(
         files[PurePosixPath(f"{stem}{resolved.suffix}")] = partial(_write_group, write, motions)
         if angles is not None and motions[0].angle_names:
             files[PurePosixPath(f"{stem}_angles.csv")] = partial(_write_group, angles, motions)
-        if verdicts := [row for each in motions for row in each.verdicts]:
-            files[PurePosixPath(f"{stem}_frames.csv")] = partial(_write_verdicts, verdicts)
     return files
 
 

@@ -71,7 +71,7 @@ def test_parquet_holds_the_same(record, tmp_path):
 
 def test_angles_beside_and_alone(record, tmp_path):
     written = [path.name for path in save(tmp_path / "leg.trc", record).written]
-    assert written == ["leg.trc", "leg_angles.csv", "leg_frames.csv"]
+    assert written == ["leg.trc", "leg_angles.csv"]
     save(tmp_path / "leg.angles.csv", record)
     assert (tmp_path / "leg.angles.csv").read_bytes() == (tmp_path / "leg_angles.csv").read_bytes()
     rows = rows_of(tmp_path / "leg_angles.csv")
@@ -107,10 +107,7 @@ def test_what_is_no_body_has_no_angles(record, tmp_path):
     chair = record.replaced(landmark_names=("leg", "seat", "back"))
     with pytest.raises(InputError, match="no joint angle follows"):
         save(tmp_path / "chair.mot", chair)
-    assert [path.name for path in save(tmp_path / "chair.trc", chair).written] == [
-        "chair.trc",
-        "chair_frames.csv",
-    ]
+    assert [path.name for path in save(tmp_path / "chair.trc", chair).written] == ["chair.trc"]
 
 
 def test_parquet_says_what_to_install(record, tmp_path, without_pyarrow):
