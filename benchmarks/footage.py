@@ -106,7 +106,7 @@ class Cell:
     swapped: bool = False
 
 
-JUDGED = EvalConfig.model_construct(metrics=("similarity",), truth_frame="line-of-sight")
+JUDGED = EvalConfig.model_construct(metrics=("similarity",), truth_frame="camera")
 BASE = Cell("whole body")
 HIPS = Cell("to the hips", TO_THE_HIPS, seen_alone=True)
 NEAR = replace(HIPS, name="to the hips, 1 m", metres=1.0)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
-from shapefit.evaluation.metrics import FEWEST_LANDMARKS, placed_apart, visible_in_both
+from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
 from shapefit.evaluation.summaries import labels_of
 
 LEVELS = (0.5, 0.9)
@@ -78,21 +78,37 @@ def find_squares(
     deviation: Floats,
     correlation: Floats | None,
 ) -> tuple[Floats, Floats]:
-    """d^T C^-1 d, d = e_j - (R x_j - t) / s with s, t of the metric `camera`; and the width.
+    """d^T C^-1 d, d = e_j - y_j, of the truth y = a R x + t placed in the image; and the width.
+
+    a and t on x and y minimise sum_j ((e_j - y_j) / sd_j)^2, t on z takes the centroid of the
+    depths to that of the estimate. Depths have no part in a: an error of a depth would become one
+    of x and y, where the error bars are tight. What a placement with the weights w = 1 / sd^2 takes
+    off the variance of x_j, its leverage h_j, is given back: d_x / sqrt(1 - h) (studentised
+    residuals).
 
     estimate e and deviation (n, 3, p) in the camera frame, truth x (n, 3, p), rotation R (n, 3, 3)
     from its frame there, correlation (n, 3, p) of x with y, x with z, y with z, or None for none
     -> squares (n, p), and the width (n, p) of the 90% ellipsoid, sqrt(q tr C / 3), in the unit of
     the truth. nan for landmarks that one side lacks, images with fewer than three, and those that
-    s shrinks to a point.
+    no scale above 0 places.
     """
-    apart, scale, _ = placed_apart(estimate, truth, rotation)
     visible = visible_in_both(estimate, truth)
-    judged = visible & (visible.sum(axis=1) >= FEWEST_LANDMARKS)[:, None] & (scale > 0)[:, None]
+    y = rotation @ np.where(visible[:, None], truth, 0.0)
+    e, sd = np.where(visible[:, None], estimate, 0.0), deviation
+    least = SMALLEST * np.where(np.isfinite(sd), sd, 0.0).max(axis=(1, 2), keepdims=True)
     with np.errstate(divide="ignore", invalid="ignore"):
-        z = apart / (scale[:, None, None] * deviation)
+        weights = np.where(visible[:, None] & np.isfinite(sd), 1 / np.maximum(sd, least), 0.0) ** 2
+        weights[:, 2] = visible  # depths: the centroid
+        shares = weights / weights.sum(axis=2, keepdims=True)
+        e, y = (each - (shares * each).sum(axis=2, keepdims=True) for each in (e, y))
+        size = (weights * y**2)[:, :2].sum(axis=(1, 2))
+        scale = (weights * e * y)[:, :2].sum(axis=(1, 2)) / size
+        leverage = (shares + weights * y**2 / size[:, None, None])[:, :2]
+        z = (e - scale[:, None, None] * y) / sd
+        z[:, :2] /= np.sqrt(np.maximum(1 - leverage, SMALLEST))
         square = mahalanobis(z, correlation)
-    width = scale[:, None] * np.sqrt(QUANTILE * (deviation**2).mean(axis=1))
+        width = np.sqrt(QUANTILE * (sd**2).mean(axis=1)) / scale[:, None]
+    judged = visible & (visible.sum(axis=1) >= FEWEST_LANDMARKS)[:, None] & (scale > 0)[:, None]
     judged &= np.isfinite(width) & ~np.isnan(square)
     return np.where(judged, square, np.nan), np.where(judged, width, np.nan)
 

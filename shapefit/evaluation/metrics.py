@@ -38,25 +38,13 @@ def camera(estimate: Floats, truth: Floats, rotation: Floats) -> Floats:
     estimate (n, 3, p) in the camera frame; truth (n, 3, p) in the frame of its file and rotation
     (n, 3, 3) from there to the camera -> (n,), in the unit of the truth.
     """
-    return placed_apart(estimate, truth, rotation)[2]
-
-
-def placed_apart(
-    estimate: Floats, truth: Floats, rotation: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Return s e_j + t - R x_j (n, 3, p) with s, t of `camera`, s (n,), and `camera` itself.
-
-    Landmarks that one side lacks are 0 apart.
-    """
     seen = visible_in_both(estimate, truth)
     x = rotation @ np.where(seen[:, None], truth, 0.0)
     e, x = _centred(estimate, seen), _centred(x, seen)
     overlap, size = (np.maximum((points * e).sum(axis=(1, 2)), 0.0) for points in (x, e))
     scale = np.divide(overlap, size, out=np.zeros_like(size), where=size > 0)
-    apart = scale[:, None, None] * e - x
-    distance = np.sqrt((apart**2).sum(axis=1))
-    error = _mean_over_visible(distance, seen, FEWEST_LANDMARKS)
-    return apart, scale, error
+    distance = np.sqrt(((scale[:, None, None] * e - x) ** 2).sum(axis=1))
+    return _mean_over_visible(distance, seen, FEWEST_LANDMARKS)
 
 
 def reprojection(fitted: Floats, observed: Floats) -> Floats:

@@ -57,7 +57,7 @@ class EvalConfig(CommandConfig):
     truth_frame: Annotated[Literal["object", "camera", "line-of-sight"], OF_THE_DATA] = "object"
     """Frame of the true shapes: `object`, which the dataset `true_rotation` of the result turns
     into that of the camera; `camera` (x and y as in the image); or `line-of-sight`: that of the
-    camera, which is then turned to look straight at each shape, as weak perspective has it."""
+    camera, which is turned to look straight at each shape that was fitted without a camera."""
     plots: Plots = "auto"
     """Also draw the errors (PNG and SVG); auto: where matplotlib is installed."""
     view: bool = True

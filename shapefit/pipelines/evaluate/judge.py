@@ -312,21 +312,24 @@ def _run_of(results: ResultSet) -> Run:
 def _true_rotation(file: Path, results: ResultSet, true: Floats, frame: str) -> Floats | None:
     """Rotation (n, 3, 3) from the frame of the truth (n, 3, p) to that of the camera.
 
-    None where the results should state it and do not. For the line of sight it takes the centroid
-    of the truth onto the optical axis, by the smallest turn.
+    None where the results should state it and do not. `line-of-sight` takes the centroid of the
+    truth onto the optical axis by the smallest turn, for images that were fitted without a camera.
     """
     if frame == "object":
         return find_dataset(file, results, TRUE_ROTATION)
+    none = np.tile(np.eye(3), (len(results), 1, 1))
     if frame == "camera":
-        return np.tile(np.eye(3), (len(results), 1, 1))
+        return none
     ray = centroid(true, visible_in_both(true, true))
     length = np.linalg.norm(ray, axis=1)
-    somewhere = (length > 0) & np.isfinite(length)
-    x, y, z = np.where(somewhere[:, None], ray, [0.0, 0.0, 1.0]).T / np.where(somewhere, length, 1)
-    depth, none = np.where(z < 0, -1.0, 1.0), np.zeros(len(ray))
-    K = np.stack([none, none, -depth * x, none, none, -depth * y, depth * x, depth * y, none])
+    turned = (length > 0) & np.isfinite(length)
+    if "focal" in results.columns:
+        turned &= ~np.isfinite(results.columns["focal"]).all(axis=1)
+    x, y, z = np.where(turned[:, None], ray, [0.0, 0.0, 1.0]).T / np.where(turned, length, 1)
+    depth, zero = np.where(z < 0, -1.0, 1.0), np.zeros(len(ray))
+    K = np.stack([zero, zero, -depth * x, zero, zero, -depth * y, depth * x, depth * y, zero])
     K = K.T.reshape(-1, 3, 3)
-    turn: Floats = np.eye(3) + K + K @ K / (1 + np.abs(z))[:, None, None]
+    turn: Floats = none + K + K @ K / (1 + np.abs(z))[:, None, None]
     return turn
 
 

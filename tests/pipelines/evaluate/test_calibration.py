@@ -120,6 +120,13 @@ def test_the_line_of_sight_meets_each_shape(desk, reported, sure, truth):
         write_shapes(desk.folder / "truth.h5", truth.replaced(shapes=seen))
         reported(truth_frame="line-of-sight", metrics=["camera"])
         assert desk.errors(method="posterior", metric="camera", unit="m") == pytest.approx(before)
+    with_camera = sure.columns | {"focal": np.full((len(sure), 2), 1000.0)}
+    reported(sure.replaced(further=with_camera), truth_frame="line-of-sight", metrics=["camera"])
+    by_camera = desk.errors(method="posterior", metric="camera", unit="m")
+    reported(sure, truth_frame="camera", metrics=["camera"])
+    tilted = desk.errors(method="posterior", metric="camera", unit="m")
+    assert by_camera == pytest.approx(tilted)
+    assert (tilted > 1.1 * before).all()
 
 
 def test_gaps_of_the_truth_are_left_out(desk, reported, truth):
