@@ -104,7 +104,7 @@ store (s3://, gs://).""",
   shapefit fit views.h5 -d dict.h5 -o result.h5
   shapefit fit -c fit.yaml 'views/*.h5' -d dict.h5 -o result.h5 --set lambda=0.2
   shapefit fit cam01_json/ -d people -o man.trc --set keypoints=body_25
-  shapefit fit -c cars photos.h5 -d cars.h5 -o result.h5 --set export.folder=meshes
+  shapefit fit -c cars photos.h5 -d cars.h5 -o result.h5
   shapefit fit -d dict.h5 -o - - < landmarks.csv > shapes.csv""",
         parameters=(
             _files("landmarks"),

@@ -38,8 +38,8 @@ def test_a_clone_does_what_the_readme_says(project: Path, readme_commands: list[
     assert printed.startswith("item,landmark,x,y,z\n")
     check_sample(project, printed)
     assert (clone / "shapes.csv").read_text(encoding="utf-8").count("\n") > 12 * 15
-    assert len(list((clone / "meshes").rglob("*.glb"))) == 4
-    assert (clone / "pictures/contact_sheet.png").is_file()
+    assert len(list((clone / "meshes").rglob("*.glb"))) == 108
+    assert (clone / "sheet.png").is_file()
     assert (clone / "results/demo/walk.html").is_file()
 
 

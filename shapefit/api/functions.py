@@ -348,7 +348,7 @@ def config_of(
     values, for messages.
     Raises InputError for what the config refuses, each problem with the name of its argument.
     """
-    closed = {*files, "data", "export", "pictures"} & model.model_fields.keys()
+    closed = {*files, "data", "export"} & model.model_fields.keys()
     for key in given.keys() & closed:
         found = f"there is no argument `{key}`"
         fix = f"it is for files: use the command line, or the functions of shapefit for `{key}`"

@@ -75,7 +75,6 @@ GONE: Mapping[str, Mapping[str, str]] = {
         "outliers.draws": _CONSTANT,
         "outliers.seed": _CONSTANT,
         "part_format": "parts are HDF5; `convert` writes them as Parquet",
-        "pictures.format": "pictures are PNG; leave it out",
         "export.landmarks": "`convert` writes landmarks as GLB; leave it out",
         "export.wireframe": "edges are written as tubes; leave it out",
         "search.modes": "`global` finds the optimum alone; leave it out",

@@ -6,7 +6,6 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.geometry.normalisation import Normalised
-from shapefit.lifting.reconstruction import complete_transforms, orthogonal_transforms
 
 # The relative distance of an atom from the span of the training shapes that is still rounding.
 IN_SPAN = 1e-6
@@ -55,27 +54,6 @@ def camera_frame(
     A translation (n, 3) sets the depth too.
     """
     return _place(rotation @ object_frame(atoms, coefficients), scale, translation)
-
-
-def camera_frame_sheared(
-    atoms: Floats,
-    transforms: Floats,
-    scale: Floats,
-    translation: Floats,
-    *,
-    orthogonal: bool = False,
-) -> Floats:
-    """s sum_i c_i R_i B_i + T: a rotation for each atom, as in the convex program.
-
-    As `camera_frame`, with transforms (n, k, 2, 3) that hold coefficients and rotations, completed
-    as `reconstruct` does. On the atoms this gives the shapes of the fit exactly; but as the
-    rotations differ, angles and lengths of the mesh are no longer those of any car, person or
-    other object of the dictionary.
-    """
-    n, k = transforms.shape[:2]
-    complete = orthogonal_transforms if orthogonal else complete_transforms
-    turned = complete(transforms).transpose(0, 2, 1, 3).reshape(n, 3, 3 * k)
-    return _place(turned @ atoms.reshape(3 * k, -1), scale, translation)
 
 
 def around_centroid(points: Floats, scale: Floats, translation: Floats) -> Floats:

@@ -9,7 +9,7 @@ import numpy as np
 
 from shapefit.arrays import Floats, Integers
 
-MeshFormat = Literal["obj", "ply", "ply-ascii", "glb"]
+MeshFormat = Literal["obj", "ply", "glb"]
 """OBJ keeps 8 decimals, PLY and GLB single precision."""
 
 COLOUR = (120, 155, 190)
@@ -40,9 +40,8 @@ def mesh_file(vertices: Floats, faces: Integers, file_format: MeshFormat) -> byt
     )
     look = TextureVisuals(material=material)
     mesh = Trimesh(vertices.T, faces, process=False, visual=look, metadata={"name": "mesh"})
-    if file_format in ("ply", "ply-ascii"):
-        encoding = "ascii" if file_format == "ply-ascii" else "binary"
-        return bytes(export_ply(mesh, encoding=encoding, vertex_normal=False))
+    if file_format == "ply":
+        return bytes(export_ply(mesh, encoding="binary", vertex_normal=False))
     scene = Scene()
     scene.add_geometry(mesh, node_name="mesh", geom_name="mesh")
     if file_format == "glb":

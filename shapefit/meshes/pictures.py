@@ -28,15 +28,15 @@ class View(NamedTuple):
     tilt: float
 
 
-VIEWS = (View(60, 15), View(-60, 15))
+OTHER_SIDE = View(60, 15)
 # Okabe and Ito 2008: told apart with every common form of colour blindness.
 SEEN, HIDDEN, OUTLIER, BAR = "#0072B2", "#555555", "#D55E00", "#E69F00"
 INK, BODY, PALE = "#333333", "#8FB1E3", "#E3EBF7"
 FAINTNESS = 0.22
 """Opacity of an error bar."""
-SIZE, SMALL = 2.2, 1.2
-"""Width of a panel in inches: of a picture, of a contact sheet."""
-SHEET_COLUMNS = 4
+SIZE = 1.6
+"""Width of a panel in inches."""
+PAIRS_IN_A_ROW = 4
 LETTERS = 40
 """Letters of a title that fit above an image."""
 MARGIN = 0.06
@@ -80,32 +80,21 @@ class FittedImage:
         return bool(np.isfinite(self.shape).all())
 
 
-def fit_picture(images: Sequence[FittedImage], model: Model) -> Figure:
-    """One row per image: its landmarks over the fitted model, and the model in novel views."""
-    return _picture(images, model, VIEWS, columns=1, size=SIZE)
-
-
 def contact_sheet(images: Sequence[FittedImage], model: Model) -> Figure:
-    """All images, small: landmarks over the fitted model, and the model in a novel view."""
-    return _picture(images, model, VIEWS[:1], columns=min(SHEET_COLUMNS, len(images)), size=SMALL)
-
-
-def _picture(
-    images: Sequence[FittedImage], model: Model, views: Sequence[View], columns: int, size: float
-) -> Figure:
+    """Draw each image small: landmarks over the fitted model, and the model from another side."""
     from matplotlib.figure import Figure
 
-    across, rows = columns * (1 + len(views)), math.ceil(len(images) / columns)
-    figure = Figure(figsize=(across * size, rows * size + 0.3))
-    figure.subplots_adjust(0.01, 0.3 / (rows * size + 0.3), 0.99, 1 - 0.1 / rows, 0.02, 0.12)
+    pairs = min(PAIRS_IN_A_ROW, len(images))
+    across, rows = 2 * pairs, math.ceil(len(images) / pairs)
+    figure = Figure(figsize=(across * SIZE, rows * SIZE + 0.3))
+    figure.subplots_adjust(0.01, 0.3 / (rows * SIZE + 0.3), 0.99, 1 - 0.1 / rows, 0.02, 0.12)
     for number, image in enumerate(images):
-        place = 1 + number * (1 + len(views))
-        flat = figure.add_subplot(rows, across, place)
-        draw_image(flat, image, model, mark=1.5 * size)
+        flat = figure.add_subplot(rows, across, 1 + 2 * number)
+        draw_image(flat, image, model, mark=1.5 * SIZE)
         flat.set_title(shortened(image.title), fontsize=7, loc="left", pad=2, parse_math=False)
-        for beside, view in enumerate(views if image.fitted else (), 1):
-            solid = figure.add_subplot(rows, across, place + beside, projection="3d")
-            draw_solid(solid, image, model, view)
+        if image.fitted:
+            solid = figure.add_subplot(rows, across, 2 + 2 * number, projection="3d")
+            draw_solid(solid, image, model, OTHER_SIDE)
     add_legend(figure)
     return figure
 

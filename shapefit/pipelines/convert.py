@@ -5,14 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from shapefit.config import ConvertConfig
 from shapefit.config.commands.input import InputConfig
 from shapefit.errors import abbreviate, input_error
-from shapefit.io import LandmarkSource, ShapeSource, open_landmarks, open_shapes
+from shapefit.io import (
+    LandmarkSource,
+    ShapeSource,
+    open_landmarks,
+    open_shapes,
+    read_dictionary,
+)
 from shapefit.io.formats import CSV, find_target_format, record_writer
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
@@ -20,6 +26,12 @@ from shapefit.io.listing import Kind, find_kind
 from shapefit.io.options import InputOptions, Markers, OutputOptions, input_options
 from shapefit.io.source import ResultSource, open_results
 from shapefit.pipelines.outcome import Outcome, nothing_in
+
+if TYPE_CHECKING:
+    from shapefit.meshes.export import MeshFormat
+
+MESH_FORMATS = ("obj", "ply", "glb")
+"""Of a folder with one file per image."""
 
 BATCH = 4096
 """Items in memory at a time."""
@@ -34,6 +46,9 @@ Source = LandmarkSource | ShapeSource | ResultSource
 
 def run(config: ConvertConfig, markers: Markers | None = None) -> Iterator[Outcome]:
     """Read the files and write them, results by `markers`; yields an Outcome per chunk."""
+    if config.to in MESH_FORMATS:
+        yield from write_meshes(config)
+        return
     target = find_target_format(config.output, config.to)
     options = input_options(config.input, "motion" if target.in_metres else "none")
     kind = find_common_kind(config.files, options)
@@ -64,6 +79,32 @@ def run(config: ConvertConfig, markers: Markers | None = None) -> Iterator[Outco
         yield Outcome(total=count, warnings=warnings)
     said = writer.summary
     yield Outcome(warnings=said.warnings, note=said.note, written=said.written or (config.output,))
+
+
+def write_meshes(config: ConvertConfig) -> Iterator[Outcome]:
+    """Write a mesh of each image of the results into a folder; yields an Outcome per chunk."""
+    from shapefit.pipelines.meshes import check_dictionary, check_mesh_folder, mesh_writer
+
+    if config.dictionary is None:
+        fix = "name the dictionary of the fit, for example -d cars.h5"
+        raise input_error("dictionary", "meshes are made of those of a dictionary", fix)
+    to: MeshFormat = config.to  # type: ignore[assignment]
+    check_mesh_folder(config.output, "output", to)
+    dictionary = read_dictionary(config.dictionary)
+    with open_results(config.files, without=()) as source:
+        if source.head.landmark_names != dictionary.landmark_names:
+            found = f"its landmarks are not those of {config.files[0]}"
+            raise input_error(config.dictionary, found, "name the dictionary of the fit")
+        mixes = source.head.coefficients is not None
+        check_dictionary(dictionary, config.files[0], mixes_atoms=mixes)
+        with mesh_writer(dictionary, config.output, to) as writer:
+            for chunk in source.batches(BATCH):
+                writer.add(chunk)
+                yield Outcome(done=len(chunk), total=source.count, unit="image")
+        warnings = (*writer.warnings, *nothing_in(source.count, "images"))
+        yield Outcome(
+            total=source.count, warnings=warnings, note=writer.note, written=writer.written
+        )
 
 
 OF_RESULTS = ("format", "individual")

@@ -25,13 +25,12 @@ ALWAYS = {
     "fit": "landmarks dictionary output height scheduler scheduler_file workers dry_run method "
     "loss rotations leave_out outliers.method camera.model camera.focal camera.intrinsics "
     "camera.principal_point camera.calibration camera.name "
-    "export.folder export.format export.frame export.unit "
-    "export.items pictures.folder pictures.items pictures.most pictures.sheet "
+    "export.folder export.format "
     "threads chunk strict transforms sequences.frame_rate",
     "learn-dict": "shapes output frame_rate start origin suits",
     "eval": "results truth output match groups metrics least_visible truth_frame plots view",
     "project": "shapes output camera.view camera.scale y_axis noise hidden",
-    "convert": "files output to every every frame_rate height unit up world_unit",
+    "convert": "files output dictionary to every every frame_rate height unit up world_unit",
     "info": "files",
     "view": "files truth dictionary images items frame_rate output",
 }

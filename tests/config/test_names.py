@@ -56,16 +56,9 @@ def test_the_settings_of_a_preset_count_without_what_it_says_of_its_data(folder)
     assert (config.method, config.lam, config.camera.model) == ("convex+refine", 1.0, "perspective")
     assert config.landmarks == (folder / "a.h5",)
     assert config.data is config.leave_out is config.camera.principal_point is None
-    assert config.export.folder is config.pictures.folder is None
+    assert config.export.folder is None
     report = load("eval", "cars", results=("a.h5",), truth=("d.h5",), output="report")
     assert (report.match, report.groups, report.least_visible) == ("item", {}, 20)
-
-
-def test_settings_of_outputs_count_where_their_folder_is_named(folder):
-    config = load("fit", "cars", ["export.folder=meshes"], **MINE)
-    assert (config.export.folder, config.export.unit) == (folder / "meshes", "dictionary")
-    with pytest.raises(InputError, match="`unit` does nothing without `folder`"):
-        load("fit", "cars", ["export.unit=dictionary"], **MINE)
 
 
 def test_files_must_be_named():

@@ -120,9 +120,6 @@ fit | lambda: auto | 4:9 | `lambda: auto` needs `noise`
 fit | method: pmp; camera: {model: perspective, focal: 2} | 5:9 | `camera: {{model: perspective}}` does not work with the method pmp
 fit | method: posterior; leave_out: true_model | 5:12 | `leave_out` leaves out atoms, but the prior of the method posterior was
 fit | camera: {principal_point: [1, 2]} | 4:27 | `principal_point` belongs to
-fit | export: {format: obj} | 4:18 | `format` does nothing without `folder`
-fit | export: {items: [a, b]} | 4:17 | `items` does nothing without `folder`
-fit | pictures: {sheet: 4, folder: null} | 4:19 | `sheet` does nothing without `folder`
 fit | camera: {model: perspective} | 4:17 | `model: perspective` and a focal length
 fit | camera: {focal: 2} | 4:17 | `model: perspective` and a focal length
 fit | camera: {model: perspective, intrinsics: K, focal: 2} | 4:52 | `focal` and `intrinsics` exclude each other
@@ -153,8 +150,8 @@ def test_a_proper_rotation_is_accepted():
     ("option", "expected"),
     [
         (
-            'pictures.folder="\\0"',
-            '--set pictures.folder="\\0": expected a path, found one with a zero byte',
+            'export.folder="\\0"',
+            '--set export.folder="\\0": expected a path, found one with a zero byte',
         ),
         ("lambda=-1", "--set lambda=-1: expected a number > 0 or auto, found -1"),
         ("lambda=", "--set lambda=: expected a number > 0 or auto, found nothing"),

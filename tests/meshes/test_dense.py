@@ -1,16 +1,13 @@
 import numpy as np
 import pytest
 
-from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.learning import learn
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
 from shapefit.geometry.rotations import random_rotations
-from shapefit.lifting.reconstruction import reconstruct
 from shapefit.meshes.dense import (
     around_centroid,
     camera_frame,
-    camera_frame_sheared,
     carry_mesh,
     mesh_of_atoms,
     metric_scale,
@@ -86,23 +83,6 @@ def test_camera_frame_is_the_formula(rng):
         np.testing.assert_allclose(found[j], expected, atol=1e-12)
 
 
-def test_per_atom_rotations_give_the_shapes_of_the_fit(rng):
-    B, M = rng.normal(size=(4, 3, 6)), rng.normal(size=(2, 4, 2, 3))
-    s, T = np.array([3.0, 0.5]), np.array([[10.0, 20], [-1, 4]])
-    expected = s[:, None, None] * reconstruct(Transforms.of(M), B).shapes
-    expected[:, :2] += T[..., None]
-    np.testing.assert_allclose(camera_frame_sheared(B, M, s, T), expected, atol=1e-12)
-
-
-def test_orthogonal_transforms_are_completed_as_the_fit_completes_them(rng):
-    B, M = rng.normal(size=(4, 3, 6)), rng.normal(size=(2, 4, 2, 3))
-    one, none = np.ones(2), np.zeros((2, 2))
-    expected = reconstruct(Transforms.of(M), B, orthogonal=True).shapes
-    found = camera_frame_sheared(B, M, one, none, orthogonal=True)
-    np.testing.assert_allclose(found, expected, atol=1e-12)
-    assert np.abs(camera_frame_sheared(B, M, one, none) - expected).max() > 0.1
-
-
 def test_what_was_placed_comes_back_around_its_centroid(rng):
     B, c, R = rng.normal(size=(4, 3, 6)), rng.uniform(size=(2, 4)), random_rotations(2, rng)
     s, T = np.array([3.0, 0.5]), rng.normal(size=(2, 2))
@@ -110,15 +90,6 @@ def test_what_was_placed_comes_back_around_its_centroid(rng):
     before = placed.copy()
     np.testing.assert_allclose(around_centroid(placed, s, T), R @ object_frame(B, c), atol=1e-12)
     np.testing.assert_array_equal(placed, before)
-
-
-def test_a_shared_rotation_keeps_the_form_and_several_shear_it(rng, box):
-    # two boxes of one form: whatever the coefficients, the object is that box
-    B, c = np.stack([box(4, 3, 2), 2 * box(4, 3, 2)]), np.array([[0.3, 0.2]])
-    R, one, none = random_rotations(2, rng), np.ones(1), np.zeros((1, 2))
-    assert residual_variance(camera_frame(B, c, R[:1], one, none)[0], B[0]) < 1e-12
-    M = c[..., None, None] * R[None, :, :2]
-    assert residual_variance(camera_frame_sheared(B, M, one, none)[0], B[0]) > 0.05
 
 
 def test_a_fit_by_one_atom_has_the_metric_size_of_its_model(rng):

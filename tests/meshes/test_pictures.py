@@ -13,11 +13,10 @@ from mpl_toolkits.mplot3d import proj3d
 from shapefit.evaluation.plots import save
 from shapefit.geometry.rotations import rotation_about
 from shapefit.meshes.pictures import (
-    SHEET_COLUMNS,
+    PAIRS_IN_A_ROW,
     FittedImage,
     Model,
     contact_sheet,
-    fit_picture,
     shortened,
     standing,
 )
@@ -46,7 +45,7 @@ def on_screen(axes, points):
 
 @pytest.mark.parametrize("y_axis", ["up", "down"])
 def test_landmarks_stand_as_in_the_image(y_axis, image, box_faces):
-    axes = fit_picture([image], Model(y_axis, box_faces)).axes[0]
+    axes = contact_sheet([image], Model(y_axis, box_faces)).axes[0]
     found = marks(axes)
     np.testing.assert_array_equal(found["judged outlier"], image.landmarks[:, [5]])
     np.testing.assert_array_equal(found["hidden, from the model"], image.shape[:2, [3]])
@@ -61,13 +60,13 @@ def test_landmarks_stand_as_in_the_image(y_axis, image, box_faces):
 
 @pytest.mark.parametrize("y_axis", ["up", "down"])
 def test_novel_views_walk_around_the_model_which_stands_upright(y_axis, image, box_faces):
-    _, right, left = fit_picture([image], Model(y_axis, box_faces)).axes
+    _, right = contact_sheet([image], Model(y_axis, box_faces)).axes
     corner = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 1]])
     flip = np.array([1.0, 1, 1] if y_axis == "up" else [1.0, -1, -1])[:, None]
     viewer = flip * corner  # x right, y up, z towards the viewer
     frame = standing(y_axis)
     assert np.linalg.det(frame) == pytest.approx(1)
-    for axes, turn in ((right, 60), (left, -60)):
+    for axes, turn in ((right, 60),):
         tilt = rotation_about(np.eye(3)[0], np.radians([15]))[0]
         expected = (tilt @ rotation_about(np.eye(3)[1], np.radians([turn]))[0] @ viewer)[:2]
         middle = frame @ np.full((3, 1), 500.0)
@@ -90,7 +89,7 @@ def test_an_object_stands_upright_and_faces_as_it_did(y_axis):
 def test_edges_are_drawn_where_there_is_no_mesh_and_bars_where_they_are_known(image):
     edges = np.array([[0, 1], [1, 3]])
     bars = replace(image, mesh=None, seen_mesh=None, sd=np.ones((3, 8)) * [[10], [20], [40]])
-    flat, right, _ = fit_picture([bars], Model("down", edges=edges)).axes
+    flat, right = contact_sheet([bars], Model("down", edges=edges)).axes
     drawn, ellipses, _ = flat.collections
     np.testing.assert_array_equal(drawn.get_segments(), image.shape[:2].T[edges])
     widths, heights = 2 * ellipses._widths, 2 * ellipses._heights
@@ -106,16 +105,16 @@ def test_edges_are_drawn_where_there_is_no_mesh_and_bars_where_they_are_known(im
 def test_an_image_without_a_shape_says_so(image, box_faces):
     nowhere = np.full((3, 8), np.nan)
     failed = FittedImage("f", image.landmarks, nowhere, nowhere[:2])
-    figure = fit_picture([failed], Model("down", box_faces))
+    figure = contact_sheet([failed], Model("down", box_faces))
     (axes,) = figure.axes
     assert [text.get_text() for text in axes.texts] == ["no shape"]
     assert set(marks(axes)) == {"seen"}
     empty = replace(failed, landmarks=np.full((2, 8), np.nan))
-    assert marks(fit_picture([empty], Model("down", box_faces)).axes[0]) == {}
+    assert marks(contact_sheet([empty], Model("down", box_faces)).axes[0]) == {}
 
 
 def test_the_contact_sheet_has_every_image_and_no_more(image, box_faces):
-    images = [replace(image, title=f"image {i}") for i in range(SHEET_COLUMNS + 2)]
+    images = [replace(image, title=f"image {i}") for i in range(PAIRS_IN_A_ROW + 2)]
     figure = contact_sheet(images, Model("down", box_faces))
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     assert [title for title in titles if title] == [image.title for image in images]
@@ -130,7 +129,7 @@ def test_titles_are_taken_literally_and_long_ones_without_their_middle(image, bo
     for file_format in ("png", "svg"):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
-            save(fit_picture([odd], Model("down", box_faces)), BytesIO(), file_format)
+            save(contact_sheet([odd], Model("down", box_faces)), BytesIO(), file_format)
 
 
 def test_pictures_need_no_screen_and_no_pyplot():
@@ -141,7 +140,7 @@ assert not {"matplotlib", "trimesh"} & sys.modules.keys()
 import numpy as np
 shape = np.random.default_rng(0).normal(size=(3, 5))
 image = pictures.FittedImage("a", shape[:2], shape, shape[:2])
-pictures.fit_picture([image], pictures.Model("up"))
+pictures.contact_sheet([image], pictures.Model("up"))
 assert "matplotlib.pyplot" not in sys.modules
 """
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -8,7 +8,12 @@ from pydantic import Field
 
 from shapefit.config.commands.input import DetectionsInput, InputConfig
 from shapefit.config.model import CommandConfig, Height, section
-from shapefit.config.paths import InputPaths, NamedInputPaths, OutputPath
+from shapefit.config.paths import (
+    InputPaths,
+    NamedInputPaths,
+    OptionalDictionaryPath,
+    OutputPath,
+)
 
 
 class ConvertConfig(CommandConfig):
@@ -21,10 +26,12 @@ class ConvertConfig(CommandConfig):
     folders with one file per frame."""
     input: InputConfig = section(InputConfig)
     output: OutputPath
-    """File to write; - is stdout (CSV)."""
+    """File to write, or the folder of meshes; - is stdout (CSV)."""
+    dictionary: OptionalDictionaryPath = None
+    """Dictionary that a result was fitted with, for meshes: its meshes or edges are written."""
     to: str = Field(default="auto", min_length=1)
     """Format to write (docs/export.md); auto: as the name of the output says, HDF5 without an
-    ending."""
+    ending. obj, ply and glb write a mesh of each image of a result into the folder `output`."""
     every: int = Field(default=1, ge=1)
     """Take every n-th item of each sequence, the first one first; of all items where there are no
     sequences."""

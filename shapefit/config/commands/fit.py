@@ -9,7 +9,6 @@ from pydantic import BeforeValidator, Field, model_validator
 from shapefit.config.commands.fit_sections import (
     ExportConfig,
     OutliersConfig,
-    PicturesConfig,
     PosteriorConfig,
     SequencesConfig,
     ViewingConfig,
@@ -167,7 +166,6 @@ class FitConfig(CommandConfig):
     the methods with a prior over shapes."""
     camera: ViewingConfig = section(ViewingConfig)
     export: ExportConfig = section(ExportConfig)
-    pictures: PicturesConfig = section(PicturesConfig)
     threads: int = Field(default=0, ge=0, le=MOST_THREADS)
     """Threads to solve with; 0 is one per core."""
     chunk: int = Field(default=4096, ge=1, le=10_000_000)

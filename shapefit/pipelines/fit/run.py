@@ -10,9 +10,9 @@ import hashlib
 import json
 import time
 from collections.abc import Generator, Iterator, Mapping
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from shapefit import __version__
 from shapefit.config import FitConfig
@@ -31,7 +31,6 @@ from shapefit.io.formats import find_target_format
 from shapefit.io.options import Markers, OutputOptions
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
-from shapefit.pipelines.export.run import check_exports, open_exports
 from shapefit.pipelines.fit.camera import doubts_of_lens, straightened
 from shapefit.pipelines.fit.lift import lift_batch, whole_stretches
 from shapefit.pipelines.fit.prepare import (
@@ -50,6 +49,9 @@ from shapefit.pipelines.joints import describe_names, name_warnings, named_as_jo
 from shapefit.pipelines.outcome import Outcome, nothing_in, reading
 from shapefit.stores import UrlPath, local_copy
 from shapefit.threads import on_threads, side_by_side
+
+if TYPE_CHECKING:
+    from shapefit.pipelines.meshes import MeshWriter
 
 BATCH = 4096
 """Images that are read before the first whole sequences of them are lifted."""
@@ -82,7 +84,7 @@ def run(
     files = (*(config.landmarks if rows is None else ()), config.dictionary)
     on_threads(local_copy, (path for path in files if isinstance(path, UrlPath)))
     dictionary = dictionary or read_dictionary(config.dictionary)
-    check_exports(config, dictionary)
+    check_export(config, dictionary)
     yield from reading(config.landmarks if rows is None else ())
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
         estimates = estimates or prepare(config, dictionary, lambda: source.first(FIRST))
@@ -93,7 +95,7 @@ def run(
         report = Report(setup, explained=bool(estimates.warnings))
         seconds, inputs = 0.0, dict[str, str]()
         with (
-            open_exports(config, setup.dictionary, source.count) as exports,
+            open_export(config, setup.dictionary) as export,
             result_writer(output, OutputOptions(height=config.height, markers=markers)) as writer,
             closing(lift_source(source, setup)) as batches,
         ):
@@ -101,7 +103,8 @@ def run(
                 inputs = inputs or digests(files)  # while the next batch is lifted
                 yield report.add(batch.images, batch.lifting, batch.record, source.count)
                 writer.append(batch.record)
-                exports.add(batch.record, batch.lifting.estimate.transforms)
+                if export is not None:
+                    export.add(batch.record)
                 seconds += batch.seconds
             writer.attributes.update(attributes_of(setup, estimates, inputs, seconds, report.done))
             warnings = (*estimates.warnings, *warn_of(source, setup), *report.warnings)
@@ -110,10 +113,35 @@ def run(
     said = (say_y(source), *estimates.lines, describe_names(source.head.landmark_names, known))
     yield Outcome(
         total=source.count,
-        warnings=warnings + exports.warnings + of_writer,
-        note="; ".join(filter(None, (*said, exports.note, writer.summary.note))),
-        written=(*(writer.summary.written or (output,)), *exports.written),
+        warnings=warnings + (() if export is None else export.warnings) + of_writer,
+        note="; ".join(filter(None, (*said, export.note if export else None, writer.summary.note))),
+        written=(*(writer.summary.written or (output,)), *(export.written if export else ())),
     )
+
+
+def check_export(config: FitConfig, dictionary: Dictionary) -> None:
+    """Raise InputError for all of the meshes that can be known to be wrong beforehand."""
+    folder, to = config.export.folder, config.export.format
+    if folder is None:
+        return
+    from shapefit.pipelines.meshes import check_dictionary, check_mesh_folder
+
+    assert isinstance(config.output, Path), "a folder of results has no meshes"
+    check_mesh_folder(folder, "export.folder", to, config.output)
+    method, perspective = METHODS[config.method], config.camera.model == "perspective"
+    mixes = method.mixes_atoms or (perspective and method.perspective == "refined")
+    check_dictionary(dictionary, str(config.dictionary), mixes_atoms=mixes)
+
+
+def open_export(
+    config: FitConfig, dictionary: Dictionary
+) -> AbstractContextManager[MeshWriter | None]:
+    """Give the writer of meshes that the config asks for; the files appear on a clean exit."""
+    if config.export.folder is None:
+        return nullcontext()
+    from shapefit.pipelines.meshes import mesh_writer
+
+    return mesh_writer(dictionary, config.export.folder, config.export.format)
 
 
 def lift_source(source: LandmarkSource, setup: Setup) -> Generator[Batch, None, None]:

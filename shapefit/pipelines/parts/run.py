@@ -131,7 +131,7 @@ def check_parts(config: FitConfig) -> None:
     if any(map(is_stream, config.landmarks)):
         found = "standard input cannot be divided into parts"
         raise input_error("landmarks", found, "save it to a file and name that")
-    for key in ("export", "pictures"):
+    for key in ("export",):
         if getattr(config, key).folder is not None:
             fix = "leave it out, and fit the images to be shown once more into a file"
             raise input_error(f"{key}.folder", "is not written for a folder of results", fix)

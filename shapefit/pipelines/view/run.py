@@ -25,6 +25,8 @@ from shapefit.viewer.scene import Scene
 
 PAGES = ("", ".html", ".htm")
 """Endings of the name of a page."""
+SHEETS = (".png", ".svg")
+"""Endings of the name of a sheet of pictures."""
 EVERY = ("*",)
 """Patterns that choose all items."""
 MEGABYTE = 1_000_000
@@ -52,10 +54,15 @@ def run(config: ViewConfig) -> Iterator[Outcome]:
     if is_stream(output):
         found = "a page is not written to a terminal"
         raise input_error("output", found, "give the name of a file")
-    if output.suffix.lower() not in PAGES:
-        found = f"is a page of HTML, and its name ends in {output.suffix}"
-        raise input_error(output, found, f"end it in {listed(PAGES[1:])}")
+    if output.suffix.lower() not in PAGES + SHEETS:
+        found = f"is a page or a sheet of pictures, and its name ends in {output.suffix}"
+        raise input_error(output, found, f"end it in {listed(PAGES[1:] + SHEETS)}")
     check_output(output)
+    if output.suffix.lower() in SHEETS:
+        from shapefit.pipelines.view.sheet import write_sheet
+
+        yield write_sheet(config, output)
+        return
     page = make_page(config)
     with atomic_path(output) as temporary:
         temporary.write_bytes(page.html)

@@ -1,0 +1,152 @@
+"""Mesh files of a result, one per image, named after its item: OBJ, PLY or GLB."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import Floats
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import input_error
+from shapefit.io import ResultSet
+from shapefit.io.atomic import StagedFiles, check_folder, file_stem, staged_files
+from shapefit.io.inputs import is_stream
+from shapefit.meshes.dense import metric_scale, object_frame
+from shapefit.meshes.export import MeshFormat, mesh_file, tubes
+
+BATCH = 64
+"""Images whose vertices are in memory at a time."""
+
+LARGEST = 1e38
+"""Coordinate that PLY and GLB can hold, in single precision."""
+
+
+class MeshWriter:
+    """Writes the mesh of each image of a result that has a shape."""
+
+    def __init__(self, dictionary: Dictionary, to: MeshFormat, files: StagedFiles) -> None:
+        """Take what `check_dictionary` and `check_folder` let through."""
+        self._dictionary, self._format, self._files = dictionary, to, files
+        self._written = self._missing = self._too_large = 0
+
+    def add(self, result: ResultSet) -> None:
+        """Write the files of some images."""
+        fitted = has_shape(result)
+        self._missing += int(np.count_nonzero(~fitted))
+        rows = np.flatnonzero(fitted)
+        for start in range(0, len(rows), BATCH):
+            images = result.take(rows[start : start + BATCH])
+            for item, points in zip(
+                images.items, in_object_frame(images, self._dictionary), strict=True
+            ):
+                self._write(item, points)
+
+    @property
+    def written(self) -> tuple[Path, ...]:
+        """The folder, if there is a file in it."""
+        return (self._files.folder,) if self._written else ()
+
+    @property
+    def note(self) -> str:
+        """How many images have files."""
+        return f"{self._written} mesh{'' if self._written == 1 else 'es'}"
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Which images have no mesh, counted."""
+        missing = f"images without a shape (failed, or with all coefficients 0): {self._missing}"
+        large = f"images with coordinates beyond {LARGEST:g}: {self._too_large}"
+        return (
+            *((f"{missing}; they have no mesh",) if self._missing else ()),
+            *((f"{large}; they have no mesh: write OBJ",) if self._too_large else ()),
+        )
+
+    def _write(self, item: str, points: Floats) -> None:
+        """Write the file of one image, from its mesh vertices (3, q) or landmarks (3, p)."""
+        if self._format != "obj" and np.abs(points).max() > LARGEST:
+            self._too_large += 1
+            return
+        vertices, faces = points, self._dictionary.mesh_faces
+        if faces is None:
+            assert self._dictionary.edges is not None
+            vertices, faces = tubes(points, self._dictionary.edges)
+        content = mesh_file(vertices, faces, self._format)
+        stem = file_stem(item)
+        name = stem.with_name(f"{stem.name}.{self._format}")
+        self._files.write(name, partial(Path.write_bytes, data=content), item)
+        self._written += 1
+
+
+@contextmanager
+def mesh_writer(dictionary: Dictionary, folder: Path, to: MeshFormat) -> Iterator[MeshWriter]:
+    """Give a writer of meshes to a folder; the files appear together on a clean exit."""
+    with staged_files(folder) as files:
+        yield MeshWriter(dictionary, to, files)
+
+
+def check_dictionary(dictionary: Dictionary, place: str | Path, *, mixes_atoms: bool) -> None:
+    """Raise InputError at `place` where results of this dictionary have no meshes.
+
+    mixes_atoms: whether the shapes are combinations of the atoms, as the meshes then are.
+    """
+    if dictionary.mesh_vertices is None and dictionary.edges is None:
+        fix = "learn it from shapes with `mesh_vertices` and `mesh_faces`, or with `edges`"
+        raise input_error(place, "has neither a mesh nor edges to export", fix)
+    if dictionary.mesh_vertices is not None and not mixes_atoms:
+        found = "the result has no coefficients to combine the meshes of the atoms"
+        raise input_error(place, found, "fit with `--method convex` or `convex+refine`")
+
+
+def check_mesh_folder(folder: Path, key: str, to: MeshFormat, result: Path | None = None) -> None:
+    """Raise InputError for a folder that cannot get files, or that could replace the result."""
+    if is_stream(folder):
+        raise input_error(key, "- is standard output", "give the name of a folder")
+    if os.path.islink(folder) and not os.path.exists(folder):
+        found = f"it is a link to {os.path.realpath(folder)}, which does not exist"
+        raise input_error(folder, found, "create that folder, or remove the link")
+    check_folder(folder)
+    if result is None:
+        return
+    inside, own = Path(os.path.realpath(folder)), Path(os.path.realpath(result))
+    if own == inside:
+        raise input_error(key, f"{folder} is also the output", "give it a different name")
+    if own.is_relative_to(inside) and own.suffix.lower() == f".{to}":
+        found = f"has the same name as the .{to} files that go into {folder}"
+        raise input_error(result, found, "name it .h5 or .csv")
+
+
+def in_object_frame(result: ResultSet, dictionary: Dictionary) -> Floats:
+    """size * sum_i c_i V_i, or size * R^T (S - T) / s for landmarks without meshes: (n, 3, q).
+
+    The frame is that of the dictionary, in which objects stand upright. The size is that of the
+    dictionary's shapes (metres, for instance) where it knows the sizes of its atoms, else that of
+    the shape in the image.
+    """
+    assert result.scale is not None
+    assert result.rotation is not None
+    c, s = result.coefficients, result.scale
+    size = s
+    if dictionary.atom_scale is not None and c is not None:
+        size = metric_scale(dictionary.atoms, c, dictionary.atom_scale)
+    if dictionary.mesh_vertices is not None:
+        assert c is not None
+        points = object_frame(dictionary.mesh_vertices, c)
+    else:
+        shapes = result.shapes.copy()
+        shapes[:, :2] -= np.asarray(result.translation)[:, :, None]
+        points = result.rotation.swapaxes(1, 2) @ (shapes / s[:, None, None])
+    return np.asarray(size[:, None, None] * points)
+
+
+def has_shape(result: ResultSet) -> NDArray[np.bool_]:
+    """Which of n images have a shape with an extent, a place and a rotation."""
+    extent = np.ptp(result.shapes, axis=2).max(axis=1)
+    turned = np.zeros(len(result)) if result.rotation is None else result.rotation.sum(axis=(1, 2))
+    fitted: NDArray[np.bool_] = np.isfinite(extent + turned) & (extent > 0)
+    return fitted

@@ -1,0 +1,71 @@
+"""`view RESULT -o SHEET.png`: what is drawn, and where, is read from what matplotlib was given."""
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from shapefit.config import CONFIGS
+from shapefit.errors import InputError
+from shapefit.io import read_dictionary, read_results
+from shapefit.meshes.dense import object_frame
+from shapefit.pipelines.view.run import run
+from shapefit.pipelines.view.sheet import MOST_IMAGES, fitted_image
+from tests.io.files import save
+
+
+def sheet(output, *results, **keys):
+    files = {path.stem: [str(path)] for path in results}
+    (outcome,) = run(CONFIGS["view"](files=files, output=str(output), **keys))
+    return outcome
+
+
+def test_images_spread_over_the_result_are_drawn(tmp_path, world):
+    result = world.fit("cars", method="convex+refine")
+    outcome = sheet(tmp_path / "s.png", result, dictionary=str(world.dictionary("cars")))
+    assert (outcome.done, outcome.written) == (MOST_IMAGES, (tmp_path / "s.png",))
+    assert imread(tmp_path / "s.png").shape[1] > 1000
+    outcome = sheet(tmp_path / "s.svg", result, items=["sedan_1/*", "lorry*"])
+    assert outcome.done == 6
+    assert outcome.warnings == ("items: no item has this name or matches 'lorry*'",)
+    text = (tmp_path / "s.svg").read_text(encoding="utf-8")
+    assert "sedan_1/view_2" in text
+
+
+@pytest.mark.parametrize("camera", [{}, {"focal": 1600.0, "principal_point": [640.0, 480.0]}])
+def test_the_mesh_lies_under_the_landmarks(world, camera):
+    model = {"camera": {"model": "perspective", **camera}} if camera else {}
+    fit = read_results(world.fit("cars", method="convex+refine", **model))
+    dictionary = read_dictionary(world.dictionary("cars"))
+    vertex = (
+        ((dictionary.mesh_vertices[0, :, None, :] - dictionary.atoms[0, :, :, None]) ** 2)
+        .sum(axis=0)
+        .argmin(axis=1)
+    )
+    for row in range(0, len(fit), 30):
+        image = fitted_image(fit.take([row]), dictionary)
+        np.testing.assert_allclose(image.seen, fit.landmarks_fitted[row], atol=1e-6)
+        np.testing.assert_allclose(image.seen_mesh[:, vertex], image.seen, atol=1e-3)
+        turned = (
+            fit.rotation[row]
+            @ object_frame(dictionary.mesh_vertices, fit.coefficients[row][None])[0]
+        )
+        spans = np.ptp(image.mesh, axis=1), fit.scale[row] * np.ptp(turned, axis=1)
+        np.testing.assert_allclose(*spans, rtol=1e-9)
+
+
+def test_an_image_without_a_shape_shows_its_landmarks(world):
+    fit = read_results(world.fit("cars", method="convex+refine")).take([0])
+    failed = fitted_image(fit.replaced(shapes=np.full_like(fit.shapes, np.nan)), None)
+    assert not failed.fitted
+    np.testing.assert_array_equal(failed.landmarks, fit.columns["landmarks"][0].T)
+
+
+def test_a_sheet_shows_one_result(tmp_path, world):
+    result = world.fit("cars", method="convex+refine")
+    save(tmp_path / "other.h5", read_results(result))
+    for files in ((world.shapes("cars"),), (result, tmp_path / "other.h5")):
+        with pytest.raises(InputError, match="a sheet shows one result"):
+            sheet(tmp_path / "s.png", *files)
+    with pytest.raises(InputError, match="no image is chosen"):
+        sheet(tmp_path / "s.png", result, items=["lorry"])
+    assert [path.name for path in tmp_path.iterdir()] == ["other.h5"]
