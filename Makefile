@@ -102,7 +102,7 @@ people: $(RUNS)
 	$(SHAPEFIT) learn-dict -c configs/people/learn-box.yaml $(SET_DATA)
 	$(BIN)/python building/further_joints.py results/people/box.h5 \
 	    $(or $(DATA),../shared/data/mocap)/bodies31_24fps.h5 results/people/whole.h5 '13_*'
-	$(BIN)/python building/ship_dictionary.py results/people/whole.h5 shapefit/dictionaries/people.h5
+	$(BIN)/python building/ship_dictionary.py results/people/whole.h5 shapefit/data/people.h5
 
 bodies: $(RUNS)
 	$(BIN)/python -m benchmarks.bodies $(if $(DATA),--data '$(DATA)')

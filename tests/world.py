@@ -20,7 +20,7 @@ from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.projection import run as run_project
 
 SAMPLES = Path(__file__).resolve().parents[1] / "sample_data"
-INSTALLED = SAMPLES.parent / "shapefit/dictionaries/people.h5"
+INSTALLED = SAMPLES.parent / "shapefit/data/people.h5"
 
 SHAPES = {"people": "people_train.h5", "cars": "cars.h5", "dog": "animal_train.h5"}
 TRUTH = {"people": "people_test.h5", "cars": "cars.h5", "dog": "animal_truth.h5"}

@@ -275,7 +275,7 @@ InputPaths = Annotated[OptionalInputPaths, BeforeValidator(at_least_one)]
 
 # Installed dictionaries, and files under names of their own.
 
-DICTIONARIES = Path(__file__).resolve().parents[1] / "dictionaries"
+DICTIONARIES = Path(__file__).resolve().parents[1] / "data"
 
 
 def find_dictionaries() -> dict[str, Path]:
