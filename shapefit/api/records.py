@@ -19,6 +19,7 @@ from shapefit.dictionary import model
 from shapefit.errors import InputError, counted, input_error, listed
 from shapefit.io.layout import (
     DICTIONARY,
+    FIELDS,
     LANDMARKS,
     UNKNOWN_UNIT,
     Layout,
@@ -50,7 +51,7 @@ class _View:
         if name.startswith("_") or name not in self._FIELDS:
             raise AttributeError(f"{type(self).__name__} has no {name}")
         value = getattr(self._inside, name)
-        dataset = self._LAYOUT.by_name.get(name)
+        dataset = self._LAYOUT.datasets.get(name)
         turned = dataset is not None and dataset.points and value is not None
         return np.swapaxes(value, -1, -2) if turned else value
 
@@ -68,12 +69,12 @@ class _Items(_View):
 
     def __init_subclass__(cls) -> None:
         cls._LAYOUT = cls._RECORD.LAYOUT
-        cls._FIELDS = (*cls._LAYOUT.all_names, *OF_RECORDS)
+        cls._FIELDS = (*cls._LAYOUT.all, *OF_RECORDS)
 
     def _take(self, given: Mapping[str, Any]) -> Self:
         """Take what a caller gives, names of landmarks and items filled in."""
         values = _in_columns(given, self._LAYOUT)
-        place = self._LAYOUT.points.name
+        place = self._LAYOUT.points
         extras = values.pop("extras", None) or {}
         names = free_names(extras, {"item", "sequence", "landmark_names", *values})
         columns = {names[name]: data for name, data in extras.items()}
@@ -82,7 +83,10 @@ class _Items(_View):
         for name, axis in (("landmark_names", -1), ("items", 0)):
             if values.get(name) is None:
                 values[name] = tuple(map(str, range(values[place].shape[axis])))
-        self._inside = self._RECORD(**values, columns=columns)
+        n = len(values["items"])
+        whole = {name: v for name, v in columns.items() if np.shape(v)[:1] != (n,)}
+        per_item = {name: v for name, v in columns.items() if name not in whole}
+        self._inside = self._RECORD(**values, columns=per_item, whole=whole)
         return self
 
     def __len__(self) -> int:
@@ -265,16 +269,18 @@ def result_set(given: Fit | Shapes | ArrayLike, names: Names | None = None) -> R
     if isinstance(given, Fit):
         return given._inside
     shapes = shape_set(given, names)
-    own = ("landmark_names", "items", "sequences", "unit", "frame_rate", "of_file")
-    columns = {"shapes": shapes.shapes, **shapes.further}
-    return ResultSet(**{name: getattr(shapes, name) for name in own}, columns=columns)
+    own = ("landmark_names", "items", "sequences", "unit", "frame_rate", "whole")
+    per_item = {name: v for name, v in shapes.per_item.items() if name != "mesh_vertices"}
+    fields = {name: getattr(shapes, name) for name in own}
+    fields["whole"] = {name: v for name, v in shapes.whole.items() if name in shapes.further}
+    return ResultSet(**fields, columns=per_item)
 
 
 def _named(view: _Items, names: Names | None) -> Any:
     """Return the record of a view, with these names of landmarks where the caller gave none."""
     if names is None or not view._unnamed:
         return view._inside
-    place, p = view._LAYOUT.points.name, len(view.landmark_names)
+    place, p = view._LAYOUT.points, len(view.landmark_names)
     if len(names) != p:
         raise unnamed(place, p, names)
     return view._inside.replaced(landmark_names=tuple(names))
@@ -284,7 +290,7 @@ def unnamed(place: str, p: int, names: Names) -> InputError:
     """Return the error of p landmarks without names that are not as many as these."""
     skeletons = [name for name, each in SKELETONS.items() if len(each.landmark_names) == p]
     fix = f"name them: {place.title()}({place}, landmark_names=[...])"
-    if skeletons and place == LANDMARKS.points.name:
+    if skeletons and place == LANDMARKS.points:
         fix = f"name them, as in {listed(f'`keypoints={name}`' for name in skeletons)}"
     return input_error(place, f"has {p} landmarks without names, not {len(names)}", fix)
 
@@ -296,10 +302,10 @@ def _in_columns(given: Mapping[str, Any], layout: Layout, place: str = "") -> di
     """
     values = dict(given)
     sizes: dict[str, int] = {}
-    own = layout.points.name
+    own = layout.points
     # The points say how many items and landmarks there are, and the rest must agree.
-    for dataset in sorted(layout.datasets, key=lambda dataset: not dataset.points):
-        name = dataset.attribute
+    for key, dataset in sorted(layout.datasets.items(), key=lambda item: not item[1].points):
+        name = FIELDS.get(key, key)
         value = values.get(name)
         if value is None or dataset.kind == "label":
             continue

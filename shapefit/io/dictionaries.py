@@ -15,7 +15,7 @@ from shapefit.errors import input_error
 from shapefit.geometry.procrustes import coincide
 from shapefit.io.checks import Place, check_finite, check_mesh, place_in_memory, raise_at
 from shapefit.io.formats import check_holds, detect_format, record_writer
-from shapefit.io.layout import DICTIONARY
+from shapefit.io.layout import DICTIONARY, FIELDS
 
 AGAIN = "make the dictionary again"
 
@@ -123,8 +123,8 @@ def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
 
 def check_given_dictionary(dictionary: Dictionary, name: str) -> None:
     """Raise InputError for what `read_dictionary` would not read from a file."""
-    known = DICTIONARY.datasets
-    fields = {each.attribute: getattr(dictionary, each.attribute, None) for each in known}
+    names = [FIELDS.get(name, name) for name in DICTIONARY.datasets]
+    fields = {name: getattr(dictionary, name, None) for name in names}
     check_dictionary(fields, place_in_memory(name))
 
 

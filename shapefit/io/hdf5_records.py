@@ -17,15 +17,15 @@ from shapefit.io.checks import input_problems
 from shapefit.io.hdf5_file import Hdf5File, as_text
 from shapefit.io.layout import (
     AXES,
+    FIELDS,
     LAYOUTS,
-    PER_ITEM_FLAG,
+    PER_ITEM,
     PLAIN_ATTRIBUTES,
     UNKNOWN_UNIT,
     VERSION,
-    Dataset,
+    Column,
     Layout,
     fit_axes,
-    is_per_item,
     plain_name,
 )
 
@@ -127,34 +127,32 @@ class Hdf5Reader(Hdf5File):
         Of what grows with the items, that is the part of the items in `rows`. Numbers come as
         float64, indices as int64, texts as a tuple of str, labels as they are.
         """
-        dataset = self.form.by_name[name]
-        if not {name, dataset.counted_by or name} <= self._present:
+        column = self.form.datasets[name]
+        if not {name, column.counted_by or name} <= self._present:
             return None
-        values = self._values(name, self._own_rows(dataset, rows))
-        if dataset.kind == "text":
+        values = self._values(name, self._own_rows(name, column, rows))
+        if column.kind == "text":
             return tuple(values)
-        if dataset.kind == "label":
+        if column.kind == "label":
             return values.astype(str) if values.dtype.kind == "O" else values
         with np.errstate(invalid="ignore", over="ignore"):  # nan and inf are found by the checks
-            array = np.asarray(values, np.int64 if dataset.kind == "index" else np.float64)
-        return np.ascontiguousarray(array.swapaxes(-1, -2)) if dataset.points else array
+            array = np.asarray(values, np.int64 if column.kind == "index" else np.float64)
+        return np.ascontiguousarray(array.swapaxes(-1, -2)) if column.points else array
 
-    def fields(
-        self, rows: slice = slice(None), *, without: Collection[Dataset] = ()
-    ) -> dict[str, Any]:
+    def fields(self, rows: slice = slice(None), *, without: Collection[str] = ()) -> dict[str, Any]:
         """Return what the datasets of the layout hold of these items, by attribute of the record.
 
         Those in `without` are not read.
         """
-        chosen = [dataset for dataset in self.form.datasets if dataset not in without]
-        return {dataset.attribute: self.read(dataset.name, rows) for dataset in chosen}
+        chosen = [name for name in self.form.datasets if name not in without]
+        return {FIELDS.get(name, name): self.read(name, rows) for name in chosen}
 
     def further(self, rows: slice = slice(None)) -> dict[str, Any]:
         """Return these rows of the datasets that the layout does not know, as records take them."""
         per_item, whole = self._further_names
         columns = {name: self._values(name, rows) for name in per_item}
-        columns |= {name: np.asarray(self._values(name, ())) for name in whole}
-        return {"columns": columns, "of_file": whole}
+        of_file = {name: np.asarray(self._values(name, ())) for name in whole}
+        return {"columns": columns, "whole": of_file}
 
     @cached_property
     def _further_names(self) -> tuple[list[str], list[str]]:
@@ -172,11 +170,12 @@ class Hdf5Reader(Hdf5File):
                 continue
             with self.damage(name):
                 carried = dataset.shape is not None and _kind(dataset) in (*"biufc", "O")
-                flagged = bool(dataset.attrs.get(PER_ITEM_FLAG, True))
+                flagged = bool(dataset.attrs.get(PER_ITEM, True))
             if not carried:
                 fix = "store numbers or text, or remove it"
                 raise self.fault(name, "cannot be carried over", fix)
-            mine = flagged and is_per_item(name, dataset.shape, self.count)
+            rows = dataset.shape[:1] == (self.count,)
+            mine = flagged and rows and self.form.is_per_item(name, len(dataset.shape))
             (per_item if mine else whole).append(name)
         return per_item, whole
 
@@ -186,34 +185,34 @@ class Hdf5Reader(Hdf5File):
             raise self.fault(name, "holds a string with a zero byte", "remove it")
         return values
 
-    def _own_rows(self, dataset: Dataset, items: slice) -> slice | tuple[()]:
+    def _own_rows(self, name: str, column: Column, items: slice) -> slice | tuple[()]:
         """Return the rows that items have in a dataset: other ones where it is counted.
 
         Raises InputError where the counts do not fit the dataset.
         """
-        if not dataset.counted_by:
-            return items if dataset.grows else ()
-        if dataset.name not in self._ends:
-            self._ends[dataset.name] = self._added_up(dataset)
-        ends = self._ends[dataset.name]
+        if not column.counted_by:
+            return items if column.per_item else ()
+        if name not in self._ends:
+            self._ends[name] = self._added_up(name, column)
+        ends = self._ends[name]
         start, stop, _ = items.indices(self.count)
         return slice(int(ends[start]), int(ends[max(start, stop)]))
 
-    def _added_up(self, dataset: Dataset) -> Integers:
+    def _added_up(self, name: str, column: Column) -> Integers:
         """Return where the rows of each item begin, and the last ends (n + 1,)."""
-        counts: Integers = self.read(dataset.counted_by)
-        axis = str(dataset.axes[0])
+        counts: Integers = self.read(column.counted_by)
+        axis = str(column.axes[0])
         length = self._sizes.get(axis, 0)
         most = (self._sizes.get("k") if axis == "a" else None) or length
         wrong = np.flatnonzero((counts < 0) | (counts > most))
         fix = "the file was changed: fit again"
         if len(wrong):
             found = f"is {counts[wrong[0]]}, not a number of {AXES[axis]}"
-            raise input_error(self.place(dataset.counted_by, int(wrong[0])), found, fix)
+            raise input_error(self.place(column.counted_by, int(wrong[0])), found, fix)
         ends: Integers = np.concatenate([[0], np.cumsum(counts)])
         if ends[-1] != length:
-            found = f"holds {length} {AXES[axis]}, and {dataset.counted_by} counts {ends[-1]}"
-            raise input_error(self.place(dataset.name), found, fix)
+            found = f"holds {length} {AXES[axis]}, and {column.counted_by} counts {ends[-1]}"
+            raise input_error(self.place(name), found, fix)
         return ends
 
     def _read_root(self) -> dict[str, Any]:
@@ -235,24 +234,24 @@ class Hdf5Reader(Hdf5File):
     def _check_datasets(self) -> set[str]:
         """Return the names of the datasets that the layout lists and the file has."""
         present, problems = set(), []
-        for dataset in (*self.form.datasets, *self.form.further):
+        for name, column in self.form.all.items():
             wrong: str | None = None
-            with self.damage(dataset.name):
-                node = self.root.get(dataset.name)
+            with self.damage(name):
+                node = self.root.get(name)
                 if isinstance(node, h5py.Dataset):
-                    present.add(dataset.name)
-                    wrong = _wrong_kind(node, dataset) or self._wrong_shape(node, dataset)
-            if node is not None and dataset.name not in present:
-                wrong = f"is not a dataset; {_wanted(dataset)}"
-            elif node is None and dataset.required:
-                wrong = f"there is no such dataset; {_wanted(dataset)}"
+                    present.add(name)
+                    wrong = _wrong_kind(node, column) or self._wrong_shape(node, column)
+            if node is not None and name not in present:
+                wrong = f"is not a dataset; {_wanted(column)}"
+            elif node is None and column.required:
+                wrong = f"there is no such dataset; {_wanted(column)}"
             if wrong:
-                problems.append(f"{self.place(dataset.name)}: {wrong}")
+                problems.append(f"{self.place(name)}: {wrong}")
         if problems:
             raise input_problems(problems)
         return present
 
-    def _wrong_shape(self, node: Any, dataset: Dataset) -> str | None:
+    def _wrong_shape(self, node: Any, dataset: Column) -> str | None:
         shape = node.shape or ()
         if fit_axes(dataset.axes, shape, self._sizes):
             return None
@@ -273,7 +272,7 @@ class Hdf5Reader(Hdf5File):
         return names
 
 
-def _wanted(dataset: Dataset) -> str:
+def _wanted(dataset: Column) -> str:
     """Say how to store a dataset: `store numbers (items, landmarks, 3)`."""
     kinds = {"number": "numbers", "index": "integers", "text": "UTF-8 text", "label": "UTF-8 text"}
     axes = ", ".join(AXES.get(str(axis), str(axis)) for axis in dataset.axes)
@@ -284,7 +283,7 @@ NUMPY_KINDS = {"number": "biuf", "index": "iu", "text": "O", "label": "Oiu"}
 """Types of NumPy that the kinds of datasets can have in files, O for text."""
 
 
-def _wrong_kind(node: Any, dataset: Dataset) -> str | None:
+def _wrong_kind(node: Any, dataset: Column) -> str | None:
     kind = _kind(node)
     if kind and kind in NUMPY_KINDS[dataset.kind]:
         return None

@@ -23,7 +23,7 @@ from shapefit import core
 from shapefit.errors import input_error
 from shapefit.io.atomic import atomic_path, storage_errors
 from shapefit.io.formats import RecordWriter
-from shapefit.io.layout import DICTIONARY, PER_ITEM_FLAG, VERSION, Dataset, Layout, stored_name
+from shapefit.io.layout import DICTIONARY, FIELDS, PER_ITEM, VERSION, Column, Layout, stored_name
 
 Array = NDArray[Any]
 
@@ -88,17 +88,19 @@ class Hdf5Writer(RecordWriter[Any]):
 
         Raises ValueError where its landmarks or datasets are not those of the first record.
         """
-        columns, of_file = getattr(record, "further", {}), getattr(record, "of_file", ())
+        columns = getattr(record, "further", {})
         if not self.begun:
             self.begun = True
             self._first = record.take(slice(0)) if self._form is not DICTIONARY else record
-            self._whole = {name: columns[name] for name in columns if name in of_file}
+            whole = getattr(record, "whole", {})
+            self._whole = {name: columns[name] for name in columns if name in whole}
         if record.landmark_names != self._first.landmark_names:
             raise ValueError("the landmarks of this record are not those of the first")
         rows = {
-            dataset.name: _as_stored(dataset, getattr(record, dataset.attribute))
-            for dataset in self._form.datasets
-            if dataset.grows and getattr(record, dataset.attribute) is not None
+            name: _as_stored(column, value)
+            for name, column in self._form.datasets.items()
+            for value in [getattr(record, FIELDS.get(name, name), None)]
+            if column.per_item and value is not None
         }
         # What was whole in the first record is per item by chance: it has as many rows as these.
         rows |= {name: v for name, v in columns.items() if name not in self._whole}
@@ -122,12 +124,12 @@ class Hdf5Writer(RecordWriter[Any]):
         self._write_waiting(last=True)
         for name, texts in self._texts.items():
             self._write_texts(name, texts)
-        for dataset in self._form.datasets:
-            value = getattr(self._first, dataset.attribute)
-            if value is not None and not dataset.grows:
-                self._store(dataset.name, _as_stored(dataset, value))
+        for name, column in self._form.datasets.items():
+            value = getattr(self._first, FIELDS.get(name, name), None)
+            if value is not None and not column.per_item:
+                self._store(name, _as_stored(column, value))
         for name, value in self._whole.items():
-            self._store(name, np.asarray(value)).attrs[PER_ITEM_FLAG] = False
+            self._store(name, np.asarray(value)).attrs[PER_ITEM] = False
         said: dict[str, Any] = {
             "format": self._form.name,
             "version": VERSION,
@@ -193,8 +195,7 @@ class Hdf5Writer(RecordWriter[Any]):
         rest = values.shape[1:]
         row_bytes = max(values.itemsize * int(np.prod(rest, dtype=int)), 1)
         rows = max(1, min(CHUNK_BYTES // row_bytes, max(len(values), CHUNK_ROWS)))
-        known = self._form.by_name.get(name)
-        sparse = known is not None and known.sparse
+        sparse = name == "coefficients"
         packed = sparse or (kind is not None and values.itemsize > CHUNK_ROWS)
         return self._file.create_dataset(
             name,
@@ -269,7 +270,7 @@ def _allocate(file: int, start: int, size: int) -> None:
         return
 
 
-def _as_stored(dataset: Dataset, value: Any) -> Array:
+def _as_stored(dataset: Column, value: Any) -> Array:
     """Return a field of a record as it stands in a file: one point per row."""
     array = np.asarray(value, object) if dataset.kind == "text" else np.asarray(value)
     array = array.astype(dataset.stored) if dataset.stored else array

@@ -12,7 +12,7 @@ from shapefit.errors import input_error
 from shapefit.io.checks import check_magnitudes
 from shapefit.io.layout import EDGES, UNKNOWN_UNIT
 from shapefit.io.options import Direction
-from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet, grows
+from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 
 Array = NDArray[Any]
 APART = "use files that agree, or process them separately"
@@ -67,7 +67,7 @@ def common_head(
 
 def conform(part: Any, head: Any, place: str) -> Any:
     """Return a part of one file with the landmarks and fields of the whole source."""
-    part = _of_items(part, part.of_file & head.columns.keys() - head.of_file)
+    part = _of_items(part, part.whole.keys() & head.per_item.keys())
     changes: dict[str, Any] = {"unit": head.unit, "frame_rate": head.frame_rate}
     if head.sequences is not None and part.sequences is None:
         changes["sequences"] = ("",) * len(part)
@@ -87,9 +87,9 @@ def _with_own_columns(heads: Sequence[tuple[str, Any]]) -> Sequence[tuple[str, A
     (_, first), *others = heads
     own = [
         name
-        for name in first.of_file & first.further.keys() - {EDGES, "mirror_index"}
+        for name in first.whole.keys() - {EDGES, "mirror_index"}
         if isinstance(first, LandmarkSet)
-        and all(name in head.of_file for _, head in others)
+        and all(name in head.whole for _, head in others)
         and len({head.columns[name].shape for _, head in heads}) == 1
         and not all(_agree(first, head, name) for _, head in others)
     ]
@@ -100,7 +100,7 @@ def _of_items(records: Any, names: Collection[str]) -> Any:
     """Return records in which these columns of the file are columns of each item."""
     if not names:
         return records
-    known = {name: records.columns[name] for name in names}
+    known = {name: records.whole[name] for name in names}
     spread = {name: np.broadcast_to(v, (len(records), *v.shape)) for name, v in known.items()}
     return records.with_columns(spread)
 
@@ -114,7 +114,7 @@ def _with_edges(images: LandmarkSet, edges: Array | None) -> LandmarkSet:
     """Return images whose edges are those of the first file that has any."""
     if edges is None:
         return images
-    return images.with_columns({EDGES: edges}, of_file=[EDGES])
+    return images.with_columns(whole={EDGES: edges})
 
 
 def agreed(what: str, stated: Sequence[tuple[str, Any]]) -> Any:
@@ -162,6 +162,7 @@ def _own(head: Any) -> set[str]:
 def _agree(first: Any, head: Any, name: str) -> bool:
     """Whether a column of two files is per item in both, with rows of one shape, or the same."""
     one, other = first.columns[name], head.columns[name]
-    if grows(first, name) or grows(head, name):
-        return grows(first, name) and grows(head, name) and one.shape[1:] == other.shape[1:]
+    if name in first.per_item or name in head.per_item:
+        both = name in first.per_item and name in head.per_item
+        return both and one.shape[1:] == other.shape[1:]
     return np.array_equal(one, other, equal_nan=one.dtype.kind == other.dtype.kind == "f")

@@ -15,7 +15,7 @@ from shapefit.errors import input_error
 from shapefit.io.foreign.items import peek_recording
 from shapefit.io.formats import CSV, HDF5, PARQUET, detect_format, load
 from shapefit.io.inputs import is_stream
-from shapefit.io.layout import RESULTS, UNKNOWN_UNIT, Dataset
+from shapefit.io.layout import RESULTS, UNKNOWN_UNIT
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.source import open_landmarks, open_results, open_shapes
@@ -24,7 +24,7 @@ Kind = Literal["landmarks", "shapes", "result", "dictionary"]
 ListedKind = Literal["result", "shapes", "landmarks"]
 AnyRecords = ResultSet | ShapeSet | LandmarkSet
 
-OPTIONAL = tuple(each for each in RESULTS.datasets if not each.required and each.name != "sequence")
+OPTIONAL = frozenset(n for n, c in RESULTS.datasets.items() if not c.required) - {"sequence"}
 """Datasets of results that need not be read."""
 
 
@@ -102,13 +102,13 @@ def read_rows(listing: Listing, of_results: Collection[str], rows: NDArray[np.in
 
     Of the datasets that results may have beside their shapes, only those `of_results` are read.
     """
-    without = [dataset for dataset in OPTIONAL if dataset.name not in of_results]
+    without = OPTIONAL - set(of_results)
     with _open(listing.path, listing.kind, listing.options, without) as source:
         records: AnyRecords = source.take(rows)
         return records
 
 
-def _open(path: Path, kind: ListedKind, options: InputOptions, without: Collection[Dataset]) -> Any:
+def _open(path: Path, kind: ListedKind, options: InputOptions, without: Collection[str]) -> Any:
     """Open a file of a kind as a source; only in our own files must shapes have all landmarks."""
     if kind == "landmarks":
         return open_landmarks([path], options)

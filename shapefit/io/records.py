@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from copy import copy
 from itertools import chain
 from typing import Any, ClassVar, Literal, Self, TypeVar
 
@@ -21,7 +22,6 @@ from shapefit.io.layout import (
     UNKNOWN_UNIT,
     Layout,
     fit_axes,
-    is_per_item,
 )
 from shapefit.io.names import match_landmarks, renamed
 
@@ -32,16 +32,18 @@ Direction = Literal["up", "down"]
 Rows = NDArray[Any] | Sequence[int] | slice
 
 _TYPES = {"number": np.float64, "index": np.int64}
+_FIELDS = ("landmark_names", "items", "sequences", "unit", "frame_rate", "y_axis", "attributes")
 
 
 class Records:
     """n items of one kind with p landmarks: LAYOUT tells which datasets there are, and their axes.
 
-    landmark_names (p,), items (n,) unique, sequences (n,) or None: tuples of texts. columns holds
-    all other datasets by name, those of the layout as `Dataset.memory_axes` has them, others as
-    they stand in the file. What the layout lists is an attribute too, None where it is absent.
-    `of_file` names the columns that have no row for each item. unit is that of lengths; frame_rate
-    in Hz; y_axis where y points, None for shapes; attributes are stored with the file.
+    landmark_names (p,), items (n,) unique, sequences (n,) or None: tuples of texts. All other
+    datasets are columns by name: those in `per_item` have a row for each item (or, where the layout
+    counts them, some rows), those in `whole` belong to the file. Columns of the layout stand as
+    `Column.memory_axes` has them, others as in the file. What the layout lists is an attribute too,
+    None where it is absent. unit is that of lengths; frame_rate in Hz; y_axis where y points, None
+    for shapes; attributes are stored with the file.
     """
 
     LAYOUT: ClassVar[Layout]
@@ -49,8 +51,8 @@ class Records:
     landmark_names: Names
     items: Names
     sequences: Names | None
-    columns: dict[str, NDArray[Any]]
-    of_file: frozenset[str]
+    per_item: dict[str, NDArray[Any]]
+    whole: dict[str, NDArray[Any]]
     unit: str
     frame_rate: float | None
     attributes: Mapping[str, Attribute]
@@ -67,55 +69,58 @@ class Records:
         frame_rate: float | None = None,
         attributes: Mapping[str, Attribute] | None = None,
         columns: Columns | None = None,
-        of_file: Collection[str] = (),
+        whole: Columns | None = None,
         **named: Any,
     ) -> None:
         """Take the points (also by the name of their column) and other columns; None is absent.
 
-        Columns that the layout does not list belong to the file if they are in `of_file`, or by
-        their shape (`is_per_item`). Raises ValueError where axes disagree, and TypeError for a
-        keyword that the layout does not list: a programmer's error.
+        `columns` have a row for each item unless the layout says otherwise (`is_per_item`); `whole`
+        belong to the file. Raises ValueError where axes disagree, and TypeError for a keyword that
+        the layout does not list: a programmer's error.
         """
-        if unknown := named.keys() - self.LAYOUT.all_names:
+        if unknown := named.keys() - self.LAYOUT.all.keys():
             raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}")
         self.landmark_names, self.items = tuple(landmark_names), tuple(items)
         self.sequences = None if sequences is None else tuple(sequences)
         self.unit, self.frame_rate = unit, frame_rate
         self.y_axis = y_axis if self.LAYOUT is SHAPES else y_axis or "down"
         self.attributes = attributes or {}
-        given = {self.LAYOUT.points.name: points, **(columns or {}), **named}
-        self.columns = {
-            name: np.asarray(value, _TYPES.get(known.kind) if known else None)
-            for name, value in given.items()
-            for known in [self.LAYOUT.by_name.get(name)]
-            if value is not None
-        }
-        found = (n for n, v in self.further.items() if not is_per_item(n, v.shape, len(self)))
-        self.of_file = frozenset(of_file).intersection(self.columns).union(found)
+        self.per_item, self.whole = {}, {}
+        for name, value in {self.LAYOUT.points: points, **(columns or {}), **named}.items():
+            if value is not None:
+                array = self._as_array(name, value)
+                per_item = self.LAYOUT.is_per_item(name, array.ndim)
+                (self.per_item if per_item else self.whole)[name] = array
+        self.whole |= {name: self._as_array(name, value) for name, value in (whole or {}).items()}
         self._check_axes()
 
+    def _as_array(self, name: str, value: Any) -> NDArray[Any]:
+        column = self.LAYOUT.datasets.get(name)
+        return np.asarray(value, _TYPES.get(column.kind) if column else None)
+
     def _check_axes(self) -> None:
-        sizes = {"n": len(self.items), "p": len(self.landmark_names)}
-        if self.sequences is not None and len(self.sequences) != len(self.items):
-            counts = f"{len(self.items)} items and {len(self.sequences)} sequences"
-            raise ValueError(f"there are {counts}")
-        for dataset in self.LAYOUT.datasets:
-            value = self.columns.get(dataset.name)
-            if value is None:
-                if dataset.required and dataset.points:
-                    raise TypeError(f"{type(self).__name__} needs {dataset.name}")
-                continue
-            axes = dataset.memory_axes
-            if not fit_axes(axes, value.shape, sizes):
+        n, sizes = len(self), {"n": len(self), "p": len(self.landmark_names)}
+        if self.sequences is not None and len(self.sequences) != n:
+            raise ValueError(f"there are {n} items and {len(self.sequences)} sequences")
+        if self.LAYOUT.points not in self.per_item:
+            raise TypeError(f"{type(self).__name__} needs {self.LAYOUT.points}")
+        columns = self.columns
+        for name, column in self.LAYOUT.datasets.items():
+            value = columns.get(name)
+            axes = column.memory_axes
+            if value is not None and not fit_axes(axes, value.shape, sizes):
                 expected = tuple(sizes.get(str(axis), axis) for axis in axes)
-                found = f"{dataset.name} has the shape {value.shape}"
+                found = f"{name} has the shape {value.shape}"
                 raise ValueError(f"{found}; expected {axes} = {expected}")
+        for name in self.per_item.keys() - self.LAYOUT.datasets.keys():
+            if (shape := self.per_item[name].shape)[:1] != (n,):
+                raise ValueError(f"{name} has the shape {shape}; there are {n} items")
 
     def __getattr__(self, name: str) -> Any:
         """Return a column that the layout lists; None where it is absent."""
-        if name.startswith("_") or name not in type(self).LAYOUT.all_names:
+        if name.startswith("_") or name not in type(self).LAYOUT.all:
             raise AttributeError(f"{type(self).__name__} has no {name}")
-        return self.__dict__["columns"].get(name)
+        return self.columns.get(name)
 
     def __len__(self) -> int:
         return len(self.items)
@@ -123,6 +128,11 @@ class Records:
     def __repr__(self) -> str:
         counts = f"{len(self)} items, {len(self.landmark_names)} landmarks"
         return f"<{type(self).__name__} of {counts}: {', '.join(self.columns)}>"
+
+    @property
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """All columns, per item and of the file."""
+        return {**self.per_item, **self.whole}
 
     @property
     def datasets(self) -> frozenset[str]:
@@ -135,17 +145,10 @@ class Records:
         """The columns that the layout does not list, as they stand in the file."""
         return {n: values for n, values in self.columns.items() if n not in self.LAYOUT.names}
 
-    def per_item(self, name: str) -> NDArray[Any] | None:
-        """Return a column that has a row for each item; None where there is none."""
-        dataset = self.LAYOUT.by_name.get(name)
-        if name in self.of_file or (dataset is not None and not dataset.per_item):
-            return None
-        return self.columns.get(name)
-
     @property
     def points(self) -> Floats:
         """The landmarks (n, 2, p), or the shapes (n, 3, p)."""
-        return self.columns[self.LAYOUT.points.name]
+        return self.per_item[self.LAYOUT.points]
 
     @property
     def lines(self) -> Integers | None:
@@ -153,7 +156,7 @@ class Records:
 
         None where there is no dataset of pairs.
         """
-        edges = self.columns.get(EDGES)
+        edges = self.whole.get(EDGES)
         if edges is None or edges.ndim != 2 or edges.shape[1] != 2 or edges.dtype.kind not in "iu":
             return None
         return edges[((edges >= 0) & (edges < len(self.landmark_names))).all(axis=1)]
@@ -161,60 +164,65 @@ class Records:
     def replaced(self, **changes: Any) -> Self:
         """Return the same with other attributes and columns; None removes a column.
 
-        `further` stands for all columns that the layout does not list.
+        A column that is there stays per item, or of the file. `per_item` and `whole` stand for all
+        columns of either kind, `further` for all that the layout does not list.
         """
-        own = ("landmark_names", "items", "sequences", "unit", "frame_rate", "y_axis", "attributes")
-        fields = {name: changes.pop(name, getattr(self, name)) for name in own}
-        columns = changes.pop("columns", self.columns)
+        fields = {name: changes.pop(name, getattr(self, name)) for name in _FIELDS}
+        per_item = dict(changes.pop("per_item", self.per_item))
+        whole = dict(changes.pop("whole", self.whole))
         if "further" in changes:
-            columns = {name: v for name, v in columns.items() if name in self.LAYOUT.names}
-            columns |= changes.pop("further")
-        of_file = changes.pop("of_file", self.of_file)
-        if unknown := changes.keys() - self.LAYOUT.all_names - columns.keys():
+            stays = self.LAYOUT.names
+            further = dict.fromkeys(self.further) | changes.pop("further")
+            changes = {n: v for n, v in further.items() if n not in stays} | changes
+        elif unknown := changes.keys() - self.LAYOUT.all.keys() - per_item.keys() - whole.keys():
             raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}")
-        return type(self)(**fields, columns={**columns, **changes}, of_file=of_file)
+        for name in changes.keys() & whole.keys():
+            whole[name] = changes.pop(name)
+        whole = {name: value for name, value in whole.items() if value is not None}
+        return type(self)(**fields, columns={**per_item, **changes}, whole=whole)
 
-    def with_columns(self, columns: Columns, of_file: Collection[str] = ()) -> Self:
-        """Return the same with more columns, over those of the same name.
-
-        Those in `of_file` belong to the file, the others have a row for each item, or are known
-        to belong to it by their names and axes.
-        """
-        kept = (self.of_file - columns.keys()) | set(of_file)
-        return self.replaced(columns={**self.columns, **columns}, of_file=kept)
+    def with_columns(self, columns: Columns | None = None, whole: Columns | None = None) -> Self:
+        """Return the same with more columns, placed as by the constructor, over those there are."""
+        new = {**(columns or {}), **(whole or {})}
+        kept = self.without(new)
+        return kept.replaced(
+            per_item={**kept.per_item, **(columns or {})}, whole={**kept.whole, **(whole or {})}
+        )
 
     def without(self, names: Collection[str]) -> Self:
         """Return the same without these columns."""
-        columns = {name: v for name, v in self.columns.items() if name not in names}
-        return self.replaced(columns=columns, of_file=self.of_file)
+        return self.replaced(
+            per_item={name: v for name, v in self.per_item.items() if name not in names},
+            whole={name: v for name, v in self.whole.items() if name not in names},
+        )
 
     def take(self, indices: Rows) -> Self:
         """Return the items at these indices (numbers, a mask or a slice), in their order."""
         rows = np.arange(len(self))[indices]
-        changes = {
-            name: values[rows]
-            for name, values in self.columns.items()
-            if self.per_item(name) is not None
-        }
-        for dataset in self.LAYOUT.datasets:
-            if dataset.counted_by and dataset.name in self.columns:
-                pieces = _pieces(self.columns[dataset.counted_by], rows)
-                changes[dataset.name] = self.columns[dataset.name][pieces]
-        items, sequences = self.items, self.sequences
         places = rows.tolist()
-        return self.replaced(
-            items=tuple(items[row] for row in places),
-            sequences=None if sequences is None else tuple(sequences[row] for row in places),
-            columns={**self.columns, **changes},
-            of_file=self.of_file,
-        )
+        taken = copy(self)
+        taken.items = tuple(self.items[row] for row in places)
+        if self.sequences is not None:
+            taken.sequences = tuple(self.sequences[row] for row in places)
+        counts = {n: c.counted_by for n, c in self.LAYOUT.datasets.items() if c.counted_by}
+        taken.per_item = {
+            name: values[
+                _pieces(self.per_item[counts[name]], rows)
+                if name in counts
+                else indices
+                if isinstance(indices, slice)
+                else rows
+            ]
+            for name, values in self.per_item.items()
+        }
+        return taken
 
     def with_whole_points(self) -> Self:
         """Return the same items; a landmark with one unknown coordinate has none."""
         unknown = np.isnan(self.points).any(axis=1, keepdims=True)
         if not unknown.any():
             return self
-        return self.replaced(**{self.LAYOUT.points.name: np.where(unknown, np.nan, self.points)})
+        return self.replaced(**{self.LAYOUT.points: np.where(unknown, np.nan, self.points)})
 
     def arrange(self, names: Sequence[str], place: str = "landmark_names") -> Self:
         """Return the same items with the landmarks `names`, in that order.
@@ -263,8 +271,8 @@ class ShapeSet(Records):
         changes: dict[str, Any] = {"shapes": self.shapes[..., columns]}
         if self.edges is not None:
             changes["edges"] = position[self.edges]
-        if "mirror_index" in self.of_file:
-            index = _mirror_index(self.columns["mirror_index"], len(names), place)
+        if "mirror_index" in self.whole:
+            index = _mirror_index(self.whole["mirror_index"], len(names), place)
             changes["mirror_index"] = position[index[columns]]
         return self.replaced(landmark_names=names, **changes)
 
@@ -317,10 +325,10 @@ class LandmarkSet(Records):
         if self.confidence is not None:
             changes["confidence"] = arranged(self.confidence, 0)
         for name in LABELS:
-            values = self.per_item(name)
+            values = self.per_item.get(name)
             if values is not None and values.shape == (len(self), len(self.landmark_names)):
                 changes[name] = arranged(values, 0)
-        covariance = self.per_item(LANDMARK_COVARIANCE)
+        covariance = self.per_item.get(LANDMARK_COVARIANCE)
         if covariance is not None and covariance.shape[:2] == self.landmarks.shape[::2]:
             moved = arranged(np.moveaxis(covariance, 1, -1), 0)
             changes[LANDMARK_COVARIANCE] = np.moveaxis(moved, -1, 1)
@@ -350,7 +358,7 @@ class ResultSet(Records):
     kept, tree_splits (l,); tree_vertices (n,), tree_rotations (v, 4), tree_multipliers (v, 2, p).
 
     attributes are stored with the file (method, times, config, digests). What else a fit writes is
-    in `layout.FURTHER_OF_RESULTS`.
+    in `layout.RESULTS.further`.
     """
 
     LAYOUT = RESULTS
@@ -374,23 +382,14 @@ def concatenate(parts: Sequence[Record]) -> Record:
     first = parts[0]
     if len(parts) == 1:
         return first
-    growing = [name for name in first.columns if grows(first, name)]
-    changes = {name: np.concatenate([part.columns[name] for part in parts]) for name in growing}
-    sequences = None
+    joined = copy(first)
+    joined.items = tuple(chain.from_iterable(part.items for part in parts))
     if first.sequences is not None:
-        sequences = tuple(chain.from_iterable(part.sequences or () for part in parts))
-    return first.replaced(
-        items=tuple(chain.from_iterable(part.items for part in parts)),
-        sequences=sequences,
-        columns={**first.columns, **changes},
-        of_file=first.of_file,
-    )
-
-
-def grows(records: Records, name: str) -> bool:
-    """Whether a column gets longer with more items."""
-    dataset = records.LAYOUT.by_name.get(name)
-    return name not in records.of_file if dataset is None else dataset.grows
+        joined.sequences = tuple(chain.from_iterable(part.sequences or () for part in parts))
+    joined.per_item = {
+        name: np.concatenate([part.per_item[name] for part in parts]) for name in first.per_item
+    }
+    return joined
 
 
 def _pieces(counts: Integers, rows: NDArray[np.intp]) -> NDArray[np.intp]:

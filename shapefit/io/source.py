@@ -27,7 +27,7 @@ from shapefit.io.formats import (
 )
 from shapefit.io.inputs import source_name
 from shapefit.io.joined import common_head, conform
-from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, TREES, Dataset, Layout
+from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, TREES, Layout
 from shapefit.io.names import check_items, check_known
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions, Opened, check_effects
 from shapefit.io.records import KINDS, LandmarkSet, Record, ResultSet, ShapeSet, concatenate
@@ -35,7 +35,7 @@ from shapefit.io.records import KINDS, LandmarkSet, Record, ResultSet, ShapeSet,
 if TYPE_CHECKING:
     from shapefit.io.csv_file import Stretch
 
-PROOFS = PROOF + TREES
+PROOFS = frozenset(PROOF | TREES)
 """Datasets of results that stay in the file unless they are asked for."""
 
 CENTRED = 0.1
@@ -103,7 +103,7 @@ def open_shapes(
 
 def open_results(
     paths: Sequence[Path],
-    without: Collection[Dataset] | None = None,
+    without: Collection[str] | None = None,
     *,
     proofs: bool = False,
     check: bool = True,
@@ -450,7 +450,7 @@ def _open_hdf5(
     most_held: int,
     *,
     rows: slice | None = None,
-    without: Collection[Dataset] = (),
+    without: Collection[str] = (),
     check: bool = True,
 ) -> SourceFile[Any]:
     """Open a file of landmarks, shapes or results, or a part of its rows, but for some datasets.
@@ -497,7 +497,7 @@ def _open_hdf5(
         if check and (stop - start) * len(reader.landmark_names) <= most_held:
             records = read(reader, slice(start, stop), check=True)
             return SourceFile.held(str(path), records, place, y_axis=stated)
-        unchecked = [known for known in form.datasets if known.name in ("item", "sequence")]
+        unchecked = ("item", "sequence")
         for each in blocks(reader) if check and form is not RESULTS else ():
             fields = reader.fields(each, without=unchecked)
             names = reader.landmark_names

@@ -62,7 +62,7 @@ def columns_of(record: Records, part: slice = slice(None)) -> Columns:
     of_items: dict[str, Sequence[Any]] = {}
     if record.sequences is not None:
         of_items["sequence"] = record.sequences[part]
-    if isinstance(record, ResultSet) and (trusted := record.per_item(TRUSTED)) is not None:
+    if isinstance(record, ResultSet) and (trusted := record.per_item.get(TRUSTED)) is not None:
         of_items[TRUSTED] = np.asarray(trusted[part], bool).tolist()
     return Columns(numbers, of_items)
 

@@ -50,7 +50,7 @@ def keys_of(parts: Iterable[Records]) -> Keys:
     for part in parts:
         items += part.items
         sequences += part.sequences or ()
-        numbers = part.per_item(FRAME)
+        numbers = part.per_item.get(FRAME)
         if numbers is not None and numbers.ndim == 1 and numbers.dtype.kind in "iu":
             frames += numbers.tolist()
     numbered = len(frames) == len(items)
@@ -109,7 +109,7 @@ def named_items(
     """
     if dataset == BY_ITEM:
         return images.items
-    per_item = {name: images.per_item(name) for name in images.further}
+    per_item = {name: images.per_item.get(name) for name in images.further}
     named = {name: v for name, v in per_item.items() if v is not None and v.ndim == 1}
     if dataset not in named:
         found = f"there is no dataset '{dataset}' with one name per image"

@@ -116,7 +116,7 @@ def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, batch: i
     if config.hidden > 0:
         landmarks = hide(landmarks, config.hidden, stream(config.seed, Purpose.HIDDEN, batch))
     names = free_names(shapes.further, OF_THE_VIEW)
-    further = {names[name]: values for name, values in shapes.further.items()}
+    per_item = {names[name]: v for name, v in shapes.per_item.items() if name in names}
     return LandmarkSet(
         landmarks=landmarks,
         landmark_names=shapes.landmark_names,
@@ -125,8 +125,8 @@ def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, batch: i
         unit=shapes.unit if scale is None else PIXELS,
         y_axis=config.y_axis,
         frame_rate=shapes.frame_rate,
-        columns={**further, TRUE_ROTATION: rotations},
-        of_file=[names[name] for name in shapes.of_file],
+        columns={**per_item, TRUE_ROTATION: rotations},
+        whole={names[name]: v for name, v in shapes.whole.items() if name in names},
     )
 
 

@@ -240,7 +240,7 @@ def check_landmarks(
         given = none if images.confidence is None else images.confidence
         pairs["confidence"] = columns.get("confidence"), given
     carried = carried_by(images).items()
-    pairs |= {n: (columns.get(n), values) for n, values in carried if n not in images.of_file}
+    pairs |= {n: (columns.get(n), values) for n, values in carried if n not in images.whole}
     for name, (own, given) in pairs.items():
         checks.hold(f"{name} is that of the file", equal(own, given, n), of=everyone)
 
@@ -385,7 +385,7 @@ def false_head(
         ),
         "landmark_map": (stated.get("landmark_map", none), A),
     }
-    of_file = {name for name in carried if {name, name.removeprefix("input_")} & {*images.of_file}}
+    of_file = {name for name in carried if {name, name.removeprefix("input_")} & {*images.whole}}
     for name in of_file | {"removed_distortion"}:
         pairs[name] = stated.get(name), carried.get(name)
     return differing(pairs, "the landmarks")

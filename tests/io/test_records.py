@@ -45,14 +45,13 @@ def test_take(request, kind, rows):
     part = record.take(rows)
     kept = np.arange(5)[rows]
     assert len(part) == len(kept)
-    for dataset in filter(lambda each: each.per_item, record.LAYOUT.datasets):
-        own = getattr(record, dataset.attribute)
-        if own is not None:
-            taken = np.asarray(own)[kept]
-            np.testing.assert_array_equal(np.asarray(getattr(part, dataset.attribute)), taken)
-    for name, values in record.further.items():
-        own = values if name in record.of_file else values[kept]
-        np.testing.assert_array_equal(part.columns[name], own)
+    for name in ("items", "sequences"):
+        assert getattr(part, name) == tuple(np.asarray(getattr(record, name))[kept].tolist())
+    for name, values in record.per_item.items():
+        np.testing.assert_array_equal(part.per_item[name], values[kept])
+    assert part.whole.keys() == record.whole.keys()
+    for name, values in record.whole.items():
+        np.testing.assert_array_equal(part.whole[name], values)
     assert part.attributes == record.attributes
 
 
@@ -123,26 +122,24 @@ def test_arrays_of_wrong_shape_are_a_programmers_error(rng):
 
 
 def test_columns_belong_to_the_file_or_to_its_items():
-    columns = {"angle": np.zeros((3, 2)), "camera_matrix": np.eye(3), "colours": np.zeros((4, 3))}
-    shapes = ShapeSet(np.zeros((3, 3, 1)), ("a",), ("x", "y", "z"), columns=columns)
-    assert shapes.of_file == {"camera_matrix", "colours"}
-    assert shapes.per_item("colours") is None
-    assert shapes.per_item("angle").shape == (3, 2)
-    assert shapes.further.keys() == columns.keys()
-    assert shapes.take([0]).of_file == shapes.of_file
-    each = {"camera_matrix": np.zeros((3, 3, 3))}
-    assert shapes.with_columns(each).per_item("camera_matrix") is not None
-    square = ShapeSet(
-        np.zeros((3, 3, 1)), ("a",), ("x", "y", "z"), columns={"q": np.eye(3)}, of_file=["q"]
-    )
-    assert square.take([1]).columns["q"].shape == (3, 3)
+    columns = {"angle": np.zeros((3, 2)), "camera_matrix": np.eye(3)}
+    whole = {"colours": np.zeros((4, 3)), "K": np.eye(3)}
+    shapes = ShapeSet(np.zeros((3, 3, 1)), ("a",), ("x", "y", "z"), columns=columns, whole=whole)
+    assert shapes.whole.keys() == {"camera_matrix", "colours", "K"}
+    assert shapes.per_item.keys() == {"shapes", "angle"}
+    assert shapes.further.keys() == columns.keys() | whole.keys()
+    assert shapes.take([1]).whole["K"].shape == (3, 3)
+    each = shapes.with_columns({"camera_matrix": np.zeros((3, 3, 3))})
+    assert "camera_matrix" in each.per_item.keys() - each.whole.keys()
+    with pytest.raises(ValueError, match="colours"):
+        shapes.with_columns({"colours": np.zeros((4, 3))})
 
 
 def test_columns_are_added_replaced_and_removed():
     shapes = ShapeSet(np.zeros((3, 3, 1)), ("a",), ("x", "y", "z"), columns={"a": np.zeros(3)})
-    more = shapes.with_columns({"a": np.ones(3), "c": np.eye(3)}, of_file=["c"])
+    more = shapes.with_columns({"a": np.ones(3)}, whole={"c": np.eye(3)})
     assert more.columns["a"].tolist() == [1, 1, 1]
-    assert more.of_file == {"c"}
+    assert more.whole.keys() == {"c"}
     assert more.without(["a"]).further.keys() == {"c"}
     assert shapes.replaced(a=None).further == {}
     assert shapes.edges is None
@@ -175,7 +172,7 @@ def test_a_mirror_index_belongs_to_the_file_where_there_are_as_many_shapes_as_la
 )
 def test_what_a_fit_writes_beside_the_layout_has_its_axes(tmp_path, results, name, values, wanted):
     path = tmp_path / "result.h5"
-    save(path, results.replaced(further={name: values}))
+    save(path, results.with_columns(whole={name: values}))
     with pytest.raises(InputError, match=re.escape(wanted)) as caught:
         read_results(path)
     assert name in str(caught.value)

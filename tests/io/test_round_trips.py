@@ -62,8 +62,8 @@ def sizes(draw):
         "unit": draw(names),
         "columns": {
             **draw(st.fixed_dictionaries({}, optional={"turn": numbers((n, 2), anything)})),
-            **draw(st.fixed_dictionaries({}, optional={"matrix": numbers((3, 3), anything)})),
         },
+        "whole": draw(st.fixed_dictionaries({}, optional={"matrix": numbers((3, 3), anything)})),
     }
     return n, p, common
 
@@ -216,7 +216,7 @@ def test_results(folder, same, record, size):
         if suffix == "h5":
             with open_results([path], proofs=True) as source:
                 same(concatenate(list(source.batches(3))), record)
-            same(read_results(path), record.without({dataset.name for dataset in PROOF}))
+            same(read_results(path), record.without(PROOF))
         else:
             said = SAID | {"y_axis"} if suffix == "parquet" else set()
             check_table(same, read_results(path), record, kept | said)

@@ -187,8 +187,7 @@ def landmarks_of(recording: Recording, options: InputOptions) -> tuple[LandmarkS
     whole: dict[str, NDArray[Any]] = {}
     if recording.edges:
         whole[EDGES] = np.array(recording.edges, dtype=np.int64)
-    fields["columns"] = whole | fields["columns"]
-    return LandmarkSet(**fields, y_axis=recording.y_axis, of_file=whole), notes
+    return LandmarkSet(**fields, y_axis=recording.y_axis, whole=whole), notes
 
 
 def shapes_of(recording: Recording, options: InputOptions) -> tuple[ShapeSet, Notes]:
@@ -369,12 +368,11 @@ def _of_landmarks(shapes: ShapeSet, columns: NDArray[np.intp]) -> ShapeSet:
     its forebears that stays.
     """
     place = {int(old): new for new, old in enumerate(columns)}
-    kept = dict(shapes.columns)
-    index = kept.pop(MIRROR, None)
+    index, paired = shapes.whole.get(MIRROR), None
     if index is not None and all(int(index[old]) in place for old in place):
-        kept[MIRROR] = np.array([place[int(index[old])] for old in place])
+        paired = np.array([place[int(index[old])] for old in place])
+    shapes = shapes.replaced(mirror_index=paired) if index is not None else shapes
     return shapes.replaced(
-        columns=kept,
         shapes=shapes.shapes[:, :, columns],
         landmark_names=tuple(shapes.landmark_names[int(j)] for j in columns),
         edges=None if shapes.edges is None else _edges_between(shapes.edges.tolist(), place),

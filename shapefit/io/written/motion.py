@@ -330,9 +330,8 @@ class MotionWriter(RecordWriter[Solid]):
             raise input_error("markers", found, fix)
         self.begun = True
         measured = angle_columns(record, self._options.up) if self._angles else {}
-        columns = {**record.columns, **measured}
-        kept = {name: values for name, values in columns.items() if name in KEPT}
-        self.parts.append(record.replaced(columns=kept))  # type: ignore[arg-type]
+        own = record.with_columns(measured)
+        self.parts.append(own.without(own.columns.keys() - KEPT))  # type: ignore[arg-type]
 
 
 def motion_output(

@@ -65,8 +65,6 @@ OF_JOINTS = ("landmarks", "confidence", "outliers", "corrupted", "shape_covarian
 SOLVED = (Status.OPTIMAL.value, Status.CONVERGED.value)
 """Words of the images that the method finished within its tolerance."""
 
-FIELDS = {dataset.name: dataset.attribute for dataset in RESULTS.datasets}
-
 
 class Truth:
     """True shapes, found by their keys: head, all but the shapes; take(rows) reads some."""
@@ -214,9 +212,8 @@ def find_dataset(file: Path, results: ResultSet, wanted: Dataset) -> NDArray[Any
 
     Raises InputError where the dataset has another shape than the metric expects.
     """
-    if wanted.name in FIELDS:
-        known: NDArray[Any] | None = getattr(results, FIELDS[wanted.name])
-        return known
+    if wanted.name in RESULTS.datasets:
+        return results.columns.get(wanted.name)
     data = results.columns.get(wanted.name)
     if data is None:
         return None
@@ -245,7 +242,7 @@ def with_shapes_of(results: ResultSet, names: Sequence[str]) -> ResultSet:
     own = tuple(map(str, known[INPUT_NAMES]))
     if len(set(own) & set(names)) <= len(set(results.landmark_names) & set(names)):
         return results
-    sd, correlation = results.per_item(INPUT_SD), results.per_item(INPUT_CORRELATION)
+    sd, correlation = results.per_item.get(INPUT_SD), results.per_item.get(INPUT_CORRELATION)
     apart = results.without((*OF_JOINTS, CORRELATION.name, "landmarks_fitted", "dual"))
     shown = apart.replaced(
         shapes=np.swapaxes(known[INPUT_SHAPES], 1, 2),

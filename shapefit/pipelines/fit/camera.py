@@ -280,7 +280,7 @@ def straightened(images: LandmarkSet, calibrated: CalibratedCamera | None) -> La
         return images
     if calibrated is not None:
         stated = datasets_of(calibrated)
-        images = images.with_columns(stated, of_file=stated)
+        images = images.with_columns(whole=stated)
     distortion = images.columns.get(DISTORTION)
     images = images.with_whole_points()
     if distortion is None or CAMERA_MATRIX not in images.columns or not np.any(distortion):
@@ -294,8 +294,8 @@ def straightened(images: LandmarkSet, calibrated: CalibratedCamera | None) -> La
     points = (images.landmarks - centre[..., None]) / focal[..., None]
     coefficients = np.broadcast_to(coefficients, (len(images), coefficients.shape[-1]))
     straight = centre[..., None] + focal[..., None] * undistort(points, coefficients)
-    of_file = {REMOVED} if DISTORTION in images.of_file else set()
-    images = images.without([DISTORTION]).with_columns({REMOVED: distortion}, of_file)
+    kind = "whole" if DISTORTION in images.whole else "columns"
+    images = images.without([DISTORTION]).with_columns(**{kind: {REMOVED: distortion}})
     return images.replaced(landmarks=straight).with_whole_points()
 
 

@@ -296,20 +296,21 @@ def _joined(sets: Sequence[LandmarkSet], datasets: Iterable[str]) -> LandmarkSet
     whole = {
         name
         for name in kept
-        if all(name in each.of_file for each in sets)
+        if all(name in each.whole for each in sets)
         and all(np.array_equal(each.columns[name], first.columns[name]) for each in sets)
     }
 
     def alike(images: LandmarkSet) -> LandmarkSet:
         images = images.arrange(names)
         columns = {name: np.asarray(images.columns[name]) for name in kept}
-        for name in images.of_file & columns.keys() - whole:
+        for name in images.whole.keys() & columns.keys() - whole:
             columns[name] = np.broadcast_to(columns[name], (len(images), *columns[name].shape))
         bare = images.without(images.further.keys()).replaced(
             confidence=images.weights() if scored else None,
             sequences=images.sequences if following else None,
         )
-        return bare.with_columns(columns, of_file=whole)
+        of_file = {name: columns.pop(name) for name in whole}
+        return bare.with_columns(columns, of_file)
 
     return concatenate([alike(images) for images in sets])
 

@@ -13,7 +13,7 @@ from shapefit.arrays import Floats
 from shapefit.dictionary.bodies import has_lengths, knows_size, metres_per_unit
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet, ResultSet
-from shapefit.io.layout import FURTHER_OF_RESULTS, METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
+from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import REASONS, TRUSTED, find_doubts
@@ -22,7 +22,7 @@ from shapefit.pipelines.fit.lift import find_left_out
 if TYPE_CHECKING:
     from shapefit.pipelines.fit.prepare import Setup
 
-OF_A_RESULT = RESULTS.names | {dataset.name for dataset in FURTHER_OF_RESULTS}
+OF_A_RESULT = RESULTS.all.keys()
 """Datasets that a fit can write: what came with the landmarks is never mistaken for one of them."""
 
 
@@ -63,8 +63,7 @@ def as_result(
         y_axis=images.y_axis,
         frame_rate=config.sequences.frame_rate or images.frame_rate,
         attributes=size_attributes(setup.dictionary),
-        columns=further_datasets(images, lifting, setup, inputs, bars.covariance),
-        of_file=carried_of_file(images),
+        **further_datasets(images, lifting, setup, inputs, bars.covariance),
     )
     record = with_trees(record, lifting)
     return with_proof(record, lifting, config.method) if config.proof else record
@@ -120,8 +119,8 @@ def further_datasets(
     setup: Setup,
     inputs: Mapping[str, NDArray[Any]],
     covariance: Floats | None,
-) -> dict[str, NDArray[Any]]:
-    """Join what came with the landmarks with what only some fits have."""
+) -> dict[str, dict[str, NDArray[Any]]]:
+    """Join what came with the landmarks with what only some fits have: `columns` and `whole`."""
     found, dictionary = lifting.estimate, setup.dictionary
     seen = images.seen()[:, None, :]
     own: dict[str, NDArray[Any] | None] = {
@@ -143,15 +142,10 @@ def further_datasets(
         own |= perspective_datasets(lifting.perspective, found.coefficients, dictionary)
     present = {name: values for name, values in own.items() if values is not None}
     names = free_names(images.further, OF_A_RESULT)
-    carried = {names[name]: values for name, values in images.further.items()}
-    lines = {} if dictionary.edges is None else {"edges": dictionary.edges}
-    return {**carried, **present, **inputs, **lines}
-
-
-def carried_of_file(images: LandmarkSet) -> tuple[str, ...]:
-    """Return which datasets that come with the landmarks belong to the file, by their new names."""
-    names = free_names(images.further, OF_A_RESULT)
-    return tuple(names[name] for name in images.of_file)
+    carried = {names[name]: v for name, v in images.per_item.items() if name in names}
+    whole = {names[name]: values for name, values in images.whole.items()}
+    whole |= {} if dictionary.edges is None else {"edges": dictionary.edges}
+    return {"columns": {**carried, **present, **inputs}, "whole": whole}
 
 
 def verdict(images: LandmarkSet, lifting: Lifting, setup: Setup) -> dict[str, NDArray[Any] | None]:

@@ -274,7 +274,7 @@ def find_weights(training: TrainingShapes, name: str | None) -> Floats:
     if name is None:
         return np.ones(len(training))
     place = f"prior.weights: {name}"
-    values = training.original.per_item(name)
+    values = training.original.per_item.get(name)
     if values is None:
         raise input_error(place, "the shapes have no such dataset", "name one with their weights")
     weights = np.asarray(values)

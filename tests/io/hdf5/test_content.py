@@ -52,7 +52,7 @@ def test_three_images_do_not_make_rows_of_the_camera_matrix(landmark_file, tmp_p
     assert len(chunk) == 3
     np.testing.assert_array_equal(chunk.take([1]).columns["camera_matrix"], np.eye(3))
     for other in ("camera_matrix", "palette"):
-        three = chunk.replaced(further={other: np.eye(3)}, of_file=[other])
+        three = chunk.replaced(further={}).with_columns(whole={other: np.eye(3)})
         save(tmp_path / "three.h5", three)
         (again,) = read_landmarks(tmp_path / "three.h5")
         np.testing.assert_array_equal(again.take([1]).columns[other], np.eye(3))

@@ -37,7 +37,7 @@ def values_of(record) -> dict[str, object]:
     named = vars(record)
     if isinstance(record, Records):
         named = {**named, **record.columns}
-        del named["columns"]
+        del named["per_item"], named["whole"]
     else:
         named = {k: v for k, v in named.items() if k != "prior"}
     return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in named.items()}

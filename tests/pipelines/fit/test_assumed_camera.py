@@ -24,8 +24,8 @@ def images(points, unit="px", per_item=None, **whole):
         landmark_names=tuple("abcdefgh"[: points.shape[2]]),
         items=tuple(f"video/{i:03}.png" for i in range(len(points))),
         unit=unit,
-        columns={**whole, **(per_item or {})},
-        of_file=whole,
+        columns=per_item,
+        whole=whole,
     )
 
 

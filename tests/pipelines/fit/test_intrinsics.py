@@ -25,7 +25,8 @@ def images(y_axis="down", **extras):
         landmark_names=tuple("abcde"),
         items=tuple("wxyz"),
         y_axis=y_axis,
-        columns=extras,
+        columns={name: values for name, values in extras.items() if np.shape(values)[:1] == (N,)},
+        whole={name: values for name, values in extras.items() if np.shape(values)[:1] != (N,)},
     )
 
 

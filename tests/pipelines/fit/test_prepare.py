@@ -66,8 +66,7 @@ def frames(bodies, rows=slice(None), focal=2100.0, distance=20.0, noise=2.0, rea
         items=tuple(f"{i:03}" for i in range(len(shapes)))[rows],
         unit="px",
         y_axis="down",
-        columns=whole,
-        of_file=whole,
+        whole=whole,
     )
 
 

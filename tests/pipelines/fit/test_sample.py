@@ -32,8 +32,8 @@ def test_a_dataset_of_the_file_stays_one_where_the_files_agree(rng, focal):
         plain = LandmarkSet(
             rng.random((3, 2, 4)), tuple("abcd"), tuple(f"{name}{n}" for n in "123")
         )
-        return plain.with_columns({"focal": np.array(value)}, of_file={"focal"})
+        return plain.with_columns(whole={"focal": np.array(value)})
 
     joined = _joined([images("p", 900.0), images("q", focal)], ["focal"])
-    assert joined.of_file == ({"focal"} if focal == 900 else set())
+    assert joined.whole.keys() == ({"focal"} if focal == 900 else set())
     assert np.unique(joined.columns["focal"]).tolist() == sorted({900.0, focal})

@@ -80,7 +80,7 @@ def test_bones_are_known_by_most_of_the_names(desk, made_dictionary, names, join
 
 
 def test_numbers_of_frames_that_are_not_one_per_item_are_left_out(desk):
-    for frame in (np.arange(5.0), np.array(3.0), np.full(6, "first", object), np.zeros((6, 2))):
+    for frame in (np.array(3.0), np.full(6, "first", object), np.zeros((6, 2))):
         assert "recordings" not in desk.view(desk.result(extras={"frame": frame})).data
 
 
