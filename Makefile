@@ -73,11 +73,11 @@ mocap-table: $(RUNS)
 	$(SHAPEFIT) fit -c configs/people/fit.yaml
 	$(SHAPEFIT) fit -c configs/mocap/fit-sequences.yaml
 	$(SHAPEFIT) eval -c configs/mocap/eval.yaml $(SET_DATA)
-	$(BIN)/python -m benchmarks.paper published mocap results/mocap/report
+	$(BIN)/python -m experiments published mocap results/mocap/report
 	@echo "The report with tables and plots is in results/mocap/report."
 
 recovery: $(RUNS)
-	$(BIN)/python -m benchmarks.paper recovery results/recovery
+	$(BIN)/python -m experiments recovery results/recovery
 
 PAPER_FITS := convex global refine alternate alternate-nonnegative alternate-plus pmp mean-shape
 
@@ -92,17 +92,17 @@ paper: $(RUNS)
 	$(SHAPEFIT) fit -c configs/people/fit.yaml
 	$(SHAPEFIT) fit -c configs/mocap/fit-sequences.yaml
 	$(SHAPEFIT) eval -c configs/paper/eval.yaml $(SET_DATA) || [ $$? -eq 1 ]
-	$(BIN)/python -m benchmarks.paper published mocap results/paper/mocap
-	$(BIN)/python -m benchmarks.paper recovery results/paper/recovery
-	$(BIN)/python -m benchmarks.paper rotations results/paper
-	$(BIN)/python -m benchmarks.paper sensitivity results/paper $(if $(DATA),--data '$(DATA)')
-	$(BIN)/python -m benchmarks.paper index results/paper
+	$(BIN)/python -m experiments published mocap results/paper/mocap
+	$(BIN)/python -m experiments recovery results/paper/recovery
+	$(BIN)/python -m experiments rotations results/paper
+	$(BIN)/python -m experiments sensitivity results/paper $(if $(DATA),--data '$(DATA)')
+	$(BIN)/python -m experiments index results/paper
 
 people: $(RUNS)
 	$(SHAPEFIT) learn-dict -c configs/people/learn-box.yaml $(SET_DATA)
-	$(BIN)/python building/further_joints.py results/people/box.h5 \
+	$(BIN)/python tools/further_joints.py results/people/box.h5 \
 	    $(or $(DATA),../shared/data/mocap)/bodies31_24fps.h5 results/people/whole.h5 '13_*'
-	$(BIN)/python building/ship_dictionary.py results/people/whole.h5 shapefit/data/people.h5
+	$(BIN)/python tools/ship_dictionary.py results/people/whole.h5 shapefit/data/people.h5
 
 bodies: $(RUNS)
 	$(BIN)/python -m benchmarks.bodies $(if $(DATA),--data '$(DATA)')
@@ -124,8 +124,8 @@ cars: $(RUNS)
 	for method in $(CAR_METHODS); do \
 	    $(SHAPEFIT) fit -c configs/cars/methods/$$method.yaml $(SET_DATA) || [ $$? -eq 1 ] || exit; done
 	$(SHAPEFIT) eval -c configs/cars/eval.yaml $(SET_DATA) || [ $$? -eq 1 ]
-	$(BIN)/python -m benchmarks.paper published cars results/cars/report
-	$(BIN)/python -m benchmarks.paper cars results/cars $(if $(DATA),--data '$(DATA)')
+	$(BIN)/python -m experiments published cars results/cars/report
+	$(BIN)/python -m experiments cars results/cars $(if $(DATA),--data '$(DATA)')
 	@echo "The report, pictures and meshes are in results/cars."
 
 test: $(READY)
@@ -145,7 +145,7 @@ wheel: $(READY)
 
 SOLVER_TESTS := tests/convex tests/lifting tests/dictionary
 # $(call second_install,NAME,DEFINITION): the core with its own setting, in build/NAME.
-second_install = $(BIN)/python building/second_install.py build/$(1) . \
+second_install = $(BIN)/python tools/second_install.py build/$(1) . \
     -C build-dir=build/$(1)/cmake -C install.strip=false -C cmake.define.$(2)
 
 test-levels: $(ALL_READY)
@@ -166,7 +166,7 @@ sanitize: $(ALL_READY)
 
 arm64: $(READY)
 	$(BIN)/cmake -S shapefit/core -B build/arm64 -G Ninja -DCMAKE_MAKE_PROGRAM='$(CURDIR)/$(BIN)/ninja' \
-	    -DCMAKE_TOOLCHAIN_FILE='$(CURDIR)/building/arm64.cmake' \
+	    -DCMAKE_TOOLCHAIN_FILE='$(CURDIR)/tools/arm64.cmake' \
 	    -DPython_EXECUTABLE='$(CURDIR)/$(BIN)/python' \
 	    -Dnanobind_DIR="$$($(BIN)/python -m nanobind --cmake_dir)"
 	$(BIN)/cmake --build build/arm64 --target plain
@@ -180,29 +180,29 @@ lint: $(READY)
 	$(BIN)/ruff check .
 
 types: $(READY)
-	$(BIN)/mypy shapefit cli benchmarks building
+	$(BIN)/mypy shapefit cli benchmarks experiments tools
 
 fuzz: $(READY)
-	$(BIN)/python -m fuzz --past
-	$(BIN)/python -m fuzz --cases 50000
+	$(BIN)/python -m tests.fuzz --past
+	$(BIN)/python -m tests.fuzz --cases 50000
 
 mutants: $(READY)
-	$(BIN)/python building/mutants.py
+	$(BIN)/python tools/mutants.py
 
 faults: $(ALL_READY)
-	$(BIN)/python -m fuzz.faults
-	$(BIN)/python -m fuzz.faults --kill 200
+	$(BIN)/python -m tests.fuzz.faults
+	$(BIN)/python -m tests.fuzz.faults --kill 200
 	SHAPEFIT_KILLS=200 $(BIN)/python -m pytest -q tests/pipelines/parts/test_cluster_kills.py
 
 pictures: demo $(ALL_READY)
-	$(BIN)/python docs/pictures.py
-	$(BIN)/python docs/page_pictures.py
+	$(BIN)/python tools/pictures.py
+	$(BIN)/python tools/page_pictures.py
 
 docs: $(READY)
-	$(BIN)/python docs/generate.py
+	$(BIN)/python tools/generate.py
 
 site: $(SITE_READY)
-	@$(BIN)/python building/site.py
+	@$(BIN)/python tools/site.py
 	@echo "The site is in build/site/html; open index.html there."
 
 bench: $(ALL_READY)

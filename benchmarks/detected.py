@@ -205,8 +205,8 @@ def verdict_tables(folder: Path) -> str:
             doubts = np.array(found.reasons, dtype=str)
             own = np.array([errors.get(item, np.nan) for item in found.items])
             judged = np.array([item in errors for item in found.items])
-            for reasons in np.unique(doubts[judged]):
-                reasons[reasons or "trusted"] += own[judged & (doubts == reasons)].tolist()
+            for reason in np.unique(doubts[judged]):
+                reasons[reason or "trusted"] += own[judged & (doubts == reason)].tolist()
             bad = judged & (doubts != "")
             name = report.parents[1].name
             counts = f"{bad.sum()} of {judged.sum()}"

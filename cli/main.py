@@ -30,7 +30,7 @@ PIPE_CLOSED = 128 + signal.SIGPIPE
 
 
 GONE = {
-    "simulate": "run `python -m benchmarks.paper recovery FOLDER` in a clone (make recovery)",
+    "simulate": "run `python -m experiments recovery FOLDER` in a clone (make recovery)",
     "sweep": "call `shapefit.fit` and `shapefit.evaluate` for each value (docs/experiments.md)",
 }
 """Commands of the release before -> what replaces them; for one release."""

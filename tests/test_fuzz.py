@@ -5,34 +5,36 @@ import sys
 
 import pytest
 
-from fuzz.kinds import KINDS
+from tests.fuzz.kinds import KINDS
 
 QUICK_CASES = 15
 """Cases of each kind in `make test`; `make test-all` has thirty times as many, after these."""
 
 
 def test_spoiled_inputs(project):
-    python(project, "fuzz", "--jobs", "1", "--cases", str(QUICK_CASES * len(KINDS)))
+    python(project, "tests.fuzz", "--jobs", "1", "--cases", str(QUICK_CASES * len(KINDS)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_many_spoiled_inputs(project, kind):
     cases, first = str(30 * QUICK_CASES), str(QUICK_CASES)
-    python(project, "fuzz", "--jobs", "1", "--kinds", kind, "--cases", cases, "--first", first)
+    python(
+        project, "tests.fuzz", "--jobs", "1", "--kinds", kind, "--cases", cases, "--first", first
+    )
 
 
 def test_what_once_failed_stays_mended(project):
-    assert int(python(project, "fuzz", "--past").split()[0]) > 25
+    assert int(python(project, "tests.fuzz", "--past").split()[0]) > 25
 
 
 def test_outputs_are_old_or_new_whichever_call_fails(project):
-    python(project, "fuzz.faults", "--quick", "--commands", "fit to CSV")
+    python(project, "tests.fuzz.faults", "--quick", "--commands", "fit to CSV")
 
 
 @pytest.mark.slow
 def test_outputs_of_all_commands_are_old_or_new_whichever_call_fails(project):
-    python(project, "fuzz.faults", "--quick")
+    python(project, "tests.fuzz.faults", "--quick")
 
 
 def python(project, module, *arguments):

@@ -13,8 +13,8 @@ PROJECT = Path(__file__).resolve().parents[1]
 
 @pytest.fixture(scope="module")
 def script():
-    sys.path.append(str(PROJECT / "building"))
-    spec = importlib.util.spec_from_file_location("mutants", PROJECT / "building/mutants.py")
+    sys.path.append(str(PROJECT / "tools"))
+    spec = importlib.util.spec_from_file_location("mutants", PROJECT / "tools/mutants.py")
     module = importlib.util.module_from_spec(spec)
     sys.modules["mutants"] = module
     spec.loader.exec_module(module)

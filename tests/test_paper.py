@@ -10,9 +10,9 @@ import pytest
 from scipy.stats import kstest
 
 import shapefit
-from benchmarks.paper import pages, recovery, sensitivity
-from benchmarks.paper.__main__ import write_recovery
-from benchmarks.paper.recovery import plant, recover, run_rotation_cell, transform_error
+from experiments import pages, recovery, sensitivity
+from experiments.__main__ import write_points, write_recovery
+from experiments.recovery import plant, recover, run_rotation_cell, transform_error
 from shapefit.convex.solver import Status
 from shapefit.geometry.rotations import rotation_about
 from shapefit.lifting.methods import choose_method
@@ -192,14 +192,14 @@ def test_statistics_are_means_of_those_of_the_sequences(points):
 
 def test_tables_figures_and_files_of_an_experiment(points, tmp_path):
     found, _ = points
-    sensitivity.write_points(tmp_path, found)
+    write_points(tmp_path, found)
     again = sensitivity.read_points(tmp_path)
     assert [replace(p, value=str(p.value)) for p in found] == again
     rows = table((tmp_path / "sweep.md").read_text(encoding="utf-8"))
     assert rows["0.1"][0] == f"{found[0].mean:.3f} / {found[0].median:.3f}"
     assert (tmp_path / "sweep.png").stat().st_size > 5000
     named = [replace(point, value=name) for point, name in zip(found, "ab", strict=True)]
-    sensitivity.write_points(tmp_path, named)
+    write_points(tmp_path, named)
     failed = [replace(point, failed=point.images) for point in found]
     assert table(sensitivity.table_of(failed))["0.1"][1] == "50 %"
 
@@ -227,7 +227,7 @@ def reports(tmp_path, points):
         **dict.fromkeys(pages.SENSITIVITIES, ("0.5",)),
     }.items():  # fmt: skip
         own = [replace(points[0][0], value=v, seconds_per_image=5e-4, mean=0.25) for v in values]
-        sensitivity.write_points(tmp_path / name, own)
+        write_points(tmp_path / name, own)
     return tmp_path
 
 

@@ -35,7 +35,7 @@ def text_of(name: str | Path) -> str:
 
 
 def test_generated_pages_are_in_step():
-    spec = importlib.util.spec_from_file_location("generate", DOCS / "generate.py")
+    spec = importlib.util.spec_from_file_location("generate", DOCS.parent / "tools/generate.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     pages = module.pages()
@@ -102,7 +102,7 @@ def test_commands_of_readme_and_workflows_name_what_exists(readme_commands):
 
 def test_every_place_names_the_same_version_and_the_same_needs():
     newest = re.search(r"^## ([\d.]+) \(([\d-]+)\)", text_of("CHANGELOG.md"), re.MULTILINE)
-    citation, recipe = load("CITATION.cff"), load("building/recipe.yaml")
+    citation, recipe = load("CITATION.cff"), load("tools/recipe.yaml")
     assert newest.groups() == (__version__, str(citation["date-released"]))
     assert citation["version"] == recipe["context"]["version"] == __version__
     package = tomllib.loads(text_of("pyproject.toml"))["project"]
@@ -131,7 +131,7 @@ def test_wheels_for_two_interfaces_serve_all_pythons(system: str):
 @pytest.mark.slow
 def test_no_link_of_the_site_leads_nowhere():
     """The builder is strict: a page, an anchor or a picture that is absent ends it."""
-    site = [sys.executable, str(PROJECT / "building/site.py")]
+    site = [sys.executable, str(PROJECT / "tools/site.py")]
     done = subprocess.run(site, cwd=PROJECT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     html = PROJECT / "build/site/html"

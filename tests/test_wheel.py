@@ -42,7 +42,7 @@ def wheel(project: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def environment(project: Path, wheel: Path) -> dict[str, str]:
     """Variables of an environment with the wheel in it, and nothing else on the path."""
     folder = wheel.with_name("environment")
-    install = str(project / "building/second_install.py")
+    install = str(project / "tools/second_install.py")
     subprocess.run([sys.executable, install, str(folder), str(wheel)], check=True)
     kept = {name: os.environ[name] for name in ("HOME", "LANG") if name in os.environ}
     assert not shutil.which("c++", path=str(folder / "bin"))

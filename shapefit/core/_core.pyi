@@ -1,6 +1,6 @@
 # ruff: noqa: E501
 # fmt: off
-"""Signatures of the extension module, written by building/core_stub.py."""
+"""Signatures of the extension module, written by tools/core_stub.py."""
 
 from typing import Any
 

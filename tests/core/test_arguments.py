@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from building.core_stub import stub
 from shapefit import core
 from shapefit.convex.transforms import Transforms
+from tools.core_stub import stub
 
 N, K = 3, 2
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from building.further_joints import BALL, BEHIND, BELOW, Regression, extend_prior, with_heels
 from shapefit.dictionary.mixture import Mixture
 from shapefit.io.skeletons import FURTHER, PEOPLE
+from tools.further_joints import BALL, BEHIND, BELOW, Regression, extend_prior, with_heels
 
 
 @pytest.fixture

@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from benchmarks.paper.recovery import Shares
-    from benchmarks.paper.sensitivity import Point
+    from experiments.recovery import Shares
+    from experiments.sensitivity import Point
 
 LOGARITHMIC = 10
 """Ratio of the largest to the smallest value from which the axis is logarithmic."""

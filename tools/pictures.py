@@ -1,4 +1,4 @@
-"""Draw the pictures of the README from the results of `make demo`: python docs/pictures.py."""
+"""Draw the pictures of the README from the results of `make demo`: python tools/pictures.py."""
 
 from __future__ import annotations
 

@@ -11,8 +11,8 @@ from ruamel.yaml import YAML
 
 from benchmarks import optimality
 from benchmarks.oracles import oracle_rows
-from benchmarks.paper.recovery import Shares, rotation_sections
-from benchmarks.paper.sensitivity import Point, read_points
+from experiments.recovery import Shares, rotation_sections
+from experiments.sensitivity import Point, read_points
 from shapefit.evaluation.report import markdown_table
 from shapefit.viewer.report_page import add_section
 

@@ -1,4 +1,4 @@
-"""Photograph pages of the results of `make demo` for README and docs: python docs/page_pictures.py.
+"""Photograph pages of `make demo` for README and docs: python tools/page_pictures.py.
 
 Needs chromium and chromedriver, and selenium of the extra `test-all`.
 """

@@ -1,10 +1,10 @@
 """Change the package in small ways, run the tests that reach each change, list what survives.
 
-    python building/mutants.py --count 300 --seed 1 [--only shapefit/geometry] [--seconds 60]
+    python tools/mutants.py --count 300 --seed 1 [--only shapefit/geometry] [--seconds 60]
 
 A mutant is one change of one expression: an operator, a constant, a sign, a term or factor left
 out, an order, a condition turned round. Its tests are the quick ones that run its lines, as
-`building/reach.py` records once (anew where its folder, `build/reach`, is deleted): those of its
+`tools/reach.py` records once (anew where its folder, `build/reach`, is deleted): those of its
 own folder first, the fastest first. A mutant survives when all of them pass, and where no test
 reaches it. Functions are changed in the memory of a process that is forked from one that has read
 all tests; what acts at import is changed in its file and put back, so the checkout must be clean.

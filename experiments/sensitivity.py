@@ -7,7 +7,7 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import astuple, dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from shapefit.arrays import Flags, Floats
 from shapefit.evaluation.report import decimals_of, markdown_table, number
 from shapefit.evaluation.summaries import ALL
 
-PROJECT = Path(__file__).resolve().parents[2]
+PROJECT = Path(__file__).resolve().parents[1]
 CONFIGS, RESULTS = PROJECT / "configs", PROJECT / "results"
 DATA = PROJECT.parent / "shared" / "data"
 GROUPS = {"Subject 13": "13_*", "Subject 14": "14_*"}
@@ -298,27 +298,6 @@ def table_of(points: Sequence[Point]) -> str:
     columns["ms per image"] = {p.value: f"{1000 * p.seconds_per_image:.3g}" for p in points}
     rows = [[str(v), *(column.get(v, "–") for column in columns.values())] for v in values]
     return markdown_table([points[0].key, *columns], rows)
-
-
-def write_points(folder: Path, points: Sequence[Point]) -> None:
-    """Write sweep.csv, sweep.md and sweep.png into the folder."""
-    from benchmarks.paper.figures import draw_points
-
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "sweep.csv").open("w", newline="", encoding="utf-8") as file:
-        rows = csv.writer(file, lineterminator="\n")
-        rows.writerow(entry.name for entry in fields(Point))
-        rows.writerows(map(astuple, points))
-    page = [
-        f"# Error against {points[0].key}",
-        "Each cell is mean / median over the images; of several sequences, the mean of the "
-        "sequences' means and of their medians. Times are those of solving alone, without reading "
-        "and writing, after one run to warm up.",
-        table_of(points),
-        "![Errors and times](sweep.png)",
-    ]
-    (folder / "sweep.md").write_text("\n\n".join(page) + "\n", encoding="utf-8")
-    draw_points(points).savefig(folder / "sweep.png", dpi=150)
 
 
 def read_points(folder: Path) -> list[Point]:

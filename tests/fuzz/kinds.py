@@ -36,7 +36,7 @@ Command = tuple[str, ...]
 Make = Callable[[Random, Path], Command]
 """Spoil the files of a folder, and return the command line that reads them."""
 
-SAMPLE = Path(__file__).resolve().parents[1] / "sample_data" / "people_test.h5"
+SAMPLE = Path(__file__).resolve().parents[2] / "sample_data" / "people_test.h5"
 
 ITEMS = 8
 """Shapes and images in each file: a case should take some milliseconds."""

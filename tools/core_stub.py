@@ -1,6 +1,6 @@
 """Write the signatures of the compiled core, as nanobind.stubgen reads them from the module.
 
-Usage: python building/core_stub.py > shapefit/core/_core.pyi
+Usage: python tools/core_stub.py > shapefit/core/_core.pyi
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from shapefit import core
 HEAD = """\
 # ruff: noqa: E501
 # fmt: off
-\"\"\"Signatures of the extension module, written by building/core_stub.py.\"\"\"
+\"\"\"Signatures of the extension module, written by tools/core_stub.py.\"\"\"
 
 from typing import Any
 

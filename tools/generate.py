@@ -1,6 +1,6 @@
-"""Write the pages that come from the code: config.md from the schema, commands.md from the help.
+"""Write docs/config.md from the schema and docs/commands.md from the help.
 
-`python docs/generate.py` (`make docs`) writes them; a test checks that they are in step.
+`python tools/generate.py` (`make docs`) writes them; a test checks that they are in step.
 """
 
 from __future__ import annotations
@@ -12,13 +12,13 @@ from shapefit.cli.main import commands
 
 from shapefit.config.reference import reference_page
 
-HERE = Path(__file__).resolve().parent
+DOCS = Path(__file__).resolve().parents[1] / "docs"
 WIDTH = 90
 
 
 def pages() -> dict[Path, str]:
     """Return what each generated page has to say."""
-    return {HERE / "config.md": reference_page(), HERE / "commands.md": commands_page()}
+    return {DOCS / "config.md": reference_page(), DOCS / "commands.md": commands_page()}
 
 
 def commands_page() -> str:

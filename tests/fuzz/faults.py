@@ -1,4 +1,4 @@
-"""`python -m fuzz.faults`: every call that writes fails once; outputs are old or new, never half.
+"""Every call that writes fails once; outputs are old or new: `python -m tests.fuzz.faults`.
 
 The process runs with `failing_calls.c` preloaded; each case is forked from it. `--kill` kills
 commands at so many of these moments instead.
@@ -46,7 +46,7 @@ COMMANDS = {
 
 def main() -> int:
     """Preload the shim, then run every case; exit code 1 where one of them fails."""
-    parser = argparse.ArgumentParser(prog="python -m fuzz.faults", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz.faults", description=__doc__)
     parser.add_argument("--commands", nargs="+", default=list(COMMANDS), choices=list(COMMANDS))
     parser.add_argument("--kill", type=int, default=0, help="kill -9 at so many moments instead")
     parser.add_argument("--quick", action="store_true", help="one of the errors for each call")
@@ -55,7 +55,7 @@ def main() -> int:
         with tempfile.TemporaryDirectory() as folder:
             library = build(Path(folder))
             return subprocess.call(
-                [sys.executable, "-m", "fuzz.faults", *sys.argv[1:]],
+                [sys.executable, "-m", "tests.fuzz.faults", *sys.argv[1:]],
                 env=os.environ | {"LD_PRELOAD": str(library)},
             )
     return run(arguments.commands, arguments.kill, quick=arguments.quick)

@@ -1,4 +1,4 @@
-"""`python -m fuzz`: many cases, shared by processes; exit code 1 where one of them fails."""
+"""`python -m tests.fuzz`: many cases, shared by processes; exit code 1 where one of them fails."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BLOCK = 250
 
 def main() -> int:
     """Run the cases of consecutive seeds, kind by kind, and print what is wrong."""
-    parser = argparse.ArgumentParser(prog="python -m fuzz", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("--cases", type=int, default=50_000)
     parser.add_argument("--first", type=int, default=0, help="the first seed")
     parser.add_argument("--past", action="store_true", help="what once failed, and nothing else")

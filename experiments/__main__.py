@@ -1,22 +1,23 @@
 """The paper's experiments: each is a command, and `make paper` runs all of them.
 
-`python -m benchmarks.paper recovery FOLDER`       exact recovery of planted transforms
-`python -m benchmarks.paper rotations FOLDER`      recovery of one planted rotation, by each method
-`python -m benchmarks.paper sensitivity FOLDER`    timing, and errors against lambda, noise, ...
-`python -m benchmarks.paper cars FOLDER`           cars with wrong landmarks, by each search
-`python -m benchmarks.paper published NAME FOLDER` the paper's numbers in a report of `eval`
-`python -m benchmarks.paper index FOLDER`          every table and figure beside the paper's
+`python -m experiments recovery FOLDER`       exact recovery of planted transforms
+`python -m experiments rotations FOLDER`      recovery of one planted rotation, by each method
+`python -m experiments sensitivity FOLDER`    timing, and errors against lambda, noise, ...
+`python -m experiments cars FOLDER`           cars with wrong landmarks, by each search
+`python -m experiments published NAME FOLDER` the paper's numbers in a report of `eval`
+`python -m experiments index FOLDER`          every table and figure beside the paper's
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from dataclasses import astuple, fields
 from pathlib import Path
 
-from benchmarks.paper import pages, recovery, sensitivity
-from benchmarks.paper.sensitivity import DATA, Experiment
+from experiments import pages, recovery, sensitivity
+from experiments.sensitivity import DATA, Experiment, Point
 
 
 def write_recovery(
@@ -26,7 +27,7 @@ def write_recovery(
     trials: int = recovery.TRIALS,
 ) -> str:
     """Write recovery.csv (p,z,trials,success), recovery.md and recovery.png; return the page."""
-    from benchmarks.paper.figures import draw_shares
+    from experiments.figures import draw_shares
 
     shares = recovery.shares_of_transforms(tuple(landmarks), tuple(active), trials)
     paper = pages.quoted_shares()
@@ -44,12 +45,33 @@ def write_recovery(
     return page
 
 
+def write_points(folder: Path, points: Sequence[Point]) -> None:
+    """Write sweep.csv, sweep.md and sweep.png into the folder."""
+    from experiments.figures import draw_points
+
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / "sweep.csv").open("w", newline="", encoding="utf-8") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        rows.writerow(entry.name for entry in fields(Point))
+        rows.writerows(map(astuple, points))
+    page = [
+        f"# Error against {points[0].key}",
+        "Each cell is mean / median over the images; of several sequences, the mean of the "
+        "sequences' means and of their medians. Times are those of solving alone, without reading "
+        "and writing, after one run to warm up.",
+        sensitivity.table_of(points),
+        "![Errors and times](sweep.png)",
+    ]
+    (folder / "sweep.md").write_text("\n\n".join(page) + "\n", encoding="utf-8")
+    draw_points(points).savefig(folder / "sweep.png", dpi=150)
+
+
 def write_experiments(folder: Path, experiments: Iterable[Experiment], only: list[str]) -> None:
     """Run experiments, those whose names hold one of `only`; write and print their tables."""
     for experiment in experiments:
         if not only or any(part in experiment.name for part in only):
             points = sensitivity.measure(experiment)
-            sensitivity.write_points(folder / experiment.name, points)
+            write_points(folder / experiment.name, points)
             print(f"# {experiment.name}\n\n{sensitivity.table_of(points)}\n", flush=True)
 
 

@@ -1,6 +1,6 @@
 """Build the site: gather the pages, add the functions and a live result, build, check the links.
 
-`python building/site.py` (`make site`) writes build/site/html, with the settings of mkdocs.yml. The
+`python tools/site.py` (`make site`) writes build/site/html, with the settings of mkdocs.yml. The
 pages keep their places, so that a link leads to the same page here and there.
 """
 

@@ -1,7 +1,7 @@
 """Install shapefit a second time, in an environment of its own that borrows all other packages.
 
-Usage: python building/second_install.py FOLDER PIP_ARGUMENTS..., for example
-    python building/second_install.py build/plain . -C cmake.define.SHAPEFIT_LEVELS=plain
+Usage: python tools/second_install.py FOLDER PIP_ARGUMENTS..., for example
+    python tools/second_install.py build/plain . -C cmake.define.SHAPEFIT_LEVELS=plain
 
 Nothing is downloaded: the packages are those of the Python that runs this. Its own shapefit stays
 out of sight, for a folder named in a .pth file comes after what is installed, and the hooks of
@@ -17,7 +17,7 @@ import sysconfig
 import venv
 from pathlib import Path
 
-CHECKOUT = ("benchmarks", "building")
+CHECKOUT = ("benchmarks", "tools")
 
 
 def main() -> None:

@@ -40,7 +40,7 @@ def record() -> None:
         "-n",
         "2",
     ]
-    environment = {**os.environ, "PYTHONPATH": str(PROJECT / "building")}
+    environment = {**os.environ, "PYTHONPATH": str(PROJECT / "tools")}
     subprocess.run(command, cwd=PROJECT, env=environment, check=False)
 
 

@@ -6,7 +6,7 @@ for the joints x of the dictionary, whose prior stays as it is to the last bit, 
 y, which follow from them by a regression in each component. Atoms and mean shape get theirs by one
 regression for all: y = W x.
 
-Usage: python building/further_joints.py DICTIONARY.h5 SHAPES.h5 RESULT.h5 [SEQUENCES ...]
+Usage: python tools/further_joints.py DICTIONARY.h5 SHAPES.h5 RESULT.h5 [SEQUENCES ...]
 
 SHAPES.h5 has all points of Acclaim skeletons. Sequences that one of the globs fits are left out.
 """

@@ -1,1 +1,0 @@
-"""The paper's experiments, by the functions of `import shapefit`: `python -m benchmarks.paper`."""
