@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def write_hdf5(
+def write_shapes(
     path: Path,
     attributes: Mapping[str, str | int | float],
     texts: Mapping[str, Sequence[str]],
     arrays: Mapping[str, NDArray[np.generic]],
 ) -> None:
-    """Write root attributes, texts and arrays; numbers as float32 or int32, compressed."""
+    """Write shapes in metres, y up: attributes, texts, and arrays as float32 or int32."""
+    own = {"format": "shapefit-shapes", "version": 1, "unit": "m", "up_axis": "y"}
     with h5py.File(path, "w") as file:
-        for name, value in attributes.items():
-            file.attrs[name] = value
+        file.attrs.update({**own, **attributes})
         for name, values in texts.items():
             encoded = [value.encode() for value in values]
             kind = h5py.string_dtype("utf-8", length=max(map(len, encoded)))
@@ -27,17 +27,6 @@ def write_hdf5(
         for name, array in arrays.items():
             whole = np.issubdtype(array.dtype, np.integer)
             _compressed(file, name, array.astype(np.int32 if whole else np.float32))
-
-
-def write_shapes(
-    path: Path,
-    attributes: Mapping[str, str | int | float],
-    texts: Mapping[str, Sequence[str]],
-    arrays: Mapping[str, NDArray[np.generic]],
-) -> None:
-    """Write shapes in metres, y up, with further root attributes, as `write_hdf5` does."""
-    own = {"format": "shapefit-shapes", "version": 1, "unit": "m", "up_axis": "y"}
-    write_hdf5(path, {**own, **attributes}, texts, arrays)
 
 
 def write_csv(
