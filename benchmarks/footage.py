@@ -43,7 +43,7 @@ from shapefit.io.atomic import atomic_path
 from shapefit.io.options import AS_KNOWN
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.io.skeletons import PARTS, PEOPLE, SKELETONS, THETA, part_names
-from shapefit.io.written.motion import find_floors
+from shapefit.io.writers.motion import find_floors
 from shapefit.pipelines.evaluate.judge import Truth, judge
 from shapefit.pipelines.items import Keys
 

@@ -9,7 +9,7 @@ from shapefit.cli.main import run
 
 from shapefit.evaluation.metrics import similarity
 from shapefit.io import read_results, read_shapes
-from shapefit.io.written.bones import JOINTS
+from shapefit.io.writers.bones import JOINTS
 
 
 @pytest.fixture(scope="module")

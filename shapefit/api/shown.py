@@ -19,8 +19,8 @@ from shapefit.api.words import speaks_python, warn
 from shapefit.errors import counted, input_error
 from shapefit.io.options import OutputOptions
 from shapefit.io.skeletons import edges_of
-from shapefit.io.written.motion import find_motions
-from shapefit.io.written.tables import METRES, metres_columns
+from shapefit.io.writers.motion import find_motions
+from shapefit.io.writers.tables import METRES, metres_columns
 
 if TYPE_CHECKING:
     from shapefit.api.records import Fit

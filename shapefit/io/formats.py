@@ -512,11 +512,11 @@ class RecordWriter(Generic[Record]):
 
 
 def _metres(title: str, writer: str, *suffixes: str, angles: bool = False) -> FileFormat:
-    """Return the row of files in metres; the writer is named below `shapefit.io.written`."""
+    """Return the row of files in metres; the writer is named below `shapefit.io.writers`."""
     return FileFormat(
         title=title,
         suffixes=suffixes,
-        writer=f".written.{writer}",
+        writer=f".writers.{writer}",
         writes=("shapes", "result"),
         in_metres=True,
         angles=angles,

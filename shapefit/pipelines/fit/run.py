@@ -225,7 +225,7 @@ def warn_of_rate(
     known = config.sequences.frame_rate or source.head.frame_rate
     if known or not METHODS[config.method].sequences:
         return of_writer
-    from shapefit.io.written.motion import NO_RATE
+    from shapefit.io.writers.motion import NO_RATE
 
     and_times = ", and times are numbers of frames" if NO_RATE in of_writer else ""
     return (

@@ -25,7 +25,7 @@ from shapefit.io.listing import Listing
 from shapefit.io.options import AS_KNOWN
 from shapefit.io.records import concatenate
 from shapefit.io.skeletons import edges_of
-from shapefit.io.written.motion import find_floors, video_of
+from shapefit.io.writers.motion import find_floors, video_of
 from shapefit.pipelines.view.images import MEGABYTES, embed_images
 from shapefit.pipelines.view.layers import Dictionaries, first_known, has_camera, make_layers
 from shapefit.pipelines.view.reading import (

@@ -11,7 +11,7 @@ from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP, Up, nearest_axis_up
 from shapefit.geometry.joint_angles import known_angles, measure_angles
 from shapefit.io.records import Names, ResultSet, ShapeSet
 from shapefit.io.skeletons import joint_columns
-from shapefit.io.written.metres import EXTRINSIC_ROTATION
+from shapefit.io.writers.metres import EXTRINSIC_ROTATION
 from shapefit.lifting.estimate import CORRELATION
 
 COVARIANCE = "shape_covariance"

@@ -13,11 +13,11 @@ from shapefit.geometry.pinhole import ASSUMED_FOCAL
 from shapefit.io.layout import INPUT_NAMES, INPUT_SD, INPUT_SHAPES
 from shapefit.io.options import AS_KNOWN
 from shapefit.io.records import ResultSet, concatenate
-from shapefit.io.written.motion import find_floors
+from shapefit.io.writers.motion import find_floors
 from tests.geometry import test_floor as planted
 from tests.io.files import load_shapes, save
-from tests.io.written.conftest import seen
-from tests.io.written.test_trc import parse
+from tests.io.writers.conftest import seen
+from tests.io.writers.test_trc import parse
 
 SOLE = ABOVE_FLOOR["ankle"] * planted.TALL
 ANKLES = [planted.JOINTS["lankle"], planted.JOINTS["rankle"]]

@@ -6,7 +6,7 @@ import pytest
 from shapefit.errors import InputError
 from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT
 from shapefit.io.options import OutputOptions
-from shapefit.io.written.metres import ANKLE_TO_SHOULDER, find_stature, in_metres
+from shapefit.io.writers.metres import ANKLE_TO_SHOULDER, find_stature, in_metres
 
 NOTHING = OutputOptions()
 STATURE = 1.34 / ANKLE_TO_SHOULDER

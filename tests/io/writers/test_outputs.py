@@ -10,8 +10,8 @@ from shapefit.errors import InputError
 from shapefit.io.formats import record_writer
 from shapefit.io.layout import RESULTS
 from shapefit.io.options import OutputOptions
-from shapefit.io.written import markers
-from shapefit.io.written.motion import MOST_GAPS, by_individual, find_motions, motion_output
+from shapefit.io.writers import markers
+from shapefit.io.writers.motion import MOST_GAPS, by_individual, find_motions, motion_output
 from tests.io.files import save
 
 

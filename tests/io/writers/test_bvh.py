@@ -8,7 +8,7 @@ import pytest
 from shapefit.geometry.rotations import random_rotations, rotation_about_axes
 from shapefit.io import read_shapes
 from shapefit.io.skeletons import PEOPLE, edges_of
-from shapefit.io.written.bones import find_angles
+from shapefit.io.writers.bones import find_angles
 from tests.io.files import save
 
 MILLIMETRE = 1e-3

@@ -16,8 +16,8 @@ from shapefit.arrays import Floats
 from shapefit.errors import input_error, printable
 from shapefit.io.layout import Layout
 from shapefit.io.options import OutputOptions
-from shapefit.io.written.motion import Motion, MotionWriter, by_individual, motion_output
-from shapefit.io.written.tables import write_angles
+from shapefit.io.writers.motion import Motion, MotionWriter, by_individual, motion_output
+from shapefit.io.writers.tables import write_angles
 
 BLOCK = 4096
 """Frames that are made text at a time."""

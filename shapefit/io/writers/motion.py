@@ -39,8 +39,8 @@ from shapefit.io.skeletons import (
     model_names,
     people_joints,
 )
-from shapefit.io.written.angles import ANGLE_SD, ANGLES, angle_columns, angle_names
-from shapefit.io.written.metres import (
+from shapefit.io.writers.angles import ANGLE_SD, ANGLES, angle_columns, angle_names
+from shapefit.io.writers.metres import (
     CAMERA_TRANSLATION,
     EXTRINSIC_ROTATION,
     EXTRINSIC_TRANSLATION,

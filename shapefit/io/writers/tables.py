@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from shapefit.errors import input_error, printable
-from shapefit.io.written.motion import Motion, by_individual, motion_output
+from shapefit.io.writers.motion import Motion, by_individual, motion_output
 
 METRES = ("frame", "time", "landmark", "x", "y", "z", "sd", "trusted")
 """Columns; sd is that of the distance to the point, sqrt(sd_x^2 + sd_y^2 + sd_z^2)."""

@@ -5,8 +5,8 @@ import sys
 import numpy as np
 import pytest
 
-from shapefit.io.written.markers import MOST_FRAMES, write_c3d
-from shapefit.io.written.motion import Motion
+from shapefit.io.writers.markers import MOST_FRAMES, write_c3d
+from shapefit.io.writers.motion import Motion
 from tests.io.files import save
 
 ezc3d = pytest.importorskip("ezc3d")

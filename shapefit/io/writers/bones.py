@@ -15,7 +15,7 @@ from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.geometry.joint_rotations import Rig, find_places, find_rig, in_pose
 from shapefit.io.skeletons import part_names
-from shapefit.io.written.motion import Motion, by_individual, motion_output
+from shapefit.io.writers.motion import Motion, by_individual, motion_output
 
 MILLIMETRES = 1000.0
 
