@@ -192,7 +192,7 @@ mutants: $(READY)
 faults: $(ALL_READY)
 	$(BIN)/python -m tests.fuzz.faults
 	$(BIN)/python -m tests.fuzz.faults --kill 200
-	SHAPEFIT_KILLS=200 $(BIN)/python -m pytest -q tests/pipelines/parts/test_cluster_kills.py
+	SHAPEFIT_KILLS=200 $(BIN)/python -m pytest -q tests/pipelines/partition/test_cluster_kills.py
 
 pictures: demo $(ALL_READY)
 	$(BIN)/python tools/pictures.py

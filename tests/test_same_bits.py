@@ -10,7 +10,7 @@ import shapefit
 from shapefit.config import FitConfig
 from shapefit.io import open_landmarks
 from shapefit.pipelines.fit.run import run as fit
-from shapefit.pipelines.parts.run import run as fit_parts
+from shapefit.pipelines.partition.run import run as fit_parts
 from tests.io.files import save
 
 METHODS = {
@@ -37,14 +37,13 @@ WAYS = {
     "CSV": {"landmarks": "views.csv"},
     "Parquet": {"landmarks": "views.parquet"},
     "two files": {"landmarks": ["a.h5", "b.h5"]},
-    "parts": {"output": "parts/", "partition": 64},
-    "workers": {"output": "workers/", "partition": 64, "workers": 2},
-    "store": {},
+    "parts": {"output": "parts/", "partition": 64, "replace": True},
+    "workers": {"output": "workers/", "partition": 64, "workers": 2, "replace": True},
     "Python": {},
 }
 """Way -> the keys of `fit` that differ."""
 
-SLOW_WAYS = {"workers": ("convex", "sequences"), "store": ("convex", "posterior")}
+SLOW_WAYS = {"workers": ("convex", "sequences")}
 """Those that take seconds to start are gone with these methods only."""
 
 
@@ -121,30 +120,11 @@ def expected(world, folder):
 
 @pytest.mark.parametrize(
     ("case", "way"),
-    [
-        pytest.param(case, way, marks=[pytest.mark.slow] if way == "store" else [])
-        for case in METHODS
-        for way in WAYS
-        if case in SLOW_WAYS.get(way, METHODS)
-    ],
+    [(case, way) for case in METHODS for way in WAYS if case in SLOW_WAYS.get(way, METHODS)],
 )
-def test_every_way_has_the_same_bits(world, folder, expected, request, case, way):
+def test_every_way_has_the_same_bits(world, folder, expected, case, way):
     plain = expected(case)
-    if way == "store":
-        bucket = request.getfixturevalue("bucket")
-        bucket.files.put_file(folder / "views.h5", f"{bucket.name}/views.h5")
-        arguments = {
-            "landmarks": (f"{bucket.url}/views.h5",),
-            "dictionary": str(world.dictionary(METHODS[case][0])),
-            "output": f"{bucket.url}/parts/",
-        }
-        list(fit_parts(FitConfig(**{**keys_of(case), **arguments, "partition": 64})))
-        (folder / "store").mkdir(exist_ok=True)
-        for number, name in enumerate(sorted(bucket.files.glob(f"{bucket.name}/parts/*.h5"))):
-            bucket.files.get_file(name, str(folder / f"store/{number}.h5"))
-        found = datasets(sorted((folder / "store").glob("*.h5")))
-        compared = plain.keys()
-    elif way == "Python":
+    if way == "Python":
         images = shapefit.read_landmarks(folder / "views.h5")
         fitted = shapefit.fit(images, world.dictionary(METHODS[case][0]), **keys_of(case))
         found = {"shapes": fitted.shapes, "status": np.array(fitted.status, dtype=object)}

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import glob
 import json
 import os
+import stat
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePath
@@ -13,13 +15,16 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, InstanceOf, PlainSerializer, PlainValidator
 
 from shapefit.errors import path_text
-from shapefit.stores import UrlPath, find_state, is_url, location, matching, read_bytes
+from shapefit.stores import UrlPath, find_state, is_url, location, matching
 
 STANDARD_STREAM = Path("-")
 DATA = "{data}"
 
-MANIFEST, OLD_MANIFEST = "manifest.jsonl", "manifest.json"
-"""In a folder of results, the list of them, and that of earlier versions."""
+MANIFEST = "manifest.jsonl"
+"""In a folder of results, the list of them."""
+
+MOST_MANIFEST = 1 << 30
+"""Bytes of a manifest: some 500 for a part."""
 
 DONE, FAILED = "done", "failed"
 """Status of a part in the manifest."""
@@ -162,41 +167,51 @@ def result_parts(folder: Path) -> tuple[Path, ...]:
     """
     _, *parts = manifest_lines(folder) or [{}]
     names = {part["file"] for part in parts if part["status"] == DONE}
+    for name in names:
+        if (folder / name).exists() and not (folder / name).is_file():
+            raise ValueError(f"{folder / name} is not a regular file; fit again")
     return tuple(folder / name for name in sorted(names, key=lambda name: (len(name), name)))
 
 
 def manifest_lines(folder: Path) -> list[dict[str, Any]] | None:
     """Return the lines of the manifest of a folder: the run, then a part each, the last one counts.
 
-    A line that was not written to its end is none. The manifests of earlier versions are read, too.
-    None where there is no manifest. Raises ValueError where a file of that name is something else.
+    A line that was not written to its end is none. None where there is no manifest. Raises
+    ValueError where a file of that name is something else.
     """
-    for name in (MANIFEST, OLD_MANIFEST):
-        try:
-            text = read_bytes(folder / name)
-            break
-        except (FileNotFoundError, NotADirectoryError, IsADirectoryError):
-            continue
-        except OSError as error:
-            raise ValueError(f"{folder / name} cannot be read ({error.strerror})") from None
-    else:
-        return None
+    name = MANIFEST
     try:
-        if name == MANIFEST:
-            run, *parts = map(json.loads, text[: text.rindex(b"\n")].split(b"\n"))
-        else:
-            run = json.loads(text)
-            parts = [{"status": DONE, "digest": None, **part} for part in run.pop("parts")]
+        text = read_regular(folder / name, MOST_MANIFEST)
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except OSError as error:
+        raise ValueError(f"{folder / name} cannot be read ({error.strerror})") from None
+    try:
+        run, *parts = map(json.loads, text[: text.rindex(b"\n")].split(b"\n"))
         if strange := [
             part["file"] for part in parts if PurePath(part["file"]).name != part["file"]
         ]:
             raise ValueError(f"{strange[0]} is not in the folder")
-        {run["config"], run["dictionary"], *(part["status"] for part in parts)}
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        {run["config"], run["dictionary"], *run["estimated"]}
+        for part in parts:
+            part["inputs"], part["sizes"], part["changed"], part["rows"]
+            {part["status"], part["status"] == DONE and (part["images"] + 0, part["digest"])}
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(
             f"{folder / name} is not a manifest of results ({error}); fit again"
         ) from None
     return [run, *parts]
+
+
+def read_regular(path: Path, most: int) -> bytes:
+    """Return the bytes of a regular file; raises OSError for others, as pipes, and larger ones."""
+    with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
+        state = os.fstat(file.fileno())
+        if not stat.S_ISREG(state.st_mode):
+            raise OSError(errno.EINVAL, "not a regular file")
+        if state.st_size > most:
+            raise OSError(errno.EFBIG, f"larger than {most >> 20} MiB")
+        return file.read(most)
 
 
 def expand_one(value: Any) -> Path:
@@ -293,7 +308,10 @@ def find_dictionary(value: Any) -> Path:
     name = value.given if isinstance(value, Anchored) else str(value)
     is_name = name.isidentifier() and path != STANDARD_STREAM
     if not is_name or (path.exists() and not path.is_dir()):
-        return expand_one(value)
+        file = expand_one(value)
+        if file.exists() and not file.is_file():
+            raise ValueError(f"{file} is not a regular file; name a dictionary")
+        return file
     known = find_dictionaries()
     if name not in known:
         there = ", ".join(known)

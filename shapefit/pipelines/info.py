@@ -31,7 +31,7 @@ from shapefit.io.skeletons import SKELETONS
 from shapefit.io.source import open_results
 from shapefit.pipelines.joints import is_of_people
 from shapefit.pipelines.outcome import Failure, Outcome, unread
-from shapefit.pipelines.parts.manifest import Manifest, find_folders, result_digest, sum_up
+from shapefit.pipelines.partition.manifest import Manifest, find_folders, result_digest, sum_up
 
 BATCH = 16384
 """Items that are looked at, the first of a file."""

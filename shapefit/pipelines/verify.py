@@ -441,7 +441,7 @@ def find_parts(request: Request) -> tuple[list[Part], tuple[Failure, ...], int]:
     result = request.result
     if result.is_file() or not (isinstance(result, UrlPath) or result.is_dir()):
         return [Part(result, request.landmarks)], (), 0
-    from shapefit.pipelines.parts.manifest import read_manifest, result_digest
+    from shapefit.pipelines.partition.manifest import read_manifest, result_digest
 
     manifest = read_manifest(result)
     if manifest is None:

@@ -92,7 +92,7 @@ def test_each_command_calls_its_pipeline_with_its_config(shapefit, fake_pipeline
     for line, pipeline, command in (
         ("learn-dict shapes.h5 -o d.h5", "learn_dict.run", "learn-dict"),
         ("fit views.h5 -d dict.h5 -o -", "fit.run", "fit"),
-        ("fit views.h5 -d dict.h5 -o parts/", "parts.run", "fit"),
+        ("fit views.h5 -d dict.h5 -o parts/", "partition.run", "fit"),
         ("fit views.h5 -d dict.h5 -o manifest.jsonl", "fit.run", "fit"),
         ("project shapes.h5 -o v.h5", "projection", "project"),
         (EVAL, "evaluate.run", "eval"),

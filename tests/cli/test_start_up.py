@@ -20,7 +20,7 @@ OF_OTHER_FITS = """
     shapefit.config.commands.project shapefit.evaluation shapefit.lifting.perspective.view
     shapefit.lifting.outliers.ransac shapefit.lifting.sequences shapefit.lifting.posterior.method
     shapefit.meshes shapefit.pipelines.export.meshes shapefit.pipelines.export.pictures
-    shapefit.pipelines.parts.executors shapefit.pipelines.fit.sequences tqdm trimesh
+    shapefit.pipelines.partition.executors shapefit.pipelines.fit.sequences tqdm trimesh
 """
 NEEDED = "numpy h5py pydantic shapefit.config.commands.fit shapefit.io.csv_file"
 

@@ -8,7 +8,7 @@ import pytest
 from shapefit.config import load_config
 from shapefit.io.inputs import in_words
 from shapefit.pipelines.info import run
-from shapefit.pipelines.parts.run import run as fit
+from shapefit.pipelines.partition.run import run as fit
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 

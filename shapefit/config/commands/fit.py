@@ -122,7 +122,7 @@ class FitConfig(CommandConfig):
     """Height of the body or object in metres, for outputs in metres (TRC, C3D, BVH, GLB); by
     default it is as large as the training shapes of the dictionary."""
     partition: int = Field(default=100_000, ge=1)
-    """With a folder as output, images per part: of a large HDF5 or CSV file, rounded up to a
+    """With a folder as output, images per part: of a large HDF5 file, rounded up to a
     multiple of 64, or to whole sequences where those are lifted."""
     scheduler: str | None = Field(default=None, min_length=1)
     """Address of a running Dask scheduler that the parts are sent to."""
@@ -131,7 +131,9 @@ class FitConfig(CommandConfig):
     workers: int | None = Field(default=None, ge=1, le=MOST_THREADS)
     """Without a scheduler, processes of this machine that do the parts."""
     dry_run: bool = False
-    """Only list the parts that would be done."""
+    """Only list the parts that would be done, done again or removed."""
+    replace: bool = False
+    """Replace results of other inputs or another config in the folder; without, it is refused."""
     method: MethodName = Field(default="convex", description=f"How to lift: {summarise()}.")
     loss: Annotated[Literal["squared", "exact"], BeforeValidator(_no_robust_loss)] = "squared"
     """The data term: half the squared residual; or exact, no residual at all, where lambda is

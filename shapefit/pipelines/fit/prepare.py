@@ -8,9 +8,11 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic import BaseModel
 
 from shapefit.arrays import Floats
 from shapefit.config import FitConfig
@@ -50,7 +52,7 @@ from shapefit.pipelines.joints import (
 
 if TYPE_CHECKING:
     from shapefit.io.foreign.calibration import CalibratedCamera
-    from shapefit.pipelines.parts.plan import Part
+    from shapefit.pipelines.partition.plan import Part
 
 FIRST = 1024
 """Images that are looked at: the same whatever the chunks and parts."""
@@ -60,6 +62,9 @@ IMAGES, FEWEST_SEEN = 20, 8
 
 OF_CAMERAS = (CAMERA_MATRIX, DISTORTION, IMAGE_SIZE)
 """Datasets of landmarks that say how the camera saw them."""
+
+NOT_READ = ("output", "scheduler_file")
+"""Keys of one file that results do not depend on."""
 
 STEPS = (-0.2, -0.1, 0.0, 0.1, 0.2)
 """Of the logarithm of a parameter, tried about its mean, and half of them about the best."""
@@ -161,6 +166,18 @@ def output_format(config: FitConfig) -> FileFormat:
     if isinstance(config.output, ResultFolder):
         return HDF5
     return find_target_format(config.output)
+
+
+def files_of(config: BaseModel, prefix: str = "") -> dict[str, Path]:
+    """Return what results depend on beside landmarks: the keys of a config that name one file."""
+    found: dict[str, Path] = {}
+    for key in type(config).model_fields:
+        value = getattr(config, key)
+        if isinstance(value, BaseModel):
+            found |= files_of(value, f"{prefix}{key}.")
+        elif isinstance(value, Path) and key not in NOT_READ and value.is_file():
+            found[f"{prefix}{key}"] = value
+    return found
 
 
 def read_options(config: FitConfig) -> InputOptions:
@@ -266,7 +283,7 @@ def first_images(config: FitConfig, parts: Iterable[Part]) -> LandmarkSet:
     for part in parts:
         start, stop = part.rows or (0, FIRST)
         try:
-            rows = part.stretch[1] if part.stretch else slice(start, min(stop, start + left))
+            rows = slice(start, min(stop, start + left))
             with open_landmarks(part.inputs, options, rows) as source:
                 found.append(source.first(left))
         except InputError as error:

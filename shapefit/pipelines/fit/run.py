@@ -26,7 +26,6 @@ from shapefit.io import (
     read_dictionary,
     result_writer,
 )
-from shapefit.io.csv_file import Stretch
 from shapefit.io.formats import find_target_format
 from shapefit.io.options import Markers, OutputOptions
 from shapefit.lifting.lift import Lifting
@@ -37,6 +36,7 @@ from shapefit.pipelines.fit.prepare import (
     FIRST,
     Estimates,
     Setup,
+    files_of,
     output_format,
     prepare,
     read_options,
@@ -47,8 +47,7 @@ from shapefit.pipelines.fit.record import as_result, warn_of_names
 from shapefit.pipelines.fit.report import Report
 from shapefit.pipelines.joints import describe_names, name_warnings, named_as_joints
 from shapefit.pipelines.outcome import Outcome, nothing_in, reading
-from shapefit.stores import UrlPath, local_copy
-from shapefit.threads import on_threads, side_by_side
+from shapefit.threads import side_by_side
 
 if TYPE_CHECKING:
     from shapefit.pipelines.meshes import MeshWriter
@@ -68,24 +67,24 @@ class Batch(NamedTuple):
 
 def run(
     config: FitConfig,
-    rows: slice | Stretch | None = None,
+    rows: slice | None = None,
     estimates: Estimates | None = None,
     dictionary: Dictionary | None = None,
     markers: Markers | None = None,
+    inputs: Mapping[str, str] | None = None,
 ) -> Iterator[Outcome]:
     """Lift every image of the landmark files, or these rows of the one; an Outcome per batch.
 
-    estimates are those of all inputs, where these are a part of them; the dictionary that of the
-    config, where it was read before; markers those of a file in metres.
+    estimates are those of all inputs, where these are a part of them, and `inputs` the digests of
+    this part; the dictionary that of the config, where it was read before; markers those of a file
+    in metres.
     """
     output = config.output
     assert isinstance(output, Path), "a folder is written part by part"
-    # A part of a file is known by the manifest: nobody reads the whole file for each part.
-    files = (*(config.landmarks if rows is None else ()), config.dictionary)
-    on_threads(local_copy, (path for path in files if isinstance(path, UrlPath)))
+    files = (*(config.landmarks if inputs is None else ()), *files_of(config).values())
     dictionary = dictionary or read_dictionary(config.dictionary)
     check_export(config, dictionary)
-    yield from reading(config.landmarks if rows is None else ())
+    yield from reading(config.landmarks if inputs is None else ())
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
         estimates = estimates or prepare(config, dictionary, lambda: source.first(FIRST))
         config = config.changed(**estimates.values)
@@ -93,24 +92,26 @@ def run(
             config = config.changed(posterior={"covariance": True})
         setup = set_up(config, dictionary, source.head.landmark_names)
         report = Report(setup, explained=bool(estimates.warnings))
-        seconds, inputs = 0.0, dict[str, str]()
+        seconds, known = 0.0, dict[str, str]()
         with (
             open_export(config, setup.dictionary) as export,
             result_writer(output, OutputOptions(height=config.height, markers=markers)) as writer,
             closing(lift_source(source, setup)) as batches,
         ):
             for batch in batches:
-                inputs = inputs or digests(files)  # while the next batch is lifted
+                known = known or digests(files)  # while the next batch is lifted
                 yield report.add(batch.images, batch.lifting, batch.record, source.count)
                 writer.append(batch.record)
                 if export is not None:
                     export.add(batch.record)
                 seconds += batch.seconds
-            writer.attributes.update(attributes_of(setup, estimates, inputs, seconds, report.done))
+            writer.attributes.update(
+                attributes_of(setup, estimates, {**known, **(inputs or {})}, seconds, report.done)
+            )
             warnings = (*estimates.warnings, *warn_of(source, setup), *report.warnings)
-    known = setup.dictionary.landmark_names
+    names = setup.dictionary.landmark_names
     of_writer = warn_of_rate(config, source, writer.summary.warnings)
-    said = (say_y(source), *estimates.lines, describe_names(source.head.landmark_names, known))
+    said = (say_y(source), *estimates.lines, describe_names(source.head.landmark_names, names))
     yield Outcome(
         total=source.count,
         warnings=warnings + (() if export is None else export.warnings) + of_writer,

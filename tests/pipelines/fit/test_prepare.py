@@ -12,7 +12,7 @@ from shapefit.config.paths import find_dictionaries
 from shapefit.io import LandmarkSet, read_dictionary
 from shapefit.io.skeletons import SKELETONS
 from shapefit.pipelines.fit.run import run
-from shapefit.pipelines.parts.run import run as run_parts
+from shapefit.pipelines.partition.run import run as run_parts
 from tests.cli.conftest import run_in
 from tests.io.files import save
 from tests.pipelines.told import texts

@@ -8,7 +8,7 @@ import pytest
 
 from shapefit.config import FitConfig
 from shapefit.errors import InputError
-from shapefit.pipelines.parts.run import run as fit
+from shapefit.pipelines.partition.run import run as fit
 
 
 @pytest.fixture(scope="session")

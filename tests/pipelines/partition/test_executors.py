@@ -22,12 +22,12 @@ import pytest
 
 from shapefit.config import load_config
 from shapefit.errors import InputError
-from shapefit.pipelines.parts import executors
-from shapefit.pipelines.parts.executors import InThisProcess, Job, do_jobs, processes
-from shapefit.pipelines.parts.plan import Part, plan_parts
+from shapefit.pipelines.partition import executors
+from shapefit.pipelines.partition.executors import InThisProcess, Job, do_jobs, processes
+from shapefit.pipelines.partition.plan import Part, plan_parts
 from tests.cli.conftest import run_in
-from tests.pipelines.parts.made import entries, make_dictionary, make_images
-from tests.pipelines.parts.made import same_bits as same_results
+from tests.pipelines.partition.made import entries, make_dictionary, make_images
+from tests.pipelines.partition.made import same_bits as same_results
 
 BIN = Path(sys.executable).parent
 PARTS, SIZE = 10, 128

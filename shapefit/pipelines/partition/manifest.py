@@ -1,14 +1,13 @@
 """`manifest.jsonl`: what a folder of results holds, and of what, so that a run can go on.
 
-Its first line is of the run: what was estimated, and digests of what all parts depend on. Each
-other line is of a part, added when the part ends.
+Its first line is of the run: what was estimated, digests of what all parts depend on, and at the
+end how many parts and images there are. Each other line is of a part, added when the part ends.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -16,16 +15,13 @@ from pathlib import Path
 from typing import Any
 
 from shapefit import __version__
-from shapefit.config.paths import DONE, MANIFEST, ResultFolder, manifest_lines
+from shapefit.config.paths import DONE, MANIFEST, manifest_lines
 from shapefit.errors import InputError, counted, input_error
 from shapefit.io.atomic import append_bytes, atomic_path, check_folder
 from shapefit.io.inputs import in_words
-from shapefit.stores import UrlPath, find_state, held_object
+from shapefit.pipelines.partition.plan import Key
 
 LOCK = ".lock"
-
-PAUSE = 10.0
-"""Seconds between the times that the manifest is written to a store, whose objects cannot grow."""
 
 Entry = dict[str, Any]
 
@@ -37,7 +33,6 @@ class Manifest:
     path: Path
     run: Mapping[str, Any]
     parts: dict[str, Entry] = field(default_factory=dict)
-    written: float = 0.0
 
     @property
     def done(self) -> dict[str, Entry]:
@@ -45,19 +40,18 @@ class Manifest:
         return {file: entry for file, entry in self.parts.items() if entry["status"] == DONE}
 
     def write(self) -> None:
-        """Write the manifest, whole or not at all."""
-        first = {"shapefit": __version__, **self.run}
+        """Write the manifest, whole or not at all, with the numbers of parts and images."""
+        numbers = {
+            "parts": len(self.parts),
+            "images": sum(entry["images"] for entry in self.done.values()),
+        }
+        first = {"shapefit": __version__, **self.run, **numbers}
         with atomic_path(self.path) as temporary, temporary.open("wb") as file:
             file.writelines(map(_line, (first, *self.parts.values())))
-        self.written = time.monotonic()
 
     def add(self, entry: Entry) -> None:
         """Add the line of a part."""
         self.parts[entry["file"]] = entry
-        if isinstance(self.path, UrlPath):
-            if time.monotonic() > self.written + PAUSE:
-                self.write()
-            return
         append_bytes(self.path, _line(entry))
 
 
@@ -80,21 +74,44 @@ def read_manifest(folder: Path) -> Manifest | None:
     return Manifest(folder / MANIFEST, run, {entry["file"]: entry for entry in parts})
 
 
+def key_of(entry: Entry) -> Key:
+    """Return what the part of a line was made of: paths of the inputs, and rows."""
+    return tuple(entry["inputs"]), None if entry["rows"] is None else tuple(entry["rows"])
+
+
+def find_gaps(manifest: Manifest) -> list[str]:
+    """Say what a manifest lacks by its own numbers: lines of parts, images, rows of a file.
+
+    That of a run that was killed has fewer numbers than lines; such a run is not complete.
+    """
+    found = []
+    images = sum(entry["images"] for entry in manifest.done.values())
+    for name, there in (("parts", len(manifest.parts)), ("images", images)):
+        if manifest.run.get(name) != there:
+            found.append(f"lists {there} {name}, and counts {manifest.run.get(name)}")
+    reached: dict[tuple[str, ...], int] = {}
+    for inputs, rows in sorted(key_of(entry) for entry in manifest.parts.values() if entry["rows"]):
+        assert rows is not None
+        if rows[0] != reached.get(inputs, 0):
+            found.append(f"has no part of rows {reached.get(inputs, 0)} to {rows[0] - 1}")
+        reached[inputs] = rows[1]
+    for file, entry in manifest.done.items():
+        if entry["rows"] and entry["images"] != entry["rows"][1] - entry["rows"][0]:
+            found.append(f"has {entry['images']} images of other rows in {file}")
+    return found
+
+
 def result_digest(path: Path) -> str | None:
-    """SHA-256 of a result, or the etag of one in a store; None where there is none."""
-    if isinstance(path, UrlPath):
-        state = find_state(path)
-        return None if state is None else str(state[1])
-    try:
-        with path.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
+    """SHA-256 of a result; None where there is no regular file."""
+    if not path.is_file():
         return None
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def clear_way(folder: Path, name: str) -> None:
     """Remove a symbolic link in a folder of results: what is written must not go elsewhere."""
-    if not isinstance(folder, UrlPath) and (folder / name).is_symlink():
+    if (folder / name).is_symlink():
         (folder / name).unlink()
 
 
@@ -104,12 +121,6 @@ def held_folder(folder: Path) -> Iterator[None]:
 
     Raises InputError where another run holds it, and where it cannot be made or written to.
     """
-    if isinstance(folder, UrlPath):
-        with held_object(folder / LOCK) as held:
-            if not held:
-                raise _busy(folder, f" (if it was killed, remove {folder / LOCK})")
-            yield
-        return
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     for name in (LOCK, MANIFEST):
@@ -123,15 +134,11 @@ def held_folder(folder: Path) -> Iterator[None]:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise _busy(folder) from None
+            found = "another run is writing results to it"
+            raise input_error(folder, found, "wait until it ends, or choose another") from None
         except OSError:  # a file system without locks
             pass
         yield
-
-
-def _busy(folder: Path, until: str = "") -> InputError:
-    found = "another run is writing results to it"
-    return input_error(folder, found, f"wait until it ends{until}, or choose another")
 
 
 def find_folders(files: Sequence[Path]) -> dict[Path, Manifest]:
@@ -141,7 +148,7 @@ def find_folders(files: Sequence[Path]) -> dict[Path, Manifest]:
     """
     given, found = set(files), dict[Path, Manifest]()
     for folder in dict.fromkeys(file.parent for file in files):
-        manifest = read_manifest(ResultFolder(folder).path)
+        manifest = read_manifest(folder)
         results = set() if manifest is None else {folder / name for name in manifest.done}
         if manifest is not None and len(results) > 1 and results <= given:
             found[folder] = manifest

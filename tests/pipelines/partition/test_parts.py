@@ -4,6 +4,7 @@ import fcntl
 import json
 import os
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -11,15 +12,15 @@ import pytest
 from shapefit.cli.main import run as shapefit
 
 from shapefit.config import load_config
-from shapefit.config.paths import result_parts
 from shapefit.errors import InputError
-from shapefit.io import open_landmarks, write_shapes
+from shapefit.io import write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.pipelines.fit.run import run as fit_whole
-from shapefit.pipelines.parts import executors
-from shapefit.pipelines.parts.plan import plan_parts
-from shapefit.pipelines.parts.run import run
-from tests.pipelines.parts.made import NAMES, entries, make_dictionary, make_images, same_bits
+from shapefit.pipelines.partition import executors
+from shapefit.pipelines.partition.manifest import find_gaps, read_manifest
+from shapefit.pipelines.partition.plan import plan_parts
+from shapefit.pipelines.partition.run import run
+from tests.pipelines.partition.made import NAMES, entries, make_dictionary, make_images, same_bits
 from tests.pipelines.told import done, failures, texts
 
 OUT = Path("out")
@@ -71,65 +72,6 @@ def test_parts_are_files_and_row_ranges_with_the_bits_of_one_run():
     same_as_one_run()
 
 
-def table(path: str, *, header="item,landmark,x,y", rows=None) -> Path:
-    """Write the images of one.h5 as CSV; the last has a landmark that no other has."""
-    convert = shapefit(["convert", "one.h5", "-o", path, "-q"])
-    assert convert == 0
-    text = Path(path).read_text()
-    lines = [header, *text.splitlines()[1:], "i399,z,1,2"] if rows is None else [header, *rows]
-    Path(path).write_text("\n".join(lines) + "\n")
-    return Path(path)
-
-
-class TestTables:
-    def test_a_table_is_divided_with_the_bits_of_one_run(self):
-        one = (str(table("one.csv")),)
-        assert done(fit(landmarks=one)) == 400
-        assert [entry["rows"] for entry in entries()] == [
-            [0, 128],
-            [128, 256],
-            [256, 384],
-            [384, 400],
-        ]
-        list(fit_whole(config_of("whole.h5", landmarks=one)))
-        same_bits((OUT / name for name in names()), Path("whole.h5"))
-        (OUT / "part-00002.h5").unlink()
-        assert done(fit(landmarks=one)) == 128
-
-    def test_a_part_reads_its_own_rows_and_names_lines_of_the_file(self):
-        path = table("one.csv")
-        lines = path.read_text().splitlines()
-        lines[8 * 200 + 1] = "i200,a,one,2"
-        path.write_text("\n".join(lines))
-        outcomes = fit(landmarks=(str(path),))
-        assert done(outcomes) == 400 - 128
-        (failure,) = failures(outcomes).values()
-        assert f"{path.name}:1602: x is 'one'" in failure
-
-    def test_a_part_has_the_landmarks_of_the_whole_file(self):
-        one = table("one.csv")
-        first, *_, last = plan_parts(config_of("out/", "partition=100", landmarks=(str(one),)))
-        for part, count in ((first, 128), (last, 16)):
-            with open_landmarks(part.inputs, rows=part.stretch[0]) as source:
-                assert source.head.landmark_names == (*NAMES, "z")
-                assert source.count == count
-
-    @pytest.mark.parametrize("fault", ["quoted", "apart", "empty row", "name last", "spaces"])
-    def test_what_is_not_plain_stays_whole(self, fault):
-        path = table("one.csv")
-        text = path.read_text()
-        changed = {
-            "quoted": text.replace("i3,", '"i3",'),
-            "apart": text + "i5,zz,1,2\n",
-            "empty row": text.replace("i3,a", "\ni3,a"),
-            "name last": "x,y,landmark,item\n" + "1,2,a,i0\n" * 3,
-            "spaces": text.replace("item,landmark", "item, landmark"),
-        }
-        assert len(plan_parts(config_of("out/", "partition=100", landmarks=(str(path),)))) == 4
-        path.write_text(changed[fault])
-        assert len(plan_parts(config_of("out/", "partition=100", landmarks=(str(path),)))) == 1
-
-
 class TestResuming:
     def test_what_is_done_stays(self):
         fit()
@@ -169,40 +111,30 @@ class TestResuming:
         changed = [name for name, stamp in stamps().items() if stamp != before.get(name)]
         assert changed == ["part-00001.h5"]
         if harm in ("shorten", "flip_a_bit"):
-            assert "changed or damaged, and done again: part-00001.h5" in texts(outcomes)
+            assert "damaged, and done again: part-00001.h5" in texts(outcomes)
         same_as_one_run()
 
-    @pytest.mark.parametrize(
-        ("name", "dataset", "again"), [("two.h5", "landmarks", 100), ("dict.h5", "atoms", 500)]
-    )
-    def test_what_was_made_of_a_changed_file_is_done_again(self, name, dataset, again):
+    def test_a_touched_file_is_not_done_again(self):
         fit()
-        with h5py.File(name, "a") as file:
-            file[dataset][0] *= 1.5
-        assert done(fit()) == again
-        same_as_one_run()
+        Path("two.h5").touch()
+        assert done(fit()) == 0
 
-    @pytest.mark.parametrize("change", ["lambda=0.2", "partition=200"])
-    def test_another_config_does_all_and_says_so(self, change):
+    def test_a_new_file_adds_a_part_wherever_it_stands(self, rng):
         fit()
-        outcomes = fit(change)
-        assert done(outcomes) == 500
-        assert any("all parts are done again" in text for text in texts(outcomes))
-        assert len(names()) == len(entries())
-
-    def test_a_new_file_adds_a_part(self, rng):
-        fit()
-        make_images("two-more.h5", rng.normal(size=(3, 2, 8)), 900)
-        assert done(fit(landmarks=("one.h5", "two.h5", "two-more.h5"))) == 3
+        before = stamps()
+        make_images("more.h5", rng.normal(size=(3, 2, 8)), 900)
+        assert done(fit(landmarks=("more.h5", "one.h5", "two.h5"))) == 3
+        assert stamps() == before | {"part-00005.h5": stamps()["part-00005.h5"]}
+        assert json.loads(MANIFEST.read_text().splitlines()[0])["images"] == 503
 
     def test_a_failing_part_is_tried_three_times_and_the_others_are_done(self, monkeypatch, folder):
         real, tries = executors.run, []
 
-        def broken(config, rows, *given):
+        def broken(config, rows, *given, **named):
             if rows and rows.start == 256:
                 tries.append(rows)
                 raise OSError("the disk is full")
-            return real(config, rows, *given)
+            return real(config, rows, *given, **named)
 
         monkeypatch.setattr(executors, "run", broken)
         (reason,) = failures(fit()).values()
@@ -246,16 +178,72 @@ class TestResuming:
         assert done(fit()) == 128 + 16 + 100
         same_as_one_run()
 
-    def test_a_folder_of_an_earlier_version_is_read_and_done_again(self, folder):
+
+CAMERA = """
+[cam]
+matrix = [[1000.0, 0.0, {0}], [0.0, 1000.0, 0.0], [0.0, 0.0, 1.0]]
+distortions = [0.0, 0.0, 0.0, 0.0]
+size = [100, 100]
+rotation = [0.0, 0.0, 0.0]
+translation = [0.0, 0.0, 0.0]
+"""
+
+
+def scale(name: str, dataset: str) -> None:
+    with h5py.File(name, "a") as file:
+        file[dataset][0] *= 1.5
+
+
+CALIBRATED = ("camera.model=perspective", "camera.calibration=camera.toml", "method=convex+refine")
+
+
+class TestResultsAreNotLost:
+    """A folder goes on where inputs were added; else it says what it holds, and --replace."""
+
+    @pytest.mark.parametrize(
+        ("change", "landmarks", "overrides", "held", "again"),
+        [
+            (None, ("two.h5",), (), "of one.h5", 0),
+            (None, ("one.h5", "two.h5"), ("lambda=0.2",), "another config", 500),
+            (None, ("one.h5", "two.h5"), ("partition=200",), "another config", 500),
+            (("dict.h5", "atoms"), ("one.h5", "two.h5"), (), "another dictionary", 500),
+            (("two.h5", "landmarks"), ("one.h5", "two.h5"), (), "two.h5 before it changed", 100),
+        ],
+    )
+    def test_it_is_refused_without_replace(self, change, landmarks, overrides, held, again):
         fit()
-        run_line = json.loads(MANIFEST.read_text().splitlines()[0])
-        parts = [{k: v for k, v in e.items() if k not in ("digest", "status")} for e in entries()]
-        OUT.joinpath("manifest.json").write_text(json.dumps(run_line | {"parts": parts}))
-        MANIFEST.unlink()
-        assert result_parts(folder / "out") == tuple(folder / "out" / name for name in names())
-        assert shapefit(["verify", "out", "-d", "dict.h5", "-q"]) == 0
-        assert done(fit()) == 500
-        assert not OUT.joinpath("manifest.json").exists()
+        if change:
+            scale(*change)
+        before = stamps()
+        with pytest.raises(InputError, match=rf"{held}.*--replace"):
+            fit(*overrides, landmarks=landmarks)
+        (plan,) = fit(*overrides, "dry_run=true", landmarks=landmarks)
+        assert held in plan.note
+        assert "--replace" in plan.note
+        assert stamps() == before
+        assert done(fit(*overrides, "replace=true", landmarks=landmarks)) == again
+        assert len(names()) == len(entries())
+
+    def test_a_file_that_the_config_names_is_one_that_results_depend_on(self):
+        Path("camera.toml").write_text(CAMERA.format(1.0))
+        fit(*CALIBRATED)
+        assert done(fit(*CALIBRATED)) == 0
+        Path("camera.toml").write_text(CAMERA.format(2.0))
+        with pytest.raises(InputError, match=r"another camera\.calibration.*--replace"):
+            fit(*CALIBRATED)
+
+    def test_the_manifest_counts_parts_and_images(self):
+        fit()
+        manifest = read_manifest(OUT)
+        assert find_gaps(manifest) == []
+        assert (manifest.run["parts"], manifest.run["images"]) == (5, 500)
+        shorter = replace(manifest, parts=dict(list(manifest.parts.items())[:-1]))
+        assert find_gaps(shorter) == [
+            "lists 4 parts, and counts 5",
+            "lists 400 images, and counts 500",
+        ]
+        manifest.parts["part-00001.h5"]["rows"] = [64, 192]
+        assert find_gaps(manifest)
 
 
 class TestWhatIsRefusedOrReplaced:
@@ -297,6 +285,18 @@ class TestWhatIsRefusedOrReplaced:
         MANIFEST.write_text(text)
         with pytest.raises(InputError, match="is not a manifest of results"):
             fit()
+
+    @pytest.mark.parametrize("name", ["manifest.jsonl", "part-00001.h5"])
+    @pytest.mark.parametrize("by", ["pipe", "endless"])
+    def test_regular_files_only(self, name, by):
+        fit()
+        (OUT / name).unlink()
+        if by == "pipe":
+            os.mkfifo(OUT / name)
+        else:
+            (OUT / name).symlink_to("/dev/zero")
+        assert shapefit(["convert", "out", "-o", "all.csv", "-q"]) == 2
+        assert shapefit(["convert", "one.h5", "-o", "all.csv", "-q", "-d", "out/" + name]) == 2
 
     def test_exports(self):
         with pytest.raises(InputError, match="is not written for a folder of results"):

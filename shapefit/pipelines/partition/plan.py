@@ -1,59 +1,64 @@
-"""Which parts a fit has: files, recordings of several files, or row ranges of a large file."""
+"""The parts of a fit: files, recordings of several files, or ranges of rows of an HDF5 file."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import zip_longest
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from shapefit.config import FitConfig
 from shapefit.errors import InputError, input_error, path_text
 from shapefit.io import LandmarkSource, open_landmarks
-from shapefit.io.csv_file import Stretch, index_items
 from shapefit.io.formats import CSV, HDF5, FileFormat, group_inputs
-from shapefit.io.inputs import HDF5_SIGNATURE, begins_with, is_stream
+from shapefit.io.inputs import HDF5_SIGNATURE, begins_with
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.lift import whole_stretches
-from shapefit.pipelines.fit.prepare import FIRST, read_options
-from shapefit.stores import State, UrlPath, find_state
+from shapefit.pipelines.fit.prepare import read_options
 from shapefit.threads import on_threads
 
 FEWEST_BYTES = 16
 """Of an image, by which an HDF5 file is known to be too small to be divided."""
 
+LARGE_TEXT = 1 << 28
+"""Bytes of a CSV file from which on it is said that it is one part."""
+
 Rows = tuple[int, int] | None
+State = tuple[int, int]
+Key = tuple[tuple[str, ...], Rows]
 
 
 @dataclass(frozen=True)
 class Part:
     """Images that become one result file.
 
-    number      in the order of the inputs, counted from 0
+    number      of the file; it stays when inputs are added
     inputs      a file, or those of one recording
-    rows        of the one HDF5 or CSV file: from the first to before the second; None for all
-    state       size and time of change (or etag) of the inputs, by which a changed file is known
-    stretch     where the rows of a CSV file are, and those that estimates are made of
+    rows        of the one HDF5 file: from the first to before the second; None for all
+    state       size in bytes and time of change in ns of each input
     """
 
     number: int
     inputs: tuple[Path, ...]
     rows: Rows
     state: tuple[State, ...]
-    stretch: tuple[Stretch, Stretch] | None = None
 
     @property
     def file(self) -> str:
         """Name of its result."""
         return f"part-{self.number:05}{HDF5.suffixes[0]}"
 
+    @property
+    def key(self) -> Key:
+        """What is lifted: the paths of the inputs, and the rows."""
+        return tuple(map(path_text, self.inputs)), self.rows
+
     def describe(self) -> dict[str, Any]:
         """Return what the part is made of, as the manifest says it."""
         return {
             "file": self.file,
-            "inputs": [path_text(path) for path in self.inputs],
+            "inputs": list(self.key[0]),
             "rows": None if self.rows is None else list(self.rows),
             "sizes": [size for size, _ in self.state],
             "changed": [changed for _, changed in self.state],
@@ -66,17 +71,17 @@ class Piece(NamedTuple):
     inputs: tuple[Path, ...]
     rows: Sequence[Rows] = (None,)
     sequences: Sequence[str] = ()
-    stretches: Sequence[tuple[Stretch, Stretch] | None] = ()
 
 
-def plan_parts(config: FitConfig) -> list[Part]:
+def plan_parts(config: FitConfig, numbers: Mapping[Key, int] | None = None) -> list[Part]:
     """Return the parts of a fit, in the order of the inputs.
 
-    A large HDF5 or CSV file is cut where no result changes: after whole stretches of images, which
-    start from one another's solutions, and (HDF5) between sequences where those are lifted whole.
-    Raises InputError for sequences over two files.
+    Parts of these keys keep their numbers; the others get free ones. An HDF5 file is cut where
+    no result changes: after whole stretches of images, which start from one another's solutions,
+    and between sequences where those are lifted whole. Raises InputError for sequences over two
+    files.
     """
-    states = {path: find_state(path) or (0, "") for path in config.landmarks}
+    states = {path: find_state(path) for path in config.landmarks}
     whole, options = METHODS[config.method].sequences, read_options(config)
 
     def is_small(path: Path) -> bool:
@@ -85,16 +90,14 @@ def plan_parts(config: FitConfig) -> list[Part]:
 
     def divide(group: tuple[FileFormat, tuple[Path, ...]]) -> Piece:
         known, inputs = group
-        if known is CSV and not whole and states[inputs[0]][0] >= FEWEST_BYTES * config.partition:
-            return divide_text(inputs[0], config.partition)
         if known is not HDF5 and not whole:
             return Piece(inputs)
         try:
             with open_landmarks(inputs, options, check=False) as source:
                 if whole:
                     return cut_between_sequences(inputs, source, config.partition, known is HDF5)
-                size, count = whole_stretches(config.partition), source.count
-                rows = [(at, min(at + size, count)) for at in range(0, count, size)]
+                size, images = whole_stretches(config.partition), source.count
+                rows = [(at, min(at + size, images)) for at in range(0, images, size)]
                 return Piece(inputs, rows if len(rows) > 1 else (None,))
         except InputError:  # whoever does its part reports it
             return Piece(inputs)
@@ -103,37 +106,40 @@ def plan_parts(config: FitConfig) -> list[Part]:
     pieces = {path: Piece((path,)) for path in states if small[path]}
     groups = group_inputs([path for path in states if not small[path]], options)
     # files of text are read whole for their sequences: one at a time
-    found = list(map(divide, groups)) if whole else on_threads(divide, groups)
-    pieces |= {piece.inputs[0]: piece for piece in found}
+    divided = list(map(divide, groups)) if whole else on_threads(divide, groups)
+    pieces |= {piece.inputs[0]: piece for piece in divided}
     ordered = [pieces[path] for path in states if path in pieces]
     check_sequences(ordered)
-    each = [
-        (piece.inputs, rows, stretch)
-        for piece in ordered
-        for rows, stretch in zip_longest(piece.rows, piece.stretches)
-    ]
-    return [
-        Part(number, inputs, rows, tuple(states[path] for path in inputs), stretch)
-        for number, (inputs, rows, stretch) in enumerate(each)
-    ]
+    numbers = numbers or {}
+    used = set(numbers.values())
+    free = (number for number in count() if number not in used)
+    parts = []
+    for piece in ordered:
+        for rows in piece.rows:
+            part = Part(0, piece.inputs, rows, tuple(states[path] for path in piece.inputs))
+            number = numbers[part.key] if part.key in numbers else next(free)
+            parts.append(Part(number, part.inputs, rows, part.state))
+    return parts
 
 
-def divide_text(path: Path, size: int) -> Piece:
-    """Return a CSV file in ranges of `size` images, where its rows let it be divided."""
-    step = whole_stretches(1)
-    index = None if isinstance(path, UrlPath) or is_stream(path) else index_items(path, step)
-    size = whole_stretches(size)
-    if index is None or index.size <= size:
-        return Piece((path,))
-    rows = [(at, min(at + size, index.size)) for at in range(0, index.size, size)]
+def find_state(path: Path) -> State:
+    """Return the size and the time of change of a file; zeros where there is none."""
+    try:
+        state = path.stat()
+    except OSError:
+        return 0, 0
+    return state.st_size, state.st_mtime_ns
 
-    def between(start: int, stop: int) -> Stretch:
-        first, last = start // step, math.ceil(stop / step)
-        ends = int(index.starts[first]), int(index.starts[last])
-        return Stretch(*ends, int(index.lines[first]), index.landmarks)
 
-    stretches = [(between(*own), between(own[0], min(own[0] + FIRST, own[1]))) for own in rows]
-    return Piece((path,), rows, stretches=stretches)
+def warn_of_large(parts: Sequence[Part]) -> tuple[str, ...]:
+    """Name large tables, each of which is one part."""
+    return tuple(
+        f"{path.name} is one part, as text is not divided: `shapefit convert {path.name} -o "
+        f"{path.stem}.h5` makes a file that is"
+        for part in parts
+        for path, (size, _) in zip(part.inputs, part.state, strict=True)
+        if size >= LARGE_TEXT and path.suffix.lower() in CSV.suffixes
+    )
 
 
 def cut_between_sequences(
