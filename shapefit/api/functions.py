@@ -40,9 +40,9 @@ from shapefit.errors import counted, input_error
 from shapefit.evaluation.summaries import Summary, group_sequences, summarise
 from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.io.dictionaries import check_given_dictionary
-from shapefit.io.foreign.arrays import of_array
-from shapefit.io.foreign.items import landmarks_of
 from shapefit.io.options import input_options
+from shapefit.io.readers.arrays import of_array
+from shapefit.io.readers.items import landmarks_of
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.io.source import source_of
 from shapefit.pipelines.evaluate.judge import Truth, judge

@@ -276,13 +276,13 @@ def _read(
     recorder: str,
     **further: Any,
 ) -> FileFormat:
-    """Return the row of a format of others; its reader is named below `shapefit.io.foreign`."""
+    """Return the row of a format of others; its reader is named below `shapefit.io.readers`."""
     return FileFormat(
         title=title,
         suffixes=tuple(suffixes.split()),
         records=records,
         begins=begins,
-        recorder=f".foreign.{recorder}",
+        recorder=f".readers.{recorder}",
         **further,
     )
 
@@ -361,7 +361,7 @@ FORMATS: dict[str, FileFormat] = {
         suffixes=(".obj", ".ply", ".glb"),
         begins=_mesh,
         records=SHAPES,
-        reader=".foreign.meshes:read_meshes",
+        reader=".readers.meshes:read_meshes",
         together=True,
     ),
     "trc": _read(

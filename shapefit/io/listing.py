@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.io.foreign.items import peek_recording
 from shapefit.io.formats import CSV, HDF5, PARQUET, detect_format, load
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import RESULTS, UNKNOWN_UNIT
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
+from shapefit.io.readers.items import peek_recording
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.source import open_landmarks, open_results, open_shapes
 

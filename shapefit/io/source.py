@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.io.checks import check_magnitudes, check_values, place_in_memory, warn_of_zeros
-from shapefit.io.foreign.items import are_fractions, keep_landmarks, size_needed
 from shapefit.io.formats import (
     HDF5,
     FileFormat,
@@ -30,6 +29,7 @@ from shapefit.io.joined import common_head, conform
 from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, TREES, Layout
 from shapefit.io.names import check_items, check_known
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions, Opened, check_effects
+from shapefit.io.readers.items import are_fractions, keep_landmarks, size_needed
 from shapefit.io.records import KINDS, LandmarkSet, Record, ResultSet, ShapeSet, concatenate
 
 if TYPE_CHECKING:
@@ -412,8 +412,8 @@ def _open(
     notes: tuple[str, ...] = ()
     records: Any
     if known.recorder is not None and form is not RESULTS:
-        from shapefit.io.foreign.items import read_landmarks
-        from shapefit.io.foreign.items import read_shapes as read_foreign_shapes
+        from shapefit.io.readers.items import read_landmarks
+        from shapefit.io.readers.items import read_shapes as read_foreign_shapes
 
         if form is LANDMARKS:
             images, notes = read_landmarks(known, paths, options)

@@ -20,12 +20,12 @@ from shapefit.io import (
     open_shapes,
     read_dictionary,
 )
-from shapefit.io.foreign.items import peek_recording, skeletons_of_size
 from shapefit.io.formats import FileFormat, detect_format, group_inputs
 from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.listing import OPTIONAL, find_kind
 from shapefit.io.options import InputOptions, input_options
+from shapefit.io.readers.items import peek_recording, skeletons_of_size
 from shapefit.io.records import Records
 from shapefit.io.skeletons import SKELETONS
 from shapefit.io.source import open_results

@@ -32,10 +32,10 @@ from shapefit.io import (
     open_landmarks,
     read_dictionary,
 )
-from shapefit.io.foreign.calibration import read_camera
 from shapefit.io.formats import HDF5, detect_format, group_inputs
 from shapefit.io.layout import free_names
 from shapefit.io.options import AS_THEY_ARE, InputOptions
+from shapefit.io.readers.calibration import read_camera
 from shapefit.io.source import ResultSource, open_results
 from shapefit.lifting.degeneracy import find_degenerate
 from shapefit.lifting.lift import lambda_for_noise

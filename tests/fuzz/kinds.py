@@ -18,7 +18,7 @@ from shapefit.config.loader import CONFIGS
 from shapefit.config.model import field_keys, submodel
 from shapefit.io import read_shapes, write_shapes
 from shapefit.io.records import ShapeSet
-from tests.io.foreign import detector_files, tracker_files
+from tests.io.readers import detector_files, tracker_files
 
 from .spoil import (
     NAMES,

@@ -20,7 +20,6 @@ from shapefit.geometry.joint_angles import measure_angles
 from shapefit.geometry.joint_rotations import Rig
 from shapefit.geometry.pinhole import ASSUMED_FOCAL
 from shapefit.io.atomic import atomic_path, check_output, file_stem, staged_files
-from shapefit.io.foreign.items import FRAME
 from shapefit.io.formats import RecordWriter
 from shapefit.io.layout import (
     EDGES,
@@ -31,6 +30,7 @@ from shapefit.io.layout import (
     Layout,
 )
 from shapefit.io.options import OutputOptions, Summary
+from shapefit.io.readers.items import FRAME
 from shapefit.io.records import Names, ShapeSet, concatenate
 from shapefit.io.skeletons import (
     SKELETONS,

@@ -25,7 +25,7 @@ from shapefit.stores import UrlPath
 if TYPE_CHECKING:
     from shapefit.config import FitConfig
     from shapefit.config.commands.fit_sections import ViewingConfig
-    from shapefit.io.foreign.calibration import CalibratedCamera
+    from shapefit.io.readers.calibration import CalibratedCamera
 
 COMMON_SIZES = ((1280, 720), (720, 1280), (1920, 1080), (1080, 1920), (3840, 2160), (2160, 3840))
 """Width and height in pixels of the videos that people take, the smallest first."""
@@ -264,7 +264,7 @@ def find_calibrated(config: ViewingConfig) -> CalibratedCamera | None:
     """Return the camera that the config names in a calibration. Raises InputError."""
     if config.calibration is None:
         return None
-    from shapefit.io.foreign.calibration import read_camera
+    from shapefit.io.readers.calibration import read_camera
 
     return read_camera(config.calibration, config.name)
 

@@ -51,7 +51,7 @@ from shapefit.pipelines.joints import (
 )
 
 if TYPE_CHECKING:
-    from shapefit.io.foreign.calibration import CalibratedCamera
+    from shapefit.io.readers.calibration import CalibratedCamera
     from shapefit.pipelines.partition.plan import Part
 
 FIRST = 1024

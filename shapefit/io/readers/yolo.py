@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from shapefit.errors import input_error
-from shapefit.io.foreign.detections import Detections, as_recording, images_in
-from shapefit.io.foreign.recording import (
+from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
+from shapefit.io.readers.detections import Detections, as_recording, images_in
+from shapefit.io.readers.recording import (
     FRACTION,
     Edges,
     Recording,
@@ -18,7 +19,6 @@ from shapefit.io.foreign.recording import (
     expect,
     read_yaml,
 )
-from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
 
 BOX = 5
 """Numbers of a line before its landmarks: class, centre and size of a box."""

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io.foreign.calibration import read_camera
+from shapefit.io.readers.calibration import read_camera
 
 TWO = """
 [cam_0]

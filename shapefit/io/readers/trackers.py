@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error, printable
-from shapefit.io.foreign.recording import (
+from shapefit.io.hdf5_file import Hdf5File, Stored
+from shapefit.io.readers.recording import (
     STRANGE,
     Edges,
     Recording,
@@ -25,7 +26,6 @@ from shapefit.io.foreign.recording import (
     said,
     video_name,
 )
-from shapefit.io.hdf5_file import Hdf5File, Stored
 
 MOST_TEXTS = 1_000_000
 """Names that a dataset of names can hold."""

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.errors import InputError, abbreviate, input_error, listed, printable
-from shapefit.io.foreign.recording import (
+from shapefit.io.inputs import is_stream
+from shapefit.io.readers.recording import (
     Edges,
     Recording,
     at,
@@ -23,9 +24,8 @@ from shapefit.io.foreign.recording import (
     number_labels,
     read_yaml,
 )
-from shapefit.io.foreign.text_table import Table
-from shapefit.io.foreign.trackers import TrackerFile, text
-from shapefit.io.inputs import is_stream
+from shapefit.io.readers.text_table import Table
+from shapefit.io.readers.trackers import TrackerFile, text
 from shapefit.io.tidy_table import read_numbers
 from shapefit.stores import UrlPath
 

@@ -13,7 +13,8 @@ import orjson
 from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats, Integers
-from shapefit.io.foreign.recording import (
+from shapefit.io.hdf5_file import DAMAGED
+from shapefit.io.readers.recording import (
     ANYBODY,
     Edges,
     Recording,
@@ -24,8 +25,7 @@ from shapefit.io.foreign.recording import (
     numbered_repeats,
     video_name,
 )
-from shapefit.io.foreign.trackers import TrackerFile, text
-from shapefit.io.hdf5_file import DAMAGED
+from shapefit.io.readers.trackers import TrackerFile, text
 
 # The analysis file.
 

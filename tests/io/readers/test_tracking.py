@@ -12,9 +12,9 @@ from scipy.optimize import linear_sum_assignment
 
 from shapefit.arrays import Floats
 from shapefit.io import open_landmarks
-from shapefit.io.foreign.recording import ANYBODY, Recording
-from shapefit.io.foreign.tracking import LONGEST_GAP, assign, track_people
 from shapefit.io.options import InputOptions
+from shapefit.io.readers.recording import ANYBODY, Recording
+from shapefit.io.readers.tracking import LONGEST_GAP, assign, track_people
 
 FIGURE = np.array(
     [

@@ -8,8 +8,8 @@ import pytest
 
 from shapefit.io import open_landmarks, read_shapes
 from shapefit.io.formats import detect_format
-from tests.io.foreign import tracker_files as made
-from tests.io.foreign.tracker_files import WRITERS, landmark_names
+from tests.io.readers import tracker_files as made
+from tests.io.readers.tracker_files import WRITERS, landmark_names
 
 FORMAT = {
     "table.csv": "a DeepLabCut or Lightning Pose CSV",

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from shapefit.arrays import Flags, Floats, Integers
-from shapefit.io.foreign.recording import ANYBODY, Recording
+from shapefit.io.readers.recording import ANYBODY, Recording
 
 REACH = 0.35
 """Of the size of a person (the diagonal of the box): how far landmarks go in a frame, at most, from

@@ -11,7 +11,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import open_landmarks
-from tests.io.foreign.tracker_files import WRITERS
+from tests.io.readers.tracker_files import WRITERS
 
 HDF5 = [name for name in WRITERS if not name.endswith(".csv")]
 

@@ -9,7 +9,7 @@ import pytest
 from shapefit.errors import InputError
 from shapefit.io import open_shapes
 from shapefit.io.formats import detect_format
-from tests.io.foreign.detector_files import write_array, write_long, write_mediapipe, write_wide
+from tests.io.readers.detector_files import write_array, write_long, write_mediapipe, write_wide
 
 from .conftest import read_images as read
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io.foreign.people import read_coco_annotations
+from shapefit.io.readers.people import read_coco_annotations
 
 from .conftest import read_images as read
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from tests.io.files import load_shapes
-from tests.io.foreign import tracker_files as made
+from tests.io.readers import tracker_files as made
 
 
 @pytest.mark.parametrize("frames", [7, 2])  # of two the order of axes is open but for the rule

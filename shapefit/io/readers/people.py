@@ -15,7 +15,8 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted
-from shapefit.io.foreign.detections import (
+from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.readers.detections import (
     CHECK,
     Detections,
     Frame,
@@ -23,8 +24,8 @@ from shapefit.io.foreign.detections import (
     images_in,
     read_json,
 )
-from shapefit.io.foreign.items import are_fractions
-from shapefit.io.foreign.recording import (
+from shapefit.io.readers.items import are_fractions
+from shapefit.io.readers.recording import (
     FRACTION,
     Edges,
     Recording,
@@ -34,7 +35,6 @@ from shapefit.io.foreign.recording import (
     expect,
     video_name,
 )
-from shapefit.io.layout import UNKNOWN_UNIT
 
 PEOPLE = ("people", "bodies")
 POSE = ("pose_keypoints_2d", "pose_keypoints", "joints", "keypoints")

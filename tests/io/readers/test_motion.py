@@ -9,8 +9,8 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import open_shapes, read_shapes, write_shapes
-from shapefit.io.foreign import markers
 from shapefit.io.options import InputOptions
+from shapefit.io.readers import markers
 from tests.io.files import load_shapes
 
 NAN = [np.nan] * 3

@@ -11,7 +11,8 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error, listed
 from shapefit.geometry.rotations import rotation_about_axes
-from shapefit.io.foreign.recording import (
+from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.readers.recording import (
     Recording,
     UnexpectedError,
     at,
@@ -19,8 +20,7 @@ from shapefit.io.foreign.recording import (
     expect,
     numbered_repeats,
 )
-from shapefit.io.foreign.text_table import Row, Table, read_text
-from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.readers.text_table import Row, Table, read_text
 from shapefit.io.tidy_table import read_numbers
 
 Channel = tuple[bool, int]

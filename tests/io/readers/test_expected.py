@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from shapefit.io import open_landmarks, read_shapes
-from shapefit.io.foreign.items import FRAME, read_recording
-from shapefit.io.foreign.recording import Recording
 from shapefit.io.formats import FORMATS, detect_format, group_inputs
 from shapefit.io.options import AS_THEY_ARE, InputOptions
+from shapefit.io.readers.items import FRAME, read_recording
+from shapefit.io.readers.recording import Recording
 
 PROJECT = Path(__file__).resolve().parents[3]
 REAL_DATA = Path(os.environ.get("SHAPEFIT_REAL_DATA", PROJECT.parent / "shared" / "data"))

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.errors import InputError, abbreviate, input_error, printable
-from shapefit.io.foreign.arrays import of_bodies
-from shapefit.io.foreign.recording import Recording, video_name
-from shapefit.io.foreign.text_table import Table
 from shapefit.io.head import OF_A_POINT, Columns, parse_header
 from shapefit.io.inputs import check_fits
+from shapefit.io.readers.arrays import of_bodies
+from shapefit.io.readers.recording import Recording, video_name
+from shapefit.io.readers.text_table import Table
 from shapefit.io.skeletons import SKELETONS
 from shapefit.io.tidy_table import read_numbers
 

@@ -10,11 +10,11 @@ import numpy as np
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error
-from shapefit.io.foreign.detections import read_json
-from shapefit.io.foreign.recording import UnexpectedError, at, check_names, expect
-from shapefit.io.foreign.text_table import Table
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.names import match_landmarks
+from shapefit.io.readers.detections import read_json
+from shapefit.io.readers.recording import UnexpectedError, at, check_names, expect
+from shapefit.io.readers.text_table import Table
 from shapefit.io.records import ShapeSet
 
 Place = int | tuple[float, ...]

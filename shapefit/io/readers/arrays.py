@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.errors import InputError, abbreviate, input_error
 from shapefit.io.checks import warn_of_zeros
-from shapefit.io.foreign.detections import are_series, read_json
-from shapefit.io.foreign.items import are_fractions
-from shapefit.io.foreign.recording import ANYBODY, FRACTION, Recording, at, expect
 from shapefit.io.inputs import check_fits
 from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.readers.detections import are_series, read_json
+from shapefit.io.readers.items import are_fractions
+from shapefit.io.readers.recording import ANYBODY, FRACTION, Recording, at, expect
 
 
 def of_bodies(

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted, input_error, listed
-from shapefit.io.foreign.recording import ANYBODY, Recording, at, take_instances
 from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
+from shapefit.io.readers.recording import ANYBODY, Recording, at, take_instances
 
 CHECK = "check what wrote the file"
 

@@ -14,11 +14,11 @@ import numpy as np
 
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.geometry.normalisation import as_metres
-from shapefit.io.foreign.recording import Recording, at, expect, numbered_repeats
-from shapefit.io.foreign.text_table import Table, read_text
 from shapefit.io.head import anipose_landmarks
 from shapefit.io.inputs import check_fits
 from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.readers.recording import Recording, at, expect, numbered_repeats
+from shapefit.io.readers.text_table import Table, read_text
 
 HEAD_LINES = 12
 """Within which the names of the markers stand; five as a rule, more with empty lines between."""

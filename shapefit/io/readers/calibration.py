@@ -14,8 +14,8 @@ from shapefit.arrays import Floats
 from shapefit.errors import input_error, listed
 from shapefit.geometry.pinhole import COEFFICIENTS, complete
 from shapefit.geometry.rotations import rotation_about
-from shapefit.io.foreign.recording import at, expect
 from shapefit.io.inputs import require_file
+from shapefit.io.readers.recording import at, expect
 
 MATRIX, DISTORTION = ("matrix", "camera_matrix"), ("distortions", "distortion")
 

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
-from shapefit.io.foreign.recording import ANYBODY, FRACTION, Recording, at, take_instances
 from shapefit.io.formats import FORMATS, FileFormat, load
 from shapefit.io.inputs import source_name
 from shapefit.io.layout import EDGES
 from shapefit.io.names import match_landmarks, nearest_names
 from shapefit.io.options import InputOptions
+from shapefit.io.readers.recording import ANYBODY, FRACTION, Recording, at, take_instances
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.io.skeletons import SKELETONS
 
@@ -236,7 +236,7 @@ def select_instances(recording: Recording, options: InputOptions) -> tuple[dict[
         raise input_error(recording.name, found, fix)
     individuals = recording.individuals
     if options.track != "none":
-        from shapefit.io.foreign.tracking import track_people
+        from shapefit.io.readers.tracking import track_people
 
         individuals = track_people(recording, first_track(people))
         tracked = (_name(people, number) for number in np.unique(individuals).tolist())
