@@ -70,15 +70,18 @@ class Mixture:
         found = np.empty((len(x), len(self)))
         for k, (mean, covariance) in enumerate(zip(self.means, self.covariances, strict=True)):
             L = np.linalg.cholesky(covariance)
-            z = np.linalg.solve(L, (x - mean.ravel()).T)
+            z = (x - mean.ravel()) @ np.linalg.inv(L).T
             log_size = np.log(np.diag(L)).sum() + 0.5 * len(L) * np.log(2 * np.pi)
-            found[:, k] = np.log(self.weights[k]) - 0.5 * (z * z).sum(axis=0) - log_size
+            found[:, k] = np.log(self.weights[k]) - 0.5 * np.einsum('nd,nd->n', z, z) - log_size
         return found
 
 
 def widen(mixture: Mixture, factor: float) -> Mixture:
     """Return the mixture with covariances times a factor."""
     return Mixture(mixture.weights, mixture.means, factor * mixture.covariances)
+
+
+LEAST_SHARE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -202,6 +205,8 @@ def kmeans(X: Floats, k: int, w: Floats) -> NDArray[np.intp]:
 
 def _scatter(X: Floats, w: Floats, mean: Floats) -> Floats:
     """sum_n w_n (x_n - mean) (x_n - mean)^T."""
-    apart = X - mean
-    scatter: Floats = (apart * w[:, None]).T @ apart
+    some = np.flatnonzero(w > LEAST_SHARE)
+    apart = X[some] - mean
+    apart *= np.sqrt(w[some])[:, None]
+    scatter: Floats = apart.T @ apart
     return scatter

@@ -73,8 +73,7 @@ struct ConvexOptions {
 struct ConvexEnd {
     Arguments& from;
     Vector<int64_t> steps = from("steps", "n");  // Newton steps
-    // 0 optimal, 1 iteration limit, 2 degenerate, 3 numerical failure
-    Vector<int64_t> status = from("status", "n");
+    Vector<int64_t> status = from("status", "n");  // a Status
 };
 
 struct ConvexTask {

@@ -224,8 +224,9 @@ void synchronise(const SynchronisationData& data, Range range) {
     double* norms = workspace.zeros<double>(most);
     for (long image = range.first; image < range.last; ++image) {
         const ImageTransforms M = data.transforms[image];
-        Rotation& R = *reinterpret_cast<Rotation*>(data.rotation[image].data);
+        Rotation R = Rotation::from(data.rotation[image].data);
         synchronise_image({M.blocks, {M.count, 2, 3}}, norms, R);
+        R.write(data.rotation[image].data);
     }
 }
 
@@ -237,7 +238,10 @@ void reconstruct(const ReconstructionData& data, Range range) {
 namespace {
 
 bool find_polar(Matrix<const double> A, Matrix<double> R) {
-    return polar_rotation(A.data, *reinterpret_cast<Rotation*>(R.data));
+    Rotation found = Rotation::from(R.data);
+    const bool known = polar_rotation(A.data, found);
+    found.write(R.data);
+    return known;
 }
 
 const Exported<synchronise> synchronise_exported{"synchronise"};

@@ -16,8 +16,7 @@ constexpr double DIFFERENCE = 2e-7;  // of the Hessian, to one side
 // square of Newton's decrement).
 constexpr double LAST_LENGTH = 0.1, LAST_GAIN = 1e-2;
 
-// Where the lanes of a block stand. A block is an array of Doubles, and lanes can move between blocks:
-// these, then the inlier_probability (m,) and the next one (m,).
+// Where the lanes of a block stand.
 template <class Lanes>
 struct Climb {
     LaneView<Lanes> view;
@@ -28,13 +27,31 @@ struct Climb {
     Lanes hope;    // what the next step is expected to gain
     Lanes largest;  // log of the scale beyond which no step goes
 
-    Lanes* inlier_probability() { return reinterpret_cast<Lanes*>(this + 1); }
-    Lanes* next(long m) { return inlier_probability() + m; }
+    Lanes *inlier_probability, *next;  // (p,), of which the first m count
 };
 
-template <class Lanes>
-constexpr long climb_size(long p) {
-    return sizeof(Climb<Lanes>) / sizeof(Lanes) + 2 * p;
+// set(entry of one, that of the other) for each vector of two climbs, or of what they found.
+template <class One, class Other, class Set>
+[[gnu::always_inline]] inline void each_pair(Likelihood<One>& one, const Likelihood<Other>& other, const Set& set) {
+    set(one.value, other.value);
+    for (int i = 0; i < VIEW; ++i) set(one.gradient[i], other.gradient[i]);
+    for (int e = 0; e < VIEW * VIEW; ++e) set(one.curvature[e], other.curvature[e]);
+    set(one.squared_mahalanobis, other.squared_mahalanobis);
+}
+template <class One, class Other, class Set>
+void each_pair(Climb<One>& one, const Climb<Other>& other, long p, const Set& set) {
+    for (int e = 0; e < 9; ++e) set(one.view.R[e], other.view.R[e]);
+    set(one.view.log_scale, other.view.log_scale);
+    each_pair(one.found, other.found, set);
+    for (int e = 0; e < VIEW * VIEW; ++e) set(one.curvature[e], other.curvature[e]);
+    set(one.damping, other.damping);
+    set(one.moving, other.moving);
+    set(one.hope, other.hope);
+    set(one.largest, other.largest);
+    for (long j = 0; j < p; ++j) {
+        set(one.inlier_probability[j], other.inlier_probability[j]);
+        set(one.next[j], other.next[j]);
+    }
 }
 
 template <class Lanes>
@@ -97,14 +114,6 @@ void take(Lanes kept, LaneView<Lanes>& to, const LaneView<Lanes>& from) {
     to.log_scale = select(kept, from.log_scale, to.log_scale);
 }
 
-template <class Lanes>
-void keep(Lanes kept, Likelihood<Lanes>& to, const Likelihood<Lanes>& from) {
-    Lanes* old = &to.value;
-    const Lanes* other = &from.value;
-    for (unsigned e = 0; e < sizeof(Likelihood<Lanes>) / sizeof(Lanes); ++e)
-        old[e] = select(kept, other[e], old[e]);
-}
-
 // The damped step, and what it promises to gain.
 template <class Lanes>
 Lanes propose(const Climb<Lanes>& at, Lanes* step) {
@@ -144,11 +153,11 @@ template <class Lanes>
 void begin(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, ClimbSpace<Lanes>& space,
            Climb<Lanes>& at) {
     const long m = seen.m;
-    for (long j = 0; j < m; ++j) at.next(m)[j] = all<Lanes>(1.0);
+    for (long j = 0; j < m; ++j) at.next[j] = all<Lanes>(1.0);
     for (long left = data.chance > 0 ? EARLY : 1; left--;) {
-        for (long j = 0; j < m; ++j) at.inlier_probability()[j] = at.next(m)[j];
-        find_likelihood(data, seen, pack, at.view, at.inlier_probability(), true, left == 0, space.likelihood, at.found,
-                        at.next(m));
+        for (long j = 0; j < m; ++j) at.inlier_probability[j] = at.next[j];
+        find_likelihood(data, seen, pack, at.view, at.inlier_probability, true, left == 0, space.likelihood, at.found,
+                        at.next);
     }
     for (int e = 0; e < VIEW * VIEW; ++e) at.curvature[e] = at.found.curvature[e];
     at.damping = all<Lanes>(FIRST_DAMPING);
@@ -170,7 +179,7 @@ void climb(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const
         Lanes step[VIEW], change[VIEW], mended[VIEW * VIEW];
         propose(at, step);
         move(at.view, step, space.view);
-        for (long j = 0; j < m; ++j) space.inlier_probability[j] = at.next(m)[j];
+        for (long j = 0; j < m; ++j) space.inlier_probability[j] = at.next[j];
         find_likelihood(data, seen, pack, space.view, space.inlier_probability, false, true, space.likelihood,
                         space.found, space.next);
         const Lanes gain = space.found.value - at.found.value;
@@ -183,10 +192,10 @@ void climb(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const
         for (int e = 0; e < VIEW * VIEW; ++e)
             at.curvature[e] = select(kept, mended[e], at.curvature[e]);
         take(kept, at.view, space.view);
-        keep(kept, at.found, space.found);
+        each_pair(at.found, space.found, [&](Lanes& old, Lanes found) { old = select(kept, found, old); });
         for (long j = 0; j < m; ++j) {
-            at.inlier_probability()[j] = select(kept, space.inlier_probability[j], at.inlier_probability()[j]);
-            at.next(m)[j] = select(kept, space.next[j], at.next(m)[j]);
+            at.inlier_probability[j] = select(kept, space.inlier_probability[j], at.inlier_probability[j]);
+            at.next[j] = select(kept, space.next[j], at.next[j]);
         }
         at.damping = select(kept, larger(at.damping * all<Lanes>(EASE), all<Lanes>(1e-9)), at.damping * HARDEN);
         at.hope = propose(at, step);
@@ -201,13 +210,13 @@ template <class Lanes>
 void finish(const PosteriorData& data, const Observed<Number<Lanes>>& seen,
             const Pack<Lanes>& pack, ClimbSpace<Lanes>& space, Climb<Lanes>& at) {
     const auto look = [&](const LaneView<Lanes>& view, Likelihood<Lanes>& found) {
-        find_likelihood(data, seen, pack, view, at.inlier_probability(), false, true, space.likelihood, found,
+        find_likelihood(data, seen, pack, view, at.inlier_probability, false, true, space.likelihood, found,
                         space.next);
     };
     at.view.R.orthonormalise();  // to the last digit, from one in single precision
     look(at.view, at.found);
     take_last_step(at);
-    for (long j = 0; j < seen.m; ++j) at.inlier_probability()[j] = space.next[j];
+    for (long j = 0; j < seen.m; ++j) at.inlier_probability[j] = space.next[j];
     look(at.view, at.found);
     Lanes* H = at.curvature;
     for (int i = 0; i < VIEW; ++i) {

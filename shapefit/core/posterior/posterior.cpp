@@ -228,7 +228,10 @@ void describe(const PosteriorData& data, const Observed<double>& seen, const Mod
     add_product(s, plain(space.V, n), space.K.data, space.U.data, n, D, D, D, up_to_row());
     for (long e = 0; e < d; ++e)
         for (long f = 0; f < d; ++f)
-            space.C[e][f] = s * s * (space.C[e][f] + (e < 2 * p && e / p == f / p ? TAU_SQUARE : 0.0));
+            space.C[e][f] *= s * s;
+    for (int a = 0; a < 2; ++a)
+        for (long j = 0; j < p; ++j)
+            for (long k = 0; k < p; ++k) space.C[a * p + j][a * p + k] += s * s * TAU_SQUARE;
     centre_covariance(space, p);
     for (long i = 0; i < N; ++i) centre_depth(space.U[i].data, p);
     for (int i = 0; i < VIEW; ++i) centre_depth(space.J[i].data, p);
@@ -278,7 +281,7 @@ void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) 
     mode.component = climbs.pair[i] % data.means.size[0];
     for (int e = 0; e < 9; ++e) mode.R[e] = at.view.R[e][lane];
     mode.log_scale = at.view.log_scale[lane];
-    for (long j = 0; j < search.late.seen.m; ++j) mode.inlier_probability[j] = at.inlier_probability()[j][lane];
+    for (long j = 0; j < search.late.seen.m; ++j) mode.inlier_probability[j] = at.inlier_probability[j][lane];
     mode.squared_mahalanobis = at.found.squared_mahalanobis[lane];
     mode.log_evidence = at.found.value[lane] + data.log_weights[mode.component] +
                         0.5 * (VIEW * LOG_TWO_PI - curvature.log_det);

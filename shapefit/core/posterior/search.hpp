@@ -12,45 +12,61 @@ constexpr double AGREEMENT = 1;    // of single and double precision at the end,
 constexpr double MOST_GROWTH = 100;  // of the scale, on the way up
 constexpr double HOPE = 2;  // how many times what a step promises a climb may still gain
 
-// The components as the lanes take them: mu (K, p, 3), and C_jk (3, 3) for k <= j.
+// The components as the lanes take them, side by side: mu (3 p, K), and C_jk (9, K) for k <= j.
+template <class Number>
 struct Components {
     Components(Workspace& workspace, const PosteriorData& data)
-        : count(data.means.size[0]),
-          means(workspace.matrix<double>(count, 3 * data.means.size[2])),
-          covariances(workspace.matrix<double>(count, 9 * corner(data.means.size[2]))) {
+        : count(data.means.size[0]), room(padded(count)),
+          means(workspace.zeros<Number>(3 * data.means.size[2] * room)),
+          covariances(workspace.zeros<Number>(9 * corner(data.means.size[2]) * room)) {
         const long p = data.means.size[2];
         for (long k = 0; k < count; ++k)
             for (long j = 0; j < p; ++j)
                 for (int a = 0; a < 3; ++a) {
-                    means[k][3 * j + a] = data.means[k][a][j];
+                    means[(3 * j + a) * room + k] = static_cast<Number>(data.means[k][a][j]);
                     for (long l = 0; l <= j; ++l)
                         for (int b = 0; b < 3; ++b)
-                            covariances[k][9 * (corner(j) + l) + 3 * a + b] =
-                                data.covariances[k][a * p + j][b * p + l];
+                            covariances[(9 * (corner(j) + l) + 3 * a + b) * room + k] =
+                                static_cast<Number>(data.covariances[k][a * p + j][b * p + l]);
                 }
     }
 
-    long count;
-    Matrix<double> means, covariances;
+    long count, room;
+    Number *means, *covariances;
 };
+
+// row[at] of each lane.
+template <class Lanes>
+[[gnu::always_inline]] inline Lanes gather(const Number<Lanes>* row, const int* at) {
+    Number<Lanes> found[width<Lanes>];  // the compiler makes one instruction of it where there is one
+    for (int lane = 0; lane < width<Lanes>; ++lane) found[lane] = row[at[lane]];
+    Lanes lanes;
+    memcpy(&lanes, found, sizeof lanes);
+    return lanes;
+}
 
 template <class Lanes>
 struct Climbs {
     Climbs(Workspace& workspace, long most, long p)
-        : pair(workspace.zeros<long>(most + width<Lanes>)),
-          size(climb_size<Lanes>(p)),
-          lanes(workspace.zeros<Lanes>((most + width<Lanes> - 1) / width<Lanes> * size)) {}
+        : p(p),
+          pair(workspace.zeros<long>(most + width<Lanes>)),
+          lanes(workspace.zeros<Climb<Lanes>>((most + width<Lanes> - 1) / width<Lanes>)) {
+        for (long b = 0; b * width<Lanes> < most; ++b) {
+            lanes[b].inlier_probability = workspace.zeros<Lanes>(p);
+            lanes[b].next = workspace.zeros<Lanes>(p);
+        }
+    }
 
-    Climb<Lanes>& block(long b) const { return *reinterpret_cast<Climb<Lanes>*>(lanes + b * size); }
+    Climb<Lanes>& block(long b) const { return lanes[b]; }
     Climb<Lanes>& operator[](long i) const { return block(i / width<Lanes>); }
     long blocks() const { return (count + width<Lanes> - 1) / width<Lanes>; }
     // Copy climb i of some climbs, or of these, where i is not before the end.
     template <class Others>
     void append(const Climbs<Others>& from, long i) {
-        const Others* source = from.lanes + i / width<Others> * size;
-        Lanes* target = lanes + count / width<Lanes> * size;
-        for (long e = 0; e < size; ++e)
-            target[e][count % width<Lanes>] = static_cast<Number<Lanes>>(source[e][i % width<Others>]);
+        const long to_lane = count % width<Lanes>, lane = i % width<Others>;
+        each_pair((*this)[count], from[i], p, [=](Lanes& to, const Others& given) {
+            to[to_lane] = static_cast<Number<Lanes>>(given[lane]);
+        });
         pair[count++] = from.pair[i];
     }
     // Fill the last block with copies of its last climb.
@@ -60,22 +76,23 @@ struct Climbs {
         count = own;
     }
 
+    const long p;
     long count = 0;
     long* pair;  // of start and component: K start + component
-    long size;   // of a block in Lanes
-    Lanes* lanes;
+    Climb<Lanes>* lanes;
 };
 
 // What the lanes of one precision work with.
 template <class Lanes>
 struct Side {
     Side(Workspace& workspace, const PosteriorData& data)
-        : seen(workspace, data.means.size[2]),
+        : components(workspace, data), seen(workspace, data.means.size[2]),
           pack{workspace.zeros<Lanes>(3 * data.means.size[2]),
                workspace.zeros<Lanes>(9 * corner(data.means.size[2]))},
           space(workspace, data.means.size[2]),
           climbs(workspace, data.starts.size[1] * data.means.size[0], data.means.size[2]) {}
 
+    Components<Number<Lanes>> components;
     Observed<Number<Lanes>> seen;
     Pack<Lanes> pack;
     ClimbSpace<Lanes> space;
@@ -86,12 +103,10 @@ struct Side {
 // loses its way.
 struct Search {
     Search(Workspace& workspace, const PosteriorData& data)
-        : components(workspace, data),
-          going(workspace, data),
+        : going(workspace, data),
           late(workspace, data),
           arrived(workspace, data.starts.size[1] * data.means.size[0], data.means.size[2]) {}
 
-    Components components;
     Side<Singles> going;
     Side<Doubles> late;
     Climbs<Doubles> arrived;
@@ -99,25 +114,21 @@ struct Search {
 
 // The components of one block of lanes.
 template <class Lanes>
-void fetch(const Components& components, long b, const Climbs<Lanes>& climbs, Side<Lanes>& side) {
+void fetch(long b, const Climbs<Lanes>& climbs, Side<Lanes>& side) {
     constexpr int WIDTH = width<Lanes>;
     const Observed<Number<Lanes>>& seen = side.seen;
     const Pack<Lanes>& pack = side.pack;
+    const auto& from = side.components;
     const long* pair = climbs.pair + b * WIDTH;
-    const double *mean[WIDTH], *C[WIDTH];
-    for (int lane = 0; lane < WIDTH; ++lane) {
-        mean[lane] = components.means[pair[lane] % components.count].data;
-        C[lane] = components.covariances[pair[lane] % components.count].data;
-    }
+    int of[WIDTH];
+    for (int lane = 0; lane < WIDTH; ++lane) of[lane] = static_cast<int>(pair[lane] % from.count);
     for (long j = 0; j < seen.m; ++j) {
         for (int a = 0; a < 3; ++a)
-            for (int lane = 0; lane < WIDTH; ++lane)
-                pack.mean[3 * j + a][lane] = mean[lane][3 * seen.index[j] + a];
+            pack.mean[3 * j + a] = gather<Lanes>(from.means + (3 * seen.index[j] + a) * from.room, of);
         for (long k = 0; k <= j; ++k) {
-            const long from = 9 * (corner(seen.index[j]) + seen.index[k]);
+            const Number<Lanes>* C = from.covariances + 9 * (corner(seen.index[j]) + seen.index[k]) * from.room;
             Lanes* to = pack.covariance + 9 * (corner(j) + k);
-            for (int e = 0; e < 9; ++e)
-                for (int lane = 0; lane < WIDTH; ++lane) to[e][lane] = C[lane][from + e];
+            for (int e = 0; e < 9; ++e) to[e] = gather<Lanes>(C + e * from.room, of);
         }
     }
 }
@@ -192,7 +203,7 @@ long run_climbs(const PosteriorData& data, long rounds, double margin, double& b
     long steps = 0;
     going.climbs.pad();
     for (long b = 0; b < going.climbs.blocks(); ++b) {
-        fetch(search.components, b, going.climbs, going);
+        fetch(b, going.climbs, going);
         begin(data, going.seen, going.pack, going.space, going.climbs.block(b));
     }
     for (;; rounds -= ROUNDS) {
@@ -201,7 +212,7 @@ long run_climbs(const PosteriorData& data, long rounds, double margin, double& b
         drop_finished(data, best - margin, going.climbs, search);
         if (!going.climbs.count || rounds <= 0) return steps;
         for (long b = 0; b < going.climbs.blocks(); ++b) {
-            fetch(search.components, b, going.climbs, going);
+            fetch(b, going.climbs, going);
             climb(data, going.seen, going.pack, ROUNDS, going.space, going.climbs.block(b));
         }
         steps += ROUNDS * going.climbs.count;
@@ -235,7 +246,7 @@ inline bool finish_all(const PosteriorData& data, double margin, Search& search)
     for (long b = 0; b < arrived.blocks(); ++b) {
         Climb<Doubles>& at = arrived.block(b);
         const Doubles before = at.found.value;
-        fetch(search.components, b, arrived, late);
+        fetch(b, arrived, late);
         finish(data, late.seen, late.pack, late.space, at);
         const Doubles difference = magnitude(at.found.value - before);
         apart = difference < AGREEMENT ? apart : all(1.0);
