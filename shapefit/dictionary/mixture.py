@@ -72,7 +72,7 @@ class Mixture:
             L = np.linalg.cholesky(covariance)
             z = (x - mean.ravel()) @ np.linalg.inv(L).T
             log_size = np.log(np.diag(L)).sum() + 0.5 * len(L) * np.log(2 * np.pi)
-            found[:, k] = np.log(self.weights[k]) - 0.5 * np.einsum('nd,nd->n', z, z) - log_size
+            found[:, k] = np.log(self.weights[k]) - 0.5 * np.einsum("nd,nd->n", z, z) - log_size
         return found
 
 
