@@ -104,17 +104,16 @@ def as_metres(
     height: float | None = None,
     unit: str | None = None,
     up: Up | None = None,
-    world_unit: str | None = None,
 ) -> np.recarray[Any, Any]:
     """Return joints in metres: a row per frame and landmark, as `convert -o x.metres.csv` writes.
 
     Columns: frame, time (s, or frames without a frame rate), landmark, x, y, z, sd of the distance
     to the point, trusted, sequence; nan in gaps. height of the body in metres, by default that of
-    the fit; unit, up and world_unit as of `convert`. Raises InputError where nothing says how large
+    the fit; unit and up as of `convert`. Raises InputError where nothing says how large
     the shapes are.
     """
     height = stated_height(fit) if height is None else height
-    options = OutputOptions(height=height, unit=unit, up=up, world_unit=world_unit)
+    options = OutputOptions(height=height, unit=unit, up=up)
     motions = find_motions(fit._inside, options, "Fit.to_metres")
     warn(dict.fromkeys(text for each in motions for text in each.warnings))
     parts = []

@@ -60,14 +60,12 @@ class OutputOptions:
                 shapes of their dictionary
     unit        of shapes whose files do not say it
     up          axis of the shapes, or of the world that the extrinsics know, that points up
-    world_unit  of the translation of the extrinsics; metres by default
     markers     input: the landmarks of the files that were lifted, in place of the joints
     """
 
     height: float | None = None
     unit: str | None = None
     up: Up | None = None
-    world_unit: str | None = None
     markers: Markers | None = None
 
     @property

@@ -64,7 +64,6 @@ def run(config: ConvertConfig, markers: Markers | None = None) -> Iterator[Outco
         height=config.height,
         unit=config.unit,
         up=config.up,
-        world_unit=config.world_unit,
         markers=markers,
     )
     with (

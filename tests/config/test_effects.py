@@ -30,7 +30,7 @@ ALWAYS = {
     "learn-dict": "shapes output frame_rate start origin suits",
     "eval": "results truth output match groups metrics least_visible truth_frame plots view",
     "project": "shapes output camera.view camera.scale y_axis noise hidden",
-    "convert": "files output dictionary to every every frame_rate height unit up world_unit",
+    "convert": "files output dictionary to every every frame_rate height unit up",
     "info": "files",
     "view": "files truth dictionary images items frame_rate output",
 }

@@ -46,8 +46,6 @@ class ConvertConfig(CommandConfig):
     """Axis that points up, of the shapes or of the world of the camera, for outputs in metres: it
     becomes y. By default shapes keep their axes, and the world's is the one nearest to up in the
     image."""
-    world_unit: str | None = Field(default=None, min_length=1)
-    """Unit of the translation of a camera's extrinsics; metres by default."""
 
 
 class InfoConfig(CommandConfig):

@@ -15,7 +15,7 @@ from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.geometry.joint_rotations import Rig, find_places, find_rig, in_pose
 from shapefit.io.skeletons import part_names
-from shapefit.io.writers.motion import Motion, by_individual, motion_output
+from shapefit.io.writers.motion import Motion, motion_output
 
 MILLIMETRES = 1000.0
 
@@ -166,9 +166,8 @@ DECIMALS = 6
 TURNS = "Zrotation Xrotation Yrotation"
 
 
-def write_bvh(path: Path, motions: Sequence[Motion]) -> None:
+def write_bvh(path: Path, motion: Motion) -> None:
     """Write one motion; the first frame of the file is the first of the motion."""
-    (motion,) = motions
     assert motion.rig is not None
     angles = np.concatenate(np.degrees(find_angles(motion.rig.rotations)), axis=1)
     table = np.hstack([motion.rig.root, angles]).round(DECIMALS)
@@ -178,7 +177,7 @@ def write_bvh(path: Path, motions: Sequence[Motion]) -> None:
         file.write(text.replace(b"],[", b"\n").replace(b",", b" ") + b"\n")
 
 
-bvh_output = motion_output(write_bvh, by_individual, prepare=rigged)
+bvh_output = motion_output(write_bvh, prepare=rigged)
 
 
 def find_angles(rotations: Floats) -> Floats:

@@ -16,7 +16,7 @@ from shapefit.arrays import Floats
 from shapefit.errors import input_error, printable
 from shapefit.io.layout import Layout
 from shapefit.io.options import OutputOptions
-from shapefit.io.writers.motion import Motion, MotionWriter, by_individual, motion_output
+from shapefit.io.writers.motion import Motion, MotionWriter, motion_output
 from shapefit.io.writers.tables import write_angles
 
 BLOCK = 4096
@@ -28,12 +28,11 @@ COLUMNS = (
 """Of the header of TRC."""
 
 
-def write_trc(path: Path, motions: Sequence[Motion]) -> None:
+def write_trc(path: Path, motion: Motion) -> None:
     """Write one motion.
 
     The last cell of the first line, where readers expect nothing, says which way is up.
     """
-    (motion,) = motions
     with path.open("wb") as file:
         file.write("".join(f"{line}\n" for line in _trc_header(motion)).encode())
         for start in range(0, len(motion.points), BLOCK):
@@ -43,7 +42,7 @@ def write_trc(path: Path, motions: Sequence[Motion]) -> None:
             file.write(_lines(frames.tolist(), table))
 
 
-trc_output = motion_output(write_trc, by_individual, angles=write_angles)
+trc_output = motion_output(write_trc, angles=write_angles)
 
 
 def _trc_header(motion: Motion) -> Iterator[str]:
@@ -94,7 +93,7 @@ def c3d_output(
     Raises InputError, before any work, where ezc3d is not installed.
     """
     load_ezc3d()
-    return motion_output(write_c3d, by_individual, "mm")(target, form, options)
+    return motion_output(write_c3d, "mm")(target, form, options)
 
 
 def load_ezc3d() -> Any:
@@ -107,12 +106,11 @@ def load_ezc3d() -> Any:
     return ezc3d
 
 
-def write_c3d(path: Path, motions: Sequence[Motion]) -> None:
+def write_c3d(path: Path, motion: Motion) -> None:
     """Write one motion; a missing point has the residual -1.
 
     Raises InputError where it has more frames or landmarks, or longer names, than a file can hold.
     """
-    (motion,) = motions
     place = motion.name or "C3D"
     long = max(motion.landmark_names, key=lambda name: len(name.encode()), default="")
     if len(motion.landmark_names) > MOST_LABELS or len(long.encode()) > MOST_LABELS:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,7 +17,7 @@ from shapefit.io.options import OutputOptions
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.io.skeletons import joint_columns
 
-Solid = ShapeSet | ResultSet
+Shapes3D = ShapeSet | ResultSet
 
 CAMERA_TRANSLATION = "camera_translation"
 EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION = "extrinsic_rotation", "extrinsic_translation"
@@ -73,24 +73,22 @@ FARTHEST = 100.0
 
 
 @dataclass(frozen=True)
-class Placed:
+class MetricShapes:
     """points (n, 3, p) in metres, and where their `axes` and their `size` come from, in words.
 
-    factor (n,): metres in a unit of each shape. start (3,): where in the plane of the image, in
-    metres, the point is that files without a world have at x = z = 0.
+    factor (n,): metres in a unit of each shape.
     """
 
     points: Floats
     factor: Floats
     axes: str
     size: str
-    start: Floats = field(default_factory=lambda: np.zeros(3))
     warnings: tuple[str, ...] = ()
 
 
 def in_metres(
-    records: Solid, options: OutputOptions, place: str, floor: Floor | None = None
-) -> Placed:
+    records: Shapes3D, options: OutputOptions, place: str, floor: Floor | None = None
+) -> MetricShapes:
     """Return one sequence in metres.
 
     Results have y up, shapes keep their axes unless `up` turns them. On a floor y = 0 is the floor,
@@ -102,34 +100,35 @@ def in_metres(
     factor, size = _factor(records, upright, options, place)
     names = records.landmark_names
     warnings: tuple[str, ...] = ()
-    start = np.zeros(3)
     if known is None:
-        points, start = _in_the_image(upright, factor)
+        points = _in_the_image(upright, factor)
         origin = "lowest landmark at height 0"
     else:
-        world = _world(records, options, place)
+        world = _per_item(records, EXTRINSIC_TRANSLATION, (3,), place)
+        if EXTRINSIC_ROTATION not in records.columns:
+            world = None
         points = _in_the_world(records, factor, known, world, place)
         origin = "position from the camera"
-        warnings = _doubts(world)
+        warnings = _distance_warning(world)
         if floor is not None:
             points = floor.stand(points)
             axes, origin = "y up from the floor", str(floor)
         elif EXTRINSIC_ROTATION not in records.columns and find_stature(upright, names) is not None:
             origin = f"the feet do not show the floor; {origin}"
-    return Placed(points, factor, f"{axes}; {origin}", size, start, warnings)
+    return MetricShapes(points, factor, f"{axes}; {origin}", size, warnings)
 
 
-def _shapes(records: ShapeSet, options: OutputOptions, place: str) -> Placed:
+def _shapes(records: ShapeSet, options: OutputOptions, place: str) -> MetricShapes:
     axes = "axes as in the shapes"
     shapes = records.shapes
     if options.up is not None:
         shapes, axes = TO_Y_UP[options.up] @ shapes, f"y up, which was {options.up}"
     factor, size = _factor(records, shapes, options, place)
-    return Placed(factor[:, None, None] * shapes, factor, axes, size)
+    return MetricShapes(factor[:, None, None] * shapes, factor, axes, size)
 
 
 def _factor(
-    records: Solid, upright: Floats, options: OutputOptions, place: str
+    records: Shapes3D, upright: Floats, options: OutputOptions, place: str
 ) -> tuple[Floats, str]:
     """Return the metres (n,) in a unit of each shape, and by what."""
     n = len(records)
@@ -162,7 +161,7 @@ def _factor(
     return whole * (options.height / tall), f"height {options.height:g} m"
 
 
-def _unit(records: Solid, options: OutputOptions, place: str) -> float | None:
+def _unit(records: Shapes3D, options: OutputOptions, place: str) -> float | None:
     """Return the metres in the unit of the records, None where it is no length."""
     stated = None if records.unit == UNKNOWN_UNIT else records.unit
     if options.unit is None:
@@ -176,7 +175,7 @@ def _unit(records: Solid, options: OutputOptions, place: str) -> float | None:
     return metres_in(options.unit)
 
 
-def _unknown_size(records: Solid, place: str) -> Exception:
+def _unknown_size(records: Shapes3D, place: str) -> Exception:
     if isinstance(records, ShapeSet):
         known = records.unit != UNKNOWN_UNIT
         named = f"is {records.unit}, which is no length" if known else "is not known"
@@ -214,40 +213,29 @@ def _upright(
     return turn @ records.shapes, axes, turn if has_position else None
 
 
-def _in_the_image(upright: Floats, factor: Floats) -> tuple[Floats, Floats]:
+def _in_the_image(upright: Floats, factor: Floats) -> Floats:
     """Place shapes of unknown depth: they move in the plane of the image, on one scale.
 
     Each is as large as its factor says; the first is at x = z = 0, the lowest landmark at y = 0.
-    Returns where (3,) in the plane the first was, too.
     """
     middle = upright.mean(axis=2, keepdims=True)
     placed = np.flatnonzero(np.isfinite(middle).all(axis=(1, 2)))
     if not len(placed):
-        return upright, np.zeros(3)
+        return upright
     size, first = _median(factor), middle[placed[0]]
     points = factor[:, None, None] * (upright - middle) + size * (middle - first)
     points[:, 1] -= np.nanmin(points[:, 1])
-    return points, size * first[:, 0] * np.array([1.0, 0.0, 1.0])
+    return points
 
 
-def _world(records: ResultSet, options: OutputOptions, place: str) -> Floats | None:
-    """Return where the origin of the world is for the camera (n, 3), in metres, if it knows."""
-    metres = metres_in(options.world_unit or "m")
-    if metres is None:
-        found = f"{options.world_unit!r} is no unit of length"
-        raise input_error("world_unit", found, "use m, cm or mm")
-    shift = _per_item(records, EXTRINSIC_TRANSLATION, (3,), place)
-    return None if shift is None or EXTRINSIC_ROTATION not in records.columns else metres * shift
-
-
-def _doubts(world: Floats | None) -> tuple[str, ...]:
+def _distance_warning(world: Floats | None) -> tuple[str, ...]:
     """Warn of a camera that is too far from the origin of its world, as with millimetres."""
     far = 0.0 if world is None or not len(world) else float(np.linalg.norm(world, axis=1).max())
     if far <= FARTHEST:
         return ()
     return (
-        f"the camera is {far:.0f} m from the origin of its world: if the extrinsics are in "
-        "millimetres, set `world_unit: mm` of `convert`",
+        f"the camera is {far:.0f} m from the origin of its world: are the extrinsics in "
+        "millimetres? Divide their translation by 1000",
     )
 
 

@@ -44,12 +44,11 @@ from shapefit.io.writers.metres import (
     CAMERA_TRANSLATION,
     EXTRINSIC_ROTATION,
     EXTRINSIC_TRANSLATION,
-    Solid,
+    Shapes3D,
     find_stature,
     in_metres,
 )
 from shapefit.lifting.verdict import P_VALUE, REASONS
-from shapefit.stores import UrlPath
 
 KEPT = {
     *("shapes", "translation", "scale", "shape_sd"),
@@ -62,7 +61,7 @@ KEPT = {
 MOST_GAPS = 100
 """Frames without an item, for each with one; with more it is no sequence."""
 
-MOST_SAID = 3
+MOST_DESCRIBED = 3
 """Floors of different videos that the note of a command describes."""
 
 NO_RATE = "the frame rate is unknown, so times are numbers of frames; set `frame_rate`"
@@ -74,7 +73,7 @@ class Motion:
 
     points (f, 3, p) in metres, nan where there is nothing; first, the number of the first frame;
     rate in Hz, 1 where it is not known; edges (e, 2) between landmarks; axes and size in words;
-    warnings about the sequence; start (3,) as in `Placed`; trusted (f,), true, false, or "" where
+    warnings about the sequence; trusted (f,), true, false, or "" where
     the records do not say; rig for files that hold turning bones. deviations
     (f, p) of points in metres, angles and their deviations (f, a) in degrees; nan where they are
     not known.
@@ -94,7 +93,6 @@ class Motion:
     angle_names: Names = ()
     trusted: Sequence[str] = ()
     edges: Integers = field(default_factory=lambda: np.empty((0, 2), np.int64))
-    start: Floats = field(default_factory=lambda: np.zeros(3))
     rig: Rig | None = None
 
     @property
@@ -103,7 +101,7 @@ class Motion:
         return self.first + np.arange(len(self.points), dtype=np.int64)
 
 
-def find_motions(records: Solid, options: OutputOptions, place: str) -> list[Motion]:
+def find_motions(records: Shapes3D, options: OutputOptions, place: str) -> list[Motion]:
     """Part records by sequence, each in the order of its frames, on the floor of its video.
 
     Raises InputError as `_tracks`, and for frames too far apart.
@@ -116,7 +114,7 @@ def find_motions(records: Solid, options: OutputOptions, place: str) -> list[Mot
     ]
 
 
-def _tracks(records: Solid, place: str) -> list[tuple[str, Solid, Integers]]:
+def _tracks(records: Shapes3D, place: str) -> list[tuple[str, Shapes3D, Integers]]:
     """Part records by sequence: name, items and their frames (n,), in the order of these.
 
     Frames are those of the dataset `frame`, or, without one, the order of the items. Raises
@@ -161,7 +159,7 @@ USUAL_RATE = 25.0
 """Frames a second where nobody says."""
 
 
-def find_floors(records: Solid, options: OutputOptions, place: str) -> dict[str, Floor]:
+def find_floors(records: Shapes3D, options: OutputOptions, place: str) -> dict[str, Floor]:
     """Return the floor that the bodies of each video stand on, by its name, where it is known.
 
     It takes results under perspective, in the frame of their camera, and what is to be trusted of
@@ -193,7 +191,7 @@ def find_floors(records: Solid, options: OutputOptions, place: str) -> dict[str,
     return {name: floor for name, floor in found.items() if floor is not None}
 
 
-def _seen_about(records: Solid, column: int, rate: float) -> NDArray[np.bool_]:
+def _seen_about(records: Shapes3D, column: int, rate: float) -> NDArray[np.bool_]:
     """Whether a landmark (n,) was seen in the image or in one within a quarter of a second.
 
     Feet that the model gives where an image ends at the hips stand nowhere.
@@ -208,7 +206,7 @@ def _seen_about(records: Solid, column: int, rate: float) -> NDArray[np.bool_]:
 
 def _motion(
     name: str,
-    records: Solid,
+    records: Shapes3D,
     frames: Integers,
     options: OutputOptions,
     place: str,
@@ -261,12 +259,11 @@ def _motion(
         axes=placed.axes,
         size=placed.size,
         warnings=tuple(warnings),
-        start=placed.start,
         trusted=_trusted(records, frames - first, length),
     )
 
 
-def _trusted(records: Solid, places: Integers, length: int) -> list[str]:
+def _trusted(records: Shapes3D, places: Integers, length: int) -> list[str]:
     """Return for each frame whether its shape is trusted, "" where the records do not say."""
     answers, reasons = [""] * length, records.columns.get(REASONS)
     if reasons is not None:
@@ -275,7 +272,7 @@ def _trusted(records: Solid, places: Integers, length: int) -> list[str]:
     return answers
 
 
-def _as_markers(records: Solid) -> Solid:
+def _as_markers(records: Shapes3D) -> Shapes3D:
     """Return the landmarks of the files, by the names that models know, in place of the joints."""
     columns = records.columns
     sd, given = columns.get(INPUT_SD), tuple(map(str, columns[INPUT_NAMES]))
@@ -288,7 +285,7 @@ def _as_markers(records: Solid) -> Solid:
     )
 
 
-def _say_markers(records: Solid) -> str:
+def _describe_markers(records: Shapes3D) -> str:
     """Say which markers were fitted where they were seen, and which follow from the others."""
     own = tuple(map(str, records.columns[INPUT_NAMES]))
     fitted = people_joints(own)
@@ -301,28 +298,25 @@ def _say_markers(records: Solid) -> str:
     return said + (f"; {abbreviate(missing)} not marked, or not determined" if missing else "")
 
 
-Write = Callable[[Path, Sequence[Motion]], None]
-"""Fills a new file with motions that belong in one."""
+Write = Callable[[Path, Motion], None]
+"""Fills a new file with a motion."""
 
 Prepare = Callable[[Sequence[Motion], str], tuple[list[Motion], str]]
 """Makes of motions what a format holds, with a note; raises InputError at a place if it cannot."""
 
-Group = Callable[[Sequence[Motion]], dict[str, list[Motion]]]
-"""Parts motions by file: what its name ends with -> those that it holds."""
-
 Output = Callable[[Path, Layout, OutputOptions], AbstractContextManager["MotionWriter"]]
 
 
-class MotionWriter(RecordWriter[Solid]):
+class MotionWriter(RecordWriter[Shapes3D]):
     """Takes shapes or results; keeps their points, as the scale of a sequence takes all of it."""
 
     def __init__(self, options: OutputOptions, *, angles: bool) -> None:
         """Take records for files in metres; `angles`, whether joint angles are written of them."""
         super().__init__()
-        self.parts: list[Solid] = []
+        self.parts: list[Shapes3D] = []
         self._options, self._angles = options, angles
 
-    def append(self, record: Solid) -> None:
+    def append(self, record: Shapes3D) -> None:
         """Take the items of a record after those that are there."""
         if self._options.markers == "input" and INPUT_SHAPES not in record.columns:
             found = "`--markers input`: there are no landmarks of a detector beside the joints"
@@ -336,96 +330,77 @@ class MotionWriter(RecordWriter[Solid]):
 
 def motion_output(
     write: Write,
-    group: Group,
     unit: str = "m",
     prepare: Prepare | None = None,
     angles: Write | None = None,
     measured: bool = False,
 ) -> Output:
-    """Return what gives a writer to files that appear on a clean exit: `target`, or one per group.
+    """Return what gives a writer to a file per sequence; all appear on a clean exit.
 
-    Several are named after the target: man.trc becomes man_NAME.trc. `angles` writes joint angles
-    beside each, and `measured` ones are part of the format. What is returned raises InputError
-    where they cannot be written; those of an earlier run then stay as they were.
+    One sequence goes to `target`; several are named after it: man.trc becomes man_NAME.trc.
+    `angles` writes joint angles beside each; `measured`, whether they are part of the format. What
+    is returned raises InputError where the files cannot be written; earlier ones then stay.
     """
 
     @contextmanager
     def output(target: Path, form: Layout, options: OutputOptions) -> Iterator[MotionWriter]:
-        if isinstance(target, UrlPath):
-            found = "motion can be several files, which do not appear together in an object store"
-            raise input_error(target, found, "write it to this machine, and copy it there")
         check_output(target)
         writer = MotionWriter(options, angles=measured or angles is not None)
         yield writer
         writer.check_begun()
-        records: Solid = concatenate(writer.parts)  # type: ignore[type-var]
+        records: Shapes3D = concatenate(writer.parts)  # type: ignore[type-var]
         writer.parts.clear()
         motions, note = find_motions(records, options, str(target)), ""
         if prepare is not None:
             motions, note = prepare(motions, str(target))
         if options.markers == "input":
-            note = "; ".join(filter(None, (note, _say_markers(records))))
-        files = _files(target, group(motions), write, angles)
+            note = "; ".join(filter(None, (note, _describe_markers(records))))
+        files = _files(target, motions, write, angles)
         if len(files) == 1:
             with atomic_path(target) as path:
-                write(path, motions)
+                write(path, motions[0])
         else:
             with staged_files(Path(os.path.realpath(target)).parent) as staged:
                 for name, fill in files.items():
                     staged.write(name, fill, name.stem, sync=True)
-        said = [*dict.fromkeys(f"in {unit} by {each.size}, {each.axes}" for each in motions)]
-        if len(said) > MOST_SAID:
-            said[MOST_SAID:] = [f"and {len(said) - MOST_SAID} others, as their files say"]
+        placed = [*dict.fromkeys(f"in {unit} by {each.size}, {each.axes}" for each in motions)]
+        if len(placed) > MOST_DESCRIBED:
+            others = len(placed) - MOST_DESCRIBED
+            placed[MOST_DESCRIBED:] = [f"and {others} others, as their files say"]
         warnings = dict.fromkeys(text for each in motions for text in each.warnings)
         paths = [target] if len(files) == 1 else [target.parent / name for name in files]
-        note = "; ".join([*said, *([note] if note else ())])
+        note = "; ".join([*placed, *([note] if note else ())])
         writer.summary = Summary(note=note, warnings=tuple(warnings), written=tuple(paths))
 
     return output
 
 
-def by_individual(motions: Sequence[Motion]) -> dict[str, list[Motion]]:
-    """Give each motion a file of its own, named by its sequence without what all begin with.
+def _files(
+    target: Path, motions: Sequence[Motion], write: Write, angles: Write | None
+) -> dict[PurePosixPath, Callable[[Path], None]]:
+    """Return the files to write, by name: one per motion, with angles beside it.
 
-    Folders that all are in are left out: cam01/a, cam01/b -> a, b.
+    Names are those of the sequences, without the folders that all are in, / and spaces; those
+    that become the same get a number.
     """
-    parts = [each.name.split("/") for each in motions]
+    resolved = Path(os.path.realpath(target))
+    parts = [motion.name.split("/") for motion in motions]
     shared = 0
     while all(len(part) > shared + 1 and part[shared] == parts[0][shared] for part in parts):
         shared += 1
-    names = ("/".join(part[shared:]) for part in parts)
-    return {name: [motion] for name, motion in zip(names, motions, strict=True)}
-
-
-def by_video(motions: Sequence[Motion]) -> dict[str, list[Motion]]:
-    """Put the individuals of a video in one file."""
-    groups: dict[str, list[Motion]] = {}
-    for motion in motions:
-        groups.setdefault(video_of(motion.name), []).append(motion)
-    return groups
-
-
-def _files(
-    target: Path, groups: dict[str, list[Motion]], write: Write, angles: Write | None
-) -> dict[PurePosixPath, Callable[[Path], None]]:
-    """Return the files to write, by name: one per group, with angles beside it.
-
-    Names have no / and no spaces; those that become the same get a number.
-    """
-    resolved = Path(os.path.realpath(target))
     files: dict[PurePosixPath, Callable[[Path], None]] = {}
     stems: set[str] = set()
-    for ending, motions in groups.items():
-        plain = ending.replace("/", "_").replace(" ", "_")
+    for part, motion in zip(parts, motions, strict=True):
+        plain = "_".join(part[shared:]).replace(" ", "_")
         numbered = (f"{plain}_{number}" for number in count(2))
         name = next(each for each in chain([plain], numbered) if each not in stems)
         stems.add(name)
-        stem = file_stem(f"{resolved.stem}_{name}") if len(groups) > 1 else resolved.stem
-        files[PurePosixPath(f"{stem}{resolved.suffix}")] = partial(_write_group, write, motions)
-        if angles is not None and motions[0].angle_names:
-            files[PurePosixPath(f"{stem}_angles.csv")] = partial(_write_group, angles, motions)
+        stem = file_stem(f"{resolved.stem}_{name}") if len(motions) > 1 else resolved.stem
+        files[PurePosixPath(f"{stem}{resolved.suffix}")] = partial(_fill, write, motion)
+        if angles is not None and motion.angle_names:
+            files[PurePosixPath(f"{stem}_angles.csv")] = partial(_fill, angles, motion)
     return files
 
 
-def _write_group(write: Write, motions: Sequence[Motion], path: Path) -> None:
-    write(path, motions)
+def _fill(write: Write, motion: Motion, path: Path) -> None:
+    write(path, motion)

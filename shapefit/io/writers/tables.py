@@ -1,4 +1,4 @@
-"""Motion as tables: joints in metres, and joint angles, as CSV, Parquet and the .mot of OpenSim."""
+"""Motion as tables: joints in metres, and joint angles, as CSV and the .mot of OpenSim."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from shapefit.errors import input_error, printable
-from shapefit.io.writers.motion import Motion, by_individual, motion_output
+from shapefit.io.writers.motion import Motion, motion_output
 
 METRES = ("frame", "time", "landmark", "x", "y", "z", "sd", "trusted")
 """Columns; sd is that of the distance to the point, sqrt(sd_x^2 + sd_y^2 + sd_z^2)."""
@@ -30,24 +30,17 @@ def metres_columns(motion: Motion) -> dict[str, Any]:
     return dict(zip(METRES, columns, strict=True))
 
 
-def write_metres(path: Path, motions: Sequence[Motion]) -> None:
-    """Write a row per frame and landmark of one motion: Parquet where the name ends so, else CSV.
+def write_metres(path: Path, motion: Motion) -> None:
+    """Write a row per frame and landmark of one motion.
 
     Points that are not known are empty, and so are deviations without error bars.
     """
-    (motion,) = motions
     columns = metres_columns(motion)
-    if path.suffix in (".parquet", ".pq"):
-        from shapefit.io.parquet_file import write_columns
-
-        write_columns(path, columns)
-    else:
-        _write_csv(path, METRES, zip(*columns.values(), strict=True), ".7g")
+    _write_csv(path, METRES, zip(*columns.values(), strict=True), ".7g")
 
 
-def write_angles(path: Path, motions: Sequence[Motion]) -> None:
+def write_angles(path: Path, motion: Motion) -> None:
     """Write a row per frame of one motion: each angle and its standard deviation, in degrees."""
-    (motion,) = motions
     pairs = np.stack([motion.angles, motion.angle_deviations], axis=2).reshape(
         len(motion.points), -1
     )
@@ -56,9 +49,8 @@ def write_angles(path: Path, motions: Sequence[Motion]) -> None:
     _write_csv(path, header, ((frame, t, said, *row) for frame, t, said, row in rows), ".4g")
 
 
-def write_mot(path: Path, motions: Sequence[Motion]) -> None:
+def write_mot(path: Path, motion: Motion) -> None:
     """Write the joint angles of one motion in degrees, as OpenSim reads them; gaps are NaN."""
-    (motion,) = motions
     table = np.column_stack([motion.frames / motion.rate, motion.angles])
     with path.open("w", encoding="utf-8", newline="\n") as file:
         file.write(f"{printable(motion.name) or 'Coordinates'}\nversion=1\nnRows={len(table)}\n")
@@ -92,6 +84,6 @@ def _with_angles(motions: Sequence[Motion], place: str) -> tuple[list[Motion], s
     return list(motions), ""
 
 
-metres_output = motion_output(write_metres, by_individual)
-angles_output = motion_output(write_angles, by_individual, prepare=_with_angles, measured=True)
-mot_output = motion_output(write_mot, by_individual, prepare=_with_angles, measured=True)
+metres_output = motion_output(write_metres)
+angles_output = motion_output(write_angles, prepare=_with_angles, measured=True)
+mot_output = motion_output(write_mot, prepare=_with_angles, measured=True)

@@ -93,14 +93,14 @@ def motion_of(names, first=0):
 
 
 def test_the_last_frame_that_c3d_can_number(tmp_path, problems):
-    write_c3d(tmp_path / "man.c3d", [motion_of(("a",), MOST_FRAMES - 2)])
-    (line,) = problems(write_c3d, tmp_path / "man.c3d", [motion_of(("a",), MOST_FRAMES - 1)])
+    write_c3d(tmp_path / "man.c3d", motion_of(("a",), MOST_FRAMES - 2))
+    (line,) = problems(write_c3d, tmp_path / "man.c3d", motion_of(("a",), MOST_FRAMES - 1))
     assert f"and C3D numbers {MOST_FRAMES:,} at most" in line
 
 
 @pytest.mark.parametrize(("count", "bytes_"), [(3, 256), (256, 3)])
 def test_more_labels_or_longer_ones_than_a_byte_counts(tmp_path, count, bytes_, problems):
     names = tuple(f"{number:03}".rjust(bytes_, "x") for number in range(count))
-    (line,) = problems(write_c3d, tmp_path / "man.c3d", [motion_of(names)])
+    (line,) = problems(write_c3d, tmp_path / "man.c3d", motion_of(names))
     assert f"there are {count} landmarks, the longest name" in line
     assert f"of {bytes_} bytes, and C3D counts to 255" in line

@@ -11,7 +11,7 @@ from shapefit.io.formats import record_writer
 from shapefit.io.layout import RESULTS
 from shapefit.io.options import OutputOptions
 from shapefit.io.writers import markers
-from shapefit.io.writers.motion import MOST_GAPS, by_individual, find_motions, motion_output
+from shapefit.io.writers.motion import MOST_GAPS, find_motions, motion_output
 from tests.io.files import save
 
 
@@ -59,12 +59,12 @@ def test_a_full_disk(tmp_path, several, one, monkeypatch, problems):
     (tmp_path / "man_a.trc").write_text("old")
     original = markers.write_trc
 
-    def fill(path, motions):
-        original(path, motions)
-        if one or motions[0].name == "b":
+    def fill(path, motion):
+        original(path, motion)
+        if one or motion.name == "b":
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(markers, "trc_output", motion_output(fill, by_individual))
+    monkeypatch.setattr(markers, "trc_output", motion_output(fill))
     (line,) = problems(save, tmp_path / "man.trc", record)
     assert "cannot be written: No space left on device; free some space" in line
     assert sorted(os.listdir(tmp_path)) == ["man.trc", "man_a.trc"]

@@ -3,7 +3,6 @@
 import csv
 
 import numpy as np
-import pyarrow.parquet
 import pytest
 
 from shapefit.errors import InputError
@@ -56,19 +55,6 @@ def test_joints_in_metres(record, tmp_path):
     assert {rows[6][name] for name in ("x", "y", "z", "sd")} == {""}
 
 
-def test_parquet_holds_the_same(record, tmp_path):
-    save(tmp_path / "leg.metres.csv", record)
-    save(tmp_path / "leg.metres.parquet", record)
-    table = pyarrow.parquet.read_table(tmp_path / "leg.metres.parquet").to_pylist()
-    for stored, told in zip(table, rows_of(tmp_path / "leg.metres.csv"), strict=True):
-        for name, value in told.items():
-            number = isinstance(stored[name], float)
-            expected = float(value or "nan") if number else value
-            assert str(stored[name]) == expected or stored[name] == pytest.approx(
-                expected, rel=1e-6, nan_ok=True
-            )
-
-
 def test_angles_beside_and_alone(record, tmp_path):
     written = [path.name for path in save(tmp_path / "leg.trc", record).written]
     assert written == ["leg.trc", "leg_angles.csv"]
@@ -108,9 +94,3 @@ def test_what_is_no_body_has_no_angles(record, tmp_path):
     with pytest.raises(InputError, match="no joint angle follows"):
         save(tmp_path / "chair.mot", chair)
     assert [path.name for path in save(tmp_path / "chair.trc", chair).written] == ["chair.trc"]
-
-
-def test_parquet_says_what_to_install(record, tmp_path, without_pyarrow):
-    with pytest.raises(InputError, match="need the library pyarrow, which is not installed"):
-        save(tmp_path / "leg.metres.parquet", record)
-    assert not list(tmp_path.iterdir())
