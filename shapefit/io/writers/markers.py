@@ -72,17 +72,11 @@ def _lines(frames: Sequence[int], table: Floats) -> bytes:
     )
 
 
-MISSING = -1.0
-"""Residual of a point that was not seen."""
-
 MOST_FRAMES = 65535
-"""Of a file, and the largest number of a frame: its header has 16 bits for them."""
+"""Of a C3D file, and the largest number of a frame: its header has 16 bits for them."""
 
 MOST_LABELS = 255
-"""Landmarks of a file, and bytes of the name of one: a byte counts each."""
-
-POINT_BYTES = 16
-"""Of a point in the file: x, y, z and residual."""
+"""Landmarks of a C3D file, and bytes of the name of one: a byte counts each."""
 
 
 def c3d_output(
@@ -107,38 +101,33 @@ def load_ezc3d() -> Any:
 
 
 def write_c3d(path: Path, motion: Motion) -> None:
-    """Write one motion; a missing point has the residual -1.
+    """Write one motion in millimetres; a missing point has the residual -1.
 
     Raises InputError where it has more frames or landmarks, or longer names, than a file can hold.
     """
-    place = motion.name or "C3D"
-    long = max(motion.landmark_names, key=lambda name: len(name.encode()), default="")
-    if len(motion.landmark_names) > MOST_LABELS or len(long.encode()) > MOST_LABELS:
-        many = f"there are {len(motion.landmark_names)} landmarks, the longest name {long[:20]!r}"
-        found = f"{many} of {len(long.encode())} bytes, and C3D counts to {MOST_LABELS}"
-        raise input_error(place, found, "write TRC, or rename the landmark (`rename`)")
-    file = load_ezc3d().c3d()
-    p, f = len(motion.landmark_names), len(motion.points)
-    if motion.first + f > MOST_FRAMES:
-        found = f"the frames run to {motion.first + f:,}, and C3D numbers {MOST_FRAMES:,} at most"
-        raise input_error(place, found, "write TRC, or shorter sequences")
-    millimetres = 1000 * motion.points.transpose(1, 2, 0)
+    names, last = motion.landmark_names, motion.first + len(motion.points)
+    if max([len(names), *(len(name.encode()) for name in names)]) > MOST_LABELS:
+        found = f"C3D holds {MOST_LABELS} landmarks at most, with names of {MOST_LABELS} bytes"
+        raise input_error(motion.name or "C3D", found, "write TRC, or rename the landmark")
+    if last > MOST_FRAMES:
+        found = f"the frames run to {last:,}, and C3D numbers {MOST_FRAMES:,} at most"
+        raise input_error(motion.name or "C3D", found, "write TRC, or shorter sequences")
+    millimetres = 1000 * motion.points.transpose(1, 2, 0)  # (3, p, f)
     seen = np.isfinite(millimetres).all(axis=0)
-    points = np.ones((4, p, f))
+    points = np.ones((4, *seen.shape))
     points[:3] = np.where(seen, millimetres, np.nan)
+    file = load_ezc3d().c3d()
     file["header"]["points"]["first_frame"] = motion.first
     point = file["parameters"]["POINT"]
-    point["RATE"]["value"] = [motion.rate]
-    point["UNITS"]["value"] = ["mm"]
-    point["LABELS"]["value"] = list(motion.landmark_names)
-    point["DESCRIPTIONS"]["value"] = [motion.axes] * p
+    point["RATE"]["value"], point["UNITS"]["value"] = [motion.rate], ["mm"]
+    point["LABELS"]["value"] = list(names)
     if motion.axes.startswith("y up"):
         file.add_parameter("POINT", "X_SCREEN", ["+X"])
         file.add_parameter("POINT", "Y_SCREEN", ["+Y"])
     file.add_parameter("SHAPEFIT", "AXES", [motion.axes])
     file.add_parameter("SHAPEFIT", "SIZE", [motion.size])
     file["data"]["points"] = points
-    file["data"]["meta_points"]["residuals"] = np.where(seen, 0.0, MISSING)[None]
+    file["data"]["meta_points"]["residuals"] = np.where(seen, 0.0, -1.0)[None]
     file.write(str(path))
-    if path.stat().st_size < POINT_BYTES * p * f:  # of a full disk the library says nothing
+    if path.stat().st_size < 16 * seen.size:  # of a full disk the library says nothing
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
