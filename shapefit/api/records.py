@@ -27,7 +27,7 @@ from shapefit.io.layout import (
     free_names,
 )
 from shapefit.io.records import LandmarkSet, Records, ResultSet, ShapeSet
-from shapefit.io.skeletons import SKELETONS
+from shapefit.io.skeletons import skeletons_of_size
 
 Names = Sequence[str]
 OF_RECORDS = ("landmark_names", "items", "sequences", "unit", "y_axis", "frame_rate", "attributes")
@@ -288,7 +288,7 @@ def _named(view: _Items, names: Names | None) -> Any:
 
 def unnamed(place: str, p: int, names: Names) -> InputError:
     """Return the error of p landmarks without names that are not as many as these."""
-    skeletons = [name for name, each in SKELETONS.items() if len(each.landmark_names) == p]
+    skeletons = skeletons_of_size(p)
     fix = f"name them: {place.title()}({place}, landmark_names=[...])"
     if skeletons and place == LANDMARKS.points:
         fix = f"name them, as in {listed(f'`keypoints={name}`' for name in skeletons)}"

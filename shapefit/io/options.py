@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from shapefit.errors import input_error
-from shapefit.io.skeletons import SKELETONS
+from shapefit.io.skeletons import installed_skeletons
 
 if TYPE_CHECKING:
     from shapefit.config.commands.input import FilesInput
@@ -102,7 +102,7 @@ class Opened(NamedTuple):
 
 def _names_landmarks(file: Opened, options: InputOptions) -> bool:
     names = file.head.landmark_names
-    skeleton = SKELETONS.get(options.keypoints or "")
+    skeleton = installed_skeletons().get(options.keypoints or "")
     by_number = all(name.isdigit() for name in names)
     return file.foreign and (
         not names or (by_number if skeleton is None else names == skeleton.landmark_names)

@@ -25,9 +25,9 @@ from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.listing import OPTIONAL, find_kind
 from shapefit.io.options import InputOptions, input_options
-from shapefit.io.readers.items import peek_recording, skeletons_of_size
+from shapefit.io.readers.items import peek_recording
 from shapefit.io.records import Records
-from shapefit.io.skeletons import SKELETONS
+from shapefit.io.skeletons import installed_skeletons, skeletons_of_size
 from shapefit.io.source import open_results
 from shapefit.pipelines.joints import is_of_people
 from shapefit.pipelines.outcome import Failure, Outcome, unread
@@ -134,7 +134,7 @@ def _told(
         if nameless and options.keypoints is None and fitting:
             hint = " or ".join(f"`--set keypoints={name}`" for name in fitting)
             title.append(("landmarks", f"{count} without names: say which with {hint}"))
-            names = SKELETONS[fitting[0]].landmark_names
+            names = installed_skeletons()[fitting[0]].landmark_names
             following = _following(kind, paths, replace(options, keypoints="NAME"), names)
             return [*title, ("go on with", following)], recording.notes
     opened = open_landmarks(paths, options, check=False) if kind == "landmarks" else None

@@ -78,7 +78,7 @@ class Joints:
         """Standard deviations (p,) of the landmarks from A x."""
         found = np.zeros(len(self.known))
         for joint, landmarks in self.markers.items():
-            found[self.known.index(joint)] = self.parts[landmarks[0]].apart
+            found[self.known.index(joint)] = self.parts[landmarks[0]].std
         return found
 
 
@@ -114,8 +114,8 @@ def find_joints(own: Sequence[str], known: Sequence[str], *, in_place: bool = Tr
     markers: dict[str, tuple[str, ...]] = {}
     for joint in known:
         meant = [name for name, part in parts.items() if part.joint == joint and joint not in own]
-        least = min((parts[name].apart for name in meant), default=0.0)
-        nearest = tuple(name for name in meant if parts[name].apart == least)
+        least = min((parts[name].std for name in meant), default=0.0)
+        nearest = tuple(name for name in meant if parts[name].std == least)
         if nearest and (len(nearest) == 1 or not any(parts[name].alone for name in nearest)):
             markers[joint] = nearest
     return Joints(tuple(known), parts, markers)
@@ -193,7 +193,7 @@ class LandmarkMap:
         A, names = self.joints.matrix(self.theta), tuple(self.joints.parts)
         rows = self.joints.rows(names, self.theta) @ np.linalg.inv(A)
         markers = {name for several in self.joints.markers.values() for name in several}
-        apart = [0.0 if name in markers else self.joints.parts[name].apart for name in names]
+        apart = [0.0 if name in markers else self.joints.parts[name].std for name in names]
         shown = see_rows(rows, lifting.shapes, lifting.estimate.covariance, np.array(apart))
         per_item: dict[str, NDArray[Any]] = {INPUT_SHAPES: shown.points.swapaxes(1, 2)}
         if shown.deviation is not None and shown.correlation is not None:

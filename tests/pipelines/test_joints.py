@@ -11,7 +11,7 @@ from shapefit.io import (
     read_dictionary,
     write_dictionary,
 )
-from shapefit.io.skeletons import PEOPLE, SKELETONS
+from shapefit.io.skeletons import PEOPLE, installed_skeletons
 from shapefit.pipelines.joints import (
     MEANS,
     check_enough,
@@ -24,7 +24,7 @@ from shapefit.pipelines.joints import (
 )
 from tests.pipelines.fitted import fit_images
 
-BODY = SKELETONS["body_25b"]
+BODY = installed_skeletons()["body_25b"]
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def lift(tmp_path):
     return lift
 
 
-@pytest.mark.parametrize("skeleton", SKELETONS.values(), ids=list(SKELETONS))
+@pytest.mark.parametrize("skeleton", installed_skeletons().values(), ids=lambda one: one.name)
 def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     images, lift, people, skeleton, tmp_path
 ):
@@ -98,7 +98,7 @@ def test_joints_are_as_far_apart_as_the_landmarks_that_stand_for_them(people):
     joints = find_joints(BODY.landmark_names, people.landmark_names)
     apart = dict(zip(people.landmark_names, joints.apart(), strict=True))
     for joint, landmarks in joints.markers.items():
-        assert {joints.parts[name].apart for name in landmarks} == {apart.pop(joint)}
+        assert {joints.parts[name].std for name in landmarks} == {apart.pop(joint)}
     assert set(apart.values()) == {0.0}
     assert len(set(joints.apart())) > 2
 
@@ -141,7 +141,7 @@ def test_feet_hands_and_spine_are_there_where_files_mark_them(people):
     feet = {f"{s}{part}" for s in "rl" for part in ("heel", "ball", "toe")}
     hands = {"rhand", "lhand"}
     marked = {"coco_17": set(), "h36m_17": {"spine"}, "mediapipe_33": feet | hands}
-    for skeleton in SKELETONS.values():
+    for skeleton in installed_skeletons().values():
         part = of_files(people, skeleton.landmark_names)
         assert set(part.landmark_names) - set(PEOPLE) == marked.get(skeleton.name, feet)
         rows = [people.landmark_names.index(name) for name in part.landmark_names]
@@ -162,8 +162,8 @@ def test_only_one_toe_keeps_its_foot(people):
 
 
 def test_ears_are_averaged_where_seen(images):
-    detected = as_detected(images.take(slice(3)), SKELETONS["coco_17"])
-    names = SKELETONS["coco_17"].landmark_names
+    detected = as_detected(images.take(slice(3)), installed_skeletons()["coco_17"])
+    names = installed_skeletons()["coco_17"].landmark_names
     left, right = (names.index(name) for name in ("left_ear", "right_ear"))
     points = detected.landmarks.copy()
     points[1, :, left] = np.nan
@@ -212,7 +212,10 @@ def test_three_names_that_match_are_enough():
     check_enough((), PEOPLE, "here")
 
 
-TWO = (*SKELETONS["body_25"].landmark_names, *SKELETONS["coco_17"].landmark_names)
+TWO = (
+    *installed_skeletons()["body_25"].landmark_names,
+    *installed_skeletons()["coco_17"].landmark_names,
+)
 
 
 @pytest.mark.parametrize(("own", "found"), [

@@ -11,7 +11,7 @@ import math
 import os
 import re
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -24,6 +24,7 @@ from shapefit.arrays import Floats, Integers
 from shapefit.errors import counted, input_error, listed
 from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
 from shapefit.io.readers.recording import ANYBODY, Recording, at, take_instances
+from shapefit.io.skeletons import skeletons_of_size
 
 CHECK = "check what wrote the file"
 
@@ -200,10 +201,6 @@ class Detections:
         return np.where(np.isfinite(values), values, np.nan)
 
 
-NAMED_BY_COUNT: Mapping[int, str] = {17: "coco_17", 26: "halpe_26", 33: "mediapipe_33"}
-"""The skeleton that detectors of people mean by a number of landmarks, where one is usual."""
-
-
 def as_recording(
     detections: Detections,
     frames: int,
@@ -230,7 +227,7 @@ def as_recording(
         scored, further = False, {"landmark_names": ()}
         detections = Detections(detections.name, detections.video)
     people, individuals, doubts = _identities(detections)
-    known = NAMED_BY_COUNT.get(values.shape[1])
+    known = next(iter(skeletons_of_size(values.shape[1])), None)
     further.setdefault("default_keypoints", None if further.get("landmark_names") else known)
     videos = [frame.video for frame in detections.frames]
     numbers = np.array([frame.number for frame in detections.frames], dtype=np.int64)

@@ -24,7 +24,7 @@ from shapefit.io.names import match_landmarks, nearest_names
 from shapefit.io.options import InputOptions
 from shapefit.io.readers.recording import ANYBODY, FRACTION, Recording, at, take_instances
 from shapefit.io.records import LandmarkSet, ShapeSet
-from shapefit.io.skeletons import SKELETONS
+from shapefit.io.skeletons import installed_skeletons, skeletons_of_size
 
 FRAME = "frame"
 """Dataset (n,): the place of each item in its video, from 0."""
@@ -108,11 +108,6 @@ NUMBERED = "numbered"
 """In place of a skeleton: landmarks are called 0, 1 and so on."""
 
 
-def skeletons_of_size(count: int) -> list[str]:
-    """Return the known skeletons of so many landmarks."""
-    return [name for name, one in SKELETONS.items() if len(one.landmark_names) == count]
-
-
 def landmark_names(recording: Recording, options: InputOptions) -> tuple[str, ...]:
     """Return the names of the landmarks of a recording.
 
@@ -122,9 +117,9 @@ def landmark_names(recording: Recording, options: InputOptions) -> tuple[str, ..
     landmarks, and where some have as many as the file and `keypoints` names none.
     """
     wanted = options.keypoints
-    if wanted is not None and wanted not in (*SKELETONS, NUMBERED):
-        near = nearest_names(wanted, tuple(SKELETONS))
-        fix = f"did you mean {near[0]}?" if near else f"use {listed(SKELETONS)}"
+    if wanted is not None and wanted not in (*installed_skeletons(), NUMBERED):
+        near = nearest_names(wanted, tuple(installed_skeletons()))
+        fix = f"did you mean {near[0]}?" if near else f"use {listed(installed_skeletons())}"
         raise input_error(KEY, f"there is no skeleton {wanted!r}", fix)
     if recording.landmark_names is not None:
         return recording.landmark_names
@@ -137,12 +132,26 @@ def landmark_names(recording: Recording, options: InputOptions) -> tuple[str, ..
         raise input_error(recording.name, found, f"say which: {listed(ways)}")
     if chosen in (None, NUMBERED):
         return tuple(map(str, range(count)))
-    names = SKELETONS[chosen].landmark_names
+    names = installed_skeletons()[chosen].landmark_names
     if len(names) != count:
         known = f"; {listed(fitting)} have as many" if fitting else ""
         found = f"{count} landmarks, and {chosen} has {len(names)}"
         raise input_error(recording.name, found, f"set another `{KEY}`{known}")
     return names
+
+
+def _assumed_skeleton(recording: Recording, options: InputOptions) -> Notes:
+    """Return a note where names are of the usual one of two versions of a skeleton, as body_25."""
+    count, usual = recording.landmark_count, recording.default_keypoints
+    if recording.landmark_names is not None or options.keypoints or usual is None:
+        return ()
+    versions = (name for name in skeletons_of_size(count) if name.startswith(usual))
+    return tuple(
+        f"{recording.name}: {count} landmarks without names taken as those of {usual}; "
+        f"`{KEY}={other}` if they are not"
+        for other in versions
+        if other != usual
+    )
 
 
 LEAST, MOST = -0.5, 1.5
@@ -201,6 +210,7 @@ def _fields(recording: Recording, options: InputOptions) -> tuple[dict[str, Any]
     """Return what landmarks and shapes both have, and notes."""
     names = landmark_names(recording, options)
     chosen, notes = select_instances(recording, options)
+    notes += _assumed_skeleton(recording, options)
     columns = {FRAME: chosen["frames"], "confidence": chosen["confidence"]}
     fields = {
         "points": np.ascontiguousarray(chosen["points"].transpose(0, 2, 1)),

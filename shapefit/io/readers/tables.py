@@ -20,7 +20,7 @@ from shapefit.io.inputs import check_fits
 from shapefit.io.readers.arrays import of_bodies
 from shapefit.io.readers.recording import Recording, video_name
 from shapefit.io.readers.text_table import Table
-from shapefit.io.skeletons import SKELETONS
+from shapefit.io.skeletons import installed_skeletons
 from shapefit.io.tidy_table import read_numbers
 
 LAST_FRAME = 2.0**53
@@ -53,7 +53,7 @@ def read_caliscope(paths: tuple[Path, ...]) -> Recording:
     points, _, points_of, of = _read_long(table, Columns(",", names, roles, None, ()))
     ids, frames_of, ports = (_whole(path, own) for own in (points_of, of["frame"], of["sequence"]))
     by_number = np.argsort(_numbers(ids), kind="stable")
-    body = SKELETONS["mediapipe_33"].landmark_names
+    body = installed_skeletons()["mediapipe_33"].landmark_names
     called = [body[int(i)] if i.isdigit() and int(i) < len(body) else i for i in ids]
     video = path.name.partition(".")[0]
     videos = [f"{video}/port {port}" for port in ports]

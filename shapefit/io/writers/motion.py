@@ -33,8 +33,8 @@ from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.readers.items import FRAME
 from shapefit.io.records import Names, ShapeSet, concatenate
 from shapefit.io.skeletons import (
-    SKELETONS,
     edges_of,
+    installed_skeletons,
     joint_columns,
     model_names,
     people_joints,
@@ -290,7 +290,7 @@ def _describe_markers(records: Shapes3D) -> str:
     own = tuple(map(str, records.columns[INPUT_NAMES]))
     fitted = people_joints(own)
     following = [name for name in own if name not in fitted]
-    skeletons = (set(each.landmark_names) for each in SKELETONS.values())
+    skeletons = (set(each.landmark_names) for each in installed_skeletons().values())
     whole = next((each for each in skeletons if set(own) <= each), set(own))
     said = f"{counted(len(own), 'marker')} of the files"
     said += f"; {abbreviate(following)} estimated by the model alone" if following else ""

@@ -24,7 +24,7 @@ from shapefit.dictionary.from_2d.model import evenly
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.pinhole import depth_sign
 from shapefit.io import LandmarkSet
-from shapefit.io.skeletons import SKELETONS, Skeleton
+from shapefit.io.skeletons import Skeleton, installed_skeletons
 from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.fit.camera import find_camera
 from shapefit.pipelines.fit.lift import judge, lift_images
@@ -173,7 +173,9 @@ def check_labels(config: FitConfig, images: LandmarkSet, dictionary: Dictionary)
     if len(sample.images) < FEWEST or not enough_names(images.landmark_names, dictionary):
         return ()
     names = images.landmark_names
-    taken = next((each for each in SKELETONS.values() if each.landmark_names == names), None)
+    taken = next(
+        (each for each in installed_skeletons().values() if each.landmark_names == names), None
+    )
     found = lift_sample(sample.images, config, dictionary, dependent=True)
     other = check_skeleton(sample.images, taken, found, config, dictionary)
     return other or check_sides(sample, found, config, dictionary)
@@ -217,7 +219,7 @@ def check_skeleton(
     if not own > IMPLAUSIBLE:
         return ()
     shares: dict[str, float] = {}
-    for other in SKELETONS.values():
+    for other in installed_skeletons().values():
         as_many = len(other.landmark_names) == len(taken.landmark_names)
         if as_many and other is not taken and enough_names(other.landmark_names, dictionary):
             renamed = images.replaced(landmark_names=other.landmark_names)

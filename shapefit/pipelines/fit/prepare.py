@@ -367,7 +367,7 @@ def maximise_theta(
     theta, deviation = dict(start), dict[str, float]()
     for factor in (1.0, 0.5):
         for name in names:
-            mean, wide = THETA[name].mean, THETA[name].spread
+            mean, wide = THETA[name].mean, THETA[name].std
             tried = np.log(theta[name]) + factor * np.array(STEPS)
             values = np.array(
                 [

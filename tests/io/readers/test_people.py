@@ -292,9 +292,25 @@ def test_images_of_different_files_are_no_motion(written, names, motion):
 
 
 @pytest.mark.parametrize(
+    ("count", "names", "note"),
+    [
+        (17, ("nose", "left_eye"), ""),
+        (25, ("Nose", "Neck"), "body_25; `keypoints=body_25b`"),
+        (26, ("Nose", "LEye"), ""),
+        (133, ("nose", "left_eye"), ""),
+    ],
+)
+def test_landmarks_without_names_are_those_of_the_usual_skeleton(written, count, names, note):
+    found, notes = read(written("cam/0.json", frame(person(count))))
+    assert found.landmark_names[:2] == names
+    assert len(found.landmark_names) == count
+    assert note in " ".join(notes)
+    assert len(notes) == bool(note)
+
+
+@pytest.mark.parametrize(
     ("files", "words"),
     [
-        ({"0.json": frame(person(25))}, r"body_25 and body_25b have.*keypoints=body_25`"),
         (
             {"0.json": frame(person(), person()), "1.json": frame(person(25))},
             "2 detections with 17 and 1 detections with 25",

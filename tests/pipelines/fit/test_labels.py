@@ -8,7 +8,7 @@ import pytest
 from shapefit.config.paths import find_dictionaries
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io import LandmarkSet, read_dictionary
-from shapefit.io.skeletons import SKELETONS, THETA, people_parts
+from shapefit.io.skeletons import THETA, installed_skeletons, people_parts
 from shapefit.pipelines.fit.checks import Sample, walks_backwards
 from tests.io.files import save
 from tests.pipelines.fitted import fit_file
@@ -43,7 +43,7 @@ def film(poses, skeleton):
     """Return what a detector finds of upright bodies that face all ways, from 2.5 heights away."""
     shapes, joints = poses
     theta = {name: parameter.mean for name, parameter in THETA.items()}
-    parts = people_parts(SKELETONS[skeleton].landmark_names)
+    parts = people_parts(installed_skeletons()[skeleton].landmark_names)
     rows = np.zeros((len(parts), len(joints)))
     for row, part in enumerate(parts.values()):
         for joint, weight in part.weights(theta).items():
@@ -55,7 +55,7 @@ def film(poses, skeleton):
     pixels = FOCAL * seen[:, :2] / seen[:, 2:] + np.array(SIZE)[:, None] / 2
     return LandmarkSet(
         landmarks=pixels + rng.standard_normal(pixels.shape),
-        landmark_names=SKELETONS[skeleton].landmark_names,
+        landmark_names=installed_skeletons()[skeleton].landmark_names,
         items=tuple(f"image{i}" for i in range(N)),
         unit="px",
         y_axis="down",
@@ -91,7 +91,7 @@ def exchanged(images):
 def test_another_skeleton_of_as_many_landmarks_is_named(warnings_of, poses, meant, said):
     images = film(poses, meant)
     assert not warnings_of(images)
-    wrong = images.replaced(landmark_names=SKELETONS[said].landmark_names)
+    wrong = images.replaced(landmark_names=installed_skeletons()[said].landmark_names)
     (warning,) = [each for each in warnings_of(wrong) if "implausible as" in each]
     assert f"implausible as {said}," in warning
     assert f"is it {meant}? Say so by `keypoints: {meant}`" in warning

@@ -18,8 +18,8 @@ def test_a_top_within_the_steps_is_found(top):
         return -0.5 * SHARP * (np.log(theta[name]) - at) ** 2
 
     theta, deviation = maximise_theta(evidence, [name], start)
-    whole = SHARP + THETA[name].spread ** -2
-    expected = (SHARP * at + np.log(THETA[name].mean) * THETA[name].spread ** -2) / whole
+    whole = SHARP + THETA[name].std ** -2
+    expected = (SHARP * at + np.log(THETA[name].mean) * THETA[name].std ** -2) / whole
     assert np.log(theta[name]) == pytest.approx(expected, abs=1e-9)
     assert deviation[name] == pytest.approx(whole**-0.5)
 

@@ -10,7 +10,7 @@ import pytest
 from shapefit.config import FitConfig
 from shapefit.config.paths import find_dictionaries
 from shapefit.io import LandmarkSet, read_dictionary
-from shapefit.io.skeletons import SKELETONS
+from shapefit.io.skeletons import installed_skeletons
 from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.partition.run import run as run_parts
 from tests.cli.conftest import run_in
@@ -89,7 +89,7 @@ def shapes_in(path):
 
 def write_openpose(folder, images):
     """One JSON file a frame, BODY_25 with what it has of these landmarks."""
-    order = SKELETONS["body_25"].landmark_names
+    order = installed_skeletons()["body_25"].landmark_names
     own = {
         ("L" if name[0] == "l" else "R") + name.partition("_")[2].title(): column
         for column, name in enumerate(images.landmark_names)

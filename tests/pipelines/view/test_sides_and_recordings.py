@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shapefit.io import write_dictionary
-from shapefit.io.skeletons import PEOPLE, SKELETONS
+from shapefit.io.skeletons import PEOPLE, installed_skeletons
 from shapefit.pipelines.view.reading import Frames
 from shapefit.pipelines.view.scene import find_recordings, find_sides
 
@@ -19,9 +19,9 @@ def test_names_of_other_files():
     assert find_sides(rat) == [0, 0, 1, 1, 2, 2, 0]
 
 
-@pytest.mark.parametrize("name", SKELETONS)
+@pytest.mark.parametrize("name", installed_skeletons())
 def test_the_pairs_of_detectors(name):
-    skeleton = SKELETONS[name]
+    skeleton = installed_skeletons()[name]
     sides = np.array(find_sides(skeleton.landmark_names))
     right, left = np.array(skeleton.mirror).T
     assert (sides[right] == 2).all()
