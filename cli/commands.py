@@ -158,7 +158,7 @@ lists them. The format of the output follows from its name, or --to.""",
         parameters=(
             _files("files", "INPUT..."),
             option("-o --output", "File to write; - is stdout (CSV).", "OUTPUT"),
-            option("--to", "Format to write, such as parquet or csv.", "FORMAT"),
+            option("--to", "Format to write, such as trc or csv.", "FORMAT"),
             _MARKERS,
         ),
     ),

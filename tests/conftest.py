@@ -4,7 +4,6 @@ import fcntl
 import logging
 import os
 import re
-import sys
 from collections.abc import Callable, Iterator
 from itertools import count
 from pathlib import Path
@@ -139,11 +138,3 @@ def reopened(bucket) -> Iterator[None]:
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(20150607)
-
-
-@pytest.fixture
-def without_pyarrow(monkeypatch) -> None:
-    """Make pyarrow a library that is not installed."""
-    for name in [name for name in sys.modules if name == "shapefit.io.parquet_file"]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "pyarrow", None)

@@ -35,7 +35,6 @@ WAYS = {
     "chunks": {"chunk": 64},
     "one thread": {"threads": 1},
     "CSV": {"landmarks": "views.csv"},
-    "Parquet": {"landmarks": "views.parquet"},
     "two files": {"landmarks": ["a.h5", "b.h5"]},
     "parts": {"output": "parts/", "partition": 64, "replace": True},
     "workers": {"output": "workers/", "partition": 64, "workers": 2, "replace": True},
@@ -59,7 +58,7 @@ def folder(world, tmp_path_factory):
         images = source.whole()
     rows = np.concatenate([np.arange(start, start + 64) for start in (0, 80, 160)])
     images = images.take(rows).replaced(further={})
-    for name in ("views.h5", "views.csv", "views.parquet"):
+    for name in ("views.h5", "views.csv"):
         save(folder / name, images)
     for name, half in (("a.h5", slice(64)), ("b.h5", slice(64, None))):
         save(folder / name, images.take(half))

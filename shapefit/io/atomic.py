@@ -22,7 +22,6 @@ from urllib.parse import quote
 
 from shapefit.errors import input_error, path_text
 from shapefit.io.inputs import is_stream, require_file
-from shapefit.stores import UrlPath, check_target, uploaded
 
 WriteBytes = Callable[[bytes | memoryview], None]
 
@@ -54,9 +53,6 @@ def check_output(target: Path, instead: str = "give the name of a file in it") -
     """
     if is_stream(target):
         return target
-    if isinstance(target, UrlPath):
-        check_target(target)
-        return target
     if os.path.exists(target) and not os.path.isfile(target) and not os.path.isdir(target):
         # Before links are followed: those of /dev/stdout and the like can lead to no path at all.
         found = "it is not a regular file"
@@ -81,17 +77,9 @@ def check_folder(folder: Path) -> None:
     """Raise InputError unless the folder can be made or written to; change nothing."""
     if is_stream(folder):
         raise input_error("output", "a report is several files", "give the name of a folder")
-    refuse_folder(folder)
     if os.path.exists(folder) and not os.path.isdir(folder):
         raise input_error(folder, "it is not a folder", "give the name of a folder")
     check_output(folder / "report" if os.path.isdir(folder) else folder)
-
-
-def refuse_folder(folder: Path) -> None:
-    """Raise InputError for a folder of files that appear together: a store has no such thing."""
-    if isinstance(folder, UrlPath):
-        found = "a folder of files is not written to an object store"
-        raise input_error(folder, found, "choose a folder of this machine, and copy it there")
 
 
 def is_writable(folder: Path) -> bool:
@@ -124,12 +112,8 @@ def atomic_path(target: Path) -> Iterator[Path]:
 
     On any error it is removed and the target stays as it was. Its name ends in the suffix of the
     target. Missing folders are made. Raises InputError as `check_output` does, and where the disk
-    is full. For a URL it lies in the folder of temporary files.
+    is full.
     """
-    if isinstance(target, UrlPath):
-        with uploaded(target) as local, storage_errors(local):
-            yield local
-        return
     resolved = check_output(target)
     with _temporary(resolved.parent, resolved.stem, resolved.suffix) as temporary:
         with storage_errors(target, None):

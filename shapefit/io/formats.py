@@ -29,7 +29,6 @@ from shapefit.io.head import (
 )
 from shapefit.io.inputs import (
     HDF5_SIGNATURE,
-    PARQUET_SIGNATURE,
     is_stream,
     require_file,
     source_name,
@@ -99,17 +98,6 @@ HDF5 = FileFormat(
     writer=".hdf5_writer:hdf5_output",
     writes=(*ANY, "dictionary"),
     points_only=False,
-)
-
-PARQUET = FileFormat(
-    title="a Parquet file",
-    suffixes=(".parquet", ".pq"),
-    begins=lambda head: head.bytes.startswith(PARQUET_SIGNATURE),
-    records=ANY,
-    reader=".parquet_file:read_parquet",
-    holds=".parquet_file:parquet_kind",
-    writer=".parquet_file:parquet_output",
-    writes=ANY,
 )
 
 CSV = FileFormat(
@@ -291,7 +279,6 @@ _SETS: Any = {"together": True, "folders": True}
 
 FORMATS: dict[str, FileFormat] = {
     "hdf5": HDF5,
-    "parquet": PARQUET,
     "csv": CSV,
     "deeplabcut-csv": _read(
         *("a DeepLabCut or Lightning Pose CSV", ".csv", EITHER),
@@ -528,9 +515,7 @@ WRITTEN: dict[str, FileFormat] = {
     "c3d": _metres("a C3D file", "markers:c3d_output", ".c3d"),
     "trc": _metres("a TRC file", "markers:trc_output", ".trc", angles=True),
     "mot": _metres("a MOT file", "tables:mot_output", ".mot", angles=True),
-    "metres": _metres(
-        "a table in metres", "tables:metres_output", ".metres.csv", ".metres.parquet"
-    ),
+    "metres": _metres("a table in metres", "tables:metres_output", ".metres.csv"),
     "angles": _metres(
         "a table of joint angles", "tables:angles_output", ".angles.csv", angles=True
     ),
@@ -546,7 +531,7 @@ def targets() -> dict[str, FileFormat]:
 def landmark_writer(target: Path) -> AbstractContextManager[RecordWriter[LandmarkSet]]:
     """Give a writer of landmarks for use in a `with`; `append` takes chunk after chunk.
 
-    A name that ends in .csv and `-` (standard output) give CSV, one in .parquet or .pq Parquet,
+    A name that ends in .csv and `-` (standard output) give CSV,
     one in .h5 or without an ending HDF5. The file replaces `target` on a clean exit and leaves
     nothing behind on an error. At least one record must be appended; it may be empty. Raises
     InputError where the target cannot be written.

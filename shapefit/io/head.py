@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 from shapefit.errors import InputError, abbreviate, input_error, printable
-from shapefit.io.inputs import BYTE_ORDER_MARK, HDF5_SIGNATURE
-from shapefit.stores import StoreError, read_head
+from shapefit.io.inputs import BYTE_ORDER_MARK, HDF5_SIGNATURE, read_head
 
 HEAD_BYTES = 4096
 """Of a file that decide its format."""
@@ -92,7 +91,7 @@ class Head:
 
     @cached_property
     def hdf5(self) -> Hdf5Keys:
-        """What the root of an HDF5 file of another tool holds. Raises StoreError."""
+        """What the root of an HDF5 file of another tool holds."""
         if not self.bytes.startswith(HDF5_SIGNATURE):
             return Hdf5Keys()
         return find_hdf5_keys(self.path)
@@ -151,8 +150,6 @@ def find_hdf5_keys(path: Path) -> Hdf5Keys:
             there = [(name, one.attrs) for name, one in groups.items() if one is not None]
             pandas = tuple(name for name, attributes in there if "pandas_type" in attributes)
             return Hdf5Keys(frozenset(groups), frozenset(file.attrs), pandas, frozenset(inner))
-    except StoreError:
-        raise
     except Exception:  # h5py has many kinds of error for damaged files; their reader names them
         return Hdf5Keys()
 
@@ -174,6 +171,11 @@ UNSUPPORTED: tuple[tuple[str, str, tuple[bytes, ...]], ...] = (
     ("is a file of MATLAB", "export its points as CSV", (b"MATLAB ",)),
     ("is netCDF 3", "write it as netCDF 4: to_netcdf(..., engine='h5netcdf')", (b"CDF",)),
     ("is a video, or a part of one", OF_A_DETECTOR, (b"RIFF", b"\x1aE\xdf\xa3")),
+    (
+        "is Parquet",
+        "write it as CSV: pandas.read_parquet(...).to_csv(..., index=False)",
+        (b"PAR1",),
+    ),
     ("is an image", OF_A_DETECTOR, (b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"BM")),
 )
 """What a file is, the fix, and the first bytes that such files have."""

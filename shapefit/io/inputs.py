@@ -10,10 +10,8 @@ from contextlib import nullcontext, suppress
 from pathlib import Path
 
 from shapefit.errors import input_error
-from shapefit.stores import UrlPath, find_state, read_head
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
-PARQUET_SIGNATURE = b"PAR1"
 STREAM = "-"
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
@@ -40,18 +38,21 @@ def source_name(path: Path) -> str:
 
 
 def begins_with(path: Path, *signatures: bytes) -> bool:
-    """Whether a file, here or in a store, begins with one of these bytes; pipes are left alone."""
+    """Whether a file begins with one of these bytes; pipes are left alone."""
     try:
         return path.is_file() and read_head(path, 8).startswith(signatures)
     except OSError:  # who opens the file reports it
         return False
 
 
+def read_head(path: Path, size: int) -> bytes:
+    """Return the first bytes of a file."""
+    with path.open("rb") as file:
+        return file.read(size)
+
+
 def require_file(path: Path) -> None:
     """Raise InputError unless `path` is a file that can be read and is not empty."""
-    if isinstance(path, UrlPath):
-        _require_object(path)
-        return
     if not os.path.exists(path):
         raise input_error(path, "there is no such file", _missing_fix(path))
     if os.path.isdir(path):
@@ -60,14 +61,6 @@ def require_file(path: Path) -> None:
         raise input_error(path, "may not be read", "change its permissions")
     if path.is_file() and path.stat().st_size == 0:
         raise input_error(path, "is empty (0 bytes)", "make or copy the file again")
-
-
-def _require_object(path: UrlPath) -> None:
-    state = find_state(path)
-    if state is None:
-        raise input_error(path, "there is no such object", "check its name")
-    if state[0] == 0:
-        raise input_error(path, "is empty (0 bytes)", "make or copy it again")
 
 
 def read_text_blocks(path: Path, start: int = 0, stop: int | None = None) -> Iterator[bytes]:
@@ -85,10 +78,9 @@ def read_text_blocks(path: Path, start: int = 0, stop: int | None = None) -> Ite
         if not block:
             fix = "write a CSV with a header line"
             raise input_error(source_name(path), "is empty (0 bytes)", fix)
-        for name, signature in (("HDF5", HDF5_SIGNATURE), ("Parquet", PARQUET_SIGNATURE)):
-            if block.startswith(signature):
-                found = f"is {name}, which cannot come through a pipe"
-                raise input_error(source_name(path), found, "name the file itself, or send CSV")
+        if block.startswith(HDF5_SIGNATURE):
+            found = "is HDF5, which cannot come through a pipe"
+            raise input_error(source_name(path), found, "name the file itself, or send CSV")
         while block:
             yield block
             left -= len(block)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.io.formats import CSV, HDF5, PARQUET, detect_format, load
+from shapefit.io.formats import CSV, HDF5, detect_format, load
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import RESULTS, UNKNOWN_UNIT
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
@@ -77,7 +77,7 @@ def list_file(path: Path, options: InputOptions = AS_THEY_ARE) -> Listing:
     if kind == "dictionary":
         found = "is a shapefit-dictionary file"
         raise input_error(path, found, "give results, shapes or landmarks")
-    if kind == "shapes" and detect_format(path, options.format) in (CSV, PARQUET):
+    if kind == "shapes" and detect_format(path, options.format) is CSV:
         kind = "result"
     with _open(path, kind, options, OPTIONAL) as source:
         head = source.head

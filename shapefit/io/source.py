@@ -110,8 +110,8 @@ def open_results(
 ) -> ResultSource:
     """Open results as one source; datasets in `without` are not read.
 
-    That is what proves the optimum, unless `proofs` asks for it. Of tables (CSV, Parquet) all but
-    shapes, names, items and sequences is None. HDF5 is read a batch at a time, tables whole. Raises
+    That is what proves the optimum, unless `proofs` asks for it. Of CSV all but
+    shapes, names, items and sequences is None. HDF5 is read a batch at a time, CSV whole. Raises
     InputError for what is wrong with a file, for items that occur twice, and for files that do not
     go together. `check` as in `open_landmarks`.
     """

@@ -1,6 +1,6 @@
 """The tidy table, one row a landmark of an item: its columns, and how its rows become records.
 
-CSV and Parquet are this table; `csv_file` and `parquet_file` know text and types alone.
+CSV is this table; `csv_file` knows text alone.
 """
 
 from __future__ import annotations

@@ -59,7 +59,7 @@ def run(config: ConvertConfig, markers: Markers | None = None) -> Iterator[Outco
         _check_keys_of_results(config.input)
     if config.frame_rate is not None and target is CSV:
         found = "`frame_rate` has no effect here: CSV does not hold it"
-        raise input_error("frame_rate", found, "leave it out, or write .h5 or .parquet")
+        raise input_error("frame_rate", found, "leave it out, or write .h5")
     placed = OutputOptions(
         height=config.height,
         unit=config.unit,

@@ -11,7 +11,6 @@ from typing import Any
 
 from shapefit.errors import InputError, abbreviate, counted
 from shapefit.io.inputs import HDF5_SIGNATURE, begins_with, in_words, is_stream
-from shapefit.stores import find_state
 
 LONG = 1 << 25
 """Bytes of text that take a second to read."""
@@ -117,7 +116,7 @@ def tell_doubts(doubts: Collection[Counted], total: int) -> str:
 def reading(paths: Iterable[Path]) -> Iterator[Outcome]:
     """Say that files which are read whole come first, where that takes more than a second."""
     text = [path for path in paths if not is_stream(path) and not begins_with(path, HDF5_SIGNATURE)]
-    size = sum((find_state(path) or (0, ""))[0] for path in text)
+    size = sum(path.stat().st_size for path in text if path.exists())
     if size > LONG:
         yield Outcome(line=f"Reading {in_words(size)} of {abbreviate([p.name for p in text], 1)}.")
 

@@ -46,7 +46,6 @@ from shapefit.pipelines.fit.camera import straightened
 from shapefit.pipelines.fit.record import OF_A_RESULT
 from shapefit.pipelines.joints import MEANS, Joints, find_joints, named_as_joints
 from shapefit.pipelines.outcome import Failure, Outcome, unread
-from shapefit.stores import UrlPath, files_in
 from shapefit.threads import side_by_side
 from shapefit.verification.checks import FLOOR, Checks
 from shapefit.verification.claims import Model, check_images
@@ -439,7 +438,7 @@ def columns_of(result: ResultSet) -> dict[str, Any]:
 def find_parts(request: Request) -> tuple[list[Part], tuple[Failure, ...], int]:
     """Return the files of a result, what is false in its manifest, and how many images it lists."""
     result = request.result
-    if result.is_file() or not (isinstance(result, UrlPath) or result.is_dir()):
+    if not result.is_dir():
         return [Part(result, request.landmarks)], (), 0
     from shapefit.pipelines.partition.manifest import read_manifest, result_digest
 
@@ -456,14 +455,14 @@ def find_parts(request: Request) -> tuple[list[Part], tuple[Failure, ...], int]:
     except (KeyError, TypeError, ValueError) as error:
         found = f"is not a manifest of results ({type(error).__name__}: {error})"
         raise input_error(manifest.path, found, "fit again") from None
-    there = files_in(result)
+    there = {path.name for path in result.iterdir()}
     wrong = [] if listed else [Failure("manifest", "lists no part")]
     for name, own in stated.items():
         if name not in there:
             wrong.append(Failure(name, "is not there, and the manifest lists it"))
         elif own not in (None, result_digest(result / name)):
             wrong.append(Failure(name, "is not the file that `fit` wrote, by its digest"))
-    strange = sorted(name for name in there.keys() - listed if name.startswith("part-"))
+    strange = sorted(name for name in there - set(listed) if name.startswith("part-"))
     wrong += [Failure(name, "is not in the manifest") for name in strange]
     groups = group_inputs(request.landmarks, AS_THEY_ARE) if request.landmarks else []
     given = iter([path for _, paths in groups for path in paths])

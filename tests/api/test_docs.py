@@ -64,8 +64,6 @@ def test_the_examples_that_need_other_libraries_or_files_run(project, tmp_path, 
     names: dict[str, object] = {"np": np, "shapefit": shapefit}
     run_block("python", "## The convex program alone", names)
     assert run_block("python", "The same with cvxpy", names) == "True\n"
-    run_block("files", "## Parquet", {})
-    assert len(shapefit.read_landmarks("landmarks.parquet")) == 2
     for name, file in (("train", "people_train.h5"), ("test", "people_test.h5")):
         (tmp_path / f"{name}.h5").symlink_to(project / "sample_data" / file)
     assert run_in(tmp_path, "project", "test.h5", "-o", "views.h5").returncode == 0

@@ -33,7 +33,6 @@ for limit in np.linspace(0, whole - 1, sizes).astype(int).tolist():
 
 CASES = {
     "a dictionary with meshes": ("dict.h5", 30, ["learn-dict", "--set", "method=exemplars"]),
-    "shapes in Parquet": ("shapes.parquet", 8, ["convert"]),
 }
 
 

@@ -17,7 +17,6 @@ from hypothesis import strategies as st
 from shapefit.errors import InputError
 from shapefit.io.atomic import (
     atomic_path,
-    check_folder,
     check_output,
     digest,
     file_stem,
@@ -25,7 +24,6 @@ from shapefit.io.atomic import (
     output_bytes,
     staged_files,
 )
-from shapefit.stores import location
 
 
 def by_path(target: Path, data: bytes = b"new", error: Exception | None = None) -> None:
@@ -326,11 +324,6 @@ class TestManyFiles:
         with staged_files(tmp_path / name) as files:
             put(files, "a.txt")
         assert content(tmp_path) == {f"{name}/a.txt": "new"}
-
-    @pytest.mark.parametrize("name", ["report/", "meshes"])
-    def test_they_do_not_go_to_a_store(self, name):
-        with pytest.raises(InputError, match="a folder of files is not written to an object store"):
-            check_folder(location(f"s3://bucket/{name}"))
 
 
 def test_digest(tmp_path, problems):

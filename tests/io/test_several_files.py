@@ -35,7 +35,7 @@ def renamed(record, prefix):
 # Shapes
 
 
-@given(st.permutations(range(4)), st.sampled_from([".h5", ".csv", ".parquet"]))
+@given(st.permutations(range(4)), st.sampled_from([".h5", ".csv"]))
 @settings(
     max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

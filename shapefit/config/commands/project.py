@@ -61,8 +61,7 @@ class ProjectConfig(CommandConfig):
     """Files of 3D shapes (- is stdin, CSV)."""
     input: ShapesInput = section(ShapesInput)
     output: OutputPath
-    """Landmark file to write: HDF5, or Parquet if it ends in .parquet, or tidy CSV if it ends in
-    .csv or is - (stdout)."""
+    """Landmark file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."""
     camera: CameraConfig = section(CameraConfig)
     y_axis: Literal["down", "up"] = "down"
     """Where y points in the landmarks that are written: down, as pixels are counted, or up."""

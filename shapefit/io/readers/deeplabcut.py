@@ -27,7 +27,6 @@ from shapefit.io.readers.recording import (
 from shapefit.io.readers.text_table import Table
 from shapefit.io.readers.trackers import TrackerFile, text
 from shapefit.io.tidy_table import read_numbers
-from shapefit.stores import UrlPath
 
 COORDINATES = ("x", "y", "z", "likelihood")
 
@@ -147,7 +146,7 @@ def skeleton_edges(path: Path, names: Sequence[str]) -> Edges:
     It lists pairs of names, or chains of them. A pair with a name that the table has not is left
     out; a file that is no YAML, or not of DeepLabCut, says nothing.
     """
-    if is_stream(path) or isinstance(path, UrlPath):
+    if is_stream(path):
         return ()
     try:
         _, found = read_yaml(path.parent, FILE, FOLDERS_ABOVE) or (None, None)

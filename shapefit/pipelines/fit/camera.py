@@ -20,7 +20,6 @@ from shapefit.geometry.pinhole import ASSUMED_FOCAL, CAMERA_MATRIX, Camera, dept
 from shapefit.io import LandmarkSet
 from shapefit.io.inputs import IMAGE_SUFFIXES, read_image_size
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.stores import UrlPath
 
 if TYPE_CHECKING:
     from shapefit.config import FitConfig
@@ -187,7 +186,7 @@ def find_size(
 
 def images_beside(paths: Sequence[Path], items: Sequence[str]) -> list[Path]:
     """Return the first images that are called like files of landmarks, or items, beside them."""
-    here = [path for path in paths if not isinstance(path, UrlPath) and path.exists()]
+    here = [path for path in paths if path.exists()]
     folders = {path if path.is_dir() else path.parent for path in here}
     there: dict[str, Path] = {}
     stems = {path.stem for path in paths}

@@ -11,7 +11,6 @@ from io import BytesIO
 from pathlib import Path
 
 from shapefit.errors import input_error
-from shapefit.stores import UrlPath
 from shapefit.viewer.scene import Picture
 
 MEGABYTES = 20
@@ -54,9 +53,6 @@ def _find_images(images: Path, items: Sequence[str]) -> dict[int, Path]:
     if find_spec("PIL") is None:
         fix = "install it with `pip install pillow`, or leave `images` out"
         raise input_error("images", "Pillow is not installed", fix)
-    if isinstance(images, UrlPath):
-        fix = "copy the images to a folder of this machine"
-        raise input_error("images", f"{images} is in an object store", fix)
     pattern = str(images)
     if PLACEHOLDER not in pattern and not os.path.isdir(images):
         fix = f"name a folder, or a path with {PLACEHOLDER}"

@@ -27,7 +27,6 @@ from shapefit.io.source import open_results
 from shapefit.lifting.verdict import REASONS
 from shapefit.pipelines.evaluate.judge import common_landmarks, with_shapes_of
 from shapefit.pipelines.items import BY_FRAME, BY_ITEM, Keys, find_truth, keys_of
-from shapefit.stores import location
 
 CAMERA = ("camera_translation", "focal", "principal_point")
 """Datasets that describe how a camera sees the shapes of a result in perspective."""
@@ -247,7 +246,7 @@ def fit_dictionary(attributes: Mapping[str, Any]) -> tuple[Path | None, Dictiona
     stated = fit_config(attributes).get("dictionary")
     if not isinstance(stated, str):
         return None, ""
-    path = location(stated)
+    path = Path(stated)
     try:
         if digest(path) in str(attributes.get("inputs", "")):
             return path, read_dictionary(path)

@@ -55,7 +55,7 @@ def test_every_format_is_read_from_a_real_file_where_there_is_one(real_data):
     files = [real_data / "formats" / entry["path"] for entry in ENTRIES]
     files.append(real_data / "mocap/asfamc/86/86_01.amc")
     found = {names[detect_format(path).title] for path in files}
-    assert found == FORMATS.keys() - WITHOUT_REAL_FILES - {"hdf5", "parquet", "csv"}
+    assert found == FORMATS.keys() - WITHOUT_REAL_FILES - {"hdf5", "csv"}
 
 
 @pytest.fixture(params=READ, ids=lambda entry: entry["path"])
