@@ -127,6 +127,28 @@ PARTS: Mapping[str, Part] = MappingProxyType(
 )
 """The parts of the body that detectors mark."""
 
+_SAME = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist", "eye", "ear", "heel")
+_CAPITALS = {name.capitalize(): name for name in _SAME}
+_CAPITALS |= {"Foot": "ankle", "BigToe": "big toe", "SmallToe": "small toe"}
+_WORDS = {name: name for name in (*_SAME, "thumb")}
+_WORDS |= {"big_toe": "big toe", "small_toe": "small toe", "foot_index": "big toe"}
+_WORDS |= {"index": "knuckle", "pinky": "knuckle"}
+
+# The dictionary's `pelvis` lies some 105 mm above the middle of the hips and its `neck` some 60 mm
+# below the middle of the shoulders: no detector marks that pelvis, and only the thorax of Human3.6M
+# is that neck. Its `head` is the end of a bone within the head; detectors with a Head mark the top.
+MARKED: dict[str, str] = (
+    {f"{side.upper()}{name}": f"{side}{part}" for side in "rl" for name, part in _CAPITALS.items()}
+    | {
+        f"{word}_{name}": f"{word[0]}{part}"
+        for word in ("right", "left")
+        for name, part in _WORDS.items()
+    }
+    | {"Nose": "nose", "nose": "nose", "Head": "crown", "Neck": "throat", "Thorax": "thorax"}
+    | {"MidHip": "middle of hips", "Hip": "middle of hips", "Spine": "middle of spine"}
+)
+"""The part of the body, a name in `PARTS`, that a landmark of any detector marks."""
+
 
 @dataclass(frozen=True)
 class Skeleton:
@@ -206,13 +228,6 @@ def skeletons_of_size(count: int) -> tuple[str, ...]:
     return tuple(name for name, one in known if len(one.landmark_names) == count)
 
 
-@cache
-def _marked() -> Mapping[str, str]:
-    """Return the part of the body, a name in `PARTS`, that a landmark of any detector marks."""
-    rows = _data()["parts"].items()
-    return MappingProxyType({name: part for part, names in rows for name in names.split()})
-
-
 def people_joints(names: Iterable[str]) -> dict[str, str]:
     """Return the joints of the dictionary `people` by those of the names that mark one alone.
 
@@ -230,13 +245,12 @@ def joint_columns(names: Sequence[str]) -> dict[str, int]:
 
 def people_parts(names: Iterable[str]) -> dict[str, Part]:
     """Return the parts of the body by those of the names that mark one."""
-    marked = _marked()
-    return {name: PARTS[marked[name]] for name in names if name in marked}
+    return {name: PARTS[MARKED[name]] for name in names if name in MARKED}
 
 
 def part_names(names: Iterable[str]) -> dict[str, str]:
     """Return the part of the body, a name in `PARTS`, of those of the names that mark one."""
-    known = {joint: joint for joint in (*PEOPLE, *FURTHER)} | dict(_marked())
+    known = {joint: joint for joint in (*PEOPLE, *FURTHER)} | MARKED
     return {name: known[name] for name in names if name in known}
 
 
