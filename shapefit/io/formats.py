@@ -232,12 +232,6 @@ def _bvh(head: Head) -> bool:
     return [word.upper() for word in words[:2]] == [b"HIERARCHY", b"ROOT"]
 
 
-def _mesh(head: Head) -> bool:
-    starts = (b"v ", b"#", b"o ", b"mtllib ", b"g ")
-    lines = any(line.startswith(starts) for line in head.lines)
-    return head.bytes.startswith((b"ply\n", b"ply\r", b"glTF")) or (head.named(".obj") and lines)
-
-
 def _table(head: Head) -> bool:
     """Whether the first line names columns of landmarks, in another layout than ours."""
     if not head.named(".csv", ".tsv", ".txt") or anipose_landmarks(head.columns):
@@ -343,14 +337,6 @@ FORMATS: dict[str, FileFormat] = {
     ),
     "bvh": _read("a BVH motion", ".bvh", SHAPES, _bvh, "joint_trees:read_bvh"),
     "c3d": _read("a C3D file", ".c3d", SHAPES, _c3d, "markers:read_c3d"),
-    "mesh": FileFormat(
-        title="a mesh with landmarks",
-        suffixes=(".obj", ".ply", ".glb"),
-        begins=_mesh,
-        records=SHAPES,
-        reader=".readers.meshes:read_meshes",
-        together=True,
-    ),
     "trc": _read(
         *("a TRC file", ".trc", SHAPES),
         *(lambda head: head.text.lstrip()[:12].lower() == b"pathfiletype", "markers:read_trc"),

@@ -176,6 +176,7 @@ UNSUPPORTED: tuple[tuple[str, str, tuple[bytes, ...]], ...] = (
         "write it as CSV: pandas.read_parquet(...).to_csv(..., index=False)",
         (b"PAR1",),
     ),
+    ("is a mesh", "give its landmarks as a table (docs/cars.md)", (b"ply\n", b"ply\r", b"glTF")),
     ("is an image", OF_A_DETECTOR, (b"\x89PNG", b"\xff\xd8\xff", b"GIF8", b"BM")),
 )
 """What a file is, the fix, and the first bytes that such files have."""
