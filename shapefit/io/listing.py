@@ -16,7 +16,7 @@ from shapefit.io.formats import CSV, HDF5, detect_format, load
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import RESULTS, UNKNOWN_UNIT
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
-from shapefit.io.readers.items import peek_recording
+from shapefit.io.readers.items import peek_poses
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.source import open_landmarks, open_results, open_shapes
 
@@ -42,7 +42,7 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
     if known.holds:
         kind = load(known.holds)(path)
     elif len(known.records) > 1:
-        kind = "landmarks" if peek_recording(known, (path,)).dimensions == 2 else "shapes"
+        kind = "landmarks" if peek_poses(known, (path,)).dimensions == 2 else "shapes"
     return cast(Kind, kind)
 
 

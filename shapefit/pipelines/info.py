@@ -25,7 +25,7 @@ from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.listing import OPTIONAL, find_kind
 from shapefit.io.options import InputOptions, input_options
-from shapefit.io.readers.items import peek_recording
+from shapefit.io.readers.items import peek_poses
 from shapefit.io.records import Records
 from shapefit.io.skeletons import installed_skeletons, skeletons_of_size
 from shapefit.io.source import open_results
@@ -124,13 +124,13 @@ def _told(
     if kind == "result":
         return title + _of_result(path), ()
     if known.recorder is not None:
-        recording = peek_recording(known, paths)
+        recording = peek_poses(known, paths)
         title += (
             [("frames", f"{recording.frame_count:,}")] if recording.frame_count is not None else []
         )
         count = recording.landmark_count
         fitting = skeletons_of_size(count)
-        nameless = recording.landmark_names is None and not recording.default_keypoints
+        nameless = recording.landmark_names is None and not recording.skeleton
         if nameless and options.keypoints is None and fitting:
             hint = " or ".join(f"`--set keypoints={name}`" for name in fitting)
             title.append(("landmarks", f"{count} without names: say which with {hint}"))

@@ -21,7 +21,7 @@ from shapefit.io.inputs import check_fits
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.detections import are_series, read_json
 from shapefit.io.readers.items import are_fractions
-from shapefit.io.readers.recording import ANYBODY, FRACTION, Recording, at, expect
+from shapefit.io.readers.poses import FRACTION, Poses, of_frames, parsing, require, video_name
 
 
 def of_bodies(
@@ -35,12 +35,12 @@ def of_bodies(
     images: bool = False,
     notes: tuple[str, ...] = (),
     **further: Any,
-) -> Recording:
+) -> Poses:
     """Return a recording of points (n, p, 2 or 3), one body per image, NaN where one is missing.
 
     labels (n) are names or numbers of the images, by default their places; frames (n) do not fall
     within a video. They are `images` that have nothing to do with one another, or the frames of a
-    video. (0, 0) with a confidence of 0 is missing. `further` are fields of a Recording. Raises
+    video. (0, 0) with a confidence of 0 is missing. `further` are fields of a Poses. Raises
     InputError for confidences below 0.
     """
     n, _, dimensions = points.shape
@@ -56,14 +56,14 @@ def of_bodies(
             notes += warn_of_zeros(points)
     fraction = dimensions == 2 and are_fractions(points[np.isfinite(points)])
     names = labels or [str(row) for row in range(n)]
-    return Recording.of_frames(
+    return of_frames(
         path,
         points,
         confidence,
         names,
-        frames=np.arange(n) if frames is None else np.array(frames, dtype=np.int64),
-        individuals=np.full(n, ANYBODY if images else 0, np.int64),
-        videos=videos,
+        frame=np.arange(n) if frames is None else np.array(frames, dtype=np.int64),
+        individual=[""] * n if images else None,
+        video=video_name(path) if videos is None else videos,
         unit=FRACTION if fraction else UNKNOWN_UNIT,
         size_needed=fraction,
         unordered=images and not are_series(names),
@@ -77,14 +77,14 @@ SCORES = ("confidence", "scores", "keypoint_scores", "likelihood", "visibility")
 WANTED = "give (images, landmarks, 2), or 3 with a confidence of 0 to 1"
 
 
-def read_array(paths: tuple[Path, ...]) -> Recording:
+def read_array(paths: tuple[Path, ...]) -> Poses:
     """Return the images of an array, whose landmarks `keypoints` names."""
     return of_array(paths[0], *_read(paths[0]))
 
 
 def of_array(
     path: Path, points: NDArray[Any], scores: NDArray[Any] | None = None, **further: Any
-) -> Recording:
+) -> Poses:
     """Return the images of an array (n, p, 2 or 3) or (p, 2 or 3); `path` names it in messages.
 
     `further` is what else `of_bodies` takes. Raises InputError for arrays of other shapes, and for
@@ -92,9 +92,9 @@ def of_array(
     """
     if points.ndim == 2:
         points, scores = points[None], None if scores is None else scores[None]
-    with at(path, WANTED):
+    with parsing(path, WANTED):
         numeric = points.dtype.kind in "biuf" and points.ndim == 3 and points.shape[2] in (2, 3)
-        expect(numeric, f"is an array of {points.dtype} and the shape {points.shape}")
+        require(numeric, f"is an array of {points.dtype} and the shape {points.shape}")
         points = points.astype(np.float64)
         points = np.where(np.isfinite(points), points, np.nan)
         if points.shape[2] == 3:
@@ -104,11 +104,11 @@ def of_array(
             shown = "; ".join(" ".join(f"{value:g}" for value in row) for row in rows)
             found = f"its third numbers run from {least:g} to {most:g}, so are they confidences?"
             found += f" (the first rows are {shown})"
-            expect(scores is None and not (least < 0 or most > 1), found)
+            require(scores is None and not (least < 0 or most > 1), found)
             points, scores = points[..., :2], last
         if scores is not None:
             found = f"has confidences of the shape {scores.shape}, and points {points.shape}"
-            expect(scores.shape == points.shape[:2], found)
+            require(scores.shape == points.shape[:2], found)
             scores = np.nan_to_num(scores.astype(np.float64))
     points[np.isnan(points).any(axis=2)] = np.nan
     return of_bodies(path, points, scores, **further)

@@ -15,7 +15,7 @@ from shapefit.errors import input_error, listed
 from shapefit.geometry.pinhole import COEFFICIENTS, complete
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io.inputs import require_file
-from shapefit.io.readers.recording import at, expect
+from shapefit.io.readers.poses import parsing, require
 
 MATRIX, DISTORTION = ("matrix", "camera_matrix"), ("distortions", "distortion")
 
@@ -52,9 +52,9 @@ def read_camera(path: Path, name: str | None) -> CalibratedCamera:
     that it has, and for cameras that cannot be.
     """
     require_file(path)
-    with at(path, OF_TOOLS):
+    with parsing(path, OF_TOOLS):
         cameras = list(_sections(tomllib.loads(path.read_bytes().decode())))
-        expect(cameras, "has no section with the `matrix` of a camera")
+        require(cameras, "has no section with the `matrix` of a camera")
     there = []
     for section, table in cameras:
         others = [other for other in _names(table) if other != section]
@@ -68,7 +68,7 @@ def read_camera(path: Path, name: str | None) -> CalibratedCamera:
         what = f"has {len(cameras)} cameras" if name is None else f"has no camera {name!r}"
         raise input_error(path, what, f"set `camera.name`: there are {listed(there, 'and')}")
     section, table = found[0]
-    with at(f"{path}: {section}", UNDISTORT if table.get("fisheye") is True else CORRECT):
+    with parsing(f"{path}: {section}", UNDISTORT if table.get("fisheye") is True else CORRECT):
         return _camera(section, table)
 
 
@@ -86,16 +86,16 @@ def _names(table: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _camera(section: str, table: Mapping[str, Any]) -> CalibratedCamera:
-    expect(table.get("fisheye") is not True, "is a fisheye lens, whose model is another one")
+    require(table.get("fisheye") is not True, "is a fisheye lens, whose model is another one")
     matrix = _array(table, MATRIX, (3, 3))
-    expect(matrix is not None, "has no camera matrix")
+    require(matrix is not None, "has no camera matrix")
     assert matrix is not None
     rest = matrix - np.diag(np.diag(matrix))
     rest[:2, 2] = 0.0
     proper = matrix[0, 0] > 0 and matrix[1, 1] > 0 and np.allclose(matrix[2], [0, 0, 1])
     rows = ", ".join(" ".join(f"{x:g}" for x in row) for row in matrix)
     unskewed = proper and np.abs(rest).max() <= 1e-6 * np.abs(matrix).max()
-    expect(unskewed, f"an impossible camera matrix, {rows}, not fx 0 cx, 0 fy cy, 0 0 1")
+    require(unskewed, f"an impossible camera matrix, {rows}, not fx 0 cx, 0 fy cy, 0 0 1")
     return CalibratedCamera(
         section=section,
         names=_names(table),
@@ -110,7 +110,7 @@ def _camera(section: str, table: Mapping[str, Any]) -> CalibratedCamera:
 def _distortion(given: Floats | None) -> Floats:
     given = np.zeros(COEFFICIENTS) if given is None else given.ravel()
     beyond = f"has {len(given)} coefficients of distortion, of a thin prism or a tilted sensor"
-    expect(not given[COEFFICIENTS:].any(), beyond)
+    require(not given[COEFFICIENTS:].any(), beyond)
     given = given[:COEFFICIENTS]
     if len(given) < 4:  # k1, or k1 k2, or k1 k2 p1
         given = np.concatenate([given, np.zeros(4 - len(given))])
@@ -125,8 +125,8 @@ def _rotation(given: Floats | None) -> Floats | None:
         angle = float(np.linalg.norm(given))
         return rotation_about(given.ravel(), np.array([angle]))[0] if angle > 0 else np.eye(3)
     square = given.shape == (3, 3) and np.linalg.norm(given @ given.T - np.eye(3)) <= 1e-3
-    expect(square, f"the rotation is none (shape {given.shape})")
-    expect(np.linalg.det(given) > 0, "the rotation is a reflection")
+    require(square, f"the rotation is none (shape {given.shape})")
+    require(np.linalg.det(given) > 0, "the rotation is a reflection")
     return given
 
 
@@ -143,5 +143,5 @@ def _array(
         values = np.array(table[key], dtype=np.float64)
     except (ValueError, TypeError):
         values = np.array(np.nan)
-    expect(np.isfinite(values).all() and shape in (None, values.shape), found)
+    require(np.isfinite(values).all() and shape in (None, values.shape), found)
     return values

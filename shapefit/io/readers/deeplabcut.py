@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.errors import InputError, abbreviate, input_error, listed, printable
 from shapefit.io.inputs import is_stream
-from shapefit.io.readers.recording import (
+from shapefit.io.readers.poses import (
     Edges,
-    Recording,
-    at,
-    expect,
+    Poses,
     image_labels,
     number_labels,
+    of_frames,
+    parsing,
     read_yaml,
+    require,
 )
 from shapefit.io.readers.text_table import Table
 from shapefit.io.readers.trackers import TrackerFile, text
@@ -39,7 +40,7 @@ Blocks = list[tuple[Columns, NDArray[Any]]]
 
 def of_columns(
     path: Path, place: str, columns: Columns, values: Floats, labels: Sequence[str]
-) -> Recording:
+) -> Poses:
     """Return the recording of rows (n, columns), each individual an instance.
 
     Columns are named (scorer, [individual,] body part, coordinate), in the file at `place`.
@@ -50,25 +51,25 @@ def of_columns(
     number: dict[tuple[str, str, str], int] = {}
     others: dict[str, None] = {}
     depths = {len(column) for column in columns}
-    with at(place, f"{SAVE}, with the columns of one scorer, x and y for each body part"):
-        expect(columns, "has no columns of coordinates")
-        expect(depths in ({3}, {4}), f"its columns have {abbreviate([*map(str, depths)])} names")
+    with parsing(place, f"{SAVE}, with the columns of one scorer, x and y for each body part"):
+        require(columns, "has no columns of coordinates")
+        require(depths in ({3}, {4}), f"its columns have {abbreviate([*map(str, depths)])} names")
         for place_in_row, column in enumerate(columns):
             key = (column[1] if len(column) == 4 else "", column[-2], column[-1])
             if key[2] not in COORDINATES:
                 others.setdefault(printable(key[2]))
                 continue
-            expect(key not in number, f"{key[2]} of {' '.join(key[:2]).strip()} is there twice")
+            require(key not in number, f"{key[2]} of {' '.join(key[:2]).strip()} is there twice")
             number[key] = place_in_row
         individuals, landmarks, present = (
             tuple(dict.fromkeys(key[level] for key in number)) for level in range(3)
         )
         axes = [axis for axis in COORDINATES[:3] if axis in present]
-        expect(axes[:2] == ["x", "y"], f"has no columns x and y ({abbreviate([*others])})")
+        require(axes[:2] == ["x", "y"], f"has no columns x and y ({abbreviate([*others])})")
         wanted = [axis for axis in COORDINATES if axis in present]
         for who, landmark in {key[:2] for key in number}:
             lost = [axis for axis in wanted if (who, landmark, axis) not in number]
-            expect(not lost, f"{landmark} has no column {''.join(lost[:1])}")
+            require(not lost, f"{landmark} has no column {''.join(lost[:1])}")
     shape = (len(values), len(individuals), len(landmarks))
     found = {axis: np.full(shape, np.nan) for axis in present}
     for (who, landmark, axis), column_in_row in number.items():
@@ -77,13 +78,13 @@ def of_columns(
     points, confidence = np.stack([found[axis] for axis in axes], axis=-1), found.get("likelihood")
     if confidence is not None:
         points[confidence < 0] = np.nan  # what newer versions write for animals not found
-    return Recording.of_frames(
+    return of_frames(
         path,
         points,
         confidence,
         labels,
         landmark_names=landmarks,
-        individual_names=individuals if depths == {4} else (),
+        individuals=individuals if depths == {4} else None,
         notes=(f"columns left out: {abbreviate(list(others))}",) if others else (),
         edges=skeleton_edges(path, landmarks),
     )
@@ -92,7 +93,7 @@ def of_columns(
 HEADER = ("scorer", "individuals", "bodyparts", "coords")
 
 
-def read_csv(paths: tuple[Path, ...]) -> Recording:
+def read_csv(paths: tuple[Path, ...]) -> Poses:
     """Read DeepLabCut CSV, which Lightning Pose writes, too: a row for each frame, columns by name.
 
     Three lines of names (scorer, bodyparts, coords) come first, four with `individuals`. The first
@@ -111,9 +112,9 @@ def read_csv(paths: tuple[Path, ...]) -> Recording:
             raise input_error(f"{path}:1", f"there is no line {name!r}", SAVE)
     coords = header["coords"]
     levels = [header[name] for name in HEADER[1:] if name in header]
-    with at(f"{path}:1", "give each column a name in each line"):
+    with parsing(f"{path}:1", "give each column a name in each line"):
         sizes = sorted({*map(len, levels)})
-        expect(len(sizes) == 1, f"the lines of names have {' and '.join(map(str, sizes))} cells")
+        require(len(sizes) == 1, f"the lines of names have {' and '.join(map(str, sizes))} cells")
     named = [column for column in range(1, len(coords)) if coords[column]]
     scorers = [*header.get("scorer", []), *[""] * len(coords)]
     columns = [(scorers[at], *(level[at] for level in levels)) for at in named]
@@ -178,17 +179,17 @@ def names_of(place: str, pickled: Any) -> Columns:
     """
     pickled = pickled.encode() if isinstance(pickled, str) else pickled
     try:
-        with at(place, FIX):
-            expect(isinstance(pickled, bytes), "holds no list of names")
+        with parsing(place, FIX):
+            require(isinstance(pickled, bytes), "holds no list of names")
             for code, argument, _ in pickletools.genops(pickled):
                 known = code.name in ALLOWED
-                expect(known, f"holds the opcode {code.name}, which is not read here")
+                require(known, f"holds the opcode {code.name}, which is not read here")
                 if code.name == "PUT":  # pickle would make room
                     few = int(argument or 0) <= len(pickled)
-                    expect(few, f"it puts {argument} names aside")
+                    require(few, f"it puts {argument} names aside")
             names = pickle.loads(pickled)
             whole = isinstance(names, list) and all(isinstance(one, tuple) for one in names)
-            expect(whole, "holds no list of names")
+            require(whole, "holds no list of names")
             return [tuple(map(str, name)) for name in names]
     except (pickle.UnpicklingError, EOFError) as error:
         raise input_error(place, f"holds a list that cannot be read ({error})", FIX) from error
@@ -200,7 +201,7 @@ KEYS = ("df_with_missing", "tracks")
 TABLE, FIXED = "frame_table", "frame"
 
 
-def read_hdf5(paths: tuple[Path, ...]) -> Recording:
+def read_hdf5(paths: tuple[Path, ...]) -> Poses:
     """Read a table that pandas wrote, in one of its two layouts, without pandas.
 
     *table* (predictions): KEY/table has rows of an index and blocks of numbers, whose column names
@@ -235,8 +236,8 @@ def _key(file: TrackerFile) -> str:
 def _numbers(values: Any, columns: int) -> Floats:
     """Return a block (n, columns) as numbers."""
     values = values[:, None] if values.ndim == 1 else values
-    expect(values.dtype.kind in "biuf", "holds pickled values, not numbers; save it as CSV")
-    expect(values.shape[1:] == (columns,), f"has the shape {values.shape} for {columns} columns")
+    require(values.dtype.kind in "biuf", "holds pickled values, not numbers; save it as CSV")
+    require(values.shape[1:] == (columns,), f"has the shape {values.shape} for {columns} columns")
     return np.asarray(values, np.float64)
 
 
@@ -244,7 +245,7 @@ def _labels(file: TrackerFile, name: str, values: NDArray[Any], *, texts: bool) 
     """Return what the frames are called that an index numbers or names."""
     if texts:
         return image_labels([text(value) for value in values.tolist()])
-    expect(values.dtype.kind in "iuf" and values.ndim == 1, "its index is no number")
+    require(values.dtype.kind in "iuf" and values.ndim == 1, "its index is no number")
     return number_labels(file.place(name), values)
 
 
@@ -279,7 +280,7 @@ def _read_fixed(file: TrackerFile, key: str) -> tuple[Blocks, list[str]]:
     axis = f"{key}/axis0"
     if file.is_dataset(f"{axis}_level0"):
         columns = sorted(column for own, _ in blocks for column in own)
-        expect(sorted(_levels(file, axis)) == columns, "names other columns than its blocks")
+        require(sorted(_levels(file, axis)) == columns, "names other columns than its blocks")
     axis = f"{key}/axis1"
     if text(file.attribute("axis1_variety", key) or "") == "multi":
         labels = image_labels(["/".join(filter(None, row)) for row in _levels(file, axis)])
@@ -287,7 +288,7 @@ def _read_fixed(file: TrackerFile, key: str) -> tuple[Blocks, list[str]]:
         values = np.ravel(file.rows(axis))
         labels = _labels(file, axis, values, texts=values.dtype.kind not in "iuf")
     rows = len(blocks[0][1])
-    expect(len(labels) == rows, f"names {len(labels)} frames, and there are {rows}")
+    require(len(labels) == rows, f"names {len(labels)} frames, and there are {rows}")
     return blocks, labels
 
 
@@ -297,8 +298,8 @@ def _levels(file: TrackerFile, start: str) -> Columns:
     while file.is_dataset(place := f"{start}_level{len(levels)}"):
         known = [*map(text, np.ravel(file.rows(place)).tolist()), ""]
         codes = np.ravel(file.rows(f"{start}_label{len(levels)}"))
-        expect(codes.dtype.kind in "iu" and (codes >= -1).all(), "are no codes")
-        expect((codes < len(known) - 1).all(), "are no codes")
+        require(codes.dtype.kind in "iu" and (codes >= -1).all(), "are no codes")
+        require((codes < len(known) - 1).all(), "are no codes")
         levels.append([known[code] for code in codes.tolist()])
-    expect(levels, f"has no names for the columns of {start}")
+    require(levels, f"has no names for the columns of {start}")
     return list(zip(*levels, strict=True))

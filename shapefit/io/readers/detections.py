@@ -20,10 +20,10 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import Floats
 from shapefit.errors import counted, input_error, listed
 from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
-from shapefit.io.readers.recording import ANYBODY, Recording, at, take_instances
+from shapefit.io.readers.poses import Poses, parsing
 from shapefit.io.skeletons import skeletons_of_size
 
 CHECK = "check what wrote the file"
@@ -129,7 +129,7 @@ def are_series(names: Sequence[str]) -> bool:
 class Detections:
     """What grows while files are read, one entry for each detection.
 
-    name and video as in a Recording; `several`, whether there are several videos; unordered,
+    name and video as in a Poses; `several`, whether there are several videos; unordered,
     whether they are images of no video; numbers, x, y and the confidence of each landmark, empty
     where nothing was found; frames, or what the file calls the image until `in_images`; identities
     what the file calls who it is, None or a negative number where it does not know.
@@ -195,13 +195,13 @@ class Detections:
             )
         width = next(iter(sizes), 0)
         nothing = [math.nan] * width
-        with at(self.name, CHECK):
+        with parsing(self.name, CHECK):
             values = np.array([row or nothing for row in self.numbers], dtype=np.float64)
             values = values.reshape(len(self.numbers), width // 3, 3)
         return np.where(np.isfinite(values), values, np.nan)
 
 
-def as_recording(
+def as_poses(
     detections: Detections,
     frames: int,
     values: Floats | None = None,
@@ -210,13 +210,13 @@ def as_recording(
     scored: bool = True,
     notes: tuple[str, ...] = (),
     **further: Any,
-) -> Recording:
-    """Return a recording of detections in so many frames.
+) -> Poses:
+    """Return the poses of detections in so many frames.
 
     values (N, p, 3) are x, y and the confidence, by default those of the detections, and `missing`
     (N, p) by default those without confidence; the others say how sure they are where they are
     `scored`. Where nobody was found, the recording is empty and says so. `further` are fields of a
-    Recording; without names landmarks are those of the skeleton that detectors mean by their
+    Poses; without names landmarks are those of the skeleton that detectors mean by their
     number.
     """
     values = detections.values() if values is None else values
@@ -226,66 +226,53 @@ def as_recording(
         values, missing = np.empty((0, 0, 3)), np.empty((0, 0), bool)
         scored, further = False, {"landmark_names": ()}
         detections = Detections(detections.name, detections.video)
-    people, individuals, doubts = _identities(detections)
-    known = next(iter(skeletons_of_size(values.shape[1])), None)
-    further.setdefault("default_keypoints", None if further.get("landmark_names") else known)
+    individuals, doubts = _identities(detections)
+    usual = next(iter(skeletons_of_size(values.shape[1])), None)
+    further.setdefault("skeleton", None if further.get("landmark_names") else usual)
     videos = [frame.video for frame in detections.frames]
     numbers = np.array([frame.number for frame in detections.frames], dtype=np.int64)
     weights = np.where(missing, 0.0, np.nan_to_num(values[..., 2]))
-    instances = {
-        "points": np.where(missing[..., None], np.nan, values[..., :2]),
-        "confidence": weights if scored else None,
-        "frames": numbers,
-        "labels": [frame.label for frame in detections.frames],
-        "individuals": individuals,
-        "videos": videos if detections.several else None,
-    }
-    first = np.array(_numbered(videos if detections.several else [""] * len(videos))[0])
-    return Recording(
+    first = {video: number for number, video in enumerate(dict.fromkeys(videos))}
+    poses = Poses(
         name=detections.name,
-        video=detections.video,
-        **take_instances(instances, np.lexsort((numbers, first)).astype(np.intp)),
-        individual_names=people,
+        video=videos if detections.several else detections.video,
+        points=np.where(missing[..., None], np.nan, values[..., :2]),
+        confidence=weights if scored else None,
+        frame=numbers,
+        label=[frame.label for frame in detections.frames],
+        individual=individuals,
         frame_count=frames,
         notes=notes + doubts,
         unit=further.pop("unit", "px"),
         unordered=detections.unordered,
         **further,
     )
+    return poses.take(np.lexsort((numbers, np.array([first[video] for video in videos]))))
 
 
-def _numbered(ids: Iterable[Any]) -> tuple[list[int], list[Any]]:
-    """Return the places of ids in the order of their first appearance, and those ids."""
-    place: dict[Any, int] = {}
-    return [place.setdefault(one, len(place)) for one in ids], list(place)
-
-
-def _identities(detections: Detections) -> tuple[tuple[str, ...], Integers, tuple[str, ...]]:
-    """Return the names of individuals, who each detection is, and doubts about that.
+def _identities(detections: Detections) -> tuple[list[str], tuple[str, ...]]:
+    """Return who each detection is, "" for nobody in particular, and doubts about that.
 
     Some tools number the people of each frame anew: where a number is twice in a frame, none is
     an identity.
     """
     ids = [_plain(one) for one in detections.identities]
-    nobody = np.full(len(ids), ANYBODY, dtype=np.int64)
-    known = [row for row, one in enumerate(ids) if one is not None]
-    seen = Counter((*detections.frames[row][1:3], ids[row]) for row in known)
-    if twice := sum(number > 1 for number in seen.values()):
+    seen = Counter((frame[1:3], who) for frame, who in zip(detections.frames, ids, strict=True))
+    if twice := sum(number > 1 for (_, who), number in seen.items() if who):
         text = f"numbers of people are not used, as {twice} of them occur twice in a frame"
-        return (), nobody, (text,)
-    nobody[known], names = _numbered(ids[row] for row in known)
-    return tuple(names), nobody, ()
+        return [""] * len(ids), (text,)
+    return ids, ()
 
 
-def _plain(identity: Any) -> str | None:
-    """Return an identity as text, None for none: a number, a text, or a list of one of them."""
+def _plain(identity: Any) -> str:
+    """Return an identity as text, "" for none: a number, a text, or a list of one of them."""
     while isinstance(identity, list) and len(identity) == 1:
         identity = identity[0]
     if isinstance(identity, bool) or not isinstance(identity, int | float | str):
-        return None
+        return ""
     if isinstance(identity, str):
-        return identity or None
-    return None if identity < 0 or identity != identity else f"id {identity:g}"
+        return identity
+    return "" if identity < 0 or identity != identity else f"id {identity:g}"
 
 
 _NOT_JSON = re.compile(rb"\b(?:NaN|-?Infinity)\b")

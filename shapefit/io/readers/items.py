@@ -22,7 +22,7 @@ from shapefit.io.inputs import source_name
 from shapefit.io.layout import EDGES
 from shapefit.io.names import match_landmarks, nearest_names
 from shapefit.io.options import InputOptions
-from shapefit.io.readers.recording import ANYBODY, FRACTION, Recording, at, take_instances
+from shapefit.io.readers.poses import FRACTION, Poses, parsing
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.io.skeletons import installed_skeletons, skeletons_of_size
 
@@ -54,19 +54,19 @@ def read_shapes(
 HELD_BYTES = 1 << 27
 """Of recordings that were read to tell what they hold, and are kept until they are read."""
 
-_held: dict[tuple[Path, ...], Recording] = {}
+_held: dict[tuple[Path, ...], Poses] = {}
 
 
-def peek_recording(known: FileFormat, paths: tuple[Path, ...]) -> Recording:
+def peek_poses(known: FileFormat, paths: tuple[Path, ...]) -> Poses:
     """Return the recording in these files, and keep it for the reading that follows."""
-    found = read_recording(known, paths)
+    found = read_poses(known, paths)
     held = sum(each.points.nbytes for each in _held.values())
     if held + found.points.nbytes <= HELD_BYTES:
         _held[paths] = found
     return found
 
 
-def read_recording(known: FileFormat, paths: tuple[Path, ...]) -> Recording:
+def read_poses(known: FileFormat, paths: tuple[Path, ...]) -> Poses:
     """Return the recording in these files, be it of landmarks or of shapes.
 
     The garbage collector rests: it would walk again and again over the millions of lists of a
@@ -79,15 +79,15 @@ def read_recording(known: FileFormat, paths: tuple[Path, ...]) -> Recording:
     running = gc.isenabled()
     gc.disable()
     try:
-        with at(source_name(paths[0]), f"give {known.title} as its program writes it"):
-            found: Recording = load(known.recorder)(paths)
+        with parsing(source_name(paths[0]), f"give {known.title} as its program writes it"):
+            found: Poses = load(known.recorder)(paths)
     finally:
         if running:
             gc.enable()
     return found
 
 
-def _of_kind(known: FileFormat, paths: tuple[Path, ...], kind: str) -> Recording:
+def _of_kind(known: FileFormat, paths: tuple[Path, ...], kind: str) -> Poses:
     """Return the recording in these files. Raises InputError where it is not of this kind."""
     wanted = 2 if kind == "landmarks" else 3
     name = source_name(paths[0])
@@ -95,12 +95,12 @@ def _of_kind(known: FileFormat, paths: tuple[Path, ...], kind: str) -> Recording
         titles = listed(each.title for each in FORMATS.values() if kind in each.records)
         fix = f"give {'2D landmarks' if wanted == 2 else '3D shapes'}: {titles}"
         raise input_error(name, f"is {known.title}, which holds no {kind}", fix)
-    recording = read_recording(known, paths)
-    if recording.dimensions != wanted:
-        found = f"{known.title} of {recording.dimensions}D points"
+    poses = read_poses(known, paths)
+    if poses.dimensions != wanted:
+        found = f"{known.title} of {poses.dimensions}D points"
         fix = "give 3D shapes" if wanted == 3 else "give 2D landmarks; 3D shapes are for learn-dict"
         raise input_error(name, found, fix)
-    return recording
+    return poses
 
 
 KEY = "keypoints"
@@ -108,8 +108,8 @@ NUMBERED = "numbered"
 """In place of a skeleton: landmarks are called 0, 1 and so on."""
 
 
-def landmark_names(recording: Recording, options: InputOptions) -> tuple[str, ...]:
-    """Return the names of the landmarks of a recording.
+def landmark_names(poses: Poses, options: InputOptions) -> tuple[str, ...]:
+    """Return the names of the landmarks of a poses.
 
     They are those of the file. Where it has none, they are those of the skeleton `keypoints`, of
     the one that its format implies, or their numbers where no known skeleton has as many, or
@@ -121,33 +121,33 @@ def landmark_names(recording: Recording, options: InputOptions) -> tuple[str, ..
         near = nearest_names(wanted, tuple(installed_skeletons()))
         fix = f"did you mean {near[0]}?" if near else f"use {listed(installed_skeletons())}"
         raise input_error(KEY, f"there is no skeleton {wanted!r}", fix)
-    if recording.landmark_names is not None:
-        return recording.landmark_names
-    count = recording.landmark_count
+    if poses.landmark_names is not None:
+        return poses.landmark_names
+    count = poses.landmark_count
     fitting = skeletons_of_size(count)
-    chosen = wanted or recording.default_keypoints
+    chosen = wanted or poses.skeleton
     if chosen is None and fitting:
         found = f"{count} landmarks without names, as {listed(fitting, 'and')} have"
         ways = [f"`--set {KEY}={name}`" for name in (*fitting, NUMBERED)]
-        raise input_error(recording.name, found, f"say which: {listed(ways)}")
+        raise input_error(poses.name, found, f"say which: {listed(ways)}")
     if chosen in (None, NUMBERED):
         return tuple(map(str, range(count)))
     names = installed_skeletons()[chosen].landmark_names
     if len(names) != count:
         known = f"; {listed(fitting)} have as many" if fitting else ""
         found = f"{count} landmarks, and {chosen} has {len(names)}"
-        raise input_error(recording.name, found, f"set another `{KEY}`{known}")
+        raise input_error(poses.name, found, f"set another `{KEY}`{known}")
     return names
 
 
-def _assumed_skeleton(recording: Recording, options: InputOptions) -> Notes:
+def _assumed_skeleton(poses: Poses, options: InputOptions) -> Notes:
     """Return a note where names are of the usual one of two versions of a skeleton, as body_25."""
-    count, usual = recording.landmark_count, recording.default_keypoints
-    if recording.landmark_names is not None or options.keypoints or usual is None:
+    count, usual = poses.landmark_count, poses.skeleton
+    if poses.landmark_names is not None or options.keypoints or usual is None:
         return ()
     versions = (name for name in skeletons_of_size(count) if name.startswith(usual))
     return tuple(
-        f"{recording.name}: {count} landmarks without names taken as those of {usual}; "
+        f"{poses.name}: {count} landmarks without names taken as those of {usual}; "
         f"`{KEY}={other}` if they are not"
         for other in versions
         if other != usual
@@ -175,155 +175,137 @@ def size_needed(name: str) -> InputError:
     return input_error(name, "x and y are fractions of the width and height of the image", SIZE_FIX)
 
 
-def in_pixels(recording: Recording, options: InputOptions) -> Recording:
+def in_pixels(poses: Poses, options: InputOptions) -> Poses:
     """Return a recording whose fractions of the image are pixels, where its size is given.
 
     Raises InputError where they are useless without; else a note says so.
     """
-    if recording.unit != FRACTION:
-        return recording
+    if poses.unit != FRACTION:
+        return poses
     if options.image_size is not None:
-        return replace(recording, points=recording.points * options.image_size, unit="px")
-    if recording.size_needed:
-        raise size_needed(recording.name)
-    return replace(recording, notes=(*recording.notes, f"{SQUEEZED}; {SIZE_FIX}"))
+        return replace(poses, points=poses.points * options.image_size, unit="px")
+    if poses.size_needed:
+        raise size_needed(poses.name)
+    return replace(poses, notes=(*poses.notes, f"{SQUEEZED}; {SIZE_FIX}"))
 
 
-def landmarks_of(recording: Recording, options: InputOptions) -> tuple[LandmarkSet, Notes]:
+def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Notes]:
     """Return a recording of 2D landmarks as images, and notes."""
-    recording = in_pixels(replace(recording, y_axis=options.y_axis or recording.y_axis), options)
-    fields, notes = _fields(recording, options)
+    poses = in_pixels(replace(poses, y_axis=options.y_axis or poses.y_axis), options)
+    fields, notes = _fields(poses, options)
     whole: dict[str, NDArray[Any]] = {}
-    if recording.edges:
-        whole[EDGES] = np.array(recording.edges, dtype=np.int64)
-    return LandmarkSet(**fields, y_axis=recording.y_axis, whole=whole), notes
+    if poses.edges:
+        whole[EDGES] = np.array(poses.edges, dtype=np.int64)
+    return LandmarkSet(**fields, y_axis=poses.y_axis, whole=whole), notes
 
 
-def shapes_of(recording: Recording, options: InputOptions) -> tuple[ShapeSet, Notes]:
+def shapes_of(poses: Poses, options: InputOptions) -> tuple[ShapeSet, Notes]:
     """Return a recording of 3D points as shapes, NaN where a landmark is unknown; and notes."""
-    fields, notes = _fields(recording, options)
-    edges = np.array(recording.edges, dtype=np.int64) if recording.edges else None
+    fields, notes = _fields(poses, options)
+    edges = np.array(poses.edges, dtype=np.int64) if poses.edges else None
     return ShapeSet(**fields, edges=edges), notes
 
 
-def _fields(recording: Recording, options: InputOptions) -> tuple[dict[str, Any], Notes]:
+def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]:
     """Return what landmarks and shapes both have, and notes."""
-    names = landmark_names(recording, options)
-    chosen, notes = select_instances(recording, options)
-    notes += _assumed_skeleton(recording, options)
-    columns = {FRAME: chosen["frames"], "confidence": chosen["confidence"]}
+    names = landmark_names(poses, options)
+    poses, items, sequences = select(poses, options)
+    notes = tuple(f"{poses.name}: {note}" for note in poses.notes)
+    notes += _assumed_skeleton(poses, options)
+    columns = {FRAME: poses.frame, "confidence": poses.confidence}
     fields = {
-        "points": np.ascontiguousarray(chosen["points"].transpose(0, 2, 1)),
+        "points": np.ascontiguousarray(poses.points.transpose(0, 2, 1)),
         "landmark_names": names,
-        "items": chosen["items"],
-        "sequences": chosen["sequences"] if any(chosen["sequences"]) else None,
-        "unit": recording.unit,
-        "frame_rate": recording.frame_rate,
+        "items": items,
+        "sequences": sequences if any(sequences) else None,
+        "unit": poses.unit,
+        "frame_rate": poses.frame_rate,
         "columns": {name: values for name, values in columns.items() if values is not None},
     }
     return fields, notes
 
 
-NOBODY = "individuals without a landmark left out"
+NOTHING = "individuals without a landmark left out"
 INFINITE = "landmarks hidden, whose coordinates are infinite"
 DOUBTFUL = "landmarks hidden, whose confidence is below `likelihood_below`"
 UNTRACKED = "untracked"
 """In place of the individual, for those without identity beside others that have one."""
 
 
-def select_instances(recording: Recording, options: InputOptions) -> tuple[dict[str, Any], Notes]:
-    """Return the instances that the options ask for, one sequence after the other, and notes.
+def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[str]]:
+    """Return the poses that the options select, one sequence after the other; items; sequences.
 
-    They are points (n, p, d), confidence (n, p) or None, frames (n,), items and sequences (n), ""
-    for none. Instances without a landmark are left out. Raises InputError for an individual that
-    the recording does not have, for images without order of which motion is asked for, and for an
-    individual that is twice in a frame.
+    Items and sequences are (n) texts, "" for no sequence. Poses without a landmark are left out.
+    Raises InputError for an individual that is not there, for images without order of which motion
+    is asked for, and for an individual that is twice in a frame.
     """
-    people = recording.individual_names
-    if options.track == "motion" and recording.unordered and (recording.frame_count or 0) > 1:
+    named = bool(poses.individuals)
+    if options.track == "motion" and poses.unordered and (poses.frame_count or 0) > 1:
         found = "holds images of different files, without numbers of frames: no motion"
         fix = "set `track: nearest` if they are one all the same, or write .h5 or .csv"
-        raise input_error(recording.name, found, fix)
-    individuals = recording.individuals
+        raise input_error(poses.name, found, fix)
     if options.track != "none":
         from shapefit.io.readers.tracking import track_people
 
-        individuals = track_people(recording, first_track(people))
-        tracked = (_name(people, number) for number in np.unique(individuals).tolist())
-        people = tuple(filter(None, dict.fromkeys(tracked)))
-    if options.individual is not None and options.individual not in people:
+        poses = replace(poses, individual=track_people(poses))
+    people, wanted = poses.individuals, options.individual
+    if wanted is not None and wanted not in people:
         fix = "its format names none; leave out `individual`, or join people with `track: nearest`"
         fix = f"name one of {abbreviate(people)}" if people else fix
-        raise input_error(recording.name, f"has no individual {options.individual!r}", fix)
-    counts = Counter[str]()
-    points, confidence = recording.points, recording.confidence
+        raise input_error(poses.name, f"has no individual {wanted!r}", fix)
+    poses, placed = _hide(poses, options.likelihood_below)
+    items, sequences = _names_of(poses, f"{UNTRACKED}/" if named else "")
+    rows = placed
+    if wanted is not None:
+        rows = rows & np.array([who == wanted for who in poses.individual or ()])
+    chosen = Counter(item for item, taken in zip(items, rows.tolist(), strict=True) if taken)
+    if twice := [item for item, number in chosen.items() if number > 1]:
+        found = f"{abbreviate(twice)} occur{'s' * (len(twice) == 1)} more than once"
+        fix = "give each frame a number of its own, and each individual one place in it"
+        raise input_error(poses.name, found, fix)
+    kept = np.flatnonzero(rows)
+    first = {name: n for n, name in enumerate(dict.fromkeys(sequences[row] for row in kept))}
+    kept = kept[np.argsort([first[sequences[row]] for row in kept], kind="stable").astype(np.intp)]
+    return poses.take(kept), [items[row] for row in kept], [sequences[row] for row in kept]
+
+
+def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:
+    """Return poses without landmarks that are not to be used, and which have any left."""
+    points, confidence = poses.points, poses.confidence
     placed: Flags = np.asarray(np.isfinite(points).all(axis=2))
-    counts[INFINITE] = int((~placed & np.isinf(points).any(axis=2)).sum())
-    if options.likelihood_below and confidence is not None:
-        doubtful = placed & (confidence < options.likelihood_below)
+    counts = {INFINITE: int((~placed & np.isinf(points).any(axis=2)).sum())}
+    if least and confidence is not None:
+        doubtful = placed & (confidence < least)
         counts[DOUBTFUL] = int(doubtful.sum())
         placed &= ~doubtful
-    rows = placed.any(axis=1)
-    counts[NOBODY] = int((~rows).sum())
     if confidence is not None:
         weights = np.nan_to_num(confidence, nan=1.0, posinf=1.0, neginf=0.0)
         confidence = np.where(placed, np.maximum(weights, 0.0), 0.0)
-    items, sequences, own = _names_of(recording, individuals, options.individual)
-    chosen = take_instances(
-        {
-            "points": np.where(placed[..., None], points, np.nan),
-            "confidence": confidence,
-            "frames": recording.frames,
-            "items": items,
-            "sequences": sequences,
-        },
-        rows & own,
-    )
-    if twice := [item for item, number in Counter(chosen["items"]).items() if number > 1]:
-        found = f"{abbreviate(twice)} occur{'s' * (len(twice) == 1)} more than once"
-        fix = "give each frame a number of its own, and each individual one place in it"
-        raise input_error(recording.name, found, fix)
-    first = {name: number for number, name in enumerate(dict.fromkeys(chosen["sequences"]))}
-    order = np.argsort([first[name] for name in chosen["sequences"]], kind="stable")
+    rows: Flags = np.asarray(placed.any(axis=1))
+    counts[NOTHING] = int((~rows).sum())
     lost = tuple(f"{number} {text}" for text, number in counts.items() if number)
-    notes = tuple(f"{recording.name}: {note}" for note in (*recording.notes, *lost))
-    return take_instances(chosen, order.astype(np.intp)), notes
+    points = np.where(placed[..., None], points, np.nan)
+    return replace(poses, points=points, confidence=confidence, notes=poses.notes + lost), rows
 
 
-def _names_of(
-    recording: Recording, individuals: NDArray[Any], wanted: str | None
-) -> tuple[list[str], list[str], Flags]:
-    """Return the item and the sequence of each instance, and which are of the wanted individual."""
-    videos = recording.videos or [recording.video] * len(recording)
-    people = recording.individual_names
-    anonymous = f"{UNTRACKED}/" if people else ""
-    names = {number: _name(people, number) for number in np.unique(individuals).tolist()}
+def _names_of(poses: Poses, untracked: str) -> tuple[list[str], list[str]]:
+    """Return the item and the sequence of each pose; those without identity are numbered."""
+    videos = [poses.video] * len(poses) if isinstance(poses.video, str) else poses.video
+    if poses.individual is None:
+        rows = zip(videos, poses.label, strict=True)
+        return [f"{video}/{label}" for video, label in rows], list(videos)
     items: list[str] = []
     sequences: list[str] = []
-    numbers: Counter[tuple[str, str]] = Counter()  # anonymous instances of each frame
-    for video, number, label in zip(videos, individuals.tolist(), recording.labels, strict=True):
-        if number == ANYBODY:
-            items.append(f"{video}/{anonymous}{label}/{numbers[video, label]}")
-            sequences.append("")
-            numbers[video, label] += 1
+    numbers = Counter[tuple[str, str]]()
+    for video, who, label in zip(videos, poses.individual, poses.label, strict=True):
+        if who:
+            sequences.append(f"{video}/{who}")
+            items.append(f"{video}/{who}/{label}")
         else:
-            sequences.append(f"{video}/{names[number]}" if names[number] else video)
-            items.append(f"{sequences[-1]}/{label}")
-    wanted_ones = [n for n, name in names.items() if n != ANYBODY and wanted == name]
-    own = np.isin(individuals, wanted_ones) | (wanted is None)
-    return items, sequences, own
-
-
-def _name(people: Sequence[str], number: int) -> str:
-    """Return the name of an individual; "" for the only one of a recording that names none."""
-    if number == ANYBODY or number < first_track(people):
-        return people[number] if people and number >= 0 else ""
-    return f"person {number - first_track(people) + 1}"
-
-
-def first_track(people: Sequence[str]) -> int:
-    """Return the number that the first individual gets who was joined over frames."""
-    return max(1, len(people))
+            sequences.append("")
+            items.append(f"{video}/{untracked}{label}/{numbers[video, label]}")
+            numbers[video, label] += 1
+    return items, sequences
 
 
 KNOWN_SHARE = 0.9

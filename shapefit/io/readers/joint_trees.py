@@ -12,13 +12,14 @@ from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error, listed
 from shapefit.geometry.rotations import rotation_about_axes
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.readers.recording import (
-    Recording,
-    UnexpectedError,
-    at,
+from shapefit.io.readers.poses import (
+    FormatError,
+    Poses,
     check_names,
-    expect,
-    numbered_repeats,
+    make_unique,
+    of_frames,
+    parsing,
+    require,
 )
 from shapefit.io.readers.text_table import Row, Table, read_text
 from shapefit.io.tidy_table import read_numbers
@@ -87,7 +88,7 @@ def _edges(joints: Sequence[Joint]) -> tuple[tuple[int, int], ...]:
 # BVH
 
 
-def read_bvh(paths: tuple[Path, ...]) -> Recording:
+def read_bvh(paths: tuple[Path, ...]) -> Poses:
     """Return the joints of a BVH file, in its unit, and then the ends of the last bones.
 
     The end of joint J is `J_end`. Raises InputError for a tree or a motion that cannot be read.
@@ -99,10 +100,10 @@ def read_bvh(paths: tuple[Path, ...]) -> Recording:
     table.skip(lines, [joint.name for joint in joints for _ in joint.channels])
     motion, _, _ = table.read(range(len(table.names)), finite=True, empty=False)
     order = sorted(range(len(joints)), key=lambda number: number in ends)
-    names, notes = numbered_repeats([joints[number].name for number in order])
+    names, notes = make_unique([joints[number].name for number in order])
     if len(motion) < frames:
         notes += (f"{frames - len(motion)} frames are announced, but not there",)
-    return Recording.of_frames(
+    return of_frames(
         path,
         find_places(joints, motion, degrees=True)[:, order],
         video=path.stem,
@@ -126,31 +127,31 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], set[int], int, 
         word, *rest = line.replace("{", " ").replace("}", " ").split() or [""]
         key = word.upper()
         parent = open_joints[-1] if open_joints else -1
-        with at(f"{path}:{number}", "correct it"):
+        with parsing(f"{path}:{number}", "correct it"):
             if key in ("ROOT", "JOINT", "END"):
-                expect((parent < 0) == (key == "ROOT"), f"{key} stands in the wrong place")
+                require((parent < 0) == (key == "ROOT"), f"{key} stands in the wrong place")
                 open_joints.append(len(joints))
                 ends |= {len(joints)} if key == "END" else set()
                 name = f"{joints[parent].name}_end" if key == "END" else " ".join(rest)
                 joints.append(Joint(name, parent))
             elif key in ("OFFSET", "CHANNELS"):
-                expect(open_joints, f"{key} belongs to no joint")
+                require(open_joints, f"{key} belongs to no joint")
                 if key == "OFFSET":
                     joints[parent].before = np.array(read_words(rest, 3))
                 else:
                     joints[parent].channels = channels = [_channel(name) for name in rest[1:]]
                     given = f"{' '.join(rest[:1])} channels, and {len(channels)} names"
-                    expect(rest[:1] == [str(len(channels))], given)
+                    require(rest[:1] == [str(len(channels))], given)
             elif key == "FRAMES:":
                 frames = int(read_words(rest[:1], 1)[0])
             elif key == "FRAME" and rest[:1] == ["Time:"]:
-                expect(joints and not open_joints, "the tree of joints is not complete")
+                require(joints and not open_joints, "the tree of joints is not complete")
                 for joint in joints:  # a channel of position stands for the offset along its axis
                     joint.before[[axis for turns, axis in joint.channels if not turns]] = 0
                 return joints, ends, number, frames, read_words(rest[1:2], 1)[0]
             else:
                 known = key in ("", "HIERARCHY", "MOTION")
-                expect(known, f"begins with {word!r}, which is no word of BVH")
+                require(known, f"begins with {word!r}, which is no word of BVH")
         if "}" in line and open_joints:
             del open_joints[-line.count("}") :]
     raise input_error(path, "has no motion, or is cut off before it", "give a complete BVH file")
@@ -159,7 +160,7 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], set[int], int, 
 def _channel(name: str) -> Channel:
     axis, kind = "xyz".find(name[:1].lower()), name[1:].lower()
     known = axis >= 0 and kind in ("rotation", "position")
-    expect(known, f"there is no channel {name!r}, as Xrotation or Yposition")
+    require(known, f"there is no channel {name!r}, as Xrotation or Yposition")
     return kind == "rotation", axis
 
 
@@ -194,7 +195,7 @@ class Skeleton:
     degrees: bool
 
 
-def read_acclaim(paths: tuple[Path, ...]) -> Recording:
+def read_acclaim(paths: tuple[Path, ...]) -> Poses:
     """Return the ends of the bones of one or more motions: the root, then bones as ASF lists them.
 
     The skeleton is among the paths or in the folder of the motion, and named as the motion begins
@@ -221,13 +222,12 @@ def read_acclaim(paths: tuple[Path, ...]) -> Recording:
         videos += [path.stem] * len(own)
         parts.append(ends)
         frames.append(np.arange(len(own)))
-    return Recording.of_frames(
+    return of_frames(
         motions[0] if len(motions) == 1 else motions[0].parent,
         np.concatenate(parts),
         labels=labels,
-        video=motions[0].stem,
-        videos=videos,
-        frames=np.concatenate(frames),
+        video=videos,
+        frame=np.concatenate(frames),
         landmark_names=tuple(names),
         unit=first.unit,
         edges=_edges(first.bones),
@@ -278,13 +278,13 @@ def _read_skeleton(path: Path) -> Skeleton:
     degrees = not units.get("angle", "deg").startswith("rad")
     bones = []
     for place, block in blocks:
-        with at(place, WHOLE):
+        with parsing(place, WHOLE):
             bones.append(_bone(block, degrees))
     _join(bones, links, path)
-    with at(path, WHOLE):
-        expect(len(bones) > 1, "has no bones")
+    with parsing(path, WHOLE):
+        require(len(bones) > 1, "has no bones")
         (length,) = read_words([units.get("length", "1")], 1)
-        expect(length > 0, f"has the unit of length {length:g}")
+        require(length > 0, f"has the unit of length {length:g}")
     scale, unit = (1.0, UNKNOWN_UNIT) if length == 1 else (INCH / length, "m")
     return Skeleton(bones, unit, scale, degrees)
 
@@ -309,13 +309,13 @@ def _bone(block: dict[str, list[str]], degrees: bool) -> Joint:
         after = np.array(read_words(block["direction"], 3))
         after *= read_words(block["length"], 1)[0]
     angles, letters = read_words(turn[:3], 3), (turn[3:] or ["XYZ"])[0].lower()
-    expect(sorted(letters) == ["x", "y", "z"], f"the axes are {letters!r}, not XYZ in any order")
+    require(sorted(letters) == ["x", "y", "z"], f"the axes are {letters!r}, not XYZ in any order")
     turned = np.radians(angles[::-1]) if degrees else np.array(angles[::-1])
     axes = rotation_about_axes(["xyz".index(a) for a in reversed(letters)], turned)
     channels = []
     for name in map(str.lower, reversed(block["dof"])):
         known = len(name) == 2 and name[0] in "rt" and name[1] in "xyz"
-        expect(known, f"a degree of freedom {name!r}, not tx ty tz rx ry rz")
+        require(known, f"a degree of freedom {name!r}, not tx ty tz rx ry rz")
         channels.append((name[0] == "r", "xyz".index(name[1])))
     return Joint(block["name"][0], -1, before, after, axes, channels)
 
@@ -326,7 +326,7 @@ def _join(bones: list[Joint], links: list[Row], path: Path) -> None:
     parents = [-1] + [len(bones)] * (len(bones) - 1)
     twice = []
     for line, words in links:
-        with at(f"{path}:{line}", "name bones that are there"):
+        with parsing(f"{path}:{line}", "name bones that are there"):
             above, *below = (index[word] for word in words)
         for number in below:
             if parents[number] != len(bones):
@@ -335,9 +335,9 @@ def _join(bones: list[Joint], links: list[Row], path: Path) -> None:
                 parents[number] = bones[number].parent = above
     reached = set(_parents_first(parents))
     lost = [b.name for i, b in enumerate(bones) if i not in reached or i in twice]
-    with at(path, f"correct it, or {WHOLE}"):
+    with parsing(path, f"correct it, or {WHOLE}"):
         check_names([bone.name for bone in bones], "bone")
-        expect(not lost, f"the hierarchy does not reach every bone once ({abbreviate(lost)})")
+        require(not lost, f"the hierarchy does not reach every bone once ({abbreviate(lost)})")
 
 
 def _read_motion(path: Path, skeleton: Skeleton) -> tuple[list[str], Floats]:
@@ -369,11 +369,11 @@ def _read_motion(path: Path, skeleton: Skeleton) -> tuple[list[str], Floats]:
     order = [words[0] for _, words in rows[:size]]
     for (line, (name, *cells)), wanted in zip(rows, order * len(labels), strict=False):
         if name != wanted or len(cells) != count.get(name):
-            with at(f"{path}:{line}", SAME_BONES):
-                expect(name == wanted, f"{name!r} stands where other frames have {wanted!r}")
-                expect(name in count, f"the skeleton has no bone {name!r}")
+            with parsing(f"{path}:{line}", SAME_BONES):
+                require(name == wanted, f"{name!r} stands where other frames have {wanted!r}")
+                require(name in count, f"the skeleton has no bone {name!r}")
                 given = f"{counted(len(cells), 'number')} for the"
-                raise UnexpectedError(f"{given} {count[name]} degrees of freedom of {name}")
+                raise FormatError(f"{given} {count[name]} degrees of freedom of {name}")
     if len(rows) != size * len(labels):
         raise input_error(path, "the last frame lacks bones, or has too many", SAME_BONES)
     place = {name: number for number, name in enumerate(order)}
@@ -407,5 +407,5 @@ def read_words(words: Sequence[str], count: int) -> tuple[float, ...]:
         numbers = tuple(map(float, words))
     except ValueError:
         numbers = ()
-    expect(len(numbers) == count and np.isfinite(numbers).all(), given)
+    require(len(numbers) == count and np.isfinite(numbers).all(), given)
     return numbers

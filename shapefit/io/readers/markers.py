@@ -17,7 +17,7 @@ from shapefit.geometry.normalisation import as_metres
 from shapefit.io.head import anipose_landmarks
 from shapefit.io.inputs import check_fits
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.readers.recording import Recording, at, expect, numbered_repeats
+from shapefit.io.readers.poses import Poses, make_unique, of_frames, parsing, require
 from shapefit.io.readers.text_table import Table, read_text
 
 HEAD_LINES = 12
@@ -27,7 +27,7 @@ AT_ORIGIN = "points at exactly 0, 0, 0 taken for missing"
 TOO_FEW = "frames are announced in the header, but not there"
 
 
-def read_trc(paths: tuple[Path, ...]) -> Recording:
+def read_trc(paths: tuple[Path, ...]) -> Poses:
     """Return the markers of a TRC file.
 
     A point is missing where a coordinate is empty or nan, and where all three are exactly 0.
@@ -36,7 +36,7 @@ def read_trc(paths: tuple[Path, ...]) -> Recording:
     path = paths[0]
     text = read_text(path)
     header = _read_header(path, text.split("\n")[:HEAD_LINES])
-    names, notes = numbered_repeats(header.labels)
+    names, notes = make_unique(header.labels)
     table = Table(path, header.delimiter, text)
     columns = [f"{name} {axis}" for name in names for axis in "XYZ"]
     table.skip(header.lines, ["Frame#", "Time", *columns])
@@ -52,7 +52,7 @@ def read_trc(paths: tuple[Path, ...]) -> Recording:
     points[origin] = np.nan
     lost = {TOO_FEW: int(header.number("numframes")) - len(labels), AT_ORIGIN: int(origin.sum())}
     notes += tuple(f"{number} {what}" for what, number in lost.items() if number > 0)
-    return Recording.of_frames(
+    return of_frames(
         path,
         points,
         labels=labels,
@@ -114,7 +114,7 @@ def _number(cell: str) -> float:
     return max(value, 0.0) if np.isfinite(value) else 0.0
 
 
-def read_anipose(paths: tuple[Path, ...]) -> Recording:
+def read_anipose(paths: tuple[Path, ...]) -> Poses:
     """Read the 3D points that anipose writes: x, y, z, error, cameras and score of each landmark.
 
     They are in the unit of anipose; the score is their confidence. Raises InputError for rows of
@@ -137,7 +137,7 @@ def read_anipose(paths: tuple[Path, ...]) -> Recording:
     if "fnum" in place and np.isfinite(values[:, -1]).all():
         labels = [f"{number:.15g}" for number in values[:, -1].tolist()]
     scores = np.where(np.isfinite(scores), np.clip(scores, 0, None), np.nan)
-    return Recording.of_frames(
+    return of_frames(
         path,
         points.reshape(len(values), len(names), 3),
         scores if scored else None,
@@ -168,7 +168,7 @@ NOBODY = "unassigned"
 WHOLE = "give a whole C3D file"
 
 
-def read_c3d(paths: tuple[Path, ...]) -> Recording:
+def read_c3d(paths: tuple[Path, ...]) -> Poses:
     """Return the markers of a C3D file, in metres where it names its unit.
 
     A point is missing where its residual is negative or its place NaN. Labels `subject:name` are
@@ -193,7 +193,7 @@ def read_c3d(paths: tuple[Path, ...]) -> Recording:
         text = f"left out, computed by a model, not seen ({abbreviate(left)})"
         notes = (f"{counted(len(left), 'point')} {text}",)
     markers = [place for place, label in enumerate(labels) if label not in computed]
-    names, more = numbered_repeats([labels[place] for place in markers])
+    names, more = make_unique([labels[place] for place in markers])
     individuals, landmarks, places = _by_subject(names)
     if n == MOST_FRAMES:
         notes += (f"has {MOST_FRAMES} frames, as many as its header can count; it may hold more",)
@@ -202,13 +202,13 @@ def read_c3d(paths: tuple[Path, ...]) -> Recording:
     every = np.full((n, max(len(individuals), 1), len(landmarks), 3), np.nan)
     for marker, (subject, landmark) in zip(markers, places, strict=True):
         every[:, subject, landmark] = points[:, marker]
-    return Recording.of_frames(
+    return of_frames(
         path,
         every,
         labels=[str(start + frame) for frame in range(n)],
         video=path.stem,
         landmark_names=landmarks,
-        individual_names=individuals,
+        individuals=individuals or None,
         frame_rate=float(rate) if np.isfinite(rate) and rate > 0 else None,
         unit=unit or UNKNOWN_UNIT,
         notes=notes + more,
@@ -237,17 +237,17 @@ def _by_subject(
 def _check_whole(path: Path) -> None:
     """Raise InputError for a file shorter than its own header says, which ezc3d may not survive."""
     size = path.stat().st_size
-    with at(path, WHOLE), path.open("rb") as file:
+    with parsing(path, WHOLE), path.open("rb") as file:
         head = file.read(BLOCK)
         points, analog, first, last = struct.unpack("<HHHH", head[2:10])
         scale, start = struct.unpack("<fH", head[12:18])
         file.seek(BLOCK * (head[0] - 1))
         section = file.read(4)
-        expect(len(section) == 4, "is cut off before its parameters")
+        require(len(section) == 4, "is cut off before its parameters")
         frames, number_bytes = max(last - first + 1, 0), 4 if scale < 0 else 2
         needed = BLOCK * max(start - 1, 0) + frames * (4 * points + analog) * number_bytes
         whole = section[3] != INTEL or size >= needed
-        expect(whole, f"has {size} bytes, and its header announces {needed}")
+        require(whole, f"has {size} bytes, and its header announces {needed}")
 
 
 def _read_c3d(path: Path) -> Any:

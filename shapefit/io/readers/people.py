@@ -20,19 +20,19 @@ from shapefit.io.readers.detections import (
     CHECK,
     Detections,
     Frame,
-    as_recording,
+    as_poses,
     images_in,
     read_json,
 )
 from shapefit.io.readers.items import are_fractions
-from shapefit.io.readers.recording import (
+from shapefit.io.readers.poses import (
     FRACTION,
     Edges,
-    Recording,
-    at,
+    Poses,
     check_names,
     edges_of,
-    expect,
+    parsing,
+    require,
     video_name,
 )
 
@@ -49,26 +49,26 @@ def _add(
 
     The landmarks of each are x, y, confidence in one list, or [x, y] beside `keypoint_scores`.
     """
-    with at(place, CHECK):
-        expect(isinstance(people, list), "no list of people")
+    with parsing(place, CHECK):
+        require(isinstance(people, list), "no list of people")
         for person in people:
             points = next((person[key] for key in POSE if person.get(key) is not None), None)
-            expect(points is not None or not needed, "a person without keypoints")
+            require(points is not None or not needed, "a person without keypoints")
             points = [] if points is None else points
-            expect(isinstance(points, list), "keypoints that are no list")
+            require(isinstance(points, list), "keypoints that are no list")
             if points and isinstance(points[0], list):
                 scores = person.get("keypoint_scores")
                 scores = [1.0] * len(points) if scores is None else scores
                 paired = {*map(len, points)} == {2} and len(scores) == len(points)
-                expect(paired, "keypoints that are not x and y with a score each")
+                require(paired, "keypoints that are not x and y with a score each")
                 scored = zip(points, scores, strict=True)
                 points = [number for (x, y), score in scored for number in (x, y, score)]
-            expect(len(points) % 3 == 0, f"a person of {len(points)} numbers, not 3 a landmark")
+            require(len(points) % 3 == 0, f"a person of {len(points)} numbers, not 3 a landmark")
             who = next((person[key] for key in WHO if person.get(key) is not None), None)
             found.add(points, frame, who)
 
 
-def read_openpose(paths: tuple[Path, ...]) -> Recording:
+def read_openpose(paths: tuple[Path, ...]) -> Poses:
     """Read a file per frame, with the people found in it; Pose2Sim, Sports2D and RTMLib write it.
 
     A landmark of 0, 0, 0 is missing. A person is a number from frame to frame only where
@@ -91,7 +91,7 @@ def read_openpose(paths: tuple[Path, ...]) -> Recording:
         notes += (lost,)
     if further:
         notes += (f"hands and faces left out, of {counted(further, 'detection')}",)
-    return as_recording(found, len(images.frames) - len(strange), notes=notes)
+    return as_poses(found, len(images.frames) - len(strange), notes=notes)
 
 
 def _people_of(contents: Any) -> list[Any] | None:
@@ -104,7 +104,7 @@ def _people_of(contents: Any) -> list[Any] | None:
     return [] if contents.keys() <= {"version", "part_candidates"} else None
 
 
-def read_alphapose(paths: tuple[Path, ...]) -> Recording:
+def read_alphapose(paths: tuple[Path, ...]) -> Poses:
     """Read AlphaPose's one file of all images, in the layouts `open` and `cmu`.
 
     {image: {version, people: [{pose_keypoints_2d}]}} or {image: {version, bodies: [{joints}]}}; the
@@ -118,7 +118,7 @@ def read_alphapose(paths: tuple[Path, ...]) -> Recording:
     frames = found.in_images((image, image) for image in contents)
     found.unordered = False
     values, notes = _scaled(found.values(), [*contents])
-    return as_recording(found, frames, values, notes=notes)
+    return as_poses(found, frames, values, notes=notes)
 
 
 ALPHAPOSE_LARGEST, SURELY_NOT_OF_1 = 6.0, 2.0
@@ -137,7 +137,7 @@ def _scaled(values: Floats, images: Sequence[Any]) -> tuple[Floats, tuple[str, .
     return values / [1.0, 1.0, ALPHAPOSE_LARGEST], (note,)
 
 
-def read_coco_results(paths: tuple[Path, ...]) -> Recording:
+def read_coco_results(paths: tuple[Path, ...]) -> Poses:
     """Read a list of {image_id, category_id, keypoints, score}, as MMDet and AlphaPose write it.
 
     Images stand in the order of their first appearance. Confidences are taken as they are; a
@@ -146,24 +146,24 @@ def read_coco_results(paths: tuple[Path, ...]) -> Recording:
     path = paths[0]
     found = Detections.in_file(path)
     for number, entry in enumerate(read_json(path)):
-        with at(f"{path}:[{number}]", "give COCO results of keypoints"):
-            expect(isinstance(entry["keypoints"], list), "no keypoints")
+        with parsing(f"{path}:[{number}]", "give COCO results of keypoints"):
+            require(isinstance(entry["keypoints"], list), "no keypoints")
             image = _image(entry["image_id"])
         _add(found, image, [entry], f"{path}:[{number}]")
     images = list(found.frames)
     frames = found.in_images()
     values, notes = _scaled(found.values(), images)
     missing = np.asarray(~values.any(axis=2) | np.isnan(values).any(axis=2))
-    return as_recording(found, frames, values, missing, notes=notes)
+    return as_poses(found, frames, values, missing, notes=notes)
 
 
 def _image(image: Any) -> Any:
-    """Return what identifies an image. Raises UnexpectedError for what cannot."""
-    expect(isinstance(image, int | float | str), f"no image ({str(image)[:40]})")
+    """Return what identifies an image. Raises FormatError for what cannot."""
+    require(isinstance(image, int | float | str), f"no image ({str(image)[:40]})")
     return image
 
 
-def read_coco_annotations(paths: tuple[Path, ...]) -> Recording:
+def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     """Read what people annotated: images, annotations, and categories with names.
 
     keypoints are [x, y, v, ...]; v = 0 is missing, whatever the coordinates, 1 hidden and 2
@@ -176,19 +176,19 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Recording:
     )
     own: dict[Any, list[str]] = {}
     for number, each in enumerate(categories):
-        with at(f"{path}:categories[{number}]", "give each landmark a name of its own"):
+        with parsing(f"{path}:categories[{number}]", "give each landmark a name of its own"):
             own[_image(each["id"])] = [*(each.get("keypoints") or [])]
             check_names(own[each["id"]], "landmark")
     names = tuple(dict.fromkeys(name for each in own.values() for name in each))
     columns = {key: [names.index(name) for name in each] for key, each in own.items() if each}
     called: dict[Any, Any] = {}
     for number, each in enumerate(images):
-        with at(f"{path}:images[{number}]", CHECK):
+        with parsing(f"{path}:images[{number}]", CHECK):
             called[_image(each["id"])] = each.get("file_name") or each["id"]
     found = Detections.in_file(path)
     without = 0
     for number, entry in enumerate(annotations):
-        with at(f"{path}:annotations[{number}]", "give x, y and v of each landmark"):
+        with parsing(f"{path}:annotations[{number}]", "give x, y and v of each landmark"):
             keypoints = entry.get("keypoints")
             if not isinstance(keypoints, list) or not keypoints:
                 without += 1
@@ -204,7 +204,7 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Recording:
     if unlisted := frames - len(called):
         notes += (f"{counted(unlisted, 'image')} of annotations not listed among the images",)
     edges = _edges(categories, columns)
-    return as_recording(
+    return as_poses(
         found, frames, scored=False, landmark_names=names or None, edges=edges, notes=notes
     )
 
@@ -220,7 +220,7 @@ def _identity(entry: Mapping[str, Any]) -> Any:
 def _spread(keypoints: list[float], columns: list[int], count: int) -> list[float]:
     """Return keypoints of a category at the places of its landmarks among all."""
     given = f"{len(keypoints)} numbers for {len(columns)} landmarks"
-    expect(len(keypoints) == 3 * len(columns), given)
+    require(len(keypoints) == 3 * len(columns), given)
     every = [0.0] * (3 * count)
     for number, column in enumerate(columns):
         every[3 * column : 3 * column + 3] = keypoints[3 * number : 3 * number + 3]
@@ -238,7 +238,7 @@ def _edges(categories: list[dict[str, Any]], columns: Mapping[Any, list[int]]) -
     return tuple(pairs)
 
 
-def read_mmpose_video(paths: tuple[Path, ...]) -> Recording:
+def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     """Read a list of {frame_id, instances}, which may stand as `instance_info` beside `meta_info`.
 
     An instance has keypoints [[x, y], ...] and keypoint_scores, which are taken as they are; they
@@ -253,14 +253,14 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Recording:
     found = Detections.in_file(path)
     for number, frame in enumerate(contents):
         place = f"{path}:[{number}]"
-        with at(place, CHECK):
+        with parsing(place, CHECK):
             label, people = frame.get("frame_id"), frame["instances"]
         label = str(number if label is None else label)
         _add(found, Frame(path, "", number, label), people, place, needed=True)
     return _of_mmpose(found, len(contents), meta)
 
 
-def read_mmpose_images(paths: tuple[Path, ...]) -> Recording:
+def read_mmpose_images(paths: tuple[Path, ...]) -> Poses:
     """Read a list of instances per image: those of a folder, or these files."""
     images = images_in(paths, ".json")
     found = Detections.in_files(images)
@@ -269,7 +269,7 @@ def read_mmpose_images(paths: tuple[Path, ...]) -> Recording:
     return _of_mmpose(found, len(images.frames), None)
 
 
-def _of_mmpose(found: Detections, frames: int, meta: Any) -> Recording:
+def _of_mmpose(found: Detections, frames: int, meta: Any) -> Poses:
     """Return the recording; `meta` names landmarks by number, as texts or in a list."""
     values = found.values()
     count = values.shape[1]
@@ -281,7 +281,7 @@ def _of_mmpose(found: Detections, frames: int, meta: Any) -> Recording:
     named = all(isinstance(name, str) for name in known)
     names = tuple(known) if named and len(known) == len({*known}) == count else None
     edges = edges_of(meta.get("skeleton_links"), count) if names else ()
-    return as_recording(found, frames, values, landmark_names=names, edges=edges)
+    return as_poses(found, frames, values, landmark_names=names, edges=edges)
 
 
 BODIES = (
@@ -294,7 +294,7 @@ FRAMES = ("frames", "results")
 SCORES = ("visibility", "score", "confidence", "presence")
 
 
-def read_mediapipe(paths: tuple[Path, ...]) -> Recording:
+def read_mediapipe(paths: tuple[Path, ...]) -> Poses:
     """Read landmarks as MediaPipe gives them: lists of {x, y, z, visibility}.
 
     Each body is such a list. A frame has one, or a list of them, or an object with them under
@@ -319,7 +319,7 @@ def read_mediapipe(paths: tuple[Path, ...]) -> Recording:
     placed = values[np.isfinite(values).all(axis=2)]
     fractions = are_fractions(placed[:, :2])
     named = all(isinstance(name, str) and name for name in names) and len({*names}) == len(names)
-    return as_recording(
+    return as_poses(
         found,
         len(contents),
         values,

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.io.hdf5_file import DAMAGED
-from shapefit.io.readers.recording import (
-    ANYBODY,
+from shapefit.io.readers.poses import (
     Edges,
-    Recording,
-    at,
+    Poses,
     check_names,
-    expect,
-    name_of,
-    numbered_repeats,
+    file_name,
+    make_unique,
+    of_frames,
+    parsing,
+    require,
     video_name,
 )
 from shapefit.io.readers.trackers import TrackerFile, text
@@ -38,7 +38,7 @@ REPEATED = "{} ({})"
 """What a name that is there already is called."""
 
 
-def read_analysis(paths: tuple[Path, ...]) -> Recording:
+def read_analysis(paths: tuple[Path, ...]) -> Poses:
     """Read an analysis file, whose array `tracks` has one of two orders of its axes.
 
     SLEAP writes (track, xy, node, frame), others (frame, track, node, xy). Newer files name the
@@ -54,7 +54,7 @@ def read_analysis(paths: tuple[Path, ...]) -> Recording:
         points = tracks.transpose([axes.index(axis) for axis in FRAMES_FIRST])
         count = points.shape[1]
         fits = points.shape[2:] == (len(nodes), 2)
-        expect(fits, f"has the shape {tracks.shape} for {len(nodes)} nodes")
+        require(fits, f"has the shape {tracks.shape} for {len(nodes)} nodes")
         confidence = None
         if file.is_dataset("point_scores"):
             wanted = tuple(axis for axis in axes if axis != "xy")
@@ -64,17 +64,17 @@ def read_analysis(paths: tuple[Path, ...]) -> Recording:
             confidence = scores.transpose([own.index(axis) for axis in FRAMES_FIRST[:3]])
         edges = file.edges("edge_inds", len(nodes))
         names = file.texts("track_names") if file.has("track_names") else ()
-        expect(len(names) in (0, count), f"names {len(names)} tracks, and there are {count}")
+        require(len(names) in (0, count), f"names {len(names)} tracks, and there are {count}")
     if not names and count > 1:
         names = ("",) * count
     names = tuple(name or f"track_{n}" for n, name in enumerate(names))
-    return Recording.of_frames(
+    return of_frames(
         path,
         points,
         confidence,
-        there=np.asarray(np.isfinite(points).any(axis=(2, 3))) if count > 1 else None,
+        present=np.asarray(np.isfinite(points).any(axis=(2, 3))) if count > 1 else None,
         landmark_names=nodes,
-        individual_names=numbered_repeats(names, REPEATED)[0],
+        individuals=make_unique(names, REPEATED)[0] or None,
         edges=edges,
     )
 
@@ -84,10 +84,10 @@ def _stated_axes(file: TrackerFile, name: str, wanted: Axes) -> Axes | None:
     stated = file.attribute("dims", name)
     if stated is None:
         return None
-    with at(f"{file.place(name)}@dims", f"name the axes {', '.join(wanted)}"):
+    with parsing(f"{file.place(name)}@dims", f"name the axes {', '.join(wanted)}"):
         axes = stated if isinstance(stated, list) else json.loads(text(stated))
         found = tuple(map(text, axes))
-        expect(sorted(found) == sorted(wanted), f"is {stated}")
+        require(sorted(found) == sorted(wanted), f"is {stated}")
         return found
 
 
@@ -100,7 +100,7 @@ def _fitting_axes(file: TrackerFile, nodes: int) -> Axes:
         occupied = file.shape("track_occupancy")
         agreeing = [sizes for sizes in fitting if (sizes["frame"], sizes["track"]) == occupied]
         fitting = agreeing or fitting
-    expect(fitting, f"has the shape {shape} for {nodes} nodes, which is in no order of axes")
+    require(fitting, f"has the shape {shape} for {nodes} nodes, which is in no order of axes")
     return tuple(fitting[0])
 
 
@@ -119,11 +119,13 @@ REPLACED = "predicted instances replaced by those that a user placed"
 PIXEL_MIDDLES = 1.1
 """The version from which on the middle of the first pixel is at 0."""
 
+NO_TRACK = -1
+
 BODY = 1
 """The type of a link between nodes that is part of the body; others are symmetries."""
 
 
-def read_labels(paths: tuple[Path, ...]) -> Recording:
+def read_labels(paths: tuple[Path, ...]) -> Poses:
     """Read a .slp file: tables of labelled frames, of their instances, and of their points.
 
     An instance that a user placed takes the place of the predicted one from which it was made, or
@@ -137,19 +139,18 @@ def read_labels(paths: tuple[Path, ...]) -> Recording:
         replaced = _replaced(found)
         found = {name: values[~replaced] for name, values in found.items()}
         points, confidence = _read_points(file, metadata, found)
-    several = len(metadata.videos) > 1
+    several, video = len(metadata.videos) > 1, video_name(path)
+    tracks = (*metadata.tracks, "")  # the last is that of number -1
     lost = int(replaced.sum())
-    return Recording(
+    return Poses(
         name=str(path),
-        video=video_name(path),
+        video=[metadata.videos[row] for row in found["video"].tolist()] if several else video,
         points=points,
         confidence=None if np.isnan(confidence).all() else confidence,
-        frames=found["frame_idx"],
-        labels=list(map(str, found["frame_idx"].tolist())),
-        individuals=found["track"],
-        videos=[metadata.videos[row] for row in found["video"].tolist()] if several else None,
+        frame=found["frame_idx"],
+        label=list(map(str, found["frame_idx"].tolist())),
+        individual=[tracks[number] for number in found["track"].tolist()],
         landmark_names=metadata.landmarks,
-        individual_names=metadata.tracks,
         frame_count=labelled,
         unit="px",
         edges=metadata.edges,
@@ -179,13 +180,13 @@ def _read_metadata(file: TrackerFile) -> Metadata:
     lists = [
         file.texts(name) if file.is_dataset(name) else () for name in ("tracks_json", "videos_json")
     ]
-    with at(f"{file.place('metadata')}@json", DAMAGED):
+    with parsing(f"{file.place('metadata')}@json", DAMAGED):
         found = orjson.loads(file.attribute("json", "metadata"))
         nodes = [str(node["name"]) for node in found["nodes"]]
         skeletons, pairs = _skeletons(found["skeletons"], nodes)
         tracks = [str(orjson.loads(each)[1]) for each in lists[0]]
         videos = [_video(orjson.loads(each)) for each in lists[1]]
-        expect(any(skeletons), "has no skeleton with nodes")
+        require(any(skeletons), "has no skeleton with nodes")
         for skeleton in skeletons:
             check_names(skeleton, "node of a skeleton")
     number = {name: i for i, name in enumerate(dict.fromkeys(n for s in skeletons for n in s))}
@@ -193,8 +194,8 @@ def _read_metadata(file: TrackerFile) -> Metadata:
         tuple(number),
         [np.array([number[name] for name in skeleton], np.intp) for skeleton in skeletons],
         tuple(dict.fromkeys((number[a], number[b]) for a, b in pairs if {a, b} <= number.keys())),
-        numbered_repeats(tracks, REPEATED)[0],
-        numbered_repeats(videos, REPEATED)[0],
+        make_unique(tracks, REPEATED)[0],
+        make_unique(videos, REPEATED)[0],
         0.0 if isinstance(version, int | float) and version >= PIXEL_MIDDLES else 0.5,
     )
 
@@ -210,7 +211,7 @@ def _skeletons(
     for skeleton in found:
         graph = skeleton.get("nx_graph", skeleton)
         ids = [node["id"] for node in graph["nodes"]]
-        expect(all(number >= 0 for number in ids), "a node has a negative number")
+        require(all(number >= 0 for number in ids), "a node has a negative number")
         skeletons.append(tuple(nodes[number] for number in ids))
         types: list[int] = []
         for link in graph.get("links", ()):
@@ -232,7 +233,7 @@ def _video(found: Any) -> str:
     name = found.get("filename") or backend.get("filename") or backend.get("filenames") or "video"
     if isinstance(name, list):
         name = str(PurePosixPath(str(name[0]).replace("\\", "/")).parent)
-    return PurePosixPath(name_of(str(name))).stem or "video"
+    return PurePosixPath(file_name(str(name))).stem or "video"
 
 
 def _read_instances(file: TrackerFile, metadata: Metadata) -> tuple[dict[str, Integers], int]:
@@ -247,7 +248,7 @@ def _read_instances(file: TrackerFile, metadata: Metadata) -> tuple[dict[str, In
     frames, table = tables
     start, end = frames["instance_id_start"], frames["instance_id_end"]
     there = (start >= 0) & (end >= start) & (end <= len(table["track"]))
-    expect(there.all(), "has other instances than those that `frames` points at")
+    require(there.all(), "has other instances than those that `frames` points at")
     order = np.lexsort((frames["frame_idx"], frames["video"]))
     counts = (end - start)[order]
     owner = np.repeat(order, counts)
@@ -262,11 +263,11 @@ def _read_instances(file: TrackerFile, metadata: Metadata) -> tuple[dict[str, In
     ):
         own = found[column]
         wrong = own[(own < lowest) | (own >= count)]
-        expect(not len(wrong), f"has the {column} {wrong[:1].sum()} of {count}")
+        require(not len(wrong), f"has the {column} {wrong[:1].sum()} of {count}")
     sizes = np.array([len(skeleton) for skeleton in metadata.skeletons])[found["skeleton"]]
     start, end = found["point_id_start"], found["point_id_end"]
     fits = (end - start == sizes).all() and (start >= 0).all()
-    expect(fits, "has another number of points than its skeleton")
+    require(fits, "has another number of points than its skeleton")
     return found, len(counts)
 
 
@@ -276,7 +277,7 @@ def _replaced(found: Mapping[str, Integers]) -> Flags:
     if not user.any():
         return user
     origins = found["from_predicted"][user & (found["from_predicted"] >= 0)]
-    tracked = found["track"] != ANYBODY
+    tracked = found["track"] != NO_TRACK
     keys = np.stack([found["video"], found["frame_idx"], found["track"]], axis=1)
     _, key = np.unique(keys, axis=0, return_inverse=True)
     key = key.ravel()

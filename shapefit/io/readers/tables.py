@@ -18,7 +18,7 @@ from shapefit.errors import InputError, abbreviate, input_error, printable
 from shapefit.io.head import OF_A_POINT, Columns, parse_header
 from shapefit.io.inputs import check_fits
 from shapefit.io.readers.arrays import of_bodies
-from shapefit.io.readers.recording import Recording, video_name
+from shapefit.io.readers.poses import Poses, of_frames, video_name
 from shapefit.io.readers.text_table import Table
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.io.tidy_table import read_numbers
@@ -37,7 +37,7 @@ CALISCOPE = {
 """Column of caliscope -> its role."""
 
 
-def read_caliscope(paths: tuple[Path, ...]) -> Recording:
+def read_caliscope(paths: tuple[Path, ...]) -> Poses:
     """Read caliscope's CSV of MediaPipe's landmarks: a row per point of a frame of a camera.
 
     sync_index, port (or cam_id), frame_index, ..., point_id, img_loc_x, img_loc_y: a port is a
@@ -58,14 +58,12 @@ def read_caliscope(paths: tuple[Path, ...]) -> Recording:
     video = path.name.partition(".")[0]
     videos = [f"{video}/port {port}" for port in ports]
     order, frames = _in_order(frames_of, videos, table)
-    return Recording.of_frames(
+    return of_frames(
         path,
         points[order][:, by_number],
         labels=[frames_of[row] for row in order.tolist()],
-        frames=np.array(frames, np.int64),
-        individuals=np.zeros(len(points), np.int64),
-        video=video,
-        videos=[videos[row] for row in order.tolist()],
+        frame=np.array(frames, np.int64),
+        video=[videos[row] for row in order.tolist()],
         landmark_names=tuple(called[place] for place in by_number.tolist()),
     )
 
@@ -84,7 +82,7 @@ BODY = 33
 """Landmarks of MediaPipe's body, which has a depth too."""
 
 
-def read_any_table(paths: tuple[Path, ...]) -> Recording:
+def read_any_table(paths: tuple[Path, ...]) -> Poses:
     """Read a table of no known tool. Raises InputError where it can be understood in two ways.
 
     z beside x and y is a third coordinate, unless there is a confidence of 0 to 1: then it is the
@@ -126,7 +124,7 @@ def read_any_table(paths: tuple[Path, ...]) -> Recording:
         images=images is not None and frames is None and sequences is None,
         notes=notes,
         landmark_names=None if numbered else tuple(map(printable, names)),
-        default_keypoints="mediapipe_33" if depth else None,
+        skeleton="mediapipe_33" if depth else None,
     )
 
 

@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error, printable
 from shapefit.io.hdf5_file import Hdf5File, Stored
-from shapefit.io.readers.recording import (
-    STRANGE,
+from shapefit.io.readers.poses import (
+    PARSE_ERRORS,
     Edges,
-    Recording,
+    Poses,
     check_names,
-    expect,
+    message,
     number_labels,
-    said,
+    of_frames,
+    require,
     video_name,
 )
 
@@ -41,8 +42,8 @@ class TrackerFile(Hdf5File):
 
     def __exit__(self, *raised: object) -> None:
         super().__exit__()
-        if isinstance(error := raised[1], STRANGE):
-            raise self.fault(self.last, said(error)) from error
+        if isinstance(error := raised[1], PARSE_ERRORS):
+            raise self.fault(self.last, message(error)) from error
 
     def stored(self, name: str) -> Stored:
         """Return a dataset, of which is told what goes wrong from now on."""
@@ -71,15 +72,15 @@ class TrackerFile(Hdf5File):
         fits = len(wanted) == len(stored.shape) and all(
             length in (None, size) for length, size in zip(wanted, stored.shape, strict=True)
         )
-        expect(not wanted or fits, found.replace("None", "any"))
-        expect(stored.dataset.dtype.kind in "biuf", "holds no numbers")
+        require(not wanted or fits, found.replace("None", "any"))
+        require(stored.dataset.dtype.kind in "biuf", "holds no numbers")
         return np.asarray(self.rows(name), np.float64)
 
     def table(self, name: str, *columns: str) -> Any:
         """Return a table of these columns, and maybe others, as it stands in the file."""
         there = self.stored(name).dataset.dtype.names or ()
         lost = [column for column in columns if column not in there]
-        expect(not lost and len(self.shape(name)) == 1, f"is no table of {', '.join(columns)}")
+        require(not lost and len(self.shape(name)) == 1, f"is no table of {', '.join(columns)}")
         return self.rows(name)
 
     def scales(self, name: str) -> tuple[str, ...]:
@@ -93,9 +94,9 @@ class TrackerFile(Hdf5File):
     def texts(self, name: str) -> tuple[str, ...]:
         """Return a dataset of names."""
         stored = self.stored(name)
-        expect(prod(stored.shape) <= MOST_TEXTS, f"holds {stored.shape} names")
+        require(prod(stored.shape) <= MOST_TEXTS, f"holds {stored.shape} names")
         if not stored.text:  # SLEAP writes lists without entries as numbers
-            expect(stored.dataset.size == 0, "holds no text")
+            require(stored.dataset.size == 0, "holds no text")
             return ()
         with self.damage(name):
             return tuple(map(text, np.ravel(stored.dataset[()])))
@@ -106,7 +107,7 @@ class TrackerFile(Hdf5File):
             return ()
         pairs = self.numbers(name, None, 2)
         there = ((pairs >= 0) & (pairs < count)).all()
-        expect(there, "points at landmarks that are not there")
+        require(there, "points at landmarks that are not there")
         return tuple((int(a), int(b)) for a, b in pairs)
 
 
@@ -124,7 +125,7 @@ MOUSE = (
 LINES = ((0, 1), (0, 2), (0, 3), (3, 6), (6, 9), (9, 10), (10, 11), (6, 4), (6, 5), (9, 7), (9, 8))
 
 
-def read_jabs(paths: tuple[Path, ...]) -> Recording:
+def read_jabs(paths: tuple[Path, ...]) -> Poses:
     """Read `poseest/points` of JABS: (frame, [instance,] point, [y, x]), where y comes first.
 
     A confidence of 0 is a point that was not found. Version 2 knows one mouse. Version 3 counts the
@@ -136,7 +137,7 @@ def read_jabs(paths: tuple[Path, ...]) -> Recording:
     with TrackerFile(path) as file:
         points = file.numbers("poseest/points")
         shape = points.shape
-        expect(points.ndim in (3, 4) and shape[-1] == 2, f"has the shape {shape}")
+        require(points.ndim in (3, 4) and shape[-1] == 2, f"has the shape {shape}")
         several = points.ndim == 4
         points = (points if several else points[:, None])[..., ::-1]
         confidence = np.ones(points.shape[:3])
@@ -146,18 +147,16 @@ def read_jabs(paths: tuple[Path, ...]) -> Recording:
         if several:
             ids, absent = _identities(file, *points.shape[:2])
     seen = confidence > 0
-    known = np.unique(ids[~absent])
     lost = int((seen.any(axis=2) & absent).sum())
     named = points.shape[2] == len(names)
-    return Recording.of_frames(
+    return of_frames(
         path,
         np.where(seen[..., None], points, np.nan),
         confidence,
-        individuals=np.searchsorted(known, ids),
-        there=~absent,
+        present=~absent,
         video=sub(r"_pose_est(_v\d+)?$", "", video_name(path)),
         landmark_names=names if named else None,
-        individual_names=tuple(map(str, known.tolist())) if several else (),
+        individuals=ids.astype(str) if several else None,
         edges=LINES if named else (),
         notes=(f"{lost} instances without an identity left out",) if lost else (),
     )
@@ -182,7 +181,7 @@ WANTED = ("time", "individual", "keypoint", "space")
 """The axes of movement, in the order in which they are given out."""
 
 
-def read_movement(paths: tuple[Path, ...]) -> Recording:
+def read_movement(paths: tuple[Path, ...]) -> Poses:
     """Read movement's netCDF, which is HDF5: `position` over time, space, keypoints, individuals.
 
     The axes are named by dimension scales, in any order. Newer versions say `keypoint` and
@@ -200,23 +199,23 @@ def read_movement(paths: tuple[Path, ...]) -> Recording:
         if file.is_dataset("confidence"):
             confidence = _arranged(file, "confidence", WANTED[:3])
             fits = confidence.shape == points.shape[:3]
-            expect(fits, f"has the shape {confidence.shape}, and position {points.shape}")
+            require(fits, f"has the shape {confidence.shape}, and position {points.shape}")
         times = np.arange(frames, dtype=float)
         if file.is_dataset("time"):
             times = file.numbers("time", frames)
         labels = number_labels(file.place("time"), times)
         space = _names(file, "space", coordinates)
-        expect(space in (("x", "y"), ("x", "y", "z")), f"names the coordinates {', '.join(space)}")
+        require(space in (("x", "y"), ("x", "y", "z")), f"names the coordinates {', '.join(space)}")
         rate = file.attribute("fps")
         names = _names(file, "keypoint", landmarks)
         individuals = _names(file, "individual", people)
-    return Recording.of_frames(
+    return of_frames(
         path,
         points,
         confidence,
         labels,
         landmark_names=names,
-        individual_names=individuals,
+        individuals=individuals,
         frame_rate=float(rate) if isinstance(rate, int | float) and 0 < rate < np.inf else None,
     )
 
@@ -226,7 +225,7 @@ def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
     axes = [SINGULAR.get(axis, axis) for axis in file.scales(name)]
     kept = [axis for axis in wanted if axis in axes]
     needed = {"time", *wanted[3:]} <= set(axes)
-    expect(needed and sorted(kept) == sorted(axes), f"has the axes {', '.join(axes)}")
+    require(needed and sorted(kept) == sorted(axes), f"has the axes {', '.join(axes)}")
     values = file.numbers(name).transpose([axes.index(axis) for axis in kept])
     sizes = dict(zip(kept, values.shape, strict=True))
     return values.reshape([sizes.get(axis, 1) for axis in wanted])
@@ -238,7 +237,7 @@ def _names(file: TrackerFile, axis: str, size: int) -> tuple[str, ...]:
     if place is None or not file.stored(place).text:
         return tuple(f"{axis}_{number}" for number in range(size))
     names = file.texts(place)
-    expect(len(names) == size, f"names {len(names)}, and there are {size}")
+    require(len(names) == size, f"names {len(names)}, and there are {size}")
     return names
 
 
@@ -271,7 +270,7 @@ class Series:
     unit: str
 
 
-def read_nwb(paths: tuple[Path, ...]) -> Recording:
+def read_nwb(paths: tuple[Path, ...]) -> Poses:
     """Read every PoseEstimation below `processing`. Raises InputError where there is none.
 
     Series of one animal may have times of their own; they are joined by time. Several modules with
@@ -293,22 +292,20 @@ def read_nwb(paths: tuple[Path, ...]) -> Recording:
     videos = [[each for each in series if each.module == m or not several] for m in modules]
     times = [np.unique(np.concatenate([each.times for each in own])) for own in videos]
     read = [_join(own, at, names, people) for own, at in zip(videos, times, strict=True)]
-    points, confidence, frames, individuals = map(np.concatenate, zip(*read, strict=True))
+    points, confidence, frame, who = map(np.concatenate, zip(*read, strict=True))
     labels = [number_labels("", at[own[2]]) for at, own in zip(times, read, strict=True)]
     called = [module for module, own in zip(modules, read, strict=True) for _ in own[2]]
     units = {each.unit for each in series}
     unit = UNITS.get(units.pop(), "unknown") if len(units) == 1 else "unknown"
-    return Recording(
+    return Poses(
         name=str(path),
-        video=video_name(path),
+        video=called if several else video_name(path),
         points=points,
         confidence=None if np.isnan(confidence).all() else confidence,
-        frames=frames,
-        labels=[label for own in labels for label in own],
-        individuals=individuals,
-        videos=called if several else None,
+        frame=frame,
+        label=[label for own in labels for label in own],
+        individual=[people[number] for number in who.tolist()],
         landmark_names=names,
-        individual_names=people,
         frame_count=sum(map(len, times)),
         frame_rate=_rate({each.rate for each in series if len(each.times) > 1}, times),
         unit="px" if dimensions == {2} else unit,
@@ -338,21 +335,21 @@ def _series(file: TrackerFile, group: str, module: str, animal: str, landmark: s
     )
     points = file.numbers(data, None, None)
     count, axes = points.shape
-    expect(axes in (2, 3), f"has {axes} coordinates")
+    require(axes in (2, 3), f"has {axes} coordinates")
     confidence = np.full(count, np.nan)
     if file.is_dataset(scores):
         confidence = file.numbers(scores, count)
     rate = None
     if file.is_dataset(start):
-        expect(file.shape(start) == (), "is no number; store the time of the first point")
+        require(file.shape(start) == (), "is no number; store the time of the first point")
         stated = _number(file, "rate", start, 0.0)
         rate = stated if stated > 0 else None
         times = file.numbers(start) + np.arange(count) / (rate or 1.0)
-        expect(np.isfinite(times).all(), "is no number; store the time of the first point")
+        require(np.isfinite(times).all(), "is no number; store the time of the first point")
     else:  # one of the two is there
         times = file.numbers(stamps, count)
         rising = np.isfinite(times).all() and (np.diff(times) > 0).all()
-        expect(rising, "does not increase; give each point a time of its own, in their order")
+        require(rising, "does not increase; give each point a time of its own, in their order")
     factor = _number(file, "conversion", data, 1.0) or 1.0
     points = points * factor + _number(file, "offset", data, 0.0)
     unit = text(file.attribute("unit", data) or "pixels").lower()

@@ -12,12 +12,14 @@ that of their boxes (intersection over union). No learned appearance, nothing be
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import count, islice
 
 import numpy as np
 
 from shapefit.arrays import Flags, Floats, Integers
-from shapefit.io.readers.recording import ANYBODY, Recording
+from shapefit.io.readers.poses import Poses
 
 REACH = 0.35
 """Of the size of a person (the diagonal of the box): how far landmarks go in a frame, at most, from
@@ -38,6 +40,8 @@ FORGETTING = 0.3
 
 LARGEST = 1e100
 """Coordinates beyond this are as good as this, and their squares do not overflow."""
+
+NO_TRACK = -1
 
 Pairs = list[tuple[int, int]]
 
@@ -68,25 +72,29 @@ class _Tracks:
             setattr(self, name, np.concatenate([values, getattr(others, name)]))
 
 
-def track_people(recording: Recording, first: int) -> Integers:
-    """Return the individuals (N,), every anonymous one with the number of a track from `first` on.
+def track_people(poses: Poses) -> Sequence[str] | None:
+    """Return the individuals (N,), every pose without identity called `person 1` and so on.
 
-    Tracks are numbered in order of their first frames, through all videos. Instances without a
+    Tracks are numbered in order of their first frames, through all videos. Poses without a
     landmark, and those of whom the file says who they are, stay as they are.
     """
-    individuals = recording.individuals.copy()
-    weights = np.isfinite(recording.points).all(axis=2).astype(float)
-    if recording.confidence is not None:
-        weights *= np.clip(np.nan_to_num(recording.confidence, nan=1.0), 0, 1)
-    points = np.clip(recording.points, -LARGEST, LARGEST)
+    if poses.individual is None:
+        return None
+    weights = np.isfinite(poses.points).all(axis=2).astype(float)
+    if poses.confidence is not None:
+        weights *= np.clip(np.nan_to_num(poses.confidence, nan=1.0), 0, 1)
+    points = np.clip(poses.points, -LARGEST, LARGEST)
     points[weights == 0] = np.nan
     boxes, size = _boxes(points)
-    frames, videos = recording.frames.tolist(), recording.videos
+    anonymous = np.array([not who for who in poses.individual], bool)
+    videos = [poses.video] * len(poses) if isinstance(poses.video, str) else poses.video
+    frames = poses.frame.tolist()
     rows_of: defaultdict[tuple[str, int], list[int]] = defaultdict(list)
-    for row in np.flatnonzero((individuals == ANYBODY) & weights.any(axis=1)).tolist():
-        rows_of["" if videos is None else videos[row], frames[row]].append(row)
+    for row in np.flatnonzero(anonymous & weights.any(axis=1)).tolist():
+        rows_of[videos[row], frames[row]].append(row)
     open_tracks: dict[str, _Tracks] = {}
-    following = first
+    numbers = np.full(len(poses), NO_TRACK)
+    following = 0
     for (video, frame), rows in rows_of.items():
         seen = _Tracks(
             points=points[rows],
@@ -94,7 +102,7 @@ def track_people(recording: Recording, first: int) -> Integers:
             boxes=boxes[rows],
             size=size[rows],
             frame=np.full(len(rows), frame),
-            number=np.full(len(rows), ANYBODY),
+            number=np.full(len(rows), NO_TRACK),
         )
         if video in open_tracks:
             following = _follow(open_tracks[video], seen, weights[rows], frame, following)
@@ -102,8 +110,11 @@ def track_people(recording: Recording, first: int) -> Integers:
             seen.number = np.arange(following, following + len(rows))
             following += len(rows)
             open_tracks[video] = seen
-        individuals[rows] = seen.number
-    return individuals
+        numbers[rows] = seen.number
+    taken = set(poses.individual)
+    free = (name for n in count(1) if (name := f"person {n}") not in taken)
+    names = [*islice(free, following), ""]  # the last is that of NO_TRACK
+    return [who or names[n] for who, n in zip(poses.individual, numbers.tolist(), strict=True)]
 
 
 def _follow(tracks: _Tracks, seen: _Tracks, weights: Floats, frame: int, following: int) -> int:
@@ -121,7 +132,7 @@ def _follow(tracks: _Tracks, seen: _Tracks, weights: Floats, frame: int, followi
         pairs = assign(*_costs(tracks, steps, passed, seen, weights))
         if pairs:
             _go_on(tracks, steps, passed, seen, *np.array(pairs).T)
-    new: Flags = np.asarray(seen.number == ANYBODY)
+    new: Flags = np.asarray(seen.number == NO_TRACK)
     if new.any():
         seen.number[new] = np.arange(following, following + new.sum())
         following += int(new.sum())

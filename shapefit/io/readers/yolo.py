@@ -9,15 +9,15 @@ import numpy as np
 
 from shapefit.errors import input_error
 from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
-from shapefit.io.readers.detections import Detections, as_recording, images_in
-from shapefit.io.readers.recording import (
+from shapefit.io.readers.detections import Detections, as_poses, images_in
+from shapefit.io.readers.poses import (
     FRACTION,
     Edges,
-    Recording,
-    at,
+    Poses,
     edges_of,
-    expect,
+    parsing,
     read_yaml,
+    require,
 )
 
 BOX = 5
@@ -36,7 +36,7 @@ class Layout(NamedTuple):
     edges: Edges = ()
 
 
-def read_yolo(paths: tuple[Path, ...]) -> Recording:
+def read_yolo(paths: tuple[Path, ...]) -> Poses:
     """Read the labels of a folder, or these files, as one recording.
 
     A line is class, centre and size of a box, and x, y and mostly v of each landmark, as fractions
@@ -52,9 +52,9 @@ def read_yolo(paths: tuple[Path, ...]) -> Recording:
     width = BOX + layout.landmarks * layout.step
     detections = Detections.in_files(images)
     for frame, row in rows:
-        with at(frame.path, f"check kpt_shape in {FILE}"):
+        with parsing(frame.path, f"check kpt_shape in {FILE}"):
             given = f"a line of {len(row)} numbers, and {layout.landmarks} landmarks take {width}"
-            expect(len(row) - width in (0, 1, 2), given)
+            require(len(row) - width in (0, 1, 2), given)
         numbers = row[BOX:width]
         if layout.step == 2:
             pairs = zip(numbers[::2], numbers[1::2], strict=True)
@@ -62,7 +62,7 @@ def read_yolo(paths: tuple[Path, ...]) -> Recording:
         detections.add(numbers, frame, row[-1] if len(row) == width + 2 else None)
     values = detections.values()
     person = layout.people and layout.landmarks == 17
-    return as_recording(
+    return as_poses(
         detections,
         len(images.frames),
         values,
@@ -70,7 +70,7 @@ def read_yolo(paths: tuple[Path, ...]) -> Recording:
         unit=FRACTION,
         landmark_names=layout.names
         or (None if person else tuple(map(str, range(layout.landmarks)))),
-        default_keypoints="coco_17" if person else None,
+        skeleton="coco_17" if person else None,
         edges=layout.edges,
     )
 
@@ -80,7 +80,7 @@ def _rows(path: Path) -> list[list[float]]:
     rows = []
     text = read_whole(path).removeprefix(BYTE_ORDER_MARK)
     for number, line in enumerate(text.splitlines(), start=1):
-        with at(f"{path}:{number}", "give labels of poses"):
+        with parsing(f"{path}:{number}", "give labels of poses"):
             rows.append([float(cell) for cell in line.partition(b"#")[0].split()])
     return [row for row in rows if row]
 

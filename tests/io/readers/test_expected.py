@@ -12,8 +12,8 @@ import pytest
 from shapefit.io import open_landmarks, read_shapes
 from shapefit.io.formats import FORMATS, detect_format, group_inputs
 from shapefit.io.options import AS_THEY_ARE, InputOptions
-from shapefit.io.readers.items import FRAME, read_recording
-from shapefit.io.readers.recording import Recording
+from shapefit.io.readers.items import FRAME, read_poses
+from shapefit.io.readers.poses import Poses
 
 PROJECT = Path(__file__).resolve().parents[3]
 REAL_DATA = Path(os.environ.get("SHAPEFIT_REAL_DATA", PROJECT.parent / "shared" / "data"))
@@ -45,7 +45,7 @@ def test_no_entry_is_left_out(real_data):
     assert [entry["path"] for entry in ENTRIES if not is_read(entry)] == []
 
 
-WITHOUT_REAL_FILES = {"alphapose-json", "anipose-csv", "arrays", "mediapipe", "mesh", "table"}
+WITHOUT_REAL_FILES = {"alphapose-json", "anipose-csv", "arrays", "mediapipe", "table"}
 WITHOUT_REAL_FILES |= {"mmpose-images", "mmpose-video"}
 """Formats of which there are made files only; files of Acclaim lie beside the motion capture."""
 
@@ -76,9 +76,9 @@ def options(entry) -> InputOptions:
 
 
 @pytest.fixture
-def recording(entry, path, options) -> Recording:
+def poses(entry, path, options) -> Poses:
     ((known, paths),) = group_inputs([path], options)
-    return read_recording(known, paths)
+    return read_poses(known, paths)
 
 
 @pytest.fixture
@@ -107,18 +107,18 @@ def close(got: float, wanted: float, size: float, rtol: float) -> bool:
     return abs(got - wanted) <= rtol * abs(size) + 1e-9
 
 
-def confidences(recording: Recording) -> tuple[int, float]:
+def confidences(poses: Poses) -> tuple[int, float]:
     """Number and sum of the confidences that points have."""
-    if recording.confidence is None:
+    if poses.confidence is None:
         return 0, 0.0
-    placed = np.isfinite(recording.points).all(axis=2) & np.isfinite(recording.confidence)
-    return int(placed.sum()), float(recording.confidence[placed].sum())
+    placed = np.isfinite(poses.points).all(axis=2) & np.isfinite(poses.confidence)
+    return int(placed.sum()), float(poses.confidence[placed].sum())
 
 
-def test_items_and_sums(entry, records, recording):
+def test_items_and_sums(entry, records, poses):
     points = coordinates(records)
     finite = np.isfinite(points).all(axis=1)
-    scored, score = confidences(recording)
+    scored, score = confidences(poses)
     wrong = []
     for wanted in readings(entry):
         got: dict[str, Any] = {"items": len(records), "finite_points": int(finite.sum())}
@@ -139,7 +139,7 @@ def test_items_and_sums(entry, records, recording):
     pytest.fail(f"no reading of {entry['path']} agrees: {wrong}")
 
 
-def test_names_and_frames(entry, records, recording):
+def test_names_and_frames(entry, records, poses):
     counts = {wanted.get("landmarks", entry["landmarks"]) for wanted in readings(entry)}
     assert coordinates(records).shape[2] in counts
     if entry["landmark_names"] is not None:
@@ -147,10 +147,10 @@ def test_names_and_frames(entry, records, recording):
     if entry["path"].startswith("motion/"):
         assert records.unit == ("m" if entry["unit"] == "m" else "unknown")
     if entry.get("individual_names") is not None:
-        assert list(recording.individual_names) == entry["individual_names"]
-    videos = recording.videos or [""] * len(recording)
-    found = set(zip(videos, recording.frames.tolist(), strict=True))
-    assert (recording.frame_count or len(found)) == entry["frames"]
+        assert {*poses.individuals} == {*entry["individual_names"]}
+    videos = [poses.video] * len(poses) if isinstance(poses.video, str) else poses.video
+    found = set(zip(videos, poses.frame.tolist(), strict=True))
+    assert (poses.frame_count or len(found)) == entry["frames"]
 
 
 def number_in_video(label: Any) -> str | None:

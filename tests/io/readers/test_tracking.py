@@ -13,7 +13,7 @@ from scipy.optimize import linear_sum_assignment
 from shapefit.arrays import Floats
 from shapefit.io import open_landmarks
 from shapefit.io.options import InputOptions
-from shapefit.io.readers.recording import ANYBODY, Recording
+from shapefit.io.readers.poses import Poses
 from shapefit.io.readers.tracking import LONGEST_GAP, assign, track_people
 
 FIGURE = np.array(
@@ -35,9 +35,7 @@ def walking(start: float, speed: float, frames: int, rng: np.random.Generator) -
     return figure + rng.standard_normal(figure.shape)
 
 
-def instances(
-    people: Sequence[Floats], rng: np.random.Generator | None
-) -> tuple[Recording, Floats]:
+def instances(people: Sequence[Floats], rng: np.random.Generator | None) -> tuple[Poses, Floats]:
     """Return detections, people of a frame in any order (rng), and who each is."""
     points, frames, who = [], [], []
     for frame in range(len(people[0])):
@@ -49,20 +47,20 @@ def instances(
     return recording(points, frames), np.array(who)
 
 
-def recording(points: Sequence[Floats], frames: Sequence[int]) -> Recording:
+def recording(points: Sequence[Floats], frames: Sequence[int]) -> Poses:
     """Return detections of nobody in particular."""
-    return Recording(
+    return Poses(
         name="walk",
         video="walk",
         points=np.array(points),
-        frames=np.array(frames),
-        labels=[str(frame) for frame in frames],
-        individuals=np.full(len(frames), ANYBODY),
+        frame=np.array(frames),
+        label=[str(frame) for frame in frames],
+        individual=[""] * len(frames),
     )
 
 
-def tracks(block: Recording) -> NDArray[np.int64]:
-    return track_people(block, 1)
+def tracks(poses: Poses) -> NDArray[np.int64]:
+    return np.array([int(who.partition(" ")[2] or 0) for who in track_people(poses) or ()])
 
 
 def same_partition(found: NDArray[np.int64], who: Floats) -> bool:
@@ -104,23 +102,22 @@ def test_hidden_landmarks_do_not_break_a_track(rng: np.random.Generator) -> None
 
 def test_identities_of_the_file_and_empty_detections_stay(rng: np.random.Generator) -> None:
     block, _ = instances([walking(0, 1, 4, rng), walking(500, 1, 4, rng)], None)
-    known = block.individuals.copy()
-    known[1] = 0
     points = block.points.copy()
     points[2] = np.nan
-    found = tracks(replace(block, individuals=known, points=points))
-    assert found[1] == 0
-    assert found[2] == ANYBODY
+    block = replace(block, individual=["", "person 1", *[""] * 6], points=points)
+    assert track_people(block) == [
+        "person 2",
+        "person 1",
+        "",
+        *["person 3", "person 2"] * 2,
+        "person 3",
+    ]
 
 
 def test_videos_have_their_own_tracks(rng: np.random.Generator) -> None:
     block, who = instances([walking(0, 1, 20, rng), walking(0, 1, 20, rng)], None)
-    block = replace(block, videos=[f"camera {n}" for n in who.tolist()])
-    order = np.lexsort((block.frames, who))
-    block = replace(
-        block, points=block.points[order], frames=block.frames[order],
-        labels=[block.labels[n] for n in order], videos=[block.videos[n] for n in order],
-    )  # fmt: skip
+    order = np.lexsort((block.frame, who))
+    block = replace(block, video=[f"camera {n}" for n in who.tolist()]).take(order)
     assert (tracks(block) == who[order] + 1).all()
 
 

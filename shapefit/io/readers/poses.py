@@ -1,0 +1,284 @@
+"""Poses from files of other tools: every reader hands its arrays to `Poses`, which checks them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import count
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import Floats, Integers
+from shapefit.errors import abbreviate, counted, input_error, printable
+from shapefit.io.layout import UNKNOWN_UNIT
+
+FRACTION = "fraction of the image"
+"""Unit of coordinates that are divided by the width and the height of the image."""
+
+Edges = tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Poses:
+    """N poses of p landmarks in d dimensions, each of one individual in one frame.
+
+    name        the path, for messages
+    points      (N, p, 2) or (N, p, 3), NaN where a landmark is missing
+    confidence  (N, p), NaN where a landmark has none (then 1); None where the format has none
+    frame       (N,), the position of the frame in its video, from 0, never falling in a video
+    label       (N,), what the file calls the frame: a number, a time, an image
+    individual  (N,), names, "" for a pose without identity over frames; None where the file has
+                one body, whose poses are one sequence
+    video       what items begin with: one text, or (N,) where a file holds several videos
+    landmark_names  None where the file has none: then `keypoints` names them, or else `skeleton`,
+                which the format implies
+    frame_count of the source, frames without a pose too; None where it does not say
+    frame_rate  in Hz
+    y_axis      direction of y in the image (2 dimensions)
+    edges       pairs of landmarks, by position
+    size_needed of fractions of the image: whether they are useless without `image_size`
+    unordered   whether the images are, as far as names say, no frames of a video
+    notes       warnings: what was left out or replaced, what is in doubt
+    """
+
+    name: str
+    points: Floats
+    confidence: Floats | None = None
+    frame: Integers
+    label: Sequence[str]
+    individual: Sequence[str] | None = None
+    video: str | Sequence[str]
+    landmark_names: tuple[str, ...] | None = None
+    skeleton: str | None = None
+    frame_count: int | None = None
+    frame_rate: float | None = None
+    unit: str = UNKNOWN_UNIT
+    y_axis: Literal["up", "down"] = "down"
+    edges: Edges = ()
+    size_needed: bool = False
+    unordered: bool = False
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Raise InputError for names that are empty or repeat, and fields that do not agree."""
+        n, p, d = self.points.shape
+        with parsing(self.name, "name each landmark once, and give each point its frame"):
+            require(d in (2, 3), f"has points of {d} coordinates")
+            check_names(self.landmark_names or (), "landmark")
+            names = p if self.landmark_names is None else len(self.landmark_names)
+            require(names == p or not n, f"has {p} landmarks, and names {names}")
+            for field in OF_A_POSE[1:]:
+                values = getattr(self, field)
+                sized = values is None or isinstance(values, str) or len(values) == n
+                require(sized, f"has another number of {field}s than its {n} poses")
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @property
+    def dimensions(self) -> int:
+        """2 for landmarks, 3 for shapes."""
+        return self.points.shape[2]
+
+    @property
+    def landmark_count(self) -> int:
+        """Number of landmarks, p."""
+        return self.points.shape[1]
+
+    @property
+    def individuals(self) -> tuple[str, ...]:
+        """The names of the individuals, in order of their first poses."""
+        return tuple(filter(None, dict.fromkeys(self.individual or ())))
+
+    def take(self, rows: NDArray[Any]) -> Poses:
+        """Return some of the poses, by a mask or by numbers."""
+        numbers = np.arange(len(self))[rows]
+        changes = {}
+        for field in OF_A_POSE:
+            values = getattr(self, field)
+            if isinstance(values, np.ndarray):
+                changes[field] = values[numbers]
+            elif values is not None and not isinstance(values, str):
+                changes[field] = [values[number] for number in numbers.tolist()]
+        return replace(self, **changes)
+
+
+OF_A_POSE = ("points", "confidence", "frame", "label", "individual", "video")
+
+
+def of_frames(
+    path: Path,
+    points: Floats,
+    confidence: Floats | None = None,
+    labels: Sequence[str] | None = None,
+    *,
+    individuals: Sequence[str] | NDArray[Any] | None = None,
+    present: NDArray[np.bool_] | None = None,
+    **known: Any,
+) -> Poses:
+    """Return the poses of points (n, i, p, d), i individuals in each of n frames.
+
+    Points (n, p, d) are those of one individual. confidence (n, [i,] p); labels (n), by default
+    the numbers of the frames; individuals are i names, or (n, i) where they change places;
+    `present` (n, i) are the poses that count, by default all. 2D points are in pixels. `known` are
+    further fields of `Poses`, which replace what follows from the path.
+    """
+    n, p, d = len(points), *points.shape[-2:]
+    many = points.shape[1] if points.ndim == 4 else 1
+    labels = [str(number) for number in range(n)] if labels is None else labels
+    if isinstance(individuals, tuple | list):
+        with parsing(path, "give each individual a name of its own"):
+            check_names(individuals, "individual")
+            require(len(individuals) == many, f"names {len(individuals)} of {many} individuals")
+    who = None if individuals is None else np.broadcast_to(np.array(individuals, object), (n, many))
+    defaults: dict[str, Any] = {
+        "name": str(path),
+        "video": video_name(path),
+        "points": points.reshape(n * many, p, d),
+        "confidence": None if confidence is None else confidence.reshape(n * many, p),
+        "frame": np.repeat(np.arange(n), many),
+        "label": [label for label in labels for _ in range(many)],
+        "individual": None if who is None else who.ravel().tolist(),
+        "frame_count": n,
+        "unit": "px" if d == 2 else UNKNOWN_UNIT,
+    }
+    poses = Poses(**defaults | known)
+    return poses if present is None else poses.take(present.ravel())
+
+
+class FormatError(ValueError):
+    """What a file should not hold, in words; `parsing` names the file."""
+
+
+PARSE_ERRORS = (LookupError, TypeError, ValueError, AttributeError, OverflowError)
+"""What a reader stumbles over in a file that is not as it expects."""
+
+
+@contextmanager
+def parsing(place: str | Path, fix: str) -> Iterator[None]:
+    """Turn whatever a reader stumbles over here into the InputError that names the place."""
+    try:
+        yield
+    except PARSE_ERRORS as error:
+        raise input_error(place, message(error), fix) from error
+
+
+def message(error: BaseException) -> str:
+    """Return what an error says, on one line."""
+    text = printable(str(error).strip().partition("\n")[0][:160])
+    if isinstance(error, FormatError):
+        return text
+    missing = isinstance(error, KeyError)
+    return f"there is no {text}" if missing else f"is not as its format says ({text})"
+
+
+def require(condition: object, found: str) -> None:
+    """Raise FormatError with what was found, unless a condition holds."""
+    if not condition:
+        raise FormatError(found)
+
+
+def check_names(names: Sequence[str], what: str) -> None:
+    """Raise FormatError for names that are empty or repeat."""
+    require(all(names), f"a {what} has no name")
+    twice = next((name for name, number in Counter(names).items() if number > 1), "")
+    require(not twice, f"the {what} {twice!r} is there twice")
+
+
+ENDINGS = (".analysis", ".predictions", ".pkg", ".pose")
+"""Which the names of files have before their suffix, and their videos have not."""
+
+IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+
+
+def video_name(path: Path) -> str:
+    """Return the name of a file without its endings, which is what its items begin with."""
+    return _without(path.stem, ENDINGS) or path.name
+
+
+def image_labels(paths: Sequence[str]) -> list[str]:
+    """Return names of images: without folder and suffix where that tells them apart."""
+    stems = [_without(file_name(path), IMAGES) for path in paths]
+    return stems if len(set(stems)) == len(stems) else [_without(path, IMAGES) for path in paths]
+
+
+def _without(name: str, endings: Sequence[str]) -> str:
+    ending = next((ending for ending in endings if name.lower().endswith(ending)), "")
+    return name[: len(name) - len(ending)]
+
+
+def number_labels(place: str, values: NDArray[Any]) -> list[str]:
+    """Return numbers or times of frames, in seconds, as text, to the microsecond.
+
+    Raises InputError where one is no number.
+    """
+    wrong = ~np.isfinite(values)
+    if wrong.any():
+        found = f"entry {int(np.argmax(wrong))} is {values[wrong][0]}, which is no frame"
+        raise input_error(place, found, "number the frames")
+    return [
+        str(int(value)) if value == int(value) else f"{value:.6f}".rstrip("0").rstrip(".")
+        for value in values.tolist()
+    ]
+
+
+def file_name(path: str) -> str:
+    """Return the last part of a path, whichever system wrote it."""
+    return PureWindowsPath(path).name if "\\" in path else PurePosixPath(path).name
+
+
+def make_unique(
+    labels: Sequence[str], form: str = "{}_{}"
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return labels, those that repeat an earlier one with a number after them, and a note.
+
+    A label without a text is `*7`, as C3D files call the eighth.
+    """
+    names = [label.strip() or f"*{place}" for place, label in enumerate(labels)]
+    taken, seen = set(names), Counter[str]()
+    changed = []
+    for place, name in enumerate(names):
+        seen[name] += 1
+        if seen[name] > 1:
+            numbers = count(seen[name])
+            names[place] = next(n for k in numbers if (n := form.format(name, k)) not in taken)
+            taken.add(names[place])
+            changed.append(names[place])
+    note = f"{counted(len(changed), 'label')} repeated, and numbered ({abbreviate(changed)})"
+    return tuple(names), (note,) if changed else ()
+
+
+def edges_of(lines: Any, landmarks: int) -> Edges:
+    """Return those of a list of lines that join two of so many landmarks."""
+    return tuple(
+        (pair[0], pair[1])
+        for pair in (lines if isinstance(lines, list) else [])
+        if isinstance(pair, list)
+        and len(pair) == 2
+        and all(type(end) is int and 0 <= end < landmarks for end in pair)
+    )
+
+
+def read_yaml(folder: Path, name: str, levels: int) -> tuple[Path, Any] | None:
+    """Return the nearest file of this name in a folder or so many above it, and its content.
+
+    Raises InputError for what is no YAML.
+    """
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    place = folder.resolve()
+    near = (each / name for each in (place, *place.parents[:levels]))
+    path = next((each for each in near if each.is_file()), None)
+    if path is None:
+        return None
+    try:
+        return path, YAML(typ="safe", pure=True).load(path)
+    except (YAMLError, RecursionError, ValueError) as error:
+        text = " ".join(str(error).split())[:80]
+        raise input_error(path, f"is no YAML ({text})", "correct it") from error
