@@ -58,16 +58,16 @@ verify = click.Command(
         option("--landmarks", _LANDMARKS, "FILE", multiple=True, type=click.Path()),
         *reporting_options(),
     ],
-    short_help="Check the proofs in a result.",
-    help="""Check the proofs in a result; print a table of the claims (Markdown) to stdout.
+    short_help="Check the certificates in a result.",
+    help="""Check a result without the solver; print a summary to stdout.
 
-RESULT is an HDF5 file that fit wrote. Objective, dual bound and gap of every image are
-computed again, without the solver, and compared with the claims of the file, together with
-everything that follows from the transforms. Images with a false claim count as failed.""",
+RESULT is an HDF5 file that fit wrote, or a folder of them. For the methods convex and
+convex+refine the certificate of every image is computed again. Digests, datasets and ranges
+are checked, and with --landmarks the landmarks. Images with a false claim count as failed.""",
     epilog="""\b
 Examples:
   shapefit verify result.h5 -d dict.h5
-  shapefit verify result.h5 -d dict.h5 --landmarks views.h5 > claims.md
+  shapefit verify result.h5 -d dict.h5 --landmarks views.h5
 """,
 )
 

@@ -6,6 +6,7 @@ import errno
 import os
 from collections.abc import Iterable, Sequence
 from os import PathLike
+from typing import Any
 
 
 class InputError(Exception):
@@ -27,6 +28,23 @@ def input_error(place: str | PathLike[str], found: str, fix: str) -> InputError:
     `place` is a file, `file:line`, `file:line:column` or `file:/dataset`.
     """
     return InputError(f"{place}: {found}; {fix}")
+
+
+MOST_JSON = 1 << 26
+"""Characters of a JSON text that a file of ours may hold."""
+
+
+def parse_json(text: object) -> dict[str, Any]:
+    """Return the object of a JSON text, nested 1,000 deep at most. Raises ValueError for others."""
+    import orjson
+
+    whole = str(text)
+    if len(whole) > MOST_JSON:
+        raise ValueError(f"is longer than {MOST_JSON} characters")
+    found = orjson.loads(whole)
+    if not isinstance(found, dict):
+        raise ValueError("is no JSON object")
+    return found
 
 
 NO_MEMORY = (

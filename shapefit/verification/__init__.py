@@ -1,4 +1,1 @@
-"""The certificates and statements of a result, computed again without the code that made them.
-
-Nothing here knows the solvers: it rests on arrays, geometry and the files alone.
-"""
+"""The certificate of the convex program, recomputed from a result without the solver."""

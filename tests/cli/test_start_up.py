@@ -92,7 +92,7 @@ def test_verify_reads_no_config(of_a_fit, tmp_path_factory):
     files = (folder / "one.csv", "-d", folder / "dictionary.h5")
     imported("fit", *files, "-o", folder / "one.h5")
     modules = imported("verify", folder / "one.h5", *files[1:])
-    assert "shapefit.verification.program" in modules
+    assert "shapefit.verification.certificate" in modules
     assert not {"pydantic", "ruamel", "scipy", "shapefit.config"} & modules
 
 

@@ -1,0 +1,260 @@
+"""The certificate of the convex program, from landmarks, transforms and dual of a result.
+
+    P = f(Omega o (V - sum_i M_i B_i - T 1^T)) + lambda sum_i ||M_i||_2
+    D = <Y, Omega o V> - delta / 2 ||Y||_F^2
+    where Y omega = 0, ||(Y o Omega) B_i^T||_* <= lambda for all i, |Y| <= the bound of the loss
+
+V are the normalised landmarks; delta is 1 for the losses squared and sparse-error, else 0. The
+shape is scale sum_i c_i R_i B_i + translation, c_i = ||M_i||_2 and R_i the rows of M_i / c_i and
+their cross product; with one rotation R of all atoms M_i = c_i Rbar, and D bounds its objective,
+too.
+
+Norms of 2 x 3 blocks with rows x, y come from sums of terms that are not negative: with
+g = ||x||^2 + ||y||^2 = s1^2 + s2^2 and v = ||x cross y|| = s1 s2 the nuclear norm is sqrt(g + 2 v),
+and the spectral norm is the root of (g + h) / 2, h = sqrt((||x||^2 - ||y||^2)^2 + 4 (x . y)^2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from shapefit.arrays import Flags, Floats
+from shapefit.geometry.normalisation import normalise
+from shapefit.verification.claims import TOLERANCE, Claims, Columns, largest
+
+CERTIFICATE = (
+    "dual",
+    "convex_translation",
+    "transform_count",
+    "transform_atom",
+    "active_transforms",
+)
+"""Datasets that certify the optimum of the convex program."""
+ROUNDING = 64 * 2.0**-53
+"""Share of the sum of its terms' magnitudes by which a sum may be off, in the fit and here."""
+BLOCK = 128
+"""Images whose products with the atoms are in the cache of the processor together."""
+
+
+@dataclass(frozen=True)
+class Program:
+    """The convex program of a fit.
+
+    atoms B (k, 3, p), and the items of the training shapes that they are, where they are such;
+    refined: the shapes have one rotation, refined from the solution of the program; bounds: their
+    objective has a gap to its bound; searched: landmarks labelled outliers have no weight; loss,
+    with the threshold beta; tolerance of the relative gap.
+    """
+
+    atoms: Floats
+    atom_items: Sequence[str] | None
+    refined: bool
+    bounds: bool
+    searched: bool
+    loss: str
+    beta: float
+    tolerance: float
+
+
+@dataclass(frozen=True)
+class Images:
+    """n images as the program has them: landmarks = size x points + centroid.
+
+    points V (n, 2, p), 0 where hidden; weights omega (n, p); centroid (n, 2); size, lam (n,); kept
+    (n, k): the atoms that an image may use, None for all.
+    """
+
+    points: Floats
+    weights: Floats
+    centroid: Floats
+    size: Floats
+    lam: Floats
+    kept: Flags | None
+
+    @cached_property
+    def weighted(self) -> Floats:
+        """Omega o V (n, 2, p)."""
+        return np.asarray(self.weights[:, None] * self.points)
+
+
+def check_certificate(columns: Columns, program: Program, claims: Claims) -> Flags:
+    """Claim that the dual bounds the objective as stated, and that the shapes are those bounded.
+
+    Returns the images (n,) that state a gap: without one nothing is certified of an image.
+    """
+    images = read_images(columns, program)
+    n, (k, _, p) = len(images.size), program.atoms.shape
+    rows = program.atoms.reshape(3 * k, p)
+    before = "convex_" if program.refined else ""
+    gap = columns[f"{before}relative_gap"]
+    stated = np.asarray(claims.fitted & np.isfinite(gap))
+    M = np.zeros((n, k, 2, 3))
+    image = np.repeat(np.arange(n), columns["transform_count"])
+    M[image, columns["transform_atom"]] = columns["active_transforms"]
+    c = spectral_norms(M)
+    D = check_dual(images, columns["dual"], program, claims, stated)
+    T = columns["convex_translation"]
+    X = M.swapaxes(1, 2).reshape(2 * n, -1) @ rows
+    P, most = objective(images, X.reshape(n, 2, p), T, c.sum(axis=1), program)
+    check_gap(P, D, most, (columns[f"{before}objective"], gap), before, claims, stated)
+    if images.kept is not None:
+        claims.hold("atoms that are left out have no coefficient", images.kept | (c == 0))
+    if not program.refined:
+        optimal = columns["status"].astype(str) == "optimal"
+        reached = np.maximum(np.abs(gap), missing_residual(images, X.reshape(n, 2, p), T, program))
+        claims.near(
+            "the gap of an optimal image is within the tolerance",
+            reached, program.tolerance + TOLERANCE, of=claims.fitted & optimal,
+        )  # fmt: skip
+        with np.errstate(invalid="ignore", divide="ignore"):
+            third = np.nan_to_num(np.cross(M[:, :, 0], M[:, :, 1]) / c[..., None])
+        turned = np.concatenate([M, third[:, :, None]], axis=2)
+        S = (turned.swapaxes(1, 2).reshape(3 * n, -1) @ rows).reshape(n, 3, p)
+        check_shapes(columns, images, c, S, T, claims)
+    elif program.bounds:
+        c, R = columns["coefficients"], np.nan_to_num(columns["rotation"])
+        S = R @ (c @ program.atoms.reshape(k, -1)).reshape(n, 3, p)
+        square = images.weights**2
+        T = np.einsum("nap,np->na", images.points - S[:, :2], square) / square.sum(1)[:, None]
+        P, most = objective(images, S[:, :2], T, np.abs(c).sum(axis=1), program)
+        own = columns["objective"], columns["relative_gap"]
+        check_gap(P, D, most, own, "", claims, stated)
+        check_shapes(columns, images, c, S, T, claims)
+    return stated
+
+
+def read_images(columns: Columns, program: Program) -> Images:
+    """Weigh and normalise the landmarks of n images of a result.
+
+    omega is the confidence, 1 without one or if the loss is `exact`, and 0 where a landmark is
+    unseen or was set aside as an outlier. The points have their centroid, over visible ones, at 0
+    and a mean over coordinates of 1 of the standard deviations.
+    """
+    landmarks = columns["landmarks"]
+    seen = np.isfinite(landmarks).all(axis=1)
+    weights = np.asarray(np.where(seen, columns.get("confidence", seen), 0.0), dtype=np.float64)
+    if program.searched and "outliers" in columns:
+        weights = np.where(columns["outliers"] != 0, 0.0, weights)
+    if program.loss == "exact":
+        weights = (weights > 0).astype(np.float64)
+    found = normalise(landmarks, np.asarray(weights > 0))
+    kept = None
+    if "left_out" in columns and program.atom_items is not None:
+        kept = columns["left_out"].astype(str)[:, None] != np.array(program.atom_items, dtype=str)
+    lam = columns["lambda"]
+    return Images(found.points, weights, found.centroid, found.scale, lam, kept)
+
+
+def objective(
+    images: Images, X: Floats, T: Floats, total: Floats, program: Program
+) -> tuple[Floats, Floats]:
+    """P (n,) of projections X (n, 2, p), of transforms whose norms sum to `total`, at T (n, 2).
+
+    And the objective without any shape, which is what a difference is to be compared with.
+    """
+
+    def loss(r: Floats) -> Floats:
+        size, beta = np.abs(images.weights[:, None] * r), program.beta
+        f = size**2 / 2
+        if program.loss == "sparse-error":
+            f = np.where(size <= beta, f, beta * (size - beta / 2))
+        elif program.loss == "l1":
+            f = size
+        elif program.loss == "exact":
+            f = np.zeros_like(size)
+        return np.asarray(f.sum(axis=(1, 2)))
+
+    P = loss(images.points - X - T[..., None]) + images.lam * total
+    return P, P + loss(images.points)
+
+
+def missing_residual(images: Images, X: Floats, T: Floats, program: Program) -> Floats:
+    """||Omega o (V - X - T 1^T)|| (n,) over that of V alone where the loss allows none, else 0."""
+    if program.loss != "exact":
+        return np.zeros(len(T))
+    r = images.weights[:, None] * (images.points - X - T[..., None])
+    return np.asarray(np.sqrt((r**2).sum(axis=(1, 2)) / (images.weighted**2).sum(axis=(1, 2))))
+
+
+def check_dual(images: Images, Y: Floats, program: Program, claims: Claims, of: Flags) -> Floats:
+    """Claim that the dual Y (n, 2, p) is feasible, of these images (n,); returns D (n,)."""
+    (n, _, p), (k, *_) = Y.shape, program.atoms.shape
+    columns = np.ascontiguousarray(program.atoms.transpose(2, 1, 0).reshape(p, 3 * k))
+    weighted, most = Y * images.weights[:, None], np.empty(n)
+    for some in (slice(start, start + BLOCK) for start in range(0, n, BLOCK)):
+        N = (weighted[some].reshape(-1, p) @ columns).reshape(-1, 2, 3, k)
+        norms = nuclear_norms(N[:, 0], N[:, 1])
+        most[some] = largest(norms if images.kept is None else norms * images.kept[some])
+    reach = np.sqrt((program.atoms**2).sum(axis=1)).max()
+    terms = np.sqrt((weighted**2).sum(axis=1)).sum(axis=1) * reach / images.lam
+    allowed = TOLERANCE + ROUNDING * terms
+    claims.near("the dual point is feasible", most / images.lam - 1, allowed, of)
+    sizes = np.abs(weighted).sum(axis=2).max(axis=1)
+    claims.near("the dual point is balanced", np.abs(weighted.sum(axis=2)), TOLERANCE * sizes, of)
+    hidden = np.where(images.weights[:, None] == 0, Y, 0.0)
+    claims.near("the dual point is 0 where nothing is seen", np.abs(hidden), 0.0, of)
+    bound = {"l1": 1.0, "sparse-error": program.beta}.get(program.loss)
+    if bound is not None:
+        off = np.abs(Y).max(axis=(1, 2)) / bound - 1
+        claims.near("the dual point is within the bound of the loss", off, of=of)
+    delta = float(program.loss in ("squared", "sparse-error"))
+    along = np.einsum("nap,nap->n", weighted, images.points)
+    return np.asarray(along - delta / 2 * np.einsum("nap,nap->n", Y, Y))
+
+
+def check_gap(
+    P: Floats,
+    D: Floats,
+    most: Floats,
+    stated: tuple[Floats, Floats],
+    before: str,
+    claims: Claims,
+    of: Flags,
+) -> None:
+    """Claim the objective P, and the gap (P - D) / P, 0 where both are 0; `most` is P's size."""
+    text = f"{before}objective is that of the shape"
+    claims.near(text, np.abs(stated[0] - P), TOLERANCE * most, of)
+    none = (P == 0) & (D == 0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        gap = np.where(none, 0.0, (P - D) / P)
+        allowed = TOLERANCE * np.where(none, 1.0, 1 + np.abs(gap) + most / P)
+    text = f"{before}relative_gap is that between objective and dual point"
+    claims.near(text, np.abs(stated[1] - gap), allowed, of)
+
+
+def check_shapes(
+    columns: Columns, images: Images, c: Floats, S: Floats, T: Floats, claims: Claims
+) -> None:
+    """Claim c (n, k) and the shapes size S + (size T + centroid), for S (n, 3, p) and T (n, 2)."""
+    size, own = images.size, columns["coefficients"]
+    off = np.abs(own - c)
+    claims.near("coefficients are those of the transforms", off, TOLERANCE * (1 + largest(c)))
+    place = size[:, None] * T + images.centroid
+    far = ROUNDING * (largest(np.abs(images.centroid)) + size * largest(np.abs(T)))
+    claims.near("scale is the size of the landmarks", np.abs(columns["scale"] / size - 1))
+    off = np.abs(columns["translation"] - place)
+    claims.near("translation is that of the shape", off, TOLERANCE * size + far)
+    X = size[:, None, None] * S
+    X[:, :2] += place[..., None]
+    allowed = TOLERANCE * size * (1 + largest(np.abs(S))) + far
+    claims.near("shapes are those of the certificate", np.abs(columns["shapes"] - X), allowed)
+
+
+def spectral_norms(M: Floats) -> Floats:
+    """c (n, k), the largest singular values of M (n, k, 2, 3)."""
+    x, y = M[:, :, 0], M[:, :, 1]
+    xx, yy, xy = (np.einsum("nka,nka->nk", *pair) for pair in ((x, x), (y, y), (x, y)))
+    return np.asarray(np.sqrt((xx + yy + np.sqrt((xx - yy) ** 2 + 4 * xy**2)) / 2))
+
+
+def nuclear_norms(x: Floats, y: Floats) -> Floats:
+    """Return s1 + s2 of the blocks with rows x and y, (..., 3, k) each: (..., k)."""
+    x0, x1, x2 = (x[..., axis, :] for axis in range(3))
+    y0, y1, y2 = (y[..., axis, :] for axis in range(3))
+    across = (x1 * y2 - x2 * y1) ** 2 + (x2 * y0 - x0 * y2) ** 2 + (x0 * y1 - x1 * y0) ** 2
+    square = x0 * x0 + x1 * x1 + x2 * x2 + y0 * y0 + y1 * y1 + y2 * y2
+    return np.asarray(np.sqrt(square + 2 * np.sqrt(across)))
