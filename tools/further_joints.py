@@ -37,6 +37,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import lateral_axis, mirror, rotation_onto
 from shapefit.io import ShapeSet, digests, read_dictionary, read_shapes, write_dictionary
 from shapefit.io.skeletons import FURTHER, PEOPLE, edges_of
+from shapefit.pipelines.learn_dict.from_3d import with_p_value_table
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
 
 JOINTS = (*PEOPLE, *FURTHER)
@@ -217,7 +218,7 @@ def main() -> None:
     made = extend(dictionary, given.take(np.flatnonzero(kept)))
     inputs = json.loads(dictionary.provenance["inputs"]) | digests((points,))
     provenance = {**made.provenance, "inputs": json.dumps(inputs)}
-    write_dictionary(target, replace(made, provenance=provenance))
+    write_dictionary(target, with_p_value_table(replace(made, provenance=provenance)))
 
 
 if __name__ == "__main__":

@@ -52,7 +52,7 @@ from shapefit.pipelines.fit.report import Report
 from shapefit.pipelines.fit.run import attributes_of, lift_source
 from shapefit.pipelines.items import keys_of
 from shapefit.pipelines.joints import name_warnings
-from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes
+from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes, with_p_value_table
 from shapefit.pipelines.outcome import Counted, Outcome, add_up
 
 PLACE = Path("landmarks")
@@ -246,7 +246,7 @@ def learn(
         try:
             outcomes.append(next(making))
         except StopIteration as stop:
-            dictionary = stop.value
+            dictionary = with_p_value_table(stop.value)
             break
     failures = [failure for outcome in outcomes for failure in outcome.failures]
     if failures:

@@ -19,6 +19,9 @@ from shapefit.io.layout import DICTIONARY, FIELDS
 
 AGAIN = "make the dictionary again"
 
+POSITIVE = {"acceleration": "acceleration", "bone_tolerance": "deviation", "edge_length": "length"}
+"""Datasets whose numbers are not negative, and what they are."""
+
 
 def read_dictionary(path: Path) -> Dictionary:
     """Read a dictionary. Raises InputError for what is wrong with the file."""
@@ -28,12 +31,14 @@ def read_dictionary(path: Path) -> Dictionary:
     with Hdf5Reader(path, DICTIONARY) as reader:
         fields, place = reader.fields(), reader.place
         check_dictionary(fields, place)
-        for name, kind in (("bone_tolerance", "deviation"), ("edge_length", "length")):
+        for name, kind in POSITIVE.items():
             values = fields[name]
             if values is not None and not (np.isfinite(values).all() and (values >= 0).all()):
                 raise input_error(place(name, None), f"holds what is no {kind}", AGAIN)
         if (C := fields["edge_covariance"]) is not None and C.size:
             _check_covariance(place, "edge_covariance", C)
+        if (table := fields["p_value_table"]) is not None and not is_table(table):
+            raise input_error(place("p_value_table", None), "holds no moments of a prior", AGAIN)
         if fields["objective_trace"] is None:
             fields["objective_trace"] = np.empty(0)
         fields["prior"] = _take_prior(fields, place)
@@ -41,6 +46,11 @@ def read_dictionary(path: Path) -> Dictionary:
         return Dictionary(
             **fields, unit=reader.unit, frame_rate=reader.frame_rate, provenance=provenance
         )
+
+
+def is_table(table: Floats) -> bool:
+    """Whether rows (t, 4) hold scales, numbers of landmarks, excesses and shares of variance."""
+    return len(table) > 0 and bool(np.isfinite(table).all() and (table[:, [0, 1, 3]] > 0).all())
 
 
 def read_provenance(path: Path) -> dict[str, str]:

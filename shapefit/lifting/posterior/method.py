@@ -25,7 +25,7 @@ from shapefit.convex.solver import Solution, Status
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.lifting.estimate import CORRELATION, ConvexProof, Estimate, fit_translation
 from shapefit.lifting.methods import PosteriorOptions, Settings
-from shapefit.lifting.posterior.p_value import Model, find_plausibility
+from shapefit.lifting.posterior.p_value import draw_table, find_p_values, moments_at
 from shapefit.lifting.posterior.posterior import Gross, Posterior, find_posterior
 from shapefit.lifting.reconstruction import reconstruct
 from shapefit.lifting.shared_rotation.pose import (
@@ -125,22 +125,19 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
 
 
 def with_p_value(found: Estimate, problem: Problem, settings: Settings) -> Estimate:
-    """Return what `lift_to_posterior` found with p-values in place of surprises.
+    """Return what `lift_to_posterior` found with p-values in place of squared distances.
 
-    Apart from lifting, as images are drawn from the model for it, see `find_plausibility`.
+    A dictionary without a table of moments has it drawn, which takes as long as many images.
     """
-    options: PosteriorOptions = settings.options
+    table = settings.needs.get("p_value_table")
+    if table is None:
+        table = moments_at(draw_table(settings.needs["prior"], (1.0,), settings.threads), 1.0)
     further = dict(found.further)
-    further[P_VALUE] = find_plausibility(
+    further[P_VALUE] = find_p_values(
         further.pop(SURPRISE),
         (problem.weights > 0).sum(axis=1),
         np.nansum(further["inlier_probability"], axis=1),
-        Model(
-            settings.needs["prior"],
-            options.residual_variance,
-            Gross(options.outlier_rate, options.gross_density),
-        ),
-        settings.threads,
+        table,
     )
     return replace(found, further=further)
 

@@ -1,127 +1,123 @@
-"""How plausible an image is under the prior: a p-value of what was observed.
+"""How well an image agrees with the prior: a p-value of the squared Mahalanobis distance.
 
-The surprise of an image is the squared Mahalanobis distance of its landmarks from those expected,
-averaged over the modes. Were shape and view a linear model with one Gaussian, it would be chi^2
-with 2 m - 6 degrees of freedom for m landmarks. But the scale is found from the same landmarks and
-the components of a mixture compete for them, so the surprise varies less: by .37 to .56 of that
-variance for people. What it is under the model is found by drawing images from the model.
+The distance of an image is that of its landmarks from those expected, averaged over the modes. Were
+shape and view a linear model with one Gaussian, it would be chi^2 with 2 m - 6 degrees of freedom
+for m landmarks. But the scale is found from the same landmarks and the components of a mixture
+compete for them, so the distance varies less: by 0.37 to 0.56 of that variance for people. Its
+moments under the model are found by drawing images from it, once, when a dictionary is learned.
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
 from math import erfc
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.dictionary.mixture import Mixture
+from shapefit.dictionary.mixture import Mixture, widen
 from shapefit.geometry.rotations import random_rotations
+from shapefit.lifting.methods import PosteriorOptions
 from shapefit.lifting.posterior.posterior import Gross, find_posterior
 
 VIEWED = 6
 """Numbers of a view: rotation, scale, translation; they take up as many of the 2 m coordinates."""
 
 FEWEST_BELIEVED, LEAST_BELIEVED = 3.0, 2 / 3
-"""Landmarks that fix a view, and the share of those seen that must not be gross: with fewer the
+"""Landmarks that fix a view, and the share of those seen that must be inliers: with fewer the
 others may be a body that is not there."""
 
 LEAST_MEAN = 1.0
-"""Of the surprise, where hardly more landmarks are believed than fix a view."""
+"""Of the distance, where hardly more landmarks are inliers than fix a view."""
 
 COUNTS = (4, 6, 9, 14, 21, 32, 48)
-"""Numbers of landmarks for which images are drawn, besides all of the dictionary; between them the
-surprise is interpolated, above them it is that of the last."""
+"""Numbers of landmarks for which images are drawn, besides all of the dictionary, or the last of
+these; between them the moments are interpolated, beyond them they are those of the nearest."""
+
+SCALES = (1.0, 2.0, 4.0, 8.0)
+"""Scales of the prior for which images are drawn; any other takes the nearest."""
+
+RESIDUAL_VARIANCE = 0.006
+"""With which images are drawn: that of people. From 0.0025 to 0.03 the moments hardly change."""
 
 DRAWS, SEED = 400, 1504_01507
 """Images drawn for each of them, of all components, from any view, none of its landmarks gross."""
 
 
-class Surprise(NamedTuple):
-    """What the surprise is under the model, in units of 2 b - 6 for b landmarks believed.
-
-    excess, how much larger its mean is; share of the variance 2 (2 b - 6 + excess) of chi^2.
-    """
-
-    excess: float
-    share: float
-
-
-class Model(NamedTuple):
-    """The model of an image: a prior over shapes, the misfit of a coordinate, gross landmarks."""
-
-    prior: Mixture
-    residual_variance: float
-    gross: Gross
-
-
-def find_plausibility(
-    squared_mahalanobis: Floats,
-    seen: NDArray[np.integer],
-    believed: Floats,
-    model: Model,
-    threads: int = 0,
+def find_p_values(
+    squared_mahalanobis: Floats, seen: NDArray[np.integer], inliers: Floats, table: Floats
 ) -> Floats:
-    """P(a surprise of the model > surprise) of n images, given which landmarks are gross; (n,).
+    """P(a distance under the model > squared_mahalanobis) of n images, given the inliers; (n,).
 
-    surprise (n,); seen (n,), the landmarks seen; believed (n,), the expected number of those that
-    are not gross. It is nan where 3 are seen or fewer, which any view fits, and where there is no
-    posterior. It is 0 where more are seen, but fewer than 3 or less than 2/3 of them believed.
+    squared_mahalanobis (n,); seen (n,), the landmarks seen; inliers (n,), the expected number of
+    those that are not gross; table (c, 3), the moments as `moments_at` returns them. It is nan
+    where 3 are seen or fewer, which any view fits, and where there is no posterior. It is 0 where
+    more are seen, but fewer than 3 or less than 2/3 of them are inliers.
     """
     some = (np.asarray(seen) > VIEWED // 2) & np.isfinite(squared_mahalanobis)
     p = np.full(len(squared_mahalanobis), np.nan)
     if some.any():
-        excess, share = find_surprise(np.asarray(seen)[some], model, threads)
-        mean = np.maximum(2 * believed[some] - VIEWED + excess, LEAST_MEAN)
+        counts, excesses, shares = table.T
+        excess, share = (np.interp(np.asarray(seen)[some], counts, y) for y in (excesses, shares))
+        mean = np.maximum(2 * inliers[some] - VIEWED + excess, LEAST_MEAN)
         p[some] = exceeds(np.maximum(squared_mahalanobis[some], 0.0), mean, 2 * share * mean)
-        p[some & (believed < np.maximum(FEWEST_BELIEVED, LEAST_BELIEVED * seen))] = 0.0
+        p[some & (inliers < np.maximum(FEWEST_BELIEVED, LEAST_BELIEVED * seen))] = 0.0
     return p
 
 
-def find_surprise(seen: NDArray[np.integer], model: Model, threads: int) -> tuple[Floats, Floats]:
-    """Excess and share, see `Surprise`, for each of the numbers of landmarks seen (n,)."""
-    most = min(model.prior.means.shape[2], COUNTS[-1])
-    counts = np.array([*(count for count in COUNTS if count < most), most])
-    at = np.clip(seen, counts[0], most)
-    above = np.searchsorted(counts, at)
-    wanted = np.unique(np.concatenate([above, np.where(counts[above] > at, above - 1, above)]))
-    drawn = {k: draw_surprise(model, int(counts[k]), threads) for k in wanted.tolist()}
-    excess, share = (
-        np.interp(at, counts[wanted], [drawn[k][field] for k in wanted.tolist()])
-        for field in range(2)
+def moments_at(table: Floats, scale: float) -> Floats:
+    """Return the rows (c, 3) of a table (t, 4) whose scale is nearest, without it."""
+    apart = np.abs(np.log(table[:, 0] / scale))
+    return table[apart == apart.min(), 1:]
+
+
+@lru_cache(maxsize=8)
+def draw_table(prior: Mixture, scales: tuple[float, ...] = SCALES, threads: int = 0) -> Floats:
+    """Return the moments of the distance under the model, by scale and landmarks seen; (t, 4).
+
+    Rows: scale of the prior; landmarks seen, ascending; excess, how much larger its mean is than
+    2 b - 6 for b inliers; share of the variance 2 (2 b - 6 + excess) of chi^2.
+    """
+    p = prior.means.shape[2]
+    if p > COUNTS[-1]:  # of more, a choice: the time to find a posterior grows with their cube
+        prior = prior.marginal(np.sort(np.random.default_rng(SEED).permutation(p)[: COUNTS[-1]]))
+        p = COUNTS[-1]
+    counts = [*(count for count in COUNTS if count < p), p]
+    return np.array(
+        [
+            (scale, count, *draw_moments(widen(prior, scale), count, threads))
+            for scale in scales
+            for count in counts
+        ]
     )
-    return excess, share
 
 
-@lru_cache(maxsize=64)
-def draw_surprise(model: Model, count: int, threads: int) -> Surprise:
-    """Draw images of `count` landmarks from the model, and see what their surprise is."""
+def draw_moments(prior: Mixture, count: int, threads: int = 0) -> tuple[float, float]:
+    """Draw images of `count` landmarks from the model: excess and share, see `draw_table`."""
     rng = np.random.default_rng((SEED, count))
-    prior = model.prior
     p = prior.means.shape[2]
     roots = np.linalg.cholesky(prior.covariances)
     k = rng.choice(len(prior), size=DRAWS, p=prior.weights / prior.weights.sum())
     away = np.einsum("nij,nj->ni", roots[k], rng.normal(size=(DRAWS, 3 * p)))
     R = random_rotations(DRAWS, rng)
     w = (R @ (prior.means[k] + away.reshape(DRAWS, 3, p)))[:, :2]
-    w += np.sqrt(model.residual_variance) * rng.normal(size=w.shape)
+    w += np.sqrt(RESIDUAL_VARIANCE) * rng.normal(size=w.shape)
     shown = rng.random((DRAWS, p)).argsort(axis=1) < count
     found = find_posterior(
         landmarks=w,
-        residual_variance=np.where(shown, model.residual_variance, np.inf),
+        residual_variance=np.where(shown, RESIDUAL_VARIANCE, np.inf),
         noise=np.zeros((DRAWS, p, 2, 2)),
         prior=prior,
         starts=R[:, None],
-        gross=model.gross,
+        gross=Gross(PosteriorOptions.outlier_rate, PosteriorOptions.gross_density),
         threads=threads,
     )
     # images without a posterior, and those whose landmarks happen to look gross
     known = found.squared_mahalanobis[np.isfinite(found.squared_mahalanobis)]
-    believed = np.nanmean(np.where(shown, found.inlier_probability, 0.0).sum(axis=1))
+    inliers = np.nanmean(np.where(shown, found.inlier_probability, 0.0).sum(axis=1))
     mean = float(known.mean())
-    return Surprise(mean - float(2 * believed - VIEWED), float(known.var()) / (2 * mean))
+    return mean - float(2 * inliers - VIEWED), float(known.var()) / (2 * mean)
 
 
 def exceeds(x: Floats, mean: Floats, variance: Floats) -> Floats:

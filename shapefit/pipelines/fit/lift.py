@@ -186,7 +186,11 @@ def settings_of(config: FitConfig, dictionary: Dictionary) -> Settings:
         options = method.section.options(**values)
     needs = {need.name: getattr(dictionary, need.name) for need in method.needs}
     if method.has_prior:
-        needs["prior"] = widen(needs["prior"], config.posterior.prior_scale or 1.0)
+        from shapefit.lifting.posterior.p_value import moments_at
+
+        scale, table = config.posterior.prior_scale or 1.0, dictionary.p_value_table
+        needs["prior"] = widen(needs["prior"], scale)
+        needs["p_value_table"] = None if table is None else moments_at(table, scale)
     own = min(tolerance, METHODS["convex"].tolerance) if method.proves == "global" else tolerance
     return Settings(
         solve=partial(

@@ -22,7 +22,7 @@ from shapefit.io.layout import DICTIONARY
 from shapefit.io.listing import find_kind
 from shapefit.io.options import input_options
 from shapefit.pipelines.learn_dict.from_2d import adapt_to_landmarks, learn_from_landmarks
-from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes
+from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes, with_p_value_table
 from shapefit.pipelines.learn_dict.training_shapes import place_of
 from shapefit.pipelines.outcome import Outcome
 
@@ -60,6 +60,7 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
             break
         yield latest
         latest = following
+    dictionary = with_p_value_table(dictionary)
     write_dictionary(config.output, dictionary)
     if dictionary.prior is not None and not config.suits:
         command = f"shapefit fit LANDMARKS -d {config.output.name} -o result.h5"

@@ -11,7 +11,13 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior.method import lift_to_posterior, with_p_value
-from shapefit.lifting.posterior.p_value import Model, exceeds, find_plausibility
+from shapefit.lifting.posterior.p_value import (
+    COUNTS,
+    draw_table,
+    exceeds,
+    find_p_values,
+    moments_at,
+)
 from shapefit.lifting.posterior.posterior import Gross, find_posterior
 
 IMAGES, RESIDUAL_VARIANCE, CHANCE, DENSITY = 800, 0.006, 0.02, 0.05
@@ -49,7 +55,7 @@ def draw(prior: Mixture, chance: float = 0.0):
 
 
 def find(prior: Mixture, hidden: int = 0):
-    """Plausibility of images of the model, as the method finds it."""
+    """P-values of images of the model, as the method finds them."""
     w, _, _ = draw(prior)
     p = w.shape[2]
     order = np.random.default_rng(8).random((IMAGES, p)).argsort(axis=1)
@@ -90,9 +96,9 @@ def test_gross_landmarks_that_are_known_do_not_count():
     noise, gross_model = np.zeros((IMAGES, 15, 2, 2)), Gross(CHANCE, DENSITY)
     residual_variance = np.full((IMAGES, 15), RESIDUAL_VARIANCE)
     found = find_posterior(w, residual_variance, noise, prior, R[:, None], gross_model)
-    model = Model(prior, RESIDUAL_VARIANCE, gross_model)
-    p = find_plausibility(
-        found.squared_mahalanobis, np.full(IMAGES, 15), found.inlier_probability.sum(axis=1), model
+    table = moments_at(draw_table(prior, (1.0,)), 1.0)
+    p = find_p_values(
+        found.squared_mahalanobis, np.full(IMAGES, 15), found.inlier_probability.sum(axis=1), table
     )
     known = ((found.inlier_probability < 0.5) == gross).all(axis=1)
     assert known[gross.any(axis=1)].mean() > 0.7
@@ -105,14 +111,26 @@ def test_hidden_landmarks_have_no_degrees_of_freedom(seen):
 
 
 def test_the_number_believed_decides_where_nothing_else_can():
-    model = Model(planted(15), RESIDUAL_VARIANCE, Gross(CHANCE, DENSITY))
+    table = moments_at(draw_table(planted(15), (1.0,)), 1.0)
     squared_mahalanobis = np.array([7.0, np.nan, 1.0, 1.0, 1.0, 1.0])
     seen = np.array([3, 12, 4, 12, 12, 12])
     believed = np.array([3.0, 0.0, 2.9, 7.9, 8.1, 12.0])
-    p = find_plausibility(squared_mahalanobis, seen, believed, model)
+    p = find_p_values(squared_mahalanobis, seen, believed, table)
     assert np.isnan(p[:2]).all()
     assert p[2:4].tolist() == [0, 0]
     assert (p[4:] > 0.9).all()
+
+
+def test_a_stored_table_gives_what_drawing_gives_and_takes_the_nearest_scale():
+    prior = people(15)
+    table = draw_table(prior, (1.0, 4.0))
+    assert moments_at(table, 1.2).tolist() == moments_at(draw_table(prior, (1.0,)), 1.0).tolist()
+    assert moments_at(table, 50.0).tolist() == table[table[:, 0] == 4, 1:].tolist()
+    assert table[: len(table) // 2, 1].tolist() == [4, 6, 9, 14, 15]
+
+
+def test_no_more_landmarks_are_drawn_than_the_table_counts():
+    assert draw_table(planted(60), (1.0,))[:, 1].tolist() == list(COUNTS)
 
 
 def test_wilson_and_hilferty():
