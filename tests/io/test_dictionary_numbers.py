@@ -10,6 +10,8 @@ import shapefit
 from shapefit.errors import InputError
 from shapefit.io import read_dictionary, write_dictionary
 
+PEOPLE = Path(shapefit.__file__).parent / "data" / "people.h5"
+
 
 @pytest.mark.parametrize(
     ("name", "value"),
@@ -24,7 +26,7 @@ from shapefit.io import read_dictionary, write_dictionary
 )
 def test_numbers_of_no_use_are_refused(tmp_path: Path, name: str, value: float):
     path = tmp_path / "dictionary.h5"
-    write_dictionary(path, shapefit.read_dictionary("people"))
+    write_dictionary(path, read_dictionary(PEOPLE))
     with h5py.File(path, "r+") as file:
         file[name][0] = value
     with pytest.raises(InputError, match=f"{name}.*holds .*make the dictionary again"):
