@@ -36,7 +36,6 @@ def _files(key: str, metavar: str | None = None) -> click.Argument:
 
 
 _TRUTH = "File of the true 3D shapes. Repeatable."
-_START = "Dictionary that 2D landmarks adapt, or the name of an installed one."
 _OF_A_FIT = "Dictionary that learn-dict wrote, or the name of an installed one, such as people."
 _UNTRUSTED = "Exit with 1 if more than this share of images, 0 to 1, is not to be trusted."
 _MARKERS = option(
@@ -62,12 +61,10 @@ any format that can be read; docs/formats.md lists them. Globs work.""",
   shapefit learn-dict -c learn-dict.yaml 'train/*.h5' -o dict.h5 --set k=128
   shapefit learn-dict -c cars models.h5 -o cars.h5
   shapefit learn-dict tracked.csv -o animal.h5
-  shapefit learn-dict man.csv --start people -o man.h5
   shapefit learn-dict train.csv -o dict.h5 --set beta=0.05 --print-config""",
         parameters=(
             _files("shapes"),
             option("-o --output", "Dictionary file to write (HDF5).", "DICT.h5"),
-            option("--start", _START, "DICT", type=DICTIONARY),
         ),
     ),
     Spec(

@@ -97,12 +97,6 @@ EFFECTS: dict[str, tuple[Effect, ...]] = {
     ),
     "learn-dict": (
         Effect(
-            ("method", "every", "align", "symmetry", "mirror", "flip", "prior", *CODING, "bases"),
-            lambda learning: learning.start is None,
-            ("start",),
-            "without `start`, of which 2D landmarks adapt the prior alone",
-        ),
-        Effect(
             CODING,
             lambda learning: learning.method == "sparse-coding",
             ("method",),

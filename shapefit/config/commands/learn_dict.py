@@ -19,7 +19,6 @@ from shapefit.config.paths import (
     OF_THE_DATA,
     Expected,
     InputPaths,
-    OptionalDictionaryPath,
     OutputPath,
 )
 
@@ -43,16 +42,15 @@ Share = Annotated[float, Field(gt=0, lt=1)]
 class PriorConfig(ConfigModel):
     """The prior over shapes that `method: posterior` of `fit` needs."""
 
-    components: int = Field(default=0, ge=0, le=1000)
-    """Gaussians in the mixture; 0 learns none."""
-    shrinkage: float | None = Field(default=None, ge=0, lt=1)
-    """Share of the covariance of all shapes in that of a component of average size; 0.3 or more,
-    chosen by shapes left out, without it."""
-    floor: float | None = Field(default=None, gt=0)
-    """Variance of every coordinate beyond that of the shapes, which are normalised; 0.01 or more,
-    chosen by shapes left out, without it."""
-    width: float | None = Field(default=None, gt=0)
-    """Factor on the covariances; 1 or more, chosen by shapes left out, without it."""
+    components: Annotated[
+        Annotated[int, Field(ge=0, le=1000)] | Literal["auto"],
+        Expected("a whole number from 0 to 1000, or auto"),
+    ] = 0
+    """Gaussians in the mixture; 0 learns none, auto one for every 150 shapes, from 1 to 32."""
+    shrinkage: float = Field(default=0.3, ge=0, lt=1)
+    """Share of the covariance of all shapes in that of a component of average size."""
+    floor: float = Field(default=0.01, gt=0)
+    """Variance of every coordinate beyond that of the shapes, which are normalised."""
     stretch: float = Field(default=0.0, ge=0, le=1)
     """Standard deviation of the logarithm of the lengths of bones (the edges of the shapes, a
     tree): other bodies. Shapes that are varied count twice, or more often if they are few."""
@@ -113,9 +111,6 @@ class LearnDictConfig(CommandConfig):
     """Bases of each sequence: their number, or, below 1, the share of the variation within the
     sequence that they explain (pca-bases only)."""
 
-    start: OptionalDictionaryPath = None
-    """A dictionary with a prior, or the name of an installed one, which 2D landmarks adapt. All but
-    its prior stays as it is, and keys of learning do not count."""
     flip: bool | None = None
     """Shapes learned from 2D landmarks, which alone do not tell near from far: true exchanges them,
     false states that they are right. Without it no shape that the dictionary lifts is trusted,

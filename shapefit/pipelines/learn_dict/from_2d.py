@@ -1,47 +1,44 @@
 """A dictionary of 2D landmarks: shapes are lifted by what images share, then learned from.
 
-Or the prior of a dictionary is adapted to the landmarks. Either way landmarks that are hidden from
-the fit judge what was learned.
+Landmarks that are hidden from the fit judge what was learned.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Generator, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Generator, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit import __version__
 from shapefit.arrays import Floats
 from shapefit.config import FitConfig, LearnDictConfig
 from shapefit.config.commands.fit_sections import ViewingConfig
-from shapefit.dictionary.from_2d.adaptation import Start, adapt
+from shapefit.config.commands.learn_dict import PriorConfig
 from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, UNLIKE, Judgement, judge
 from shapefit.dictionary.from_2d.learning import State, learn
 from shapefit.dictionary.from_2d.model import Images, evenly, hide
-from shapefit.dictionary.left_out import AS_LEARNED
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import LEARNED_FROM, NEAR_AND_FAR, OPEN, VERDICT, Dictionary
 from shapefit.errors import InputError, counted, input_error
 from shapefit.geometry.normalisation import normalise, spread
 from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.geometry.procrustes import rotation_onto
-from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet, digests, read_dictionary
+from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet, digests
 from shapefit.io.layout import EDGES
 from shapefit.io.records import concatenate
-from shapefit.io.skeletons import part_names
-from shapefit.lifting.lift import Lifting
-from shapefit.lifting.methods import PosteriorOptions
+from shapefit.lifting.lift import Lifting, fail_nonfinite
 from shapefit.pipelines.fit.camera import read_intrinsics
 from shapefit.pipelines.fit.checks import mean_gain
-from shapefit.pipelines.fit.lift import check_needs, find_residual_variance, lift_landmarks
-from shapefit.pipelines.fit.prepare import set_up
-from shapefit.pipelines.fit.run import read_images
-from shapefit.pipelines.learn_dict.from_3d import Learning, learn_from_shapes
+from shapefit.pipelines.fit.lift import (
+    check_needs,
+    find_residual_variance,
+    lift_images,
+)
+from shapefit.pipelines.fit.sequences import refine_sequences
+from shapefit.pipelines.learn_dict.from_3d import Learning, learn_from_shapes, number_of_components
 from shapefit.pipelines.learn_dict.training_shapes import place_of
 from shapefit.pipelines.outcome import Outcome
 
@@ -60,8 +57,8 @@ LEAST_MISFIT = 1e-4
 SAMPLE = 500
 """Images by which dictionaries are compared."""
 
-MIXTURES, IMAGES_PER_COMPONENT, MOST_COMPONENTS = 4, 150, 32
-"""Rounds of learning a mixture at most, and its components."""
+MIXTURES = 4
+"""Rounds of learning a mixture at most."""
 
 CLOSE = 1.1
 """Factor of the Gaussian's error of hidden landmarks up to which a mixture is kept in its place.
@@ -78,12 +75,6 @@ QUICK = 3
 SURE = 5.0
 """Standard errors of the evidence beyond which perspective decides what is near."""
 
-BENT = 0.3
-"""Share of the bends of knees and elbows, less that of the others, that tells near from far.
-
-In 84 sequences of eight bodies it is 0.42 and more.
-"""
-
 FIX = {
     ALIKE: "give images from more sides: the camera or the body must turn, and not be flat",
     UNLIKE: "give images of one class, whose landmarks are in the same order in all of them",
@@ -95,15 +86,6 @@ MIRRORED = (
     "trusted before they are: look at some shapes, and learn again with `flip=true` if near is "
     "far, `flip=false` if it is not"
 )
-
-PARTS = 5
-"""Parts of the images, whole sequences where there are some, one of which judges an adaptation."""
-
-LEAST_GAIN = 0.01
-"""Log density of a hidden landmark that adaptation must bring, beyond its standard error."""
-
-BELIEVED = 0.5
-"""Chance that a landmark is not gross, as the start has it, below which it is hidden."""
 
 
 def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Learning:
@@ -134,8 +116,7 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     said = describe(judgement, size)
     if not judgement.fine:
         raise input_error(place, f"{judgement.verdict} ({said})", FIX[judgement.verdict])
-    bend = find_bend(state.in_camera, some.landmark_names)
-    sided = config.flip is not None or CAMERA_MATRIX in some.columns or abs(bend) > BENT
+    sided = config.flip is not None or CAMERA_MATRIX in some.columns
     gross = f"{int(state.gross.sum())} of {counted(int(some.seen().sum()), 'landmark')}"
     yield Outcome(
         line=f"{counted(len(some), 'image')}: {judgement.verdict}; {said}; {gross} gross and "
@@ -157,7 +138,7 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     verdict = "doubtful" if judgement.verdict == DOUBTFUL else "learned"
     known = {LEARNED_FROM: "landmarks", VERDICT: verdict}
     made = replace(made, provenance={**made.provenance, **known})
-    return (yield from decide_near_and_far(some, made, config.flip, bend))
+    return (yield from decide_near_and_far(some, made, config.flip))
 
 
 def are_usable(given: LandmarkSet) -> NDArray[np.bool_]:
@@ -234,22 +215,19 @@ def learn_mixtures(
 
     def learned(shapes: ShapeSet, components: int, rounds: int, *, varied: bool) -> Learning:
         still = {} if varied else {"stretch": 0.0, "exchange": 0.0}
-        open_keys = (key for key in AS_LEARNED._fields if getattr(config.prior, key) is None)
-        sure = {key: getattr(AS_LEARNED, key) for key in open_keys}
-        prior = {"components": components, **sure, **still}
-        changed = config.changed(prior=prior, iterations=rounds)
+        changed = config.changed(prior={"components": components, **still}, iterations=rounds)
         return learn_from_shapes(shapes, changed, inputs)
 
     method = "posterior" if images.sequences is None else "sequences"
-    most = int(np.clip(len(images) // IMAGES_PER_COMPONENT, 1, MOST_COMPONENTS))
-    number = config.prior.components or most
+    prior = config.prior if config.prior.components else PriorConfig(components="auto")
+    number = number_of_components(len(images), prior)
     made = yield from learned(shapes, 0, QUICK, varied=False)
     best = replace(made, **gaussian_prior(state, made.mean_shape, flipped=bool(config.flip)))
-    error = predict_hidden(images, best).error
+    error = predict_hidden(images, best)
     best_shapes = shapes
     for _ in range(MIXTURES):
         mixed = yield from learned(shapes, number, QUICK, varied=False)
-        found = predict_hidden(images, mixed).error
+        found = predict_hidden(images, mixed)
         gaussian = best.residual_variance is not None
         kept = found < (CLOSE * error if gaussian and number > 1 else error)
         yield Outcome(
@@ -292,12 +270,11 @@ def gaussian_prior(state: State, mean: Floats, *, flipped: bool) -> dict[str, An
 
 
 def decide_near_and_far(
-    images: LandmarkSet, made: Dictionary, flip: bool | None, bend: float
+    images: LandmarkSet, made: Dictionary, flip: bool | None
 ) -> Generator[Outcome, None, Dictionary]:
-    """Return the dictionary, or its mirror image where cameras see, or limbs bend like, that one.
+    """Return the dictionary, or its mirror image where cameras see that one.
 
-    Its provenance says what has decided; the key `flip` goes before cameras, and these before
-    limbs, see `find_bend`.
+    Its provenance says what has decided; the key `flip` goes before cameras.
     """
     told = OPEN if flip is None else "stated by `flip`"
     if flip is None and CAMERA_MATRIX in images.columns:
@@ -309,47 +286,9 @@ def decide_near_and_far(
                 line=f"perspective: near and far {'exchanged' if gain > 0 else 'kept'}, log "
                 f"evidence {abs(gain):.2f} +- {deviation:.2f} an image"
             )
-    if told == OPEN and abs(bend) > BENT:
-        told = "told by knees and elbows"
-        made = mirror_image(made) if bend < 0 else made
-        yield Outcome(
-            line=f"knees and elbows: near and far {'exchanged' if bend < 0 else 'kept'}, "
-            f"{50 + 50 * abs(bend):.0f}% of what they bend is then the way that they can"
-        )
-    elif told == OPEN and CAMERA_MATRIX in images.columns:
-        yield Outcome(warnings=(MIRRORED,))
+        else:
+            yield Outcome(warnings=(MIRRORED,))
     return replace(made, provenance={**made.provenance, NEAR_AND_FAR: told})
-
-
-def find_bend(shapes: Floats, names: Sequence[str]) -> float:
-    """Return how far knees of shapes (n, 3, p) bend forwards and elbows backwards, from -1 to 1.
-
-        sum_t,limbs +-b f / sum_t,limbs |b f|
-
-    for the vector b from the line of a limb's ends to its joint, and the direction f that the body
-    faces: from right to left times from hips to shoulders. The mirror image of a body has the
-    opposite sign. 0 where hips, shoulders, and the ends of a limb do not all have known names.
-    """
-    place = {part: names.index(name) for name, part in part_names(names).items()}
-    at = {part: shapes[..., j] for part, j in place.items()}
-    if not {f"{side}{part}" for side in "rl" for part in ("hip", "shoulder")} <= at.keys():
-        return 0.0
-    left = at["lhip"] - at["rhip"] + at["lshoulder"] - at["rshoulder"]
-    up = at["lshoulder"] + at["rshoulder"] - at["lhip"] - at["rhip"]
-    forward = np.cross(left, up)
-    forward /= np.maximum(np.linalg.norm(forward, axis=1, keepdims=True), 1e-12)
-    bends = [np.zeros(len(shapes))]
-    for limb, sign in (("hip knee ankle", 1), ("shoulder elbow wrist", -1)):
-        for side in "rl":
-            ends = [side + part for part in limb.split()]
-            if set(ends) <= at.keys():
-                start, joint, stop = (at[end] for end in ends)
-                along = stop - start
-                share = ((joint - start) * along).sum(axis=1) / (along**2).sum(axis=1)
-                off = joint - start - share[:, None] * along
-                bends.append(sign * (off * forward).sum(axis=1))
-    size = np.abs(bends).sum()
-    return float(np.sum(bends) / size) if size > 0 else 0.0
 
 
 def mirror_image(made: Dictionary) -> Dictionary:
@@ -378,140 +317,35 @@ def evidence_of_mirror(images: LandmarkSet, dictionary: Dictionary) -> tuple[flo
     return mean_gain(kept, mirrored)[:2]
 
 
-def adapt_to_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Learning:
-    """Adapt the prior of `start` to the images; all else of the dictionary stays as it is.
-
-    The start counts as many images as there are. What is learned from four fifths of them must
-    predict the landmarks of the rest better than the start does. Raises InputError where it does
-    not.
-    """
-    assert config.start is not None
-    place, inputs = place_of(config), digests((*config.shapes, config.start))
-    fit = FitConfig.model_construct(
-        landmarks=config.shapes, dictionary=config.start, output=config.output, method="posterior"
-    )
-    setup = set_up(fit, read_dictionary(config.start), source.head.landmark_names)
-    start, joints, seen_start = setup.dictionary, setup.mapped, setup.seen
-    assert start.prior is not None, "set_up needs one"
-    prior = start.prior
-    A = joints.joints.matrix(joints.theta) if joints.active else np.eye(len(start.landmark_names))
-
-    given = concatenate(list(read_images(source, setup)))
-    some = given.take(are_usable(given))
-    found = lift_by(some, seen_start, "posterior") if len(some) else None
-    lifted = np.zeros(0, bool) if found is None else np.isfinite(found.shapes).all(axis=(1, 2))
-    if found is None or lifted.sum() < FEWEST_IMAGES:
-        raise too_few(int(lifted.sum()), source.count, place)
-    seen = np.nan_to_num(found.estimate.further["inlier_probability"]) > BELIEVED
-    some = some.replaced(landmarks=np.where(seen[:, None], some.landmarks, np.nan))
-    fine = np.flatnonzero(lifted & are_usable(some))
-    some, shapes = some.take(fine), found.shapes[fine]
-
-    def adapted(rows: NDArray[np.bool_]) -> Learning:
-        part = some.take(rows)
-        images = images_of(part.replaced(sequences=None))
-        size = spread(part.landmarks, part.seen())[:, None, None]
-        noise = find_residual_variance(fit, start)
-        of_start = Start(prior=prior, landmark_map=A, noise=noise, weight=len(part))
-        made = prior
-        for mixture, objective in adapt(images, shapes[rows] / size, of_start):
-            made = mixture
-            per = objective / (2 * int((images.weights > 0).sum()))
-            yield Outcome(done=1, unit="round", note=f"objective {per:.3f} a coordinate")
-        return replace(start, prior=made)
-
-    out = first_part(some)
-    judged = some.take(out)
-    trial = yield from adapted(~out)
-    before, after = predict_hidden(judged, seen_start), predict_hidden(judged, joints.apply(trial))
-    gain = after.log_density - before.log_density
-    gain = gain[np.isfinite(gain)]
-    deviation = gain.std() / np.sqrt(len(gain)) if len(gain) else np.nan
-    said = (
-        f"hidden landmarks of {counted(len(judged), 'image')} left out predicted to "
-        f"{after.error:.4f} of the size of an image, {before.error:.4f} by the start, log density "
-        f"{gain.mean():+.3f} +- {deviation:.3f}"
-    )
-    if not gain.mean() > deviation + LEAST_GAIN:
-        fix = "take the start as it is, or give more images"
-        why = "the log density of hidden landmarks, which decides, is no better than by the start"
-        raise input_error(place, f"{why}: {said}", fix)
-    whole = yield from adapted(np.ones(len(some), bool))
-    yield Outcome(line=f"{counted(len(some), 'image')}: adapted; {said}")
-    provenance = {
-        **start.provenance,
-        "version": __version__,
-        "config": config.as_json(),
-        "inputs": json.dumps(inputs),
-    }
-    return replace(whole, provenance=provenance)
-
-
-def first_part(images: LandmarkSet) -> NDArray[np.bool_]:
-    """Choose every fifth sequence (n,), or the first fifth of the images without several."""
-    n, sequences = len(images), images.sequences
-    if sequences is None or len(set(sequences)) < 2:
-        return np.arange(n) * PARTS // n == 0
-    number = {name: i for i, name in enumerate(dict.fromkeys(sequences))}
-    return np.array([number[name] % PARTS == 0 for name in sequences])
-
-
-@dataclass(frozen=True)
-class Predicted:
-    """Median distance of hidden landmarks from where they are, in the size of their image.
-
-    log_density (n,) of them, the mean of each image, nan where none was hidden or predicted.
-    """
-
-    error: float
-    log_density: Floats
-
-
-def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> Predicted:
+def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> float:
     """Hide a tenth of the landmarks of a sample of the images, each by itself, and predict them.
 
-    Their density is that of `method: posterior`: normal, or, of gross ones, even.
+    Returns the median distance from where they are, in the size of their image.
     """
     some = images.take(evenly(len(images), SAMPLE))
-    seen = some.seen()
-    hidden = hide(seen)
+    hidden = hide(some.seen())
     known = some.replaced(landmarks=np.where(hidden[:, None], np.nan, some.landmarks))
     found = lift_by(known, dictionary, "posterior")
-    deviation = found.estimate.deviation
-    assert deviation is not None, "a posterior has deviations"
-    size = spread(some.landmarks, seen)[:, None]
-    apart = (found.shapes[:, :2] - some.landmarks) / size[..., None]
-    options, residual_variance = (
-        PosteriorOptions(),
-        find_residual_variance(_fit_config("posterior"), dictionary),
-    )
-    variance = (
-        found.scale[:, None, None] / size[..., None] * deviation[:, :2]
-    ) ** 2 + residual_variance
-    normal = np.exp(-0.5 * (apart**2 / variance).sum(axis=1)) / (
-        2 * np.pi * np.sqrt(variance.prod(axis=1))
-    )
-    chance = options.outlier_rate
-    density = np.log((1 - chance) * normal + chance * options.gross_density)
-    predicted = hidden & np.isfinite(density)
-    count = predicted.sum(axis=1)
-    total = np.where(predicted, density, 0.0).sum(axis=1)
-    return Predicted(
-        error=float(np.nanmedian(np.linalg.norm(apart, axis=1)[hidden])),
-        log_density=np.where(count > 0, total / np.maximum(count, 1), np.nan),
-    )
+    size = spread(some.landmarks, some.seen())[:, None]
+    apart = np.linalg.norm(found.shapes[:, :2] - some.landmarks, axis=1) / size
+    return float(np.nanmedian(apart[hidden]))
 
 
 def lift_by(
     images: LandmarkSet, dictionary: Dictionary, method: str, camera: str | None = None
 ) -> Lifting:
-    """Lift images as `fit` does with its defaults; they have the landmarks of the dictionary.
+    """Lift images as `fit` does with its defaults, without p-values, which nobody would read.
 
-    camera names the dataset of their camera matrices, None for weak perspective.
+    They have the landmarks of the dictionary. camera names the dataset of their camera matrices,
+    None for weak perspective.
     """
     config = _fit_config(method, camera)
     check_needs(config, dictionary)
-    return lift_landmarks(images, dictionary, config)
+    lifting = lift_images(images, dictionary, config)
+    if method == "sequences":
+        variance = find_residual_variance(config, dictionary)
+        lifting = refine_sequences(lifting, images, dictionary, config, variance, None)
+    return fail_nonfinite(lifting)
 
 
 def _fit_config(method: str, camera: str | None = None) -> FitConfig:

@@ -9,21 +9,12 @@ from dataclasses import replace
 import numpy as np
 
 from shapefit import __version__
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import Floats
 from shapefit.config import LearnDictConfig
 from shapefit.config.commands.learn_dict import PriorConfig
 from shapefit.dictionary.bodies import find_skeleton, vary
 from shapefit.dictionary.learning import Summary, learn, principal_components, summarise
-from shapefit.dictionary.left_out import (
-    FLOORS,
-    SHRINKAGES,
-    WIDTHS,
-    Chosen,
-    Sureness,
-    choose_sureness,
-    find_folds,
-)
-from shapefit.dictionary.mixture import Mixture, learn_mixture, widen
+from shapefit.dictionary.mixture import Mixture, learn_mixture
 from shapefit.dictionary.model import SUITS, Dictionary
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
@@ -43,6 +34,9 @@ Learning = Generator[Outcome, None, Dictionary]
 
 MOST_ROUNDS = 20
 """Rounds of expectation maximisation, which ends sooner where it gains nothing."""
+
+SHAPES_PER_COMPONENT, MOST_COMPONENTS = 150, 32
+"""Of a mixture whose components are not given."""
 
 FEWEST_COPIES, MOST_COPIES, ENOUGH = 2, 100, 1500
 """Copies of each shape that is varied, and how many shapes are enough for a mixture."""
@@ -68,9 +62,8 @@ def learn_from_shapes(
             made = yield from sparse_coding(training, config)
     prior = None
     if config.prior.components:
-        prior, chosen, told = learn_prior(training, config)
-        config = config.model_copy(update={"prior": chosen})
-        yield Outcome(line=told, note=f"prior of {counted(len(prior), 'component')}")
+        prior = learn_prior(training, config)
+        yield Outcome(note=f"prior of {counted(len(prior), 'component')}")
     provenance = {
         "method": config.method,
         "version": __version__,
@@ -164,82 +157,40 @@ def describe(summary: Summary) -> str:
     )
 
 
-def learn_prior(
-    training: TrainingShapes, config: LearnDictConfig
-) -> tuple[Mixture, PriorConfig, str]:
+def learn_prior(training: TrainingShapes, config: LearnDictConfig) -> Mixture:
     """Learn the mixture over the aligned shapes, varied as the section `prior` says.
 
-    Returns the section with what it left open as chosen by shapes left out, and a line about it.
     Raises InputError for more components than shapes, weights that are none, and bones that are no
     tree where they are to vary.
     """
     prior, number = config.prior, len(training)
-    if prior.components > number:
+    components = number_of_components(number, prior)
+    if components > number:
         there = counted(number, "shape")
-        found = f"{prior.components} components are more than the {there} to learn from"
+        found = f"{components} components are more than the {there} to learn from"
         raise input_error("prior.components", found, "lower it, or give more shapes")
-    varied = bool(prior.stretch or prior.exchange)
     copies = number_of_copies(number, prior)
     shapes = training.alignment.shapes
-    if varied:
+    if prior.stretch or prior.exchange:
         shapes = vary_shapes(training, config, copies)
-    weights = np.tile(find_weights(training, prior.weights), copies)
-
-    def learned(sureness: Sureness) -> Mixture:
-        return learn_mixture(
-            shapes,
-            prior.components,
-            shrinkage=sureness.shrinkage,
-            floor=sureness.floor,
-            weights=weights,
-            max_rounds=MOST_ROUNDS,
-        ).mixture
-
-    tried = [
-        known if value is None else (value,)
-        for value, known in zip(
-            (prior.shrinkage, prior.floor, prior.width),
-            (SHRINKAGES, FLOORS, WIDTHS),
-            strict=True,
-        )
-    ]
-    if prior.components == 1:
-        tried[0] = tried[0][:1]  # all shapes are in that component
-    first = Sureness(*(values[0] for values in tried))
-    mixture, chosen, told = learned(first), first, ""
-    if any(len(values) > 1 for values in tried):
-        folds = np.tile(folds_of(training), copies)
-        by_folds = choose_sureness(shapes, weights, folds, mixture, tried)
-        chosen, told = by_folds.sureness, say_chosen(by_folds, first)
-    if chosen[:2] != first[:2]:
-        mixture = learned(chosen)
-    return widen(mixture, chosen.width), prior.model_copy(update=chosen._asdict()), told
+    return learn_mixture(
+        shapes,
+        components,
+        shrinkage=prior.shrinkage,
+        floor=prior.floor,
+        weights=np.tile(find_weights(training, prior.weights), copies),
+        max_rounds=MOST_ROUNDS,
+    ).mixture
 
 
-def say_chosen(found: Chosen, first: Sureness) -> str:
-    """Say what the shapes left out changed; nothing where none could be left out."""
-    if not found.folds:
-        return ""
-    shrinkage, floor, width = found.sureness
-    changed = [
-        f"covariances times {width:g}" if width != first.width else "",
-        f"floor {floor:g} in place of {first.floor:g}" if floor != first.floor else "",
-        f"shrinkage {shrinkage:g} in place of {first.shrinkage:g}"
-        if shrinkage != first.shrinkage
-        else "",
-    ]
-    told = ", ".join(filter(None, changed))
-    gain = f", {found.gain:.1f} nats a shape likelier" if told else ""
-    return f"prior: {told or 'as sure as learned'}, by {found.folds} folds of shapes left out{gain}"
+def number_of_components(number: int, prior: PriorConfig) -> int:
+    """Return the components of a mixture over so many shapes: one of few, 32 at most, or as said.
 
-
-def folds_of(training: TrainingShapes) -> Integers:
-    """Fold (n,) of each training shape; a mirror image, in the second half, goes with its own."""
-    original = training.original
-    halves = 1 if training.dictionary.mirror_index is None else 2
-    own = len(training) // halves
-    sequences = original.sequences and original.sequences[:own]
-    return np.tile(find_folds(training.alignment.shapes[:own], sequences), halves)
+    A component of 45 coordinates needs a hundred shapes and more beside what all shapes say.
+    """
+    if prior.components != "auto":
+        return prior.components
+    return min(max(number // SHAPES_PER_COMPONENT, 1), MOST_COMPONENTS)
 
 
 def number_of_copies(number: int, prior: PriorConfig) -> int:

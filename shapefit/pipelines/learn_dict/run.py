@@ -21,7 +21,7 @@ from shapefit.io.inputs import check_fits, is_stream
 from shapefit.io.layout import DICTIONARY
 from shapefit.io.listing import find_kind
 from shapefit.io.options import input_options
-from shapefit.pipelines.learn_dict.from_2d import adapt_to_landmarks, learn_from_landmarks
+from shapefit.pipelines.learn_dict.from_2d import learn_from_landmarks
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes, with_p_value_table
 from shapefit.pipelines.learn_dict.training_shapes import place_of
 from shapefit.pipelines.outcome import Outcome
@@ -41,8 +41,7 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     if landmarks:
         with open_landmarks(config.shapes, options) as images:
             notes = images.notes
-            way = learn_from_landmarks if config.start is None else adapt_to_landmarks
-            learning = way(images, config)
+            learning = learn_from_landmarks(images, config)
             latest = next(learning)
     else:
         with open_shapes(config.shapes, options) as source:
@@ -77,9 +76,6 @@ def holds_landmarks(config: LearnDictConfig) -> bool:
 
 def check_keys(config: LearnDictConfig, *, landmarks: bool) -> None:
     """Raise InputError for keys that have no effect on files of 2D landmarks, or of 3D shapes."""
-    if config.start is not None and not landmarks:
-        found = "2D landmarks adapt a dictionary, and the files hold 3D shapes"
-        raise input_error("start", found, "leave it out, or give landmarks")
     idle = {}
     if landmarks and config.frame_rate is not None:
         idle["frame_rate"] = "only for 3D shapes: the files hold 2D landmarks"

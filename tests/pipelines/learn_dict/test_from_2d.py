@@ -15,15 +15,12 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations, rotation_about_axis
 from shapefit.io import (
     LandmarkSet,
-    ShapeSet,
     read_dictionary,
-    read_shapes,
     write_dictionary,
-    write_shapes,
 )
 from shapefit.pipelines import info, verify
 from shapefit.pipelines.learn_dict import run as learn_dict
-from shapefit.pipelines.learn_dict.from_2d import BENT, find_bend, find_doubts, lift_by
+from shapefit.pipelines.learn_dict.from_2d import find_doubts, lift_by
 from tests.io.files import save
 from tests.pipelines.fitted import fit_file
 
@@ -237,59 +234,6 @@ def test_frames_of_a_sequence_are_lifted_together(learn, tmp_path, class_of_shap
     assert moves[1] < 0.8 * moves[0]
 
 
-@pytest.fixture
-def start(tmp_path, class_of_shapes, rng):
-    """A dictionary learned from 3D shapes that differ from those of the images."""
-    shapes = class_of_shapes[0] + 0.3 * rng.standard_normal((N, 3, P))
-    names = tuple(f"p{j}" for j in range(P))
-    write_shapes(tmp_path / "shapes.h5", ShapeSet(shapes, names, tuple(map(str, range(N)))))
-    given = {"shapes": tmp_path / "shapes.h5", "output": tmp_path / "start.h5", "k": 5}
-    list(learn_dict.run(LearnDictConfig(**given, prior={"components": 2})))
-    return tmp_path / "start.h5"
-
-
-def test_a_start_is_adapted_to_the_landmarks(learn, tmp_path, class_of_shapes, start):
-    outcomes = learn(class_of_shapes[:, :2], start=start)
-    assert any("adapted; hidden landmarks of 12 images" in each.line for each in outcomes)
-    after = error(lift(tmp_path), class_of_shapes, 1)
-    (tmp_path / "dict.h5").write_bytes(start.read_bytes())
-    before = error(lift(tmp_path), class_of_shapes, 1)
-    assert after < 0.8 * before
-
-
-def test_a_start_adapted_without_its_marks_does_not_name_them(learn, tmp_path, start):
-    known = read_dictionary(start)
-    marks = known.provenance | {"where_marked": f"p0:p{P - 1}"}
-    write_dictionary(start, replace(known, provenance=marks))
-    rng = np.random.default_rng(1)
-    shapes = random_rotations(N, rng) @ (known.mean_shape + 0.1 * rng.standard_normal((N, 3, P)))
-    learn(shapes[:, :2, :-1], start=start)
-    made = read_dictionary(tmp_path / "dict.h5").marked({f"p{P - 1}"})
-    assert (made.depends_on == -1).all()
-
-
-def test_a_start_that_landmarks_do_not_better_stays(
-    learn, tmp_path, class_of_shapes, start, monkeypatch
-):
-    monkeypatch.setattr(
-        "shapefit.pipelines.learn_dict.from_2d.adapt", lambda *given: iter([(given[2].prior, 0.0)])
-    )
-    with pytest.raises(InputError, match="no better than by the start"):
-        learn(class_of_shapes[:, :2], start=start)
-    assert not (tmp_path / "dict.h5").exists()
-
-
-def test_too_few_images_adapt_nothing(learn, tmp_path, class_of_shapes, start):
-    with pytest.raises(InputError, match="too few images: 2 of 2"):
-        learn(class_of_shapes[:2, :2], start=start)
-
-
-def test_shapes_adapt_no_start(tmp_path, start):
-    given = {"shapes": tmp_path / "shapes.h5", "output": tmp_path / "dict.h5", "start": start}
-    with pytest.raises(InputError, match="start: 2D landmarks adapt a dictionary"):
-        list(learn_dict.run(LearnDictConfig(**given)))
-
-
 def test_bones_of_landmarks_vary_the_last_prior(learn, tmp_path, class_of_shapes):
     edges = np.column_stack([np.arange(P - 1), np.arange(1, P)])
     freedom = []
@@ -300,29 +244,3 @@ def test_bones_of_landmarks_vary_the_last_prior(learn, tmp_path, class_of_shapes
         np.testing.assert_array_equal(made.edges, edges)
         freedom.append(made.prior.covariances[0].trace())
     assert freedom[1] > 1.2 * freedom[0]
-
-
-@pytest.fixture
-def people(project, rng):
-    """People (n, 3, p) of the sample data before the camera, from any side, and their joints."""
-    shapes = read_shapes([project / "sample_data/people_train.h5"])
-    some = shapes.take(np.linspace(0, len(shapes) - 1, 150).round().astype(np.intp))
-    turned = random_rotations(len(some), rng) @ some.shapes
-    return turned - turned.mean(axis=2, keepdims=True), shapes.landmark_names
-
-
-def test_knees_and_elbows_bend_one_way(people):
-    shapes, names = people
-    assert find_bend(shapes, names) > BENT
-    mirrored = shapes * np.array([1.0, 1.0, -1.0])[:, None]
-    assert find_bend(mirrored, names) == pytest.approx(-find_bend(shapes, names))
-    assert find_bend(shapes, [f"mark {name}" for name in names]) == 0
-
-
-def test_knees_and_elbows_decide_what_is_near(learn, tmp_path, people):
-    shapes, names = people
-    outcomes = learn(shapes[:, :2], {"landmark_names": names})
-    assert any("knees and elbows: near and far" in outcome.line for outcome in outcomes)
-    assert "near and far told by knees and elbows" in told_of(tmp_path)
-    found = lift(tmp_path)
-    assert error(found, shapes, 1) < 0.7 * error(found, shapes, -1)

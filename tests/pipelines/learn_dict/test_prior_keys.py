@@ -5,10 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from shapefit.dictionary.left_out import AS_LEARNED, Chosen
 from shapefit.errors import InputError
 from shapefit.io.records import ShapeSet
-from shapefit.pipelines.learn_dict import from_3d
 
 PLAIN = {"method": "exemplars"}
 WEIGHTS = {
@@ -55,35 +53,10 @@ def test_a_shape_of_weight_two_counts_as_two(make, shapes):
     )
 
 
-def test_how_sure_the_prior_is_follows_from_shapes_left_out_unless_keys_say(make, rng):
-    """What was chosen is told, and stands in the config of the dictionary."""
-    points = rng.normal(size=(24, 3, 5)) * np.linspace(0.3, 2, 5)
-    few = ShapeSet(points, tuple("abcde"), tuple(f"pose {i}" for i in range(24)))
-    prior = {"components": 1}
-    found, outcomes = make(few, prior=prior, **PLAIN)
-    (line,) = (each.line for each in outcomes if each.line.startswith("prior: "))
-    assert line.startswith("prior: covariances times ")
-    assert "by 8 folds of shapes left out" in line
-    stored = json.loads(found.provenance["config"])["prior"]
-    as_given = {key: stored[key] for key in ("components", "shrinkage", "floor", "width")}
-    again, outcomes = make(few, prior=as_given, **PLAIN)
-    assert not any(each.line.startswith("prior: ") for each in outcomes)
-    assert again.prior == found.prior
-    kept, _ = make(few, prior={**as_given, "floor": 0.01, "width": 1.0}, **PLAIN)
-    ratio = found.prior.covariances[0].trace() / kept.prior.covariances[0].trace()
-    assert ratio > 0.999 * stored["width"] > 1
-
-
-def test_mirror_images_are_left_out_with_their_shapes(make, rng, monkeypatch):
-    given = []
-    monkeypatch.setattr(
-        from_3d,
-        "choose_sureness",
-        lambda shapes, weights, folds, *rest: given.append(folds) or Chosen(AS_LEARNED, 2, 0.0),
-    )
-    points = rng.normal(size=(30, 3, 5))
-    shapes = ShapeSet(points, tuple("abcde"), tuple(f"pose {i}" for i in range(30)))
-    make(shapes, prior={"components": 1}, symmetry="double", mirror={"a": "b"}, **PLAIN)
-    first, second = given[0].reshape(2, 30)
-    assert (first == second).all()
-    assert len(set(first.tolist())) > 2
+@pytest.mark.parametrize(("number", "components"), [(20, 1), (320, 2)])
+def test_a_component_for_every_150_shapes(make, rng, number, components):
+    points = rng.normal(size=(number, 3, 5))
+    many = ShapeSet(points, tuple("abcde"), tuple(f"pose {i}" for i in range(number)))
+    made, _ = make(many, prior={"components": "auto"}, **PLAIN)
+    assert len(made.prior) == components
+    assert json.loads(made.provenance["config"])["prior"]["components"] == "auto"
