@@ -89,7 +89,7 @@ EFFECTS: dict[str, tuple[Effect, ...]] = {
             "with a folder as `output`, a name that ends in /",
         ),
         Effect(
-            ("proof", "search.proof_every", "posterior.covariance"),
+            ("proof", "posterior.covariance"),
             _holds_datasets,
             ("output",),
             "for an `output` in HDF5",

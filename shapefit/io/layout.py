@@ -102,8 +102,6 @@ AXES = {
     "c": "components",
     "w": "scales and numbers of landmarks",
     "a": "active transforms",
-    "l": "cells of trees",
-    "v": "vertices of trees",
     "i": "landmarks of the detector",
     "r": "coordinates of all landmarks",
 }
@@ -147,15 +145,6 @@ PROOF = {
 }
 """What proves the optimum of the convex program of a result, beside its landmarks and lambda."""
 
-TREES = {
-    "tree_cells": Column(("n",), "index", stored="int32"),
-    "tree_splits": Column(("l",), "index", counted_by="tree_cells", stored="int8"),
-    "tree_vertices": Column(("n",), "index", stored="int32"),
-    "tree_rotations": Column(("v", 4), counted_by="tree_vertices"),
-    "tree_multipliers": Column(("v", "p", 2), points=True, counted_by="tree_vertices"),
-}
-"""What proves the bound on all rotations of some images."""
-
 INPUT_SHAPES, INPUT_SD = "input_shapes", "input_shape_sd"
 INPUT_CORRELATION, INPUT_NAMES = "input_shape_correlation", "input_landmark_names"
 """Of a result: the landmarks of the files in 3D with their error bars, beside the joints."""
@@ -177,7 +166,6 @@ RESULTS = Layout(
         "transforms": Column(("n", "k", 2, 3)),
         **_VERTICES,
         **PROOF,
-        **TREES,
     },
     {
         **_numbers(

@@ -354,9 +354,6 @@ class ResultSet(Records):
     image after the other: active_transforms (a, 2, 3) of the atoms transform_atom (a,), and
     transform_count (n,) of them for each image.
 
-    What proves the bound on all rotations: tree_cells (n,), 0 where the tree of an image was not
-    kept, tree_splits (l,); tree_vertices (n,), tree_rotations (v, 4), tree_multipliers (v, 2, p).
-
     attributes are stored with the file (method, times, config, digests). What else a fit writes is
     in `layout.RESULTS.further`.
     """

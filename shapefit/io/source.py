@@ -26,7 +26,7 @@ from shapefit.io.formats import (
 )
 from shapefit.io.inputs import source_name
 from shapefit.io.joined import common_head, conform
-from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, TREES, Layout
+from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, Layout
 from shapefit.io.names import check_items, check_known
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions, Opened, check_effects
 from shapefit.io.readers.items import are_fractions, keep_landmarks, size_needed
@@ -35,7 +35,7 @@ from shapefit.io.records import KINDS, LandmarkSet, Record, ResultSet, ShapeSet,
 if TYPE_CHECKING:
     from shapefit.io.csv_file import Stretch
 
-PROOFS = frozenset(PROOF | TREES)
+PROOFS = frozenset(PROOF)
 """Datasets of results that stay in the file unless they are asked for."""
 
 CENTRED = 0.1

@@ -15,7 +15,6 @@ from shapefit.convex.solver import Solution, Status
 from shapefit.convex.transforms import Transforms
 
 if TYPE_CHECKING:
-    from shapefit.lifting.global_optimum.method import Tree
     from shapefit.lifting.posterior.posterior import Modes as PosteriorModes
 
 
@@ -60,7 +59,7 @@ class Estimate:
     convex_proof, of the convex program that it is or starts from; camera_translation (n, 3), of a
     method that looks through the camera of the problem itself: then W is seen of shapes +
     camera_translation, both in the unit of the dictionary, and T (n, 2) is where the middle of the
-    shapes is seen. trees: of each image what `global` proves, where it is asked to.
+    shapes is seen.
     further: what else a method knows, (n, ...) by the name of its dataset in the result; in the
     unit that it is stored in, and among what the table of methods says that it yields.
     """
@@ -83,7 +82,6 @@ class Estimate:
     camera_translation: Floats | None = None
     posterior_modes: PosteriorModes | None = None
     convex_proof: ConvexProof | None = None
-    trees: tuple[Tree | None, ...] | None = None
     further: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     def status_words(self) -> NDArray[np.object_]:

@@ -90,12 +90,10 @@ class SearchOptions:
 
     max_cells     the search of an image gives up after so many cells
     max_seconds   or so many seconds
-    proof_every   keep the tree of every so many images; 0: of none
     """
 
     max_cells: int = 200_000
     max_seconds: float = 10.0
-    proof_every: int = 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,7 +238,7 @@ METHODS: dict[str, Method] = {
         run="shapefit.lifting.global_optimum.method:find_global",
         summary="the certified optimum over all rotations shared by the atoms",
         section=SEARCH,
-        yields=OF_ATOMS | {"relative_gap", "trees"},
+        yields=OF_ATOMS | {"relative_gap"},
         proves="global",
         tolerance=1e-2,
     ),

@@ -42,7 +42,6 @@ IDLE = {
         "alternation.signed=true": "method=mean-shape",
         "search.max_cells=9": "method=sequences",
         "search.max_seconds=9": "",
-        "search.proof_every=1": "method=global output=r.csv",
         "posterior.residual_variance=0.1": "method=convex",
         "posterior.least_score=0.5": "",
         "posterior.outlier_rate=0.5": "",

@@ -288,7 +288,7 @@ OPTIONAL = {field.name for field in fields(Estimate) if field.default is None}
 @pytest.mark.parametrize("name", METHODS)
 def test_the_table_says_what_a_method_yields(name, scene, settings):
     method = METHODS[name]
-    options = SearchOptions(proof_every=5) if name == "global" else None
+    options = SearchOptions() if name == "global" else None
     settings = replace(settings, needs=NEEDS, options=options)
     found, further = set(), set()
     for loss in method.losses:

@@ -99,9 +99,6 @@ class SearchConfig(ConfigModel):
     """Maximum number of cells of rotations searched per image."""
     max_seconds: float = Field(default=SearchOptions.max_seconds, gt=0)
     """Maximum seconds per image."""
-    proof_every: int = Field(default=SearchOptions.proof_every, ge=0, le=MOST_STEPS)
-    """Also store the proof of every so many images, for `shapefit verify` (HDF5; some
-    100 KB for each); 0 stores none."""
 
 
 class FitConfig(CommandConfig):

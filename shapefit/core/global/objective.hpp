@@ -40,18 +40,6 @@ struct GlobalData {
     Vector<int64_t> status = from("status", "n");  // a Status
 };
 
-// The tree of one image's search with a fixed cut, from which the bound can be checked.
-struct TreeData {
-    Arguments& from;
-    SearchProblem problem{from};  // of one image
-    double cut = from("cut");  // what the tree proves
-    long most_cells = from("most_cells");
-    Matrix<double> vertices = from("vertices", "v 4");  // quaternions
-    Tensor<double> multipliers = from("multipliers", "v 2 p");  // s Y of each vertex
-    // of each cell, depth first: the edge that is split, or -1
-    Vector<int64_t> splits = from("splits", "c");
-};
-
 // The inequalities of one cell, for the tests that judge them.
 struct CellData {
     Arguments& from;
@@ -67,16 +55,6 @@ struct DescentData {
     SearchProblem problem{from};  // of one image
     Vector<double> q = from("q", "4");
     double share = from("share");
-};
-
-struct TreeSize {
-    long cells;
-    long vertices;
-    bool complete;  // every cell was dropped
-
-    void give_to(Arguments& to) const {
-        to.give_count(cells), to.give_count(vertices), to.give_flag(complete);
-    }
 };
 
 // Quaternions (w, x, y, z) and the two rows of a rotation that the camera sees.

@@ -1,4 +1,4 @@
-// The global optimum of each image by branch and bound, and the tree that proves it.
+// The global optimum of each image by branch and bound.
 #include "../base/registry.hpp"
 #include "objective.hpp"
 #include "search.hpp"
@@ -148,44 +148,6 @@ void find_optimum(const GlobalData& data, Range range) {
 }
 
 const Exported<find_optimum> find_optimum_exported{"find_optimum"};
-
-// Search one image with a fixed cut and write its tree, with the multipliers of the vertices, as far as
-// it fits into the arrays.
-TreeSize record_tree(const TreeData& data) {
-    Workspace workspace;
-    const RootCells roots;
-    RotationObjective objective(workspace, data.problem);
-    if (!objective.aim(0)) return {0, 0, false};
-    CellSearch cells(workspace, objective, roots, data.most_cells);
-    Cell cell;
-    int edge = 0, middle = 0;
-    bool complete = true;
-    cells.begin_image();
-    cells.vertices.set_cut(data.cut);
-    cells.begin();
-    while (complete && cells.take(cell)) {
-        const long at = cells.tested;
-        complete = at < data.most_cells;
-        if (!complete) break;
-        const bool dropped = cells.is_dropped(cell, edge);
-        if (at < data.splits.size[0]) data.splits[at] = dropped ? -1 : edge;
-        if (!dropped) complete = cells.split(cell, edge, middle);
-    }
-    const long p = data.problem.weights.size[1];
-    for (int v = 0; v < smaller(cells.vertices.count(), data.vertices.size[0]); ++v) {
-        Vertex& vertex = cells.vertices[v];
-        const double scale = cells.vertices.reaches(vertex) ? vertex.scale : 0;
-        for (int e = 0; e < 4; ++e) data.vertices[v][e] = vertex.q[e];
-        for (int a = 0; a < 2; ++a) {
-            double* Y = data.multipliers[v][a].data;
-            objective.image.reduction.expand(vertex.Y + a * objective.atoms.row, Y, p);
-            for (long j = 0; j < p; ++j) Y[j] *= scale;
-        }
-    }
-    return {cells.tested, cells.vertices.count(), complete};
-}
-
-const Exported<record_tree> record_tree_exported{"record_tree"};
 
 // For tests: the 600-cell modulo sign, quaternions (60, 4) and the vertices of each cell (300, 4).
 void root_cells(Matrix<double> vertices, Matrix<int64_t> cells) {

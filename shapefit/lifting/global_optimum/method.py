@@ -1,7 +1,6 @@
 """The method `global`: the certified optimum of the model with one rotation.
 
-It is certified by branch and bound; the tree of a search, with the multipliers of its vertices, is
-a bound that anybody can check.
+It is certified by branch and bound: the result states the gap to a bound on all rotations.
 """
 
 from __future__ import annotations
@@ -40,11 +39,7 @@ def find_global(problem: Problem, settings: Settings) -> Estimate:
         threads=settings.threads,
     )
     estimate = describe(problem, found.coefficients, found.rotation, found.cells, found.status)
-    estimate = replace(estimate, relative_gap=found.relative_gap)
-    if options.proof_every:
-        trees = record_trees(problem, found, options)
-        estimate = replace(estimate, trees=trees)
-    return estimate
+    return replace(estimate, relative_gap=found.relative_gap)
 
 
 def find_starts(problem: Problem, settings: Settings) -> Floats:
@@ -54,62 +49,7 @@ def find_starts(problem: Problem, settings: Settings) -> Floats:
     return np.stack([end.rotation for end in ends], axis=1)
 
 
-def record_trees(
-    problem: Problem, found: GlobalOptimum, options: SearchOptions
-) -> tuple[Tree | None, ...]:
-    """The tree of every so many images, those of which something is proved."""
-    trees: list[Tree | None] = [None] * len(problem.lam)
-    for image in range(0, len(trees), options.proof_every):
-        if found.status[image] in (Status.OPTIMAL, Status.ITERATION_LIMIT):
-            trees[image] = record_tree(
-                problem,
-                image,
-                found.bound[image],
-                most_cells=options.max_cells,
-            )
-    return tuple(trees)
-
-
 Indices = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Tree:
-    """Cells of one image that together hold all rotations, and what bounds v in each of them.
-
-    splits (c,): for each cell, depth first from the 300 of the 600-cell, the edge 0..5 whose
-    middle cuts it in two, or -1; vertices: unit quaternions (v, 4), the 60 of the 600-cell first,
-    then the middles in the order in which they come up; multipliers s Y (v, 2, p), orthogonal to
-    omega. docs/global.md says what follows.
-    """
-
-    splits: Indices
-    vertices: Floats
-    multipliers: Floats
-
-
-def record_tree(
-    problem: Problem, image: int, bound: float, *, most_cells: int = 200_000
-) -> Tree | None:
-    """Return a tree that proves v >= bound for one image; None where there is none so small."""
-    problem.require_squared("the search")
-    one = problem.take(np.array([image]))
-    p = one.landmarks.shape[2]
-
-    def record(cells: int, vertices: int) -> tuple[Tree, tuple[int, int, bool]]:
-        tree = Tree(np.zeros(cells, np.int64), np.zeros((vertices, 4)), np.zeros((vertices, 2, p)))
-        size = core.record_tree(
-            **one.arrays,
-            cut=bound,
-            most_cells=most_cells,
-            vertices=tree.vertices,
-            multipliers=tree.multipliers,
-            splits=tree.splits,
-        )
-        return tree, size
-
-    _, (cells, vertices, complete) = record(0, 0)
-    return record(cells, vertices)[0] if complete else None
 
 
 @dataclass(frozen=True)

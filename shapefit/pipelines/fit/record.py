@@ -65,7 +65,6 @@ def as_result(
         attributes=size_attributes(setup.dictionary),
         **further_datasets(images, lifting, setup, inputs, bars.covariance),
     )
-    record = with_trees(record, lifting)
     return with_proof(record, lifting, config.method) if config.proof else record
 
 
@@ -190,23 +189,3 @@ def perspective_datasets(
         "principal_point": view.camera.centre,
         "position": position,
     }
-
-
-def with_trees(record: ResultSet, lifting: Lifting) -> ResultSet:
-    """Add the trees that were kept; images without a shape have none."""
-    trees = lifting.estimate.trees
-    if trees is None:
-        return record
-    fitted = np.isfinite(lifting.scale)
-    kept = [tree if is_fitted else None for tree, is_fitted in zip(trees, fitted, strict=True)]
-    some = [tree for tree in kept if tree is not None]
-    p = record.shapes.shape[2]
-    return record.replaced(
-        tree_cells=np.array([0 if tree is None else len(tree.splits) for tree in kept]),
-        tree_splits=np.concatenate([np.zeros(0, int), *(tree.splits for tree in some)]),
-        tree_vertices=np.array([0 if tree is None else len(tree.vertices) for tree in kept]),
-        tree_rotations=np.concatenate([np.zeros((0, 4)), *(tree.vertices for tree in some)]),
-        tree_multipliers=np.concatenate(
-            [np.zeros((0, 2, p)), *(tree.multipliers for tree in some)]
-        ),
-    )
