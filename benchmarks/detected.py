@@ -75,13 +75,13 @@ THIRTEEN = ("Head", *(s + j for s in "LR" for j in ("Hip", "Knee", "Ankle", *ARM
 CASES = (
     *(
         Case(f"beam, camera {n}", BEAM.format(n), BEAM.format(n) + "_truth", PEOPLE,
-             lambdas=(0.03, 0.03), settings=("sequences.frame_rate=60",))
+             lambdas=(0.03, 0.03), settings=("frame_rate=60",))
         for n in ("01", "03")
     ),
     *(
         Case(f"beam by OpenPose's names, camera {n}", BY_NAME.format(n),
              BY_NAME.format(n) + "_truth", PEOPLE, methods=WITH_BARS,
-             settings=("sequences.frame_rate=60",), judged=THIRTEEN)
+             settings=("frame_rate=60",), judged=THIRTEEN)
         for n in ("01", "03")
     ),
     *(

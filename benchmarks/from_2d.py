@@ -43,7 +43,7 @@ FOOTAGE, FILMED = "footage", 3
 TURNS, NUMBERS = (90, 180, 360, 1080, 3600), (30, 60, 120, 240)
 SIDES = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 OTHER_BODIES = (
-    *("--set", "prior.stretch=0.15", "--set", "prior.exchange=0.5", "--set", "symmetry=double"),
+    *("--set", "prior.bone_scale=0.15", "--set", "prior.exchange=0.5", "--set", "mirror=true"),
     *("--set", f"mirror={json.dumps({f'r{side}': f'l{side}' for side in SIDES})}"),
 )
 LEFT_OUT = ("KneeL", "ArmR", "ElbowR")
@@ -189,11 +189,11 @@ def body_case(
 
 CASES = (
     sequence_case("pickup", ".0133", 0.020),
-    sequence_case("stretch", ".0150", 0.020),
+    sequence_case("bone_scale", ".0150", 0.020),
     sequence_case("walking", ".0407", 0.0407),
     sequence_case("face", ".0150", 0.0150),
     sequence_case("pickup", "", 0.025, damaged=True),
-    sequence_case("stretch", "", 0.027, damaged=True),
+    sequence_case("bone_scale", "", 0.027, damaged=True),
     body_case("subject-13", ".259 (convex, with 3D)", 0.215, (13, 13)),
     Case("rat", "6-13 with 3D poses", 12.0, millimetres, first(rat), rat),
     body_case("86-to-13", "", 0.27, (86, 13)),

@@ -13,8 +13,7 @@ from .options import DICTIONARY, option
 class Spec:
     """A command: its texts, its pipeline, and the arguments that are keys of its config.
 
-    `in_parts` is the pipeline where the output is a folder of results; `chooser` names the
-    installed config that suits the inputs, where none is given. `unit` is what the progress
+    `in_parts` is the pipeline where the output is a folder of results; `unit` is what the progress
     bar counts. Where `prints_note` the last note of the pipeline is the result of the command, for
     stdout.
     """
@@ -27,7 +26,6 @@ class Spec:
     examples: str
     parameters: tuple[click.Parameter, ...]
     in_parts: str = ""
-    chooser: str = ""
     prints_note: bool = False
 
 
@@ -89,7 +87,6 @@ work, - is stdin (CSV).""",
         "fit",
         pipeline="fit.run",
         in_parts="partition.run",
-        chooser="fit.default",
         unit="image",
         summary="Lift 2D landmarks to 3D shapes.",
         text="""Lift 2D landmarks in single images to 3D shapes.

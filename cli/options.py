@@ -66,23 +66,15 @@ def _configs(command: str) -> Iterable[str]:
     return find_presets(command)
 
 
-def _settings(command: str) -> Iterable[str]:
-    from shapefit.config import CONFIGS
-    from shapefit.config.model import dotted_keys
-
-    return (f"{key}=" for key in dotted_keys(CONFIGS[command]))
-
-
 def config_options(command: str) -> list[click.Option]:
     """Return -c, --set and --print-config, which every command with a config has."""
     config = "YAML config, or the name of an installed one, such as cars; - is stdin. The keys "
     config += f"are listed by `shapefit config {command}`."
     key = "Set a key of the config, or a key inside one: --set a.b=c. Repeatable."
     names = Named(partial(_configs, command), "installed config")
-    keys = Named(partial(_settings, command))
     return [
         option("-c --config config_path", config, "CONFIG", type=names),
-        option("--set overrides", key, "KEY=VALUE", multiple=True, type=keys),
+        option("--set overrides", key, "KEY=VALUE", multiple=True),
         option("--print-config", "Print the config with every default as YAML, and exit."),
         option("--json as_json", "Print what was done as JSON to stdout."),
     ]

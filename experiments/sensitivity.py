@@ -34,8 +34,8 @@ CORRUPTION = 4
 """Purpose of the random numbers that make landmarks wrong."""
 
 OF_THE_CARS = {
-    "leave_out": "true_model",
-    "camera": {"model": "perspective", "intrinsics": "camera_matrix", "principal_point": [0, 0]},
+    "leave_one_out": "true_model",
+    "camera": {"focal": "files", "principal_point": [0, 0]},
 }
 """What belongs to the data is not taken from a config in Python."""
 

@@ -80,7 +80,7 @@ def test_a_detected_man_on_a_beam(real_data, error, method, stated):
     folder = real_data / "detected/pose2sim_balancing"
     images = load(folder / "cam03.h5").take(slice(0, 100, 3))
     truth = read_shapes([folder / "cam03_truth.h5"], gaps=True)
-    found = error(images, truth, THIRTEEN, method=method, sequences={"frame_rate": 20})
+    found = error(images, truth, THIRTEEN, method=method, frame_rate=20)
     assert found == pytest.approx(stated, rel=BAND)
 
 

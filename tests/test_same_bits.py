@@ -16,8 +16,8 @@ from tests.io.files import save
 METHODS = {
     "convex": ("people", {}),
     "exact": ("people", {"method": "convex", "loss": "exact"}),
-    "l1": ("people", {"method": "convex", "outliers": {"method": "l1"}}),
-    "ransac": ("people", {"method": "convex+refine", "outliers": {"method": "ransac"}}),
+    "l1": ("people", {"method": "convex", "outliers": "l1"}),
+    "ransac": ("people", {"method": "convex+refine", "outliers": "ransac"}),
     "convex+refine": ("people", {}),
     "alternate": ("people", {}),
     "mean-shape": ("people", {}),
@@ -26,7 +26,7 @@ METHODS = {
     "posterior": ("people with a prior", {}),
     "sequences": ("people with a prior", {}),
     "perspective": (
-        "people", {"method": "convex+refine", "camera": {"model": "perspective", "focal": 1500.0}},
+        "people", {"method": "convex+refine", "camera": {"focal": 1500.0}},
     ),
 }  # fmt: skip
 """Method or chain -> the dictionary that it takes, and its keys of `fit`."""
@@ -71,8 +71,8 @@ OF_A_FILE = ("landmark_names", "input_landmark_names", "edges", "landmark_map")
 
 def keys_of(case: str) -> dict:
     """Return the keys of `fit` of a method."""
-    fine = {"solver": {"tolerance": 1e-6}}
-    return {"method": case, "sequences": {"frame_rate": 24}, **fine, **METHODS[case][1]}
+    fine = {"tolerance": 1e-6}
+    return {"method": case, "frame_rate": 24, **fine, **METHODS[case][1]}
 
 
 def run(world, folder: Path, case: str, **way) -> list[Path]:

@@ -67,7 +67,7 @@ def test_a_neuroscientist_lifts_an_animal_of_deeplabcut(folder):
     assert "a DeepLabCut or Lightning Pose CSV" in told
     learn = "learn-dict data/animal_train.h5 -o dog.h5 --set prior.components=2"
     walk(folder, f"{learn} --set k=16 --set iterations=2")
-    keys = "--set likelihood_below=0.6 --set frame_rate=25"
+    keys = "--set min_confidence=0.6 --set frame_rate=25"
     _, told = walk(folder, f"fit data/animal_walk.csv -d dog.h5 -o walk.h5 {keys}")
     assert "Method: sequences, for the dictionary has a prior over shapes" in told
     assert "the size of the images is not known; set `image_size`" in told

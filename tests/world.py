@@ -84,13 +84,13 @@ class World:
     ) -> Path:
         """Return the result of images of a kind with keys of `fit`, by the dictionary so named."""
         if kind == "walk":
-            keys = {"input": {"keypoints": "body_25"}, **keys}
+            keys = {"keypoints": "body_25", **keys}
         given = images or self.images("people" if kind == "prior" else kind)
         paths = {
             "landmarks": [str(given)],
             "dictionary": str(self.dictionary(dictionary or kind)),
         }
-        return self._make(f"fit of {kind}", run_fit, "fit", paths | keys)
+        return self._make(f"fit of {kind}", run_fit, "fit", {"method": "convex"} | paths | keys)
 
     def _make(
         self, what: str, run: Callable[[Any], Any], command: str, arguments: dict[str, Any]

@@ -118,7 +118,7 @@ def training_shapes(given: ShapeSet, dictionary: Dictionary) -> Floats:
         shapes,
         find_skeleton(np.array(bones), len(names)),
         copies=prior["copies"] or 2,
-        stretch=prior["stretch"],
+        stretch=prior["bone_scale"],
         exchange=prior["exchange"],
         partners=np.array(partners),
     )

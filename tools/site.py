@@ -64,7 +64,7 @@ def write_sample(page: Path) -> None:
     with tempfile.TemporaryDirectory() as folder:
         result = str(Path(folder) / "walk.h5")
         given = ["sample_data/openpose", "-d", "people", "--set", "keypoints=body_25"]
-        rate = ["--set", "sequences.frame_rate=25"]
+        rate = ["--set", "frame_rate=25"]
         for arguments in (["fit", *given, *rate, "-o", result], ["view", result, "-o", str(page)]):
             subprocess.run([*command, *arguments, "-q"], cwd=PROJECT, check=True)
 

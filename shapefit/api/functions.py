@@ -31,10 +31,15 @@ from shapefit.api.records import (
     unnamed,
 )
 from shapefit.api.words import speaks_python, warn
-from shapefit.config import EvalConfig, FitConfig, LearnDictConfig, find_config
-from shapefit.config.commands.input import InputConfig
+from shapefit.config import (
+    CONFIGS,
+    EvalConfig,
+    FitConfig,
+    LearnDictConfig,
+    find_config,
+    load_config,
+)
 from shapefit.config.model import CommandConfig, field_keys, submodel
-from shapefit.config.settings import OPTION, Place, Settings, check
 from shapefit.dictionary import model
 from shapefit.errors import counted, input_error
 from shapefit.evaluation.summaries import Summary, group_sequences, summarise
@@ -46,7 +51,7 @@ from shapefit.io.readers.items import landmarks_of
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.io.source import source_of
 from shapefit.pipelines.evaluate.judge import Truth, judge
-from shapefit.pipelines.fit.default import Default, are_long, choose_by_dictionary, fits
+from shapefit.pipelines.fit.default import are_long, choose_by_dictionary
 from shapefit.pipelines.fit.prepare import FIRST, prepare, set_up, warn_of_dictionary
 from shapefit.pipelines.fit.report import Report
 from shapefit.pipelines.fit.run import attributes_of, lift_source
@@ -64,7 +69,11 @@ FIT = {
     "output": Path("result"),
 }
 LEARN = {"shapes": (Path("shapes"),), "output": Path("dictionary")}
-EVALUATE = {"results": {"result": "-"}, "truth": (Path("truth"),), "output": Path("report")}
+EVALUATE = {
+    "results": {"result": (Path("result"),)},
+    "truth": (Path("truth"),),
+    "output": Path("report"),
+}
 """What stands for the files of the commands in messages."""
 
 BARS = ("shape_sd", "shape_correlation", "shape_covariance", "p_value")
@@ -99,32 +108,24 @@ def fit(
     `keypoints` names, such as "coco_17". dictionary: one that was read or learned, a file, or an
     installed one, such as "people". weights (n, p) >= 0, 0 = hidden, in place of a confidence; lam
     and method as `lambda` and `method` of the command. camera: matrices (3, 3) or (n, 3, 3) for a
-    refinement under perspective, or the section `camera` of the command, where `intrinsics` may be
-    such matrices.
-    config: a YAML file or an installed config; by default that which suits the dictionary. A
-    dictionary that suits none and has a prior is fitted by it: method "posterior", or "sequences".
+    perspective camera, or the section `camera` of the command, where `focal` may be such matrices.
+    config: a YAML file, read as the command reads it, or the name of an installed one.
     options are further keys of the command, sections as mappings, such as
     `outliers={"method": "ransac"}` (docs/config.md). Images without a shape are in `failures` of
     the result; what the command warns of is a Python warning. Raises InputError.
     """
-    atoms = _dictionary(dictionary)
     section, matrices = _camera(camera)
     given = {"lambda": lam, "method": method, "camera": section, "keypoints": keypoints}
-    given = {key: value for key, value in given.items() if value is not None} | options
-    read = config_of(FitConfig, "fit", given, FIT, final=False).input
+    read: FitConfig = config_of("fit", given | options, FIT, config)
+    atoms = _dictionary(dictionary)
     images = _with_weights(_images(landmarks, read, atoms.marked(()).landmark_names), weights)
-    default = Default(None if config is None else os.fspath(config))
-    if config is None:
-        prior, long = atoms.prior is not None, lambda: are_long(images.sequences)
-        default = choose_by_dictionary(atoms.provenance, method, long, prior=prior)
-    wanted = config_of(FitConfig, "fit", given, FIT, default.config)
-    if default.method is not None and fits(default, wanted):
-        wanted = config_of(FitConfig, "fit", given | {"method": default.method}, FIT)
     if matrices is not None:
         images = images.with_columns({CAMERA_MATRIX: matrices})
+    prior, long = atoms.prior is not None, lambda: are_long(images.sequences)
+    wanted, _ = choose_by_dictionary(read, atoms.provenance, long, prior=prior)
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
-    with source_of(images, "landmarks", wanted.input.rename) as source:
+    with source_of(images, "landmarks", wanted.rename) as source:
         estimates = prepare(wanted, atoms, lambda: source.first(FIRST))
         setup = set_up(wanted.changed(**estimates.values), atoms, source.head.landmark_names)
         report = Report(setup)
@@ -155,7 +156,7 @@ def _dictionary(given: Dictionary | str | PathLike[str]) -> model.Dictionary:
     return atoms
 
 
-def _images(landmarks: Any, section: InputConfig, names: Names) -> LandmarkSet:
+def _images(landmarks: Any, section: FitConfig, names: Names) -> LandmarkSet:
     """Return landmarks as the package has them, with these names (p) where they have none.
 
     Arrays with confidences, of a skeleton, of one image or of several people are read as files of a
@@ -204,12 +205,11 @@ def _camera(
     """Return the section `camera` of the config, and matrices that it names."""
     if camera is None:
         return None, None
-    section = dict(camera) if isinstance(camera, Mapping) else {"intrinsics": camera}
-    section.setdefault("model", "perspective")
-    matrices = section.get("intrinsics")
-    if matrices is None or isinstance(matrices, str):
+    section = dict(camera) if isinstance(camera, Mapping) else {"focal": camera}
+    focal: Any = section.get("focal")
+    if np.ndim(focal) < 2:
         return plain(section), None
-    return plain(section | {"intrinsics": CAMERA_MATRIX}), np.asarray(matrices)
+    return plain(section | {"focal": "files"}), np.asarray(focal)
 
 
 def _with_weights(images: LandmarkSet, weights: ArrayLike | None) -> LandmarkSet:
@@ -238,8 +238,8 @@ def learn(
     own = {"k": k, "beta": beta}
     # Those of another method do not know these keys: their defaults count as not given.
     given = {key: value for key, value in own.items() if value != default(LearnDictConfig, key)}
-    config = config_of(LearnDictConfig, "learn", given | options, LEARN)
-    given_set = source_of(shape_set(shapes), "shapes", config.input.rename).whole()
+    config = config_of("learn-dict", given | options, LEARN)
+    given_set = source_of(shape_set(shapes), "shapes", config.rename).whole()
     making = learn_from_shapes(given_set, config, {})
     outcomes: list[Outcome] = []
     while True:
@@ -305,13 +305,13 @@ def evaluate(
     `least_visible` and `rename`. Raises InputError.
     """
     given = {"metrics": metrics, "match": match}
-    config = config_of(EvalConfig, "evaluate", given | options, EVALUATE)
+    config = config_of("eval", given | options, EVALUATE)
     if beyond := options.keys() - {"groups", "least_visible", "rename"}:
         fix = "use `groups`, `least_visible` or `rename`, or the command line"
         raise input_error(f"evaluate.{min(beyond)}", "is a key of reports only", fix)
     names = result.landmark_names if isinstance(result, Fit | Shapes) else None
     true_set = shape_set(truth, names)
-    true = source_of(true_set, "truth", config.input.rename, gaps=True).whole()
+    true = source_of(true_set, "truth", config.rename, gaps=True).whole()
     record = result_set(result, true.landmark_names)
     if not isinstance(truth, Shapes) or truth._without_items:
         if len(true) != len(record):
@@ -334,49 +334,36 @@ def evaluate(
 
 
 def config_of(
-    model: type[Config],
-    function: str,
+    command: str,
     given: Mapping[str, Any],
     files: Mapping[str, Any],
     config: str | PathLike[str] | None = None,
-    *,
-    final: bool = True,
-) -> Config:
+) -> Any:
     """Return the config that the arguments of a function make, over those of a config file.
 
     `files` (key -> value) are the keys whose place arrays take; in the config they hold these
-    values, for messages.
-    Raises InputError for what the config refuses, each problem with the name of its argument.
+    values, for messages. Raises InputError for each problem, with the name of its argument.
     """
-    closed = {*files, "data", "export"} & model.model_fields.keys()
-    for key in given.keys() & closed:
-        found = f"there is no argument `{key}`"
-        fix = f"it is for files: use the command line, or the functions of shapefit for `{key}`"
-        raise input_error(f"{function}.{key}", found, fix)
-    settings = Settings(model, function)
-    if config is not None:
-        file = find_config(function, Path(config))
-        assert file is not None
-        settings.read_file(file.path, is_preset=True)
-    _give(settings, model, function, dict.fromkeys(files, "-") | plain(given))
-    return check(model, settings, final=final).model_copy(update=dict(files))
+    function = "learn" if command == "learn-dict" else "evaluate" if command == "eval" else command
+    for key in given.keys() & {*files, "data", "export"}:
+        fix = "it is for files: use the command line, or the functions of shapefit that write"
+        raise input_error(f"{function}.{key}", f"there is no argument `{key}`", fix)
+    file = None if config is None else find_config(command, Path(config))
+    arguments = dict.fromkeys(files, os.devnull) | flat(CONFIGS[command], plain(given))
+    return load_config(command, file, (), arguments, place=function).model_copy(update=dict(files))
 
 
-def _give(
-    settings: Settings,
-    model: type[BaseModel],
-    place: str,
-    values: Mapping[str, Any],
-    above: tuple[str, ...] = (),
-) -> None:
-    """Set the values of a mapping, those of sections key by key."""
+def flat(model: type[BaseModel], values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Return the values of a mapping by keys `a.b`, those of sections one by one."""
+    found: dict[str, Any] = {}
     for key, value in values.items():
-        field, named = field_keys(model).get(key), f"{place}.{key}"
-        section = None if field is None else submodel(field)
-        if section is not None and isinstance(value, dict):
-            _give(settings, section, named, value, (*above, key))
+        field = field_keys(model).get(key)
+        inner = None if field is None else submodel(field)
+        if inner is not None and isinstance(value, dict):
+            found |= flat(inner, value, f"{above}{key}.")
         else:
-            settings.set((*above, key), value, {(): Place(named, named, OPTION)})
+            found[above + key] = value
+    return found
 
 
 def plain(value: Any) -> Any:

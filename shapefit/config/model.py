@@ -1,10 +1,11 @@
-"""What every config has in common, and what can be asked of a schema."""
+"""What every config has in common, and questions to a schema."""
 
 from __future__ import annotations
 
 import ast
 import inspect
 import json
+import os
 from collections.abc import Callable, Iterator, Mapping
 from copy import copy
 from functools import cache
@@ -12,26 +13,23 @@ from itertools import pairwise
 from pathlib import Path
 from textwrap import dedent
 from types import NoneType
-from typing import Annotated, Any, ClassVar, Literal, Optional, Self, get_args
+from typing import Annotated, Any, ClassVar, Optional, Self, TypeVar, get_args
 
 from pydantic import (
     BaseModel,
     BeforeValidator,
     ConfigDict,
     Field,
+    PlainSerializer,
     create_model,
     model_validator,
 )
 from pydantic.fields import FieldInfo
 
-from shapefit.config.paths import STANDARD_STREAM, Expected, Folder, ResultFolder
+from shapefit.config.paths import STANDARD_STREAM, UNNAMED, Description, Folder, ResultFolder
 from shapefit.errors import path_text
-from shapefit.stores import MASK, STORAGE_OPTIONS, real_path
 
-MOST_STEPS = 1_000_000
-"""Rounds or iterations that nobody waits for; some are counted in memory that is got beforehand."""
-
-MOST_THREADS = 1024
+MAX_THREADS = 1024
 
 Keys = tuple[str, ...]
 
@@ -40,35 +38,43 @@ def _tuples(value: Any) -> Any:
     return tuple(_tuples(item) for item in value) if isinstance(value, list) else value
 
 
-def _options(value: Any) -> Any:
-    if not isinstance(value, Mapping):  # which may be a secret: it is not repeated
-        raise ValueError(f"`{STORAGE_OPTIONS}` should be a mapping of options to values")
-    return value
-
-
 FromLists = BeforeValidator(_tuples)
 """Annotation metadata: lists (of lists ...) become tuples, so that a config cannot change."""
 
-Renaming = Mapping[str, str]
-"""Names of landmarks as files have them -> names that they are matched by."""
+
+class Hidden:
+    """Annotation metadata: a key of experiments, which no page lists."""
+
+
+HIDDEN = Hidden()
+
+Value = TypeVar("Value")
+
+
+class AutoField:
+    """Annotation metadata: None inside is `auto` in YAML."""
+
+
+Auto = Annotated[
+    Value | None,
+    AutoField(),
+    BeforeValidator(lambda value: None if value == "auto" else value),
+    PlainSerializer(lambda value: "auto" if value is None else value),
+]
+"""A value, or `auto`, which is None inside."""
 
 Height = Annotated[
-    float | None, Field(gt=0, le=3), Expected("a height in metres, > 0 and at most 3, such as 1.78")
+    float | None, Field(gt=0, le=3), Description("a height in metres, at most 3, such as 1.78")
 ]
 """Of a body or object; one in centimetres would make a giant."""
-
-Plots = Annotated[bool | Literal["auto"], Expected("true, false or auto")]
-"""Whether plots are drawn."""
 
 
 class ConfigModel(BaseModel):
     """A frozen mapping of known keys; nothing is converted silently ("3" is not a number).
 
-    COMMAND is whose config it is. A section's default is its `model_construct`: to validate what
-    is known to be valid would build the schema of the section once more.
+    A section's default is its `model_construct`: to validate what is known to be valid would build
+    the schema of the section once more.
     """
-
-    COMMAND: ClassVar[str] = ""
 
     model_config = ConfigDict(
         frozen=True,
@@ -88,16 +94,26 @@ def section(model: type[ConfigModel]) -> Any:
 
 
 class CommandConfig(ConfigModel):
-    """Everything that can be set for one command."""
+    """Everything that can be set for one command; COMMAND is its name."""
+
+    COMMAND: ClassVar[str] = ""
+    OUTPUT: ClassVar[str] = ""
+    """End of the name of an output that is not given, after the name of the first input."""
 
     data: Folder = None
     """Folder that replaces `{data}` at the beginning of any other path."""
 
-    storage_options: Annotated[Mapping[str, Any], BeforeValidator(_options)] = Field(
-        default_factory=dict, repr=False
-    )
-    """Options for s3:// and gs:// URLs beside what the environment says, as fsspec takes them: a
-    mapping such as {endpoint_url: ...}. Shown as *** everywhere."""
+    @model_validator(mode="after")
+    def _names_its_output(self) -> Self:
+        """Name the output after the first input where it is not given."""
+        if self.OUTPUT and getattr(self, "output", None) == UNNAMED:
+            files = [path for _, path in self.inputs() if path != STANDARD_STREAM]
+            stem = files[0].name.partition(".")[0] or "standard" if files else "standard"
+            output = Path.cwd() / f"{stem}{self.OUTPUT}"
+            if any(output == path for path in files):
+                output = output.with_name(f"{stem}_result{output.suffix}")
+            object.__setattr__(self, "output", output)
+        return self
 
     @model_validator(mode="after")
     def _keeps_its_inputs(self) -> Self:
@@ -105,14 +121,14 @@ class CommandConfig(ConfigModel):
         output = getattr(self, "output", None) or STANDARD_STREAM
         output = output.manifest if isinstance(output, ResultFolder) else output
         for _, path in self.inputs():
-            if path != STANDARD_STREAM and real_path(path) == real_path(output):
+            if path != STANDARD_STREAM and os.path.realpath(path) == os.path.realpath(output):
                 raise ValueError(f"`output` would replace an input, {path}; name another file")
         return self
 
     def inputs(self) -> Iterator[tuple[str, Path]]:
-        """Yield the files to read, those in sections aside, each with its key."""
+        """Yield the files to read, except those of sections, each with its key."""
         for key in type(self).model_fields:
-            if key not in ("output", "data", STORAGE_OPTIONS):
+            if key not in ("output", "data"):
                 for path in _paths(getattr(self, key)):
                     yield key, path
 
@@ -130,10 +146,7 @@ class CommandConfig(ConfigModel):
         return json.dumps(self.as_plain(), ensure_ascii=False, separators=(",", ":"))
 
     def as_plain(self) -> dict[str, Any]:
-        """Return the config as JSON has it, for others to see.
-
-        A path that is not UTF-8 has escapes (`path_text`), and the storage options are masked.
-        """
+        """Return the config as JSON has it; a path that is not UTF-8 has escapes (`path_text`)."""
         values: dict[str, Any] = plain(self.model_dump(), path_text)
         return values
 
@@ -143,10 +156,7 @@ def plain(value: Any, text: Callable[[Path], str]) -> Any:
     if isinstance(value, Path):
         return text(value)
     if isinstance(value, Mapping):
-        return {
-            key: dict.fromkeys(inner, MASK) if key == STORAGE_OPTIONS else plain(inner, text)
-            for key, inner in value.items()
-        }
+        return {key: plain(inner, text) for key, inner in value.items()}
     return [plain(item, text) for item in value] if isinstance(value, tuple | list) else value
 
 
@@ -176,7 +186,7 @@ def field_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
 
 
 def submodel(field: FieldInfo) -> type[BaseModel] | None:
-    """Return the model of a field that is a mapping with known keys, or None if it is not."""
+    """Return the model of a field that is a section, or None if it is not."""
     kinds = [kind for kind in get_args(field.annotation) if kind is not NoneType]
     kind = kinds[0] if kinds else field.annotation
     return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
@@ -184,7 +194,27 @@ def submodel(field: FieldInfo) -> type[BaseModel] | None:
 
 def expected(field: FieldInfo) -> str | None:
     """Return the words that were given for what the field expects, None where its type says it."""
-    return next((entry.phrase for entry in field.metadata if isinstance(entry, Expected)), None)
+    return next((entry.phrase for entry in field.metadata if isinstance(entry, Description)), None)
+
+
+def is_hidden(field: FieldInfo) -> bool:
+    """Whether a key is one of experiments."""
+    return HIDDEN in field.metadata
+
+
+def field_at(
+    model: type[BaseModel], location: tuple[str | int, ...]
+) -> tuple[type[BaseModel], tuple[str | int, ...], FieldInfo | None]:
+    """Return the field that `location` is or lies in (None if unknown), its owner and location."""
+    owner, field = model, None
+    own: tuple[str | int, ...] = ()
+    for depth, key in enumerate(map(str, location), start=1):
+        own, field = location[:depth], field_keys(owner).get(key)
+        inner = None if field is None else submodel(field)
+        if inner is None or depth == len(location):
+            break
+        owner = inner
+    return owner, own, field
 
 
 def all_fields(model: type[BaseModel], above: Keys = ()) -> Iterator[tuple[Keys, FieldInfo]]:
@@ -195,15 +225,10 @@ def all_fields(model: type[BaseModel], above: Keys = ()) -> Iterator[tuple[Keys,
             yield from all_fields(inner, (*above, key))
 
 
-def dotted_keys(model: type[BaseModel]) -> Iterator[str]:
-    """Yield all keys of a model, those of sections with the section before them: `a.b`."""
-    return (".".join(keys) for keys, _ in all_fields(model))
-
-
-def marked_keys(model: type[BaseModel], *marks: type) -> list[Keys]:
-    """Return the ways to the fields of a model that have one of these marks."""
+def marked_keys(model: type[BaseModel], mark: type) -> list[Keys]:
+    """Return the ways to the fields of a model that have a mark."""
     fields = all_fields(model)
-    return [keys for keys, field in fields if any(isinstance(m, marks) for m in field.metadata)]
+    return [keys for keys, field in fields if any(isinstance(m, mark) for m in field.metadata)]
 
 
 def meaning(model: type[BaseModel], key: str) -> str:
@@ -216,7 +241,7 @@ def meaning(model: type[BaseModel], key: str) -> str:
 
 @cache
 def _docstrings(model: type[BaseModel]) -> dict[str, str]:
-    """Return the texts below the fields of a model and of those that it builds on, by field.
+    """Return the texts below the fields of a model and of its bases, by field.
 
     pydantic's `use_attribute_docstrings` finds the same, at every start: 30 ms for `fit`.
     """
@@ -229,7 +254,7 @@ def _docstrings(model: type[BaseModel]) -> dict[str, str]:
                 match field, text:
                     case (
                         ast.AnnAssign(target=ast.Name(id=name)),
-                        ast.Expr(value=ast.Constant(value=str(said))),
+                        ast.Expr(value=ast.Constant(value=str(about))),
                     ):
-                        texts[name] = said
+                        texts[name] = about
     return texts

@@ -1,4 +1,4 @@
-"""Paths in configs: relative to the file that says them, globs, `{data}` and `-`."""
+"""Paths in configs: relative to the file that names them, globs, `{data}` and `-`."""
 
 from __future__ import annotations
 
@@ -15,9 +15,12 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, InstanceOf, PlainSerializer, PlainValidator
 
 from shapefit.errors import path_text
-from shapefit.stores import UrlPath, find_state, is_url, location, matching
 
 STANDARD_STREAM = Path("-")
+
+UNNAMED = Path()
+"""An output that is named after the first input."""
+
 DATA = "{data}"
 
 MANIFEST = "manifest.jsonl"
@@ -28,6 +31,9 @@ MOST_MANIFEST = 1 << 30
 
 DONE, FAILED = "done", "failed"
 """Status of a part in the manifest."""
+
+DICTIONARIES = Path(__file__).resolve().parents[1] / "data"
+"""The installed dictionaries."""
 
 
 @dataclass(frozen=True)
@@ -43,34 +49,20 @@ class ResultFolder:
 
 
 @dataclass(frozen=True)
-class Expected:
+class Description:
     """Annotation metadata: the words for a field whose type alone does not say them well."""
 
     phrase: str
 
 
-class PathWords(Expected):
+class PathField(Description):
     """Annotation metadata: the field holds paths."""
 
 
-class OfTheData:
-    """Annotation metadata: the field fits certain data only, and a preset leaves it out."""
-
-
-OF_THE_DATA = OfTheData()
-
-
-class Anchored(str):
+class RelativePath(str):
     """A path taken relative to the folder of a config; `given` is what stands there."""
 
     given: str
-
-    @classmethod
-    def of(cls, given: str, folder: Path) -> Anchored:
-        """Return the path `given` in the folder."""
-        path = cls(folder / os.path.expanduser(given))
-        path.given = given
-        return path
 
 
 def change_texts(value: Any, change: Callable[[str], str]) -> Any:
@@ -82,23 +74,22 @@ def change_texts(value: Any, change: Callable[[str], str]) -> Any:
     return change(value) if isinstance(value, str) else value
 
 
-def anchored(path: str, folder: Path) -> str:
-    """Return a path relative to `folder`; `-`, "", URLs and what begins with `{data}` stay."""
-    stays = path in ("", "-") or path.startswith(DATA) or is_url(path)
-    return path if stays else Anchored.of(path, folder)
-
-
-def with_data(path: str, data: Any) -> str:
-    """Return a path with `{data}` at its beginning replaced by `data`, where this is a text."""
-    if not isinstance(data, str) or not path.startswith(DATA):
+def in_folder(path: str, folder: Path) -> str:
+    """Return a path relative to `folder`; `-`, "" and what begins with `{data}` stay."""
+    if path in ("", "-") or path.startswith(DATA):
         return path
-    return data + path.removeprefix(DATA)
+    found = RelativePath(folder / os.path.expanduser(path))
+    found.given = path
+    return found
+
+
+def with_data(path: str, data: str) -> str:
+    """Return a path with `{data}` at its beginning replaced by `data`."""
+    return data + path.removeprefix(DATA) if path.startswith(DATA) else path
 
 
 def absolute_path(value: Any) -> Path:
-    """Return the absolute path of a text or path; `-` and URLs stay. Raises ValueError."""
-    if isinstance(value, UrlPath):
-        return value
+    """Return the absolute path of a text or path; `-` stays. Raises ValueError."""
     if not isinstance(value, str | Path):
         raise ValueError(f"expected a path, found {value!r}")
     text = str(value)
@@ -106,30 +97,22 @@ def absolute_path(value: Any) -> Path:
         raise ValueError("expected a path, found an empty string")
     if "\0" in text:
         raise ValueError("expected a path, found one with a zero byte")
+    if text.startswith(DATA):
+        fix = "set it in the config or with --set data=FOLDER"
+        raise ValueError(f"{text!r} begins with {DATA}, but `data` is not set; {fix}")
     if DATA in text:
-        if text.startswith(DATA):
-            raise ValueError(
-                f"{text!r} begins with {DATA}, but `data` is not set; "
-                "set it in the config or with --set data=FOLDER"
-            )
         raise ValueError(f"{text!r} has {DATA} inside; it is allowed at the beginning only")
-    path = location(text)
-    return (
-        path
-        if path == STANDARD_STREAM or isinstance(path, UrlPath)
-        else Path(os.path.abspath(os.path.expanduser(path)))
-    )
+    path = Path(text)
+    return path if path == STANDARD_STREAM else Path(os.path.abspath(os.path.expanduser(path)))
 
 
 def expand_path(value: Any) -> tuple[Path, ...]:
     """Return the files that a path or glob names, sorted, at least one. Raises ValueError.
 
-    Pipes that have a name are files too (`<(...)` in a shell makes them), and so are folders, whose
+    A pipe with a name is a file too (`<(...)` in a shell makes one), and so is a folder, whose
     files may be one recording; but not for a glob.
     """
     path = absolute_path(value)
-    if isinstance(path, UrlPath):
-        return _expand_url(path)
     if os.path.isdir(path):
         return result_parts(path) or (path,)
     if path == STANDARD_STREAM or os.path.exists(path):
@@ -138,26 +121,20 @@ def expand_path(value: Any) -> tuple[Path, ...]:
         return (path,)
     if not glob.has_magic(str(path)):
         raise ValueError(f"no file {path}; check the spelling")
-    matches = sorted(Path(match) for match in glob.glob(str(path), recursive=True))
-    files = tuple(match for match in matches if os.path.isfile(match))
+    files = tuple(file for file in _matches(path) if os.path.isfile(file))
     if not files:
         raise ValueError(f"no file matches {path}; check the pattern")
     return files
 
 
-def _expand_url(path: UrlPath) -> tuple[Path, ...]:
-    """Return the objects that a URL or glob names, or the results below it. Raises ValueError."""
-    if glob.has_magic(path.url):
-        matches = matching(path)
-        if not matches:
-            raise ValueError(f"no object matches {path}; check the pattern")
-        return matches
-    if find_state(path) is not None:
-        return (path,)
-    parts = result_parts(path)
-    if not parts:
-        raise ValueError(f"no object {path}; check the spelling, or name several as {path}/*")
-    return parts
+def _matches(path: Path) -> list[Path]:
+    """Return what a glob matches, sorted; a folder whose name has brackets is taken literally."""
+    parts = path.parts
+    fixed = Path(*parts[:1])
+    while (at := len(fixed.parts)) < len(parts) - 1 and (fixed / parts[at]).is_dir():
+        fixed /= parts[at]
+    pattern = os.path.join(*parts[len(fixed.parts) :])
+    return sorted(fixed / match for match in glob.glob(pattern, root_dir=fixed, recursive=True))
 
 
 def result_parts(folder: Path) -> tuple[Path, ...]:
@@ -224,6 +201,37 @@ def expand_one(value: Any) -> Path:
     return files[0]
 
 
+def find_dictionaries() -> dict[str, Path]:
+    """Return the installed dictionaries by their names, sorted."""
+    return {file.stem: file for file in sorted(DICTIONARIES.glob("*.h5"))}
+
+
+def find_dictionary(value: Any) -> Path:
+    """Return the file of a dictionary: the one at a path, or the installed one of that name.
+
+    A file wins over an installed dictionary, a folder does not. Raises ValueError where there is
+    neither.
+    """
+    path = absolute_path(value)
+    name = value.given if isinstance(value, RelativePath) else str(value)
+    if not name.isidentifier() or (path.exists() and not path.is_dir()):
+        return expand_one(value)
+    known = find_dictionaries()
+    if name not in known:
+        there = ", ".join(known)
+        raise ValueError(
+            f"no file {path}, and no installed dictionary {name!r}; installed: {there}"
+        )
+    return known[name]
+
+
+def expand_named(value: Any) -> tuple[Path, ...]:
+    """Return the files that a path or glob names, or the installed dictionary of that name."""
+    if str(value) in find_dictionaries() and not absolute_path(value).exists():
+        return (find_dictionary(value),)
+    return expand_path(value)
+
+
 def as_tuple(value: Any) -> tuple[Any, ...]:
     """Return a path or a list of paths as a tuple."""
     return tuple(value) if isinstance(value, list | tuple) else (value,)
@@ -241,25 +249,16 @@ def flat(expanded: Iterable[tuple[Path, ...]]) -> tuple[Path, ...]:
     return tuple(dict.fromkeys(path for files in expanded for path in files))
 
 
-def unless_none(read: Callable[[Any], Path]) -> BeforeValidator:
+def unless_none(read: Callable[[Any], Any]) -> BeforeValidator:
     """Return what reads a value that may be None."""
     return BeforeValidator(lambda value: None if value is None else read(value))
-
-
-Folder = Annotated[Path | None, PathWords("a folder"), unless_none(absolute_path)]
-
-OptionalPath = Annotated[Path | None, PathWords("a path"), unless_none(absolute_path)]
-
-OptionalInputPath = Annotated[Path | None, PathWords("a path"), unless_none(expand_one)]
-
-OutputPath = Annotated[Path, PathWords("a path"), BeforeValidator(absolute_path)]
 
 
 def _output_or_folder(value: Any) -> Path | ResultFolder:
     """Return the path of an output, or the folder where it ends in /."""
     if isinstance(value, ResultFolder):
         return value
-    given = value.given if isinstance(value, Anchored) else value
+    given = value.given if isinstance(value, RelativePath) else value
     path = absolute_path(value)
     return ResultFolder(path) if isinstance(given, str) and given.endswith("/") else path
 
@@ -268,93 +267,17 @@ def _as_given(value: Path | ResultFolder) -> Path | str:
     return f"{path_text(value.path)}/" if isinstance(value, ResultFolder) else value
 
 
-OutputOrFolder = Annotated[
-    Path | InstanceOf[ResultFolder],
-    PathWords("a path"),
-    BeforeValidator(_output_or_folder),
-    PlainSerializer(_as_given),
-]
-"""A file to write, or a folder: `FOLDER/`."""
-
-# Each item becomes the tuple of the files that it names (so that a wrong item is reported at its
-# own place), and the tuples are joined last.
-OptionalInputPaths = Annotated[
-    tuple[Annotated[Path, PlainValidator(expand_path)], ...],
-    PathWords("a path or glob, or a list of them"),
-    BeforeValidator(as_tuple),
-    AfterValidator(flat),
-]
-
-InputPaths = Annotated[OptionalInputPaths, BeforeValidator(at_least_one)]
-
-
-# Installed dictionaries, and files under names of their own.
-
-DICTIONARIES = Path(__file__).resolve().parents[1] / "data"
-
-
-def find_dictionaries() -> dict[str, Path]:
-    """Return the installed dictionaries by their names, sorted."""
-    return {file.stem: file for file in sorted(DICTIONARIES.glob("*.h5"))}
-
-
-def find_dictionary(value: Any) -> Path:
-    """Return the file of a dictionary: the one at a path, or the installed one of that name.
-
-    A file wins over an installed dictionary, a folder does not. Raises ValueError where there is
-    neither.
-    """
-    path = absolute_path(value)
-    name = value.given if isinstance(value, Anchored) else str(value)
-    is_name = name.isidentifier() and path != STANDARD_STREAM
-    if not is_name or (path.exists() and not path.is_dir()):
-        file = expand_one(value)
-        if file.exists() and not file.is_file():
-            raise ValueError(f"{file} is not a regular file; name a dictionary")
-        return file
-    known = find_dictionaries()
-    if name not in known:
-        there = ", ".join(known)
-        raise ValueError(
-            f"no file {path}, and no installed dictionary {name!r}; installed: {there}"
-        )
-    return known[name]
-
-
-def expand_named(value: Any) -> tuple[Path, ...]:
-    """Return the files that a path or glob names, or the installed dictionary of that name."""
-    if str(value) in find_dictionaries() and not absolute_path(value).exists():
-        return (find_dictionary(value),)
-    return expand_path(value)
-
-
-_DICTIONARY = PathWords("a path, or the name of an installed dictionary")
-
-DictionaryPath = Annotated[Path, _DICTIONARY, BeforeValidator(find_dictionary)]
-
-OptionalDictionaryPath = Annotated[Path | None, _DICTIONARY, unless_none(find_dictionary)]
-
-NamedInputPaths = Annotated[
-    tuple[Annotated[Path, PlainValidator(expand_named)], ...],
-    PathWords("a path, a glob or the name of an installed dictionary, or a list of them"),
-    BeforeValidator(as_tuple),
-    BeforeValidator(at_least_one),
-    AfterValidator(flat),
-]
-
-
-_EXPECTED = "a path or glob, a list of them, or a mapping name -> path(s)"
+_NAMED = "a path or glob, a list of them, or a mapping name -> path(s)"
 
 
 def _named(value: Any) -> Any:
     """Give each file of a list its stem as name; a mapping has its names already."""
-    if isinstance(value, Mapping):
-        if not value:
-            raise ValueError(f"expected {_EXPECTED}, found an empty mapping")
-        return dict(value)
-    patterns = value if isinstance(value, list | tuple) else [value]
+    patterns = value if isinstance(value, list | tuple | Mapping) else [value]
     if not patterns:
-        raise ValueError(f"expected {_EXPECTED}, found an empty list")
+        kind = "mapping" if isinstance(value, Mapping) else "list"
+        raise ValueError(f"expected {_NAMED}, found an empty {kind}")
+    if isinstance(patterns, Mapping):
+        return dict(patterns)
     named: dict[str, Path] = {}
     for path in dict.fromkeys(file for pattern in patterns for file in _results(pattern)):
         name = path_text(path.stem)
@@ -369,11 +292,50 @@ def _named(value: Any) -> Any:
 
 def _results(pattern: Any) -> tuple[Path, ...]:
     """Return the files that a pattern names; a folder of results stays one of them."""
-    files = expand_path(pattern)
-    folder = absolute_path(pattern)
-    whole = files != (folder,) and (folder.is_dir() or files == result_parts(folder))
-    return (folder,) if whole else files
+    files, folder = expand_path(pattern), absolute_path(pattern)
+    return (folder,) if folder.is_dir() else files
 
 
-NamedFiles = Annotated[Mapping[str, InputPaths], PathWords(_EXPECTED), BeforeValidator(_named)]
+# The kinds of fields. Each item of a list becomes the tuple of the files that it names (so that a
+# wrong item is reported at its own place), and the tuples are joined last.
+
+_A_DICTIONARY = PathField("a path, or the name of an installed dictionary")
+
+Folder = Annotated[Path | None, PathField("a folder"), unless_none(absolute_path)]
+
+OutputPath = Annotated[Path, PathField("a path"), BeforeValidator(absolute_path)]
+
+OptionalPath = Annotated[Path | None, PathField("a path"), unless_none(absolute_path)]
+
+OptionalInputPath = Annotated[Path | None, PathField("a path"), unless_none(expand_one)]
+
+OutputOrFolder = Annotated[
+    Path | InstanceOf[ResultFolder],
+    PathField("a path"),
+    BeforeValidator(_output_or_folder),
+    PlainSerializer(_as_given),
+]
+"""A file to write, or a folder: `FOLDER/`."""
+
+OptionalInputPaths = Annotated[
+    tuple[Annotated[Path, PlainValidator(expand_path)], ...],
+    PathField("a path or glob, or a list of them"),
+    BeforeValidator(as_tuple),
+    AfterValidator(flat),
+]
+
+InputPaths = Annotated[OptionalInputPaths, BeforeValidator(at_least_one)]
+
+DictionaryPath = Annotated[Path, _A_DICTIONARY, BeforeValidator(find_dictionary)]
+
+OptionalDictionaryPath = Annotated[Path | None, _A_DICTIONARY, unless_none(find_dictionary)]
+
+NamedInputPaths = Annotated[
+    tuple[Annotated[Path, PlainValidator(expand_named)], ...],
+    PathField("a path, a glob or the name of an installed dictionary, or a list of them"),
+    BeforeValidator(as_tuple),
+    AfterValidator(flat),
+]
+
+NamedFiles = Annotated[Mapping[str, InputPaths], PathField(_NAMED), BeforeValidator(_named)]
 """Names -> files; in a list, a file is called by its name without folder and ending."""

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 from textwrap import wrap
 from types import NoneType, UnionType
-from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from shapefit.config.loader import CONFIGS
-from shapefit.config.model import expected, field_keys, meaning, submodel
-from shapefit.config.paths import OfTheData
+from shapefit.config.model import AutoField, expected, field_keys, is_hidden, meaning, submodel
 from shapefit.errors import input_error
-from shapefit.stores import STORAGE_OPTIONS
 
 _INTRODUCTION = """\
 # Config keys
@@ -28,15 +27,10 @@ Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no
 - `-` is standard input or output, as CSV.
 - A path may begin with `{data}`: it is replaced by the folder that the key `data` names. Every
   command has this key.
-- A path may be a URL of an object store, `s3://BUCKET/NAME` or `gs://BUCKET/NAME` \
-([scale.md](scale.md#object-stores)).
-  Credentials come from the environment; `storage_options`, a key of every command, maps further
-  options of fsspec to their values, which are shown as `***` wherever a config is printed or
-  stored.
 - `-c NAME` stands for the command's own file of an installed folder: `-c cars` of `fit` is
   `configs/cars/fit.yaml`, and `-c sequences` is `configs/people/sequences.yaml`. An existing file
-  of that name is preferred. The settings of an installed file are used; what applies only to its
-  own data is ignored: paths, and the keys marked with \\*.
+  of that name is preferred. Of an installed file what applies only to its own data is ignored:
+  paths, `leave_one_out`, `camera`, `match`, `groups` and `truth_frame`.
 - `-d NAME`, or `dictionary: NAME` in a file, stands for an installed dictionary, such as `people`.
   An existing file of that name is preferred.
 - `--print-config` prints the resolved config, with every default; `shapefit config COMMAND` prints
@@ -55,9 +49,9 @@ def keys_text(command: str, section: str = "", width: int = 80) -> str:
 
     Raises InputError where the command has no such section.
     """
-    keys = [key for key in _keys(CONFIGS[command]) if is_in(section, key.name)]
+    keys = [key for key in rows(CONFIGS[command]) if is_in(section, key.name)]
     if not keys:
-        sections = dict.fromkeys(key.name.split(".")[0] for key in _keys(CONFIGS[command]))
+        sections = dict.fromkeys(key.name.split(".")[0] for key in rows(CONFIGS[command]))
         found = f"there is no key or section '{section}'"
         raise input_error(f"config {command}", found, f"name one of: {', '.join(sections)}")
     lines = []
@@ -74,37 +68,34 @@ def is_in(section: str, key: str) -> bool:
 
 
 def _section(command: str, model: type[BaseModel]) -> str:
-    rows = "\n".join(
-        f"| `{key.name}`{key.mark} | {key.expects} | {key.default} | {key.meaning} |"
-        for key in _keys(model)
+    table = "\n".join(
+        f"| `{key.name}` | {key.expects} | {key.default} | {key.meaning} |" for key in rows(model)
     )
     return (
         f"## `{command}`\n\n{model.__doc__}\n\n"
-        f"| key | expects | default | meaning |\n|---|---|---|---|\n{rows}\n"
+        f"| key | expects | default | meaning |\n|---|---|---|---|\n{table}\n"
     )
 
 
 class Key(NamedTuple):
-    """What there is to know of a key; the mark is that of keys that fit certain data only."""
+    """A row of the page."""
 
     name: str
     expects: str
     default: str
     meaning: str
-    mark: str
 
 
-def _keys(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
+def rows(model: type[BaseModel], prefix: str = "") -> Iterator[Key]:
+    """Yield a row for each key of a model, those of sections as `a.b`."""
     for key, field in field_keys(model).items():
-        if key in ("data", STORAGE_OPTIONS):
+        if key == "data" or is_hidden(field):
             continue
         inner = submodel(field)
         if inner is None or expected(field):
-            mark = r" \*" if any(isinstance(entry, OfTheData) for entry in field.metadata) else ""
-            about = meaning(model, key)
-            yield Key(prefix + key, _expects(field), _default(field), about, mark)
+            yield Key(prefix + key, _expects(field), _default(field), meaning(model, key))
         else:
-            yield from _keys(inner, f"{prefix}{key}.")
+            yield from rows(inner, f"{prefix}{key}.")
 
 
 _WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "a string"}
@@ -114,17 +105,29 @@ _BOUNDS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
 
 def _expects(field: FieldInfo) -> str:
     """Return what a field expects, such as `a whole number >= 1`."""
+    words = expected(field) or _with_bounds(field.annotation, field.metadata)
+    return f"{words} or auto" if _is_auto(field) else words
+
+
+def _is_auto(field: FieldInfo) -> bool:
+    return any(isinstance(entry, AutoField) for entry in field.metadata)
+
+
+def _with_bounds(annotation: Any, metadata: Iterable[Any]) -> str:
+    entries = [entry for each in metadata for entry in getattr(each, "metadata", (each,))]
     bounds = [
         f"{sign} {getattr(entry, name)}"
-        for entry in field.metadata
+        for entry in entries
         for name, sign in _BOUNDS.items()
         if hasattr(entry, name)
     ]
-    return expected(field) or f"{_kind(field.annotation)} {' and '.join(bounds)}".rstrip()
+    return f"{_kind(annotation)} {' and '.join(bounds)}".rstrip()
 
 
 def _kind(annotation: Any) -> str:
     origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Annotated:
+        return _with_bounds(arguments[0], arguments[1:])
     if origin in (Union, UnionType):
         return " or ".join(_kind(kind) for kind in arguments if kind is not NoneType)
     if origin is Literal:
@@ -141,4 +144,8 @@ def _default(field: FieldInfo) -> str:
     if field.is_required():
         return "required"
     default = field.get_default(call_default_factory=True)
-    return "none" if default is None else f"`{json.dumps(default)}`"
+    if isinstance(default, Path):
+        return f"`{default.stem}`" if default.stem else "by the input"
+    if default is None:
+        return "`auto`" if _is_auto(field) else "none"
+    return f"`{json.dumps(default)}`"

@@ -1,17 +1,13 @@
-"""How files are read, what the section `input` of every command says, and how they are written."""
+"""How files are read, by the keys of a command, and how they are written."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
-
-from shapefit.errors import input_error
-from shapefit.io.skeletons import installed_skeletons
+from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
-    from shapefit.config.commands.input import FilesInput
     from shapefit.geometry.cameras import Up
 
 
@@ -30,7 +26,7 @@ class InputOptions:
     track             nearest joins detections without identity over frames; none leaves each
                       an item of its own; motion joins them, and refuses images that follow no
                       order (the default where sequences are asked for)
-    likelihood_below  landmarks whose confidence is below this are hidden
+    min_confidence    landmarks whose confidence is below this are hidden
     rename            landmarks, as files have them -> the names that they are given out under
     image_size        width and height of the images in pixels, by which fractions are multiplied
     y_axis            where y points in landmarks, against what a format of others has by
@@ -42,7 +38,7 @@ class InputOptions:
     keypoints: str | None = None
     individual: str | None = None
     track: Track = "none"
-    likelihood_below: float = 0.0
+    min_confidence: float = 0.0
     rename: Mapping[str, str] = field(default_factory=dict)
     image_size: tuple[float, float] | None = None
     y_axis: Direction | None = None
@@ -66,12 +62,14 @@ class OutputOptions:
     height: float | None = None
     unit: str | None = None
     up: Up | None = None
-    markers: Markers | None = None
+    markers: Markers = "joints"
 
     @property
     def given(self) -> tuple[str, ...]:
         """Return the names of the keys of a config that are set."""
-        return tuple(name for name, value in vars(self).items() if value is not None)
+        return tuple(
+            name for name, value in vars(self).items() if value != getattr(type(self), name)
+        )
 
 
 AS_KNOWN = OutputOptions()
@@ -86,59 +84,15 @@ class Summary:
     written: tuple[Path, ...] = ()
 
 
-def input_options(config: FilesInput, track: Track = "none") -> InputOptions:
-    """Return what the section says; `track` where it leaves that open."""
-    said = dict(config)
-    return InputOptions(**{**said, "track": said.get("track") or track})
+OF_COMMANDS = ("format", "individual", "rename", "keypoints", "y_axis", "image_size")
+"""The keys by which commands read files."""
 
 
-class Opened(NamedTuple):
-    """The head of a file that was opened, and its kind; `foreign` where it is of another tool."""
+def input_options(config: Any, track: Track = "none") -> InputOptions:
+    """Return how a command reads its files, by the keys of its config.
 
-    foreign: bool
-    kind: str
-    head: Any
-
-
-def _names_landmarks(file: Opened, options: InputOptions) -> bool:
-    names = file.head.landmark_names
-    skeleton = installed_skeletons().get(options.keypoints or "")
-    by_number = all(name.isdigit() for name in names)
-    return file.foreign and (
-        not names or (by_number if skeleton is None else names == skeleton.landmark_names)
-    )
-
-
-EFFECTS: dict[str, tuple[Callable[[Opened, InputOptions], bool], str]] = {
-    "keypoints": (_names_landmarks, "only for landmarks without names, and these have names"),
-    "individual": (
-        lambda file, _: file.foreign,
-        "only for files of other tools, and with `convert`",
-    ),
-    "track": (
-        lambda file, options: file.foreign or options.track != "nearest",
-        "only for files of detectors; these name the sequence of each item",
-    ),
-    "likelihood_below": (
-        lambda file, _: file.head.columns.get("confidence") is not None,
-        "only where landmarks have a confidence, and these have none",
-    ),
-    "image_size": (lambda file, _: file.kind == "landmarks", "only for 2D landmarks"),
-    "y_axis": (lambda file, _: file.kind == "landmarks", "only for 2D landmarks"),
-}
-"""Key -> whether it counts for a file, and where it does in words."""
-
-
-def check_effects(
-    files: Sequence[tuple[str, Opened]], options: InputOptions, obeyed: Collection[str] = ()
-) -> None:
-    """Raise InputError for a key that is given and counts for none of these files (with names).
-
-    Those that are `obeyed` by the caller count.
+    `track` says how detections without identity are joined.
     """
-    for key, (counts, condition) in EFFECTS.items():
-        value: Any = getattr(options, key)
-        given = value != getattr(AS_THEY_ARE, key) and (key, value) != ("track", "motion")
-        if given and key not in obeyed and not any(counts(file, options) for _, file in files):
-            found = f"`{key}` has no effect here, {condition}"
-            raise input_error(files[0][0], found, "leave it out")
+    given = {key: getattr(config, key) for key in OF_COMMANDS if hasattr(config, key)}
+    least = getattr(config, "min_confidence", None) or 0.0
+    return InputOptions(**given, track=track, min_confidence=least)

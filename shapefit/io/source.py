@@ -28,7 +28,7 @@ from shapefit.io.inputs import source_name
 from shapefit.io.joined import common_head, conform
 from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, Layout
 from shapefit.io.names import check_items, check_known
-from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions, Opened, check_effects
+from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
 from shapefit.io.readers.items import are_fractions, keep_landmarks, size_needed
 from shapefit.io.records import KINDS, LandmarkSet, Record, ResultSet, ShapeSet, concatenate
 
@@ -60,8 +60,8 @@ def open_landmarks(
     options: InputOptions = AS_THEY_ARE,
     rows: slice | Stretch | None = None,
     *,
+    selects: bool = False,
     check: bool = True,
-    obeyed: Collection[str] = (),
 ) -> LandmarkSource:
     """Open files of landmarks in any format (`-` is standard input) as one source.
 
@@ -70,10 +70,10 @@ def open_landmarks(
     units, directions of y, frame rates, or further datasets), and for names of landmarks to rename
     that no file has. HDF5 is read a batch at a time, all else whole. `rows` are those of the one
     HDF5 or CSV file that are given out: nothing else of it is read. Without `check` nothing but
-    heads is read of HDF5, and values and names are believed. Raises InputError for options without
-    effect, but for those that are `obeyed` elsewhere.
+    heads is read of HDF5, and values and names are believed. The caller `selects` the individual
+    in files of ours, or it is refused there.
     """
-    files = _open_all(LANDMARKS, paths, options, obeyed, rows=rows, check=check)
+    files = _open_all(LANDMARKS, paths, options, selects, rows=rows, check=check)
     return Source(files, options.y_axis, check=check)
 
 
@@ -82,8 +82,8 @@ def open_shapes(
     options: InputOptions = AS_THEY_ARE,
     *,
     gaps: bool = False,
+    selects: bool = False,
     check: bool = True,
-    obeyed: Collection[str] = (),
 ) -> ShapeSource:
     """Open files of shapes in any format (`-` is standard input) as one source.
 
@@ -94,10 +94,10 @@ def open_shapes(
     landmarks, units, meshes or further datasets). HDF5 is read a batch at a time, all else whole.
 
     With `gaps` a landmark of an item may be unknown: it is NaN, in all coordinates where it is in
-    one, and may lack its row in CSV. Without, that is wrong. `check` and `obeyed` as in
+    one, and may lack its row in CSV. Without, that is wrong. `check` and `selects` as in
     `open_landmarks`.
     """
-    files = _open_all(SHAPES, paths, options, obeyed, gaps=gaps, check=check)
+    files = _open_all(SHAPES, paths, options, selects, gaps=gaps, check=check)
     return Source(files, check=check)
 
 
@@ -366,25 +366,23 @@ def _open_all(
     form: Layout,
     paths: Sequence[Path],
     options: InputOptions,
-    obeyed: Collection[str],
+    selects: bool,
     **how: Any,
 ) -> list[SourceFile[Any]]:
     """Open files of landmarks or shapes, their landmarks renamed, and of these those kept.
 
-    Raises InputError for options that change nothing in any of the files.
+    Raises InputError for an individual of files that are ours, unless the caller `selects` it.
     """
     groups = group_inputs(paths, options)
+    if options.individual is not None and not selects and not any(f.recorder for f, _ in groups):
+        fix = "write that individual to a file by `shapefit convert`, and use this"
+        raise input_error(paths[0], "`individual` is for files of other tools", fix)
     held = MOST_HELD // len(groups) if form is LANDMARKS else 0
     files = [_open(form, *own, options, most_held=held, **how) for own in groups]
     if form is LANDMARKS:
         files[0] = replace(files[0], notes=files[0].notes + mixture(groups))
     if options == AS_THEY_ARE:
         return files
-    opened = [
-        (file.name, Opened(known.recorder is not None, form.kind, file.head))
-        for (known, _), file in zip(groups, files, strict=True)
-    ]
-    check_effects(opened, options, obeyed)
     rename, kept = options.rename, options.landmarks
     check_known(rename, [(file.name, file.head.landmark_names) for file in files])
 
@@ -424,7 +422,7 @@ def _open(
         check_holds(path, form.kind, known)
         if known is HDF5:
             file = _open_hdf5(path, form, gaps, most_held, **how)
-            return _hiding(file, options.likelihood_below)
+            return _hiding(file, options.min_confidence)
         if known.together:
             records, notes = load(known.reader)(paths, gaps=gaps)
         else:
@@ -440,7 +438,7 @@ def _open(
             notes += tuple(f"{name}: {text}" for text in found)
     stated = records.y_axis if known.states_y_axis else None
     file = SourceFile.held(name, records, notes=notes, y_axis=stated)
-    return _hiding(file, options.likelihood_below)
+    return _hiding(file, options.min_confidence)
 
 
 def _open_hdf5(

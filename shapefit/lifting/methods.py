@@ -38,7 +38,7 @@ DEFAULT_VIEWS = 6
 
 @dataclass(frozen=True, kw_only=True)
 class AlternationOptions:
-    """The section `alternation`: how the methods that share one rotation search.
+    """How the methods that share one rotation search.
 
     signed        coefficients of either sign
     views         where the pose of the mean shape is sought, by alternate and mean-shape, and by
@@ -62,12 +62,10 @@ class AlternationOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class PosteriorOptions:
-    """The section `posterior`: the model of the landmarks, and what is reported.
+    """The model of the landmarks, and what is reported.
 
     misfit         variance that the model cannot place, of a coordinate in the unit of normalised
                    shapes, at confidence 1
-    least_score    landmarks of a confidence below this are hidden, the others count alike; None: a
-                   confidence divides the standard deviation
     gross_chance   chance that a landmark is gross; 0 believes all
     gross_density  density of gross landmarks per area, for normalised landmarks
     widening       factor of all covariances, for bodies and motions that the prior lacks
@@ -76,7 +74,6 @@ class PosteriorOptions:
     """
 
     residual_variance: float = 0.01
-    least_score: float | None = 0.1
     outlier_rate: float = 0.02
     gross_density: float = 0.05
     widening: float = 1.0
@@ -86,7 +83,7 @@ class PosteriorOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions:
-    """The section `search`: how the method global searches.
+    """How the method global searches.
 
     max_cells     the search of an image gives up after so many cells
     max_seconds   or so many seconds
@@ -140,25 +137,13 @@ def lacks_limbs(dictionary: Dictionary) -> str:
     return "" if (limbs**2).sum() > 0 else "every edge of `mean_shape` has length 0"
 
 
-class Section(NamedTuple):
-    """The section of the config of `fit` that holds the options of a method, and their type."""
-
-    name: str
-    options: type
-
-
-ALTERNATION = Section("alternation", AlternationOptions)
-SEARCH = Section("search", SearchOptions)
-POSTERIOR = Section("posterior", PosteriorOptions)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Method:
     """A way to lift, and all that the rest of the package knows about it.
 
     run            "module:function", takes a Problem and Settings to an Estimate
     summary        what it does: a clause of the help
-    section        its options, if it has any
+    options        the type of its options, if it has any
     losses         data terms that it knows
     learned        how the dictionary must be learned, by `method` of learn-dict; empty for any
     needs          fields of the dictionary without which it cannot run
@@ -176,13 +161,13 @@ class Method:
                    looks through the camera itself; "none"
     sequences      lifts whole sequences: its images are followed by the stage of sequences
     precisions     weighs landmarks by their precision: `landmark_covariance` counts; without one a
-                   confidence says whether a landmark was seen, see `least_score`
-    tolerance      the default of `solver.tolerance`
+                   confidence says whether a landmark was seen, see `min_confidence`
+    tolerance      the default of `tolerance`
     """
 
     run: str
     summary: str
-    section: Section | None = None
+    options: type | None = None
     losses: tuple[str, ...] = ("squared",)
     learned: tuple[str, ...] = ATOMS
     needs: tuple[Need, ...] = ()
@@ -211,6 +196,12 @@ class Method:
 OF_ATOMS = frozenset({"coefficients", "active_atoms", "transforms"})
 ROBUST = ("l1", "sparse-error")
 
+AUTO = "auto"
+"""Not a method: that which suits dictionary and images."""
+
+MIN_CONFIDENCE = 0.1
+"""Landmarks of a lower confidence are hidden, by methods that take others as equally precise."""
+
 PRIOR = Need(
     "prior",
     "the prior over shapes that posterior weighs the landmarks against",
@@ -229,7 +220,7 @@ METHODS: dict[str, Method] = {
     "convex+refine": Method(
         run="shapefit.lifting.shared_rotation.methods:refine_convex",
         summary="its solution refined to one shared rotation",
-        section=ALTERNATION,
+        options=AlternationOptions,
         losses=("squared", *ROBUST),
         yields=OF_ATOMS | {"relative_gap", "outliers", "convex_proof"},
         proves="bound",
@@ -237,7 +228,7 @@ METHODS: dict[str, Method] = {
     "global": Method(
         run="shapefit.lifting.global_optimum.method:find_global",
         summary="the certified optimum over all rotations shared by the atoms",
-        section=SEARCH,
+        options=SearchOptions,
         yields=OF_ATOMS | {"relative_gap"},
         proves="global",
         tolerance=1e-2,
@@ -245,7 +236,7 @@ METHODS: dict[str, Method] = {
     "alternate": Method(
         run="shapefit.lifting.shared_rotation.methods:alternate_from_mean",
         summary="alternating minimisation from the mean shape",
-        section=ALTERNATION,
+        options=AlternationOptions,
         yields=OF_ATOMS,
     ),
     "pmp": Method(
@@ -267,7 +258,7 @@ METHODS: dict[str, Method] = {
     "mean-shape": Method(
         run="shapefit.lifting.shared_rotation.methods:pose_mean_shape",
         summary="the pose of the mean shape alone",
-        section=ALTERNATION,
+        options=AlternationOptions,
         learned=(),
         yields=frozenset(),
         mixes_atoms=False,
@@ -275,7 +266,7 @@ METHODS: dict[str, Method] = {
     "posterior": Method(
         run="shapefit.lifting.posterior.method:lift_to_posterior",
         summary="the posterior mean under the prior over shapes, with its uncertainty",
-        section=POSTERIOR,
+        options=PosteriorOptions,
         needs=(PRIOR,),
         yields=frozenset({"convex_proof", "deviation"}),
         further=("log_evidence", "p_value", "inlier_probability", "shape_correlation"),
@@ -283,11 +274,12 @@ METHODS: dict[str, Method] = {
         mixes_atoms=False,
         precisions=True,
         perspective="own",
+        tolerance=1e-3,
     ),
     "sequences": Method(
         run="shapefit.lifting.sequences.clips:lift_frames",
         summary="the posterior of whole sequences: rigid bones, steady motion",
-        section=POSTERIOR,
+        options=PosteriorOptions,
         needs=(PRIOR,),
         yields=frozenset({"convex_proof", "deviation", "posterior_modes"}),
         further=(
@@ -302,6 +294,7 @@ METHODS: dict[str, Method] = {
         precisions=True,
         perspective="own",
         sequences=True,
+        tolerance=1e-3,
     ),
 }
 
@@ -318,8 +311,8 @@ def choose_method(name: str, settings: Settings) -> Estimator:
     """
     method = METHODS[name]
     run = method.load()
-    if settings.options is None and method.section is not None:
-        settings = replace(settings, options=method.section.options())
+    if settings.options is None and method.options is not None:
+        settings = replace(settings, options=method.options())
     return lambda problem: run(problem, settings)
 
 
@@ -328,41 +321,28 @@ def those(is_so: Callable[[Method], object]) -> tuple[str, ...]:
     return tuple(name for name, method in METHODS.items() if is_so(method))
 
 
-def _in_perspective(fit: Any) -> bool:
-    return bool(fit.camera.model == "perspective")
-
-
-CONFLICTS: tuple[tuple[Callable[[Method, Any], object], str], ...] = (
-    (
-        lambda method, fit: fit.data_term not in method.losses,
-        "the method {fit.method} does not support `{fit.data_key}`; use another, or "
-        "`method: {able}`",
-    ),
-    (
-        lambda method, fit: fit.leave_out and any(need.name == "prior" for need in method.needs),
-        "`leave_out` leaves out atoms, but the prior of the method {fit.method} was learned from "
-        "all shapes; use another method, or a dictionary learned without the shapes",
-    ),
-    (
-        lambda method, fit: (
-            fit.rotations != "shared" and (method.one_rotation or _in_perspective(fit))
-        ),
-        "`rotations: {fit.rotations}` belongs to the method {free} and weak perspective; the "
-        "others have one rotation per image: leave it out",
-    ),
-    (
-        lambda method, fit: _in_perspective(fit) and method.perspective == "none",
-        "`camera: {{model: perspective}}` does not work with the method {fit.method}; take another",
-    ),
-)
-"""What a fit may ask of a method that does not have it, and what is said then."""
-
-
 def find_conflict(fit: Any) -> str | None:
-    """Say what the config of a fit asks in vain of its method; None where all goes together."""
-    method = METHODS[fit.method]
-    text = next((text for asked, text in CONFLICTS if asked(method, fit)), None)
-    if text is None:
+    """Say which key of a config of `fit` its method cannot use; None where all go together."""
+    if fit.method == AUTO:
         return None
-    able = those(lambda other: fit.data_term in other.losses)[0]
-    return text.format(fit=fit, able=able, free=listed(those(lambda other: not other.one_rotation)))
+    name, method = fit.method, METHODS[fit.method]
+    given = fit.model_fields_set
+    of_prior = [f"prior.{key}" for key in sorted(fit.prior.model_fields_set)]
+    of_prior += ["skeleton"] if "skeleton" in given and fit.skeleton is not None else []
+    of_prior += ["save.covariance"] if fit.save.covariance else []
+    priors = listed(f"`method: {each}`" for each in those(lambda other: other.has_prior))
+    able = those(lambda other: fit.loss in other.losses)[0]
+    if fit.outliers in ROBUST and fit.loss not in method.losses:
+        found, fix = f"does not support `outliers: {fit.outliers}`", f"use `method: {able}`"
+    elif fit.leave_one_out and method.has_prior:
+        found = "has a prior that was learned from all shapes; `leave_one_out` needs another"
+        fix = "use another method, or a dictionary learned without the shapes"
+    elif fit.camera.model == "perspective" and method.perspective == "none":
+        found, fix = "has no perspective camera", "leave out `camera.focal`"
+    elif of_prior and not method.has_prior:
+        found, fix = f"has no prior; `{of_prior[0]}` needs one", f"use {priors}, or leave it out"
+    elif fit.bone_lengths is not None and not method.sequences:
+        found, fix = "lifts single images; `bone_lengths` needs sequences", "leave it out"
+    else:
+        return None
+    return f"the method {name} {found}; {fix}"

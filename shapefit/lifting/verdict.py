@@ -33,6 +33,9 @@ WIDEST = 0.8
 NO_SHAPE = "no shape"
 TOO_FEW = "too few landmarks seen"
 IMPLAUSIBLE = "implausible landmarks"
+
+MIN_P_VALUE = 0.05
+"""Images with a smaller p-value are not to be trusted."""
 MIRRORED = "near and far not told apart"
 WIDE = "wide error bars"
 NOT_OPTIMAL = "not optimal"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from shapefit.config import ConvertConfig
-from shapefit.config.commands.input import InputConfig
 from shapefit.errors import abbreviate, input_error
 from shapefit.io import (
     LandmarkSource,
@@ -23,7 +23,7 @@ from shapefit.io.formats import CSV, find_target_format, record_writer
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.listing import Kind, find_kind
-from shapefit.io.options import InputOptions, Markers, OutputOptions, input_options
+from shapefit.io.options import AS_THEY_ARE, InputOptions, OutputOptions, input_options
 from shapefit.io.source import ResultSource, open_results
 from shapefit.pipelines.outcome import Outcome, nothing_in
 
@@ -38,25 +38,22 @@ BATCH = 4096
 
 FORMS = {"landmarks": LANDMARKS, "shapes": SHAPES, "result": RESULTS}
 
-OBEYED = ("individual",)
-"""Keys of `input` that are obeyed here, for files of ours, too."""
-
 Source = LandmarkSource | ShapeSource | ResultSource
 
 
-def run(config: ConvertConfig, markers: Markers | None = None) -> Iterator[Outcome]:
-    """Read the files and write them, results by `markers`; yields an Outcome per chunk."""
+def run(config: ConvertConfig) -> Iterator[Outcome]:
+    """Read the files and write them, yield an Outcome per chunk."""
     if config.to in MESH_FORMATS:
         yield from write_meshes(config)
         return
     target = find_target_format(config.output, config.to)
-    options = input_options(config.input, "motion" if target.in_metres else "none")
+    options = input_options(config, "motion" if target.in_metres else "none")
     kind = find_common_kind(config.files, options)
     if kind == "dictionary":
         found = "is a dictionary, which has no other format"
         raise input_error(config.files[0], found, "give landmarks, shapes or results")
     if kind == "result":
-        _check_keys_of_results(config.input)
+        _check_keys_of_results(options)
     if config.frame_rate is not None and target is CSV:
         found = "`frame_rate` has no effect here: CSV does not hold it"
         raise input_error("frame_rate", found, "leave it out, or write .h5")
@@ -64,7 +61,7 @@ def run(config: ConvertConfig, markers: Markers | None = None) -> Iterator[Outco
         height=config.height,
         unit=config.unit,
         up=config.up,
-        markers=markers,
+        markers=config.markers,
     )
     with (
         _open(kind, config.files, options) as source,
@@ -106,16 +103,10 @@ def write_meshes(config: ConvertConfig) -> Iterator[Outcome]:
         )
 
 
-OF_RESULTS = ("format", "individual")
-"""Keys of `input` that choose among the items of results, which stay what they are otherwise."""
-
-
-def _check_keys_of_results(section: InputConfig) -> None:
-    """Raise InputError for keys that would change the landmarks of a result."""
-    for key, field in InputConfig.model_fields.items():
-        if key not in OF_RESULTS and getattr(section, key) != field.get_default(
-            call_default_factory=True
-        ):
+def _check_keys_of_results(options: InputOptions) -> None:
+    """Raise InputError for options that would change the landmarks of a result."""
+    for key, value in vars(replace(options, format="auto", individual=None, track="none")).items():
+        if value != getattr(AS_THEY_ARE, key):
             found = "has no effect on results, which are written as they are"
             raise input_error(key, found, "leave it out")
 
@@ -135,9 +126,9 @@ def find_common_kind(files: Sequence[Path], options: InputOptions) -> Kind:
 
 def _open(kind: Kind, files: Sequence[Path], options: InputOptions) -> Source:
     if kind == "landmarks":
-        return open_landmarks(files, options, obeyed=OBEYED)
+        return open_landmarks(files, options, selects=True)
     if kind == "shapes":
-        return open_shapes(files, options, gaps=True, obeyed=OBEYED)
+        return open_shapes(files, options, gaps=True, selects=True)
     return open_results(files, without=())
 
 
@@ -146,7 +137,7 @@ def _choose(source: Source, config: ConvertConfig) -> tuple[Iterator[Any], int]:
 
     An individual is the last part of a sequence's name. Raises InputError where none is called so.
     """
-    wanted, every = config.input.individual, config.every
+    wanted, every = config.individual, config.every
     if wanted is None and every == 1:
         return source.batches(BATCH), source.count
     sequences = list(chain.from_iterable(source.sequences()))

@@ -50,7 +50,7 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
 
     Raises InputError where none can be read.
     """
-    options = input_options(config.input)
+    options = input_options(config)
     for path in config.files:
         if is_stream(path):
             found = "standard input can be read only once"

@@ -30,7 +30,7 @@ from shapefit.io import (
     open_shapes,
 )
 from shapefit.io.layout import CORRUPTED, free_names
-from shapefit.io.options import input_options
+from shapefit.io.options import InputOptions
 from shapefit.pipelines.outcome import Outcome, nothing_in
 
 BATCH = 1024
@@ -68,7 +68,7 @@ def run(config: ProjectConfig) -> Iterator[Outcome]:
     """
     check_output(config.output)
     with (
-        open_shapes(config.shapes, input_options(config.input)) as source,
+        open_shapes(config.shapes, InputOptions()) as source,
         landmark_writer(config.output) as writer,
     ):
         names = np.array(list(chain.from_iterable(source.sequences())), dtype=str)
@@ -101,7 +101,7 @@ def _rotations(config: ProjectConfig, turns: Floats, batch: int) -> Floats:
     """Rotations from object to camera frame (n, 3, 3) for the n images of a batch."""
     camera = config.camera
     if camera.view == "turntable":
-        rotations = cameras.turntable(turns, camera.up)
+        rotations = cameras.turntable(turns, "y")
         return rotations if config.y_axis == "up" else TURN @ rotations
     if camera.view == "random":
         return random_rotations(BATCH, stream(config.seed, Purpose.VIEW, batch))[: len(turns)]

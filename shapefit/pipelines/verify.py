@@ -293,7 +293,7 @@ def read_statement(attributes: Mapping[str, Any], file: Path) -> Statement:
             has_proof=key("save.proof", "proof", default=True) is not False,
             searched=outliers not in ("none", *ROBUST),
             loss=str(outliers if outliers in ROBUST else key("loss", default="squared")),
-            beta=float(key("outliers.threshold", default=DEFAULT_THRESHOLD)),
+            beta=float(key("outlier_threshold", "outliers.threshold", default=DEFAULT_THRESHOLD)),
             tolerance=float(key("solver.tolerance", "tolerance", default=1e-6)),
             leave_out=key("leave_out", "leave_one_out") is not None,
         )
@@ -314,7 +314,9 @@ def read_program(
         found = f"has {counted(dictionary.k, 'atom')}, and {file} coefficients of {k}"
         raise input_error(path, found, "give the dictionary of the fit")
     if fit.leave_out and dictionary.atom_items is None:
-        found = "was fitted without atoms of some items (`leave_out`), which the dictionary lacks"
+        found = (
+            "was fitted without atoms of some items (`leave_one_out`), which the dictionary lacks"
+        )
         raise input_error(file, found, "give the dictionary of the fit, whose atoms have items")
     perspective = "focal" in head.columns
     return Program(
@@ -400,21 +402,21 @@ def open_images(
     if not given:
         yield None, []
         return
-    from shapefit.config.commands.input import InputConfig
+    from shapefit.config.commands.input import LandmarksConfig
 
     files, wrong = pair_files(part.inputs or fit.landmarks, given, fit.digests, digests)
     if len(files) < len(part.inputs or fit.landmarks):
         yield None, wrong
         return
     place = ", ".join(map(str, files)) + ": landmark names"
-    fields = InputConfig.model_fields
+    keys = LandmarksConfig.model_fields.keys() & fit.options.keys() - {"data"}
     try:
-        section = InputConfig(**{key: fit.options[key] for key in fields if key in fit.options})
+        reading = LandmarksConfig(**{key: fit.options[key] for key in keys})
     except ValueError:
-        raise input_error(part.file, "states no valid `input` in its config", FIX) from None
+        raise input_error(part.file, "does not state how its landmarks were read", FIX) from None
     rows = None if part.rows is None else slice(*part.rows)
     joined = METHODS[fit.method].sequences  # without identity over frames detections are no motion
-    options = input_options(section, "motion" if joined else "none")
+    options = input_options(reading, "motion" if joined else "none")
     with open_landmarks(files, options, rows) as source:
         joints = find_joints(
             source.head.landmark_names, head.landmark_names, in_place=fit.has_prior

@@ -11,11 +11,11 @@ from .conftest import run_command, same_file
 OPTIONS = {
     "squared": {},
     "exact": {"loss": "exact"},
-    "sparse-error": {"outliers": {"method": "sparse-error", "threshold": 0.2}},
+    "sparse-error": {"outliers": "sparse-error", "outlier_threshold": 0.2},
     "noise": {"lam": "auto", "noise": 3.0},
     "transforms": {"transforms": True, "rotations": "orthogonal"},
-    "ransac": {"outliers": {"method": "ransac"}},
-    "perspective": {"camera": {"model": "perspective", "focal": 900.0}},
+    "ransac": {"outliers": "ransac"},
+    "perspective": {"camera": {"focal": 900.0}},
     "one thread": {"threads": 1, "chunk": 64},
     "strict": {"strict": True, "solver": {"max_iterations": 2}},
 }
@@ -60,8 +60,8 @@ def test_cars_without_their_own_model_under_their_own_camera(tmp_path, sample):
         "learn-dict", shapes=str(sample / "cars.h5"), output=str(dictionary),
         method="exemplars", align="none",
     )  # fmt: skip
-    options = {"method": "convex+refine", "lam": 1.0, "leave_out": "true_model"}
-    camera = {"model": "perspective", "intrinsics": "camera_matrix"}
+    options = {"method": "convex+refine", "lam": 1.0, "leave_one_out": "true_model"}
+    camera = {"focal": "files"}
     landmarks = sample / "cars_views.h5"
     command, function, _ = both(tmp_path, landmarks, dictionary, camera=camera, **options)
     same_file(command, function)

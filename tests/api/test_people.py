@@ -49,7 +49,7 @@ def test_a_fit_is_the_command_on_the_same_array(found, keypoints, tmp_path):
 
 
 def test_one_image_has_the_method_for_single_images(keypoints):
-    given = {"theta": {"head": 1.5, "hips": 1.15}, "camera": {"model": "weak-perspective"}}
+    given = {"skeleton": {"head": 1.5, "hips": 1.15}, "camera": {"focal": "none"}}
     alone = shapefit.fit(keypoints[0], "people", keypoints="body_25", **given)
     assert (len(alone), alone.attributes["method"]) == (1, "posterior")
     config = shapefit.fit(keypoints, "people", keypoints="body_25", config="people", **given)
@@ -156,8 +156,8 @@ def test_what_has_no_size_has_no_metres(keypoints):
         ("give `--set keypoints=coco_17`, or", 'give `keypoints="coco_17"`, or'),
         ("`--set image_size=[1920,1080]`", "`image_size=[1920, 1080]`"),
         ("is it? `keypoints: body_25`", 'is it? `keypoints="body_25"`'),
-        ("`camera.model=weak-perspective`", '`camera={"model": "weak-perspective"}`'),
-        ("`outliers: {method: sparse-error}`", '`outliers={"method": "sparse-error"}`'),
+        ("`camera.focal=none`", '`camera={"focal": "none"}`'),
+        ("`outliers: {method: sparse-error}`", '`outliers="sparse-error"`'),
         ("`lambda: auto` or `proof: true`", '`lam="auto"` or `proof=True`'),
         ("`shapefit convert --set every=N`", "`shapefit convert --set every=N`"),
         ('`keypoints="body_25"` and `a=[`', '`keypoints="body_25"` and `a=[`'),

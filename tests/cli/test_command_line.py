@@ -104,7 +104,7 @@ def test_each_command_calls_its_pipeline_with_its_config(shapefit, fake_pipeline
 
 def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folder):
     configs = fake_pipeline("fit.run", [Outcome()])
-    line = f"{FIT} v*.h5 dict.h5 -o out.csv --set lambda=1e-3 --set outliers.method=l1"
+    line = f"{FIT} v*.h5 dict.h5 -o out.csv --set lambda=1e-3 --set outliers=l1"
     shapefit(*line.split(), "-d", "shapes.h5")
     (config,) = configs
     assert config.landmarks == (folder / "views.h5", folder / "dict.h5")

@@ -48,16 +48,16 @@ for number, options in enumerate(settings):
     os.wait()
 """
 
-PERSPECTIVE = "camera={model: perspective, intrinsics: camera_matrix}"
+PERSPECTIVE = "camera={focal: files}"
 CARS = [
     *(["loss=" + loss] for loss in ("squared", "exact")),
-    *(["outliers.method=" + loss] for loss in ("l1", "sparse-error")),
+    *(["outliers=" + loss] for loss in ("l1", "sparse-error")),
     *(["method=" + method] for method in ("convex+refine", "alternate")),
     ["method=mean-shape", PERSPECTIVE],
-    ["outliers.method=ransac", PERSPECTIVE],
-    ["leave_out=true_model"],
+    ["outliers=ransac", PERSPECTIVE],
+    ["leave_one_out=true_model"],
     ["rotations=orthogonal"],
-    ["method=convex+refine", "alternation.signed=true"],
+    ["method=convex+refine", "signed=true"],
 ]
 
 

@@ -97,7 +97,7 @@ def make_base_files(folder: Path) -> None:
 
 
 def _method(rng: Random) -> str:
-    losses = ("loss=squared", "loss=exact", "outliers.method=l1", "outliers.method=sparse-error")
+    losses = ("loss=squared", "loss=exact", "outliers=l1", "outliers=sparse-error")
     methods = ("convex+refine", "alternate", "mean-shape")
     return rng.choice([*losses] + [f"method={name}" for name in methods])
 
@@ -123,8 +123,8 @@ def make_table(rng: Random, folder: Path) -> Command:
 
 
 FITS = (
-    *("export.folder=out_meshes", "rotations=orthogonal", "transforms=true", "leave_out=model"),
-    *("outliers.method=ransac", "camera={model: perspective, focal: 1000}", "lambda=auto"),
+    *("export.folder=out_meshes", "rotations=orthogonal", "transforms=true", "leave_one_out=model"),
+    *("outliers=ransac", "camera={focal: 1000}", "lambda=auto"),
     *("noise=0.1", "rotations=orthogonal", "strict=true", "solver.max_iterations=2"),
 )
 

@@ -138,7 +138,7 @@ FINDINGS: Mapping[str, Finding] = {
     "depths-of-empty-shapes": (
         _own_sequences,
         ("fit", "views.csv", "-d", "dict.h5", "-o", "out.csv", "--set=temporal.depths=true",
-         "--set=outliers.method=l1", "--set=lambda=5")),
+         "--set=outliers=l1", "--set=lambda=5")),
     "zero-byte-in-an-item": (
         lambda f: _edit(
             f / "views.h5", item=np.array([f"a\0{i}".encode() for i in range(8)], "S4")),

@@ -15,7 +15,7 @@ def fit_file(
 ) -> tuple[ResultSet, list[Outcome]]:
     """Fit a file of landmarks with keys of the config; return the result and the outcomes."""
     paths = {"landmarks": str(landmarks), "dictionary": str(dictionary), "output": str(output)}
-    outcomes = list(run(FitConfig(**paths, **keys)))
+    outcomes = list(run(FitConfig(**paths, **{"method": "convex"} | keys)))
     return read_results(output), outcomes
 
 

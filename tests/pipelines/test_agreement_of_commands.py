@@ -15,7 +15,7 @@ from shapefit.io import read_results
 COMMAND = Path(sys.executable).with_name("shapefit")
 
 
-@pytest.mark.parametrize("loss", ["loss=squared", "outliers.method=sparse-error"])
+@pytest.mark.parametrize("loss", ["outliers=none", "outliers=sparse-error"])
 def test_levels_of_the_processor_have_one_optimum_and_a_proof(world, tmp_path, loss):
     """A level is chosen when the core is loaded: each has a process of its own."""
     views, dictionary = world.images("people"), world.dictionary("people")
@@ -24,7 +24,7 @@ def test_levels_of_the_processor_have_one_optimum_and_a_proof(world, tmp_path, l
         output = tmp_path / f"{level}.h5"
         command = [COMMAND, "fit", views, "-d", dictionary, "-o", output, "--set", loss]
         environment = os.environ | {"SHAPEFIT_LEVEL": str(level)}
-        command += ["--set", "solver.tolerance=1e-9"]
+        command += ["--set", "tolerance=1e-9"]
         subprocess.run(command, env=environment, check=True, capture_output=True, timeout=120)
         found[level] = read_results(output)
         words = ["verify", output, "-d", dictionary, "--landmarks", views, "-q"]

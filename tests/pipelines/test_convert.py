@@ -69,7 +69,7 @@ def test_a_frame_rate_of_the_config_is_stored(tmp_path, landmarks):
 
 
 def test_doubtful_landmarks_are_hidden(tmp_path, landmarks):
-    convert(tmp_path / "views.h5", output=tmp_path / "sure.h5", likelihood_below=0.5)
+    convert(tmp_path / "views.h5", output=tmp_path / "sure.h5", min_confidence=0.5)
     sure = load(tmp_path / "sure.h5")
     doubtful = landmarks.confidence < 0.5
     assert np.isnan(sure.landmarks[:, 0][doubtful]).all()

@@ -85,7 +85,7 @@ def test_a_folder_of_results_is_one_input(fitted):
     note = info(fitted).note
     assert note.startswith(f"{fitted}\n")
     told = lines(note)
-    assert told["kind"] == "folder with result of convex"
+    assert told["kind"] == "folder with result of posterior"
     assert told["parts"] == f"{len(results)}, {in_words(size)}"
     images = [int(lines(info(file).note)["images"]) for file in results]
     assert int(told["images"]) == sum(images)

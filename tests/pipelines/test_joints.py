@@ -73,7 +73,7 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     names, p = people.landmark_names, len(people.landmark_names)
     joints = find_joints(skeleton.landmark_names, names)
     A = joints.matrix(MEANS)
-    found, last = lift(as_detected(images, skeleton), theta=MEANS)
+    found, last = lift(as_detected(images, skeleton), skeleton=MEANS)
     seen = named_as_joints(as_detected(images, skeleton), joints, "here")
     seen = seen.arrange(names, "here", leave_out=True)
     points = images.arrange(names, "here", leave_out=True).landmarks @ A.T
@@ -83,7 +83,7 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     direct, _ = lift(
         seen,
         tmp_path / "seen.h5",
-        posterior={"covariance": True},
+        save={"covariance": True},
     )
     back = np.linalg.inv(A)
     assert found.landmark_names == names
@@ -105,7 +105,7 @@ def test_joints_are_as_far_apart_as_the_landmarks_that_stand_for_them(people):
 
 def test_the_landmarks_of_the_files_come_back_in_3d(images, lift):
     """Those that stand for joints as they were fitted, the others where the joints put them."""
-    found, _ = lift(as_detected(images, BODY), theta=MEANS)
+    found, _ = lift(as_detected(images, BODY), skeleton=MEANS)
     names = tuple(map(str, found.columns["input_landmark_names"]))
     points = dict(zip(names, found.columns["input_shapes"].transpose(1, 0, 2), strict=True))
     joint = dict(zip(found.landmark_names, found.shapes.transpose(2, 0, 1), strict=True))

@@ -89,11 +89,11 @@ def test_each_sequence_turns_once_whatever_stands_between_its_frames(tmp_path, s
 
 
 def test_shapes_without_sequences_are_one_sequence_over_all_blocks(tmp_path, many):
-    images, _ = view(tmp_path, many, camera={"up": "z"})
+    images, _ = view(tmp_path, many)
     R = images.columns["true_rotation"]
-    turned = np.arctan2(R[:, 2, 0], R[:, 0, 0]) / (2 * np.pi) % 1
+    turned = np.arctan2(R[:, 0, 2], R[:, 0, 0]) / (2 * np.pi) % 1
     np.testing.assert_allclose(turned, np.arange(len(many)) / len(many), atol=1e-12)
-    np.testing.assert_allclose(images.landmarks[:, 1], -many.shapes[:, 2], atol=1e-12)
+    np.testing.assert_allclose(images.landmarks[:, 1], -many.shapes[:, 1], atol=1e-12)
 
 
 def test_names_sequences_unit_and_further_datasets_are_carried(tmp_path, shapes):

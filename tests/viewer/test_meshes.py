@@ -20,7 +20,7 @@ IN_IMAGE = """
 def cars(world, tmp_path_factory):
     """Made cars, fitted in weak perspective and under a camera, with the meshes of two of them."""
     folder = tmp_path_factory.mktemp("cars")
-    cameras = {"weak": {}, "perspective": {"model": "perspective", "intrinsics": "camera_matrix"}}
+    cameras = {"weak": {}, "perspective": {"focal": "files"}}
     for name, camera in cameras.items():
         export = {
             "folder": folder / name, "frame": "camera", "unit": "landmarks", "items": ITEMS,

@@ -6,17 +6,12 @@ from typing import Literal
 
 from pydantic import Field
 
-from shapefit.config.commands.input import DetectionsInput, InputConfig
-from shapefit.config.model import CommandConfig, Height, section
-from shapefit.config.paths import (
-    InputPaths,
-    NamedInputPaths,
-    OptionalDictionaryPath,
-    OutputPath,
-)
+from shapefit.config.commands.input import LandmarksConfig
+from shapefit.config.model import CommandConfig, Height
+from shapefit.config.paths import InputPaths, NamedInputPaths, OptionalDictionaryPath, OutputPath
 
 
-class ConvertConfig(CommandConfig):
+class ConvertConfig(LandmarksConfig):
     """Write what files hold in another format."""
 
     COMMAND = "convert"
@@ -24,7 +19,6 @@ class ConvertConfig(CommandConfig):
     files: InputPaths
     """Files of landmarks, shapes or results, all of one kind, in any format that can be read, or
     folders with one file per frame."""
-    input: InputConfig = section(InputConfig)
     output: OutputPath
     """File to write, or the folder of meshes; - is stdout (CSV)."""
     dictionary: OptionalDictionaryPath = None
@@ -46,6 +40,8 @@ class ConvertConfig(CommandConfig):
     """Axis that points up, of the shapes or of the world of the camera, for outputs in metres: it
     becomes y. By default shapes keep their axes, and the world's is the one nearest to up in the
     image."""
+    markers: Literal["joints", "input"] = "joints"
+    """Markers of a TRC file: joints, or input for the landmarks of the detector by their names."""
 
 
 class InfoConfig(CommandConfig):
@@ -53,7 +49,10 @@ class InfoConfig(CommandConfig):
 
     COMMAND = "info"
 
-    files: NamedInputPaths
+    files: NamedInputPaths = ()
     """Files of any kind and format, folders with one file per frame, and installed dictionaries by
-    name, such as people."""
-    input: DetectionsInput = section(DetectionsInput)
+    name; without any, what is installed is listed."""
+    format: str = Field(default="auto", min_length=1)
+    """Format of the files (docs/formats.md); auto recognises it by their content."""
+    keypoints: str | None = Field(default=None, min_length=1)
+    """Skeleton that names the landmarks of files without names, such as body_25b."""

@@ -6,9 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from shapefit.config.commands.input import ShapesInput
 from shapefit.config.model import CommandConfig, ConfigModel, FromLists, section
-from shapefit.config.paths import Expected, InputPaths, OutputPath
+from shapefit.config.paths import UNNAMED, Description, InputPaths, OutputPath
 
 Row = tuple[float, float, float]
 Rotation = tuple[Row, Row, Row]
@@ -38,30 +37,29 @@ class CameraConfig(ConfigModel):
 
     view: Annotated[
         Literal["turntable", "random"] | Rotation,
-        Expected("turntable, random, or a rotation as three rows of three numbers"),
+        Description("turntable, random, or a rotation as three rows of three numbers"),
         FromLists,
         AfterValidator(_view),
     ] = "turntable"
-    """One full turn per sequence about the vertical axis, a random rotation per image, or one
+    """One full turn per sequence about the y axis, a random rotation per image, or one
     rotation for all, from object to camera frame (x and y as in the landmarks): three rows,
     orthonormal, determinant +1."""
     scale: float | None = Field(default=None, gt=0)
     """Pixels per unit of the shape, for a weak-perspective camera; without it the camera is
     orthographic and landmarks have the unit of the shapes."""
-    up: Literal["x", "y", "z"] = "y"
-    """The vertical axis of the shapes."""
 
 
 class ProjectConfig(CommandConfig):
     """Project 3D shapes to synthetic 2D landmarks."""
 
     COMMAND = "project"
+    OUTPUT = "_landmarks.h5"
 
     shapes: InputPaths
     """Files of 3D shapes (- is stdin, CSV)."""
-    input: ShapesInput = section(ShapesInput)
-    output: OutputPath
-    """Landmark file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout)."""
+    output: OutputPath = UNNAMED
+    """Landmark file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout); by default
+    NAME_landmarks.h5 in the working directory."""
     camera: CameraConfig = section(CameraConfig)
     y_axis: Literal["down", "up"] = "down"
     """Where y points in the landmarks that are written: down, as pixels are counted, or up."""

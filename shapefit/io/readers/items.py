@@ -227,7 +227,7 @@ def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]
 
 NOTHING = "individuals without a landmark left out"
 INFINITE = "landmarks hidden, whose coordinates are infinite"
-DOUBTFUL = "landmarks hidden, whose confidence is below `likelihood_below`"
+DOUBTFUL = "landmarks hidden, whose confidence is below `min_confidence`"
 UNTRACKED = "untracked"
 """In place of the individual, for those without identity beside others that have one."""
 
@@ -253,7 +253,7 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
         fix = "its format names none; leave out `individual`, or join people with `track: nearest`"
         fix = f"name one of {abbreviate(people)}" if people else fix
         raise input_error(poses.name, f"has no individual {wanted!r}", fix)
-    poses, placed = _hide(poses, options.likelihood_below)
+    poses, placed = _hide(poses, options.min_confidence)
     items, sequences = _names_of(poses, f"{UNTRACKED}/" if named else "")
     rows = placed
     if wanted is not None:

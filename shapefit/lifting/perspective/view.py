@@ -21,6 +21,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.lifting.estimate import Estimate, fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
+from shapefit.lifting.methods import DEFAULT_VIEWS
 from shapefit.lifting.reconstruction import combine, is_active
 from shapefit.lifting.shared_rotation.pose import find_pose, spread_views
 
@@ -52,7 +53,7 @@ def refine_view(
     dictionary: Dictionary,
     options: PerspectiveOptions,
     *,
-    views: int,
+    views: int = DEFAULT_VIEWS,
 ) -> Lifting:
     """Refine rotation, translation and coefficients of n images under the full projection.
 

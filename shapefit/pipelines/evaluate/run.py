@@ -14,7 +14,6 @@ import numpy as np
 
 from shapefit import __version__
 from shapefit.config import EvalConfig, ViewConfig
-from shapefit.config.commands.input import InputConfig
 from shapefit.errors import InputError, counted, input_error, listed, path_text, printable
 from shapefit.evaluation import calibration, report
 from shapefit.evaluation.calibration import ErrorBars, image_shares
@@ -62,7 +61,7 @@ RANKED = 12
 """Worst, median and best images of a method, each so many, that the page leads to."""
 
 ERROR_BARS = "error_bars.json"
-"""File of the report that `posterior.calibration` of fit takes."""
+"""File of the report that `prior.calibration` of fit takes."""
 
 VIEW = "view.html"
 
@@ -179,7 +178,7 @@ def open_truth(config: EvalConfig) -> Iterator[tuple[Truth, list[str]]]:
 
     Raises InputError as `open_shapes` does.
     """
-    with open_shapes(config.truth, input_options(config.input), gaps=True) as source:
+    with open_shapes(config.truth, input_options(config), gaps=True) as source:
         gaps = Counter[str]()
 
         def counting() -> Iterator[ShapeSet]:
@@ -211,11 +210,11 @@ def seen_in_training(
 ) -> list[str]:
     """Warn where a file of the truth is one that the dictionary learned from, by their digests.
 
-    A fit with `leave_out` ignores, in each image, the atoms of the shape that it shows.
+    A fit with `leave_one_out` ignores, in each image, the atoms of the shape that it shows.
     """
     training = _stated(attributes, "training_inputs").values()
     same = [file for file, digest in truth.items() if digest in training]
-    if not same or _stated(attributes, "config").get("leave_out"):
+    if not same or _stated(attributes, "config").get("leave_one_out"):
         return []
     return [
         f"{method}: the dictionary was learned from the truth, {listed(same, 'and')}, so these are "
@@ -369,7 +368,7 @@ def _view(
         files=config.results,
         truth=config.truth,
         match=config.match,
-        input=InputConfig(**dict(config.input)),
+        rename=config.rename,
     )
     try:
         page = make_page(shown, {item for images in ranked.values() for item, _ in images})

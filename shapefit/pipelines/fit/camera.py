@@ -23,7 +23,7 @@ from shapefit.io.layout import UNKNOWN_UNIT
 
 if TYPE_CHECKING:
     from shapefit.config import FitConfig
-    from shapefit.config.commands.fit_sections import ViewingConfig
+    from shapefit.config.commands.fit import CameraConfig
     from shapefit.io.readers.calibration import CalibratedCamera
 
 COMMON_SIZES = ((1280, 720), (720, 1280), (1920, 1080), (1080, 1920), (3840, 2160), (2160, 3840))
@@ -48,7 +48,7 @@ BESIDE = 8
 IMAGE_SIZE = "image_size"
 """Dataset (2,) or (n, 2) of the landmarks: width and height of the images in pixels."""
 
-WEAK = {"model": "weak-perspective"}
+WEAK = {"focal": "none"}
 """Keys of `camera` where perspective cannot be known."""
 
 ASK = "set `image_size` if you know it"
@@ -95,7 +95,7 @@ def choose_camera(
     if config.camera.model != "auto":
         return {}, ""
     if config.camera.calibration is not None:
-        return {"model": "perspective"}, "perspective camera: of the calibration"
+        return {"focal": "files"}, "perspective camera: of the calibration"
     if CAMERA_MATRIX in images.columns:
         return take_measured(images)
     extent = find_extent(images)
@@ -108,11 +108,11 @@ def choose_camera(
     focal = ASSUMED_FOCAL * max(width, height)
     if extent.diagonal < LEAST_ANGLE * focal:
         return WEAK, "weak perspective: the landmarks cover little of the image"
-    camera = {"model": "perspective", "focal": focal, "principal_point": (width / 2, height / 2)}
+    camera = {"focal": focal, "principal_point": (width / 2, height / 2)}
     return camera, (
         f"perspective camera: focal length {focal:.0f} px assumed, {ASSUMED_FOCAL} times the longer"
         f" side of the image, {width:.0f} x {height:.0f} ({found.source}); depths in metres rest"
-        " on it; `camera.model=weak-perspective` does without"
+        " on it; `camera.focal=none` does without"
     )
 
 
@@ -123,10 +123,10 @@ def take_measured(images: LandmarkSet) -> tuple[dict[str, Any], str]:
     finite = K.shape == (3, 3) and K.dtype.kind in "iuf" and bool(np.isfinite(K).all())
     if finite and K[0, 1] != 0 and (np.diag(K)[:2] > 0).all():
         focal, centre = float(np.sqrt(K[0, 0] * K[1, 1])), (float(K[0, 2]), float(K[1, 2]))
-        camera = {"model": "perspective", "focal": focal, "principal_point": centre}
+        camera = {"focal": focal, "principal_point": centre}
         return camera, f"{line} without its skew: focal length {focal:.0f} px"
     read_intrinsics(images, CAMERA_MATRIX)
-    return {"model": "perspective", "intrinsics": CAMERA_MATRIX}, line
+    return {"focal": "files"}, line
 
 
 def find_extent(images: LandmarkSet) -> Extent | None:
@@ -158,8 +158,8 @@ def find_size(
     That which the config states, or the landmarks, or the images at the `paths` of the landmarks;
     else, for people who are not cropped (`CROPPED`), the smallest common one that holds all.
     """
-    if config.input.image_size is not None:
-        return ImageSize(np.array(config.input.image_size), "as given")
+    if config.image_size is not None:
+        return ImageSize(np.array(config.image_size), "as given")
     if IMAGE_SIZE in images.columns:
         sizes, source = np.asarray(images.columns[IMAGE_SIZE]), "of the files"
         of_numbers = sizes.dtype.kind in "iuf" and sizes.shape in ((2,), (len(images), 2))
@@ -204,7 +204,7 @@ def images_beside(paths: Sequence[Path], items: Sequence[str]) -> list[Path]:
     return [path for stem, path in there.items() if stem in stems][:BESIDE]
 
 
-def find_camera(images: LandmarkSet, config: ViewingConfig) -> Camera:
+def find_camera(images: LandmarkSet, config: CameraConfig) -> Camera:
     """Return focal lengths and principal points of the images.
 
     The principal point of the config goes over that of the matrices. Raises InputError for a
@@ -223,7 +223,7 @@ def find_camera(images: LandmarkSet, config: ViewingConfig) -> Camera:
 def read_intrinsics(images: LandmarkSet, name: str) -> tuple[Floats, Floats]:
     """Return focal (n, 2) and principal point (n, 2) from a dataset of the landmark files."""
     values = images.columns.get(name)
-    place = f"camera.intrinsics: {name}"
+    place = f"camera.focal: {name}"
     if values is None:
         there = ", ".join(sorted(images.further))
         fix = f"name one that holds cameras; there are: {there}" if there else NO_DATASETS
@@ -259,7 +259,7 @@ def read_intrinsics(images: LandmarkSet, name: str) -> tuple[Floats, Floats]:
     return np.array(focal), np.array(centre)
 
 
-def find_calibrated(config: ViewingConfig) -> CalibratedCamera | None:
+def find_calibrated(config: CameraConfig) -> CalibratedCamera | None:
     """Return the camera that the config names in a calibration. Raises InputError."""
     if config.calibration is None:
         return None

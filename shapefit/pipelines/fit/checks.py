@@ -26,6 +26,7 @@ from shapefit.geometry.pinhole import depth_sign
 from shapefit.io import LandmarkSet
 from shapefit.io.skeletons import Skeleton, installed_skeletons
 from shapefit.lifting.lift import Lifting
+from shapefit.lifting.verdict import MIN_P_VALUE
 from shapefit.pipelines.fit.camera import find_camera
 from shapefit.pipelines.fit.lift import judge, lift_images
 from shapefit.pipelines.joints import MEANS, LandmarkMap, find_joints, named_as_joints, of_files
@@ -90,7 +91,7 @@ class Lifted(NamedTuple):
         """The share of the images that are implausible, of those that can be judged."""
         p_value = judge(*self).estimate.further["p_value"]
         judged = p_value[np.isfinite(p_value)]
-        limit = self.config.posterior.implausible
+        limit = MIN_P_VALUE
         return float((judged < limit).mean()) if len(judged) else float("nan")
 
 
@@ -116,7 +117,7 @@ def lift_sample(
         assert partner is not None, "check_sides"
         other = arranged.replaced(landmark_names=tuple(names[j] for j in partner))
         arranged = other.arrange(names, "landmarks")
-    theta = {**MEANS, **(config.theta or {})}
+    theta = {**MEANS, **(config.skeleton or {})}
     seen = LandmarkMap(joints, theta, bool(joints.markers)).apply(known)
     single = config.changed(method="posterior")
     return Lifted(lift_images(arranged, seen, single, dependent=dependent), seen, single)
@@ -146,7 +147,7 @@ def check_camera(images: LandmarkSet, config: FitConfig, dictionary: Dictionary)
 
     def gain_of(factor: float) -> tuple[float, float, int]:
         camera = {"focal": factor * focal, "principal_point": centre}
-        measured = {"intrinsics": None, "calibration": None}
+        measured = {"calibration": None}
         changed = config.changed(camera=measured | camera)
         return mean_gain(before, log_evidence(images, changed, dictionary))
 
@@ -255,7 +256,7 @@ def find_cause(images: LandmarkSet, dictionary: Dictionary, config: FitConfig) -
         if share(sides) < limit:
             return f"{most}, but not with left and right exchanged: exchange the names by `rename`"
     if config.camera.model == "perspective":
-        parallel = {"model": "weak-perspective", "focal": None, "intrinsics": None}
+        parallel = {"focal": "none"}
         weak = {**parallel, "calibration": None, "name": None, "principal_point": None}
         if share(images, single.changed(camera=weak)) < limit:
             return (

@@ -1,111 +1,91 @@
-"""The config of a fit that names none: that which suits the dictionary and the images."""
+"""`method: auto`: the method that suits the dictionary and the images."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from shapefit.arrays import median
-from shapefit.config import FitConfig, find_config, load_config
-from shapefit.config.loader import find_presets
+from shapefit.config import FitConfig
 from shapefit.config.paths import STANDARD_STREAM
 from shapefit.dictionary.model import SUITS
-from shapefit.errors import InputError
+from shapefit.errors import InputError, input_error
 from shapefit.io import open_landmarks
 from shapefit.io.dictionaries import has_prior, read_provenance
 from shapefit.io.options import input_options
-from shapefit.lifting.methods import find_conflict
+from shapefit.lifting.methods import AUTO, find_conflict
 
-ENOUGH = 10
+FRAMES = 10
 """Frames of a sequence whose motion says something of its shapes."""
 
-LOOKED_AT = 4096
+COUNTED = 4096
 """Images whose sequences are counted."""
 
-WITH_PRIOR = ("posterior", "sequences")
-"""The methods of a dictionary with a prior: for single images, for whole sequences."""
+PEOPLE = "people"
+OF_PEOPLE: Mapping[str, Mapping[str, float]] = {
+    "posterior": {"residual_variance": 0.006, "bar_scale": 1.6},
+    "sequences": {"residual_variance": 0.01, "bar_scale": 1.5},
+}
+"""Keys of `prior` for dictionaries of people, where they are not given."""
 
 
-class Default(NamedTuple):
-    """The name of an installed config, or else a method; both None where the schema's serve."""
+def choose_default(config: FitConfig) -> tuple[FitConfig, str]:
+    """Return the config with a method, and a line that says which was chosen, if one was.
 
-    config: str | None = None
-    method: str | None = None
-
-
-def choose_default(config: FitConfig) -> Default:
-    """Return the default for the dictionary and the images of a config, which may lack its inputs.
-
-    A dictionary names an installed config for single images and, after it, one for whole
-    sequences. One that names none and has a prior over shapes is fitted by it, unless the config
-    asks for what these methods do not have. Where the method is set, the config that has it is
-    meant.
+    Raises InputError where the config asks for what its method does not have.
     """
-    try:
-        known = {} if config.dictionary is None else read_provenance(config.dictionary)
-        prior = config.dictionary is not None and has_prior(config.dictionary)
-    except InputError:  # the fit says what is wrong with it
-        return Default()
-    method = config.method if "method" in config.model_fields_set else None
-    found = choose_by_dictionary(known, method, lambda: in_sequences(config), prior=prior)
-    return found if fits(found, config) else Default()
+    provenance = read_provenance(config.dictionary)
+    prior = config.method == AUTO and has_prior(config.dictionary)
+    return choose_by_dictionary(config, provenance, lambda: in_sequences(config), prior=prior)
 
 
 def choose_by_dictionary(
+    config: FitConfig,
     provenance: Mapping[str, str],
-    method: str | None,
     has_sequences: Callable[[], bool],
     *,
     prior: bool,
-) -> Default:
+) -> tuple[FitConfig, str]:
     """Choose by what a dictionary says of itself, and by whether the images are of sequences."""
-    suits = [name for name in provenance.get(SUITS, "").split() if name in find_presets("fit")]
-    if method is not None:
-        return Default(next((name for name in suits if method_of(name) == method), None))
-    if not suits and prior:
-        return Default(method=WITH_PRIOR[has_sequences()])
-    if len(suits) < 2:
-        return Default(next(iter(suits), None))
-    return Default(suits[has_sequences()])
-
-
-def fits(default: Default, config: FitConfig) -> bool:
-    """Whether nothing that the config asks for is in conflict with a default method."""
-    if default.method is None:
-        return True
-    return find_conflict(config.changed(method=default.method)) is None
-
-
-def method_of(name: str) -> str:
-    """Return the method of an installed config."""
-    config = load_config("fit", find_config("fit", Path(name)), to_show=True)
-    assert isinstance(config, FitConfig)
-    return config.method
+    line = ""
+    if config.method == AUTO:
+        method = ("sequences" if has_sequences() else "posterior") if prior else "convex"
+        if find_conflict(config.changed(method=method)) is not None:
+            method = "convex"
+        config = config.changed(method=method)
+        if (conflict := find_conflict(config)) is not None:
+            raise input_error("fit", conflict.partition("; ")[0], conflict.partition("; ")[2])
+        why = "the dictionary has a prior" if prior else "the dictionary has no prior"
+        line = f"{method} ({why}; change with --method)"
+    if PEOPLE in provenance.get(SUITS, "").split() and config.method in OF_PEOPLE:
+        given = config.prior.model_fields_set
+        values = OF_PEOPLE[config.method].items()
+        config = config.changed(prior={key: value for key, value in values if key not in given})
+    resolved = {"tolerance": config.solver_tolerance, "save": {"proof": config.saves_proof}}
+    return config.changed(**resolved), line
 
 
 def in_sequences(config: FitConfig) -> bool:
-    """Whether the images are frames of sequences: at least half of them of ENOUGH or more.
+    """Whether the images are frames of sequences: at least half of them of FRAMES or more.
 
-    The first LOOKED_AT are counted; what comes by standard input cannot be read twice.
+    The first COUNTED are counted; what comes by standard input cannot be read twice.
     """
     if not config.landmarks or STANDARD_STREAM in config.landmarks:
         return False
-    options = replace(input_options(config.input, "motion"), rename={})
+    options = replace(input_options(config, "motion"), rename={})
     try:
         with open_landmarks(config.landmarks, options) as source:
-            first = next(iter(source.batches(LOOKED_AT)), None)
+            first = next(iter(source.batches(COUNTED)), None)
     except InputError:  # no frames of a video; what is wrong with files the fit says itself
         return False
     return first is not None and are_long(first.sequences)
 
 
 def are_long(sequences: Sequence[str] | None) -> bool:
-    """Whether at least half of the images are of sequences of ENOUGH or more."""
+    """Whether at least half of the images are of sequences of FRAMES or more."""
     if not sequences:
         return False
     _, which, counts = np.unique(sequences, return_inverse=True, return_counts=True)
-    return median(counts[which]) >= ENOUGH
+    return median(counts[which]) >= FRAMES

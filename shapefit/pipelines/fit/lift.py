@@ -6,7 +6,7 @@ Weigh the landmarks, set outliers aside, lift by the method, refine as the camer
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 from functools import partial
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Any
@@ -27,7 +27,7 @@ from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
 from shapefit.lifting.lift import BETA, Lifting, Program, fail_nonfinite, lift
 from shapefit.lifting.methods import (
     METHODS,
-    ROBUST,
+    MIN_CONFIDENCE,
     AlternationOptions,
     PosteriorOptions,
     Settings,
@@ -52,7 +52,7 @@ SEARCHED = 0.25
 """Residual beyond which a search before the fit judges a landmark an outlier, in units of the size
 of the shape."""
 
-LEAVE_OUT = "leave_out"
+LEAVE_OUT = "leave_one_out"
 
 
 def lift_batch(images: LandmarkSet, setup: Setup) -> tuple[Lifting, dict[str, NDArray[Any]]]:
@@ -63,7 +63,7 @@ def lift_batch(images: LandmarkSet, setup: Setup) -> tuple[Lifting, dict[str, ND
     """
     config = setup.config
     if setup.mapped.active:  # error bars of the joints are those of all landmarks together
-        config = config.changed(posterior={"covariance": True})
+        config = config.changed(save={"covariance": True})
     lifting = lift_landmarks(images, setup.seen, config, setup.lengths)
     if setup.dictionary.depth_ambiguity:
         lifting = replace(lifting, estimate=cover_mirror_image(lifting.estimate))
@@ -77,7 +77,7 @@ def lift_landmarks(
 
     lengths (e,) of the bones, where they are known, for methods of sequences.
     """
-    of_each = lift_images if config.leave_out is None else lift_left_out
+    of_each = lift_images if config.leave_one_out is None else lift_left_out
     lifting = of_each(images, dictionary, config)
     if METHODS[config.method].has_prior:
         lifting = judge(lifting, dictionary, config)
@@ -95,9 +95,9 @@ def load_steps(config: FitConfig) -> None:
     method.load()
     if config.camera.model == "perspective" and method.perspective == "refined":
         import shapefit.lifting.perspective.view
-    if config.outliers.method not in ("none", *ROBUST):
+    if config.searches_outliers:
         import shapefit.lifting.consensus
-    if config.leave_out is not None:
+    if config.leave_one_out is not None:
         import concurrent.futures.thread  # noqa: F401
 
         import shapefit.lifting.merging  # noqa: F401
@@ -115,7 +115,7 @@ def lift_images(
     visible = weights = weigh(images, config)
     if method.has_prior and not dependent:
         visible = weights = np.where(dictionary.depends_on >= 0, 0.0, weights)
-    searches = config.outliers.method not in ("none", *ROBUST)
+    searches = config.searches_outliers
     if searches:
         inliers, lost = find_inliers(images, weights, dictionary, config)
         weights = np.where(inliers, weights, 0.0)
@@ -137,8 +137,7 @@ def lift_images(
         from shapefit.lifting.perspective.view import PerspectiveOptions, refine_view
 
         options = PerspectiveOptions(threads=config.threads)
-        views = AlternationOptions(views=config.alternation.views).number_of_views
-        lifting = refine_view(lifting, images.landmarks, camera, dictionary, options, views=views)
+        lifting = refine_view(lifting, images.landmarks, camera, dictionary, options)
     return lifting
 
 
@@ -164,8 +163,8 @@ def program_of(config: FitConfig) -> Program:
     """Return the convex program that the config names."""
     return Program(
         lam=None if config.lam == "auto" else config.lam,
-        loss=Loss(config.data_term),
-        beta=config.outliers.threshold or BETA,
+        loss=Loss(config.loss),
+        beta=config.outlier_threshold or BETA,
         noise=config.noise or 0.0,
     )
 
@@ -175,20 +174,22 @@ def settings_of(config: FitConfig, dictionary: Dictionary) -> Settings:
 
     Where its tolerance is that of another gap, the convex program is solved at its own default.
     """
-    method, tolerance = METHODS[config.method], config.solver.tolerance
-    options = None
-    if method.section is not None:
-        section = getattr(config, method.section.name)
-        keys = {key.name for key in fields(method.section.options)}
-        values = {key: getattr(section, key) for key in keys & type(section).model_fields.keys()}
-        if "residual_variance" in keys:
-            values["residual_variance"] = find_residual_variance(config, dictionary)
-        options = method.section.options(**values)
+    method, tolerance = METHODS[config.method], config.solver_tolerance
+    options: Any = None if method.options is None else method.options()
+    if isinstance(options, AlternationOptions):
+        options = replace(options, signed=config.signed)
+    if isinstance(options, PosteriorOptions):
+        options = replace(
+            options,
+            residual_variance=find_residual_variance(config, dictionary),
+            widening=config.prior.bar_scale,
+            covariance=config.save.covariance,
+        )
     needs = {need.name: getattr(dictionary, need.name) for need in method.needs}
     if method.has_prior:
         from shapefit.lifting.posterior.p_value import moments_at
 
-        scale, table = config.posterior.prior_scale or 1.0, dictionary.p_value_table
+        scale, table = config.prior.scale or 1.0, dictionary.p_value_table
         needs["prior"] = widen(needs["prior"], scale)
         needs["p_value_table"] = None if table is None else moments_at(table, scale)
     own = min(tolerance, METHODS["convex"].tolerance) if method.proves == "global" else tolerance
@@ -196,13 +197,11 @@ def settings_of(config: FitConfig, dictionary: Dictionary) -> Settings:
         solve=partial(
             solve_newton,
             tolerance=own,
-            max_iterations=config.solver.max_iterations,
             threads=config.threads,
         ),
         mean_shape=dictionary.mean_shape,
         needs=needs,
         options=options,
-        orthogonal=config.rotations == "orthogonal",
         tolerance=tolerance,
         threads=config.threads,
     )
@@ -210,21 +209,22 @@ def settings_of(config: FitConfig, dictionary: Dictionary) -> Settings:
 
 def find_residual_variance(config: FitConfig, dictionary: Dictionary) -> float:
     """Return the misfit of the config, of the dictionary, or the default."""
-    if config.posterior.residual_variance is not None:
-        return config.posterior.residual_variance
+    if config.prior.residual_variance is not None:
+        return config.prior.residual_variance
     known = dictionary.residual_variance
     return PosteriorOptions.residual_variance if known is None else float(known[0])
 
 
 def weigh(images: LandmarkSet, config: FitConfig) -> Floats:
-    """Weights (n, p): the confidence, or 1 where it is `posterior.least_score` or more, else 0.
+    """Weights (n, p): the confidence, or with a prior 1 from `min_confidence` on, else 0.
 
     A score says how sure a detector is that a landmark is where it found it, not how exactly.
     Landmarks with covariances keep their confidences.
     """
-    weights, least = images.weights(), config.posterior.least_score
-    if least is None or not METHODS[config.method].precisions:
+    weights, least = images.weights(), config.min_confidence
+    if not METHODS[config.method].precisions:
         return weights
+    least = MIN_CONFIDENCE if least is None else least
     if LANDMARK_COVARIANCE in images.columns:
         return weights
     return ((weights > 0) & (weights >= least)).astype(np.float64)
@@ -272,7 +272,7 @@ def find_inliers(
         np.where(searched[:, None], weights, 0.0),
         dictionary.mean_shape,
         find_seeds(images),
-        threshold=config.outliers.threshold or SEARCHED,
+        threshold=config.outlier_threshold or SEARCHED,
         draws=DRAWS,
         max_rounds=MOST_ROUNDS,
         threads=config.threads,
@@ -348,7 +348,8 @@ def find_items(
     images: LandmarkSet, config: FitConfig, dictionary: Dictionary
 ) -> tuple[NDArray[np.str_], Flags]:
     """Return the item (n,) that each image shows, and whether atoms are of it (n,)."""
-    items = np.array(named_items(images, config.leave_out or "", LEAVE_OUT, LEAVE_OUT), dtype=str)
+    name = config.leave_one_out or ""
+    items = np.array(named_items(images, name, LEAVE_OUT, LEAVE_OUT), dtype=str)
     return items, np.isin(items, np.array(dictionary.atom_items, dtype=str))
 
 

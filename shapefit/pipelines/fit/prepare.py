@@ -107,9 +107,6 @@ def set_up(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence[s
     """
     method = METHODS[config.method]
     dictionary = of_files(dictionary, landmark_names, in_place=method.has_prior)
-    if config.transforms and output_format(config).points_only:
-        found = f"cannot be stored in {config.output}: CSV holds points only"
-        raise input_error("transforms", found, "name an HDF5 output, or leave it out")
     place = ", ".join(map(str, config.landmarks)) + ": landmark names"
     joints, unknown = match_names(
         landmark_names, dictionary.landmark_names, place, in_place=method.has_prior
@@ -118,19 +115,19 @@ def set_up(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence[s
     dependents = find_dependents(dictionary)
     mapped = LandmarkMap(
         joints,
-        config.theta or MEANS,
+        config.skeleton or MEANS,
         method.has_prior and bool(joints.markers or dependents is not None),
-        config.posterior.covariance,
+        config.save.covariance,
         dependents,
         find_residual_variance(config, dictionary),
     )
     seen, lengths = mapped.apply(dictionary), None
     check_needs(config, seen)
-    if method.sequences and config.sequences.lengths is not None:
+    if method.sequences and config.bone_lengths is not None:
         from shapefit.pipelines.fit.sequences import find_lengths
 
-        lengths = find_lengths(config.sequences.lengths, seen)
-    if config.leave_out is not None:
+        lengths = find_lengths(config.bone_lengths, seen)
+    if config.leave_one_out is not None:
         check_items(seen)
     load_steps(config)
     return Setup(
@@ -152,7 +149,7 @@ def warn_of_dictionary(config: FitConfig, dictionary: Dictionary) -> tuple[str, 
     """
     learned, wanted = dictionary.provenance.get("method"), METHODS[config.method].learned
     of_learning = describe_learning(dictionary)
-    if learned is None or not wanted or config.alternation.signed or learned in wanted:
+    if learned is None or not wanted or config.signed or learned in wanted:
         return of_learning
     kinds = " or ".join(f"`{kind}`" for kind in wanted)
     if len(wanted) == 1:
@@ -186,7 +183,7 @@ def read_options(config: FitConfig) -> InputOptions:
     Detections without identity are joined to sequences where those are needed.
     """
     joined = output_format(config).in_metres or METHODS[config.method].sequences
-    return input_options(config.input, "motion" if joined else "none")
+    return input_options(config, "motion" if joined else "none")
 
 
 @dataclass(frozen=True)
@@ -214,8 +211,11 @@ def prepare(
     check_needs(config, dictionary)
     calibrated = find_calibrated(config.camera)
     is_open = config.camera.model == "auto"
-    if not METHODS[config.method].has_prior:
-        return Estimates({"camera": WEAK} if is_open else {})
+    method = METHODS[config.method]
+    if not method.has_prior:
+        measured = calibrated is not None and method.perspective == "refined"
+        camera = {"focal": "files"} if measured else WEAK
+        return Estimates({"camera": camera} if is_open else {})
     images = first()
     bars, of_bars = read_widening(config)
     images = straightened(images, calibrated)
@@ -226,18 +226,18 @@ def prepare(
         camera, of_camera = choose_camera(
             config, images, of_people=of_people, paths=config.landmarks
         )
-    config = config.changed(camera=camera, posterior=bars)
+    config = config.changed(camera=camera, prior=bars)
     seen = np.flatnonzero(images.seen().sum(axis=1) >= FEWEST_SEEN)
     sample = images.take(seen[list(spread(IMAGES, len(seen)))])
     theta, of_skeleton = choose_theta(config, sample, own)
-    config = config.changed(theta=theta)
+    config = config.changed(skeleton=theta)
     measured = calibrated is not None or CAMERA_MATRIX in images.columns
     warnings = check_camera(sample, config, own) if measured and is_open and camera != WEAK else ()
     of_labels = check_labels(config, images, dictionary)
     # a wide prior would take wrong names for poses that it lacks
     width, of_width = choose_width(config, images, dictionary, learned=bool(of_labels))
     lines = tuple(filter(None, (of_camera, of_skeleton, of_width, of_bars)))
-    values = {"camera": camera, "posterior": {**bars, **width}, "theta": theta}
+    values = {"camera": camera, "prior": {**bars, **width}, "skeleton": theta}
     return Estimates(values, lines, warnings + of_labels)
 
 
@@ -247,7 +247,7 @@ def read_widening(config: FitConfig) -> tuple[dict[str, Any], str]:
     By the factors of the method, or of the only one of the report. Raises InputError for a file
     that has none.
     """
-    path = config.posterior.calibration
+    path = config.prior.calibration
     if path is None:
         return {}, ""
     try:
@@ -265,8 +265,8 @@ def read_widening(config: FitConfig) -> tuple[dict[str, Any], str]:
         raise input_error(path, found, f"judge one result alone, or call it {config.method}")
     if None in (half, most):
         found = "has no factor: too few landmarks, or error bars that are far too narrow"
-        raise input_error(path, found, "judge more images, or with a larger `posterior.widening`")
-    return {"widening": config.posterior.widening * most**2, "calibration": None}, (
+        raise input_error(path, found, "judge more images, or with a larger `prior.bar_scale`")
+    return {"bar_scale": config.prior.bar_scale * most**2, "calibration": None}, (
         f"error bars {most:.2f} times as wide, by {path.name}: 90% of that truth is in the 90% "
         f"ellipsoids, 50% in {half / most:.2f} times the 50% ellipsoids"
     )
@@ -294,7 +294,7 @@ def first_images(config: FitConfig, parts: Iterable[Part]) -> LandmarkSet:
             break
     if unreadable is not None and left == FIRST:
         raise unreadable
-    kept = (*OF_CAMERAS, LANDMARK_COVARIANCE, config.camera.intrinsics)
+    kept = (*OF_CAMERAS, LANDMARK_COVARIANCE, config.camera.matrices)
     return _joined([images for images in found if len(images)] or found[:1], filter(None, kept))
 
 
@@ -337,15 +337,15 @@ def choose_theta(
 ) -> tuple[dict[str, float] | None, str]:
     """Return the parameters of the skeleton, as given, else found, else usual; and a line."""
     joints = find_joints(sample.landmark_names, dictionary.landmark_names)
-    given = dict(config.theta or {})
+    given = dict(config.skeleton or {})
     names = [name for name in joints.parameters if name not in given]
     if not joints.markers:
-        return config.theta, ""
+        return config.skeleton, ""
     if not names or not len(sample):
         return {**MEANS, **given}, ""
 
     def evidence(theta: Mapping[str, float]) -> float:
-        return float(np.nansum(log_evidence(sample, config.changed(theta=theta), dictionary)))
+        return float(np.nansum(log_evidence(sample, config.changed(skeleton=theta), dictionary)))
 
     theta, deviation = maximise_theta(evidence, names, {**MEANS, **given})
     told = ", ".join(

@@ -16,7 +16,7 @@ from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
-from shapefit.lifting.verdict import REASONS, TRUSTED, find_doubts
+from shapefit.lifting.verdict import MIN_P_VALUE, REASONS, TRUSTED, find_doubts
 from shapefit.pipelines.fit.lift import find_left_out
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ def as_result(
     """
     config, found = setup.config, lifting.estimate
     bars = found.in_unit(lifting.scale[:, None, None])
-    failed, M = np.isnan(lifting.scale), found.transforms
+    failed = np.isnan(lifting.scale)
 
     def where_fitted(values: Floats | None) -> Floats | None:
         if values is None or not failed.any():
@@ -58,14 +58,14 @@ def as_result(
         items=images.items,
         sequences=images.sequences,
         shape_sd=bars.deviation,
-        transforms=where_fitted(M.dense()) if config.transforms and M is not None else None,
+        transforms=None,
         unit=images.unit,
         y_axis=images.y_axis,
-        frame_rate=config.sequences.frame_rate or images.frame_rate,
+        frame_rate=config.frame_rate or images.frame_rate,
         attributes=size_attributes(setup.dictionary),
         **further_datasets(images, lifting, setup, inputs, bars.covariance),
     )
-    return with_proof(record, lifting, config.method) if config.proof else record
+    return with_proof(record, lifting, config.method) if config.saves_proof else record
 
 
 def size_attributes(dictionary: Dictionary) -> dict[str, str | float | int]:
@@ -135,7 +135,7 @@ def further_datasets(
         **found.further,
         **verdict(images, lifting, setup),
     }
-    if setup.config.leave_out is not None:
+    if setup.config.leave_one_out is not None:
         own["left_out"] = find_left_out(images, setup.config, dictionary).astype(object)
     if lifting.perspective is not None:
         own |= perspective_datasets(lifting.perspective, found.coefficients, dictionary)
@@ -149,7 +149,7 @@ def further_datasets(
 
 def verdict(images: LandmarkSet, lifting: Lifting, setup: Setup) -> dict[str, NDArray[Any] | None]:
     """Say of each image whether its shape is to be trusted, where the method knows its error."""
-    found, limits = lifting.estimate, setup.config.posterior
+    found = lifting.estimate
     if found.deviation is None:
         return {}
     reasons = find_doubts(
@@ -158,7 +158,7 @@ def verdict(images: LandmarkSet, lifting: Lifting, setup: Setup) -> dict[str, ND
         images.seen(),
         found.further["p_value"],
         found.status,
-        implausible=limits.implausible,
+        implausible=MIN_P_VALUE,
         depth_ambiguity=setup.dictionary.depth_ambiguity,
     )
     return {TRUSTED: reasons == "", REASONS: reasons}

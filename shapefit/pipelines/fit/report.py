@@ -14,7 +14,7 @@ from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.skeletons import PEOPLE, people_joints
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
-from shapefit.lifting.verdict import NO_SHAPE, P_VALUE, REASONS
+from shapefit.lifting.verdict import MIN_P_VALUE, NO_SHAPE, P_VALUE, REASONS
 from shapefit.pipelines.fit.checks import FEWEST, MOSTLY, find_cause
 from shapefit.pipelines.fit.lift import LEAVE_OUT, find_items
 from shapefit.pipelines.fit.prepare import Setup
@@ -56,14 +56,14 @@ class Report:
         self.done += len(images)
         self._count_upright(record)
         self._count_beliefs(images, record)
-        if config.leave_out is not None:
+        if config.leave_one_out is not None:
             items, known = find_items(images, config, self._setup.dictionary)
             self._unknown_items += int((~known).sum())
             self._unknown_item = self._unknown_item or next(iter(items[~known].tolist()), "")
         return Outcome(
             done=len(images),
             total=total,
-            failures=find_failures(images, lifting, strict=config.strict),
+            failures=find_failures(images, lifting),
             warnings=find_warnings(images, lifting, self._setup),
             doubts=count_doubts(record),
         )
@@ -90,7 +90,7 @@ class Report:
         self._sample = self._sample or images
         self._gross += (inlier_probability < MOSTLY).sum(axis=0)
         self._seen += np.isfinite(inlier_probability).sum(axis=0)
-        self._implausible += int((p_value < self._setup.config.posterior.implausible).sum())
+        self._implausible += int((p_value < MIN_P_VALUE).sum())
         self._judged += int(np.isfinite(p_value).sum())
 
     def _warn_of_landmarks(self) -> Iterator[str | Counted]:
@@ -140,13 +140,9 @@ class Report:
         return f"{LEAVE_OUT}: {found}; they were fitted with all atoms"
 
 
-def find_failures(images: LandmarkSet, lifting: Lifting, *, strict: bool) -> tuple[Failure, ...]:
-    """List the items without a shape and, where `strict`, those that are not optimal."""
-    reasons = dict(lifting.failures)
-    if strict:
-        for image, status in enumerate(lifting.estimate.status):
-            if status not in (Status.OPTIMAL, Status.CONVERGED):
-                reasons.setdefault(image, describe(lifting, image))
+def find_failures(images: LandmarkSet, lifting: Lifting) -> tuple[Failure, ...]:
+    """List the items without a shape."""
+    reasons = lifting.failures
     return tuple(Failure(images.items[image], reasons[image]) for image in sorted(reasons))
 
 
@@ -154,21 +150,15 @@ def find_warnings(images: LandmarkSet, lifting: Lifting, setup: Setup) -> tuple[
     """Count images that are not optimal or empty; warn of confidences, and of the camera."""
     found: list[str | Counted] = []
     config, gap, states = setup.config, lifting.estimate.relative_gap, lifting.estimate.status
-    if Status.ITERATION_LIMIT in states and not config.strict:
+    if Status.ITERATION_LIMIT in states:
         limited = [image for image, one in enumerate(states) if one is Status.ITERATION_LIMIT]
         worst = limited[0] if gap is None else max(limited, key=lambda image: gap[image])
         severity = 0.0 if gap is None or np.isnan(gap[worst]) else float(gap[worst])
         told = describe(lifting, worst)
         found.append(Counted(len(limited), "image", "not optimal", worst=told, severity=severity))
-    precisions = METHODS[config.method].precisions
-    are_scores = precisions and config.posterior.least_score is not None
-    if not are_scores and images.confidence is not None and (images.confidence > 1).any():
-        what = (
-            "they make a landmark more precise than the model otherwise believes, whose standard "
-            "deviations they divide"
-            if precisions
-            else "they are weights, and larger ones count more against `lambda`"
-        )
+    weighted = not METHODS[config.method].precisions
+    if weighted and images.confidence is not None and (images.confidence > 1).any():
+        what = "they are weights, and larger ones count more against `lambda`"
         fix = "divide them by their largest value if that is not intended"
         found.append(f"confidences above 1: {what}; {fix}")
     empty = ~lifting.estimate.shapes.any(axis=(1, 2)) & np.isfinite(lifting.scale)

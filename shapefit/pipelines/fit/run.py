@@ -27,10 +27,11 @@ from shapefit.io import (
     result_writer,
 )
 from shapefit.io.formats import find_target_format
-from shapefit.io.options import Markers, OutputOptions
+from shapefit.io.options import OutputOptions
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.camera import doubts_of_lens, straightened
+from shapefit.pipelines.fit.default import choose_default
 from shapefit.pipelines.fit.lift import lift_batch, whole_stretches
 from shapefit.pipelines.fit.prepare import (
     FIRST,
@@ -52,6 +53,9 @@ from shapefit.threads import side_by_side
 if TYPE_CHECKING:
     from shapefit.pipelines.meshes import MeshWriter
 
+CHUNK = 4096
+"""Images that are lifted together, rounded up; no result depends on it."""
+
 BATCH = 4096
 """Images that are read before the first whole sequences of them are lifted."""
 
@@ -70,17 +74,16 @@ def run(
     rows: slice | None = None,
     estimates: Estimates | None = None,
     dictionary: Dictionary | None = None,
-    markers: Markers | None = None,
     inputs: Mapping[str, str] | None = None,
 ) -> Iterator[Outcome]:
     """Lift every image of the landmark files, or these rows of the one; an Outcome per batch.
 
     estimates are those of all inputs, where these are a part of them, and `inputs` the digests of
-    this part; the dictionary that of the config, where it was read before; markers those of a file
-    in metres.
+    this part; the dictionary that of the config, where it was read before.
     """
     output = config.output
     assert isinstance(output, Path), "a folder is written part by part"
+    config, chosen = choose_default(config)
     files = (*(config.landmarks if inputs is None else ()), *files_of(config).values())
     dictionary = dictionary or read_dictionary(config.dictionary)
     check_export(config, dictionary)
@@ -89,13 +92,15 @@ def run(
         estimates = estimates or prepare(config, dictionary, lambda: source.first(FIRST))
         config = config.changed(**estimates.values)
         if find_target_format(output).angles:  # the error of an angle is that of several joints
-            config = config.changed(posterior={"covariance": True})
+            config = config.changed(save={"covariance": True})
         setup = set_up(config, dictionary, source.head.landmark_names)
         report = Report(setup, explained=bool(estimates.warnings))
         seconds, known = 0.0, dict[str, str]()
         with (
             open_export(config, setup.dictionary) as export,
-            result_writer(output, OutputOptions(height=config.height, markers=markers)) as writer,
+            result_writer(
+                output, OutputOptions(height=config.height, markers=config.markers)
+            ) as writer,
             closing(lift_source(source, setup)) as batches,
         ):
             for batch in batches:
@@ -111,7 +116,8 @@ def run(
             warnings = (*estimates.warnings, *warn_of(source, setup), *report.warnings)
     names = setup.dictionary.landmark_names
     of_writer = warn_of_rate(config, source, writer.summary.warnings)
-    said = (say_y(source), *estimates.lines, describe_names(source.head.landmark_names, names))
+    matched = describe_names(source.head.landmark_names, names)
+    said = (chosen, say_y(source), *estimates.lines, matched)
     yield Outcome(
         total=source.count,
         warnings=warnings + (() if export is None else export.warnings) + of_writer,
@@ -178,7 +184,7 @@ def read_images(source: LandmarkSource, setup: Setup) -> Iterator[LandmarkSet]:
 
 def batch_size(config: FitConfig) -> int | None:
     """Images at a time, cut where no result depends on it; None for whole sequences."""
-    return None if METHODS[config.method].sequences else whole_stretches(config.chunk)
+    return None if METHODS[config.method].sequences else whole_stretches(CHUNK)
 
 
 def attributes_of(
@@ -223,7 +229,7 @@ def warn_of_rate(
 
     Among the warnings of the writer that takes the place of its own about the same.
     """
-    known = config.sequences.frame_rate or source.head.frame_rate
+    known = config.frame_rate or source.head.frame_rate
     if known or not METHODS[config.method].sequences:
         return of_writer
     from shapefit.io.writers.motion import NO_RATE

@@ -78,14 +78,14 @@ def refine_sequences(
     lengths: Floats | None,
 ) -> Lifting:
     """Infer whole sequences from what was found of each image; lengths (e,) of bones, if known."""
-    rate = config.sequences.frame_rate or images.frame_rate
+    rate = config.frame_rate or images.frame_rate
     refine = partial(
         refine_lifting,
         sequences=images.sequences or (),
         motion=find_motion(dictionary, rate, lengths),
         residual_variance=residual_variance,
         noise=config.noise,
-        widening=config.posterior.widening,
+        widening=config.prior.bar_scale,
         threads=config.threads,
     )
     return refine_through_camera(lifting, images.landmarks, refine)

@@ -67,22 +67,22 @@ def choose_width(
     The config has its camera and skeleton. What is not given stays as it was `learned` on demand;
     where all does, the line is empty.
     """
-    own, start = config.posterior, find_residual_variance(config, dictionary)
-    widths = FACTORS if own.prior_scale is None else (own.prior_scale,)
+    own, start = config.prior, find_residual_variance(config, dictionary)
+    widths = FACTORS if own.scale is None else (own.scale,)
     misfits = FACTORS if own.residual_variance is None else (1.0,)
 
     def keys(width: float, factor: float) -> dict[str, float]:
-        return {"prior_scale": width, "residual_variance": factor * start}
+        return {"scale": width, "residual_variance": factor * start}
 
     def evidence(pair: Pair, sample: LandmarkSet) -> Floats:
-        return log_evidence(sample, config.changed(posterior=keys(*pair)), dictionary)
+        return log_evidence(sample, config.changed(prior=keys(*pair)), dictionary)
 
     first = Width(widths[0], misfits[0], 0.0)
     seen = images.take(np.flatnonzero(images.seen().sum(axis=1) >= FEWEST_SEEN))
     is_open = len(widths) + len(misfits) > 2 and not learned
     found = first
     if is_open and len(seen) >= FEWEST and enough_names(images.landmark_names, dictionary):
-        as_learned = config.changed(posterior=keys(*first[:2]))
+        as_learned = config.changed(prior=keys(*first[:2]))
         known = without_gross(seen, lift_sample(few_of(seen), as_learned, dictionary))
         found = find_width(evidence, known, widths, misfits)
     changed = (

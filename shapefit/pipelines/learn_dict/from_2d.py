@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.config import FitConfig, LearnDictConfig
-from shapefit.config.commands.fit_sections import ViewingConfig
+from shapefit.config.commands.fit import CameraConfig
 from shapefit.config.commands.learn_dict import PriorConfig
 from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, UNLIKE, Judgement, judge
 from shapefit.dictionary.from_2d.learning import State, learn
@@ -241,7 +241,7 @@ def learn_mixtures(
         grown = np.linalg.norm(lifted, axis=(1, 2)) / np.linalg.norm(shapes.shapes, axis=(1, 2))
         fine = (grown > 1 / LARGER) & (grown < LARGER)  # not so where it is nan
         shapes = shapes.replaced(shapes=np.where(fine[:, None, None], lifted, shapes.shapes))
-    if config.prior.stretch or config.prior.exchange:
+    if config.prior.bone_scale or config.prior.exchange:
         return (yield from learned(best_shapes, number, config.iterations, varied=True))
     made = yield from learned(best_shapes, 0, config.iterations, varied=False)
     return replace(made, prior=best.prior, residual_variance=best.residual_variance)
@@ -349,7 +349,7 @@ def lift_by(
 
 
 def _fit_config(method: str, camera: str | None = None) -> FitConfig:
-    viewing = ViewingConfig(model="perspective", intrinsics=camera) if camera else ViewingConfig()
+    viewing = CameraConfig(focal="files") if camera else CameraConfig()
     return FitConfig.model_construct(
         landmarks=(Path("landmarks"),),
         dictionary=Path("dictionary"),

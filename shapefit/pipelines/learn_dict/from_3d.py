@@ -171,7 +171,7 @@ def learn_prior(training: TrainingShapes, config: LearnDictConfig) -> Mixture:
         raise input_error("prior.components", found, "lower it, or give more shapes")
     copies = number_of_copies(number, prior)
     shapes = training.alignment.shapes
-    if prior.stretch or prior.exchange:
+    if prior.bone_scale or prior.exchange:
         shapes = vary_shapes(training, config, copies)
     return learn_mixture(
         shapes,
@@ -195,7 +195,7 @@ def number_of_components(number: int, prior: PriorConfig) -> int:
 
 def number_of_copies(number: int, prior: PriorConfig) -> int:
     """Return the copies of each of so many shapes: one, or enough where they are varied."""
-    if not (prior.stretch or prior.exchange):
+    if not (prior.bone_scale or prior.exchange):
         return 1
     return min(max(FEWEST_COPIES, ENOUGH // number), MOST_COPIES)
 
@@ -214,7 +214,7 @@ def vary_shapes(training: TrainingShapes, config: LearnDictConfig, copies: int) 
         training.alignment.shapes,
         skeleton,
         copies=copies,
-        stretch=config.prior.stretch,
+        stretch=config.prior.bone_scale,
         exchange=config.prior.exchange,
         partners=training.dictionary.mirror_index,
     )

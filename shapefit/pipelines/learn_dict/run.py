@@ -37,7 +37,7 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
     check_target_format(config.output, DICTIONARY.kind)
     landmarks = holds_landmarks(config)
     check_keys(config, landmarks=landmarks)
-    options = input_options(config.input)
+    options = replace(input_options(config), landmarks=config.landmarks)
     if landmarks:
         with open_landmarks(config.shapes, options) as images:
             notes = images.notes
@@ -45,7 +45,7 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
             latest = next(learning)
     else:
         with open_shapes(config.shapes, options) as source:
-            notes = source.notes + check_rate(source.head.frame_rate, config)
+            notes = source.notes
             check_memory(source, config)
             shapes = source.whole()
         learning = learn_from_shapes(shapes, config, digests(config.shapes))
@@ -69,7 +69,7 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
 
 def holds_landmarks(config: LearnDictConfig) -> bool:
     """Whether the files hold 2D landmarks, so that shapes are learned from them as well."""
-    options = input_options(config.input)
+    options = input_options(config)
     files = (path for path in config.shapes if not is_stream(path))
     return {find_kind(path, options) for path in files} == {"landmarks"}
 
@@ -77,8 +77,6 @@ def holds_landmarks(config: LearnDictConfig) -> bool:
 def check_keys(config: LearnDictConfig, *, landmarks: bool) -> None:
     """Raise InputError for keys that have no effect on files of 2D landmarks, or of 3D shapes."""
     idle = {}
-    if landmarks and config.frame_rate is not None:
-        idle["frame_rate"] = "only for 3D shapes: the files hold 2D landmarks"
     if not landmarks and config.flip:
         idle["flip"] = "only for 2D landmarks: the files hold 3D shapes"
     if not landmarks and not config.prior.components and config.prior != PriorConfig():
@@ -88,24 +86,12 @@ def check_keys(config: LearnDictConfig, *, landmarks: bool) -> None:
         raise input_error(key, f"`{key}` has no effect here, {condition}", "leave it out")
 
 
-def check_rate(stated: float | None, config: LearnDictConfig) -> tuple[str, ...]:
-    """Warn of shapes without a frame rate; raise InputError for one that is not `frame_rate`."""
-    wanted = config.frame_rate
-    if wanted is None or stated == wanted:
-        return ()
-    fix = f"write them at {wanted:g} frames per second: `shapefit convert --set every=N`"
-    if stated is not None:
-        found = f"has {stated:g} frames per second, and `frame_rate` is {wanted:g}"
-        raise input_error(config.shapes[0], found, fix)
-    return (f"{config.shapes[0]}: states no frame rate, and {wanted:g} is wanted; {fix}",)
-
-
 def check_memory(source: ShapeSource, config: LearnDictConfig) -> None:
     """Raise InputError where sparse coding of the shapes, as measured, takes more than is free."""
     if config.method != "sparse-coding":
         return
     p, every = len(source.head.landmark_names), config.every
     step = every if isinstance(every, int) else max(every.values())
-    copies = 2 if config.symmetry == "double" else 1
+    copies = 2 if config.mirror else 1
     size = 8 * source.count * (6 * p + copies * (9 * p + 4 * config.k) // step)
     check_fits(place_of(config), size, "learning from so many shapes", "take fewer with `every`")

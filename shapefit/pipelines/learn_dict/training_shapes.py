@@ -39,7 +39,7 @@ from shapefit.pipelines.outcome import Failure, Note
 class TrainingShapes:
     """n training shapes, normalised and aligned.
 
-    original: as in the files, after `every` and `symmetry`; alignment: of the normalised shapes
+    original: as in the files, after `every` and `mirror`; alignment: of the normalised shapes
     (n, 3, p); scale (n,) that normalised them; mesh_vertices (n, 3, q), moved as their landmarks,
     or None; dictionary: all but its atoms and prior; failures: shapes that cannot be used.
     """
@@ -61,13 +61,13 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
 
     The motion and the rigidity of edges are those of all the shapes given. Shapes that cannot be
     normalised are failures. Raises InputError for shapes without the pairs of landmarks that
-    `symmetry` needs, unknown landmarks in `align`, no shapes, and fewer shapes than atoms.
+    `mirror` needs, unknown landmarks in `align`, no shapes, and fewer shapes than atoms.
     """
     usable, _ = separate(given)
     thinned = given.take(every_nth(given.sequences or ("",) * len(given), config.every))
     kept, failures = separate(thinned)
     shapes = kept
-    partners = None if config.symmetry == "none" else find_partners(kept, config)
+    partners = find_partners(kept, config) if config.mirror else None
     if partners is not None and len(kept):
         twice = kept.take(np.tile(np.arange(len(kept)), 2))
         mirrored = mirror(kept.shapes, partners, lateral_axis(kept.shapes, partners))
@@ -139,7 +139,7 @@ def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> NDArray[Any]:
     """
     names, place = shapes.landmark_names, place_of(config)
     points = np.arange(len(names))
-    if config.mirror is not None:
+    if isinstance(config.mirror, dict):
         partners = points.copy()
         for pair in config.mirror.items():
             match_landmarks(names, pair, place="mirror")
@@ -149,7 +149,9 @@ def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> NDArray[Any]:
                 raise input_error("mirror", found, "name each landmark of a pair once")
             partners[first], partners[second] = second, first
         return partners
-    fix = "give `mirror`, store the index of each landmark's mirror image, or set `symmetry: none`"
+    fix = (
+        "name the pairs, `mirror: {rhip: lhip}`, or store the index of each landmark's mirror image"
+    )
     index = shapes.columns.get("mirror_index")
     if index is None:
         raise input_error(place, "has no dataset `mirror_index`", fix)
@@ -229,8 +231,8 @@ def find_warnings(
         yield f"the mean of the aligned shapes was still moving after {alignment.rounds} rounds"
     if given.mesh_vertices is not None and shapes.mesh_vertices is None:
         yield (
-            "the meshes are left out: `symmetry` mirrors landmarks, whose partners are known; "
-            "vertices have no partners; `symmetry: none` keeps the meshes"
+            "the meshes are left out: `mirror` mirrors landmarks, whose partners are known; "
+            "vertices have no partners; `mirror: false` keeps the meshes"
         )
 
 

@@ -23,6 +23,8 @@ from shapefit.io import digest, read_dictionary
 from shapefit.io.inputs import is_stream
 from shapefit.io.names import check_items
 from shapefit.io.source import open_results
+from shapefit.lifting.methods import AUTO
+from shapefit.pipelines.fit.default import choose_default
 from shapefit.pipelines.fit.prepare import Estimates, files_of, first_images, prepare
 from shapefit.pipelines.outcome import Counted, Failure, Outcome, reading
 from shapefit.pipelines.partition.executors import Job, do_jobs, executor, on_cluster
@@ -38,7 +40,7 @@ from shapefit.pipelines.partition.plan import Part, plan_parts, warn_of_large
 from shapefit.threads import on_threads
 
 OF_THE_RUN = (
-    *("landmarks", "output", "dictionary", "data", "threads", "chunk"),
+    *("landmarks", "output", "dictionary", "data", "threads"),
     *("scheduler", "scheduler_file", "workers", "dry_run", "replace"),
 )
 """Keys that do not change what a part holds."""
@@ -56,6 +58,9 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         raise input_error("export.folder", "is not written for a folder of results", fix)
     on_cluster(config)
     known = read_manifest(folder.path)
+    if config.method == AUTO and known is not None:
+        config = config.changed(method=known.run["method"])
+    config, chosen = choose_default(config)
     yield from reading(config.landmarks)
     plan = make_plan(config, known)
     if config.dry_run:
@@ -73,7 +78,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         )
     first = {**plan.digests, "method": config.method, "estimated": asdict(estimates)}
     with held_folder(folder.path):
-        for line in estimates.lines:
+        for line in (chosen, *estimates.lines):
             yield Outcome(line=line)
         warnings = (*estimates.warnings, *plan.again, *warn_of_large(plan.parts))
         yield Outcome(

@@ -17,8 +17,8 @@ from shapefit.geometry.normalisation import metres_in
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io.layout import METRES_PER_UNIT, UNKNOWN_UNIT
 from shapefit.lifting.methods import METHODS
-from shapefit.lifting.verdict import REASONS
-from shapefit.pipelines.view.reading import CAMERA, POSE, Gathered, Truth, fit_config
+from shapefit.lifting.verdict import MIN_P_VALUE, REASONS
+from shapefit.pipelines.view.reading import CAMERA, POSE, Gathered, Truth
 from shapefit.viewer.scene import Blend, Layer, Measure, MeshSet, Words
 
 MOST_MESHES = 200
@@ -195,10 +195,7 @@ def _measures(gathered: Gathered, seen: Floats | None, truth: Truth | None) -> I
         else:
             yield in_length("expected error", width, 1.0, unit)
     if "p_value" in found and np.isfinite(found["p_value"]).any():
-        posterior = fit_config(gathered.attributes).get("posterior")
-        limit = posterior.get("implausible") if isinstance(posterior, dict) else None
-        limit = limit if isinstance(limit, float) else None
-        yield Measure("p_value", found["p_value"], bad="low", limit=limit)
+        yield Measure("p_value", found["p_value"], bad="low", limit=MIN_P_VALUE)
     if seen is not None and ("landmarks_fitted" in found or not has_camera(gathered)):
         flat = found.get("landmarks_fitted", gathered.points[:, :2])
         yield in_length(

@@ -201,7 +201,7 @@ def as_judged(config: ViewConfig, listing: Listing) -> Listing:
     """
     if not config.truth or listing.kind != "result" or INPUT_NAMES not in listing.datasets:
         return listing
-    with open_shapes(config.truth, input_options(config.input), gaps=True) as source:
+    with open_shapes(config.truth, input_options(config), gaps=True) as source:
         names = source.head.landmark_names
     with open_results([listing.path]) as results:
         judged = with_shapes_of(results.head, names)
@@ -214,7 +214,7 @@ def read_truth(
     """Read the truth of the frames. Raises InputError where there is none of any."""
     own = _keys(config.match, results, frames)
     place = results[0].listings[0].path
-    with open_shapes(config.truth, input_options(config.input), gaps=True) as source:
+    with open_shapes(config.truth, input_options(config), gaps=True) as source:
         if config.match == BY_FRAME:
             keys = keys_of(source.batches(AT_A_TIME))
         else:

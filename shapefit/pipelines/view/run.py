@@ -87,7 +87,7 @@ class Page:
 @np.errstate(over="ignore", invalid="ignore")  # beyond 32-bit floats a value is not finite: missing
 def make_page(config: ViewConfig, kept: Collection[str] = ()) -> Page:
     """Return the page, of every n-th frame where all are too many; `kept` are never left out."""
-    options = replace(input_options(config.input), rename={})  # which is for the truth
+    options = replace(input_options(config), rename={})  # which is for the truth
     listings, failures = _list_files(config, options)
     whole = _choose_frames(config, listings)
     most = MEGABYTES * MEGABYTE

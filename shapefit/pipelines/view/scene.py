@@ -78,7 +78,7 @@ def assemble(
     halves = (_halves(dictionary, landmarks) for _, dictionary in known if dictionary is not None)
     outliers = [each.of_frames["outliers"] == 1 for each in results if "outliers" in each.of_frames]
     images = any(one.kind != "shapes" for one in every)
-    unsaid = (config.input.y_axis or "down") if images else "up"
+    unsaid = ("down") if images else "up"
     y_axis = agreed("y_axis", [(str(one.path), one.y_axis) for one in every]) or unsaid
     rates = [config.frame_rate, *(one.frame_rate for one in every)]
     rates += [] if truth is None else [truth.frame_rate]

@@ -25,7 +25,7 @@ def test_hinges_of_a_man_on_a_beam(real_data, tmp_path):
         landmarks = real_data / f"detected/pose2sim_balancing/{camera}.h5"
         output = tmp_path / f"{camera}.angles.csv"
         arguments = {"landmarks": [str(landmarks)], "dictionary": "people", "output": str(output)}
-        rate = ["sequences.frame_rate=60"]
+        rate = ["frame_rate=60"]
         list(run(load_config("fit", find_config("fit", Path("sequences")), rate, arguments)))
         with output.open() as file:
             rows = list(csv.DictReader(file))

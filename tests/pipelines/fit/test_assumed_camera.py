@@ -39,8 +39,8 @@ def choose(images, of_people=True, paths=(), image_size=None, **camera):
     """Return the section `camera` with what was chosen, and the line that says so."""
     files = {"landmarks": ["a.h5"], "dictionary": "people", "output": "b.h5"}
     looks = FitConfig.model_fields["camera"].annotation(**camera)
-    reading = FitConfig.model_fields["input"].annotation(image_size=image_size)
-    config = FitConfig.model_construct(**files, method="posterior", camera=looks, input=reading)
+    keys = {"method": "posterior", "camera": looks, "image_size": image_size}
+    config = FitConfig.model_construct(**files, **keys)
     found, line = choose_camera(config, images, of_people=of_people, paths=paths)
     return config.changed(camera=found).camera, line
 
@@ -171,7 +171,7 @@ def test_animals_need_the_size_of_the_image():
 def test_the_camera_of_the_files_is_obeyed(factor):
     matrix = MATRIX * [[factor, 1, 1], [1, factor, 1], [1, 1, 1]]
     found, _ = choose(images(box(300, 400), camera_matrix=matrix, image_size=SIZE))
-    assert found.intrinsics == "camera_matrix"
+    assert found.focal == "files"
 
 
 def test_a_skew_is_left_out():
@@ -186,5 +186,5 @@ def test_a_skew_is_left_out():
 
 
 def test_what_is_given_stays():
-    found, line = choose(images(box(300, 400), image_size=SIZE), model="weak-perspective")
-    assert (found.model, found.focal, line) == ("weak-perspective", None, "")
+    found, line = choose(images(box(300, 400), image_size=SIZE), focal="none")
+    assert (found.model, found.focal, line) == ("weak-perspective", "none", "")

@@ -1,4 +1,4 @@
-"""A dictionary brings its config: single images or sequences, unless the fit names another."""
+"""`method: auto` chooses by the dictionary and by how many images are frames of sequences."""
 
 from dataclasses import replace
 
@@ -6,63 +6,73 @@ import numpy as np
 import pytest
 
 from shapefit.config import load_config
+from shapefit.config.paths import find_dictionaries
+from shapefit.errors import InputError
 from shapefit.io import read_dictionary, write_dictionary
 from shapefit.io.records import LandmarkSet
-from shapefit.pipelines.fit.default import ENOUGH, choose_default
+from shapefit.pipelines.fit.default import FRAMES, choose_default
 from tests.io.files import save
-
-NAMES = tuple("abcd")
 
 
 @pytest.fixture
-def suited(tmp_path):
-    """The config that suits images of these sequences and a dictionary."""
+def chosen(tmp_path):
+    """The config of a fit of images of these sequences, and the line about its method."""
 
     def find(sequences, dictionary="people", overrides=()):
         n = len(sequences or "12")
         images = LandmarkSet(
             landmarks=np.zeros((n, 2, 4)),
-            landmark_names=NAMES,
+            landmark_names=tuple("abcd"),
             items=tuple(map(str, range(n))),
             sequences=sequences,
         )
         save(tmp_path / "images.h5", images)
-        files = {"landmarks": (str(tmp_path / "images.h5"),), "dictionary": str(dictionary)}
+        files = {"landmarks": str(tmp_path / "images.h5"), "dictionary": str(dictionary)}
         files["output"] = str(tmp_path / "result.h5")
-        return choose_default(load_config("fit", None, overrides, files)).config
+        return choose_default(load_config("fit", None, overrides, files))
 
     return find
 
 
 @pytest.mark.parametrize(
-    ("sequences", "name"),
+    ("sequences", "method"),
     [
-        (None, "people"),
-        (("a",) * ENOUGH, "sequences"),
-        (("a",) * (ENOUGH - 1), "people"),
-        (("a",) * ENOUGH + tuple("bcdefghij"), "sequences"),
-        (("a",) * ENOUGH + tuple("bcdefghijklm"), "people"),
+        (None, "posterior"),
+        (("a",) * FRAMES, "sequences"),
+        (("a",) * (FRAMES - 1), "posterior"),
+        (("a",) * FRAMES + tuple("bcdefghij"), "sequences"),
+        (("a",) * FRAMES + tuple("bcdefghijklm"), "posterior"),
     ],
 )
-def test_half_of_the_images_decide_whether_there_are_sequences(suited, sequences, name):
-    assert suited(sequences) == name
+def test_half_of_the_images_decide_whether_there_are_sequences(chosen, sequences, method):
+    config, line = chosen(sequences)
+    assert config.method == method
+    assert line == f"{method} (the dictionary has a prior; change with --method)"
 
 
 @pytest.mark.parametrize(
-    ("method", "name"),
-    [("sequences", "sequences"), ("posterior", "people"), ("convex", None)],
+    ("overrides", "method", "residual_variance"),
+    [
+        (["method=sequences"], "sequences", 0.01),
+        (["method=posterior", "prior.residual_variance=0.3"], "posterior", 0.3),
+        (["method=convex"], "convex", None),
+        (["outliers=ransac"], "convex", None),
+        (["leave_one_out=item"], "convex", None),
+        (["prior.scale=2"], "sequences", 0.01),
+    ],
 )
-def test_the_config_of_a_method_that_is_named_is_taken_or_none(suited, method, name):
-    assert suited(("a",) * ENOUGH, overrides=(f"method={method}",)) == name
+def test_the_method_has_what_the_config_asks_for(chosen, overrides, method, residual_variance):
+    config, _ = chosen(("a",) * FRAMES, overrides=overrides)
+    assert (config.method, config.prior.residual_variance) == (method, residual_variance)
 
 
-@pytest.mark.parametrize(
-    ("suits", "name"), [({}, None), ({"suits": "cars"}, "cars"), ({"suits": "strange"}, None)]
-)
-def test_other_dictionaries_bring_what_they_name(suited, tmp_path, suits, name):
-    from shapefit.config.paths import find_dictionaries
-
+def test_other_dictionaries_have_their_own_variance_or_no_prior(chosen, tmp_path):
     known = read_dictionary(find_dictionaries()["people"])
     kept = {key: text for key, text in known.provenance.items() if key != "suits"}
-    write_dictionary(tmp_path / "own.h5", replace(known, provenance=kept | suits))
-    assert suited(("a",) * ENOUGH, tmp_path / "own.h5") == name
+    write_dictionary(tmp_path / "own.h5", replace(known, provenance=kept))
+    config, _ = chosen(None, tmp_path / "own.h5")
+    assert (config.method, config.prior.residual_variance) == ("posterior", None)
+    write_dictionary(tmp_path / "atoms.h5", replace(known, prior=None, p_value_table=None))
+    assert chosen(None, tmp_path / "atoms.h5")[0].method == "convex"
+    with pytest.raises(InputError, match=r"the method convex has no prior; `prior\.scale` needs"):
+        chosen(None, tmp_path / "atoms.h5", ["prior.scale=2"])

@@ -4,7 +4,7 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.config.commands.fit_sections import ViewingConfig
+from shapefit.config.commands.fit import CameraConfig
 from shapefit.convex.solver import Status
 from shapefit.errors import InputError
 from shapefit.geometry.pinhole import Camera
@@ -30,8 +30,8 @@ def images(y_axis="down", **extras):
     )
 
 
-def camera(images, **keys):
-    return find_camera(images, ViewingConfig(model="perspective", **keys))
+def camera(images, focal="files", **keys):
+    return find_camera(images, CameraConfig(focal=focal, **keys))
 
 
 EACH = MATRIX * np.array([1, 2, 3, 4])[:, None, None]
@@ -56,8 +56,8 @@ ASIDE = np.array([[800.0, 2e-3, -5000], [0, 810, 240], [0, 0, 1]])
     ids=["config", "file", "one", "each", "matrix", "principal point", "matrix of each", "aside"],
 )
 def test_cameras_of_the_config_the_file_or_each_image(values, keys, focal, centre):
-    given = {} if values is None else {"f": values}
-    found = camera(images(**given), **({"intrinsics": "f"} if given else {}), **keys)
+    given = {} if values is None else {"camera_matrix": values}
+    found = camera(images(**given), **keys)
     np.testing.assert_array_equal(found.focal, np.broadcast_to(focal, (N, 2)))
     np.testing.assert_array_equal(found.centre, np.broadcast_to(centre, (N, 2)))
 
@@ -87,10 +87,11 @@ SKEWED = MATRIX + np.array([[0, 3.0, 0], [0, 0, 0], [0, 0, 0]])
     ],
 )
 def test_what_is_no_camera_is_refused(values, words):
-    extras = {"true_model": np.array(["m"] * N)} | ({} if values is None else {"camera": values})
+    extras = {"true_model": np.array(["m"] * N)}
+    extras |= {} if values is None else {"camera_matrix": values}
     with pytest.raises(InputError) as error:
-        camera(images(**extras), intrinsics="camera")
-    for word in ["camera.intrinsics: camera", *words]:
+        camera(images(**extras))
+    for word in ["camera.focal: camera_matrix", *words]:
         assert word in str(error.value)
 
 
@@ -114,7 +115,7 @@ def test_landmarks_all_far_to_one_side_look_wrong(shift, expected, rng):
     assert not all_aside(np.full((N, 2, 5), np.nan), found)
 
 
-PERSPECTIVE = {"model": "perspective", "intrinsics": "camera_matrix"}
+PERSPECTIVE = {"focal": "files"}
 
 
 @pytest.fixture(scope="module")
@@ -140,7 +141,7 @@ def fit(fit, project, dictionary):
 
     def fitted(**camera):
         views = project / "sample_data" / "cars_views.h5"
-        keys = {"method": "convex+refine", "lam": 1.0, "camera": camera}
+        keys = {"method": "convex+refine", "lam": 1.0, "camera_matrix": camera}
         found, outcomes = fit(dictionary, views, **keys)
         assert not failures(outcomes)
         return found, warnings(outcomes)

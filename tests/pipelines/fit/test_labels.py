@@ -70,8 +70,8 @@ def warnings_of(tmp_path, dictionary):
     def warn(images):
         save(tmp_path / "images.h5", images)
         paths = tmp_path / "images.h5", dictionary, tmp_path / "result.h5"
-        keys = {"residual_variance": 0.006, "widening": 1.6}
-        outcomes = fit_file(*paths, method="posterior", posterior=keys)[1]
+        keys = {"residual_variance": 0.006, "bar_scale": 1.6}
+        outcomes = fit_file(*paths, method="posterior", prior=keys)[1]
         return [str(each) for outcome in outcomes for each in outcome.warnings]
 
     return warn

@@ -100,8 +100,8 @@ def test_verify_knows_what_was_removed(views, fit, tmp_path):
 
 def test_a_calibration_gives_camera_lens_and_place(views, fit, tmp_path):
     straight, bent = views
-    camera = {"model": "perspective", "calibration": toml(tmp_path, LENS), "name": "left"}
-    want, _ = fit(straight, camera={"model": "perspective", "intrinsics": "camera_matrix"},
+    camera = {"calibration": toml(tmp_path, LENS), "name": "left"}
+    want, _ = fit(straight, camera={"focal": "files"},
                   method="convex+refine")  # fmt: skip
     found, _ = fit(bent.replaced(further={}), camera=camera, method="convex+refine")
     np.testing.assert_allclose(found.shapes, want.shapes, atol=1e-4 * np.ptp(want.shapes))

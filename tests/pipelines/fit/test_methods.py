@@ -24,7 +24,7 @@ class TestFamily:
         few = images.take([0, 6])  # the ones that show this atom
         few.landmarks[np.arange(2), 0, np.arange(2)] += 30
         wrong = np.eye(2, 10, dtype=bool)
-        found, _ = fit(one, few, outliers={"method": loss, "threshold": 0.2}, **{"lambda": 0.01})
+        found, _ = fit(one, few, outliers=loss, outlier_threshold=0.2, **{"lambda": 0.01})
         judged = found.columns["outliers"].astype(bool)
         assert judged[wrong].all()
         # its pull is bounded, not ended: another landmark may come to lie beyond
@@ -38,10 +38,6 @@ class TestFamily:
         )
         assert robust < (0.5 if loss == "l1" else 3.0) < squared
 
-    def test_the_exact_loss_leaves_no_residual(self, fit, dictionary, images):
-        found, _ = fit(dictionary, images, loss="exact", solver={"tolerance": 1e-8})
-        assert found.columns["residual"].max() < 1e-8
-
     def test_lambda_follows_the_noise(self, fit, dictionary, images):
         low, _ = fit(dictionary, images, **{"lambda": "auto", "noise": 0.5})
         high, _ = fit(dictionary, images, **{"lambda": "auto", "noise": 1.0})
@@ -54,7 +50,8 @@ class TestFamily:
         """By a clock that ticks once whenever it is looked at."""
         clock = SimpleNamespace(perf_counter=itertools.count().__next__)
         monkeypatch.setattr("shapefit.pipelines.fit.run.time", clock)
-        found, _ = fit(dictionary, views, chunk=64)
+        monkeypatch.setattr("shapefit.pipelines.fit.run.CHUNK", 64)
+        found, _ = fit(dictionary, views)
         assert found.attributes["solve_seconds"] == 4
         assert found.attributes["images_per_second"] == pytest.approx(193 / 4)
 

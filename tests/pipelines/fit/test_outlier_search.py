@@ -42,7 +42,7 @@ def spoil(views, share, rng):
 @pytest.mark.parametrize("lifting", ["convex", "alternate", "mean-shape"])
 def test_an_outlier_is_as_good_as_hidden_but_labelled(lifting, run, views, rng):
     spoilt, wrong = spoil(views, 0.3, rng)
-    found, failures = run(spoilt, method=lifting, outliers={"method": "ransac"})
+    found, failures = run(spoilt, method=lifting, outliers="ransac")
     assert not failures
     labels = found.columns["outliers"].astype(bool)
     visible = np.isfinite(spoilt.landmarks[:, 0])
@@ -60,8 +60,8 @@ def test_an_outlier_is_as_good_as_hidden_but_labelled(lifting, run, views, rng):
 
 def test_perspective_starts_from_the_inliers(run, views, rng):
     spoilt, _ = spoil(views, 0.3, rng)
-    camera = {"model": "perspective", "intrinsics": "camera_matrix"}
-    found, _ = run(spoilt, outliers={"method": "ransac"}, camera=camera)
+    camera = {"focal": "files"}
+    found, _ = run(spoilt, outliers="ransac", camera=camera)
     labels = found.columns["outliers"].astype(bool)
     assert labels.any()
     hidden = spoilt.replaced(landmarks=np.where(labels[:, None], np.nan, spoilt.landmarks))
@@ -72,8 +72,8 @@ def test_perspective_starts_from_the_inliers(run, views, rng):
 def test_the_search_does_without_the_model_left_out(run, views, rng, made_cars):
     spoilt, _ = spoil(views, 0.3, rng)
     spoilt = spoilt.take(slice(8))
-    keys = {"outliers": {"method": "ransac"}, "method": "mean-shape"}
-    found, _ = run(spoilt, leave_out="true_model", **keys)
+    keys = {"outliers": "ransac", "method": "mean-shape"}
+    found, _ = run(spoilt, leave_one_out="true_model", **keys)
     for image, model in enumerate(spoilt.columns["true_model"]):
         alone, _ = run(spoilt.take([image]), made_cars.without(str(model)), **keys)
         np.testing.assert_array_equal(
@@ -83,7 +83,7 @@ def test_the_search_does_without_the_model_left_out(run, views, rng, made_cars):
 
 def test_what_is_drawn_belongs_to_the_name_of_an_image(run, views, rng):
     spoilt, _ = spoil(views.take(slice(8)), 0.3, rng)
-    keys = {"outliers": {"method": "ransac"}, "method": "mean-shape"}
+    keys = {"outliers": "ransac", "method": "mean-shape"}
     (whole, _), (some, _) = run(spoilt, **keys), run(spoilt.take([6, 1]), **keys)
     np.testing.assert_array_equal(some.columns["outliers"], whole.columns["outliers"][[6, 1]])
 
@@ -99,7 +99,7 @@ def test_images_that_cannot_be_searched_or_lifted(run, views, rng):
     landmarks[3][:, seen[3][:5]] = rng.uniform(0, 1e3, (2, 5))
     landmarks[4] = np.nan
     images = images.replaced(landmarks=landmarks)
-    found, failures = run(images, outliers={"method": "ransac", "threshold": 0.01})
+    found, failures = run(images, outliers="ransac", outlier_threshold=0.01)
     name = images.items
     assert failures[name[1]] == "only 2 visible landmarks, 3 are needed"
     assert failures[name[2]] == "all visible landmarks are at one point"

@@ -50,8 +50,8 @@ def test_a_prior_that_is_none_is_refused(with_prior, dataset, value, found):
 
 
 def test_results_hold_error_bars_in_the_unit_of_the_landmarks(fit, with_prior, images):
-    keys = {"method": "posterior", "posterior": {"covariance": True}}
-    keys |= {"camera": {"model": "weak-perspective"}}
+    keys = {"method": "posterior", "save": {"covariance": True}}
+    keys |= {"camera": {"focal": "none"}}
     found, _ = fit(with_prior, images, **keys)
     covariance = found.columns["shape_covariance"]
     assert covariance.shape == (8, 30, 30)
@@ -70,7 +70,7 @@ def test_results_hold_error_bars_in_the_unit_of_the_landmarks(fit, with_prior, i
 
 
 def test_noise_widens_and_a_covariance_of_each_landmark_takes_its_place(fit, with_prior, images):
-    keys = {"method": "posterior", "camera": {"model": "weak-perspective"}}
+    keys = {"method": "posterior", "camera": {"focal": "none"}}
     plain, _ = fit(with_prior, images, **keys)
     noisy, _ = fit(with_prior, images, noise=2.0, **keys)
     assert np.median(noisy.shape_sd[:, :2]) > np.median(plain.shape_sd[:, :2])
@@ -84,33 +84,21 @@ def test_noise_widens_and_a_covariance_of_each_landmark_takes_its_place(fit, wit
         fit(with_prior, wrong, method="posterior")
 
 
-@pytest.mark.parametrize("method", ["posterior", "sequences"])
-def test_what_confidences_above_one_do_is_told(fit, with_prior, images, method):
-    known = read_dictionary(with_prior)
-    write_dictionary(with_prior, replace(known, edges=np.array([[0, 1], [1, 2]])))
-    sure = images.replaced(confidence=np.full((8, 10), 3.0))
-    given = {"least_score": None}
-    _, outcomes = fit(with_prior, sure, method=method, posterior=given)
-    told = {w for out in outcomes for w in map(str, out.warnings) if "confidences above 1" in w}
-    (warning,) = told
-    assert "more precise than the model otherwise believes" in warning
-    assert "lambda" not in warning
-
-
-def test_a_confidence_of_the_least_score_counts_as_seen(world):
+def test_a_confidence_of_the_least_that_counts_is_seen(world):
     scores = np.array([[0.0, 0.29, 0.3, 0.31, 7.0]])
     images = LandmarkSet(
         landmarks=np.ones((1, 2, 5)), landmark_names=tuple("abcde"), items=("0",), confidence=scores
     )
     paths = {"landmarks": str(world.images("people")), "dictionary": "people", "output": "o.h5"}
-    config = FitConfig(**paths, method="posterior", posterior={"least_score": 0.3})
+    config = FitConfig(**paths, method="posterior", min_confidence=0.3)
     assert weigh(images, config).tolist() == [[0, 0, 1, 1, 1]]
-    by_confidence = FitConfig(**paths, method="posterior", posterior={"least_score": None})
-    np.testing.assert_array_equal(weigh(images, by_confidence), images.weights())
 
 
-def test_implausible_images_are_reported_and_keep_their_status(fit, with_prior, images):
-    keys = {"posterior": {"implausible": 0.999999}, "camera": {"model": "weak-perspective"}}
+def test_implausible_images_are_reported_and_keep_their_status(
+    fit, with_prior, images, monkeypatch
+):
+    monkeypatch.setattr("shapefit.pipelines.fit.record.MIN_P_VALUE", 0.999999)
+    keys = {"camera": {"focal": "none"}}
     found, outcomes = fit(with_prior, images, method="posterior", **keys)
     (reasons,) = [reasons for out in outcomes for reasons in out.doubts]
     assert reasons.text == "implausible landmarks"
@@ -120,11 +108,11 @@ def test_implausible_images_are_reported_and_keep_their_status(fit, with_prior, 
     assert set(found.status) == {"converged"}
 
 
-def test_images_are_trusted_unless_something_speaks_against_it(fit, with_prior, images):
-    keys = {
-        "posterior": {"implausible": 0, "widening": 0.01},
-        "camera": {"model": "weak-perspective"},
-    }
+def test_images_are_trusted_unless_something_speaks_against_it(
+    fit, with_prior, images, monkeypatch
+):
+    monkeypatch.setattr("shapefit.pipelines.fit.record.MIN_P_VALUE", 0.0)
+    keys = {"prior": {"bar_scale": 0.01}, "camera": {"focal": "none"}}
     found, outcomes = fit(with_prior, images, method="posterior", **keys)
     assert found.columns["trusted"].all()
     assert not any(out.doubts for out in outcomes)
@@ -132,9 +120,9 @@ def test_images_are_trusted_unless_something_speaks_against_it(fit, with_prior, 
 
 def test_a_known_camera_is_looked_through(fit, tmp_path, with_prior, images):
     """Images far from a long lens are those of weak perspective; a proof and a place come along."""
-    keys = {"method": "posterior", "posterior": {"covariance": True}}
-    weak, _ = fit(with_prior, images, camera={"model": "weak-perspective"}, **keys)
-    camera = {"model": "perspective", "focal": 1e7, "principal_point": [100.0, 50.0]}
+    keys = {"method": "posterior", "save": {"covariance": True, "proof": True}}
+    weak, _ = fit(with_prior, images, camera={"focal": "none"}, **keys)
+    camera = {"focal": 1e7, "principal_point": [100.0, 50.0]}
     found, outcomes = fit(with_prior, images, camera=camera, **keys)
     assert found.shapes == pytest.approx(weak.shapes, abs=1e-3)
     assert found.shape_sd == pytest.approx(weak.shape_sd, rel=1e-3, abs=1e-4)
@@ -143,7 +131,7 @@ def test_a_known_camera_is_looked_through(fit, tmp_path, with_prior, images):
     with h5py.File(tmp_path / "result.h5") as file:
         assert np.isfinite(file["dual"][:]).all()
     assert not failures(outcomes)
-    near = {"model": "perspective", "focal": 60.0, "principal_point": [80.0, 50.0]}
+    near = {"focal": 60.0, "principal_point": [80.0, 50.0]}
     other, _ = fit(with_prior, images, camera=near, **keys)
     assert np.abs(other.landmarks_fitted - other.shapes[:, :2]).max() > 0.1
     names = ("shape_covariance", "camera_translation", "focal", "principal_point")

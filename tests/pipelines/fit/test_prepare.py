@@ -158,8 +158,8 @@ def test_the_manifest_holds_what_was_estimated_and_a_later_run_takes_it(halves, 
         assert (tmp_path / "parts" / name).read_bytes() == content
     text = next((tmp_path / "parts").glob("manifest.json*")).read_text()
     assert '"focal"' in text
-    assert '"theta"' in text
-    assert '"posterior"' in text
+    assert '"skeleton"' in text
+    assert '"prior"' in text
 
 
 # --- the camera -----------------------------------------------------------------------------------
@@ -200,7 +200,7 @@ def test_half_of_the_frames_have_the_shapes_of_all(bodies, tmp_path):
     """The size of the image is not guessed from how far landmarks reach."""
     for name, rows in (("all", slice(None)), ("half", slice(0, 20))):
         save(tmp_path / f"{name}.h5", frames(bodies, rows, reach=300.0))
-        fit(tmp_path / f"{name}.h5", tmp_path / f"{name}_result.h5", theta={"hips": 1.15})
+        fit(tmp_path / f"{name}.h5", tmp_path / f"{name}_result.h5", skeleton={"hips": 1.15})
     whole, half = (shapes_in(tmp_path / f"{name}_result.h5") for name in ("all", "half"))
     size = np.ptp(whole, axis=2).max()
     assert np.abs(whole[:20] - half).max() < 1e-3 * size

@@ -33,10 +33,10 @@ def fit(project, made_cars, tmp_path):
 @pytest.mark.parametrize(
     "keys",
     [
-        {"outliers": {"method": "l1"}},
+        {"outliers": "l1"},
         {
             "method": "convex+refine",
-            "camera": {"model": "perspective", "intrinsics": "camera_matrix"},
+            "camera": {"focal": "files"},
         },
     ],
 )

@@ -71,7 +71,7 @@ def test_without_edges_sequences_go_by_steady_motion(people, tmp_path):
     lengths = tmp_path / "lengths.csv"
     lengths.write_text("from,to,length\na,b,1\n", encoding="utf-8")
     with pytest.raises(InputError, match="the dictionary has no bones"):
-        fitted(tmp_path, people / "views.h5", sequences={"lengths": lengths})
+        fitted(tmp_path, people / "views.h5", bone_lengths=lengths)
 
 
 def test_error_bars_keep_what_frames_have_in_common(people):
@@ -85,12 +85,12 @@ def test_error_bars_keep_what_frames_have_in_common(people):
 
 @pytest.mark.parametrize("camera", ["none", "perspective"])
 def test_covariances_agree_with_deviations_and_correlations(people, tmp_path, camera):
-    keys = {"model": camera, "focal": 1e6, "principal_point": [0.0, 0.0]}
+    keys = {"focal": 1e6, "principal_point": [0.0, 0.0]}
     keys = {"camera": keys} if camera == "perspective" else {}
     images = load(people / "views.h5")
     first = np.flatnonzero(np.array(images.sequences) == images.sequences[0])
     path = written(tmp_path / "first.h5", images.take(first))
-    found, _ = fitted(people, path, posterior={"covariance": True}, **keys)
+    found, _ = fitted(people, path, save={"covariance": True}, **keys)
     assert np.isfinite(found.columns["sequence_noise"]).any()
     n, p, _ = found.columns["shape_correlation"].shape
     own = np.einsum("njajb->njab", found.columns["shape_covariance"].reshape(n, p, 3, p, 3))
@@ -199,7 +199,7 @@ def test_an_unknown_frame_rate_is_a_warning(people, tmp_path):
     images = load(people / "views.h5").take(slice(0, 10)).replaced(frame_rate=None)
     path = written(tmp_path / "unknown.h5", images)
     assert any("frame rate is unknown" in text for text in fitted(people, path)[1])
-    assert not any("frame rate" in t for t in fitted(people, path, sequences={"frame_rate": 24})[1])
+    assert not any("frame rate" in t for t in fitted(people, path, frame_rate=24)[1])
     stated = written(tmp_path / "stated.h5", images.replaced(frame_rate=24.0))
     result, warnings = fitted(people, stated)
     assert not any("frame rate" in text for text in warnings)
@@ -219,9 +219,9 @@ def test_known_lengths_come_from_shapes_or_a_table(people, project, tmp_path):
     def lengths(path):
         config = FitConfig(
             landmarks=(people / "views.h5",), dictionary=people / "dictionary.h5",
-            output=tmp_path / "x.h5", method="sequences", sequences={"lengths": path},
+            output=tmp_path / "x.h5", method="sequences", bone_lengths=path,
         )  # fmt: skip
-        return find_lengths(config.sequences.lengths, dictionary)
+        return find_lengths(config.bone_lengths, dictionary)
 
     names, edges = dictionary.landmark_names, dictionary.edges
     from_shapes = lengths(project / "sample_data/people_test.h5")
@@ -254,8 +254,8 @@ def test_a_sequence_before_a_camera(people, project, tmp_path):
         frame_rate=24.0,
     )
     path = written(tmp_path / "near.h5", seen)
-    weak, _ = fitted(people, path, camera={"model": "weak-perspective"})
-    camera = {"model": "perspective", "focal": 900.0, "principal_point": [500.0, 500.0]}
+    weak, _ = fitted(people, path, camera={"focal": "none"})
+    camera = {"focal": 900.0, "principal_point": [500.0, 500.0]}
     found, _ = fitted(people, path, camera=camera)
     request = verify.Request(people / "result.h5", people / "dictionary.h5", ())
     assert not any(outcome.failures for outcome in verify.run(request))
@@ -263,7 +263,7 @@ def test_a_sequence_before_a_camera(people, project, tmp_path):
     assert errors[0] < 0.95 * errors[1]
     assert found.columns["camera_translation"].shape == (len(truth), 3)
     assert (found.shape_sd > 0).all()
-    far = {"model": "perspective", "focal": 1e8, "principal_point": [500.0, 500.0]}
+    far = {"focal": 1e8, "principal_point": [500.0, 500.0]}
     same, _ = fitted(people, path, camera=far)
     np.testing.assert_allclose(same.shapes, weak.shapes, atol=0.05)
 
@@ -272,8 +272,8 @@ def test_a_sequence_before_a_camera(people, project, tmp_path):
 def judged(people, project, tmp_path):
     """Share of the truth in the 90% ellipsoids of a fit, and the factors of its report."""
 
-    def judged(method, **posterior):
-        found, _ = fitted(people, people / "views.h5", method=method, posterior=posterior)
+    def judged(method, **prior):
+        found, _ = fitted(people, people / "views.h5", method=method, prior=prior)
         config = EvalConfig(
             results={method: people / "result.h5"}, output=tmp_path / "report", plots=False,
             truth=(project / "sample_data/people_test.h5",), view=False, truth_frame="object",
@@ -287,10 +287,10 @@ def judged(people, project, tmp_path):
 
 @pytest.mark.parametrize("method", ["posterior", "sequences"])
 def test_bars_too_narrow_become_true_by_a_report(judged, tmp_path, method):
-    narrow, inside = judged(method, widening=0.05)
+    narrow, inside = judged(method, bar_scale=0.05)
     assert inside < 0.8
     path = (tmp_path / "report/error_bars.json").rename(tmp_path / "rig.json")
-    wide, inside = judged(method, widening=0.05, calibration=path)
+    wide, inside = judged(method, bar_scale=0.05, calibration=path)
     factor = json.loads(path.read_text(encoding="utf-8"))[method]["90%"]
     np.testing.assert_allclose(wide.shapes, narrow.shapes, rtol=1e-6)
     np.testing.assert_allclose(wide.shape_sd, factor * narrow.shape_sd, rtol=1e-5)
@@ -308,7 +308,7 @@ def test_a_file_without_factors_is_refused(people, tmp_path, text, found):
     path = tmp_path / "rig.json"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=found):
-        fitted(people, people / "views.h5", method="posterior", posterior={"calibration": path})
+        fitted(people, people / "views.h5", method="posterior", prior={"calibration": path})
 
 
 def test_lengths_of_other_bodies_leave_the_size_free(people, rng):

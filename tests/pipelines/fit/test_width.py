@@ -47,19 +47,19 @@ def planted(tmp_path_factory):
     return path, made, draw
 
 
-def estimate(planted, images, **posterior):
+def estimate(planted, images, **prior):
     path, made, _ = planted
-    keys = {"method": "posterior", "camera": {"model": "weak-perspective"}, "posterior": posterior}
+    keys = {"method": "posterior", "camera": {"focal": "none"}, "prior": prior}
     config = FitConfig(landmarks=[str(path)], dictionary=str(path), output="result.h5", **keys)
     found = prepare(config, made, lambda: images.take(slice(0, FIRST)))
-    return found, found.values["posterior"]
+    return found, found.values["prior"]
 
 
 @pytest.mark.parametrize("width", [1, 4])
 @pytest.mark.parametrize("residual_variance", [RESIDUAL_VARIANCE, 8 * RESIDUAL_VARIANCE])
 def test_the_factors_that_images_have_are_found(planted, width, residual_variance):
     found, keys = estimate(planted, planted[2](width, residual_variance)[0])
-    assert (keys["prior_scale"], keys["residual_variance"]) == (
+    assert (keys["scale"], keys["residual_variance"]) == (
         width,
         pytest.approx(residual_variance),
     )
@@ -74,33 +74,33 @@ def test_landmarks_more_exact_than_the_misfit_of_the_dictionary_keep_it(planted)
 
 def test_what_is_stated_is_obeyed(planted):
     images, _ = planted[2](4, 8 * RESIDUAL_VARIANCE)
-    _, keys = estimate(planted, images, prior_scale=1.5)
-    assert keys["prior_scale"] == 1.5
+    _, keys = estimate(planted, images, scale=1.5)
+    assert keys["scale"] == 1.5
     assert keys["residual_variance"] > RESIDUAL_VARIANCE
-    found, keys = estimate(planted, images, prior_scale=1.5, residual_variance=0.1)
+    found, keys = estimate(planted, images, scale=1.5, residual_variance=0.1)
     assert keys["residual_variance"] == 0.1
     assert not found.lines
 
 
 def test_few_images_say_nothing(planted):
     _, keys = estimate(planted, planted[2](4, RESIDUAL_VARIANCE)[0].take(slice(0, 9)))
-    assert (keys["prior_scale"], keys["residual_variance"]) == (1, RESIDUAL_VARIANCE)
+    assert (keys["scale"], keys["residual_variance"]) == (1, RESIDUAL_VARIANCE)
 
 
 def test_regions_hold_where_the_truth_is_wider_than_the_prior(planted, tmp_path):
     images, shapes = planted[2](8, RESIDUAL_VARIANCE)
-    camera = {"model": "weak-perspective"}
+    camera = {"focal": "none"}
 
-    def held(**posterior):
-        keys = {"method": "posterior", "camera": camera, "posterior": posterior}
+    def held(**prior):
+        keys = {"method": "posterior", "camera": camera, "prior": prior}
         result, _ = fit_images(tmp_path, images, planted[0], **keys)
         away = (result.shapes - shapes)[:, 2] / result.shape_sd[:, 2]
         return (np.abs(away - away.mean(axis=1, keepdims=True)) < 1.645).mean(), result
 
     own, result = held()
     assert own == pytest.approx(0.9, abs=0.08)
-    assert held(prior_scale=1)[0] < 0.75
-    assert json.loads(result.attributes["config"])["posterior"]["prior_scale"] == 8
+    assert held(scale=1)[0] < 0.75
+    assert json.loads(result.attributes["config"])["prior"]["scale"] == 8
     assert "prior 8 times as wide" in result.attributes["estimated"]
 
 
@@ -132,15 +132,13 @@ def test_a_wider_prior_or_a_larger_misfit_alone_makes_all_pairs_be_tried(best):
 
 def test_a_landmark_that_is_mostly_wrong_is_named_and_frames_stay_trusted(planted, tmp_path):
     images, _ = planted[2](1, RESIDUAL_VARIANCE, wrong=3)
-    keys = {"method": "posterior", "camera": {"model": "weak-perspective"}}
+    keys = {"method": "posterior", "camera": {"focal": "none"}}
     result, outcomes = fit_images(tmp_path, images, planted[0], **keys)
     (told,) = [each for each in texts(outcomes) if "grossly wrong" in each]
     assert int(told.split()[0]) > 45
     assert "in which point3 is grossly wrong" in told
     assert result.columns["trusted"].mean() > 0.8
-    _, outcomes = fit_images(
-        tmp_path, images, planted[0], **keys, input={"rename": {"point3": "unused"}}
-    )
+    _, outcomes = fit_images(tmp_path, images, planted[0], **keys, rename={"point3": "unused"})
     assert not any("grossly wrong" in each for each in texts(outcomes))
 
 
@@ -148,11 +146,11 @@ def test_images_of_another_class_are_said_to_be(planted, tmp_path):
     """Shapes that the widest prior does not hold, and left and right that nobody exchanged."""
     images, _ = planted[2](1, RESIDUAL_VARIANCE)
     other = images.replaced(landmarks=images.landmarks[..., [*range(6, P), *range(6)]])
-    keys = {"method": "posterior", "camera": {"model": "weak-perspective"}}
+    keys = {"method": "posterior", "camera": {"focal": "none"}}
     result, outcomes = fit_images(tmp_path, other, planted[0], **keys)
     if (result.columns["p_value"] < 0.05).mean() > 0.5:
         assert any("another class" in each for each in texts(outcomes))
-    keys["posterior"] = {"prior_scale": 1, "residual_variance": RESIDUAL_VARIANCE}
+    keys["prior"] = {"scale": 1, "residual_variance": RESIDUAL_VARIANCE}
     _, outcomes = fit_images(tmp_path, other, planted[0], **keys)
     assert [each for each in texts(outcomes) if "another class" in each]
     _, outcomes = fit_images(tmp_path, images, planted[0], **keys)
@@ -162,4 +160,4 @@ def test_images_of_another_class_are_said_to_be(planted, tmp_path):
 def test_a_landmark_that_is_mostly_wrong_does_not_make_the_others_less_exact(planted):
     images, _ = planted[2](1, RESIDUAL_VARIANCE, wrong=3)
     _, keys = estimate(planted, images)
-    assert (keys["prior_scale"], keys["residual_variance"]) == (1, RESIDUAL_VARIANCE)
+    assert (keys["scale"], keys["residual_variance"]) == (1, RESIDUAL_VARIANCE)

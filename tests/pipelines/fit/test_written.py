@@ -92,11 +92,11 @@ def test_a_real_man_is_as_large_as_a_man_and_stands_on_his_feet(real_data, tmp_p
     folder = real_data / "detected" / "pose2sim_balancing"
     files = [folder / "openpose_json" / "cam01_json"]
     overrides = (
-        "input.keypoints=body_25b",
+        "keypoints=body_25b",
         f"camera.calibration={folder / 'Calib_qualisys.toml'}",
         "camera.name=cam_01",
         "method=sequences",
-        "sequences.frame_rate=60",
+        "frame_rate=60",
         "height=1.72",
     )
     given = {"landmarks": files, "dictionary": "people"}

@@ -239,7 +239,7 @@ def test_bones_of_landmarks_vary_the_last_prior(learn, tmp_path, class_of_shapes
     freedom = []
     for stretch in (0.0, 0.3):
         further = {"further": {"edges": edges}}
-        learn(class_of_shapes[:, :2], further, prior={"components": 1, "stretch": stretch})
+        learn(class_of_shapes[:, :2], further, prior={"components": 1, "bone_scale": stretch})
         made = read_dictionary(tmp_path / "dict.h5")
         np.testing.assert_array_equal(made.edges, edges)
         freedom.append(made.prior.covariances[0].trace())

@@ -31,7 +31,7 @@ def shapes(rng):
         ({"components": 1, "weights": "no"}, "prior.weights: no: the shapes have no such dataset"),
         ({"components": 1, "weights": "negative"}, "prior.weights: negative: holds no weights"),
         ({"components": 1, "weights": "none"}, "prior.weights: none: holds no weights"),
-        ({"components": 1, "stretch": 0.1}, "prior: the shapes have no edges"),
+        ({"components": 1, "bone_scale": 0.1}, "prior: the shapes have no edges"),
     ],
 )
 def test_what_is_refused(make, shapes, prior, told):

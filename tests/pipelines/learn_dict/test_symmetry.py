@@ -31,7 +31,7 @@ PLAIN = {"method": "exemplars", "align": "none"}
 
 
 def test_doubled_atoms_are_the_shapes_and_their_mirror_images(make, shapes):
-    dictionary, outcomes = make(shapes, symmetry="double", **PLAIN)
+    dictionary, outcomes = make(shapes, mirror=True, **PLAIN)
     plain = normalise(shapes.shapes).points
     np.testing.assert_array_equal(dictionary.atoms[:6], plain)
     np.testing.assert_allclose(dictionary.atoms[6:], mirror(plain, PARTNERS, 2), atol=1e-14)
@@ -43,8 +43,8 @@ def test_doubled_atoms_are_the_shapes_and_their_mirror_images(make, shapes):
 
 
 def test_leaving_out_a_model_leaves_out_its_mirror_image(make, shapes):
-    dictionary, _ = make(shapes, symmetry="double", **PLAIN)
-    rest, _ = make(shapes.take([0, 1, 3, 4, 5]), symmetry="double", **PLAIN)
+    dictionary, _ = make(shapes, mirror=True, **PLAIN)
+    rest, _ = make(shapes.take([0, 1, 3, 4, 5]), mirror=True, **PLAIN)
     left = dictionary.without("face2")
     np.testing.assert_allclose(left.atoms, rest.atoms, atol=1e-14)
     assert left.atom_items == rest.atom_items
@@ -53,7 +53,7 @@ def test_leaving_out_a_model_leaves_out_its_mirror_image(make, shapes):
 
 def test_learned_atoms_come_from_doubled_shapes(make, shapes):
     keys = {"method": "sparse-coding", "align": "all", "iterations": 3, "k": 12}
-    dictionary, _ = make(shapes, symmetry="double", **keys)
+    dictionary, _ = make(shapes, mirror=True, **keys)
     assert dictionary.k == 12
     both = np.concatenate([shapes.shapes, mirror(shapes.shapes, PARTNERS, 2)])
     items = tuple(f"face{i}" for i in range(12))
@@ -68,7 +68,7 @@ def test_meshes_are_left_out_and_a_warning_says_why(make, shapes, rng):
     meshed = shapes.replaced(
         mesh_vertices=rng.normal(size=(6, 3, 4)), mesh_faces=np.array([[0, 1, 2]])
     )
-    dictionary, outcomes = make(meshed, symmetry="double", **PLAIN)
+    dictionary, outcomes = make(meshed, mirror=True, **PLAIN)
     assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
     (warning,) = outcomes[0].warnings
     assert warning.startswith("the meshes are left out: `symmetry` mirrors landmarks")
@@ -79,7 +79,7 @@ def test_meshes_are_left_out_and_a_warning_says_why(make, shapes, rng):
 
 def test_shapes_without_pairs_are_refused(make, shapes):
     with pytest.raises(InputError, match=r"has no dataset `mirror_index`; give `mirror`"):
-        make(shapes.replaced(further={}), symmetry="double", **PLAIN)
+        make(shapes.replaced(further={}), mirror=True, **PLAIN)
 
 
 @pytest.mark.parametrize(
@@ -90,17 +90,17 @@ def test_shapes_without_pairs_are_refused(make, shapes):
 def test_an_index_that_pairs_nothing_is_refused(make, shapes, index):
     broken = shapes.replaced(further={"mirror_index": np.array(index)})
     with pytest.raises(InputError, match=r"/mirror_index: does not pair the landmarks; "):
-        make(broken, symmetry="double", **PLAIN)
+        make(broken, mirror=True, **PLAIN)
 
 
 def test_pairs_of_the_config_are_those_of_the_file(make, shapes):
     """`mirror` stands for a `mirror_index` that files do not have."""
     names, index = shapes.landmark_names, shapes.columns["mirror_index"]
     mirror = {names[a]: names[b] for a, b in enumerate(index) if a < b}
-    known, _ = make(shapes, symmetry="double", **PLAIN)
-    told, _ = make(shapes.replaced(further={}), symmetry="double", mirror=mirror, **PLAIN)
+    known, _ = make(shapes, mirror=True, **PLAIN)
+    told, _ = make(shapes.replaced(further={}), mirror=mirror, **PLAIN)
     np.testing.assert_array_equal(told.atoms, known.atoms)
     np.testing.assert_array_equal(told.mirror_index, index)
     first, second = next(iter(mirror.items()))
     with pytest.raises(InputError, match="name each landmark of a pair once"):
-        make(shapes, symmetry="double", mirror={first: second, second: names[0]}, **PLAIN)
+        make(shapes, mirror={first: second, second: names[0]}, **PLAIN)

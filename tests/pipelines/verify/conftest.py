@@ -17,8 +17,8 @@ from tests.io.files import load, save
 TERMS = {
     "squared": {},
     "exact": {"loss": "exact"},
-    "l1": {"outliers": {"method": "l1"}},
-    "sparse-error": {"outliers": {"method": "sparse-error"}},
+    "l1": {"outliers": "l1"},
+    "sparse-error": {"outliers": "sparse-error"},
 }
 """Data term -> the keys of `fit` that choose it."""
 
