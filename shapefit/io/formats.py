@@ -298,27 +298,28 @@ FORMATS: dict[str, FileFormat] = {
     "sleap-slp": _read("a SLEAP .slp file", ".slp", IMAGES, _slp, "sleap:read_labels"),
     "alphapose-json": _read(
         *("an AlphaPose file of all images", ".json", IMAGES),
-        *(lambda head: _ALPHAPOSE.match(head.text) is not None, "people:read_alphapose"),
+        *(lambda head: _ALPHAPOSE.match(head.text) is not None, "detections:read_alphapose"),
     ),
     "caliscope-csv": _read("a caliscope CSV", ".csv", IMAGES, _caliscope, "tables:read_caliscope"),
     "coco-annotations": _read(
         *("a file of COCO annotations", ".json", IMAGES),
-        *(_coco_annotations, "people:read_coco_annotations"),
+        *(_coco_annotations, "detections:read_coco_annotations"),
     ),
     "coco-results": _read(
-        *("a file of COCO results", ".json", IMAGES), *(_coco_results, "people:read_coco_results")
+        *("a file of COCO results", ".json", IMAGES),
+        *(_coco_results, "detections:read_coco_results"),
     ),
     "mmpose-images": _read(
         *("a set of MMPose files", ".json", IMAGES),
-        *(_files(".json", _mmpose_images), "people:read_mmpose_images"),
+        *(_files(".json", _mmpose_images), "detections:read_mmpose_images"),
         **_SETS,
     ),
     "mmpose-video": _read(
-        *("an MMPose file", ".json", IMAGES), *(_mmpose_video, "people:read_mmpose_video")
+        *("an MMPose file", ".json", IMAGES), *(_mmpose_video, "detections:read_mmpose_video")
     ),
     "openpose": _read(
         *("a set of OpenPose files", ".json", IMAGES),
-        *(_files(".json", _openpose), "people:read_openpose"),
+        *(_files(".json", _openpose), "detections:read_openpose"),
         **_SETS,
     ),
     "ultralytics-txt": _read(
@@ -350,7 +351,7 @@ FORMATS: dict[str, FileFormat] = {
         states_y_axis=False,
     ),
     "mediapipe": _read(
-        "a file of MediaPipe's landmarks", ".json", IMAGES, _mediapipe, "people:read_mediapipe"
+        "a file of MediaPipe's landmarks", ".json", IMAGES, _mediapipe, "detections:read_mediapipe"
     ),
 }  # fmt: skip
 """Those of the package come first; the others are asked before them, in this order."""

@@ -29,7 +29,8 @@ from shapefit.io.joined import common_head, conform
 from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, Layout
 from shapefit.io.names import check_items, check_known
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
-from shapefit.io.readers.items import are_fractions, keep_landmarks, size_needed
+from shapefit.io.readers.items import keep_landmarks, size_needed
+from shapefit.io.readers.poses import are_fractions
 from shapefit.io.records import KINDS, LandmarkSet, Record, ResultSet, ShapeSet, concatenate
 
 if TYPE_CHECKING:

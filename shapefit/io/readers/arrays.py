@@ -19,9 +19,17 @@ from shapefit.errors import InputError, abbreviate, input_error
 from shapefit.io.checks import warn_of_zeros
 from shapefit.io.inputs import check_fits
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.readers.detections import are_series, read_json
-from shapefit.io.readers.items import are_fractions
-from shapefit.io.readers.poses import FRACTION, Poses, of_frames, parsing, require, video_name
+from shapefit.io.readers.detections import are_series
+from shapefit.io.readers.json_file import read_json
+from shapefit.io.readers.poses import (
+    FRACTION,
+    Poses,
+    are_fractions,
+    of_frames,
+    parsing,
+    require,
+    video_name,
+)
 
 
 def of_bodies(

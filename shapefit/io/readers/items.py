@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats
+from shapefit.arrays import Flags
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
 from shapefit.io.formats import FORMATS, FileFormat, load
 from shapefit.io.inputs import source_name
@@ -154,20 +154,12 @@ def _assumed_skeleton(poses: Poses, options: InputOptions) -> Notes:
     )
 
 
-LEAST, MOST = -0.5, 1.5
-"""Coordinates that are all within these are fractions of an image, those outside of it too."""
-
 SIZE_FIX = "give the size of the images in pixels: `--set image_size=[1920,1080]`"
 
 SQUEEZED = (
     "x and y are fractions of the width and the height of the image, so that figures are squeezed "
     "where it is not square"
 )
-
-
-def are_fractions(known: Floats) -> bool:
-    """Whether coordinates are fractions of an image rather than pixels."""
-    return known.size > 0 and bool(known.min() >= LEAST and known.max() <= MOST)
 
 
 def size_needed(name: str) -> InputError:

@@ -20,6 +20,9 @@ from shapefit.io.layout import UNKNOWN_UNIT
 FRACTION = "fraction of the image"
 """Unit of coordinates that are divided by the width and the height of the image."""
 
+LEAST, MOST = -0.5, 1.5
+"""Coordinates that are all within these are fractions of an image, those outside of it too."""
+
 Edges = tuple[tuple[int, int], ...]
 
 
@@ -77,6 +80,9 @@ class Poses:
                 sized = values is None or isinstance(values, str) or len(values) == n
                 require(sized, f"has another number of {field}s than its {n} poses")
 
+        if d == 2:
+            object.__setattr__(self, "points", _without_placeholders(self.points, self.confidence))
+
     def __len__(self) -> int:
         return len(self.points)
 
@@ -106,6 +112,18 @@ class Poses:
             elif values is not None and not isinstance(values, str):
                 changes[field] = [values[number] for number in numbers.tolist()]
         return replace(self, **changes)
+
+
+def _without_placeholders(points: Floats, confidence: Floats | None) -> Floats:
+    """Return 2D points, NaN where they are what tools write for a landmark that is missing.
+
+    That is (-1, -1) without a confidence or with 0, and (0, 0) with a confidence of 0.
+    """
+    missing = (points == -1).all(axis=2)
+    if confidence is not None:
+        missing &= ~(confidence > 0)
+        missing |= (points == 0).all(axis=2) & (confidence == 0)
+    return np.where(missing[..., None], np.nan, points) if missing.any() else points
 
 
 OF_A_POSE = ("points", "confidence", "frame", "label", "individual", "video")
@@ -149,6 +167,11 @@ def of_frames(
     }
     poses = Poses(**defaults | known)
     return poses if present is None else poses.take(present.ravel())
+
+
+def are_fractions(known: Floats) -> bool:
+    """Whether coordinates are fractions of an image rather than pixels."""
+    return known.size > 0 and bool(known.min() >= LEAST and known.max() <= MOST)
 
 
 class FormatError(ValueError):

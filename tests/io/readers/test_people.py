@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io.readers.people import read_coco_annotations
+from shapefit.io.readers.detections import read_coco_annotations
 
 from .conftest import read_images as read
 
@@ -355,3 +355,13 @@ def test_so_many_landmarks_that_no_other_key_is_seen(written, tmp_path, rng):
         assert list(found.items) == [item]
         np.testing.assert_array_equal(found.landmarks[0].T, points[:, :2])
         np.testing.assert_array_equal(found.weights()[0], points[:, 2])
+
+
+@pytest.mark.parametrize(
+    ("confidence", "seen"), [(0, [False, False, True]), (0.5, [True, True, True])]
+)
+def test_placeholders_with_a_confidence_of_0_are_missing(written, confidence, seen):
+    """(-1, -1) and (0, 0), also where landmarks without a confidence are placed."""
+    points = [-1, -1, confidence, 0, 0, confidence, 5, 6, 1]
+    found, _ = read(written("r.json", [entry(1, 1, *points)]))
+    assert np.isfinite(found.landmarks[0]).all(axis=0).tolist() == seen
