@@ -329,15 +329,15 @@ FORMATS: dict[str, FileFormat] = {
     ),
     "acclaim": _read(
         *("an ASF/AMC motion", ".amc .asf", SHAPES),
-        *(_acclaim, "joint_trees:read_acclaim"),
+        *(_acclaim, "motion:read_acclaim"),
         together=True,
     ),
     "anipose-csv": _read(
         *("an anipose 3D CSV", ".csv", SHAPES),
         *(lambda head: bool(anipose_landmarks(head.columns)), "markers:read_anipose"),
     ),
-    "bvh": _read("a BVH motion", ".bvh", SHAPES, _bvh, "joint_trees:read_bvh"),
-    "c3d": _read("a C3D file", ".c3d", SHAPES, _c3d, "markers:read_c3d"),
+    "bvh": _read("a BVH motion", ".bvh", SHAPES, _bvh, "motion:read_bvh"),
+    "c3d": _read("a C3D file", ".c3d", SHAPES, _c3d, "motion:read_c3d"),
     "trc": _read(
         *("a TRC file", ".trc", SHAPES),
         *(lambda head: head.text.lstrip()[:12].lower() == b"pathfiletype", "markers:read_trc"),
