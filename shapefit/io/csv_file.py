@@ -23,8 +23,7 @@ from shapefit.arrays import Floats, Integers
 from shapefit.errors import InputError, input_error
 from shapefit.io.atomic import output_bytes, storage_errors
 from shapefit.io.checks import input_problems
-from shapefit.io.formats import RecordWriter
-from shapefit.io.head import Head
+from shapefit.io.detect import Head
 from shapefit.io.inputs import (
     BLOCK_BYTES,
     BYTE_ORDER_MARK,
@@ -44,6 +43,7 @@ from shapefit.io.tidy_table import (
     read_tidy,
     table_columns,
 )
+from shapefit.io.writer import RecordWriter
 
 if TYPE_CHECKING:
     from shapefit.evaluation.summaries import ImageErrors

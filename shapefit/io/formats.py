@@ -1,80 +1,67 @@
-"""The table of file formats: how a file of each begins, what it holds, who reads and writes it.
+"""The table of file formats: how a file is recognised, what it holds, who reads and writes it.
 
-A format is one row of `FORMATS`, or of `WRITTEN` where it is only written. The row is light:
-functions are named as ".module:function" below `shapefit.io`, and imported when they are needed.
+A format is one row of `FORMATS`, or of `WRITTEN` where it is only written. Readers and writers are
+imported when the first of them is called, as many runs need none.
 """
 
 from __future__ import annotations
 
-import re
-import struct
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import partial
-from importlib import import_module
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from types import ModuleType
+from typing import Any
 
 from shapefit.errors import abbreviate, input_error, listed
-from shapefit.io.head import (
-    Head,
-    anipose_landmarks,
-    decode,
-    parse_header,
-    unknown_json,
-    unsupported_file,
-)
-from shapefit.io.inputs import (
-    HDF5_SIGNATURE,
-    is_stream,
-    require_file,
-    source_name,
-)
+from shapefit.io import detect, readers, writers
+from shapefit.io.detect import Head, has_hdf5, in_folder
+from shapefit.io.inputs import HDF5_SIGNATURE, is_stream, require_file, source_name
 from shapefit.io.layout import LANDMARKS, RESULTS, Layout
-from shapefit.io.options import AS_KNOWN, InputOptions, OutputOptions, Summary
+from shapefit.io.options import AS_KNOWN, InputOptions, OutputOptions
 from shapefit.io.records import LandmarkSet, ResultSet
+from shapefit.io.writer import RecordWriter
 from shapefit.threads import on_threads
 
-Record = TypeVar("Record")
+Output = AbstractContextManager[RecordWriter[Any]]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class FileFormat:
-    """A format of files; functions are named as `load` takes them.
+    """A format of files.
 
     title        what a file of it is called, with its article
-    suffixes     endings of its names; it is looked for in files of these names first, and an
-                 output of such a name is written in it
-    begins       whether a file with such a head is in this format
-    recorder     of a format of others: takes the paths that are one recording, returns it
-    records      the kinds (landmarks, shapes, ...) of what it can hold; its content decides
-    reader       takes a path, or all that belong together, and a kind, and `gaps` (whether
-                 landmarks may be unknown); returns records, for several paths notes, too
-    holds        takes a path, returns the kind of what the file holds
+    suffixes     endings of its names; files of these names are taken for it first, and an output of
+                 such a name is written in it
+    records      the kinds (landmarks, shapes, ...) that it can hold; the content of a file decides
+    recognise    whether a file with such a head is in this format
+    read_poses   of a format of another tool: takes the paths that belong together, returns Poses
     together     files of one folder are one recording: a frame each, or parts that need each other
     folders      a folder is an input, too
-    writer       takes a path and the layout of the records, gives a RecordWriter in a `with`
+    read_records of our own: takes a path and a kind, and `gaps` (whether landmarks may be unknown)
+    holds        of our own: takes a path, returns the kind of what the file holds
+    write        takes a path and the layout of the records, gives a RecordWriter in a `with`
     writes       the kinds that it can write
-    in_metres    what it writes is in metres and upright, a sequence a file; its writer takes
+    in_metres    what it writes is in metres and upright, a sequence a file; `write` takes
                  OutputOptions, too
     angles       it is written with the joint angles of bodies, or holds nothing else
     points_only  it has no place for what is not a point: attributes, further datasets
-    states_y_axis  its files say, or it is known of all of them, whether y points up or down
+    states_y_axis  whether y points up or down is known of each of its files
     """
 
     title: str
     suffixes: tuple[str, ...]
-    begins: Callable[[Head], bool] = lambda head: False
-    recorder: str | None = None
     records: tuple[str, ...] = ()
-    reader: str = ""
-    holds: str = ""
+    recognise: Callable[[Head], bool] = lambda head: False
+    read_poses: Callable[[tuple[Path, ...]], Any] | None = None
     together: bool = False
     folders: bool = False
-    writer: str | None = None
+    read_records: Callable[..., Any] | None = None
+    holds: Callable[[Path], str] | None = None
+    write: Callable[..., Output] | None = None
     writes: tuple[str, ...] = ()
     in_metres: bool = False
     angles: bool = False
@@ -86,274 +73,173 @@ class FileFormat:
         return path.name.lower().endswith(self.suffixes)
 
 
+def _hdf5_kind(path: Path) -> str:
+    from shapefit.io.hdf5_records import hdf5_kind
+
+    return hdf5_kind(path)
+
+
+def _hdf5_output(target: Path, form: Layout) -> Output:
+    from shapefit.io.hdf5_writer import hdf5_output
+
+    return hdf5_output(target, form)
+
+
+def _csv() -> ModuleType:
+    from shapefit.io import csv_file
+
+    return csv_file
+
+
+def _readers() -> ModuleType:
+    """Import the readers of other tools' files."""
+    from shapefit.io.readers import (  # noqa: F401
+        arrays,
+        deeplabcut,
+        detections,
+        joint_trees,
+        markers,
+        sleap,
+        tables,
+        trackers,
+        yolo,
+    )
+
+    return readers
+
+
+def _writers() -> ModuleType:
+    """Import the writers of other tools' files."""
+    from shapefit.io.writers import bones, markers, tables  # noqa: F401
+
+    return writers
+
+
 IMAGES, SHAPES, EITHER = ("landmarks",), ("shapes",), ("landmarks", "shapes")
 ANY = ("landmarks", "shapes", "result")
 
 HDF5 = FileFormat(
-    title="an HDF5 file",
-    suffixes=(".h5", ".hdf5", ".hdf", ".he5"),
-    begins=lambda head: head.bytes.startswith(HDF5_SIGNATURE),
-    records=(*ANY, "dictionary"),
-    holds=".hdf5_records:hdf5_kind",
-    writer=".hdf5_writer:hdf5_output",
+    "an HDF5 file",
+    (".h5", ".hdf5", ".hdf", ".he5"),
+    (*ANY, "dictionary"),
+    lambda head: head.bytes.startswith(HDF5_SIGNATURE),
+    holds=_hdf5_kind,
+    write=_hdf5_output,
     writes=(*ANY, "dictionary"),
     points_only=False,
 )
 
 CSV = FileFormat(
-    title="a CSV file",
-    suffixes=(".csv",),
-    begins=lambda head: {"item", "landmark"} <= head.columns and not HDF5.has_suffix(head.path),
-    records=ANY,
-    reader=".csv_file:read_csv",
-    holds=".csv_file:csv_kind",
-    writer=".csv_file:csv_output",
+    "a CSV file",
+    (".csv",),
+    ANY,
+    lambda head: {"item", "landmark"} <= head.columns and not HDF5.has_suffix(head.path),
+    read_records=lambda *paths, **how: _csv().read_csv(*paths, **how),
+    holds=lambda path: _csv().csv_kind(path),
+    write=lambda *target: _csv().csv_output(*target),
     writes=ANY,
     states_y_axis=False,
 )
 
-
-def _deeplabcut_csv(head: Head) -> bool:
-    """Whether the first cell is `scorer`, and one of the next lines begins `bodyparts`.
-
-    A first line can be longer than what is seen of the file; then the first cell decides.
-    """
-    lines = head.lines[:-1] or head.lines
-    firsts = [line.split(b",", 1)[0].strip(b' "') for line in lines]
-    if firsts[0] == b"scorer" and b"," in head.lines[0]:
-        return len(firsts) < 3 or b"bodyparts" in firsts[1:3]
-    return firsts[0] in (b"bodyparts", b"individuals") and b"coords" in firsts[1:3]
-
-
-def _nwb(head: Head) -> bool:
-    found = head.hdf5
-    processed = any(name.startswith("processing/") for name in found.inner)
-    return "nwb_version" in found.attributes or processed
-
-
-def _slp(head: Head) -> bool:
-    found = head.hdf5
-    return "metadata@format_id" in found.inner and {"frames", "instances"} <= found.entries
-
-
-def _files(ending: str, begins: Callable[[Head], bool]) -> Callable[[Head], bool]:
-    """Return whether a file begins so, or one of the first in a folder."""
-
-    def any_begins(head: Head) -> bool:
-        return any(map(begins, head.files(ending) if head.is_folder else [head]))
-
-    return any_begins
-
-
-_ALPHAPOSE = re.compile(rb'\s*\{\s*"(?:[^"\\]|\\.)*"\s*:\s*\{\s*"(?:version|people|bodies)"\s*:')
-
-
-def _openpose(head: Head) -> bool:
-    """Whether an object has OpenPose's keys, which AlphaPose's `cmu` has, too."""
-    found = head.json
-    return (found.kind == "{" and bool(found.keys & {"people", "bodies"})) or found.keys == {
-        "version"
-    }
-
-
-def _coco_results(head: Head) -> bool:
-    found = head.json
-    whole = {"image_id", "keypoints"} <= found.keys
-    return found.kind == "[" and (whole or found.points == "flat")
-
-
-def _coco_annotations(head: Head) -> bool:
-    keys = head.json.keys
-    known = {"images", "annotations", "categories", "licenses"}
-    alone = "info" in keys and "people" not in keys
-    return head.json.kind == "{" and bool(keys & known or alone)
-
-
-def _mmpose_video(head: Head) -> bool:
-    wanted = {"{": {"meta_info", "instance_info"}, "[": {"instances"}, "": set[str]()}
-    return bool(head.json.keys & wanted[head.json.kind])
-
-
-def _mmpose_images(head: Head) -> bool:
-    found = head.json
-    named = {"keypoints", "keypoint_scores"} <= found.keys and "instances" not in found.keys
-    empty = head.bytes.strip() == b"[]"
-    return found.kind == "[" and (named or found.points == "pairs" or empty)
-
-
-def _yolo(head: Head) -> bool:
-    """Whether a .txt file begins with a line of a class, a box and landmarks, all fractions."""
-    cells = next((c for line in head.lines[:10] if (c := line.partition(b"#")[0].split())), [])
-    try:
-        first, *numbers = map(float, cells)
-    except ValueError:
-        return False
-    box, point = numbers[:4], numbers[4:6]
-    placed = len(point) == 2 and all(-1 <= value <= 2 for value in point)
-    fractions = all(0 <= value <= 1 for value in box)
-    return head.named(".txt") and first.is_integer() and first >= 0 and placed and fractions
-
-
-_POINT = re.compile(rb'\{\s*(?:"(?:name|id)"\s*:\s*"?\w+"?,\s*)?"x"\s*:\s*[^,{}]+,\s*"y"\s*:')
-
-
-def _mediapipe(head: Head) -> bool:
-    """Whether JSON begins with objects of x and y."""
-    return head.json.kind != "" and _POINT.search(head.bytes) is not None
-
-
-def _acclaim(head: Head) -> bool:
-    lines = any(line.lstrip()[:1] in (b":", b"#") for line in head.lines)
-    return head.named(".asf", ".amc") and b"\0" not in head.bytes and lines
-
-
-def _caliscope(head: Head) -> bool:
-    needed = {"frame_index", "point_id", "img_loc_x", "img_loc_y"}
-    return needed <= head.columns and bool(head.columns & {"port", "cam_id"})
-
-
-C3D_BLOCK, C3D_MAGIC = 512, 0x50
-"""Bytes of the header of C3D, and its second byte."""
-
-
-def _c3d(head: Head) -> bool:
-    """Whether a file begins with the place of its parameters, 0x50, and numbers that agree."""
-    data = head.bytes
-    if len(data) < C3D_BLOCK or data[1] != C3D_MAGIC or data[0] == 0:
-        return False
-    points, _, first, last = struct.unpack("<HHHH", data[2:10])
-    start = struct.unpack("<H", data[16:18])[0]
-    agree = 0 < points < 1024 and 0 < first <= last and 1 < start < 1024 and data[0] < 8
-    return head.named(".c3d") or agree
-
-
-def _bvh(head: Head) -> bool:
-    words = head.text.split(maxsplit=2)
-    return [word.upper() for word in words[:2]] == [b"HIERARCHY", b"ROOT"]
-
-
-def _table(head: Head) -> bool:
-    """Whether the first line names columns of landmarks, in another layout than ours."""
-    if not head.named(".csv", ".tsv", ".txt") or anipose_landmarks(head.columns):
-        return False
-    line = decode(head.bytes).replace("\r", "\n").partition("\n")[0]
-    own = {"item", "landmark"} <= {cell.strip(' "\t') for cell in line.split(",")}
-    return "\0" not in line and not own and parse_header(line) is not None
-
-
-_LISTS = re.compile(rb"\s*\[\s*\[\s*(?:\[\s*)?[-\dnN]")
-
-
-def _array(head: Head) -> bool:
-    archive = head.bytes.startswith(b"PK\x03\x04") and head.named(".npz")
-    lists = head.named(".json") and _LISTS.match(head.text) is not None
-    return archive or lists or head.bytes.startswith(b"\x93NUMPY")
-
-
-def _read(
-    title: str,
-    suffixes: str,
-    records: tuple[str, ...],
-    begins: Callable[[Head], bool],
-    recorder: str,
-    **further: Any,
-) -> FileFormat:
-    """Return the row of a format of others; its reader is named below `shapefit.io.readers`."""
-    return FileFormat(
-        title=title,
-        suffixes=tuple(suffixes.split()),
-        records=records,
-        begins=begins,
-        recorder=f".readers.{recorder}",
-        **further,
-    )
-
-
-_SETS: Any = {"together": True, "folders": True}
-
+# fmt: off
 FORMATS: dict[str, FileFormat] = {
     "hdf5": HDF5,
     "csv": CSV,
-    "deeplabcut-csv": _read(
-        *("a DeepLabCut or Lightning Pose CSV", ".csv", EITHER),
-        *(_deeplabcut_csv, "deeplabcut:read_csv"),
+    "deeplabcut-csv": FileFormat(
+        "a DeepLabCut or Lightning Pose CSV", (".csv",), EITHER,
+        detect.is_deeplabcut_csv, lambda p: _readers().deeplabcut.read_csv(p),
     ),
-    "deeplabcut-h5": _read(
-        *("a DeepLabCut HDF5 file", ".h5 .hdf5", EITHER),
-        *(lambda head: bool(head.hdf5.pandas), "deeplabcut:read_hdf5"),
+    "deeplabcut-h5": FileFormat(
+        "a DeepLabCut HDF5 file", (".h5", ".hdf5"), EITHER,
+        detect.is_pandas, lambda p: _readers().deeplabcut.read_hdf5(p),
     ),
-    "jabs-h5": _read(
-        *("a JABS pose file", ".h5", IMAGES),
-        *(lambda head: "poseest/points" in head.hdf5.inner, "trackers:read_jabs"),
+    "jabs-h5": FileFormat(
+        "a JABS pose file", (".h5",), IMAGES,
+        has_hdf5("poseest/points"), lambda p: _readers().trackers.read_jabs(p),
     ),
-    "movement-netcdf": _read(
-        *("a movement netCDF file", ".nc .nc4", EITHER),
-        *(lambda head: "ds_type" in head.hdf5.attributes, "trackers:read_movement"),
+    "movement-netcdf": FileFormat(
+        "a movement netCDF file", (".nc", ".nc4"), EITHER,
+        has_hdf5("@ds_type"), lambda p: _readers().trackers.read_movement(p),
     ),
-    "nwb-ndx-pose": _read("an NWB file", ".nwb", EITHER, _nwb, "trackers:read_nwb"),
-    "sleap-analysis-h5": _read(
-        *("a SLEAP analysis file", ".h5 .hdf5", IMAGES),
-        *(lambda head: {"tracks", "node_names"} <= head.hdf5.entries, "sleap:read_analysis"),
+    "nwb-ndx-pose": FileFormat(
+        "an NWB file", (".nwb",), EITHER,
+        detect.is_nwb, lambda p: _readers().trackers.read_nwb(p),
     ),
-    "sleap-slp": _read("a SLEAP .slp file", ".slp", IMAGES, _slp, "sleap:read_labels"),
-    "alphapose-json": _read(
-        *("an AlphaPose file of all images", ".json", IMAGES),
-        *(lambda head: _ALPHAPOSE.match(head.text) is not None, "detections:read_alphapose"),
+    "sleap-analysis-h5": FileFormat(
+        "a SLEAP analysis file", (".h5", ".hdf5"), IMAGES,
+        has_hdf5("tracks", "node_names"), lambda p: _readers().sleap.read_analysis(p),
     ),
-    "caliscope-csv": _read("a caliscope CSV", ".csv", IMAGES, _caliscope, "tables:read_caliscope"),
-    "coco-annotations": _read(
-        *("a file of COCO annotations", ".json", IMAGES),
-        *(_coco_annotations, "detections:read_coco_annotations"),
+    "sleap-slp": FileFormat(
+        "a SLEAP .slp file", (".slp",), IMAGES,
+        has_hdf5("metadata@format_id", "frames", "instances"),
+        lambda p: _readers().sleap.read_labels(p),
     ),
-    "coco-results": _read(
-        *("a file of COCO results", ".json", IMAGES),
-        *(_coco_results, "detections:read_coco_results"),
+    "alphapose-json": FileFormat(
+        "an AlphaPose file of all images", (".json",), IMAGES,
+        detect.is_alphapose, lambda p: _readers().detections.read_alphapose(p),
     ),
-    "mmpose-images": _read(
-        *("a set of MMPose files", ".json", IMAGES),
-        *(_files(".json", _mmpose_images), "detections:read_mmpose_images"),
-        **_SETS,
+    "caliscope-csv": FileFormat(
+        "a caliscope CSV", (".csv",), IMAGES,
+        detect.is_caliscope, lambda p: _readers().tables.read_caliscope(p),
     ),
-    "mmpose-video": _read(
-        *("an MMPose file", ".json", IMAGES), *(_mmpose_video, "detections:read_mmpose_video")
+    "coco-annotations": FileFormat(
+        "a file of COCO annotations", (".json",), IMAGES,
+        detect.is_coco_annotations, lambda p: _readers().detections.read_coco_annotations(p),
     ),
-    "openpose": _read(
-        *("a set of OpenPose files", ".json", IMAGES),
-        *(_files(".json", _openpose), "detections:read_openpose"),
-        **_SETS,
+    "coco-results": FileFormat(
+        "a file of COCO results", (".json",), IMAGES,
+        detect.is_coco_results, lambda p: _readers().detections.read_coco_results(p),
     ),
-    "ultralytics-txt": _read(
-        *("a set of YOLO pose labels", ".txt", IMAGES),
-        *(_files(".txt", _yolo), "yolo:read_yolo"),
-        **_SETS,
+    "mmpose-images": FileFormat(
+        "a set of MMPose files", (".json",), IMAGES, in_folder(".json", detect.is_mmpose_images),
+        lambda p: _readers().detections.read_mmpose_images(p), together=True, folders=True,
     ),
-    "acclaim": _read(
-        *("an ASF/AMC motion", ".amc .asf", SHAPES),
-        *(_acclaim, "motion:read_acclaim"),
-        together=True,
+    "mmpose-video": FileFormat(
+        "an MMPose file", (".json",), IMAGES,
+        detect.is_mmpose_video, lambda p: _readers().detections.read_mmpose_video(p),
     ),
-    "anipose-csv": _read(
-        *("an anipose 3D CSV", ".csv", SHAPES),
-        *(lambda head: bool(anipose_landmarks(head.columns)), "markers:read_anipose"),
+    "openpose": FileFormat(
+        "a set of OpenPose files", (".json",), IMAGES, in_folder(".json", detect.is_openpose),
+        lambda p: _readers().detections.read_openpose(p), together=True, folders=True,
     ),
-    "bvh": _read("a BVH motion", ".bvh", SHAPES, _bvh, "motion:read_bvh"),
-    "c3d": _read("a C3D file", ".c3d", SHAPES, _c3d, "motion:read_c3d"),
-    "trc": _read(
-        *("a TRC file", ".trc", SHAPES),
-        *(lambda head: head.text.lstrip()[:12].lower() == b"pathfiletype", "markers:read_trc"),
+    "ultralytics-txt": FileFormat(
+        "a set of YOLO pose labels", (".txt",), IMAGES, in_folder(".txt", detect.is_yolo),
+        lambda p: _readers().yolo.read_yolo(p), together=True, folders=True,
     ),
-    "table": _read(
-        "a table of landmarks", ".csv .tsv .txt", EITHER, _table, "tables:read_any_table",
-        states_y_axis=False,
+    "acclaim": FileFormat(
+        "an ASF/AMC motion", (".amc", ".asf"), SHAPES, detect.is_acclaim,
+        lambda p: _readers().joint_trees.read_acclaim(p), together=True,
     ),
-    "arrays": _read(
-        "an array of landmarks", ".npy .npz", IMAGES, _array, "arrays:read_array",
-        states_y_axis=False,
+    "anipose-csv": FileFormat(
+        "an anipose 3D CSV", (".csv",), SHAPES,
+        detect.is_anipose, lambda p: _readers().markers.read_anipose(p),
     ),
-    "mediapipe": _read(
-        "a file of MediaPipe's landmarks", ".json", IMAGES, _mediapipe, "detections:read_mediapipe"
+    "bvh": FileFormat(
+        "a BVH motion", (".bvh",), SHAPES,
+        detect.is_bvh, lambda p: _readers().joint_trees.read_bvh(p),
     ),
-}  # fmt: skip
+    "c3d": FileFormat(
+        "a C3D file", (".c3d",), SHAPES,
+        detect.is_c3d, lambda p: _readers().markers.read_c3d(p),
+    ),
+    "trc": FileFormat(
+        "a TRC file", (".trc",), SHAPES,
+        detect.is_trc, lambda p: _readers().markers.read_trc(p),
+    ),
+    "table": FileFormat(
+        "a table of landmarks", (".csv", ".tsv", ".txt"), EITHER, detect.is_table,
+        lambda p: _readers().tables.read_any_table(p), states_y_axis=False,
+    ),
+    "arrays": FileFormat(
+        "an array of landmarks", (".npy", ".npz"), IMAGES, detect.is_array,
+        lambda p: _readers().arrays.read_array(p), states_y_axis=False,
+    ),
+    "mediapipe": FileFormat(
+        "a file of MediaPipe's landmarks", (".json",), IMAGES,
+        detect.is_mediapipe, lambda p: _readers().detections.read_mediapipe(p),
+    ),
+}
+# fmt: on
 """Those of the package come first; the others are asked before them, in this order."""
 
 
@@ -366,7 +252,11 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     if is_stream(path):
         return CSV
     if name != "auto":
-        return named_format(name, FORMATS)
+        known = named_format(name, FORMATS)
+        if path.is_dir() and not known.folders:
+            found = f"it is a folder, and {known.title} is a file"
+            raise input_error(path, found, f"name the files in it: '{path}/*{known.suffixes[0]}'")
+        return known
     if path.is_dir():
         return _detect_folder(Head(path))
     require_file(path)
@@ -374,18 +264,18 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
         return CSV
     head = Head(path)
     for known in _likely_first(path):
-        if known.begins(head):
+        if known.recognise(head):
             return known
     if HDF5.has_suffix(path):
         fix = "give an HDF5 file, or name it .csv if it is CSV"
         raise input_error(path, "is not an HDF5 file", fix)
-    if (error := unsupported_file(head)) is not None:
+    if (error := detect.unsupported_file(head)) is not None:
         raise error
     if b"\0" in head.bytes and not CSV.has_suffix(path):
         titles = listed(known.title for known in FORMATS.values())
         raise input_error(path, "is of no known format", f"give {titles}")
-    if head.json.kind:
-        raise unknown_json(head)
+    if head.may_be_json:
+        raise detect.unknown_json(head)
     return CSV
 
 
@@ -402,7 +292,7 @@ def _detect_folder(head: Head) -> FileFormat:
     """Return the format of a folder whose files are one recording."""
     folders = [known for known in FORMATS.values() if known.folders]
     for known in folders:
-        if known.begins(head):
+        if known.recognise(head):
             return known
     path = head.path
     looked = f", and holds none of these: {listed(known.title for known in folders)}"
@@ -439,7 +329,7 @@ def group_inputs(
 def mixture(groups: Sequence[tuple[FileFormat, tuple[Path, ...]]]) -> tuple[str, ...]:
     """Warn of inputs in several formats, some of them of other tools, whose names may not agree."""
     counts = Counter(known.title for known, _ in groups)
-    if len(counts) < 2 or all(known.recorder is None for known, _ in groups):
+    if len(counts) < 2 or all(known.read_poses is None for known, _ in groups):
         return ()
     found = listed((f"{title} ({number})" for title, number in counts.items()), "and")
     return (f"several formats in one call: {found}; landmarks are matched by their names",)
@@ -447,72 +337,49 @@ def mixture(groups: Sequence[tuple[FileFormat, tuple[Path, ...]]]) -> tuple[str,
 
 def check_holds(path: Path, kind: str, known: FileFormat) -> None:
     """Raise InputError where a file of this format cannot hold records of a kind."""
-    if kind not in known.records or known.recorder is not None:
-        able = [each for each in FORMATS.values() if kind in each.records and not each.recorder]
+    if kind not in known.records or known.read_poses is not None:
+        able = [each for each in FORMATS.values() if kind in each.records and not each.read_poses]
         found = f"is {known.title}, not {listed(each.title for each in able)}"
         found = found if path.is_file() else "is not a file on a disk"
         raise input_error(source_name(path), found, f"give a shapefit-{kind} file")
 
 
-def load(place: str) -> Callable[..., Any]:
-    """Import a function by its place, "module:function"; ".module" is one below `shapefit.io`."""
-    module, _, name = place.partition(":")
-    function: Callable[..., Any] = getattr(import_module(module, "shapefit.io"), name)
-    return function
-
-
 # Writing.
 
-
-class RecordWriter(Generic[Record]):
-    """Takes records one after another; `attributes` are stored with the file on a clean exit.
-
-    After that `summary` says what was written. `begun` is whether a record was appended.
-    """
-
-    def __init__(self) -> None:
-        self.attributes: dict[str, str | float | int] = {}
-        self.summary = Summary()
-        self.begun = False
-
-    def append(self, record: Record) -> None:
-        """Write the items of a record after those that are there."""
-        raise NotImplementedError
-
-    def check_begun(self) -> None:
-        """Raise ValueError where nothing was appended."""
-        if not self.begun:
-            raise ValueError("nothing was appended; append one record, which may be empty")
-
-
-def _metres(title: str, writer: str, *suffixes: str, angles: bool = False) -> FileFormat:
-    """Return the row of files in metres; the writer is named below `shapefit.io.writers`."""
-    return FileFormat(
-        title=title,
-        suffixes=suffixes,
-        writer=f".writers.{writer}",
-        writes=("shapes", "result"),
-        in_metres=True,
-        angles=angles,
-    )
-
+# fmt: off
+_METRES: Any = {"writes": ("shapes", "result"), "in_metres": True}
 
 WRITTEN: dict[str, FileFormat] = {
-    "bvh": _metres("a BVH file", "bones:bvh_output", ".bvh"),
-    "c3d": _metres("a C3D file", "markers:c3d_output", ".c3d"),
-    "trc": _metres("a TRC file", "markers:trc_output", ".trc", angles=True),
-    "mot": _metres("a MOT file", "tables:mot_output", ".mot", angles=True),
-    "metres": _metres("a table in metres", "tables:metres_output", ".metres.csv"),
-    "angles": _metres(
-        "a table of joint angles", "tables:angles_output", ".angles.csv", angles=True
+    "bvh": FileFormat(
+        "a BVH file", (".bvh",), write=lambda *to: _writers().bones.bvh_output(*to), **_METRES
+    ),
+    "c3d": FileFormat(
+        "a C3D file", (".c3d",), write=lambda *to: _writers().markers.c3d_output(*to), **_METRES
+    ),
+    "trc": FileFormat(
+        "a TRC file", (".trc",), angles=True,
+        write=lambda *to: _writers().markers.trc_output(*to), **_METRES,
+    ),
+    "mot": FileFormat(
+        "a MOT file", (".mot",), angles=True,
+        write=lambda *to: _writers().tables.mot_output(*to), **_METRES,
+    ),
+    "metres": FileFormat(
+        "a table in metres", (".metres.csv",),
+        write=lambda *to: _writers().tables.metres_output(*to), **_METRES,
+    ),
+    "angles": FileFormat(
+        "a table of joint angles", (".angles.csv",), angles=True,
+        write=lambda *to: _writers().tables.angles_output(*to), **_METRES,
     ),
 }
+# fmt: on
 """Formats that are written for other tools; those of them that can be read have a row above."""
 
 
 def targets() -> dict[str, FileFormat]:
     """Return the formats that can be written, by their names."""
-    return {name: known for name, known in FORMATS.items() if known.writer} | WRITTEN
+    return {name: known for name, known in FORMATS.items() if known.write} | WRITTEN
 
 
 def landmark_writer(target: Path) -> AbstractContextManager[RecordWriter[LandmarkSet]]:
@@ -551,9 +418,8 @@ def record_writer(
             options.given[0], found, "leave it out, or end the name in .metres.csv, .trc or .c3d"
         )
     further = (options,) if known.in_metres else ()
-    writer: AbstractContextManager[RecordWriter[Any]]
-    writer = load(str(known.writer))(target, form, *further)
-    return writer
+    assert known.write is not None
+    return known.write(target, form, *further)
 
 
 def find_target_format(path: Path, name: str = "auto") -> FileFormat:

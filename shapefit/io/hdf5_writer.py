@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.errors import input_error
 from shapefit.io.atomic import atomic_path, storage_errors
-from shapefit.io.formats import RecordWriter
 from shapefit.io.layout import DICTIONARY, FIELDS, PER_ITEM, VERSION, Column, Layout, stored_name
+from shapefit.io.writer import RecordWriter
 
 Array = NDArray[Any]
 

@@ -230,6 +230,9 @@ WHOLE = {
 EDGES = "edges"
 """Dataset (e, 2) of landmarks and of results: pairs of landmarks that a line joins."""
 
+FRAME = "frame"
+"""Dataset (n,): the place of each item in its video, from 0."""
+
 OUTLIERS, CORRUPTED = "outliers", "corrupted"
 """Datasets (n, p) of the landmarks that a fit judged wrong, and of those that were made wrong."""
 LABELS = (OUTLIERS, CORRUPTED)

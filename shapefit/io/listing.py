@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.io.formats import CSV, HDF5, detect_format, load
+from shapefit.io.formats import CSV, HDF5, detect_format
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import RESULTS, UNKNOWN_UNIT
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
@@ -40,7 +40,7 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
     known = detect_format(path, options.format)
     kind = known.records[0]  # JSON, for one, would be read whole to say so
     if known.holds:
-        kind = load(known.holds)(path)
+        kind = known.holds(path)
     elif len(known.records) > 1:
         kind = "landmarks" if peek_poses(known, (path,)).dimensions == 2 else "shapes"
     return cast(Kind, kind)

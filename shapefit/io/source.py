@@ -20,7 +20,6 @@ from shapefit.io.formats import (
     check_holds,
     detect_format,
     group_inputs,
-    load,
     mixture,
     record_writer,
 )
@@ -375,7 +374,7 @@ def _open_all(
     Raises InputError for an individual of files that are ours, unless the caller `selects` it.
     """
     groups = group_inputs(paths, options)
-    if options.individual is not None and not selects and not any(f.recorder for f, _ in groups):
+    if options.individual is not None and not selects and not any(f.read_poses for f, _ in groups):
         fix = "write that individual to a file by `shapefit convert`, and use this"
         raise input_error(paths[0], "`individual` is for files of other tools", fix)
     held = MOST_HELD // len(groups) if form is LANDMARKS else 0
@@ -410,7 +409,7 @@ def _open(
     path, name = paths[0], source_name(paths[0])
     notes: tuple[str, ...] = ()
     records: Any
-    if known.recorder is not None and form is not RESULTS:
+    if known.read_poses is not None and form is not RESULTS:
         from shapefit.io.readers.items import read_landmarks
         from shapefit.io.readers.items import read_shapes as read_foreign_shapes
 
@@ -424,12 +423,10 @@ def _open(
         if known is HDF5:
             file = _open_hdf5(path, form, gaps, most_held, **how)
             return _hiding(file, options.min_confidence)
-        if known.together:
-            records, notes = load(known.reader)(paths, gaps=gaps)
-        else:
-            rows = how.get("rows")
-            part = {} if rows is None or isinstance(rows, slice) else {"stretch": rows}
-            records = load(known.reader)(path, form.kind, gaps=gaps, **part)
+        assert known.read_records is not None
+        rows = how.get("rows")
+        part = {} if rows is None or isinstance(rows, slice) else {"stretch": rows}
+        records = known.read_records(path, form.kind, gaps=gaps, **part)
     if form is SHAPES:
         check_magnitudes(name, records.shapes, records.items, records.landmark_names)
     elif form is LANDMARKS:

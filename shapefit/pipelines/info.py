@@ -123,7 +123,7 @@ def _told(
         return title + _of_dictionary(path), ()
     if kind == "result":
         return title + _of_result(path), ()
-    if known.recorder is not None:
+    if known.read_poses is not None:
         recording = peek_poses(known, paths)
         title += (
             [("frames", f"{recording.frame_count:,}")] if recording.frame_count is not None else []

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.io.readers.items import FRAME
+from shapefit.io.layout import FRAME
 from shapefit.io.records import Records
 
 BY_ITEM, BY_FRAME = "item", "frame"

@@ -17,17 +17,14 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Flags
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
-from shapefit.io.formats import FORMATS, FileFormat, load
+from shapefit.io.formats import FORMATS, FileFormat
 from shapefit.io.inputs import source_name
-from shapefit.io.layout import EDGES
+from shapefit.io.layout import EDGES, FRAME
 from shapefit.io.names import match_landmarks, nearest_names
 from shapefit.io.options import InputOptions
 from shapefit.io.readers.poses import FRACTION, Poses, parsing
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.io.skeletons import installed_skeletons, skeletons_of_size
-
-FRAME = "frame"
-"""Dataset (n,): the place of each item in its video, from 0."""
 
 Notes = tuple[str, ...]
 R = TypeVar("R", LandmarkSet, ShapeSet)
@@ -72,7 +69,7 @@ def read_poses(known: FileFormat, paths: tuple[Path, ...]) -> Poses:
     The garbage collector rests: it would walk again and again over the millions of lists of a
     large JSON file, several times as slow.
     """
-    if known.recorder is None:
+    if known.read_poses is None:
         raise ValueError(f"{known.title} is not a recording")
     if (kept := _held.pop(paths, None)) is not None:
         return kept
@@ -80,7 +77,7 @@ def read_poses(known: FileFormat, paths: tuple[Path, ...]) -> Poses:
     gc.disable()
     try:
         with parsing(source_name(paths[0]), f"give {known.title} as its program writes it"):
-            found: Poses = load(known.recorder)(paths)
+            found: Poses = known.read_poses(paths)
     finally:
         if running:
             gc.enable()
@@ -91,7 +88,7 @@ def _of_kind(known: FileFormat, paths: tuple[Path, ...], kind: str) -> Poses:
     """Return the recording in these files. Raises InputError where it is not of this kind."""
     wanted = 2 if kind == "landmarks" else 3
     name = source_name(paths[0])
-    if known.recorder is None or kind not in known.records:
+    if known.read_poses is None or kind not in known.records:
         titles = listed(each.title for each in FORMATS.values() if kind in each.records)
         fix = f"give {'2D landmarks' if wanted == 2 else '3D shapes'}: {titles}"
         raise input_error(name, f"is {known.title}, which holds no {kind}", fix)

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.errors import InputError, abbreviate, input_error, printable
-from shapefit.io.head import OF_A_POINT, Columns, parse_header
 from shapefit.io.inputs import check_fits
 from shapefit.io.readers.arrays import of_bodies
+from shapefit.io.readers.columns import OF_A_POINT, Columns, parse_header
 from shapefit.io.readers.poses import Poses, of_frames, video_name
 from shapefit.io.readers.text_table import Table
 from shapefit.io.skeletons import installed_skeletons

@@ -13,8 +13,8 @@ from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import printable
 from shapefit.io.checks import input_problems
 from shapefit.io.csv_file import read_rows, refuse_zero_bytes
-from shapefit.io.head import decode
 from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
+from shapefit.io.readers.columns import decode
 from shapefit.io.tidy_table import read_numbers
 
 EMPTY = {"", "na", "n/a", "#n/a", "none", "null", "-", "nan"}

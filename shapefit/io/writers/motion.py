@@ -20,9 +20,9 @@ from shapefit.geometry.joint_angles import measure_angles
 from shapefit.geometry.joint_rotations import Rig
 from shapefit.geometry.pinhole import ASSUMED_FOCAL
 from shapefit.io.atomic import atomic_path, check_output, file_stem, staged_files
-from shapefit.io.formats import RecordWriter
 from shapefit.io.layout import (
     EDGES,
+    FRAME,
     INPUT_NAMES,
     INPUT_SD,
     INPUT_SHAPES,
@@ -30,7 +30,6 @@ from shapefit.io.layout import (
     Layout,
 )
 from shapefit.io.options import OutputOptions, Summary
-from shapefit.io.readers.items import FRAME
 from shapefit.io.records import Names, ShapeSet, concatenate
 from shapefit.io.skeletons import (
     edges_of,
@@ -39,6 +38,7 @@ from shapefit.io.skeletons import (
     model_names,
     people_joints,
 )
+from shapefit.io.writer import RecordWriter
 from shapefit.io.writers.angles import ANGLE_SD, ANGLES, angle_columns, angle_names
 from shapefit.io.writers.metres import (
     CAMERA_TRANSLATION,

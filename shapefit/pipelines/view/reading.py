@@ -17,10 +17,9 @@ from shapefit.config import ViewConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError, input_error
 from shapefit.io import digest, open_shapes, read_dictionary
-from shapefit.io.layout import INPUT_NAMES, METRES_PER_UNIT
+from shapefit.io.layout import FRAME, INPUT_NAMES, METRES_PER_UNIT
 from shapefit.io.listing import AnyRecords, Listing, read_rows
 from shapefit.io.options import input_options
-from shapefit.io.readers.items import FRAME
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 from shapefit.io.skeletons import people_joints
 from shapefit.io.source import open_results

@@ -19,10 +19,9 @@ from shapefit.geometry.procrustes import lateral_axis
 from shapefit.geometry.rotations import turn_up
 from shapefit.io import read_dictionary, read_results
 from shapefit.io.joined import agreed
-from shapefit.io.layout import METRES_PER_UNIT, UNKNOWN_UNIT
+from shapefit.io.layout import FRAME, METRES_PER_UNIT, UNKNOWN_UNIT
 from shapefit.io.listing import Listing
 from shapefit.io.options import AS_KNOWN
-from shapefit.io.readers.items import FRAME
 from shapefit.io.records import concatenate
 from shapefit.io.skeletons import edges_of
 from shapefit.io.writers.motion import find_floors, video_of

@@ -11,8 +11,9 @@ import pytest
 
 from shapefit.io import open_landmarks, read_shapes
 from shapefit.io.formats import FORMATS, detect_format, group_inputs
+from shapefit.io.layout import FRAME
 from shapefit.io.options import AS_THEY_ARE, InputOptions
-from shapefit.io.readers.items import FRAME, read_poses
+from shapefit.io.readers.items import read_poses
 from shapefit.io.readers.poses import Poses
 
 PROJECT = Path(__file__).resolve().parents[3]

@@ -13,7 +13,9 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import open_landmarks
+from shapefit.io.formats import FORMATS
 from shapefit.io.listing import find_kind
+from shapefit.io.options import InputOptions
 
 TEXT = b"scorer,a,a,a\nbodyparts,nose,nose,nose\ncoords,x,y,likelihood\n0,1,2,0.5\n"
 
@@ -87,3 +89,10 @@ def test_hdf5_of_another_kind_says_what_was_looked_for(tmp_path):
         assert name in text
     with pytest.raises(InputError, match=r"holds data; give a file of DeepLabCut.* of shapefit"):
         find_kind(path)
+
+
+@pytest.mark.parametrize("name", [name for name, form in FORMATS.items() if not form.folders])
+def test_a_folder_in_a_format_of_files_is_refused(tmp_path, name):
+    for read in (find_kind, lambda path, options: open_landmarks([path], options).__enter__()):
+        with pytest.raises(InputError, match=r"it is a folder, and .* is a file; name the files"):
+            read(tmp_path, InputOptions(format=name))

@@ -1,0 +1,160 @@
+"""The header of a table of landmarks: which column holds what, in the layouts of several tools."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from shapefit.errors import printable
+
+DELIMITERS = (",", ";", "\t")
+
+
+def decode(data: bytes) -> str:
+    """Return text in UTF-8 (with a mark or without), UTF-16 with a mark, or else Latin-1."""
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return data.decode("utf-16", "replace")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+ROLES: Mapping[str, str] = {
+    name: role
+    for role, names in {
+        "item": "item image filename file file_name image_name image_id img",
+        "frame": "frame frame_id frame_idx frame_index frame_number frame_no fnum",
+        "sequence": "sequence video clip session",
+        "landmark": "landmark joint bodypart body_part keypoint part node marker landmark_name "
+        "joint_name keypoint_name landmark_id joint_id keypoint_id landmark_index",
+        "x": "x x_px px",
+        "y": "y y_px py",
+        "z": "z",
+        "confidence": "confidence conf likelihood score visibility probability prob v c",
+    }.items()
+    for name in names.split()
+}
+"""Name of a column, in small letters and with _ for spaces -> what it holds."""
+
+OF_A_POINT = ("x", "y", "z", "confidence")
+
+_NAMED = re.compile(
+    r"(.+)[_.: -](x|y|z|likelihood|confidence|conf|score|visibility|prob|v|c)", re.I
+)
+_NUMBERED = re.compile(r"(x|y|z|visibility|v|c)_?([0-9]{1,9})", re.I)
+
+
+@dataclass(frozen=True)
+class Columns:
+    """A header of no known tool as it was understood.
+
+    roles: item, frame, sequence, and in a long table landmark, x, y, z and confidence -> column;
+    landmarks: of a wide table, in order: role -> column for each name, None for a long table;
+    others: names left out.
+    """
+
+    delimiter: str
+    names: tuple[str, ...]
+    roles: Mapping[str, int]
+    landmarks: Mapping[str, Mapping[str, int]] | None
+    others: tuple[str, ...]
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        """The coordinates that there are columns for."""
+        points = [self.roles] if self.landmarks is None else self.landmarks.values()
+        return ("x", "y", "z") if any("z" in each for each in points) else ("x", "y")
+
+    def describe(self, rows: Sequence[Sequence[str]]) -> str:
+        """Return some rows as they were understood."""
+        taken = dict(self.roles)
+        if self.landmarks is not None:
+            name, own = next(iter(self.landmarks.items()))
+            taken |= {f"{role} of {name}": at for role, at in own.items()}
+        shown = [
+            ", ".join(f"{role} {printable(row[at])[:20]}" for role, at in taken.items())
+            for row in rows
+            if len(row) == len(self.names)
+        ]
+        return "; ".join(shown)
+
+
+def parse_header(line: str) -> Columns | None:
+    """Return what the columns of a header hold; None where it is not that of a table of landmarks.
+
+    A long table has columns landmark, x, y, and item or frame; a wide one has columns NAME_x and
+    NAME_y of two landmarks at least.
+    """
+    for delimiter in sorted(DELIMITERS, key=line.count, reverse=True):
+        try:
+            cells = next(csv.reader([line], delimiter=delimiter), [])
+        except csv.Error:
+            return None
+        names = tuple(cell.strip() for cell in cells)
+        found = _long_columns(delimiter, names) or _wide_columns(delimiter, names)
+        if found is not None:
+            return found
+    return None
+
+
+def _roles(names: Sequence[str]) -> tuple[dict[str, int], list[str]]:
+    """Return the first column of each role, and the names of those without one."""
+    roles: dict[str, int] = {}
+    others = []
+    for column, name in enumerate(names):
+        role = ROLES.get(name.lower().replace(" ", "_"))
+        if role is None or role in roles:
+            others.append(name)
+        else:
+            roles[role] = column
+    return roles, others
+
+
+def _long_columns(delimiter: str, names: tuple[str, ...]) -> Columns | None:
+    roles, others = _roles(names)
+    if not {"landmark", "x", "y"} <= roles.keys() or not {"item", "frame"} & roles.keys():
+        return None
+    return Columns(delimiter, names, roles, None, tuple(filter(None, others)))
+
+
+def _wide_columns(delimiter: str, names: tuple[str, ...]) -> Columns | None:
+    landmarks: dict[str, dict[str, int]] = {}
+    rest: dict[int, str] = {}
+    for column, name in enumerate(names):
+        numbered, named = _NUMBERED.fullmatch(name), _NAMED.fullmatch(name)
+        if numbered:
+            role, landmark = numbered[1], str(int(numbered[2]))
+        elif named:
+            landmark, role = named[1], named[2]
+        else:
+            rest[column] = name
+            continue
+        role = ROLES.get(role.lower(), "confidence")
+        if role in landmarks.setdefault(landmark, {}):
+            return None
+        landmarks[landmark][role] = column
+    whole = {name: own for name, own in landmarks.items() if {"x", "y"} <= own.keys()}
+    if len(whole) < 2:
+        return None
+    roles, others = _roles(list(rest.values()))
+    places = list(rest)
+    roles = {role: places[at] for role, at in roles.items() if role not in OF_A_POINT}
+    others += [name for name in landmarks if name not in whole]
+    left = tuple(name for name in others if name and not name.lower().startswith("unnamed"))
+    return Columns(delimiter, names, roles, whole, left)
+
+
+def anipose_landmarks(columns: Iterable[str]) -> tuple[str, ...]:
+    """Return the landmarks that have x, y, z and what anipose says of them, in order."""
+    names = list(columns)
+    known = set(names)
+    stems = dict.fromkeys(name[:-2] for name in names if name.endswith("_x") and len(name) > 2)
+    return tuple(
+        stem
+        for stem in stems
+        if {f"{stem}_y", f"{stem}_z"} <= known
+        and known & {f"{stem}_ncams", f"{stem}_error", f"{stem}_score"}
+    )
