@@ -52,11 +52,10 @@ from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.io.source import source_of
 from shapefit.pipelines.evaluate.judge import Truth, judge
 from shapefit.pipelines.fit.default import are_long, choose_by_dictionary
-from shapefit.pipelines.fit.prepare import FIRST, prepare, set_up, warn_of_dictionary
-from shapefit.pipelines.fit.report import Report
+from shapefit.pipelines.fit.prepare import FIRST, prepare, warn_of_dictionary
+from shapefit.pipelines.fit.report import Counts, outcome_of, warn_of_all
 from shapefit.pipelines.fit.run import attributes_of, lift_source
 from shapefit.pipelines.items import keys_of
-from shapefit.pipelines.joints import name_warnings
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes, with_p_value_table
 from shapefit.pipelines.outcome import Counted, Outcome, add_up
 
@@ -126,22 +125,23 @@ def fit(
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
     with source_of(images, "landmarks", wanted.rename) as source:
-        estimates = prepare(wanted, atoms, lambda: source.first(FIRST))
-        setup = set_up(wanted.changed(**estimates.values), atoms, source.head.landmark_names)
-        report = Report(setup)
+        names = source.head.landmark_names
+        setup = prepare(wanted, atoms, names, lambda: source.first(FIRST))
+        counts = Counts(setup)
         of_dictionary = warn_of_dictionary(setup.config, setup.dictionary)
         messages: dict[str, str | Counted] = {}
-        add_up(messages, (*estimates.warnings, *of_dictionary))
-        doubts = name_warnings(source.head.landmark_names, setup.dictionary.landmark_names)
+        add_up(messages, (*setup.estimates.warnings, *of_dictionary))
+        doubts = setup.matched.warnings(names)
         for batch in lift_source(source, setup):
-            outcome = report.add(batch.images, batch.lifting, batch.record)
+            counts.add(batch.images, batch.record)
+            outcome = outcome_of(batch.images, batch.lifting, batch.record, setup)
             records.append(batch.record)
             seconds += batch.seconds
             failures |= {failure.item: failure.reason for failure in outcome.failures}
             add_up(messages, outcome.warnings)
-    warn((*messages.values(), *doubts, *report.warnings))
+    warn((*messages.values(), *doubts, *warn_of_all(counts)))
     whole = concatenate(records)
-    attributes = attributes_of(setup, estimates, {}, seconds, len(whole))
+    attributes = attributes_of(setup, {}, seconds, len(whole))
     return fit_of(whole.replaced(attributes={**whole.attributes, **attributes}), failures)
 
 

@@ -106,11 +106,23 @@ def find_joints(own: Sequence[str], known: Sequence[str], *, in_place: bool = Tr
     parts = {
         name: part
         for name, part in people_parts(unknown).items()
-        if set(part.fixed).union(*part.along.values()) <= set(known) and (in_place or part.alone)
+        if joints_of(part) <= set(known) and (in_place or part.alone)
     }
     if not in_place:
         at = {name: part.joint for name, part in parts.items() if part.joint is not None}
         parts = {name: Part(joint, {joint: 1.0}) for name, joint in at.items()}
+    return Joints(tuple(known), parts, find_markers(parts, own, known))
+
+
+def joints_of(part: Part) -> set[str]:
+    """Return the joints of which a landmark is a sum."""
+    return set(part.fixed).union(*part.along.values())
+
+
+def find_markers(
+    parts: Mapping[str, Part], own: Sequence[str], known: Sequence[str]
+) -> dict[str, tuple[str, ...]]:
+    """Return the landmarks that stand for each joint, where some do."""
     markers: dict[str, tuple[str, ...]] = {}
     for joint in known:
         meant = [name for name, part in parts.items() if part.joint == joint and joint not in own]
@@ -118,15 +130,58 @@ def find_joints(own: Sequence[str], known: Sequence[str], *, in_place: bool = Tr
         nearest = tuple(name for name in meant if parts[name].std == least)
         if nearest and (len(nearest) == 1 or not any(parts[name].alone for name in nearest)):
             markers[joint] = nearest
-    return Joints(tuple(known), parts, markers)
+    return markers
 
 
-def of_files(dictionary: Dictionary, own: Sequence[str], *, in_place: bool = True) -> Dictionary:
-    """Return the dictionary without what it has only where files mark it, and these do not."""
-    if WHERE_MARKED not in dictionary.provenance:
-        return dictionary
+@dataclass(frozen=True)
+class Matched:
+    """Landmarks of files beside those of a dictionary.
+
+    dictionary  without what it has only where files mark it, and these do not
+    joints      the landmarks that stand for its joints
+    unknown     landmarks that a fit can do without
+    """
+
+    dictionary: Dictionary
+    joints: Joints
+    unknown: Sequence[str]
+
+    def arrange(self, images: LandmarkSet, place: str) -> LandmarkSet:
+        """Return images of these landmarks with those of the dictionary."""
+        named = named_as_joints(images, self.joints, place)
+        return named.arrange(self.dictionary.landmark_names, place, leave_out=bool(self.unknown))
+
+    def warnings(self, own: Sequence[str]) -> tuple[str, ...]:
+        """Name landmarks that are left out; those of a known skeleton are expected."""
+        if self.joints.names:
+            return ()
+        known = self.dictionary.landmark_names
+        unknown = [name for name in own if name not in set(known)]
+        return left_out_landmarks(unknown, [name for name in known if name not in set(own)])
+
+    def describe(self, own: Sequence[str]) -> str:
+        """Say how many landmarks stand for joints of the dictionary; nothing where none do."""
+        taken = sum(map(len, self.joints.markers.values()))
+        return f"matched {taken} of {counted(len(own), 'keypoint')}" if taken else ""
+
+
+def match_names(
+    own: Sequence[str], dictionary: Dictionary, place: str, *, in_place: bool = True
+) -> Matched:
+    """Match the landmarks of files to those of a dictionary by their names.
+
+    Raises InputError as `check_enough`.
+    """
     joints = find_joints(own, dictionary.landmark_names, in_place=in_place)
-    return dictionary.marked({*own, *joints.markers})
+    if WHERE_MARKED in dictionary.provenance:
+        dictionary = dictionary.marked({*own, *joints.markers})
+        known = dictionary.landmark_names
+        parts = {name: part for name, part in joints.parts.items() if joints_of(part) <= {*known}}
+        joints = Joints(known, parts, find_markers(parts, own, known))
+    renamed, known = joints.rename(own), dictionary.landmark_names
+    unknown = [name for name in renamed if name not in set(known)]
+    check_enough(renamed, known, place)
+    return Matched(dictionary, joints, unknown)
 
 
 def find_dependents(dictionary: Dictionary) -> Integers | None:
@@ -215,26 +270,6 @@ LISTED, COMPARED = 80, 200
 _SIDE = re.compile(r"(?:^|[^a-z])(?:(l)(?:eft)?|(r)(?:ight)?)(?:$|[^a-z])|^(?:(l)|(r))")
 
 
-def match_names(
-    own: Sequence[str], known: Sequence[str], place: str, *, in_place: bool
-) -> tuple[Joints, list[str]]:
-    """Return the joints that landmarks stand for, and the landmarks that a fit can do without.
-
-    Raises InputError as `check_enough`.
-    """
-    joints = find_joints(own, known, in_place=in_place)
-    renamed = joints.rename(own)
-    check_enough(renamed, known, place)
-    return joints, find_unknown(renamed, known)
-
-
-def find_unknown(own: Sequence[str], known: Sequence[str]) -> list[str]:
-    """List the landmarks that the dictionary lacks and a fit can do without: three others match."""
-    theirs = set(known)
-    unknown = [name for name in own if name not in theirs]
-    return unknown if len(own) - len(unknown) >= FEWEST_LANDMARKS else []
-
-
 def check_enough(own: Sequence[str], known: Sequence[str], place: str) -> None:
     """Raise InputError where fewer than three landmarks are the dictionary's, and others are not.
 
@@ -270,22 +305,6 @@ def _same_joint(own: Sequence[str]) -> list[str]:
     for name, joint in people_joints(own).items():
         names.setdefault(joint, []).append(name)
     return next((several for several in names.values() if len(several) > 1), [])
-
-
-def name_warnings(own: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """Say which landmarks are left out; those of a known skeleton are expected."""
-    joints = find_joints(own, known)
-    if joints.names:
-        return ()
-    unknown = find_unknown(own, known)
-    return left_out_landmarks(unknown, [name for name in known if name not in set(own)])
-
-
-def describe_names(own: Sequence[str], known: Sequence[str]) -> str:
-    """Say how many landmarks stand for joints of the dictionary; nothing where none do."""
-    joints = find_joints(own, known)
-    taken = sum(map(len, joints.markers.values()))
-    return f"{taken} of {counted(len(own), 'landmark')} taken for joints of people" if taken else ""
 
 
 def left_out_landmarks(unknown: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:

@@ -7,9 +7,7 @@ stays, as in the paper's program.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -18,40 +16,25 @@ from shapefit.arrays import Floats
 from shapefit.errors import input_error
 from shapefit.geometry.pinhole import ASSUMED_FOCAL, CAMERA_MATRIX, Camera, depth_sign
 from shapefit.io import LandmarkSet
-from shapefit.io.inputs import IMAGE_SUFFIXES, read_image_size
 from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.lifting.methods import METHODS
 
 if TYPE_CHECKING:
     from shapefit.config import FitConfig
     from shapefit.config.commands.fit import CameraConfig
     from shapefit.io.readers.calibration import CalibratedCamera
 
-COMMON_SIZES = ((1280, 720), (720, 1280), (1920, 1080), (1080, 1920), (3840, 2160), (2160, 3840))
-"""Width and height in pixels of the videos that people take, the smallest first."""
-
 LEAST_ANGLE = 0.1
 """Median extent of the landmarks, in focal lengths, below which perspective does not show: depths
 within a body then differ by less than that share."""
 
-CROPPED = 0.75
-"""Median extent of the landmarks, as a share of what they ever cover, from which on an image of
-unknown size may be a crop, whose centre says nothing."""
-
-FEWEST_PIXELS = 100.0
-"""Landmarks of no unit that are all positive and reach this far are taken for pixels."""
-
 PIXELS = ("px", "pixel", "pixels")
-
-BESIDE = 8
-"""Images beside the landmarks whose sizes are compared."""
 
 IMAGE_SIZE = "image_size"
 """Dataset (2,) or (n, 2) of the landmarks: width and height of the images in pixels."""
 
 WEAK = {"focal": "none"}
 """Keys of `camera` where perspective cannot be known."""
-
-ASK = "set `image_size` if you know it"
 
 DISTORTION = "distortion"
 """Dataset (m,) or (n, m) of landmarks: coefficients of OpenCV's model, m = 4, 5 or 8."""
@@ -68,57 +51,76 @@ LARGEST = 0.5
 NO_DATASETS = "give `camera.focal`, or landmarks in HDF5: CSV holds no datasets"
 
 
-class ImageSize(NamedTuple):
-    """Width and height (2,) of the images in pixels, and who says so."""
+class Intrinsics(NamedTuple):
+    """Where cameras are known from: a focal length of all images, or a dataset of the landmarks.
 
-    size: Floats
-    source: str
+    centre (2,), the principal point, overrides that of the dataset.
+    """
 
+    focal: float = 0.0
+    centre: tuple[float, float] | None = None
+    dataset: str | None = None
 
-class Extent(NamedTuple):
-    """Least and greatest coordinates (2,) of all landmarks; median diagonal of an image's."""
-
-    least: Floats
-    most: Floats
-    diagonal: float
+    @staticmethod
+    def of(config: CameraConfig) -> Intrinsics | None:
+        """Return those that a config states, None for weak perspective."""
+        if config.model != "perspective":
+            return None
+        if isinstance(config.focal, float | int):
+            return Intrinsics(config.focal, config.principal_point)
+        return Intrinsics(centre=config.principal_point, dataset=CAMERA_MATRIX)
 
 
 def choose_camera(
-    config: FitConfig, images: LandmarkSet, *, of_people: bool, paths: Sequence[Path] = ()
+    config: FitConfig, first: Callable[[], LandmarkSet], *, from_landmarks: bool
 ) -> tuple[dict[str, Any], str]:
-    """Return the keys of `camera` that `model: auto` means, and a line about them.
+    """Return the keys of `camera` that the config leaves open, and a line about the camera.
 
-    A measured camera, of a calibration or the `camera_matrix` of the files, is taken as it is.
-    Else the focal length is `ASSUMED_FOCAL` times the longer side of the image and the axis meets
-    its centre, unless landmarks are no pixels or too small for perspective to show (`LEAST_ANGLE`).
+    A measured camera, of a calibration or the `camera_matrix` of the files, is taken as it is. The
+    optical axis meets the centre of the image, and the focal length is `ASSUMED_FOCAL` times its
+    longer side, unless landmarks are not in pixels or too small for perspective to show
+    (`LEAST_ANGLE`). Without the size of the image the camera is weak perspective. A class that was
+    learned `from_landmarks` under weak perspective is seen so, but through a calibration: it has
+    the sizes that weak perspective gave it, and a matrix of the files has told near from far
+    already. `first` reads the first images. Raises InputError for a focal length without a size.
     """
-    if config.camera.model != "auto":
-        return {}, ""
-    if config.camera.calibration is not None:
-        return {"focal": "files"}, "perspective camera: of the calibration"
+    given, method = config.camera, METHODS[config.method]
+    calibrated = given.calibration is not None and method.perspective != "none"
+    is_open = given.focal == "auto" and not method.has_prior and not calibrated
+    if given.focal == "none" or is_open:
+        return WEAK, "weak perspective"
+    if calibrated:
+        return {"focal": "files"}, "perspective, of the calibration"
+    if given.focal == "files":
+        return {}, f"perspective, `{CAMERA_MATRIX}` of the files"
+    if isinstance(given.focal, float | int):
+        centre = given.principal_point or find_centre(config, first())
+        line = f"focal length {given.focal:.5g} px, principal point {centre[0]:g}, {centre[1]:g}"
+        return {"principal_point": centre}, line
+    if from_landmarks:
+        return WEAK, "weak perspective, by which the class was learned"
+    images = first()
     if CAMERA_MATRIX in images.columns:
         return take_measured(images)
-    extent = find_extent(images)
-    if extent is None:
-        return WEAK, ""
-    found = find_size(config, images, extent, paths, of_people=of_people)
-    if isinstance(found, str):
-        return WEAK, f"weak perspective: {found}; {ASK}"
-    width, height = map(float, found.size)
-    focal = ASSUMED_FOCAL * max(width, height)
-    if extent.diagonal < LEAST_ANGLE * focal:
+    if images.unit not in (*PIXELS, UNKNOWN_UNIT):
+        return WEAK, f"weak perspective: landmarks are in {images.unit}, not in pixels"
+    size = find_size(config, images)
+    if isinstance(size, str):
+        return WEAK, f"weak perspective, as {size}; exact positions in metres need --image-size"
+    width, height = size
+    focal = ASSUMED_FOCAL * max(size)
+    if find_extent(images) < LEAST_ANGLE * focal:
         return WEAK, "weak perspective: the landmarks cover little of the image"
-    camera = {"focal": focal, "principal_point": (width / 2, height / 2)}
-    return camera, (
-        f"perspective camera: focal length {focal:.0f} px assumed, {ASSUMED_FOCAL} times the longer"
-        f" side of the image, {width:.0f} x {height:.0f} ({found.source}); depths in metres rest"
-        " on it; `camera.focal=none` does without"
+    line = (
+        f"focal length {focal:.0f} px (assumed: set --focal), image {width:.0f} x {height:.0f}; "
+        "`camera.focal=none` does without"
     )
+    return {"focal": focal, "principal_point": (width / 2, height / 2)}, line
 
 
 def take_measured(images: LandmarkSet) -> tuple[dict[str, Any], str]:
     """Take the camera matrix of the images; of one with a skew, what is left without it."""
-    line = f"perspective camera: `{CAMERA_MATRIX}` of the files"
+    line = f"perspective, `{CAMERA_MATRIX}` of the files"
     K = np.asarray(images.columns[CAMERA_MATRIX])
     finite = K.shape == (3, 3) and K.dtype.kind in "iuf" and bool(np.isfinite(K).all())
     if finite and K[0, 1] != 0 and (np.diag(K)[:2] > 0).all():
@@ -129,94 +131,54 @@ def take_measured(images: LandmarkSet) -> tuple[dict[str, Any], str]:
     return {"focal": "files"}, line
 
 
-def find_extent(images: LandmarkSet) -> Extent | None:
-    """Return how far landmarks reach; None where they are not in pixels, or single points."""
-    w = np.where(images.seen()[:, None], images.landmarks, np.nan)
-    seen = np.isfinite(w).all(axis=1)
-    several = seen.sum(axis=1) > 1
-    if not several.any():
-        return None
-    points = np.moveaxis(w, 1, 0)[:, seen]
-    least, most = points.min(axis=1), points.max(axis=1)
-    like_pixels = least.min() >= 0 and most.max() >= FEWEST_PIXELS
-    if images.unit not in PIXELS and not (images.unit == UNKNOWN_UNIT and like_pixels):
-        return None
-    each = np.nanmax(w[several], axis=2) - np.nanmin(w[several], axis=2)
-    return Extent(least, most, float(np.median(np.hypot(*each.T))))
+def find_centre(config: FitConfig, images: LandmarkSet) -> tuple[float, float]:
+    """Return the centre of the images. Raises InputError where their size is not known."""
+    size = find_size(config, images)
+    if isinstance(size, str):
+        fix = "give the size of the images, --image-size WxH, or `camera.principal_point`"
+        raise input_error("camera.focal", f"the principal point is not known, as {size}", fix)
+    return size[0] / 2, size[1] / 2
 
 
-def find_size(
-    config: FitConfig,
-    images: LandmarkSet,
-    extent: Extent,
-    paths: Sequence[Path],
-    *,
-    of_people: bool,
-) -> ImageSize | str:
-    """Return the size of the images, or why it is not known.
-
-    That which the config states, or the landmarks, or the images at the `paths` of the landmarks;
-    else, for people who are not cropped (`CROPPED`), the smallest common one that holds all.
-    """
+def find_size(config: FitConfig, images: LandmarkSet) -> tuple[float, float] | str:
+    """Return width and height of the images, of the config or the files, or why not."""
     if config.image_size is not None:
-        return ImageSize(np.array(config.image_size), "as given")
-    if IMAGE_SIZE in images.columns:
-        sizes, source = np.asarray(images.columns[IMAGE_SIZE]), "of the files"
-        of_numbers = sizes.dtype.kind in "iuf" and sizes.shape in ((2,), (len(images), 2))
-        if not of_numbers or not (np.isfinite(sizes) & (sizes > 0)).all():
-            return "the files state an impossible `image_size`"
-    else:
-        beside = {read_image_size(path) for path in images_beside(paths, images.items)} - {None}
-        sizes, source = np.array(sorted(filter(None, beside))), "of the images beside"
-    sizes = np.unique(sizes.reshape(-1, 2).astype(np.float64), axis=0)
-    if len(sizes) > 1:
-        return "images of several sizes"
-    if len(sizes):
-        return ImageSize(sizes[0], source)
-    if not of_people:
+        return config.image_size
+    if IMAGE_SIZE not in images.columns:
         return "the size of the images is not known"
-    if extent.diagonal > CROPPED * float(np.hypot(*extent.most)):
-        return "images may be crops"
-    holding = [size for size in COMMON_SIZES if (extent.most <= size).all()]
-    if extent.least.min() < 0 or not holding:
-        return "landmarks lie beyond the usual sizes of images"
-    source = f"the smallest usual size that holds all landmarks: {ASK}"
-    return ImageSize(np.array(holding[0], dtype=np.float64), source)
+    sizes = np.asarray(images.columns[IMAGE_SIZE])
+    of_numbers = sizes.dtype.kind in "iuf" and sizes.shape in ((2,), (len(images), 2))
+    if not of_numbers or not (np.isfinite(sizes) & (sizes > 0)).all():
+        return "the files state an impossible `image_size`"
+    sizes = np.unique(sizes.reshape(-1, 2).astype(np.float64), axis=0)
+    if len(sizes) != 1:
+        return "the images have several sizes"
+    return float(sizes[0, 0]), float(sizes[0, 1])
 
 
-def images_beside(paths: Sequence[Path], items: Sequence[str]) -> list[Path]:
-    """Return the first images that are called like files of landmarks, or items, beside them."""
-    here = [path for path in paths if path.exists()]
-    folders = {path if path.is_dir() else path.parent for path in here}
-    there: dict[str, Path] = {}
-    stems = {path.stem for path in paths}
-    for folder in sorted(folders):
-        for name in sorted(os.listdir(folder)):
-            stem, suffix = os.path.splitext(name)
-            if suffix.lower() in IMAGE_SUFFIXES:
-                there.setdefault(stem, folder / name)
-            else:
-                stems.add(stem)
-    if not there:
-        return []
-    stems |= {os.path.splitext(item.rpartition("/")[2])[0] for item in items}
-    stems |= {stem.removesuffix("_keypoints") for stem in stems}
-    return [path for stem, path in there.items() if stem in stems][:BESIDE]
+def find_extent(images: LandmarkSet) -> float:
+    """Return the median diagonal of the landmarks of an image; inf where none has several."""
+    w = np.where(images.seen()[:, None], images.landmarks, np.nan)
+    several = np.isfinite(w).all(axis=1).sum(axis=1) > 1
+    if not several.any():
+        return np.inf
+    each = np.nanmax(w[several], axis=2) - np.nanmin(w[several], axis=2)
+    return float(np.median(np.hypot(*each.T)))
 
 
-def find_camera(images: LandmarkSet, config: CameraConfig) -> Camera:
+def find_camera(images: LandmarkSet, known: Intrinsics) -> Camera:
     """Return focal lengths and principal points of the images.
 
-    The principal point of the config goes over that of the matrices. Raises InputError for a
-    dataset that does not exist, has another shape, or holds what no camera has.
+    Raises InputError for a dataset that does not exist, has another shape, or holds what no camera
+    has.
     """
     n = len(images)
-    if config.matrices is None:
-        focal, centre = np.full((n, 2), config.focal), np.zeros((n, 2))
+    if known.dataset is None:
+        focal, centre = np.full((n, 2), known.focal), np.zeros((n, 2))
     else:
-        focal, centre = read_intrinsics(images, config.matrices)
-    if config.principal_point is not None:
-        centre = np.tile(np.array(config.principal_point), (n, 1))
+        focal, centre = read_intrinsics(images, known.dataset)
+    if known.centre is not None:
+        centre = np.tile(np.array(known.centre), (n, 1))
     return Camera(focal, centre, depth_sign(images.y_axis))
 
 

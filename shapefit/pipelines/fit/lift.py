@@ -1,4 +1,4 @@
-"""From the landmarks of a batch of images to their shapes, by the steps that the config names.
+"""From the landmarks of a batch of images to their shapes, by the steps that a Lifter names.
 
 Weigh the landmarks, set outliers aside, lift by the method, refine as the camera sees it.
 """
@@ -6,9 +6,10 @@ Weigh the landmarks, set outliers aside, lift by the method, refine as the camer
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import blake2b
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,12 +30,13 @@ from shapefit.lifting.methods import (
     METHODS,
     MIN_CONFIDENCE,
     AlternationOptions,
+    Method,
     PosteriorOptions,
     Settings,
     choose_method,
 )
 from shapefit.lifting.verdict import cover_mirror_image
-from shapefit.pipelines.fit.camera import find_camera
+from shapefit.pipelines.fit.camera import Intrinsics, find_camera
 from shapefit.pipelines.items import named_items
 from shapefit.threads import on_threads
 
@@ -42,17 +44,105 @@ if TYPE_CHECKING:
     from shapefit.config import FitConfig
     from shapefit.pipelines.fit.prepare import Setup
 
-MOST_ROUNDS = 100
+MAX_ROUNDS = 100
 """Of fitting and judging landmarks again, per image; they settle after a few."""
 
 DRAWS = 500
 """Triples of landmarks drawn per image; 2,000 change no figure of the cars."""
 
-SEARCHED = 0.25
-"""Residual beyond which a search before the fit judges a landmark an outlier, in units of the size
-of the shape."""
+RANSAC_THRESHOLD = 0.25
+"""Residual beyond which RANSAC rejects a landmark, in units of the size of the shape."""
 
-LEAVE_OUT = "leave_one_out"
+LEAVE_ONE_OUT = "leave_one_out"
+
+
+PROGRAM = Program(0.1)
+"""The convex program with its usual lambda."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lifter:
+    """A method and all that it needs beside the images.
+
+    method             its name, see METHODS
+    dictionary         of the landmarks that the images have
+    intrinsics         where the camera is known from; None: weak perspective
+    program            the convex program
+    noise              standard deviation of a landmark's coordinate; None: not known
+    tolerance          relative gap at which an image is solved; None: that of the method
+    residual_variance  of a normalised coordinate; None: that of the dictionary, or the default
+    prior_scale        factor on the covariances of the prior
+    bar_scale          factor on those of the result
+    covariance         whether that of all landmarks together is wanted
+    min_confidence     below which a method with a prior hides a landmark
+    signed             coefficients of either sign
+    outlier_threshold  of a search for outliers by RANSAC before the fit; None: there is none
+    leave_one_out      dataset of the images that names the atoms which their fit does without
+    frame_rate         of sequences; None: as the images say
+    bone_lengths       (e,) of the edges, for sequences, where they are known
+    threads            0 is one per core
+    """
+
+    method: str
+    dictionary: Dictionary
+    intrinsics: Intrinsics | None = None
+    program: Program = PROGRAM
+    noise: float | None = None
+    tolerance: float | None = None
+    residual_variance: float | None = None
+    prior_scale: float = 1.0
+    bar_scale: float = PosteriorOptions.widening
+    covariance: bool = False
+    min_confidence: float | None = None
+    signed: bool = False
+    outlier_threshold: float | None = None
+    leave_one_out: str | None = None
+    frame_rate: float | None = None
+    bone_lengths: Floats | None = None
+    threads: int = 0
+
+    @property
+    def known(self) -> Method:
+        """The row of the table of methods."""
+        return METHODS[self.method]
+
+    @property
+    def variance(self) -> float:
+        """The residual variance, as given, or of the dictionary, or the default."""
+        if self.residual_variance is not None:
+            return self.residual_variance
+        learned = self.dictionary.residual_variance
+        return PosteriorOptions.residual_variance if learned is None else float(learned[0])
+
+
+def lifter_of(config: FitConfig, dictionary: Dictionary, lengths: Floats | None = None) -> Lifter:
+    """Return what lifts landmarks of a dictionary as a config says."""
+    return Lifter(
+        method=config.method,
+        dictionary=dictionary,
+        intrinsics=Intrinsics.of(config.camera),
+        program=Program(
+            lam=None if config.lam == "auto" else config.lam,
+            loss=Loss(config.loss),
+            beta=config.outlier_threshold or BETA,
+            noise=config.noise or 0.0,
+        ),
+        noise=config.noise,
+        tolerance=config.solver_tolerance,
+        residual_variance=config.prior.residual_variance,
+        prior_scale=config.prior.scale or 1.0,
+        bar_scale=config.prior.bar_scale,
+        covariance=config.save.covariance,
+        min_confidence=config.min_confidence,
+        signed=config.signed,
+        outlier_threshold=(
+            (config.outlier_threshold or RANSAC_THRESHOLD) if config.searches_outliers else None
+        ),
+        leave_one_out=config.leave_one_out,
+        frame_rate=config.frame_rate,
+        bone_lengths=lengths,
+        threads=config.threads,
+    )
 
 
 def lift_batch(images: LandmarkSet, setup: Setup) -> tuple[Lifting, dict[str, NDArray[Any]]]:
@@ -61,72 +151,58 @@ def lift_batch(images: LandmarkSet, setup: Setup) -> tuple[Lifting, dict[str, ND
     Returns the lifting of the joints, and the landmarks of the files in 3D as datasets, where they
     are not those of the dictionary.
     """
-    config = setup.config
-    if setup.mapped.active:  # error bars of the joints are those of all landmarks together
-        config = config.changed(save={"covariance": True})
-    lifting = lift_landmarks(images, setup.seen, config, setup.lengths)
+    lifting = lift_landmarks(images, setup.lifter)
     if setup.dictionary.depth_ambiguity:
         lifting = replace(lifting, estimate=cover_mirror_image(lifting.estimate))
-    return setup.mapped.back(lifting, images.landmarks, weigh(images, config) > 0)
+    return setup.mapped.back(lifting, images.landmarks, weigh(images, setup.lifter) > 0)
 
 
-def lift_landmarks(
-    images: LandmarkSet, dictionary: Dictionary, config: FitConfig, lengths: Floats | None = None
-) -> Lifting:
+def lift_landmarks(images: LandmarkSet, lifter: Lifter) -> Lifting:
     """Lift images with the landmarks of a dictionary, then whole sequences of them.
 
-    lengths (e,) of the bones, where they are known, for methods of sequences.
+    Raises InputError where the images lack what the lifter names.
     """
-    of_each = lift_images if config.leave_one_out is None else lift_left_out
-    lifting = of_each(images, dictionary, config)
-    if METHODS[config.method].has_prior:
-        lifting = judge(lifting, dictionary, config)
-    if METHODS[config.method].sequences:
+    of_each = lift_images if lifter.leave_one_out is None else lift_left_out
+    lifting = of_each(images, lifter)
+    if lifter.known.has_prior:
+        lifting = with_p_values(lifting, lifter)
+    if lifter.known.sequences:
         from shapefit.pipelines.fit.sequences import refine_sequences
 
-        residual_variance = find_residual_variance(config, dictionary)
-        lifting = refine_sequences(lifting, images, dictionary, config, residual_variance, lengths)
+        lifting = refine_sequences(lifting, images, lifter)
     return fail_nonfinite(lifting)
 
 
-def load_steps(config: FitConfig) -> None:
-    """Import what the config asks for, before the clock of solving starts."""
-    method = METHODS[config.method]
-    method.load()
-    if config.camera.model == "perspective" and method.perspective == "refined":
+def load_steps(lifter: Lifter) -> None:
+    """Import what is needed, before the clock of solving starts."""
+    lifter.known.load()
+    if lifter.intrinsics is not None and lifter.known.perspective == "refined":
         import shapefit.lifting.perspective.view
-    if config.searches_outliers:
+    if lifter.outlier_threshold is not None:
         import shapefit.lifting.consensus
-    if config.leave_one_out is not None:
+    if lifter.leave_one_out is not None:
         import concurrent.futures.thread  # noqa: F401
 
         import shapefit.lifting.merging  # noqa: F401
 
 
-def lift_images(
-    images: LandmarkSet,
-    dictionary: Dictionary,
-    config: FitConfig,
-    *,
-    dependent: bool = False,
-) -> Lifting:
+def lift_images(images: LandmarkSet, lifter: Lifter, *, dependent: bool = False) -> Lifting:
     """Lift images one by one; dependent landmarks, as those of feet, count only if asked for."""
-    method, lost = METHODS[config.method], dict[int, str]()
-    visible = weights = weigh(images, config)
+    method, dictionary, lost = lifter.known, lifter.dictionary, dict[int, str]()
+    visible = weights = weigh(images, lifter)
     if method.has_prior and not dependent:
         visible = weights = np.where(dictionary.depends_on >= 0, 0.0, weights)
-    searches = config.searches_outliers
+    searches = lifter.outlier_threshold is not None
     if searches:
-        inliers, lost = find_inliers(images, weights, dictionary, config)
+        inliers, lost = find_inliers(images, weights, lifter)
         weights = np.where(inliers, weights, 0.0)
-    perspective = config.camera.model == "perspective"
-    camera = find_camera(images, config.camera) if perspective else None
+    camera = None if lifter.intrinsics is None else find_camera(images, lifter.intrinsics)
     lifting = lift(
         images.landmarks,
         weights,
         dictionary.atoms,
-        program_of(config),
-        choose_method(config.method, settings_of(config, dictionary)),
+        lifter.program,
+        choose_method(lifter.method, settings_of(lifter)),
         find_covariance(images) if method.precisions else None,
         camera if method.perspective == "own" else None,
     )
@@ -136,97 +212,73 @@ def lift_images(
     if camera is not None and method.perspective == "refined":
         from shapefit.lifting.perspective.view import PerspectiveOptions, refine_view
 
-        options = PerspectiveOptions(threads=config.threads)
+        options = PerspectiveOptions(threads=lifter.threads)
         lifting = refine_view(lifting, images.landmarks, camera, dictionary, options)
     return lifting
 
 
-def judge(lifting: Lifting, dictionary: Dictionary, config: FitConfig) -> Lifting:
+def with_p_values(lifting: Lifting, lifter: Lifter) -> Lifting:
     """Say how plausible images are that were lifted with the prior of the dictionary."""
     from shapefit.lifting.posterior.method import with_p_value
 
-    settings = settings_of(config, dictionary)
-    found = with_p_value(lifting.estimate, lifting.problem, settings)
+    found = with_p_value(lifting.estimate, lifting.problem, settings_of(lifter))
     return replace(lifting, estimate=found)
 
 
-def check_needs(config: FitConfig, dictionary: Dictionary) -> None:
+def check_needs(method: str, dictionary: Dictionary, place: str | Path) -> None:
     """Raise InputError where the dictionary lacks what the method needs, or it is of no use."""
-    for need in METHODS[config.method].needs:
+    for need in METHODS[method].needs:
         missing = getattr(dictionary, need.name) is None
         found = f"no `{need.name}`" if missing else need.useless(dictionary)
         if found:
-            raise input_error(config.dictionary, f"{found}: {need.what}", need.fix)
+            raise input_error(place, f"{found}: {need.what}", need.fix)
 
 
-def program_of(config: FitConfig) -> Program:
-    """Return the convex program that the config names."""
-    return Program(
-        lam=None if config.lam == "auto" else config.lam,
-        loss=Loss(config.loss),
-        beta=config.outlier_threshold or BETA,
-        noise=config.noise or 0.0,
-    )
-
-
-def settings_of(config: FitConfig, dictionary: Dictionary) -> Settings:
+def settings_of(lifter: Lifter) -> Settings:
     """Return what the method needs besides the problem.
 
     Where its tolerance is that of another gap, the convex program is solved at its own default.
     """
-    method, tolerance = METHODS[config.method], config.solver_tolerance
+    method, dictionary = lifter.known, lifter.dictionary
+    tolerance = method.tolerance if lifter.tolerance is None else lifter.tolerance
     options: Any = None if method.options is None else method.options()
     if isinstance(options, AlternationOptions):
-        options = replace(options, signed=config.signed)
+        options = replace(options, signed=lifter.signed)
     if isinstance(options, PosteriorOptions):
         options = replace(
             options,
-            residual_variance=find_residual_variance(config, dictionary),
-            widening=config.prior.bar_scale,
-            covariance=config.save.covariance,
+            residual_variance=lifter.variance,
+            widening=lifter.bar_scale,
+            covariance=lifter.covariance,
         )
     needs = {need.name: getattr(dictionary, need.name) for need in method.needs}
     if method.has_prior:
         from shapefit.lifting.posterior.p_value import moments_at
 
-        scale, table = config.prior.scale or 1.0, dictionary.p_value_table
+        scale, table = lifter.prior_scale, dictionary.p_value_table
         needs["prior"] = widen(needs["prior"], scale)
         needs["p_value_table"] = None if table is None else moments_at(table, scale)
     own = min(tolerance, METHODS["convex"].tolerance) if method.proves == "global" else tolerance
     return Settings(
-        solve=partial(
-            solve_newton,
-            tolerance=own,
-            threads=config.threads,
-        ),
+        solve=partial(solve_newton, tolerance=own, threads=lifter.threads),
         mean_shape=dictionary.mean_shape,
         needs=needs,
         options=options,
         tolerance=tolerance,
-        threads=config.threads,
+        threads=lifter.threads,
     )
 
 
-def find_residual_variance(config: FitConfig, dictionary: Dictionary) -> float:
-    """Return the misfit of the config, of the dictionary, or the default."""
-    if config.prior.residual_variance is not None:
-        return config.prior.residual_variance
-    known = dictionary.residual_variance
-    return PosteriorOptions.residual_variance if known is None else float(known[0])
-
-
-def weigh(images: LandmarkSet, config: FitConfig) -> Floats:
+def weigh(images: LandmarkSet, lifter: Lifter) -> Floats:
     """Weights (n, p): the confidence, or with a prior 1 from `min_confidence` on, else 0.
 
     A score says how sure a detector is that a landmark is where it found it, not how exactly.
     Landmarks with covariances keep their confidences.
     """
-    weights, least = images.weights(), config.min_confidence
-    if not METHODS[config.method].precisions:
+    weights, least = images.weights(), lifter.min_confidence
+    if not lifter.known.precisions or LANDMARK_COVARIANCE in images.columns:
         return weights
     least = MIN_CONFIDENCE if least is None else least
-    if LANDMARK_COVARIANCE in images.columns:
-        return weights
     return ((weights > 0) & (weights >= least)).astype(np.float64)
 
 
@@ -252,7 +304,7 @@ def find_covariance(images: LandmarkSet) -> Floats | None:
 
 
 def find_inliers(
-    images: LandmarkSet, weights: Floats, dictionary: Dictionary, config: FitConfig
+    images: LandmarkSet, weights: Floats, lifter: Lifter
 ) -> tuple[Flags, dict[int, str]]:
     """Find the inliers (n, p); the others are to be lifted with weight 0, as if they were hidden.
 
@@ -270,12 +322,12 @@ def find_inliers(
     inliers = find_consensus(
         images.landmarks,
         np.where(searched[:, None], weights, 0.0),
-        dictionary.mean_shape,
+        lifter.dictionary.mean_shape,
         find_seeds(images),
-        threshold=config.outlier_threshold or SEARCHED,
+        threshold=lifter.outlier_threshold or RANSAC_THRESHOLD,
         draws=DRAWS,
-        max_rounds=MOST_ROUNDS,
-        threads=config.threads,
+        max_rounds=MAX_ROUNDS,
+        threads=lifter.threads,
     )
     inliers = np.where(searched[:, None], inliers, True) & visible
     agree = inliers.sum(axis=1)
@@ -298,8 +350,8 @@ def find_seeds(images: LandmarkSet) -> NDArray[np.uint64]:
     return np.frombuffer(b"".join(digests), dtype="<u8").astype(np.uint64)
 
 
-def lift_left_out(images: LandmarkSet, dictionary: Dictionary, config: FitConfig) -> Lifting:
-    """Lift each image without the atoms of the item that the dataset `leave_out` names.
+def lift_left_out(images: LandmarkSet, lifter: Lifter) -> Lifting:
+    """Lift each image without the atoms of the item that the dataset `leave_one_out` names.
 
     Images of an item that the dictionary does not have are lifted with all atoms. The lifting has
     the columns of the whole dictionary, 0 for atoms left out. Raises InputError where the images
@@ -307,50 +359,47 @@ def lift_left_out(images: LandmarkSet, dictionary: Dictionary, config: FitConfig
     """
     from shapefit.lifting.merging import Group, merge
 
-    items = find_left_out(images, config, dictionary)
-    alone = config.changed(threads=1)
+    dictionary = lifter.dictionary
+    items = find_left_out(images, lifter)
 
-    def lift_group(rows: NDArray[np.intp], config: FitConfig = alone) -> Group:
+    def lift_group(rows: NDArray[np.intp], threads: int = 1) -> Group:
         item = str(items[rows[0]])
         without = dictionary.without(item) if item else dictionary
-        lifting = lift_images(images.take(rows), without, config)
+        own = replace(lifter, dictionary=without, threads=threads)
+        lifting = lift_images(images.take(rows), own)
         return Group(lifting, rows, np.flatnonzero(dictionary.atoms_without(item)))
 
     parts = [np.flatnonzero(items == item) for item in dict.fromkeys(items.tolist())]
     # The solvers have work for several threads where there is more than a stretch of images.
-    groups = [lift_group(rows, config) for rows in parts if len(rows) > STRETCH]
+    groups = [lift_group(rows, lifter.threads) for rows in parts if len(rows) > STRETCH]
     small = [rows for rows in parts if len(rows) <= STRETCH]
-    groups += on_threads(lift_group, small, config.threads)
-    return merge(groups, dictionary.atoms) if groups else lift_images(images, dictionary, config)
+    groups += on_threads(lift_group, small, lifter.threads)
+    return merge(groups, dictionary.atoms) if groups else lift_images(images, lifter)
 
 
 def check_items(dictionary: Dictionary) -> None:
     """Raise InputError where the atoms of a dictionary have no items, or but one."""
     if dictionary.atom_items is None:
         found = "the atoms of the dictionary have no items"
-        fix = f"learn it with `method: exemplars`, or remove `{LEAVE_OUT}`"
-        raise input_error(LEAVE_OUT, found, fix)
+        fix = f"learn it with `method: exemplars`, or remove `{LEAVE_ONE_OUT}`"
+        raise input_error(LEAVE_ONE_OUT, found, fix)
     if len(set(dictionary.atom_items)) == 1:
         found = f"every atom of the dictionary is the item '{dictionary.atom_items[0]}'"
-        raise input_error(LEAVE_OUT, found, "learn the dictionary from more models")
+        raise input_error(LEAVE_ONE_OUT, found, "learn the dictionary from more models")
 
 
-def find_left_out(
-    images: LandmarkSet, config: FitConfig, dictionary: Dictionary
-) -> NDArray[np.str_]:
+def find_left_out(images: LandmarkSet, lifter: Lifter) -> NDArray[np.str_]:
     """Return the item (n,) whose atoms the fit of each image does without, '' for none."""
-    items, known = find_items(images, config, dictionary)
+    items, known = find_items(images, lifter)
     items[~known] = ""
     return items
 
 
-def find_items(
-    images: LandmarkSet, config: FitConfig, dictionary: Dictionary
-) -> tuple[NDArray[np.str_], Flags]:
+def find_items(images: LandmarkSet, lifter: Lifter) -> tuple[NDArray[np.str_], Flags]:
     """Return the item (n,) that each image shows, and whether atoms are of it (n,)."""
-    name = config.leave_one_out or ""
-    items = np.array(named_items(images, name, LEAVE_OUT, LEAVE_OUT), dtype=str)
-    return items, np.isin(items, np.array(dictionary.atom_items, dtype=str))
+    name = lifter.leave_one_out or ""
+    items = np.array(named_items(images, name, LEAVE_ONE_OUT, LEAVE_ONE_OUT), dtype=str)
+    return items, np.isin(items, np.array(lifter.dictionary.atom_items, dtype=str))
 
 
 def whole_stretches(images: int) -> int:

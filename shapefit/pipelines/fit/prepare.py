@@ -1,20 +1,20 @@
-"""What a fit needs before it lifts: the default config, estimates of the first images, the setup.
+"""What a fit needs before it lifts: names, camera, and one sample for all that is estimated.
 
-Camera and skeleton are estimated once, of all inputs together, and every part is given the same.
+Camera, skeleton and prior scale are estimated once, of all inputs together, and every part is given
+the same.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import BaseModel
 
-from shapefit.arrays import Floats
 from shapefit.config import FitConfig
 from shapefit.config.paths import ResultFolder
 from shapefit.dictionary.model import LEARNED_FROM, Dictionary, describe_learning
@@ -25,40 +25,25 @@ from shapefit.io.formats import HDF5, FileFormat, find_target_format
 from shapefit.io.layout import LANDMARK_COVARIANCE
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.records import concatenate
-from shapefit.io.skeletons import THETA
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.camera import (
     DISTORTION,
     IMAGE_SIZE,
-    WEAK,
     choose_camera,
     find_calibrated,
     straightened,
 )
-from shapefit.pipelines.fit.checks import check_camera, check_labels, log_evidence
-from shapefit.pipelines.fit.lift import check_items, check_needs, find_residual_variance, load_steps
-from shapefit.pipelines.fit.width import choose_width
-from shapefit.pipelines.items import spread
-from shapefit.pipelines.joints import (
-    MEANS,
-    Joints,
-    LandmarkMap,
-    find_dependents,
-    find_joints,
-    is_of_people,
-    match_names,
-    of_files,
-)
+from shapefit.pipelines.fit.checks import check_sides, check_skeleton
+from shapefit.pipelines.fit.lift import Lifter, check_items, check_needs, lifter_of, load_steps
+from shapefit.pipelines.fit.sample import choose_scale, choose_skeleton, draw_sample
+from shapefit.pipelines.joints import MEANS, LandmarkMap, Matched, find_dependents, match_names
 
 if TYPE_CHECKING:
     from shapefit.io.readers.calibration import CalibratedCamera
     from shapefit.pipelines.partition.plan import Part
 
 FIRST = 1024
-"""Images that are looked at: the same whatever the chunks and parts."""
-
-IMAGES, FEWEST_SEEN = 20, 8
-"""Images that are lifted, spread over those that are looked at, and landmarks of each of them."""
+"""Images of which the sample is drawn: the same whatever the chunks and parts."""
 
 OF_CAMERAS = (CAMERA_MATRIX, DISTORTION, IMAGE_SIZE)
 """Datasets of landmarks that say how the camera saw them."""
@@ -66,8 +51,19 @@ OF_CAMERAS = (CAMERA_MATRIX, DISTORTION, IMAGE_SIZE)
 NOT_READ = ("output", "scheduler_file")
 """Keys of one file that results do not depend on."""
 
-STEPS = (-0.2, -0.1, 0.0, 0.1, 0.2)
-"""Of the logarithm of a parameter, tried about its mean, and half of them about the best."""
+
+@dataclass(frozen=True)
+class Estimates:
+    """What was estimated: values for keys of a config, lines that say so, and warnings.
+
+    values are as `FitConfig.changed` takes them and JSON holds them; the camera line is the first.
+    doubt says why no image is to be trusted, "" for nothing.
+    """
+
+    values: Mapping[str, Any]
+    lines: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    doubt: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,71 +71,162 @@ class Setup:
     """A fit in which nothing is left open.
 
     config      with what was estimated
-    dictionary  as these files need it, and its own landmarks
-    mapped      which landmarks of the files stand for joints of the dictionary, and where they lie
-    seen        the dictionary of these landmarks
+    matched     the landmarks of the files beside the dictionary, as these files need it
+    mapped      where the landmarks lie that stand for its joints
+    lifter      lifts images that have the landmarks of the dictionary
     camera      the calibrated camera that took the images, where one is given
-    lengths     (e,) of the bones, where the config knows them
     place       of the landmark names of the files, for messages
-    leave_out   whether the files have landmarks that the fit does without
     """
 
     config: FitConfig
-    dictionary: Dictionary
+    matched: Matched
     mapped: LandmarkMap
-    seen: Dictionary
+    lifter: Lifter
     camera: CalibratedCamera | None
-    lengths: Floats | None
+    estimates: Estimates
     place: str
-    leave_out: bool
 
     @property
-    def joints(self) -> Joints:
-        """The landmarks of the files that stand for joints."""
-        return self.mapped.joints
+    def dictionary(self) -> Dictionary:
+        """The dictionary, as the files need it."""
+        return self.matched.dictionary
+
+    def arrange(self, images: LandmarkSet) -> LandmarkSet:
+        """Return images of the files without distortion, with the landmarks of the dictionary."""
+        return self.matched.arrange(straightened(images, self.camera), self.place)
 
 
-def set_up(config: FitConfig, dictionary: Dictionary, landmark_names: Sequence[str]) -> Setup:
-    """Return what lifts landmarks of these names.
+def prepare(
+    config: FitConfig,
+    dictionary: Dictionary,
+    landmark_names: Sequence[str],
+    first: Callable[[], LandmarkSet],
+    estimates: Estimates | None = None,
+) -> Setup:
+    """Return what lifts landmarks of these names; estimate what is open, where nobody has yet.
 
-    Raises InputError where the dictionary lacks what the method needs, it and the landmarks have
-    too few names in common, or the output cannot hold what the config asks for.
+    `first` reads the first images. Raises InputError where the dictionary lacks what the method
+    needs, it and the landmarks have too few names in common, or the camera is not known.
     """
     method = METHODS[config.method]
-    dictionary = of_files(dictionary, landmark_names, in_place=method.has_prior)
     place = ", ".join(map(str, config.landmarks)) + ": landmark names"
-    joints, unknown = match_names(
-        landmark_names, dictionary.landmark_names, place, in_place=method.has_prior
-    )
-    calibrated = find_calibrated(config.camera)
-    dependents = find_dependents(dictionary)
-    mapped = LandmarkMap(
-        joints,
-        config.skeleton or MEANS,
-        method.has_prior and bool(joints.markers or dependents is not None),
-        config.save.covariance,
-        dependents,
-        find_residual_variance(config, dictionary),
-    )
-    seen, lengths = mapped.apply(dictionary), None
-    check_needs(config, seen)
+    matched = match_names(landmark_names, dictionary, place, in_place=method.has_prior)
+    check_needs(config.method, matched.dictionary, config.dictionary)
+    camera = find_calibrated(config.camera)
+    estimates = estimates or estimate(config, dictionary, matched, camera, first)
+    config = config.changed(**estimates.values)
+    mapped = map_landmarks(config, matched)
+    seen, lengths = mapped.apply(matched.dictionary), None
     if method.sequences and config.bone_lengths is not None:
         from shapefit.pipelines.fit.sequences import find_lengths
 
         lengths = find_lengths(config.bone_lengths, seen)
     if config.leave_one_out is not None:
         check_items(seen)
-    load_steps(config)
+    lifter = lifter_of(config, seen, lengths)
+    if mapped.active:  # error bars of the joints are those of all landmarks together
+        lifter = replace(lifter, covariance=True)
+    load_steps(lifter)
     return Setup(
         config=config,
-        dictionary=dictionary,
-        mapped=mapped,
-        seen=seen,
-        camera=calibrated,
-        lengths=lengths,
+        matched=matched,
+        mapped=replace(mapped, residual_variance=lifter.variance),
+        lifter=lifter,
+        camera=camera,
+        estimates=estimates,
         place=place,
-        leave_out=bool(unknown),
     )
+
+
+def map_landmarks(config: FitConfig, matched: Matched) -> LandmarkMap:
+    """Return where the landmarks lie that stand for joints, by the skeleton of the config."""
+    dependents = find_dependents(matched.dictionary)
+    return LandmarkMap(
+        matched.joints,
+        {**MEANS, **(config.skeleton or {})},
+        METHODS[config.method].has_prior and bool(matched.joints.markers or dependents is not None),
+        config.save.covariance,
+        dependents,
+    )
+
+
+def estimate(
+    config: FitConfig,
+    dictionary: Dictionary,
+    matched: Matched,
+    calibrated: CalibratedCamera | None,
+    first: Callable[[], LandmarkSet],
+) -> Estimates:
+    """Estimate the camera and, for methods with a prior, skeleton and prior scale by evidence.
+
+    Of one sample of the first images, which also says whether names and sides are right.
+    """
+    read: list[LandmarkSet] = []
+
+    def images() -> LandmarkSet:
+        if not read:
+            read.append(straightened(first(), calibrated))
+        return read[0]
+
+    learned_from = matched.dictionary.provenance.get(LEARNED_FROM) is not None
+    camera, line = choose_camera(config, images, from_landmarks=learned_from)
+    values: dict[str, Any] = {"camera": camera}
+    lines = [f"camera: {line}"]
+    if not METHODS[config.method].has_prior:
+        return Estimates(values, tuple(lines))
+    bars, of_bars = read_bar_scale(config)
+    config = config.changed(camera=camera, prior=bars)
+    sample = draw_sample(images(), matched)
+    lifter = replace(lifter_of(config, matched.dictionary), method="posterior")
+    mapped = map_landmarks(config, matched)
+
+    skeleton, of_skeleton = choose_skeleton(config.skeleton, mapped, sample, lifter)
+    mapped = replace(mapped, theta={**MEANS, **(skeleton or {})})
+    lifter = replace(lifter, dictionary=mapped.apply(matched.dictionary))
+    as_learned = sample.lift(lifter)
+    doubt = check_skeleton(sample, as_learned, lifter, dictionary, mapped.theta)
+    doubt = doubt or check_sides(sample, as_learned, lifter)
+    # a wide prior would take wrong names for poses that it lacks
+    open_keys = () if doubt else tuple(k for k in SCALES if getattr(config.prior, k) is None)
+    scale, of_scale = choose_scale(open_keys, sample, as_learned, lifter)
+    values |= {"prior": {**bars, **scale}, "skeleton": skeleton}
+    lines += filter(None, (of_skeleton, of_scale, of_bars))
+    if doubt is None:
+        return Estimates(values, tuple(lines))
+    return Estimates(values, tuple(lines), (doubt.warning,), doubt.reason)
+
+
+SCALES = ("scale", "residual_variance")
+"""Keys of `prior` that are chosen by evidence."""
+
+
+def read_bar_scale(config: FitConfig) -> tuple[dict[str, Any], str]:
+    """Return the keys of `prior` that its `calibration` stands for, and a line about them.
+
+    By the factors of the method, or of the only one of the report. Raises InputError for a file
+    that has none.
+    """
+    path = config.prior.calibration
+    if path is None:
+        return {}, ""
+    try:
+        factors = json.loads(path.read_text(encoding="utf-8"))
+        name = config.method if config.method in factors else next(iter(factors))
+        half, most = (factors[name][level] for level in ("50%", "90%"))
+        known = None in (half, most) or (half > 0 and most > 0)
+    except (OSError, ValueError, KeyError, TypeError, StopIteration):
+        known = False
+    if not known:
+        found = "holds no factors of error bars"
+        raise input_error(path, found, "give error_bars.json of a report of eval")
+    if name != config.method and len(factors) > 1:
+        found = f"has factors of {', '.join(factors)}, not of {config.method}"
+        raise input_error(path, found, f"judge one result alone, or call it {config.method}")
+    if None in (half, most):
+        found = "has no factor: too few landmarks, or error bars that are far too narrow"
+        raise input_error(path, found, "judge more images, or with a larger `prior.bar_scale`")
+    values = {"bar_scale": config.prior.bar_scale * most**2, "calibration": None}
+    return values, f"error bars x {most:.2f} ({path.name})"
 
 
 def warn_of_dictionary(config: FitConfig, dictionary: Dictionary) -> tuple[str, ...]:
@@ -184,92 +271,6 @@ def read_options(config: FitConfig) -> InputOptions:
     """
     joined = output_format(config).in_metres or METHODS[config.method].sequences
     return input_options(config, "motion" if joined else "none")
-
-
-@dataclass(frozen=True)
-class Estimates:
-    """What was estimated: values for keys of a config, lines that say so, and warnings.
-
-    values are as `FitConfig.changed` takes them and JSON holds them.
-    """
-
-    values: Mapping[str, Any]
-    lines: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-
-def prepare(
-    config: FitConfig, dictionary: Dictionary, first: Callable[[], LandmarkSet]
-) -> Estimates:
-    """Estimate the camera, then the skeleton as it sees it, and check both on a sample.
-
-    `first` reads the first images; methods without a prior estimate nothing. A class that was
-    learned of landmarks under weak perspective is seen so unless a calibration is given: it has the
-    sizes that weak perspective gave it, and a matrix of the files has told near from far already.
-    Raises InputError where the dictionary lacks what the method needs, and as `find_calibrated`.
-    """
-    check_needs(config, dictionary)
-    calibrated = find_calibrated(config.camera)
-    is_open = config.camera.model == "auto"
-    method = METHODS[config.method]
-    if not method.has_prior:
-        measured = calibrated is not None and method.perspective == "refined"
-        camera = {"focal": "files"} if measured else WEAK
-        return Estimates({"camera": camera} if is_open else {})
-    images = first()
-    bars, of_bars = read_widening(config)
-    images = straightened(images, calibrated)
-    own = of_files(dictionary, images.landmark_names)
-    camera, of_camera = WEAK if is_open else {}, ""
-    if LEARNED_FROM not in own.provenance or calibrated is not None:
-        of_people = is_of_people(own.landmark_names)
-        camera, of_camera = choose_camera(
-            config, images, of_people=of_people, paths=config.landmarks
-        )
-    config = config.changed(camera=camera, prior=bars)
-    seen = np.flatnonzero(images.seen().sum(axis=1) >= FEWEST_SEEN)
-    sample = images.take(seen[list(spread(IMAGES, len(seen)))])
-    theta, of_skeleton = choose_theta(config, sample, own)
-    config = config.changed(skeleton=theta)
-    measured = calibrated is not None or CAMERA_MATRIX in images.columns
-    warnings = check_camera(sample, config, own) if measured and is_open and camera != WEAK else ()
-    of_labels = check_labels(config, images, dictionary)
-    # a wide prior would take wrong names for poses that it lacks
-    width, of_width = choose_width(config, images, dictionary, learned=bool(of_labels))
-    lines = tuple(filter(None, (of_camera, of_skeleton, of_width, of_bars)))
-    values = {"camera": camera, "prior": {**bars, **width}, "skeleton": theta}
-    return Estimates(values, lines, warnings + of_labels)
-
-
-def read_widening(config: FitConfig) -> tuple[dict[str, Any], str]:
-    """Return the keys of `posterior` that its `calibration` stands for, and a line about them.
-
-    By the factors of the method, or of the only one of the report. Raises InputError for a file
-    that has none.
-    """
-    path = config.prior.calibration
-    if path is None:
-        return {}, ""
-    try:
-        factors = json.loads(path.read_text(encoding="utf-8"))
-        name = config.method if config.method in factors else next(iter(factors))
-        half, most = (factors[name][level] for level in ("50%", "90%"))
-        known = None in (half, most) or (half > 0 and most > 0)
-    except (OSError, ValueError, KeyError, TypeError, StopIteration):
-        known = False
-    if not known:
-        found = "holds no factors of error bars"
-        raise input_error(path, found, "give error_bars.json of a report of eval")
-    if name != config.method and len(factors) > 1:
-        found = f"has factors of {', '.join(factors)}, not of {config.method}"
-        raise input_error(path, found, f"judge one result alone, or call it {config.method}")
-    if None in (half, most):
-        found = "has no factor: too few landmarks, or error bars that are far too narrow"
-        raise input_error(path, found, "judge more images, or with a larger `prior.bar_scale`")
-    return {"bar_scale": config.prior.bar_scale * most**2, "calibration": None}, (
-        f"error bars {most:.2f} times as wide, by {path.name}: 90% of that truth is in the 90% "
-        f"ellipsoids, 50% in {half / most:.2f} times the 50% ellipsoids"
-    )
 
 
 def first_images(config: FitConfig, parts: Iterable[Part]) -> LandmarkSet:
@@ -330,59 +331,3 @@ def _joined(sets: Sequence[LandmarkSet], datasets: Iterable[str]) -> LandmarkSet
         return bare.with_columns(columns, of_file)
 
     return concatenate([alike(images) for images in sets])
-
-
-def choose_theta(
-    config: FitConfig, sample: LandmarkSet, dictionary: Dictionary
-) -> tuple[dict[str, float] | None, str]:
-    """Return the parameters of the skeleton, as given, else found, else usual; and a line."""
-    joints = find_joints(sample.landmark_names, dictionary.landmark_names)
-    given = dict(config.skeleton or {})
-    names = [name for name in joints.parameters if name not in given]
-    if not joints.markers:
-        return config.skeleton, ""
-    if not names or not len(sample):
-        return {**MEANS, **given}, ""
-
-    def evidence(theta: Mapping[str, float]) -> float:
-        return float(np.nansum(log_evidence(sample, config.changed(skeleton=theta), dictionary)))
-
-    theta, deviation = maximise_theta(evidence, names, {**MEANS, **given})
-    told = ", ".join(
-        f"{name} {theta[name]:.2f}"
-        + (f" +- {theta[name] * deviation[name]:.2f}" if name in deviation else "")
-        for name in names
-    )
-    return theta, f"skeleton: {told}"
-
-
-def maximise_theta(
-    evidence: Callable[[Mapping[str, float]], float], names: Sequence[str], start: dict[str, float]
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Maximise log p(w | theta) + log p(theta) over the named parameters, one by one, twice.
-
-    Each is taken to the top of the parabola through the best value tried and its neighbours.
-    Returns theta, and the standard deviations of logarithms that the curvature gives.
-    """
-    theta, deviation = dict(start), dict[str, float]()
-    for factor in (1.0, 0.5):
-        for name in names:
-            mean, wide = THETA[name].mean, THETA[name].std
-            tried = np.log(theta[name]) + factor * np.array(STEPS)
-            values = np.array(
-                [
-                    evidence(theta | {name: float(np.exp(x))})
-                    - 0.5 * ((x - np.log(mean)) / wide) ** 2
-                    for x in tried
-                ]
-            )
-            best = min(max(int(np.argmax(values)), 1), len(tried) - 2)
-            below, at, above = values[best - 1 : best + 2]
-            step = tried[1] - tried[0]
-            curvature = (2 * at - below - above) / step**2
-            top = tried[int(np.argmax(values))]
-            if curvature > 0:
-                top = tried[best] + np.clip((above - below) / (2 * step * curvature), -step, step)
-                deviation[name] = float(curvature**-0.5)
-            theta[name] = float(np.exp(top))
-    return theta, deviation

@@ -136,7 +136,7 @@ def further_datasets(
         **verdict(images, lifting, setup),
     }
     if setup.config.leave_one_out is not None:
-        own["left_out"] = find_left_out(images, setup.config, dictionary).astype(object)
+        own["left_out"] = find_left_out(images, setup.lifter).astype(object)
     if lifting.perspective is not None:
         own |= perspective_datasets(lifting.perspective, found.coefficients, dictionary)
     present = {name: values for name, values in own.items() if values is not None}
@@ -161,6 +161,8 @@ def verdict(images: LandmarkSet, lifting: Lifting, setup: Setup) -> dict[str, ND
         implausible=MIN_P_VALUE,
         depth_ambiguity=setup.dictionary.depth_ambiguity,
     )
+    if setup.estimates.doubt:
+        reasons[reasons == ""] = setup.estimates.doubt
     return {TRUSTED: reasons == "", REASONS: reasons}
 
 

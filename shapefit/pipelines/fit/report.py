@@ -11,133 +11,131 @@ from shapefit.convex.solver import Status
 from shapefit.errors import counted, input_error
 from shapefit.geometry.pinhole import Camera
 from shapefit.io import LandmarkSet, ResultSet
-from shapefit.io.skeletons import PEOPLE, people_joints
+from shapefit.io.skeletons import joint_columns
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
-from shapefit.lifting.verdict import MIN_P_VALUE, NO_SHAPE, P_VALUE, REASONS
-from shapefit.pipelines.fit.checks import FEWEST, MOSTLY, find_cause
-from shapefit.pipelines.fit.lift import LEAVE_OUT, find_items
+from shapefit.lifting.verdict import NO_SHAPE, REASONS
+from shapefit.pipelines.fit.lift import LEAVE_ONE_OUT, find_items
 from shapefit.pipelines.fit.prepare import Setup
+from shapefit.pipelines.fit.sample import FEWEST, MOSTLY, OUTLIER
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
 
 STEEP = 0.5
-"""Cosine of the angle to the vertical within which a body stands, or is on its head: 60 degrees."""
+"""Cosine of the angle in the image to the vertical within which a body stands, or is on its head:
+60 degrees. A body that is seen along its axis, less than this share of it, is neither."""
 
 FAR_ASIDE = np.tan(np.radians(15.0))
 """Distance from the optical axis, in focal lengths, where few cameras see all that they see."""
 
+ENDS = (("head", "neck", "lshoulder", "rshoulder"), ("lankle", "rankle", "lhip", "rhip"))
+"""Joints at the upper and the lower end of a body: the first that there are."""
 
-class Report:
-    """Says of each batch what failed and what is doubtful, and counts for the end what adds up."""
 
-    def __init__(self, setup: Setup, *, explained: bool = False) -> None:
-        """Count for a fit; `explained` where it was said before what is wrong with its images."""
-        self.done = 0
-        self._explained = explained
-        self._sample: LandmarkSet | None = None
-        self._gross, self._seen = np.zeros((2, len(setup.dictionary.landmark_names)), np.int64)
-        self._implausible = self._judged = 0
-        self._setup = setup
-        names = setup.dictionary.landmark_names
-        joints = people_joints(names) | {name: name for name in names if name in PEOPLE}
-        place = {joint: names.index(name) for name, joint in joints.items()}
-        ends = [place.get(joint) for joint in ("head", "lankle", "rankle")]
-        self._ends = [end for end in ends if end is not None]
-        self._y_axis = "down"
-        self._bodies = self._on_head = 0
-        self._unknown_items = 0
-        self._unknown_item = ""
+def outcome_of(
+    images: LandmarkSet,
+    lifting: Lifting,
+    record: ResultSet,
+    setup: Setup,
+    total: int | None = None,
+) -> Outcome:
+    """Return the outcome of a batch, of `total` images."""
+    return Outcome(
+        done=len(images),
+        total=total,
+        failures=find_failures(images, lifting),
+        warnings=find_warnings(images, lifting, setup),
+        doubts=count_doubts(record),
+    )
 
-    def add(
-        self, images: LandmarkSet, lifting: Lifting, record: ResultSet, total: int | None = None
-    ) -> Outcome:
-        """Return the outcome of a batch, of `total` images."""
-        config = self._setup.config
-        self.done += len(images)
-        self._count_upright(record)
-        self._count_beliefs(images, record)
-        if config.leave_one_out is not None:
-            items, known = find_items(images, config, self._setup.dictionary)
-            self._unknown_items += int((~known).sum())
-            self._unknown_item = self._unknown_item or next(iter(items[~known].tolist()), "")
-        return Outcome(
-            done=len(images),
-            total=total,
-            failures=find_failures(images, lifting),
-            warnings=find_warnings(images, lifting, self._setup),
-            doubts=count_doubts(record),
+
+class Counts:
+    """What adds up over the batches of a fit, for what can be said at the end only.
+
+    outliers and seen (p,), images in which a landmark is one; bodies, that lie and are on their
+    heads; unknown items of `leave_one_out`.
+    """
+
+    def __init__(self, setup: Setup) -> None:
+        """Begin to count."""
+        self.setup = setup
+        self.images = self.bodies = self.lying = self.on_head = self.unknown_items = 0
+        self.outliers, self.seen = np.zeros((2, len(setup.dictionary.landmark_names)), np.int64)
+        self.unknown_item, self.y_axis = "", "down"
+        columns = joint_columns(setup.dictionary.landmark_names)
+        there = ([columns[joint] for joint in ends if joint in columns] for ends in ENDS)
+        self.top, self.bottom = (columns[:2] if len(columns) > 1 else columns for columns in there)
+
+    def add(self, images: LandmarkSet, record: ResultSet) -> None:
+        """Count a batch."""
+        self.images += len(images)
+        self.y_axis = record.y_axis
+        inlier_probability = record.per_item.get("inlier_probability")
+        if inlier_probability is not None:
+            self.outliers += (inlier_probability < OUTLIER).sum(axis=0)
+            self.seen += np.isfinite(inlier_probability).sum(axis=0)
+        if self.top and self.bottom:
+            ends = (record.shapes[:, :, each].mean(axis=2) for each in (self.top, self.bottom))
+            top, bottom = ends
+            body = (top - bottom)[np.isfinite(top - bottom).all(axis=1)]
+            up = body[:, 1] * (1 if record.y_axis == "up" else -1)
+            in_image = np.hypot(body[:, 0], body[:, 1])
+            across = in_image > STEEP * np.linalg.norm(body, axis=1)
+            self.bodies += len(body)
+            self.on_head += int((across & (up < -STEEP * in_image)).sum())
+            self.lying += int((across & (abs(up) < STEEP * in_image)).sum())
+        if self.setup.config.leave_one_out is not None:
+            items, known = find_items(images, self.setup.lifter)
+            self.unknown_items += int((~known).sum())
+            self.unknown_item = self.unknown_item or next(iter(items[~known].tolist()), "")
+
+
+def warn_of_all(counts: Counts) -> tuple[str | Counted, ...]:
+    """Return what is known at the end only, with shares of all images.
+
+    Raises InputError where no image shows an item of the dictionary that is to be left out.
+    """
+    return (*warn_of_axes(counts), *warn_of_landmarks(counts), *warn_of_items(counts))
+
+
+def warn_of_axes(counts: Counts) -> Iterator[Counted]:
+    """Warn where most bodies lie, or are on their heads."""
+    y, other = counts.y_axis, "up" if counts.y_axis == "down" else "down"
+    turned = "is the video turned by {0} degrees"
+    if 2 * counts.on_head > counts.bodies:
+        causes = f"y was taken to point {y}: if it points {other}, set `y_axis: {other}`; or "
+        text = f"with people on their heads: {causes}{turned.format(180)}?"
+        yield Counted(counts.on_head, "image", text)
+    elif 2 * counts.lying > counts.bodies:
+        text = f"with people who lie: if they stand, are x and y exchanged, or {turned.format(90)}?"
+        yield Counted(counts.lying, "image", text)
+
+
+def warn_of_landmarks(counts: Counts) -> Iterator[Counted]:
+    """Name landmarks that are outliers in most images."""
+    markers, names = counts.setup.matched.joints.markers, counts.setup.dictionary.landmark_names
+    for j in np.flatnonzero(counts.outliers > MOSTLY * np.maximum(counts.seen, FEWEST)):
+        name = " and ".join(markers.get(names[j], (names[j],)))
+        text = (
+            f"in which {name} contradicts the model: rename it if it is another point of the body, "
+            f"or leave it out with `rename={{{name}: unused}}`"
         )
+        yield Counted(int(counts.outliers[j]), "image", text)
 
-    def _count_upright(self, record: ResultSet) -> None:
-        """Count bodies, and those on their heads, by shapes in the camera frame."""
-        if len(self._ends) < 3:
-            return
-        head, *ankles = np.moveaxis(record.shapes[:, :, self._ends], 2, 0)
-        body = head - sum(ankles) / 2
-        body = body[np.isfinite(body).all(axis=1)]
-        up = body[:, 1] * (1 if record.y_axis == "up" else -1)
-        self._bodies += len(body)
-        self._on_head += int((up < -STEEP * np.linalg.norm(body, axis=1)).sum())
-        self._y_axis = record.y_axis
 
-    def _count_beliefs(self, images: LandmarkSet, record: ResultSet) -> None:
-        """Count the images in which each landmark is gross, and those that are implausible."""
-        inlier_probability, p_value = (
-            record.columns.get(name) for name in ("inlier_probability", P_VALUE)
-        )
-        if inlier_probability is None or p_value is None:
-            return
-        self._sample = self._sample or images
-        self._gross += (inlier_probability < MOSTLY).sum(axis=0)
-        self._seen += np.isfinite(inlier_probability).sum(axis=0)
-        self._implausible += int((p_value < MIN_P_VALUE).sum())
-        self._judged += int(np.isfinite(p_value).sum())
-
-    def _warn_of_landmarks(self) -> Iterator[str | Counted]:
-        """Name landmarks that are gross in most images; else say why most are implausible."""
-        markers = self._setup.joints.markers
-        seen = np.maximum(self._seen, FEWEST)
-        for j in np.flatnonzero(self._gross > MOSTLY * seen):
-            joint = self._setup.dictionary.landmark_names[j]
-            name = " and ".join(markers.get(joint, (joint,)))
-            text = (
-                f"in which {name} is grossly wrong: rename it if it is another point of the body, "
-                f"or leave it out with `rename={{{name}: unused}}`"
-            )
-            yield Counted(int(self._gross[j]), "image", text)
-        if self._implausible > MOSTLY * max(self._judged, FEWEST) and not self._explained:
-            assert self._sample is not None, "some were judged"
-            yield find_cause(self._sample, self._setup.seen, self._setup.config)
-
-    @property
-    def warnings(self) -> tuple[str | Counted, ...]:
-        """What is known at the end only, with shares of all images.
-
-        Raises InputError where no image shows an item of the dictionary that is left out.
-        """
-        found: list[str | Counted] = []
-        if self._on_head > self._bodies / 2:
-            y, other = self._y_axis, "up" if self._y_axis == "down" else "down"
-            taken = f"y was taken to point {y}; if it points {other}, set `y_axis: {other}`"
-            text = f"with people on their heads: {taken}"
-            found.append(Counted(self._on_head, "image", text))
-        if self._judged:
-            found += self._warn_of_landmarks()
-        if self._unknown_items:
-            found.append(self._warn_of_items())
-        return tuple(found)
-
-    def _warn_of_items(self) -> str:
-        found = (
-            f"{self._unknown_items} of {self.done} images show items that are not in the "
-            f"dictionary, the first '{self._unknown_item}'"
-        )
-        if self._unknown_items == self.done:
-            known = list(self._setup.dictionary.atom_items or ())[:3]
-            items = ", ".join(f"'{item}'" for item in known)
-            fix = f"name the dataset that holds items of the dictionary, such as {items}"
-            raise input_error(LEAVE_OUT, found, fix)
-        return f"{LEAVE_OUT}: {found}; they were fitted with all atoms"
+def warn_of_items(counts: Counts) -> Iterator[str]:
+    """Say how many images show items of which the dictionary has no atoms."""
+    if not counts.unknown_items:
+        return
+    found = (
+        f"{counts.unknown_items} of {counts.images} images show items that are not in the "
+        f"dictionary, the first '{counts.unknown_item}'"
+    )
+    if counts.unknown_items == counts.images:
+        known = list(counts.setup.dictionary.atom_items or ())[:3]
+        items = ", ".join(f"'{item}'" for item in known)
+        fix = f"name the dataset that holds items of the dictionary, such as {items}"
+        raise input_error(LEAVE_ONE_OUT, found, fix)
+    yield f"{LEAVE_ONE_OUT}: {found}; they were fitted with all atoms"
 
 
 def find_failures(images: LandmarkSet, lifting: Lifting) -> tuple[Failure, ...]:

@@ -30,7 +30,7 @@ from shapefit.io.formats import find_target_format
 from shapefit.io.options import OutputOptions
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
-from shapefit.pipelines.fit.camera import doubts_of_lens, straightened
+from shapefit.pipelines.fit.camera import doubts_of_lens
 from shapefit.pipelines.fit.default import choose_default
 from shapefit.pipelines.fit.lift import lift_batch, whole_stretches
 from shapefit.pipelines.fit.prepare import (
@@ -41,12 +41,10 @@ from shapefit.pipelines.fit.prepare import (
     output_format,
     prepare,
     read_options,
-    set_up,
     warn_of_dictionary,
 )
 from shapefit.pipelines.fit.record import as_result, warn_of_names
-from shapefit.pipelines.fit.report import Report
-from shapefit.pipelines.joints import describe_names, name_warnings, named_as_joints
+from shapefit.pipelines.fit.report import Counts, outcome_of, warn_of_all
 from shapefit.pipelines.outcome import Outcome, nothing_in, reading
 from shapefit.threads import side_by_side
 
@@ -84,44 +82,44 @@ def run(
     output = config.output
     assert isinstance(output, Path), "a folder is written part by part"
     config, chosen = choose_default(config)
-    files = (*(config.landmarks if inputs is None else ()), *files_of(config).values())
     dictionary = dictionary or read_dictionary(config.dictionary)
     check_export(config, dictionary)
+    if config.save.covariance is False and find_target_format(output).angles:
+        config = config.changed(save={"covariance": True})  # an angle is that of several joints
     yield from reading(config.landmarks if inputs is None else ())
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
-        estimates = estimates or prepare(config, dictionary, lambda: source.first(FIRST))
-        config = config.changed(**estimates.values)
-        if find_target_format(output).angles:  # the error of an angle is that of several joints
-            config = config.changed(save={"covariance": True})
-        setup = set_up(config, dictionary, source.head.landmark_names)
-        report = Report(setup, explained=bool(estimates.warnings))
-        seconds, known = 0.0, dict[str, str]()
+        names = source.head.landmark_names
+        setup = prepare(config, dictionary, names, lambda: source.first(FIRST), estimates)
+        config, counts, seconds = setup.config, Counts(setup), 0.0
+        options = OutputOptions(height=config.height, markers=config.markers)
         with (
             open_export(config, setup.dictionary) as export,
-            result_writer(
-                output, OutputOptions(height=config.height, markers=config.markers)
-            ) as writer,
+            result_writer(output, options) as writer,
             closing(lift_source(source, setup)) as batches,
         ):
             for batch in batches:
-                known = known or digests(files)  # while the next batch is lifted
-                yield report.add(batch.images, batch.lifting, batch.record, source.count)
+                # while the next batch is lifted
+                read = inputs or digests((*config.landmarks, *files_of(config).values()))
+                counts.add(batch.images, batch.record)
+                yield outcome_of(batch.images, batch.lifting, batch.record, setup, source.count)
                 writer.append(batch.record)
                 if export is not None:
                     export.add(batch.record)
                 seconds += batch.seconds
-            writer.attributes.update(
-                attributes_of(setup, estimates, {**known, **(inputs or {})}, seconds, report.done)
-            )
-            warnings = (*estimates.warnings, *warn_of(source, setup), *report.warnings)
-    names = setup.dictionary.landmark_names
-    of_writer = warn_of_rate(config, source, writer.summary.warnings)
-    matched = describe_names(source.head.landmark_names, names)
-    said = (chosen, say_y(source), *estimates.lines, matched)
+                inputs = read
+            writer.attributes.update(attributes_of(setup, inputs or {}, seconds, counts.images))
+            warnings = (*setup.estimates.warnings, *warn_of(source, setup), *warn_of_all(counts))
+    lines = (chosen, say_y(source), *setup.estimates.lines, setup.matched.describe(names))
     yield Outcome(
         total=source.count,
-        warnings=warnings + (() if export is None else export.warnings) + of_writer,
-        note="; ".join(filter(None, (*said, export.note if export else None, writer.summary.note))),
+        warnings=(
+            *warnings,
+            *(() if export is None else export.warnings),
+            *warn_of_rate(config, source, writer.summary.warnings),
+        ),
+        note="; ".join(
+            filter(None, (*lines, export.note if export else None, writer.summary.note))
+        ),
         written=(*(writer.summary.written or (output,)), *(export.written if export else ())),
     )
 
@@ -169,7 +167,6 @@ def lift_source(source: LandmarkSource, setup: Setup) -> Generator[Batch, None, 
 
 def read_images(source: LandmarkSource, setup: Setup) -> Iterator[LandmarkSet]:
     """Yield the images batch by batch: without distortion, with the landmarks of the dictionary."""
-    names, place = setup.dictionary.landmark_names, setup.place
     size = batch_size(setup.config)
     if size is None:
         from shapefit.pipelines.fit.sequences import whole_sequences
@@ -178,8 +175,7 @@ def read_images(source: LandmarkSource, setup: Setup) -> Iterator[LandmarkSet]:
     else:
         batches = source.batches(size, by_file=True)
     for batch in batches:
-        named = named_as_joints(straightened(batch, setup.camera), setup.joints, place)
-        yield named.arrange(names, place, leave_out=setup.leave_out)
+        yield setup.arrange(batch)
 
 
 def batch_size(config: FitConfig) -> int | None:
@@ -188,7 +184,7 @@ def batch_size(config: FitConfig) -> int | None:
 
 
 def attributes_of(
-    setup: Setup, estimates: Estimates, inputs: Mapping[str, str], seconds: float, images: int
+    setup: Setup, inputs: Mapping[str, str], seconds: float, images: int
 ) -> dict[str, str | float | int]:
     """Return what is stored of a fit beside its images; `inputs` are the digests of its files.
 
@@ -202,7 +198,7 @@ def attributes_of(
         "config": config,
         "config_digest": hashlib.sha256(config.encode()).hexdigest(),
         "inputs": json.dumps(inputs),
-        "estimated": "; ".join(estimates.lines),
+        "estimated": "; ".join(setup.estimates.lines),
         "training_inputs": setup.dictionary.provenance.get("inputs", "{}"),
         "solve_seconds": seconds,
         "images_per_second": images / seconds if seconds > 0 else 0.0,
@@ -215,7 +211,7 @@ def warn_of(source: LandmarkSource, setup: Setup) -> tuple[str, ...]:
     return (
         *nothing_in(source.count, "images"),
         *source.notes,
-        *name_warnings(source.head.landmark_names, setup.dictionary.landmark_names),
+        *setup.matched.warnings(source.head.landmark_names),
         *doubts_of_lens(further, setup.camera),
         *warn_of_dictionary(setup.config, setup.dictionary),
         *(warn_of_names(further) if stores_names else ()),

@@ -7,11 +7,11 @@ import math
 from collections.abc import Iterable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.config import FitConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, match_landmarks, read_shapes
@@ -20,6 +20,9 @@ from shapefit.lifting.lift import Lifting
 from shapefit.lifting.sequences.clips import Motion, refine_lifting
 from shapefit.lifting.sequences.smoothing import Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
+
+if TYPE_CHECKING:
+    from shapefit.pipelines.fit.lift import Lifter
 
 USUAL = 0.02
 """Second difference of a coordinate from image to image where the dictionary knows none, in units
@@ -69,24 +72,17 @@ def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
         yield concatenate(held)
 
 
-def refine_sequences(
-    lifting: Lifting,
-    images: LandmarkSet,
-    dictionary: Dictionary,
-    config: FitConfig,
-    residual_variance: float,
-    lengths: Floats | None,
-) -> Lifting:
-    """Infer whole sequences from what was found of each image; lengths (e,) of bones, if known."""
-    rate = config.frame_rate or images.frame_rate
+def refine_sequences(lifting: Lifting, images: LandmarkSet, lifter: Lifter) -> Lifting:
+    """Infer whole sequences from what was found of each image."""
+    rate = lifter.frame_rate or images.frame_rate
     refine = partial(
         refine_lifting,
         sequences=images.sequences or (),
-        motion=find_motion(dictionary, rate, lengths),
-        residual_variance=residual_variance,
-        noise=config.noise,
-        widening=config.prior.bar_scale,
-        threads=config.threads,
+        motion=find_motion(lifter.dictionary, rate, lifter.bone_lengths),
+        residual_variance=lifter.variance,
+        noise=lifter.noise,
+        widening=lifter.bar_scale,
+        threads=lifter.threads,
     )
     return refine_through_camera(lifting, images.landmarks, refine)
 

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.config import FitConfig, LearnDictConfig
-from shapefit.config.commands.fit import CameraConfig
+from shapefit.config import LearnDictConfig
 from shapefit.config.commands.learn_dict import PriorConfig
 from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, UNLIKE, Judgement, judge
 from shapefit.dictionary.from_2d.learning import State, learn
@@ -30,13 +29,9 @@ from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet, digests
 from shapefit.io.layout import EDGES
 from shapefit.io.records import concatenate
 from shapefit.lifting.lift import Lifting, fail_nonfinite
-from shapefit.pipelines.fit.camera import read_intrinsics
-from shapefit.pipelines.fit.checks import mean_gain
-from shapefit.pipelines.fit.lift import (
-    check_needs,
-    find_residual_variance,
-    lift_images,
-)
+from shapefit.pipelines.fit.camera import Intrinsics, read_intrinsics
+from shapefit.pipelines.fit.lift import Lifter, check_needs, lift_images
+from shapefit.pipelines.fit.sample import mean_gain
 from shapefit.pipelines.fit.sequences import refine_sequences
 from shapefit.pipelines.learn_dict.from_3d import Learning, learn_from_shapes, number_of_components
 from shapefit.pipelines.learn_dict.training_shapes import place_of
@@ -339,21 +334,10 @@ def lift_by(
     They have the landmarks of the dictionary. camera names the dataset of their camera matrices,
     None for weak perspective.
     """
-    config = _fit_config(method, camera)
-    check_needs(config, dictionary)
-    lifting = lift_images(images, dictionary, config)
+    check_needs(method, dictionary, "dictionary")
+    intrinsics = None if camera is None else Intrinsics(dataset=camera)
+    lifter = Lifter(method=method, dictionary=dictionary, intrinsics=intrinsics)
+    lifting = lift_images(images, lifter)
     if method == "sequences":
-        variance = find_residual_variance(config, dictionary)
-        lifting = refine_sequences(lifting, images, dictionary, config, variance, None)
+        lifting = refine_sequences(lifting, images, lifter)
     return fail_nonfinite(lifting)
-
-
-def _fit_config(method: str, camera: str | None = None) -> FitConfig:
-    viewing = CameraConfig(focal="files") if camera else CameraConfig()
-    return FitConfig.model_construct(
-        landmarks=(Path("landmarks"),),
-        dictionary=Path("dictionary"),
-        output=Path("result.h5"),
-        method=method,
-        camera=viewing,
-    )

@@ -71,11 +71,10 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         raise input_error(folder.path, f"holds results that differ: {plan.refused}", fix)
     if known is not None and plan.kept:
         stored = known.run["estimated"]
-        estimates = Estimates(stored["values"], tuple(stored["lines"]), tuple(stored["warnings"]))
+        estimates = Estimates(**stored)
     else:
-        estimates = prepare(
-            config, read_dictionary(config.dictionary), lambda: first_images(config, plan.parts)
-        )
+        images, dictionary = first_images(config, plan.parts), read_dictionary(config.dictionary)
+        estimates = prepare(config, dictionary, images.landmark_names, lambda: images).estimates
     first = {**plan.digests, "method": config.method, "estimated": asdict(estimates)}
     with held_folder(folder.path):
         for line in (chosen, *estimates.lines):
