@@ -79,7 +79,10 @@ def check_skeleton(
     if best is None or not shares[best] < share / 2:
         return None
     own = sample.own.landmark_names
-    taken = next((each.name for each in installed_skeletons().values() if each.landmark_names == own), "named")
+    taken = next(
+        (each.name for each in installed_skeletons().values() if each.landmark_names == own),
+        "named",
+    )
     return Doubt(
         "landmarks of another skeleton",
         f"{share:.0%} of a sample of {len(sample)} images are implausible as {taken}, and "

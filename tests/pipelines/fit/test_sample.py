@@ -1,29 +1,219 @@
-"""Images on which the checks are tried, and those of several inputs as one."""
+"""The sample, and what its evidence says: skeleton, prior scale, residual variance."""
+
+import json
 
 import numpy as np
 import pytest
 
-from shapefit.io import LandmarkSet
-from shapefit.pipelines.fit.checks import MOST, choose_sample
-from shapefit.pipelines.fit.prepare import _joined
+from shapefit.config import FitConfig
+from shapefit.dictionary.mixture import Mixture
+from shapefit.dictionary.model import Dictionary
+from shapefit.geometry.rotations import random_rotations
+from shapefit.io import LandmarkSet, write_dictionary
+from shapefit.io.skeletons import THETA
+from shapefit.pipelines.fit import prepare as preparing
+from shapefit.pipelines.fit.prepare import FIRST, _joined, prepare
+from shapefit.pipelines.fit.sample import (
+    LARGEST,
+    STEPS,
+    draw_sample,
+    find_scale,
+    likeliest,
+    maximise_theta,
+)
+from shapefit.pipelines.joints import match_names
+from tests.pipelines.fitted import fit_images
+from tests.pipelines.told import texts
+
+P, IMAGES = 12, 60
+NAMES = tuple(f"point{j}" for j in range(P))
+RESIDUAL_VARIANCE = 0.002
+
+
+@pytest.fixture(scope="module")
+def planted(tmp_path_factory):
+    """A dictionary with one Gaussian, and what draws images whose truth is as wide as stated."""
+    rng = np.random.default_rng(5)
+    mean = rng.normal(size=(3, P))
+    root = 0.12 * rng.normal(size=(3 * P, 8)) / np.sqrt(8)
+    C = root @ root.T * 8 / 3 + 1e-3 * np.eye(3 * P)
+    prior = Mixture(np.ones(1), mean[None], C[None])
+    path = tmp_path_factory.mktemp("sample") / "dictionary.h5"
+    made = Dictionary(
+        mean[None] / 4, NAMES, mean, prior=prior, residual_variance=np.array([RESIDUAL_VARIANCE])
+    )
+    write_dictionary(path, made)
+
+    def draw(scale, residual_variance, wrong=None):
+        x = np.linalg.cholesky(scale * C) @ rng.normal(size=(3 * P, IMAGES))
+        shapes = random_rotations(IMAGES, rng) @ (mean + x.T.reshape(IMAGES, 3, P))
+        w = shapes[:, :2] + np.sqrt(residual_variance) * rng.normal(size=(IMAGES, 2, P))
+        if wrong is not None:
+            w[:, :, wrong] += 3 * rng.normal(size=(IMAGES, 2))
+        items = tuple(f"image{i}" for i in range(IMAGES))
+        images = LandmarkSet(landmarks=100 * w, landmark_names=NAMES, items=items)
+        return images, 100 * shapes
+
+    return path, made, draw
+
+
+KEYS = {"method": "posterior", "camera": {"focal": "none"}}
+
+
+def estimate(planted, images, **prior):
+    path, made, _ = planted
+    keys = {"landmarks": [str(path)], "dictionary": str(path), "output": "result.h5"}
+    config = FitConfig(**keys, **KEYS, prior=prior)
+    first = images.take(slice(0, FIRST))
+    found = prepare(config, made, images.landmark_names, lambda: first).estimates
+    return found, found.values["prior"]
+
+
+@pytest.mark.parametrize(
+    ("scale", "variance", "given", "expected"),
+    [
+        (1, RESIDUAL_VARIANCE, {}, (1, RESIDUAL_VARIANCE)),
+        (4, RESIDUAL_VARIANCE, {}, (4, RESIDUAL_VARIANCE)),
+        (1, 8 * RESIDUAL_VARIANCE, {}, (1, 8 * RESIDUAL_VARIANCE)),
+        (4, 8 * RESIDUAL_VARIANCE, {}, (4, 8 * RESIDUAL_VARIANCE)),
+        # landmarks more exact than the residual variance of the dictionary keep it
+        (1, RESIDUAL_VARIANCE / 20, {}, (1, RESIDUAL_VARIANCE)),
+        (4, 8 * RESIDUAL_VARIANCE, {"scale": 1.5, "residual_variance": 0.1}, (1.5, 0.1)),
+    ],
+)
+def test_the_factors_that_images_have_are_found(planted, scale, variance, given, expected):
+    found, keys = estimate(planted, planted[2](scale, variance)[0], **given)
+    assert (keys["scale"], keys["residual_variance"]) == pytest.approx(expected)
+    changed = not given and expected != (1, RESIDUAL_VARIANCE)
+    assert any("nats an image" in line for line in found.lines) == changed
+
+
+def test_one_key_that_is_given_stays_and_the_other_is_found(planted):
+    _, keys = estimate(planted, planted[2](4, 8 * RESIDUAL_VARIANCE)[0], scale=1.5)
+    assert keys["scale"] == 1.5
+    assert keys["residual_variance"] > RESIDUAL_VARIANCE
+
+
+def test_few_images_say_nothing(planted):
+    _, keys = estimate(planted, planted[2](4, RESIDUAL_VARIANCE)[0].take(slice(0, 9)))
+    assert (keys["scale"], keys["residual_variance"]) == (1, RESIDUAL_VARIANCE)
+
+
+def test_a_landmark_that_is_mostly_wrong_does_not_make_the_others_less_exact(planted):
+    _, keys = estimate(planted, planted[2](1, RESIDUAL_VARIANCE, wrong=3)[0])
+    assert (keys["scale"], keys["residual_variance"]) == (1, RESIDUAL_VARIANCE)
+
+
+def test_regions_hold_where_the_truth_is_wider_than_the_prior(planted, tmp_path):
+    images, shapes = planted[2](8, RESIDUAL_VARIANCE)
+
+    def held(**prior):
+        result, _ = fit_images(tmp_path, images, planted[0], **KEYS, prior=prior)
+        away = (result.shapes - shapes)[:, 2] / result.shape_sd[:, 2]
+        return (np.abs(away - away.mean(axis=1, keepdims=True)) < 1.645).mean(), result
+
+    own, result = held()
+    assert own == pytest.approx(0.9, abs=0.08)
+    assert held(scale=1)[0] < 0.75
+    assert json.loads(result.attributes["config"])["prior"]["scale"] == 8
+    assert "prior widened x 8" in result.attributes["estimated"]
+
+
+def test_a_landmark_that_is_mostly_wrong_is_named_and_frames_stay_trusted(planted, tmp_path):
+    images, _ = planted[2](1, RESIDUAL_VARIANCE, wrong=3)
+    result, outcomes = fit_images(tmp_path, images, planted[0], **KEYS)
+    (told,) = [each for each in texts(outcomes) if "contradicts the model" in each]
+    assert int(told.split()[0]) > 45
+    assert "in which point3 contradicts" in told
+    assert result.columns["trusted"].mean() > 0.6
+
+
+def test_of_pairs_as_likely_the_widest_is_taken_with_the_least_variance():
+    noise = np.random.default_rng(0).normal(size=(4, 100))
+    noise -= noise.mean(axis=1, keepdims=True)
+    of = {
+        (1.0, 1.0): -10 + noise[0],
+        (2.0, 1.0): -5.05 + noise[1],
+        (2.0, 2.0): -5 + noise[2],
+        (4.0, 1.0): -7 + noise[3],
+    }
+    assert likeliest(of) == (2, 1, pytest.approx(4.95))
+
+
+@pytest.mark.parametrize("best", [(1.0, 1.0), (2.0, 1.0), (1.0, 2.0), (8.0, 2.0)])
+def test_a_wider_prior_or_a_larger_variance_alone_makes_all_pairs_be_tried(best):
+    images = LandmarkSet(np.zeros((30, 2, P)), NAMES, tuple(map(str, range(30))))
+
+    def evidence(pair, some):
+        return np.full(len(some), -np.abs(np.log2(pair) - np.log2(best)).sum())
+
+    assert find_scale(evidence, images) == (*best, pytest.approx(np.log2(best).sum()))
+
+
+SHARP = 1e4
+NAME = next(iter(THETA))
+
+
+@pytest.mark.parametrize("top", [-0.19, -0.12, 0.0, 0.07, 0.16, 0.21])
+def test_a_top_within_the_steps_is_found(top):
+    at = np.log(THETA[NAME].mean) + top
+
+    def evidence(theta):
+        return -0.5 * SHARP * (np.log(theta[NAME]) - at) ** 2
+
+    theta, deviation = maximise_theta(evidence, [NAME], {NAME: THETA[NAME].mean})
+    whole = SHARP + THETA[NAME].spread ** -2
+    expected = (SHARP * at + np.log(THETA[NAME].mean) * THETA[NAME].spread ** -2) / whole
+    assert np.log(theta[NAME]) == pytest.approx(expected, abs=1e-9)
+    assert deviation[NAME] == pytest.approx(whole**-0.5)
+
+
+def test_a_top_far_away_is_approached_by_the_widest_steps():
+    theta, _ = maximise_theta(lambda theta: 100 * np.log(theta[NAME]), [NAME], {NAME: 1.0})
+    assert np.log(theta[NAME]) == pytest.approx(1.5 * STEPS[-1])
 
 
 @pytest.mark.parametrize(("rate", "apart"), [(None, 12), (50.0, 25), (0.5, 1)])
-def test_pairs_are_of_one_sequence_and_a_step_apart(rng, rate, apart):
-    n = 3 * MOST
+@pytest.mark.parametrize("n", [LARGEST, 3 * LARGEST])
+def test_a_sample_is_bounded_and_its_pairs_are_of_one_sequence_a_step_apart(
+    planted, n, rate, apart
+):
+    rng = np.random.default_rng(1)
     images = LandmarkSet(
-        rng.random((n, 2, 4)),
-        tuple("abcd"),
+        rng.random((n, 2, P)),
+        NAMES,
         tuple(map(str, range(n))),
-        sequences=tuple("walk" if number < MOST else "run" for number in range(n)),
+        sequences=tuple("walk" if number < n // 3 else "run" for number in range(n)),
         frame_rate=rate,
     )
-    sample = choose_sample(images)
+    matched = match_names(NAMES, planted[1], "landmarks")
+    sample = draw_sample(images, matched)
+    assert len(sample) <= LARGEST
     first, later = (np.array(sample.images.items, int)[sample.pairs[:, at]] for at in (0, 1))
     assert (later - first == apart).all()
-    assert ((first < MOST) == (later < MOST)).all()
-    assert len(first) >= MOST // 3
-    assert len(choose_sample(images.replaced(sequences=None)).pairs) == 0
+    assert ((first < n // 3) == (later < n // 3)).all()
+    assert len(first) >= 16
+    assert len(draw_sample(images.replaced(sequences=None), matched).pairs) == 0
+
+
+def test_names_camera_and_sample_are_found_once(planted, tmp_path, monkeypatch):
+    calls = []
+    for name in ("match_names", "choose_camera", "find_calibrated", "draw_sample", "prepare"):
+        real = getattr(preparing, name)
+
+        def counted(*given, name=name, real=real, **keys):
+            calls.append(name)
+            return real(*given, **keys)
+
+        monkeypatch.setattr(preparing, name, counted)
+    joints = []
+    real = match_names.__globals__["find_joints"]
+    monkeypatch.setitem(
+        match_names.__globals__, "find_joints", lambda *a, **k: joints.append(1) or real(*a, **k)
+    )
+    fit_images(tmp_path, planted[2](2, RESIDUAL_VARIANCE)[0], planted[0], **KEYS)
+    assert sorted(calls) == ["choose_camera", "draw_sample", "find_calibrated", "match_names"]
+    assert len(joints) == 1
 
 
 @pytest.mark.parametrize("focal", [900.0, 950.0])

@@ -1,4 +1,4 @@
-"""Names that are wrong in every image: another skeleton, left and right exchanged."""
+"""Wrong in every image: another skeleton, left and right exchanged, axes exchanged or turned."""
 
 from types import SimpleNamespace
 
@@ -9,7 +9,8 @@ from shapefit.config.paths import find_dictionaries
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io import LandmarkSet, read_dictionary
 from shapefit.io.skeletons import THETA, installed_skeletons, people_parts
-from shapefit.pipelines.fit.checks import Sample, walks_backwards
+from shapefit.pipelines.fit.checks import facing, walks_backwards
+from shapefit.pipelines.fit.sample import Sample
 from tests.io.files import save
 from tests.pipelines.fitted import fit_file
 
@@ -65,14 +66,19 @@ def film(poses, skeleton):
 
 @pytest.fixture
 def warnings_of(tmp_path, dictionary):
-    """Return what fits images as `-d people` does: its warnings as texts."""
+    """Return what fits images as `-d people` does: its warnings as texts.
+
+    What is warned of before the fit is not trusted.
+    """
 
     def warn(images):
         save(tmp_path / "images.h5", images)
         paths = tmp_path / "images.h5", dictionary, tmp_path / "result.h5"
-        keys = {"residual_variance": 0.006, "bar_scale": 1.6}
-        outcomes = fit_file(*paths, method="posterior", prior=keys)[1]
-        return [str(each) for outcome in outcomes for each in outcome.warnings]
+        result, outcomes = fit_file(*paths, method="posterior")
+        found = [str(each) for outcome in outcomes for each in outcome.warnings]
+        doubted = any("is it " in each or "exchanged:" in each for each in found)
+        assert result.columns["trusted"].any() != doubted
+        return found
 
     return warn
 
@@ -104,6 +110,38 @@ def test_sides_that_are_exchanged_in_every_image_are_noticed(warnings_of, poses)
     assert warning.startswith("left and right may be exchanged")
 
 
+@pytest.mark.parametrize("why", ["legs are not seen", "feet do not step"])
+def test_sides_are_not_tried_without_legs_that_step(warnings_of, poses, why):
+    """As of a man who sits at a desk, who was accused."""
+    images = exchanged(film((poses[0][:1].repeat(N, axis=0), poses[1]), "body_25"))
+    if why == "legs are not seen":
+        images = exchanged(film(poses, "body_25"))
+        landmarks = images.landmarks.copy()
+        below = [any(part in name for part in ("Knee", "Ankle", "Heel", "Toe"))
+                 for name in images.landmark_names]  # fmt: skip
+        landmarks[..., below] = np.nan
+        images = images.replaced(landmarks=landmarks)
+    assert not [each for each in warnings_of(images) if "exchanged" in each]
+
+
+@pytest.mark.parametrize(
+    ("turn", "said"),
+    [
+        ([[0, 1], [1, 0]], "with people who lie: if they stand, are x and y exchanged, or is"),
+        ([[0, -1], [1, 0]], "is the video turned by 90 degrees?"),
+        ([[-1, 0], [0, -1]], "with people on their heads: y was taken to point down"),
+        ([[1, 0], [0, 1]], None),
+    ],
+)
+def test_axes_that_are_exchanged_or_turned_are_named_once(warnings_of, poses, turn, said):
+    images = film(poses, "body_25")
+    centre = np.array(SIZE)[:, None] / 2
+    turned = np.array(turn) @ (images.landmarks - centre) + centre
+    found = [each for each in warnings_of(images.replaced(landmarks=turned)) if "people" in each]
+    assert len(found) == (said is not None)
+    assert not found or said in found[0]
+
+
 def test_from_afar_both_namings_are_alike_and_nothing_is_said(warnings_of, poses):
     images = film(poses, "body_25")
     middle = images.landmarks.mean(axis=2, keepdims=True)
@@ -118,13 +156,19 @@ def test_people_who_walk_backwards_have_their_sides_exchanged(warnings_of, poses
     count, frames = 6, 20
     sides = [joints.index(name) for name in ("lhip", "rhip", "lshoulder", "rshoulder")]
     found, sequences = [], []
-    for clip in range(count):
+    partner = read_dictionary(find_dictionaries()["people"]).mirror_index
+    at = {name: j for j, name in enumerate(joints)}
+    apart = shapes[:, :, at["lankle"]] - shapes[:, :, at["rankle"]]
+    strides = np.abs((apart * facing(shapes, at)).sum(axis=1))
+    for clip in np.argsort(strides)[-count:]:
         lhip, rhip, lshoulder, rshoulder = (shapes[clip][:, side] for side in sides)
         forward = np.cross(lhip - rhip + lshoulder - rshoulder, lshoulder + rshoulder - lhip - rhip)
         yaw = np.arctan2(forward[0], forward[2]) + rng.uniform(-0.6, 0.6)
-        facing = rotation_about(np.array([0.0, 1.0, 0.0]), -yaw) @ shapes[clip]
+        ahead = rotation_about(np.array([0.0, 1.0, 0.0]), -yaw) @ shapes[clip]
         growing = 100 * np.exp(0.004 * np.arange(frames))
-        found.append(growing[:, None, None] * (np.diag([1.0, -1.0]) @ facing[:2]) + 400)
+        mirrored = np.diag([-1.0, 1.0, 1.0]) @ ahead[:, partner]  # the other foot is ahead
+        steps = np.where((np.arange(frames) // 5 % 2)[:, None, None], mirrored, ahead)
+        found.append(growing[:, None, None] * (np.diag([1.0, -1.0]) @ steps[:, :2]) + 400)
         sequences += [f"clip{clip}"] * frames
     landmarks = np.concatenate(found)
     images = LandmarkSet(
@@ -149,5 +193,6 @@ def test_walking_backwards_is_the_mean_over_pairs_of_images():
     size = np.exp([0.0, 0.0, 0.0, 0.3, np.nan])
     found = SimpleNamespace(shapes=size[:, None, None] * body)
     pairs = np.array([[0, 1], [1, 2], [2, 3], [3, 4]])
-    sample = Sample(SimpleNamespace(y_axis="down"), pairs)
+    images = SimpleNamespace(y_axis="down")
+    sample = Sample(images, images, pairs)
     assert walks_backwards(found, names, sample) == pytest.approx(0.1)
