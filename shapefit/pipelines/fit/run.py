@@ -90,7 +90,7 @@ def run(
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
         names = source.head.landmark_names
         setup = prepare(config, dictionary, names, lambda: source.first(FIRST), estimates)
-        config, counts, seconds = setup.config, Counts(setup), 0.0
+        config, counts, seconds, known = setup.config, Counts(setup), 0.0, dict[str, str]()
         options = OutputOptions(height=config.height, markers=config.markers)
         with (
             open_export(config, setup.dictionary) as export,
@@ -98,16 +98,16 @@ def run(
             closing(lift_source(source, setup)) as batches,
         ):
             for batch in batches:
-                # while the next batch is lifted
-                read = inputs or digests((*config.landmarks, *files_of(config).values()))
+                if not known:  # while the next batch is lifted
+                    landmarks = digests(config.landmarks) if inputs is None else inputs
+                    known = {**landmarks, **digests(files_of(config).values())}
                 counts.add(batch.images, batch.record)
                 yield outcome_of(batch.images, batch.lifting, batch.record, setup, source.count)
                 writer.append(batch.record)
                 if export is not None:
                     export.add(batch.record)
                 seconds += batch.seconds
-                inputs = read
-            writer.attributes.update(attributes_of(setup, inputs or {}, seconds, counts.images))
+            writer.attributes.update(attributes_of(setup, known, seconds, counts.images))
             warnings = (*setup.estimates.warnings, *warn_of(source, setup), *warn_of_all(counts))
     lines = (chosen, say_y(source), *setup.estimates.lines, setup.matched.describe(names))
     yield Outcome(

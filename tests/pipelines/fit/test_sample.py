@@ -162,8 +162,8 @@ def test_a_top_within_the_steps_is_found(top):
         return -0.5 * SHARP * (np.log(theta[NAME]) - at) ** 2
 
     theta, deviation = maximise_theta(evidence, [NAME], {NAME: THETA[NAME].mean})
-    whole = SHARP + THETA[NAME].spread ** -2
-    expected = (SHARP * at + np.log(THETA[NAME].mean) * THETA[NAME].spread ** -2) / whole
+    whole = SHARP + THETA[NAME].std ** -2
+    expected = (SHARP * at + np.log(THETA[NAME].mean) * THETA[NAME].std ** -2) / whole
     assert np.log(theta[NAME]) == pytest.approx(expected, abs=1e-9)
     assert deviation[NAME] == pytest.approx(whole**-0.5)
 
