@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.config import ConvertConfig
 from shapefit.errors import abbreviate, input_error
@@ -25,6 +26,7 @@ from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.listing import Kind, find_kind
 from shapefit.io.options import AS_THEY_ARE, InputOptions, OutputOptions, input_options
 from shapefit.io.source import ResultSource, open_results
+from shapefit.pipelines.items import keys_of
 from shapefit.pipelines.outcome import Outcome, nothing_in
 
 if TYPE_CHECKING:
@@ -150,14 +152,44 @@ def _choose(source: Source, config: ConvertConfig) -> tuple[Iterator[Any], int]:
             fix = f"there are {abbreviate(list(names))}" if names else "leave `individual` out"
             found = f"has no individual {wanted!r}"
             raise input_error(", ".join(map(str, config.files)), found, fix)
-    _, number = np.unique(np.array(sequences)[rows], return_inverse=True)
-    order = np.argsort(number, kind="stable")
-    starts = np.searchsorted(number[order], np.arange(number.max(initial=-1) + 1))
-    place = np.empty(len(rows), np.intp)
-    place[order] = np.arange(len(rows)) - starts[number[order]]
-    rows = rows[place % every == 0]
-    parts = (source.take(rows[at : at + BATCH]) for at in range(0, len(rows), BATCH))
+    frames = None
+    if every > 1:
+        rows, frames = _thinned(source, rows, np.array(sequences, object)[rows], every)
+    parts = (_numbered(source.take(rows[own]), frames, own) for own in _slices(len(rows)))
     return parts if len(rows) else source.batches(BATCH), len(rows)
+
+
+def _thinned(
+    source: Source, rows: NDArray[np.intp], sequences: NDArray[Any], every: int
+) -> tuple[NDArray[np.intp], NDArray[np.int64] | None]:
+    """Return the rows of every n-th frame, and the numbers of these among those that stay.
+
+    Where items have no number of a frame, every n-th of each sequence stays, without a number.
+    The individuals of a video keep the same frames.
+    """
+    stated = keys_of(source.batches(BATCH)).frames
+    videos = sequences if stated is None else [name.rpartition("/")[0] for name in sequences]
+    video = np.unique(np.array(videos, str), return_inverse=True)[1]
+    if stated is None:
+        order = np.argsort(video, kind="stable")
+        starts = np.searchsorted(video[order], np.arange(video.max(initial=-1) + 1))
+        place = np.empty(len(rows), np.int64)
+        place[order] = np.arange(len(rows)) - starts[video[order]]
+        return rows[place % every == 0], None
+    frames = np.array(stated, np.int64)[rows]
+    first = np.full(video.max(initial=-1) + 1, np.iinfo(np.int64).max)
+    np.minimum.at(first, video, frames)
+    number, left = np.divmod(frames - first[video] % every, every)
+    return rows[left == 0], number[left == 0]
+
+
+def _slices(count: int) -> Iterator[slice]:
+    return (slice(start, start + BATCH) for start in range(0, count, BATCH))
+
+
+def _numbered(records: Any, frames: NDArray[np.int64] | None, rows: slice) -> Any:
+    """Return records with these numbers of frames, if any."""
+    return records if frames is None else records.replaced(frame=frames[rows])
 
 
 def _with_rate(records: Any, config: ConvertConfig) -> Any:

@@ -109,3 +109,31 @@ def test_pixels_have_two_decimals_in_csv(tmp_path, landmarks):
     same = load(tmp_path / "back.h5")
     np.testing.assert_array_equal(same.landmarks, rounded)
     np.testing.assert_array_equal(same.confidence, wide.confidence)
+
+
+@pytest.mark.parametrize("every", [1, 2, 7])
+@pytest.mark.parametrize("first", [0, 3])
+def test_thinned_frames_keep_their_times(tmp_path, rng, every, first):
+    """1.40 s of walking last 1.40 s, whoever is missing where, and both walkers stay in step."""
+    frames = np.r_[np.arange(first, first + 43), np.delete(np.arange(first, first + 43), [4, 5, 9])]
+    shapes = ShapeSet(
+        rng.normal(size=(len(frames), 3, 4)),
+        NAMES,
+        tuple(f"i{n}" for n in range(len(frames))),
+        ("walk/a",) * 43 + ("walk/b",) * 40,
+        unit="m",
+        frame_rate=30.0,
+        columns={"frame": frames},
+    )
+    write_shapes(tmp_path / "walk.h5", shapes)
+    convert(tmp_path / "walk.h5", output=tmp_path / "thin.h5", every=every)
+    thin = read_shapes([tmp_path / "thin.h5"])
+    start = first % every / 30
+    rows = [int(item[1:]) for item in thin.items]
+    times = thin.columns["frame"] / thin.frame_rate + start
+    np.testing.assert_allclose(times, frames[rows] / 30, atol=1e-12)
+    assert {*frames[rows]} == {*range(first, first + 43, every)}
+    convert(tmp_path / "thin.h5", output=tmp_path / "thin.trc", up="y")
+    table = np.genfromtxt(tmp_path / "thin_a.trc", skip_header=5)
+    assert table[-1, 1] - table[0, 1] == pytest.approx(42 // every * every / 30)
+    assert np.isfinite(table).all()

@@ -38,7 +38,8 @@ def write_trc(path: Path, motion: Motion) -> None:
         for start in range(0, len(motion.points), BLOCK):
             rows = slice(start, start + BLOCK)
             frames = motion.frames[rows]
-            table = np.column_stack([frames / motion.rate, _cells(motion, rows)])
+            times = np.round(frames / motion.rate, 9)
+            table = np.column_stack([times, _cells(motion, rows)])
             file.write(_lines(frames.tolist(), table))
 
 

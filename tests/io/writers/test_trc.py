@@ -95,3 +95,11 @@ def test_two_items_of_one_frame(tmp_path, scene, problems):
     assert "'film/anna/0' and 'film/anna/1' are of one frame" in line
     assert "track: nearest" in line
     assert not list(tmp_path.iterdir())
+
+
+def test_times_of_a_rate_that_is_nearly_25_are_short(tmp_path, scene):
+    """Other tools state rates such as 1 / 0.04: 99 frames end at 3.96 s, not 3.9599...95."""
+    result = scene.result.replaced(frame_rate=25.000000000000004, frame=np.arange(96, 100))
+    save(tmp_path / "man.trc", result)
+    cells = [line.split("\t")[1] for line in (tmp_path / "man.trc").read_text().splitlines()[5:]]
+    assert cells == ["3.84", "3.88", "3.92", "3.96"]
