@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
 import gc
 import os
 import signal
@@ -29,26 +28,8 @@ INTERNAL_ERROR = 3
 PIPE_CLOSED = 128 + signal.SIGPIPE
 
 
-GONE = {
-    "simulate": "run `python -m experiments recovery FOLDER` in a clone (make recovery)",
-    "sweep": "call `shapefit.fit` and `shapefit.evaluate` for each value (docs/experiments.md)",
-}
-"""Commands of the release before -> what replaces them; for one release."""
-
-
-class Commands(click.Group):
-    """All commands; one that there was is an error that says what replaces it."""
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return a command by its name; raise InputError for one that is gone."""
-        if cmd_name in GONE and not ctx.resilient_parsing:
-            raise InputError(f"the command `{cmd_name}` is gone: {GONE[cmd_name]}")
-        return super().get_command(ctx, cmd_name)
-
-
 @click.group(
     name="shapefit",
-    cls=Commands,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
     epilog="""\b
 Exit codes:
@@ -73,8 +54,8 @@ Completion in the shell (bash; zsh and fish alike):
 def commands() -> None:
     """Lift 2D landmarks in single images to 3D shapes with a convex program.
 
-    Each command reads a YAML config; arguments and --set override it. Messages go to stderr, data
-    to files or stdout.
+    Each command reads a YAML config; options and --set override it. Messages go to stderr, data to
+    files or stdout.
     """
 
 
@@ -133,16 +114,14 @@ def _run(arguments: Sequence[str]) -> int:
 
 
 def _internal_error(error: Exception) -> int:
-    from shapefit.stores import masked
-
     if os.environ.get(TRACEBACK_VARIABLE) == "1":
         import traceback
 
-        sys.stderr.write(masked("".join(traceback.format_exception(error))))
+        sys.stderr.write("".join(traceback.format_exception(error)))
         hint = "this is a bug in shapefit"
     else:
         hint = f"this is a bug in shapefit; --traceback or {TRACEBACK_VARIABLE}=1 shows where"
-    text = masked(" ".join(str(error).split()))
+    text = " ".join(str(error).split())
     tell(f"Internal error: {type(error).__name__}: {text} ({hint})")
     return INTERNAL_ERROR
 
@@ -172,6 +151,9 @@ def _stopped(number: int) -> int:
 
 def main() -> NoReturn:
     """Run the command line of this process; signals unwind it, so that no half file is left."""
+    # Threads are the core's. On a busy machine those of BLAS wait for one another: a fit of
+    # sequences took 9 times as long with two of them as with one.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.disable()  # `run_command` enables it: what is imported until then stays
     occupy_closed_streams()
     heard = [each for each in STOPPING if signal.getsignal(each) is not signal.SIG_IGN]
@@ -183,8 +165,4 @@ def main() -> NoReturn:
         code = _stopped(_signals[0])
     for number in heard:
         signal.signal(number, signal.SIG_DFL)  # all is done, and nothing is left to unwind
-    atexit._run_exitfuncs()
-    for stream in (sys.stdout, sys.stderr):
-        if stream is not None:
-            stream.flush()
-    os._exit(code)  # to take all objects apart one by one takes a tenth of the time of one image
+    sys.exit(code)

@@ -1,11 +1,11 @@
-"""The options that commands share."""
+"""Options of the command line: those that are keys of a config, and those that commands share."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
@@ -13,6 +13,38 @@ if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
 TRACEBACK_VARIABLE = "SHAPEFIT_TRACEBACK"
+
+
+class Key(NamedTuple):
+    """An option that sets a key of the config, `a.b` in a section."""
+
+    key: str
+    option: click.Option
+
+
+def key(
+    names: str,
+    help: str,
+    metavar: str | None,
+    type: Any = None,
+    *,
+    to: str = "",
+    multiple: bool = False,
+) -> Key:
+    """Return the option of these names for the key `to`, by default called as the last name.
+
+    Without metavar it is a flag, which is None where it is not given.
+    """
+    to = to or names.split()[-1].lstrip("-").replace("-", "_")
+    settings: dict[str, Any] = {"type": type, "multiple": multiple}
+    if metavar is None:
+        settings = {"default": None, "is_flag": True}
+    return Key(to, option(f"{names} {identifier(to)}", help, metavar, **settings))
+
+
+def identifier(key: str) -> str:
+    """Return a key as click names a parameter."""
+    return f"key_{key.replace('.', '__')}"
 
 
 def option(names: str, help: str, metavar: str | None = None, **settings: Any) -> click.Option:
@@ -35,19 +67,17 @@ def _not_both(context: click.Context, _option: click.Parameter, verbose: bool) -
 class Named(click.types.StringParamType):
     """A text that the shell completes: with one of these names, or else with a file."""
 
-    def __init__(self, names: Callable[[], Iterable[str]], help: str = "") -> None:
-        self._names, self._help = names, help
+    def __init__(self, names: Callable[[], Iterable[str]]) -> None:
+        self._names = names
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
     ) -> list[CompletionItem]:
-        """Offer the names that begin so; where none does, and they are of files, files."""
+        """Offer the names that begin so; where none does, files."""
         from click.shell_completion import CompletionItem
 
-        fitting = [name for name in self._names() if name.startswith(incomplete)]
-        found = [CompletionItem(name, help=self._help or None) for name in fitting]
-        files = click.Path().shell_complete(ctx, param, incomplete) if self._help else []
-        return found or files
+        found = [CompletionItem(name) for name in self._names() if name.startswith(incomplete)]
+        return found or click.Path().shell_complete(ctx, param, incomplete)
 
 
 def _dictionaries() -> Iterable[str]:
@@ -56,7 +86,7 @@ def _dictionaries() -> Iterable[str]:
     return find_dictionaries()
 
 
-DICTIONARY = Named(_dictionaries, "installed dictionary")
+DICTIONARY = Named(_dictionaries)
 """A file, or the name of an installed dictionary."""
 
 
@@ -68,25 +98,22 @@ def _configs(command: str) -> Iterable[str]:
 
 def config_options(command: str) -> list[click.Option]:
     """Return -c, --set and --print-config, which every command with a config has."""
-    config = "YAML config, or the name of an installed one, such as cars; - is stdin. The keys "
-    config += f"are listed by `shapefit config {command}`."
-    key = "Set a key of the config, or a key inside one: --set a.b=c. Repeatable."
-    names = Named(partial(_configs, command), "installed config")
+    config = "Config file (- is stdin), or the name of an installed one."
+    keys = f"Set any key of the config (shapefit config {command}). Repeatable."
     return [
-        option("-c --config config_path", config, "CONFIG", type=names),
-        option("--set overrides", key, "KEY=VALUE", multiple=True),
+        option("-c --config config_path", config, "CONFIG", type=Named(partial(_configs, command))),
+        option("--set overrides", keys, "KEY=VALUE", multiple=True),
         option("--print-config", "Print the config with every default as YAML, and exit."),
-        option("--json as_json", "Print what was done as JSON to stdout."),
     ]
 
 
 def reporting_options() -> list[click.Option]:
-    """Return -q, -v and --traceback, which every command has."""
-    everything = "List every warning, failed item and written file, and name the config."
+    """Return --json, -q, -v and --traceback, which every command has."""
     where = f"Show where an internal error arose (as {TRACEBACK_VARIABLE}=1 does)."
     show = partial(option, "--traceback", callback=_show_tracebacks)
     return [
+        option("--json as_json", "Print one JSON object to stdout at the end."),
         option("-q --quiet", "Print only errors and failed items.", is_eager=True),
-        option("-v --verbose", everything, callback=_not_both),
+        option("-v --verbose", "Show all warnings, failed items and files.", callback=_not_both),
         show(where, is_eager=True, expose_value=False),
     ]

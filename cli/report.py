@@ -84,12 +84,13 @@ class Report:
                 elif not self.quiet and time.monotonic() - told >= SECONDS_BETWEEN_LINES:
                     told = time.monotonic()
                     tell(self._progress(outcome.total, note))
-        if self.prints_note:
-            click.echo(self.note)
         if self.as_json:
             import json
 
             click.echo(json.dumps(self.values(), ensure_ascii=False, default=str))
+            return self.exit_code
+        if self.prints_note:
+            click.echo(self.note)
         for line in self.lines():
             tell(line)
         return self.exit_code
@@ -198,7 +199,8 @@ class Report:
         return ", ".join(map(_shown, self.written))
 
     def _progress(self, total: int | None, note: str) -> str:
-        reached = f"{self.done}" + (f" of {total}" if total is not None else "")
+        known = total is not None and self.done <= total
+        reached = f"{self.done} of {total}" if known else f"{self.done}"
         seconds = time.monotonic() - self._started
         words = f"{self.command}: {reached} {self.unit}s, {seconds:.0f} s"
         return f"{words}; {note}" if note else words

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+import json
 import shutil
 from pathlib import Path
 
@@ -14,33 +14,29 @@ from .report import Report
 
 
 def _verify(
-    result: str, dictionary: str, landmarks: tuple[str, ...], quiet: bool, verbose: bool
+    result: str,
+    dictionary: str,
+    landmarks: tuple[str, ...],
+    quiet: bool,
+    verbose: bool,
+    as_json: bool,
 ) -> int:
-    # Chunks are checked side by side: threads within a product would stand in each other's way.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from shapefit.pipelines.verify import Request, run
-    from shapefit.stores import location
-
-    report = Report("verify", "image", quiet, verbose, prints_note=True)
-    files = tuple(map(location, landmarks))
-    return report.follow(run(Request(location(result), _find(dictionary), files)))
-
-
-def _find(dictionary: str) -> Path:
-    """Return the file at a path, or the installed dictionary of that name."""
-    from shapefit.stores import location
-
-    path = location(dictionary)
-    if path.is_file():
-        return path
     from shapefit.config.paths import find_dictionaries
+    from shapefit.pipelines.verify import Request, run
 
-    return find_dictionaries().get(dictionary, path)
+    report = Report("verify", "image", quiet, verbose, prints_note=True, as_json=as_json)
+    path = Path(dictionary)
+    path = path if path.is_file() else find_dictionaries().get(dictionary, path)
+    return report.follow(run(Request(Path(result), path, tuple(map(Path, landmarks)))))
 
 
-def _config(command: str, section: str) -> int:
-    from shapefit.config.reference import keys_text
+def _config(command: str, section: str, as_json: bool) -> int:
+    from shapefit.config.reference import find_rows, keys_text
 
+    if as_json:
+        rows = [row._asdict() for row in find_rows(command, section)]
+        click.echo(json.dumps({"command": "config", "keys": rows}, ensure_ascii=False))
+        return 0
     width = min(100, shutil.get_terminal_size().columns)
     click.echo(keys_text(command, section, width), nl=False)
     return 0
@@ -77,6 +73,7 @@ config = click.Command(
     params=[
         click.Argument(["command"], type=click.Choice([spec.name for spec in COMMANDS])),
         click.Argument(["section"], required=False, default=""),
+        option("--json as_json", "Print one JSON object to stdout."),
     ],
     short_help="List the config keys of a command.",
     help="""List the config keys of a command: what each expects, its default, what it means.

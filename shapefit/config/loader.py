@@ -41,7 +41,7 @@ MAX_BYTES = 1 << 20
 SIMILAR = 0.65
 """Share of letters in common from which on a name is taken for a misspelt one."""
 
-OF_ONE_DATA_SET = ("leave_one_out", "camera", "match", "groups", "truth_frame")
+OF_ONE_DATA_SET = ("leave_one_out", "principal_point", "match", "groups", "truth_frame")
 """Keys of an installed config that count only for its own data, as its paths do."""
 
 _PACKAGE = Path(__file__).resolve().parents[1]
@@ -192,8 +192,9 @@ class _Values:
             else:
                 anchor = partial(in_folder, folder=Path.cwd() / file.path.parent)
                 owner[key] = change_texts(owner[key], anchor)
-        for key in OF_ONE_DATA_SET if file.is_preset else ():
-            self.values.pop(key, None)
+        for owner in (self.values, self.values.get("camera", {})) if file.is_preset else ():
+            for key in OF_ONE_DATA_SET:
+                owner.pop(key, None)
 
     def read_option(self, option: str) -> None:
         """Take `a.b=value`, the argument of a --set option; the value is YAML, or a bare `-`."""

@@ -30,7 +30,7 @@ Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no
 - `-c NAME` stands for the command's own file of an installed folder: `-c cars` of `fit` is
   `configs/cars/fit.yaml`, and `-c sequences` is `configs/people/sequences.yaml`. An existing file
   of that name is preferred. Of an installed file what applies only to its own data is ignored:
-  paths, `leave_one_out`, `camera`, `match`, `groups` and `truth_frame`.
+  paths, `leave_one_out`, `camera.principal_point`, `match`, `groups` and `truth_frame`.
 - `-d NAME`, or `dictionary: NAME` in a file, stands for an installed dictionary, such as `people`.
   An existing file of that name is preferred.
 - `--print-config` prints the resolved config, with every default; `shapefit config COMMAND` prints
@@ -49,17 +49,22 @@ def keys_text(command: str, section: str = "", width: int = 80) -> str:
 
     Raises InputError where the command has no such section.
     """
+    lines = []
+    for key in find_rows(command, section):
+        default = key.default if key.default == "required" else f"default {key.default}"
+        lines += [f"{key.name}: {key.expects}; {default}".replace("`", "")]
+        lines += [*wrap(key.meaning, width, initial_indent="    ", subsequent_indent="    ")]
+    return "\n".join(lines) + "\n"
+
+
+def find_rows(command: str, section: str = "") -> list[Key]:
+    """Return the keys of a command, or those of one section; raises InputError for no section."""
     keys = [key for key in rows(CONFIGS[command]) if is_in(section, key.name)]
     if not keys:
         sections = dict.fromkeys(key.name.split(".")[0] for key in rows(CONFIGS[command]))
         found = f"there is no key or section '{section}'"
         raise input_error(f"config {command}", found, f"name one of: {', '.join(sections)}")
-    lines = []
-    for key in keys:
-        default = key.default if key.default == "required" else f"default {key.default}"
-        lines += [f"{key.name}: {key.expects}; {default}".replace("`", "")]
-        lines += [*wrap(key.meaning, width, initial_indent="    ", subsequent_indent="    ")]
-    return "\n".join(lines) + "\n"
+    return keys
 
 
 def is_in(section: str, key: str) -> bool:

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from shapefit.config import InfoConfig
+from shapefit.config import CONFIGS, InfoConfig
+from shapefit.config.loader import find_presets
 from shapefit.config.paths import find_dictionaries
 from shapefit.dictionary.model import SUITS, describe_learning, origin_of
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
@@ -50,6 +51,9 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
 
     Raises InputError where none can be read.
     """
+    if not config.files:
+        yield Outcome(note=describe_installed())
+        return
     options = input_options(config)
     for path in config.files:
         if is_stream(path):
@@ -104,6 +108,17 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
         note="\n\n".join(map(_as_text, told)),
         data=lambda: [{key or "name": text for key, text in lines} for lines in told],
     )
+
+
+def describe_installed() -> str:
+    """Return the names of installed dictionaries, configs and skeletons, for the terminal."""
+    configs = {command: ", ".join(find_presets(command)) for command in CONFIGS}
+    lines = ["dictionaries (-d NAME)", f"  {', '.join(find_dictionaries())}", "configs (-c NAME)"]
+    lines += [f"  {command}: {names}" for command, names in configs.items() if names]
+    skeletons = installed_skeletons().values()
+    lines += ["skeletons (--keypoints NAME)"]
+    lines += [f"  {each.name}: {len(each.landmark_names)} landmarks" for each in skeletons]
+    return "\n".join(lines)
 
 
 def _as_text(lines: Sequence[Line]) -> str:

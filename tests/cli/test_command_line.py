@@ -12,7 +12,8 @@ import pytest
 from shapefit.cli.commands import COMMANDS
 
 from shapefit.config import CONFIGS, load_config
-from shapefit.config.model import dotted_keys, field_keys
+from shapefit.config.model import field_keys
+from shapefit.config.reference import rows
 from shapefit.errors import InputError, path_text, printable
 from shapefit.pipelines import verify
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
@@ -108,7 +109,7 @@ def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folde
     shapefit(*line.split(), "-d", "shapes.h5")
     (config,) = configs
     assert config.landmarks == (folder / "views.h5", folder / "dict.h5")
-    assert (config.output, config.lam, config.outliers.method) == (folder / "out.csv", 1e-3, "l1")
+    assert (config.output, config.lam, config.outliers) == (folder / "out.csv", 1e-3, "l1")
     configs = fake_pipeline("view.run", [Outcome(done=3, written=(folder / "page.html",))])
     line = "view result.h5 views.h5 --truth shapes.h5 --truth views.h5 -d dict.h5 -o page.html"
     told = shapefit(*line.split(), "--set", "images=frames/{item}.png")
@@ -181,9 +182,7 @@ def test_progress_is_a_line_now_and_then_without_a_terminal(shapefit, fake_pipel
 def test_every_key_is_listed_and_printed_without_inputs(shapefit, command):
     told = shapefit("config", command)
     listed = {line.split(":")[0] for line in told.out.splitlines() if line[0] != " "}
-    keys = set(dotted_keys(CONFIGS[command])) - {"data", "storage_options"}
-    sections = {key.rpartition(".")[0] for key in keys}
-    assert {key for key in keys - listed if "." not in key} <= sections | listed <= sections | keys
+    assert listed == {row.name for row in rows(CONFIGS[command])}
     told = shapefit(command, "--print-config")
     assert (told.code, told.err) == (0, "")
     printed = {line.split(":")[0] for line in told.out.splitlines() if line[0] not in " -"}
@@ -215,10 +214,10 @@ def complete(words: str, kind: str = "bash_complete") -> list[str]:
     return [answer.split(",", 1)[-1] for answer in done.stdout.splitlines()]
 
 
-def test_the_shell_completes_commands_configs_and_keys():
+def test_the_shell_completes_commands_configs_and_dictionaries():
     assert complete("shapefit learn") == ["learn-dict"]
     assert complete("shapefit fit -c car") == ["cars"]
-    assert complete("shapefit fit --set outliers.thr") == ["outliers.threshold="]
+    assert complete("shapefit fit -d peo") == ["people"]
     assert "#compdef shapefit" in complete("shapefit", "zsh_source")
 
 

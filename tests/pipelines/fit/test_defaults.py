@@ -56,7 +56,7 @@ def test_half_of_the_images_decide_whether_there_are_sequences(chosen, sequences
         (["method=sequences"], "sequences", 0.01),
         (["method=posterior", "prior.residual_variance=0.3"], "posterior", 0.3),
         (["method=convex"], "convex", None),
-        (["outliers=ransac"], "convex", None),
+        (["outliers=l1"], "convex", None),
         (["leave_one_out=item"], "convex", None),
         (["prior.scale=2"], "sequences", 0.01),
     ],

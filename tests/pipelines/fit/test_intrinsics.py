@@ -141,7 +141,7 @@ def fit(fit, project, dictionary):
 
     def fitted(**camera):
         views = project / "sample_data" / "cars_views.h5"
-        keys = {"method": "convex+refine", "lam": 1.0, "camera_matrix": camera}
+        keys = {"method": "convex+refine", "lam": 1.0, "camera": camera}
         found, outcomes = fit(dictionary, views, **keys)
         assert not failures(outcomes)
         return found, warnings(outcomes)

@@ -121,8 +121,9 @@ def test_four_landmarks_are_searched_and_four_that_agree_are_enough(run, views, 
     p = landmarks.shape[2]
     landmarks[:, :, ~np.isin(np.arange(p), [0, p // 3, 2 * p // 3, p - 1])] = np.nan
     landmarks[1] = np.where(np.isfinite(landmarks[1]), rng.uniform(0, 1e3, (2, p)), np.nan)
-    search = {"method": "ransac", "threshold": 0.05}
-    found, failures = run(images.replaced(landmarks=landmarks), outliers=search)
+    found, failures = run(
+        images.replaced(landmarks=landmarks), outliers="ransac", outlier_threshold=0.05
+    )
     assert list(failures) == [images.items[1]]
     assert "of 4 visible landmarks agree" in failures[images.items[1]]
     assert not found.columns["outliers"][0].any()

@@ -123,7 +123,7 @@ def halves(bodies, tmp_path_factory):
 
 def test_two_recordings_in_one_run_and_in_parts_are_the_same_bits(halves, tmp_path):
     inputs = [halves / "a", halves / "b"]
-    keys = {"input": {"keypoints": "body_25"}}
+    keys = {"keypoints": "body_25"}
     fit(inputs, tmp_path / "one.h5", **keys)
     told = fit(inputs, f"{tmp_path}/parts/", partition=10, **keys)
     assert len(list((tmp_path / "parts").glob("part-*"))) == 2

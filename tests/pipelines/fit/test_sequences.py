@@ -148,8 +148,8 @@ def test_noise_stated_to_be_small_brings_the_landmarks_nearer(people):
 def test_a_lone_image_is_refined_where_lengths_were_measured(people, project, tmp_path):
     images = load(people / "views.h5").take(slice(0, 2)).replaced(sequences=("a", "b"))
     path = written(tmp_path / "two.h5", images)
-    known = {"lengths": project / "sample_data/people_test.h5"}
-    measured, _ = fitted(people, path, sequences=known)
+    known = project / "sample_data/people_test.h5"
+    measured, _ = fitted(people, path, bone_lengths=known)
     assert np.isfinite(measured.columns["sequence_noise"]).all()
     usual, _ = fitted(people, path)
     assert np.isnan(usual.columns["sequence_noise"]).all()

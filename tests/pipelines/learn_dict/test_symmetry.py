@@ -71,14 +71,14 @@ def test_meshes_are_left_out_and_a_warning_says_why(make, shapes, rng):
     dictionary, outcomes = make(meshed, mirror=True, **PLAIN)
     assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
     (warning,) = outcomes[0].warnings
-    assert warning.startswith("the meshes are left out: `symmetry` mirrors landmarks")
+    assert warning.startswith("the meshes are left out: `mirror` mirrors landmarks")
     dictionary, outcomes = make(meshed, **PLAIN)
     assert outcomes[0].warnings == ()
     assert dictionary.mesh_vertices.shape == (6, 3, 4)
 
 
 def test_shapes_without_pairs_are_refused(make, shapes):
-    with pytest.raises(InputError, match=r"has no dataset `mirror_index`; give `mirror`"):
+    with pytest.raises(InputError, match=r"has no dataset `mirror_index`; name the pairs"):
         make(shapes.replaced(further={}), mirror=True, **PLAIN)
 
 

@@ -16,7 +16,6 @@ from tests.io.files import load, save
 
 TERMS = {
     "squared": {},
-    "exact": {"loss": "exact"},
     "l1": {"outliers": "l1"},
     "sparse-error": {"outliers": "sparse-error"},
 }

@@ -14,31 +14,37 @@ from tests.io.files import load, save
 from tests.pipelines.fitted import fit_file
 from tests.pipelines.verify.conftest import TERMS
 
-PERSPECTIVE = {"model": "perspective", "intrinsics": "camera_matrix"}
+PERSPECTIVE = {"focal": "files"}
 ALL, NONE = True, False
 
 KEYS = [
     *(("people", term, ALL) for term in TERMS.values()),
-    *(("people", term | {"solver": {"max_iterations": 1}}, ALL) for term in TERMS.values()),
     ("people", {"method": "convex+refine"}, ALL),
-    ("people", {"method": "convex+refine", "outliers": {"method": "l1"}}, ALL),
-    ("people", {"method": "convex+refine", "lam": 0.01, "alternation": {"signed": True}}, ALL),
+    ("people", {"method": "convex+refine", "outliers": "l1"}, ALL),
+    ("people", {"method": "convex+refine", "lam": 0.01, "signed": True}, ALL),
     ("people", {"method": "alternate"}, NONE),
     ("people", {"method": "mean-shape"}, NONE),
-    ("people", {"method": "global", "search": {"max_cells": 2000}}, NONE),
+    ("people", {"method": "global"}, NONE),
     ("people", {"lam": 50.0}, ALL),
     ("people", {"lam": "auto", "noise": 3.0}, ALL),
-    ("people", {"solver": {"tolerance": 1e-12}}, ALL),
-    ("people", {"proof": False}, NONE),
-    *(("cars", {**term, "leave_out": "true_model", "lam": 1.0}, ALL) for term in TERMS.values()),
-    ("cars", {"outliers": {"method": "ransac"}}, ALL),
-    ("cars", {"camera": PERSPECTIVE, "outliers": {"method": "l1"}}, ALL),
-    ("cars", {"camera": PERSPECTIVE, "method": "convex+refine", "leave_out": "true_model"}, ALL),
+    ("people", {"tolerance": 1e-12}, ALL),
+    ("people", {"save": {"proof": False}}, NONE),
+    *(
+        ("cars", {**term, "leave_one_out": "true_model", "lam": 1.0}, ALL)
+        for term in TERMS.values()
+    ),
+    ("cars", {"outliers": "ransac"}, ALL),
+    ("cars", {"camera": PERSPECTIVE, "outliers": "l1"}, ALL),
+    (
+        "cars",
+        {"camera": PERSPECTIVE, "method": "convex+refine", "leave_one_out": "true_model"},
+        ALL,
+    ),
     ("cars", {"camera": PERSPECTIVE, "method": "mean-shape"}, NONE),
-    ("prior", {"method": "posterior", "posterior": {"covariance": True}}, NONE),
+    ("prior", {"method": "posterior", "save": {"covariance": True}}, NONE),
     ("walk", {"method": "convex"}, ALL),
     ("walk", {"method": "posterior"}, NONE),
-    ("walk", {"method": "sequences", "sequences": {"frame_rate": 24}}, NONE),
+    ("walk", {"method": "sequences", "frame_rate": 24}, NONE),
 ]
 
 
@@ -57,7 +63,7 @@ def test_an_honest_result_is_accepted(
 
 
 def test_pursuit_is_accepted(world, verify):
-    result = world.fit("people", "bases of people", method="pmp", transforms=True)
+    result = world.fit("people", "bases of people", method="pmp")
     found = verify(result, world.dictionary("bases of people"), [world.images("people")])
     assert (found.failures, found.data["certified"]) == ({}, 0)
     assert "has no certificate" in found.note
@@ -98,8 +104,8 @@ def test_every_kind_of_file_is_accepted(
 ):
     files = persons if form == "folder" else tables[form]
     files = files if parts else files[:1]
-    keys = {"sequences": {"frame_rate": 24}} if method == "sequences" else {}
-    keys |= {"input": {"keypoints": "body_25"}} if form == "folder" else {}
+    keys = {"frame_rate": 24} if method == "sequences" else {}
+    keys |= {"keypoints": "body_25"} if form == "folder" else {}
     dictionary = dictionaries["prior" if method in ("posterior", "sequences") else "people"]
     output = f"{tmp_path}/out/" if parts else str(tmp_path / "out.h5")
     if parts:
@@ -181,14 +187,14 @@ def test_csv_cannot_be_verified(tmp_path, verify, dictionaries):
 
 def test_chunks_do_not_matter(fitted, verify, dictionaries, monkeypatch):
     monkeypatch.setattr("shapefit.pipelines.verify.AT_A_TIME", 1)
-    found = verify(fitted("cars", lam=1.0, leave_out="true_model"), dictionaries["cars"])
+    found = verify(fitted("cars", lam=1.0, leave_one_out="true_model"), dictionaries["cars"])
     assert (found.failures, found.done) == ({}, 108)
 
 
 REAL = [
     *(("people", term) for term in TERMS.values()),
     ("people", {"method": "convex+refine"}),
-    *(("cars", {"lam": 1.0, "leave_out": "true_model"} | term) for term in TERMS.values()),
+    *(("cars", {"lam": 1.0, "leave_one_out": "true_model"} | term) for term in TERMS.values()),
 ]
 
 

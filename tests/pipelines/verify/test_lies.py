@@ -22,7 +22,7 @@ CASES = {
     **{loss: ("people", term) for loss, term in TERMS.items()},
     "refined": ("people", {"method": "convex+refine"}),
     "global": ("people", {"method": "global", "search": {"max_cells": 2000}}),
-    "left out": ("cars", {"lam": 1.0, "leave_out": "true_model"}),
+    "left out": ("cars", {"lam": 1.0, "leave_one_out": "true_model"}),
     "posterior": ("walk", {"method": "posterior"}),
 }
 """Kinds of results."""
@@ -197,7 +197,7 @@ def test_other_landmarks_are_found(fitted, verify, dictionaries, landmarks, tmp_
 
 WRONG_CONFIGS = ["", "[]", "{}", "no", '{"method": "convex"}', "[" * 60_000, '{"a":' * 60_000]
 WRONG_KEYS = [
-    {"landmarks": 3}, {"method": ["convex"]}, {"solver": {"tolerance": "fine"}}, {"input": 7},
+    {"landmarks": 3}, {"method": ["convex"]}, {"tolerance": "fine"}, {"input": 7},
     {"method": "magic"}, {"input": {"rename": 5}}, {"camera": []}, {"outliers": {"method": {}}},
 ]  # fmt: skip
 
