@@ -108,7 +108,7 @@ def measure_eval(case: str, new: Environment, folder: Path) -> Row:
     for number in range(EVALUATED // PART):
         write_judged(parts, number)
     command: list[str | Path] = [new.command, "eval", *sorted(parts.glob("part-*.h5")), "-q"]
-    command += ["--truth", "truth-*.h5", "-o", "report", "--set", "view=false"]
+    command += ["--truth", "truth-*.h5", "-o", "report"]
     return reached(case, FAST, EVALUATED / timed(command, parts, spent).seconds)
 
 

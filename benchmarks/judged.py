@@ -86,9 +86,8 @@ def coverage(report: Path) -> list[str]:
     """Shares inside the 50% and 90% ellipsoids, and the normalised width, of methods with bars."""
     texts = {}
     for row in json.loads(report.read_text(encoding="utf-8"))["calibration"]:
-        if row["landmark"] is None:
-            half, most = (f"{100 * share:.0f}%" for share in row["inside"])
-            texts[row["method"]] = f"{half} / {most} / {row['median_width']['normalised']:.2f}"
+        half, most = (f"{100 * share:.0f}%" for share in row["inside"])
+        texts[row["method"]] = f"{half} / {most} / {row['median_width']['normalised']:.2f}"
     return [texts.get(method, "") for method in WITH_BARS]
 
 

@@ -14,7 +14,6 @@ from benchmarks.oracles import oracle_rows
 from experiments.recovery import Shares, rotation_sections
 from experiments.sensitivity import Point, read_points
 from shapefit.evaluation.report import markdown_table
-from shapefit.viewer.report_page import add_section
 
 PUBLISHED_MILLISECONDS = {"convex": 330, "alternate": 440, "pmp": 3020}
 """Time of a frame in the paper: MATLAB on an i7 with 3.4 GHz."""
@@ -51,7 +50,7 @@ def quoted_shares() -> Shares:
 
 
 def add_published(name: str, folder: Path) -> str:
-    """Add what was published (mocap), or oracles (cars), to report.md and .html of an evaluation.
+    """Add what was published (mocap), or oracles (cars), to report.md of an evaluation.
 
     Returns the new part in Markdown; done again, it takes the place of the former.
     """
@@ -66,9 +65,6 @@ def add_published(name: str, folder: Path) -> str:
     path = folder / "report.md"
     before = path.read_text(encoding="utf-8").partition("\n## Published\n")[0]
     path.write_text(f"{before.rstrip()}\n\n{page}", encoding="utf-8")
-    html = folder / "report.html"
-    if html.is_file():
-        html.write_text(add_section(html.read_text("utf-8"), parts), encoding="utf-8")
     return page
 
 
@@ -116,15 +112,11 @@ def _mocap(report: Mapping[str, Any]) -> list[str]:
         "Mean over sequences of the mean error up to a similarity, for shapes of unit standard "
         "deviation. All metrics, and the counts of images: [mocap/report.md](mocap/report.md).",
         "\n".join(f"- {caveat}" for caveat in quoted("mocap")["caveats"]),
-        "### Every sequence (fig. barplot-human)",
-        "![Errors of every sequence](mocap/similarity.png)",
         "### Spread over images (fig. boxplot-human)",
-        "![Box plots of the errors](mocap/similarity_boxes.png)",
+        "![Errors of all images, sorted](mocap/errors.png)",
         f"Mean objectives here: {of_one_program}. The paper's box plot and objectives are of "
         "subject 15, which is not in these data; medians read off it: *Convex 0.180, Alternate "
         "0.267, Alternate+ 0.229*; mean objectives: *Alternate 0.24, Alternate+ 0.17*.",
-        "### Example frames in a novel view (fig. vis-human)",
-        "Every image, to turn: [mocap/view.html](mocap/view.html).",
     ]
 
 

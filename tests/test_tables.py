@@ -143,7 +143,7 @@ def test_a_metric_is_a_function_and_an_entry(folder):
         "eval -o report --set metrics=[wort]",
     )
     assert "found 'wort'; did you mean 'worst'?" in done.stderr
-    assert any(path.name.startswith("worst") for path in (folder / "report").rglob("*.svg"))
+    assert "worst (steps)" in (folder / "report/report.md").read_text(encoding="utf-8")
     with h5py.File(folder / "result.h5") as result:
         left = np.linalg.norm(result["landmarks_fitted"][:] - result["landmarks"][:], axis=2)
     np.testing.assert_allclose(errors_of(folder, "worst"), left[:, :2].max(axis=1))

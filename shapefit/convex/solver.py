@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,7 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Loss, Problem
+from shapefit.convex.span import Reduced, reductions
 from shapefit.convex.transforms import Transforms
 
 
@@ -67,8 +70,19 @@ def solve_newton(
     `threads` = 0 means all cores. For the EXACT loss the relative residual ||W - sum M_i B_i|| /
     ||W|| must fall below the tolerance too, and the gap is nan where it does not. An image with
     fewer than two visible landmarks is DEGENERATE. The method is written down in
-    shapefit/core/convex/newton.hpp.
+    shapefit/core/convex/newton.hpp. Large shapes are solved in the span of the atoms, see `span`.
     """
+    parts = reductions(problem)
+    solve = partial(
+        solve_directly, tolerance=tolerance, max_iterations=max_iterations, threads=threads
+    )
+    return solve(problem) if parts is None else solve_in_span(problem, parts, solve, threads)
+
+
+def solve_directly(
+    problem: Problem, *, tolerance: float, max_iterations: int, threads: int
+) -> Solution:
+    """Solve every image with all of its landmarks."""
     n, _, p = problem.landmarks.shape
     k = len(problem.atoms)
     first, count = np.zeros(n, np.int64), np.zeros(n, np.int64)
@@ -91,6 +105,50 @@ def solve_newton(
     transforms = Transforms.gathered(first, count, atom, blocks, k)
     status = read_statuses(codes)
     return Solution(transforms, translation, dual, errors, objective, gap, residual, steps, status)
+
+
+def solve_in_span(
+    problem: Problem,
+    parts: Iterable[Reduced],
+    solve: Callable[[Problem], Solution],
+    threads: int,
+) -> Solution:
+    """Solve the reductions, and certify their solutions as those of the problem.
+
+    The part of the landmarks that the atoms do not span joins the objective, never the gap's
+    numerator: a reduction that is solved to the tolerance solves the problem to it.
+    """
+    n, _, p = problem.landmarks.shape
+    dual, order, solved = np.zeros((n, 2, p)), [], []
+    for part in parts:
+        found = solve(part.problem)
+        dual[part.rows] = part.expand(found.dual, problem)
+        order.append(part.rows)
+        solved.append(found)
+    back = np.argsort(np.concatenate(order))
+    transforms = Transforms.joined([found.transforms for found in solved]).take(back)
+    status = [status for found in solved for status in found.status]
+    status = [status[row] for row in back.tolist()]
+    translation, objective = np.zeros((n, 2)), np.full(n, np.nan)
+    gap, residual = np.full(n, np.nan), np.full(n, np.nan)
+    core.certify(
+        **problem.arrays, **transforms.arrays, delta=1.0, bound=problem.bound,
+        translation=translation, dual=dual, errors=np.zeros((n, 2, 0)),
+        objective=objective, relative_gap=gap, residual=residual, threads=threads,
+    )  # fmt: skip
+    lost = np.array([each is Status.DEGENERATE for each in status])
+    objective[lost] = gap[lost] = residual[lost] = np.nan
+    return Solution(
+        transforms,
+        translation,
+        dual,
+        np.broadcast_to(0.0, dual.shape),
+        objective,
+        gap,
+        residual,
+        np.concatenate([found.iterations for found in solved])[back],
+        tuple(status),
+    )
 
 
 def find_outliers(problem: Problem, solution: Solution) -> NDArray[np.bool_] | None:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats
+from shapefit.arrays import Floats
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
 from shapefit.evaluation.summaries import labels_of
 
@@ -25,9 +25,6 @@ QUANTILE = 6.251388631170325
 INSIDE = f"inside_{100 * WIDTH_OF:.0f}"
 """What the share of an image is called."""
 
-CURVE = tuple(np.linspace(0, 1, 41).tolist())
-"""Nominal levels at which the share of all landmarks is drawn."""
-
 FARTHEST = math.exp(5)
 """Squared Mahalanobis distance beyond which no factor makes error bars true."""
 
@@ -42,13 +39,12 @@ PAIRS = ((0, 1), (0, 2), (1, 2))
 class ErrorBars:
     """The truth in the error bars of n images of one method.
 
-    landmarks (p), sequences (n); square (n, p): the squared Mahalanobis distance of the truth,
-    chi^2 with 3 degrees of freedom where error bars are true; width (n, p): root of the mean
-    squared semi-axis of the 90% ellipsoid, by unit. nan where there is no truth or no error bar.
-    parallel: without correlations, so that the ellipsoids are parallel to the axes of the camera.
+    sequences (n); square (n, p): the squared Mahalanobis distance of the truth, chi^2 with 3
+    degrees of freedom where error bars are true; width (n, p): root of the mean squared semi-axis
+    of the 90% ellipsoid, by unit. nan where there is no truth or no error bar. parallel: without
+    correlations, so that the ellipsoids are parallel to the axes of the camera.
     """
 
-    landmarks: tuple[str, ...]
     sequences: tuple[str, ...]
     square: Floats
     width: Mapping[str, Floats]
@@ -57,7 +53,7 @@ class ErrorBars:
 
 @dataclass(frozen=True)
 class Coverage:
-    """How often the truth of one landmark of a group, or of all (`landmark` None), is inside.
+    """How often the truth of the landmarks of a group is inside the error bars.
 
     judged landmarks; inside, the share of each of `LEVELS`; the median width by unit. Every image
     of the group has the same weight.
@@ -65,7 +61,6 @@ class Coverage:
 
     method: str
     group: str
-    landmark: str | None
     judged: int
     inside: tuple[float, ...]
     median_width: Mapping[str, float]
@@ -155,19 +150,17 @@ def quantile(level: float) -> float:
 
 
 def join_bars(parts: Sequence[ErrorBars]) -> ErrorBars:
-    """Return the error bars of several files of one method; nan where a file lacks a landmark."""
-    names = tuple(dict.fromkeys(name for part in parts for name in part.landmarks))
+    """Return the error bars of several files of one method."""
+    most = max(part.square.shape[1] for part in parts)
 
     def joined(arrays: Iterable[Floats]) -> Floats:
-        wide = []
-        for part, values in zip(parts, arrays, strict=True):
-            own = np.full((len(values), len(names)), np.nan)
-            own[:, [names.index(name) for name in part.landmarks]] = values
-            wide.append(own)
+        wide = [
+            np.pad(values, ((0, 0), (0, most - values.shape[1])), constant_values=np.nan)
+            for values in arrays
+        ]
         return np.concatenate(wide)
 
     return ErrorBars(
-        landmarks=names,
         sequences=tuple(name for part in parts for name in part.sequences),
         square=joined(part.square for part in parts),
         width={unit: joined(part.width[unit] for part in parts) for unit in parts[0].width},
@@ -175,35 +168,19 @@ def join_bars(parts: Sequence[ErrorBars]) -> ErrorBars:
     )
 
 
-def by_group(bars: ErrorBars, grouping: Mapping[str, Sequence[str]]) -> dict[str, ErrorBars]:
-    """Return the error bars of the images of each group, of those that have any."""
+def cover(
+    method: str, bars: ErrorBars, grouping: Mapping[str, Sequence[str]]
+) -> Iterator[Coverage]:
+    """Sum up the error bars of the images of each group that has any."""
     labels = labels_of(bars.sequences)
-    found = {group: _take(bars, labels.among(members)) for group, members in grouping.items()}
-    return {group: own for group, own in found.items() if not np.isnan(own.square).all()}
-
-
-def _take(bars: ErrorBars, rows: Flags) -> ErrorBars:
-    if rows.all():
-        return bars
-    width = {unit: values[rows] for unit, values in bars.width.items()}
-    return replace(bars, square=bars.square[rows], width=width)
-
-
-def cover(method: str, group: str, bars: ErrorBars) -> list[Coverage]:
-    """Sum up the error bars of a group: all its landmarks, then one by one."""
-    columns: list[tuple[str | None, NDArray[np.intp]]] = [
-        (None, np.arange(len(bars.landmarks))),
-        *((name, np.array([j])) for j, name in enumerate(bars.landmarks)),
-    ]
-    found = []
-    for landmark, own in columns:
-        square = bars.square[:, own]
+    for group, members in grouping.items():
+        rows = labels.among(members)
+        square = bars.square[rows]
         judged = int((~np.isnan(square)).sum())
-        inside = [int((square <= quantile(level)).sum()) for level in LEVELS]
-        shares = tuple(count / judged if judged else math.nan for count in inside)
-        widths = {unit: _median(values[:, own]) for unit, values in bars.width.items()}
-        found.append(Coverage(method, group, landmark, judged, shares, widths))
-    return found
+        if judged:
+            inside = tuple(int((square <= quantile(level)).sum()) / judged for level in LEVELS)
+            widths = {unit: _median(values[rows]) for unit, values in bars.width.items()}
+            yield Coverage(method, group, judged, inside, widths)
 
 
 def _median(widths: Floats) -> float:
@@ -218,13 +195,6 @@ def _median(widths: Floats) -> float:
     places = [(len(known) - 1) // 2, len(known) // 2]
     middle = np.partition(known, places)[places].view(np.int64) >> 40
     return float(((middle << 40) + (1 << 39)).view(np.float64).mean())
-
-
-def curve(bars: ErrorBars) -> list[float]:
-    """Share of the truth inside the ellipsoid of each level of `CURVE`."""
-    known = np.sort(bars.square[~np.isnan(bars.square)])
-    within = np.searchsorted(known, [quantile(level) for level in CURVE], side="right")
-    return [int(count) / len(known) for count in within]
 
 
 def widening_factors(bars: ErrorBars) -> dict[str, float | None]:

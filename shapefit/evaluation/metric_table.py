@@ -44,8 +44,8 @@ TRUE_ROTATION = Dataset("true_rotation", (3, 3))
 BOX = Dataset("bounding_box", (4,))
 DEVIATION = Dataset("shape_sd", ("p", 3), points=True)
 CORRELATION = Dataset("shape_correlation", ("p", 3), points=True)
-P_VALUE = Dataset("p_value")
-"""Error bars and what an image is worth, where the method knows them."""
+EXPECTED = Dataset("expected_error")
+"""Error bars, and the error of the image after a similarity, where the method knows them."""
 
 OUTLIERS = Dataset("outliers", ("p",), labels=True)
 CORRUPTED = Dataset("corrupted", ("p",), labels=True)
@@ -62,6 +62,7 @@ class Metric:
     title      what a plot of it is called
     of_labels  judges labels of landmarks, which only some fits give: it must be asked for by name,
                and nan is no failure
+    optional   results without its datasets are not worth a warning, and nan is no failure
     """
 
     function: str
@@ -69,6 +70,7 @@ class Metric:
     unit: str
     title: str
     of_labels: bool = False
+    optional: bool = False
 
     @property
     def datasets(self) -> tuple[Dataset, ...]:
@@ -106,6 +108,13 @@ METRICS: dict[str, Metric] = {
         needs=(FITTED, LANDMARKS),
         unit=IMAGE,
         title="RMS reprojection error",
+    ),
+    "expected": Metric(
+        function="shapefit.evaluation.metrics:expected",
+        needs=(ESTIMATE, TRUTH, EXPECTED),
+        unit=LENGTH,
+        title="Expected 3D error up to a similarity",
+        optional=True,
     ),
     "precision": Metric(
         function="shapefit.evaluation.metrics:precision",

@@ -47,6 +47,16 @@ def camera(estimate: Floats, truth: Floats, rotation: Floats) -> Floats:
     return _mean_over_visible(distance, seen, FEWEST_LANDMARKS)
 
 
+def expected(estimate: Floats, truth: Floats, error: Floats) -> Floats:
+    """Errors (n,) that results expect after a similarity, in the unit of the truth.
+
+    By the ratio of the sizes of truth and estimate, (n, 3, p) each.
+    """
+    seen = visible_in_both(estimate, truth)
+    e, x = (np.sqrt((_centred(points, seen) ** 2).sum(axis=(1, 2))) for points in (estimate, truth))
+    return error * np.divide(x, e, out=np.full_like(e, np.nan), where=e > 0)
+
+
 def reprojection(fitted: Floats, observed: Floats) -> Floats:
     """sqrt(mean over the visible landmarks j of |w_j - v_j|^2); (n, 2, p) each -> (n,)."""
     visible = visible_in_both(fitted, observed)

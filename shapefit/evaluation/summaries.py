@@ -49,8 +49,7 @@ def labels_of(names: Sequence[str]) -> Labels:
 class ImageErrors:
     """Errors of one method in one metric and unit, one per image; nan = failed.
 
-    items, sequences and values (n); plausibility (n,) where the method has it, nan where it has
-    none of an image.
+    items, sequences and values (n).
     """
 
     method: str
@@ -59,7 +58,6 @@ class ImageErrors:
     items: Sequence[str]
     sequences: Labels
     values: Floats
-    p_value: Floats | None = None
 
     def __post_init__(self) -> None:
         """Take the sequences as a tuple of names, too."""
@@ -78,7 +76,6 @@ class ImageErrors:
             items=[self.items[row] for row in rows.tolist()],
             sequences=Labels(self.sequences.names, self.sequences.codes[rows]),
             values=self.values[rows],
-            p_value=None if self.p_value is None else self.p_value[rows],
         )
 
 
@@ -177,50 +174,3 @@ def _mean_of_sequences(rows: Sequence[Summary]) -> Summary:
 def without_nan(values: Floats) -> Floats:
     """Return the values that are not nan, in their order."""
     return values[~np.isnan(values)]
-
-
-LEAST_TRUSTED = 0.1
-"""Share of the images of a group that is left out, the least plausible ones."""
-
-
-@dataclass(frozen=True)
-class Kept:
-    """Mean error over the images of a group, and over those that are kept.
-
-    Every image has the same weight. `p_value` is the least that was kept.
-    """
-
-    method: str
-    metric: str
-    unit: str
-    group: str
-    images: int
-    mean: float
-    kept: int
-    mean_kept: float
-    p_value: float
-
-
-def keep_plausible(errors: ImageErrors, grouping: Mapping[str, Sequence[str]]) -> list[Kept]:
-    """Leave out the least plausible tenth of each group, rounded down; ties by order of images.
-
-    Images without an error or a plausibility do not count, nor do groups without any other.
-    """
-    if errors.p_value is None:
-        return []
-    values, trust = errors.values, errors.p_value
-    both = ~np.isnan(values) & ~np.isnan(trust)
-    found = []
-    for group, members in grouping.items():
-        rows = np.flatnonzero(errors.sequences.among(members) & both)
-        if not len(rows):
-            continue
-        left_out, own = int(LEAST_TRUSTED * len(rows)), trust[rows]
-        least = np.partition(own, left_out)[left_out]
-        out = own < least
-        out[np.flatnonzero(own == least)[: left_out - out.sum()]] = True
-        kept = rows[~out]
-        labels = (errors.method, errors.metric, errors.unit, group)
-        means = (float(values[rows].mean()), len(kept), float(values[kept].mean()))
-        found.append(Kept(*labels, len(rows), *means, float(least)))
-    return found

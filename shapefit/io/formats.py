@@ -97,8 +97,8 @@ def _readers() -> ModuleType:
         arrays,
         deeplabcut,
         detections,
-        joint_trees,
         markers,
+        motion,
         sleap,
         tables,
         trackers,
@@ -208,7 +208,7 @@ FORMATS: dict[str, FileFormat] = {
     ),
     "acclaim": FileFormat(
         "an ASF/AMC motion", (".amc", ".asf"), SHAPES, detect.is_acclaim,
-        lambda p: _readers().joint_trees.read_acclaim(p), together=True,
+        lambda p: _readers().motion.read_acclaim(p), together=True,
     ),
     "anipose-csv": FileFormat(
         "an anipose 3D CSV", (".csv",), SHAPES,
@@ -216,11 +216,11 @@ FORMATS: dict[str, FileFormat] = {
     ),
     "bvh": FileFormat(
         "a BVH motion", (".bvh",), SHAPES,
-        detect.is_bvh, lambda p: _readers().joint_trees.read_bvh(p),
+        detect.is_bvh, lambda p: _readers().motion.read_bvh(p),
     ),
     "c3d": FileFormat(
         "a C3D file", (".c3d",), SHAPES,
-        detect.is_c3d, lambda p: _readers().markers.read_c3d(p),
+        detect.is_c3d, lambda p: _readers().motion.read_c3d(p),
     ),
     "trc": FileFormat(
         "a TRC file", (".trc",), SHAPES,

@@ -23,7 +23,7 @@ def test_errors_and_sums_are_those_of_the_command(tmp_path, chain, sample):
     run_command(
         "eval", results={"result": str(tmp_path / "result.h5")},
         truth=str(sample / "people_test.h5"), output=str(tmp_path / "report"),
-        metrics=metrics, groups={"all": "*"}, plots=False, view=False,
+        metrics=metrics, groups={"all": "*"}, plots=False,
     )  # fmt: skip
     truth = shapefit.read_shapes(sample / "people_test.h5")
     found = shapefit.evaluate(chain, truth, metrics=metrics, groups={"all": "*"})

@@ -50,8 +50,8 @@ def similarity_errors(report: Path) -> dict[str, float]:
 
 def test_the_demo_lifts_people(demo):
     folder, table = demo
-    assert "| " in table
-    assert table.strip() == (folder / "report/report.md").read_text(encoding="utf-8").strip()
+    assert "error aligned" in table
+    assert (folder / "report/report.md").read_text(encoding="utf-8").startswith("# Errors")
     (error,) = similarity_errors(folder / "report/report.csv").values()
     flat = 1.0  # the error of a shape without any depth is about the spread of the depths
     assert 0 < error < flat / 2

@@ -80,7 +80,7 @@ fit | solver: newton | 4:9 | expected a mapping with the keys tolerance, max_ite
 fit | solver: {tolerance: 0} | 4:21 | `tolerance` should be greater than 0, found 0
 fit | loss: squarred | 4:7 | `loss` should be 'squared' or 'exact', found 'squarred'; did you mean 'squared'?
 fit | alternation: {views: 0} | 4:22 | expected a whole number from 1 to 1000 or all, found 0
-eval | metrics: [camra] | 4:11 | `metrics` should be 'similarity', 'camera', 'rotation', 'reprojection', 'precision' or 'recall', found 'camra'; did you mean 'camera'?
+eval | metrics: [camra] | 4:11 | `metrics` should be 'similarity', 'camera', 'rotation', 'reprojection', 'expected', 'precision' or 'recall', found 'camra'; did you mean 'camera'?
 eval | metrics: [] | 4:10 | expected at least one metric, found an empty list
 eval | least_visible: -1 | 4:16 | `least_visible` should be greater than or equal to 0
 eval | groups: {A: 3} | 4:13 | `groups` should be a valid string, found 3

@@ -5,18 +5,14 @@ import pytest
 from scipy.stats import chi2
 
 from shapefit.evaluation.calibration import (
-    CURVE,
     ErrorBars,
-    by_group,
     correlations_of,
     cover,
-    curve,
     find_squares,
     join_bars,
     quantile,
     widening_factors,
 )
-from shapefit.evaluation.summaries import ImageErrors, keep_plausible
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
 BINOMIAL = 4
@@ -142,82 +138,29 @@ def test_correlations_are_those_of_each_landmark_in_a_whole_covariance(rng):
 
 
 def test_quantiles_are_those_of_chi_squared():
-    assert (CURVE[0], CURVE[20], CURVE[-1]) == (0, 0.5, 1)
-    np.testing.assert_allclose([*map(quantile, CURVE)], chi2.ppf(CURVE, 3), rtol=1e-14, atol=1e-300)
+    levels = np.linspace(0, 1, 41)
+    found = [*map(quantile, levels)]
+    np.testing.assert_allclose(found, chi2.ppf(levels, 3), rtol=1e-14, atol=1e-300)
 
 
-def test_groups_and_landmarks_are_summed_up():
+def test_groups_and_files_are_summed_up():
     level = np.array([[0.2, 0.8], [0.6, np.nan], [0.95, 0.4]])
     width = {"normalised": np.array([[1.0, 2.0], [3.0, np.nan], [5.0, 6.0]])}
-    sequences = ("13_1", "13_1", "14_1")
-    bars = ErrorBars(("hip", "knee"), sequences, chi2.ppf(level, 3), width, False)
-    groups = by_group(bars, {"13": ("13_1",), "14": ("14_1",), "15": ()})
-    found = [each for group, own in groups.items() for each in cover("m", group, own)]
-    whole, hip, knee, *other = found
-    assert (whole.group, whole.landmark, whole.judged) == ("13", None, 3)
-    assert whole.inside == pytest.approx((1 / 3, 1.0))
-    assert whole.median_width["normalised"] == pytest.approx(2.0, rel=1 / 8192)
-    assert (hip.judged, *hip.inside) == (2, 0.5, 1.0)
-    assert (knee.judged, *knee.inside) == (1, 0.0, 1.0)
-    assert [c.inside for c in other] == [(0.5, 0.5), (0.0, 0.0), (1.0, 1.0)]
-
-
-def test_files_of_a_method_are_counted_together(rng):
-    """By landmark, whichever a file lacks: as one file in which what it lacks is not known."""
-    square, sequences = 4 * rng.random((60, 3)), ("13",) * 20 + ("14",) * 40
-    square[30:, 0] = square[:30, 2] = np.nan
-    width = {"m": np.where(np.isnan(square), np.nan, np.exp(rng.standard_normal((60, 3))))}
-    names = ("hip", "knee", "toe")
-
-    def found(*parts):
-        bars = join_bars(
-            [
-                ErrorBars(
-                    names[own],
-                    sequences[rows],
-                    square[rows, own],
-                    {"m": width["m"][rows, own]},
-                    False,
-                )
-                for rows, own in parts
-            ]
-        )
-        groups = by_group(bars, {"all": ("13", "14"), "14": ("14",)})
-        covered = [each for group, part in groups.items() for each in cover("m", group, part)]
-        return covered, curve(groups["14"]), widening_factors(bars)
-
-    whole = found((slice(None), slice(None)))
-    assert found((slice(30), slice(2)), (slice(30, 60), slice(1, 3))) == whole
-    medians = {c.landmark: c.median_width["m"] for c in whole[0] if c.group == "all"}
-    for name, values in [(None, width["m"]), *zip(names, width["m"].T, strict=True)]:
-        assert medians[name] == pytest.approx(np.nanmedian(values), rel=1 / 8192)
-
-
-def test_the_least_plausible_tenth_of_a_group_is_left_out():
-    values = np.array([*np.arange(1.0, 21.0), 100.0, np.nan])
-    items = tuple(f"item{i}" for i in range(22))
-    sequences, trust = ("a",) * 20 + ("b", "a"), 1 - 0.01 * np.arange(22)
-    errors = ImageErrors("posterior", "similarity", "m", items, sequences, values, trust)
-    first, second = keep_plausible(errors, {"A": ("a",), "B": ("b",)})
-    assert (first.images, first.mean) == (20, 10.5)
-    assert (first.kept, first.mean_kept) == (18, 9.5)
-    assert first.p_value == pytest.approx(1 - 0.17)
-    assert (second.images, second.kept, second.mean_kept) == (1, 1, 100.0)
-
-
-def test_of_equally_plausible_images_the_first_are_left_out(rng):
-    values, trust = rng.random(300), np.round(rng.random(300), 1)
-    values[::17], trust[::13] = np.nan, np.nan
-    sequences = np.array(["a", "b", "c"])[rng.integers(0, 3, 300)]
-    errors = ImageErrors("m", "similarity", "m", ("",) * 300, tuple(sequences), values, trust)
-    (kept,) = keep_plausible(errors, {"A": ("a", "c"), "none": ("d",)})
-    rows = np.flatnonzero(~np.isnan(values + trust) & (sequences != "b"))
-    order = rows[np.argsort(trust[rows], kind="stable")]
-    expected = order[len(order) // 10 :]
-    assert (kept.images, kept.kept) == (len(order), len(expected))
-    assert kept.p_value == trust[expected[0]]
-    assert kept.mean == pytest.approx(values[order].mean(), rel=1e-14)
-    assert kept.mean_kept == pytest.approx(values[expected].mean(), rel=1e-14)
+    square, sequences = chi2.ppf(level, 3), ("13_1", "13_1", "14_1")
+    bars = ErrorBars(sequences, square, width, False)
+    groups = {"13": ("13_1",), "14": ("14_1",), "15": ()}
+    first, second = cover("m", bars, groups)
+    assert (first.group, first.judged) == ("13", 3)
+    assert first.inside == pytest.approx((1 / 3, 1.0))
+    assert first.median_width["normalised"] == pytest.approx(2.0, rel=1 / 8192)
+    assert (second.judged, second.inside) == (2, (0.5, 0.5))
+    parts = [
+        ErrorBars(sequences[:2], square[:2], {"normalised": width["normalised"][:2]}, False),
+        ErrorBars(sequences[2:], square[2:, :1], {"normalised": width["normalised"][2:, :1]}, True),
+    ]
+    whole = join_bars(parts)
+    same, other = cover("m", whole, groups)
+    assert (same, other.judged, whole.parallel) == (first, 1, True)
 
 
 def test_factors_undo_what_error_bars_lack(rng):
@@ -226,7 +169,7 @@ def test_factors_undo_what_error_bars_lack(rng):
 
     def factors(squares):
         names = ("s",) * len(squares)
-        return widening_factors(ErrorBars(("a",), names, squares[:, None], {}, False))
+        return widening_factors(ErrorBars(names, squares[:, None], {}, False))
 
     assert list(factors(4 * z).values()) == pytest.approx([2, 2], rel=0.01)
     outer = np.where(z > np.quantile(z, 0.6), 4 * z, z)

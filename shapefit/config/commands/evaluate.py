@@ -52,10 +52,7 @@ class EvalConfig(CommandConfig):
     into that of the camera; `camera` (x and y as in the image); or `line-of-sight`: that of the
     camera, which is turned to look straight at each shape that was fitted without a camera."""
     plots: Annotated[bool | Literal["auto"], Description("true, false or auto")] = "auto"
-    """Also draw the errors (PNG and SVG); auto: where matplotlib is installed."""
-    view: bool = True
-    """Also write view.html, which shows the results and the truth, to which report.html
-    links the worst, median and best images."""
+    """Also draw the errors, sorted, by method (PNG); auto: where matplotlib is installed."""
 
     @field_validator("metrics")
     @classmethod

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import os
-import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from shapefit.errors import abbreviate, counted, input_error
+from shapefit.errors import abbreviate, input_error
 from shapefit.geometry.normalisation import as_metres
-from shapefit.io.inputs import check_fits
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.columns import anipose_landmarks
-from shapefit.io.readers.poses import Poses, make_unique, of_frames, parsing, require
+from shapefit.io.readers.poses import Poses, make_unique, of_frames
 from shapefit.io.readers.text_table import Table, read_text
 
 HEAD_LINES = 12
@@ -146,136 +141,3 @@ def read_anipose(paths: tuple[Path, ...]) -> Poses:
         landmark_names=names,
         notes=(f"points left out: {abbreviate(left)}",) if left else (),
     )
-
-
-BLOCK = 512
-"""Bytes of a block, in which C3D counts."""
-
-INTEL = 84
-"""The processor whose numbers are written little end first, as all of today's are."""
-
-MOST_FRAMES = 65535
-
-EXPANDS = 16
-"""Times its size that a file takes in memory, at most, while ezc3d reads it."""
-
-COMPUTED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
-"""Lists of labels under POINT that are no points: what a model computed is stored beside them."""
-
-NOBODY = "unassigned"
-"""The individual that has the points without a subject, where there are several subjects."""
-
-WHOLE = "give a whole C3D file"
-
-
-def read_c3d(paths: tuple[Path, ...]) -> Poses:
-    """Return the markers of a C3D file, in metres where it names its unit.
-
-    A point is missing where its residual is negative or its place NaN. Labels `subject:name` are
-    landmarks of an individual. Frames have the numbers that ezc3d gives them, one less than those
-    in the header. Raises InputError where ezc3d is not installed or cannot read the file.
-    """
-    path = paths[0]
-    _check_whole(path)
-    check_fits(str(path), EXPANDS * path.stat().st_size, "what it holds")
-    file = _read_c3d(path)
-    parameters: Mapping[str, Any] = file["parameters"].get("POINT", {})
-    points = np.asarray(file["data"]["points"], dtype=np.float64)[:3].transpose(2, 1, 0)
-    residual = np.asarray(file["data"]["meta_points"]["residuals"])[0].T
-    factor, unit = as_metres((_texts(parameters, "UNITS") or [""])[0])
-    points = factor * np.where((residual >= 0)[..., None], points, np.nan)
-    n, count, _ = points.shape
-    labels = _labels(parameters, count)
-    computed = set().union(*(_texts(parameters, name) for name in COMPUTED))
-    left = [label for label in labels if label in computed]
-    notes: tuple[str, ...] = ()
-    if left:
-        text = f"left out, computed by a model, not seen ({abbreviate(left)})"
-        notes = (f"{counted(len(left), 'point')} {text}",)
-    markers = [place for place, label in enumerate(labels) if label not in computed]
-    names, more = make_unique([labels[place] for place in markers])
-    individuals, landmarks, places = _by_subject(names)
-    if n == MOST_FRAMES:
-        notes += (f"has {MOST_FRAMES} frames, as many as its header can count; it may hold more",)
-    (rate,) = np.ravel(parameters.get("RATE", {}).get("value", ()))[:1] or [0.0]
-    start = int(file["header"]["points"]["first_frame"])
-    every = np.full((n, max(len(individuals), 1), len(landmarks), 3), np.nan)
-    for marker, (subject, landmark) in zip(markers, places, strict=True):
-        every[:, subject, landmark] = points[:, marker]
-    return of_frames(
-        path,
-        every,
-        labels=[str(start + frame) for frame in range(n)],
-        video=path.stem,
-        landmark_names=landmarks,
-        individuals=individuals or None,
-        frame_rate=float(rate) if np.isfinite(rate) and rate > 0 else None,
-        unit=unit or UNKNOWN_UNIT,
-        notes=notes + more,
-    )
-
-
-def _by_subject(
-    names: tuple[str, ...],
-) -> tuple[tuple[str, ...], tuple[str, ...], list[tuple[int, int]]]:
-    """Return individuals, landmarks, and the (individual, landmark) of every name.
-
-    Without a subject in any name there are no individuals; with one, it has all the points.
-    """
-    parts = [name.rpartition(":")[::2] for name in names]
-    subjects = list(dict.fromkeys(subject for subject, _ in parts if subject))
-    if len(subjects) > 1 and not all(subject for subject, _ in parts):
-        subjects.append(NOBODY)
-    pairs = [(subject or subjects[-1], name) for subject, name in parts] if subjects else []
-    if len(set(pairs)) < len(names):
-        return (), names, [(0, place) for place in range(len(names))]
-    landmarks = tuple(dict.fromkeys(name for _, name in pairs))
-    places = [(subjects.index(subject), landmarks.index(name)) for subject, name in pairs]
-    return tuple(subjects), landmarks, places
-
-
-def _check_whole(path: Path) -> None:
-    """Raise InputError for a file shorter than its own header says, which ezc3d may not survive."""
-    size = path.stat().st_size
-    with parsing(path, WHOLE), path.open("rb") as file:
-        head = file.read(BLOCK)
-        points, analog, first, last = struct.unpack("<HHHH", head[2:10])
-        scale, start = struct.unpack("<fH", head[12:18])
-        file.seek(BLOCK * (head[0] - 1))
-        section = file.read(4)
-        require(len(section) == 4, "is cut off before its parameters")
-        frames, number_bytes = max(last - first + 1, 0), 4 if scale < 0 else 2
-        needed = BLOCK * max(start - 1, 0) + frames * (4 * points + analog) * number_bytes
-        whole = section[3] != INTEL or size >= needed
-        require(whole, f"has {size} bytes, and its header announces {needed}")
-
-
-def _read_c3d(path: Path) -> Any:
-    try:
-        return import_module("ezc3d").c3d(os.fspath(path))
-    except ImportError as error:
-        found = "is a C3D file, which ezc3d reads, and that is not installed"
-        raise input_error(path, found, "run `pip install ezc3d`") from error
-    except MemoryError:
-        raise
-    except Exception as error:  # ezc3d has many kinds of error for damaged files
-        raise input_error(path, f"cannot be read by ezc3d ({error})", WHOLE) from error
-
-
-def _labels(parameters: Mapping[str, Any], count: int) -> list[str]:
-    """Return the labels of all points; LABELS2 and so on continue LABELS beyond 255."""
-    lists = ("LABELS", *(f"LABELS{number}" for number in range(2, len(parameters))))
-    labels = [label for name in lists for label in _texts(parameters, name)]
-    return (labels + [""] * count)[:count]
-
-
-def _texts(parameters: Mapping[str, Any], name: str) -> list[str]:
-    """Return texts; where they are not UTF-8, which ezc3d leaves as bytes, they are Latin-1."""
-    found = []
-    for text in parameters.get(name, {}).get("value", ()):
-        data = str(text).encode("utf-8", "surrogateescape")
-        try:
-            found.append(data.decode().strip())
-        except UnicodeDecodeError:
-            found.append(data.decode("latin-1").strip())
-    return found

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Flags, Floats
 from shapefit.config import EvalConfig
 from shapefit.convex.solver import Status
-from shapefit.errors import abbreviate, input_error
+from shapefit.errors import InputError, abbreviate, input_error
 from shapefit.evaluation.calibration import ErrorBars, correlations_of, find_squares, join_bars
 from shapefit.evaluation.metric_table import (
     BOX,
@@ -24,7 +24,6 @@ from shapefit.evaluation.metric_table import (
     LANDMARKS,
     LENGTH,
     METRICS,
-    P_VALUE,
     ROTATION,
     TRUE_ROTATION,
     TRUTH,
@@ -34,13 +33,15 @@ from shapefit.evaluation.metrics import (
     FEWEST_LANDMARKS,
     box_diagonal,
     in_blocks,
+    similarity,
     truth_scale,
     visible_in_both,
 )
 from shapefit.evaluation.report import Run
 from shapefit.evaluation.summaries import ALL, NORMALISED, ImageErrors, Kind, labels_of
 from shapefit.geometry.normalisation import centroid
-from shapefit.geometry.procrustes import coincide
+from shapefit.geometry.procrustes import coincide, similarity_transform
+from shapefit.geometry.rotations import rotation_angle
 from shapefit.io.layout import INPUT_CORRELATION, INPUT_NAMES, INPUT_SD, INPUT_SHAPES, RESULTS
 from shapefit.io.names import match_landmarks
 from shapefit.io.records import ResultSet, ShapeSet
@@ -51,6 +52,7 @@ from shapefit.pipelines.items import (
     find_truth,
     keys_of,
     named_items,
+    spread,
 )
 
 OF_THE_BOX = "box"
@@ -100,8 +102,8 @@ class Judged:
     items and sequences (n), a sequence that nobody knows is empty; errors maps a metric and unit
     to (n,), nan where an image failed, infinite where it does not count, as in precision and recall
     where there is nothing to judge; failures
-    maps the failed items to the reason; bars says how the truth lies in the error bars, and
-    plausibility (n,), where the method has them; run is what the file says of the fit.
+    maps the failed items to the reason; bars says how the truth lies in the error bars, where the
+    method has them; run is what the file says of the fit.
     """
 
     file: Path
@@ -111,14 +113,13 @@ class Judged:
     failures: Mapping[str, str]
     warnings: tuple[str, ...]
     bars: ErrorBars | None
-    p_value: Floats | None
     run: Run
 
     def image_errors(self, method: str) -> list[ImageErrors]:
         """Return the errors in each metric and unit, of the images that count in it."""
         found, sequences = [], labels_of(self.sequences)
         for kind, values in self.errors.items():
-            whole = ImageErrors(method, *kind, self.items, sequences, values, self.p_value)
+            whole = ImageErrors(method, *kind, self.items, sequences, values)
             counts = ~np.isinf(values)
             if counts.any():
                 found.append(whole if counts.all() else whole.take(np.flatnonzero(counts)))
@@ -135,7 +136,6 @@ def join(files: Sequence[Judged]) -> Judged:
         )
 
     bars = [one.bars for one in files if one.bars is not None]
-    trust = [one.p_value for one in files]
     return replace(
         files[0],
         items=tuple(item for one in files for item in one.items),
@@ -146,47 +146,50 @@ def join(files: Sequence[Judged]) -> Judged:
         },
         failures={item: why for one in files for item, why in one.failures.items()},
         bars=join_bars(bars) if bars else None,
-        p_value=None if all(each is None for each in trust) else joined(trust, np.nan),
     )
 
 
 def judge(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) -> Judged:
     """Measure every image of a result file in the metrics that its datasets allow.
 
-    Images and true shapes are matched by `match`, landmarks by name; those that only one side has
-    are left out, and images with fewer than `least_visible` observed ones. Raises InputError where
-    no image or too few landmarks match, and where no metric can be measured.
+    Images and true shapes are matched by `match` (by frame where no item is the same), landmarks by
+    name; those that only one side has are left out. Of several individuals that are matched with
+    one, that with the least error is judged. Raises InputError where no image or too few landmarks
+    match, and where no metric can be measured.
     """
     if not len(results):
         raise input_error(file, "holds no images", "check the run that wrote it")
     run = _run_of(results)
     results, too_few = take_visible(file, results, config.least_visible)
-    own = keys_of([results])
-    if config.match != BY_FRAME:
-        own = replace(own, items=named_items(results, config.match, file, "match"))
-    shapes, rows = truth.find(file, config.match, own)
+    results, own, shapes, rows, sought = _match(file, results, truth, config.match)
     names = common_landmarks(file, results.landmark_names, shapes.landmark_names)
     # `take` gives them in the order of the core, an index gives them landmark by landmark.
     places = match_landmarks(results.landmark_names, names)
     estimate = results.shapes.take(places, axis=2)
     true = shapes.shapes[rows].take(match_landmarks(shapes.landmark_names, names), axis=2)
     true[rows < 0] = np.nan
+    others = list[str]()
+    if sought == BY_FRAME:
+        kept, others = _one_individual(results, rows, estimate, true)
+    if others:
+        results, rows, estimate, true = results.take(kept), rows[kept], estimate[kept], true[kept]
+        own = replace(keys_of([results]), items=[own.items[row] for row in kept.tolist()])
     rotation = _true_rotation(file, results, true, config.truth_frame)
     with np.errstate(all="ignore"):  # overflow is not an error to report
         scale = in_blocks(truth_scale, estimate, true)
     arrays = {ESTIMATE: estimate, TRUTH: true, TRUE_ROTATION: rotation}
     units = (shapes.unit, results.unit)
-    errors, unmeasured = _measure(file, results, config.metrics, arrays, scale, units)
+    metrics, doubts = _meaningful(results, config.metrics, estimate, true, rotation)
+    errors, unmeasured = _measure(file, results, metrics, arrays, scale, units)
     judged = in_blocks(visible_in_both, estimate, true)
     for values in errors.values():
         values[~judged.any(axis=-1)] = np.nan
     bars, unjudged = _judge_bars(file, results, places, arrays, scale, units[0])
     sequences = _sequences(results, shapes, rows)
-    sought = BY_FRAME if config.match == BY_FRAME else BY_ITEM
     failures = _failures(results, sought, own, rows, judged, errors)
     lifted = np.array([item not in failures for item in results.items], dtype=np.bool_)
     for (metric, _), values in errors.items():
-        if METRICS[metric].of_labels:
+        if METRICS[metric].of_labels or METRICS[metric].optional:
             values[np.isnan(values) & lifted] = np.inf
     return Judged(
         file=file,
@@ -198,13 +201,114 @@ def judge(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) -> J
             *too_few,
             *_left_out(file, results, shapes, names),
             *unmeasured,
+            *(f"{file}: {doubt}" for doubt in (*others, *doubts)),
             *_partial(file, judged),
             *unjudged,
         ),
-        bars=None if bars is None else replace(bars, landmarks=names, sequences=sequences),
-        p_value=find_dataset(file, results, P_VALUE),
+        bars=None if bars is None else replace(bars, sequences=sequences),
         run=run,
     )
+
+
+def _match(
+    file: Path, results: ResultSet, truth: Truth, match: str
+) -> tuple[ResultSet, Keys, ShapeSet, NDArray[np.intp], str]:
+    """Return the results, their keys, true shapes, the row of each image among them, and by what.
+
+    By frame where that is asked for, or where items are and both sides have none in common.
+    """
+    own = keys_of([results])
+    if match == BY_FRAME:
+        return results, own, *truth.find(file, match, own), BY_FRAME
+    if match != BY_ITEM:
+        own = replace(own, items=named_items(results, match, file, "match"))
+    try:
+        return results, own, *truth.find(file, match, own), BY_ITEM
+    except InputError:
+        if match != BY_ITEM or results.status is not None:
+            raise
+        return results, own, *truth.find(file, BY_FRAME, own), BY_FRAME
+
+
+def _one_individual(
+    results: ResultSet, rows: NDArray[np.intp], estimate: Floats, true: Floats
+) -> tuple[NDArray[np.intp], list[str]]:
+    """Return the images of which no other is matched with the same true shape, with less error.
+
+    And which individuals are left out for that: those of sequences with a larger median error after
+    a similarity.
+    """
+    everyone = np.arange(len(rows))
+    if results.sequences is None or len(np.unique(rows[rows >= 0])) == (rows >= 0).sum():
+        return everyone, []
+    error, sequences = in_blocks(similarity, estimate, true), np.array(results.sequences, str)
+    medians = {
+        str(name): float(np.nanmedian([np.inf, *error[sequences == name]]))
+        for name in np.unique(sequences)
+    }
+    taken, kept, left = set[int](), list[int](), dict[str, None]()
+    for name in sorted(medians, key=medians.__getitem__):
+        own = np.flatnonzero(sequences == name)
+        fine = [row for row in own.tolist() if rows[row] < 0 or rows[row] not in taken]
+        taken |= set(rows[own].tolist())
+        kept += fine
+        left |= {name: None} if len(fine) < len(own) else {}
+    if len(kept) == len(rows):  # two images of one sequence have the same true shape
+        return everyone, []
+    best = min(medians, key=medians.__getitem__)
+    said = f"{abbreviate(list(left))} left out: {best} fits the same true shapes better"
+    return np.sort(kept), [said]
+
+
+MIRRORED = 0.75
+"""Of the error, below which that of a mirrored truth says that it is left-handed."""
+FRAMES_DIFFER = 45.0
+"""Degrees by which rotations are off more than twice as much as the shapes themselves."""
+SAMPLE = 500
+"""Images that doubts about the truth rest on."""
+
+
+def _meaningful(
+    results: ResultSet,
+    metrics: Sequence[str],
+    estimate: Floats,
+    true: Floats,
+    rotation: Floats | None,
+) -> tuple[tuple[str, ...], list[str]]:
+    """Return the metrics without `rotation` where it means nothing, and what is doubtful.
+
+    Shapes that fit the truth when they are turned little, with rotations that are far from the true
+    ones, are of a dictionary with another frame than that of the truth.
+    """
+    chosen = spread(SAMPLE, len(estimate))
+    e, x = estimate[list(chosen)], true[list(chosen)]
+    with np.errstate(all="ignore"):
+        error = np.nan_to_num(similarity(e, x), nan=np.inf)
+        mirrored = np.nan_to_num(similarity(e, x * [[-1.0], [1.0], [1.0]]), nan=np.inf)
+    said, least, most = [], float(np.median(mirrored)), float(np.median(error))
+    if least < MIRRORED * most < np.inf:
+        said.append(
+            f"the shapes fit the truth better when it is mirrored ({least:.3g} for {most:.3g}); is "
+            "it left-handed? Change the sign of one of its axes"
+        )
+    stated = results.rotation
+    if "rotation" not in metrics or rotation is None or stated is None:
+        return tuple(metrics), said
+    R, S = rotation[list(chosen)], stated[list(chosen)]
+    whole = np.isfinite(e).all(axis=(1, 2)) & np.isfinite(x).all(axis=(1, 2))
+    whole &= np.isfinite(S).all(axis=(1, 2)) & np.isfinite(R).all(axis=(1, 2))
+    if not whole.any():
+        return tuple(metrics), said
+    turn = similarity_transform(e[whole], R[whole] @ x[whole]).rotation
+    shapes = float(np.median(rotation_angle(turn, np.eye(3))))
+    angle = float(np.median(rotation_angle(R[whole], S[whole])))
+    if angle <= 2 * shapes + FRAMES_DIFFER:
+        return tuple(metrics), said
+    said.append(
+        f"no rotation: those of the results are {angle:.0f} degrees off and their shapes "
+        f"{shapes:.0f}, so that dictionary and truth have different frames"
+    )
+    return tuple(metric for metric in metrics if metric != "rotation"), said
 
 
 def find_dataset(file: Path, results: ResultSet, wanted: Dataset) -> NDArray[Any] | None:
@@ -352,7 +456,8 @@ def _measure(
         lacking = [dataset for dataset in known.datasets if data[dataset] is None]
         if lacking:
             datasets = " and ".join(f"`{dataset.name}`" for dataset in lacking)
-            unmeasured.append(f"no {metric} without the dataset {datasets}")
+            if not known.optional:
+                unmeasured.append(f"no {metric} without the dataset {datasets}")
             continue
         with np.errstate(all="ignore"):
             error: Floats = in_blocks(known.load(), *(data[dataset] for dataset in known.needs))
@@ -419,7 +524,7 @@ def _judge_bars(
             None if correlation is None else correlation.take(own, axis=2),
         )
         widths = {NORMALISED: width / scale[:, None], unit: width}
-    return ErrorBars((), (), square, widths, parallel=correlation is None), []
+    return ErrorBars((), square, widths, parallel=correlation is None), []
 
 
 def _left_out(file: Path, results: ResultSet, truth: ShapeSet, common: Sequence[str]) -> list[str]:
@@ -478,7 +583,11 @@ def _failures(
         kinds = ", ".join(f"{metric} ({unit})" for metric, unit in lost)
         return f"a value needed for {kinds} is nan, or true landmarks are all at one point"
 
-    certain = {kind: v for kind, v in errors.items() if not METRICS[kind[0]].of_labels}
+    certain = {
+        kind: values
+        for kind, values in errors.items()
+        if not (METRICS[kind[0]].of_labels or METRICS[kind[0]].optional)
+    }
     failed = ~judged.any(axis=-1)
     for values in certain.values():
         failed |= np.isnan(values)

@@ -10,7 +10,7 @@ import pytest
 from shapefit.errors import InputError
 from shapefit.io import open_shapes, read_shapes, write_shapes
 from shapefit.io.options import InputOptions
-from shapefit.io.readers import markers
+from shapefit.io.readers import motion as reader
 from tests.io.files import load_shapes
 
 NAN = [np.nan] * 3
@@ -446,12 +446,12 @@ def test_damaged_c3d_is_refused(c3d):
 def test_a_negative_residual_is_missing_whatever_the_point(c3d, monkeypatch):
     """Of ezc3d such points are not numbers; another version may leave what stood there."""
     path, points = c3d()
-    file = markers._read_c3d(path)
+    file = reader._read_c3d(path)
     file["data"]["points"][:3, 0, 1] = 7.0
     residuals = np.array(file["data"]["meta_points"]["residuals"])
     residuals[0, 0, 1] = -1.0
     file["data"]["meta_points"]["residuals"] = residuals
-    monkeypatch.setattr(markers, "_read_c3d", lambda _: file)
+    monkeypatch.setattr(reader, "_read_c3d", lambda _: file)
     shapes, _ = load_shapes(path)
     assert np.isnan(shapes.shapes[1, :, 0]).all()
     np.testing.assert_allclose(shapes.shapes[0], points[0] / 1000, rtol=1e-6)

@@ -12,7 +12,7 @@ from shapefit.pipelines.evaluate import run as evaluate
 from tests.pipelines.evaluate.conftest import NAMES
 
 COUNT = 150
-NUMBERS = ("per_image.csv", "report.csv", "calibration.csv", "trusted.csv")
+NUMBERS = ("per_image.csv", "report.csv", "error_bars.json")
 
 
 @pytest.fixture
@@ -58,7 +58,6 @@ def options(desk, truth):
     write_shapes(desk.folder / "truth.h5", truth.take(np.arange(COUNT) != 7))
     return {
         "metrics": ("similarity", "camera", "rotation", "precision", "recall"),
-        "view": False,
     }
 
 

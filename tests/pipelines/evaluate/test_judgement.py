@@ -253,3 +253,71 @@ def test_a_truth_without_shapes(truth, fields):
     assert caught.value.problems == (
         f"truth: holds no shapes; give the truth of the images of {FILE}",
     )
+
+
+def walk_of(shapes, names, **sequences):
+    """Frames of shapes (n, 3, p) in sequences (name -> its number of frames)."""
+    order = [name for name, count in sequences.items() for _ in range(count)]
+    frames = np.array([i for count in sequences.values() for i in range(count)])
+    items = tuple(f"{name}/{i}" for name, i in zip(order, frames, strict=True))
+    return {
+        "landmark_names": names, "items": items, "sequences": tuple(order), "unit": "m",
+        "columns": {"frame": frames}, "shapes": shapes,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("bystander_first", [False, True])
+def test_one_individual_is_judged_against_one_truth(truth, rng, bystander_first):
+    """By frame two people match one truth; the one whose shapes are farther from it is left out."""
+    man = truth.shapes + 0.02 * rng.standard_normal(truth.shapes.shape)
+    other = rng.standard_normal(truth.shapes.shape)
+    both = {"man": man, "bystander": other}
+    if bystander_first:
+        both = dict(reversed(both.items()))
+    fields = walk_of(np.concatenate([*both.values()]), NAMES, **dict.fromkeys(both, N))
+    true = ShapeSet(**walk_of(truth.shapes, NAMES, subject=N))
+    found = judged(fields, true, "frame", ["similarity"])
+    assert set(found.sequences) == {"man"}
+    assert found.failures == {}
+    expected = metrics.similarity(man, truth.shapes)
+    np.testing.assert_allclose(found.errors["similarity", "m"], expected)
+    assert "bystander left out: man fits the same true shapes better" in found.warnings[0]
+    # Two people of the truth by the same names are both judged.
+    fields = walk_of(np.concatenate([man, other]), NAMES, man=N, bystander=N)
+    two = ShapeSet(**walk_of(np.concatenate([truth.shapes] * 2), NAMES, man=N, bystander=N))
+    assert len(judged(fields, two, "frame", ["similarity"]).items) == 2 * N
+
+
+def test_a_mirrored_truth_is_said(fields, truth):
+    mirrored = truth.replaced(shapes=truth.shapes * [[-1.0], [1.0], [1.0]])
+    (warning,) = judged(fields, mirrored, metrics=["similarity"]).warnings
+    assert "fit the truth better when it is mirrored" in warning
+    assert "left-handed" in warning
+    assert judged(fields, truth, metrics=["similarity"]).warnings == ()
+
+
+def test_rotations_of_another_frame_are_not_measured(fields, truth, rotations):
+    """The shapes lie as the truth does, and the rotations say that they do not."""
+    quarter = rotation_about(np.array([1.0, 0, 0]), np.full(N, np.pi / 2))
+    fields["rotation"] = rotations @ quarter
+    found = judged(fields, truth)
+    assert ("rotation", "deg") not in found.errors
+    assert "no rotation: those of the results are 90 degrees off" in found.warnings[0]
+    fields["shapes"] = quarter @ fields["shapes"]  # a wrong view is an error like any other
+    fields["rotation"] = quarter @ rotations
+    np.testing.assert_allclose(judged(fields, truth).errors["rotation", "deg"], 90)
+
+
+def test_the_expected_error_is_set_beside_the_measured_one(fields, truth):
+    fields["columns"]["expected_error"] = np.array([5.0, *[10.0] * 4, np.nan])
+    found = judged(fields, truth, metrics=["similarity", "expected"])
+    sizes = [np.linalg.norm(s - s.mean(2, keepdims=True), axis=(1, 2))
+             for s in (fields["shapes"], truth.shapes)]  # fmt: skip
+    expected = found.errors["expected", "m"]
+    np.testing.assert_allclose(expected[:5], [5, 10, 10, 10, 10] * (sizes[1] / sizes[0])[:5])
+    assert found.failures == {}
+    assert np.isinf(expected[5])
+    del fields["columns"]["expected_error"]
+    found = judged(fields, truth, metrics=["similarity", "expected"])
+    assert ("expected", "m") not in found.errors
+    assert found.warnings == ()

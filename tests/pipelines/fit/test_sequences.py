@@ -276,7 +276,7 @@ def judged(people, project, tmp_path):
         found, _ = fitted(people, people / "views.h5", method=method, prior=prior)
         config = EvalConfig(
             results={method: people / "result.h5"}, output=tmp_path / "report", plots=False,
-            truth=(project / "sample_data/people_test.h5",), view=False, truth_frame="object",
+            truth=(project / "sample_data/people_test.h5",), truth_frame="object",
         )  # fmt: skip
         list(evaluating.run(config))
         report = json.loads((tmp_path / "report/report.json").read_text(encoding="utf-8"))

@@ -1,16 +1,21 @@
-"""BVH and ASF/AMC: trees of joints, and how they move and turn frame by frame."""
+"""Motion capture: the trees of joints of BVH and ASF/AMC, and C3D, which ezc3d reads."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import struct
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib import import_module
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error, listed
-from shapefit.geometry.rotations import rotation_about_axes
+from shapefit.geometry.normalisation import as_metres
+from shapefit.io.inputs import check_fits
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import (
     FormatError,
@@ -33,8 +38,8 @@ class Joint:
     """A joint, or the end of a bone; all lengths in the unit of the file.
 
     before (3,) leads from the parent to where it turns, in the frame of the parent, and after (3,)
-    from there to its place, in its own; axes (3, 3) is the frame in which it turns. Of its channels
-    the last one turns first.
+    from there to its position, in its own; axes (3, 3) is the frame in which it turns. Of its
+    channels the last one turns first.
     """
 
     name: str
@@ -45,44 +50,43 @@ class Joint:
     channels: Sequence[Channel] = ()
 
 
-def find_places(joints: Sequence[Joint], values: Floats, *, degrees: bool) -> Floats:
-    """Return the places (n, joints, 3) from the values (n, c) of all channels, joint by joint.
+def forward_kinematics(joints: Sequence[Joint], values: Floats, *, degrees: bool) -> Floats:
+    """x = x_parent + R_parent (before + shift) + R after, with R = R_parent C M C^T.
 
-    R = R_parent C M C^T, x = x_parent + R_parent (before + shift) + R after: C is the frame of the
-    joint, M turns by its channels, and shift moves by them.
+    values (n, c) are those of all channels, joint by joint; returns positions (n, joints, 3). C is
+    the frame of the joint, M turns by its channels, and shift moves by them.
     """
+    from scipy.spatial.transform import Rotation
+
     n = len(values)
     starts = np.cumsum([0, *(len(joint.channels) for joint in joints)])
-    places = np.zeros((n, len(joints), 3))
+    positions = np.zeros((n, len(joints), 3))
     rotations: dict[int, Floats] = {-1: np.eye(3)}
     for number in _parents_first([joint.parent for joint in joints]):
         joint = joints[number]
-        moved = values[:, starts[number] : starts[number + 1]]
-        turning = [column for column, (turns, _) in enumerate(joint.channels) if turns]
-        angles = np.radians(moved[:, turning]) if degrees else moved[:, turning]
-        motion = rotation_about_axes([joint.channels[column][1] for column in turning], angles)
-        before = np.tile(joint.before, (n, 1))
+        before, motion = np.tile(joint.before, (n, 1)), np.eye(3)
+        columns = values[:, starts[number] : starts[number + 1]]
         for column, (turns, axis) in enumerate(joint.channels):
-            if not turns:
-                before[:, axis] += moved[:, column]
+            value = columns[:, column]
+            if turns:
+                turn = Rotation.from_euler("xyz"[axis], value[:, None], degrees)
+                motion = motion @ turn.as_matrix()
+            else:
+                before[:, axis] += value
         above = rotations[joint.parent]
         rotations[number] = above @ joint.axes @ motion @ joint.axes.T
-        places[:, number] = (above @ before[..., None])[..., 0] + rotations[number] @ joint.after
+        positions[:, number] = (above @ before[..., None])[..., 0] + rotations[number] @ joint.after
         if joint.parent >= 0:
-            places[:, number] += places[:, joint.parent]
-    return places
+            positions[:, number] += positions[:, joint.parent]
+    return positions
 
 
 def _parents_first(parents: Sequence[int]) -> list[int]:
     """Return the joints of a tree, or of a part of it, each after its parent, -1 for none."""
-    walk = [number for number, parent in enumerate(parents) if parent < 0]
-    for number in walk:
-        walk += [child for child, parent in enumerate(parents) if parent == number]
-    return walk
-
-
-def _edges(joints: Sequence[Joint]) -> tuple[tuple[int, int], ...]:
-    return tuple((joint.parent, i) for i, joint in enumerate(joints) if joint.parent >= 0)
+    order = [number for number, parent in enumerate(parents) if parent < 0]
+    for number in order:
+        order += [child for child, parent in enumerate(parents) if parent == number]
+    return order
 
 
 # BVH
@@ -95,7 +99,7 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
     """
     path = paths[0]
     text = read_text(path)
-    joints, ends, lines, frames, frame_time = _read_hierarchy(path, text)
+    joints, ends, lines, frames, seconds = _read_hierarchy(path, text)
     table = Table(path, None, text)
     table.skip(lines, [joint.name for joint in joints for _ in joint.channels])
     motion, _, _ = table.read(range(len(table.names)), finite=True, empty=False)
@@ -103,13 +107,17 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
     names, notes = make_unique([joints[number].name for number in order])
     if len(motion) < frames:
         notes += (f"{frames - len(motion)} frames are announced, but not there",)
+    rate = 1.0 / seconds if seconds > 0 else None
+    if rate is not None and rate > 1 and abs(rate - round(rate)) < 1e-3 * rate:
+        rate = float(round(rate))  # the time was rounded: 0.033333 s is 30 Hz
+    new = {old: number for number, old in enumerate(order)}
     return of_frames(
         path,
-        find_places(joints, motion, degrees=True)[:, order],
+        forward_kinematics(joints, motion, degrees=True)[:, order],
         video=path.stem,
         landmark_names=names,
-        frame_rate=_rate(frame_time),
-        edges=tuple((order.index(a), order.index(b)) for a, b in _edges(joints)),
+        frame_rate=rate,
+        edges=tuple((new[j.parent], new[i]) for i, j in enumerate(joints) if j.parent >= 0),
         notes=notes,
     )
 
@@ -120,40 +128,40 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], set[int], int, 
     Raises InputError, naming the line.
     """
     joints: list[Joint] = []
-    open_joints: list[int] = []
+    above: list[int] = []
     ends: set[int] = set()
     frames = -1
     for number, line in enumerate(text.split("\n"), 1):
         word, *rest = line.replace("{", " ").replace("}", " ").split() or [""]
         key = word.upper()
-        parent = open_joints[-1] if open_joints else -1
+        parent = above[-1] if above else -1
         with parsing(f"{path}:{number}", "correct it"):
             if key in ("ROOT", "JOINT", "END"):
                 require((parent < 0) == (key == "ROOT"), f"{key} stands in the wrong place")
-                open_joints.append(len(joints))
+                above.append(len(joints))
                 ends |= {len(joints)} if key == "END" else set()
                 name = f"{joints[parent].name}_end" if key == "END" else " ".join(rest)
                 joints.append(Joint(name, parent))
             elif key in ("OFFSET", "CHANNELS"):
-                require(open_joints, f"{key} belongs to no joint")
+                require(above, f"{key} belongs to no joint")
                 if key == "OFFSET":
-                    joints[parent].before = np.array(read_words(rest, 3))
+                    joints[parent].before = np.array(_words(rest, 3))
                 else:
                     joints[parent].channels = channels = [_channel(name) for name in rest[1:]]
                     given = f"{' '.join(rest[:1])} channels, and {len(channels)} names"
                     require(rest[:1] == [str(len(channels))], given)
             elif key == "FRAMES:":
-                frames = int(read_words(rest[:1], 1)[0])
+                frames = int(_words(rest[:1], 1)[0])
             elif key == "FRAME" and rest[:1] == ["Time:"]:
-                require(joints and not open_joints, "the tree of joints is not complete")
-                for joint in joints:  # a channel of position stands for the offset along its axis
+                require(joints and not above, "the tree of joints is not complete")
+                for joint in joints:  # a channel of position replaces the offset along its axis
                     joint.before[[axis for turns, axis in joint.channels if not turns]] = 0
-                return joints, ends, number, frames, read_words(rest[1:2], 1)[0]
+                return joints, ends, number, frames, _words(rest[1:2], 1)[0]
             else:
                 known = key in ("", "HIERARCHY", "MOTION")
                 require(known, f"begins with {word!r}, which is no word of BVH")
-        if "}" in line and open_joints:
-            del open_joints[-line.count("}") :]
+        if "}" in line and above:
+            del above[-line.count("}") :]
     raise input_error(path, "has no motion, or is cut off before it", "give a complete BVH file")
 
 
@@ -164,29 +172,18 @@ def _channel(name: str) -> Channel:
     return kind == "rotation", axis
 
 
-def _rate(frame_time: float) -> float | None:
-    """Return the frame rate in Hz: whole, where the time was rounded (0.033333 s is 30 Hz)."""
-    if frame_time <= 0:
-        return None
-    rate = 1.0 / frame_time
-    return float(round(rate)) if abs(rate - round(rate)) < 1e-3 * rate and rate > 1 else rate
-
-
 # ASF/AMC, of Acclaim
 
-ROOT = "root"
 INCH = 0.0254
-SKELETON, MOTION = ".asf", ".amc"
 
 HEAD_LINES = 100
 """Within which a motion says whether its angles are degrees."""
 
-WHOLE = "give a whole ASF file"
+WHOLE_SKELETON = "give a whole ASF file"
 SAME_BONES = "give a whole file, in which every frame lists the same bones, and its own ASF file"
 
 
-@dataclass(frozen=True)
-class Skeleton:
+class Skeleton(NamedTuple):
     """Bones, the root first, in the order of the file; scale of lengths; unit of angles."""
 
     bones: list[Joint]
@@ -202,41 +199,35 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
     (86.asf, 86_01.amc), or the only one. A bone's end has the bone's name. Raises InputError where
     there is no skeleton, or another one.
     """
-    motions = [path for path in paths if path.suffix.lower() == MOTION]
+    motions = [path for path in paths if path.suffix.lower() == ".amc"]
     if not motions:
         found = "is a skeleton without a motion"
         raise input_error(paths[0], found, "give the AMC file of the motion")
-    given = [path for path in paths if path.suffix.lower() == SKELETON]
+    given = [path for path in paths if path.suffix.lower() == ".asf"]
     skeletons = [_read_skeleton(_find_skeleton(path, given)) for path in motions]
     first = skeletons[0]
     names = [bone.name for bone in first.bones]
-    labels: list[str] = []
-    videos: list[str] = []
-    parts, frames = [], []
+    parts = []
     for path, skeleton in zip(motions, skeletons, strict=True):
         if [bone.name for bone in skeleton.bones] != names or skeleton.unit != first.unit:
             found = f"has another skeleton than {motions[0]}"
             raise input_error(path, found, "convert them one by one")
-        own, ends = _read_motion(path, skeleton)
-        labels += own
-        videos += [path.stem] * len(own)
-        parts.append(ends)
-        frames.append(np.arange(len(own)))
+        parts.append(_read_motion(path, skeleton))
     return of_frames(
         motions[0] if len(motions) == 1 else motions[0].parent,
-        np.concatenate(parts),
-        labels=labels,
-        video=videos,
-        frame=np.concatenate(frames),
+        np.concatenate([ends for _, ends in parts]),
+        labels=[label for labels, _ in parts for label in labels],
+        video=[path.stem for path, own in zip(motions, parts, strict=True) for _ in own[0]],
+        frame=np.concatenate([np.arange(len(labels)) for labels, _ in parts]),
         landmark_names=tuple(names),
         unit=first.unit,
-        edges=_edges(first.bones),
+        edges=tuple((b.parent, i) for i, b in enumerate(first.bones) if b.parent >= 0),
     )
 
 
 def _find_skeleton(motion: Path, given: list[Path]) -> Path:
     """Return the skeleton of a motion. Raises InputError where there is none, or several are."""
-    beside = sorted(p for p in motion.parent.iterdir() if p.suffix.lower() == SKELETON)
+    beside = sorted(p for p in motion.parent.iterdir() if p.suffix.lower() == ".asf")
     for paths in (given, beside):
         if named := [path for path in paths if motion.stem.startswith(path.stem)]:
             return max(named, key=lambda path: len(path.stem))
@@ -256,7 +247,9 @@ def _read_skeleton(path: Path) -> Skeleton:
     given out in metres; with `length 1` their unit is unknown.
     """
     units: dict[str, str] = {}
-    blocks: list[tuple[str, dict[str, list[str]]]] = [(f"{path}: root", ROOT_BLOCK.copy())]
+    root = {"name": ["root"], "dof": ["TX", "TY", "TZ", "RX", "RY", "RZ"], "axis": []}
+    root |= {"position": ["0"] * 3, "orientation": ["0"] * 3}
+    blocks: list[tuple[str, dict[str, list[str]]]] = [(f"{path}: root", root)]
     links: list[Row] = []
     section = ""
     for number, line in enumerate(read_text(path).split("\n"), 1):
@@ -271,47 +264,37 @@ def _read_skeleton(path: Path) -> Skeleton:
         elif section == ":units":
             units[key] = (rest or [word])[-1].lower()
         elif section in (":root", ":bonedata"):
-            own = blocks[0 if section == ":root" else -1][1]
-            own["dof" if key == "order" else key] = rest
+            block = blocks[0 if section == ":root" else -1][1]
+            block["dof" if key == "order" else key] = rest
         elif section == ":hierarchy":
             links.append((number, [word, *rest]))
     degrees = not units.get("angle", "deg").startswith("rad")
     bones = []
     for place, block in blocks:
-        with parsing(place, WHOLE):
+        with parsing(place, WHOLE_SKELETON):
             bones.append(_bone(block, degrees))
     _join(bones, links, path)
-    with parsing(path, WHOLE):
+    with parsing(path, WHOLE_SKELETON):
         require(len(bones) > 1, "has no bones")
-        (length,) = read_words([units.get("length", "1")], 1)
+        (length,) = _words([units.get("length", "1")], 1)
         require(length > 0, f"has the unit of length {length:g}")
     scale, unit = (1.0, UNKNOWN_UNIT) if length == 1 else (INCH / length, "m")
     return Skeleton(bones, unit, scale, degrees)
 
 
-ROOT_BLOCK: dict[str, list[str]] = {
-    "name": [ROOT],
-    "dof": ["TX", "TY", "TZ", "RX", "RY", "RZ"],
-    "axis": [],
-    "position": ["0"] * 3,
-    "orientation": ["0"] * 3,
-}
-"""The root, which has a place and not a length, where a file does not say other."""
-
-
 def _bone(block: dict[str, list[str]], degrees: bool) -> Joint:
     """Return a bone, or the root, whose place is where it turns; its first angle turns first."""
+    from scipy.spatial.transform import Rotation
+
     before, after, turn = np.zeros(3), np.zeros(3), block["axis"]
     if "orientation" in block:
         turn = [*block["orientation"], *turn]
-        before = np.array(read_words(block["position"], 3))
+        before = np.array(_words(block["position"], 3))
     else:
-        after = np.array(read_words(block["direction"], 3))
-        after *= read_words(block["length"], 1)[0]
-    angles, letters = read_words(turn[:3], 3), (turn[3:] or ["XYZ"])[0].lower()
+        after = np.array(_words(block["direction"], 3)) * _words(block["length"], 1)[0]
+    angles, letters = _words(turn[:3], 3), (turn[3:] or ["XYZ"])[0].lower()
     require(sorted(letters) == ["x", "y", "z"], f"the axes are {letters!r}, not XYZ in any order")
-    turned = np.radians(angles[::-1]) if degrees else np.array(angles[::-1])
-    axes = rotation_about_axes(["xyz".index(a) for a in reversed(letters)], turned)
+    axes = Rotation.from_euler(letters, angles, degrees=degrees).as_matrix()
     channels = []
     for name in map(str.lower, reversed(block["dof"])):
         known = len(name) == 2 and name[0] in "rt" and name[1] in "xyz"
@@ -324,20 +307,20 @@ def _join(bones: list[Joint], links: list[Row], path: Path) -> None:
     """Give each bone its parent. Raises InputError where they are no tree."""
     index = {bone.name: number for number, bone in enumerate(bones)}
     parents = [-1] + [len(bones)] * (len(bones) - 1)
-    twice = []
+    twice = set()
     for line, words in links:
         with parsing(f"{path}:{line}", "name bones that are there"):
             above, *below = (index[word] for word in words)
         for number in below:
             if parents[number] != len(bones):
-                twice.append(number)
+                twice.add(number)
             else:
                 parents[number] = bones[number].parent = above
-    reached = set(_parents_first(parents))
-    lost = [b.name for i, b in enumerate(bones) if i not in reached or i in twice]
-    with parsing(path, f"correct it, or {WHOLE}"):
+    lost = {*range(len(bones))} - {*_parents_first(parents)} | twice
+    with parsing(path, f"correct it, or {WHOLE_SKELETON}"):
         check_names([bone.name for bone in bones], "bone")
-        require(not lost, f"the hierarchy does not reach every bone once ({abbreviate(lost)})")
+        names = abbreviate([bones[number].name for number in sorted(lost)])
+        require(not lost, f"the hierarchy does not reach every bone once ({names})")
 
 
 def _read_motion(path: Path, skeleton: Skeleton) -> tuple[list[str], Floats]:
@@ -376,32 +359,26 @@ def _read_motion(path: Path, skeleton: Skeleton) -> tuple[list[str], Floats]:
                 raise FormatError(f"{given} {count[name]} degrees of freedom of {name}")
     if len(rows) != size * len(labels):
         raise input_error(path, "the last frame lacks bones, or has too many", SAME_BONES)
-    place = {name: number for number, name in enumerate(order)}
-    values = [
-        read_cells([(line, words[:0:-1]) for line, words in rows[place[bone.name] :: size]], path)
-        if bone.name in place and bone.channels
-        else np.zeros((len(labels), len(bone.channels)))
+    values, _ = read_numbers([cell for _, words in rows for cell in words[:0:-1]])
+    if (wrong := ~np.isfinite(values)).any():
+        places = [(line, cell) for line, words in rows for cell in words[:0:-1]]
+        line, cell = places[int(wrong.argmax())]
+        raise input_error(f"{path}:{line}", f"{cell[:40]!r} is no number", "correct it")
+    starts = dict(
+        zip(order, np.cumsum([0, *(count[name] for name in order)]).tolist(), strict=False)
+    )
+    padded = np.column_stack([values.reshape(len(labels), -1), np.zeros(len(labels))])
+    columns = [
+        starts[bone.name] + number if bone.name in starts else -1  # a bone that does not move
         for bone in bones
+        for number in range(count[bone.name])
     ]
-    ends = find_places(bones, np.concatenate(values, axis=1), degrees=degrees)
+    ends = forward_kinematics(bones, padded[:, columns], degrees=degrees)
     return labels, skeleton.scale * ends
 
 
-def read_cells(rows: Sequence[Row], path: Path) -> Floats:
-    """Return rows of as many cells each as finite numbers (n, cells).
-
-    Raises InputError for the first cell that is none.
-    """
-    values, _ = read_numbers([cell for _, cells in rows for cell in cells])
-    for place in np.flatnonzero(~np.isfinite(values))[:1].tolist():
-        line, cells = rows[place // len(rows[0][1])]
-        cell = cells[place % len(cells)]
-        raise input_error(f"{path}:{line}", f"{cell[:40]!r} is no number", "correct it")
-    return values.reshape(len(rows), -1)
-
-
-def read_words(words: Sequence[str], count: int) -> tuple[float, ...]:
-    """Return so many words as finite numbers. Raises ValueError where they are none."""
+def _words(words: Sequence[str], count: int) -> tuple[float, ...]:
+    """Return so many words as finite numbers. Raises FormatError where they are none."""
     given = f"expected {count} numbers, found {' '.join(words)[:40]!r}"
     try:
         numbers = tuple(map(float, words))
@@ -409,3 +386,138 @@ def read_words(words: Sequence[str], count: int) -> tuple[float, ...]:
         numbers = ()
     require(len(numbers) == count and np.isfinite(numbers).all(), given)
     return numbers
+
+
+# C3D
+
+BLOCK = 512
+"""Bytes of a block, in which C3D counts."""
+
+INTEL = 84
+"""The processor whose numbers are written little end first, as all of today's are."""
+
+MOST_FRAMES = 65535
+
+EXPANDS = 16
+"""Times its size that a file takes in memory, at most, while ezc3d reads it."""
+
+COMPUTED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
+"""Lists of labels under POINT that are no points: what a model computed is stored beside them."""
+
+NOBODY = "unassigned"
+"""The individual that has the points without a subject, where there are several subjects."""
+
+WHOLE = "give a whole C3D file"
+
+
+def read_c3d(paths: tuple[Path, ...]) -> Poses:
+    """Return the markers of a C3D file, in metres where it names its unit.
+
+    A point is missing where its residual is negative or its place NaN. Labels `subject:name` are
+    landmarks of an individual. Frames have the numbers that ezc3d gives them, one less than those
+    in the header. Raises InputError where ezc3d is not installed or cannot read the file.
+    """
+    path = paths[0]
+    _check_whole(path)
+    check_fits(str(path), EXPANDS * path.stat().st_size, "what it holds")
+    file = _read_c3d(path)
+    parameters: Mapping[str, Any] = file["parameters"].get("POINT", {})
+    points = np.asarray(file["data"]["points"], dtype=np.float64)[:3].transpose(2, 1, 0)
+    residual = np.asarray(file["data"]["meta_points"]["residuals"])[0].T
+    factor, unit = as_metres((_texts(parameters, "UNITS") or [""])[0])
+    points = factor * np.where((residual >= 0)[..., None], points, np.nan)
+    n, count, _ = points.shape
+    labels = _labels(parameters, count)
+    computed = set().union(*(_texts(parameters, name) for name in COMPUTED))
+    left = [label for label in labels if label in computed]
+    notes: tuple[str, ...] = ()
+    if left:
+        text = f"left out, computed by a model, not seen ({abbreviate(left)})"
+        notes = (f"{counted(len(left), 'point')} {text}",)
+    markers = [place for place, label in enumerate(labels) if label not in computed]
+    names, more = make_unique([labels[place] for place in markers])
+    individuals, landmarks, places = _by_subject(names)
+    if n == MOST_FRAMES:
+        notes += (f"has {MOST_FRAMES} frames, as many as its header can count; it may hold more",)
+    (rate,) = np.ravel(parameters.get("RATE", {}).get("value", ()))[:1] or [0.0]
+    start = int(file["header"]["points"]["first_frame"])
+    every = np.full((n, max(len(individuals), 1), len(landmarks), 3), np.nan)
+    for marker, (subject, landmark) in zip(markers, places, strict=True):
+        every[:, subject, landmark] = points[:, marker]
+    return of_frames(
+        path,
+        every,
+        labels=[str(start + frame) for frame in range(n)],
+        video=path.stem,
+        landmark_names=landmarks,
+        individuals=individuals or None,
+        frame_rate=float(rate) if np.isfinite(rate) and rate > 0 else None,
+        unit=unit or UNKNOWN_UNIT,
+        notes=notes + more,
+    )
+
+
+def _by_subject(
+    names: tuple[str, ...],
+) -> tuple[tuple[str, ...], tuple[str, ...], list[tuple[int, int]]]:
+    """Return individuals, landmarks, and the (individual, landmark) of every name.
+
+    Without a subject in any name there are no individuals; with one, it has all the points.
+    """
+    parts = [name.rpartition(":")[::2] for name in names]
+    subjects = list(dict.fromkeys(subject for subject, _ in parts if subject))
+    if len(subjects) > 1 and not all(subject for subject, _ in parts):
+        subjects.append(NOBODY)
+    pairs = [(subject or subjects[-1], name) for subject, name in parts] if subjects else []
+    if len(set(pairs)) < len(names):
+        return (), names, [(0, place) for place in range(len(names))]
+    landmarks = tuple(dict.fromkeys(name for _, name in pairs))
+    places = [(subjects.index(subject), landmarks.index(name)) for subject, name in pairs]
+    return tuple(subjects), landmarks, places
+
+
+def _check_whole(path: Path) -> None:
+    """Raise InputError for a file shorter than its own header says, which ezc3d may not survive."""
+    size = path.stat().st_size
+    with parsing(path, WHOLE), path.open("rb") as file:
+        head = file.read(BLOCK)
+        points, analog, first, last = struct.unpack("<HHHH", head[2:10])
+        scale, start = struct.unpack("<fH", head[12:18])
+        file.seek(BLOCK * (head[0] - 1))
+        section = file.read(4)
+        require(len(section) == 4, "is cut off before its parameters")
+        frames, number_bytes = max(last - first + 1, 0), 4 if scale < 0 else 2
+        needed = BLOCK * max(start - 1, 0) + frames * (4 * points + analog) * number_bytes
+        whole = section[3] != INTEL or size >= needed
+        require(whole, f"has {size} bytes, and its header announces {needed}")
+
+
+def _read_c3d(path: Path) -> Any:
+    try:
+        return import_module("ezc3d").c3d(os.fspath(path))
+    except ImportError as error:
+        found = "is a C3D file, which ezc3d reads, and that is not installed"
+        raise input_error(path, found, "run `pip install ezc3d`") from error
+    except MemoryError:
+        raise
+    except Exception as error:  # ezc3d has many kinds of error for damaged files
+        raise input_error(path, f"cannot be read by ezc3d ({error})", WHOLE) from error
+
+
+def _labels(parameters: Mapping[str, Any], count: int) -> list[str]:
+    """Return the labels of all points; LABELS2 and so on continue LABELS beyond 255."""
+    lists = ("LABELS", *(f"LABELS{number}" for number in range(2, len(parameters))))
+    labels = [label for name in lists for label in _texts(parameters, name)]
+    return (labels + [""] * count)[:count]
+
+
+def _texts(parameters: Mapping[str, Any], name: str) -> list[str]:
+    """Return texts; where they are not UTF-8, which ezc3d leaves as bytes, they are Latin-1."""
+    found = []
+    for text in parameters.get(name, {}).get("value", ()):
+        data = str(text).encode("utf-8", "surrogateescape")
+        try:
+            found.append(data.decode().strip())
+        except UnicodeDecodeError:
+            found.append(data.decode("latin-1").strip())
+    return found

@@ -1,0 +1,128 @@
+"""Large shapes: the squared loss sees landmarks only through the span of the atoms.
+
+With an orthonormal basis U (q, r) of the rows of all weighted, centred atoms, w = w U U^T + v and
+
+    1/2 ||w - sum_i M_i B_i||^2 = 1/2 ||w U - sum_i M_i B_i U||^2 + 1/2 ||v||^2,
+
+so that images are solved with r + 1 landmarks in place of p, once per set of weights, and exactly:
+the dual is Y = Y' U^T + v, and certificates are those of the landmarks as they are given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit import core
+from shapefit.arrays import Floats
+from shapefit.convex.problem import Loss, Problem
+
+LARGE = 200
+"""Landmarks from which on the span of the atoms is sought."""
+
+WORTH = 0.75
+"""Coordinates of the span, as a share of the landmarks, up to which it is worth its price."""
+
+SHARED = 4
+"""Images that share their weights, in the mean, from which on the span pays for itself."""
+
+NEGLIGIBLE = 1e-12
+"""Singular value of the atoms beside the largest below which a direction is rounding."""
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Images `rows` (m,) as a problem of r + 1 landmarks; basis U Z (p, r + 1) of weighted ones.
+
+    Without a basis the problem has all p landmarks.
+    """
+
+    rows: NDArray[np.intp]
+    problem: Problem
+    basis: Floats | None
+
+    def expand(self, dual: Floats, given: Problem) -> Floats:
+        """Return the dual (m, 2, p) of the images as given, for that (m, 2, r + 1) of these."""
+        if self.basis is None:
+            return dual
+        weights = given.weights[self.rows]
+        w = weighted(given.landmarks[self.rows], weights)
+        found: Floats = w + (dual - w @ self.basis) @ self.basis.T
+        return found
+
+
+def reductions(problem: Problem) -> Iterator[Reduced] | None:
+    """Yield the images in parts of equal weights; None where that would not pay, or not be exact.
+
+    How a stretch of images is parted does not depend on the others, so that no result depends on
+    how images are batched; stretches of one set of weights stay together, for threads to share.
+    """
+    n, _, p = problem.landmarks.shape
+    rank = 3 * len(problem.atoms)
+    if problem.loss is not Loss.SQUARED or p < LARGE or rank + 1 > WORTH * p or not n:
+        return None
+    return part_images(problem)
+
+
+def part_images(problem: Problem) -> Iterator[Reduced]:
+    """Yield the parts of a problem that is to be reduced."""
+    together: list[NDArray[np.intp]] = []
+    basis_of = lru_cache(maxsize=8)(lambda key: find_basis(problem.atoms, np.frombuffer(key)))
+
+    def reduced(rows: NDArray[np.intp]) -> Reduced:
+        return reduce_images(problem, rows, basis_of(problem.weights[rows[0]].tobytes()))
+
+    for start in range(0, len(problem.lam), core.STRETCH):
+        rows = np.arange(start, min(start + core.STRETCH, len(problem.lam)))
+        masks, of = np.unique(problem.weights[rows], axis=0, return_inverse=True)
+        same = together and (problem.weights[together[-1][0]] == masks).all()
+        if together and (len(masks) > 1 or not same):
+            yield reduced(np.concatenate(together))
+            together = []
+        if len(masks) == 1:
+            together.append(rows)
+        elif len(masks) * SHARED > len(rows):
+            yield Reduced(rows, problem.take(rows), None)
+        else:
+            yield from (reduced(rows[of.ravel() == number]) for number in range(len(masks)))
+    if together:
+        yield reduced(np.concatenate(together))
+
+
+def find_basis(atoms: Floats, mask: Floats) -> Floats:
+    """Return U Z (p, r + 1) of the atoms (k, 3, p) for the weights (p,)."""
+    B = weighted(atoms, np.broadcast_to(mask, (len(atoms), len(mask))))
+    size, U = np.linalg.svd(B.reshape(-1, len(mask)), full_matrices=False)[1:]
+    U = U[size > NEGLIGIBLE * size[0]]
+    return np.asarray(U.T @ centred_basis(len(U)), np.float64)
+
+
+def reduce_images(problem: Problem, rows: NDArray[np.intp], basis: Floats) -> Reduced:
+    """Return the images of these rows, which all have the same weights."""
+    weights = problem.weights[rows]
+    w = weighted(problem.landmarks[rows], weights)
+    B = weighted(problem.atoms, np.broadcast_to(weights[0], problem.atoms.shape[::2]))
+    seen = np.ones((len(rows), basis.shape[1]))
+    return Reduced(rows, Problem(w @ basis, seen, B @ basis, problem.lam[rows]), basis)
+
+
+def weighted(points: Floats, weights: Floats) -> Floats:
+    """Points (m, d, p) less their mean by the weights (m, p) squared, times the weights."""
+    squares = weights[:, None] ** 2
+    points = np.where(squares > 0, points, 0.0)  # what hidden landmarks hold is irrelevant
+    total = np.maximum(squares.sum(axis=-1, keepdims=True), np.finfo(float).tiny)
+    mean = (squares * points).sum(axis=-1, keepdims=True) / total
+    found: Floats = weights[:, None] * (points - mean)
+    return found
+
+
+def centred_basis(r: int) -> Floats:
+    """Return orthonormal rows (r, r + 1) that are orthogonal to 1: centring takes nothing off."""
+    h = np.full(r + 1, 1 / np.sqrt(r + 1))
+    h[-1] += 1
+    Z: Floats = np.eye(r + 1)[:r] - np.outer(h[:r], h) / h[-1]
+    return Z
