@@ -148,7 +148,7 @@ def test_names_and_frames(entry, records, poses):
     if entry["path"].startswith("motion/"):
         assert records.unit == ("m" if entry["unit"] == "m" else "unknown")
     if entry.get("individual_names") is not None:
-        assert {*poses.individuals} == {*entry["individual_names"]}
+        assert {*poses.individuals} <= {*entry["individual_names"]}  # some are in no frame
     videos = [poses.video] * len(poses) if isinstance(poses.video, str) else poses.video
     found = set(zip(videos, poses.frame.tolist(), strict=True))
     assert (poses.frame_count or len(found)) == entry["frames"]
