@@ -11,7 +11,7 @@ from html import escape
 from importlib.resources import files
 from typing import Any
 
-from shapefit.viewer.scene import Scene, as_json
+from shapefit.viewer.scene import Fact, Scene, as_json
 
 SCRIPTS = (
     "blocks.js",
@@ -20,7 +20,7 @@ SCRIPTS = (
     "look.js",
     "plane.js",
     "space.js",
-    "strip.js",
+    "chart.js",
     "viewer.js",
 )
 """In this order: each file uses only those before it."""
@@ -39,7 +39,7 @@ def viewer_page(scene: Scene) -> str:
         style=resource("viewer.css"),
         script=script,
         title=escape(scene.title),
-        summary=list_items(scene.summary),
+        facts="".join(map(_fact, scene.facts)),
         notes=list_items(scene.notes),
         page=embedded_json(as_json(scene)),
     )
@@ -82,3 +82,10 @@ def embedded_json(document: Mapping[str, Any]) -> str:
 def list_items(lines: Iterable[str]) -> str:
     """Return texts as items of an HTML list."""
     return "".join(f"<li>{escape(line)}</li>" for line in lines)
+
+
+def _fact(fact: Fact) -> str:
+    """Return a fact of the header as an item of an HTML list."""
+    title = f' title="{escape(fact.title)}"' if fact.title else ""
+    style = f' class="{fact.style}"' if fact.style else ""
+    return f"<li{style}{title}>{escape(fact.text)}</li>"

@@ -12,23 +12,19 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 
-USUAL_RATE, RATE_OF_IMAGES = 25.0, 2.0
-"""Frames a second where no file says it: of sequences, and of images that are none."""
+USUAL_RATE = 25.0
+"""Frames a second where no file says it."""
 MISSING, LARGEST = -32768, 32767
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A number (n,) for every frame, for the strip, not negative; and which end of it is bad.
-
-    limit is the value beyond which a frame is doubtful, where there is one.
-    """
+    """A number (n,) for every frame, for the chart, with standard deviations where it has some."""
 
     name: str
     values: Floats
-    bad: Literal["high", "low"] = "high"
     unit: str = ""
-    limit: float | None = None
+    sd: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -101,6 +97,15 @@ class Stand:
 
 
 @dataclass(frozen=True)
+class Fact:
+    """A few words of the header: what is shown, or how good it is; `title` defines it on hover."""
+
+    text: str
+    title: str = ""
+    style: str = ""
+
+
+@dataclass(frozen=True)
 class Picture:
     """The image under the landmarks of a frame: a data URL, size in the original pixels."""
 
@@ -114,12 +119,12 @@ class Scene:
 
     sequences maps names to the first frame of each, in order; seen (n, 2, p) are the observed
     landmarks, nan where hidden, or None; outliers (n, p). sides says of each landmark whether it is
-    in the middle (0), on the left (1) or on the right (2), or on one side and the other where it is
-    not known which is which (`sides_named`). Sequences that were seen at once are one recording:
-    recordings names the sequences of each, times (n,) the time of each frame in its recording;
+    in the middle (0), on the left (1) or on the right (2). Sequences that were seen at once are one
+    recording: recordings names the sequences of each, times (n,) the time of each frame in its own;
     None where each sequence is by itself. stands has one for each sequence. flat says that there
-    are images to show; summary how good the results are and what is assumed, notes what the page
-    lacks.
+    are images to show, image (2) is their width and height where it is known; video that frames
+    follow each other in time; rigid that shapes are shown in the frame of the object. facts say
+    what is shown and how good it is, notes what is assumed and what the page lacks.
     """
 
     title: str
@@ -132,18 +137,20 @@ class Scene:
     space_unit: str
     y_down: bool
     stands: Sequence[Stand]
-    frame_rate: float = RATE_OF_IMAGES
+    frame_rate: float = USUAL_RATE
     rate_known: bool = False
     flat: bool = False
     seen: Floats | None = None
     outliers: NDArray[np.bool_] | None = None
     sides: Sequence[int] | None = None
-    sides_named: bool = True
     recordings: Sequence[Sequence[int]] | None = None
     times: Integers | None = None
     meshes: Sequence[MeshSet] = ()
     pictures: Mapping[int, Picture] = field(default_factory=dict)
-    summary: tuple[str, ...] = ()
+    image: Sequence[float] | None = None
+    video: bool = False
+    rigid: bool = False
+    facts: tuple[Fact, ...] = ()
     notes: tuple[str, ...] = ()
 
 

@@ -5,8 +5,8 @@ import test from "node:test";
 import vm from "node:vm";
 
 const read = (name) => readFileSync(new URL(`../../shapefit/viewer/scripts/${name}.js`, import.meta.url), "utf8");
-const names = ["blocks", "geometry", "scene", "look", "strip"];
-const { blocks, geometry, scene, look, strip } = vm.runInThisContext(`${names.map(read).join("\n")}; ({ ${names} })`);
+const names = ["blocks", "geometry", "scene", "look", "chart"];
+const { blocks, geometry, scene, look, chart } = vm.runInThisContext(`${names.map(read).join("\n")}; ({ ${names} })`);
 
 function near(actual, expected, tolerance = 1e-12) {
   assert.equal(actual.length, expected.length);
@@ -37,13 +37,6 @@ test("a blend is s R (sum of weighted atoms) + t", () => {
   const atoms = [[1, 0, 0, 0, 1, 0], [0, 0, 2, 1, 1, 1]];
   const pose = [0, -1, 0, 1, 0, 0, 0, 0, 1, 2, 10, 20, 30];
   near(geometry.blend(atoms, [[0, 1], [1, 0.5]], pose), [10, 22, 32, 7, 21, 31]);
-});
-
-test("search finds sequences and items whatever the case; without text the current sequence", () => {
-  const open = { items: ["A/1", "A/2", "b/1"], sequences: [{ name: "A", start: 0, end: 2 }, { name: "b", start: 2, end: 3 }] };
-  assert.deepEqual(scene.find(open, "", 1), [{ sequence: 0 }, { sequence: 1 }, { frame: 2 }]);
-  assert.deepEqual(scene.find(open, " /1", 0), [{ frame: 0 }, { frame: 2 }]);
-  assert.deepEqual(scene.find(open, "B", 0), [{ sequence: 1 }, { frame: 2 }]);
 });
 
 test("a box leaves out what is unknown, and reaches as far as a body does whichever way it turns", () => {
@@ -117,38 +110,22 @@ test("frames of a recording share a scale, but for a few of them; single images 
   const radii = [...new Array(38).fill(1), 2, 90];
   const points = { type: "f4", shape: [40, 2, 3], data: base64(Float32Array.from(radii.flatMap((r) => [-r, -r, 0, r, r, 0]))) };
   const layer = { name: "fit", role: "result", points, measures: [] };
-  const page = (name) => scene.open({ ...PAGE, items: radii.map(String), sequences: [[name, 0]], stands: [STAND], layers: [layer], landmarks: ["a", "b"] });
+  const page = (name) => scene.open({ ...PAGE, video: Boolean(name), items: radii.map(String), sequences: [[name, 0]], stands: [STAND], layers: [layer], landmarks: ["a", "b"] });
   const [walk, single] = ["walk", ""].map((name) => ((data) => data.size(data.recordings[0]).solid)(page(name)));
   assert.deepEqual([walk, single], [[2, 2], [0, 0]]);
 });
 
-const bar = (value, state = "trusted") => ({ value, state });
-
-test("a column of the strip has the worst value and the worst state of its frames", () => {
-  const bars = [bar(1), bar(3, "doubtful"), null, bar(NaN, "none"), bar(2)];
-  assert.deepEqual(strip.columnsOf(bars, 5, "high"), bars);
-  assert.deepEqual(strip.columnsOf(bars.slice(0, 2), 1, "high"), [bar(3, "doubtful")]);
-  assert.deepEqual(strip.columnsOf(bars.slice(0, 2), 1, "low"), [bar(1, "doubtful")]);
-  assert.deepEqual(strip.columnsOf(bars.slice(3), 1, "high"), [bar(2, "none")]);
-  assert.deepEqual(strip.columnsOf([bar(1)], 2, "high"), [bar(1), bar(1)]);
+test("a chart reaches over what is known and its bands, but not over the wildest hundredth", () => {
+  assert.deepEqual(chart.rangeOf([{ values: [1, NaN, 3], sd: [0.5, 0, 1] }]), [0.5, 4]);
+  assert.deepEqual(chart.rangeOf([{ values: [2, 2] }]), [1.5, 2.5]);
+  assert.deepEqual(chart.rangeOf([{ values: [NaN] }]), [0, 1]);
+  const most = Array.from({ length: 200 }, (_, i) => i);
+  assert.ok(chart.rangeOf([{ values: [...most, 1e9] }])[1] < 200);
 });
 
-test("the worst moments are those of any row", () => {
-  const row = (bad, ...values) => ({ bad, bars: values.map((value) => (value === null ? null : bar(value))) });
-  assert.deepEqual(strip.ranking([row("high", 1, 5, null), row("high", 2, 0, 3)]), [1, 2, 0]);
-  assert.deepEqual(strip.ranking([row("low", 0.5, NaN, 0.1, 0.5)]), [1, 2, 0, 3]);
-});
-
-test("the strip reaches as far as what is trusted, and its limit", () => {
-  const rows = [{ bars: [bar(3), bar(90, "doubtful"), null] }, { bars: [bar(NaN, "none"), bar(7)] }];
-  assert.equal(strip.topOf(rows), 7);
-  assert.equal(strip.topOf(rows, 10), 10);
-  assert.equal(strip.topOf([{ bars: [bar(90, "doubtful")] }]), 90);
-  assert.equal(strip.topOf([{ bars: [bar(0)] }]), 1);
-});
-
-test("a click on the strip finds its moment, to the right of the names", () => {
-  assert.deepEqual([-5, 0, 99, 499, 999, 2000].map((x) => strip.timeAt(x + strip.LEFT, 1000 + strip.LEFT, 10)), [0, 0, 0, 4, 9, 9]);
+test("a click on the chart finds its moment, between the borders", () => {
+  const wide = 1000 + chart.LEFT + chart.RIGHT;
+  assert.deepEqual([-5, 0, 99, 499, 999, 2000].map((x) => chart.timeAt(x + chart.LEFT, wide, 10)), [0, 0, 0, 4, 9, 9]);
 });
 
 test("a scale has a round length", () => {

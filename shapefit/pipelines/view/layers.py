@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +12,14 @@ from shapefit.arrays import Floats
 from shapefit.convex.solver import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation import metrics
+from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP
+from shapefit.geometry.joint_angles import known_angles, measure_angles
 from shapefit.geometry.normalisation import metres_in
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io.layout import METRES_PER_UNIT, UNKNOWN_UNIT
+from shapefit.io.skeletons import joint_columns
 from shapefit.lifting.methods import METHODS
-from shapefit.lifting.verdict import MIN_P_VALUE, REASONS
+from shapefit.lifting.verdict import REASONS
 from shapefit.pipelines.view.reading import CAMERA, POSE, Gathered, Truth
 from shapefit.viewer.scene import Blend, Layer, Measure, MeshSet, Words
 
@@ -25,11 +27,10 @@ MOST_MESHES = 200
 """Meshes of shapes that a page holds, at most."""
 SAME = 1e-3
 """Fitted landmarks within this share of the extent of x and y of the shape are those."""
+EXPECTED, AGAINST_TRUTH = "expected error", "error against the truth"
+"""Names of measures that the header of the page states."""
 SMALL = 0.01
 """Metres below which lengths are given in millimetres."""
-
-Dictionaries = Sequence[tuple[Path | None, Dictionary | None]]
-"""Of each result, with its path."""
 
 
 @dataclass(frozen=True)
@@ -82,37 +83,35 @@ def place_results(results: Sequence[Gathered]) -> tuple[list[Placement], str | N
 
 def make_layers(
     found: Sequence[Gathered],
-    known: Dictionaries,
+    dictionary: Dictionary | None,
     seen: Floats | None,
     truth: Truth | None,
     notes: list[str],
 ) -> tuple[list[Layer], list[MeshSet], str | None]:
     """Return results first, then what is laid onto the first of them, the truth last.
 
-    Also the meshes that they have, and the unit of the space, None for that of the files. `seen`
-    (n, 2, p) are the observed landmarks of the page.
+    Also the meshes that they have, those of the dictionary first, and the unit of the space, None
+    for that of the files. `seen` (n, 2, p) are the observed landmarks of the page.
     """
     results = [each for each in found if each.kind == "result"]
     placements, unit = place_results(results)
     layers: list[Layer] = []
     others: list[Layer] = []
     meshes: list[MeshSet] = []
-    set_of: dict[Path, int] = {}
-    for each, placement, (path, dictionary) in zip(results, placements, known, strict=False):
+    for each, placement in zip(results, placements, strict=True):
         layer = _result_layer(each, placement, seen, truth)
-        if path is not None and dictionary is not None and dictionary.mesh_vertices is not None:
+        if dictionary is not None and dictionary.mesh_vertices is not None:
             if obstacle := _mesh_obstacle(each, dictionary):
                 notes.append(f"{each.name} has no mesh: {obstacle}.")
             else:
-                if path not in set_of:
-                    set_of[path] = len(meshes)
+                if not meshes:
                     assert dictionary.mesh_faces is not None
                     meshes.append(MeshSet(dictionary.mesh_vertices, dictionary.mesh_faces))
-                layer = _with_mesh(layer, each, placement, set_of[path])
+                layer = _with_mesh(layer, each, placement, 0)
         layers.append(layer)
-    for each in (each for each in found if each.kind == "shapes"):
+    for each in joined([each for each in found if each.kind == "shapes"]):
         rows = np.array([f if f in each.mesh_vertices else -1 for f in range(len(each.points))])
-        layer = Layer(each.name, "shapes", each.points)
+        layer = Layer(each.name, "shapes", each.points, measures=tuple(angle_measures(each)))
         others.append(
             _with_own_meshes(layer, each.mesh_vertices, each.mesh_faces, rows, meshes, notes)
         )
@@ -131,8 +130,20 @@ def make_layers(
             notes.append(f"Not shown, for {results[0].name} has {fewest}: {', '.join(strange)}.")
         if others:
             laid = ", ".join(layer.name for layer in others)
-            notes.append(f"Aligned with {results[0].name} by the best similarity: {laid}.")
+            notes.append(f"Note: {laid} aligned to {results[0].name} for display.")
     return layers + others, meshes, unit
+
+
+def joined(shapes: Sequence[Gathered]) -> Sequence[Gathered]:
+    """Return files of shapes of different frames, such as one for each individual, as one."""
+    held = [np.isfinite(each.points).any(axis=(1, 2)) for each in shapes]
+    if len(shapes) < 2 or np.sum(held, axis=0).max() > 1:
+        return shapes
+    whole = replace(shapes[0], name=", ".join(each.name for each in shapes))
+    whole.points = first_known(each.points for each in shapes)  # type: ignore[assignment]
+    whole.mesh_vertices = {f: v for each in shapes for f, v in each.mesh_vertices.items()}
+    whole.mesh_faces = next((s.mesh_faces for s in shapes if s.mesh_faces is not None), None)
+    return [whole]
 
 
 def first_known(arrays: Iterable[Floats]) -> Floats | None:
@@ -177,30 +188,44 @@ def _result_layer(
 
 
 def _measures(gathered: Gathered, seen: Floats | None, truth: Truth | None) -> Iterator[Measure]:
-    """Yield what is known of each frame, what says most about it first."""
+    """Yield what is known of each frame: joint angles first, then errors."""
     found = gathered.of_frames
     unit = gathered.listings[0].unit
+    yield from angle_measures(gathered)
     if truth is not None:
         error = metrics.similarity(gathered.points, truth.points)
         if np.isfinite(error).any():
-            yield in_length("error against the truth", error, 1.0, truth.shapes.unit)
-    if "shape_sd" in found:
-        away = np.sqrt((found["shape_sd"] ** 2).sum(axis=1))
-        known: NDArray[np.bool_] = np.isfinite(away)
-        with np.errstate(invalid="ignore"):
-            width = np.where(known, away, 0.0).sum(axis=1) / known.sum(axis=1)
+            yield in_length(AGAINST_TRUTH, error, 1.0, truth.shapes.unit)
+    if "expected_error" in found:
         metres = found.get(METRES_PER_UNIT)
         if metres is not None and np.isfinite(metres).any():
-            yield in_length("expected error", width, metres, "m")
+            yield in_length(EXPECTED, found["expected_error"], metres, "m")
         else:
-            yield in_length("expected error", width, 1.0, unit)
+            yield in_length(EXPECTED, found["expected_error"], 1.0, unit)
     if "p_value" in found and np.isfinite(found["p_value"]).any():
-        yield Measure("p_value", found["p_value"], bad="low", limit=MIN_P_VALUE)
+        yield Measure("p-value", found["p_value"])
     if seen is not None and ("landmarks_fitted" in found or not has_camera(gathered)):
         flat = found.get("landmarks_fitted", gathered.points[:, :2])
-        yield in_length(
-            "residual_variance in the image", metrics.reprojection(flat, seen), 1.0, unit
-        )
+        yield in_length("distance in the image", metrics.reprojection(flat, seen), 1.0, unit)
+
+
+def angle_measures(gathered: Gathered) -> Iterator[Measure]:
+    """Yield the joint angles of a body with their standard deviations, in degrees.
+
+    Up is up in the image, or the axis y of shapes.
+    """
+    joints = joint_columns(gathered.landmark_names)
+    angles = known_angles(joints)
+    if not angles:
+        return
+    sd = gathered.of_frames.get("shape_sd")
+    covariance = None if sd is None else np.eye(3) * sd.swapaxes(1, 2)[..., None] ** 2
+    up = TO_Y_UP[IMAGE_UP][1] if gathered.y_down else np.array([0.0, 1.0, 0.0])
+    values, deviations = measure_angles(gathered.points, up, joints, covariance)
+    for number, angle in enumerate(angles):
+        if np.isfinite(values[:, number]).any():
+            band = deviations[:, number] if covariance is not None else None
+            yield Measure(angle.name.replace("_", " "), values[:, number], "°", band)
 
 
 def in_length(name: str, values: Floats, factor: Floats | float, unit: str) -> Measure:

@@ -6,7 +6,6 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,9 +13,8 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.config import ViewConfig
-from shapefit.dictionary.model import Dictionary
-from shapefit.errors import InputError, input_error
-from shapefit.io import digest, open_shapes, read_dictionary
+from shapefit.errors import input_error
+from shapefit.io import open_shapes
 from shapefit.io.layout import FRAME, INPUT_NAMES, METRES_PER_UNIT
 from shapefit.io.listing import AnyRecords, Listing, read_rows
 from shapefit.io.options import input_options
@@ -32,8 +30,8 @@ CAMERA = ("camera_translation", "focal", "principal_point")
 AT_A_TIME = 1 << 14
 """True shapes that are read at a time for their names."""
 POSE = ("coefficients", "rotation", "translation", "scale")
-EXTRINSIC_ROTATION = "extrinsic_rotation"
-OF_IMAGES = (*POSE, *CAMERA, "p_value", METRES_PER_UNIT)
+IMAGE_SIZE = "image_size"
+OF_IMAGES = (*POSE, *CAMERA, "p_value", "expected_error", METRES_PER_UNIT)
 OF_RESULTS = frozenset({"sequence", "landmarks_fitted", "status", "shape_sd", *POSE})
 """Datasets of a result that a page is made of, beside those that the format does not know."""
 
@@ -66,7 +64,7 @@ class Gathered:
 
     points (n, 3, p) with the p landmarks of the page; `of_frames` holds other numbers by name, each
     (n, ...), those of landmarks (n, ..., p); texts the same for texts. Frame f has the vertices
-    mesh_vertices[f] (3, q), where there are any. extrinsics (3, 3) turn the world to the camera.
+    mesh_vertices[f] (3, q), where there are any; image_size (2) is the width and height of images.
     """
 
     name: str
@@ -78,7 +76,19 @@ class Gathered:
     mesh_vertices: dict[int, Floats] = field(default_factory=dict)
     mesh_faces: NDArray[np.int64] | None = None
     edges: NDArray[np.int64] | None = None
-    extrinsics: Floats | None = None
+    landmark_names: tuple[str, ...] = ()
+    y_down: bool = True
+    image_size: Floats | None = None
+
+    @property
+    def stated(self) -> Mapping[str, Any]:
+        """Return the keys of the config of the fit that are not left open, as the file has them."""
+        try:
+            config = json.loads(str(self.attributes.get("config", "{}")))
+        except (ValueError, RecursionError):
+            return {}
+        known = config.items() if isinstance(config, dict) else ()
+        return {name: value for name, value in known if value is not None}
 
     @property
     def attributes(self) -> Mapping[str, Any]:
@@ -95,6 +105,8 @@ def gather(
     """
     n, p = len(frames.items), len(landmarks)
     gathered = Gathered(name, listings[0].kind, tuple(listings), np.full((n, 3, p), np.nan))
+    gathered.landmark_names = tuple(landmarks)
+    gathered.y_down = listings[0].kind != "shapes" and listings[0].y_axis != "up"
     owner = np.full(n, -1)
     column = {landmark: number for number, landmark in enumerate(landmarks)}
     for number, listing in enumerate(listings):
@@ -174,8 +186,8 @@ def _take(
             if name in own and own[name].shape == at.shape:
                 texts = gathered.texts.setdefault(name, np.full(n, "", dtype=object))
                 texts[at] = own[name].astype(str)
-    if EXTRINSIC_ROTATION in own and own[EXTRINSIC_ROTATION].shape == (3, 3):
-        gathered.extrinsics = np.asarray(own[EXTRINSIC_ROTATION], np.float64)
+    if IMAGE_SIZE in own and own[IMAGE_SIZE].shape[-1:] == (2,):
+        gathered.image_size = np.asarray(own[IMAGE_SIZE], np.float64).reshape(-1, 2)[0]
     if records.lines is not None:
         gathered.edges = columns[records.lines]
 
@@ -229,29 +241,6 @@ def read_truth(
             column = shapes.shapes[:, :, shapes.landmark_names.index(name)]
             points[rows >= 0, :, j] = column[rows[rows >= 0]]
     return Truth(shapes, rows, points, frame_rate)
-
-
-def fit_config(attributes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the config of the fit, as far as the attributes of the result say."""
-    try:
-        config = json.loads(str(attributes.get("config", "{}")))
-    except ValueError:
-        return {}
-    return config if isinstance(config, dict) else {}
-
-
-def fit_dictionary(attributes: Mapping[str, Any]) -> tuple[Path | None, Dictionary | str]:
-    """Return where the dictionary of the fit is, and it, or "" or words why it cannot be had."""
-    stated = fit_config(attributes).get("dictionary")
-    if not isinstance(stated, str):
-        return None, ""
-    path = Path(stated)
-    try:
-        if digest(path) in str(attributes.get("inputs", "")):
-            return path, read_dictionary(path)
-        return path, "has changed since the fit"
-    except (InputError, OSError):
-        return path, "no longer exists"
 
 
 def renamed_edges(

@@ -152,9 +152,8 @@ def _thin(frames: Frames, step: int, kept: Collection[str]) -> Frames:
     starts = [start for _, start in frames.sequences] + [len(frames.items)]
     groups: dict[str, list[str]] = {}
     for (name, start), end in zip(frames.sequences, starts[1:], strict=True):
-        here = [f for f in range(start, end) if f % step == 0 or frames.items[f] in kept]
-        if here:
-            groups[name] = [frames.items[frame] for frame in here]
+        here = [f for f in range(start, end) if (f - start) % step == 0 or frames.items[f] in kept]
+        groups[name] = [frames.items[frame] for frame in here]
     return Frames.of(groups, frames.count, step)
 
 

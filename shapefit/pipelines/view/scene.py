@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +12,8 @@ from shapefit.arrays import Floats, Integers
 from shapefit.config import ViewConfig
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted
-from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP, nearest_axis_up
+from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP
 from shapefit.geometry.floor import Floor
-from shapefit.geometry.procrustes import lateral_axis
-from shapefit.geometry.rotations import turn_up
 from shapefit.io import read_dictionary, read_results
 from shapefit.io.joined import agreed
 from shapefit.io.layout import FRAME, METRES_PER_UNIT, UNKNOWN_UNIT
@@ -26,19 +23,18 @@ from shapefit.io.records import concatenate
 from shapefit.io.skeletons import edges_of
 from shapefit.io.writers.motion import find_floors, video_of
 from shapefit.pipelines.view.images import MEGABYTES, embed_images
-from shapefit.pipelines.view.layers import Dictionaries, first_known, has_camera, make_layers
+from shapefit.pipelines.view.layers import first_known, has_camera, make_layers
 from shapefit.pipelines.view.reading import (
     Frames,
     Gathered,
     Truth,
     as_judged,
-    fit_dictionary,
     gather,
     read_truth,
     renamed_edges,
 )
-from shapefit.pipelines.view.words import lacking, summary
-from shapefit.viewer.scene import RATE_OF_IMAGES, USUAL_RATE, Scene, Stand
+from shapefit.pipelines.view.words import assumed, facts, lacking
+from shapefit.viewer.scene import USUAL_RATE, Scene, Stand
 
 MIDDLE, LEFT, RIGHT = 0, 1, 2
 OTHER_SIDE = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
@@ -69,12 +65,11 @@ def assemble(
     results = [each for each in found if each.kind == "result"]
     truth = read_truth(config, found, frames, landmarks) if config.truth else None
     seen = first_known(e.of_frames["landmarks"] for e in found if "landmarks" in e.of_frames)
-    known = _dictionaries(config, results, notes)
-    layers, meshes, unit = make_layers(found, known, seen, truth, notes)
-    edges = _edges(found, known, truth, landmarks)
+    dictionary = None if config.dictionary is None else read_dictionary(config.dictionary)
+    layers, meshes, unit = make_layers(found, dictionary, seen, truth, notes)
+    edges = _edges(found, dictionary, truth, landmarks)
     notes += lacking(layers, seen, edges)
     named = find_sides(landmarks)
-    halves = (_halves(dictionary, landmarks) for _, dictionary in known if dictionary is not None)
     outliers = [each.of_frames["outliers"] == 1 for each in results if "outliers" in each.of_frames]
     images = any(one.kind != "shapes" for one in every)
     unsaid = ("down") if images else "up"
@@ -87,7 +82,11 @@ def assemble(
     if config.images is not None and len(pictures) < len(frames.items):
         notes.append(f"{len(pictures)} of {counted(len(frames.items), 'frame')} have a picture.")
     recordings, times = find_recordings(found, frames) or (None, None)
-    stands, why_upright = find_stands(results, frames, y_axis)
+    stands, floor = find_stands(results, frames, y_down=y_axis == "down")
+    video = in_motion or (rate is not None and len(frames.items) > 1)
+    shown_rate = (rate or USUAL_RATE) / frames.step
+    words = f"{shown_rate:.4g} Hz" + ("" if rate else " assumed") if video else ""
+    notes += assumed(results, floor, video=video)
     return Scene(
         title=", ".join(listings) + (" and the truth" if truth else ""),
         items=frames.items,
@@ -99,18 +98,22 @@ def assemble(
         space_unit=_shown(every[0].unit if unit is None else unit),
         y_down=y_axis == "down",
         stands=stands,
-        frame_rate=rate / frames.step if rate else USUAL_RATE if in_motion else RATE_OF_IMAGES,
+        frame_rate=shown_rate,
         rate_known=rate is not None,
         flat=seen is not None or bool(results),
         seen=seen,
         outliers=np.logical_or.reduce(outliers) if np.any(outliers) else None,
-        sides=named if any(named) else next(filter(any, halves), None),
-        sides_named=any(named),
+        sides=named if any(named) else None,
         recordings=recordings,
         times=times,
         meshes=meshes,
         pictures=pictures,
-        summary=tuple(summary(results, layers, frames, recordings, landmarks, why_upright)),
+        image=_image_size(found),
+        video=video,
+        rigid=not video and any(layer.pose is not None for layer in layers),
+        facts=tuple(
+            facts(results, layers, frames, recordings, _moments(frames, recordings, times), words)
+        ),
         notes=tuple(notes),
     )
 
@@ -125,21 +128,6 @@ def find_sides(names: Sequence[str]) -> list[int]:
             if other in place:
                 sides[number], sides[place[other]] = LEFT, RIGHT
     return sides
-
-
-def _halves(dictionary: Dictionary, names: Sequence[str]) -> list[int]:
-    """Return one side and the other for the landmarks that `mirror_index` pairs.
-
-    They are those of the mean shape. Which of them is the left one is not known.
-    """
-    partner = dictionary.mirror_index
-    if partner is None:
-        return [MIDDLE] * len(names)
-    mean = dictionary.mean_shape[lateral_axis(dictionary.mean_shape, partner)]
-    sides = np.where(mean > mean[partner], LEFT, RIGHT)
-    sides[partner == np.arange(len(partner))] = MIDDLE
-    side_of = dict(zip(dictionary.landmark_names, sides.tolist(), strict=True))
-    return [side_of.get(name, MIDDLE) for name in names]
 
 
 def find_recordings(
@@ -176,30 +164,20 @@ def find_recordings(
 
 
 def find_stands(
-    results: Sequence[Gathered], frames: Frames, y_axis: str
+    results: Sequence[Gathered], frames: Frames, *, y_down: bool
 ) -> tuple[list[Stand], str]:
-    """Return how the shapes of each sequence stand, and why, "" where the camera is taken as level.
+    """Return how the shapes of each sequence stand, and the floor in words, "" for none.
 
-    Up is that of the floor below people, or what the extrinsics of all files say; else up in the
-    image. Shapes are turned to it by the shortest way, so that they are seen from the camera.
+    Up is that of the floor that the feet of people rest on, where it is known, else that of the
+    image.
     """
-    level = TO_Y_UP[IMAGE_UP] if y_axis == "down" else np.eye(3)
+    level = TO_Y_UP[IMAGE_UP] if y_down else np.eye(3)
     floors = next(filter(None, map(_floors, results)), {})
-    if floors:
-        own = [floors.get(video_of(name)) for name, _ in frames.sequences]
-        flat = Stand(level.ravel().tolist())
-        stands = [flat if floor is None else _on_floor(floor, level) for floor in own]
-        told = next(iter(floors.values())) if len(floors) == 1 else f"{len(floors)} videos have one"
-        return stands, f"Floor from resting feet: {told}."
-    stated = [each.extrinsics for each in results]
-    first = stated[0] if stated else None
-    upright, why = level, ""
-    if first is not None and all(one is not None and np.array_equal(one, first) for one in stated):
-        axis = nearest_axis_up(first)
-        up = first @ TO_Y_UP[axis][1]  # x right, y down, z away from the camera
-        upright = turn_up(TO_Y_UP[IMAGE_UP] @ up) @ level
-        why = f"Up is the axis {axis} of the extrinsics."
-    return [Stand(upright.ravel().tolist())] * len(frames.sequences), why
+    flat = Stand(level.ravel().tolist())
+    own = [floors.get(video_of(name)) for name, _ in frames.sequences]
+    stands = [flat if floor is None else _on_floor(floor, level) for floor in own]
+    words = f"{len(floors)} videos have one" if len(floors) > 1 else str(*floors.values())
+    return stands, words if floors else ""
 
 
 def _floors(result: Gathered) -> Mapping[str, Floor]:
@@ -219,14 +197,14 @@ def _on_floor(floor: Floor, level: Floats) -> Stand:
 
 def _edges(
     found: Sequence[Gathered],
-    known: Dictionaries,
+    dictionary: Dictionary | None,
     truth: Truth | None,
     landmarks: Sequence[str],
 ) -> NDArray[np.int64] | None:
-    """Return lines between landmarks: of a dictionary, of shapes, of the files, of known names."""
-    dictionaries = [dictionary for _, dictionary in known if dictionary is not None]
-    edges = [renamed_edges(one.edges, one.landmark_names, landmarks) for one in dictionaries]
-    edges += [each.edges for each in found if each.kind == "shapes"]
+    """Return lines between landmarks: of the dictionary, of the files, of known skeletons."""
+    edges = [each.edges for each in found if each.kind == "shapes"]
+    if dictionary is not None:
+        edges.insert(0, renamed_edges(dictionary.edges, dictionary.landmark_names, landmarks))
     if truth is not None:
         edges.append(renamed_edges(truth.shapes.edges, truth.shapes.landmark_names, landmarks))
     edges += [each.edges for each in found]
@@ -234,26 +212,29 @@ def _edges(
     return next((each for each in edges if each is not None and len(each)), None)
 
 
-def _dictionaries(
-    config: ViewConfig, results: Sequence[Gathered], notes: list[str]
-) -> Dictionaries:
-    """Return the dictionary of each result: that of the config, else that of the fit.
+def _moments(
+    frames: Frames, recordings: Sequence[Sequence[int]] | None, times: Integers | None
+) -> int:
+    """Count the frames of all videos, those in which several individuals are seen once."""
+    if recordings is None or times is None:
+        return len(frames.items)
+    ends = [*(start for _, start in frames.sequences[1:]), len(frames.items)]
+    starts = [start for _, start in frames.sequences]
+    return sum(
+        len(np.unique(np.concatenate([times[starts[m] : ends[m]] for m in members])))
+        for members in recordings
+    )
 
-    The one of the config is there where there is no result, too.
-    """
-    if config.dictionary is not None:
-        return [(config.dictionary, read_dictionary(config.dictionary))] * max(1, len(results))
-    known: list[tuple[Path | None, Dictionary | None]] = []
-    for result in results:
-        path, dictionary = fit_dictionary(result.attributes)
-        if isinstance(dictionary, Dictionary):
-            known.append((path, dictionary))
-            continue
-        if path is not None:
-            why = f"its dictionary {path.name} {dictionary}"
-            notes.append(f"{result.name}: {why}; -d DICT.h5 names another.")
-        known.append((None, None))
-    return known
+
+def _image_size(found: Sequence[Gathered]) -> list[float] | None:
+    """Return the width and height of the images, where a file says them or its camera does."""
+    for each in found:
+        if each.image_size is not None and np.isfinite(each.image_size).all():
+            return each.image_size.tolist()
+        centre = each.of_frames.get("principal_point")
+        if centre is not None and np.isfinite(centre).any() and each.y_down:
+            return (2 * np.nanmedian(centre, axis=0)).tolist()
+    return None
 
 
 def _shown(unit: str) -> str:

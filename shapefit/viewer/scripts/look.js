@@ -4,9 +4,17 @@ const look = (() => {
   const CROWD = 40; // more landmarks than these have smaller marks
   const FONT = "12px system-ui, sans-serif";
 
+  const colours = new Map();
+
   /** A colour of the style, by name; the style is light or dark. */
   function text(name) {
-    return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+    if (!colours.has(name)) colours.set(name, getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim());
+    return colours.get(name);
+  }
+
+  /** Read the colours anew: the style has changed. */
+  function restyle() {
+    colours.clear();
   }
 
   /** A colour of the style as [red, green, blue], with a share of another. */
@@ -58,7 +66,7 @@ const look = (() => {
   }
 
   /**
-   * Draw a body: error bars, then bones and landmarks, the far ones first and paler.
+   * Draw a body: error bars, then bones as tubes and landmarks as spheres, the far ones first and paler.
    *
    * places are [x, y, depth from 0 (near) to 1 (far)] in px; rowsAt(j) the projection at landmark j.
    */
@@ -75,27 +83,54 @@ const look = (() => {
     const parts = data.edges.filter(([a, b]) => known[a] && known[b])
       .map(([a, b]) => ({ a, b, far: (places[a][2] + places[b][2]) / 2 }));
     places.forEach((place, j) => known[j] && parts.push({ a: j, far: place[2] - 0.01 }));
+    const shades = [0, 1, 2].map((side) => [0, 1, 2, 3].map((pale) => {
+      const tint = mixed(tints[side], "background", 0.16 * pale);
+      return [tint, tint.map((value) => Math.min(255, value + 70))].map((each) => `rgb(${each})`);
+    }));
     for (const { a, b, far } of parts.sort((one, other) => other.far - one.far)) {
-      const tint = `rgb(${mixed(tints[sideOf(data, a, b)], "background", 0.55 * far * far)})`;
+      const [tint, light] = shades[sideOf(data, a, b)][Math.min(3, Math.floor(4 * far * far))];
       const [x, y] = places[a];
       context.beginPath();
-      if (b !== undefined) context.moveTo(x, y);
-      if (b !== undefined) stroke(context, tint, radius - 0.5, () => context.lineTo(...places[b]));
-      else if (layer.role === "result" && outliers[a]) cross(context, x, y);
+      if (b !== undefined) {
+        const lift = radius / 3;
+        stroke(context, tint, 2 * radius - 1, () => [places[a], places[b]].forEach((end) => context.lineTo(end[0], end[1])));
+        context.beginPath();
+        stroke(context, light, radius / 2, () => [places[a], places[b]].forEach((end) => context.lineTo(end[0] - lift, end[1] - lift)));
+      } else if (layer.role === "result" && outliers[a]) cross(context, x, y);
       else {
         const hidden = layer.role === "result" && seen && !Number.isFinite(seen[2 * a]);
-        context.arc(x, y, radius + (hidden ? 1 : 0), 0, 2 * Math.PI);
+        context.arc(x, y, radius + 1, 0, 2 * Math.PI);
         fill(context, hidden ? text("background") : tint);
         if (hidden) stroke(context, tint, 1.5);
+        else {
+          context.beginPath();
+          context.arc(x - radius / 3, y - radius / 3, radius / 2.5, 0, 2 * Math.PI);
+          fill(context, light);
+        }
       }
     }
     const top = places.reduce((best, place, j) => (known[j] && !(best?.[1] <= place[1]) ? place : best), null);
-    if (label && top) write(context, label, top[0], top[1] - 12, text(colour), "center");
+    if (label && top) write(context, label, top[0], top[1] - 14, text(colour), "center");
+  }
+
+  /** A soft shadow: the bones, or the landmarks where there are none, at places [x, y] on the ground. */
+  function drawShadow(context, data, places) {
+    const pairs = data.edges.length ? data.edges : data.landmarks.map((_, j) => [j, j]);
+    const lines = pairs.map(([a, b]) => [places[a], places[b]]).filter(([a, b]) => Number.isFinite(a[0] + b[0]));
+    for (const width of [14, 9, 5]) {
+      context.beginPath();
+      context.globalAlpha = 0.07;
+      stroke(context, text("ink"), width, () => lines.forEach(([a, b]) => {
+        context.moveTo(a[0], a[1]);
+        context.lineTo(b[0], b[1]);
+      }));
+      context.globalAlpha = 1;
+    }
   }
 
   /** Radius of the mark of a landmark, px. */
   function markOf(data) {
-    return data.landmarks.length > CROWD ? 2.5 : 3.5;
+    return data.landmarks.length > CROWD ? 2 : 3.5;
   }
 
   function fill(context, tint, alpha = 1) {
@@ -160,5 +195,5 @@ const look = (() => {
     write(context, `${Number((small ? 100 * step : step).toPrecision(1))} ${small ? "cm" : unit}`, 12, height - 22, text("faint"));
   }
 
-  return { text, mixed, pen, colourOf, bodiesOf, drawBody, markOf, fill, stroke, cross, drawNames, apart, niceStep, drawScale };
+  return { text, restyle, mixed, pen, colourOf, bodiesOf, drawBody, drawShadow, markOf, fill, stroke, cross, drawNames, apart, write, niceStep, drawScale };
 })();

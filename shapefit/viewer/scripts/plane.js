@@ -1,6 +1,6 @@
-/** The left panel: landmarks as seen, over the image where there is one, and what was fitted. */
+/** The panel of the image: landmarks as seen, over the image where there is one, and what was fitted. */
 const plane = (() => {
-  const FILL = 0.42; // share of the panel from its middle to the farthest point
+  const FILL = 0.46; // share of the panel from its middle to the farthest point
 
   /** Draw the moment of the view. */
   function draw(canvas, data, view) {
@@ -14,7 +14,7 @@ const plane = (() => {
     const { zoom, middle } = fit(data, view, points, width, height);
     const up = data.y_down ? 1 : -1;
     const at = (values, j) => [width / 2 + zoom * (values[2 * j] - middle[0]), height / 2 + up * zoom * (values[2 * j + 1] - middle[1])];
-    drawPicture(context, data, view, at, zoom);
+    drawImage(context, data, view, at, zoom);
     for (const { layer, mesh, colour } of bodies) if (mesh) fillMesh(context, layer.faces, mesh, at, look.text(colour));
     for (const body of bodies) {
       const solid = body.layer.points(body.frame);
@@ -32,19 +32,24 @@ const plane = (() => {
 
   /** {zoom (px a unit), middle (the point in the middle of the panel)}: a recording in one scale. */
   function fit(data, view, points, width, height) {
-    const box = geometry.box(points.flatMap((each) => Array.from(each)), 2) ?? { middle: [0, 0], extent: [1, 1] };
-    const whole = data.size(data.recordingOf(view.frame)).flat;
+    const framed = data.image ? [[0, 0], data.image] : [];
+    const box = geometry.box([...points, ...framed].flatMap((each) => Array.from(each)), 2) ?? { middle: [0, 0], extent: [1, 1] };
+    const whole = data.image ? [0, 0] : data.size(data.recordingOf(view.frame)).flat;
     const [wide, tall] = box.extent.map((own, axis) => Math.max(own, whole[axis]));
     const zoom = FILL * view.planeZoom * Math.min(width / (wide || tall || 1), height / (tall || wide || 1));
     const [right, down] = view.planePan;
     return { zoom, middle: [box.middle[0] - right / zoom, box.middle[1] - ((data.y_down ? 1 : -1) * down) / zoom] };
   }
 
-  function drawPicture(context, data, view, at, zoom) {
+  /** The picture of the frame, where there is one, and the border of the image. */
+  function drawImage(context, data, view, at, zoom) {
     const picture = view.pictures[view.frame];
-    if (!picture?.complete) return;
-    const [w, h] = data.pictures[view.frame].size;
-    context.drawImage(picture, ...at([0, data.y_down ? 0 : h], 0), w * zoom, h * zoom);
+    const [w, h] = data.pictures[view.frame]?.size ?? data.image ?? [0, 0];
+    const [left, top] = at([0, data.y_down ? 0 : h], 0);
+    if (picture?.complete) context.drawImage(picture, left, top, w * zoom, h * zoom);
+    if (!w) return;
+    [context.strokeStyle, context.lineWidth] = [look.text("line"), 1.5];
+    context.strokeRect(left, top, w * zoom, h * zoom);
   }
 
   /** Observed landmarks: discs, crosses where they were judged to be wrong, lines to where the model has them. */

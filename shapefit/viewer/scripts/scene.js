@@ -19,8 +19,9 @@ const scene = (() => {
     if (page.times) times.set(blocks.numbers(page.times));
     const recordings = (page.recordings ?? sequences.map((_, i) => [i])).map((members, home) => {
       const frames = members.flatMap((i) => Array.from({ length: sequences[i].end - sequences[i].start }, (_, f) => sequences[i].start + f));
+      const labels = distinct(members.map((i) => sequences[i].name.split("/").pop()));
       const length = 1 + frames.reduce((most, frame) => Math.max(most, times[frame]), 0);
-      const tracks = members.map((i) => ({ ...sequences[i], label: sequences[i].name.split("/").pop(), sequence: i, frames: new Int32Array(length).fill(-1) }));
+      const tracks = members.map((i, m) => ({ ...sequences[i], label: labels[m], sequence: i, frames: new Int32Array(length).fill(-1) }));
       for (const frame of frames) {
         homes[frame] = home;
         tracks[members.indexOf(owners[frame])].frames[times[frame]] = frame;
@@ -48,6 +49,15 @@ const scene = (() => {
     return data;
   }
 
+  /** Names without the whole words that all begin with: walk_person_1, walk_person_2 are person_1, person_2. */
+  function distinct(names) {
+    let same = 0;
+    while (names.length > 1 && names.every((name) => same < name.length && name[same] === names[0][same])) same++;
+    const words = [...names[0].slice(0, same).matchAll(/[_ -]/g)].map(({ index }) => index + 1);
+    const kept = words.findLast((end) => names.every((name) => /[a-z]/i.test(name.slice(end)))) ?? 0;
+    return names.map((name) => name.slice(kept));
+  }
+
   /** The frames of all individuals at a time of a recording. */
   function framesAt(recording, time) {
     return recording.tracks.map(({ frames }) => frames[time]).filter((frame) => frame >= 0);
@@ -58,7 +68,7 @@ const scene = (() => {
    * that all are shown in one scale; 0 for frames that are no sequence.
    */
   function sizeOf(data, recording, { upright }) {
-    if (!recording.tracks[0].name && !data.rate_known) return { solid: [0, 0], flat: [0, 0] };
+    if (!data.video) return { solid: [0, 0], flat: [0, 0] };
     const [solid, flat] = [[], []];
     for (let time = 0; time < recording.length; time += Math.max(1, Math.floor(recording.length / LOOKED_AT))) {
       const frames = framesAt(recording, time);
@@ -90,7 +100,8 @@ const scene = (() => {
       fitted: fitted ?? ((frame) => inImage(frame, points(frame))),
       sd: row("sd") ?? (() => null),
       has: (frame) => points(frame).some(Number.isFinite),
-      measures: layer.measures.map((measure) => ({ ...measure, values: blocks.numbers(measure.values) })),
+      camera: cameraOf,
+      measures: layer.measures.map((measure) => ({ ...measure, values: blocks.numbers(measure.values), sd: measure.sd && blocks.numbers(measure.sd) })),
       word: layer.status ? openWords(layer.status) : () => "",
       doubt: layer.doubts ? openWords(layer.doubts) : null,
     };
@@ -113,24 +124,6 @@ const scene = (() => {
   function openWords({ words, codes }) {
     const numbers = blocks.numbers(codes);
     return (frame) => words[numbers[frame]];
-  }
-
-  /**
-   * Rows of the list, {sequence} or {frame}: all sequences and the frames of the current one or,
-   * for a text, those whose names hold it, whatever the case.
-   */
-  function find(data, text, current) {
-    const rows = [];
-    const wanted = text.trim().toLowerCase();
-    const has = (name) => name.toLowerCase().includes(wanted);
-    data.sequences.forEach((sequence, index) => {
-      if (data.sequences.length > 1 && has(sequence.name)) rows.push({ sequence: index });
-      if (!wanted && index !== current) return;
-      for (let frame = sequence.start; frame < sequence.end; frame++) {
-        if (has(data.items[frame])) rows.push({ frame });
-      }
-    });
-    return rows;
   }
 
   /** Names that differ where they are read: long ones without what all begin with, and with the end of what is left. */
@@ -158,5 +151,5 @@ const scene = (() => {
     return null;
   }
 
-  return { open, framesAt, find, short, nextDoubtful };
+  return { open, framesAt, short, nextDoubtful };
 })();

@@ -1,7 +1,8 @@
-/** The right panel: shapes in 3D on a floor, each moment around the middle of what it shows. */
+/** The shapes in 3D on their ground, each moment around the middle of what it shows. */
 const space = (() => {
   const FILL = 0.44; // share of the panel from its middle to the farthest point, whichever way it turns
-  const FLOOR = { cells: 6, reach: 0.8 }; // in radii of what stands on it
+  const REACH = 1.6; // of the grid, in radii of what stands on it
+  const CAMERA = 0.12; // length of the drawn camera, in distances to the body
   const LIGHT = [-0.31, 0.51, 0.81]; // from the viewer's upper left
   const SHADES = 32;
 
@@ -18,7 +19,8 @@ const space = (() => {
       ...body, points: body.layer.points(body.frame), mesh: view.mesh ? body.layer.mesh(body.frame) : null,
     }));
     const { upright: base, floor } = stand(data, view, bodies);
-    const every = geometry.turn(bodies.flatMap(({ points, mesh }) => Array.from(mesh ?? points)), base);
+    const solids = bodies.map(({ points, mesh }) => geometry.turn(mesh ?? points, base));
+    const every = solids.flatMap((solid) => Array.from(solid));
     const box = geometry.box(every, 3) ?? { middle: [0, 0, 0], low: [0, -1, 0], extent: [1, 1] };
     const whole = view.upright ? [0, 0] : data.size(data.recordingOf(view.frame)).solid;
     const [across, tall] = box.extent.map((own, axis) => Math.max(own, whole[axis]));
@@ -38,9 +40,16 @@ const space = (() => {
     const place = (points) => project(geometry.turn(points, base));
     const columns = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((axis) => geometry.turn(geometry.turn(axis, base), turned));
     const rows = [0, 1].map((row) => columns.map((column) => zoom * column[row]));
-    drawFloor(context, project, box.middle, floor ?? box.low[1], FLOOR.reach * radius);
+    if (view.pitch > -1) {
+      drawGrid(context, project, box.middle, floor ?? box.low[1], REACH * radius, data.space_unit);
+      bodies.forEach(({ mesh }, i) => {
+        const height = floor ?? geometry.box(solids[i], 3)?.low[1];
+        if (!mesh && height !== undefined) look.drawShadow(context, data, project(solids[i].map((value, k) => (k % 3 === 1 ? height : value))));
+      });
+    }
+    drawCamera(context, data, bodies[0], place);
     const meshes = bodies.filter(({ mesh }) => mesh);
-    drawMeshes(context, meshes.map(({ layer, mesh, colour }, i) => ({ faces: layer.faces, places: place(mesh), colour, alpha: i ? 0.45 : 1 })), 3.2 * radius * zoom);
+    drawMeshes(context, meshes.map(({ layer, mesh, colour }, i) => ({ faces: layer.faces, places: place(mesh), colour: meshes.length === 1 ? "mesh" : colour, alpha: i ? 0.45 : 1 })), 3.2 * radius * zoom);
     const projected = {};
     for (const body of bodies) {
       const places = place(body.points);
@@ -49,22 +58,46 @@ const space = (() => {
     }
     const [named] = Object.values(projected);
     if (view.names && named) look.drawNames(context, named, data.landmarks);
+    else if (named && view.joint !== null && Number.isFinite(named[view.joint][0])) {
+      look.write(context, data.landmarks[view.joint], named[view.joint][0] + 8, named[view.joint][1] - 9);
+    }
     look.drawScale(context, height, zoom, data.space_unit);
     return projected;
   }
 
-  /** A grid at a height, below the middle. */
-  function drawFloor(context, project, middle, height, half) {
-    const tint = `rgb(${look.mixed("background", "faint", 0.35)})`;
-    for (let i = 0; i <= FLOOR.cells; i++) {
-      const at = half * ((2 * i) / FLOOR.cells - 1);
-      for (const ends of [[at, -half, at, half], [-half, at, half, at]]) {
-        const [x0, z0, x1, z1] = ends;
-        const line = project([middle[0] + x0, height, middle[2] + z0, middle[0] + x1, height, middle[2] + z1]);
+  /** A grid on the ground around the middle: of metres where the unit is one, else of round lengths. */
+  function drawGrid(context, project, middle, height, reach, unit) {
+    const tint = `rgb(${look.mixed("background", "faint", 0.3)})`;
+    const step = unit === "m" && reach > 1 ? Math.max(1, look.niceStep(reach / 10)) : look.niceStep(reach / 4);
+    const [x, z] = [middle[0], middle[2]].map((at) => step * Math.round(at / step));
+    const cells = Math.max(1, Math.floor(reach / step));
+    for (let i = -cells; i <= cells; i++) {
+      const [at, half] = [step * i, step * cells];
+      for (const [x0, z0, x1, z1] of [[at, -half, at, half], [-half, at, half, at]]) {
         context.beginPath();
-        look.stroke(context, tint, 1, () => line.forEach(([x, y]) => context.lineTo(x, y)));
+        const line = project([x + x0, height, z + z0, x + x1, height, z + z1]);
+        look.stroke(context, tint, 1, () => line.forEach(([right, down]) => context.lineTo(right, down)));
       }
     }
+  }
+
+  /** The camera as a frustum, whose far side is the frame of its image. */
+  function drawCamera(context, data, body, place) {
+    const camera = body?.layer.perspective && data.image ? body.layer.camera(body.frame) : null;
+    const depths = camera ? Array.from(body.points).filter((value, i) => i % 3 === 2 && Number.isFinite(value)) : [];
+    if (!depths.length || !Number.isFinite(camera[0])) return;
+    const away = CAMERA * (depths.reduce((sum, value) => sum + value, 0) / depths.length);
+    const [w, h] = data.image;
+    const corners = [[0, 0], [w, 0], [w, h], [0, h]].flatMap(([u, v]) => [
+      (Math.abs(away) * (u - camera[2])) / camera[0], (Math.abs(away) * (v - camera[3])) / camera[1], away,
+    ]);
+    const [eye, ...frame] = place([0, 0, 0, ...corners]);
+    context.beginPath();
+    look.stroke(context, look.text("accent"), 1.2, () => frame.forEach((corner, i) => {
+      context.moveTo(eye[0], eye[1]);
+      context.lineTo(corner[0], corner[1]);
+      context.lineTo(frame[(i + 1) % 4][0], frame[(i + 1) % 4][1]);
+    }));
   }
 
   /** Triangles of all meshes that face the viewer, the far ones first, each in one shade; `deep` px are depths from 0 to 1. */

@@ -1,14 +1,15 @@
 /** The page at work: its state, what is drawn of it, and what keys, mouse and buttons do to it. */
 (() => {
   const $ = (id) => document.getElementById(id);
-  const AS_AT_FIRST = { yaw: 0, pitch: 0, zoom: 1, pan: [0, 0], planeZoom: 1, planePan: [0, 0] };
+  const AS_AT_FIRST = { yaw: 30, pitch: 15, zoom: 1, pan: [0, 0], planeZoom: 1, planePan: [0, 0] };
   const DEGREES_A_PIXEL = 0.5;
-  const DARK = matchMedia("(prefers-color-scheme: dark)");
+  const FIRST_CHART = "knee angle r";
+  const NEAR = 14; // px from a joint that is meant by a click
   const data = scene.open(JSON.parse($("page").textContent));
   const view = {
-    frame: 0, ...AS_AT_FIRST,
+    frame: 0, ...AS_AT_FIRST, joint: null,
     shown: new Set(data.layers.filter((layer, i) => i === 0 || !data.layers[0].faces)), hidden: new Set(),
-    mesh: true, names: false, upright: false, pictures: {}, playing: null, drawn: 0, rank: 0, projected: {},
+    mesh: true, names: false, upright: data.rigid, pictures: {}, playing: null, drawn: 0, projected: {},
   };
   let due = false;
 
@@ -28,38 +29,51 @@
   function draw() {
     due = false;
     if (!data.count) return;
-    if (data.flat) plane.draw($("plane"), data, view);
     if (data.layers.length) view.projected = space.draw($("space"), data, view);
-    drawStrip();
+    if (data.flat) plane.draw($("plane"), data, view);
+    drawChart();
     view.drawn++;
   }
 
-  /** Mark the frame on the strip; the bars are drawn only when they change. */
-  function drawStrip() {
+  /** Mark the frame on the chart; its lines are drawn only when they change. */
+  function drawChart() {
     const { length, tracks } = recording();
-    $("marker").style.left = `calc(${strip.LEFT}px + (100% - ${strip.LEFT}px) * ${(time() + 0.5) / length})`;
-    const key = [tracks[0].start, $("measure").value, $("strip").clientWidth, look.text("background"), ...view.hidden, ...shown().map(({ name }) => name)].join();
-    if (drawStrip.key === key) return;
-    drawStrip.key = key;
-    const rows = stripRows();
-    if (!rows.length) return;
-    $("strip").style.height = `${clamp(26 * rows.length, 44, 120) + 16}px`;
-    strip.draw(look.pen($("strip")), rows, { ...rows[0], rate: data.rate_known && data.frame_rate });
+    const sides = chart.LEFT + chart.RIGHT;
+    $("marker").style.left = `calc(${chart.LEFT}px + (100% - ${sides}px) * ${(time() + 0.5) / length})`;
+    $("chart").setAttribute("aria-valuenow", time() + 1);
+    const key = [tracks[0].start, $("measure").value, $("chart").clientWidth, look.text("background"), ...view.hidden, ...shown().map(({ name }) => name)].join();
+    if (drawChart.key === key) return;
+    drawChart.key = key;
+    const rows = chartRows();
+    const unit = rows[0]?.unit ?? "";
+    chart.draw(look.pen($("chart")), rows.length ? rows : [{ values: new Array(length).fill(NaN), states: [] }], { unit, rate: data.video && data.rate_known && data.frame_rate });
   }
 
-  /** The chosen measure over the recording, a row for each shown layer that has it and individual. */
-  function stripRows() {
+  /** The chosen quantity over the recording: a row for each shown layer that has it, and individual. */
+  function chartRows() {
     return shown().flatMap((layer) => {
-      const measure = layer.measures.find((m) => m.name === $("measure").value);
-      const tracks = measure ? recording().tracks : [];
-      return tracks.flatMap(({ frames, sequence, label }, track) => (view.hidden.has(sequence) ? [] : [{
-        name: tracks.length > 1 ? label : layer.name,
+      const measure = measureOf(layer, $("measure").value);
+      return (measure ? recording().tracks : []).flatMap(({ frames, sequence }, track) => (view.hidden.has(sequence) ? [] : [{
+        unit: measure.unit,
         tint: look.text(look.colourOf(data, layer, track)),
-        bad: measure.bad,
-        limit: measure.limit,
-        bars: Array.from(frames, (frame) => (frame < 0 ? null : { value: measure.values[frame], state: stateOf(layer, frame) })),
+        values: Array.from(frames, (frame) => (frame < 0 ? NaN : measure.values[frame])),
+        sd: measure.sd && Array.from(frames, (frame) => (frame < 0 ? NaN : measure.sd[frame])),
+        states: Array.from(frames, (frame) => (frame < 0 ? "" : stateOf(layer, frame))),
       }]));
     });
+  }
+
+  /** A quantity of a layer by its name; that of a joint is its error bar, the length of its deviations. */
+  function measureOf(layer, name) {
+    const joint = name.startsWith("joint ") ? Number(name.slice(6)) : null;
+    if (joint === null) return layer.measures.find((m) => m.name === name);
+    if (!layer.sd(0)) return undefined;
+    const small = data.space_unit === "m";
+    const values = Float64Array.from({ length: data.count }, (_, frame) => {
+      const sd = layer.sd(frame);
+      return (small ? 100 : 1) * Math.hypot(sd[3 * joint], sd[3 * joint + 1], sd[3 * joint + 2]);
+    });
+    return { values, unit: small ? "cm" : data.space_unit };
   }
 
   function stateOf(layer, frame) {
@@ -73,7 +87,6 @@
     if (data.sequenceOf(view.frame) !== before) enterSequence();
     const picture = data.pictures[view.frame];
     if (picture) view.pictures[view.frame] ??= Object.assign(new Image(), { onload: () => change(), src: picture.data });
-    $("slider").value = time();
     clearTimeout(go.telling);
     if (!view.playing) go.telling = setTimeout(tell, 80);
     change();
@@ -92,43 +105,42 @@
 
   function enterSequence() {
     const { length } = recording();
-    $("slider").max = length - 1;
-    $("slider").disabled = $("play").disabled = length < 2;
-    view.rank = 0;
+    $("chart").setAttribute("aria-valuemin", 1);
+    $("chart").setAttribute("aria-valuemax", length);
+    $("play").disabled = length < 2;
     fillLayers();
-    search();
   }
 
-  /** Say in words what is shown, whether it is to be trusted and why not, and mark it in the list. */
+  /** Say in words what is shown, whether it is trusted and why not, and mark it in the list. */
   function tell() {
     const { tracks, length } = recording();
     const layers = shown();
-    const known = scene.framesAt(recording(), time()).filter((frame) => visible(frame) || frame === view.frame);
+    const frames = scene.framesAt(recording(), time()).filter((frame) => visible(frame) || frame === view.frame);
     const named = (layer, frame, text) => {
       const name = tracks.length > 1 ? tracks.find(({ sequence }) => sequence === data.sequenceOf(frame)).label : layers.length > 1 ? layer.name : "";
       return name && text ? `${name}: ${text}` : text;
     };
-    const doubts = layers.flatMap((layer) => known.map((frame) => named(layer, frame, layer.doubt?.(frame)))).filter(Boolean);
+    const doubts = layers.flatMap((layer) => frames.map((frame) => named(layer, frame, layer.doubt?.(frame)))).filter(Boolean);
     $("badge").hidden = !layers.some((layer) => layer.doubt);
     $("badge").className = doubts.length ? "doubtful" : "";
-    $("badge").textContent = doubts.length ? `not to be trusted: ${doubts.join("; ")}` : "trusted";
+    $("badge").textContent = doubts.length ? `doubtful: ${doubts.join("; ")}` : "trusted";
     const own = layers.map((layer) => named(layer, view.frame, describe(layer, view.frame))).filter(Boolean);
-    $("state").textContent = [data.items[view.frame], `frame ${time() + 1} of ${length}`, ...own].join(" · ");
-    $("list").value = `frame ${view.frame}`;
+    $("told").textContent = [data.items[view.frame], `${data.video ? "frame" : "image"} ${time() + 1} of ${length}`, ...own].join(" · ");
+    $("list").value = data.video ? tracks[0].start : view.frame;
   }
 
   function describe(layer, frame) {
     if (!layer.has(frame)) return layer.role === "result" ? "no shape" : "";
     const short = (value) => (Math.abs(value) < 1e-3 && value !== 0 ? value.toExponential(1) : String(Number(value.toPrecision(3))));
     const known = layer.measures
-      .filter((m) => Number.isFinite(m.values[frame]))
+      .filter((m) => (m.unit !== "°" || m.name === $("measure").value) && Number.isFinite(m.values[frame]))
       .map((m) => `${m.name} ${short(m.values[frame])} ${m.unit}`.trim());
     return [layer.word(frame), ...known].filter(Boolean).join(", ");
   }
 
   /* Playing. */
   function play(on = !view.playing) {
-    view.playing = on && recording().length > 1 ? { since: performance.now(), from: time() } : null;
+    view.playing = on && data.video && recording().length > 1 ? { since: performance.now(), from: time() } : null;
     if (view.playing) requestAnimationFrame(advance);
     else tell();
     $("play").textContent = view.playing ? "Pause" : "Play";
@@ -157,14 +169,6 @@
     jump(data.sequences[clamp(data.sequenceOf(view.frame) + step, 0, data.sequences.length - 1)].start);
   }
 
-  function jumpWorst() {
-    const rows = stripRows();
-    if (!rows.length) return;
-    const order = strip.ranking(rows);
-    jump(frameAt(order[view.rank % order.length]));
-    view.rank++;
-  }
-
   function jumpDoubtful() {
     const doubted = (frame) => visible(frame) && shown().some((layer) => layer.doubt?.(frame));
     jump(scene.nextDoubtful(data, view.frame, doubted) ?? view.frame);
@@ -179,19 +183,25 @@
     change({ [name]: clamp(view[name] * factor, 0.05, 50) });
   }
 
-  /** Call dragged(dx, dy, moving) for each step of a drag in px, and zoomed(factor) for the wheel. */
-  function listen(canvas, dragged, zoomed) {
-    let last = null;
+  /** Call dragged(dx, dy, moving) for each step of a drag in px, clicked(x, y) without one, and zoomed(factor) for the wheel. */
+  function listen(canvas, dragged, zoomed, clicked = () => {}) {
+    let [last, far] = [null, 0];
     canvas.addEventListener("pointerdown", (event) => {
-      last = [event.clientX, event.clientY];
+      [last, far] = [[event.clientX, event.clientY], 0];
       canvas.setPointerCapture(event.pointerId);
     });
     canvas.addEventListener("pointermove", (event) => {
       if (!last) return;
-      dragged(event.clientX - last[0], event.clientY - last[1], event.shiftKey || event.buttons === 2);
+      const [dx, dy] = [event.clientX - last[0], event.clientY - last[1]];
+      far += Math.abs(dx) + Math.abs(dy);
+      dragged(dx, dy, event.shiftKey || event.buttons === 2);
       last = [event.clientX, event.clientY];
     });
-    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, () => (last = null));
+    canvas.addEventListener("pointerup", (event) => {
+      if (last && far < 4) clicked(event.offsetX, event.offsetY);
+      last = null;
+    });
+    canvas.addEventListener("pointercancel", () => (last = null));
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("wheel", (event) => {
       event.preventDefault();
@@ -199,23 +209,82 @@
     }, { passive: false });
   }
 
+  /** Choose the joint at a place of the 3D panel, whose error the chart then shows; none elsewhere. */
+  function chooseJoint(x, y) {
+    const [places = []] = Object.values(view.projected);
+    const away = places.map((place) => Math.hypot(place[0] - x, place[1] - y));
+    const nearest = away.reduce((best, value, j) => (value < (away[best] ?? NEAR) ? j : best), null);
+    $("of-joint")?.remove();
+    if (nearest !== null && data.layers.some((layer) => layer.sd(0))) {
+      const option = Object.assign(new Option(`error of ${data.landmarks[nearest]}`, `joint ${nearest}`), { id: "of-joint" });
+      $("measure").append(option);
+      $("measure").value = option.value;
+    }
+    $("measure-label").hidden = !$("measure").options.length;
+    change({ joint: nearest });
+  }
+
   const moved = (pan, dx, dy) => [pan[0] + dx, pan[1] + dy];
   listen($("space"), (dx, dy, moving) => {
     if (moving) change({ pan: moved(view.pan, dx, dy) });
     else turn(DEGREES_A_PIXEL * dx, DEGREES_A_PIXEL * dy);
-  }, zoom);
+  }, zoom, chooseJoint);
   listen($("plane"), (dx, dy) => change({ planePan: moved(view.planePan, dx, dy) }), (factor) => zoom(factor, "planeZoom"));
+
+  /* Pictures and videos of the panels. */
+  /** Draw the panels, side by side, into one canvas. */
+  function paint(target) {
+    const panels = [data.layers.length && $("space"), data.flat && $("plane")].filter(Boolean);
+    target.width = panels.reduce((sum, { width }) => sum + width, 0);
+    target.height = Math.max(...panels.map(({ height }) => height));
+    const context = target.getContext("2d");
+    context.fillStyle = look.text("background");
+    context.fillRect(0, 0, target.width, target.height);
+    panels.reduce((left, panel) => (context.drawImage(panel, left, 0), left + panel.width), 0);
+    return target;
+  }
+
+  function download(blob, ending) {
+    const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(blob), download: `${document.title}.${ending}` });
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+  }
+
+  /** Record what is shown, once through the sequence or until the key is pressed again. */
+  function record() {
+    if (record.running) return record.running.stop();
+    const canvas = paint(document.createElement("canvas"));
+    const [recorder, parts] = [new MediaRecorder(canvas.captureStream(30), { mimeType: "video/webm" }), []];
+    recorder.ondataavailable = ({ data: part }) => parts.push(part);
+    recorder.onstop = () => {
+      record.running = null;
+      download(new Blob(parts, { type: "video/webm" }), "webm");
+    };
+    record.running = recorder;
+    recorder.start();
+    jump(frameAt(0));
+    play(true);
+    const end = performance.now() + (1000 * recording().length) / (data.frame_rate * Number($("speed").value));
+    const follow = (now) => {
+      if (!record.running) return;
+      paint(canvas);
+      if (now > end) recorder.stop();
+      else requestAnimationFrame(follow);
+    };
+    requestAnimationFrame(follow);
+    return recorder;
+  }
 
   /* Keys. */
   const step = (count) => jump(frameAt(time() + count, Math.sign(count)));
   const KEYS = {
-    " ": () => play(), w: jumpWorst, d: jumpDoubtful, 0: () => change(AS_AT_FIRST),
+    " ": () => play(), d: jumpDoubtful, 0: () => change(AS_AT_FIRST),
     1: () => change({ yaw: 0, pitch: 0 }), 2: () => change({ yaw: -90, pitch: 0 }), 3: () => change({ yaw: 0, pitch: 90 }),
     "+": () => zoom(1.2), "=": () => zoom(1.2), "-": () => zoom(1 / 1.2),
     home: () => jump(frameAt(0)), end: () => jump(frameAt(recording().length - 1, -1)),
     arrowleft: (shift) => step(shift ? -10 : -1), arrowright: (shift) => step(shift ? 10 : 1),
     arrowup: () => jumpSequence(-1), arrowdown: () => jumpSequence(1),
-    "/": () => $("search").focus(),
+    s: () => paint(document.createElement("canvas")).toBlob((blob) => download(blob, "png")), r: record,
   };
   const TURNS = { arrowleft: [-5, 0], arrowright: [5, 0], arrowup: [0, -5], arrowdown: [0, 5] };
 
@@ -223,11 +292,7 @@
     const { target } = event;
     const key = event.key.toLowerCase();
     if (event.ctrlKey || event.metaKey || target.tagName === "SELECT") return;
-    if (target.id === "search") {
-      if (key === "escape") target.blur();
-      return;
-    }
-    if (key === " " && ["BUTTON", "INPUT", "SUMMARY"].includes(target.tagName) && target.type !== "range") return;
+    if (key === " " && ["BUTTON", "INPUT", "SUMMARY"].includes(target.tagName)) return;
     const action = event.altKey && TURNS[key] ? () => turn(...TURNS[key]) : KEYS[key];
     if (!action) return;
     event.preventDefault();
@@ -260,85 +325,66 @@
     $("layers").replaceChildren(...layers, ...individuals);
   }
 
+  /** The drop-down list: recordings of videos, else images, by names that differ where they are read. */
+  function fillList() {
+    const frames = data.video ? data.recordings.map(({ tracks }) => tracks[0].start) : data.items.map((_, frame) => frame);
+    const whole = frames.map((frame) => (data.video ? data.sequences[data.sequenceOf(frame)].name : data.items[frame]) || "all frames");
+    const names = scene.short(whole);
+    $("list").replaceChildren(...frames.map((frame, i) => Object.assign(new Option(names[i], frame), { title: whole[i] })));
+    $("list").hidden = frames.length < 2;
+  }
+
   /** Hide what this page has no use for. */
   function hideTheRest() {
-    const names = [...new Set(data.layers.flatMap((layer) => layer.measures.map((m) => m.name)))];
-    const units = Object.fromEntries(data.layers.flatMap((layer) => layer.measures.map((m) => [m.name, m.unit])));
-    $("measure").append(...names.map((name) => new Option(units[name] ? `${name} (${units[name]})` : name, name)));
+    const measures = data.layers.flatMap((layer) => layer.measures);
+    const units = Object.fromEntries(measures.map((m) => [m.name, m.unit]));
+    $("measure").append(...Object.entries(units).map(([name, unit]) => new Option(unit ? `${name} (${unit})` : name, name)));
+    if (FIRST_CHART in units) $("measure").value = FIRST_CHART;
     const results = data.layers.filter((layer) => layer.role === "result");
-    const judged = results.some((layer) => layer.doubt);
     const has = {
-      "time-strip": names.length, worst: names.length, "measure-label": names.length,
-      doubtful: judged, states: judged && names.length,
-      flat: data.flat, solid: data.layers.length, sides: data.sides,
+      play: data.video, speed: data.video, time: data.count > 1, "measure-label": measures.length,
+      doubtful: results.some((layer) => layer.doubt),
+      flat: data.flat, solid: data.layers.length, sides: data.sides && !data.layers[0]?.faces,
       "mesh-choice": results.some((layer) => layer.faces), "upright-choice": results.some((layer) => layer.faces),
       "key-observed": data.seen(0), "key-hidden": results.length && data.seen(0), "key-residual": results.length && data.seen(0),
       "key-outlier": data.outliers(0).length, "key-bars": data.layers.some((layer) => layer.sd(0)),
     };
     for (const [id, there] of Object.entries(has)) $(id).hidden = !there;
-    if (!data.sides_named) [$("left-name").textContent, $("right-name").textContent] = ["one side", "the other"];
+    $("upright").checked = view.upright;
     $("doubtful").disabled = !results.some((layer) => layer.doubts?.words.some(Boolean));
-    $("rate").textContent = data.count > 1 ? `${Number(data.frame_rate.toPrecision(4))} frames/s${data.rate_known ? "" : " assumed"}` : "";
-  }
-
-  /** The list: frames of a sequence without its name, which stands above them. */
-  function search() {
-    const text = $("search").value;
-    const rows = scene.find(data, text, data.sequenceOf(view.frame));
-    const frames = rows.filter((row) => row.frame !== undefined);
-    const counted = `${data.count} frames, ${data.sequences.length} ${data.sequences.length === 1 ? "sequence" : "sequences"}`;
-    $("found").textContent = text.trim() ? `${frames.length} of ${data.count} found` : counted;
-    const above = `${data.sequences[data.sequenceOf(view.frame)].name}/`;
-    const own = frames.map(({ frame }) => data.items[frame]);
-    const items = scene.short(own.map((item) => (!text.trim() && item.startsWith(above) ? item.slice(above.length) : item)));
-    const names = scene.short(data.sequences.map(({ name }) => name));
-    let next = 0;
-    $("list").replaceChildren(...rows.map(({ sequence, frame }) => {
-      if (frame !== undefined) return Object.assign(new Option(items[next++], `frame ${frame}`), { className: "frame", title: data.items[frame] });
-      const { name, start, end } = data.sequences[sequence];
-      return Object.assign(new Option(`${names[sequence] || "(no sequence)"} (${end - start})`, `sequence ${sequence}`), { className: "sequence", title: name });
-    }));
-    $("list").value = `frame ${view.frame}`;
-    search.first = frames[0] ?? rows[0];
-  }
-
-  function follow(row) {
-    jump(row.frame ?? data.sequences[row.sequence].start);
   }
 
   const on = (id, event, act) => $(id).addEventListener(event, act);
-  on("search", "input", search);
-  on("search", "keydown", (event) => event.key === "Enter" && search.first && follow(search.first));
   on("list", "change", () => {
-    const [kind, index] = $("list").value.split(" ");
-    follow({ [kind]: Number(index) });
+    jump(Number($("list").value));
+    $("list").blur(); // the keys are the page's again
   });
-  on("list", "click", () => $("list").blur()); // the keys are the page's again
-  on("slider", "input", () => jump(frameAt(Number($("slider").value))));
   on("speed", "change", restart);
-  on("measure", "change", () => change({ rank: 0 }));
-  on("strip", "click", (event) => {
-    const box = $("strip").getBoundingClientRect();
-    jump(frameAt(strip.timeAt(event.clientX - box.left, box.width, recording().length)));
+  on("measure", "change", () => change());
+  const scrub = (event) => {
+    const box = $("chart").getBoundingClientRect();
+    jump(frameAt(chart.timeAt(event.clientX - box.left, box.width, recording().length)));
+  };
+  on("chart", "pointerdown", (event) => {
+    $("chart").setPointerCapture(event.pointerId);
+    scrub(event);
   });
+  on("chart", "pointermove", (event) => event.buttons && scrub(event));
   for (const key of ["mesh", "names", "upright"]) on(key, "change", () => change({ [key]: $(key).checked }));
   for (const button of document.querySelectorAll("[data-key]")) button.addEventListener("click", () => KEYS[button.dataset.key]());
-  on("theme", "click", () => restyle(document.documentElement.dataset.theme === "light"));
-  DARK.addEventListener("change", () => restyle(DARK.matches));
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+    look.restyle();
+    change();
+  });
   window.addEventListener("resize", () => change());
   window.addEventListener("hashchange", followLink);
-
-  function restyle(dark) {
-    document.documentElement.dataset.theme = dark ? "dark" : "light";
-    change();
-  }
 
   /** Go to the item that the address names: page.html#item=NAME. */
   function followLink() {
     const item = new URLSearchParams(location.hash.slice(1)).get("item");
     const frame = item === null ? -1 : data.items.indexOf(item);
     if (frame >= 0) jump(frame);
-    else if (item !== null) $("state").textContent = `This page has no item ${item}.`;
+    else if (item !== null) $("told").textContent = `This page has no item ${item}.`;
     return frame >= 0;
   }
 
@@ -348,12 +394,16 @@
     view,
     get item() { return data.items[view.frame]; },
     layer: (name) => data.layers.find((layer) => layer.name === name),
+    chart: () => chartRows(),
     turn,
     go: jump,
+    paint: () => paint(document.createElement("canvas")),
   };
 
-  restyle(DARK.matches);
   hideTheRest();
+  fillList();
   enterSequence();
-  if (!followLink()) go(0);
+  const linked = followLink();
+  if (!linked) go(0);
+  if (!linked && !matchMedia("(prefers-reduced-motion: reduce)").matches) play(true);
 })();

@@ -9,7 +9,6 @@ import pytest
 from shapefit.config import ViewConfig
 from shapefit.evaluation import metrics
 from shapefit.geometry.floor import Floor
-from shapefit.geometry.rotations import rotation_about
 from shapefit.io import ShapeSet, read_results, read_shapes, write_dictionary, write_shapes
 from shapefit.pipelines.view.layers import in_length
 from shapefit.pipelines.view.run import make_page
@@ -72,6 +71,15 @@ def test_many_frames_are_thinned_and_the_page_says_so(desk, monkeypatch):
     np.testing.assert_allclose(page.scene.layers[0].points[row], expected)
 
 
+def test_thinning_drops_no_short_sequence(desk, monkeypatch):
+    monkeypatch.setattr("shapefit.pipelines.view.run.MEGABYTES", 1)
+    n = 20_000
+    sequences = tuple("long" if i < n - 60 else f"short{i % 20}" for i in range(n))
+    page = make_page(ViewConfig(files={"r": (desk.result(n=n, sequences=sequences),)})).scene
+    assert len(page.items) < n
+    assert len(page.sequences) == 21
+
+
 def test_sequences_are_put_together_and_single_ones_are_none(desk):
     made = desk.view(desk.result(n=4, sequences=("x", "y", "x", "y")))
     assert made.data["items"] == ["i0", "i2", "i1", "i3"]
@@ -80,12 +88,13 @@ def test_sequences_are_put_together_and_single_ones_are_none(desk):
     assert made.data["sequences"] == [["", 0]]
 
 
-def test_errors_and_trust_stand_on_the_strip(desk, rng):
+def test_errors_and_trust_stand_in_the_chart_and_the_header(desk, rng):
     landmarks = desk.shapes(6)[:, :2]
     reasons = np.array(["", "", "", "wide error bars", "", "implausible landmarks"], object)
     extras = {
         "landmarks": landmarks.swapaxes(1, 2),
         "p_value": np.linspace(0, 1, 6),
+        "expected_error": np.array([1.0, 3, 5, 90, 7, 90]),
         "outliers": np.eye(6, 5, dtype=bool),
         "reasons": reasons,
     }
@@ -100,27 +109,22 @@ def test_errors_and_trust_stand_on_the_strip(desk, rng):
     error = metrics.similarity(found.shapes, truth.shapes)
     expected = {
         "error against the truth": ("cm", error / 10),
-        "expected error": ("px", [12**0.5] * 6),
-        "p_value": ("", extras["p_value"]),
-        "residual_variance in the image": (
-            "px",
-            metrics.reprojection(found.shapes[:, :2], landmarks),
-        ),
+        "expected error": ("px", extras["expected_error"]),
+        "p-value": ("", extras["p_value"]),
+        "distance in the image": ("px", metrics.reprojection(found.shapes[:, :2], landmarks)),
     }
     assert list(measures) == list(expected)
     for name, (unit, values) in expected.items():
         assert measures[name]["unit"] == unit
         np.testing.assert_allclose(decoded(measures[name]["values"]), values, rtol=0.004)
-    assert measures["p_value"]["bad"] == "low"
     words = [layer["status"]["words"][code] for code in decoded(layer["status"]["codes"])]
     assert words == ["", "", "iteration limit", "degenerate", "x", ""]
     np.testing.assert_array_equal(decoded(made.data["outliers"]), extras["outliers"])
-    quality, assumed = made.data["summary"]
     middle = f"{np.median(error) / 10:.2g} cm"
-    assert quality == (
-        f"Landmark errors about 3.5 px, 66% of 6 frames trusted, against the truth {middle}."
-    )
-    assert assumed.startswith("Assumed: a level camera; no perspective")
+    assert [fact["text"] for fact in made.data["facts"]] == [
+        "6 images", "4 of 6 trusted", f"error against the truth {middle}", "typical error 4 px",
+    ]  # fmt: skip
+    assert "Without perspective, distances from the camera are unknown." in made.data["notes"]
 
 
 @pytest.mark.parametrize(
@@ -171,9 +175,8 @@ def test_shapes_stand_in_metres_where_the_camera_has_them(desk):
     assert deep.perspective
     assert not beside.perspective
     np.testing.assert_allclose(beside.fitted, shapes[:, :2])
-    errors, _, assumed = page.summary
-    assert errors == "deep: landmark errors about 35 cm."
-    assert "images of 1280 x 720 px and a focal length of 1400 px" in assumed
+    assert page.image == [1280, 720]
+    assert any("focal length is assumed" in line for line in page.notes)
 
 
 def test_without_a_camera_all_frames_have_one_scale(desk):
@@ -187,7 +190,7 @@ def test_without_a_camera_all_frames_have_one_scale(desk):
     assert (page.space_unit, layer.fitted, layer.perspective) == ("m", None, False)
 
 
-def test_each_individual_has_words_of_its_own(desk):
+def test_individuals_and_their_frames_are_counted(desk):
     extras = {
         "frame": np.r_[0:20, 0:20, 3],
         "reasons": np.array([""] * 20 + ["wide error bars"] * 20 + [""], object),
@@ -200,35 +203,28 @@ def test_each_individual_has_words_of_its_own(desk):
         )
     ).scene
     assert page.recordings == [[0, 1, 2]]
-    assert page.summary[0] == "a: 100% of 20 frames trusted; b: 0% of 20 frames trusted."
+    assert [fact.text for fact in page.facts] == [
+        "3 individuals", "20 frames", "25 Hz assumed", "21 of 41 trusted",
+    ]  # fmt: skip
 
 
-def test_a_shape_that_may_be_mirrored_and_a_method_without_bars_are_said(desk):
+def test_a_shape_that_may_be_mirrored_is_said_and_a_method_without_bars_has_no_verdict(desk):
     reasons = np.array(["near and far not told apart"] * 6, object)
     page = make_page(ViewConfig(files={"r": (desk.result(extras={"reasons": reasons}),)})).scene
-    assert any("mirrored in depth" in line for line in page.summary)
+    assert any("mirrored in depth" in line for line in page.notes)
     result = desk.result(attributes={"method": "convex"})
     page = make_page(ViewConfig(files={"r": (result,)})).scene
-    assert page.summary[0] == "No error bars and no verdict: method convex gives none."
+    assert [fact.text for fact in page.facts] == ["6 images"]
 
 
 @pytest.mark.parametrize("y_axis", ["down", "up"])
-def test_up_is_that_of_the_extrinsics(desk, y_axis):
-    """A camera 30 degrees above the horizon of a world with z up, rolled by 20 degrees."""
-    down, roll = rotation_about(np.eye(3)[0], np.radians([-30, 0])), np.radians([20, 0])
-    world = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # x right, y down, z away from it
-    R = rotation_about(np.eye(3)[2], roll)[0] @ down[0].T @ world
-    result = desk.result(extras={"extrinsic_rotation": R}, y_axis=y_axis)
+def test_up_is_that_of_the_image_whatever_the_extrinsics(desk, y_axis):
+    """Nobody says that an axis of a calibration is up."""
+    result = desk.result(extras={"extrinsic_rotation": np.eye(3)[[1, 2, 0]]}, y_axis=y_axis)
     page = make_page(ViewConfig(files={"r": (result,)})).scene
-    upright = np.reshape(page.stands[0].upright, (3, 3))
-    level = np.eye(3) if y_axis == "down" else np.diag([1.0, -1, -1])
-    np.testing.assert_allclose(upright @ level @ R @ [0, 0, 1], [0, 1, 0], atol=1e-12)
-    np.testing.assert_allclose(np.linalg.det(upright), 1)
-    assert page.summary[-1] == "Up is the axis z of the extrinsics."
-    plain = make_page(ViewConfig(files={"r": (desk.result(y_axis=y_axis),)})).scene
-    np.testing.assert_array_equal(
-        np.reshape(plain.stands[0].upright, (3, 3)), np.diag([1, -1, -1]) @ level
-    )
+    expected = np.diag([1.0, -1, -1] if y_axis == "down" else [1.0, 1, 1])
+    np.testing.assert_array_equal(np.reshape(page.stands[0].upright, (3, 3)), expected)
+    assert page.stands[0].floor is None
 
 
 def test_people_stand_on_the_floor_that_was_found(desk, monkeypatch):
@@ -252,12 +248,12 @@ def test_people_stand_on_the_floor_that_was_found(desk, monkeypatch):
     assert on.floor == -2
     assert without.floor is None
     np.testing.assert_array_equal(np.reshape(without.upright, (3, 3)), np.diag([1, -1, -1]))
-    assert page.summary[-1] == f"Floor from resting feet: {floor}."
-    assert not any("level" in line for line in page.summary)
+    assert f"Floor from resting feet: {floor}." in page.notes
+    assert not any("floor is not known" in line for line in page.notes)
     monkeypatch.setattr("shapefit.pipelines.view.scene.find_floors", lambda *_: {})
     page = make_page(config).scene
     assert page.stands[0].floor is None
-    assert "Assumed: a level camera" in page.summary[1]
+    assert any("floor is not known" in line for line in page.notes)
 
 
 def mesh_vertices(scene, frame, layer):
@@ -404,3 +400,33 @@ def test_what_was_seen_of_joints_is_seen_of_the_landmarks_that_stand_for_them(de
     expected = seen[:, [2, 0, 3, 1]].swapaxes(1, 2)
     expected[:, :, 1] = np.nan
     np.testing.assert_allclose(page.seen, expected)
+
+
+def test_joint_angles_have_bands_from_the_error_bars(desk):
+    names = ("rhip", "rknee", "rankle", "neck", "head")
+    bent = np.array([[0.0, 0, 0], [0, 10, 0], [10, 10, 0], [0, -10, 0], [0, -12, 0]]).T
+    shapes = np.tile(bent, (6, 1, 1))
+    sd = np.full((6, 3, 5), 0.1)
+    made = desk.view(desk.result(shapes=shapes, shape_sd=sd, landmark_names=names))
+    measures = {measure["name"]: measure for measure in made.data["layers"][0]["measures"]}
+    knee = measures["knee angle r"]
+    assert knee["unit"] == "°"
+    np.testing.assert_allclose(decoded(knee["values"]), 90, atol=1e-4)
+    np.testing.assert_allclose(decoded(knee["sd"]), np.degrees(0.01 * 2), rtol=0.01)
+
+
+def test_files_of_one_individual_each_are_one_layer(desk):
+    """As those that `fit -o walk.trc` writes for two people."""
+    shapes = desk.shapes(4)
+    for name, first in (("one", 0), ("two", 2)):
+        items = tuple(f"walk_{name}/{i}" for i in range(2))
+        own = ShapeSet(
+            shapes[first : first + 2], tuple("abcde"), items, (f"walk_{name}",) * 2,
+            columns={"frame": np.arange(2)},
+        )  # fmt: skip
+        write_shapes(desk.folder / f"walk_{name}.h5", own)
+    files = {name: (desk.folder / f"walk_{name}.h5",) for name in ("one", "two")}
+    page = make_page(ViewConfig(files=files)).scene
+    assert [layer.name for layer in page.layers] == ["one, two"]
+    assert page.recordings == [[0, 1]]
+    np.testing.assert_allclose(page.layers[0].points, shapes)

@@ -33,7 +33,7 @@ def test_images_spread_over_the_result_are_drawn(tmp_path, world):
 
 @pytest.mark.parametrize("camera", [{}, {"focal": 1600.0, "principal_point": [640.0, 480.0]}])
 def test_the_mesh_lies_under_the_landmarks(world, camera):
-    model = {"camera": {"model": "perspective", **camera}} if camera else {}
+    model = {"camera": camera} if camera else {}
     fit = read_results(world.fit("cars", method="convex+refine", **model))
     dictionary = read_dictionary(world.dictionary("cars"))
     vertex = (

@@ -1,12 +1,10 @@
 """Names say what is left and right; sequences of one video, or files, are seen at once."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from shapefit.io import write_dictionary
 from shapefit.io.skeletons import PEOPLE, installed_skeletons
 from shapefit.pipelines.view.reading import Frames
 from shapefit.pipelines.view.scene import find_recordings, find_sides
@@ -33,23 +31,6 @@ def test_joints_of_people():
     sides = find_sides(PEOPLE)
     assert [side for name, side in zip(PEOPLE, sides, strict=True) if name[0] == "l"] == [1] * 6
     assert sides.count(2) == 6
-
-
-def test_a_dictionary_says_what_names_do_not(desk, made_dictionary):
-    """One side and the other, without a word which of them is the left one."""
-    path = desk.folder / "dictionary.h5"
-    mean = made_dictionary.mean_shape.copy()
-    mean[1] = [3, -3, 0, -2, 2]
-    pairs = np.array([1, 0, 2, 4, 3])
-    write_dictionary(path, replace(made_dictionary, mean_shape=mean, mirror_index=pairs))
-    data = desk.view(desk.result(), dictionary=path).data
-    assert data["sides"] == [1, 2, 0, 2, 1]
-    assert not data["sides_named"]
-    names = ("left_a", "right_a", "c", "d", "e")
-    write_dictionary(path, replace(made_dictionary, landmark_names=names, mirror_index=pairs))
-    data = desk.view(desk.result(landmark_names=names), dictionary=path).data
-    assert data["sides"] == [1, 2, 0, 0, 0]
-    assert data["sides_named"]
 
 
 def gathered(name, items, frame):
