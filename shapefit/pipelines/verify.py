@@ -41,8 +41,6 @@ STREAM = "stream"
 """Stands for the digest of what could not be read twice."""
 STRAIGHT = 1e-8
 """Of the largest coordinate by which landmarks without the distortion of a lens may be off."""
-DEFAULT_THRESHOLD = 0.1
-"""Of a robust loss whose config gives none."""
 
 ALWAYS = "shapes landmarks lambda scale translation rotation status objective"
 OF_ERROR_BARS = "shape_sd shape_correlation p_value inlier_probability log_evidence trusted reasons"
@@ -78,7 +76,7 @@ class Part:
 class Statement:
     """What a result states of its fit: the method, the dictionary, the landmarks, their digests.
 
-    options, of the section `input`; has_proof: the certificate of the convex program is stored;
+    options, the whole config; has_proof: the certificate of the convex program is stored;
     calibrated: a file with a calibration was read; searched, loss, beta, tolerance, leave_out as
     in `Program`.
     """
@@ -198,7 +196,10 @@ def verify_part(
         tally.methods[fit.method] = fit
         missing = [name for name in fit.required(head) if name not in head]
         wrong = false_of_file(results.head, fit, dictionary, missing)
-        wrong += false_digests(fit, part, request, digests)
+        needed = [fit.dictionary, *(fit.landmarks if part.rows is None else ())]
+        wrong += [(name, "has no digest") for name in needed if name not in fit.digests]
+        known = fit.digests.get(fit.dictionary)
+        wrong += compare(request.dictionary, known, fit.dictionary, digests)
         with open_images(part, results.head, fit, request.landmarks, digests) as (source, unlike):
             failures = tuple(Failure(*each) for each in [*wrong, *unlike])
             tally.files += len(failures)
@@ -270,16 +271,12 @@ def read_statement(attributes: Mapping[str, Any], file: Path) -> Statement:
     try:
         config, digests = (parse_json(attributes.get(name, "{}")) for name in ("config", "inputs"))
 
-        def key(*paths: str, default: Any = None) -> Any:
-            for path in paths:
-                value: Any = config
-                for name in path.split("."):
-                    value = value.get(name) if isinstance(value, dict) else None
-                if value is not None and not isinstance(value, dict):
-                    return value
-            return default
+        def key(path: str, default: Any = None) -> Any:
+            section, _, name = path.rpartition(".")
+            value = (config[section] if section else config).get(name)
+            return default if value is None else value
 
-        method, outliers = config["method"], key("outliers.method", "outliers", default="none")
+        method, outliers = config["method"], key("outliers", default="none")
         if method not in METHODS:
             raise ValueError(f"no method {method}")
         named = config["landmarks"]
@@ -288,14 +285,14 @@ def read_statement(attributes: Mapping[str, Any], file: Path) -> Statement:
             dictionary=str(config["dictionary"]),
             landmarks=tuple(map(str, [named] if isinstance(named, str) else named)),
             digests={str(name): str(value) for name, value in digests.items()},
-            options=dict(config.get("input", config)),
+            options=config,
             calibrated=key("camera.calibration") is not None,
-            has_proof=key("save.proof", "proof", default=True) is not False,
+            has_proof=key("save.proof", default=True) is not False,
             searched=outliers not in ("none", *ROBUST),
-            loss=str(outliers if outliers in ROBUST else key("loss", default="squared")),
-            beta=float(key("outlier_threshold", "outliers.threshold", default=DEFAULT_THRESHOLD)),
-            tolerance=float(key("solver.tolerance", "tolerance", default=1e-6)),
-            leave_out=key("leave_out", "leave_one_out") is not None,
+            loss=str(outliers) if outliers in ROBUST else "squared",
+            beta=float(key("outlier_threshold", default=0.1)),  # of the robust losses
+            tolerance=float(key("tolerance", default=1e-6)),
+            leave_out=key("leave_one_out") is not None,
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         wrong = f"{type(error).__name__}: {error}"
@@ -349,9 +346,8 @@ def false_of_file(
     """Return datasets and attributes that such a fit writes and are not there, or the reverse."""
     said, columns = head.attributes, columns_of(head)
     wrong = [(name, "is missing, and every such fit writes it") for name in missing]
-    for name in ("config_digest", "inputs"):
-        if name not in said:
-            wrong.append((name, "is missing, and every fit writes it"))
+    attributes = [name for name in ("config_digest", "inputs") if name not in said]
+    wrong += [(name, "is missing, and every fit writes it") for name in attributes]
     own = hashlib.sha256(str(said["config"]).encode()).hexdigest()
     if said.get("config_digest", own) != own:
         wrong.append(("config", "is not that of the fit, by its digest"))
@@ -363,16 +359,6 @@ def false_of_file(
     if dictionary.edges is not None and len(dictionary.edges) and "edges" not in columns:
         wrong.append(("edges", "is missing, and the dictionary has edges"))
     return wrong
-
-
-def false_digests(
-    fit: Statement, part: Part, request: Request, digests: Callable[[Path], str]
-) -> Wrong:
-    """Return what has no digest in the result, and the dictionary if it is another file."""
-    needed = [fit.dictionary, *(fit.landmarks if part.rows is None else ())]
-    wrong = [(name, "has no digest in `inputs`") for name in needed if name not in fit.digests]
-    same = compare(request.dictionary, fit.digests.get(fit.dictionary), fit.dictionary, digests)
-    return wrong + same
 
 
 def compare(path: Path, known: str | None, name: str, digests: Callable[[Path], str]) -> Wrong:
@@ -493,8 +479,7 @@ class Tally:
 
     def values(self) -> dict[str, Any]:
         """Return the numbers of the summary."""
-        names = ("images", "certified", "false", "empty", "files", "unread")
-        numbers = {name: getattr(self, name) for name in names}
+        numbers = {name: value for name, value in vars(self).items() if isinstance(value, int)}
         return numbers | {"methods": [*self.methods], "landmarks": bool(self.request.landmarks)}
 
     def lines(self) -> Iterator[str]:

@@ -90,7 +90,7 @@ def real(real_data, tmp_path_factory):
     chosen = np.linspace(0, len(shapes) - 1, 150).astype(int)
     write_shapes(folder / "shapes.h5", shapes.take(chosen))
     save(folder / "cars.h5", load(real_data / "cars/annotated_cars.h5").take(slice(0, None, 8)))
-    keys = {"camera": {"view": "turntable", "up": "y"}, "output": str(folder / "people.h5")}
+    keys = {"camera": {"view": "turntable"}, "output": str(folder / "people.h5")}
     list(projecting.run(ProjectConfig(shapes=[str(folder / "shapes.h5")], **keys)))
     training = [str(real_data / "mocap/subject86_24fps.h5")]
     keys = {"k": 32, "iterations": 2, "every": 40, "output": str(folder / "people-dict.h5")}
