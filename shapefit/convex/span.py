@@ -112,7 +112,8 @@ def reduce_images(problem: Problem, rows: NDArray[np.intp], basis: Floats) -> Re
 
 def weighted(points: Floats, weights: Floats) -> Floats:
     """Points (m, d, p) less their mean by the weights (m, p) squared, times the weights."""
-    squares = weights[:, None] ** 2
+    largest = np.maximum(weights.max(axis=1, keepdims=True), np.finfo(float).tiny)
+    squares = (weights / largest)[:, None] ** 2
     points = np.where(squares > 0, points, 0.0)  # what hidden landmarks hold is irrelevant
     total = np.maximum(squares.sum(axis=-1, keepdims=True), np.finfo(float).tiny)
     mean = (squares * points).sum(axis=-1, keepdims=True) / total

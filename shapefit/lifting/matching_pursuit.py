@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
-from shapefit.convex.solver import Status, read_statuses
+from shapefit.convex.solver import Status
+from shapefit.convex.span import weighted
 from shapefit.geometry.rotations import complete_rotation
 from shapefit.lifting.estimate import Estimate, fit_translation
 from shapefit.lifting.methods import Settings
@@ -52,7 +53,6 @@ def pursue(
     change: float = CHANGE,
     most_atoms: int = MOST_ATOMS,
     most_rounds: int = MOST_ROUNDS,
-    threads: int = 0,
 ) -> Pursuit:
     """Lower ||Omega o (W - M S - T 1^T)||_F^2 greedily, keeping the size of the skeleton.
 
@@ -73,31 +73,222 @@ def pursue(
     n, k, _, p = len(problem.landmarks), *problem.atoms.shape
     if mean_shape.shape != (3, p):
         raise ValueError(f"mean_shape {mean_shape.shape} must be (3, {p})")
-    shapes = np.ascontiguousarray(np.concatenate([mean_shape[None], problem.atoms]))
+    shapes = np.concatenate([mean_shape[None], problem.atoms])
     limbs = find_limbs(shapes, edges)
-    length = float(np.linalg.norm(limbs[0]))
     coefficients, camera = np.zeros((n, 1 + k)), np.full((n, 2, 3), np.nan)
-    error, rounds, codes = np.full(n, np.nan), np.zeros(n, np.int64), np.zeros(n, np.int64)
+    error, rounds = np.full(n, np.nan), np.zeros(n, np.int64)
+    status = np.full(n, Status.DEGENERATE, dtype=object)
+    with np.errstate(over="ignore"):
+        finite = np.isfinite((shapes**2).sum())
+    # stretches of images, so that no result depends on how images are batched
+    for start in range(0, n, core.STRETCH):
+        omega = problem.weights[start : start + core.STRETCH]
+        masks, of = np.unique(omega, axis=0, return_inverse=True)
+        for number, mask in enumerate(masks):
+            rows = start + np.flatnonzero(of.ravel() == number)
+            if (mask > 0).sum() < 2:
+                continue
+            w = weighted(problem.landmarks[rows], problem.weights[rows])
+            with np.errstate(over="ignore"):
+                known = np.isfinite((w**2).sum(axis=(1, 2))) & finite
+            status[rows[~known]] = Status.NUMERICAL_FAILURE
+            rows = rows[known]
+            if not len(rows):
+                continue
+            chase = Chase(w[known], weighted_shapes(shapes, mask), limbs)
+            chase.run(goal, change, most_atoms, most_rounds)
+            coefficients[rows], camera[rows] = chase.coefficients(), chase.M
+            error[rows], rounds[rows] = chase.error, chase.rounds
+            solved = (chase.error <= goal).tolist()
+            status[rows] = [Status.CONVERGED if one else Status.ITERATION_LIMIT for one in solved]
+    return Pursuit(coefficients[:, 1:], coefficients[:, 0], camera, error, rounds, tuple(status))
 
-    core.pursue(
-        landmarks=problem.landmarks,
-        weights=problem.weights,
-        shapes=shapes,
-        limbs=limbs,
-        length=length,
-        goal=goal,
-        change=change,
-        most_atoms=most_atoms,
-        most_rounds=most_rounds,
-        coefficients=coefficients,
-        cameras=camera,
-        errors=error,
-        rounds=rounds,
-        status=codes,
-        threads=threads,
-    )
-    status = read_statuses(codes)
-    return Pursuit(coefficients[:, 1:], coefficients[:, 0], camera, error, rounds, status)
+
+def weighted_shapes(shapes: Floats, mask: Floats) -> Floats:
+    """Shapes (s, 3, p) as images of these weights (p,) see them: centred and weighted."""
+    return weighted(shapes, np.broadcast_to(mask, (len(shapes), len(mask))))
+
+
+INDEPENDENT = 1e-8
+"""Share of squared limb lengths outside those of the chosen, below which a shape is dependent."""
+
+FLAT = 1e-12
+"""Eigenvalue of S S^T beside the largest, below which a shape has no extent."""
+
+
+class Chase:
+    """min ||w - M sum_i y_i Q_i||^2 over M and ||y|| = length, for n images of the same weights.
+
+    The chosen shapes are mixed into Q_i = sum_j T_ij B_j whose limb vectors are orthonormal (those
+    of the mean first), so that the sum of squared limb lengths of sum_i y_i Q_i is ||y||^2. All
+    that a round needs are Z_i = w Q_i^T (n, m, 2, 3) and N_ij = Q_i Q_j^T (n, m, m, 3, 3).
+    """
+
+    def __init__(self, w: Floats, B: Floats, limbs: Floats) -> None:
+        """Begin with the mean, the first of the shapes B (s, 3, p) with limbs (s, l)."""
+        n = len(w)
+        self.w, self.B, self.limbs = w, B, limbs
+        self.length = float(np.linalg.norm(limbs[0]))
+        self.energy = (w**2).sum(axis=(1, 2))
+        self.free = np.ones((n, len(B)), dtype=bool)
+        self.rounds = np.zeros(n, np.int64)
+        self.U, self.T = np.zeros((n, 0, limbs.shape[1])), np.zeros((n, 0, len(B)))
+        self.Q, self.y = np.zeros((n, 0, 3, w.shape[2])), np.zeros((n, 0))
+        self.Z, self.N = np.zeros((n, 0, 2, 3)), np.zeros((n, 0, 0, 3, 3))
+        self.append(np.zeros(n, np.intp), np.arange(n))
+        self.y[:] = self.length
+        self.M, self.error = np.empty((n, 2, 3)), np.empty(n)
+        self.aim(np.arange(n))
+
+    def run(self, goal: float, change: float, most_atoms: int, most_rounds: int) -> None:
+        """Add atoms, and go round with those chosen, until the errors are at most the goal."""
+        going = np.flatnonzero(self.error > goal)
+        for _ in range(most_atoms):
+            going = self.choose(going[self.error[going] > goal])
+            rows = going
+            for _ in range(most_rounds):
+                if not len(rows):
+                    break
+                before = self.error[rows]
+                self.mix(rows)
+                self.aim(rows)
+                self.rounds[rows] += 1
+                rows = rows[~(np.abs(before - self.error[rows]) < change)]
+
+    def coefficients(self) -> Floats:
+        """Return c (n, s) of the shapes."""
+        return np.einsum("nm,nms->ns", self.y, self.T)
+
+    def choose(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Add the free atom of the largest |<w - M S, M B_i>| whose limbs are no mixture.
+
+        Returns the images that have one.
+        """
+        S = np.einsum("nm,nmap->nap", self.y[rows], self.Q[rows])
+        back = self.M[rows].swapaxes(1, 2) @ (self.w[rows] - self.M[rows] @ S)
+        score = np.abs(np.einsum("nap,sap->ns", back, self.B, optimize=True))
+        left, chosen = np.ones(len(rows), dtype=bool), np.full(len(rows), -1)
+        own = (self.limbs**2).sum(axis=1)
+        while left.any():
+            some = np.flatnonzero(left)
+            best = np.where(self.free[rows[some]], score[some], -1.0)
+            atom = best.argmax(axis=1)
+            there = best[np.arange(len(some)), atom] >= 0
+            left[some[~there]] = False
+            some, atom = some[there], atom[there]
+            self.free[rows[some], atom] = False
+            rest = self.outside(self.limbs[atom], rows[some])[0]
+            fine = (rest**2).sum(axis=1) > INDEPENDENT * own[atom]
+            chosen[some[fine]], left[some[fine]] = atom[fine], False
+        added = chosen >= 0
+        if added.any():
+            self.append(chosen[added], rows[added])
+        return rows[added]
+
+    def outside(self, limbs: Floats, rows: NDArray[np.intp]) -> tuple[Floats, Floats]:
+        """Return limbs (m, l) less their part along U, and that part; twice, for rounding."""
+        U, total = self.U[rows], np.zeros((len(rows), self.U.shape[1]))
+        for _ in range(2):
+            along = np.einsum("nml,nl->nm", U, limbs)
+            limbs = limbs - np.einsum("nm,nml->nl", along, U)
+            total += along
+        return limbs, total
+
+    def append(self, atoms: NDArray[np.intp], rows: NDArray[np.intp]) -> None:
+        """Append one shape to each of the images; the others get zeros."""
+        n, m = self.y.shape
+        self.free[rows, atoms] = False
+        limbs, along = self.outside(self.limbs[atoms], rows)
+        scale = 1 / np.linalg.norm(limbs, axis=1)
+        T, Q = np.zeros((n, 1, len(self.B))), np.zeros((n, 1, 3, self.w.shape[2]))
+        U = np.zeros((n, 1, limbs.shape[1]))
+        unit = np.eye(len(self.B))[atoms]
+        U[rows, 0] = scale[:, None] * limbs
+        T[rows, 0] = scale[:, None] * (unit - np.einsum("nm,nms->ns", along, self.T[rows]))
+        mixed = np.einsum("nm,nmap->nap", along, self.Q[rows])
+        Q[rows, 0] = scale[:, None, None] * (self.B[atoms] - mixed)
+        self.U, self.T = np.concatenate([self.U, U], axis=1), np.concatenate([self.T, T], axis=1)
+        self.Q = np.concatenate([self.Q, Q], axis=1)
+        self.Z = np.concatenate([self.Z, self.w[:, None] @ Q.swapaxes(2, 3)], axis=1)
+        N = np.empty((n, m + 1, m + 1, 3, 3))
+        N[:, :m, :m] = self.N
+        N[:, m] = Q @ self.Q.swapaxes(2, 3)
+        N[:, :, m] = N[:, m].swapaxes(2, 3)
+        self.N = N
+        self.y = np.concatenate([self.y, np.zeros((n, 1))], axis=1)
+
+    def aim(self, rows: NDArray[np.intp]) -> None:
+        """M = argmin ||w - M S||^2 for S = sum_i y_i Q_i, of least norm; and the minimum."""
+        y = self.y[rows]
+        D = np.einsum("nm,nmab->nab", y, self.Z[rows])
+        yy = (y[:, :, None] * y[:, None]).reshape(len(rows), 1, -1)
+        SS = (yy @ self.N[rows].reshape(len(rows), -1, 9)).reshape(-1, 3, 3)
+        extent, axes = np.linalg.eigh(SS)
+        along = D @ axes
+        there = extent > FLAT * extent[:, -1:]
+        share = np.divide(1.0, extent, out=np.zeros_like(extent), where=there)[:, None]
+        self.M[rows] = (along * share) @ axes.swapaxes(1, 2)
+        self.error[rows] = np.maximum(self.energy[rows] - (along**2 * share).sum(axis=(1, 2)), 0.0)
+
+    def mix(self, rows: NDArray[np.intp]) -> None:
+        """y = argmin ||w - sum_i y_i M Q_i||^2 over ||y|| = length, from where y is."""
+        M = self.M[rows]
+        P = M.swapaxes(1, 2) @ M
+        used = (self.T[rows] != 0).any(axis=2)
+        m = self.y.shape[1]
+        G = (self.N[rows].reshape(-1, m * m, 9) @ P.reshape(-1, 9, 1)).reshape(-1, m, m)
+        g = np.einsum("nab,nmab->nm", M, self.Z[rows])
+        # shapes that an image lacks cost too much to be used
+        i = np.arange(m)
+        G[:, i, i] += np.where(used, 0.0, UNUSED * (1 + np.abs(G).sum(axis=(1, 2)))[:, None])
+        self.y[rows] = minimise_on_sphere(G, g, self.length, self.y[rows])[0]
+
+
+UNUSED = 1e3
+"""Curvature of what is not chosen, beside that of all that is."""
+
+ROUNDING = 64 * np.finfo(np.float64).eps
+MOST_STEPS = 100
+
+
+def minimise_on_sphere(
+    G: Floats, g: Floats, radius: float, before: Floats
+) -> tuple[Floats, Floats]:
+    """argmin y^T G y - 2 g^T y over ||y|| = radius, of two the one nearer to `before`; multipliers.
+
+    G (n, m, m) symmetric, g and before (n, m). It is where (G + multiplier I) y = g and that matrix
+    is positive semidefinite: at the largest root of
+
+        sum_i (t_i / (mu_i + multiplier))^2 = radius^2,      G = V diag(mu) V^T, t = V^T g.
+
+    1 / ||y|| is a concave function of the multiplier right of the last pole: Newton's method from
+    the left of the root never overshoots. Where g has no part along the least eigenvalue the pole
+    may be none, and the root may lie left of it: then the multiplier is the pole and the
+    eigenvector fills up y (the hard case). Source: Gander 1981; More and Sorensen 1983.
+    """
+    mu, V = np.linalg.eigh(G)
+    above = mu - mu[:, :1]
+    t = np.einsum("nij,ni->nj", V, g)
+    size = (np.linalg.norm(t, axis=1) / radius + above[:, -1])[:, None]  # of G + multiplier I
+    least = above <= ROUNDING * size
+    above = np.where(least, 0.0, above)
+    t = np.where(least & (np.abs(t) <= ROUNDING * size * radius), 0.0, t)
+    shift = np.maximum((np.abs(t) / radius - above).max(axis=1), 0.0)
+    for _ in range(MOST_STEPS):
+        away = above + shift[:, None]
+        z = np.divide(t, away, out=np.zeros_like(t), where=t != 0)
+        reached = (z**2).sum(axis=1)
+        excess = np.sqrt(reached) / radius - 1
+        going = excess > ROUNDING
+        if not going.any():
+            break
+        slope = np.divide(z**2, away, out=np.zeros_like(t), where=t != 0).sum(axis=1)
+        shift[going] += (excess * reached)[going] / slope[going]
+    hard = shift == 0
+    part = np.einsum("nj,nj->n", V[:, :, 0], before)
+    z[hard, 0] = np.copysign(np.sqrt(np.maximum(radius**2 - reached[hard], 0.0)), part[hard])
+    scale = radius / np.linalg.norm(z, axis=1)
+    return np.einsum("nij,nj->ni", V, scale[:, None] * z), shift - mu[:, 0]
 
 
 def find_limbs(shapes: Floats, edges: NDArray[np.int64] | None) -> Floats:
@@ -114,7 +305,7 @@ def find_limbs(shapes: Floats, edges: NDArray[np.int64] | None) -> Floats:
 
 
 def matching_pursuit(
-    problem: Problem, mean_shape: Floats, edges: NDArray[np.int64] | None, *, threads: int = 0
+    problem: Problem, mean_shape: Floats, edges: NDArray[np.int64] | None
 ) -> Estimate:
     """Pursue, and see the shape with the rotation nearest to the camera.
 
@@ -122,7 +313,7 @@ def matching_pursuit(
     the coefficients take up. The objective is the squared error with M itself; the residual
     belongs to the rotated shape, as with every method.
     """
-    found = pursue(problem, mean_shape, edges, threads=threads)
+    found = pursue(problem, mean_shape, edges)
     known = np.isfinite(found.camera).all(axis=(1, 2), keepdims=True)
     M = np.where(known, found.camera, 0.0)
     rotation = complete_rotation(M)
@@ -147,4 +338,4 @@ def matching_pursuit(
 def lift_by_pursuit(problem: Problem, settings: Settings) -> Estimate:
     """Pursue the landmarks with PCA bases (Ramakrishna, Kanade, Sheikh, ECCV 2012)."""
     edges = settings.needs.get("edges")
-    return matching_pursuit(problem, settings.mean_shape, edges, threads=settings.threads)
+    return matching_pursuit(problem, settings.mean_shape, edges)

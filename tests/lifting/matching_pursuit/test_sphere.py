@@ -4,17 +4,15 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from shapefit import core
+from shapefit.lifting.matching_pursuit import minimise_on_sphere
 
 RADIUS = 1.7
 
 
 def minimiser(G, g, radius=RADIUS, before=None):
     y = np.ones(len(g)) if before is None else np.array(before, dtype=float)
-    multiplier = core.parts.minimise_on_sphere(
-        np.ascontiguousarray(G), np.ascontiguousarray(g), radius, y
-    )
-    return y, multiplier
+    found, multiplier = minimise_on_sphere(np.array([G]), np.array([g]), radius, y[None])
+    return found[0], multiplier[0]
 
 
 def objective(G, g, y):
