@@ -1,7 +1,11 @@
-"""Calibrations of cameras in TOML, as anipose, Pose2Sim, caliscope and FreeMoCap write them."""
+"""Calibrations of cameras, in TOML, YAML or JSON.
+
+TOML is what anipose, Pose2Sim, caliscope and FreeMoCap write, the others are OpenCV's and ROS's.
+"""
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,11 +19,23 @@ from shapefit.errors import input_error, listed
 from shapefit.geometry.pinhole import COEFFICIENTS, complete
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io.inputs import require_file
+from shapefit.io.readers.json_file import read_json
 from shapefit.io.readers.poses import parsing, require
 
-MATRIX, DISTORTION = ("matrix", "camera_matrix"), ("distortions", "distortion")
+KEYS = {
+    "matrix": "matrix camera_matrix cameramatrix intrinsic_matrix mtx k",
+    "distortion": "distortions distortion distortion_coefficients distcoeffs dist_coeffs dist "
+    "distcoef d",
+    "size": "size image_size resolution",
+    "rotation": "rotation rvec r",
+    "translation": "translation tvec t",
+}
+"""A field of `CalibratedCamera` -> what tools call it, in small letters."""
 
-OF_TOOLS = "give the calibration of anipose, Pose2Sim or caliscope"
+MOST_BYTES = 1 << 20
+"""Of a calibration in YAML."""
+
+OF_TOOLS = "give the calibration of anipose, Pose2Sim, caliscope or OpenCV (TOML, YAML, JSON)"
 UNDISTORT = "remove the distortion of the landmarks first"
 CORRECT = (
     "give a matrix without skew, 4, 5 or 8 of OpenCV's k1 k2 p1 p2 k3 k4 k5 k6, and the rotation "
@@ -53,42 +69,78 @@ def read_camera(path: Path, name: str | None) -> CalibratedCamera:
     """
     require_file(path)
     with parsing(path, OF_TOOLS):
-        cameras = list(_sections(tomllib.loads(path.read_bytes().decode())))
+        cameras = list(_sections(path.stem, _read_content(path), set()))
         require(cameras, "has no section with the `matrix` of a camera")
-    there = []
+    labels = []
     for section, table in cameras:
         others = [other for other in _names(table) if other != section]
-        there.append(f"{section} ({', '.join(others)})" if others else section)
-    found = cameras
+        labels.append(f"{section} ({', '.join(others)})" if others else section)
+    chosen = cameras
     for key in ("", "name", "port") if name is not None else ():
-        found = [each for each in cameras if (str(each[1].get(key)) if key else each[0]) == name]
-        if len(found) == 1:
+        chosen = [each for each in cameras if (str(each[1].get(key)) if key else each[0]) == name]
+        if len(chosen) == 1:
             break
-    if len(found) != 1:
+    if len(chosen) != 1:
         what = f"has {len(cameras)} cameras" if name is None else f"has no camera {name!r}"
-        raise input_error(path, what, f"set `camera.name`: there are {listed(there, 'and')}")
-    section, table = found[0]
-    with parsing(f"{path}: {section}", UNDISTORT if table.get("fisheye") is True else CORRECT):
+        raise input_error(path, what, f"set `camera.name`: there are {listed(labels, 'and')}")
+    section, table = chosen[0]
+    with parsing(f"{path}: {section}", UNDISTORT if _is_fisheye(table) else CORRECT):
         return _camera(section, table)
 
 
-def _sections(content: Mapping[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the sections that have a camera matrix, with their names."""
-    for name, value in content.items():
-        if isinstance(value, dict) and any(key in value for key in MATRIX):
-            yield name, value
-        elif isinstance(value, dict):
-            yield from _sections(value)
+def _read_content(path: Path) -> Any:
+    """Return the mappings and lists in a file, which its content tells to be JSON, YAML or TOML."""
+    start = path.read_bytes()[:1024].lstrip()
+    if start.startswith((b"{", b"[\n", b"[{")):
+        return read_json(path)
+    if not start.startswith((b"%YAML", b"---")) and path.suffix.lower() not in (".yaml", ".yml"):
+        return tomllib.loads(path.read_bytes().decode())
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    require(path.stat().st_size <= MOST_BYTES, f"has more than {MOST_BYTES} bytes of YAML")
+    # OpenCV writes a directive and tags that YAML does not have
+    text = re.sub(r"\A%YAML.*|!!opencv-[\w-]+", "", path.read_text("utf-8"))
+    # ruamel.yaml takes minutes to read these two
+    require(re.search(r"(?:[\[{]\s*){20}", text) is None, "nests lists too deeply")
+    require(re.search(r"[:\[,-]\s*[&*]\w", text) is None, "has an anchor or an alias")
+    try:
+        return YAML(typ="safe", pure=True).load(text)
+    except (YAMLError, RecursionError) as error:
+        raise ValueError(" ".join(str(error).split())) from error
+
+
+def _sections(name: str, value: Any, seen: set[int]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the mappings with a camera matrix, each once, and their names or numbers."""
+    if id(value) in seen or not isinstance(value, dict | list):
+        return
+    seen.add(id(value))
+    if isinstance(value, dict) and _field(value, "matrix") is not None:
+        yield name, value
+        return
+    for key, within in value.items() if isinstance(value, dict) else enumerate(value):
+        yield from _sections(str(key), within, seen)
+
+
+def _field(table: Mapping[str, Any], field: str) -> Any:
+    """Return what stands under one of the names of a field; None for nothing."""
+    small = {str(key).lower(): value for key, value in table.items()}
+    values = (small.get(key) for key in KEYS[field].split())
+    return next((value for value in values if value is not None and value not in ([], "")), None)
 
 
 def _names(table: Mapping[str, Any]) -> tuple[str, ...]:
     return tuple(str(table[key]) for key in ("name", "port") if key in table)
 
 
+def _is_fisheye(table: Mapping[str, Any]) -> bool:
+    model = str(table.get("distortion_model", "")).lower()
+    return table.get("fisheye") is True or model in ("fisheye", "equidistant")
+
+
 def _camera(section: str, table: Mapping[str, Any]) -> CalibratedCamera:
-    require(table.get("fisheye") is not True, "is a fisheye lens, whose model is another one")
-    matrix = _array(table, MATRIX, (3, 3))
-    require(matrix is not None, "has no camera matrix")
+    require(not _is_fisheye(table), "is a fisheye lens, whose model is another one")
+    matrix = _array(table, "matrix", (3, 3))
     assert matrix is not None
     rest = matrix - np.diag(np.diag(matrix))
     rest[:2, 2] = 0.0
@@ -96,14 +148,16 @@ def _camera(section: str, table: Mapping[str, Any]) -> CalibratedCamera:
     rows = ", ".join(" ".join(f"{x:g}" for x in row) for row in matrix)
     unskewed = proper and np.abs(rest).max() <= 1e-6 * np.abs(matrix).max()
     require(unskewed, f"an impossible camera matrix, {rows}, not fx 0 cx, 0 fy cy, 0 0 1")
+    if {"image_width", "image_height"} <= table.keys():
+        table = {"size": [table["image_width"], table["image_height"]], **table}
     return CalibratedCamera(
         section=section,
         names=_names(table),
         matrix=matrix,
-        distortion=_distortion(_array(table, DISTORTION)),
-        size=_array(table, ("size",), (2,)),
-        rotation=_rotation(_array(table, ("rotation",))),
-        translation=_array(table, ("translation",), (3,)),
+        distortion=_distortion(_array(table, "distortion")),
+        size=_array(table, "size", (2,)),
+        rotation=_rotation(_array(table, "rotation")),
+        translation=_array(table, "translation", (3,)),
     )
 
 
@@ -130,18 +184,20 @@ def _rotation(given: Floats | None) -> Floats | None:
     return given
 
 
-def _array(
-    table: Mapping[str, Any], keys: tuple[str, ...], shape: tuple[int, ...] | None = None
-) -> Floats | None:
-    """Return the numbers under the first of these keys that is there; None for none."""
-    key = next((key for key in keys if key in table), None)
-    if key is None or table[key] in ([], ""):
+def _array(table: Mapping[str, Any], field: str, shape: tuple[int, ...] = ()) -> Floats | None:
+    """Return a field as numbers, None where it has none; OpenCV gives a matrix by its `data`."""
+    given = _field(table, field)
+    if given is None:
         return None
     wanted = f"{' x '.join(map(str, shape))} numbers" if shape else "numbers"
-    found = f"{key} is {str(table[key])[:60]}, not {wanted}"
     try:
-        values = np.array(table[key], dtype=np.float64)
+        values = np.array(given["data"] if isinstance(given, dict) else given, dtype=np.float64)
+        if isinstance(given, dict):
+            values = values.reshape(int(given["rows"]), int(given["cols"]))
     except (ValueError, TypeError):
         values = np.array(np.nan)
-    require(np.isfinite(values).all() and shape in (None, values.shape), found)
+    if shape == (3,) and values.shape in ((3, 1), (1, 3)):
+        values = values.ravel()
+    fits = np.isfinite(values).all() and shape in ((), values.shape)
+    require(fits, f"{field} is {str(given)[:60]}, not {wanted}")
     return values

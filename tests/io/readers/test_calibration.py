@@ -1,4 +1,6 @@
-"""Calibrations in the TOML of several tools."""
+"""Calibrations in the TOML, YAML and JSON of several tools."""
+
+import json
 
 import h5py
 import numpy as np
@@ -57,6 +59,89 @@ def test_the_only_camera_needs_no_name_and_may_lack_a_place(calibration):
     assert not camera.distortion.any()
 
 
+OPENCV = """%YAML:1.0
+---
+image_width: 640
+image_height: 480
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 5.0e+02, 0., 3.2e+02, 0., 501., 240., 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 5
+   cols: 1
+   dt: d
+   data: [ -0.1, 0.01, 0.001, 0.002, 0. ]
+"""
+ROS = OPENCV.replace(
+    "%YAML:1.0\n---\n", "camera_name: left\ndistortion_model: plumb_bob\n"
+).replace(" !!opencv-matrix", "")
+MATRIX = [[500, 0, 320], [0, 501, 240], [0, 0, 1]]
+STATED = [-0.1, 0.01, 0.001, 0.002, 0]
+STORED = {"type_id": "opencv-matrix", "dt": "d"}
+OPENCV_JSON = {
+    "image_width": 640,
+    "image_height": 480,
+    "camera_matrix": {**STORED, "rows": 3, "cols": 3, "data": np.ravel(MATRIX).tolist()},
+    "distortion_coefficients": {**STORED, "rows": 1, "cols": 5, "data": STATED},
+}
+PANOPTIC = {
+    "cameras": [
+        {"name": "00", "K": np.eye(3).tolist()},
+        {"name": "01", "K": MATRIX, "distCoef": STATED, "resolution": [640, 480],
+         "R": np.eye(3).tolist(), "t": [[1], [2], [3]]},
+    ]
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "name"),
+    [
+        ("left.yml", OPENCV, None),
+        ("left.yaml", ROS, None),
+        ("left.xyz", OPENCV, None),
+        ("left.json", json.dumps(OPENCV_JSON), None),
+        ("left.json", json.dumps({"mtx": MATRIX, "dist": [STATED], "size": [640, 480]}), None),
+        ("rig.json", json.dumps(PANOPTIC), "01"),
+    ],
+)
+def test_yaml_and_json_of_opencv(tmp_path, file, text, name):
+    (tmp_path / file).write_text(text)
+    camera = read_camera(tmp_path / file, name)
+    assert camera.matrix.tolist() == MATRIX
+    assert camera.distortion.tolist() == [*STATED, 0, 0, 0]
+    assert camera.size.tolist() == [640, 480]
+    assert camera.translation is None or camera.translation.tolist() == [1, 2, 3]
+
+
+BOMB = "a: &a [1]\n" + "".join(
+    f"{b}: &{b} [*{a}, *{a}, *{a}, *{a}, *{a}, *{a}, *{a}]\n"
+    for a, b in zip("abcdefghijk", "bcdefghijkl", strict=True)
+)
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "words"),
+    [
+        ("a.yml", "%YAML:1.0\n---\nK: [", "is not as its format says"),
+        ("a.yml", "%YAML:1.0\n---\n" + "[" * 50_000, "nests lists too deeply"),
+        ("a.yml", BOMB, "has an anchor or an alias"),
+        ("a.yml", "a: &a {b: *a}\n", "has an anchor or an alias"),
+        ("a.yml", "a: 1\n" + "#" * 2**20, "has more than 1048576 bytes of YAML"),
+        ("a.json", '{"K": [', "is not whole JSON"),
+        ("a.json", '{"K": [[1, 0], [0, 1]]}', "matrix is [[1, 0], [0, 1]], not 3 x 3 numbers"),
+        ("a.yml", OPENCV.replace("rows: 3", "rows: x"), "matrix is {'rows': 'x'"),
+        ("a.yml", ROS.replace("plumb_bob", "equidistant"), "is a fisheye lens"),
+    ],
+)
+def test_yaml_and_json_that_are_no_calibration(tmp_path, file, text, words):
+    (tmp_path / file).write_text(text)
+    with pytest.raises(InputError) as error:
+        read_camera(tmp_path / file, None)
+    assert words in str(error.value)
+
+
 @pytest.mark.parametrize(
     ("text", "name", "words"),
     [
@@ -69,7 +154,7 @@ def test_the_only_camera_needs_no_name_and_may_lack_a_place(calibration):
         (TWO.replace("[0.0, 0.0, 1.57", "[0.0, 1.57"), "left", ["cam_0", "rotation"]),
         (TWO.replace("[[0, -1, 0]", "[[0, 1, 0]"), "7", ["cam_1", "reflection"]),
         (TWO.replace("[[0, -1, 0]", "[[0, -2, 0]"), "7", ["cam_1", "rotation"]),
-        (TWO.replace("0.002, 0.0]", "0.002, 'a']"), "left", ["cam_0", "distortions"]),
+        (TWO.replace("0.002, 0.0]", "0.002, 'a']"), "left", ["cam_0", "distortion is"]),
         (TWO.replace("0.002, 0.0]", "0.002, 0.0, 1.0]"), "left", ["6 coefficients"]),
         (TWO.replace("0.002, 0.0]", "0, 0, 0, 0, 0, 1]"), "left", ["9 coefficients", "prism"]),
         (TWO.replace('name = "left"', 'name = "left"\nfisheye = true'), "left", ["fisheye"]),
