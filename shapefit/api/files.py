@@ -20,7 +20,6 @@ from shapefit.api.records import (
     shape_set,
 )
 from shapefit.api.shown import stated_height
-from shapefit.api.words import speaks_python
 from shapefit.config.paths import find_dictionaries
 from shapefit.errors import input_error, listed
 from shapefit.io.formats import find_target_format
@@ -30,7 +29,6 @@ from shapefit.stores import UrlPath, forget_copy, location
 File = str | PathLike[str]
 
 
-@speaks_python
 def read_shapes(*paths: File, **options: Any) -> Shapes:
     """Read files of 3D shapes, in any format of `learn-dict`, as one set.
 
@@ -40,7 +38,6 @@ def read_shapes(*paths: File, **options: Any) -> Shapes:
     return Shapes.of(io.read_shapes([_path(path) for path in paths], _input(options)))
 
 
-@speaks_python
 def read_landmarks(*paths: File, **options: Any) -> Landmarks:
     """Read files of 2D landmarks, in any format of `fit`, as one set.
 
@@ -51,7 +48,6 @@ def read_landmarks(*paths: File, **options: Any) -> Landmarks:
         return Landmarks.of(source.whole())
 
 
-@speaks_python
 def read_dictionary(path: File) -> Dictionary:
     """Read a dictionary: a file, or the installed one of that name, such as "people"."""
     found = _path(path)
@@ -60,32 +56,27 @@ def read_dictionary(path: File) -> Dictionary:
     return Dictionary.of(io.read_dictionary(found))
 
 
-@speaks_python
 def read_results(path: File) -> Fit:
     """Read a result; what proves it stays in the file, for `shapefit verify`."""
     return fit_of(io.read_results(_path(path)), {})
 
 
-@speaks_python
 def write_shapes(path: File, shapes: Shapes) -> None:
     """Write shapes to HDF5, or to CSV or Parquet where the name ends in .csv or .parquet."""
     io.write_shapes(_path(path), shape_set(shapes))
 
 
-@speaks_python
 def write_landmarks(path: File, landmarks: Landmarks) -> None:
     """Write landmarks to HDF5, or to CSV or Parquet where the name ends in .csv or .parquet."""
     with io.landmark_writer(_path(path)) as writer:
         writer.append(landmark_set(landmarks))
 
 
-@speaks_python
 def write_dictionary(path: File, dictionary: Dictionary) -> None:
     """Write a dictionary to HDF5."""
     io.write_dictionary(_path(path), dictionary._inside)
 
 
-@speaks_python
 def write_results(path: File, result: Fit) -> None:
     """Write a fit as `fit -o` does: HDF5, or the format that the name ends in, such as .trc."""
     target = _path(path)

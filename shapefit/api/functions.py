@@ -30,7 +30,7 @@ from shapefit.api.records import (
     shape_set,
     unnamed,
 )
-from shapefit.api.words import speaks_python, warn
+from shapefit.api.shown import warn
 from shapefit.config import (
     CONFIGS,
     EvalConfig,
@@ -60,7 +60,7 @@ from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes, with_p_valu
 from shapefit.pipelines.outcome import Counted, Outcome, add_up
 
 PLACE = Path("landmarks")
-WANTED = "give (n, p, 2) or (n, p, 3) with a confidence of 0 to 1, or a list of (people, p, 2 or 3)"
+WANTED = "give (n, p, 2), or (n, p, 3) with a confidence of 0 to 1"
 
 FIT = {
     "landmarks": (Path("landmarks"),),
@@ -86,9 +86,8 @@ def default(model: type[CommandConfig], name: str) -> Any:
     return model.model_fields[name].get_default(call_default_factory=True)
 
 
-@speaks_python
 def fit(
-    landmarks: Landmarks | ArrayLike | Sequence[ArrayLike],
+    landmarks: Landmarks | ArrayLike,
     dictionary: Dictionary | str | PathLike[str],
     lam: float | Literal["auto"] | None = None,
     weights: ArrayLike | None = None,
@@ -102,15 +101,15 @@ def fit(
     """Lift 2D landmarks to 3D shapes; equal bit for bit to what the command `fit` writes.
 
     landmarks: arrays (n, p, 2), NaN where unseen, or (n, p, 3) with a confidence; (p, 2) of one
-    image; a list of frames (people, p, 2 or 3); or Landmarks with names. Arrays have the landmarks
-    of the dictionary in its order (of "people" the first 15), or those of the skeleton that
-    `keypoints` names, such as "coco_17". dictionary: one that was read or learned, a file, or an
-    installed one, such as "people". weights (n, p) >= 0, 0 = hidden, in place of a confidence; lam
-    and method as `lambda` and `method` of the command. camera: matrices (3, 3) or (n, 3, 3) for a
-    perspective camera, or the section `camera` of the command, where `focal` may be such matrices.
+    image; or Landmarks with names. Arrays have the landmarks of the dictionary in its order (of
+    "people" the first 15), or those of the skeleton that `keypoints` names, such as "coco_17".
+    dictionary: one that was read or learned, a file, or an installed one, such as "people".
+    weights (n, p) >= 0, 0 = hidden, in place of a confidence; lam and method as `lambda` and
+    `method` of the command. camera: matrices (3, 3) or (n, 3, 3) for a perspective camera, or the
+    section `camera` of the command, where `focal` may be such matrices.
     config: a YAML file, read as the command reads it, or the name of an installed one.
     options are further keys of the command, sections as mappings, such as
-    `outliers={"method": "ransac"}` (docs/config.md). Images without a shape are in `failures` of
+    `prior={"scale": 2}` (docs/config.md). Images without a shape are in `failures` of
     the result; what the command warns of is a Python warning. Raises InputError.
     """
     section, matrices = _camera(camera)
@@ -159,37 +158,21 @@ def _dictionary(given: Dictionary | str | PathLike[str]) -> model.Dictionary:
 def _images(landmarks: Any, section: FitConfig, names: Names) -> LandmarkSet:
     """Return landmarks as the package has them, with these names (p) where they have none.
 
-    Arrays with confidences, of a skeleton, of one image or of several people are read as files of a
-    detector are. Raises InputError for arrays of other shapes.
+    Arrays with confidences, of a skeleton or of one image are read as files of a detector are.
+    Raises InputError for arrays of other shapes.
     """
     if isinstance(landmarks, Landmarks):
         return landmark_set(landmarks, names)
-    crowd = isinstance(landmarks, list) and any(np.ndim(frame) == 3 for frame in landmarks)
-    points, further = in_one_array(landmarks) if crowd else (_array(landmarks), {})
+    points = _array(landmarks)
     keypoints, with_confidence = section.keypoints, points.ndim == 3 and points.shape[2] == 3
-    if not (crowd or keypoints is not None or points.ndim == 2 or with_confidence):
+    if keypoints is None and points.ndim != 2 and not with_confidence:
         return landmark_set(points, names)
+    further: dict[str, Any] = {}
     if keypoints is None:
         if points.shape[-2] != len(names):
             raise unnamed("landmarks", points.shape[-2], names)
-        further |= {"landmark_names": tuple(names)}
-    options = input_options(section, "nearest" if crowd else "none")
-    return landmarks_of(of_array(PLACE, points, **further), options)[0]
-
-
-def in_one_array(frames: Sequence[ArrayLike]) -> tuple[NDArray[Any], dict[str, Any]]:
-    """Return frames (people, p, 2 or 3), with any number of people each, as one array.
-
-    Beside it stands of which frame each is. Raises InputError where they differ in their landmarks.
-    """
-    arrays = [_array(frame) for frame in frames]
-    whole = [array for array in arrays if array.size]
-    if len({array.shape[1:] for array in whole}) != 1 or whole[0].ndim != 3:
-        raise input_error("landmarks", "frames that differ in their landmarks", WANTED)
-    people = [len(array) if array.size else 0 for array in arrays]
-    frame = np.repeat(np.arange(len(arrays)), people)
-    labels = [str(number) for number in frame]
-    return np.concatenate(whole), {"frames": frame.tolist(), "labels": labels, "images": True}
+        further = {"landmark_names": tuple(names)}
+    return landmarks_of(of_array(PLACE, points, **further), input_options(section))[0]
 
 
 def _array(landmarks: ArrayLike) -> NDArray[Any]:
@@ -222,7 +205,6 @@ def _with_weights(images: LandmarkSet, weights: ArrayLike | None) -> LandmarkSet
     return images.replaced(confidence=values)
 
 
-@speaks_python
 def learn(
     shapes: Shapes | ArrayLike,
     k: int = default(LearnDictConfig, "k"),
@@ -289,7 +271,6 @@ class Evaluation:
         return float(np.mean([row.mean for row in rows]))
 
 
-@speaks_python
 def evaluate(
     result: Fit | Shapes | ArrayLike,
     truth: Shapes | ArrayLike,
@@ -349,7 +330,8 @@ def config_of(
         fix = "it is for files: use the command line, or the functions of shapefit that write"
         raise input_error(f"{function}.{key}", f"there is no argument `{key}`", fix)
     file = None if config is None else find_config(command, Path(config))
-    arguments = dict.fromkeys(files, os.devnull) | flat(CONFIGS[command], plain(given))
+    arguments = dict.fromkeys(files, os.devnull) | {"output": "result"}
+    arguments |= flat(CONFIGS[command], plain(given))
     return load_config(command, file, (), arguments, place=function).model_copy(update=dict(files))
 
 

@@ -238,7 +238,6 @@ class Fit(_Items):
     metres = property(shown.as_metres)
     to_metres = shown.as_metres
     to_pandas = shown.as_table
-    to_xarray = shown.as_dataset
 
 
 def fit_of(record: ResultSet, failures: Mapping[str, str]) -> Fit:

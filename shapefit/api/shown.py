@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import json
 import tempfile
+import warnings
+from collections.abc import Iterable
 from html import escape
 from importlib import import_module
 from os import PathLike
@@ -15,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from shapefit.api.words import speaks_python, warn
 from shapefit.errors import counted, input_error
 from shapefit.io.options import OutputOptions
 from shapefit.io.skeletons import edges_of
 from shapefit.io.writers.motion import find_motions
 from shapefit.io.writers.tables import METRES, metres_columns
+from shapefit.pipelines.outcome import Note
 
 if TYPE_CHECKING:
     from shapefit.api.records import Fit
@@ -31,6 +33,13 @@ HEIGHT = 640
 """Of a page in a notebook, in px."""
 SIDE = (30, 15)
 """Degrees around and above the shape that a picture is seen from."""
+
+
+def warn(messages: Iterable[object], level: int = 3) -> None:
+    """Issue a Python warning for each message, at the caller of the function; notes are none."""
+    for message in messages:
+        if not isinstance(message, Note):
+            warnings.warn(str(message), stacklevel=level)
 
 
 def describe(fit: Fit) -> str:
@@ -97,7 +106,6 @@ def draw_shape(fit: Fit, image: int = 0) -> Any:
     return axes
 
 
-@speaks_python
 def as_metres(
     fit: Fit,
     *,
@@ -151,27 +159,6 @@ def as_table(fit: Fit) -> Any:
     of_images |= {"sequence": fit.sequences, "trusted": fit.trusted, "reasons": fit.reasons}
     columns |= {name: np.repeat(v, p) for name, v in of_images.items() if v is not None}
     return _library("pandas").DataFrame(columns)
-
-
-def as_dataset(fit: Fit) -> Any:
-    """Return an xarray.Dataset of `position` (time, space, keypoints, individuals).
-
-    Individuals are the sequences; time is in s where the frame rate is known, else in frames.
-    """
-    frames, who, which = _frames(fit)
-    times, at = np.unique(frames, return_inverse=True)
-    position = np.full((len(times), 3, len(fit.landmark_names), len(who)), np.nan)
-    position[at, :, :, which] = fit.shapes.swapaxes(1, 2)
-    return _library("xarray").Dataset(
-        {"position": (("time", "space", "keypoints", "individuals"), position)},
-        coords={
-            "time": times / (fit.frame_rate or 1),
-            "space": ["x", "y", "z"],
-            "keypoints": list(fit.landmark_names),
-            "individuals": list(who),
-        },
-        attrs={"unit": fit.unit, "y_axis": fit.y_axis, "fps": fit.frame_rate or "unknown"},
-    )
 
 
 def _frames(fit: Fit) -> tuple[Any, Any, Any]:

@@ -349,7 +349,7 @@ WHOLE = 2.0**52
 NUMBER = 26
 """Bytes of a number with the comma behind it, at most."""
 
-Y_UP = "y points up, which CSV cannot say: read the file with `--set y_axis=up`"
+Y_UP = "y points up, which CSV cannot say: read the file with `y_axis=up`"
 
 IN_QUOTES = ('"', ",", "\r", "\n")
 """A cell with one of these is in quotes."""

@@ -147,7 +147,7 @@ def _told(
         fitting = skeletons_of_size(count)
         nameless = recording.landmark_names is None and not recording.skeleton
         if nameless and options.keypoints is None and fitting:
-            hint = " or ".join(f"`--set keypoints={name}`" for name in fitting)
+            hint = " or ".join(f"`keypoints={name}`" for name in fitting)
             title.append(("landmarks", f"{count} without names: say which with {hint}"))
             names = installed_skeletons()[fitting[0]].landmark_names
             following = _following(kind, paths, replace(options, keypoints="NAME"), names)

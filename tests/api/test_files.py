@@ -14,7 +14,9 @@ from .conftest import run_command, same_file
 
 def test_what_is_read_is_written_as_it_was(tmp_path, sample, people, views):
     command = {"landmarks": str(views), "dictionary": str(people["sparse-coding"])}
-    run_command("fit", **command, output=str(tmp_path / "result.h5"), proof=False)
+    run_command(
+        "fit", **command, output=str(tmp_path / "result.h5"), method="convex", save={"proof": False}
+    )
     kinds = {
         "shapes": [sample / "people_test.h5", sample / "cars.h5"],
         "landmarks": [views, sample / "cars_views.h5"],

@@ -1,23 +1,25 @@
 """`shapefit.fit` finds what the command finds, bit for bit, and refuses what it refuses."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 import shapefit
+from shapefit.config import find_config, load_config
 from shapefit.lifting.methods import METHODS
+from shapefit.pipelines.fit.run import run
 
 from .conftest import run_command, same_file
 
 OPTIONS = {
     "squared": {},
-    "exact": {"loss": "exact"},
     "sparse-error": {"outliers": "sparse-error", "outlier_threshold": 0.2},
     "noise": {"lam": "auto", "noise": 3.0},
-    "transforms": {"transforms": True, "rotations": "orthogonal"},
+    "proof": {"save": {"proof": False}},
     "ransac": {"outliers": "ransac"},
-    "perspective": {"camera": {"focal": 900.0}},
-    "one thread": {"threads": 1, "chunk": 64},
-    "strict": {"strict": True, "solver": {"max_iterations": 2}},
+    "perspective": {"camera": {"focal": 900.0, "principal_point": [0, 0]}},
+    "one thread": {"threads": 1, "tolerance": 1e-4},
 }
 
 
@@ -69,7 +71,7 @@ def test_cars_without_their_own_model_under_their_own_camera(tmp_path, sample):
     matrix = images.extras["camera_matrix"]
     kept = {name: value for name, value in images.extras.items() if name != "camera_matrix"}
     atoms = shapefit.read_dictionary(dictionary)
-    for given in (matrix, {"intrinsics": np.tile(matrix, (108, 1, 1))}):
+    for given in (matrix, {"focal": np.tile(matrix, (108, 1, 1))}):
         found = shapefit.fit(images.replaced(extras=kept), atoms, camera=given, **options)
         np.testing.assert_array_equal(found.shapes, shapefit.read_results(command).shapes)
 
@@ -110,8 +112,8 @@ def test_an_image_without_landmarks_fails_and_the_others_do_not(people, views):
 def test_what_the_command_warns_of_is_a_warning(people, views):
     atoms = shapefit.read_dictionary(people["sparse-coding"])
     images = shapefit.read_landmarks(views)
-    with pytest.warns(UserWarning, match="not optimal") as told:
-        shapefit.fit(images, atoms, method="convex", solver={"max_iterations": 1})
+    with pytest.warns(UserWarning, match="empty shape") as told:
+        shapefit.fit(images, atoms, 1e3, method="convex")
     assert told[0].filename == __file__
     with pytest.warns(UserWarning, match="pmp is made for"):
         shapefit.fit(shapefit.read_landmarks(views), atoms, method="pmp")
@@ -122,21 +124,21 @@ def test_what_the_command_warns_of_is_a_warning(people, views):
     [
         (
             {"method": "convexx"},
-            r"^fit\.method: `method` should be 'convex'.*did you mean 'convex'\?$",
+            r"^fit\.method: `method` should be 'auto', 'convex'.*did you mean 'convex'\?$",
         ),
         ({"lam": -1}, r"^fit\.lambda: expected a number > 0 or auto, found -1$"),
-        ({"outliers": {"metod": "ransac"}}, r"fit\.outliers\.metod: unknown key .*'method'"),
+        ({"prior": {"scal": 2}}, r"fit\.prior\.scal: unknown key 'prior\.scal'.*'prior\.scale'"),
         ({"lamda": 1}, r"fit\.lamda: unknown key 'lamda'; did you mean 'lambda'"),
         ({"output": "x.h5"}, r"^fit\.output: there is no argument `output`; it is for files"),
         ({"export": {"folder": "x"}}, r"^fit\.export: there is no argument"),
-        ({"camera": np.eye(2)}, r"camera\.intrinsics: camera_matrix: has the shape \(2, 2\)"),
-        ({"camera": {"model": "perspective"}}, "and a focal length .*go together"),
+        ({"camera": np.eye(2)}, r"camera\.focal: camera_matrix: has the shape \(2, 2\)"),
+        ({"camera": {"name": "left"}}, r"fit\.camera\.name: `name` is that of a camera"),
         (
             {"weights": np.ones((2, 15))},
             r"weights: has the shape \(2, 15\); it must be \(150, 15\)",
         ),
         ({"weights": np.full((150, 15), -1)}, r"^landmarks\.confidence\[0\]: landmark 'pelvis' is"),
-        ({"leave_out": "model"}, "the atoms of the dictionary have no items"),
+        ({"leave_one_out": "model"}, "the atoms of the dictionary have no items"),
     ],
 )
 def test_what_is_wrong_is_an_error_with_its_place(people, views, changes, message):
@@ -175,7 +177,6 @@ def test_arrays_of_atoms_are_no_dictionary_and_make_one(people, views):
     own = shapefit.fit(points, shapefit.Dictionary(atoms=B), 0.1)
     named = shapefit.fit(points, atoms, 0.1, method="convex")
     np.testing.assert_array_equal(own.objective, named.objective)
-    np.testing.assert_array_equal(own.transforms, named.transforms)
 
 
 def test_a_dictionary_that_cannot_be_is_refused(people, views):
@@ -187,3 +188,46 @@ def test_a_dictionary_that_cannot_be_is_refused(people, views):
         shapefit.fit(images, atoms.replaced(mean_shape=np.ones((15, 3))))
     with pytest.raises(shapefit.InputError, match=r"dictionary\.atoms: .*\(k, p, 3\), one landm"):
         shapefit.fit(images, atoms.replaced(atoms=atoms.atoms.swapaxes(1, 2)))
+
+
+CONFIGS = {
+    "lambda": "lambda: 0.3",
+    "noise": "{lambda: auto, noise: 2}",
+    "robust": "{method: convex+refine, outliers: sparse-error}",
+    "ransac": "{outliers: ransac, tolerance: 1e-4}",
+    "camera": "camera: {focal: 900, principal_point: [10, 20]}\nmethod: convex+refine",
+    "calibration": "{camera: {calibration: rig/cameras.toml, name: left}, method: convex+refine}",
+    "names": "rename: {rwrist: unused}",
+    "prior": "{method: posterior, prior: {scale: 2, residual_variance: 0.02}}",
+    "lengths": "{method: sequences, frame_rate: 24, bone_lengths: rig/lengths.csv}",
+    "installed": "",
+}
+"""A config of every kind: what a file beside it gives counts in Python, too."""
+
+TOML = """[left]
+name = "left"
+size = [640.0, 480.0]
+matrix = [[900.0, 0.0, 320.0], [0.0, 900.0, 240.0], [0.0, 0.0, 1.0]]
+distortions = [0.0, 0.0, 0.0, 0.0]
+rotation = [0.0, 0.0, 0.0]
+translation = [0.0, 0.0, 0.0]
+"""
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_a_config_file_is_read_as_the_command_reads_it(tmp_path, people, views, name):
+    (tmp_path / "rig").mkdir()
+    (tmp_path / "rig/cameras.toml").write_text(TOML)
+    (tmp_path / "rig/lengths.csv").write_text("from,to,length\npelvis,rhip,0.1\nrhip,rknee,0.4\n")
+    text = f"# {name}\n{CONFIGS[name]}\n"
+    others = "landmarks: nowhere.h5\ndictionary: nowhere.h5\noutput: r.h5\n"
+    (tmp_path / "mine.yaml").write_text(text + (others if "{" not in text[:20] else ""))
+    file = Path("people") if name == "installed" else tmp_path / "mine.yaml"
+    paths = {"landmarks": str(views), "dictionary": str(people["sparse-coding"])}
+    paths["output"] = str(tmp_path / "command.h5")
+    list(run(load_config("fit", find_config("fit", file), (), paths)))
+    images = shapefit.read_landmarks(views)
+    found = shapefit.fit(images, people["sparse-coding"], config=file)
+    shapefit.write_results(tmp_path / "function.h5", found)
+    same_file(tmp_path / "command.h5", tmp_path / "function.h5")

@@ -21,8 +21,8 @@ def test_every_method_makes_what_the_command_makes(tmp_path, people, sample, met
 @pytest.mark.filterwarnings("ignore:the meshes are left out")
 def test_cars_with_meshes_and_symmetry(tmp_path, sample):
     shapes = shapefit.read_shapes(sample / "cars.h5")
-    for symmetry in ("none", "double"):
-        keys = {"method": "exemplars", "align": "none", "symmetry": symmetry}
+    for mirror in (False, True):
+        keys = {"method": "exemplars", "align": "none", "mirror": mirror}
         run_command(
             "learn-dict",
             shapes=str(sample / "cars.h5"),
@@ -30,7 +30,7 @@ def test_cars_with_meshes_and_symmetry(tmp_path, sample):
             **keys,
         )
         made = shapefit.learn(shapes, **keys)
-        assert (made.mesh_vertices is None) == (symmetry == "double")
+        assert (made.mesh_vertices is None) == mirror
         shapefit.write_dictionary(tmp_path / "function.h5", made)
         same_file(tmp_path / "command.h5", tmp_path / "function.h5")
 
@@ -64,7 +64,6 @@ def test_shapes_that_cannot_be_used_are_a_warning(sample):
             r"^learn\.k: `k` should be greater than or equal to 1, found 0",
         ),
         (np.ones((4, 5, 3)), {"kk": 0}, r"^learn\.kk: unknown key"),
-        (np.ones((4, 5, 3)), {"method": "exemplars", "k": 3}, "`k` has no effect here"),
     ],
 )
 def test_what_is_wrong_is_an_error_with_its_place(shapes, options, message):

@@ -151,7 +151,7 @@ def _assumed_skeleton(poses: Poses, options: InputOptions) -> Notes:
     )
 
 
-SIZE_FIX = "give the size of the images in pixels: `--set image_size=[1920,1080]`"
+SIZE_FIX = "give the size of the images in pixels: `image_size=[1920,1080]`"
 
 SQUEEZED = (
     "x and y are fractions of the width and the height of the image, so that figures are squeezed "

@@ -180,9 +180,9 @@ def _unknown_size(records: Shapes3D, place: str) -> Exception:
         known = records.unit != UNKNOWN_UNIT
         named = f"is {records.unit}, which is no length" if known else "is not known"
         found = f"the unit of the shapes {named}"
-        return input_error(place, found, "give it, e.g. `--set unit=m`, or `--set height=1.78`")
+        return input_error(place, found, "give it, e.g. `unit=m`, or `height=1.78`")
     found = f"the shapes are in {records.unit}, and their size in metres is not known"
-    fix = "give it, e.g. `--set height=1.78`, or lift with a dictionary learned from shapes in m"
+    fix = "give it, e.g. `height=1.78`, or lift with a dictionary learned from shapes in m"
     return input_error(place, found, fix)
 
 

@@ -123,7 +123,7 @@ def test_fractions_of_an_image_need_its_size(tmp_path, rng, kind):
         names = [f"{axis}{n}" for n in range(33) for axis in "xyzv"]
         rows = np.concatenate([points, np.ones((3, 33, 2))], axis=2).reshape(3, -1)
         table(path, "\n".join([",".join(names), *(",".join(map(str, row)) for row in rows)]))
-    with pytest.raises(InputError, match=r"fractions of the width.*`--set image_size=\[1920,1080"):
+    with pytest.raises(InputError, match=r"fractions of the width.*`image_size=\[1920,1080"):
         read(path, keypoints="mediapipe_33")
     images, _ = read(path, keypoints="mediapipe_33", image_size=(200.0, 100.0))
     np.testing.assert_allclose(images.landmarks.transpose(0, 2, 1), points * (200, 100))

@@ -110,7 +110,7 @@ def test_shapes_are_converted_and_keep_their_axes(scene, shapes):
 
 def test_shapes_of_unknown_unit(scene, shapes):
     unknown = shapes.replaced(unit="unknown")
-    with pytest.raises(InputError, match=r"walk\.trc: .*not known; give it, e\.g\. `--set unit=m`"):
+    with pytest.raises(InputError, match=r"walk\.trc: .*not known; give it, e\.g\. `unit=m`"):
         in_metres(unknown, NOTHING, "walk.trc")
     points = in_metres(unknown, OutputOptions(unit="cm"), "walk.trc").points
     np.testing.assert_allclose(points, scene.world, atol=1e-12)
