@@ -1,4 +1,4 @@
-"""`info`: what files hold, and the command to go on with."""
+"""`info`: what files hold, and the next command."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from shapefit.dictionary.model import SUITS, describe_learning, origin_of
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
 from shapefit.io import (
     LandmarkSet,
-    ShapeSet,
     open_landmarks,
     open_shapes,
     read_dictionary,
@@ -32,7 +31,7 @@ from shapefit.io.skeletons import installed_skeletons, skeletons_of_size
 from shapefit.io.source import open_results
 from shapefit.pipelines.joints import is_of_people
 from shapefit.pipelines.outcome import Failure, Outcome, unread
-from shapefit.pipelines.partition.manifest import Manifest, find_folders, result_digest, sum_up
+from shapefit.pipelines.partition.manifest import Manifest, find_folders, sum_up
 
 BATCH = 16384
 """Items that are looked at, the first of a file."""
@@ -42,6 +41,8 @@ CAMERA = ("camera_matrix", "distortion", "image_size", "extrinsic_rotation")
 
 LISTED_FILES = 3
 """Of one recording that a command names one by one."""
+
+NEXT = "next"
 
 Line = tuple[str, str]
 
@@ -71,17 +72,16 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
     known: list[Path] = []
     folders = find_folders(config.files)
     for folder, manifest in folders.items():
-        shared: dict[str, str] = {}
-        for name, entry in manifest.done.items():
+        first: dict[str, str] = {}
+        for part in (folder / name for name in manifest.done):
             try:
-                if entry["digest"] not in (None, result_digest(folder / name)):
-                    found = "is not as `fit` wrote it"
-                    raise input_error(folder / name, found, "run the same fit again")
-                shared = shared or dict(_of_result(folder / name))
+                if first and not part.is_file():
+                    raise input_error(part, "there is no such file", "run the same fit again")
+                first = first or dict(_of_result(part))
             except InputError as error:
-                fail(folder / name, error)
-        if shared:
-            told.append(_of_folder(folder, manifest, shared))
+                fail(part, error)
+        if first:
+            told.append(_of_folder(folder, manifest, first))
     for path in config.files:
         if path.parent in folders:
             continue
@@ -151,26 +151,26 @@ def _told(
             title.append(("landmarks", f"{count} without names: say which with {hint}"))
             names = installed_skeletons()[fitting[0]].landmark_names
             following = _following(kind, paths, replace(options, keypoints="NAME"), names)
-            return [*title, ("go on with", following)], recording.notes
+            return [*title, (NEXT, following)], recording.notes
     opened = open_landmarks(paths, options, check=False) if kind == "landmarks" else None
     with opened or open_shapes(paths, options, gaps=True, check=False) as source:
         sample = source.first(BATCH)
-        lines = title + _of_records(sample, source.count, kind)
+        noun = "image" if kind == "landmarks" else "shape"
+        lines = title + _of_records(sample, source.count, noun)
         if isinstance(source.head, LandmarkSet):
             stated = "" if source.states_y_axis else ", as the file does not say"
             lines.append(("y axis", source.head.y_axis + stated))
-        lines.append(("go on with", _following(kind, paths, options, source.head.landmark_names)))
+        lines.append((NEXT, _following(kind, paths, options, source.head.landmark_names)))
         return lines, source.notes
 
 
-def _of_records(sample: LandmarkSet | ShapeSet, count: int, kind: str) -> list[Line]:
-    """Describe a file by its head and its first items."""
-    noun = "image" if kind == "landmarks" else "shape"
-    names, of = sample.landmark_names, _of_the_first(sample, count)
+def _of_records(sample: Records, count: int, noun: str) -> list[Line]:
+    """Describe the items of a file by its head and its first items."""
+    names, sequences = sample.landmark_names, dict.fromkeys(filter(None, sample.sequences or ()))
+    of = "" if len(sample) == count else f" (of the first {len(sample):,})"
     lines = [(f"{noun}s", f"{count:,}"), ("landmarks", f"{len(names)}: {abbreviate(names)}")]
-    sequences = [name for name in dict.fromkeys(sample.sequences or ()) if name]
     if sequences:
-        lines.append(("sequences", f"{len(sequences)}: {abbreviate(sequences)}{of}"))
+        lines.append(("sequences", f"{len(sequences)}: {abbreviate(list(sequences))}{of}"))
         rate = sample.frame_rate
         lines.append(("frame rate", "unknown" if rate is None else f"{rate:g} Hz"))
     known = np.isfinite(sample.points).all(axis=1)
@@ -179,9 +179,8 @@ def _of_records(sample: LandmarkSet | ShapeSet, count: int, kind: str) -> list[L
     if confidence is not None and known.any():
         least, most = confidence[known].min(), confidence[known].max()
         lines.append(("confidence", f"{least:.3g} to {most:.3g}"))
-    lines.append(("unit", sample.unit if sample.unit != UNKNOWN_UNIT else "not said"))
-    camera = [name for name in CAMERA if name in sample.columns]
-    if camera:
+    lines.append(("unit", sample.unit if sample.unit != UNKNOWN_UNIT else "not stated"))
+    if camera := [name for name in CAMERA if name in sample.columns]:
         lines.append(("camera", listed(camera, "and")))
     return lines
 
@@ -190,36 +189,18 @@ def _of_folder(folder: Path, manifest: Manifest, first: Mapping[str, str]) -> li
     """Describe a folder of results by its manifest, and what all of them share by the first."""
     shared = [(name, first[name]) for name in ("landmarks", "unit")]
     title = [("", source_name(folder)), ("kind", f"folder with {first['kind']}")]
-    following = [("go on with", f"shapefit eval {_typed(folder)} --truth SHAPES -o report")]
+    following = [(NEXT, f"shapefit eval {_typed(folder)} --truth SHAPES -o report")]
     return title + sum_up(manifest.done) + shared + following
 
 
 def _of_result(path: Path) -> list[Line]:
     with open_results([path], OPTIONAL, check=False) as source:
-        head, sample = source.head, source.first(BATCH)
-        names = head.landmark_names
-        failed = int((~np.isfinite(sample.shapes).all(axis=(1, 2))).sum())
-        of = _of_the_first(sample, source.count)
-        lines = [
-            ("kind", f"result of {head.attributes.get('method', 'fit')}"),
-            ("images", f"{source.count:,}" + (f", {failed} without a shape{of}" if failed else "")),
-            ("landmarks", f"{len(names)}: {abbreviate(names)}"),
-        ]
-        sequences = [name for name in dict.fromkeys(sample.sequences or ()) if name]
-        if sequences:
-            lines.append(("sequences", f"{len(sequences)}: {abbreviate(sequences)}{of}"))
-            rate = head.frame_rate
-            lines.append(("frame rate", "unknown" if rate is None else f"{rate:g} Hz"))
-        lines.append(("unit", head.unit if head.unit != UNKNOWN_UNIT else "not said"))
+        head = source.head
+        lines = [("kind", f"result of {head.attributes.get('method', 'fit')}")]
+        lines += _of_records(source.first(BATCH), source.count, "image")
         if estimated := head.attributes.get("estimated"):
             lines.append(("estimated", str(estimated)))
-        lines.append(("go on with", f"shapefit view {_typed(path)}"))
-        return lines
-
-
-def _of_the_first(sample: Records, count: int) -> str:
-    """Say of how many items something was counted, where it is not all."""
-    return "" if len(sample) == count else f" (of the first {len(sample):,})"
+        return [*lines, (NEXT, f"shapefit view {_typed(path)}")]
 
 
 def _of_dictionary(path: Path) -> list[Line]:
@@ -231,7 +212,7 @@ def _of_dictionary(path: Path) -> list[Line]:
         ("kind", f"dictionary of {counted(dictionary.k, 'atom')}"),
         ("landmarks", f"{len(names)}: {abbreviate(names)}"),
         ("prior", has),
-        ("unit", dictionary.unit if dictionary.unit != UNKNOWN_UNIT else "not said"),
+        ("unit", dictionary.unit if dictionary.unit != UNKNOWN_UNIT else "not stated"),
     ]
     lines += [("learned", text) for text in describe_learning(dictionary)]
     lines += [(key, text) for key, text in origin_of(dictionary)._asdict().items() if text]
@@ -239,7 +220,7 @@ def _of_dictionary(path: Path) -> list[Line]:
     given = installed.get(path) or _typed(path)
     with_prior = prior is not None and SUITS not in dictionary.provenance
     method = " --set method=posterior" if with_prior else ""
-    lines.append(("go on with", f"shapefit fit LANDMARKS -d {given} -o result.h5{method}"))
+    lines.append((NEXT, f"shapefit fit LANDMARKS -d {given} -o result.h5{method}"))
     return lines
 
 
