@@ -31,9 +31,6 @@ FARTHEST = math.exp(5)
 SMALLEST = 1e-12
 """Share of a variance that is left where correlations leave none."""
 
-PAIRS = ((0, 1), (0, 2), (1, 2))
-"""Coordinates of a landmark, in the order of the correlations."""
-
 
 @dataclass(frozen=True)
 class ErrorBars:
@@ -41,14 +38,12 @@ class ErrorBars:
 
     sequences (n); square (n, p): the squared Mahalanobis distance of the truth, chi^2 with 3
     degrees of freedom where error bars are true; width (n, p): root of the mean squared semi-axis
-    of the 90% ellipsoid, by unit. nan where there is no truth or no error bar. parallel: without
-    correlations, so that the ellipsoids are parallel to the axes of the camera.
+    of the 90% ellipsoid, by unit. nan where there is no truth or no error bar.
     """
 
     sequences: tuple[str, ...]
     square: Floats
     width: Mapping[str, Floats]
-    parallel: bool
 
 
 @dataclass(frozen=True)
@@ -126,15 +121,6 @@ def mahalanobis(z: Floats, correlation: Floats | None) -> Floats:
     return found
 
 
-def correlations_of(covariance: Floats) -> Floats:
-    """Correlations (n, 3, p) of the coordinates of each landmark, from covariance (n, 3p, 3p)."""
-    n, size, _ = covariance.shape
-    own = np.einsum("npapb->nabp", covariance.reshape(n, size // 3, 3, size // 3, 3))
-    sd = np.sqrt(np.einsum("naap->nap", own))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.stack([own[:, a, b] / (sd[:, a] * sd[:, b]) for a, b in PAIRS], axis=1)
-
-
 def quantile(level: float) -> float:
     """x with P(chi^2_3 <= x) = erf(sqrt(x / 2)) - sqrt(2 x / pi) exp(-x / 2) = level.
 
@@ -164,7 +150,6 @@ def join_bars(parts: Sequence[ErrorBars]) -> ErrorBars:
         sequences=tuple(name for part in parts for name in part.sequences),
         square=joined(part.square for part in parts),
         width={unit: joined(part.width[unit] for part in parts) for unit in parts[0].width},
-        parallel=any(part.parallel for part in parts),
     )
 
 

@@ -14,7 +14,6 @@ import numpy as np
 import orjson
 
 from shapefit.arrays import Floats
-from shapefit.errors import listed
 from shapefit.evaluation.calibration import LEVELS, WIDTH_OF, Coverage
 from shapefit.evaluation.metric_table import SHARE
 from shapefit.evaluation.summaries import ALL, NORMALISED, Summary
@@ -76,10 +75,9 @@ class Method:
 class Report:
     """Everything that the tables show.
 
-    warnings say what the evaluation had to leave out; coverage and without_bars how true error bars
-    are, and which methods have none; factors with which they were true, by method and level;
-    parallel are the methods whose ellipsoids are parallel to the axes; provenance is what the
-    numbers were made from and by (version, config, digests of the inputs), ready for JSON.
+    warnings say what the evaluation had to leave out; coverage how true error bars are; factors,
+    with which they were true, by method and level; provenance is what the numbers were made from
+    and by (version, config, digests of the inputs), ready for JSON.
     """
 
     methods: tuple[Method, ...]
@@ -87,8 +85,6 @@ class Report:
     warnings: tuple[str, ...] = ()
     coverage: tuple[Coverage, ...] = ()
     factors: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
-    without_bars: tuple[str, ...] = ()
-    parallel: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -152,8 +148,6 @@ def report_json(report: Report) -> str:
         "summaries": report.summaries,
         "calibration": report.coverage,
         "factors": report.factors,
-        "without_error_bars": report.without_bars,
-        "parallel_error_bars": report.parallel,
         "warnings": report.warnings,
         **report.provenance,
     }
@@ -233,16 +227,9 @@ def _order(group: str, summaries: Sequence[Summary]) -> int:
 
 def _error_bars(report: Report) -> list[str]:
     """Return how true error bars and expected errors are; nothing where there are none."""
-    coverage, said = report.coverage, [_HOW_TO_READ_BARS]
+    coverage = report.coverage
     if not coverage:
         return []
-    if report.without_bars:
-        said.append(f"Without error bars, and left out: {listed(report.without_bars, 'and')}.")
-    if report.parallel:
-        said.append(
-            f"The ellipsoids of {listed(report.parallel, 'and')} are parallel to the axes, as the "
-            "results hold `shape_sd` without `shape_correlation`."
-        )
     units = dict.fromkeys(unit for c in coverage for unit in c.median_width)
     digits = {unit: decimals_of(c.median_width.get(unit) for c in coverage) for unit in units}
     ratios = expected_ratios(report.summaries)
@@ -257,7 +244,7 @@ def _error_bars(report: Report) -> list[str]:
         }
         for c in coverage
     )
-    return ["## Error bars", " ".join(said), table]
+    return ["## Error bars", _HOW_TO_READ_BARS, table]
 
 
 def expected_ratios(summaries: Iterable[Summary]) -> dict[tuple[str, str], float]:

@@ -6,7 +6,6 @@ from scipy.stats import chi2
 
 from shapefit.evaluation.calibration import (
     ErrorBars,
-    correlations_of,
     cover,
     find_squares,
     join_bars,
@@ -126,17 +125,6 @@ def test_an_image_that_no_scale_above_zero_fits_is_not_judged(rng):
     assert np.isnan(width).all(axis=1).tolist() == [False, True]
 
 
-def test_correlations_are_those_of_each_landmark_in_a_whole_covariance(rng):
-    L = rng.standard_normal((3, 12, 12)) * rng.uniform(0.01, 10, (3, 12, 1))
-    whole = L @ L.swapaxes(1, 2)
-    found = correlations_of(whole)
-    for image in range(3):
-        for j in range(4):
-            C = whole[image, 3 * j : 3 * j + 3, 3 * j : 3 * j + 3]
-            one = C / np.sqrt(np.outer(np.diag(C), np.diag(C)))
-            np.testing.assert_allclose(found[image, :, j], [one[a, b] for a, b in PAIRS])
-
-
 def test_quantiles_are_those_of_chi_squared():
     levels = np.linspace(0, 1, 41)
     found = [*map(quantile, levels)]
@@ -147,7 +135,7 @@ def test_groups_and_files_are_summed_up():
     level = np.array([[0.2, 0.8], [0.6, np.nan], [0.95, 0.4]])
     width = {"normalised": np.array([[1.0, 2.0], [3.0, np.nan], [5.0, 6.0]])}
     square, sequences = chi2.ppf(level, 3), ("13_1", "13_1", "14_1")
-    bars = ErrorBars(sequences, square, width, False)
+    bars = ErrorBars(sequences, square, width)
     groups = {"13": ("13_1",), "14": ("14_1",), "15": ()}
     first, second = cover("m", bars, groups)
     assert (first.group, first.judged) == ("13", 3)
@@ -155,12 +143,12 @@ def test_groups_and_files_are_summed_up():
     assert first.median_width["normalised"] == pytest.approx(2.0, rel=1 / 8192)
     assert (second.judged, second.inside) == (2, (0.5, 0.5))
     parts = [
-        ErrorBars(sequences[:2], square[:2], {"normalised": width["normalised"][:2]}, False),
-        ErrorBars(sequences[2:], square[2:, :1], {"normalised": width["normalised"][2:, :1]}, True),
+        ErrorBars(sequences[:2], square[:2], {"normalised": width["normalised"][:2]}),
+        ErrorBars(sequences[2:], square[2:, :1], {"normalised": width["normalised"][2:, :1]}),
     ]
     whole = join_bars(parts)
     same, other = cover("m", whole, groups)
-    assert (same, other.judged, whole.parallel) == (first, 1, True)
+    assert (same, other.judged) == (first, 1)
 
 
 def test_factors_undo_what_error_bars_lack(rng):
@@ -169,7 +157,7 @@ def test_factors_undo_what_error_bars_lack(rng):
 
     def factors(squares):
         names = ("s",) * len(squares)
-        return widening_factors(ErrorBars(names, squares[:, None], {}, False))
+        return widening_factors(ErrorBars(names, squares[:, None], {}))
 
     assert list(factors(4 * z).values()) == pytest.approx([2, 2], rel=0.01)
     outer = np.where(z > np.quantile(z, 0.6), 4 * z, z)

@@ -14,7 +14,7 @@ from shapefit.arrays import Flags, Floats
 from shapefit.config import EvalConfig
 from shapefit.convex.solver import Status
 from shapefit.errors import InputError, abbreviate, input_error
-from shapefit.evaluation.calibration import ErrorBars, correlations_of, find_squares, join_bars
+from shapefit.evaluation.calibration import ErrorBars, find_squares, join_bars
 from shapefit.evaluation.metric_table import (
     BOX,
     CORRELATION,
@@ -57,9 +57,6 @@ from shapefit.pipelines.items import (
 
 OF_THE_BOX = "box"
 """Unit of distances in an image as shares of the diagonal of the object's box."""
-
-COVARIANCE = "shape_covariance"
-"""Dataset (n, 3p, 3p) of x, y, z of one landmark after the other."""
 
 OF_JOINTS = ("landmarks", "confidence", "outliers", "corrupted", "shape_covariance")
 """Datasets with an axis of the joints, which the landmarks of the files have no part in."""
@@ -508,14 +505,6 @@ def _judge_bars(
         lacking = f"without the dataset `{TRUE_ROTATION.name}` or a `truth_frame`"
         return None, [f"{file}: the error bars are not judged, {lacking}"]
     correlation = find_dataset(file, results, CORRELATION)
-    covariance = results.columns.get(COVARIANCE)
-    if correlation is None and covariance is not None:
-        n, _, p = deviation.shape
-        if np.shape(covariance) != (n, 3 * p, 3 * p):
-            found = f"has the shape {np.shape(covariance)}"
-            fix = f"its shape must be {(n, 3 * p, 3 * p)}"
-            raise input_error(f"{file}:/{COVARIANCE}", found, fix)
-        correlation = correlations_of(np.asarray(covariance, dtype=np.float64))
     with np.errstate(all="ignore"):  # overflow is not an error to report
         square, width = in_blocks(
             find_squares,
@@ -524,7 +513,7 @@ def _judge_bars(
             None if correlation is None else correlation.take(own, axis=2),
         )
         widths = {NORMALISED: width / scale[:, None], unit: width}
-    return ErrorBars((), square, widths, parallel=correlation is None), []
+    return ErrorBars((), square, widths), []
 
 
 def _left_out(file: Path, results: ResultSet, truth: ShapeSet, common: Sequence[str]) -> list[str]:

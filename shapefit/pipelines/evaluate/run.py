@@ -145,8 +145,6 @@ def sum_up(
             c for name, own in bars.items() for c in calibration.cover(name, own, grouping)
         ),
         factors={name: calibration.widening_factors(own) for name, own in bars.items()},
-        without_bars=tuple(name for name in methods if name not in bars),
-        parallel=tuple(name for name, own in bars.items() if own.parallel),
         provenance={
             "version": __version__,
             "config": json.loads(config.as_json()),

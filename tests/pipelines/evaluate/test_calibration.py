@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from shapefit.errors import InputError
 from shapefit.evaluation.calibration import find_squares
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io import write_shapes
@@ -40,8 +39,7 @@ def reported(desk, sure):
 
 
 def test_the_tables_hold_what_the_error_bars_are_worth(desk, reported, sure, truth):
-    page, _, note = reported()
-    assert "Without error bars, and left out: convex." in page
+    _, _, note = reported()
     R = sure.columns["true_rotation"]
     correlation = sure.columns["shape_correlation"].swapaxes(1, 2)
     square, width = find_squares(sure.shapes, truth.shapes, R, sure.shape_sd, correlation)
@@ -59,30 +57,6 @@ def test_the_tables_hold_what_the_error_bars_are_worth(desk, reported, sure, tru
     assert document["calibration"][0]["judged"] == 25
     held = 100 * (level[:5] <= 0.9).mean()
     assert any(f"90% bars hold {held:.0f}%" in line for line in note.splitlines())
-
-
-def test_without_correlations_the_report_says_so(reported, sure):
-    own = {k: v for k, v in sure.columns.items() if k != "shape_correlation"}
-    page, *_ = reported(sure.replaced(further=own))
-    assert "The ellipsoids of posterior are parallel to the axes" in page
-
-
-def test_the_whole_covariance_serves_as_well(desk, reported, sure):
-    reported()
-    rows = [row for row in desk.rows() if row["metric"] in OF_BARS]
-    sd, correlation = sure.shape_sd.swapaxes(1, 2), sure.columns["shape_correlation"]
-    blocks = np.zeros((N, 5, 3, 5, 3))
-    for a in range(3):
-        for b in range(3):
-            K = 1.0 if a == b else correlation[..., a + b - 1]
-            blocks[:, range(5), a, range(5), b] = sd[..., a] * sd[..., b] * K
-    own = {k: v for k, v in sure.columns.items() if k != "shape_correlation"}
-    own["shape_covariance"] = blocks.reshape(N, 15, 15)
-    reported(sure.replaced(further=own))
-    assert [row for row in desk.rows() if row["metric"] in OF_BARS] == rows
-    own["shape_covariance"] = blocks.reshape(N, 15, 15)[:, :9, :9]
-    with pytest.raises(InputError, match=r"shape_covariance.*must be \(7, 15, 15\)"):
-        reported(sure.replaced(further=own))
 
 
 def test_without_a_rotation_there_is_no_calibration(desk, reported, sure):
