@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import h5py
 import numpy as np
@@ -17,10 +18,12 @@ from shapefit.io.checks import input_problems
 from shapefit.io.hdf5_file import Hdf5File, as_text
 from shapefit.io.layout import (
     AXES,
+    DIGEST,
     FIELDS,
     LAYOUTS,
     PER_ITEM,
     PLAIN_ATTRIBUTES,
+    RENAMED,
     UNKNOWN_UNIT,
     VERSION,
     Column,
@@ -28,12 +31,18 @@ from shapefit.io.layout import (
     fit_axes,
     plain_name,
 )
+from shapefit.io.records import KINDS, Attribute
 
 CACHE_BYTES = 1 << 20
 """Of chunks that are kept for each dataset; by default HDF5 keeps 8 MB, and rows are read once."""
 
-LOOKED_FOR = "DeepLabCut, SLEAP, JABS, NWB (the attribute nwb_version) or movement (ds_type)"
+OTHER_TOOLS = "DeepLabCut, SLEAP, JABS, NWB (the attribute nwb_version) or movement (ds_type)"
 """The HDF5 files of other tools that are read."""
+
+NUMPY_KINDS = {"number": "biuf", "index": "iu", "text": "O", "label": "Oiu"}
+"""Types of NumPy that the kinds of datasets can have in files, O for text."""
+
+CHANGED = "the file was changed: fit again"
 
 
 def hdf5_kind(path: Path) -> str:
@@ -46,33 +55,40 @@ def hdf5_kind(path: Path) -> str:
     return LAYOUTS[name].kind
 
 
-def _format_of(file: Hdf5File, form: str = "a format of shapefit") -> Any:
-    """Return the root attribute `format`; `form` is what it should be."""
+def _format_of(file: Hdf5File, expected: str = "a format of shapefit") -> Any:
     if (found := as_text(file.attribute("format"))) is None:
         with file.damage():
             holds = abbreviate([printable(name) for name in sorted(file.root)]) or "nothing"
         missing = f"has no root attribute format, and holds {holds}"
-        fix = f"give a file of {LOOKED_FOR}, or set it to {form} if the file has that layout"
+        fix = f"give a file of {OTHER_TOOLS}, or set it to {expected} if the file has that layout"
         raise input_error(file.path, missing, fix)
     return found
+
+
+def digest_of(attributes: Mapping[str, Any]) -> str:
+    """SHA-256 of the attributes that are texts, which HDF5 stores without checksums."""
+    texts = sorted((k, v) for k, v in attributes.items() if isinstance(v, str) and k != DIGEST)
+    return hashlib.sha256(repr(texts).encode("utf-8", "surrogatepass")).hexdigest()
 
 
 class Hdf5Reader(Hdf5File):
     """An open HDF5 file of a known layout; a context manager.
 
-    Opening checks the layout and its version, and the kind and shape of every dataset, and reads
-    the landmark names; all else is read when asked for. Whatever is wrong with the file is an
-    InputError that names file and dataset.
+    Opening checks layout and version, kind and shape of every dataset, and the landmark names; all
+    else is read when asked for. `old` files of version 1 have other names (RENAMED); of their
+    further datasets those with n rows are per item unless they state otherwise. Raises InputError
+    that names file and dataset for whatever is wrong.
     """
 
-    def __init__(self, path: Path, form: Layout) -> None:
+    def __init__(self, path: Path, form: Layout, *, old: bool = False) -> None:
         super().__init__(path, CACHE_BYTES)
         self.form = form
         self._sizes: dict[str, int] = {}
         self._ends: dict[str, Integers] = {}
         try:
-            self._root = self._read_root()
-            self._present = self._check_datasets()
+            self._root = self._read_root(old)
+            self._stored = self._find_datasets()
+            self._check_datasets()
             self.landmark_names = self._check_landmark_names(self.read("landmark_names"))
         except BaseException:
             self.close()
@@ -89,7 +105,7 @@ class Hdf5Reader(Hdf5File):
         return str(self._root.get("unit", UNKNOWN_UNIT))
 
     @property
-    def attributes(self) -> dict[str, str | float | int]:
+    def attributes(self) -> dict[str, Attribute]:
         """Attributes that the layout does not define: texts and numbers."""
         return {
             plain_name(name): value
@@ -98,7 +114,7 @@ class Hdf5Reader(Hdf5File):
         }
 
     @property
-    def y_axis(self) -> Literal["up", "down"] | None:
+    def y_axis(self) -> Any:
         """Whether y points up or down, where the file says it. Raises InputError for another."""
         direction = self._root.get("y_axis")
         if direction in (None, "up", "down"):
@@ -108,10 +124,7 @@ class Hdf5Reader(Hdf5File):
 
     @property
     def frame_rate(self) -> float | None:
-        """Frames a second of a sequence; None where the file states none.
-
-        Raises InputError for what is not a number > 0.
-        """
+        """Frames a second; None where the file states none. Raises InputError unless it is > 0."""
         rate = self._root.get("frame_rate")
         if rate is None:
             return None
@@ -121,6 +134,25 @@ class Hdf5Reader(Hdf5File):
         fix = "set it to frames per second, a number > 0, or remove it"
         raise input_error(self.path, found, fix)
 
+    def records(self, rows: slice, without: Collection[str] = ()) -> Any:
+        """Return the items in these rows, without some datasets."""
+        kind: Any = KINDS[self.form.kind]
+        per_item, whole = self._further
+        return kind(
+            **self.fields(rows, without),
+            columns={name: self._values(name, rows) for name in per_item if name not in without},
+            whole={name: np.asarray(self._values(name)) for name in whole if name not in without},
+            unit=self.unit,
+            frame_rate=self.frame_rate,
+            y_axis=None if self.form.kind == "shapes" else self.y_axis or "down",
+            attributes=self.attributes if self.form.kind == "result" else None,
+        )
+
+    def fields(self, rows: slice = slice(None), without: Collection[str] = ()) -> dict[str, Any]:
+        """Return what the datasets of the layout hold of these items, by field of the record."""
+        chosen = [name for name in self.form.datasets if name not in without]
+        return {FIELDS.get(name, name): self.read(name, rows) for name in chosen}
+
     def read(self, name: str, rows: slice = slice(None)) -> Any:
         """Return a dataset of the layout in the orientation of memory; None if absent.
 
@@ -128,9 +160,9 @@ class Hdf5Reader(Hdf5File):
         float64, indices as int64, texts as a tuple of str, labels as they are.
         """
         column = self.form.datasets[name]
-        if not {name, column.counted_by or name} <= self._present:
+        if not {name, column.counted_by or name} <= self._stored.keys():
             return None
-        values = self._values(name, self._own_rows(name, column, rows))
+        values = self._values(name, self._rows_of(name, column, rows))
         if column.kind == "text":
             return tuple(values)
         if column.kind == "label":
@@ -139,57 +171,35 @@ class Hdf5Reader(Hdf5File):
             array = np.asarray(values, np.int64 if column.kind == "index" else np.float64)
         return np.ascontiguousarray(array.swapaxes(-1, -2)) if column.points else array
 
-    def fields(self, rows: slice = slice(None), *, without: Collection[str] = ()) -> dict[str, Any]:
-        """Return what the datasets of the layout hold of these items, by attribute of the record.
-
-        Those in `without` are not read.
-        """
-        chosen = [name for name in self.form.datasets if name not in without]
-        return {FIELDS.get(name, name): self.read(name, rows) for name in chosen}
-
-    def further(self, rows: slice = slice(None)) -> dict[str, Any]:
-        """Return these rows of the datasets that the layout does not know, as records take them."""
-        per_item, whole = self._further_names
-        columns = {name: self._values(name, rows) for name in per_item}
-        of_file = {name: np.asarray(self._values(name, ())) for name in whole}
-        return {"columns": columns, "whole": of_file}
-
     @cached_property
-    def _further_names(self) -> tuple[list[str], list[str]]:
+    def _further(self) -> tuple[list[str], list[str]]:
         """Names of the datasets that the layout does not know: per item, and of the file."""
-        found: list[Any] = []
-        with self.damage():
-            self.root.visititems(lambda name, node: found.append((name, node)))
         per_item: list[str] = []
         whole: list[str] = []
-        for name, dataset in found:
-            if not isinstance(name, str) or not _is_utf8(name):
-                strange = f"there is a name that is not plain UTF-8: {printable(name)}"
-                raise input_error(self.path, strange, "rename it or remove it")
-            if name in self.form.names or not isinstance(dataset, h5py.Dataset):
-                continue
+        for name in self._stored.keys() - self.form.names:
+            stored, column = self.stored(self._stored[name]), self.form.further.get(name)
             with self.damage(name):
-                carried = dataset.shape is not None and _kind(dataset) in (*"biufc", "O")
-                flagged = bool(dataset.attrs.get(PER_ITEM, True))
-            if not carried:
-                fix = "store numbers or text, or remove it"
-                raise self.fault(name, "cannot be carried over", fix)
-            rows = dataset.shape[:1] == (self.count,)
-            mine = flagged and rows and self.form.is_per_item(name, len(dataset.shape))
-            (per_item if mine else whole).append(name)
-        return per_item, whole
+                flag = stored.dataset.attrs.get(PER_ITEM)
+            if column is not None:
+                flag = column.per_item
+            elif flag is None and self._root["version"] < VERSION:
+                flag = self.form.is_per_item(name, len(stored.shape))
+                flag = flag and stored.shape[:1] == (self.count,)
+            if flag and stored.shape[:1] != (self.count,):
+                found = f"has the shape {stored.shape}, and says that it is per item"
+                raise self.fault(name, found, f"store a row for each of {self.count} items")
+            (per_item if flag else whole).append(name)
+        return sorted(per_item), sorted(whole)
 
-    def _values(self, name: str, rows: slice | tuple[()]) -> Any:
+    def _values(self, name: str, rows: slice | tuple[()] = ()) -> Any:
+        name = self._stored[name]
         values = self.rows(name, rows)
         if self.stored(name).text and "\0" in "".join(np.ravel(values)):
             raise self.fault(name, "holds a string with a zero byte", "remove it")
         return values
 
-    def _own_rows(self, name: str, column: Column, items: slice) -> slice | tuple[()]:
-        """Return the rows that items have in a dataset: other ones where it is counted.
-
-        Raises InputError where the counts do not fit the dataset.
-        """
+    def _rows_of(self, name: str, column: Column, items: slice) -> slice | tuple[()]:
+        """Return the rows that items have in a dataset: other ones where it is counted."""
         if not column.counted_by:
             return items if column.per_item else ()
         if name not in self._ends:
@@ -205,18 +215,17 @@ class Hdf5Reader(Hdf5File):
         length = self._sizes.get(axis, 0)
         most = (self._sizes.get("k") if axis == "a" else None) or length
         wrong = np.flatnonzero((counts < 0) | (counts > most))
-        fix = "the file was changed: fit again"
         if len(wrong):
             found = f"is {counts[wrong[0]]}, not a number of {AXES[axis]}"
-            raise input_error(self.place(column.counted_by, int(wrong[0])), found, fix)
+            raise input_error(self.place(column.counted_by, int(wrong[0])), found, CHANGED)
         ends: Integers = np.concatenate([[0], np.cumsum(counts)])
         if ends[-1] != length:
             found = f"holds {length} {AXES[axis]}, and {column.counted_by} counts {ends[-1]}"
-            raise input_error(self.place(name), found, fix)
+            raise input_error(self.place(name), found, CHANGED)
         return ends
 
-    def _read_root(self) -> dict[str, Any]:
-        """Return the attributes of the root, format and version checked."""
+    def _read_root(self, old: bool) -> dict[str, Any]:
+        """Return the attributes of the root, format, version and digest checked."""
         with self.damage():
             stored = {name: as_text(self.attribute(name)) for name in self.root.attrs}
         root = {name: value for name, value in stored.items() if value is not None}
@@ -226,37 +235,65 @@ class Hdf5Reader(Hdf5File):
                 raise input_error(place, "is not UTF-8 text, or has a zero byte", fix)
         if (found := _format_of(self, self.form.name)) != self.form.name:
             raise input_error(self.path, f"is a {found} file", f"give a {self.form.name} file")
-        if (version := root.get("version")) != VERSION:
+        version, known = root.get("version"), [VERSION, *([1] if old else self.form.old_versions)]
+        if version == 1 and version not in known:
+            fix = f"write it anew: shapefit convert {self.path.name} -o NEW.h5"
+            raise input_error(self.path, "is of version 1, an earlier format", fix)
+        if version not in known or isinstance(version, bool):
             fix = f"this program reads version {VERSION}, a number"
             raise input_error(self.path, f"has the root attribute version {version!r}", fix)
+        if root.pop(DIGEST, digest_of(root)) != digest_of(root):
+            fix = (
+                f"if the change was meant, remove the attribute {DIGEST}; else copy the file again"
+            )
+            raise input_error(self.path, "a root attribute was changed or damaged", fix)
         return root
 
-    def _check_datasets(self) -> set[str]:
-        """Return the names of the datasets that the layout lists and the file has."""
-        present, problems = set(), []
-        for name, column in self.form.all.items():
-            wrong: str | None = None
+    def _find_datasets(self) -> dict[str, str]:
+        """Return where each dataset lies, by its name of today."""
+        found: list[Any] = []
+        with self.damage():
+            self.root.visititems(lambda name, node: found.append((name, node)))
+        stored: dict[str, str] = {}
+        for name, node in found:
+            if not isinstance(name, str) or not _is_utf8(name):
+                strange = f"there is a name that is not plain UTF-8: {printable(name)}"
+                raise input_error(self.path, strange, "rename it or remove it")
+            if not isinstance(node, h5py.Dataset):
+                if name in self.form.all:
+                    wanted = _wanted(self.form.all[name])
+                    raise input_error(self.place(name), "is not a dataset", wanted)
+                continue
             with self.damage(name):
-                node = self.root.get(name)
-                if isinstance(node, h5py.Dataset):
-                    present.add(name)
+                carried = node.shape is not None and _kind(node) in (*"biufc", "O")
+            if not carried and name not in self.form.all:
+                raise self.fault(name, "cannot be carried over", "store numbers or text")
+            old = self._root["version"] < VERSION
+            stored[RENAMED.get(name, name) if old else name] = name
+        return stored
+
+    def _check_datasets(self) -> None:
+        """Raise InputError for datasets of another kind or shape than the layout has."""
+        problems = []
+        for name, column in self.form.all.items():
+            wrong = ""
+            if name in self._stored:
+                with self.damage(name):
+                    node = self.root[self._stored[name]]
                     wrong = _wrong_kind(node, column) or self._wrong_shape(node, column)
-            if node is not None and name not in present:
-                wrong = f"is not a dataset; {_wanted(column)}"
-            elif node is None and column.required:
+            elif column.required:
                 wrong = f"there is no such dataset; {_wanted(column)}"
             if wrong:
                 problems.append(f"{self.place(name)}: {wrong}")
         if problems:
             raise input_problems(problems)
-        return present
 
-    def _wrong_shape(self, node: Any, dataset: Column) -> str | None:
+    def _wrong_shape(self, node: Any, column: Column) -> str:
         shape = node.shape or ()
-        if fit_axes(dataset.axes, shape, self._sizes):
-            return None
-        sizes = ", ".join(str(self._sizes.get(str(axis), axis)) for axis in dataset.axes)
-        return f"has the shape {shape}; {_wanted(dataset)}, here ({sizes})"
+        if fit_axes(column.axes, shape, self._sizes):
+            return ""
+        sizes = ", ".join(str(self._sizes.get(str(axis), axis)) for axis in column.axes)
+        return f"has the shape {shape}; {_wanted(column)}, here ({sizes})"
 
     def _check_landmark_names(self, names: tuple[str, ...]) -> tuple[str, ...]:
         """Return the names. Raises InputError where one is empty or there twice."""
@@ -272,22 +309,18 @@ class Hdf5Reader(Hdf5File):
         return names
 
 
-def _wanted(dataset: Column) -> str:
+def _wanted(column: Column) -> str:
     """Say how to store a dataset: `store numbers (items, landmarks, 3)`."""
     kinds = {"number": "numbers", "index": "integers", "text": "UTF-8 text", "label": "UTF-8 text"}
-    axes = ", ".join(AXES.get(str(axis), str(axis)) for axis in dataset.axes)
-    return f"store {kinds[dataset.kind]} ({axes})"
+    axes = ", ".join(AXES.get(str(axis), str(axis)) for axis in column.axes)
+    return f"store {kinds[column.kind]} ({axes})"
 
 
-NUMPY_KINDS = {"number": "biuf", "index": "iu", "text": "O", "label": "Oiu"}
-"""Types of NumPy that the kinds of datasets can have in files, O for text."""
-
-
-def _wrong_kind(node: Any, dataset: Column) -> str | None:
+def _wrong_kind(node: Any, column: Column) -> str:
     kind = _kind(node)
-    if kind and kind in NUMPY_KINDS[dataset.kind]:
-        return None
-    return f"holds values of type {'text' if kind == 'O' else node.dtype}; {_wanted(dataset)}"
+    if kind and kind in NUMPY_KINDS[column.kind]:
+        return ""
+    return f"holds values of type {'text' if kind == 'O' else node.dtype}; {_wanted(column)}"
 
 
 def _kind(dataset: Any) -> str:

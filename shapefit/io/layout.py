@@ -46,13 +46,15 @@ class Layout:
     """The datasets of one kind of file; `name` is the value of its root attribute `format`.
 
     `points` is the dataset that every file has: landmarks, shapes or atoms. `further` datasets may
-    stand beside those of the layout; in memory they are as in the file.
+    stand beside those of the layout; in memory they are as in the file. `old_versions` hold the
+    same as today's, and every command reads them; others are read by `convert` and `info` alone.
     """
 
     name: str
     points: str
     datasets: Table
     further: Table = field(default_factory=dict)
+    old_versions: tuple[int, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -78,15 +80,27 @@ class Layout:
         return 0 < axes != WHOLE.get(name) if known is None else known.per_item
 
 
-VERSION = 1
+VERSION = 2
 UNKNOWN_UNIT = "unknown"
 
 # Root attributes that the formats define; others of the same name are stored with a prefix.
 PLAIN_ATTRIBUTES = frozenset({"format", "version", "unit", "y_axis", "frame_rate"})
 _PREFIX = "shapefit_"
 
+DIGEST = "attributes_sha256"
+"""Root attribute: SHA-256 of those that are texts."""
+
 PER_ITEM = "per_item"
 """Attribute of a dataset that no layout lists: whether it has a row for each item."""
+
+RENAMED = {
+    "belief": "inlier_probability",
+    "doubt": "reasons",
+    "edge_give": "bone_tolerance",
+    "misfit": "residual_variance",
+    "plausibility": "p_value",
+}
+"""Datasets of version 1 -> their names."""
 
 FIELDS = {"item": "items", "sequence": "sequences", "atom_item": "atom_items"}
 """Fields of records that are not called as their datasets."""
@@ -130,9 +144,15 @@ LANDMARKS = Layout(
         "landmarks": Column(("n", "p", 2), required=True, points=True),
         "confidence": Column(("n", "p")),
     },
+    old_versions=(1,),
 )
 
-SHAPES = Layout("shapefit-shapes", "shapes", {**_ITEMS, **_SHAPES, **_EDGES, **_VERTICES, **_FACES})
+SHAPES = Layout(
+    "shapefit-shapes",
+    "shapes",
+    {**_ITEMS, **_SHAPES, **_EDGES, **_VERTICES, **_FACES},
+    old_versions=(1,),
+)
 
 PROOF = {
     "dual": Column(("n", "p", 2), points=True),

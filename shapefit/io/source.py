@@ -30,7 +30,7 @@ from shapefit.io.names import check_items, check_known
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
 from shapefit.io.readers.items import keep_landmarks, size_needed
 from shapefit.io.readers.poses import are_fractions
-from shapefit.io.records import KINDS, LandmarkSet, Record, ResultSet, ShapeSet, concatenate
+from shapefit.io.records import LandmarkSet, Record, ResultSet, ShapeSet, concatenate
 
 if TYPE_CHECKING:
     from shapefit.io.csv_file import Stretch
@@ -458,16 +458,10 @@ def _open_hdf5(
 
     def read(reader: Hdf5Reader, rows: slice, *, check: bool = False) -> Any:
         """Return the records of these items."""
-        fields = reader.fields(rows, without=without)
+        found = reader.records(rows, without)
         if check:
             names = reader.landmark_names
-            check_values(fields, form, reader.place, names, start=rows.start, gaps=gaps)
-        stated: dict[str, Any] = {"unit": reader.unit, "frame_rate": reader.frame_rate}
-        if form is not SHAPES:
-            stated["y_axis"] = reader.y_axis or "down"
-        if form is RESULTS:
-            stated["attributes"] = reader.attributes
-        found = KINDS[form.kind](**fields, **reader.further(rows), **stated)
+            check_values(found.columns, form, reader.place, names, start=rows.start, gaps=gaps)
         return found if form is RESULTS else found.with_whole_points()
 
     def blocks(reader: Hdf5Reader) -> Iterator[slice]:
