@@ -17,6 +17,8 @@ import h5py
 import numpy as np
 
 from shapefit.io import read_dictionary
+from shapefit.io.hdf5_records import digest_of
+from shapefit.io.layout import DIGEST
 
 LEFT_OUT = ("objective_trace",)
 EXACT = ("prior_weights",)
@@ -33,6 +35,7 @@ def main() -> None:
         attributes["config"] = json.dumps(without_folders(json.loads(attributes["config"])))
         digests = json.loads(attributes["inputs"])
         attributes["inputs"] = json.dumps({Path(key).name: text for key, text in digests.items()})
+        attributes[DIGEST] = digest_of(attributes)
         # Written once: what an attribute held before would stay in the bytes of the file.
         for name, value in attributes.items():
             shipped.attrs[name] = value

@@ -23,12 +23,12 @@ POSITIVE = {"acceleration": "acceleration", "bone_tolerance": "deviation", "edge
 """Datasets whose numbers are not negative, and what they are."""
 
 
-def read_dictionary(path: Path) -> Dictionary:
-    """Read a dictionary. Raises InputError for what is wrong with the file."""
+def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
+    """Read a dictionary, with `old` one of version 1, too. Raises InputError for what is wrong."""
     check_holds(path, DICTIONARY.kind, detect_format(path))
     from shapefit.io.hdf5_records import Hdf5Reader
 
-    with Hdf5Reader(path, DICTIONARY) as reader:
+    with Hdf5Reader(path, DICTIONARY, old=old) as reader:
         fields, place = reader.fields(), reader.place
         check_dictionary(fields, place)
         for name, kind in POSITIVE.items():

@@ -66,8 +66,12 @@ def _format_of(file: Hdf5File, expected: str = "a format of shapefit") -> Any:
 
 
 def digest_of(attributes: Mapping[str, Any]) -> str:
-    """SHA-256 of the attributes that are texts, which HDF5 stores without checksums."""
-    texts = sorted((k, v) for k, v in attributes.items() if isinstance(v, str) and k != DIGEST)
+    """SHA-256 of the attributes that are texts, which HDF5 stores without checksums.
+
+    Those that can have few values are left out: damage is seen by the value.
+    """
+    checked = ("format", "y_axis", DIGEST)
+    texts = sorted((k, v) for k, v in attributes.items() if isinstance(v, str) and k not in checked)
     return hashlib.sha256(repr(texts).encode("utf-8", "surrogatepass")).hexdigest()
 
 
@@ -253,7 +257,11 @@ class Hdf5Reader(Hdf5File):
         """Return where each dataset lies, by its name of today."""
         found: list[Any] = []
         with self.damage():
-            self.root.visititems(lambda name, node: found.append((name, node)))
+            self.root.visititems(lambda name, node: found.append((name, node)))  # but no soft links
+            own = {name for name, _ in found}
+            found += [
+                (name, self.root[name]) for name in self.form.all.keys() - own if name in self.root
+            ]
         stored: dict[str, str] = {}
         for name, node in found:
             if not isinstance(name, str) or not _is_utf8(name):
@@ -262,7 +270,7 @@ class Hdf5Reader(Hdf5File):
             if not isinstance(node, h5py.Dataset):
                 if name in self.form.all:
                     wanted = _wanted(self.form.all[name])
-                    raise input_error(self.place(name), "is not a dataset", wanted)
+                    raise self.fault(name, "is not a dataset", wanted)
                 continue
             with self.damage(name):
                 carried = node.shape is not None and _kind(node) in (*"biufc", "O")

@@ -7,8 +7,10 @@ any length; those of the root attributes, which are plain texts, have one in an 
 
 from __future__ import annotations
 
+import errno
+import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -30,6 +32,12 @@ CHUNK_BYTES, MIN_CHUNK_ROWS = 1 << 18, 64
 COMPACT_BYTES = 1 << 14
 """At most of a dataset that lies in the metadata."""
 
+SPARE, STEP, SHARE_OF_METADATA = 1 << 21, 1 << 24, 50
+"""Bytes reserved beside what is written, at most ahead of it, and its share for metadata."""
+
+END_OF_FILE = 28
+"""Where the superblock of such a file has its length."""
+
 LIBVER = ("v110", "v110")
 """Version of HDF5 from which on all metadata have checksums; 1.10 and later read it."""
 
@@ -41,9 +49,10 @@ def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
         atomic_path(target) as path,
         storage_errors(target, None),
         _system_errors(),
+        _disk_space(path) as reserve,
         h5py.File(path, "w", libver=LIBVER, rdcc_nbytes=4 * CHUNK_BYTES, locking=False) as file,
     ):
-        writer = Hdf5Writer(file, form)
+        writer = Hdf5Writer(file, form, reserve)
         yield writer
         writer.finish()
 
@@ -56,9 +65,9 @@ class Hdf5Writer(RecordWriter[Any]):
     too. Texts per item are held until then, when their greatest length is known.
     """
 
-    def __init__(self, file: Any, form: Layout) -> None:
+    def __init__(self, file: Any, form: Layout, reserve: Callable[[int], None]) -> None:
         super().__init__()
-        self._file, self._form = file, form
+        self._file, self._form, self._reserve = file, form, reserve
         self._first: Any = None
         self._whole: dict[str, Array] = {}
         self._shapes: dict[str, tuple[int, ...]] = {}
@@ -104,6 +113,7 @@ class Hdf5Writer(RecordWriter[Any]):
             "frame_rate": getattr(self._first, "frame_rate", None),
         } | {stored_name(name): value for name, value in self.attributes.items()}
         stated = {name: value for name, value in stated.items() if value is not None}
+        self._reserve(sum(len(str(value)) for value in stated.values()) * 4)
         for name, value in (stated | {DIGEST: digest_of(stated)}).items():
             self._file.attrs[name] = value
 
@@ -111,6 +121,7 @@ class Hdf5Writer(RecordWriter[Any]):
         """Write rows of a dataset behind those that are there."""
         if name not in self._file:
             self._make_extendable(name, values, kind)
+        self._reserve(values.nbytes)
         dataset = self._file[name].id
         start, *_ = dataset.shape
         dataset.set_extent((start + len(values), *values.shape[1:]))
@@ -126,11 +137,13 @@ class Hdf5Writer(RecordWriter[Any]):
         rest = values.shape[1:]
         row_bytes = max(values.itemsize * int(np.prod(rest, dtype=int)), 1)
         rows = max(1, min(CHUNK_BYTES // row_bytes, max(len(values), MIN_CHUNK_ROWS)))
+        rows = 1 << (rows.bit_length() - 1)
+        self._reserve(rows * row_bytes)
         self._file.create_dataset(
             name,
             shape=(0, *rest),
             maxshape=(None, *(size or None for size in rest)),
-            chunks=(1 << (rows.bit_length() - 1), *(max(size, 1) for size in rest)),
+            chunks=(rows, *(max(size, 1) for size in rest)),
             dtype=kind or values.dtype,
             fletcher32=True,
         )
@@ -142,13 +155,21 @@ class Hdf5Writer(RecordWriter[Any]):
             encoded = _encoded(values)
             kind = h5py.string_dtype("utf-8", encoded.dtype.itemsize)
             values = encoded.astype(kind)
+        self._reserve(2 * values.nbytes)
         if values.nbytes > COMPACT_BYTES:
-            made = {"chunks": True, "fletcher32": True}
-        else:
-            creation = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-            creation.set_layout(h5py.h5d.COMPACT)
-            made = {"dcpl": creation}
-        self._file.create_dataset(name, data=values, dtype=kind, **made)
+            self._file.create_dataset(name, data=values, dtype=kind, chunks=True, fletcher32=True)
+            return
+        creation, links = (
+            h5py.h5p.create(h5py.h5p.DATASET_CREATE),
+            h5py.h5p.create(h5py.h5p.LINK_CREATE),
+        )
+        creation.set_layout(h5py.h5d.COMPACT)
+        links.set_create_intermediate_group(True)
+        space = h5py.h5s.create_simple(values.shape) if values.shape else h5py.h5s.create(0)
+        kind = h5py.h5t.py_create(values.dtype, logical=True)
+        place = h5py.h5d.create(self._file.id, name.encode(), kind, space, creation, links)
+        if values.size:
+            h5py.Dataset(place)[()] = values
 
 
 def _as_stored(record: Any, form: Layout) -> tuple[dict[str, Array], dict[str, Array]]:
@@ -185,12 +206,50 @@ def _encoded(texts: Array) -> Array:
 
 
 @contextmanager
+def _disk_space(path: Path) -> Iterator[Callable[[int], None]]:
+    """Give what reserves room on the disk for bytes that follow: a full one crashes HDF5.
+
+    What was not needed is given back after the file was closed.
+    """
+    file = os.open(path, os.O_RDWR)
+    needed, reserved = SPARE, 0
+
+    def reserve(size: int) -> None:
+        nonlocal needed, reserved
+        needed += size + size // SHARE_OF_METADATA
+        if needed > reserved:
+            more = needed + min(needed, STEP) - reserved
+            _allocate(file, reserved, more)
+            reserved += more
+
+    try:
+        reserve(0)
+        yield reserve
+        size = int.from_bytes(os.pread(file, 8, END_OF_FILE), "little")
+        if os.fstat(file).st_size > size > END_OF_FILE:
+            os.ftruncate(file, size)
+    finally:
+        os.close(file)
+
+
+def _allocate(file: int, start: int, size: int) -> None:
+    """Reserve room in a file, where the system can; OSError where the disk is full."""
+    try:
+        os.posix_fallocate(file, start, size)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP, errno.ENOSYS):
+            raise
+    except AttributeError:  # a system without it
+        return
+
+
+@contextmanager
 def _system_errors() -> Iterator[None]:
     """Turn what HDF5 raises where the system refuses to write into the OSError behind it."""
     try:
         yield
-    except RuntimeError as error:
-        found = re.search(r"errno = (\d+), error message = '([^']*)'", str(error))
+    except (OSError, RuntimeError) as error:
+        found = re.search(r"errno = (\d+)", str(error))
         if found is None:
             raise
-        raise OSError(int(found[1]), found[2]) from error
+        raise OSError(int(found[1]), os.strerror(int(found[1]))) from error

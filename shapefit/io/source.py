@@ -107,17 +107,18 @@ def open_results(
     *,
     proofs: bool = False,
     check: bool = True,
+    old: bool = False,
 ) -> ResultSource:
     """Open results as one source; datasets in `without` are not read.
 
     That is what proves the optimum, unless `proofs` asks for it. Of CSV all but
     shapes, names, items and sequences is None. HDF5 is read a batch at a time, CSV whole. Raises
     InputError for what is wrong with a file, for items that occur twice, and for files that do not
-    go together. `check` as in `open_landmarks`.
+    go together. `check` as in `open_landmarks`; `old` files of version 1 are read, too.
     """
     left = (() if proofs else PROOFS) if without is None else without
     known = [(detect_format(path), (path,)) for path in paths]
-    files = [_open(RESULTS, *own, AS_THEY_ARE, without=left, check=check) for own in known]
+    files = [_open(RESULTS, *own, AS_THEY_ARE, without=left, check=check, old=old) for own in known]
     return Source(files, check=check)
 
 
@@ -448,6 +449,7 @@ def _open_hdf5(
     rows: slice | None = None,
     without: Collection[str] = (),
     check: bool = True,
+    old: bool = False,
 ) -> SourceFile[Any]:
     """Open a file of landmarks, shapes or results, or a part of its rows, but for some datasets.
 
@@ -470,18 +472,18 @@ def _open_hdf5(
 
     @contextmanager
     def opened() -> Iterator[Reader[Any]]:
-        with Hdf5Reader(path, form) as reader:
+        with Hdf5Reader(path, form, old=old) as reader:
             yield lambda rows: read(reader, slice(start + rows.start, start + rows.stop))
 
     def texts(name: str) -> Iterator[Sequence[str]]:
-        with Hdf5Reader(path, form) as reader:
+        with Hdf5Reader(path, form, old=old) as reader:
             for rows in blocks(reader):
                 yield reader.read(name, rows)
 
     def place(row: int) -> str:
         return f"{path}:/item[{start + row}]"
 
-    with Hdf5Reader(path, form) as reader:
+    with Hdf5Reader(path, form, old=old) as reader:
         start, stop, _ = (rows or slice(None)).indices(reader.count)
         stated = reader.y_axis
         if check and (stop - start) * len(reader.landmark_names) <= most_held:

@@ -19,8 +19,9 @@ from shapefit.io import (
     open_landmarks,
     open_shapes,
     read_dictionary,
+    write_dictionary,
 )
-from shapefit.io.formats import CSV, find_target_format, record_writer
+from shapefit.io.formats import CSV, HDF5, FileFormat, find_target_format, record_writer
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.listing import Kind, find_kind
@@ -52,8 +53,8 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
     options = input_options(config, "motion" if target.in_metres else "none")
     kind = find_common_kind(config.files, options)
     if kind == "dictionary":
-        found = "is a dictionary, which has no other format"
-        raise input_error(config.files[0], found, "give landmarks, shapes or results")
+        yield rewrite_dictionary(config, target)
+        return
     if kind == "result":
         _check_keys_of_results(options)
     if config.frame_rate is not None and target is CSV:
@@ -77,6 +78,15 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
         yield Outcome(total=count, warnings=warnings)
     said = writer.summary
     yield Outcome(warnings=said.warnings, note=said.note, written=said.written or (config.output,))
+
+
+def rewrite_dictionary(config: ConvertConfig, target: FileFormat) -> Outcome:
+    """Write a dictionary as HDF5 of today's version. Raises InputError for other formats."""
+    if target is not HDF5 or len(config.files) > 1:
+        found = "is a dictionary, which is written as HDF5, one file at a time"
+        raise input_error(config.files[0], found, "name one dictionary, and an output in .h5")
+    write_dictionary(config.output, read_dictionary(config.files[0], old=True))
+    return Outcome(total=1, unit="dictionary", written=(config.output,))
 
 
 def write_meshes(config: ConvertConfig) -> Iterator[Outcome]:
@@ -131,7 +141,7 @@ def _open(kind: Kind, files: Sequence[Path], options: InputOptions) -> Source:
         return open_landmarks(files, options, selects=True)
     if kind == "shapes":
         return open_shapes(files, options, gaps=True, selects=True)
-    return open_results(files, without=())
+    return open_results(files, without=(), old=True)
 
 
 def _choose(source: Source, config: ConvertConfig) -> tuple[Iterator[Any], int]:

@@ -194,7 +194,7 @@ def _of_folder(folder: Path, manifest: Manifest, first: Mapping[str, str]) -> li
 
 
 def _of_result(path: Path) -> list[Line]:
-    with open_results([path], OPTIONAL, check=False) as source:
+    with open_results([path], OPTIONAL, check=False, old=True) as source:
         head = source.head
         lines = [("kind", f"result of {head.attributes.get('method', 'fit')}")]
         lines += _of_records(source.first(BATCH), source.count, "image")
@@ -204,7 +204,7 @@ def _of_result(path: Path) -> list[Line]:
 
 
 def _of_dictionary(path: Path) -> list[Line]:
-    dictionary = read_dictionary(path)
+    dictionary = read_dictionary(path, old=True)
     names = dictionary.landmark_names
     prior = dictionary.prior
     has = "none" if prior is None else counted(len(prior.weights), "component")
