@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.io.atomic import atomic_path, storage_errors
-from shapefit.io.writer import RecordWriter
 from shapefit.io.hdf5_records import digest_of
 from shapefit.io.layout import DIGEST, FIELDS, PER_ITEM, VERSION, Column, Layout, stored_name
+from shapefit.io.writer import RecordWriter
 
 Array = NDArray[Any]
 
