@@ -219,6 +219,28 @@ def is_mediapipe(head: Head) -> bool:
     return has_points(head.json, 6)
 
 
+def is_named_points(head: Head) -> bool:
+    """Whether JSON has frames, and each of them points by the names of landmarks."""
+    frames = head.json.values() if isinstance(head.json, dict) else head.json
+    frame = next(iter(frames), None) if isinstance(head.json, dict | list) else None
+    points = list(frame.values()) if isinstance(frame, dict) else []
+    return bool(points) and all(
+        {"x", "y"} <= point.keys()
+        if isinstance(point, dict)
+        else isinstance(point, list)
+        and len(point) in (2, 3)
+        and all(isinstance(number, int | float | None) for number in point)
+        for point in points
+    )
+
+
+def is_vicon(head: Head) -> bool:
+    """Whether a line says Trajectories, and its header follows."""
+    firsts = [line.strip(b', "\t').lower() for line in head.lines]
+    start = firsts.index(b"trajectories") + 3 if b"trajectories" in firsts else len(firsts)
+    return any(line.startswith(b"frame,sub frame,") for line in firsts[start : start + 1])
+
+
 def is_array(head: Head) -> bool:
     """Whether the file is NumPy's, or JSON of lists in a list."""
     first, depth = head.json if head.named(".json") else None, 0

@@ -226,6 +226,10 @@ FORMATS: dict[str, FileFormat] = {
         "a TRC file", (".trc",), SHAPES,
         detect.is_trc, lambda p: _readers().markers.read_trc(p),
     ),
+    "vicon-csv": FileFormat(
+        "a Vicon Nexus CSV of trajectories", (".csv",), SHAPES,
+        detect.is_vicon, lambda p: _readers().motion.read_vicon(p),
+    ),
     "table": FileFormat(
         "a table of landmarks", (".csv", ".tsv", ".txt"), EITHER, detect.is_table,
         lambda p: _readers().tables.read_any_table(p), states_y_axis=False,
@@ -233,6 +237,10 @@ FORMATS: dict[str, FileFormat] = {
     "arrays": FileFormat(
         "an array of landmarks", (".npy", ".npz"), IMAGES, detect.is_array,
         lambda p: _readers().arrays.read_array(p), states_y_axis=False,
+    ),
+    "named-points": FileFormat(
+        "JSON of points by frame and landmark", (".json",), IMAGES,
+        detect.is_named_points, lambda p: _readers().detections.read_named_points(p),
     ),
     "mediapipe": FileFormat(
         "a file of MediaPipe's landmarks", (".json",), IMAGES,

@@ -41,6 +41,7 @@ def of_bodies(
     frames: Sequence[int] | None = None,
     videos: Sequence[str] | None = None,
     images: bool = False,
+    individuals: Sequence[str] | None = None,
     notes: tuple[str, ...] = (),
     **further: Any,
 ) -> Poses:
@@ -48,7 +49,7 @@ def of_bodies(
 
     labels (n) are names or numbers of the images, by default their places; frames (n) do not fall
     within a video. They are `images` that have nothing to do with one another, or the frames of a
-    video. (0, 0) with a confidence of 0 is missing. `further` are fields of a Poses. Raises
+    video, of these individuals, by default of one. `further` are fields of a Poses. Raises
     InputError for confidences below 0.
     """
     n, _, dimensions = points.shape
@@ -57,11 +58,7 @@ def of_bodies(
         found = f"has a confidence of {np.nanmin(confidence):g}"
         raise input_error(path, found, "write 0 (hidden) or a positive number")
     if dimensions == 2:
-        at_zero = (points == 0).all(axis=2)
-        if confidence is not None:
-            points[at_zero & (confidence == 0)] = np.nan
-        else:
-            notes += warn_of_zeros(points)
+        notes += warn_of_zeros(points) if confidence is None else ()
     fraction = dimensions == 2 and are_fractions(points[np.isfinite(points)])
     names = labels or [str(row) for row in range(n)]
     return of_frames(
@@ -70,13 +67,12 @@ def of_bodies(
         confidence,
         names,
         frame=np.arange(n) if frames is None else np.array(frames, dtype=np.int64),
-        individual=[""] * n if images else None,
+        individual=individuals or ([""] * n if images else None),
         video=video_name(path) if videos is None else videos,
-        unit=FRACTION if fraction else UNKNOWN_UNIT,
         size_needed=fraction,
         unordered=images and not are_series(names),
         notes=notes,
-        **further,
+        **{"unit": FRACTION if fraction else UNKNOWN_UNIT} | further,
     )
 
 

@@ -28,6 +28,7 @@ ROLES: Mapping[str, str] = {
         "item": "item image filename file file_name image_name image_id img",
         "frame": "frame frame_id frame_idx frame_index frame_number frame_no fnum",
         "sequence": "sequence video clip session",
+        "individual": "individual person person_id track track_id animal subject id",
         "landmark": "landmark joint bodypart body_part keypoint part node marker landmark_name "
         "joint_name keypoint_name landmark_id joint_id keypoint_id landmark_index",
         "x": "x x_px px",
@@ -44,6 +45,7 @@ OF_A_POINT = ("x", "y", "z", "confidence")
 _NAMED = re.compile(
     r"(.+)[_.: -](x|y|z|likelihood|confidence|conf|score|visibility|prob|v|c)", re.I
 )
+_PREFIXED = re.compile(r"(x|y|z|likelihood|confidence|conf|score|visibility|prob)[_.: -](.+)", re.I)
 _NUMBERED = re.compile(r"(x|y|z|visibility|v|c)_?([0-9]{1,9})", re.I)
 
 
@@ -51,7 +53,8 @@ _NUMBERED = re.compile(r"(x|y|z|visibility|v|c)_?([0-9]{1,9})", re.I)
 class Columns:
     """A header of no known tool as it was understood.
 
-    roles: item, frame, sequence, and in a long table landmark, x, y, z and confidence -> column;
+    roles: item, frame, sequence, individual, and in a long table landmark, x, y, z and confidence
+    -> column;
     landmarks: of a wide table, in order: role -> column for each name, None for a long table;
     others: names left out.
     """
@@ -86,7 +89,7 @@ def parse_header(line: str) -> Columns | None:
     """Return what the columns of a header hold; None where it is not that of a table of landmarks.
 
     A long table has columns landmark, x, y, and item or frame; a wide one has columns NAME_x and
-    NAME_y of two landmarks at least.
+    NAME_y, or x_NAME and y_NAME, of two landmarks at least.
     """
     for delimiter in sorted(DELIMITERS, key=line.count, reverse=True):
         try:
@@ -110,6 +113,8 @@ def _roles(names: Sequence[str]) -> tuple[dict[str, int], list[str]]:
             others.append(name)
         else:
             roles[role] = column
+    if not {"item", "frame"} & roles.keys() and "individual" in roles:
+        roles["item"] = roles.pop("individual")  # an id of each row or image
     return roles, others
 
 
@@ -129,6 +134,8 @@ def _wide_columns(delimiter: str, names: tuple[str, ...]) -> Columns | None:
             role, landmark = numbered[1], str(int(numbered[2]))
         elif named:
             landmark, role = named[1], named[2]
+        elif prefixed := _PREFIXED.fullmatch(name):
+            role, landmark = prefixed[1], prefixed[2]
         else:
             rest[column] = name
             continue

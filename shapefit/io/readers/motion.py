@@ -388,6 +388,38 @@ def _words(words: Sequence[str], count: int) -> tuple[float, ...]:
     return numbers
 
 
+# Vicon
+
+
+def read_vicon(paths: tuple[Path, ...]) -> Poses:
+    """Read the section `Trajectories` of a CSV that Vicon Nexus exports.
+
+    Below it stand the rate, a label above the X of each marker, `Frame,Sub Frame,X,Y,Z,...`, the
+    units, and the frames up to an empty line. An empty cell is missing.
+    """
+    path, fix = paths[0], "export the trajectories from Nexus again"
+    lines = read_text(path).split("\n")
+    firsts = [line.strip(', "\t').lower() for line in lines]
+    with parsing(path, fix):
+        start = firsts.index("trajectories") + 1
+        rate, labels, axes, units = (line.split(",") for line in lines[start : start + 4])
+        labels = [label.strip() for label in labels[2::3]]
+        count = sum(axis.strip() == "X" for axis in axes)
+        wanted = ["Frame", "Sub Frame", *"XYZ" * count]
+        require(count > 0 and [axis.strip() for axis in axes] == wanted, "has other columns")
+        factor, unit = as_metres(units[2].strip())
+    end = next((n for n in range(start + 4, len(lines)) if not firsts[n]), len(lines))
+    table = Table(path, ",", "\n".join(lines[:end]))
+    table.skip(start + 4, ["Frame", "Sub Frame", *(f"{n}/{a}" for n in labels for a in "XYZ")])
+    table.padded = True
+    values, (frames,), _ = table.read(range(2, 2 + 3 * count), [0])
+    points = factor * values.reshape(len(values), count, 3)
+    labels = (labels + [""] * count)[:count]
+    with parsing(path, fix):
+        hertz = float(rate[0])
+    return _of_markers(path, points, labels, frames, hertz, unit=unit or UNKNOWN_UNIT)
+
+
 # C3D
 
 BLOCK = 512
@@ -435,25 +467,47 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
         text = f"left out, computed by a model, not seen ({abbreviate(left)})"
         notes = (f"{counted(len(left), 'point')} {text}",)
     markers = [place for place, label in enumerate(labels) if label not in computed]
-    names, more = make_unique([labels[place] for place in markers])
-    individuals, landmarks, places = _by_subject(names)
     if n == MOST_FRAMES:
         notes += (f"has {MOST_FRAMES} frames, as many as its header can count; it may hold more",)
     (rate,) = np.ravel(parameters.get("RATE", {}).get("value", ()))[:1] or [0.0]
     start = int(file["header"]["points"]["first_frame"])
-    every = np.full((n, max(len(individuals), 1), len(landmarks), 3), np.nan)
-    for marker, (subject, landmark) in zip(markers, places, strict=True):
-        every[:, subject, landmark] = points[:, marker]
+    return _of_markers(
+        path,
+        points[:, markers],
+        [labels[place] for place in markers],
+        [str(start + frame) for frame in range(n)],
+        float(rate),
+        unit=unit or UNKNOWN_UNIT,
+        notes=notes,
+    )
+
+
+def _of_markers(
+    path: Path,
+    points: Floats,
+    labels: Sequence[str],
+    frames: Sequence[str],
+    rate: float,
+    *,
+    unit: str,
+    notes: tuple[str, ...] = (),
+) -> Poses:
+    """Return markers (n, m, 3) of these labels; `subject:name` is a landmark of an individual."""
+    names, repeated = make_unique(labels)
+    individuals, landmarks, places = _by_subject(names)
+    spread = np.full((len(points), max(len(individuals), 1), len(landmarks), 3), np.nan)
+    for marker, (subject, landmark) in enumerate(places):
+        spread[:, subject, landmark] = points[:, marker]
     return of_frames(
         path,
-        every,
-        labels=[str(start + frame) for frame in range(n)],
+        spread,
+        labels=frames,
         video=path.stem,
         landmark_names=landmarks,
         individuals=individuals or None,
-        frame_rate=float(rate) if np.isfinite(rate) and rate > 0 else None,
-        unit=unit or UNKNOWN_UNIT,
-        notes=notes + more,
+        frame_rate=rate if np.isfinite(rate) and rate > 0 else None,
+        unit=unit,
+        notes=notes + repeated,
     )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +79,8 @@ def _whole(path: Path, cells: Sequence[str]) -> list[str]:
     return [str(int(value)) for value in values.tolist()]
 
 
+ROLES_OF_IMAGES = ("item", "frame", "sequence", "individual")
+
 BODY = 33
 """Landmarks of MediaPipe's body, which has a depth too."""
 
@@ -100,13 +103,14 @@ def read_any_table(paths: tuple[Path, ...]) -> Poses:
         points = points[:, by_number]
         confidence = None if confidence is None else confidence[:, by_number]
     notes: tuple[str, ...] = ()
-    if columns.others:
+    metres = _metres(table, columns)
+    if columns.others and not metres:
         notes += (f"columns left out: {abbreviate(list(map(printable, columns.others)))}",)
     if points.shape[2] == 3 and confidence is not None:
         points = points[..., :2]
         notes += ("z left out, the depth that a detector guesses beside its confidence",)
     points[np.isnan(points).any(axis=-1)] = np.nan
-    images, frames, sequences = (cells.get(role) for role in ("item", "frame", "sequence"))
+    images, frames, sequences, individuals = (cells.get(role) for role in ROLES_OF_IMAGES)
     labels, videos = images or frames, None
     if sequences is not None:
         videos = [f"{video_name(path)}/{name}" for name in sequences]
@@ -122,10 +126,34 @@ def read_any_table(paths: tuple[Path, ...]) -> Poses:
         frames=places,
         videos=None if videos is None else [videos[row] for row in order.tolist()],
         images=images is not None and frames is None and sequences is None,
+        individuals=None if individuals is None else [_who(individuals[row]) for row in order],
         notes=notes,
+        **metres,
         landmark_names=None if numbered else tuple(map(printable, names)),
         skeleton="mediapipe_33" if depth else None,
     )
+
+
+METRES = {"frame", "time", "landmark", "x", "y", "z", "sd", "trusted"}
+"""Columns of the tables in metres that are written here."""
+
+
+def _metres(table: Table, columns: Columns) -> dict[str, Any]:
+    """Return the unit and the frame rate of a table in metres that was written here."""
+    if not {*columns.names} >= METRES or columns.landmarks is not None:
+        return {}
+    wanted = [columns.names.index(name) for name in ("frame", "time")]
+    spans = np.ptp(table.read(wanted)[0], axis=0) if table.first_rows(1) else np.zeros(2)
+    rate = round(float(spans[0] / spans[1]), 6) if spans.all() else 1.0
+    return {"unit": "m", "frame_rate": None if rate == 1 else rate}
+
+
+def _who(cell: str) -> str:
+    """Return an individual as files of detectors name it: 3 is `id 3`, -1 and nothing nobody."""
+    values, strange = read_numbers([cell])
+    if strange[0] or np.isnan(values[0]):
+        return printable(cell)
+    return f"id {values[0]:g}" if values[0] >= 0 else ""
 
 
 SHOWN = 2
@@ -166,7 +194,7 @@ def _read_wide(table: Table, columns: Columns) -> Taken:
     """Read a table with a row per image."""
     assert columns.landmarks is not None
     own = columns.landmarks
-    named = [role for role in columns.roles if role in ("item", "frame", "sequence")]
+    named = [role for role in columns.roles if role in ROLES_OF_IMAGES]
     known = sorted({at for each in own.values() for at in each.values()})
     found, cells, _ = table.read(known, [columns.roles[role] for role in named], finite=True)
     padded = np.column_stack([found, np.full(len(found), np.nan)])
@@ -184,7 +212,7 @@ def _read_wide(table: Table, columns: Columns) -> Taken:
 def _read_long(table: Table, columns: Columns) -> Taken:
     """Read a table with a row per landmark of an image."""
     roles = columns.roles
-    keys = [role for role in ("sequence", "item", "frame") if role in roles]
+    keys = [role for role in ("sequence", "item", "frame", "individual") if role in roles]
     wanted = [role for role in OF_A_POINT if role in roles]
     texts = [roles[role] for role in (*keys, "landmark")]
     found, cells, lines = table.read([roles[role] for role in wanted], texts, finite=True)

@@ -47,7 +47,7 @@ def test_no_entry_is_left_out(real_data):
 
 
 WITHOUT_REAL_FILES = {"alphapose-json", "anipose-csv", "arrays", "mediapipe", "table"}
-WITHOUT_REAL_FILES |= {"mmpose-images", "mmpose-video"}
+WITHOUT_REAL_FILES |= {"mmpose-images", "mmpose-video", "named-points", "vicon-csv"}
 """Formats of which there are made files only; files of Acclaim lie beside the motion capture."""
 
 

@@ -464,3 +464,42 @@ def test_labels_that_are_not_utf8_are_latin1(c3d, tmp_path):
     shapes, _ = load_shapes(path)
     assert shapes.landmark_names == ("Épaule", "Köper")
     write_shapes(tmp_path / "same.h5", shapes)
+
+
+VICON = """Trajectories,,,,,,,
+100,,,,,,,
+,,Anna:LASI,,,Anna:RASI,,
+Frame,Sub Frame,X,Y,Z,X,Y,Z
+,,mm,mm,mm,mm,mm,mm
+7,0,1000,2000,3000,10,20,30
+8,0,1001,2001,3001,,,
+
+"""
+DEVICES = "Devices\n1000\n,,Force,,\nFrame,Sub Frame,Fx,Fy,Fz\n,,N,N,N\n7,0,1,2,3\n\n"
+
+
+@pytest.mark.parametrize("before", ["", DEVICES])
+def test_trajectories_of_vicon(tmp_path, before):
+    path = tmp_path / "walk.csv"
+    path.write_text("\ufeff" * (not before) + before + VICON.replace("\n", "\r\n"))
+    shapes, notes = load_shapes(path)
+    assert (shapes.landmark_names, shapes.unit, shapes.frame_rate) == (("LASI", "RASI"), "m", 100)
+    assert shapes.items == ("walk/Anna/7", "walk/Anna/8")
+    np.testing.assert_allclose(shapes.shapes[0].T, [[1, 2, 3], [0.01, 0.02, 0.03]])
+    assert np.isnan(shapes.shapes[1, :, 1]).all()
+    assert notes == ()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("1001", "left", r"walk\.csv:7: 'left' is no number \(column Anna:LASI/X\)"),
+        ("X,Y,Z,X", "X,Y,Z,Y", "has other columns; export the trajectories"),
+        ("100,,", "fast,,", r"walk\.csv: is not as its format says"),
+        ("7,0,1000", "7,0,1000,5,5,5", r"walk\.csv:6: has 11 cells for 8 columns"),
+    ],
+)
+def test_trajectories_that_are_refused(tmp_path, old, new, message):
+    (tmp_path / "walk.csv").write_text(VICON.replace(old, new, 1))
+    with pytest.raises(InputError, match=message):
+        load_shapes(tmp_path / "walk.csv")

@@ -170,3 +170,69 @@ def test_the_confidence_of_mediapipe(tmp_path, said, score):
     body = [{"x": 10 * n, "y": 7, "z": -1, **said} for n in range(3)]
     images, _ = read(table(tmp_path / "walk.json", json.dumps([body])))
     assert images.confidence.tolist() == [[score] * 3]
+
+
+LONG = "frame,{},joint,x,y\n0,{},a,1,2\n0,{},b,3,4\n1,{},a,5,6\n0,{},a,7,8\n0,{},b,9,10\n"
+
+
+@pytest.mark.parametrize(
+    ("column", "cells", "names"),
+    [
+        ("person_id", ("0", "7"), ["id 0", "id 7"]),
+        ("track_id", ("0.0", "7.0"), ["id 0", "id 7"]),
+        ("id", ("2", "-1"), ["id 2", ""]),
+        ("individual", ("anna", "emil"), ["anna", "emil"]),
+    ],
+)
+def test_columns_of_individuals(tmp_path, column, cells, names):
+    one, other = cells
+    images, notes = read(table(tmp_path / "t.csv", LONG.format(column, *[one] * 3, *[other] * 2)))
+    first, second = names
+    rest = f"t/{second}/0" if second else "t/untracked/0/0"
+    assert images.items == (f"t/{first}/0", f"t/{first}/1", rest)
+    assert images.landmarks[2].T.tolist() == [[7, 8], [9, 10]]
+    assert notes == ()
+    wide = f"frame,{column},a_x,a_y,b_x,b_y\n0,{one},1,2,3,4\n1,{one},5,6,,\n0,{other},7,8,9,10\n"
+    same, _ = read(table(tmp_path / "t.csv", wide))
+    assert same.items == images.items
+    np.testing.assert_array_equal(same.landmarks, images.landmarks)
+
+
+def test_axes_may_stand_before_the_names_of_landmarks(tmp_path):
+    text = "frame,x_nose,y_nose,score_nose,x_tail,y_tail\n7,1,2,0.5,30,40\n"
+    images, notes = read(table(tmp_path / "t.csv", text))
+    assert images.landmark_names == ("nose", "tail")
+    assert images.landmarks[0].T.tolist() == [[1, 2], [30, 40]]
+    assert images.confidence.tolist() == [[0.5, 1]]
+    assert notes == ()
+
+
+NAMED = {"0": {"nose": [1, 2], "tail": [3, 4, 0.5]}, "2": {"tail": {"x": 5, "y": 6}}}
+
+
+@pytest.mark.parametrize("content", [NAMED, [*NAMED.values()]])
+def test_json_of_named_points(tmp_path, content):
+    images, _ = read(table(tmp_path / "walk.json", json.dumps(content)))
+    labels = list(content) if isinstance(content, dict) else ["0", "1"]
+    assert images.items == tuple(f"walk/{label}/0" for label in labels)
+    assert images.landmark_names == ("nose", "tail")
+    points = images.landmarks.swapaxes(1, 2)
+    np.testing.assert_array_equal(points, [[[1, 2], [3, 4]], [[np.nan] * 2, [5, 6]]])
+    np.testing.assert_array_equal(images.confidence, [[1, 0.5], [0, 1]])
+
+
+def test_json_of_named_points_that_are_none(tmp_path):
+    wrong = {"0": {"nose": [1, 2]}, "1": {"nose": [1, 2, 3, 4]}}
+    with pytest.raises(InputError, match=r"walk\.json: 1: a point of 4 numbers; give \[x, y\]"):
+        read(table(tmp_path / "walk.json", json.dumps(wrong)))
+
+
+def test_tables_in_metres_are_shapes_in_metres(tmp_path):
+    """As `convert -o NAME.metres.csv` writes them."""
+    rows = [f"{n},{n / 25:.10g},{name},{n},2,3,,true" for n in (7, 8) for name in ("nose", "tail")]
+    text = "\n".join(["frame,time,landmark,x,y,z,sd,trusted", *rows]) + "\n"
+    with open_shapes([table(tmp_path / "man.metres.csv", text)]) as source:
+        shapes = source.whole()
+        assert source.notes == ()
+    assert (shapes.unit, shapes.frame_rate, len(shapes)) == ("m", 25.0, 2)
+    assert shapes.shapes[1].T.tolist() == [[8, 2, 3], [8, 2, 3]]
