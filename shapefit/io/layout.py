@@ -191,7 +191,7 @@ RESULTS = Layout(
         **_numbers(
             ("n",),
             "lambda residual active_atoms tight metres_per_unit log_evidence p_value trusted "
-            "sequence_noise start_distance expected_error",
+            "sequence_noise start_distance expected_error sides_exchanged",
         ),
         **_numbers(("n", 2), "focal principal_point"),
         **_numbers(("n", 3), "camera_translation position"),

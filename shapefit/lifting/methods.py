@@ -69,6 +69,8 @@ class PosteriorOptions:
     gross_chance   chance that a landmark is gross; 0 believes all
     gross_density  density of gross landmarks per area, for normalised landmarks
     widening       factor of all covariances, for bodies and motions that the prior lacks
+    growth         factors (p,) of the covariances of landmarks beyond it, by a sample of the file;
+                   empty for none
     views          views, spread evenly, to start from besides that of the convex program
     covariance     whether the covariance of all landmarks together is wanted
     """
@@ -77,6 +79,7 @@ class PosteriorOptions:
     outlier_rate: float = 0.02
     gross_density: float = 0.05
     widening: float = 1.0
+    growth: tuple[float, ...] = ()
     views: int = 0
     covariance: bool = False
 
@@ -269,7 +272,13 @@ METHODS: dict[str, Method] = {
         options=PosteriorOptions,
         needs=(PRIOR,),
         yields=frozenset({"convex_proof", "deviation"}),
-        further=("log_evidence", "p_value", "inlier_probability", "shape_correlation"),
+        further=(
+            "log_evidence",
+            "p_value",
+            "start_distance",
+            "inlier_probability",
+            "shape_correlation",
+        ),
         proves="bound",
         mixes_atoms=False,
         precisions=True,
@@ -285,6 +294,7 @@ METHODS: dict[str, Method] = {
         further=(
             "log_evidence",
             "p_value",
+            "start_distance",
             "inlier_probability",
             "shape_correlation",
             "sequence_noise",

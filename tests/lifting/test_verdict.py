@@ -1,26 +1,33 @@
-"""One rule over what a method knows of its error: planted doubts are found, and only those."""
+"""Rules over what a result stores of its error: planted doubts are found, and only those."""
 
 import numpy as np
 import pytest
 
 from shapefit.convex.solver import Status
-from shapefit.lifting.verdict import find_doubts, relative_width
+from shapefit.lifting.verdict import contradicts, find_reasons, median_distance, relative_width
 
 CUBE = np.array([[1, -1, 1, -1], [1, 1, -1, -1], [1, -1, -1, 1]], dtype=float)
 """Four landmarks whose coordinates have variance 1."""
 
-GOOD = {"shape": CUBE, "sd": 0.1, "seen": 4, "p_value": 0.5, "status": Status.CONVERGED}
+GOOD = {
+    "shape": CUBE,
+    "sd": 0.1,
+    "seen": 10,
+    "p_value": 0.5,
+    "distance": 0.2,
+    "status": Status.CONVERGED,
+}
 
 
 def reasons(**changes) -> str:
     case = GOOD | changes
-    found = find_doubts(
+    found = find_reasons(
         case["shape"][None],
         np.full((1, 3, 4), case["sd"]),
-        np.arange(4)[None] < case["seen"],
+        np.array([case["seen"]]),
         np.array([case["p_value"]]),
+        np.array([case["distance"]]),
         (case["status"],),
-        implausible=0.05,
     )
     return str(found[0])
 
@@ -33,6 +40,9 @@ def reasons(**changes) -> str:
         ({"sd": 0.47}, "wide error bars"),
         ({"p_value": 0.049}, "implausible landmarks"),
         ({"p_value": np.nan}, ""),
+        ({"distance": 0.51}, "far from any training shape"),
+        ({"distance": 0.51, "seen": 9}, ""),
+        ({"distance": np.nan}, ""),
         ({"seen": 3, "p_value": np.nan}, "too few landmarks seen"),
         ({"status": Status.ITERATION_LIMIT}, "not optimal"),
         ({"shape": np.full((3, 4), np.nan), "p_value": np.nan}, "no shape"),
@@ -42,6 +52,22 @@ def reasons(**changes) -> str:
 )
 def test_the_first_reason_that_holds_is_named(changes, reason):
     assert reasons(**changes) == reason
+
+
+@pytest.mark.parametrize(
+    ("kappa", "distance", "seen", "images", "wrong"),
+    [
+        (1.0, 0.2, 15, 60, False),
+        (2.6, 0.2, 15, 60, True),
+        (1.0, 0.51, 15, 60, True),
+        (1.0, 0.51, 9, 60, False),  # too few landmarks for a start distance
+        (np.nan, 0.2, 15, 60, True),
+        (1.0, 0.9, 15, 19, False),  # too few images
+    ],
+)
+def test_a_file_that_contradicts_the_dictionary(kappa, distance, seen, images, wrong):
+    apart = median_distance(np.full(images, distance), np.full(images, seen))
+    assert contradicts(kappa, apart) == wrong
 
 
 def test_the_width_is_that_of_the_body_whatever_its_size_and_place(rng):

@@ -13,16 +13,20 @@ like weak perspective, with the slope +-u_j for each landmark.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Solution, Status
+from shapefit.convex.transforms import Transforms
 from shapefit.geometry.pinhole import Camera, project
+from shapefit.lifting.degeneracy import normalise_seen
 from shapefit.lifting.estimate import CORRELATION, ConvexProof, Estimate, fit_translation
 from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior.p_value import draw_table, find_p_values, moments_at
@@ -34,6 +38,7 @@ from shapefit.lifting.shared_rotation.pose import (
     spread_views,
     turn_in_plane,
 )
+from shapefit.lifting.verdict import LIMITS, START_DISTANCE
 
 SURPRISE, P_VALUE = "squared_mahalanobis", "p_value"
 """Squared Mahalanobis distance (n,) of the landmarks from those expected, and its p-value."""
@@ -61,36 +66,15 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
     solution = settings.solve(problem)
     failed = np.isin([status.value for status in solution.status], [s.value for s in FAILED])
     starts = np.where(failed[:, None, None, None], np.nan, find_starts(problem, solution, settings))
-    landmarks, noise, slopes = problem.landmarks, find_noise(problem), None
     seen, camera = problem.weights > 0, problem.camera
-    gross = Gross(options.outlier_rate, options.gross_density)
     if camera is not None:
-        rays = find_rays(landmarks, camera)
-        starts = face(starts, landmarks, seen, camera)
-        landmarks, noise, slopes = rays.landmarks, stretch_noise(noise, camera), rays.slopes
-    find = partial(
-        find_posterior,
-        landmarks,
-        noise=noise,
-        prior=settings.needs["prior"],
-        gross=gross,
-        slopes=slopes,
-        threads=settings.threads,
-    )
-    if options.residual_variance < NEARLY_EXACT:
-        coarse = find(find_residual_variance(problem, COARSE), starts=starts)
-        starts = coarse.rotation[:, None]
-    found = find(
-        find_residual_variance(problem, options.residual_variance),
-        starts=starts,
-        modes=modes,
-        covariance=options.covariance,
-    )
+        starts = face(starts, problem.landmarks, seen, camera)
+    found = find_from(problem, starts, settings, modes, options.covariance)
     lost = np.isnan(found.log_evidence)
     translation = found.mean[:, :2].mean(axis=2)
     shapes = found.mean.copy()
     shapes[:, :2] -= translation[:, :, None]
-    widening = np.sqrt(options.widening)
+    grow = scale_of_bars(options.widening, options.growth, problem.weights.shape[1])
     estimate = Estimate(
         shapes=np.where(lost[:, None, None], 0.0, shapes),
         translation=np.where(lost[:, None], 0.0, translation),
@@ -110,8 +94,8 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
                 solution.status, lost.tolist(), found.stationary.tolist(), strict=True
             )
         ),
-        deviation=widening * found.deviation,
-        covariance=None if found.covariance is None else options.widening * found.covariance,
+        deviation=grow * found.deviation,
+        covariance=grow_covariance(found.covariance, grow),
         posterior_modes=found.modes if modes else None,
         convex_proof=ConvexProof.of(solution),
         further={
@@ -124,8 +108,57 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
     return estimate if camera is None else look_through(estimate, found, problem, camera)
 
 
+def scale_of_bars(widening: float, growth: Sequence[float], landmarks: int) -> Floats:
+    """Return factors (p,) on standard deviations by those on covariances; empty: no growth."""
+    factor: Floats = np.sqrt(widening * (np.array(growth) if growth else np.ones(landmarks)))
+    return factor
+
+
+def grow_covariance(covariance: Floats | None, factor: Floats) -> Floats | None:
+    """D C D of covariances C (n, 3p, 3p), D = diag of factors (p,) for x, for y and for z."""
+    if covariance is None:
+        return None
+    D = np.tile(factor, 3)
+    grown: Floats = covariance * (D[:, None] * D)
+    return grown
+
+
+def find_from(
+    problem: Problem,
+    starts: Floats,
+    settings: Settings,
+    modes: int = 0,
+    covariance: bool = False,
+) -> Posterior:
+    """Return the posteriors of n images from rotations (n, S, 3, 3), as a camera would see them."""
+    options: PosteriorOptions = settings.options
+    landmarks, noise, slopes = problem.landmarks, find_noise(problem), None
+    if problem.camera is not None:
+        rays = find_rays(landmarks, problem.camera)
+        landmarks, slopes = rays.landmarks, rays.slopes
+        noise = stretch_noise(noise, problem.camera)
+    find = partial(
+        find_posterior,
+        landmarks,
+        noise=noise,
+        prior=settings.needs["prior"],
+        gross=Gross(options.outlier_rate, options.gross_density),
+        slopes=slopes,
+        threads=settings.threads,
+    )
+    if options.residual_variance < NEARLY_EXACT:
+        coarse = find(find_residual_variance(problem, COARSE), starts=starts)
+        starts = coarse.rotation[:, None]
+    return find(
+        find_residual_variance(problem, options.residual_variance),
+        starts=starts,
+        modes=modes,
+        covariance=covariance,
+    )
+
+
 def with_p_value(found: Estimate, problem: Problem, settings: Settings) -> Estimate:
-    """Return what `lift_to_posterior` found with p-values in place of squared distances.
+    """Return what `lift_to_posterior` found with p-values and start distances.
 
     A dictionary without a table of moments has it drawn, which takes as long as many images.
     """
@@ -139,7 +172,54 @@ def with_p_value(found: Estimate, problem: Problem, settings: Settings) -> Estim
         np.nansum(further["inlier_probability"], axis=1),
         table,
     )
+    further[START_DISTANCE] = find_start_distance(found, problem, settings)
     return replace(found, further=further)
+
+
+def find_start_distance(found: Estimate, problem: Problem, settings: Settings) -> Floats:
+    """Similarity distance (n,) of the seen landmarks of posteriors from their convex shapes.
+
+    In units of the size of the former; nan where either does not exist. Near a camera the convex
+    program, which knows weak perspective only, starts far off: images beyond the limit are solved
+    again with the landmarks that weak perspective would have of the shapes found,
+    c + (w - c) (t_z + Z_j) / t_z.
+    """
+    assert found.convex_proof is not None
+    M, seen, t = found.convex_proof.transforms, problem.weights > 0, found.camera_translation
+
+    def distance(M: Transforms, rows: NDArray[np.intp]) -> Floats:
+        start = reconstruct(M, problem.atoms, threads=settings.threads).shapes
+        shown = seen[rows] & (M.count > 0)[:, None]
+        return relative_distance(np.where(shown[:, None], start, np.nan), found.shapes[rows])
+
+    apart = distance(M, np.arange(len(seen)))
+    far = np.flatnonzero(apart > LIMITS.max_distance)
+    if problem.camera is None or t is None or not len(far):
+        return apart
+    near = problem.take(far)
+    assert near.camera is not None
+    c, tz = near.camera.centre[..., None], t[far, 2][:, None]
+    parallel = c + (near.landmarks - c) * ((tz + found.shapes[far, 2]) / tz)[:, None]
+    norm, _ = normalise_seen(parallel, near.weights)
+    solved = settings.solve(replace(near, landmarks=norm.points, camera=None))
+    apart[far] = np.fmin(apart[far], distance(solved.transforms, far))
+    return apart
+
+
+def relative_distance(estimate: Floats, shapes: Floats) -> Floats:
+    """Mean over j of ||s R e_j + t - x_j|| for the least-squares s, R, t, beside the size of x.
+
+    e, x (n, 3, p), nan where a landmark of e does not count; the size is the mean over coordinates
+    of the standard deviation of those x_j that count. (n,), nan where fewer than three do.
+    """
+    apart = np.empty(len(shapes))
+    core.find_similarity_errors(estimate=estimate, truth=shapes, fewest=3, error=apart, threads=1)
+    known = np.isfinite(estimate)
+    count = np.maximum(known.sum(axis=2), 1)
+    mean = np.where(known, shapes, 0.0).sum(axis=2) / count
+    away = np.where(known, shapes - mean[..., None], 0.0)
+    size = np.sqrt((away**2).sum(axis=2) / count).mean(axis=1)
+    return np.divide(apart, size, out=np.full_like(apart, np.nan), where=size > 0)
 
 
 def find_starts(problem: Problem, solution: Solution, settings: Settings) -> Floats:

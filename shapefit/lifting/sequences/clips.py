@@ -9,7 +9,7 @@ landmark in all frames does not average out either:
 for the covariance S_t of a landmark that smoothing gives, P_t of the image alone, and the deviation
 sigma with which the landmarks were taken.
 
-A sequence that would move its images too far (`find_farthest`) is only steadied.
+A sequence that would move its images too far (`CONSTANTS.farthest`) is only smoothed in time.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats, median
 from shapefit.convex.problem import Problem
+from shapefit.convex.solver import Status
 from shapefit.lifting.estimate import CORRELATION, Estimate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import Settings
@@ -35,7 +36,6 @@ from shapefit.lifting.sequences.smoothing import (
     Lengths,
     Model,
     Observations,
-    first_lengths,
     observe,
     smooth,
 )
@@ -45,8 +45,8 @@ NOISE = "sequence_noise"
 """Dataset (n,) of the deviation of a coordinate with which the landmarks of a sequence were taken,
 nan for images that are not refined."""
 
-LEAST = float(np.finfo(np.float64).eps)
-"""Of a share that divides."""
+FEWEST = 3
+"""Frames of a sequence: fewer have no acceleration and stay what their images say."""
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
 """Coordinates of a landmark, in the order of the correlations."""
@@ -58,13 +58,14 @@ class Motion:
 
     bones (e, 2) keep their lengths but for deviations of give (e,); acceleration (p,), the root of
     the mean square of the second difference of a coordinate from frame to frame; known, what is
-    known of the lengths.
+    known of the lengths; lag, frames in `CONSTANTS.memory`.
     """
 
     bones: Indices
     acceleration: Floats
     give: Floats
     known: Lengths | None = None
+    lag: int = 1
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,8 @@ class Clips:
 class Refined(NamedTuple):
     """Points, deviations, correlations (n, 3, p) and noise (n,): each sequence writes its own.
 
-    covariance (n, 3p, 3p) of all landmarks of an image, None where it was not asked for.
+    covariance (n, 3p, 3p) of all landmarks of an image, None where it was not asked for; converged
+    (n,), whether the inference of the sequence ended at a minimum.
     """
 
     points: Floats
@@ -101,6 +103,7 @@ class Refined(NamedTuple):
     correlation: Floats
     noise: Floats
     covariance: Floats | None
+    converged: Flags
 
 
 def lift_frames(problem: Problem, settings: Settings) -> Estimate:
@@ -117,14 +120,15 @@ def refine_lifting(
     motion: Motion,
     residual_variance: float,
     noise: float | None,
-    widening: float,
+    bar_scale: Floats,
     threads: int = 0,
 ) -> Lifting:
     """Infer the shapes of whole sequences from the modes of their images.
 
-    landmarks (n, 2, p) as observed; misfit and noise as in `Clips`; widening of the variances;
-    threads as in `refine_clips`. The covariances of the modes are written over. All but the shapes
-    and what is known of them stays that of the images.
+    landmarks (n, 2, p) as observed; residual_variance and noise as in `Clips`; bar_scale (p,), by
+    which standard deviations of the landmarks have been multiplied; threads as in `refine_clips`.
+    The covariances of the modes are written over. All but the shapes and what is known of them
+    stays that of the images.
     """
     found = lifting.estimate
     modes = found.posterior_modes
@@ -143,28 +147,36 @@ def refine_lifting(
         modes=modes,
         residual_variance=residual_variance,
         noise=noise,
-        deviation=lifting.scale[:, None, None] * own / np.sqrt(widening),
+        deviation=lifting.scale[:, None, None] * own / bar_scale,
     )
     whole = found.covariance
     refined = refine_clips(clips, sequences, motion, threads, covariances=whole is not None)
     single = np.isnan(refined.noise)[:, None, None]
-    scale = lifting.scale[:, None, None] / np.sqrt(widening)
+    grow = bar_scale / lifting.scale[:, None]  # (n, p), of what is in the unit of the landmarks
     rows = nearest_known(says_something(clips), split(sequences))
     images = (own[rows], own_mixed[rows].swapaxes(1, 2).astype(np.float64))
-    smoothed = (refined.deviation / scale, refined.correlation)
-    constant = refined.noise / scale[:, 0, 0]
+    smoothed = (refined.deviation * grow[:, None], refined.correlation)
+    constant = refined.noise[:, None] * grow
     bars, correlation = add_common_error(smoothed, images, constant)
     mixed = correlation.swapaxes(1, 2).astype(np.float32)
     if whole is not None and refined.covariance is not None:
-        of_all = constant[:, None, None] ** 2 * np.eye(whole.shape[1])
-        both = refined.covariance / scale**2 + CONSTANTS.shared**2 * whole[rows] + of_all
+        D, of_all = np.tile(grow, 3), np.tile(constant, 3)
+        both = refined.covariance * (D[:, :, None] * D[:, None])
+        both += CONSTANTS.shared**2 * whole[rows]
+        both[:, range(D.shape[1]), range(D.shape[1])] += of_all**2
         whole = np.where(single, whole, both)
+    stopped = ~refined.converged
+    status = found.status
+    if stopped.any():
+        limit = Status.ITERATION_LIMIT
+        status = tuple(limit if s else old for s, old in zip(stopped, status, strict=True))
     return replace(
         lifting,
         shapes=refined.points,
         landmarks_fitted=refined.points[:, :2].copy(),
         estimate=replace(
             found,
+            status=status,
             deviation=np.where(single, own, bars),
             covariance=whole,
             posterior_modes=None,
@@ -195,7 +207,8 @@ def refine_clips(
     noise = np.full(len(clips.points), np.nan)
     d = unknown[0].size if covariances else 0
     whole = np.full((len(noise), d, d), np.nan) if covariances else None
-    found = Refined(clips.points.copy(), unknown, unknown.copy(), noise, whole)
+    converged = np.ones(len(noise), bool)
+    found = Refined(clips.points.copy(), unknown, unknown.copy(), noise, whole, converged)
     finite: Flags = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
     known = says_something(clips)
     clips = replace(
@@ -203,7 +216,7 @@ def refine_clips(
         scale=np.where(known, clips.scale, np.nan),
         points=np.where(known[:, None, None], clips.points, np.nan),
     )
-    fewest = 1 if motion.known is not None and motion.known.measured else CONSTANTS.fewest
+    fewest = 1 if motion.known is not None and motion.known.measured else FEWEST
     there = np.concatenate([[0], np.cumsum(known)])
     long = [clip for clip in split(sequences) if there[clip.stop] - there[clip.start] >= fewest]
 
@@ -240,7 +253,8 @@ def refine_clip(
     """Refine one sequence from the images that are `there` (t,); write down the finite ones."""
     unit = median(clips.scale[clip][there])
     seen = in_unit(clips, clip, unit)
-    acceleration = motion.acceleration * find_haste(seen, motion.acceleration)
+    scale = find_acceleration_scale(seen, motion.acceleration, motion.lag)
+    acceleration = motion.acceleration * scale
     sigma = float(np.sqrt(clips.residual_variance))
     if clips.noise is not None:
         sigma = min(max(clips.noise / unit, CONSTANTS.least_noise), sigma)
@@ -248,11 +262,12 @@ def refine_clip(
     model = Model(motion.bones, acceleration**-2, motion.give, known)
     smoothed = smooth(seen, model, sigma, covariances=found.covariance is not None)
     rows = np.arange(clip.start, clip.stop)[finite]
+    found.converged[rows] = smoothed.converged
     sd = np.full_like(seen.start, np.inf)
     sd[there] = clips.deviation[clip][there] / unit
     moved = (smoothed.points - seen.start) / sd
-    if median((moved[there] ** 2).mean(axis=(1, 2))) > find_farthest(seen, model):
-        found.points[rows] = unit * steady(seen.start, sd, acceleration)[finite]
+    if median((moved[there] ** 2).mean(axis=(1, 2))) > CONSTANTS.farthest:
+        found.points[rows] = unit * smooth_in_time(seen.start, sd, acceleration)[finite]
         return
     found.points[rows] = unit * smoothed.points[finite]
     found.deviation[rows] = unit * smoothed.deviation[finite]
@@ -261,38 +276,6 @@ def refine_clip(
     if found.covariance is not None:
         assert smoothed.covariance is not None
         found.covariance[rows] = unit**2 * smoothed.covariance[finite]
-
-
-def find_farthest(seen: Observations, model: Model) -> float:
-    """How far the sequence may move its images: less where no bone turns that could show lengths.
-
-    Lengths that no bone shows and nobody measured fit what the images have wrong alike.
-    """
-    if model.known is not None and model.known.measured:
-        return CONSTANTS.farthest
-    still = len(model.bones) > 0 and find_turn(seen, model) < CONSTANTS.least_turn
-    return CONSTANTS.farthest_still if still else CONSTANTS.farthest
-
-
-def find_turn(seen: Observations, model: Model) -> float:
-    """Median over the bones of how their projections vary over time, in their lengths.
-
-    The root of the mean square distance of a bone's projection from its mean; a bone that turns
-    once around in the plane of the image has 1.
-    """
-    i, j = model.bones.T
-    w = np.where(seen.trust[:, None] > 0, seen.landmarks, np.nan)
-    bone = w[:, :, i] - w[:, :, j]
-    known = np.isfinite(bone).all(axis=1)
-    count = known.sum(axis=0)
-    shown = count > 0
-    if not shown.any():
-        return 0.0
-    mean = np.where(known[:, None], bone, 0.0).sum(axis=0) / np.maximum(count, 1)
-    apart = np.where(known[:, None], bone - mean, 0.0)
-    spread = np.sqrt((apart**2).sum(axis=(0, 1)) / np.maximum(count, 1))
-    lengths = first_lengths(seen.start, model)
-    return median(spread[shown] / np.maximum(lengths[shown], 1e-12))
 
 
 def weigh_lengths(known: Lengths | None, frames: float) -> Lengths | None:
@@ -327,41 +310,54 @@ def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:
     )
 
 
-def find_haste(seen: Observations, acceleration: Floats) -> float:
-    """How much faster than expected the landmarks move in their images: a factor from 1 to 30.
+def find_acceleration_scale(seen: Observations, acceleration: Floats, lag: int) -> float:
+    """Return how much faster than expected the landmarks move in their images: 1 or more.
 
-    Second differences of a steady motion resemble their neighbours, with a correlation of 0.7; of
-    white noise their variance is 6 and the covariance of neighbours -4 times that of the noise. So
-    variance + 1.5 covariance = 2.05 times the mean square of the motion's.
+    Second differences s_t = w_(t+L) - 2 w_t + w_(t-L) over a lag of L frames. Those of a smooth
+    motion resemble their neighbours, with a correlation of 0.7; of white noise their variance is 6
+    and the covariance of neighbours -4 times that of the noise. So for the variances P and N of the
+    sum and the difference of neighbours
+
+        2.5 P - 0.5 N = 8.2 times the mean square of the motion's.
+
+    By medians, which the jumps of a detector do not move, and over a lag beyond which its errors
+    are no motion either. A mean square grows with L^3.
     """
     w = np.where(seen.trust[:, None] > 0, seen.landmarks, np.nan)
-    second = w[2:] - 2 * w[1:-1] + w[:-2]
-    products = second[1:] * second[:-1]
-    known, with_neighbour = np.isfinite(second), np.isfinite(products)
-    if not with_neighbour.any():
+    if len(w) <= 3 * lag:
         return 1.0
-    variance = np.where(known, second**2, 0.0).sum(axis=(0, 1)) / np.maximum(known.sum((0, 1)), 1)
-    covariance = np.where(with_neighbour, products, 0.0).sum(axis=(0, 1))
-    covariance = covariance / np.maximum(with_neighbour.sum(axis=(0, 1)), 1)
-    moving = np.maximum(variance + 1.5 * covariance, 0.0) / 2.05
-    seen_ever = known.any(axis=(0, 1))
-    expected = float((acceleration[seen_ever] ** 2).sum())
-    return float(np.clip(np.sqrt(moving[seen_ever].sum() / expected), 1.0, 30.0))
+    second = w[2 * lag :] - 2 * w[lag:-lag] + w[: -2 * lag]
+    P, N = (median_variance(second[lag:] + sign * second[:-lag]) for sign in (1, -1))
+    moving = np.maximum(2.5 * P - 0.5 * N, 0.0) / 8.2 / lag**3
+    known = np.isfinite(moving)
+    expected = (acceleration[known] ** 2).sum()
+    return float(np.sqrt(max(moving[known].sum() / expected, 1.0))) if known.any() else 1.0
 
 
-def steady(means: Floats, deviations: Floats, acceleration: Floats) -> Floats:
+def median_variance(values: Floats) -> Floats:
+    """Variance (p,) of values (t, 2, p) about 0 by the median of their sizes; nan: nothing known.
+
+    The median of |x| of a Gaussian is 0.6745 standard deviations.
+    """
+    sizes = np.sort(np.abs(values.reshape(-1, values.shape[2])), axis=0)  # nan is last
+    count = np.isfinite(sizes).sum(axis=0)
+    columns = np.arange(sizes.shape[1])
+    low, high = np.maximum(count - 1, 0) // 2, np.minimum(count // 2, len(sizes) - 1)
+    middle = (sizes[low, columns] + sizes[high, columns]) / 2
+    return np.where(count > 0, (middle / 0.6745) ** 2, np.nan)
+
+
+def smooth_in_time(means: Floats, deviations: Floats, acceleration: Floats) -> Floats:
     """Posterior means of single images m (t, 3, p) that do not jitter from frame to frame.
 
-        argmin_y  sum_t (y_t - m_t)^2 / (k sd_t^2)  +  sum_t (y_(t-1) - 2 y_t + y_(t+1))^2 / a^2
+        argmin_y  sum_t (y_t - m_t)^2 / sd_t^2  +  sum_t (y_(t-1) - 2 y_t + y_(t+1))^2 / a^2
 
-    for standard deviations sd (t, 3, p), inf where nothing is known, and accelerations a (p,). k is
-    the share of the variance that is independent from image to image, see `find_jitter`: errors
-    that neighbouring images have in common cannot be smoothed away.
+    for standard deviations sd (t, 3, p), inf where nothing is known, and accelerations a (p,).
     """
     from scipy.linalg import solveh_banded  # which few sequences need
 
     t, _, p = means.shape
-    weight = 1 / (find_jitter(means, deviations)[:, None] * deviations**2)
+    weight = 1 / deviations**2
     fixed = np.zeros((3, t))
     for a, left in enumerate((1.0, -2.0, 1.0) if t > 2 else ()):
         for b, right in enumerate((1.0, -2.0, 1.0)[: a + 1]):
@@ -376,37 +372,16 @@ def steady(means: Floats, deviations: Floats, acceleration: Floats) -> Floats:
     return smoothed
 
 
-def find_jitter(means: Floats, deviations: Floats) -> Floats:
-    """Share k (3,) of the variances that jitters, from 0 to 1, x and y taken together.
-
-    As in `find_haste`, second differences of a steady motion have the variance v and the covariance
-    0.7 v of neighbours, those of white noise 6 and -4 times its variance, which is then
-    (0.7 variance - covariance) / 8.2.
-    """
-    known = np.isfinite(deviations)
-    second = means[2:] - 2 * means[1:-1] + means[:-2]
-    if len(second) < 2:
-        return np.full(3, LEAST)
-    variance, covariance = (second**2).mean(axis=0), (second[1:] * second[:-1]).mean(axis=0)
-    white = np.maximum(0.7 * variance - covariance, 0.0) / 8.2
-    own = np.where(known, deviations, 0.0) ** 2
-    whole = own.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
-    of_plane = white[:2].sum() / max(float(whole[:2].sum()), 1e-300)
-    of_depth = white[2].sum() / max(float(whole[2].sum()), 1e-300)
-    share: Floats = np.clip(np.array([of_plane, of_plane, of_depth]), LEAST, 1.0)
-    return share
-
-
 def add_common_error(
     smoothed: tuple[Floats, Floats], images: tuple[Floats, Floats], constant: Floats
 ) -> tuple[Floats, Floats]:
-    """Deviations and correlations of C, from those of S and P, all (n, 3, p), and sigma (n,).
+    """Deviations and correlations of C, from those of S and P, all (n, 3, p), and sigma (n, p).
 
     Correlations of x with y, x with z, and y with z of each landmark. A correlation of a landmark
     that has no deviation is 0.
     """
     (own, mixed), (image, image_mixed), share = smoothed, images, CONSTANTS.shared
-    deviation = np.hypot(np.hypot(own, share * image), constant[:, None, None])
+    deviation = np.hypot(np.hypot(own, share * image), constant[:, None])
     correlation = np.empty_like(deviation)
     for row, (a, b) in enumerate(PAIRS):
         covariance = mixed[:, row] * own[:, a] * own[:, b]

@@ -16,18 +16,33 @@ from typing import NamedTuple
 import numpy as np
 
 from shapefit.arrays import Floats
+from shapefit.dictionary.from_2d.model import evenly
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.geometry.pinhole import depth_sign
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.lifting.lift import Lifting
-from shapefit.pipelines.fit.lift import Lifter, lift_images, with_p_values
-from shapefit.pipelines.fit.sample import FEWEST, Sample, implausible_share, mean_gain
+from shapefit.lifting.posterior.calibration import calibrate
+from shapefit.lifting.verdict import (
+    LIMITS,
+    NOT_OF_THE_CLASS,
+    P_VALUE,
+    START_DISTANCE,
+    contradicts,
+    median_distance,
+)
+from shapefit.pipelines.fit.lift import Lifter, lift_images, settings_of, with_p_values
+from shapefit.pipelines.fit.sample import FEWEST, Sample, mean_gain
 from shapefit.pipelines.joints import LandmarkMap, match_names
 
-IMPLAUSIBLE = 0.25
-"""Share of implausible images from which other skeletons are tried; one that has less than half of
-that share is named. Where names are right a few images in a hundred are implausible."""
+CALIBRATED = 60
+"""Images of the sample whose landmarks are hidden in turn."""
+
+DOUBTFUL = 0.25
+"""Share of doubtful images from which other skeletons are tried; one that has less than half of
+that share is named. Where names are right a few images in a hundred are doubtful."""
+
+NOT_TRUSTED = "no shape of this file is to be trusted"
 
 FEWEST_NAMES = 4
 """Landmarks of the dictionary that names must give; with fewer there is nothing to lift."""
@@ -60,6 +75,53 @@ class Doubt(NamedTuple):
     warning: str
 
 
+class Bars(NamedTuple):
+    """What a sample shows of the error bars of its file.
+
+    growth     (p,) factors on the covariances of its landmarks, empty for none
+    known      numbers that are stored with the result, by name
+    line       that says so, and a doubt where the sample contradicts the dictionary
+    """
+
+    growth: tuple[float, ...] = ()
+    known: Mapping[str, float] = {}
+    line: str = ""
+    doubt: Doubt | None = None
+
+
+def check_bars(sample: Sample, found: Lifting, lifter: Lifter) -> Bars:
+    """Calibrate the error bars on the sample; doubt it where it contradicts the dictionary.
+
+    found, the sample as the lifter lifts it.
+    """
+    if len(sample) < LIMITS.fewest_images:
+        return Bars()
+    rows = evenly(len(sample), CALIBRATED)
+    inliers = found.estimate.further["inlier_probability"]
+    calibration = calibrate(
+        found.problem.take(rows), found.estimate.rotation[rows], inliers[rows], settings_of(lifter)
+    )
+    seen = np.isfinite(inliers).sum(axis=1)
+    distance = median_distance(found.estimate.further[START_DISTANCE], seen)
+    known = {
+        "calibration_kappa": calibration.kappa,
+        "hidden_landmarks_inside": calibration.inside,
+        "median_start_distance": distance,
+    }
+    line = f"of landmarks hidden in turn, {calibration.inside:.0%} lie in their 90% regions"
+    if np.isfinite(distance):
+        line += f"; median distance from the convex shape {distance:.2f}"
+    growth = tuple(calibration.growth(lifter.bar_scale).tolist())
+    doubt = None
+    if contradicts(calibration.kappa, distance):
+        doubt = Doubt(
+            NOT_OF_THE_CLASS,
+            f"{NOT_TRUSTED}: {line}; are the names of the landmarks right, and does the dictionary "
+            "have such shapes?",
+        )
+    return Bars(growth, known, line, doubt)
+
+
 def check_skeleton(
     sample: Sample,
     found: Lifting,
@@ -67,33 +129,38 @@ def check_skeleton(
     dictionary: Dictionary,
     theta: Mapping[str, float],
 ) -> Doubt | None:
-    """Doubt names where many images are implausible, but not by the names of another skeleton.
+    """Doubt names where many images are doubtful, but not by the names of another skeleton.
 
     dictionary and theta: that of all files, and the usual skeleton.
     """
-    share = implausible_share(found)
-    if len(sample) < FEWEST or not share > IMPLAUSIBLE:
+    share = doubtful_share(found)
+    if len(sample) < FEWEST or not share > DOUBTFUL:
         return None
     shares = try_skeletons(sample, lifter, dictionary, theta)
     best = min(shares, key=lambda name: shares[name], default=None)
     if best is None or not shares[best] < share / 2:
         return None
-    own = sample.own.landmark_names
-    taken = next(
-        (each.name for each in installed_skeletons().values() if each.landmark_names == own),
-        "named",
-    )
     return Doubt(
-        "landmarks of another skeleton",
-        f"{share:.0%} of a sample of {len(sample)} images are implausible as {taken}, and "
-        f"{shares[best]:.0%} as {best}: is it {best}? Say so by `keypoints: {best}`",
+        NOT_OF_THE_CLASS,
+        f"{NOT_TRUSTED}: {share:.0%} of a sample of {len(sample)} images contradict the names of "
+        f"their landmarks, {shares[best]:.0%} those of {best}: is it {best}? Say so by "
+        f"`keypoints: {best}`",
     )
+
+
+def doubtful_share(lifting: Lifting) -> float:
+    """Return the share of images with a low p-value or far from their convex shape."""
+    further = lifting.estimate.further
+    seen = np.isfinite(further["inlier_probability"]).sum(axis=1)
+    far = (further[START_DISTANCE] > LIMITS.max_distance) & (seen >= LIMITS.fewest_seen)
+    doubtful = (further[P_VALUE] < LIMITS.min_p_value) | far
+    return float(doubtful.mean()) if len(doubtful) else float("nan")
 
 
 def try_skeletons(
     sample: Sample, lifter: Lifter, dictionary: Dictionary, theta: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return the share of implausible images under the names of each other skeleton.
+    """Return the share of doubtful images under the names of each other skeleton.
 
     Of those with as many landmarks; the dictionary is that of all files, theta the usual skeleton.
     """
@@ -111,7 +178,7 @@ def try_skeletons(
             seen = LandmarkMap(matched.joints, theta, active=True).apply(matched.dictionary)
             as_other = replace(lifter, dictionary=seen)
             lifting = with_p_values(lift_images(images, as_other), as_other)
-            shares[other.name] = implausible_share(lifting)
+            shares[other.name] = doubtful_share(lifting)
     return shares
 
 

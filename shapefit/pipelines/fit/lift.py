@@ -35,8 +35,8 @@ from shapefit.lifting.methods import (
     Settings,
     choose_method,
 )
-from shapefit.lifting.verdict import cover_mirror_image
-from shapefit.pipelines.fit.camera import Intrinsics, find_camera
+from shapefit.lifting.verdict import SIDES, cover_mirror_image
+from shapefit.pipelines.fit.camera import IMAGE_SIZE, Intrinsics, find_camera
 from shapefit.pipelines.items import named_items
 from shapefit.threads import on_threads
 
@@ -54,6 +54,10 @@ RANSAC_THRESHOLD = 0.25
 """Residual beyond which RANSAC rejects a landmark, in units of the size of the shape."""
 
 LEAVE_ONE_OUT = "leave_one_out"
+
+BORDER = 0.01
+"""Of width and height of an image: a landmark so near to a side of it, and its neighbour, are where
+a detector leaves what it does not see."""
 
 
 PROGRAM = Program(0.1)
@@ -73,6 +77,8 @@ class Lifter:
     residual_variance  of a normalised coordinate; None: that of the dictionary, or the default
     prior_scale        factor on the covariances of the prior
     bar_scale          factor on those of the result
+    growth             (p,) further factors by landmark, see `calibration`; empty: none
+    image_size         width and height of the images, where the config says them
     covariance         whether that of all landmarks together is wanted
     min_confidence     below which a method with a prior hides a landmark
     signed             coefficients of either sign
@@ -92,6 +98,8 @@ class Lifter:
     residual_variance: float | None = None
     prior_scale: float = 1.0
     bar_scale: float = PosteriorOptions.widening
+    growth: tuple[float, ...] = ()
+    image_size: tuple[float, float] | None = None
     covariance: bool = False
     min_confidence: float | None = None
     signed: bool = False
@@ -132,6 +140,7 @@ def lifter_of(config: FitConfig, dictionary: Dictionary, lengths: Floats | None 
         residual_variance=config.prior.residual_variance,
         prior_scale=config.prior.scale or 1.0,
         bar_scale=config.prior.bar_scale,
+        image_size=config.image_size,
         covariance=config.save.covariance,
         min_confidence=config.min_confidence,
         signed=config.signed,
@@ -151,7 +160,18 @@ def lift_batch(images: LandmarkSet, setup: Setup) -> tuple[Lifting, dict[str, ND
     Returns the lifting of the joints, and the landmarks of the files in 3D as datasets, where they
     are not those of the dictionary.
     """
+    sides = None
+    if setup.lifter.known.sequences:
+        from shapefit.pipelines.fit.sequences import put_back_sides
+
+        seen, partner = weigh(images, setup.lifter) > 0, setup.dictionary.mirror_index
+        sides = put_back_sides(images, seen, partner, setup.lifter.frame_rate)
+        images = sides.images
     lifting = lift_landmarks(images, setup.lifter)
+    if sides is not None:
+        known = {SIDES: np.where(sides.unsure, np.nan, sides.exchanged)}
+        further = {**lifting.estimate.further, **known}
+        lifting = replace(lifting, estimate=replace(lifting.estimate, further=further))
     if setup.dictionary.depth_ambiguity:
         lifting = replace(lifting, estimate=cover_mirror_image(lifting.estimate))
     return setup.mapped.back(lifting, images.landmarks, weigh(images, setup.lifter) > 0)
@@ -249,6 +269,7 @@ def settings_of(lifter: Lifter) -> Settings:
             options,
             residual_variance=lifter.variance,
             widening=lifter.bar_scale,
+            growth=lifter.growth,
             covariance=lifter.covariance,
         )
     needs = {need.name: getattr(dictionary, need.name) for need in method.needs}
@@ -279,7 +300,29 @@ def weigh(images: LandmarkSet, lifter: Lifter) -> Floats:
     if not lifter.known.precisions or LANDMARK_COVARIANCE in images.columns:
         return weights
     least = MIN_CONFIDENCE if least is None else least
-    return ((weights > 0) & (weights >= least)).astype(np.float64)
+    seen = (weights > 0) & (weights >= least) & ~at_border(images, lifter)
+    return seen.astype(np.float64)
+
+
+def at_border(images: LandmarkSet, lifter: Lifter) -> Flags:
+    """Which landmarks (n, p) a detector has left at the border of the image: it does not see them.
+
+    Those within 1% of a side of the image, of its length, with a neighbour there, too.
+    """
+    size = images.columns.get(IMAGE_SIZE) if lifter.image_size is None else lifter.image_size
+    edges, none = lifter.dictionary.edges, np.zeros(images.landmarks.shape[::2], dtype=bool)
+    if size is None or edges is None or np.shape(size) not in ((2,), (len(images), 2)):
+        return none
+    sides = np.stack([0 * np.asarray(size, float), size], axis=-1)  # (..., 2 coordinates, 2 sides)
+    away = np.abs(
+        images.landmarks[:, :, None] - np.broadcast_to(sides, (len(images), 2, 2))[..., None]
+    )
+    near = away <= BORDER * np.asarray(size)[..., None, None]
+    together = near[..., edges[:, 0]] & near[..., edges[:, 1]]
+    found = none
+    for row, edge in enumerate(edges):
+        found[:, edge] |= together[..., row].any(axis=(1, 2))[:, None]
+    return found
 
 
 def find_covariance(images: LandmarkSet) -> Floats | None:

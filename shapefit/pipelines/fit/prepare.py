@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +33,7 @@ from shapefit.pipelines.fit.camera import (
     find_calibrated,
     straightened,
 )
-from shapefit.pipelines.fit.checks import check_sides, check_skeleton
+from shapefit.pipelines.fit.checks import check_bars, check_sides, check_skeleton
 from shapefit.pipelines.fit.lift import Lifter, check_items, check_needs, lifter_of, load_steps
 from shapefit.pipelines.fit.sample import choose_scale, choose_skeleton, draw_sample
 from shapefit.pipelines.joints import MEANS, LandmarkMap, Matched, find_dependents, match_names
@@ -57,13 +57,15 @@ class Estimates:
     """What was estimated: values for keys of a config, lines that say so, and warnings.
 
     values are as `FitConfig.changed` takes them and JSON holds them; the camera line is the first.
-    doubt says why no image is to be trusted, "" for nothing.
+    doubt says why no image is to be trusted, "" for nothing; growth (p,) and known, see `Bars`.
     """
 
     values: Mapping[str, Any]
     lines: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     doubt: str = ""
+    growth: tuple[float, ...] = ()
+    known: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,8 +125,8 @@ def prepare(
         lengths = find_lengths(config.bone_lengths, seen)
     if config.leave_one_out is not None:
         check_items(seen)
-    lifter = lifter_of(config, seen, lengths)
-    if mapped.active:  # error bars of the joints are those of all landmarks together
+    lifter = replace(lifter_of(config, seen, lengths), growth=tuple(estimates.growth))
+    if method.has_prior:  # for the expected error, and the error bars of joints
         lifter = replace(lifter, covariance=True)
     load_steps(lifter)
     return Setup(
@@ -145,7 +147,7 @@ def map_landmarks(config: FitConfig, matched: Matched) -> LandmarkMap:
         matched.joints,
         {**MEANS, **(config.skeleton or {})},
         METHODS[config.method].has_prior and bool(matched.joints.markers or dependents is not None),
-        config.save.covariance,
+        METHODS[config.method].has_prior,
         dependents,
     )
 
@@ -189,11 +191,23 @@ def estimate(
     # a wide prior would take wrong names for poses that it lacks
     open_keys = () if doubt else tuple(k for k in SCALES if getattr(config.prior, k) is None)
     scale, of_scale = choose_scale(open_keys, sample, as_learned, lifter)
+    scaled = replace(
+        lifter, prior_scale=scale["scale"], residual_variance=scale["residual_variance"]
+    )
+    before, after = ((each.prior_scale, each.variance) for each in (lifter, scaled))
+    found = as_learned if before == after else sample.lift(scaled)
+    shown = check_bars(sample, found, scaled)
     values |= {"prior": {**bars, **scale}, "skeleton": skeleton}
-    lines += filter(None, (of_skeleton, of_scale, of_bars))
-    if doubt is None:
-        return Estimates(values, tuple(lines))
-    return Estimates(values, tuple(lines), (doubt.warning,), doubt.reason)
+    lines += filter(None, (of_skeleton, of_scale, of_bars, shown.line))
+    doubt = doubt or shown.doubt
+    return Estimates(
+        values,
+        tuple(lines),
+        () if doubt is None else (doubt.warning,),
+        "" if doubt is None else doubt.reason,
+        shown.growth,
+        shown.known,
+    )
 
 
 SCALES = ("scale", "residual_variance")

@@ -14,9 +14,17 @@ from shapefit.dictionary.bodies import has_lengths, knows_size, metres_per_unit
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
+from shapefit.lifting.expected_error import EXPECTED_ERROR, expected_error
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
-from shapefit.lifting.verdict import MIN_P_VALUE, REASONS, TRUSTED, find_doubts
+from shapefit.lifting.verdict import (
+    P_VALUE,
+    REASONS,
+    SIDES,
+    START_DISTANCE,
+    TRUSTED,
+    find_reasons,
+)
 from shapefit.pipelines.fit.lift import find_left_out
 
 if TYPE_CHECKING:
@@ -130,10 +138,10 @@ def further_datasets(
         "active_atoms": found.active_atoms,
         "tight": found.tight,
         "outliers": found.outliers,
-        "shape_covariance": by_landmark(covariance),
+        "shape_covariance": by_landmark(covariance) if setup.config.save.covariance else None,
         METRES_PER_UNIT: metres_per_unit(lifting.shapes, dictionary),
         **found.further,
-        **verdict(images, lifting, setup),
+        **verdict(lifting, setup),
     }
     if setup.config.leave_one_out is not None:
         own["left_out"] = find_left_out(images, setup.lifter).astype(object)
@@ -147,23 +155,31 @@ def further_datasets(
     return {"columns": {**carried, **present, **inputs}, "whole": whole}
 
 
-def verdict(images: LandmarkSet, lifting: Lifting, setup: Setup) -> dict[str, NDArray[Any] | None]:
-    """Say of each image whether its shape is to be trusted, where the method knows its error."""
-    found = lifting.estimate
-    if found.deviation is None:
+def verdict(lifting: Lifting, setup: Setup) -> dict[str, NDArray[Any] | None]:
+    """Say of each image whether its shape is to be trusted, where the method knows its error.
+
+    From what the result stores, and the error that is to be expected.
+    """
+    bars = lifting.estimate.in_unit(lifting.scale[:, None, None])
+    if bars.deviation is None:
         return {}
-    reasons = find_doubts(
-        np.where(np.isnan(lifting.scale)[:, None, None], np.nan, found.shapes),
-        found.deviation,
-        images.seen(),
-        found.further["p_value"],
-        found.status,
-        implausible=MIN_P_VALUE,
+    further = bars.further
+    reasons = find_reasons(
+        lifting.shapes,
+        bars.deviation,
+        np.isfinite(further["inlier_probability"]).sum(axis=1),
+        further[P_VALUE],
+        further[START_DISTANCE],
+        bars.status,
+        sides=further.get(SIDES),
         depth_ambiguity=setup.dictionary.depth_ambiguity,
     )
     if setup.estimates.doubt:
         reasons[reasons == ""] = setup.estimates.doubt
-    return {TRUSTED: reasons == "", REASONS: reasons}
+    found: dict[str, NDArray[Any] | None] = {TRUSTED: reasons == "", REASONS: reasons}
+    if bars.covariance is not None:
+        found[EXPECTED_ERROR] = expected_error(lifting.shapes, bars.covariance)
+    return found
 
 
 def warn_of_names(datasets: Iterable[str]) -> tuple[str, ...]:

@@ -199,6 +199,7 @@ def attributes_of(
         "config_digest": hashlib.sha256(config.encode()).hexdigest(),
         "inputs": json.dumps(inputs),
         "estimated": "; ".join(setup.estimates.lines),
+        **{name: value for name, value in setup.estimates.known.items() if value == value},
         "training_inputs": setup.dictionary.provenance.get("inputs", "{}"),
         "solve_seconds": seconds,
         "images_per_second": images / seconds if seconds > 0 else 0.0,

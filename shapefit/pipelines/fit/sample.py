@@ -27,7 +27,6 @@ from shapefit.dictionary.from_2d.model import evenly
 from shapefit.io import LandmarkSet
 from shapefit.io.skeletons import THETA
 from shapefit.lifting.lift import Lifting
-from shapefit.lifting.verdict import MIN_P_VALUE, P_VALUE
 from shapefit.pipelines.fit.lift import Lifter, lift_images, with_p_values
 from shapefit.pipelines.joints import MEANS, LandmarkMap, Matched
 
@@ -118,13 +117,6 @@ def mean_gain(before: Floats, after: Floats) -> tuple[float, float, int]:
     if len(gain) < 2:
         return 0.0, np.inf, len(gain)
     return float(gain.mean()), float(gain.std() / np.sqrt(len(gain))), len(gain)
-
-
-def implausible_share(lifting: Lifting) -> float:
-    """Return the share of the images with a low p-value, of those that have one."""
-    p_value = lifting.estimate.further[P_VALUE]
-    judged = p_value[np.isfinite(p_value)]
-    return float((judged < MIN_P_VALUE).mean()) if len(judged) else float("nan")
 
 
 def choose_skeleton(

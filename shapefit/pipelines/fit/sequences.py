@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Flags, Floats, Integers
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, match_landmarks, read_shapes
+from shapefit.io.layout import LANDMARK_COVARIANCE
 from shapefit.io.records import concatenate
 from shapefit.lifting.lift import Lifting
-from shapefit.lifting.sequences.clips import Motion, refine_lifting
-from shapefit.lifting.sequences.smoothing import Lengths
+from shapefit.lifting.posterior.method import scale_of_bars
+from shapefit.lifting.sequences.clips import Motion, refine_lifting, split
+from shapefit.lifting.sequences.exchanges import find_exchanges
+from shapefit.lifting.sequences.smoothing import CONSTANTS, Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
 
 if TYPE_CHECKING:
@@ -33,6 +37,12 @@ RIGID = 0.005
 
 MEASURED = 0.01
 """Relative deviation of lengths that were measured on the body."""
+
+RATE = 24.0
+"""Frames a second where no file says it."""
+
+LIMBS = ({"hip", "knee"}, {"knee", "ankle"}, {"shoulder", "elbow"}, {"elbow", "wrist"})
+"""Joints of people, but for their sides, between which limbs are."""
 
 HEADER = ("from", "to", "length")
 
@@ -72,16 +82,63 @@ def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
         yield concatenate(held)
 
 
+class Sides(NamedTuple):
+    """Images whose left and right are put back, which (n,) these are, and where sides are unsure.
+
+    unsure (n,): left and right change places in the sequence, and nobody knows which are right.
+    """
+
+    images: LandmarkSet
+    exchanged: Flags
+    unsure: Flags
+
+
+def put_back_sides(
+    images: LandmarkSet, seen: Flags, partner: Integers | None, rate: float | None
+) -> Sides:
+    """Undo exchanges of left and right for some frames, by continuity in the image.
+
+    seen (n, p), which landmarks count; partner (p,) of each, see `mirror_index`.
+    """
+    exchanged, unsure = np.zeros((2, len(images)), dtype=bool)
+    if partner is None or images.sequences is None:
+        return Sides(images, exchanged, unsure)
+    left = np.flatnonzero(partner > np.arange(len(partner)))
+    pairs = np.stack([left, partner[left]], axis=1)
+    w = np.where(seen[:, None], images.landmarks, np.nan)
+    for clip in split(images.sequences):
+        found = find_exchanges(w[clip], pairs, rate or images.frame_rate or RATE)
+        exchanged[clip], unsure[clip] = found.exchanged, not found.continuous
+    if exchanged.any():
+        images = exchange_sides(images, partner, exchanged)
+    return Sides(images, exchanged, unsure)
+
+
+def exchange_sides(images: LandmarkSet, partner: Integers, rows: Flags) -> LandmarkSet:
+    """Exchange left and right of some images, and all that is known of these landmarks."""
+    by_image: Flags = rows[:, None]
+    confidence, covariance = images.confidence, images.columns.get(LANDMARK_COVARIANCE)
+    if confidence is not None:
+        confidence = np.where(by_image, confidence[:, partner], confidence)
+    landmarks = np.where(by_image[..., None], images.landmarks[..., partner], images.landmarks)
+    images = images.replaced(landmarks=landmarks, confidence=confidence)
+    if covariance is None:
+        return images
+    other = np.where(by_image[..., None, None], covariance[:, partner], covariance)
+    return images.with_columns({LANDMARK_COVARIANCE: other})
+
+
 def refine_sequences(lifting: Lifting, images: LandmarkSet, lifter: Lifter) -> Lifting:
     """Infer whole sequences from what was found of each image."""
     rate = lifter.frame_rate or images.frame_rate
+    p = len(lifter.dictionary.landmark_names)
     refine = partial(
         refine_lifting,
         sequences=images.sequences or (),
         motion=find_motion(lifter.dictionary, rate, lifter.bone_lengths),
         residual_variance=lifter.variance,
         noise=lifter.noise,
-        widening=lifter.bar_scale,
+        bar_scale=scale_of_bars(lifter.bar_scale, lifter.growth, p),
         threads=lifter.threads,
     )
     return refine_through_camera(lifting, images.landmarks, refine)
@@ -105,22 +162,34 @@ def find_motion(dictionary: Dictionary, rate: float | None, lengths: Floats | No
     known = find_known(dictionary)
     if lengths is not None:
         known = Lengths(lengths, np.diag(np.isfinite(lengths) / MEASURED**2), measured=True)
-    return Motion(edges, acceleration, np.maximum(give, RIGID), known)
+    seconds = CONSTANTS.memory * (rate or dictionary.frame_rate or RATE)
+    return Motion(edges, acceleration, np.maximum(give, RIGID), known, max(1, round(seconds)))
 
 
 def find_known(dictionary: Dictionary) -> Lengths | None:
     """Return what the bodies of the training shapes say of the lengths of another, if they do.
 
-    Of any size g: Q = P - P 1 1^T P / (1^T P 1) for the precision P of the logarithms.
+    Of any size g: Q = P - P 1 1^T P / (1^T P 1) for the precision P of the logarithms. Of people
+    only limbs: detectors put hips, shoulders and heads elsewhere than training shapes have them.
     """
     usual, covariance = dictionary.edge_length, dictionary.edge_covariance
-    if usual is None or covariance is None or not (usual > 0).any():
+    if usual is None or covariance is None or dictionary.edges is None:
         return None
-    there = usual > 0
-    P: Floats = np.where(np.outer(there, there), np.linalg.inv(covariance), 0.0)
+    limbs = [is_limb(dictionary.landmark_names, edge) for edge in dictionary.edges]
+    there = (usual > 0) & (np.array(limbs) if any(limbs) else True)
+    if not there.any():
+        return None
+    rows = np.flatnonzero(there)
+    P = np.linalg.inv(covariance[np.ix_(rows, rows)])
     whole = P.sum(axis=1)
-    P -= np.outer(whole, whole) / whole.sum()
-    return Lengths(np.where(there, usual, np.nan), P, measured=False)
+    Q = np.zeros_like(covariance)
+    Q[np.ix_(rows, rows)] = P - np.outer(whole, whole) / whole.sum()
+    return Lengths(np.where(there, usual, np.nan), Q, measured=False)
+
+
+def is_limb(names: Sequence[str], edge: NDArray[np.integer]) -> bool:
+    """Whether an edge is a thigh, a shank, an upper or a lower arm of people."""
+    return {names[end][1:] for end in edge.tolist()} in LIMBS
 
 
 def find_lengths(path: Path, dictionary: Dictionary) -> Floats:

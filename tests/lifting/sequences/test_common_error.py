@@ -26,16 +26,16 @@ def draw_covariances(rng, *shape):
 
 def test_covariances_are_added(rng):
     S, own = draw_covariances(rng, 6, P), draw_covariances(rng, 6, P)
-    constant = rng.uniform(0, 2, 6)
+    constant = rng.uniform(0, 2, (6, P))
     found = add_common_error(parts_of(S), parts_of(own), constant)
-    whole = S + CONSTANTS.shared**2 * own + (constant**2)[:, None, None, None] * np.eye(3)
+    whole = S + CONSTANTS.shared**2 * own + (constant**2)[..., None, None] * np.eye(3)
     for got, expected in zip(found, parts_of(whole), strict=True):
         np.testing.assert_allclose(got, expected, rtol=1e-12)
 
 
 def test_what_is_known_exactly_has_no_correlation():
     nothing = (np.zeros((1, 3, 2)), np.full((1, 3, 2), 0.5))
-    deviation, correlation = add_common_error(nothing, nothing, np.zeros(1))
+    deviation, correlation = add_common_error(nothing, nothing, np.zeros((1, 2)))
     assert not deviation.any()
     assert not correlation.any()
 
@@ -63,12 +63,12 @@ def test_planted_errors_in_common_are_covered(rng):
             means[:, :2], np.ones((T, P)), means, np.zeros((T, 1)), means[:, None],
             np.tile(whole, (T, 1, 1, 1)), RESIDUAL_VARIANCE,
         )  # fmt: skip
-        found = smooth(seen, model, np.sqrt(RESIDUAL_VARIANCE), rounds=20)
+        found = smooth(seen, model, np.sqrt(RESIDUAL_VARIANCE), max_rounds=20)
         one = slice(T // 2, T // 2 + 1)
         smoothed = (found.deviation[one], found.correlation[one])
         away = (found.points - motion)[one]
         for bars, kept in (
-            (add_common_error(smoothed, parts_of(C[None]), np.zeros(1)), levels),
+            (add_common_error(smoothed, parts_of(C[None]), np.zeros((1, P))), levels),
             (smoothed, alone),
         ):
             kept.append(chdtr(3.0, mahalanobis(away / bars[0], bars[1]))[0])

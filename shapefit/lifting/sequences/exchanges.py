@@ -1,0 +1,107 @@
+"""Frames in which a detector has exchanged left and right: found by continuity in the image.
+
+Where left and right change places, the differences D = w_left - w_right of all pairs of landmarks
+change their signs from one frame to the next, and nothing else moves. For the difference D' that a
+pair had when it was last seen, and a step of the size s,
+
+    S = (nu + 2) / 2 log[(nu + ||D - D'||^2 / s^2) / (nu + ||D + D'||^2 / s^2)]
+
+is the log likelihood of an exchange, by Student's t distribution with nu degrees of freedom, which
+jumps of single landmarks do not outvote. The likeliest run of the states {as named, exchanged} has
+the largest sum of S - price over its changes (Viterbi). It says where sides change places, but not
+which of the two states is right: most frames within a second are.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import Flags, Floats
+from shapefit.lifting.sequences.smoothing import CONSTANTS
+
+DEGREES = 3.0
+"""nu."""
+
+REMEMBERED = 5
+"""Frames after which the last difference of a pair says nothing of its next one."""
+
+LEAST_STEP = 0.05
+"""s at least, in median distances of left from right: what a detector makes of a body at rest."""
+
+
+class Exchanges(NamedTuple):
+    """Which frames (t,) have their sides exchanged, and whether what is left is one run of sides.
+
+    Without `continuous` left and right change places for longer than a second, and nobody knows
+    which part of the sequence is named rightly.
+    """
+
+    exchanged: Flags
+    continuous: bool
+
+
+def find_exchanges(landmarks: Floats, pairs: NDArray[np.integer], rate: float) -> Exchanges:
+    """Find the frames of a sequence in which left and right are exchanged.
+
+    landmarks (t, 2, p), nan where hidden; pairs (q, 2) of left and right; rate, frames a second.
+    """
+    change = find_changes(landmarks, pairs)
+    state = likeliest_states(change)
+    if not state.any():
+        return Exchanges(state, continuous=True)
+    window = max(1, round(rate))
+    count = np.concatenate([[0], np.cumsum(state)])
+    t = np.arange(len(state))
+    first, last = np.maximum(t - window, 0), np.minimum(t + window + 1, len(state))
+    usual = 2 * (count[last] - count[first]) > last - first
+    exchanged = state != usual
+    left = state ^ exchanged
+    return Exchanges(exchanged, continuous=bool((left == left[0]).all()))
+
+
+def find_changes(landmarks: Floats, pairs: NDArray[np.integer]) -> Floats:
+    """Sum over the pairs of S (t,), for an exchange between each frame and the one before it."""
+    difference = landmarks[..., pairs[:, 0]] - landmarks[..., pairs[:, 1]]
+    seen: Flags = np.asarray(np.isfinite(difference).all(axis=1))
+    frame = np.where(seen, np.arange(len(seen))[:, None], -1)
+    before = np.full_like(frame, -1)
+    before[1:] = np.maximum.accumulate(frame, axis=0)[:-1]
+    known = seen & (before >= 0) & (np.arange(len(seen))[:, None] - before <= REMEMBERED)
+    D = np.where(known[:, None], difference, 0.0)
+    last = np.take_along_axis(difference, np.maximum(before, 0)[:, None], axis=0)
+    last = np.where(known[:, None], last, 0.0)
+    same, other = ((D - last) ** 2).sum(axis=1), ((D + last) ** 2).sum(axis=1)
+    least = np.where(known, np.minimum(same, other), np.nan)
+    step = np.sqrt([_median(column) for column in least.T])
+    size = np.sqrt(_median((difference**2).sum(axis=1).ravel()))
+    s2 = (
+        np.maximum(step / 1.177, max(LEAST_STEP * size, 1e-150)) ** 2
+    )  # the median of a Rayleigh variable
+    S = (DEGREES + 2) / 2 * np.log((DEGREES + same / s2) / (DEGREES + other / s2))
+    total: Floats = np.where(known, S, 0.0).sum(axis=1)
+    return total
+
+
+def likeliest_states(change: Floats) -> Flags:
+    """Return which frames (t,) are exchanged in the likeliest run of states, the first is not."""
+    gain = change - CONSTANTS.exchange_price
+    value = np.array([0.0, -np.inf])
+    came = np.zeros((len(change), 2), dtype=np.intp)
+    for t in range(1, len(change)):
+        changed = value[::-1] + gain[t]
+        came[t] = np.where(changed > value, [1, 0], [0, 1])
+        value = np.maximum(value, changed)
+    state = np.zeros(len(change), dtype=bool)
+    now = int(value[1] > value[0])
+    for t in range(len(change) - 1, -1, -1):
+        state[t] = now
+        now = int(came[t, now])
+    return state
+
+
+def _median(values: Floats) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else 0.0
