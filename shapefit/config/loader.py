@@ -24,6 +24,7 @@ from shapefit.config.model import (
     expected,
     field_at,
     field_keys,
+    listed_keys,
     marked_keys,
     meaning,
     submodel,
@@ -280,7 +281,7 @@ class _Values:
         phrase = None if field is None else expected(field)
         if phrase is None and error["type"] == "model_type" and field is not None:
             inner = submodel(field)
-            phrase = f"a mapping with the keys {', '.join(field_keys(inner))}" if inner else None
+            phrase = f"a mapping with the keys {', '.join(listed_keys(inner))}" if inner else None
         if phrase is not None:
             value: Any = self.values
             for step in own:
@@ -299,7 +300,9 @@ class _Values:
         ways |= {key: f"{above}.{key}" if above else key for key in keys}
         name = ".".join(map(str, location))
         near = _nearest(str(location[-1]), ways)
-        return f"unknown key {name!r}" + (near or f"; the keys here are {', '.join(keys)}")
+        return f"unknown key {name!r}" + (
+            near or f"; the keys here are {', '.join(listed_keys(owner))}"
+        )
 
 
 def _read_text(path: Path) -> str:

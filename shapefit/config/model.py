@@ -202,6 +202,11 @@ def is_hidden(field: FieldInfo) -> bool:
     return HIDDEN in field.metadata
 
 
+def listed_keys(model: type[BaseModel]) -> list[str]:
+    """Return the keys of a model that pages and messages list."""
+    return [key for key, field in field_keys(model).items() if not is_hidden(field)]
+
+
 def field_at(
     model: type[BaseModel], location: tuple[str | int, ...]
 ) -> tuple[type[BaseModel], tuple[str | int, ...], FieldInfo | None]:
