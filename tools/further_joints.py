@@ -37,7 +37,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import lateral_axis, mirror, rotation_onto
 from shapefit.io import ShapeSet, digests, read_dictionary, read_shapes, write_dictionary
 from shapefit.io.skeletons import FURTHER, PEOPLE, edges_of
-from shapefit.pipelines.learn_dict.from_3d import with_p_value_table
+from shapefit.pipelines.learn_dict.from_3d import FEWEST_COPIES, with_p_value_table
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
 
 JOINTS = (*PEOPLE, *FURTHER)
@@ -117,7 +117,7 @@ def training_shapes(given: ShapeSet, dictionary: Dictionary) -> Floats:
     varied = vary(
         shapes,
         find_skeleton(np.array(bones), len(names)),
-        copies=prior["copies"] or 2,
+        copies=FEWEST_COPIES,
         stretch=prior["bone_scale"],
         exchange=prior["exchange"],
         partners=np.array(partners),
