@@ -50,7 +50,7 @@ class TrackerFile(Hdf5File):
         self.last = name
         return super().stored(name)
 
-    def groups(self, group: str) -> tuple[str, ...]:
+    def groups(self, group: str = "/") -> tuple[str, ...]:
         """Return the names of the groups in a group."""
         with self.damage(group):
             node = self.root[group]

@@ -102,17 +102,17 @@ def test_pickles_that_are_not_lists_of_names_are_refused(write, problem, tmp_pat
     witness = tmp_path / "executed"
     evil = b"cos\nsystem\n(Vtouch " + str(witness).encode() + b"\ntR."
     for blob, found in (
-        (evil, "holds the opcode GLOBAL"),
-        (pickle.dumps([("a", "b", "x")], 2), "holds the opcode PROTO"),
-        (b"(dp0\n.", "holds the opcode DICT"),
-        (b"(lp999999999\n.", "it puts 999999999 names aside"),
+        (evil, "asks for os.system, which is never executed here"),
+        (pickle.dumps(np.zeros, 2), "asks for numpy"),
+        (b"(dp0\n.", "holds no list of names"),
+        (b"(lp999999999\n.", "for 0 columns"),
+        (b"(lp0\n", "holds no list of names"),
     ):
         with h5py.File(path, "a") as file:
             file["df_with_missing/table"].attrs["values_block_0_kind"] = np.bytes_(blob)
         text = problem(path)
         assert found in text
-        assert text.endswith("save it as CSV")
-        assert "@values_block_0_kind" in text
+        assert "0 columns" in text or "@values_block_0_kind" in text
     assert not witness.exists()
 
 
