@@ -21,12 +21,14 @@ def _verify(
     verbose: bool,
     as_json: bool,
 ) -> int:
-    from shapefit.config.paths import find_dictionaries
     from shapefit.pipelines.verify import Request, run
 
     report = Report("verify", "image", quiet, verbose, prints_note=True, as_json=as_json)
     path = Path(dictionary)
-    path = path if path.is_file() else find_dictionaries().get(dictionary, path)
+    if not path.is_file():
+        from shapefit.config.paths import find_dictionaries
+
+        path = find_dictionaries().get(dictionary, path)
     return report.follow(run(Request(Path(result), path, tuple(map(Path, landmarks)))))
 
 

@@ -140,7 +140,7 @@ def test_a_metric_is_a_function_and_an_entry(folder):
         "fit views.h5 -d dictionary.h5 -o result.h5",
         "fit views.h5 -d dictionary.h5 -o truth.csv",
         "eval result.h5 --truth truth.csv -o report",
-        "eval -o report --set metrics=[wort]",
+        "eval result.h5 --truth truth.csv -o report --set metrics=[wort]",
     )
     assert "found 'wort'; did you mean 'worst'?" in done.stderr
     assert "worst (steps)" in (folder / "report/report.md").read_text(encoding="utf-8")

@@ -22,8 +22,8 @@ dictionary: dictionary.h5
 output: result.h5
 method: posterior
 lambda: 0.1
-solver: {{tolerance: 0.001}}
-posterior: {{residual_variance: {RESIDUAL_VARIANCE}, outlier_rate: 0}}
+tolerance: 0.001
+prior: {{residual_variance: {RESIDUAL_VARIANCE}, scale: 1}}
 """
 
 
