@@ -1,13 +1,11 @@
 """Fixtures shared by all tests."""
 
 import fcntl
-import logging
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import count
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +13,6 @@ from hypothesis import settings
 
 from shapefit.config import load_config
 from shapefit.pipelines.learn_dict import run as learn_dict
-from shapefit.stores import use_storage_options
 from tests.world import World
 
 _numbers = count()
@@ -27,7 +24,7 @@ PROJECT = Path(__file__).resolve().parents[1]
 REAL_DATA = Path(os.environ.get("SHAPEFIT_REAL_DATA", PROJECT.parent / "shared" / "data"))
 
 
-MORE_THAN_THE_QUICK_SET_UP = {"browser", "store_address"}
+MORE_THAN_THE_QUICK_SET_UP = {"browser"}
 """Fixtures whose libraries `make test` does not install."""
 
 
@@ -95,44 +92,6 @@ def people_of_86(real_data, make_once) -> Path:
         list(learn_dict.run(load_config("learn-dict", config, arguments=arguments)))
 
     return make_once("people_of_86.h5", learn)
-
-
-@pytest.fixture(scope="session")
-def store_address() -> Iterator[str]:
-    """The address of an object store on loopback."""
-    from moto.server import ThreadedMotoServer
-
-    server = ThreadedMotoServer("127.0.0.1", 0, verbose=False)
-    logging.getLogger("werkzeug").setLevel(logging.ERROR)
-    server.start()
-    host, port = server.get_host_and_port()
-    yield f"http://{host}:{port}"
-    server.stop()
-
-
-@pytest.fixture
-def bucket(store_address, monkeypatch) -> SimpleNamespace:
-    """An empty bucket: its URL, and what a test puts into it beside the product."""
-    import s3fs
-
-    use_storage_options({})
-    monkeypatch.setenv("AWS_ENDPOINT_URL", store_address)
-    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "key-of-the-tests")
-    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret-of-the-tests")
-    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
-    files = s3fs.S3FileSystem(use_listings_cache=False)
-    name = f"bucket-{next(_numbers)}"
-    files.mkdir(name)
-    return SimpleNamespace(name=name, url=f"s3://{name}", files=files)
-
-
-@pytest.fixture
-def reopened(bucket) -> Iterator[None]:
-    """Let stores be opened anew, as this test changes their library or its environment."""
-    kind = type(bucket.files)
-    kind.clear_instance_cache()
-    yield
-    kind.clear_instance_cache()
 
 
 @pytest.fixture

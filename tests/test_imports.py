@@ -16,7 +16,7 @@ ROOMS = [
     f"shapefit.{room}"
     for room in (
         *("errors", "arrays", "threads", "core", "geometry", "convex", "dictionary", "lifting"),
-        *("evaluation", "meshes", "viewer", "stores", "config", "io", "verification"),
+        *("evaluation", "meshes", "viewer", "config", "io", "verification"),
         "pipelines",
         *("api", "cli"),
     )

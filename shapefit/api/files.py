@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from dataclasses import fields
 from os import PathLike
@@ -24,7 +23,6 @@ from shapefit.config.paths import find_dictionaries
 from shapefit.errors import input_error, listed
 from shapefit.io.formats import find_target_format
 from shapefit.io.options import InputOptions, OutputOptions
-from shapefit.stores import UrlPath, forget_copy, location
 
 File = str | PathLike[str]
 
@@ -35,7 +33,7 @@ def read_shapes(*paths: File, **options: Any) -> Shapes:
     Shapes that lack a landmark are left out. options are keys of the section `input` of the
     commands, as `rename={"LHip": "lhip"}`. Raises InputError.
     """
-    return Shapes.of(io.read_shapes([_path(path) for path in paths], _input(options)))
+    return Shapes.of(io.read_shapes([Path(path) for path in paths], _input(options)))
 
 
 def read_landmarks(*paths: File, **options: Any) -> Landmarks:
@@ -44,42 +42,42 @@ def read_landmarks(*paths: File, **options: Any) -> Landmarks:
     options are keys of the section `input` of the commands, as `keypoints="body_25"` or
     `track="nearest"`. Raises InputError.
     """
-    with io.open_landmarks([_path(path) for path in paths], _input(options)) as source:
+    with io.open_landmarks([Path(path) for path in paths], _input(options)) as source:
         return Landmarks.of(source.whole())
 
 
 def read_dictionary(path: File) -> Dictionary:
     """Read a dictionary: a file, or the installed one of that name, such as "people"."""
-    found = _path(path)
-    if not (isinstance(found, UrlPath) or found.exists()):
+    found = Path(path)
+    if not found.exists():
         found = find_dictionaries().get(str(path), found)
     return Dictionary.of(io.read_dictionary(found))
 
 
 def read_results(path: File) -> Fit:
     """Read a result; what proves it stays in the file, for `shapefit verify`."""
-    return fit_of(io.read_results(_path(path)), {})
+    return fit_of(io.read_results(Path(path)), {})
 
 
 def write_shapes(path: File, shapes: Shapes) -> None:
-    """Write shapes to HDF5, or to CSV or Parquet where the name ends in .csv or .parquet."""
-    io.write_shapes(_path(path), shape_set(shapes))
+    """Write shapes to HDF5, or to CSV where the name ends in .csv."""
+    io.write_shapes(Path(path), shape_set(shapes))
 
 
 def write_landmarks(path: File, landmarks: Landmarks) -> None:
-    """Write landmarks to HDF5, or to CSV or Parquet where the name ends in .csv or .parquet."""
-    with io.landmark_writer(_path(path)) as writer:
+    """Write landmarks to HDF5, or to CSV where the name ends in .csv."""
+    with io.landmark_writer(Path(path)) as writer:
         writer.append(landmark_set(landmarks))
 
 
 def write_dictionary(path: File, dictionary: Dictionary) -> None:
     """Write a dictionary to HDF5."""
-    io.write_dictionary(_path(path), dictionary._inside)
+    io.write_dictionary(Path(path), dictionary._inside)
 
 
 def write_results(path: File, result: Fit) -> None:
     """Write a fit as `fit -o` does: HDF5, or the format that the name ends in, such as .trc."""
-    target = _path(path)
+    target = Path(path)
     in_metres = find_target_format(target).in_metres
     options = OutputOptions(height=stated_height(result) if in_metres else None)
     with io.result_writer(target, options) as writer:
@@ -94,11 +92,3 @@ def _input(options: Mapping[str, Any]) -> InputOptions:
         if key not in known:
             raise input_error(key, "is not a key of `input`", f"use {listed(known)}")
     return InputOptions(**options)
-
-
-def _path(path: File) -> Path:
-    """Return a path, or that of a URL, of which nothing is remembered from before."""
-    found = path if isinstance(path, Path) else location(os.fspath(path))
-    if isinstance(found, UrlPath):
-        forget_copy(found)
-    return found

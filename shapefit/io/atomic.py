@@ -1,7 +1,7 @@
 """Outputs that appear whole or not at all: written beside the target, synced, renamed.
 
-A temporary is hidden, ends in `.partial` and the suffix of its target, and names the machine and
-process that write it: what a killed process left is removed by the next one that writes there.
+A temporary is hidden, has a random name that ends in `.partial` and the suffix of its target, and
+is removed on any error. What a killed process leaves is left to the user.
 """
 
 from __future__ import annotations
@@ -12,9 +12,7 @@ import os
 import re
 import secrets
 import shutil
-import socket
 import stat
-import zlib
 from collections.abc import Callable, Container, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path, PurePosixPath
@@ -229,7 +227,6 @@ def staged_files(folder: Path) -> Iterator[StagedFiles]:
     which would take most of the time: a power failure, unlike a killed process, may leave empty
     ones. Raises InputError as `StagedFiles` does.
     """
-    _sweep(folder.parent, folder.name, "")
     around = folder if folder.is_dir() else folder.parent
     with _temporary(around, folder.name, "") as staging:
         with storage_errors(folder, None):
@@ -244,23 +241,19 @@ def _sync(path: Path) -> None:
         os.fsync(written.fileno())
 
 
-# Temporaries, and what killed processes left of theirs.
-
-
 @contextmanager
 def _temporary(folder: Path, stem: str, suffix: str) -> Iterator[Path]:
     """Give a new hidden name in a folder, which is made; after it nothing is there any more.
 
-    The name tells which process made it. On any error folders that are new and empty are removed.
+    On any error folders that are new and empty are removed.
     """
     missing = [each for each in (folder, *folder.parents) if not each.exists()]
-    name = f".{_shortened(stem)}-{_machine()}-{os.getpid()}-{secrets.token_hex(3)}.partial"
-    temporary = folder / f"{name}{_shortened(suffix)}"
+    name = f".{_shortened(stem)}-{secrets.token_hex(8)}.partial{_shortened(suffix)}"
+    temporary = folder / name
     try:
         for new in reversed(missing):
             with storage_errors(new, None, "created"):
                 new.mkdir(exist_ok=True)
-        _sweep(folder, stem, suffix)
         yield temporary
     except BaseException:
         _remove(temporary)
@@ -271,40 +264,14 @@ def _temporary(folder: Path, stem: str, suffix: str) -> Iterator[Path]:
     _remove(temporary)
 
 
-def _machine() -> str:
-    """Return eight digits that tell this machine from others."""
-    return f"{zlib.crc32(socket.gethostname().encode()):08x}"
-
-
 def _shortened(name: str) -> str:
     return os.fsencode(name)[:MOST_BYTES].decode(errors="ignore")
-
-
-def _sweep(folder: Path, stem: str, suffix: str) -> None:
-    """Remove the temporaries of processes of this machine that are no more."""
-    start, end = re.escape(_shortened(stem)), re.escape(_shortened(suffix))
-    pattern = re.compile(rf"\.{start}-{_machine()}-(\d+)-[0-9a-f]{{6}}\.partial{end}")
-    with suppress(OSError):
-        for name in os.listdir(folder):
-            match = pattern.fullmatch(name)
-            if match and not _is_running(int(match[1])):
-                _remove(folder / name)
 
 
 def _remove(path: Path) -> None:
     """Remove a file or folder, if it is there and that is possible."""
     with suppress(OSError):
         path.unlink() if path.is_file() else shutil.rmtree(path)
-
-
-def _is_running(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):
-        pass
-    return True
 
 
 # What a file holds, in short.

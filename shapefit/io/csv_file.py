@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import csv
 import sys
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from io import StringIO
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit import core
 from shapefit.arrays import Floats, Integers
@@ -25,7 +24,6 @@ from shapefit.io.atomic import output_bytes, storage_errors
 from shapefit.io.checks import input_problems
 from shapefit.io.detect import Head
 from shapefit.io.inputs import (
-    BLOCK_BYTES,
     BYTE_ORDER_MARK,
     is_stream,
     read_text_blocks,
@@ -59,27 +57,13 @@ COMMA, LINE_END = b",\n"
 SAVE = "save it as CSV in UTF-8"
 
 
-class Stretch(NamedTuple):
-    """Some whole items of a CSV file: bytes of it, from `start` to before `stop`.
-
-    line       number of the first one
-    landmarks  names of all landmarks of the file, in their order
-    """
-
-    start: int
-    stop: int
-    line: int
-    landmarks: tuple[str, ...]
-
-
-def read_csv(path: Path, kind: str, *, gaps: bool = False, stretch: Stretch | None = None) -> Any:
+def read_csv(path: Path, kind: str, *, gaps: bool = False) -> Any:
     """Read `item,landmark,x,y[,confidence]` or `item,landmark,x,y,z`, each with `[,sequence]`.
 
     An empty or nan coordinate is unknown; shapes must have every landmark of every item unless
-    `gaps`. Of a `stretch` nothing else is read but the header.
+    `gaps`.
     """
-    rows = _open(path, kind, stretch)
-    return read_tidy(rows, kind, gaps=gaps, landmarks=stretch.landmarks if stretch else ())
+    return read_tidy(_open(path, kind), kind, gaps=gaps)
 
 
 def csv_kind(path: Path) -> str:
@@ -87,8 +71,8 @@ def csv_kind(path: Path) -> str:
     return "shapes" if "z" in Head(path).columns else "landmarks"
 
 
-def _open(path: Path, kind: str, stretch: Stretch | None) -> Rows:
-    """Open a table of a kind, or a stretch of it; empty rows are dropped.
+def _open(path: Path, kind: str) -> Rows:
+    """Open a table of a kind; empty rows are dropped.
 
     Where the header has spaces around its names, so have the cells, and they are taken away. Raises
     InputError for text that is not UTF-8 and for other columns than those of the kind.
@@ -105,12 +89,7 @@ def _open(path: Path, kind: str, stretch: Stretch | None) -> Rows:
     if not {*required, *optional} & set(columns):
         raise _strange_header(first.strip(), columns, required, f"{name}:1")
     check_columns(columns, kind, f"{name}:1")
-    if stretch is None:
-        texts: Iterator[tuple[int, str]] = chain([(2, rest)] if rest else [], begun)
-    else:
-        begun.close()
-        texts = read_texts(path, *stretch[:3])
-    parts = _parts(texts, len(columns), name)
+    parts = _parts(chain([(2, rest)] if rest else [], begun), len(columns), name)
 
     def blocks() -> Iterator[Block]:
         for lines, cells in parts:
@@ -159,18 +138,15 @@ def _strange_header(
     return input_error(place, f"the header is '{first[:80]}'", fix)
 
 
-def read_texts(
-    path: Path, start: int = 0, stop: int | None = None, line: int = 1
-) -> Generator[tuple[int, str], None, None]:
+def read_texts(path: Path) -> Iterator[tuple[int, str]]:
     """Yield the text of standard input, a pipe or a file, whole lines and the first one's number.
 
-    Of a file a part, which begins with this line. Lines that end in CR alone, as on old Macs, get
-    the line ends of today. Raises InputError as `read_text_blocks` does, and for text that is not
-    UTF-8.
+    Lines that end in CR alone, as on old Macs, get the line ends of today. Raises InputError as
+    `read_text_blocks` does, and for text that is not UTF-8.
     """
     name = source_name(path)
-    first, rest, old = line, b"", False
-    for number, block in enumerate(read_text_blocks(path, start, stop)):
+    line, rest, old = 1, b"", False
+    for number, block in enumerate(read_text_blocks(path)):
         if number == 0:
             block = block.removeprefix(BYTE_ORDER_MARK)
             old = b"\r" in block and b"\n" not in block
@@ -183,7 +159,7 @@ def read_texts(
         if end:
             yield line, _decode(data[:end], line, name)
             line += data.count(b"\n", 0, end)
-    if rest or line == first:
+    if rest or line == 1:
         yield line, _decode(rest, line, name)
 
 
@@ -249,93 +225,6 @@ def _bad_line(place: str, error: csv.Error) -> InputError:
     if "unexpected end" in str(error):
         return input_error(place, "a quote is never closed", QUOTES)
     return input_error(place, f"a bad cell ({error})", f"check the quotes around it: {QUOTES}")
-
-
-# Dividing.
-
-INDEXED, WIDEST = 1 << 22, 256
-"""Bytes that are looked at together, and those of a name at most."""
-
-
-class Index(NamedTuple):
-    """Where items of a CSV file begin: bytes and lines of every `each`-th, and of the end.
-
-    size is the number of all items; landmarks are the names of all, in their order.
-    """
-
-    size: int
-    starts: Integers
-    lines: Integers
-    landmarks: tuple[str, ...]
-
-
-def index_items(path: Path, each: int) -> Index | None:
-    """Return where every `each`-th item of a file begins, without reading its numbers.
-
-    None where that is not plain: with quotes, empty rows, or rows of an item that are apart.
-    """
-    starts, lines, hashes = list[Integers](), list[Integers](), list[int]()
-    landmarks: dict[bytes, None] = {}
-    with path.open("rb") as file:
-        first = file.readline(BLOCK_BYTES).removeprefix(BYTE_ORDER_MARK)
-        header = first.rstrip().split(b",")
-        if not (first.endswith(b"\n") and {b"item", b"landmark"} <= set(header[:-1])):
-            return None
-        own = [header.index(name) for name in (b"item", b"landmark")]
-        start, line, last = file.tell(), 2, b""
-        for text in _whole_lines(file):
-            cells = _cells_in(text, len(header), own)
-            if cells is None:
-                return None
-            begins, items, own_names = cells
-            fresh = np.flatnonzero(items != np.append(np.array([last]), items[:-1]))
-            starts.append(start + begins[fresh])
-            lines.append(line + fresh)
-            hashes += map(hash, items[fresh].tolist())
-            landmarks |= dict.fromkeys(own_names.tolist())
-            start, line, last = start + len(text), line + len(items), items[-1]
-    try:
-        names = tuple(name.decode() for name in landmarks)
-    except UnicodeDecodeError:
-        return None
-    if len(np.unique(hashes)) < len(hashes):
-        return None
-    begun = [np.concatenate([np.empty(0, np.int64), *every])[::each] for every in (starts, lines)]
-    return Index(len(hashes), np.append(begun[0], start), np.append(begun[1], line), names)
-
-
-def _whole_lines(file: BinaryIO) -> Iterator[bytes]:
-    rest = b""
-    while block := file.read(INDEXED):
-        text, end, rest = (rest + block).rpartition(b"\n")
-        if end:
-            yield text + end
-    if rest:
-        yield rest + b"\n"
-
-
-def _cells_in(text: bytes, width: int, own: Sequence[int]) -> list[NDArray[Any]] | None:
-    """Return where lines begin, and their cells in two columns; None where lines are not plain."""
-    if b'"' in text or (b"\r" in text and text.count(b"\r") > text.count(b"\r\n")):
-        return None
-    letters = np.frombuffer(text + bytes(WIDEST), np.uint8)
-    ends, commas = np.flatnonzero(letters == LINE_END), np.flatnonzero(letters == COMMA)
-    if len(commas) != len(ends) * (width - 1):
-        return None
-    edges = np.column_stack([np.append(-1, ends[:-1]), commas.reshape(len(ends), width - 1)])
-    if (edges[:, -1] > ends).any() or (edges[:, 1] < edges[:, 0]).any():
-        return None
-    found = [edges[:, 0] + 1]
-    windows = np.lib.stride_tricks.sliding_window_view(letters, WIDEST)
-    for column in own:
-        first = edges[:, column] + 1
-        lengths = edges[:, column + 1] - first
-        longest = int(lengths.max())
-        if not 0 < int(lengths.min()) <= longest <= WIDEST:
-            return None
-        cells = np.where(np.arange(longest) < lengths[:, None], windows[first, :longest], 0)
-        found.append(cells.view(f"S{longest}").ravel())
-    return found
 
 
 # Writing.

@@ -63,18 +63,15 @@ def require_file(path: Path) -> None:
         raise input_error(path, "is empty (0 bytes)", "make or copy the file again")
 
 
-def read_text_blocks(path: Path, start: int = 0, stop: int | None = None) -> Iterator[bytes]:
-    """Yield the bytes of standard input, a pipe or a file, block by block; of a file a part.
+def read_text_blocks(path: Path) -> Iterator[bytes]:
+    """Yield the bytes of standard input, a pipe or a file, block by block.
 
     Raises InputError where there are none, and where they are HDF5.
     """
     if is_stream(path) and sys.stdin is None:
         raise input_error(source_name(path), "is closed", "send data there, or name a file")
     with nullcontext(sys.stdin.buffer) if is_stream(path) else path.open("rb") as file:
-        if start:
-            file.seek(start)
-        left = sys.maxsize if stop is None else stop - start
-        block = file.read(min(BLOCK_BYTES, left))
+        block = file.read(BLOCK_BYTES)
         if not block:
             fix = "write a CSV with a header line"
             raise input_error(source_name(path), "is empty (0 bytes)", fix)
@@ -83,8 +80,7 @@ def read_text_blocks(path: Path, start: int = 0, stop: int | None = None) -> Ite
             raise input_error(source_name(path), found, "name the file itself, or send CSV")
         while block:
             yield block
-            left -= len(block)
-            block = file.read(min(BLOCK_BYTES, left))
+            block = file.read(BLOCK_BYTES)
 
 
 def read_whole(path: Path) -> bytes:

@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, Self
+from typing import Any, Generic, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,9 +32,6 @@ from shapefit.io.readers.items import keep_landmarks, size_needed
 from shapefit.io.readers.poses import are_fractions
 from shapefit.io.records import LandmarkSet, Record, ResultSet, ShapeSet, concatenate
 
-if TYPE_CHECKING:
-    from shapefit.io.csv_file import Stretch
-
 PROOFS = frozenset(PROOF)
 """Datasets of results that stay in the file unless they are asked for."""
 
@@ -58,7 +55,7 @@ GAP = 1 << 10
 def open_landmarks(
     paths: Sequence[Path],
     options: InputOptions = AS_THEY_ARE,
-    rows: slice | Stretch | None = None,
+    rows: slice | None = None,
     *,
     selects: bool = False,
     check: bool = True,
@@ -69,7 +66,7 @@ def open_landmarks(
     wrong with a file, for items that occur twice, and for files that do not go together (other
     units, directions of y, frame rates, or further datasets), and for names of landmarks to rename
     that no file has. HDF5 is read a batch at a time, all else whole. `rows` are those of the one
-    HDF5 or CSV file that are given out: nothing else of it is read. Without `check` nothing but
+    HDF5 file that are given out: nothing else of it is read. Without `check` nothing but
     heads is read of HDF5, and values and names are believed. The caller `selects` the individual
     in files of ours, or it is refused there.
     """
@@ -425,9 +422,7 @@ def _open(
             file = _open_hdf5(path, form, gaps, most_held, **how)
             return _hiding(file, options.min_confidence)
         assert known.read_records is not None
-        rows = how.get("rows")
-        part = {} if rows is None or isinstance(rows, slice) else {"stretch": rows}
-        records = known.read_records(path, form.kind, gaps=gaps, **part)
+        records = known.read_records(path, form.kind, gaps=gaps)
     if form is SHAPES:
         check_magnitudes(name, records.shapes, records.items, records.landmark_names)
     elif form is LANDMARKS:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from itertools import count
@@ -122,14 +122,14 @@ def check_columns(columns: Sequence[str], kind: str, place: str) -> None:
         raise input_problems(told)
 
 
-def read_tidy(rows: Rows, kind: str, *, gaps: bool = False, landmarks: Iterable[str] = ()) -> Any:
+def read_tidy(rows: Rows, kind: str, *, gaps: bool = False) -> Any:
     """Return the records of a table: items and landmarks in order of appearance.
 
-    `landmarks` are known before. A landmark that has no row or lacks a coordinate is NaN, its
+    A landmark that has no row or lacks a coordinate is NaN, its
     confidence 0; shapes need all unless `gaps`. Raises InputError for the first wrong cells, by
     line.
     """
-    table = _Table(rows, kind, gaps, landmarks)
+    table = _Table(rows, kind, gaps)
     for block in rows.blocks:
         table.take(block)
     items, names = table.names("item"), table.names("landmark")
@@ -187,7 +187,7 @@ class _Grid:
 class _Table:
     """The arrays of a table while its blocks come in."""
 
-    def __init__(self, rows: Rows, kind: str, gaps: bool, landmarks: Iterable[str]) -> None:
+    def __init__(self, rows: Rows, kind: str, gaps: bool) -> None:
         self.axes = ("x", "y") if kind == "landmarks" else ("x", "y", "z")
         self.finite = kind == "shapes" and not gaps
         self.lines = _Grid(rows.name, 2, 0, np.uint32)  # of each item and landmark; 0 is none
@@ -197,8 +197,6 @@ class _Table:
         self._rows, self._fix = rows, FIXES["gaps" if gaps else kind]
         texts = ("item", "landmark", "sequence")
         self._numbers = {text: defaultdict[str, int](count().__next__) for text in texts}
-        for name in landmarks:
-            _ = self._numbers["landmark"][name]  # which gives it the next number
         self._told: list[tuple[int, str]] = []
 
     def names(self, column: str) -> tuple[str, ...]:

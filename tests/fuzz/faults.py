@@ -142,10 +142,9 @@ class Bench:
         if hidden and not killed:
             return f"{word}: leaves {sorted(hidden)}"
         if killed:
-            # The next run removes what this one left, and puts back what it was replacing.
+            # The next run puts back what this one was replacing.
             again, _ = self._run(self._command)
-            left = [name for name in content(out) if ".partial" in name]
-            return f"{word}: the next run ends with {again}, leaves {left}" if again or left else ""
+            return f"{word}: the next run ends with {again}" if again else ""
         names = self._old.keys() | self._new
         states = {self._state(name, found.get(name)) for name in names} - {"same"}
         # The files of a folder move there one by one, each whole, after what stands beside it.
