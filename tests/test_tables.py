@@ -100,7 +100,7 @@ def test_a_method_is_a_file_and_an_entry(folder):
         "eval result.h5 --truth truth.csv -o report --set plots=false",
     )
     with h5py.File(folder / "views.h5") as views, h5py.File(folder / "result.h5") as result:
-        assert result.attrs["method"] == b"flat"
+        assert result.attrs["method"] == "flat"
         np.testing.assert_allclose(result["landmarks_fitted"], views["landmarks"], atol=1e-12)
         assert not result["shapes"][:, :, 2].any()
         np.testing.assert_array_equal(result["flatness"], np.full((5, 2), 0.5))
@@ -222,7 +222,7 @@ def test_a_format_is_a_file_and_an_entry(folder):
     for name in ("points", "txt"):
         with h5py.File(folder / f"{name}.h5") as result:
             np.testing.assert_array_equal(result["landmarks"], views)
-            assert result.attrs["y_axis"] == b"down"
+            assert result.attrs["y_axis"] == "down"
     assert (folder / "again.points").read_text(encoding="utf-8").startswith("POINTS a b c d e f")
     for line, told in (
         ("fit views.h5 -d dictionary.h5 -o result.points",
