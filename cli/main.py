@@ -34,7 +34,7 @@ PIPE_CLOSED = 128 + signal.SIGPIPE
     epilog="""\b
 Exit codes:
   0  everything succeeded
-  1  finished, but some items failed (they are listed)
+  1  finished, but some items failed (they are listed), or none was there
   2  bad usage, config or input
   3  internal error (--traceback shows where)
 

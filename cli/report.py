@@ -46,6 +46,7 @@ class Report:
     most_untrusted: float | None = None
     done: int = 0
     failed: int = 0
+    total: int | None = None
     note: str = ""
     written: list[Path] = field(default_factory=list)
     data: Callable[[], Any] = lambda: None
@@ -102,6 +103,7 @@ class Report:
         self.done += outcome.done
         self.unit = outcome.unit or self.unit
         self.failed += len(outcome.failures)
+        self.total = self.total if outcome.total is None else outcome.total
         self._failures += outcome.failures[: self._most_listed - len(self._failures)]
         self._unlisted_warnings += add_up(self._warnings, outcome.warnings, self._most_listed)
         add_up(self._doubts, (d if self.verbose else replace(d, items=()) for d in outcome.doubts))
@@ -116,8 +118,8 @@ class Report:
 
     @property
     def exit_code(self) -> int:
-        """Return 0 if no item failed, and not too many are not to be trusted, otherwise 1."""
-        return 1 if self.failed or self._too_few_trusted else 0
+        """Return 0 if no item failed, one was there, and enough are to be trusted, otherwise 1."""
+        return 1 if self.failed or self.total == 0 or self._too_few_trusted else 0
 
     @property
     def _untrusted(self) -> dict[str, int]:

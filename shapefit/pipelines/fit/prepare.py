@@ -34,7 +34,14 @@ from shapefit.pipelines.fit.camera import (
     straightened,
 )
 from shapefit.pipelines.fit.checks import check_bars, check_sides, check_skeleton
-from shapefit.pipelines.fit.lift import Lifter, check_items, check_needs, lifter_of, load_steps
+from shapefit.pipelines.fit.lift import (
+    Lifter,
+    check_items,
+    check_needs,
+    lifter_of,
+    load_steps,
+    weigh,
+)
 from shapefit.pipelines.fit.sample import choose_scale, choose_skeleton, draw_sample
 from shapefit.pipelines.joints import MEANS, LandmarkMap, Matched, find_dependents, match_names
 
@@ -178,8 +185,9 @@ def estimate(
         return Estimates(values, tuple(lines))
     bars, of_bars = read_bar_scale(config)
     config = config.changed(camera=camera, prior=bars)
-    sample = draw_sample(images(), matched)
     lifter = replace(lifter_of(config, matched.dictionary), method="posterior")
+    visible = np.flatnonzero(weigh(images(), lifter).any(axis=1))  # the others say nothing
+    sample = draw_sample(images().take(visible), matched)
     mapped = map_landmarks(config, matched)
 
     skeleton, of_skeleton = choose_skeleton(config.skeleton, mapped, sample, lifter)

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from shapefit.cli.main import run
 
 from shapefit.config import FitConfig
 from shapefit.dictionary.mixture import Mixture
@@ -227,3 +228,16 @@ def test_a_dataset_of_the_file_stays_one_where_the_files_agree(rng, focal):
     joined = _joined([images("p", 900.0), images("q", focal)], ["focal"])
     assert joined.whole.keys() == ({"focal"} if focal == 900 else set())
     assert np.unique(joined.columns["focal"]).tolist() == sorted({900.0, focal})
+
+
+@pytest.mark.parametrize("people", [0, 1])
+def test_nothing_that_could_be_seen_ends_with_1_and_without_warnings_of_numpy(
+    tmp_path, recwarn, people
+):
+    """A detector that found nobody, and one that was sure of nobody."""
+    for frame in range(6):
+        body = {"pose_keypoints_2d": [300.0 + 9 * frame, 200.0, 0.05] * 25}
+        text = json.dumps({"version": 1.3, "people": [body] * people})
+        (tmp_path / f"f_{frame:04d}.json").write_text(text)
+    assert run(["fit", str(tmp_path), "-d", "people", "-o", str(tmp_path / "o.h5"), "-q"]) == 1
+    assert [str(each.message) for each in recwarn if each.category is RuntimeWarning] == []
