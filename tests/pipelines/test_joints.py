@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shapefit.config.paths import find_dictionary
-from shapefit.dictionary.model import mapped
+from shapefit.dictionary.model import Dictionary, mapped
 from shapefit.errors import InputError
 from shapefit.io import (
     LandmarkSet,
@@ -16,11 +16,9 @@ from shapefit.pipelines.joints import (
     MEANS,
     check_enough,
     find_joints,
-    find_unknown,
     left_out_landmarks,
-    name_warnings,
+    match_names,
     named_as_joints,
-    of_files,
 )
 from tests.pipelines.fitted import fit_images
 
@@ -69,7 +67,7 @@ def lift(tmp_path):
 def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     images, lift, people, skeleton, tmp_path
 ):
-    people = of_files(people, skeleton.landmark_names)
+    people = match_names(skeleton.landmark_names, people, "here").dictionary
     names, p = people.landmark_names, len(people.landmark_names)
     joints = find_joints(skeleton.landmark_names, names)
     A = joints.matrix(MEANS)
@@ -91,7 +89,7 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     covariance = direct.columns["shape_covariance"].reshape(len(images), p, 3, p, 3)
     expected = np.einsum("ij,njaka,ik->nia", back, covariance, back)
     np.testing.assert_allclose(found.shape_sd.swapaxes(1, 2), np.sqrt(expected), rtol=1e-4)
-    assert "landmarks taken for joints of people" in last.note
+    assert "keypoints" in last.note
 
 
 def test_joints_are_as_far_apart_as_the_landmarks_that_stand_for_them(people):
@@ -131,7 +129,8 @@ def test_planted_parameters_are_found(images, lift, head, hips):
     """Within 10%: a body of any build may have either."""
     theta = {"head": head, "hips": hips}
     _, last = lift(as_detected(images, BODY, theta))
-    found = dict(part.split()[:2] for part in last.note.split("skeleton: ")[1].split(", ")[:2])
+    factors = last.note.split("of the detector: ")[1].split(", ")[:2]
+    found = {name: factor for name, _, factor, *_ in map(str.split, factors)}
     assert float(found["head"]) == pytest.approx(head, rel=0.1)
     assert float(found["hips"]) == pytest.approx(hips, rel=0.1)
 
@@ -142,7 +141,7 @@ def test_feet_hands_and_spine_are_there_where_files_mark_them(people):
     hands = {"rhand", "lhand"}
     marked = {"coco_17": set(), "h36m_17": {"spine"}, "mediapipe_33": feet | hands}
     for skeleton in installed_skeletons().values():
-        part = of_files(people, skeleton.landmark_names)
+        part = match_names(skeleton.landmark_names, people, "here").dictionary
         assert set(part.landmark_names) - set(PEOPLE) == marked.get(skeleton.name, feet)
         rows = [people.landmark_names.index(name) for name in part.landmark_names]
         np.testing.assert_array_equal(part.atoms, people.atoms[..., rows])
@@ -157,7 +156,7 @@ def test_feet_hands_and_spine_are_there_where_files_mark_them(people):
 
 
 def test_only_one_toe_keeps_its_foot(people):
-    part = of_files(people, (*PEOPLE, "lheel"))
+    part = match_names((*PEOPLE, "lheel"), people, "here").dictionary
     assert part.landmark_names == (*PEOPLE, "lheel", "lball", "ltoe")
 
 
@@ -204,10 +203,9 @@ def test_which_names_stand_for_joints(own, known, expected):
     assert find_joints(own, known).names == expected
 
 
-def test_three_names_that_match_are_enough():
-    own = ("rhip", "lhip", "head", "LKnee")
-    check_enough(own, PEOPLE, "here")
-    assert find_unknown(own, PEOPLE) == ["LKnee"]
+def test_three_names_that_match_are_enough(people):
+    own = ("rhip", "lhip", "head", "fin")
+    assert match_names(own, people, "here").unknown == ["fin"]
     check_enough(("rhip",), PEOPLE, "here")
     check_enough((), PEOPLE, "here")
 
@@ -234,9 +232,10 @@ def test_names_that_do_not_match_are_told(own, found):
         check_enough(own, PEOPLE, "here")
 
 
-def test_no_hint_at_a_name_that_the_file_has_itself():
-    own = ("a1", "b", "c", "finger1", "finger3")
-    (warning,) = name_warnings(own, ("a1", "b", "c", "finger1"))
+def test_no_hint_at_a_name_that_the_file_has_itself(rng):
+    own, known = ("a1", "b", "c", "finger1", "finger3"), ("a1", "b", "c", "finger1")
+    atoms = rng.standard_normal((1, 3, 4))
+    (warning,) = match_names(own, Dictionary(atoms, known, atoms[0]), "here").warnings(own)
     assert "finger3" in warning
     assert "rename" not in warning
 

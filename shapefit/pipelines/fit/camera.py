@@ -92,7 +92,7 @@ def choose_camera(
     if calibrated:
         return {"focal": "files"}, "perspective, of the calibration"
     if given.focal == "files":
-        return {}, f"perspective, `{CAMERA_MATRIX}` of the files"
+        return take_measured(config, first())
     if isinstance(given.focal, float | int):
         centre = given.principal_point or find_centre(config, first())
         line = f"focal length {given.focal:.5g} px, principal point {centre[0]:g}, {centre[1]:g}"
@@ -101,7 +101,7 @@ def choose_camera(
         return WEAK, "weak perspective, by which the class was learned"
     images = first()
     if CAMERA_MATRIX in images.columns:
-        return take_measured(images)
+        return take_measured(config, images)
     if images.unit not in (*PIXELS, UNKNOWN_UNIT):
         return WEAK, f"weak perspective: landmarks are in {images.unit}, not in pixels"
     size = find_size(config, images)
@@ -118,17 +118,23 @@ def choose_camera(
     return {"focal": focal, "principal_point": (width / 2, height / 2)}, line
 
 
-def take_measured(images: LandmarkSet) -> tuple[dict[str, Any], str]:
-    """Take the camera matrix of the images; of one with a skew, what is left without it."""
+def take_measured(config: FitConfig, images: LandmarkSet) -> tuple[dict[str, Any], str]:
+    """Take the camera matrix of the images; of one with a skew, what is left without it.
+
+    Where it holds focal lengths alone, the principal point is the centre of the image.
+    """
     line = f"perspective, `{CAMERA_MATRIX}` of the files"
-    K = np.asarray(images.columns[CAMERA_MATRIX])
+    K = np.asarray(images.columns.get(CAMERA_MATRIX, np.nan))
     finite = K.shape == (3, 3) and K.dtype.kind in "iuf" and bool(np.isfinite(K).all())
     if finite and K[0, 1] != 0 and (np.diag(K)[:2] > 0).all():
         focal, centre = float(np.sqrt(K[0, 0] * K[1, 1])), (float(K[0, 2]), float(K[1, 2]))
         camera = {"focal": focal, "principal_point": centre}
         return camera, f"{line} without its skew: focal length {focal:.0f} px"
     read_intrinsics(images, CAMERA_MATRIX)
-    return {"focal": "files"}, line
+    camera: dict[str, Any] = {"focal": "files"}
+    if K.ndim < 2 and config.camera.principal_point is None:
+        camera["principal_point"] = find_centre(config, images)
+    return camera, line
 
 
 def find_centre(config: FitConfig, images: LandmarkSet) -> tuple[float, float]:

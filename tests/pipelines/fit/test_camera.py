@@ -84,6 +84,12 @@ SMALL, LARGE = box(60, 80, n=3), 4 * box(n=1)
         (images(camera_matrix=MATRIX, image_size=SIZE), {}, OF_FILES, "of the files"),
         (images(camera_matrix=MATRIX), {"focal": "files"}, OF_FILES, "of the files"),
         (
+            images(camera_matrix=np.array(1674.0), image_size=SIZE),
+            {"focal": "files"},
+            Intrinsics(centre=CENTRE, dataset="camera_matrix"),
+            "of the files",
+        ),
+        (
             images(camera_matrix=MATRIX + SKEW),
             {},
             Intrinsics(np.sqrt(2500 * 2600), (900, 500)),
@@ -107,6 +113,7 @@ def test_the_camera(seen, keys, expected, said):
         (images(), {"focal": 1674}),
         (images(), {"focal": 1674, "method": "convex+refine"}),
         (images(per_item=MIXED), {"focal": 1674}),
+        (images(camera_matrix=np.array(1674.0)), {"focal": "files"}),
     ],
 )
 def test_a_focal_length_without_a_size_asks_for_it(seen, keys):

@@ -4,13 +4,12 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.config.commands.fit import CameraConfig
 from shapefit.convex.solver import Status
 from shapefit.errors import InputError
 from shapefit.geometry.pinhole import Camera
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io import LandmarkSet, read_shapes, write_dictionary
-from shapefit.pipelines.fit.camera import find_camera
+from shapefit.pipelines.fit.camera import Intrinsics, find_camera
 from shapefit.pipelines.fit.report import all_aside
 from tests.io.files import load
 from tests.pipelines.told import failures, warnings
@@ -30,8 +29,9 @@ def images(y_axis="down", **extras):
     )
 
 
-def camera(images, focal="files", **keys):
-    return find_camera(images, CameraConfig(focal=focal, **keys))
+def camera(images, focal=None, centre=None):
+    dataset = "camera_matrix" if focal is None else None
+    return find_camera(images, Intrinsics(focal or 0.0, centre, dataset))
 
 
 EACH = MATRIX * np.array([1, 2, 3, 4])[:, None, None]
@@ -49,7 +49,7 @@ ASIDE = np.array([[800.0, 2e-3, -5000], [0, 810, 240], [0, 0, 1]])
         (np.array([700.0]), {}, [700, 700], [0, 0]),
         (np.full(N, 700.0), {}, [700, 700], [0, 0]),
         (MATRIX, {}, [800, 810], [320, 240]),
-        (MATRIX, {"principal_point": (1.0, 2.0)}, [800, 810], [1, 2]),
+        (MATRIX, {"centre": (1.0, 2.0)}, [800, 810], [1, 2]),
         (EACH, {}, EACH[:, [0, 1], [0, 1]], EACH[:, :2, 2]),
         (ASIDE, {}, [800, 810], [-5000, 240]),
     ],

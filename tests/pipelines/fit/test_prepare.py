@@ -13,9 +13,7 @@ from shapefit.io import LandmarkSet, read_dictionary
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.pipelines.fit.run import run
 from shapefit.pipelines.partition.run import run as run_parts
-from tests.cli.conftest import run_in
 from tests.io.files import save
-from tests.pipelines.told import texts
 
 SIZE = np.array([1920.0, 1080.0])
 
@@ -128,7 +126,7 @@ def test_two_recordings_in_one_run_and_in_parts_are_the_same_bits(halves, tmp_pa
     told = fit(inputs, f"{tmp_path}/parts/", partition=10, **keys)
     assert len(list((tmp_path / "parts").glob("part-*"))) == 2
     np.testing.assert_array_equal(shapes_in(tmp_path / "parts"), shapes_in(tmp_path / "one.h5"))
-    lines = [outcome.line for outcome in told if "perspective camera" in outcome.line]
+    lines = [outcome.line for outcome in told if outcome.line.startswith("camera:")]
     assert len(lines) == 1
 
 
@@ -181,21 +179,6 @@ def test_a_measured_camera_is_obeyed(bodies, tmp_path):
     np.testing.assert_array_equal(centre, np.tile([980.0, 530.0], (40, 1)))
 
 
-def test_evidence_against_a_measured_camera_is_said(bodies, tmp_path):
-    seen = {"focal": 900.0, "distance": 8.0}
-    for focal, warned in ((900.0, False), (150.0, True)):
-        matrix = np.array([[focal, 0, 960], [0, focal, 540], [0, 0, 1]])
-        images = frames(bodies, camera_matrix=matrix, image_size=SIZE, **seen)
-        save(tmp_path / "views.h5", images)
-        said = [text for text in texts(fit(tmp_path / "views.h5", tmp_path / "result.h5"))
-                if "speak against the measured camera" in text]  # fmt: skip
-        assert bool(said) == warned
-        if warned:
-            assert "in place of 150 px" in said[0]
-            assert "model: perspective" in said[0]
-        assert (focal_of(tmp_path / "result.h5")[0] == focal).all()
-
-
 def test_half_of_the_frames_have_the_shapes_of_all(bodies, tmp_path):
     """The size of the image is not guessed from how far landmarks reach."""
     for name, rows in (("all", slice(None)), ("half", slice(0, 20))):
@@ -204,20 +187,3 @@ def test_half_of_the_frames_have_the_shapes_of_all(bodies, tmp_path):
     whole, half = (shapes_in(tmp_path / f"{name}_result.h5") for name in ("all", "half"))
     size = np.ptp(whole, axis=2).max()
     assert np.abs(whole[:20] - half).max() < 1e-3 * size
-
-
-def test_dictionaries_that_are_not_of_people_get_no_assumed_size(tmp_path, dictionary, images):
-    animals = images.replaced(landmarks=images.landmarks * 4, further={})  # 80 px at 400, 200
-    save(tmp_path / "views.h5", animals)
-    told = fit(tmp_path / "views.h5", tmp_path / "result.h5", dictionary)
-    with h5py.File(tmp_path / "result.h5") as file:
-        assert "focal" not in file
-    assert told
-
-
-def test_the_command_says_what_it_assumes(bodies, tmp_path):
-    save(tmp_path / "views.h5", frames(bodies))
-    done = run_in(tmp_path, "fit", "views.h5", "-d", "people", "-o", "result.h5")
-    assert done.returncode == 0
-    for words in ("focal length 2112 px assumed", "1920 x 1080", "set `image_size`"):
-        assert words in done.stderr

@@ -31,7 +31,7 @@ from tests.pipelines.partition.made import same_bits as same_results
 
 BIN = Path(sys.executable).parent
 PARTS, SIZE = 10, 128
-SLOW = ("--set", "method=alternate", "--set", "alternation.views=1000")
+SLOW = ("--set", "method=global", "--set", "tolerance=1e-3")
 LIMIT = 60
 ROOM = 20_000
 """Bytes that a worker without room can write to a file; results are longer."""
