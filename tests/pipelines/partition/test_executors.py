@@ -30,8 +30,8 @@ from tests.pipelines.partition.made import entries, make_dictionary, make_images
 from tests.pipelines.partition.made import same_bits as same_results
 
 BIN = Path(sys.executable).parent
-PARTS, SIZE = 10, 128
-SLOW = ("--set", "method=global", "--set", "tolerance=1e-3")
+PARTS, SIZE = 10, 1024
+SLOW = ("--set", "method=alternate")
 LIMIT = 60
 ROOM = 20_000
 """Bytes that a worker without room can write to a file; results are longer."""
