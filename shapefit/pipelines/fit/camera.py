@@ -128,8 +128,8 @@ def take_measured(config: FitConfig, images: LandmarkSet) -> tuple[dict[str, Any
     finite = K.shape == (3, 3) and K.dtype.kind in "iuf" and bool(np.isfinite(K).all())
     if finite and K[0, 1] != 0 and (np.diag(K)[:2] > 0).all():
         focal, centre = float(np.sqrt(K[0, 0] * K[1, 1])), (float(K[0, 2]), float(K[1, 2]))
-        camera = {"focal": focal, "principal_point": centre}
-        return camera, f"{line} without its skew: focal length {focal:.0f} px"
+        skewless = {"focal": focal, "principal_point": centre}
+        return skewless, f"{line} without its skew: focal length {focal:.0f} px"
     read_intrinsics(images, CAMERA_MATRIX)
     camera: dict[str, Any] = {"focal": "files"}
     if K.ndim < 2 and config.camera.principal_point is None:

@@ -189,7 +189,7 @@ class TestProcesses:
         monkeypatch.setenv("PYTHONPATH", str(tmp_path))
         monkeypatch.chdir(data)
         arguments = {"landmarks": ("views.h5",), "dictionary": "dict.h5", "output": "deadly/"}
-        config = load_config("fit", None, (f"partition={SIZE}",), arguments)
+        config = load_config("fit", None, ("method=alternate", f"partition={SIZE}"), arguments)
         Path("deadly").mkdir()
         parts = plan_parts(config)[:3]
         jobs = deque(Job(part, config, Path("deadly").absolute()) for part in parts)
