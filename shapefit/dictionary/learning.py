@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.dictionary.coding import duality_gaps, flat, objectives, sparse_code
 from shapefit.geometry.normalisation import spread
@@ -93,18 +92,14 @@ def update_atoms(
     projection of its unconstrained minimum on the ball, so no step raises the objective. Atoms that
     no shape uses stay as they are. Source: Mairal et al. 2010, algorithm 2.
     """
-    B = np.array(atoms, dtype=np.float64, order="C")
-    overlaps, pulls = np.zeros((len(B), len(B))), np.zeros(B.shape)  # C^T C and C^T S
-    core.add_products(
-        shapes=flat(shapes),
-        coefficients=np.ascontiguousarray(coefficients, dtype=np.float64),
-        overlaps=overlaps,
-        pulls=flat(pulls),
-    )
-    core.update_atoms(
-        overlaps=overlaps, pulls=flat(pulls), atoms=flat(B), bound=bound, sweeps=sweeps
-    )
-    return B
+    A, D = coefficients.T @ coefficients, coefficients.T @ flat(shapes)
+    B = np.array(flat(atoms))
+    used = np.flatnonzero(A.diagonal() > 0)
+    for _ in range(sweeps):
+        for i in used:
+            one = B[i] + (D[i] - A[i] @ B) / A[i, i]
+            B[i] = one * (bound / max(float(np.linalg.norm(one)), bound))
+    return B.reshape(atoms.shape)
 
 
 def replace_dead_atoms(shapes: Floats, coefficients: Floats, atoms: Floats) -> Floats:

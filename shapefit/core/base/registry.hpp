@@ -35,7 +35,7 @@ struct AnyArray {
     long size[4] = {};
 };
 
-// How the work on an image ended, in the order of `Status` in convex/solution.py.
+// How the work on an image ended, in the order of `Status` in convex/solver.py.
 struct Status {
     enum : int64_t { OPTIMAL, CONVERGED, ITERATION_LIMIT, DEGENERATE, NUMERICAL_FAILURE };
 };

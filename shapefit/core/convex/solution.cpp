@@ -199,7 +199,7 @@ class StretchSolver {
         active_ = {workspace_.zeros<int64_t>(padded_ + 1), numbers(6 * padded_)};
         last_weights_ = workspace_.vector<double>(p_);
         rho_ = workspace_.vector<double>(p_);
-        bounds_ = numbers(p_), ones_ = numbers(p_), row_ = numbers(p_);
+        bounds_ = numbers(p_), ones_ = numbers(p_);
         w_ = numbers(2 * p_), Y_ = numbers(2 * p_);
         iterate_ = {numbers(6 * padded_), numbers(2 * p_)};
         last_ = {numbers(6 * padded_), numbers(2 * p_)};
@@ -437,7 +437,7 @@ class StretchSolver {
     SparseErrors errors_;
     Room room_;
     Vector<double> last_weights_, rho_;
-    double *bounds_, *ones_, *row_, *w_, *Y_;
+    double *bounds_, *ones_, *w_, *Y_;
     Iterate iterate_;
     Memory last_, before_;
     ActiveList active_;

@@ -70,7 +70,6 @@ class Banded {
           R_(workspace.zeros<double>(D_ * E_)),
           W_(workspace.zeros<double>(3 * D_ * D_)),
           products_(workspace.zeros<double>(E_ * E_)),
-          mixed_(workspace.zeros<double>(E_)),
           work_(workspace.zeros<double>(8 * D_ * D_)) {}
 
     // Factor the Hessian of the frames at a place, `damping` added to its diagonal, and take the
@@ -95,7 +94,7 @@ class Banded {
     long t_, D_, E_;
     double *V_, *N_, *F_;  // (t, D, D), (t, D, D), V (R - ...) (t, D, E)
     double *S_, *R_, *W_;  // of the frame at work; W of this frame and the two before
-    double *products_, *mixed_, *work_;
+    double *products_, *work_;
 };
 
 }  // namespace shapefit
