@@ -55,7 +55,7 @@ def sections(folder: Path) -> list[str]:
 def read(path: Path) -> tuple[Floats, Floats | None]:
     """Return objectives and gaps (n,) of a result; ValueError where its model is not global's."""
     with h5py.File(path) as file:
-        if json.loads(file.attrs["config"])["alternation"]["signed"]:
+        if json.loads(file.attrs["config"])["signed"]:
             raise ValueError(f"{path}: coefficients of either sign are another model")
         gap = file["relative_gap"][:] if "relative_gap" in file else None
         return file["objective"][:], gap

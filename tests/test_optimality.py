@@ -16,7 +16,7 @@ def write(
     path: Path, *, signed: bool = False, status: list[str] | None = None, **data: list[float]
 ):
     with h5py.File(path, "w") as file:
-        file.attrs["config"] = json.dumps({"alternation": {"signed": signed}})
+        file.attrs["config"] = json.dumps({"signed": signed})
         for name, values in data.items():
             file[name] = values
         if status is not None:
