@@ -23,6 +23,8 @@ LISTED = 20
 """Failures (and different warnings) that are listed; the rest is counted."""
 LISTED_FILES = 8
 """Files in one folder that are named; more are counted."""
+WIDTH, LABEL = 110, 8
+"""Characters of a line of the summary, and of the label before it."""
 SECONDS_BETWEEN_LINES = 10.0
 """Of the progress where standard error is no terminal."""
 
@@ -48,6 +50,7 @@ class Report:
     failed: int = 0
     total: int | None = None
     note: str = ""
+    rows: tuple[tuple[str, str], ...] = ()
     written: list[Path] = field(default_factory=list)
     data: Callable[[], Any] = lambda: None
     _failures: list[Failure] = field(default_factory=list)
@@ -109,6 +112,7 @@ class Report:
         add_up(self._doubts, (d if self.verbose else replace(d, items=()) for d in outcome.doubts))
         self.written += outcome.written
         self.note = outcome.note or self.note
+        self.rows = outcome.rows or self.rows
         self.data = outcome.data or self.data
         self._listing += outcome.listing if self.as_json else ()
 
@@ -148,6 +152,7 @@ class Report:
             "failures": [{"item": each.item, "reason": each.reason} for each in self._failures],
             "warnings": [str(warning) for warning in self._warnings.values()],
             "note": self.note,
+            "summary": dict(self.rows),
             "listing": self._listing,
             "written": [str(path) for path in self.written],
             "seconds": round(time.monotonic() - self._started, 3),
@@ -171,7 +176,9 @@ class Report:
         if self._too_few_trusted:
             share = sum(self._untrusted.values()) / self.done
             yield f"Failed: {share:.0%} are not to be trusted, more than --fail-untrusted allows"
-        if not self.quiet:
+        if not self.quiet and self.rows:
+            yield from self._table()
+        elif not self.quiet:
             yield "; ".join(self._summary())
 
     def _not_to_be_trusted(self) -> Iterator[str]:
@@ -182,6 +189,23 @@ class Report:
             yield from (f"Doubtful: {item}: {reasons.text}" for item in reasons.items)
         if doubts:
             yield tell_doubts(doubts, self.done) + ("" if self.verbose else "; -v lists them")
+
+    def _table(self) -> Iterator[str]:
+        """Yield the rows of the summary, aligned; what matters last comes last."""
+        from textwrap import wrap
+
+        rows = dict(self.rows)
+        seconds = f"{time.monotonic() - self._started:.1f} s"
+        failed = f", {self.failed} failed" if self.failed else ""
+        rows["Result"] = f"{rows.get('Result', self.done)}{failed}, {seconds}"
+        following = rows.pop("Next", "")
+        rows |= {"Wrote": self._files()} if self.written else {}
+        rows |= {"Details": self.note} if self.verbose and self.note else {}
+        rows |= {"Next": following} if following else {}
+        for label, text in rows.items():
+            first, *others = wrap(text, WIDTH - LABEL, break_long_words=False) or [""]
+            yield f"{label:{LABEL}}{first}"
+            yield from (f"{'':{LABEL}}{other}" for other in others)
 
     def _summary(self) -> Iterator[str]:
         from shapefit.errors import counted

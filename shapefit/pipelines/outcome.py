@@ -70,7 +70,8 @@ class Outcome:
     `note` is a short state of the work for a progress bar, `line` is to be shown at once,
     `doubts` counts the items whose result is not to be trusted, by reason;
     `listing` the lines that the command was asked for, `written` the files that now stand complete;
-    `data` gives what the note says in values of JSON, to those who ask.
+    `rows` is a summary for people, label and text; `data` gives what the note says in values of
+    JSON, to those who ask.
     """
 
     done: int = 0
@@ -80,6 +81,7 @@ class Outcome:
     doubts: tuple[Counted, ...] = ()
     unit: str = ""
     note: str = ""
+    rows: tuple[tuple[str, str], ...] = ()
     line: str = ""
     listing: tuple[str, ...] = ()
     written: tuple[Path, ...] = ()

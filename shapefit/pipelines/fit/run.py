@@ -45,6 +45,7 @@ from shapefit.pipelines.fit.prepare import (
 )
 from shapefit.pipelines.fit.record import as_result, warn_of_names
 from shapefit.pipelines.fit.report import Counts, outcome_of, warn_of_all
+from shapefit.pipelines.fit.summary import Tally, rows_of
 from shapefit.pipelines.outcome import Outcome, nothing_in, reading
 from shapefit.threads import side_by_side
 
@@ -91,6 +92,7 @@ def run(
         names = source.head.landmark_names
         setup = prepare(config, dictionary, names, lambda: source.first(FIRST), estimates)
         config, counts, seconds, known = setup.config, Counts(setup), 0.0, dict[str, str]()
+        tally = Tally()
         options = OutputOptions(height=config.height, markers=config.markers)
         with (
             open_export(config, setup.dictionary) as export,
@@ -102,6 +104,7 @@ def run(
                     landmarks = digests(config.landmarks) if inputs is None else inputs
                     known = {**landmarks, **digests(files_of(config).values())}
                 counts.add(batch.images, batch.record)
+                tally.add(batch.images, batch.record)
                 yield outcome_of(batch.images, batch.lifting, batch.record, setup, source.count)
                 writer.append(batch.record)
                 if export is not None:
@@ -120,6 +123,7 @@ def run(
         note="; ".join(
             filter(None, (*lines, export.note if export else None, writer.summary.note))
         ),
+        rows=rows_of(config, source, setup, tally, chosen, writer.summary.note),
         written=(*(writer.summary.written or (output,)), *(export.written if export else ())),
     )
 
