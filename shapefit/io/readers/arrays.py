@@ -45,7 +45,7 @@ def of_bodies(
     notes: tuple[str, ...] = (),
     **further: Any,
 ) -> Poses:
-    """Return a recording of points (n, p, 2 or 3), one body per image, NaN where one is missing.
+    """Return the poses of points (n, p, 2 or 3), one body per image, NaN where one is missing.
 
     labels (n) are names or numbers of the images, by default their places; frames (n) do not fall
     within a video. They are `images` that have nothing to do with one another, or the frames of a

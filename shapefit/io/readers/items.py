@@ -1,4 +1,4 @@
-"""Recordings of other tools as landmarks and shapes: every instance an item with a name.
+"""Poses of other tools as landmarks and shapes: every pose an item with a name.
 
 Landmarks that a file does not name are those of a skeleton known by name (`keypoints`).
 """
@@ -33,14 +33,14 @@ R = TypeVar("R", LandmarkSet, ShapeSet)
 def read_landmarks(
     known: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[LandmarkSet, Notes]:
-    """Return the images of a recording, and warnings of what is left out. Raises InputError."""
+    """Return the images of a file of poses, and warnings of what is left out. Raises InputError."""
     return landmarks_of(_of_kind(known, paths, "landmarks"), options)
 
 
 def read_shapes(
     known: FileFormat, paths: tuple[Path, ...], options: InputOptions, *, gaps: bool = False
 ) -> tuple[ShapeSet, Notes]:
-    """Return the shapes of a recording, and warnings of what is left out. Raises InputError.
+    """Return the shapes of a file of poses, and warnings of what is left out. Raises InputError.
 
     With `gaps` landmarks may be unknown, NaN; without, the whole shapes of those mostly known.
     """
@@ -49,13 +49,13 @@ def read_shapes(
 
 
 HELD_BYTES = 1 << 27
-"""Of recordings that were read to tell what they hold, and are kept until they are read."""
+"""Of poses that were read to tell what a file holds, and are kept until they are read again."""
 
 _held: dict[tuple[Path, ...], Poses] = {}
 
 
 def peek_poses(known: FileFormat, paths: tuple[Path, ...]) -> Poses:
-    """Return the recording in these files, and keep it for the reading that follows."""
+    """Return the poses in these files, and keep them for the next call of `read_poses`."""
     found = read_poses(known, paths)
     held = sum(each.points.nbytes for each in _held.values())
     if held + found.points.nbytes <= HELD_BYTES:
@@ -64,13 +64,13 @@ def peek_poses(known: FileFormat, paths: tuple[Path, ...]) -> Poses:
 
 
 def read_poses(known: FileFormat, paths: tuple[Path, ...]) -> Poses:
-    """Return the recording in these files, be it of landmarks or of shapes.
+    """Return the poses in these files, in 2D or 3D.
 
     The garbage collector rests: it would walk again and again over the millions of lists of a
     large JSON file, several times as slow.
     """
     if known.read_poses is None:
-        raise ValueError(f"{known.title} is not a recording")
+        raise ValueError(f"{known.title} is no format of poses")
     if (kept := _held.pop(paths, None)) is not None:
         return kept
     running = gc.isenabled()
@@ -85,7 +85,7 @@ def read_poses(known: FileFormat, paths: tuple[Path, ...]) -> Poses:
 
 
 def _of_kind(known: FileFormat, paths: tuple[Path, ...], kind: str) -> Poses:
-    """Return the recording in these files. Raises InputError where it is not of this kind."""
+    """Return the poses in these files. Raises InputError where they are not of this kind."""
     wanted = 2 if kind == "landmarks" else 3
     name = source_name(paths[0])
     if known.read_poses is None or kind not in known.records:
@@ -165,7 +165,7 @@ def size_needed(name: str) -> InputError:
 
 
 def in_pixels(poses: Poses, options: InputOptions) -> Poses:
-    """Return a recording whose fractions of the image are pixels, where its size is given.
+    """Return poses whose fractions of the image are pixels, where its size is given.
 
     Raises InputError where they are useless without; else a note says so.
     """
@@ -179,7 +179,7 @@ def in_pixels(poses: Poses, options: InputOptions) -> Poses:
 
 
 def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Notes]:
-    """Return a recording of 2D landmarks as images, and notes."""
+    """Return 2D poses as images, and notes."""
     poses = in_pixels(replace(poses, y_axis=options.y_axis or poses.y_axis), options)
     fields, notes = _fields(poses, options)
     whole: dict[str, NDArray[Any]] = {}
@@ -189,7 +189,7 @@ def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Note
 
 
 def shapes_of(poses: Poses, options: InputOptions) -> tuple[ShapeSet, Notes]:
-    """Return a recording of 3D points as shapes, NaN where a landmark is unknown; and notes."""
+    """Return 3D poses as shapes, NaN where a landmark is unknown; and notes."""
     fields, notes = _fields(poses, options)
     edges = np.array(poses.edges, dtype=np.int64) if poses.edges else None
     return ShapeSet(**fields, edges=edges), notes
@@ -298,7 +298,7 @@ def _names_of(poses: Poses, untracked: str) -> tuple[list[str], list[str]]:
 
 
 KNOWN_SHARE = 0.9
-"""Of the shapes of a recording in which a landmark must be known to be learned from."""
+"""Of the shapes of a file in which a landmark must be known to be learned from."""
 
 
 def without_gaps(shapes: ShapeSet, notes: Notes, name: str) -> tuple[ShapeSet, Notes]:
