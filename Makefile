@@ -50,8 +50,8 @@ SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 .PHONY: demo test test-all fuzz mutants faults test-levels sanitize arm64 wheel site pictures check format-check lint types docs mocap-table recovery paper people bodies footage detected from-2d cars bench clean
 
 demo: $(RUNS)
-	$(SHAPEFIT) fit sample_data/openpose -d people --keypoints body_25 \
-	    --frame-rate 25 -o results/demo/walk.h5
+	$(SHAPEFIT) fit sample_data/openpose --frame-rate 25 --image-size 1280x720 --focal 1100 \
+	    -o results/demo/walk.h5
 	$(SHAPEFIT) view results/demo/walk.h5 -o results/demo/walk.html
 	$(call chain,demo)
 	$(SHAPEFIT) learn-dict -c configs/demo/cars/learn-dict.yaml

@@ -40,7 +40,7 @@ def viewer_page(scene: Scene) -> str:
         script=script,
         title=escape(scene.title),
         facts="".join(map(_fact, scene.facts)),
-        notes=list_items(scene.notes),
+        notes=list_items(scene.assumed + scene.notes),
         page=embedded_json(as_json(scene)),
     )
 

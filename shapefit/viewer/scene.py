@@ -124,7 +124,7 @@ class Scene:
     None where each sequence is by itself. stands has one for each sequence. flat says that there
     are images to show, image (2) is their width and height where it is known; video that frames
     follow each other in time; rigid that shapes are shown in the frame of the object. facts say
-    what is shown and how good it is, notes what is assumed and what the page lacks.
+    what is shown and how good it is, assumed what the fit took for granted, notes what is lacking.
     """
 
     title: str
@@ -151,6 +151,7 @@ class Scene:
     video: bool = False
     rigid: bool = False
     facts: tuple[Fact, ...] = ()
+    assumed: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
 
 

@@ -86,7 +86,6 @@ def assemble(
     video = in_motion or (rate is not None and len(frames.items) > 1)
     shown_rate = (rate or USUAL_RATE) / frames.step
     words = f"{shown_rate:.4g} Hz" + ("" if rate else " assumed") if video else ""
-    notes += assumed(results, floor, video=video)
     return Scene(
         title=", ".join(listings) + (" and the truth" if truth else ""),
         items=frames.items,
@@ -114,6 +113,7 @@ def assemble(
         facts=tuple(
             facts(results, layers, frames, recordings, _moments(frames, recordings, times), words)
         ),
+        assumed=tuple(assumed(results, floor, video=video)),
         notes=tuple(notes),
     )
 

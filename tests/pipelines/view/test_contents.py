@@ -124,7 +124,7 @@ def test_errors_and_trust_stand_in_the_chart_and_the_header(desk, rng):
     assert [fact["text"] for fact in made.data["facts"]] == [
         "6 images", "4 of 6 trusted", f"error against the truth {middle}", "typical error 4 px",
     ]  # fmt: skip
-    assert "Without perspective, distances from the camera are unknown." in made.data["notes"]
+    assert "Without perspective, distances from the camera are unknown." in made.data["assumed"]
 
 
 @pytest.mark.parametrize(
@@ -176,7 +176,7 @@ def test_shapes_stand_in_metres_where_the_camera_has_them(desk):
     assert not beside.perspective
     np.testing.assert_allclose(beside.fitted, shapes[:, :2])
     assert page.image == [1280, 720]
-    assert any("focal length is assumed" in line for line in page.notes)
+    assert any("focal length is assumed" in line for line in page.assumed)
 
 
 def test_without_a_camera_all_frames_have_one_scale(desk):
@@ -211,7 +211,7 @@ def test_individuals_and_their_frames_are_counted(desk):
 def test_a_shape_that_may_be_mirrored_is_said_and_a_method_without_bars_has_no_verdict(desk):
     reasons = np.array(["near and far not told apart"] * 6, object)
     page = make_page(ViewConfig(files={"r": (desk.result(extras={"reasons": reasons}),)})).scene
-    assert any("mirrored in depth" in line for line in page.notes)
+    assert any("mirrored in depth" in line for line in page.assumed)
     result = desk.result(attributes={"method": "convex"})
     page = make_page(ViewConfig(files={"r": (result,)})).scene
     assert [fact.text for fact in page.facts] == ["6 images"]
@@ -248,12 +248,12 @@ def test_people_stand_on_the_floor_that_was_found(desk, monkeypatch):
     assert on.floor == -2
     assert without.floor is None
     np.testing.assert_array_equal(np.reshape(without.upright, (3, 3)), np.diag([1, -1, -1]))
-    assert f"Floor from resting feet: {floor}." in page.notes
-    assert not any("floor is not known" in line for line in page.notes)
+    assert f"Floor from resting feet: {floor}." in page.assumed
+    assert not any("floor is not known" in line for line in page.assumed)
     monkeypatch.setattr("shapefit.pipelines.view.scene.find_floors", lambda *_: {})
     page = make_page(config).scene
     assert page.stands[0].floor is None
-    assert any("floor is not known" in line for line in page.notes)
+    assert any("floor is not known" in line for line in page.assumed)
 
 
 def mesh_vertices(scene, frame, layer):

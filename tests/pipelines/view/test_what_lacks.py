@@ -14,7 +14,7 @@ from shapefit.pipelines.view.run import make_page, run
 def test_a_result_with_all_it_needs_says_nothing(desk):
     edges = np.array([[0, 1], [1, 2]])
     made = desk.view(desk.result(), truth=(desk.truth(edges=edges),))
-    assert "Note: truth aligned to result for display." in made.notes
+    assert made.notes == "Note: truth aligned to result for display."
     assert made.data["edges"] == edges.tolist()
     assert [layer["name"] for layer in made.data["layers"]] == ["result", "truth"]
     assert made.outcome.done == 6
