@@ -102,6 +102,10 @@ def _run(arguments: Sequence[str]) -> int:
         for problem in error.problems:
             tell(f"Error: {problem}")
         return INPUT_ERROR
+    except UnicodeEncodeError as error:
+        fix = "set LC_ALL=C.UTF-8, or take another name"
+        tell(f"Error: {error.object!a} is no name of a file in this locale; {fix}")
+        return INPUT_ERROR
     except Exception as error:
         from shapefit.errors import lacks_memory
 

@@ -49,7 +49,7 @@ def read_landmarks(*paths: File, **options: Any) -> Landmarks:
 def read_dictionary(path: File) -> Dictionary:
     """Read a dictionary: a file, or the installed one of that name, such as "people"."""
     found = Path(path)
-    if not found.exists():
+    if not found.is_file():
         found = find_dictionaries().get(str(path), found)
     return Dictionary.of(io.read_dictionary(found))
 

@@ -20,6 +20,8 @@ from pydantic_core import ErrorDetails
 
 from shapefit.config.model import (
     CommandConfig,
+    Location,
+    Place,
     all_fields,
     expected,
     field_at,
@@ -31,7 +33,6 @@ from shapefit.config.model import (
     with_all_optional,
 )
 from shapefit.config.paths import STANDARD_STREAM, PathField, change_texts, in_folder, with_data
-from shapefit.config.yaml12 import Location, Place, read_yaml
 from shapefit.errors import InputError, input_error
 
 COMMAND_LINE, STANDARD_INPUT = "command line", "standard input"
@@ -177,6 +178,8 @@ class _Values:
 
     def read_file(self, file: ConfigFile) -> None:
         """Take the values of a YAML file, or of standard input for `-`."""
+        from shapefit.config.yaml12 import read_yaml
+
         name = STANDARD_INPUT if file.path == STANDARD_STREAM else str(file.path)
         document = read_yaml(_read_text(file.path), lambda line, col: f"{name}:{line}:{col}")
         if not document.readable:
@@ -199,6 +202,8 @@ class _Values:
 
     def read_option(self, option: str) -> None:
         """Take `a.b=value`, the argument of a --set option; the value is YAML, or a bare `-`."""
+        from shapefit.config.yaml12 import read_yaml
+
         path, equals, text = option.partition("=")
         keys, place = tuple(path.strip().split(".")), f"--set {option}"
         if not equals or not all(keys):

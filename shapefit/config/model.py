@@ -13,7 +13,7 @@ from itertools import pairwise
 from pathlib import Path
 from textwrap import dedent
 from types import NoneType
-from typing import Annotated, Any, ClassVar, Optional, Self, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, NamedTuple, Optional, Self, TypeVar, get_args
 
 from pydantic import (
     BaseModel,
@@ -32,6 +32,16 @@ from shapefit.errors import path_text
 MAX_THREADS = 1024
 
 Keys = tuple[str, ...]
+
+Location = tuple[str | int, ...]
+"""The keys and list positions that lead to a value."""
+
+
+class Place(NamedTuple):
+    """Where a key and its value stand, as a message names them."""
+
+    key: str
+    value: str
 
 
 def _tuples(value: Any) -> Any:
@@ -208,7 +218,7 @@ def listed_keys(model: type[BaseModel]) -> list[str]:
 
 
 def field_at(
-    model: type[BaseModel], location: tuple[str | int, ...]
+    model: type[BaseModel], location: Location
 ) -> tuple[type[BaseModel], tuple[str | int, ...], FieldInfo | None]:
     """Return the field that `location` is or lies in (None if unknown), its owner and location."""
     owner, field = model, None

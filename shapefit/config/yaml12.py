@@ -5,26 +5,18 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.constructor import DuplicateKeyError, RoundTripConstructor
 from ruamel.yaml.error import MarkedYAMLError, YAMLError, YAMLWarning
 
-Location = tuple[str | int, ...]
-"""The keys and list positions that lead to a value."""
+from shapefit.config.model import Location, Place
 
 MAX_VALUES = 100_000
 """Aliases of aliases make more of them than memory holds, from a few lines."""
 
 MAX_INTEGER = 2**63 - 1
-
-
-class Place(NamedTuple):
-    """Where a key and its value stand, as a message names them."""
-
-    key: str
-    value: str
 
 
 class _Constructor(RoundTripConstructor):

@@ -63,19 +63,6 @@ def test_parts_without_a_cluster_or_a_store_import_nothing_for_them(of_a_fit, tm
     assert not {"dask", "distributed", *OF_STORES.split()} & modules
 
 
-def test_signals_wait_for_no_import_of_ours():
-    """Until they are handled, an interruption is a traceback of Python."""
-    script = (
-        "import sys, importlib.util, importlib.machinery, contextlib, os, signal\n"
-        "before = set(sys.modules)\n"
-        "import shapefit.cli.start; print(*sorted(set(sys.modules) - before))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.split() == ["shapefit", "shapefit.cli", "shapefit.cli.start"]
-
-
 @pytest.mark.parametrize("arguments", [("--help",), ("--version",), ("fit", "--help")])
 def test_help_imports_nothing_heavy(arguments):
     roots = {name.partition(".")[0] for name in imported(*arguments)}

@@ -31,3 +31,15 @@ def test_every_command_works_in_a_folder_that_is_not_utf8(tmp_path, project):
     for command in commands:
         done = subprocess.run([COMMAND, *command], cwd=folder, capture_output=True, check=False)
         assert (done.returncode, b"Error" in done.stderr) == (0, False), done.stderr
+
+
+def test_a_name_that_the_locale_does_not_have_is_refused(tmp_path, project):
+    views = project / "sample_data/one_person.csv"
+    locale = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    command = [sys.executable, "-m", "shapefit", "fit", str(views), "-o", "\u00f6.h5", "-q"]
+    done = subprocess.run(
+        command, cwd=tmp_path, env=os.environ | locale, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2, done.stderr
+    assert "is no name of a file in this locale; set LC_ALL=C.UTF-8" in done.stderr
+    assert not list(tmp_path.iterdir())

@@ -129,7 +129,8 @@ def test_a_path_is_no_name(path, folder):
         load_config("fit", config)
 
 
-def test_every_command_with_a_dictionary_takes_a_name_and_python_too():
+def test_every_command_with_a_dictionary_takes_a_name_and_python_too(folder):
+    (folder / "people").mkdir()
     given = {"files": ("a.h5",), "dictionary": "people", "output": "page.html"}
     assert load_config("view", None, (), given).dictionary == PEOPLE
     assert shapefit.read_dictionary("people").landmark_names == (*PEOPLE_JOINTS, *FURTHER)
