@@ -33,6 +33,7 @@ from shapefit.io.layout import Layout
 from shapefit.io.options import Summary
 from shapefit.io.records import LandmarkSet, Records
 from shapefit.io.tidy_table import (
+    IDENTITIES,
     Block,
     Columns,
     Rows,
@@ -40,6 +41,7 @@ from shapefit.io.tidy_table import (
     columns_of,
     read_tidy,
     table_columns,
+    with_identities,
 )
 from shapefit.io.writer import RecordWriter
 
@@ -95,9 +97,10 @@ def _open(path: Path, kind: str) -> Rows:
         for lines, cells in parts:
             if columns != header:
                 cells = [[cell.strip() for cell in column] for column in cells]
-            yield Block(dict(zip(columns, cells, strict=True)), lines)
+            yield Block(with_identities(dict(zip(columns, cells, strict=True))), lines)
 
-    return Rows(name, columns, blocks())
+    more = ["sequence"] if set(IDENTITIES) & set(columns) else []
+    return Rows(name, list(dict.fromkeys([*columns, *more])), blocks())
 
 
 def _parts(

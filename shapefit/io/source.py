@@ -25,7 +25,7 @@ from shapefit.io.formats import (
 )
 from shapefit.io.inputs import source_name
 from shapefit.io.joined import common_head, conform
-from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, Layout
+from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, UNKNOWN_UNIT, Layout
 from shapefit.io.names import check_items, check_known
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
 from shapefit.io.readers.items import keep_landmarks, size_needed
@@ -419,7 +419,7 @@ def _open(
     else:
         check_holds(path, form.kind, known)
         if known is HDF5:
-            file = _open_hdf5(path, form, gaps, most_held, **how)
+            file = _open_hdf5(path, form, options, gaps, most_held, **how)
             return _hiding(file, options.min_confidence)
         assert known.read_records is not None
         records = known.read_records(path, form.kind, gaps=gaps)
@@ -438,6 +438,7 @@ def _open(
 def _open_hdf5(
     path: Path,
     form: Layout,
+    options: InputOptions,
     gaps: bool,
     most_held: int,
     *,
@@ -483,6 +484,8 @@ def _open_hdf5(
         stated = reader.y_axis
         if check and (stop - start) * len(reader.landmark_names) <= most_held:
             records = read(reader, slice(start, stop), check=True)
+            if form is LANDMARKS and records.unit in ("px", UNKNOWN_UNIT):
+                records = in_pixels(records, options, str(path))
             return SourceFile.held(str(path), records, place, y_axis=stated)
         unchecked = ("item", "sequence")
         for each in blocks(reader) if check and form is not RESULTS else ():
@@ -490,7 +493,14 @@ def _open_hdf5(
             names = reader.landmark_names
             check_values(fields, form, reader.place, names, start=each.start, gaps=gaps)
         head = read(reader, slice(0, 0))
-        return SourceFile(str(path), head, stop - start, opened, texts, place, y_axis=stated)
+        file = SourceFile(str(path), head, stop - start, opened, texts, place, y_axis=stated)
+        if form is not LANDMARKS or not check or head.unit not in ("px", UNKNOWN_UNIT):
+            return file
+        first = read(reader, slice(start, min(start + BLOCK, stop)))
+        if in_pixels(first, options, str(path)) is first:
+            return file
+        size = np.array(options.image_size)[:, None]
+        return file.changed(lambda r: r.replaced(landmarks=r.landmarks * size, unit="px"))
 
 
 def in_pixels(images: LandmarkSet, options: InputOptions, name: str) -> LandmarkSet:
@@ -502,7 +512,7 @@ def in_pixels(images: LandmarkSet, options: InputOptions, name: str) -> Landmark
     if np.isfinite(first).any() and not are_fractions(first[np.isfinite(first)]):
         return images  # whatever the others are; a copy of all would be half of what is held
     placed = images.landmarks[np.isfinite(images.landmarks)]
-    if not are_fractions(placed) or (placed < 0).mean() > CENTRED:
+    if not placed.any() or not are_fractions(placed) or (placed < 0).mean() > CENTRED:
         return images
     if options.image_size is None:
         raise size_needed(name)

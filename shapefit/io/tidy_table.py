@@ -37,6 +37,12 @@ FIXES = {
     "result": f"{FINITE_FIX}, or leave the cell empty where the item failed",
 }
 
+MISSED = -1.0
+"""Both coordinates of a landmark without confidence that was not found."""
+
+IDENTITIES = ("person_id", "track_id", "individual", "id")
+"""Columns that tell apart who is in one image: items and sequences end in them."""
+
 GROWTH = 1.25
 """Room that a growing array makes at once, as a multiple of what it holds."""
 
@@ -106,7 +112,7 @@ def check_columns(columns: Sequence[str], kind: str, place: str) -> None:
     """Raise InputError for columns that are unknown, there twice, or missing."""
     required, optional = table_columns(kind)
     wanted = ",".join(required) + "".join(f"[,{column}]" for column in optional)
-    known = {*required, *optional}
+    known = {*required, *optional, *IDENTITIES}
     told = []
     for column in columns:
         if column not in known:
@@ -120,6 +126,23 @@ def check_columns(columns: Sequence[str], kind: str, place: str) -> None:
             told.append(f"{place}: there is no column '{column}'; the columns are {wanted}")
     if told:
         raise input_problems(told)
+
+
+def with_identities(cells: dict[str, Sequence[str]]) -> dict[str, Sequence[str]]:
+    """Return columns of which items and sequences end in who is in the image, where that is said.
+
+    Without sequences, each individual is one.
+    """
+    named = next((cells[name] for name in IDENTITIES if name in cells), None)
+    if named is None:
+        return cells
+    items = zip(cells["item"], named, strict=True)
+    sequences = zip(cells.get("sequence", [""] * len(named)), named, strict=True)
+    return {
+        **cells,
+        "item": [f"{item}/{who}" if item and who else item for item, who in items],
+        "sequence": ["/".join(filter(None, pair)) for pair in sequences],
+    }
 
 
 def read_tidy(rows: Rows, kind: str, *, gaps: bool = False) -> Any:
@@ -190,6 +213,7 @@ class _Table:
     def __init__(self, rows: Rows, kind: str, gaps: bool) -> None:
         self.axes = ("x", "y") if kind == "landmarks" else ("x", "y", "z")
         self.finite = kind == "shapes" and not gaps
+        self._rows_are_landmarks = kind == "landmarks"
         self.lines = _Grid(rows.name, 2, 0, np.uint32)  # of each item and landmark; 0 is none
         self.points = _Grid(rows.name, 3, np.nan, np.float64)
         self.confidence = _Grid(rows.name, 2, 0.0, np.float64)
@@ -214,6 +238,9 @@ class _Table:
             self._take_sequences(block, item, known)
         columns = [self._coordinate(block, axis) for axis in self.axes]
         missing = np.isnan(columns).any(axis=0)
+        if self._rows_are_landmarks:  # as some detectors write what they miss
+            confidence = block.values("confidence")[0] if "confidence" in self._rows.columns else 0
+            missing |= (np.asarray(columns) == MISSED).all(axis=0) & ~(np.asarray(confidence) > 0)
         points = self.points.reach(n, len(columns), p).reshape(-1)
         for axis, values in enumerate(columns):
             points[(item * len(columns) + axis) * p + landmark] = np.where(missing, np.nan, values)

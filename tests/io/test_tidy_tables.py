@@ -11,11 +11,12 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from shapefit.io import csv_file, inputs, read_results, result_writer
+from shapefit.io import csv_file, inputs, open_landmarks, read_results, result_writer
 from shapefit.io.csv_file import read_rows, split_columns
+from shapefit.io.options import InputOptions
 from shapefit.io.records import LandmarkSet
 from shapefit.io.tidy_table import read_numbers
-from tests.io.files import save
+from tests.io.files import load, save
 
 VIEWS = """\
 item,landmark,x,y,confidence,sequence
@@ -330,3 +331,31 @@ def test_records_are_written_in_blocks_of_whole_items(tmp_path, monkeypatch, lan
     monkeypatch.setattr(csv_file, "ROWS", rows)
     save(tmp_path / "parts.csv", landmarks)
     assert (tmp_path / "parts.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
+
+
+def test_minus_one_without_a_confidence_is_unseen(csv):
+    header, rows = "item,landmark,x,y", ["a,nose,-1,-1", "a,tail,50,-1", "a,ear,60,70"]
+    seen = load(csv("\n".join([header, *rows]))).seen()
+    assert seen.tolist() == [[False, True, True]]
+    scored = "\n".join([f"{header},confidence", *(f"{row},1" for row in rows)])
+    assert load(csv(scored)).seen().all()
+
+
+@pytest.mark.parametrize("column", ["person_id", "track_id", "individual", "id"])
+def test_individuals_of_a_column_are_sequences(csv, column):
+    rows = [f"{i},nose,{i + 50},{10 * who + 60},{who}" for who in (1, 2) for i in range(2)]
+    images = load(csv("\n".join([f"item,landmark,x,y,{column}", *rows])))
+    assert images.items == ("0/1", "1/1", "0/2", "1/2")
+    assert images.sequences == ("1", "1", "2", "2")
+
+
+@pytest.mark.parametrize("suffix", ["h5", "csv"])
+def test_fractions_of_the_image_are_refused_in_every_format(tmp_path, suffix, problems):
+    images = LandmarkSet(np.linspace(0.1, 0.9, 12).reshape(2, 2, 3), "abc", ("i", "j"))
+    path = tmp_path / f"views.{suffix}"
+    save(path, images)
+    assert "fractions of the width and height of the image" in problems(load, path)[0]
+    with open_landmarks([path], InputOptions(image_size=(100.0, 200.0))) as source:
+        scaled = source.whole()
+    assert scaled.unit == "px"
+    np.testing.assert_allclose(scaled.landmarks[:, 1], 200 * images.landmarks[:, 1])
