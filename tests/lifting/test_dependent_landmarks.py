@@ -126,8 +126,8 @@ def test_a_file_without_feet_has_a_result_without(images, lift):
 @pytest.mark.parametrize(
     "camera",
     [
-        {"model": "weak-perspective"},
-        {"model": "perspective", "focal": 1200.0, "principal_point": [0.0, 0.0]},
+        {"focal": "none"},
+        {"focal": 1200.0, "principal_point": [0.0, 0.0]},
     ],
     ids=["weak", "perspective"],
 )

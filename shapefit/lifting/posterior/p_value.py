@@ -35,6 +35,9 @@ COUNTS = (4, 6, 9, 14, 21, 32, 48)
 """Numbers of landmarks for which images are drawn, besides all of the dictionary, or the last of
 these; between them the moments are interpolated, beyond them they are those of the nearest."""
 
+APART = 1.25
+"""Ratio of all landmarks to one of these numbers up to which that is not drawn beside them."""
+
 SCALES = (1.0, 2.0, 4.0, 8.0)
 """Scales of the prior for which images are drawn; any other takes the nearest."""
 
@@ -83,7 +86,7 @@ def draw_table(prior: Mixture, scales: tuple[float, ...] = SCALES, threads: int 
     if p > COUNTS[-1]:  # of more, a choice: the time to find a posterior grows with their cube
         prior = prior.marginal(np.sort(np.random.default_rng(SEED).permutation(p)[: COUNTS[-1]]))
         p = COUNTS[-1]
-    counts = [*(count for count in COUNTS if count < p), p]
+    counts = [*(count for count in COUNTS if APART * count < p), p]
     return np.array(
         [
             (scale, count, *draw_moments(widen(prior, scale), count, threads))
