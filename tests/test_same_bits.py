@@ -1,4 +1,4 @@
-"""One answer in every way, to the last bit: chunks, threads, parts, formats, Python."""
+"""One answer in every way, to the last bit: threads, parts, formats, Python."""
 
 from pathlib import Path
 
@@ -15,24 +15,23 @@ from tests.io.files import save
 
 METHODS = {
     "convex": ("people", {}),
-    "exact": ("people", {"method": "convex", "loss": "exact"}),
     "l1": ("people", {"method": "convex", "outliers": "l1"}),
     "ransac": ("people", {"method": "convex+refine", "outliers": "ransac"}),
     "convex+refine": ("people", {}),
     "alternate": ("people", {}),
     "mean-shape": ("people", {}),
-    "global": ("people", {"search": {"max_cells": 30}}),
+    "global": ("people", {}),
     "pmp": ("bases of people", {}),
     "posterior": ("people with a prior", {}),
     "sequences": ("people with a prior", {}),
     "perspective": (
-        "people", {"method": "convex+refine", "camera": {"focal": 1500.0}},
+        "people",
+        {"method": "convex+refine", "camera": {"focal": 1500.0, "principal_point": [0.0, 0.0]}},
     ),
 }  # fmt: skip
 """Method or chain -> the dictionary that it takes, and its keys of `fit`."""
 
 WAYS = {
-    "chunks": {"chunk": 64},
     "one thread": {"threads": 1},
     "CSV": {"landmarks": "views.csv"},
     "two files": {"landmarks": ["a.h5", "b.h5"]},
