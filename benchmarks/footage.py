@@ -300,6 +300,7 @@ def measure(
     known = Truth(truth, Keys(truth.items), truth.take)
     names = np.array(truth.sequences)
     row: dict[str, Any] = {"cell": cell.name, "body": body, "ratio": np.nan}
+    by_clip: dict[str, list[float]] = {}
     for method in METHODS:
         config = CONFIGS / f"detected/fit-{method}.yaml"
         with warnings.catch_warnings():
@@ -311,11 +312,20 @@ def measure(
         if judged.bars is not None:
             square = judged.bars.square
             row[f"{method} holds"] = float((square[~np.isnan(square)] <= QUANTILE).mean())
+            size = np.sqrt(fit._inside.shapes.var(axis=2)).mean(axis=1)
+            expected = fit._inside.columns["expected_error"] / size
+            row[f"{method} expected"] = np.nanmean(expected) / np.nanmean(error)
+        by_clip[method] = [np.nanmean(error[names == name]) for name in np.unique(names)]
+    ratios = np.array(by_clip["sequences"]) / np.array(by_clip["posterior"])
+    row |= {"clips": len(ratios), "lose": (ratios > 1.03).sum(), "lose 10%": (ratios > 1.1).sum()}
+    row["worst"] = ratios.max()
     row["ratio"] = row["sequences"] / row["posterior"]
     trusted = np.asarray(fit.trusted, bool)
     row["trusted"] = trusted.mean()
     for what, which in (("error trusted", trusted), ("distrusted", ~trusted)):
         row[what] = error[which].mean() if which.sum() >= 10 else np.nan
+    for what, which in (("bad", error > 0.4), ("good", error < 0.25)):
+        row[what], row[f"{what} doubted"] = which.sum(), (which & ~trusted).sum()
     return row
 
 
