@@ -39,19 +39,38 @@ def write_metres(path: Path, motion: Motion) -> None:
     _write_csv(path, METRES, zip(*columns.values(), strict=True), ".7g")
 
 
+MAX_ANGLE_SD = 15.0
+"""Standard deviation of a joint angle in degrees beyond which it says next to nothing."""
+
+
 def write_angles(path: Path, motion: Motion) -> None:
-    """Write a row per frame of one motion: each angle and its standard deviation, in degrees."""
+    """Write a row per frame of one motion: each angle and its standard deviation, in degrees.
+
+    The last column names the angles that are uncertain, see `MAX_ANGLE_SD`.
+    """
     pairs = np.stack([motion.angles, motion.angle_deviations], axis=2).reshape(
         len(motion.points), -1
     )
-    header = ("frame", "time", "trusted", *(c for n in motion.angle_names for c in (n, f"{n}_sd")))
-    rows = zip(motion.frames, motion.frames / motion.rate, motion.trusted, pairs, strict=True)
-    _write_csv(path, header, ((frame, t, said, *row) for frame, t, said, row in rows), ".4g")
+    columns = (c for name in motion.angle_names for c in (name, f"{name}_sd"))
+    header = ("frame", "time", "trusted", *columns, "uncertain")
+    marks = (
+        " ".join(
+            name for name, sd in zip(motion.angle_names, row, strict=True) if sd > MAX_ANGLE_SD
+        )
+        for row in motion.angle_deviations
+    )
+    times = motion.frames / motion.rate
+    rows = zip(motion.frames, times, motion.trusted, pairs, marks, strict=True)
+    _write_csv(path, header, ((f, t, said, *row, mark) for f, t, said, row, mark in rows), ".4g")
 
 
 def write_mot(path: Path, motion: Motion) -> None:
-    """Write the joint angles of one motion in degrees, as OpenSim reads them; gaps are NaN."""
-    table = np.column_stack([motion.frames / motion.rate, motion.angles])
+    """Write the joint angles of one motion in degrees, as OpenSim reads them; gaps are NaN.
+
+    So are angles that are uncertain, see `MAX_ANGLE_SD`.
+    """
+    angles = np.where(motion.angle_deviations > MAX_ANGLE_SD, np.nan, motion.angles)
+    table = np.column_stack([motion.frames / motion.rate, angles])
     with path.open("w", encoding="utf-8", newline="\n") as file:
         file.write(f"{printable(motion.name) or 'Coordinates'}\nversion=1\nnRows={len(table)}\n")
         file.write(f"nColumns={table.shape[1]}\ninDegrees=yes\nendheader\n")

@@ -61,7 +61,9 @@ def test_angles_beside_and_alone(record, tmp_path):
     save(tmp_path / "leg.angles.csv", record)
     assert (tmp_path / "leg.angles.csv").read_bytes() == (tmp_path / "leg_angles.csv").read_bytes()
     rows = rows_of(tmp_path / "leg_angles.csv")
-    assert list(rows[0]) == ["frame", "time", "trusted", "knee_angle_r", "knee_angle_r_sd"]
+    angle = ["knee_angle_r", "knee_angle_r_sd"]
+    assert list(rows[0]) == ["frame", "time", "trusted", *angle, "uncertain"]
+    assert {row["uncertain"] for row in rows} == {""}
     knee = np.degrees(np.arctan2(0.3, 4))
     assert float(rows[0]["knee_angle_r"]) == pytest.approx(knee, rel=1e-3)
     # Across the bones, of 4 px each: the knee counts twice, which moves both.
@@ -87,6 +89,16 @@ def test_opensim_reads_the_angles(record, tmp_path):
     assert lines[6].split("\t") == ["time", "knee_angle_r"]
     assert [line.split("\t")[0] for line in lines[7:]] == ["0.06", "0.08", "0.1", "0.12"]
     assert lines[9].endswith("\tNaN")
+
+
+def test_angles_that_say_next_to_nothing_are_marked_and_left_out(record, tmp_path):
+    wide = record.replaced(shape_sd=10 * record.shape_sd)
+    save(tmp_path / "leg.angles.csv", wide)
+    rows = rows_of(tmp_path / "leg.angles.csv")
+    assert float(rows[0]["knee_angle_r_sd"]) > 15
+    assert rows[0]["uncertain"] == "knee_angle_r"
+    save(tmp_path / "leg.mot", wide)
+    assert (tmp_path / "leg.mot").read_text().splitlines()[7].endswith("\tNaN")
 
 
 def test_what_is_no_body_has_no_angles(record, tmp_path):
