@@ -311,6 +311,8 @@ def at_border(images: LandmarkSet, lifter: Lifter) -> Flags:
     """
     size = images.columns.get(IMAGE_SIZE) if lifter.image_size is None else lifter.image_size
     edges, none = lifter.dictionary.edges, np.zeros(images.landmarks.shape[::2], dtype=bool)
+    if images.landmark_names != lifter.dictionary.landmark_names:
+        return none  # of a file whose neighbours are not known
     if size is None or edges is None or np.shape(size) not in ((2,), (len(images), 2)):
         return none
     sides = np.stack([0 * np.asarray(size, float), size], axis=-1)  # (..., 2 coordinates, 2 sides)
