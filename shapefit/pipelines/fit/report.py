@@ -18,6 +18,7 @@ from shapefit.lifting.verdict import NO_SHAPE, REASONS
 from shapefit.pipelines.fit.lift import LEAVE_ONE_OUT, find_items
 from shapefit.pipelines.fit.prepare import Setup
 from shapefit.pipelines.fit.sample import FEWEST, MOSTLY, OUTLIER
+from shapefit.pipelines.joints import is_of_people
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
 
 STEEP = 0.5
@@ -61,7 +62,8 @@ class Counts:
         self.images = self.bodies = self.lying = self.on_head = self.unknown_items = 0
         self.outliers, self.seen = np.zeros((2, len(setup.dictionary.landmark_names)), np.int64)
         self.unknown_item, self.y_axis = "", "down"
-        columns = joint_columns(setup.dictionary.landmark_names)
+        names = setup.dictionary.landmark_names
+        columns = joint_columns(names) if is_of_people(names) else {}
         there = ([columns[joint] for joint in ends if joint in columns] for ends in ENDS)
         self.top, self.bottom = (columns[:2] if len(columns) > 1 else columns for columns in there)
 
