@@ -1,10 +1,11 @@
 """The script behind `make mutants` makes changes that run, and sees what the tests see."""
 
 import ast
-import importlib.util
 import sys
+from importlib import import_module
 from pathlib import Path
 from types import SimpleNamespace
+from xml.etree import ElementTree
 
 import pytest
 
@@ -14,79 +15,88 @@ PROJECT = Path(__file__).resolve().parents[1]
 @pytest.fixture(scope="module")
 def script():
     sys.path.append(str(PROJECT / "tools"))
-    spec = importlib.util.spec_from_file_location("mutants", PROJECT / "tools/mutants.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["mutants"] = module
-    spec.loader.exec_module(module)
-    return module
+    return import_module("mutants")
 
 
-def test_every_kind_of_change_is_made_and_messages_are_left(script, tmp_path):
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a < b", {"a <= b", "a > b"}),
+        ("a and b", {"a or b", "a"}),
+        ("not a", {"a"}),
+        ("np.sqrt(a - b)", {"a - b", "a + b", "a"}),
+        ("max(x)", {"min(x)"}),
+        ("f(a, b, k=c)", {"f(b, a, k=c)", "f(a, b)"}),
+        ("f(*a, b)", set()),
+        ("2.5", {"5.0"}),
+        ("'é' + str(1)", {"2"}),
+        ("b if a else c", {"not a"}),
+        ("raise E(1)", set()),
+        ("if a:\n    return", {"not a", "False"}),
+        ("if a:\n    b()", {"not a"}),
+        ("x: int = 1", {"2"}),
+    ],
+)
+def test_every_kind_of_change_is_made_and_messages_are_left(script, tmp_path, text, expected):
     path = tmp_path / "source.py"
-    text = (
-        'def f(a, b: int = 1):\n    """A docstring."""\n    if a < b and not a:\n'
-        '        raise ValueError("1" + str(a - 1))\n    return np.sqrt(a - b) * 2.5\n'
-    )
-    path.write_text(text)
-    found = {(mutant.before, mutant.after) for mutant in script.mutants(path)}
-    assert found == {
-        ("1", "2"),
-        ("a < b", "a <= b"),
-        ("a < b and (not a)", "a < b or not a"),
-        ("a < b and (not a)", "a < b"),
-        ("not a", "a"),
-        ("a - b", "a + b"),
-        ("a - b", "a"),
-        ("np.sqrt(a - b)", "a - b"),
-        ("np.sqrt(a - b) * 2.5", "np.sqrt(a - b) / 2.5"),
-        ("np.sqrt(a - b) * 2.5", "np.sqrt(a - b)"),
-        ("2.5", "5.0"),
-    }
-    for mutant in script.mutants(path):
-        assert ast.dump(ast.parse(mutant.source)) != ast.dump(ast.parse(text))
+    body = f"def f():\n    'é'\n    {text.replace(chr(10), chr(10) + '    ')}\n"
+    path.write_text(body, encoding="utf-8")
+    found = list(script.mutants(path))
+    assert {mutant.after for mutant in found} == expected
+    for mutant in found:
+        assert ast.dump(ast.parse(mutant.source)) != ast.dump(ast.parse(body))
+        assert mutant.before.encode() in path.read_bytes()
+        assert mutant.lines == range(3, 4)
 
 
 def test_a_change_has_the_tests_that_run_its_lines_those_of_its_folder_and_fast_ones_first(script):
-    path = PROJECT / "shapefit/geometry/procrustes.py"
-    a, b = "tests/geometry/test_a.py::a", "tests/geometry/test_b.py::b"
-    c, d = "tests/convex/test_c.py::c", "tests/geometry/test_d.py::d"
-    reach = script.Reach(
-        contexts={str(path): {1: [""], 5: [a, "world"], 6: [a], 9: [c]}},
-        seconds={a: 3.0, b: 1.0, c: 0.5, d: 9.0, "world": 1.0},
-        needs={a: {a}, b: {b, "world"}, c: {c}, d: {d}},
-        tests=[a, b, c, d],
-    )
-    assert script.tests_of(path, range(5, 6), reach, 60.0) == ([b, a], False)
-    assert script.tests_of(path, range(5, 6), reach, 4.0) == ([b], False)
-    assert script.tests_of(path, range(6, 10), reach, 60.0) == ([a, c], False)
-    assert script.tests_of(path, range(7, 9), reach, 60.0) == ([], False)
-    assert script.tests_of(path, range(2), reach, 60.0) == ([b, a, d, c], True)
+    path = Path("shapefit/geometry/procrustes.py")
+    seconds = {"a": 3.0, "b": 1.0, "c": 0.5, "d": 9.0}
+    folders = {"a": "geometry", "b": "geometry", "c": "convex", "d": "geometry"}
+    names = {test: f"tests/{folders[test]}/test_{test}.py::{test}" for test in seconds}
+    lines = {1: [""], 5: ["a", "b", "failing"], 6: ["a"], 9: ["c"]}
+    reach = script.Reach({str(path): lines}, names, seconds)
+    for changed, limit, expected in (
+        (range(5, 6), 60.0, "ba"),
+        (range(5, 6), 3.5, "b"),
+        (range(6, 10), 60.0, "ac"),
+        (range(7, 9), 60.0, ""),
+        (range(1, 2), 60.0, "badc"),
+    ):
+        assert script.tests_of(path, changed, reach, limit) == [names[test] for test in expected]
 
 
-def test_a_change_acts_in_memory_and_nowhere_else(script, tmp_path):
-    path = tmp_path / "changed_in_memory.py"
-    path.write_text("class A:\n    def f(self, x):\n        return [x + y for y in (1, 2)]\n")
-    spec = importlib.util.spec_from_file_location("changed_in_memory", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    mutant = next(one for one in script.mutants(path) if one.after == "x - y")
-    script.put_into_memory(mutant, [module.A.f])
-    assert module.A().f(5) == [4, 3]
-    assert "x + y" in path.read_text()
+def test_tests_are_named_as_coverage_and_pytest_name_them_and_failing_ones_left_out(script):
+    case = '<testcase file="tests/a/test_b.py" classname="tests.a.test_b{}" name="{}" time="1"{}'
+    cases = [
+        case.format("", "test_c[1]", "/>"),
+        case.format("", "test_c[2]", "/>"),
+        case.format(".TestD", "test_e", "/>"),
+        case.format("", "test_f", "><failure/></testcase>"),
+    ]
+    names, seconds = script.passing(ElementTree.fromstring(f"<all>{''.join(cases)}</all>"))
+    assert names == {
+        "tests.a.test_b.test_c": "tests/a/test_b.py::test_c",
+        "tests.a.test_b.TestD.test_e": "tests/a/test_b.py::TestD::test_e",
+    }
+    assert seconds["tests.a.test_b.test_c"] == 2
 
 
-def test_a_file_that_is_changed_is_put_back(script, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("code", "told"), [(0, "survives"), (1, "killed"), (None, "killed by the time that it takes")]
+)
+def test_a_file_that_is_changed_is_put_back(script, tmp_path, monkeypatch, code, told):
     path = tmp_path / "source.py"
     path.write_text("x = 1  # one\n")
     mutant = next(script.mutants(path))
-    codes, seen = iter([0, 1]), []
+    seen = SimpleNamespace()
 
-    def run(command, **_):
-        seen.append((path.read_text(), command[-1]))
-        return SimpleNamespace(returncode=next(codes))
+    def run(place, arguments, seconds):
+        seen.text, seen.test = path.read_text(), arguments[-1]
+        return code
 
-    monkeypatch.setattr(script.subprocess, "run", run)
-    assert script.on_disk(mutant, ["a::b"], 1.0) == "survives"
-    assert script.on_disk(mutant, ["a::b"], 1.0).startswith("killed")
+    monkeypatch.setattr(script, "run", run)
+    assert script.verdict(tmp_path, mutant, ["a::b"], 1.0) == told
     assert path.read_text() == "x = 1  # one\n"
-    assert seen == [("x = 2", "a::b")] * 2
+    assert (seen.text, seen.test) == ("x = (2)  # one\n", "a::b")
+    assert script.verdict(tmp_path, mutant, [], 1.0) == "not reached"
