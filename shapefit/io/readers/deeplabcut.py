@@ -48,22 +48,21 @@ def of_columns(
     InputError for columns that are there twice, and for those of a landmark without the others.
     """
     depths = {len(column) for column in columns}
-    others = dict.fromkeys(printable(c[-1]) for c in columns if c[-1] not in COORDINATES)
     number: dict[tuple[str, str, str], int] = {}
     with parsing(place, f"{SAVE}, with the columns of one scorer, x and y for each body part"):
-        require(columns, "has no columns of coordinates")
         require(depths in ({3}, {4}), f"its columns have {abbreviate([*map(str, depths)])} names")
         for column, names in enumerate(columns):
             key = (names[1] if len(names) == 4 else "", names[-2], names[-1])
             require(key not in number, f"{key[2]} of {' '.join(key[:2]).strip()} is there twice")
-            if key[2] in COORDINATES:
-                number[key] = column
-        individuals, landmarks, present = (
-            tuple(dict.fromkeys(key[level] for key in number)) for level in range(3)
+            number[key] = column
+        others = [printable(axis) for _, _, axis in number if axis not in COORDINATES]
+        points_of = dict.fromkeys(key[:2] for key in number if key[2] in COORDINATES)
+        individuals, landmarks = (
+            tuple(dict.fromkeys(key[at] for key in points_of)) for at in (0, 1)
         )
-        axes = [axis for axis in COORDINATES if axis in present]
-        require(axes[:2] == ["x", "y"], f"has no columns x and y ({abbreviate([*others])})")
-        for who, landmark, _ in number:
+        axes = [axis for axis in COORDINATES if axis in {key[2] for key in number}]
+        require(axes[:2] == ["x", "y"], f"has no columns x and y ({abbreviate(others)})")
+        for who, landmark in points_of:
             lost = [axis for axis in axes if (who, landmark, axis) not in number]
             require(not lost, f"{landmark} has no column {''.join(lost[:1])}")
     columns_of = [
@@ -83,7 +82,7 @@ def of_columns(
         labels,
         landmark_names=landmarks,
         individuals=individuals if depths == {4} else None,
-        notes=(f"columns left out: {abbreviate(list(others))}",) if others else (),
+        notes=(f"columns left out: {abbreviate([*dict.fromkeys(others)])}",) if others else (),
         edges=skeleton_edges(path, landmarks),
     )
 
@@ -170,17 +169,13 @@ class NameUnpickler(pickle._Unpickler):
 def unpickle_names(place: str, pickled: Any) -> Columns:
     """Return the names of columns, a list of tuples, that an attribute at `place` has pickled."""
     pickled = pickled.encode() if isinstance(pickled, str) else pickled
-    with parsing(place, SAVE_CSV):
-        require(isinstance(pickled, bytes), "holds no list of names")
-        try:
-            names = NameUnpickler(io.BytesIO(pickled)).load()
-        except Exception as error:  # damage raises whatever its opcodes lead to
-            raise input_error(
-                place, f"holds no list of names ({printable(str(error))})", SAVE_CSV
-            ) from error
-        whole = isinstance(names, list) and all(isinstance(one, tuple) for one in names)
-        require(whole, "holds no list of names")
+    try:
+        names = NameUnpickler(io.BytesIO(pickled)).load()
+        require(isinstance(names, list), "not a list")
         return [tuple(map(str, name)) for name in names]
+    except Exception as error:  # damage raises whatever its opcodes lead to
+        found = f"holds no list of names ({printable(str(error))})"
+        raise input_error(place, found, SAVE_CSV) from error
 
 
 KEYS = ("df_with_missing", "tracks")
@@ -196,77 +191,64 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
     """
     path = paths[0]
     with TrackerFile(path) as file:
-        tables = [name for name in file.groups() if file.attribute("pandas_type", name) is not None]
+        kinds = {name: file.attribute("pandas_type", name) for name in file.groups("/")}
+        tables = [name for name, kind in kinds.items() if kind is not None]
         tables = [name for name in KEYS if name in tables] or tables
         if len(tables) != 1:
             stored = listed(map(printable, tables), "and") if tables else "none"
             fix = "save one of them in a file of its own"
             raise input_error(path, f"holds the tables {stored} of pandas", fix)
         key = tables[0]
-        kind = text(file.attribute("pandas_type", key) or "")
-        if kind not in ("frame_table", "frame"):
-            found = f"is a {printable(kind)} of pandas, not a table of frames"
-            raise file.fault(key, found, SAVE_CSV)
-        columns, blocks, labels = (_read_table if kind == "frame_table" else _read_fixed)(file, key)
-        values = np.concatenate(blocks, axis=1)
+        table = file.is_dataset(f"{key}/table")
+        blocks, index = _read_table(file, f"{key}/table") if table else _read_fixed(file, key)
+        columns = [column for names, _ in blocks for column in names]
+        values = np.column_stack([_numbers(values, len(names)) for names, values in blocks])
+        require(index.ndim == 1, "its index is no number")
+        if index.dtype.kind in "iuf":
+            labels = number_labels(file.place(key), index)
+        else:
+            labels = image_labels([*map(text, index.tolist())])
+        require(len(labels) == len(values), f"names {len(labels)} of {len(values)} frames")
     return of_columns(path, file.place(key), columns, values, labels)
 
 
-def _read_table(file: TrackerFile, key: str) -> tuple[Columns, list[Floats], list[str]]:
-    """Return the columns of the table layout, its blocks of numbers, and labels of its frames."""
-    table = f"{key}/table"
+Blocks = list[tuple[Columns, NDArray[Any]]]
+"""Names of columns, and their values (n, columns)."""
+
+
+def _read_table(file: TrackerFile, table: str) -> tuple[Blocks, NDArray[Any]]:
+    """Return the blocks of the table layout, and its index (n,)."""
     rows = file.table(table, "index")
-    columns, blocks = [], []
+    blocks = []
     for field in rows.dtype.names:
         if field != "index":
             place = f"{file.place(table)}@{printable(field)}_kind"
             names = unpickle_names(place, file.attribute(f"{field}_kind", table))
-            columns += names
-            blocks.append(_block(rows[field], len(names)))
-    texts = text(file.attribute("index_kind", table) or "").startswith("string")
-    return columns, blocks, _labels(file, table, rows["index"], texts=texts)
+            blocks.append((names, rows[field]))
+    return blocks, rows["index"]
 
 
-def _read_fixed(file: TrackerFile, key: str) -> tuple[Columns, list[Floats], list[str]]:
-    """Return the same of the fixed layout, whose columns are levels and codes."""
-    columns, blocks = [], []
-    count = file.attribute("nblocks", key)
-    for number in range(count if isinstance(count, int) and 0 <= count < 100 else 1):
-        names = _levels(file, f"{key}/block{number}_items")
-        dataset = f"{key}/block{number}_values"
+def _read_fixed(file: TrackerFile, key: str) -> tuple[Blocks, NDArray[Any]]:
+    """Return the blocks of the fixed layout, and its index (n,)."""
+    blocks = []
+    while file.is_dataset(dataset := f"{key}/block{len(blocks)}_values"):
+        names = _levels(file, f"{key}/block{len(blocks)}_items")
         values = file.rows(dataset)
-        columns += names
-        values = values if file.attribute("transposed", dataset) else values.T
-        blocks.append(_block(values, len(names)))
-    axis = f"{key}/axis0"
-    if file.is_dataset(f"{axis}_level0"):
-        stated = sorted(_levels(file, axis))
-        require(stated == sorted(columns), "names other columns than its blocks")
+        blocks.append((names, values if file.attribute("transposed", dataset) else values.T))
+    require(blocks, "has no columns")
     axis = f"{key}/axis1"
-    if text(file.attribute("axis1_variety", key) or "") == "multi":
-        labels = image_labels(["/".join(filter(None, row)) for row in _levels(file, axis)])
-    else:
-        index = np.ravel(file.rows(axis))
-        labels = _labels(file, axis, index, texts=index.dtype.kind not in "iuf")
-    rows = len(blocks[0])
-    require(len(labels) == rows, f"names {len(labels)} frames, and there are {rows}")
-    return columns, blocks, labels
+    if not file.is_dataset(f"{axis}_level0"):
+        return blocks, np.ravel(file.rows(axis))
+    paths = ["/".join(filter(None, row)) for row in _levels(file, axis)]
+    return blocks, np.array(paths, object)
 
 
-def _block(values: Any, columns: int) -> Floats:
-    """Return a block (n, columns) as numbers."""
+def _numbers(values: NDArray[Any], columns: int) -> Floats:
+    """Return the values (n, columns) of a block as numbers."""
     values = values[:, None] if values.ndim == 1 else values
     require(values.dtype.kind in "biuf", "holds pickled values, not numbers; save it as CSV")
     require(values.shape[1:] == (columns,), f"has the shape {values.shape} for {columns} columns")
     return np.asarray(values, np.float64)
-
-
-def _labels(file: TrackerFile, name: str, index: NDArray[Any], *, texts: bool) -> list[str]:
-    """Return what the frames are called that an index numbers or names."""
-    if texts:
-        return image_labels([*map(text, index.tolist())])
-    require(index.dtype.kind in "iuf" and index.ndim == 1, "its index is no number")
-    return number_labels(file.place(name), index)
 
 
 def _levels(file: TrackerFile, start: str) -> Columns:
@@ -275,8 +257,7 @@ def _levels(file: TrackerFile, start: str) -> Columns:
     while file.is_dataset(place := f"{start}_level{len(levels)}"):
         names = [*map(text, np.ravel(file.rows(place)).tolist()), ""]
         codes = np.ravel(file.rows(f"{start}_label{len(levels)}"))
-        proper = codes.dtype.kind in "iu" and ((codes >= -1) & (codes < len(names) - 1)).all()
+        proper = codes.dtype.kind in "iu" and (codes >= -1).all()
         require(proper, "are no codes")
         levels.append([names[code] for code in codes.tolist()])
-    require(levels, f"has no names for the columns of {start}")
     return list(zip(*levels, strict=True))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -11,7 +11,6 @@ from typing import Any
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error, printable
@@ -20,7 +19,6 @@ from shapefit.io.readers.poses import (
     PARSE_ERRORS,
     Edges,
     Poses,
-    check_names,
     message,
     number_labels,
     of_frames,
@@ -50,16 +48,15 @@ class TrackerFile(Hdf5File):
         self.last = name
         return super().stored(name)
 
-    def groups(self, group: str = "/") -> tuple[str, ...]:
-        """Return the names of the groups in a group."""
+    def groups(self, group: str, levels: int = 1) -> Iterator[str]:
+        """Yield the groups below a group that is there, so many levels deep."""
         with self.damage(group):
-            node = self.root[group]
-            return tuple(name for name in node if isinstance(node.get(name), h5py.Group))
-
-    def has(self, name: str) -> bool:
-        """Whether there is such a dataset or group."""
-        with self.damage(name):
-            return self.root.get(name) is not None
+            nodes = self.root.get(group, {})
+            found = [name for name in nodes if isinstance(nodes.get(name), h5py.Group)]
+        for name in found:
+            yield (below := f"{group}/{name}".strip("/"))
+            if levels > 1:
+                yield from self.groups(below, levels - 1)
 
     def shape(self, name: str) -> tuple[int, ...]:
         """Return the shape of a dataset."""
@@ -68,11 +65,11 @@ class TrackerFile(Hdf5File):
     def numbers(self, name: str, *wanted: int | None) -> Floats:
         """Return a dataset as numbers, of the wanted shape if one is given; None is any length."""
         stored = self.stored(name)
-        found = f"has the shape {stored.shape}, and {wanted or 'others'} are wanted"
         fits = len(wanted) == len(stored.shape) and all(
             length in (None, size) for length, size in zip(wanted, stored.shape, strict=True)
         )
-        require(not wanted or fits, found.replace("None", "any"))
+        shape = str(wanted).replace("None", "any")
+        require(not wanted or fits, f"has the shape {stored.shape}, not {shape}")
         require(stored.dataset.dtype.kind in "biuf", "holds no numbers")
         return np.asarray(self.rows(name), np.float64)
 
@@ -116,9 +113,11 @@ def text(value: Any) -> str:
     return value.decode("utf-8", "backslashreplace") if isinstance(value, bytes) else str(value)
 
 
+# JABS and movement.
+
 MOUSE = (
-    "NOSE LEFT_EAR RIGHT_EAR BASE_NECK LEFT_FRONT_PAW RIGHT_FRONT_PAW CENTER_SPINE "
-    "LEFT_REAR_PAW RIGHT_REAR_PAW BASE_TAIL MID_TAIL TIP_TAIL"
+    *("NOSE", "LEFT_EAR", "RIGHT_EAR", "BASE_NECK", "LEFT_FRONT_PAW", "RIGHT_FRONT_PAW"),
+    *("CENTER_SPINE", "LEFT_REAR_PAW", "RIGHT_REAR_PAW", "BASE_TAIL", "MID_TAIL", "TIP_TAIL"),
 )
 """The landmarks of JABS, which its files do not name."""
 
@@ -133,49 +132,36 @@ def read_jabs(paths: tuple[Path, ...]) -> Poses:
     0 where there is none.
     """
     path = paths[0]
-    names = tuple(MOUSE.split())
     with TrackerFile(path) as file:
-        points = file.numbers("poseest/points")
-        shape = points.shape
-        require(points.ndim in (3, 4) and shape[-1] == 2, f"has the shape {shape}")
-        several = points.ndim == 4
-        points = (points if several else points[:, None])[..., ::-1]
-        confidence = np.ones(points.shape[:3])
+        points = file.numbers("poseest/points")[..., ::-1]
+        require(points.ndim in (3, 4) and points.shape[-1] == 2, f"has the shape {points.shape}")
+        frames, *many = points.shape[:-2]
+        ids, absent = np.zeros((frames, 1)), np.zeros((frames, 1), bool)
+        version = np.ravel(file.attribute("version", "poseest") or 2)[0]
+        if many and version > 3:
+            ids = file.numbers("poseest/instance_embed_id", frames, *many)
+            absent = ids <= 0
+        elif many:
+            ids = file.numbers("poseest/instance_track_id", frames, *many)
+            absent = np.arange(*many) >= file.numbers("poseest/instance_count", frames)[:, None]
+        confidence = np.ones(points.shape[:-1])
         if file.is_dataset("poseest/confidence"):
-            confidence = file.numbers("poseest/confidence", *shape[:-1]).reshape(points.shape[:3])
-        ids, absent = np.zeros(points.shape[:2], np.int64), np.zeros(points.shape[:2], bool)
-        if several:
-            ids, absent = _identities(file, *points.shape[:2])
+            confidence = file.numbers("poseest/confidence", *points.shape[:-1])
     seen = confidence > 0
-    lost = int((seen.any(axis=2) & absent).sum())
-    named = points.shape[2] == len(names)
+    lost = int((seen.any(axis=-1).reshape(absent.shape) & absent).sum())
+    named = points.shape[-2] == len(MOUSE)
     return of_frames(
         path,
         np.where(seen[..., None], points, np.nan),
         confidence,
         present=~absent,
         video=sub(r"_pose_est(_v\d+)?$", "", video_name(path)),
-        landmark_names=names if named else None,
-        individuals=ids.astype(str) if several else None,
+        landmark_names=MOUSE if named else None,
+        individuals=ids.astype(int).astype(str) if many else None,
         edges=LINES if named else (),
         notes=(f"{lost} instances without an identity left out",) if lost else (),
     )
 
-
-def _identities(file: TrackerFile, frames: int, many: int) -> tuple[NDArray[Any], NDArray[Any]]:
-    """Return who is where (frame, instance) in a file of several mice, and where is nobody."""
-    identity, track = "poseest/instance_embed_id", "poseest/instance_track_id"
-    stated = file.attribute("version", "poseest")
-    version = stated[0] if isinstance(stated, list) and stated else stated
-    by_identity = version > 3 if isinstance(version, int) else file.is_dataset(identity)
-    ids = file.numbers(identity if by_identity else track, frames, many).astype(np.int64)
-    if by_identity:
-        return ids, ids <= 0
-    counts = file.numbers("poseest/instance_count", frames)
-    return ids, np.arange(many) >= counts[:, None]
-
-
-SINGULAR = {"keypoints": "keypoint", "individuals": "individual"}
 
 WANTED = ("time", "individual", "keypoint", "space")
 """The axes of movement, in the order in which they are given out."""
@@ -194,21 +180,19 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
             fix = "give a data set of poses; bounding boxes have no landmarks"
             raise input_error(path, found, fix)
         points = _arranged(file, "position", WANTED)
-        frames, people, landmarks, coordinates = points.shape
         confidence = None
         if file.is_dataset("confidence"):
             confidence = _arranged(file, "confidence", WANTED[:3])
             fits = confidence.shape == points.shape[:3]
             require(fits, f"has the shape {confidence.shape}, and position {points.shape}")
-        times = np.arange(frames, dtype=float)
+        labels = None
         if file.is_dataset("time"):
-            times = file.numbers("time", frames)
-        labels = number_labels(file.place("time"), times)
-        space = _names(file, "space", coordinates)
+            labels = number_labels(file.place("time"), file.numbers("time", len(points)))
+        _, individuals, names, space = (
+            _names(file, axis, size) for axis, size in zip(WANTED, points.shape, strict=True)
+        )
         require(space in (("x", "y"), ("x", "y", "z")), f"names the coordinates {', '.join(space)}")
         rate = file.attribute("fps")
-        names = _names(file, "keypoint", landmarks)
-        individuals = _names(file, "individual", people)
     return of_frames(
         path,
         points,
@@ -222,7 +206,7 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
 
 def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
     """Return a dataset with the wanted axes in order; an animal or point picked out is 1 long."""
-    axes = [SINGULAR.get(axis, axis) for axis in file.scales(name)]
+    axes = [axis.removesuffix("s") for axis in file.scales(name)]
     kept = [axis for axis in wanted if axis in axes]
     needed = {"time", *wanted[3:]} <= set(axes)
     require(needed and sorted(kept) == sorted(axes), f"has the axes {', '.join(axes)}")
@@ -241,12 +225,12 @@ def _names(file: TrackerFile, axis: str, size: int) -> tuple[str, ...]:
     return names
 
 
-TYPE = "neurodata_type"
-
-DEEPEST = 4
-"""Groups below `processing` in which animals are looked for."""
+# NWB.
 
 UNITS = {"pixel": "px", "pixels": "px", "px": "px", "meters": "m", "metres": "m", "meter": "m"}
+
+DEEPEST = 5
+"""Levels of groups below `processing` that are looked at: modules, animals and their series."""
 
 STEADY = 0.01
 """Share of a step by which times of a steady rate may deviate from it."""
@@ -254,7 +238,7 @@ STEADY = 0.01
 
 @dataclass(frozen=True)
 class Series:
-    """A PoseEstimationSeries: the way of one landmark of one animal, which is in a module.
+    """A PoseEstimationSeries: one landmark over time, of an animal, which is in a module.
 
     points (n, 2 or 3) times the conversion that is stated; confidence (n,), NaN where there is
     none; times (n,) in seconds; rate in Hz, of a series that states it.
@@ -278,133 +262,113 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
     """
     path = paths[0]
     with TrackerFile(path) as file:
-        animals = dict(_animals(file, "processing", 1)) if file.has("processing") else {}
-        if not animals:
+        groups = tuple(file.groups("processing", DEEPEST))
+        kinds = {name: text(file.attribute("neurodata_type", name) or "") for name in groups}
+        series = [
+            _read_series(file, name)
+            for name in groups
+            if kinds[name] == "PoseEstimationSeries"
+            and kinds.get(name.rpartition("/")[0]) == "PoseEstimation"
+        ]
+        if not series:
             what = "holds no PoseEstimation (ndx-pose), so no landmarks"
             raise input_error(path, what, "give a file of estimated poses")
-        names, edges = _landmarks(file, animals)
-    series = [each for own in animals.values() for each in own]
-    if len(dimensions := {each.points.shape[1] for each in series}) != 1:
+        names, edges = _landmarks(file, groups, series)
+    dimensions = {each.points.shape[1] for each in series}
+    if len(dimensions) > 1:
         raise input_error(path, "holds 2D and 3D series", "save them in files of their own")
     people = tuple(dict.fromkeys(each.animal for each in series))
-    several = len(people) < len(animals)
-    modules = list(dict.fromkeys(each.module for each in series)) if several else [""]
-    videos = [[each for each in series if each.module == m or not several] for m in modules]
-    times = [np.unique(np.concatenate([each.times for each in own])) for own in videos]
-    read = [_join(own, at, names, people) for own, at in zip(videos, times, strict=True)]
-    points, confidence, frame, who = map(np.concatenate, zip(*read, strict=True))
-    labels = [number_labels("", at[own[2]]) for at, own in zip(times, read, strict=True)]
-    called = [module for module, own in zip(modules, read, strict=True) for _ in own[2]]
-    units = {each.unit for each in series}
-    unit = UNITS.get(units.pop(), "unknown") if len(units) == 1 else "unknown"
+    several = len(people) < len({(each.module, each.animal) for each in series})
+    modules = dict.fromkeys(each.module if several else "" for each in series)
+    videos = [
+        _join([each for each in series if each.module == module or not several], names, people)
+        for module in modules
+    ]
+    points, confidence, frame, who = map(np.concatenate, zip(*(v[1:] for v in videos), strict=True))
+    labels = [np.array(number_labels(str(path), v[0]), object)[v[3]].tolist() for v in videos]
+    videos_of_poses = [name for name, own in zip(modules, labels, strict=True) for _ in own]
+    units = {UNITS.get(each.unit, "unknown") for each in series}
     return Poses(
         name=str(path),
-        video=called if several else video_name(path),
+        video=videos_of_poses if several else video_name(path),
         points=points,
         confidence=None if np.isnan(confidence).all() else confidence,
         frame=frame,
         label=[label for own in labels for label in own],
         individual=[people[number] for number in who.tolist()],
         landmark_names=names,
-        frame_count=sum(map(len, times)),
-        frame_rate=_rate({each.rate for each in series if len(each.times) > 1}, times),
-        unit="px" if dimensions == {2} else unit,
+        frame_count=sum(len(video[0]) for video in videos),
+        frame_rate=_rate(series, [video[0] for video in videos]),
+        unit="px" if dimensions == {2} else units.pop() if len(units) == 1 else "unknown",
         edges=edges,
     )
 
 
-def _animals(file: TrackerFile, group: str, depth: int) -> Iterator[tuple[str, list[Series]]]:
-    """Yield the groups of all animals below a group that have series, and these."""
-    for name in file.groups(group):
-        below = f"{group}/{name}"
-        if text(file.attribute(TYPE, below) or "") == "PoseEstimation":
-            own = [
-                _series(file, f"{below}/{landmark}", group.rpartition("/")[2], name, landmark)
-                for landmark in file.groups(below)
-                if text(file.attribute(TYPE, f"{below}/{landmark}")) == "PoseEstimationSeries"
-            ]
-            if own:
-                yield below, own
-        elif depth < DEEPEST:
-            yield from _animals(file, below, depth + 1)
-
-
-def _series(file: TrackerFile, group: str, module: str, animal: str, landmark: str) -> Series:
-    data, scores, start, stamps = (
-        f"{group}/{name}" for name in ("data", "confidence", "starting_time", "timestamps")
-    )
+def _read_series(file: TrackerFile, group: str) -> Series:
+    module, animal, landmark = group.split("/")[-3:]
+    data, scores, start = (f"{group}/{n}" for n in ("data", "confidence", "starting_time"))
     points = file.numbers(data, None, None)
     count, axes = points.shape
     require(axes in (2, 3), f"has {axes} coordinates")
+    points = points * (_number(file, "conversion", data) or 1.0) + _number(file, "offset", data)
+    unit = text(file.attribute("unit", data) or "pixels").lower()
     confidence = np.full(count, np.nan)
     if file.is_dataset(scores):
         confidence = file.numbers(scores, count)
     rate = None
     if file.is_dataset(start):
-        require(file.shape(start) == (), "is no number; store the time of the first point")
-        stated = _number(file, "rate", start, 0.0)
-        rate = stated if stated > 0 else None
-        times = file.numbers(start) + np.arange(count) / (rate or 1.0)
+        rate = max(_number(file, "rate", start), 0.0) or None
+        times = file.numbers(start).reshape(()) + np.arange(count) / (rate or 1.0)
         require(np.isfinite(times).all(), "is no number; store the time of the first point")
-    else:  # one of the two is there
-        times = file.numbers(stamps, count)
+    else:
+        times = file.numbers(f"{group}/timestamps", count)
         rising = np.isfinite(times).all() and (np.diff(times) > 0).all()
         require(rising, "does not increase; give each point a time of its own, in their order")
-    factor = _number(file, "conversion", data, 1.0) or 1.0
-    points = points * factor + _number(file, "offset", data, 0.0)
-    unit = text(file.attribute("unit", data) or "pixels").lower()
     return Series(module, animal, landmark, points, confidence, times, rate, unit)
 
 
-def _number(file: TrackerFile, name: str, node: str, default: float) -> float:
+def _number(file: TrackerFile, name: str, node: str) -> float:
+    """Return an attribute that is a number; 0 for none."""
     value = file.attribute(name, node)
-    return float(value) if isinstance(value, int | float) and np.isfinite(value) else default
-
-
-def _skeleton(file: TrackerFile, animal: str, landmarks: set[str]) -> str | None:
-    """Return the group that has the nodes of an animal: its own, the one it names, one beside.
-
-    One of the module counts where it has all landmarks of the animal.
-    """
-    near = [animal, f"{animal}/skeleton"]
-    beside = f"{animal.rpartition('/')[0]}/Skeletons"
-    if not file.has(beside):
-        beside = "processing/behavior/Skeletons"
-    if file.has(beside):
-        near += [f"{beside}/{name}" for name in file.groups(beside)]
-    for group in near:
-        if file.is_dataset(f"{group}/nodes") and landmarks <= set(file.texts(f"{group}/nodes")):
-            return group
-    return None
+    return float(value) if isinstance(value, int | float) and np.isfinite(value) else 0.0
 
 
 def _landmarks(
-    file: TrackerFile, animals: Mapping[str, list[Series]]
+    file: TrackerFile, groups: Sequence[str], series: list[Series]
 ) -> tuple[tuple[str, ...], Edges]:
-    """Return all landmarks, in the order of skeletons, then of appearance; and their edges."""
+    """Return all landmarks, in the order of skeletons, then of appearance; and their edges.
+
+    The skeleton of an animal is the first that has all of its landmarks; its own comes first.
+    """
     names: dict[str, None] = {}
     pairs: dict[tuple[str, str], None] = {}
-    for group, series in animals.items():
-        own = [each.landmark for each in series]
-        if (skeleton := _skeleton(file, group, set(own))) is not None:
-            nodes = file.texts(f"{skeleton}/nodes")
-            check_names(nodes, "node")
-            lines = file.edges(f"{skeleton}/edges", len(nodes))
-            pairs |= dict.fromkeys((nodes[a], nodes[b]) for a, b in lines)
-            names |= dict.fromkeys(name for name in nodes if name in own)
-        names |= dict.fromkeys(own)
+    stored = {group: f"{group}/nodes" for group in groups}
+    nodes = {g: file.texts(name) for g, name in stored.items() if file.is_dataset(name)}
+    landmarks: dict[tuple[str, str], dict[str, None]] = {}
+    for each in series:
+        landmarks.setdefault((each.module, each.animal), {})[each.landmark] = None
+    for (module, animal), own in landmarks.items():
+        inside = f"/{module}/{animal}/"
+        near = sorted(nodes, key=lambda name: inside not in f"{name}/")
+        group = next((name for name in near if own.keys() <= set(nodes[name])), None)
+        if group is not None:
+            lines = file.edges(f"{group}/edges", len(nodes[group]))
+            pairs |= dict.fromkeys((nodes[group][a], nodes[group][b]) for a, b in lines)
+            names |= dict.fromkeys(name for name in nodes[group] if name in own)
+        names |= own
     place = {name: number for number, name in enumerate(names)}
     edges = ((place[a], place[b]) for a, b in pairs if a in place and b in place)
     return tuple(names), tuple(edges)
 
 
 def _join(
-    own: list[Series], times: Floats, names: tuple[str, ...], people: tuple[str, ...]
-) -> tuple[Floats, Floats, Integers, Integers]:
-    """Return points (N, p, d), confidence (N, p), and frames and individuals (N,).
+    own: list[Series], names: tuple[str, ...], people: tuple[str, ...]
+) -> tuple[Floats, Floats, Floats, Integers, Integers]:
+    """Return the times (n,) of a video, and of its poses points, confidence, frame, individual.
 
-    A frame is one of the times (n,); an instance an animal with a point then.
+    A frame is one of the times; a pose is an animal with a point then.
     """
+    times = np.unique(np.concatenate([each.times for each in own]))
     shape = (len(times), len(people), len(names))
     points = np.full((*shape, own[0].points.shape[1]), np.nan)
     confidence = np.full(shape, np.nan)
@@ -416,17 +380,17 @@ def _join(
         confidence[frames, who, landmark] = each.confidence
         present[frames, who] = True
     frame, individual = np.nonzero(present)
-    return points[present], confidence[present], frame, individual
+    return times, points[present], confidence[present], frame, individual
 
 
-def _rate(stated: set[float | None], times: list[Floats]) -> float | None:
+def _rate(series: list[Series], times: list[Floats]) -> float | None:
     """Return the frame rate that the series state, or that the times of all videos keep."""
-    if len(stated) == 1 and (rate := next(iter(stated))) is not None:
+    stated = {each.rate for each in series if len(each.times) > 1}
+    if len(stated) == 1 and (rate := stated.pop()) is not None:
         return rate
     steps = [np.diff(each) for each in times if len(each) > 2]
-    if not steps or stated != {None}:
+    if stated or not steps:
         return None
-    every = np.concatenate(steps)
-    middle = float(np.median(every))
-    steady = bool((np.abs(every - middle) <= STEADY * middle).all())
+    middle = float(np.median(np.concatenate(steps)))
+    steady = all((np.abs(own - middle) <= STEADY * middle).all() for own in steps)
     return 1 / middle if steady else None
