@@ -312,53 +312,35 @@ def is_c3d(head: Head) -> bool:
 
 # Files of no format.
 
-DETECTOR = "give the file of landmarks that a detector made of it"
-EXPORT = "give the CSV or HDF5 file that its program exports"
-PARQUET = "write it as CSV: pandas.read_parquet(...).to_csv(..., index=False)"
-NETCDF_3 = "write it as netCDF 4: to_netcdf(..., engine='h5netcdf')"
-
-UNSUPPORTED: tuple[tuple[str, str, str], ...] = (
-    ("is compressed", "unpack it first", r"\x1f\x8b|BZh|\xfd7zXZ\0|\x28\xb5\x2f\xfd"),
-    ("is a zip archive, as models of PyTorch are, too", "give a file of landmarks", r"PK\x03\x04"),
-    ("is a pickle of Python, which is never executed here", EXPORT, r"\x80[\x02-\x05]"),
-    ("is a file of MATLAB", "export its points as CSV", r"MATLAB "),
-    ("is netCDF 3", NETCDF_3, r"CDF"),
-    ("is Parquet", PARQUET, r"PAR1"),
-    ("is a video, or a part of one", DETECTOR, r"RIFF|\x1aE\xdf\xa3|....(?:ftyp|moov|mdat)"),
-    ("is an image", DETECTOR, r"\x89PNG|\xff\xd8\xff|GIF8|BM"),
-)
-"""What a file is, the fix, and how such files begin."""
+CALIBRATION = re.compile(rb"\b(?:camera_|intrinsic_)?matrix\"?\s*[=:]", re.IGNORECASE)
+"""What a calibration has near its beginning, in TOML, YAML or JSON."""
 
 
-def unsupported_file(head: Head) -> InputError | None:
-    """Return the error for a file whose first bytes say what else it is; None without such."""
-    for found, fix, start in UNSUPPORTED:
-        if re.match(start.encode("latin-1"), head.bytes, re.DOTALL) and not _is_text(head.bytes):
-            return input_error(head.path, found, fix)
-    return None
-
-
-def _is_text(data: bytes) -> bool:
-    """Whether bytes are the beginning of a text; the last letter may be cut."""
-    try:
-        data.decode()
-    except UnicodeDecodeError as error:
-        return error.start > len(data) - 4 and b"\0" not in data
-    return b"\0" not in data
-
-
-def unknown_json(head: Head) -> InputError:
-    """Return the error for JSON in no known format: damage, or what it has and what is known."""
-    try:
-        read_json(head.path)
-    except InputError as error:
-        return error
+def refuse_unknown(head: Head) -> None:
+    """Raise InputError for a file of no format, unless it may be a table of text."""
+    if CALIBRATION.search(head.text):
+        found = "is a calibration of cameras, not landmarks"
+        raise input_error(head.path, found, "give it as --calibration")
+    if not _is_text(head.bytes):
+        fix = "give the landmarks that a detector found in a video or images, not compressed"
+        raise input_error(head.path, "is neither text nor of a known format", fix)
+    if not head.may_be_json:
+        return
+    read_json(head.path)  # tells of damage
     place = "an object" if isinstance(head.json, dict) else "a list of objects"
     names = f"with {abbreviate(sorted(head.keys))}" if head.keys else "without names"
     fix = (
         "give what OpenPose (version, people), AlphaPose, MMPose (instances) or MediaPipe write, "
         "COCO annotations (images, annotations, categories) or COCO results (image_id, keypoints)"
     )
-    if {"shapes", "imagePath"} <= head.keys:
-        fix = "it is LabelMe's: export it as COCO keypoints"
-    return input_error(head.path, f"is JSON of no known kind, {place} {names}", fix)
+    raise input_error(head.path, f"is JSON of no known kind, {place} {names}", fix)
+
+
+WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")
+CONTROL = frozenset(range(32)) - {*b"\t\n\v\f\r\x1a\x1b"}
+"""Bytes that no text has."""
+
+
+def _is_text(data: bytes) -> bool:
+    """Whether bytes are the beginning of a text in UTF-8, UTF-16 with a mark, or Latin-1."""
+    return data.startswith(WIDE_MARKS) or not CONTROL & {*data}

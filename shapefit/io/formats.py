@@ -277,13 +277,7 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     if HDF5.has_suffix(path):
         fix = "give an HDF5 file, or name it .csv if it is CSV"
         raise input_error(path, "is not an HDF5 file", fix)
-    if (error := detect.unsupported_file(head)) is not None:
-        raise error
-    if b"\0" in head.bytes and not CSV.has_suffix(path):
-        titles = listed(known.title for known in FORMATS.values())
-        raise input_error(path, "is of no known format", f"give {titles}")
-    if head.may_be_json:
-        raise detect.unknown_json(head)
+    detect.refuse_unknown(head)
     return CSV
 
 

@@ -50,18 +50,19 @@ def of_columns(
     depths = {len(column) for column in columns}
     number: dict[tuple[str, str, str], int] = {}
     with parsing(place, f"{SAVE}, with the columns of one scorer, x and y for each body part"):
+        require(columns, "has no columns of coordinates")
         require(depths in ({3}, {4}), f"its columns have {abbreviate([*map(str, depths)])} names")
         for column, names in enumerate(columns):
             key = (names[1] if len(names) == 4 else "", names[-2], names[-1])
             require(key not in number, f"{key[2]} of {' '.join(key[:2]).strip()} is there twice")
             number[key] = column
-        others = [printable(axis) for _, _, axis in number if axis not in COORDINATES]
+        others = dict.fromkeys(printable(c[-1]) for c in columns if c[-1] not in COORDINATES)
         points_of = dict.fromkeys(key[:2] for key in number if key[2] in COORDINATES)
         individuals, landmarks = (
             tuple(dict.fromkeys(key[at] for key in points_of)) for at in (0, 1)
         )
         axes = [axis for axis in COORDINATES if axis in {key[2] for key in number}]
-        require(axes[:2] == ["x", "y"], f"has no columns x and y ({abbreviate(others)})")
+        require(axes[:2] == ["x", "y"], f"has no columns x and y ({abbreviate([*others])})")
         for who, landmark in points_of:
             lost = [axis for axis in axes if (who, landmark, axis) not in number]
             require(not lost, f"{landmark} has no column {''.join(lost[:1])}")
@@ -82,7 +83,7 @@ def of_columns(
         labels,
         landmark_names=landmarks,
         individuals=individuals if depths == {4} else None,
-        notes=(f"columns left out: {abbreviate([*dict.fromkeys(others)])}",) if others else (),
+        notes=(f"columns left out: {abbreviate([*others])}",) if others else (),
         edges=skeleton_edges(path, landmarks),
     )
 
@@ -230,7 +231,7 @@ def _read_table(file: TrackerFile, table: str) -> tuple[Blocks, NDArray[Any]]:
 
 def _read_fixed(file: TrackerFile, key: str) -> tuple[Blocks, NDArray[Any]]:
     """Return the blocks of the fixed layout, and its index (n,)."""
-    blocks = []
+    blocks: Blocks = []
     while file.is_dataset(dataset := f"{key}/block{len(blocks)}_values"):
         names = _levels(file, f"{key}/block{len(blocks)}_items")
         values = file.rows(dataset)
@@ -257,7 +258,7 @@ def _levels(file: TrackerFile, start: str) -> Columns:
     while file.is_dataset(place := f"{start}_level{len(levels)}"):
         names = [*map(text, np.ravel(file.rows(place)).tolist()), ""]
         codes = np.ravel(file.rows(f"{start}_label{len(levels)}"))
-        proper = codes.dtype.kind in "iu" and (codes >= -1).all()
+        proper = codes.dtype.kind in "iu" and ((codes >= -1) & (codes < len(names) - 1)).all()
         require(proper, "are no codes")
         levels.append([names[code] for code in codes.tolist()])
     return list(zip(*levels, strict=True))
