@@ -37,10 +37,11 @@ Body segment parameters, 1966, and the shapes of seven bodies)."""
 FORWARD = 0.045
 """Where a foot bears a standing body before its ankle, in heights of the body."""
 
-STRAIGHT, SLOW, LOWER, SECONDS = 0.85, 0.3, 0.12, 0.3
+STRAIGHT, SLOW, LOWER, SECONDS = 0.85, 0.17, 0.07, 0.3
 """A leg bears where hip and ankle are at least this share of its length apart, and its foot moves
-by at most so many m/s, is at most so many metres above the other, and does so for so many seconds.
-"""
+by at most so many heights of the body in a second, is at most so many heights above the other, and
+does so for so many seconds. All lengths are in heights of the body: the metres in a unit, which
+nobody may know well, decide nothing."""
 
 ALONG = 1 / 3
 """What motion along the line of sight counts for, which one camera hardly sees."""
@@ -52,13 +53,13 @@ moment; of what is the same in all moments. Chosen, as the others, on seven film
 LASTING = 0.5
 """Share of the deviations of a fit that all frames have in common (docs/sequences.md)."""
 
-FOOT, DEPTH, SIZE = 0.05, 0.12, 0.04
-"""Deviations of a foot across the line of sight in metres and along it in distances, and of the
-size of a body."""
+FOOT, DEPTH, SIZE = 0.03, 0.12, 0.04
+"""Deviations of a foot across the line of sight in heights of the body and along it in distances,
+and of the size of a body."""
 
-SURE = 0.5
-"""Most metres of the deviation of a height that counts as known; beyond it, a camera that is taken
-as level is as good a guess."""
+SURE = 0.29
+"""Most heights of the body of the deviation of a height that counts as known, about half a metre;
+beyond it, a camera that is taken as level is as good a guess."""
 
 STEPS = 10
 """Of least squares with weights 1 / (1 + u^2 / 4) of residuals u in deviations: a foot on a stair,
@@ -119,22 +120,24 @@ def find_floor(bodies: Sequence[Body], distance_sd: float) -> Floor | None:
 
     distance_sd: standard deviation of the logarithm of the distance, the same for all frames.
     """
-    parts = [_bearing(body) for body in bodies if _known(body)]
+    bodies = [body for body in bodies if _known(body)]
+    parts = [_bearing(body) for body in bodies]
     place = np.concatenate([part[0].place for part in parts]) if parts else np.empty((0, 3))
     if not len(place):
         return None
     feet = Feet(place, np.concatenate([part[0].above for part in parts]))
     leaning = np.concatenate([part[1] for part in parts])
     doubt = LASTING**2 * np.concatenate([part[2] for part in parts]).mean(axis=0)
-    found, covariance = _solve(feet, leaning, doubt)
+    stature = float(np.mean([body.stature for body in bodies]))
+    found, covariance = _solve(feet, leaning, doubt, FOOT * stature)
     farther = feet.place * np.array([1.0, 1.0, 1 + distance_sd])
-    change = _solve(Feet(farther, feet.above), leaning, doubt)[0] - found
+    change = _solve(Feet(farther, feet.above), leaning, doubt, FOOT * stature)[0] - found
     covariance += np.outer(change, change)
     a, b, g = found
     r = np.sqrt(1 + a**2 + b**2)
     slope = np.array([-g * a / r**3, -g * b / r**3, 1 / r])
     height_sd = np.sqrt(slope @ covariance @ slope + (SIZE * g / r) ** 2)
-    if height_sd > SURE:
+    if height_sd > SURE * stature:
         return None
     sd = np.degrees(np.sqrt(np.diag(covariance)[:2]) / (1 + found[:2] ** 2))
     roll, pitch = np.degrees(np.arctan(found[:2]))
@@ -161,8 +164,11 @@ def _bearing(body: Body) -> tuple[Feet, Floats, Floats]:
     above = body.stature * float(np.mean([ABOVE_FLOOR[mark] for mark in marks]))
     upright = centre - under.mean(axis=0)
     high = (under * upright / np.linalg.norm(upright, axis=1, keepdims=True)).sum(axis=2)
-    rests = np.stack([_rests(X, s, foot, body.rate) for s, foot in zip("lr", feet, strict=True)])
-    rests = np.asarray(rests & (high < high.min(axis=0) + LOWER))
+    slow = SLOW * body.stature
+    rests = np.stack(
+        [_rests(X, s, foot, body.rate, slow) for s, foot in zip("lr", feet, strict=True)]
+    )
+    rests = np.asarray(rests & (high < high.min(axis=0) + LOWER * body.stature))
     fewest = max(SECONDS * body.rate, 2)
     places = [
         foot[begin:end].mean(axis=0)
@@ -188,8 +194,10 @@ def _bearing(body: Body) -> tuple[Feet, Floats, Floats]:
     )
 
 
-def _rests(X: Mapping[str, Floats], side: str, foot: Floats, rate: float) -> NDArray[np.bool_]:
-    """Whether a foot (n, 3) is slow and below a leg that is straight."""
+def _rests(
+    X: Mapping[str, Floats], side: str, foot: Floats, rate: float, slow: float
+) -> NDArray[np.bool_]:
+    """Whether a foot (n, 3) is slower than `slow`, in m/s, and below a leg that is straight."""
     hip, knee, ankle = (X[f"{side}{joint}"] for joint in ("hip", "knee", "ankle"))
     leg = np.linalg.norm(hip - knee, axis=1) + np.linalg.norm(knee - ankle, axis=1)
     step, frame = max(round(rate * SECONDS / 2), 1), np.arange(len(foot))
@@ -197,8 +205,8 @@ def _rests(X: Mapping[str, Floats], side: str, foot: Floats, rate: float) -> NDA
     moved = (foot[late] - foot[early]) * rate / np.maximum(late - early, 1)[:, None]
     ray = foot / np.linalg.norm(foot, axis=1, keepdims=True)
     moved = moved - (1 - ALONG) * (moved * ray).sum(axis=1, keepdims=True) * ray
-    slow = np.linalg.norm(moved, axis=1) < SLOW
-    return np.asarray(slow & (np.linalg.norm(hip - ankle, axis=1) > STRAIGHT * leg))
+    still = np.linalg.norm(moved, axis=1) < slow
+    return np.asarray(still & (np.linalg.norm(hip - ankle, axis=1) > STRAIGHT * leg))
 
 
 def _runs(rest: NDArray[np.bool_], fewest: float) -> Iterator[tuple[int, int]]:
@@ -207,13 +215,16 @@ def _runs(rest: NDArray[np.bool_], fewest: float) -> Iterator[tuple[int, int]]:
     return ((b, e) for b, e in turns.reshape(-1, 2).tolist() if e - b >= fewest)
 
 
-def _solve(feet: Feet, leaning: Floats, doubt: Floats) -> tuple[Floats, Floats]:
-    """Return a, b, g and their covariance; leaning (k, 2), doubt (2,) the variance all share."""
+def _solve(feet: Feet, leaning: Floats, doubt: Floats, foot_sd: float) -> tuple[Floats, Floats]:
+    """Return a, b, g and their covariance.
+
+    leaning (k, 2); doubt (2,) the variance all share; foot_sd of a foot across the line of sight.
+    """
     usual, weights = np.median(leaning, axis=0), np.ones(len(leaning))
     for _ in range(STEPS):
         weights = 1 / (1 + (((leaning - usual) / SWAY) ** 2).sum(axis=1) / 4)
         usual = weights @ leaning / weights.sum()
-    told = 1 / (SWAY**2 / weights.sum() + LEAN**2 + doubt)
+    lean_precision = 1 / (SWAY**2 / weights.sum() + LEAN**2 + doubt)
     x, y, z = feet.place.T
     A = np.column_stack([x, z, np.ones(len(x))])
     a, b = usual
@@ -221,9 +232,11 @@ def _solve(feet: Feet, leaning: Floats, doubt: Floats) -> tuple[Floats, Floats]:
     for _ in range(STEPS):
         r = np.sqrt(1 + found[0] ** 2 + found[1] ** 2)
         along = (found[0] * x + y + found[1] * z) / r
-        variance = r**2 * (FOOT**2 + (DEPTH * along) ** 2)
+        variance = r**2 * (foot_sd**2 + (DEPTH * along) ** 2)
         target = r * feet.above - y
         w = 1 / (variance + (A @ found - target) ** 2 / 4)
-        precision = (A.T * w) @ A + np.diag([*(told + LEVEL**-2), 0.0])
-        found = np.linalg.solve(precision, A.T @ (w * target) + np.array([*(told * usual), 0.0]))
+        precision = (A.T * w) @ A + np.diag([*(lean_precision + LEVEL**-2), 0.0])
+        found = np.linalg.solve(
+            precision, A.T @ (w * target) + np.array([*(lean_precision * usual), 0.0])
+        )
     return found, np.linalg.inv(precision)

@@ -113,6 +113,23 @@ def test_a_floor_far_away_is_less_certain_and_then_unknown():
     assert find_floor([body(seen(still(), away=24.0)[0])], 0.05) is None
 
 
+@pytest.mark.parametrize("size", [0.3, 2.5])
+@pytest.mark.parametrize("walker", [walk, still])
+def test_what_a_unit_measures_decides_nothing(walker, size):
+    """Whoever knows the height of the body better finds the same floor, so much larger."""
+    points, _ = seen(walker())
+    one, other = (
+        find_floor([Body(k * points, k * np.full_like(points, 0.05), JOINTS, k * TALL, RATE)], 0.18)
+        for k in (1.0, size)
+    )
+    assert one is not None
+    assert other is not None
+    np.testing.assert_allclose(other.up, one.up, atol=1e-9)
+    assert other[1:] == pytest.approx(
+        (size * one.height, one.pitch, one.roll, size * one.height_sd, *one[5:]), rel=1e-6
+    )
+
+
 def sitting():
     points = still()
     low = [JOINTS[f"{s}{joint}"] for s in "lr" for joint in LEVELS]

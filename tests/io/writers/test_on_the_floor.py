@@ -102,6 +102,18 @@ def test_where_nobody_stands_the_camera_is_taken_as_level(tmp_path, posture):
     assert line in summary.note
 
 
+@pytest.mark.parametrize("height", [0.4, 1.7, 6.0])
+def test_a_given_height_does_not_decide_whether_there_is_a_floor(tmp_path, walk, height):
+    notes = [
+        save(tmp_path / f"{name}.trc", walk, **given).note
+        for name, given in (("known", {}), ("given", {"height": height}))
+    ]
+    tilts = [re.search(r"above the floor, (tilted .*\(\+- \d+\))", note) for note in notes]
+    assert tilts[0] is not None
+    assert tilts[1] is not None
+    assert tilts[0][1] == tilts[1][1]
+
+
 def test_what_is_not_to_be_trusted_says_nothing(walk):
     reasons = np.array(["wide error bars"] * len(walk), dtype=object)
     assert list(find_floors(walk, AS_KNOWN, "")) == ["film"]
