@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import prod
@@ -82,6 +83,7 @@ class Hdf5File:
     def __init__(self, path: Path, cache_bytes: int | None = None) -> None:
         self.path = path
         self._asked: dict[str, Stored] = {}
+        self._suspects: dict[str, list[Any]] = {}
         with self.damage():
             self.root = open_hdf5(path, cache_bytes)
 
@@ -172,9 +174,38 @@ class Hdf5File:
         if size > MOST_COMPRESSED * there:
             found = f"of its {in_words(size)} the file holds {in_words(there)}"
             raise self.fault(name, found, "write its values, or make it smaller")
+        self._check_chunks(name, stored, rows)
         with self.damage(name):
             values = stored.dataset[rows]
             return _decoded(values) if stored.text else values
+
+    def _check_chunks(self, name: str, stored: Stored, rows: slice | tuple[Any, ...]) -> None:
+        """Raise InputError for compressed chunks in these rows that hold more than they declare.
+
+        HDF5 gives gzip and lzf as much memory as they want. Only chunks that could want much are
+        tried: here, in pieces that are dropped.
+        """
+        if stored.chunks is None:
+            return
+        declared = prod(stored.chunks) * stored.itemsize
+        with self.damage(name):
+            filters = _filters(stored.dataset)
+            if not any(code in (h5py.h5z.FILTER_DEFLATE, h5py.h5z.FILTER_LZF) for code in filters):
+                return
+            if name not in self._suspects:
+                self._suspects[name] = _large_chunks(stored.dataset, declared)
+        whole = slice(None) if rows == () or not isinstance(rows, slice) else rows
+        start, stop, _ = whole.indices(stored.shape[0])
+        for chunk in list(self._suspects[name]):
+            first = chunk.chunk_offset[0]
+            if first >= stop or first + stored.chunks[0] <= start:
+                continue
+            with self.damage(name):
+                fits = _fits_chunk(stored.dataset, chunk, declared, filters)
+            if not fits:
+                found = f"a compressed chunk holds more than the {in_words(declared)} it declares"
+                raise self.fault(name, found)
+            self._suspects[name].remove(chunk)
 
 
 TEXT = 100
@@ -185,6 +216,55 @@ COPIES = 2
 
 MOST_COMPRESSED = 2000
 """No filter of HDF5 makes data smaller by more: beyond that they were never written."""
+
+
+MOST_INFLATED = {h5py.h5z.FILTER_DEFLATE: 1033, h5py.h5z.FILTER_LZF: 90}
+"""Bytes that a byte of a compressed chunk can become, by the number of the filter."""
+
+PIECE = 1 << 16
+"""Bytes of a compressed chunk that are inflated at a time."""
+
+
+def _filters(dataset: Any) -> list[int]:
+    creation = dataset.id.get_create_plist()
+    return [creation.get_filter(number)[0] for number in range(creation.get_nfilters())]
+
+
+def _large_chunks(dataset: Any, declared: int) -> list[Any]:
+    """Return the chunks that could become larger than what everyone has room for."""
+    found: list[Any] = []
+    most = max(MOST_INFLATED.get(code, 1) for code in _filters(dataset))
+    several = sum(code in MOST_INFLATED for code in _filters(dataset)) > 1
+    room = max(declared, ALWAYS_FITS)
+
+    def look(chunk: Any) -> None:
+        if several or chunk.size * most > room:
+            found.append(chunk)
+
+    dataset.id.chunk_iter(look)
+    return found
+
+
+def _fits_chunk(dataset: Any, chunk: Any, declared: int, filters: list[int]) -> bool:
+    """Whether a compressed chunk becomes no larger than a chunk of its dataset is."""
+    used = [code for n, code in enumerate(filters) if not chunk.filter_mask >> n & 1]
+    used = [code for code in used if code in MOST_INFLATED]
+    most = declared + declared // 100 + PIECE  # what cannot be made smaller becomes a bit larger
+    if len(used) > 1 or chunk.size > most:
+        return False
+    if used != [h5py.h5z.FILTER_DEFLATE]:
+        return True
+    _, raw = dataset.id.read_direct_chunk(chunk.chunk_offset)
+    inflater, size = zlib.decompressobj(), 0
+    for start in range(0, len(raw), PIECE):
+        piece = raw[start : start + PIECE]
+        while piece and size <= most:
+            try:
+                size += len(inflater.decompress(piece, PIECE))
+            except zlib.error:  # damaged: whoever reads it reports that
+                return True
+            piece = inflater.unconsumed_tail
+    return size <= most
 
 
 class Stored(NamedTuple):

@@ -152,6 +152,12 @@ class Hdf5Reader(Hdf5File):
             attributes=self.attributes if self.form.kind == "result" else None,
         )
 
+    def larger_further(self, size: int) -> set[str]:
+        """Return the datasets that the layout does not know, and vertices, of more bytes."""
+        names = self._stored.keys() - self.form.names | {"mesh_vertices"} & self._stored.keys()
+        stored = ((name, self.stored(self._stored[name])) for name in names)
+        return {name for name, each in stored if math.prod(each.shape) * each.itemsize > size}
+
     def fields(self, rows: slice = slice(None), without: Collection[str] = ()) -> dict[str, Any]:
         """Return what the datasets of the layout hold of these items, by field of the record."""
         chosen = [name for name in self.form.datasets if name not in without]

@@ -59,6 +59,7 @@ def open_landmarks(
     *,
     selects: bool = False,
     check: bool = True,
+    largest: int | None = None,
 ) -> LandmarkSource:
     """Open files of landmarks in any format (`-` is standard input) as one source.
 
@@ -68,9 +69,11 @@ def open_landmarks(
     that no file has. HDF5 is read a batch at a time, all else whole. `rows` are those of the one
     HDF5 file that are given out: nothing else of it is read. Without `check` nothing but
     heads is read of HDF5, and values and names are believed. The caller `selects` the individual
-    in files of ours, or it is refused there.
+    in files of ours, or it is refused there. Further datasets of HDF5 of more bytes than `largest`
+    are not read.
     """
-    files = _open_all(LANDMARKS, paths, options, selects, rows=rows, check=check)
+    how: dict[str, Any] = {"rows": rows, "check": check, "largest": largest}
+    files = _open_all(LANDMARKS, paths, options, selects, **how)
     return Source(files, options.y_axis, check=check)
 
 
@@ -81,6 +84,7 @@ def open_shapes(
     gaps: bool = False,
     selects: bool = False,
     check: bool = True,
+    largest: int | None = None,
 ) -> ShapeSource:
     """Open files of shapes in any format (`-` is standard input) as one source.
 
@@ -91,10 +95,11 @@ def open_shapes(
     landmarks, units, meshes or further datasets). HDF5 is read a batch at a time, all else whole.
 
     With `gaps` a landmark of an item may be unknown: it is NaN, in all coordinates where it is in
-    one, and may lack its row in CSV. Without, that is wrong. `check` and `selects` as in
-    `open_landmarks`.
+    one, and may lack its row in CSV. Without, that is wrong. `check`, `selects` and `largest` as
+    in `open_landmarks`.
     """
-    files = _open_all(SHAPES, paths, options, selects, gaps=gaps, check=check)
+    how: dict[str, Any] = {"gaps": gaps, "check": check, "largest": largest}
+    files = _open_all(SHAPES, paths, options, selects, **how)
     return Source(files, check=check)
 
 
@@ -105,17 +110,20 @@ def open_results(
     proofs: bool = False,
     check: bool = True,
     old: bool = False,
+    largest: int | None = None,
 ) -> ResultSource:
     """Open results as one source; datasets in `without` are not read.
 
     That is what proves the optimum, unless `proofs` asks for it. Of CSV all but
     shapes, names, items and sequences is None. HDF5 is read a batch at a time, CSV whole. Raises
     InputError for what is wrong with a file, for items that occur twice, and for files that do not
-    go together. `check` as in `open_landmarks`; `old` files of version 1 are read, too.
+    go together. `check` and `largest` as in `open_landmarks`; `old` files of version 1 are read,
+    too.
     """
     left = (() if proofs else PROOFS) if without is None else without
     known = [(detect_format(path), (path,)) for path in paths]
-    files = [_open(RESULTS, *own, AS_THEY_ARE, without=left, check=check, old=old) for own in known]
+    how: dict[str, Any] = {"without": left, "check": check, "old": old, "largest": largest}
+    files = [_open(RESULTS, *own, AS_THEY_ARE, **how) for own in known]
     return Source(files, check=check)
 
 
@@ -446,6 +454,7 @@ def _open_hdf5(
     without: Collection[str] = (),
     check: bool = True,
     old: bool = False,
+    largest: int | None = None,
 ) -> SourceFile[Any]:
     """Open a file of landmarks, shapes or results, or a part of its rows, but for some datasets.
 
@@ -456,7 +465,8 @@ def _open_hdf5(
 
     def read(reader: Hdf5Reader, rows: slice, *, check: bool = False) -> Any:
         """Return the records of these items."""
-        found = reader.records(rows, without)
+        large = () if largest is None else reader.larger_further(largest)
+        found = reader.records(rows, {*without, *large})
         if check:
             names = reader.landmark_names
             check_values(found.columns, form, reader.place, names, start=rows.start, gaps=gaps)

@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -28,13 +29,16 @@ from shapefit.io.options import InputOptions, input_options
 from shapefit.io.readers.items import peek_poses
 from shapefit.io.records import Records
 from shapefit.io.skeletons import installed_skeletons, skeletons_of_size
-from shapefit.io.source import open_results
+from shapefit.io.source import Source, open_results
 from shapefit.pipelines.joints import is_of_people
 from shapefit.pipelines.outcome import Failure, Outcome, unread
 from shapefit.pipelines.partition.manifest import Manifest, find_folders, sum_up
 
-BATCH = 16384
-"""Items that are looked at, the first of a file."""
+BATCH, MOST_LANDMARKS = 1 << 14, 1 << 22
+"""Items that are looked at, the first of a file, and the landmarks of these together."""
+
+LARGEST = 1 << 24
+"""Bytes of a dataset beside the landmarks that is read to describe a file."""
 
 CAMERA = ("camera_matrix", "distortion", "image_size", "extrinsic_rotation")
 """Datasets that say how the camera saw the landmarks."""
@@ -152,9 +156,11 @@ def _told(
             names = installed_skeletons()[fitting[0]].landmark_names
             following = _following(kind, paths, replace(options, keypoints="NAME"), names)
             return [*title, (NEXT, following)], recording.notes
-    opened = open_landmarks(paths, options, check=False) if kind == "landmarks" else None
-    with opened or open_shapes(paths, options, gaps=True, check=False) as source:
-        sample = source.first(BATCH)
+    opened = None
+    if kind == "landmarks":
+        opened = open_landmarks(paths, options, check=False, largest=LARGEST)
+    with opened or open_shapes(paths, options, gaps=True, check=False, largest=LARGEST) as source:
+        sample = _first(source)
         noun = "image" if kind == "landmarks" else "shape"
         lines = title + _of_records(sample, source.count, noun)
         if isinstance(source.head, LandmarkSet):
@@ -162,6 +168,13 @@ def _told(
             lines.append(("y axis", source.head.y_axis + stated))
         lines.append((NEXT, _following(kind, paths, options, source.head.landmark_names)))
         return lines, source.notes
+
+
+def _first(source: Source[Any]) -> Any:
+    """Return the first items of a source."""
+    return source.first(
+        min(BATCH, max(1, MOST_LANDMARKS // max(1, len(source.head.landmark_names))))
+    )
 
 
 def _of_records(sample: Records, count: int, noun: str) -> list[Line]:
@@ -194,10 +207,10 @@ def _of_folder(folder: Path, manifest: Manifest, first: Mapping[str, str]) -> li
 
 
 def _of_result(path: Path) -> list[Line]:
-    with open_results([path], OPTIONAL, check=False, old=True) as source:
+    with open_results([path], OPTIONAL, check=False, old=True, largest=LARGEST) as source:
         head = source.head
         lines = [("kind", f"result of {head.attributes.get('method', 'fit')}")]
-        lines += _of_records(source.first(BATCH), source.count, "image")
+        lines += _of_records(_first(source), source.count, "image")
         if estimated := head.attributes.get("estimated"):
             lines.append(("estimated", str(estimated)))
         return [*lines, (NEXT, f"shapefit view {_typed(path)}")]

@@ -6,8 +6,9 @@ may be an array (n, p) of their own.
 
 from __future__ import annotations
 
+import math
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.errors import InputError, abbreviate, input_error
 from shapefit.io.checks import warn_of_zeros
-from shapefit.io.inputs import check_fits
+from shapefit.io.inputs import LARGEST_BYTES, check_fits, in_words
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.detections import are_series
 from shapefit.io.readers.json_file import read_json
@@ -137,14 +138,34 @@ def _read(path: Path) -> tuple[NDArray[Any], NDArray[Any] | None]:
 
 
 def _read_archive(path: Path) -> tuple[NDArray[Any], NDArray[Any] | None]:
+    """Return the points and confidences of a .npz; of its other arrays the heads alone are read."""
     with zipfile.ZipFile(path) as archive:
-        check_fits(str(path), 2 * sum(entry.file_size for entry in archive.infolist()))
-    with np.load(path, allow_pickle=False) as archive:
-        arrays: Mapping[str, NDArray[Any]] = {name: archive[name] for name in archive.files}
-    known = [name for name in arrays if name.lower() in POINTS]
-    known = known or [name for name, one in arrays.items() if one.ndim == 3]
+        heads = {entry.filename.removesuffix(".npy"): entry for entry in archive.infolist()}
+        shapes = {name: _shape_of(path, archive, entry) for name, entry in heads.items()}
+    known = [name for name in shapes if name.lower() in POINTS]
+    known = known or [name for name, shape in shapes.items() if len(shape) == 3]
     if len(known) != 1:
-        held = abbreviate([f"{name} {one.shape}" for name, one in arrays.items()]) or "nothing"
+        held = abbreviate([f"{name} {shape}" for name, shape in shapes.items()]) or "nothing"
         raise input_error(path, f"holds {held}", "call the landmarks `landmarks`")
-    scores = next((one for name, one in arrays.items() if name.lower() in SCORES), None)
-    return arrays[known[0]], scores
+    scores = next((name for name in shapes if name.lower() in SCORES), None)
+    size = sum(heads[name].file_size for name in (known[0], scores) if name)
+    if size > LARGEST_BYTES:
+        found = f"its landmarks are {in_words(size)}, and they are read whole"
+        fix = f"divide it into files of less than {in_words(LARGEST_BYTES)}"
+        raise input_error(path, found, fix)
+    check_fits(str(path), 2 * size)
+    with np.load(path, allow_pickle=False) as archive:
+        return archive[known[0]], archive[scores] if scores else None
+
+
+def _shape_of(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> tuple[int, ...]:
+    """Return the shape of an array. Raises InputError where its file has not as many bytes."""
+    with archive.open(entry) as file:
+        version = np.lib.format.read_magic(file)
+        newer = version != (1, 0)
+        read = np.lib.format.read_array_header_2_0 if newer else np.lib.format.read_array_header_1_0
+        shape, _, dtype = read(file)
+    if math.prod(shape) * dtype.itemsize > entry.file_size:
+        found = f"{entry.filename} has the shape {shape}, and holds {in_words(entry.file_size)}"
+        raise input_error(path, found, "save it again with numpy.savez")
+    return shape
