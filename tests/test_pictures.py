@@ -21,8 +21,6 @@ def demo(project, tmp_path_factory):
     run = runner(project, folder)
     for command in ("learn-dict", "project", "fit"):
         run(command, f"demo/{command}")
-    run("learn-dict", "demo/cars/learn-dict")
-    run("fit", "demo/cars/fit", "--set", "export={}", "--set", "pictures={}")
     makefile = (project / "Makefile").read_text("utf-8").replace("\\\n", "")
     (walk,) = re.findall(r"\$\(SHAPEFIT\) (fit sample_data/openpose .*)", makefile)
     with contextlib.chdir(folder):
@@ -46,7 +44,7 @@ def check(project, folder, *names):
 
 @pytest.mark.slow
 def test_people(project, demo, tmp_path):
-    from docs.pictures import draw
+    from tools.pictures import draw
 
     draw(demo, tmp_path)
     check(project, tmp_path, "people")
@@ -56,7 +54,7 @@ def test_people(project, demo, tmp_path):
 def test_pages(project, demo, tmp_path):
     require("chromium")
     require("chromedriver")
-    from docs.page_pictures import PHOTOGRAPHS, photograph
+    from tools.page_pictures import PHOTOGRAPHS, photograph
 
     photograph(demo, tmp_path)
     check(project, tmp_path, *(each.name for each in PHOTOGRAPHS))

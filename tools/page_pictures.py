@@ -19,7 +19,7 @@ from shapefit.pipelines.view.run import run
 PROJECT = Path(__file__).resolve().parents[1]
 DEMO, IMAGES = PROJECT / "results/demo", PROJECT / "docs/images"
 FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars")
-SIZE = {"width": 1280, "height": 720, "deviceScaleFactor": 1, "mobile": False}
+SIZE = {"width": 1280, "height": 720, "deviceScaleFactor": 2, "mobile": False}
 MOTIONLESS = {"features": [{"name": "prefers-reduced-motion", "value": "reduce"}]}
 DRAWN = "setTimeout(arguments[0], 300)"
 """The words under the strip follow the picture after a moment."""
@@ -27,19 +27,14 @@ DRAWN = "setTimeout(arguments[0], 300)"
 
 @dataclass(frozen=True)
 class Photograph:
-    """Of the page of one result of the demo: an item, how far the shape is turned, in degrees."""
+    """Of the page of one result of the demo: an item."""
 
     name: str
     result: str
     item: str
-    yaw: float
-    pitch: float = 14.0
 
 
-PHOTOGRAPHS = (
-    Photograph("walk", "walk.h5", "openpose/person 1/20", 30),
-    Photograph("view", "cars/result.h5", "pickup_1/view_4", 25),
-)
+PHOTOGRAPHS = (Photograph("walk", "walk.h5", "openpose/person 1/20"),)
 
 
 def photograph(demo: Path, images: Path) -> None:
@@ -57,11 +52,8 @@ def photograph(demo: Path, images: Path) -> None:
                 page = Path(folder) / f"{each.name}.html"
                 list(run(ViewConfig(files={each.name: (demo / each.result,)}, output=page)))
                 driver.get(page.as_uri())
-                driver.execute_script(
-                    "shapefit.go(shapefit.data.items.indexOf(arguments[0]));"
-                    "shapefit.turn(arguments[1], arguments[2])",
-                    *(each.item, each.yaw, each.pitch),
-                )
+                go = "shapefit.go(shapefit.data.items.indexOf(arguments[0]))"
+                driver.execute_script(go, each.item)
                 driver.execute_async_script(DRAWN)
                 driver.save_screenshot(str(images / f"{each.name}.png"))
     finally:
