@@ -12,12 +12,12 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import partial
+from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from shapefit.errors import abbreviate, input_error, listed
-from shapefit.io import detect, readers, writers
+from shapefit.io import detect
 from shapefit.io.detect import Head, has_hdf5, in_folder
 from shapefit.io.inputs import HDF5_SIGNATURE, is_stream, require_file, source_name
 from shapefit.io.layout import LANDMARKS, RESULTS, Layout
@@ -73,46 +73,14 @@ class FileFormat:
         return path.name.lower().endswith(self.suffixes)
 
 
-def _hdf5_kind(path: Path) -> str:
-    from shapefit.io.hdf5_records import hdf5_kind
+def _lazy(function: str) -> Callable[..., Any]:
+    """Return a function of `shapefit.io`, whose module is imported when it is called."""
+    module, _, name = function.rpartition(".")
 
-    return hdf5_kind(path)
+    def call(*given: Any, **how: Any) -> Any:
+        return getattr(import_module(f"shapefit.io.{module}"), name)(*given, **how)
 
-
-def _hdf5_output(target: Path, form: Layout) -> Output:
-    from shapefit.io.hdf5_writer import hdf5_output
-
-    return hdf5_output(target, form)
-
-
-def _csv() -> ModuleType:
-    from shapefit.io import csv_file
-
-    return csv_file
-
-
-def _readers() -> ModuleType:
-    """Import the readers of other tools' files."""
-    from shapefit.io.readers import (  # noqa: F401
-        arrays,
-        deeplabcut,
-        detections,
-        markers,
-        motion,
-        sleap,
-        tables,
-        trackers,
-        yolo,
-    )
-
-    return readers
-
-
-def _writers() -> ModuleType:
-    """Import the writers of other tools' files."""
-    from shapefit.io.writers import bones, markers, tables  # noqa: F401
-
-    return writers
+    return call
 
 
 IMAGES, SHAPES, EITHER = ("landmarks",), ("shapes",), ("landmarks", "shapes")
@@ -123,8 +91,8 @@ HDF5 = FileFormat(
     (".h5", ".hdf5", ".hdf", ".he5"),
     (*ANY, "dictionary"),
     lambda head: head.bytes.startswith(HDF5_SIGNATURE),
-    holds=_hdf5_kind,
-    write=_hdf5_output,
+    holds=_lazy("hdf5_records.hdf5_kind"),
+    write=_lazy("hdf5_writer.hdf5_output"),
     writes=(*ANY, "dictionary"),
     points_only=False,
 )
@@ -134,9 +102,9 @@ CSV = FileFormat(
     (".csv",),
     ANY,
     lambda head: {"item", "landmark"} <= head.columns and not HDF5.has_suffix(head.path),
-    read_records=lambda *paths, **how: _csv().read_csv(*paths, **how),
-    holds=lambda path: _csv().csv_kind(path),
-    write=lambda *target: _csv().csv_output(*target),
+    read_records=_lazy("csv_file.read_csv"),
+    holds=_lazy("csv_file.csv_kind"),
+    write=_lazy("csv_file.csv_output"),
     writes=ANY,
     states_y_axis=False,
 )
@@ -146,105 +114,100 @@ FORMATS: dict[str, FileFormat] = {
     "hdf5": HDF5,
     "csv": CSV,
     "deeplabcut-csv": FileFormat(
-        "a DeepLabCut or Lightning Pose CSV", (".csv",), EITHER,
-        detect.is_deeplabcut_csv, lambda p: _readers().deeplabcut.read_csv(p),
+        "a DeepLabCut or Lightning Pose CSV", (".csv",), EITHER, detect.is_deeplabcut_csv,
+        _lazy("readers.deeplabcut.read_csv"),
     ),
     "deeplabcut-h5": FileFormat(
-        "a DeepLabCut HDF5 file", (".h5", ".hdf5"), EITHER,
-        detect.is_pandas, lambda p: _readers().deeplabcut.read_hdf5(p),
+        "a DeepLabCut HDF5 file", (".h5", ".hdf5"), EITHER, detect.is_pandas,
+        _lazy("readers.deeplabcut.read_hdf5"),
     ),
     "jabs-h5": FileFormat(
-        "a JABS pose file", (".h5",), IMAGES,
-        has_hdf5("poseest/points"), lambda p: _readers().trackers.read_jabs(p),
+        "a JABS pose file", (".h5",), IMAGES, has_hdf5("poseest/points"),
+        _lazy("readers.trackers.read_jabs"),
     ),
     "movement-netcdf": FileFormat(
-        "a movement netCDF file", (".nc", ".nc4"), EITHER,
-        has_hdf5("@ds_type"), lambda p: _readers().trackers.read_movement(p),
+        "a movement netCDF file", (".nc", ".nc4"), EITHER, has_hdf5("@ds_type"),
+        _lazy("readers.trackers.read_movement"),
     ),
     "nwb-ndx-pose": FileFormat(
-        "an NWB file", (".nwb",), EITHER,
-        detect.is_nwb, lambda p: _readers().trackers.read_nwb(p),
+        "an NWB file", (".nwb",), EITHER, detect.is_nwb, _lazy("readers.trackers.read_nwb"),
     ),
     "sleap-analysis-h5": FileFormat(
-        "a SLEAP analysis file", (".h5", ".hdf5"), IMAGES,
-        has_hdf5("tracks", "node_names"), lambda p: _readers().sleap.read_analysis(p),
+        "a SLEAP analysis file", (".h5", ".hdf5"), IMAGES, has_hdf5("tracks", "node_names"),
+        _lazy("readers.sleap.read_analysis"),
     ),
     "sleap-slp": FileFormat(
         "a SLEAP .slp file", (".slp",), IMAGES,
-        has_hdf5("metadata@format_id", "frames", "instances"),
-        lambda p: _readers().sleap.read_labels(p),
+        has_hdf5("metadata@format_id", "frames", "instances"), _lazy("readers.sleap.read_labels"),
     ),
     "alphapose-json": FileFormat(
-        "an AlphaPose file of all images", (".json",), IMAGES,
-        detect.is_alphapose, lambda p: _readers().detections.read_alphapose(p),
+        "an AlphaPose file of all images", (".json",), IMAGES, detect.is_alphapose,
+        _lazy("readers.detections.read_alphapose"),
     ),
     "caliscope-csv": FileFormat(
-        "a caliscope CSV", (".csv",), IMAGES,
-        detect.is_caliscope, lambda p: _readers().tables.read_caliscope(p),
+        "a caliscope CSV", (".csv",), IMAGES, detect.is_caliscope,
+        _lazy("readers.tables.read_caliscope"),
     ),
     "coco-annotations": FileFormat(
-        "a file of COCO annotations", (".json",), IMAGES,
-        detect.is_coco_annotations, lambda p: _readers().detections.read_coco_annotations(p),
+        "a file of COCO annotations", (".json",), IMAGES, detect.is_coco_annotations,
+        _lazy("readers.detections.read_coco_annotations"),
     ),
     "coco-results": FileFormat(
-        "a file of COCO results", (".json",), IMAGES,
-        detect.is_coco_results, lambda p: _readers().detections.read_coco_results(p),
+        "a file of COCO results", (".json",), IMAGES, detect.is_coco_results,
+        _lazy("readers.detections.read_coco_results"),
     ),
     "mmpose-images": FileFormat(
         "a set of MMPose files", (".json",), IMAGES, in_folder(".json", detect.is_mmpose_images),
-        lambda p: _readers().detections.read_mmpose_images(p), together=True, folders=True,
+        _lazy("readers.detections.read_mmpose_images"), together=True, folders=True,
     ),
     "mmpose-video": FileFormat(
-        "an MMPose file", (".json",), IMAGES,
-        detect.is_mmpose_video, lambda p: _readers().detections.read_mmpose_video(p),
+        "an MMPose file", (".json",), IMAGES, detect.is_mmpose_video,
+        _lazy("readers.detections.read_mmpose_video"),
     ),
     "openpose": FileFormat(
         "a set of OpenPose files", (".json",), IMAGES, in_folder(".json", detect.is_openpose),
-        lambda p: _readers().detections.read_openpose(p), together=True, folders=True,
+        _lazy("readers.detections.read_openpose"), together=True, folders=True,
     ),
     "ultralytics-txt": FileFormat(
         "a set of YOLO pose labels", (".txt",), IMAGES, in_folder(".txt", detect.is_yolo),
-        lambda p: _readers().yolo.read_yolo(p), together=True, folders=True,
+        _lazy("readers.yolo.read_yolo"), together=True, folders=True,
     ),
     "acclaim": FileFormat(
         "an ASF/AMC motion", (".amc", ".asf"), SHAPES, detect.is_acclaim,
-        lambda p: _readers().motion.read_acclaim(p), together=True,
+        _lazy("readers.motion.read_acclaim"), together=True,
     ),
     "anipose-csv": FileFormat(
-        "an anipose 3D CSV", (".csv",), SHAPES,
-        detect.is_anipose, lambda p: _readers().markers.read_anipose(p),
+        "an anipose 3D CSV", (".csv",), SHAPES, detect.is_anipose,
+        _lazy("readers.markers.read_anipose"),
     ),
     "bvh": FileFormat(
-        "a BVH motion", (".bvh",), SHAPES,
-        detect.is_bvh, lambda p: _readers().motion.read_bvh(p),
+        "a BVH motion", (".bvh",), SHAPES, detect.is_bvh, _lazy("readers.motion.read_bvh"),
     ),
     "c3d": FileFormat(
-        "a C3D file", (".c3d",), SHAPES,
-        detect.is_c3d, lambda p: _readers().motion.read_c3d(p),
+        "a C3D file", (".c3d",), SHAPES, detect.is_c3d, _lazy("readers.motion.read_c3d"),
     ),
     "trc": FileFormat(
-        "a TRC file", (".trc",), SHAPES,
-        detect.is_trc, lambda p: _readers().markers.read_trc(p),
+        "a TRC file", (".trc",), SHAPES, detect.is_trc, _lazy("readers.markers.read_trc"),
     ),
     "vicon-csv": FileFormat(
-        "a Vicon Nexus CSV of trajectories", (".csv",), SHAPES,
-        detect.is_vicon, lambda p: _readers().motion.read_vicon(p),
+        "a Vicon Nexus CSV of trajectories", (".csv",), SHAPES, detect.is_vicon,
+        _lazy("readers.motion.read_vicon"),
     ),
     "table": FileFormat(
         "a table of landmarks", (".csv", ".tsv", ".txt"), EITHER, detect.is_table,
-        lambda p: _readers().tables.read_any_table(p), states_y_axis=False,
+        _lazy("readers.tables.read_any_table"), states_y_axis=False,
     ),
     "arrays": FileFormat(
         "an array of landmarks", (".npy", ".npz"), IMAGES, detect.is_array,
-        lambda p: _readers().arrays.read_array(p), states_y_axis=False,
+        _lazy("readers.arrays.read_array"), states_y_axis=False,
     ),
     "named-points": FileFormat(
-        "JSON of points by frame and landmark", (".json",), IMAGES,
-        detect.is_named_points, lambda p: _readers().detections.read_named_points(p),
+        "JSON of points by frame and landmark", (".json",), IMAGES, detect.is_named_points,
+        _lazy("readers.detections.read_named_points"),
     ),
     "mediapipe": FileFormat(
-        "a file of MediaPipe's landmarks", (".json",), IMAGES,
-        detect.is_mediapipe, lambda p: _readers().detections.read_mediapipe(p),
+        "a file of MediaPipe's landmarks", (".json",), IMAGES, detect.is_mediapipe,
+        _lazy("readers.detections.read_mediapipe"),
     ),
 }
 # fmt: on
@@ -352,27 +315,23 @@ def check_holds(path: Path, kind: str, known: FileFormat) -> None:
 _METRES: Any = {"writes": ("shapes", "result"), "in_metres": True}
 
 WRITTEN: dict[str, FileFormat] = {
-    "bvh": FileFormat(
-        "a BVH file", (".bvh",), write=lambda *to: _writers().bones.bvh_output(*to), **_METRES
-    ),
+    "bvh": FileFormat("a BVH file", (".bvh",), write=_lazy("writers.bones.bvh_output"), **_METRES),
     "c3d": FileFormat(
-        "a C3D file", (".c3d",), write=lambda *to: _writers().markers.c3d_output(*to), **_METRES
+        "a C3D file", (".c3d",), write=_lazy("writers.markers.c3d_output"), **_METRES,
     ),
     "trc": FileFormat(
-        "a TRC file", (".trc",), angles=True,
-        write=lambda *to: _writers().markers.trc_output(*to), **_METRES,
+        "a TRC file", (".trc",), angles=True, write=_lazy("writers.markers.trc_output"), **_METRES,
     ),
     "mot": FileFormat(
-        "a MOT file", (".mot",), angles=True,
-        write=lambda *to: _writers().tables.mot_output(*to), **_METRES,
+        "a MOT file", (".mot",), angles=True, write=_lazy("writers.tables.mot_output"), **_METRES,
     ),
     "metres": FileFormat(
-        "a table in metres", (".metres.csv",),
-        write=lambda *to: _writers().tables.metres_output(*to), **_METRES,
+        "a table in metres", (".metres.csv",), write=_lazy("writers.tables.metres_output"),
+        **_METRES,
     ),
     "angles": FileFormat(
         "a table of joint angles", (".angles.csv",), angles=True,
-        write=lambda *to: _writers().tables.angles_output(*to), **_METRES,
+        write=_lazy("writers.tables.angles_output"), **_METRES,
     ),
 }
 # fmt: on
