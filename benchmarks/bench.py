@@ -11,22 +11,16 @@ from __future__ import annotations
 import argparse
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
-from functools import partial
-from itertools import chain
 from pathlib import Path
 
-from benchmarks.commands import fit_cases, install_cases
-from benchmarks.comparing import Row, Table, read_floors, write_floors
+from benchmarks.cases import Bench, cases
+from benchmarks.comparing import Table, read_floors, write_floors
 from benchmarks.environments import (
     PROJECT,
-    Environment,
     base_environment,
     find_base,
     this_environment,
 )
-from benchmarks.kernels import cars_goals, compare_goal, grid_goals, mocap_goals
-from benchmarks.peers import peer_cases
 from shapefit import core
 
 DATA = PROJECT.parent / "shared" / "data"
@@ -36,11 +30,12 @@ def main() -> None:
     """Measure, print, judge."""
     arguments = read_arguments()
     base = arguments.base or find_base()
-    old, new = base_environment(base), this_environment()
+    sides = base_environment(base), this_environment()
     table = Table(read_floors().get(base, {}).get(core.LEVEL, {}))
     print(f"Against {base}, level {core.LEVEL}.\n\n{table.heading}")
     with tempfile.TemporaryDirectory() as name:
-        for case, run in cases(arguments, old, new, Path(name)):
+        bench = Bench(*sides, arguments.data, arguments.cars, Path(name), arguments.quick)
+        for case, run in cases(bench):
             if not arguments.only or any(part in case for part in arguments.only):
                 try:
                     print(table.add(run()), flush=True)
@@ -69,23 +64,6 @@ def read_arguments() -> argparse.Namespace:
             print(f"No {getattr(arguments, name)}: cases left out.", file=sys.stderr)
             setattr(arguments, name, None)
     return arguments
-
-
-def cases(
-    arguments: argparse.Namespace, old: Environment, new: Environment, folder: Path
-) -> Iterator[tuple[str, Callable[[], Row]]]:
-    """Yield what can be measured, each with its name."""
-    repeats = 3 if arguments.quick else 7
-    goals = chain(
-        mocap_goals(arguments.data) if arguments.data else (),
-        cars_goals(arguments.cars) if arguments.cars else (),
-        grid_goals(arguments.quick),
-    )
-    for goal in goals:
-        yield goal.name, partial(compare_goal, goal, old, new, folder, repeats)
-    yield from fit_cases(old, new, arguments.data, folder, repeats)
-    yield from install_cases(old, new, folder)
-    yield from peer_cases(arguments.data, arguments.cars, arguments.quick)
 
 
 if __name__ == "__main__":

@@ -192,11 +192,6 @@ def compared(
     return Row(case, before, now, found.ratio, share, least, fault)
 
 
-def reached(case: str, asked: float, rate: float) -> Row:
-    """Make a row of images per second beside those asked for."""
-    return Row(case, f"{asked:,.0f}/s", f"{rate:,.0f}/s", rate / asked)
-
-
 @dataclass
 class Table:
     """Rows as they come, judged by the floors of their cases."""

@@ -59,9 +59,9 @@ def posterior(data: Arrays, residual_variance: float, threads: float) -> Run:
     from shapefit.dictionary.mixture import Mixture
 
     needs = {"prior": Mixture(data["weights"], data["means"], data["covariances"])}
-    options = take("PosteriorOptions", "lifting.methods", "lifting.options")(
-        residual_variance=residual_variance
-    )
+    known = take("PosteriorOptions", "lifting.methods", "lifting.options")
+    name = "residual_variance" if hasattr(known, "residual_variance") else "misfit"  # before
+    options = known(**{name: residual_variance})
     return lift(data, "posterior", threads, 1e-3, needs=needs, options=options)
 
 
