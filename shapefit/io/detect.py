@@ -8,14 +8,21 @@ from __future__ import annotations
 import os
 import re
 import struct
+import zlib
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
 from shapefit.errors import InputError, abbreviate, input_error
-from shapefit.io.inputs import BYTE_ORDER_MARK, HDF5_SIGNATURE, read_head
+from shapefit.io.inputs import (
+    BYTE_ORDER_MARK,
+    GZIP_SIGNATURE,
+    HDF5_SIGNATURE,
+    read_head,
+)
 from shapefit.io.readers.columns import anipose_landmarks, decode, parse_header
 from shapefit.io.readers.json_file import read_json
 
@@ -37,10 +44,12 @@ class Head:
         self.path = path
         self.is_folder = path.is_dir()
         self.bytes = b"" if self.is_folder else read_head(path, HEAD_BYTES)
+        if self.bytes.startswith(GZIP_SIGNATURE):
+            self.bytes = _unpacked(self.bytes) or self.bytes
 
     def named(self, *endings: str) -> bool:
         """Whether the name of the file has one of these endings."""
-        return self.path.name.lower().endswith(endings)
+        return self.path.name.lower().removesuffix(".gz").endswith(endings)
 
     @cached_property
     def text(self) -> bytes:
@@ -114,6 +123,18 @@ class Head:
             path = self.path / name
             if path.is_file() and os.access(path, os.R_OK):
                 yield Head(path)
+
+
+GZIP_BITS = 31
+"""Of zlib, by which it reads what gzip wrote."""
+
+
+def _unpacked(packed: bytes) -> bytes:
+    """Return the first bytes of a text that gzip made smaller; none where it is no text."""
+    with suppress(zlib.error):
+        head = zlib.decompressobj(GZIP_BITS).decompress(packed, HEAD_BYTES)
+        return head if _is_text(head) else b""
+    return b""
 
 
 Recogniser = Callable[[Head], bool]

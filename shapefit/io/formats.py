@@ -70,7 +70,7 @@ class FileFormat:
 
     def has_suffix(self, path: Path) -> bool:
         """Whether the path is named like a file of this format."""
-        return path.name.lower().endswith(self.suffixes)
+        return path.name.lower().removesuffix(".gz").endswith(self.suffixes)
 
 
 def _lazy(function: str) -> Callable[..., Any]:
@@ -237,7 +237,7 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     for known in _likely_first(path):
         if known.recognise(head):
             return known
-    if HDF5.has_suffix(path):
+    if HDF5.has_suffix(path) and not path.name.endswith(".gz"):
         fix = "give an HDF5 file, or name it .csv if it is CSV"
         raise input_error(path, "is not an HDF5 file", fix)
     detect.refuse_unknown(head)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import gzip
 import os
 import sys
+import zlib
 from collections.abc import Iterator
-from contextlib import nullcontext, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
+from typing import IO, cast
 
 from shapefit.errors import input_error
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
+GZIP_SIGNATURE = b"\x1f\x8b"
 STREAM = "-"
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
@@ -50,6 +54,23 @@ def read_head(path: Path, size: int) -> bytes:
         return file.read(size)
 
 
+def open_text(path: Path) -> IO[bytes]:
+    """Open the bytes of a file of text, also of one that gzip made smaller."""
+    if begins_with(path, GZIP_SIGNATURE):
+        return cast(IO[bytes], gzip.open(path))
+    return path.open("rb")
+
+
+@contextmanager
+def gzip_errors(path: Path) -> Iterator[None]:
+    """Turn what is wrong with a file that gzip wrote into an InputError."""
+    try:
+        yield
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+        fix = "the file may be cut off or damaged: copy or make it again"
+        raise input_error(path, f"cannot be unpacked ({error})", fix) from error
+
+
 def require_file(path: Path) -> None:
     """Raise InputError unless `path` is a file that can be read and is not empty."""
     if not os.path.exists(path):
@@ -69,7 +90,10 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
     """
     if is_stream(path) and sys.stdin is None:
         raise input_error(source_name(path), "is closed", "send data there, or name a file")
-    with nullcontext(sys.stdin.buffer) if is_stream(path) else path.open("rb") as file:
+    with (
+        gzip_errors(path),
+        nullcontext(sys.stdin.buffer) if is_stream(path) else open_text(path) as file,
+    ):
         block = file.read(BLOCK_BYTES)
         if not block:
             fix = "write a CSV with a header line"
@@ -84,14 +108,25 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
 
 def read_whole(path: Path) -> bytes:
     """Return the bytes of a file of text. Raises InputError where it is too large for that."""
-    with open(path, "rb") as file:
-        size = os.fstat(file.fileno()).st_size
+    packed = begins_with(path, GZIP_SIGNATURE)
+    with gzip_errors(path), open_text(path) as file:
+        size = _unpacked_size(file) if packed else os.fstat(file.fileno()).st_size
         if size > LARGEST_BYTES:
-            found = f"{in_words(size)} of text, and it is read whole"
+            more = "more than " * (packed and size > LARGEST_BYTES)
+            found = f"{more}{in_words(size)} of text, and it is read whole"
             fix = f"divide it into files of less than {in_words(LARGEST_BYTES)}"
             raise input_error(path, found, fix)
         check_fits(str(path), MEMORY_FACTOR * size, "what it holds")
         return file.read()
+
+
+def _unpacked_size(file: IO[bytes]) -> int:
+    """Return how long a text is, or that it is longer than may be read; it is read again then."""
+    size = 0
+    while size <= LARGEST_BYTES and (block := file.read(BLOCK_BYTES)):
+        size += len(block)
+    file.seek(0)
+    return size
 
 
 def _missing_fix(path: Path) -> str:

@@ -122,7 +122,7 @@ def of_array(
 def _read(path: Path) -> tuple[NDArray[Any], NDArray[Any] | None]:
     """Return the points of a file, and the confidences where they are an array of their own."""
     try:
-        if path.suffix.lower() == ".json":
+        if path.name.lower().endswith((".json", ".json.gz")):
             return np.array(read_json(path), dtype=np.float64), None
         if zipfile.is_zipfile(path):
             return _read_archive(path)

@@ -221,7 +221,8 @@ IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 
 def video_name(path: Path) -> str:
     """Return the name of a file without its endings, which is what its items begin with."""
-    return _without(path.stem, ENDINGS) or path.name
+    stem = Path(path.name.removesuffix(".gz")).stem
+    return _without(stem, ENDINGS) or path.name
 
 
 def image_labels(paths: Sequence[str]) -> list[str]:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io import open_landmarks
-from shapefit.io.formats import FORMATS
+from shapefit.io import inputs, open_landmarks
+from shapefit.io.formats import FORMATS, detect_format
 from shapefit.io.listing import find_kind
 from shapefit.io.options import InputOptions
 
@@ -28,13 +28,58 @@ def refusal(path) -> str:
 @pytest.mark.parametrize("name", ["walk.json", "walk.csv", "walk.csv.gz", "walk"])
 @pytest.mark.parametrize(
     "content",
-    [gzip.compress(TEXT), pickle.dumps({"weight": 1}, 2), b"CDF\2" + bytes(60)],
-    ids=["gzip", "pickle", "netcdf 3"],  # contents hold the time, and make no stable names
+    [gzip.compress(b"\0" + TEXT), pickle.dumps({"weight": 1}, 2), b"CDF\2" + bytes(60)],
+    ids=[
+        "gzip of no text",
+        "pickle",
+        "netcdf 3",
+    ],  # contents hold the time, and make no stable names
 )
 def test_files_that_are_not_text(tmp_path, name, content):
     path = tmp_path / name
     path.write_bytes(content)
     assert "neither text nor of a known format; give the landmarks that a" in refusal(path)
+
+
+TIDY = b"item,landmark,x,y\ni,a,250,5\ni,b,75,125\n"
+WIDE = b"frame,track_id,nose_x,nose_y,hip_x,hip_y\n0,1,10,20,30,50\n0,2,11,21,31,51\n"
+ARRAY = b"[[[1,2],[3,4]]]"
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("t.csv", TIDY), ("w.csv", WIDE), ("d.csv", TEXT), ("a.json", ARRAY), ("bare", TIDY)],
+)
+def test_text_that_gzip_made_smaller(tmp_path, monkeypatch, name, content):
+    (tmp_path / name).write_bytes(content)
+    packed = tmp_path / f"{name}.gz"
+    packed.write_bytes(gzip.compress(content))
+    options = InputOptions(keypoints="numbered")
+    plain, found = (whole(path, options) for path in (tmp_path / name, packed))
+    np.testing.assert_array_equal(found.landmarks, plain.landmarks)
+    assert (found.items, found.sequences) == (plain.items, plain.sequences)
+    assert detect_format(packed) is detect_format(tmp_path / name)
+    packed.write_bytes(gzip.compress(content)[:-8])  # cut off
+    assert "cannot be unpacked" in refusal(packed)
+    packed.write_bytes(gzip.compress(content + b" " * 5_000_000))
+    assert packed.stat().st_size < 10_000
+    monkeypatch.setattr(inputs, "LARGEST_BYTES", 1_000_000)
+    if content != TIDY:  # which is read block by block
+        assert "more than 1.05 MB of text, and it is read whole" in refusal(packed)
+
+
+def whole(path, options):
+    with open_landmarks([path], options) as source:
+        return source.whole()
+
+
+@pytest.mark.parametrize("column", ["person_id", "track_id", "individual", "id"])
+def test_columns_of_identities_in_wide_tables(tmp_path, column):
+    path = tmp_path / "w.csv"
+    path.write_bytes(WIDE.replace(b"track_id", column.encode()))
+    found = whole(path, InputOptions())
+    assert found.items == ("w/id 1/0", "w/id 2/0")
+    assert found.sequences == ("w/id 1", "w/id 2")
 
 
 @pytest.mark.parametrize(
