@@ -249,7 +249,7 @@ def describe_learning(dictionary: Dictionary) -> tuple[str, ...]:
     line = f"the class was learned from 2D {known[LEARNED_FROM]}: {verdict}; near and far "
     if dictionary.depth_ambiguity:
         line += (
-            f"{OPEN}, so that no image is trusted and error bars cover both: learn it again with "
+            f"{OPEN}, so that no image is trusted: learn it again with "
             "`flip=true` or `flip=false`, as results show it"
         )
     else:

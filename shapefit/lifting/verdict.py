@@ -76,7 +76,6 @@ class Limits:
 
 
 LIMITS = Limits()
-MIN_P_VALUE = LIMITS.min_p_value
 
 NO_SHAPE = "no shape"
 TOO_FEW = "too few landmarks seen"

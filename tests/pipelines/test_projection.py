@@ -8,6 +8,7 @@ import pytest
 
 from shapefit.config import ProjectConfig
 from shapefit.io import write_shapes
+from shapefit.io.layout import VERSION
 from shapefit.io.records import ShapeSet
 from shapefit.pipelines.projection import (
     BATCH,
@@ -112,7 +113,7 @@ def test_the_file_says_how_it_was_made(tmp_path, shapes):
         config = json.loads(file.attrs["config"])
         assert (config["noise"], config["seed"]) == (0.5, 7)
         assert list(json.loads(file.attrs["inputs"])) == [str(tmp_path / "shapes0.h5")]
-        assert file.attrs["version"] == 1
+        assert file.attrs["version"] == VERSION
         assert "shapefit_version" in file.attrs
 
 

@@ -89,10 +89,11 @@ class Bars(NamedTuple):
     doubt: Doubt | None = None
 
 
-def check_bars(sample: Sample, found: Lifting, lifter: Lifter) -> Bars:
+def check_bars(sample: Sample, found: Lifting, lifter: Lifter, widening: float) -> Bars:
     """Calibrate the error bars on the sample; doubt it where it contradicts the dictionary.
 
-    found, the sample as the lifter lifts it.
+    found, the sample as the lifter lifts it; widening, that of all covariances without the factors
+    of a report, which come on top.
     """
     if len(sample) < LIMITS.fewest_images:
         return Bars()
@@ -111,7 +112,7 @@ def check_bars(sample: Sample, found: Lifting, lifter: Lifter) -> Bars:
     line = f"of landmarks hidden in turn, {calibration.inside:.0%} lie in their 90% regions"
     if np.isfinite(distance):
         line += f"; median distance from the convex shape {distance:.2f}"
-    growth = tuple(calibration.growth(lifter.bar_scale).tolist())
+    growth = tuple(calibration.growth(widening).tolist())
     doubt = None
     if contradicts(calibration.kappa, distance):
         doubt = Doubt(

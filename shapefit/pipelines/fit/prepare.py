@@ -184,6 +184,7 @@ def estimate(
     if not METHODS[config.method].has_prior:
         return Estimates(values, tuple(lines))
     bars, of_bars = read_bar_scale(config)
+    widening = config.prior.bar_scale  # a report judged bars that hidden landmarks had widened
     config = config.changed(camera=camera, prior=bars)
     lifter = replace(lifter_of(config, matched.dictionary), method="posterior")
     visible = np.flatnonzero(weigh(images(), lifter).any(axis=1))  # the others say nothing
@@ -204,7 +205,7 @@ def estimate(
     )
     before, after = ((each.prior_scale, each.variance) for each in (lifter, scaled))
     found = as_learned if before == after else sample.lift(scaled)
-    shown = check_bars(sample, found, scaled)
+    shown = check_bars(sample, found, scaled, widening)
     values |= {"prior": {**bars, **scale}, "skeleton": skeleton}
     lines += filter(None, (of_skeleton, of_scale, of_bars, shown.line))
     doubt = doubt or shown.doubt

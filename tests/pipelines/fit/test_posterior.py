@@ -10,6 +10,7 @@ from shapefit.config.paths import find_dictionary
 from shapefit.dictionary.mixture import Mixture
 from shapefit.errors import InputError
 from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
+from shapefit.lifting import verdict
 from shapefit.pipelines.fit.lift import Lifter, weigh
 from tests.pipelines.told import failures
 
@@ -97,7 +98,7 @@ def test_a_confidence_of_the_least_that_counts_is_seen():
 def test_implausible_images_are_reported_and_keep_their_status(
     fit, with_prior, images, monkeypatch
 ):
-    monkeypatch.setattr("shapefit.pipelines.fit.record.MIN_P_VALUE", 0.999999)
+    monkeypatch.setattr(verdict, "LIMITS", replace(verdict.LIMITS, min_p_value=0.999999))
     keys = {"camera": {"focal": "none"}}
     found, outcomes = fit(with_prior, images, method="posterior", **keys)
     (reasons,) = [reasons for out in outcomes for reasons in out.doubts]
@@ -111,7 +112,8 @@ def test_implausible_images_are_reported_and_keep_their_status(
 def test_images_are_trusted_unless_something_speaks_against_it(
     fit, with_prior, images, monkeypatch
 ):
-    monkeypatch.setattr("shapefit.pipelines.fit.record.MIN_P_VALUE", 0.0)
+    lenient = replace(verdict.LIMITS, min_p_value=0.0, max_distance=np.inf)
+    monkeypatch.setattr(verdict, "LIMITS", lenient)
     keys = {"prior": {"bar_scale": 0.01}, "camera": {"focal": "none"}}
     found, outcomes = fit(with_prior, images, method="posterior", **keys)
     assert found.columns["trusted"].all()

@@ -79,7 +79,7 @@ def test_what_the_result_stores(tmp_path, films, measured):
 
 def test_without_a_size_height_is_asked_for(tmp_path, films, dictionary):
     given = {"landmarks": [films], "dictionary": dictionary}
-    with pytest.raises(InputError, match=r"man\.trc: .*--set height=1\.78"):
+    with pytest.raises(InputError, match=r"man\.trc: .*give it, e\.g\. `height=1\.78`"):
         run(fit, "fit", tmp_path / "man.trc", **given)
     assert not list(tmp_path.glob("man*"))
     _, note = run(fit, "fit", tmp_path / "man.trc", "height=0.5", **given)

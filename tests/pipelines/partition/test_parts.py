@@ -296,7 +296,7 @@ class TestWhatIsRefusedOrReplaced:
         else:
             (OUT / name).symlink_to("/dev/zero")
         assert shapefit(["convert", "out", "-o", "all.csv", "-q"]) == 2
-        assert shapefit(["convert", "one.h5", "-o", "all.csv", "-q", "-d", "out/" + name]) == 2
+        assert shapefit(["fit", "one.h5", "-o", "all.csv", "-q", "-d", "out/" + name]) == 2
 
     def test_exports(self):
         with pytest.raises(InputError, match="is not written for a folder of results"):
