@@ -50,8 +50,7 @@ for number, options in enumerate(settings):
 
 PERSPECTIVE = "camera={focal: files}"
 CARS = [
-    *(["loss=" + loss] for loss in ("squared", "exact")),
-    *(["outliers=" + loss] for loss in ("l1", "sparse-error")),
+    *(["outliers=" + kind] for kind in ("none", "l1", "sparse-error")),
     *(["method=" + method] for method in ("convex+refine", "alternate")),
     ["method=mean-shape", PERSPECTIVE],
     ["outliers=ransac", PERSPECTIVE],

@@ -100,33 +100,6 @@ def test_a_signal_unwinds_the_pipeline(folder, number, told, becomes):
     assert process.wait() == 128 + number
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-def test_a_signal_before_all_is_imported_ends_the_process_without_a_traceback(number):
-    code = """
-import sys, time
-from shapefit.cli import start
-
-class Slow:
-    def find_spec(self, name, path=None, target=None):
-        if name == "shapefit.cli.main":
-            print("ready", flush=True)
-            time.sleep(60)
-
-sys.meta_path.insert(0, Slow())
-start.main()
-"""
-    process = subprocess.Popen(
-        [sys.executable, "-c", code],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
-    )
-    assert process.stdout.readline() == b"ready\n"
-    process.send_signal(number)
-    assert process.communicate() == (b"", b"")
-    assert process.returncode == -number  # 128 + number in a shell
-
-
 def test_an_ignored_signal_stays_ignored(folder):
     body = """
     import os, signal

@@ -22,7 +22,6 @@ from shapefit.errors import InputError
 from shapefit.geometry.pinhole import depth_sign
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.lifting.lift import Lifting
-from shapefit.lifting.posterior.calibration import calibrate
 from shapefit.lifting.verdict import (
     LIMITS,
     NOT_OF_THE_CLASS,
@@ -97,6 +96,8 @@ def check_bars(sample: Sample, found: Lifting, lifter: Lifter, widening: float) 
     """
     if len(sample) < LIMITS.fewest_images:
         return Bars()
+    from shapefit.lifting.posterior.calibration import calibrate
+
     rows = evenly(len(sample), CALIBRATED)
     inliers = found.estimate.further["inlier_probability"]
     calibration = calibrate(
