@@ -55,7 +55,6 @@ CARS = [
     ["method=mean-shape", PERSPECTIVE],
     ["outliers=ransac", PERSPECTIVE],
     ["leave_one_out=true_model"],
-    ["rotations=orthogonal"],
     ["method=convex+refine", "signed=true"],
 ]
 

@@ -53,7 +53,7 @@ def test_a_full_disk_behind_standard_output_is_no_internal_error(fitted, command
 
 def test_what_has_nothing_to_print_needs_no_standard_output(fitted):
     code, _, told = shell(f"{FIT} closed.csv >&-", fitted)
-    assert (code, told.count("wrote closed.csv")) == (0, 1)
+    assert (code, told.count("Wrote   closed.csv")) == (0, 1)
     assert (fitted / "closed.csv").read_text("utf-8").startswith("item,landmark,x,y,z\n")
 
 
