@@ -384,12 +384,13 @@ def compare_sequences(bench: Bench, case: str) -> Row:
 
 def compare_files(bench: Bench, case: str) -> Row:
     """Files of 100 images each, to a folder of results: in time of the processor."""
-    tile(bench, PROJECT / "sample_data/people_views.csv", "clip-{:03}.h5", 300, 100, 0.01)
-    converted(bench, "clip-*.h5", "new/")
+    people = PROJECT / "sample_data/people_views.csv"
+    tile(bench, bench.old, people, "old-{:03}.h5", 300, 100, 0.01)
+    tile(bench, bench.new, people, "new-{:03}.h5", 300, 100, 0.01)
 
     def parts(one: Environment) -> Turn:
         shutil.rmtree(bench.folder / "parts", ignore_errors=True)
-        clips = "new/clip-*.h5" if one is bench.new else "clip-*.h5"
+        clips = "new-???.h5" if one is bench.new else "old-???.h5"
         options = own_files(bench, one, people_options(bench))
         command = [one.command, "fit", clips, *options, "-c", written_config(bench, one)]
         return timed([*command, "-o", "parts/"], bench.folder)
@@ -459,7 +460,7 @@ def mocap_command(bench: Bench, times: int) -> Command:
     dictionary = made_before(bench, "learn-dict", configs / "learn-dict.yaml", subject_86)
     many = bench.folder / f"tiled-{times}.h5"
     if times > 1 and not many.exists():
-        tile(bench, landmarks, many.name, 1, times * SUBJECT_13, 1e-3)
+        tile(bench, bench.old, landmarks, many.name, 1, times * SUBJECT_13, 1e-3)
     return ["fit", many if times > 1 else landmarks, "-d", dictionary]
 
 
@@ -492,8 +493,8 @@ def own_files(bench: Bench, one: Environment, command: Command) -> Command:
     ]
 
 
-def converted(bench: Bench, source: str | Path, name: str) -> Path:
-    """Return files in the format of this version, written once."""
+def converted(bench: Bench, source: Path, name: str) -> Path:
+    """Return a file in the format of this version, written once."""
     target = bench.folder / name
     if not target.exists():
         run([bench.new.command, "convert", source, "-o", name], bench.folder)
@@ -546,13 +547,21 @@ def write_judged(folder: Path, number: int) -> None:
     shapefit.write_results(folder / f"part-{number:05}.h5", found)
 
 
-def tile(bench: Bench, source: Path, name: str, files: int, count: int, noise: float) -> None:
-    """Write files of so many images with the release before: those of `source` again and again.
+def tile(
+    bench: Bench,
+    one: Environment,
+    source: Path,
+    name: str,
+    files: int,
+    count: int,
+    noise: float,
+) -> None:
+    """Write files of so many images with one release: those of `source` again and again.
 
     noise, a share of their standard deviation, is added, so that no two are equal.
     """
     given = map(str, (source, bench.folder / name, files, count, noise))
-    run([bench.old.python, "-P", "-c", TILE, *given], bench.folder)
+    run([one.python, "-P", "-c", TILE, *given], bench.folder)
 
 
 def clone(revision: str, folder: Path) -> Path:
