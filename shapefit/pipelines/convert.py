@@ -86,7 +86,7 @@ def rewrite_dictionary(config: ConvertConfig, target: FileFormat) -> Outcome:
         found = "is a dictionary, which is written as HDF5, one file at a time"
         raise input_error(config.files[0], found, "name one dictionary, and an output in .h5")
     write_dictionary(config.output, read_dictionary(config.files[0], old=True))
-    return Outcome(total=1, unit="dictionary", written=(config.output,))
+    return Outcome(done=1, total=1, unit="dictionary", written=(config.output,))
 
 
 def write_meshes(config: ConvertConfig) -> Iterator[Outcome]:

@@ -137,3 +137,57 @@ def test_thinned_frames_keep_their_times(tmp_path, rng, every, first):
     table = np.genfromtxt(tmp_path / "thin_a.trc", skip_header=5)
     assert table[-1, 1] - table[0, 1] == pytest.approx(42 // every * every / 30)
     assert np.isfinite(table).all()
+
+
+@pytest.fixture
+def walk(world, tmp_path, monkeypatch) -> Path:
+    """A result of one sequence of 80 frames at 30 Hz, and its truth."""
+    monkeypatch.chdir(tmp_path)
+    result = read_results(world.fit("people", images=world.views("people")))
+    truth = read_shapes([world.truth("people")])
+    name = (result.sequences or ())[0]
+    for path, records in (("result.h5", result), ("truth.h5", truth)):
+        rows = np.flatnonzero([sequence == name for sequence in records.sequences])
+        save(tmp_path / path, records.take(rows).replaced(frame_rate=30.0))
+    return tmp_path / "result.h5"
+
+
+def times(path: Path) -> np.ndarray:
+    """Return the times of the frames of a file, in order, each once."""
+    lines = path.read_text().splitlines()
+    if path.suffix == ".bvh":
+        at = next(n for n, line in enumerate(lines) if line.startswith("Frame Time:"))
+        assert lines[at - 1].split()[1] == str(len(lines[at + 1 :]))
+        return np.arange(len(lines[at + 1 :])) * float(lines[at].split()[2])
+    parted = "," if path.suffix == ".csv" else "\t"
+    rows = [line.split(parted) for line in lines]
+    at = next(n for n, row in enumerate(rows) if "time" in row)
+    return np.unique([float(row[rows[at].index("time")]) for row in rows[at + 1 :]])
+
+
+@pytest.mark.parametrize("ending", ["bvh", "mot", "metres.csv", "angles.csv"])
+def test_thinned_motion_lasts_as_long(walk, ending):
+    for every in (1, 2):
+        convert(walk, output=walk.with_name(f"{every}.{ending}"), every=every)
+    whole, thin = (times(walk.with_name(f"{every}.{ending}")) for every in (1, 2))
+    assert (len(whole), len(thin)) == (80, 40)
+    np.testing.assert_allclose(thin, whole[::2], atol=1e-5)
+    assert thin[-1] == pytest.approx(78 / 30, abs=1e-4)
+
+
+@pytest.mark.parametrize("ending", ["trc", "c3d", "metres.csv"])
+def test_what_fit_writes_can_be_judged(walk, ending, capsys):
+    convert(walk, output=walk.with_name(f"walk.{ending}"))
+    capsys.readouterr()
+    command = ["eval", f"walk.{ending}", "--truth", "truth.h5", "-o", "report"]
+    assert shapefit([*command, "--set", "plots=false"]) == 0
+    told = capsys.readouterr()
+    assert "80 images" in told.err + told.out
+    print(told.err)
+    assert not [line for line in told.err.splitlines() if line.startswith("Warning")]
+
+
+def test_a_dictionary_is_counted_as_one(world, tmp_path, capsys):
+    dictionary = world.dictionary("people")
+    assert shapefit(["convert", str(dictionary), "-o", str(tmp_path / "d.h5")]) == 0
+    assert "convert: 1 dictionary in" in "".join(capsys.readouterr())

@@ -51,16 +51,24 @@ def read_shapes(
 HELD_BYTES = 1 << 27
 """Of poses that were read to tell what a file holds, and are kept until they are read again."""
 
-_held: dict[tuple[Path, ...], Poses] = {}
+_held: dict[tuple[Path, ...], tuple[object, Poses]] = {}
+"""Files -> their format and state when they were read, and what they hold."""
 
 
 def peek_poses(known: FileFormat, paths: tuple[Path, ...]) -> Poses:
     """Return the poses in these files, and keep them for the next call of `read_poses`."""
     found = read_poses(known, paths)
-    held = sum(each.points.nbytes for each in _held.values())
+    held = sum(each.points.nbytes for _, each in _held.values())
     if held + found.points.nbytes <= HELD_BYTES:
-        _held[paths] = found
+        _held[paths] = _state(known, paths), found
     return found
+
+
+def _state(known: FileFormat, paths: tuple[Path, ...]) -> object:
+    """Return what differs where files would be read differently: format, size, time of change."""
+    inside = (sorted(path.iterdir()) if path.is_dir() else [path] for path in paths)
+    stats = [(str(file), file.stat()) for files in inside for file in files]
+    return known.title, [(name, stat.st_size, stat.st_mtime_ns) for name, stat in stats]
 
 
 def read_poses(known: FileFormat, paths: tuple[Path, ...]) -> Poses:
@@ -71,7 +79,8 @@ def read_poses(known: FileFormat, paths: tuple[Path, ...]) -> Poses:
     """
     if known.read_poses is None:
         raise ValueError(f"{known.title} is no format of poses")
-    if (kept := _held.pop(paths, None)) is not None:
+    state, kept = _held.pop(paths, (None, None))
+    if kept is not None and state == _state(known, paths):
         return kept
     running = gc.isenabled()
     gc.disable()
