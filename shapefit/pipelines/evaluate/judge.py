@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Flags, Floats
 from shapefit.config import EvalConfig
 from shapefit.convex.solver import Status
-from shapefit.errors import InputError, abbreviate, input_error
+from shapefit.errors import InputError, abbreviate, input_error, listed
 from shapefit.evaluation.calibration import ErrorBars, find_squares, join_bars
 from shapefit.evaluation.metric_table import (
     BOX,
@@ -446,6 +446,7 @@ def _measure(
     """
     errors: dict[Kind, Floats] = {}
     unmeasured = []
+    skipped: list[str] = []
     for metric in metrics:
         known = METRICS[metric]
         further = (*known.datasets, *((LANDMARKS, BOX) if known.unit == IMAGE else ()))
@@ -454,6 +455,7 @@ def _measure(
         if lacking:
             datasets = " and ".join(f"`{dataset.name}`" for dataset in lacking)
             if not known.optional:
+                skipped.append(metric)
                 unmeasured.append(f"no {metric} without the dataset {datasets}")
             continue
         with np.errstate(all="ignore"):
@@ -470,7 +472,9 @@ def _measure(
     if not errors:
         fix = "add the metric `similarity`, which needs only shapes"
         raise input_error(file, "; ".join(unmeasured), fix)
-    return errors, [f"{file}: {metric}" for metric in unmeasured]
+    if len(skipped) > 1 and results.rotation is None and results.landmarks_fitted is None:
+        unmeasured = [f"holds shapes alone: no {listed(skipped, 'and')}"]  # as TRC and tables do
+    return errors, [f"{file}: {text}" for text in unmeasured]
 
 
 def _diagonal(data: Mapping[Dataset, NDArray[Any] | None]) -> Floats:

@@ -8,7 +8,9 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import open_shapes
-from shapefit.io.formats import detect_format
+from shapefit.io.formats import FORMATS, detect_format
+from shapefit.io.readers.items import peek_poses, read_poses
+from shapefit.io.readers.poses import number_labels
 from tests.io.readers.detector_files import write_array, write_long, write_mediapipe, write_wide
 
 from .conftest import read_images as read
@@ -236,3 +238,24 @@ def test_tables_in_metres_are_shapes_in_metres(tmp_path):
         assert source.notes == ()
     assert (shapes.unit, shapes.frame_rate, len(shapes)) == ("m", 25.0, 2)
     assert shapes.shapes[1].T.tolist() == [[8, 2, 3], [8, 2, 3]]
+
+
+def test_what_is_held_of_a_file_is_of_its_state_and_format(tmp_path):
+    path = tmp_path / "walk.csv"
+    known = detect_format_of(path, "frame,a_x,a_y,b_x,b_y\n0,1,2,3,4\n")
+    assert len(peek_poses(known, (path,))) == 1
+    detect_format_of(path, "frame,a_x,a_y,b_x,b_y\n0,1,2,3,4\n1,5,6,7,8\n")
+    assert len(read_poses(known, (path,))) == 2
+    peek_poses(known, (path,))
+    with pytest.raises(InputError):  # and not the table that is held
+        read_poses(FORMATS["trc"], (path,))
+
+
+def detect_format_of(path, text):
+    path.write_text(text)
+    return detect_format(path)
+
+
+def test_numbers_of_frames_have_no_bare_point():
+    values = np.array([0.0, 1e-9, 2e-9, 0.5, 2.0, 1 / 3])
+    assert number_labels("times", values) == ["0", "0", "0", "0.5", "2", "0.333333"]
