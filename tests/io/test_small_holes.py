@@ -112,7 +112,7 @@ def test_info_reads_the_heads_of_large_files(folder, rng, capsys, monkeypatch):
     monkeypatch.setattr(Hdf5Reader, "read", counted)
     assert run(["info", "result.h5", "large.h5"]) == 0
     told = capsys.readouterr().out
-    assert "40,000, 1 without a shape (of the first 16,384)" in told
+    assert "images:       40,000" in told
     assert "sequences:    1: walk (of the first 16,384)" in told
     assert "0.0% of the landmarks (of the first 16,384)" in told
     assert max(rows) <= 16_384

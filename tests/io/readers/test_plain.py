@@ -248,7 +248,7 @@ def test_what_is_held_of_a_file_is_of_its_state_and_format(tmp_path):
     assert len(read_poses(known, (path,))) == 2
     peek_poses(known, (path,))
     with pytest.raises(InputError):  # and not the table that is held
-        read_poses(FORMATS["trc"], (path,))
+        read_poses(FORMATS["bvh"], (path,))
 
 
 def detect_format_of(path, text):

@@ -122,7 +122,7 @@ def test_shapes_of_unknown_unit(scene, shapes):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (NOTHING, r"in px, and their size in metres is not known; .*--set height=1\.78"),
+        (NOTHING, r"in px, and their size in metres is not known; .*`height=1\.78`"),
         (OutputOptions(unit="mm"), "in px, not in mm; leave out `unit`"),
         (OutputOptions(unit="elephant"), "'elephant' is no unit of length; use m, cm or mm"),
     ],
