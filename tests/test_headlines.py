@@ -57,7 +57,7 @@ def report(path: Path) -> dict[tuple[str, str, str, str], tuple[float, float]]:
                 float(row["median"]),
             )
             for row in csv.DictReader(file)
-            if not row["sequence"]
+            if not row["sequence"] and row["mean"] and row["median"]
         }
 
 
