@@ -51,7 +51,7 @@ def test_arrays_are_matched_by_their_order(chain, sample):
     rows = [truth.items.index(item) for item in chain.items]
     with pytest.warns(UserWarning, match="no camera without the dataset `true_rotation`"):
         named = shapefit.evaluate(chain, truth)
-    assert {metric for metric, _ in named.errors} == {"similarity", "reprojection"}
+    assert {metric for metric, _ in named.errors} >= {"similarity", "reprojection"}
     with pytest.raises(shapefit.InputError, match="truth: has 3 shapes for 150 images"):
         shapefit.evaluate(chain, truth.shapes[:3])
     for result in (chain, chain.shapes):

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from shapefit.io import open_landmarks, read_dictionary, read_results, read_shapes
+from shapefit.io import open_landmarks, read_results, read_shapes
 from shapefit.io.readers.items import keep_landmarks
 from shapefit.io.records import LandmarkSet, ResultSet
 from tests.cli.conftest import run_in
@@ -77,28 +77,6 @@ def test_the_recipe_for_motion_capture_gives_the_training_shapes(
             each.shapes[[name == trial for name in each.sequences]] for each in (made, known)
         )
         np.testing.assert_allclose(own - own[..., :1], others, atol=1e-5)  # the pelvis is at 0
-
-
-def test_the_configs_of_the_paper_do_not_learn_from_other_files_in_silence(
-    shapefit, tmp_path, project, real_data
-):
-    amc = real_data / "mocap/asfamc/86/86_01.amc"
-    learn = ("learn-dict", "-c", project / "configs/mocap/learn-dict.yaml", "-o", "d.h5")
-    small = ("--set", "k=2", "--set", "iterations=1")
-    shapefit("convert", amc, "-o", "all.h5")
-    assert shapefit(*learn, "all.h5", *small).code == 2
-    rename = (
-        "rename={root: pelvis, rhipjoint: rhip, rfemur: rknee, rtibia: rankle, lhipjoint: lhip,"
-        "lfemur: lknee, ltibia: lankle, thorax: neck, rclavicle: rshoulder, rhumerus: relbow,"
-        "lclavicle: lshoulder, lhumerus: lelbow}"
-    )
-    shapefit("convert", amc, "-o", "fast.h5", "--set", rename, "--set", "frame_rate=120")
-    found = shapefit(*learn, "fast.h5", *small)
-    assert (found.code, "120 frames per second" in found.text) == (2, True)
-    shapefit("convert", amc, "-o", "unknown.h5", "--set", rename, "--set", "every=40")
-    found = shapefit(*learn, "unknown.h5", *small)
-    assert (found.code, "states no frame rate" in found.text) == (0, True)
-    assert len(read_dictionary(tmp_path / "d.h5").landmark_names) == 15
 
 
 TIDY = "item,landmark,x,y\ni,a,.25,.5\ni,b,.75,.125\nj,a,.1,.9\nj,b,.3,1.02\n"
