@@ -94,20 +94,25 @@ def persons(landmarks, tmp_path_factory):
     return [folder / "cam01", folder / "cam02"]
 
 
-METHODS = ["convex", "convex+refine", "posterior", "sequences"]
+METHODS = [
+    *("convex", "convex+refine", "alternate", "mean-shape", "global", "pmp"),
+    *("posterior", "sequences"),
+]
 FORMS = [*((form, method) for form in ("csv", "hdf5", "folder") for method in METHODS)]
 
 
 @pytest.mark.parametrize(("form", "method"), FORMS)
 @pytest.mark.parametrize("parts", [False, True], ids=["whole", "parts"])
 def test_every_kind_of_file_is_accepted(
-    verify, dictionaries, tables, persons, tmp_path, form, method, parts
+    verify, world, dictionaries, tables, persons, tmp_path, form, method, parts
 ):
     files = persons if form == "folder" else tables[form]
     files = files if parts else files[:1]
     keys = {"frame_rate": 24} if method == "sequences" else {}
     keys |= {"keypoints": "body_25"} if form == "folder" else {}
     dictionary = dictionaries["prior" if method in ("posterior", "sequences") else "people"]
+    if method == "pmp":
+        dictionary = world.dictionary("bases of people")
     output = f"{tmp_path}/out/" if parts else str(tmp_path / "out.h5")
     if parts:
         keys |= {"partition": 4}
