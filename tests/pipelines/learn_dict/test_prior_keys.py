@@ -60,3 +60,13 @@ def test_a_component_for_every_150_shapes(make, rng, number, components):
     made, _ = make(many, prior={"components": "auto"}, **PLAIN)
     assert len(made.prior) == components
     assert json.loads(made.provenance["config"])["prior"]["components"] == "auto"
+
+
+def test_rounds_of_the_prior_are_no_rounds_of_coding(make, rng):
+    """Three rounds are done of three, whatever the prior takes."""
+    points = rng.normal(size=(40, 3, 5))
+    shapes = ShapeSet(points, tuple("abcde"), tuple(f"walk/{number}" for number in range(40)))
+    _, outcomes = make(shapes, k=4, iterations=3, prior={"components": 2})
+    rounds = [outcome for outcome in outcomes if outcome.unit == "round"]
+    assert sum(outcome.done for outcome in rounds) == 3
+    assert {outcome.total for outcome in rounds} <= {0, 3}
