@@ -187,7 +187,7 @@ ON_THEM = {
 }
 """Mean similarity errors, normalised, of two short sequences of each subject: 830 images."""
 
-INSIDE = {("posterior", "Subject 13"): "0.964", ("sequences", "Subject 13"): "0.910"}
+INSIDE = {("posterior", "Subject 13"): "0.964", ("sequences", "Subject 13"): "0.876"}
 """Share of their landmarks inside the 90% ellipsoids."""
 
 

@@ -328,7 +328,7 @@ def _in_short(summaries: Sequence[Summary], metric: str) -> str:
     own = {s.unit: s for s in summaries if s.metric == metric and not math.isnan(s.mean)}
     if not own:
         return ""
-    unit = next((u for u in own if u not in (NORMALISED, "unknown")), NORMALISED)
+    unit = min(own, key=lambda u: (u == "unknown", u == NORMALISED))
     found, factor = own[unit], 1.0
     if unit == "m" and found.mean < 1:
         unit, factor = "mm", 1000.0

@@ -112,7 +112,7 @@ class Head:
                     node = file.get(name)
                     names |= {f"{name}@{each}" for each in getattr(node, "attrs", ())}
                     names |= {f"{name}/{each}" for each in getattr(node, "keys", tuple)()}
-                return frozenset(names)
+                return frozenset(name for name in names if isinstance(name, str))
         except Exception:  # h5py has many kinds of error for damaged files
             return frozenset()
 

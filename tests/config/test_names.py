@@ -93,8 +93,8 @@ def test_a_config_names_a_dictionary_unless_a_file_beside_the_config_does(folder
 
 
 def test_the_path_of_an_installed_file_keeps_its_data(project):
-    config = load_config("project", project / "configs/mocap/project.yaml")
-    assert config.output == project / "results/mocap/landmarks.h5"
+    config = load_config("project", project / "configs/demo/project.yaml")
+    assert config.output == project / "results/demo/landmarks.h5"
 
 
 @pytest.mark.parametrize("name", ["carz", "configs/cars", "cars/fit", "mine"])

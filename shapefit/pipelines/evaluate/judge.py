@@ -293,7 +293,8 @@ def _meaningful(
         return tuple(metrics), said
     R, S = rotation[list(chosen)], stated[list(chosen)]
     whole = np.isfinite(e).all(axis=(1, 2)) & np.isfinite(x).all(axis=(1, 2))
-    whole &= np.isfinite(S).all(axis=(1, 2)) & np.isfinite(R).all(axis=(1, 2))
+    with np.errstate(invalid="ignore"):  # entries of a rotation are at most 1
+        whole &= (np.abs(S) < 2).all(axis=(1, 2)) & np.isfinite(R).all(axis=(1, 2))
     if not whole.any():
         return tuple(metrics), said
     turn = similarity_transform(e[whole], R[whole] @ x[whole]).rotation
