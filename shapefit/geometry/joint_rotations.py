@@ -149,12 +149,6 @@ def in_pose(rig: Rig, directions: Mapping[int, Sequence[float]]) -> Rig:
     return replace(rig, offsets=(P @ rig.offsets[..., None])[..., 0], rotations=L)
 
 
-def rest_places(rig: Rig) -> Floats:
-    """Return where nodes are at rest (m, 3), the first one where it is in the frame `rest`."""
-    unturned = np.tile(np.eye(3), (len(rig.tree), 1, 1, 1))
-    return find_places(replace(rig, rotations=unturned, root=rig.root[[rig.rest]]))[:, 0]
-
-
 def find_places(rig: Rig) -> Floats:
     """x = x_parent + P offset: where all nodes are (m, f, 3)."""
     places, G = [rig.root], [rig.rotations[0]]
