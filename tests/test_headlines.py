@@ -168,10 +168,10 @@ def test_a_slice_of_the_paper_s_table(project, real_data, tmp_path):
 @pytest.mark.real_data
 def test_the_paper_s_table_on_motion_capture(project, real_data, tmp_path):
     found = paper_report(project, real_data, tmp_path, every=1)
-    page = (project / "docs/experiments.md").read_text(encoding="utf-8")
+    page = (project / "docs/accuracy.md").read_text(encoding="utf-8")
     (header,) = re.findall(r"^\| +\| (Convex \| .*Mean shape) \|", page, re.MULTILINE)
     methods = header.split(" | ")
-    rows = table(project / "docs/experiments.md", "           | Convex")
+    rows = table(project / "docs/accuracy.md", "           | Convex")
     for group in ("Subject 13", "Subject 14"):
         for method, stated in zip([name.strip() for name in methods], rows[group], strict=False):
             mean, _ = found[method, "similarity", "normalised", group]
@@ -232,7 +232,7 @@ def test_real_cars(project, real_data, tmp_path):
         run("fit", f"cars/methods/{path.stem}")
     run("eval", "cars/eval")
     found = report(tmp_path / "results/cars/report/report.csv")
-    rows = table(project / "docs/cars.md", "method, lambda")
+    rows = table(project / "docs/accuracy.md", "method, lambda")
     names = {
         "Perspective** (`configs/cars/fit.yaml`)": "Perspective",
         "Mean shape, posed": "Mean shape",

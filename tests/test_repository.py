@@ -83,7 +83,7 @@ def anchors(path: Path) -> set[str]:
 def test_links_resolve_and_the_index_reaches_every_page():
     broken = [link for page in PAGES for link in broken_links(page)]
     assert not broken, "\n".join(broken)
-    linked = set(re.findall(r"\]\(([\w.]+\.md)", text_of("docs/README.md")))
+    linked = set(re.findall(r"\]\(([\w.-]+\.md)", text_of("docs/README.md")))
     assert {path.name for path in DOCS.glob("*.md")} - {"README.md"} == linked
 
 

@@ -19,6 +19,7 @@ PAGES = PROJECT / "build/site/pages"
 
 GATHERED = (
     "*.md",
+    "CITATION.cff",
     "docs/*.md",
     "docs/images/*",
     "benchmarks/*.md",
@@ -35,6 +36,9 @@ def main() -> None:
             place = PAGES / path.relative_to(PROJECT)
             place.parent.mkdir(parents=True, exist_ok=True)
             shutil.copyfile(path, place)
+    for path in PAGES.glob("benchmarks/**/*.md"):  # for developers: linked to, not searched
+        text = path.read_text(encoding="utf-8")
+        path.write_text(f"---\nsearch:\n  exclude: true\n---\n\n{text}", encoding="utf-8")
     (PAGES / "docs/api.md").write_text(functions_page(), encoding="utf-8")
     write_sample(PAGES / "sample.html")
     build = [

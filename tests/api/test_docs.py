@@ -67,5 +67,5 @@ def test_the_examples_that_need_other_libraries_or_files_run(project, tmp_path, 
     for name, file in (("train", "people_train.h5"), ("test", "people_test.h5")):
         (tmp_path / f"{name}.h5").symlink_to(project / "sample_data" / file)
     assert run_in(tmp_path, "project", "test.h5", "-o", "views.h5").returncode == 0
-    errors = run_block("experiments", "An experiment of your own", {}).splitlines()
+    errors = run_block("experiments", "## Your own experiment", {}).splitlines()
     assert [line.split()[0] for line in errors] == ["0.05", "0.1", "0.2"]

@@ -62,7 +62,7 @@ def test_the_recipe_for_motion_capture_gives_the_training_shapes(
     shapefit, tmp_path, project, real_data
 ):
     recipe = re.findall(
-        r"```\n(shapefit convert 86/.*?)```", (project / "docs/data.md").read_text(), re.S
+        r"```\n(shapefit convert 86/.*?)```", (project / "docs/experiments.md").read_text(), re.S
     )
     command = shlex.split(recipe[-1].replace("86/*.amc", "86/86_01.amc 86/86_09.amc"))
     (tmp_path / "86").symlink_to(real_data / "mocap/asfamc/86")
