@@ -56,10 +56,8 @@ demo: $(RUNS)
 	$(call chain,demo)
 	$(SHAPEFIT) learn-dict -c configs/demo/cars/learn-dict.yaml
 	$(SHAPEFIT) fit -c configs/demo/cars/fit.yaml
-	$(SHAPEFIT) convert results/demo/cars/result.h5 -d results/demo/cars/dictionary.h5 \
-	    -o results/demo/cars/meshes --to glb
 	$(SHAPEFIT) eval -c configs/demo/cars/eval.yaml
-	@echo "Meshes and a report of cars are in results/demo/cars."
+	@echo "Meshes, pictures and a report of cars are in results/demo/cars."
 	@echo
 	@echo "Open these first, in a browser:"
 	@echo "  walkers $(CURDIR)/results/demo/walk.html"

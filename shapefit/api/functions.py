@@ -326,7 +326,7 @@ def config_of(
     values, for messages. Raises InputError for each problem, with the name of its argument.
     """
     function = "learn" if command == "learn-dict" else "evaluate" if command == "eval" else command
-    for key in given.keys() & {*files, "data"}:
+    for key in given.keys() & {*files, "data", "export"}:
         fix = "it is for files: use the command line, or the functions of shapefit that write"
         raise input_error(f"{function}.{key}", f"there is no argument `{key}`", fix)
     file = None if config is None else find_config(command, Path(config))

@@ -130,7 +130,7 @@ def test_what_the_command_warns_of_is_a_warning(people, views):
         ({"prior": {"scal": 2}}, r"fit\.prior\.scal: unknown key 'prior\.scal'.*'prior\.scale'"),
         ({"lamda": 1}, r"fit\.lamda: unknown key 'lamda'; did you mean 'lambda'"),
         ({"output": "x.h5"}, r"^fit\.output: there is no argument `output`; it is for files"),
-        ({"output": "x"}, r"^fit\.output: there is no argument"),
+        ({"export": {"folder": "x"}}, r"^fit\.export: there is no argument"),
         ({"camera": np.eye(2)}, r"camera\.focal: camera_matrix: has the shape \(2, 2\)"),
         ({"camera": {"name": "left"}}, r"fit\.camera\.name: `name` is that of a camera"),
         (

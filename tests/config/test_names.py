@@ -56,6 +56,7 @@ def test_the_settings_of_a_preset_count_without_what_it_says_of_its_data(folder)
     assert (config.method, config.lam, config.camera.model) == ("convex+refine", 1.0, "perspective")
     assert config.landmarks == (folder / "a.h5",)
     assert config.data is config.leave_one_out is config.camera.principal_point is None
+    assert config.export.folder is None
     report = load("eval", "cars", results=("a.h5",), truth=("d.h5",), output="report")
     assert (report.match, report.groups, report.least_visible) == ("item", {}, 20)
 

@@ -142,8 +142,8 @@ def test_a_proper_rotation_is_accepted():
     ("option", "expected"),
     [
         (
-            'output="\\0"',
-            '--set output="\\0": expected a path, found one with a zero byte',
+            'export.folder="\\0"',
+            '--set export.folder="\\0": expected a path, found one with a zero byte',
         ),
         ("lambda=-1", "--set lambda=-1: expected a number > 0 or auto, found -1"),
         ("lambda=", "--set lambda=: expected a number > 0 or auto, found nothing"),

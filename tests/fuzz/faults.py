@@ -25,6 +25,7 @@ SHIM = Path(__file__).with_name("failing_calls.c")
 
 OLD, NEW = ("--set=threads=1", "--set=lambda=0.3"), ("--set=threads=1", "--set=lambda=0.1")
 FIT = ("fit", "views.h5", "-d", "dict.h5")
+MESHES = ("--set", "export.folder=out/meshes")
 LEARN = ("learn-dict", "shapes.h5", "-o", "out/d.h5", "--set", "iterations=2", "--set", "k=3")
 EVAL = ("eval", "--truth", "shapes.h5", "-o", "out/report", "--set=plots=false")
 PROJECT = ("project", "shapes.h5")
@@ -33,8 +34,8 @@ COMMANDS = {
     "fit to HDF5": ((*FIT, "-o", "out/r.h5", *OLD), (*FIT, "-o", "out/r.h5", *NEW)),
     "fit to CSV": ((*FIT, "-o", "out/r.csv", *OLD), (*FIT, "-o", "out/r.csv", *NEW)),
     "fit with meshes": (
-        (*FIT, "-o", "out/r.h5", *OLD),
-        (*FIT, "-o", "out/r.h5", *NEW),
+        (*FIT, "-o", "out/r.h5", *MESHES, *OLD),
+        (*FIT, "-o", "out/r.h5", *MESHES, *NEW),
     ),
     "learn-dict": ((*LEARN, "--set=beta=0.3"), (*LEARN, "--set=beta=0.1")),
     "project": ((*PROJECT, "-o", "out/v.h5"), (*PROJECT, "-o", "out/v.h5", "--set=noise=0.1")),

@@ -122,7 +122,7 @@ def make_table(rng: Random, folder: Path) -> Command:
 
 
 FITS = (
-    *("rotations=orthogonal", "transforms=true", "leave_one_out=model"),
+    *("export.folder=out_meshes", "rotations=orthogonal", "transforms=true", "leave_one_out=model"),
     *("outliers=ransac", "camera={focal: 1000}", "lambda=auto"),
     *("noise=0.1", "rotations=orthogonal", "strict=true", "solver.max_iterations=2"),
 )

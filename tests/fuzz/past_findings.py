@@ -85,6 +85,12 @@ def _signalling_nan(folder: Path) -> None:
     _edit(folder / "views.h5", landmarks=points)
 
 
+def _beyond_single_precision(folder: Path) -> None:
+    points = _landmarks(folder)
+    points[0] *= 1e60
+    _edit(folder / "views.h5", landmarks=points)
+
+
 def _overflowing_span(folder: Path) -> None:
     points = np.zeros((8, 15, 2))
     points[:, 0], points[:, 1] = 1e308, -1e308
@@ -124,6 +130,8 @@ FINDINGS: Mapping[str, Finding] = {
         ("view", "views.h5", "result.h5", "-o", "out.html")),
     "a-chunk-for-each-value": (
         lambda f: _edit(f / "dict.h5", objective_trace=((10**6,), "f8", (1,))), FIT),
+    "mesh-beyond-single-precision": (
+        _beyond_single_precision, (*FIT, "--set=export.folder=out_meshes")),
     "aliases-of-aliases": (
         lambda f: (f / "config.yaml").write_text(aliases_of_aliases(8)),
         ("eval", "-c", "config.yaml")),

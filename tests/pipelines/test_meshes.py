@@ -1,4 +1,4 @@
-"""Meshes of results: what `convert` writes is opened again by trimesh."""
+"""Meshes of results: what `convert` and `export` of `fit` write is opened again by trimesh."""
 
 from dataclasses import replace
 
@@ -64,14 +64,16 @@ def test_the_mesh_is_that_of_the_coefficients(tmp_path, cars, to):
         assert 3.3 < length < 5.6
 
 
-def test_meshes_are_named_after_the_images_that_have_a_shape(tmp_path, cars, world):
+def test_fit_writes_what_convert_writes(tmp_path, cars, world):
     path, _ = cars
     images = load(world.images("cars")).take(slice(0, 108, 40))
     landmarks = images.landmarks.copy()
     landmarks[1, :, 2:] = np.nan
     images = images.replaced(landmarks=landmarks, items=("../up", "gone", "a:b/c"))
-    fit_images(tmp_path, images, path, method="convex+refine")
+    keys = {"method": "convex+refine", "export": {"folder": str(tmp_path / "of_fit")}}
+    _, outcomes = fit_images(tmp_path, images, path, **keys)
     missing = "images without a shape (failed, or with all coefficients 0): 1; they have no mesh"
+    assert missing in [text for outcome in outcomes for text in outcome.warnings]
     outcomes = convert(tmp_path / "result.h5", path, tmp_path / "converted")
     assert outcomes[-1].warnings == (missing,)
     files = sorted((tmp_path / "converted").rglob("*.ply"))
@@ -79,6 +81,9 @@ def test_meshes_are_named_after_the_images_that_have_a_shape(tmp_path, cars, wor
         "%2E%2E/up.ply",
         "a%3Ab/c.ply",
     ]
+    for each in files:
+        same = tmp_path / "of_fit" / each.relative_to(tmp_path / "converted")
+        assert same.read_bytes() == each.read_bytes()
 
 
 def test_people_are_a_closed_tube_a_bone(tmp_path, world):
@@ -98,6 +103,36 @@ def test_people_are_a_closed_tube_a_bone(tmp_path, world):
         expected = points[:, dictionary.edges].mean(axis=2).T
         apart = np.linalg.norm(middles[:, None] - expected[None], axis=2)
         assert apart.min(axis=0).max() < 1e-6 * np.ptp(points, axis=1).max()
+
+
+@pytest.mark.parametrize(
+    ("change", "keys", "message"),
+    [
+        (
+            {"edges": None, "mesh_vertices": None, "mesh_faces": None},
+            {},
+            "neither a mesh nor edges",
+        ),
+        ({}, {"method": "pmp"}, "no coefficients to combine the meshes of the atoms"),
+        ({}, {"export": {"folder": "-"}}, "standard output; give the name of a folder"),
+        ({}, {"export": {"folder": "views.h5"}}, "it is not a folder"),
+        ({}, {"export": {"folder": "result.h5"}}, "is also the output; give it a different name"),
+    ],
+)
+def test_fit_refuses_before_an_image_is_lifted(
+    tmp_path, cars, world, monkeypatch, change, keys, message
+):
+    changed = tmp_path / "changed.h5"
+    write_dictionary(changed, replace(read_dictionary(cars[0]), **change))
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(
+        "shapefit.pipelines.fit.run.lift_batch", lambda *_: pytest.fail("an image was lifted")
+    )
+    images = load(world.images("cars")).take(slice(3))
+    keys = {"export": {"folder": str(tmp_path / "meshes")}} | keys
+    with pytest.raises(InputError, match=message):
+        fit_images(tmp_path, images, changed, **keys)
+    assert not (tmp_path / "result.h5").exists()
 
 
 def test_convert_names_what_is_missing(tmp_path, cars, world):

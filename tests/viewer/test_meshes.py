@@ -1,12 +1,10 @@
-"""Meshes that the browser blends are those that `convert` writes."""
+"""Meshes that the browser blends are those that `fit` exports."""
 
 import numpy as np
 import pytest
 import trimesh
 
-from shapefit.config import load_config
 from shapefit.io import read_results
-from shapefit.pipelines.convert import run as convert
 from tests.pipelines.fitted import fit_file
 
 ITEMS = ("sedan_2/view_1", "pickup_1/view_4")
@@ -24,11 +22,9 @@ def cars(world, tmp_path_factory):
     folder = tmp_path_factory.mktemp("cars")
     cameras = {"weak": {}, "perspective": {"focal": "files"}}
     for name, camera in cameras.items():
-        keys = {"method": "convex+refine", "camera": camera, "lambda": 1.0}
-        result, dictionary = folder / f"{name}.h5", world.dictionary("cars")
-        fit_file(world.images("cars"), dictionary, result, **keys)
-        meshes = {"files": result, "dictionary": dictionary, "output": folder / name, "to": "ply"}
-        list(convert(load_config("convert", arguments=meshes)))
+        export = {"folder": folder / name}
+        keys = {"method": "convex+refine", "camera": camera, "export": export, "lambda": 1.0}
+        fit_file(world.images("cars"), world.dictionary("cars"), folder / f"{name}.h5", **keys)
     return folder
 
 

@@ -20,6 +20,7 @@ from shapefit.config.paths import (
     UNNAMED,
     Description,
     DictionaryPath,
+    Folder,
     InputPaths,
     OptionalInputPath,
     OutputOrFolder,
@@ -126,6 +127,15 @@ class SaveConfig(ConfigModel):
     """The covariance of all landmarks of an image, `shape_covariance` (n, 3p, 3p) (large)."""
 
 
+class ExportConfig(ConfigModel):
+    """Mesh files of the fitted shapes, one per image."""
+
+    folder: Folder = None
+    """Folder to write mesh files to; none writes none."""
+    format: Literal["obj", "ply", "glb"] = "ply"
+    """Format of the files."""
+
+
 class FitConfig(LandmarksConfig):
     """Lift 2D landmarks to 3D shapes with a dictionary."""
 
@@ -182,6 +192,7 @@ class FitConfig(LandmarksConfig):
     markers: Literal["joints", "input"] = "joints"
     """Markers of a TRC file: joints, or input for the landmarks of the detector by their names."""
     save: SaveConfig = section(SaveConfig)
+    export: ExportConfig = section(ExportConfig)
     fail_untrusted: float | None = Field(default=None, ge=0, le=1)
     """Exit with 1 if more than this share of images is not to be trusted."""
     threads: int = Field(default=0, ge=0, le=MAX_THREADS)

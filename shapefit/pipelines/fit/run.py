@@ -10,9 +10,9 @@ import hashlib
 import json
 import time
 from collections.abc import Generator, Iterator, Mapping
-from contextlib import closing
+from contextlib import AbstractContextManager, closing, nullcontext
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from shapefit import __version__
 from shapefit.config import FitConfig
@@ -49,6 +49,9 @@ from shapefit.pipelines.fit.summary import Tally, rows_of
 from shapefit.pipelines.outcome import Outcome, nothing_in, reading
 from shapefit.threads import side_by_side
 
+if TYPE_CHECKING:
+    from shapefit.pipelines.meshes import MeshWriter
+
 CHUNK = 4096
 """Images that are lifted together, rounded up; no result depends on it."""
 
@@ -81,6 +84,7 @@ def run(
     assert isinstance(output, Path), "a folder is written part by part"
     config, chosen = choose_default(config)
     dictionary = dictionary or read_dictionary(config.dictionary)
+    check_export(config, dictionary)
     if config.save.covariance is False and find_target_format(output).angles:
         config = config.changed(save={"covariance": True})  # an angle is that of several joints
     yield from reading(config.landmarks if inputs is None else ())
@@ -91,6 +95,7 @@ def run(
         tally = Tally()
         options = OutputOptions(height=config.height, markers=config.markers)
         with (
+            open_export(config, setup.dictionary) as export,
             result_writer(output, options) as writer,
             closing(lift_source(source, setup)) as batches,
         ):
@@ -102,6 +107,8 @@ def run(
                 tally.add(batch.images, batch.record)
                 yield outcome_of(batch.images, batch.lifting, batch.record, setup, source.count)
                 writer.append(batch.record)
+                if export is not None:
+                    export.add(batch.record)
                 seconds += batch.seconds
             writer.attributes.update(attributes_of(setup, known, seconds, counts.images))
             warnings = (*setup.estimates.warnings, *warn_of(source, setup), *warn_of_all(counts))
@@ -110,12 +117,40 @@ def run(
         total=source.count,
         warnings=(
             *warnings,
+            *(() if export is None else export.warnings),
             *warn_of_rate(config, source, writer.summary.warnings),
         ),
-        note="; ".join(filter(None, (*lines, writer.summary.note))),
+        note="; ".join(
+            filter(None, (*lines, export.note if export else None, writer.summary.note))
+        ),
         rows=rows_of(config, source, setup, tally, chosen, writer.summary.note),
-        written=writer.summary.written or (output,),
+        written=(*(writer.summary.written or (output,)), *(export.written if export else ())),
     )
+
+
+def check_export(config: FitConfig, dictionary: Dictionary) -> None:
+    """Raise InputError for all of the meshes that can be known to be wrong beforehand."""
+    folder, to = config.export.folder, config.export.format
+    if folder is None:
+        return
+    from shapefit.pipelines.meshes import check_dictionary, check_mesh_folder
+
+    assert isinstance(config.output, Path), "a folder of results has no meshes"
+    check_mesh_folder(folder, "export.folder", to, config.output)
+    method, perspective = METHODS[config.method], config.camera.model == "perspective"
+    mixes = method.mixes_atoms or (perspective and method.perspective == "refined")
+    check_dictionary(dictionary, str(config.dictionary), mixes_atoms=mixes)
+
+
+def open_export(
+    config: FitConfig, dictionary: Dictionary
+) -> AbstractContextManager[MeshWriter | None]:
+    """Give the writer of meshes that the config asks for; the files appear on a clean exit."""
+    if config.export.folder is None:
+        return nullcontext()
+    from shapefit.pipelines.meshes import mesh_writer
+
+    return mesh_writer(dictionary, config.export.folder, config.export.format)
 
 
 def lift_source(source: LandmarkSource, setup: Setup) -> Generator[Batch, None, None]:

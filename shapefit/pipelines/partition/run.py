@@ -53,6 +53,9 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     if any(map(is_stream, config.landmarks)):
         found = "standard input cannot be divided into parts"
         raise input_error("landmarks", found, "save it to a file and name that")
+    if config.export.folder is not None:
+        fix = "leave it out; `shapefit convert FOLDER -d DICT -o meshes/ --to ply` writes them"
+        raise input_error("export.folder", "is not written for a folder of results", fix)
     on_cluster(config)
     known = read_manifest(folder.path)
     if config.method == AUTO and known is not None:

@@ -298,6 +298,10 @@ class TestWhatIsRefusedOrReplaced:
         assert shapefit(["convert", "out", "-o", "all.csv", "-q"]) == 2
         assert shapefit(["fit", "one.h5", "-o", "all.csv", "-q", "-d", "out/" + name]) == 2
 
+    def test_exports(self):
+        with pytest.raises(InputError, match="is not written for a folder of results"):
+            fit("export.folder=meshes", output="free/")
+
 
 class TestParts:
     """Which parts there are; those of sequences hold whole ones."""
