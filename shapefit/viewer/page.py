@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from base64 import b64encode
-from collections.abc import Iterable, Mapping
 from hashlib import sha256
 from html import escape
 from importlib.resources import files
@@ -13,16 +12,7 @@ from typing import Any
 
 from shapefit.viewer.scene import Fact, Scene, as_json
 
-SCRIPTS = (
-    "blocks.js",
-    "geometry.js",
-    "scene.js",
-    "look.js",
-    "plane.js",
-    "space.js",
-    "chart.js",
-    "viewer.js",
-)
+SCRIPTS = ("blocks", "geometry", "scene", "look", "plane", "space", "chart", "viewer")
 """In this order: each file uses only those before it."""
 
 
@@ -33,27 +23,18 @@ def viewer_page(scene: Scene) -> str:
     script puts them into the document as text only. The Content-Security-Policy lets run the
     script of the page alone, and forbids every request.
     """
-    script = "\n".join(resource(f"scripts/{name}") for name in SCRIPTS)
-    return fill(
-        resource("viewer.html"),
-        style=resource("viewer.css"),
-        script=script,
-        title=escape(scene.title),
-        facts="".join(map(_fact, scene.facts)),
-        notes=list_items(scene.assumed + scene.notes),
-        page=embedded_json(as_json(scene)),
-    )
-
-
-def fill(template: str, *, style: str, script: str, **values: str) -> str:
-    """Fill a page: `{{name}}` stands for a value; style and script are the only ones allowed.
-
-    The style begins with the colours of all pages.
-    """
-    style = resource("palette.css") + style
-    policy = content_security_policy(style, script)
-    given = {"policy": policy, "style": style, "script": script, **values}
-    return re.sub(r"\{\{([a-z]+)\}\}", lambda found: given[found[1]], template)
+    script = "\n".join(resource(f"scripts/{name}.js") for name in SCRIPTS)
+    style = resource("palette.css") + resource("viewer.css")
+    parts = {
+        "policy": content_security_policy(style, script),
+        "style": style,
+        "script": script,
+        "title": escape(scene.title),
+        "facts": "".join(map(_fact, scene.facts)),
+        "notes": "".join(f"<li>{escape(note)}</li>" for note in (*scene.assumed, *scene.notes)),
+        "page": embedded_json(as_json(scene)),
+    }
+    return re.sub(r"\{\{([a-z]+)\}\}", lambda name: parts[name[1]], resource("viewer.html"))
 
 
 def resource(name: str) -> str:
@@ -73,15 +54,10 @@ def content_security_policy(style: str, script: str) -> str:
     )
 
 
-def embedded_json(document: Mapping[str, Any]) -> str:
+def embedded_json(document: Any) -> str:
     """Return JSON that can stand in a script element: nothing in it ends or opens an element."""
     text = json.dumps(document, ensure_ascii=True, allow_nan=False, separators=(",", ":"))
     return text.replace("&", r"\u0026").replace("<", r"\u003c").replace(">", r"\u003e")
-
-
-def list_items(lines: Iterable[str]) -> str:
-    """Return texts as items of an HTML list."""
-    return "".join(f"<li>{escape(line)}</li>" for line in lines)
 
 
 def _fact(fact: Fact) -> str:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats, Integers
 
 USUAL_RATE = 25.0
-"""Frames a second where no file says it."""
+"""Frames a second where no file states it."""
 MISSING, LARGEST = -32768, 32767
 
 
@@ -44,6 +44,13 @@ class Blend:
     atom: Integers
     weight: Floats
 
+    @classmethod
+    def of(cls, mesh_set: int, weights: Floats) -> Blend:
+        """Return the blend of weights (n, k), most of which are 0."""
+        frame, atom = np.nonzero(weights)
+        start = np.searchsorted(frame, np.arange(len(weights) + 1))
+        return cls(mesh_set, start, atom, weights[frame, atom])
+
 
 @dataclass(frozen=True)
 class Words:
@@ -65,11 +72,10 @@ class Words:
 class Layer:
     """One result, the truth, or shapes: points (n, 3, p) in space, nan where there are none.
 
-    camera (n, 4) focal lengths and principal point that take them to the image: x f / |z| + c in
-    perspective, else x f + c; x and y themselves without it. fitted (n, 2, p) are given where the
-    landmarks are elsewhere. sd (n, 3, p) standard deviations in space; pose (n, 13) rotation,
-    scale, translation that carry a mesh into it; status is a word for frames that have one;
-    doubts says why a shape is not to be trusted, "" where it is.
+    fitted (n, 2, p) landmarks in the image. camera (n, 4) focal lengths and principal point that
+    take points to the image: x f / |z| + c in perspective, else x f + c. sd (n, 3, p) standard
+    deviations in space; pose (n, 13) rotation, scale, translation that carry a mesh into it; status
+    is a word for frames that have one; doubts are reasons not to trust a shape, "" for none.
     """
 
     name: str
@@ -87,10 +93,8 @@ class Layer:
 
 
 @dataclass(frozen=True)
-class Stand:
-    """How the shapes of a sequence stand: upright (9) turns space so that y is up, seen from the
-    camera; floor is its y there, None where it is not known.
-    """
+class Ground:
+    """upright (9) turns space so that y is up; floor is its y there, None where it is not known."""
 
     upright: Sequence[float]
     floor: float | None = None
@@ -117,39 +121,39 @@ class Picture:
 class Scene:
     """n frames of p landmarks, those of a sequence one after the other.
 
-    sequences maps names to the first frame of each, in order; seen (n, 2, p) are the observed
-    landmarks, nan where hidden, or None; outliers (n, p). sides says of each landmark whether it is
-    in the middle (0), on the left (1) or on the right (2). Sequences that were seen at once are one
-    recording: recordings names the sequences of each, times (n,) the time of each frame in its own;
-    None where each sequence is by itself. stands has one for each sequence. flat says that there
-    are images to show, image (2) is their width and height where it is known; video that frames
-    follow each other in time; rigid that shapes are shown in the frame of the object. facts say
-    what is shown and how good it is, assumed what the fit took for granted, notes what is lacking.
+    sequences are (name, first frame); recordings the sequences that were seen at once, times (n,)
+    the time of each frame in its recording; one ground a sequence. seen (n, 2, p) are the observed
+    landmarks, nan where hidden; outliers (n, p). sides: each landmark is in the middle (0), on the
+    left (1) or on the right (2). space_unit is that of points, length that of their errors and how
+    many of it are one of the former, unit that of the image, whose width and height are `image`.
+    flat: there are images to show; video: frames follow each other in time; rigid: shapes are shown
+    in the frame of the object. assumed is what the fit took for granted, notes what is missing.
     """
 
     title: str
     items: Sequence[str]
     sequences: Sequence[tuple[str, int]]
+    recordings: Sequence[Sequence[int]]
+    times: Integers
+    grounds: Sequence[Ground]
     landmarks: Sequence[str]
     edges: Sequence[Sequence[int]]
     layers: Sequence[Layer]
     unit: str
     space_unit: str
+    length: tuple[str, float]
     y_down: bool
-    stands: Sequence[Stand]
-    frame_rate: float = USUAL_RATE
-    rate_known: bool = False
-    flat: bool = False
+    frame_rate: float
+    rate_known: bool
+    flat: bool
+    video: bool
+    rigid: bool
     seen: Floats | None = None
     outliers: NDArray[np.bool_] | None = None
     sides: Sequence[int] | None = None
-    recordings: Sequence[Sequence[int]] | None = None
-    times: Integers | None = None
     meshes: Sequence[MeshSet] = ()
     pictures: Mapping[int, Picture] = field(default_factory=dict)
     image: Sequence[float] | None = None
-    video: bool = False
-    rigid: bool = False
     facts: tuple[Fact, ...] = ()
     assumed: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
@@ -158,7 +162,7 @@ class Scene:
 def as_json(value: Any) -> Any:
     """Return a scene, or a part of one, as the page reads it: fields by their names.
 
-    Numbers are blocks: points (n, d, p) on a scale of each set, other floats in 32 bits, integers
+    Arrays are blocks: points (n, d, p) on a scale of each set, other floats in 32 bits, integers
     in as few bytes as they need.
     """
     if is_dataclass(value):
@@ -187,13 +191,13 @@ def block_of_points(points: Floats) -> dict[str, Any]:
     """
     rows = points.swapaxes(1, 2)
     with np.errstate(over="ignore", invalid="ignore"):
-        known: NDArray[np.bool_] = np.isfinite(rows.astype("<f4")).all(axis=2, keepdims=True)
-    some = known.any(axis=1)
-    low = np.where(some, np.where(known, rows, np.inf).min(axis=1, initial=np.inf), 0.0)
-    high = np.where(some, np.where(known, rows, -np.inf).max(axis=1, initial=-np.inf), 0.0)
+        finite = np.isfinite(rows.astype("<f4")).all(axis=2, keepdims=True)
+    some = finite.any(axis=1)
+    low = np.where(some, np.where(finite, rows, np.inf).min(axis=1, initial=np.inf), 0.0)
+    high = np.where(some, np.where(finite, rows, -np.inf).max(axis=1, initial=-np.inf), 0.0)
     scale = (high - low).max(axis=1, keepdims=True) / (2 * LARGEST)
     places = np.hstack([(low + high) / 2, np.where(scale > 0, scale, 1.0)]).astype("<f4")
     offset, scale = places[:, None, :-1].astype(float), places[:, None, -1:].astype(float)
-    codes = np.rint((np.where(known, rows, offset) - offset) / np.maximum(scale, 1e-300))
-    codes = np.where(known, np.clip(codes, -LARGEST, LARGEST), MISSING)
+    codes = np.rint((np.where(finite, rows, offset) - offset) / np.maximum(scale, 1e-300))
+    codes = np.where(finite, np.clip(codes, -LARGEST, LARGEST), MISSING)
     return block(codes, "i2") | {"places": block(places, "f4")}

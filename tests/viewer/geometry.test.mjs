@@ -72,14 +72,14 @@ test("blocks: each row of points has a scale of its own, missing ones are NaN", 
   assert.deepEqual([...row(1)], [-1 + 2 * 32767, -2]);
 });
 
-const STAND = { upright: [1, 0, 0, 0, 1, 0, 0, 0, 1] };
-const PAGE = { meshes: [], layers: [], landmarks: [], edges: [] };
+const GROUND = { upright: [1, 0, 0, 0, 1, 0, 0, 0, 1] };
+const PAGE = { meshes: [], layers: [], landmarks: [], edges: [], recordings: [[0]] };
 
 /** Two individuals of one video, five moments of it, and an image by itself. */
 function couple() {
   const times = { type: "u1", shape: [6], data: base64(Uint8Array.of(0, 1, 2, 2, 4, 0)) };
   return scene.open({
-    ...PAGE, times, recordings: [[0, 1], [2]], stands: [STAND, STAND, STAND],
+    ...PAGE, times, recordings: [[0, 1], [2]], grounds: [GROUND, GROUND, GROUND],
     items: ["a0", "a1", "a2", "b2", "b4", "w"], sequences: [["v/a", 0], ["v/b", 3], ["w", 5]],
   });
 }
@@ -110,7 +110,8 @@ test("frames of a recording share a scale, but for a few of them; single images 
   const radii = [...new Array(38).fill(1), 2, 90];
   const points = { type: "f4", shape: [40, 2, 3], data: base64(Float32Array.from(radii.flatMap((r) => [-r, -r, 0, r, r, 0]))) };
   const layer = { name: "fit", role: "result", points, measures: [] };
-  const page = (name) => scene.open({ ...PAGE, video: Boolean(name), items: radii.map(String), sequences: [[name, 0]], stands: [STAND], layers: [layer], landmarks: ["a", "b"] });
+  const times = { type: "u1", shape: [40], data: base64(Uint8Array.from(radii, (_, i) => i)) };
+  const page = (name) => scene.open({ ...PAGE, times, video: Boolean(name), items: radii.map(String), sequences: [[name, 0]], grounds: [GROUND], layers: [layer], landmarks: ["a", "b"] });
   const [walk, single] = ["walk", ""].map((name) => ((data) => data.size(data.recordings[0]).solid)(page(name)));
   assert.deepEqual([walk, single], [[2, 2], [0, 0]]);
 });

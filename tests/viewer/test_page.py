@@ -144,7 +144,7 @@ def test_the_chart_has_a_line_and_a_band_for_each_individual(walkers, open_page)
     chain.click().perform()
     page.settle()
     name = page.run("return shapefit.data.landmarks[5]")
-    assert page.text("#measure option:checked") == f"error of {name}"
+    assert page.text("#measure option:checked") == f"error bar of {name}"
     (values, _) = page.run("return shapefit.chart().map(({ values }) => values)")
     sd = page.run("return Array.from(shapefit.layer('walk').sd(0))").copy()
     assert values[0] == pytest.approx(100 * np.linalg.norm(sd[15:18]), rel=1e-6)

@@ -1,337 +1,273 @@
-"""The layers of a page: results in one space with their meshes, shapes and truth laid onto them."""
+"""The layers of a page: results in one space with their meshes, others aligned to the first."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Flags, Floats
 from shapefit.convex.solver import Status
 from shapefit.dictionary.model import Dictionary
 from shapefit.evaluation import metrics
-from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP
-from shapefit.geometry.joint_angles import known_angles, measure_angles
-from shapefit.geometry.normalisation import metres_in
+from shapefit.geometry.normalisation import as_metres
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io.layout import METRES_PER_UNIT, UNKNOWN_UNIT
-from shapefit.io.skeletons import joint_columns
+from shapefit.io.records import concatenate
+from shapefit.io.writers.angles import ANGLE_SD, ANGLES, angle_columns, angle_names
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import REASONS
-from shapefit.pipelines.view.reading import CAMERA, POSE, Gathered, Truth
+from shapefit.pipelines.view.reading import POSE, Content, Inputs
 from shapefit.viewer.scene import Blend, Layer, Measure, MeshSet, Words
 
+CAMERA = ("camera_translation", "focal", "principal_point")
+"""Datasets of a result that say how a camera sees its shapes in perspective."""
 MOST_MESHES = 200
 """Meshes of shapes that a page holds, at most."""
-SAME = 1e-3
-"""Fitted landmarks within this share of the extent of x and y of the shape are those."""
 EXPECTED, AGAINST_TRUTH = "expected error", "error against the truth"
 """Names of measures that the header of the page states."""
 SMALL = 0.01
 """Metres below which lengths are given in millimetres."""
-
-
-@dataclass(frozen=True)
-class Placement:
-    """X = factor (S - start) + end: from the shapes S of a result to the space of the page.
-
-    factor (n,), start and end (n, 3). Under a camera, X is where the camera has it.
-    """
-
-    factor: Floats
-    start: Floats
-    end: Floats
-    perspective: bool
-
-    def of(self, points: Floats) -> Floats:
-        """Return points (n, 3, p) in space."""
-        moved = points - self.start[:, :, None]
-        return self.factor[:, None, None] * moved + self.end[:, :, None]
-
-
-def place_results(results: Sequence[Gathered]) -> tuple[list[Placement], str | None]:
-    """Return where each result is in one space, and the unit of it; None for that of the files.
-
-    The unit is the metre where the first result knows it. Of a result through a camera, shapes are
-    where the camera has them, and those of the others beside it. Without one, depths are unknown,
-    and all frames have one scale.
-    """
-    guide = next((each for each in results if has_camera(each)), results[0] if results else None)
-    if guide is None:
-        return [], None
-    n = len(guide.points)
-    metres = guide.of_frames.get(METRES_PER_UNIT)
-    known = metres is not None and np.isfinite(metres).any()
-    if not has_camera(guide):
-        factor = np.nanmedian(metres) if metres is not None and known else 1.0
-        still = np.zeros((n, 3))
-        whole = Placement(np.full(n, factor), still, still, perspective=False)
-        return [whole] * len(results), "m" if known else None
-
-    def of(own: Gathered) -> Placement:
-        found = own.of_frames
-        scale = found["scale"]
-        factor = found.get(METRES_PER_UNIT, scale * np.nan) if known else 1 / scale
-        start = np.pad(found["translation"], ((0, 0), (0, 1)))
-        end = (factor * scale)[:, None] * found["camera_translation"]
-        return Placement(factor, start, end, perspective=True)
-
-    return [of(each if has_camera(each) else guide) for each in results], "m" if known else ""
+SOLVED = (Status.OPTIMAL.value, Status.CONVERGED.value)
+STILL = np.r_[np.eye(3).ravel(), 1.0, 0.0, 0.0, 0.0]
+"""The pose of a mesh that stays where it is."""
 
 
 def make_layers(
-    found: Sequence[Gathered],
-    dictionary: Dictionary | None,
-    seen: Floats | None,
-    truth: Truth | None,
-    notes: list[str],
-) -> tuple[list[Layer], list[MeshSet], str | None]:
-    """Return results first, then what is laid onto the first of them, the truth last.
+    inputs: Inputs, seen: Floats | None, notes: list[str]
+) -> tuple[list[Layer], list[MeshSet], str]:
+    """Return the layers, those of results first and the truth last, their meshes and the unit.
 
-    Also the meshes that they have, those of the dictionary first, and the unit of the space, None
-    for that of the files. `seen` (n, 2, p) are the observed landmarks of the page.
+    All are in the space of the first result, of one with a camera if there is one: in metres where
+    it knows them. What is in another space, such as shapes and the truth, is aligned to it. `seen`
+    (n, 2, p) are the observed landmarks of the page.
     """
-    results = [each for each in found if each.kind == "result"]
-    placements, unit = place_results(results)
+    contents, dictionary, truth = inputs.contents, inputs.dictionary, inputs.truth
+    results = [content for content in contents if content.kind == "result"]
+    others = joined([content for content in contents if content.kind == "shapes"])
+    others += [] if truth is None else [truth]
     layers: list[Layer] = []
-    others: list[Layer] = []
     meshes: list[MeshSet] = []
-    for each, placement in zip(results, placements, strict=True):
-        layer = _result_layer(each, placement, seen, truth)
+    for content in results:
+        layer = _result_layer(content, seen, truth)
         if dictionary is not None and dictionary.mesh_vertices is not None:
-            if obstacle := _mesh_obstacle(each, dictionary):
-                notes.append(f"{each.name} has no mesh: {obstacle}.")
+            if _can_carry(content, dictionary):
+                layer = _with_mesh_of_atoms(layer, content, dictionary, meshes)
             else:
-                if not meshes:
-                    assert dictionary.mesh_faces is not None
-                    meshes.append(MeshSet(dictionary.mesh_vertices, dictionary.mesh_faces))
-                layer = _with_mesh(layer, each, placement, 0)
+                notes.append(f"{content.name} has no mesh: it mixes no atoms of this dictionary.")
         layers.append(layer)
-    for each in joined([each for each in found if each.kind == "shapes"]):
-        rows = np.array([f if f in each.mesh_vertices else -1 for f in range(len(each.points))])
-        layer = Layer(each.name, "shapes", each.points, measures=tuple(angle_measures(each)))
-        others.append(
-            _with_own_meshes(layer, each.mesh_vertices, each.mesh_faces, rows, meshes, notes)
-        )
-    if truth is not None:
-        shapes = truth.shapes
-        layer = Layer("truth", "truth", truth.points)
-        own = dict(enumerate(() if shapes.mesh_vertices is None else shapes.mesh_vertices))
-        others.append(_with_own_meshes(layer, own, shapes.mesh_faces, truth.rows, meshes, notes))
-    target = first_known(layer.points for layer in layers)
-    if target is not None and others:
-        others = [_laid_onto(layer, target) for layer in others]
-        strange = [layer.name for layer in others if not np.isfinite(layer.points).any()]
-        others = [layer for layer in others if layer.name not in strange]
-        if strange:
-            fewest = f"fewer than {metrics.FEWEST_LANDMARKS} landmarks of the same names"
-            notes.append(f"Not shown, for {results[0].name} has {fewest}: {', '.join(strange)}.")
-        if others:
-            laid = ", ".join(layer.name for layer in others)
-            notes.append(f"Note: {laid} aligned to {results[0].name} for display.")
-    return layers + others, meshes, unit
+    for content in others:
+        role: Literal["truth", "shapes"] = "truth" if content is truth else "shapes"
+        angles = () if content is truth else tuple(_angles(content))
+        layer = Layer(content.name, role, content.points, measures=angles)
+        layers.append(_with_mesh_of_shapes(layer, content, meshes, notes))
+    if not results:
+        return layers, meshes, contents[0].records.unit
+    guide = next(filter(has_camera, results), results[0])
+    in_camera, in_metres = _space(guide)
+    same = [_space(content) == _space(guide) for content in results]
+    same += [False] * len(others)
+    target = first_known([each.points for each, fits in zip(layers, same, strict=True) if fits])
+    layers = [
+        layer if fits else _aligned(layer, target) for layer, fits in zip(layers, same, strict=True)
+    ]
+    names = [layer.name for layer, fits in zip(layers, same, strict=True) if not fits]
+    empty = [layer.name for layer in layers if not np.isfinite(layer.points).any()]
+    if strange := [name for name in names if name in empty]:
+        few = "has fewer than 3 landmarks of the same names"
+        notes.append(f"Not shown, as {guide.name} {few}: {', '.join(strange)}.")
+        layers = [layer for layer in layers if layer.name not in strange]
+    if moved := [name for name in names if name not in strange]:
+        notes.append(f"Note: {', '.join(moved)} aligned to {guide.name} for display.")
+    return layers, meshes, "m" if in_metres else "" if in_camera else guide.records.unit
 
 
-def joined(shapes: Sequence[Gathered]) -> Sequence[Gathered]:
-    """Return files of shapes of different frames, such as one for each individual, as one."""
-    held = [np.isfinite(each.points).any(axis=(1, 2)) for each in shapes]
-    if len(shapes) < 2 or np.sum(held, axis=0).max() > 1:
-        return shapes
-    whole = replace(shapes[0], name=", ".join(each.name for each in shapes))
-    whole.points = first_known(each.points for each in shapes)  # type: ignore[assignment]
-    whole.mesh_vertices = {f: v for each in shapes for f, v in each.mesh_vertices.items()}
-    whole.mesh_faces = next((s.mesh_faces for s in shapes if s.mesh_faces is not None), None)
-    return [whole]
+def joined(shapes: Sequence[Content]) -> list[Content]:
+    """Return shapes of different frames, such as a file for each individual, as one."""
+    shown = [content.rows >= 0 for content in shapes]
+    names = {content.records.landmark_names for content in shapes}
+    if len(shapes) < 2 or len(names) > 1 or np.sum(shown, axis=0).max() > 1:
+        return list(shapes)
+    starts = np.cumsum([0, *(len(content.records) for content in shapes)])
+    rows = np.full(len(shown[0]), -1)
+    for content, start, there in zip(shapes, starts[:-1], shown, strict=True):
+        rows[there] = content.rows[there] + start
+    name = ", ".join(content.name for content in shapes)
+    records = concatenate([content.records for content in shapes])
+    return [replace(shapes[0], name=name, records=records, rows=rows)]
 
 
-def first_known(arrays: Iterable[Floats]) -> Floats | None:
-    """Points (n, d, p): those of the first array that has any of a frame."""
-    known: Floats | None = None
-    for points in arrays:
-        empty = True if known is None else ~np.isfinite(known).any(axis=(1, 2), keepdims=True)
-        known = np.where(empty, points, points if known is None else known)
+def first_known(arrays: Sequence[Floats]) -> Floats:
+    """Return points (n, d, p): of each frame those of the first array that has any."""
+    known = arrays[0]
+    for points in arrays[1:]:
+        empty = ~np.isfinite(known).any(axis=(1, 2), keepdims=True)
+        known = np.where(empty, points, known)
     return known
 
 
-def _result_layer(
-    gathered: Gathered, placement: Placement, seen: Floats | None, truth: Truth | None
-) -> Layer:
-    """Return the layer of a result."""
-    found, n = gathered.of_frames, len(gathered.points)
-    camera = None
-    if placement.perspective and has_camera(gathered):
-        camera = np.concatenate([found["focal"], found["principal_point"]], axis=1)
-    elif not placement.perspective and (placement.factor != 1).any():
-        one = 1 / placement.factor[:, None]
-        camera = np.concatenate([one, one, np.zeros((n, 2))], axis=1)
-    points = placement.of(gathered.points)
-    fitted = found.get("landmarks_fitted")
-    if fitted is None and placement.perspective and camera is None:
-        fitted = gathered.points[:, :2]
-    status = gathered.texts.get("status", np.full(n, "", object))
-    good = np.isin(status.astype(str), [Status.OPTIMAL.value, Status.CONVERGED.value])
-    sd = found.get("shape_sd")
-    return Layer(
-        name=gathered.name,
-        role="result",
-        points=points,
-        fitted=None if _are_there(fitted, points, camera, placement.perspective) else fitted,
-        sd=None if sd is None else placement.factor[:, None, None] * sd,
-        camera=camera,
-        perspective=placement.perspective and camera is not None,
-        status=None if good.all() else Words.of(np.where(good, "", status)),
-        doubts=Words.of(gathered.texts.get(REASONS)),
-        measures=tuple(_measures(gathered, seen, truth)),
-    )
-
-
-def _measures(gathered: Gathered, seen: Floats | None, truth: Truth | None) -> Iterator[Measure]:
-    """Yield what is known of each frame: joint angles first, then errors."""
-    found = gathered.of_frames
-    unit = gathered.listings[0].unit
-    yield from angle_measures(gathered)
-    if truth is not None:
-        error = metrics.similarity(gathered.points, truth.points)
-        if np.isfinite(error).any():
-            yield in_length(AGAINST_TRUTH, error, 1.0, truth.shapes.unit)
-    if "expected_error" in found:
-        metres = found.get(METRES_PER_UNIT)
-        if metres is not None and np.isfinite(metres).any():
-            yield in_length(EXPECTED, found["expected_error"], metres, "m")
-        else:
-            yield in_length(EXPECTED, found["expected_error"], 1.0, unit)
-    if "p_value" in found and np.isfinite(found["p_value"]).any():
-        yield Measure("p-value", found["p_value"])
-    if seen is not None and ("landmarks_fitted" in found or not has_camera(gathered)):
-        flat = found.get("landmarks_fitted", gathered.points[:, :2])
-        yield in_length("distance in the image", metrics.reprojection(flat, seen), 1.0, unit)
-
-
-def angle_measures(gathered: Gathered) -> Iterator[Measure]:
-    """Yield the joint angles of a body with their standard deviations, in degrees.
-
-    Up is up in the image, or the axis y of shapes.
-    """
-    joints = joint_columns(gathered.landmark_names)
-    angles = known_angles(joints)
-    if not angles:
-        return
-    sd = gathered.of_frames.get("shape_sd")
-    covariance = None if sd is None else np.eye(3) * sd.swapaxes(1, 2)[..., None] ** 2
-    up = TO_Y_UP[IMAGE_UP][1] if gathered.y_down else np.array([0.0, 1.0, 0.0])
-    values, deviations = measure_angles(gathered.points, up, joints, covariance)
-    for number, angle in enumerate(angles):
-        if np.isfinite(values[:, number]).any():
-            band = deviations[:, number] if covariance is not None else None
-            yield Measure(angle.name.replace("_", " "), values[:, number], "°", band)
-
-
-def in_length(name: str, values: Floats, factor: Floats | float, unit: str) -> Measure:
-    """Return lengths as people say them: in centimetres or millimetres where the unit is known."""
-    metres = metres_in(unit)
-    if metres is None:
-        return Measure(name, values * factor, unit="" if unit == UNKNOWN_UNIT else unit)
-    values = values * factor * metres
-    finite = values[np.isfinite(values)]
-    if len(finite) and np.median(finite) < SMALL:
-        return Measure(name, 1000 * values, unit="mm")
-    return Measure(name, 100 * values, unit="cm")
-
-
-def _are_there(
-    fitted: Floats | None, points: Floats, camera: Floats | None, perspective: bool
-) -> bool:
-    """Whether the camera of the layer has the points where they were fitted, or nothing was."""
-    if fitted is None:
-        return True
-    there = points[:, :2]
-    if camera is not None:
-        with np.errstate(divide="ignore"):
-            share = 1 / np.abs(points[:, 2:]) if perspective else 1.0
-        there = camera[:, :2, None] * there * share + camera[:, 2:, None]
-    known = metrics.visible_in_both(fitted, there)
-    if not known.any():
-        return True
-    values = fitted.swapaxes(1, 2)[known]
-    away = np.abs(values - there.swapaxes(1, 2)[known]).max()
-    return bool(away <= SAME * np.ptp(values, axis=0).max())
-
-
-def has_camera(gathered: Gathered) -> bool:
+def has_camera(content: Content) -> bool:
     """Whether a result says how a camera sees its shapes in perspective."""
-    found = gathered.of_frames
-    shapes = [found[name].shape[1:] for name in CAMERA if name in found]
-    placed = {"rotation", "translation", "scale"} <= found.keys()
-    return placed and shapes == [(3,), (2,), (2,)]
+    return {*CAMERA, "translation", "scale"} <= content.records.per_item.keys()
 
 
-def _mesh_obstacle(gathered: Gathered, dictionary: Dictionary) -> str | None:
-    """Say why the meshes of a dictionary cannot follow this result; None where they can."""
-    found = gathered.of_frames
-    if lacking := sorted({*POSE} - found.keys()):
-        return f"it has no {' and no '.join(lacking)}"
-    if (count := found["coefficients"].shape[1]) != dictionary.k:
-        return f"its {count} coefficients are not those of {dictionary.k} atoms"
-    name = str(gathered.attributes.get("method"))
-    method = METHODS.get(name)
-    if method is not None and not method.mixes_atoms and not has_camera(gathered):
-        return f"method {name} gives no coefficients to combine the atoms' meshes"
-    return None
+def _space(content: Content) -> tuple[bool, bool]:
+    """Whether shapes are where a camera has them, and whether they are in metres."""
+    metres = content.per_frame(METRES_PER_UNIT)
+    return has_camera(content), metres is not None and bool(np.isfinite(metres).any())
 
 
-def _with_mesh(layer: Layer, gathered: Gathered, placement: Placement, mesh_set: int) -> Layer:
-    """Return a result's layer with the meshes of the atoms, mixed and placed as the shape is."""
-    found, n = gathered.of_frames, len(gathered.points)
-    c, t = found["coefficients"], np.pad(found["translation"], ((0, 0), (0, 1)))
-    scale, at = placement.factor * found["scale"], placement.of(t[:, :, None])[..., 0]
-    pose = np.concatenate([found["rotation"].reshape(n, 9), scale[:, None], at], axis=1)
-    whole: NDArray[np.bool_] = np.isfinite(c.sum(axis=1) + pose.sum(axis=1))
-    used = np.where(whole[:, None], c, 0.0) != 0
-    frames, atoms = np.nonzero(used)
-    start = np.searchsorted(frames, np.arange(len(c) + 1))
-    return replace(layer, pose=pose, blend=Blend(mesh_set, start, atoms, c[used]))
+def _result_layer(content: Content, seen: Floats | None, truth: Content | None) -> Layer:
+    """Return a result in space: X = factor (S - start) + end for its shapes S."""
+    n = len(content.rows)
+    in_camera, in_metres = _space(content)
+    start = end = np.zeros((n, 3))
+    metres = content.per_frame(METRES_PER_UNIT)
+    if in_camera:
+        scale = content.per_frame("scale")
+        factor = metres if in_metres else 1 / scale
+        start = np.pad(content.per_frame("translation"), ((0, 0), (0, 1)))
+        end = (factor * scale)[:, None] * content.per_frame("camera_translation")
+        camera = np.hstack([content.per_frame(name) for name in CAMERA[1:]])
+    else:  # depths are unknown, and all frames have one scale
+        factor = np.full(n, np.nanmedian(metres) if in_metres else 1.0)
+        camera = np.pad(np.repeat(1 / factor[:, None], 2, axis=1), ((0, 0), (0, 2)))
+    shapes = content.points
+    fitted, sd = content.per_landmark("landmarks_fitted"), content.per_landmark("shape_sd")
+    status = content.per_frame("status")
+    if status is not None:
+        status = np.where(np.isin(status.astype(str), SOLVED), "", status)
+        status = status if status.any() else None
+    layer = Layer(
+        name=content.name,
+        role="result",
+        points=factor[:, None, None] * (shapes - start[:, :, None]) + end[:, :, None],
+        fitted=shapes[:, :2] if fitted is None else fitted,
+        sd=None if sd is None else factor[:, None, None] * sd,
+        camera=camera,
+        perspective=in_camera,
+        status=Words.of(status),
+        doubts=Words.of(content.per_frame(REASONS)),
+        measures=(*_angles(content), *_errors(content, seen, truth)),
+    )
+    if set(POSE) <= content.records.per_item.keys():
+        R = content.per_frame("rotation").reshape(n, 9)
+        t = np.pad(content.per_frame("translation"), ((0, 0), (0, 1)))
+        at = factor[:, None] * (t - start) + end
+        size = factor * content.per_frame("scale")
+        layer = replace(layer, pose=np.hstack([R, size[:, None], at]))
+    return layer
 
 
-def _with_own_meshes(
-    layer: Layer,
-    vertices: Mapping[int, Floats],
-    faces: NDArray[np.int64] | None,
-    rows: NDArray[np.intp],
-    meshes: list[MeshSet],
-    notes: list[str],
+def _angles(content: Content) -> Iterator[Measure]:
+    """Yield the joint angles of a body with their standard deviations, in degrees."""
+    columns = angle_columns(content.records, None)
+    if not columns:
+        return
+    spread = replace(content, records=content.records.with_columns(columns))
+    values, sd = spread.per_frame(ANGLES), spread.per_frame(ANGLE_SD)
+    for number, name in enumerate(angle_names(content.records.landmark_names)):
+        if np.isfinite(values[:, number]).any():
+            band = sd[:, number] if np.isfinite(sd[:, number]).any() else None
+            yield Measure(name.replace("_", " "), values[:, number], "°", band)
+
+
+def _errors(content: Content, seen: Floats | None, truth: Content | None) -> Iterator[Measure]:
+    """Yield errors of each frame: those in space in metres, or else in the unit of the truth."""
+    unit, expected = content.records.unit, content.per_frame("expected_error")
+    factor: Any
+    factor, length = as_metres(unit if truth is None else truth.records.unit)
+    if truth is not None:
+        error = metrics.similarity(content.points, truth.points)
+        yield Measure(AGAINST_TRUTH, factor * error, length)
+    if _space(content)[1] and (truth is None or length == "m"):
+        factor, length = content.per_frame(METRES_PER_UNIT), "m"
+    elif truth is not None and expected is not None:
+        expected = metrics.expected(content.points, truth.points, expected)
+    if expected is not None:
+        yield Measure(EXPECTED, factor * expected, length)
+    p_value = content.per_frame("p_value")
+    if p_value is not None:
+        yield Measure("p-value", p_value)
+    fitted = content.per_landmark("landmarks_fitted")
+    if seen is not None and (fitted is not None or not has_camera(content)):
+        flat = content.points[:, :2] if fitted is None else fitted
+        yield Measure("distance in the image", metrics.reprojection(flat, seen), unit)
+
+
+def in_usual_units(layers: Sequence[Layer]) -> tuple[list[Layer], tuple[str, float]]:
+    """Return layers whose lengths in metres are all in cm or all in mm, that unit and its number.
+
+    Units that are not known are not named.
+    """
+    lengths = [m.values for layer in layers for m in layer.measures if m.unit == "m"]
+    small = any(np.nanmedian(values) < SMALL for values in lengths if np.isfinite(values).any())
+    unit, many = ("mm", 1000.0) if small else ("cm", 100.0)
+    shown = {"m": (unit, many), UNKNOWN_UNIT: ("", 1.0)}
+
+    def changed(measure: Measure) -> Measure:
+        name, factor = shown.get(measure.unit, (measure.unit, 1.0))
+        return replace(measure, values=factor * measure.values, unit=name)
+
+    usual = [replace(each, measures=tuple(map(changed, each.measures))) for each in layers]
+    return usual, (unit, many)
+
+
+def _can_carry(content: Content, dictionary: Dictionary) -> bool:
+    """Whether a result mixes the atoms of this dictionary by one rotation."""
+    columns, method = (
+        content.records.per_item,
+        METHODS.get(str(content.records.attributes.get("method"))),
+    )
+    mixes = method is None or method.mixes_atoms or has_camera(content)
+    return mixes and {*POSE} <= columns.keys() and columns["coefficients"].shape[1] == dictionary.k
+
+
+def _with_mesh_of_atoms(
+    layer: Layer, content: Content, dictionary: Dictionary, meshes: list[MeshSet]
 ) -> Layer:
-    """Return a layer of shapes whose frame j shows vertices[rows[j]] (3, q), nothing where -1."""
-    used = np.unique(rows[rows >= 0])
-    if not vertices or faces is None or not len(used):
-        return layer
-    if len(used) > MOST_MESHES:
-        notes.append(f"{layer.name} has no meshes here: {len(used)} are too many for a page.")
-        return layer
-    meshes.append(MeshSet(np.stack([vertices[row] for row in used]), faces))
-    frames = np.flatnonzero(rows >= 0)
-    start = np.searchsorted(frames, np.arange(len(rows) + 1))
-    which = np.searchsorted(used, rows[frames])
-    pose = np.tile(np.r_[np.eye(3).ravel(), 1.0, 0.0, 0.0, 0.0], (len(rows), 1))
-    blend = Blend(len(meshes) - 1, start, which, np.ones(len(frames)))
-    return replace(layer, pose=pose, blend=blend)
+    """Return a result's layer with the meshes of the atoms, mixed by its coefficients."""
+    if not meshes:
+        assert dictionary.mesh_vertices is not None
+        assert dictionary.mesh_faces is not None
+        meshes.append(MeshSet(dictionary.mesh_vertices, dictionary.mesh_faces))
+    assert layer.pose is not None
+    c = content.per_frame("coefficients")
+    whole = np.isfinite(c.sum(axis=1) + layer.pose.sum(axis=1))
+    return replace(layer, blend=Blend.of(0, np.where(whole[:, None], c, 0.0)))
 
 
-def _laid_onto(layer: Layer, target: Floats) -> Layer:
+def _with_mesh_of_shapes(
+    layer: Layer, content: Content, meshes: list[MeshSet], notes: list[str]
+) -> Layer:
+    """Return a layer of shapes with the meshes that they have."""
+    vertices, faces = content.records.mesh_vertices, content.records.mesh_faces
+    if vertices is None or faces is None:
+        return layer
+    if len(vertices) > MOST_MESHES:
+        notes.append(f"{layer.name} has no meshes here: {len(vertices)} are too many for a page.")
+        return layer
+    meshes.append(MeshSet(vertices, faces))
+    weights = np.eye(len(vertices))[content.rows] * (content.rows >= 0)[:, None]
+    pose = np.tile(STILL, (len(content.rows), 1))
+    return replace(layer, pose=pose, blend=Blend.of(len(meshes) - 1, weights))
+
+
+def _aligned(layer: Layer, target: Floats) -> Layer:
     """Move a layer, frame by frame, onto the points (n, 3, p) by the best similarity.
 
     Over the landmarks that both have; frames with fewer than three such are nan afterwards, and
     those that have no target stay where they are.
     """
-    both: NDArray[np.bool_] = metrics.visible_in_both(layer.points, target)
-    has_target = np.any(metrics.visible_in_both(target, target), axis=1)
-    frames = np.flatnonzero(has_target)
+    both: Flags = metrics.visible_in_both(layer.points, target)
+    has_target: Flags = np.any(metrics.visible_in_both(target, target), axis=1)
     points = np.where(has_target[:, None, None], np.nan, layer.points)
     pose = None if layer.pose is None else layer.pose.copy()
-    masks, which = np.unique(both[frames], axis=0, return_inverse=True)
+    masks, which = np.unique(both, axis=0, return_inverse=True)
     for number, mask in enumerate(masks):
-        rows = frames[which.ravel() == number]
+        rows = np.flatnonzero((which.ravel() == number) & has_target)
         if mask.sum() < metrics.FEWEST_LANDMARKS:
             continue
         move = similarity_transform(layer.points[rows][:, :, mask], target[rows][:, :, mask])
@@ -341,4 +277,4 @@ def _laid_onto(layer: Layer, target: Floats) -> Layer:
             pose[rows, 10:] = move.apply(pose[rows, 10:, None])[..., 0]
             pose[rows, :9] = R.reshape(-1, 9)
             pose[rows, 9] *= move.scale
-    return replace(layer, points=points, pose=pose)
+    return replace(layer, points=points, pose=pose, sd=None, camera=None, perspective=False)

@@ -1,274 +1,299 @@
-"""The numbers of the files and the truth, frame by frame, with the landmarks of all of them."""
+"""What the files of a page hold, each opened and read once, and its frames."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+import math
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from itertools import chain
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.config import ViewConfig
-from shapefit.errors import input_error
-from shapefit.io import open_shapes
-from shapefit.io.layout import FRAME, INPUT_NAMES, METRES_PER_UNIT
-from shapefit.io.listing import AnyRecords, Listing, read_rows
-from shapefit.io.options import input_options
-from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import abbreviate, input_error
+from shapefit.evaluation.metrics import FEWEST_LANDMARKS
+from shapefit.io import ResultSet, open_landmarks, open_shapes, read_dictionary
+from shapefit.io.formats import CSV, HDF5, detect_format
+from shapefit.io.layout import FRAME
+from shapefit.io.listing import OPTIONAL, AnyRecords, find_kind
+from shapefit.io.options import InputOptions, input_options
+from shapefit.io.records import concatenate
 from shapefit.io.skeletons import people_joints
 from shapefit.io.source import open_results
-from shapefit.lifting.verdict import REASONS
-from shapefit.pipelines.evaluate.judge import common_landmarks, with_shapes_of
-from shapefit.pipelines.items import BY_FRAME, BY_ITEM, Keys, find_truth, keys_of
+from shapefit.pipelines.evaluate.judge import with_shapes_of
+from shapefit.pipelines.items import BY_FRAME, BY_ITEM, ChosenItems, Keys, find_truth, keys_of
+from shapefit.pipelines.view.images import MEGABYTES
 
-CAMERA = ("camera_translation", "focal", "principal_point")
-"""Datasets that describe how a camera sees the shapes of a result in perspective."""
-AT_A_TIME = 1 << 14
-"""True shapes that are read at a time for their names."""
 POSE = ("coefficients", "rotation", "translation", "scale")
-IMAGE_SIZE = "image_size"
-OF_IMAGES = (*POSE, *CAMERA, "p_value", "expected_error", METRES_PER_UNIT)
-OF_RESULTS = frozenset({"sequence", "landmarks_fitted", "status", "shape_sd", *POSE})
-"""Datasets of a result that a page is made of, beside those that the format does not know."""
+"""Datasets of a result that carry a mesh."""
+READ = {"sequence", "landmarks_fitted", "status", "shape_sd", *POSE}
+"""Datasets of a result that a page is made of, beside those that the format does not list."""
+BATCH = 1 << 14
+"""Items that are read at a time."""
+FRAME_BYTES, LANDMARK_BYTES = 300, 30
+"""Of a frame of one file on the page, and of each landmark of it, at most."""
+
+Kind = Literal["result", "shapes", "landmarks"]
 
 
 @dataclass(frozen=True)
 class Frames:
     """Items in the order of the page; sequences (name, first frame) cover them all.
 
-    About every `step`-th frame of `count` is here; index is the frame of each item.
+    About every `step`-th of the chosen frames is here.
     """
 
     items: tuple[str, ...]
     sequences: tuple[tuple[str, int], ...]
-    count: int
     step: int
-    index: Mapping[str, int]
-
-    @classmethod
-    def of(cls, groups: Mapping[str, Sequence[str]], count: int, step: int = 1) -> Frames:
-        """Return the frames of these sequences, one after the other."""
-        items = tuple(chain.from_iterable(groups.values()))
-        starts = np.cumsum([0, *(len(members) for members in groups.values())])[:-1]
-        sequences = tuple(zip(groups, starts.tolist(), strict=True))
-        return cls(items, sequences, count, step, {item: n for n, item in enumerate(items)})
-
-
-@dataclass
-class Gathered:
-    """What one or several files of a name say about the n frames, nan or "" where nothing.
-
-    points (n, 3, p) with the p landmarks of the page; `of_frames` holds other numbers by name, each
-    (n, ...), those of landmarks (n, ..., p); texts the same for texts. Frame f has the vertices
-    mesh_vertices[f] (3, q), where there are any; image_size (2) is the width and height of images.
-    """
-
-    name: str
-    kind: str
-    listings: tuple[Listing, ...]
-    points: Floats
-    of_frames: dict[str, Floats] = field(default_factory=dict)
-    texts: dict[str, NDArray[Any]] = field(default_factory=dict)
-    mesh_vertices: dict[int, Floats] = field(default_factory=dict)
-    mesh_faces: NDArray[np.int64] | None = None
-    edges: NDArray[np.int64] | None = None
-    landmark_names: tuple[str, ...] = ()
-    y_down: bool = True
-    image_size: Floats | None = None
 
     @property
-    def stated(self) -> Mapping[str, Any]:
-        """Return the keys of the config of the fit that are not left open, as the file has them."""
-        try:
-            config = json.loads(str(self.attributes.get("config", "{}")))
-        except (ValueError, RecursionError):
-            return {}
-        known = config.items() if isinstance(config, dict) else ()
-        return {name: value for name, value in known if value is not None}
-
-    @property
-    def attributes(self) -> Mapping[str, Any]:
-        """Return the root attributes of the first file."""
-        return self.listings[0].attributes
-
-
-def gather(
-    name: str, listings: Sequence[Listing], frames: Frames, landmarks: Sequence[str], match: str
-) -> Gathered:
-    """Read the frames from the files of one name, also the dataset `match` of the items.
-
-    Raises InputError for an item that two of the files have.
-    """
-    n, p = len(frames.items), len(landmarks)
-    gathered = Gathered(name, listings[0].kind, tuple(listings), np.full((n, 3, p), np.nan))
-    gathered.landmark_names = tuple(landmarks)
-    gathered.y_down = listings[0].kind != "shapes" and listings[0].y_axis != "up"
-    owner = np.full(n, -1)
-    column = {landmark: number for number, landmark in enumerate(landmarks)}
-    for number, listing in enumerate(listings):
-        found = [frames.index.get(item, -1) for item in listing.items]
-        at = np.array(found, dtype=np.intp)
-        rows, at = np.flatnonzero(at >= 0), at[at >= 0]
-        if (again := at[owner[at] >= 0]).size:
-            other = listings[owner[again[0]]].path
-            twice = f"has the item '{frames.items[again[0]]}', which {other} has too"
-            raise input_error(listing.path, twice, "give each file a unique name in `files`")
-        owner[at] = number
-        records = read_rows(listing, OF_RESULTS, rows)
-        if isinstance(records, ResultSet) and records.landmark_names != listing.landmark_names:
-            records = _of_the_input(records, listing.landmark_names)
-        columns = np.array([column[each] for each in listing.landmark_names], dtype=np.intp)
-        _take(gathered, records, at, columns, match)
-    return gathered
-
-
-def _of_the_input(records: ResultSet, names: Sequence[str]) -> ResultSet:
-    """Return a result of joints with the landmarks of its input, observed where they are joints."""
-    shown = with_shapes_of(records, names).without(["edges"])
-    seen = records.columns.get("landmarks")
-    if seen is None:
-        return shown
-    column = {joint: number for number, joint in enumerate(records.landmark_names)}
-    joints = people_joints(names)
-    own = [column.get(joints.get(name, name), -1) for name in names]
-    known = np.where(np.array(own)[:, None] >= 0, seen[:, own], np.nan)
-    return shown.with_columns({"landmarks": known})
-
-
-def _take(
-    gathered: Gathered,
-    records: AnyRecords,
-    at: NDArray[np.intp],
-    columns: NDArray[np.intp],
-    match: str,
-) -> None:
-    """Put the records in the places `at` of their frames, and `columns` of their landmarks."""
-    n, _, p = gathered.points.shape
-    own = records.columns
-
-    def put(name: str, values: Any) -> None:
-        """Put values (rows, ...) of images."""
-        values = np.asarray(values, dtype=np.float64)
-        gathered.of_frames.setdefault(name, np.full((n, *values.shape[1:]), np.nan))[at] = values
-
-    def put_landmarks(name: str, values: Any) -> None:
-        """Put values (rows, ..., p) of the file's landmarks under those of the page."""
-        values = np.asarray(values, dtype=np.float64)
-        whole = gathered.of_frames.setdefault(name, np.full((n, *values.shape[1:-1], p), np.nan))
-        whole[at[:, None], ..., columns] = np.moveaxis(values, -1, 1)
-
-    if FRAME in own and own[FRAME].shape == at.shape and own[FRAME].dtype.kind in "iuf":
-        put(FRAME, own[FRAME])
-    if isinstance(records, LandmarkSet):
-        seen = records.landmarks
-        if records.confidence is not None:
-            seen = np.where(records.confidence[:, None] > 0, seen, np.nan)
-        put_landmarks("landmarks", seen)
-    else:
-        gathered.points[at[:, None], :, columns] = records.shapes.swapaxes(1, 2)
-    if isinstance(records, ShapeSet) and records.mesh_faces is not None:
-        gathered.mesh_vertices |= dict(zip(at.tolist(), own["mesh_vertices"], strict=True))
-        gathered.mesh_faces = records.mesh_faces
-    if isinstance(records, ResultSet):
-        for name in OF_IMAGES:
-            if own.get(name) is not None:
-                put(name, own[name])
-        for name in ("shape_sd", "landmarks_fitted", "outliers"):
-            if own.get(name) is not None:
-                put_landmarks(name, own[name])
-        if "landmarks" in own:
-            put_landmarks("landmarks", np.swapaxes(own["landmarks"], 1, 2))
-        for name in ("status", REASONS, match):
-            if name in own and own[name].shape == at.shape:
-                texts = gathered.texts.setdefault(name, np.full(n, "", dtype=object))
-                texts[at] = own[name].astype(str)
-    if IMAGE_SIZE in own and own[IMAGE_SIZE].shape[-1:] == (2,):
-        gathered.image_size = np.asarray(own[IMAGE_SIZE], np.float64).reshape(-1, 2)[0]
-    if records.lines is not None:
-        gathered.edges = columns[records.lines]
+    def by_sequence(self) -> list[NDArray[np.intp]]:
+        """Return the frames of each sequence."""
+        return np.split(np.arange(len(self.items)), [start for _, start in self.sequences[1:]])
 
 
 @dataclass(frozen=True)
-class Truth:
-    """The true shapes of the frames; rows (n), that of each frame, -1 where there is none.
+class Content:
+    """The m records of one name, by the n frames and the p landmarks of the page.
 
-    points (n, 3, p) with the p landmarks of the page.
+    numbers (m,) are their places in their sequences. rows (n,) is the record of each frame and
+    columns (p,) the landmark of the records for each of the page; -1 where there is none.
     """
 
-    shapes: ShapeSet
+    name: str
+    kind: Kind
+    records: Any
+    numbers: Sequence[int]
     rows: NDArray[np.intp]
-    points: Floats
-    frame_rate: float | None
+    columns: NDArray[np.intp]
+
+    def per_frame(self, dataset: str) -> Any:
+        """Return a dataset as (n, ...), nan or "" where there is no record; None without it."""
+        values = self.records.per_item.get(dataset)
+        if values is None:
+            return None
+        is_text = values.dtype.kind in "OSU"
+        spread = np.array(values[self.rows], object if is_text else np.float64)
+        spread[self.rows < 0] = "" if is_text else np.nan
+        return spread
+
+    def per_landmark(self, dataset: str) -> Any:
+        """Return a dataset whose last axis is that of landmarks as (n, ..., p)."""
+        values = self.per_frame(dataset)
+        return (
+            None
+            if values is None
+            else np.where(self.columns < 0, np.nan, values[..., self.columns])
+        )
+
+    @property
+    def points(self) -> Floats:
+        """Return the shapes (n, 3, p), or the landmarks (n, 2, p)."""
+        points: Floats = self.per_landmark(self.records.LAYOUT.points)
+        return points
+
+    @property
+    def y_down(self) -> bool:
+        """Whether y of the records points down."""
+        return self.kind != "shapes" and self.records.y_axis != "up"
 
 
-def as_judged(config: ViewConfig, listing: Listing) -> Listing:
-    """Return a result with the landmarks that `eval` compares with the truth of the config.
+@dataclass(frozen=True)
+class Inputs:
+    """All that a page is made of: landmarks are those of all files, notes are about the files."""
 
-    Those are a detector's landmarks, where more of the truth's names are of these than of joints.
+    contents: Sequence[Content]
+    truth: Content | None
+    dictionary: Dictionary | None
+    frames: Frames
+    landmarks: tuple[str, ...]
+    notes: Sequence[str]
+
+
+def read_inputs(config: ViewConfig) -> Inputs:
+    """Read the chosen items of all files, and their true shapes.
+
+    Of more than fit into a page every n-th of each sequence is read. Results are shown
+    with the landmarks of their input where the truth names these. Raises InputError for what cannot
+    be read or shown together, and where no item is chosen.
     """
-    if not config.truth or listing.kind != "result" or INPUT_NAMES not in listing.datasets:
-        return listing
-    with open_shapes(config.truth, input_options(config), gaps=True) as source:
-        names = source.head.landmark_names
-    with open_results([listing.path]) as results:
-        judged = with_shapes_of(results.head, names)
-    return replace(listing, landmark_names=judged.landmark_names)
+    options = replace(input_options(config), rename={})  # which is for the truth
+    kinds = {name: _kind(paths[0], options) for name, paths in config.files.items()}
+    chosen = ChosenItems("items", config.items)
+    dictionary = None if config.dictionary is None else read_dictionary(config.dictionary)
+    with ExitStack() as stack:
+        true: Any = None
+        true_names: Sequence[str] = ()
+        if config.truth:
+            true = stack.enter_context(open_shapes(config.truth, input_options(config), gaps=True))
+            true_names = true.head.landmark_names
+        sources = {
+            name: stack.enter_context(_open(paths, kinds[name], options))
+            for name, paths in config.files.items()
+        }
+        stated = {source.head.y_axis for source in sources.values() if source.states_y_axis}
+        if len(stated) > 1:
+            problem = "y points up in some files and down in others"
+            raise input_error(", ".join(sources), problem, "show them on pages of their own")
+        size = sum(_page_bytes(source, chosen) for source in sources.values())
+        step = math.ceil(size / (MEGABYTES * 1e6)) or 1
+        read = {name: _take(source, chosen, step) for name, source in sources.items()}
+        notes = [*(note for each in sources.values() for note in each.notes), *chosen.warnings]
+        sets = {name: _as_shown(records, true_names) for name, (records, _) in read.items()}
+        if not any(map(len, sets.values())):
+            problem = "no item fits, or there are none"
+            raise input_error(", ".join(sources), problem, "correct `items`, or check the files")
+        landmarks = tuple(dict.fromkeys(chain(*(each.landmark_names for each in sets.values()))))
+        frames = _find_frames(list(sets.values()), step)
+        contents = []
+        for name, records in sets.items():
+            row_of = {item: row for row, item in enumerate(records.items)}
+            rows = np.array([row_of.get(item, -1) for item in frames.items], dtype=np.intp)
+            columns = columns_of(records.landmark_names, landmarks)
+            if len(records):
+                content = Content(name, kinds[name], records, read[name][1], rows, columns)
+                contents.append(content)
+        truth = None if true is None else _read_truth(config, true, contents, frames, landmarks)
+    return Inputs(contents, truth, dictionary, frames, landmarks, notes)
 
 
-def read_truth(
-    config: ViewConfig, results: Sequence[Gathered], frames: Frames, landmarks: Sequence[str]
-) -> Truth:
-    """Read the truth of the frames. Raises InputError where there is none of any."""
-    own = _keys(config.match, results, frames)
-    place = results[0].listings[0].path
-    with open_shapes(config.truth, input_options(config), gaps=True) as source:
-        if config.match == BY_FRAME:
-            keys = keys_of(source.batches(AT_A_TIME))
-        else:
-            keys = Keys(list(chain.from_iterable(source.names())))
-        common_landmarks(place, landmarks, source.head.landmark_names)
-        unique, places = np.unique(find_truth(place, config.match, own, keys), return_inverse=True)
-        unknown = int(unique[0] < 0)
-        shapes, frame_rate = source.take(unique[unknown:]), source.head.frame_rate
-    rows = places.reshape(-1) - unknown
-    points = np.full((len(rows), 3, len(landmarks)), np.nan)
-    for j, name in enumerate(landmarks):
-        if name in shapes.landmark_names:
-            column = shapes.shapes[:, :, shapes.landmark_names.index(name)]
-            points[rows >= 0, :, j] = column[rows[rows >= 0]]
-    return Truth(shapes, rows, points, frame_rate)
+def _kind(path: Path, options: InputOptions) -> Kind:
+    """Return what a file is shown as. CSV with a column z is a result: shapes before a camera."""
+    kind = find_kind(path, options)
+    if kind == "dictionary":
+        raise input_error(
+            path, "is a shapefit-dictionary file", "give results, shapes or landmarks"
+        )
+    return "result" if kind == "shapes" and detect_format(path, options.format) is CSV else kind
 
 
-def renamed_edges(
-    edges: NDArray[np.int64] | None, own: Sequence[str], landmarks: Sequence[str]
-) -> NDArray[np.int64] | None:
-    """Return edges between landmarks `own` as edges between those of the page that it has."""
-    if edges is None:
-        return None
-    place = {name: number for number, name in enumerate(landmarks)}
-    ends = [(place.get(own[a], -1), place.get(own[b], -1)) for a, b in edges]
-    return np.array([end for end in ends if min(end) >= 0], dtype=np.int64).reshape(-1, 2)
+def _open(paths: Sequence[Path], kind: Kind, options: InputOptions) -> Any:
+    """Open files of a kind; only in our own files must shapes have all landmarks."""
+    if kind == "landmarks":
+        return open_landmarks(paths, options)
+    if kind == "shapes":
+        return open_shapes(paths, options, gaps=detect_format(paths[0], options.format) is not HDF5)
+    return open_results(paths, OPTIONAL - READ)
 
 
-def _keys(match: str, results: Sequence[Gathered], frames: Frames) -> Keys:
-    """Return what the frames are matched by; an item is empty where no result says it."""
-    if match == BY_FRAME:
-        known: dict[str, tuple[str, int]] = {}
-        for listing in chain.from_iterable(each.listings for each in results):
-            places = zip(*Keys(listing.items, listing.sequences).by_frame(), strict=True)
-            known = dict(zip(listing.items, places, strict=True)) | known
-        sequences, numbers = zip(*(known[item] for item in frames.items), strict=True)
-        for stated in (each.of_frames[FRAME] for each in results if FRAME in each.of_frames):
-            numbers = np.where(np.isfinite(stated), stated, numbers).astype(int).tolist()
-        return Keys(frames.items, sequences, numbers, results[0].listings[0].frame_rate)
+def _page_bytes(source: Any, chosen: ChosenItems) -> int:
+    """Return how much of a page the chosen items of a source take."""
+    count = sum(item in chosen for block in source.names() for item in block)
+    return count * (FRAME_BYTES + LANDMARK_BYTES * len(source.head.landmark_names))
+
+
+def _take(source: Any, chosen: ChosenItems, step: int) -> tuple[Any, list[int]]:
+    """Read every step-th of the chosen items of each sequence, with their places in these."""
+    parts: list[Any] = []
+    numbers: list[int] = []
+    reached, ranks = Counter[str](), Counter[str]()
+    for batch in source.batches(BATCH):
+        rows = []
+        sequences = batch.sequences or ("",) * len(batch)
+        for row, (item, sequence) in enumerate(zip(batch.items, sequences, strict=True)):
+            if item in chosen:
+                if ranks[sequence] % step == 0:
+                    rows.append(row)
+                    numbers.append(reached[sequence])
+                ranks[sequence] += 1
+            reached[sequence] += 1
+        parts.append(batch.take(rows))
+    return concatenate(parts), numbers
+
+
+def _as_shown(records: AnyRecords, true_names: Sequence[str]) -> AnyRecords:
+    """Return a result whose observed landmarks are (n, 2, p), by the names that the truth has.
+
+    Those of its input are observed where a joint stands for them.
+    """
+    observed = records.per_item.get("landmarks")
+    if not isinstance(records, ResultSet):
+        return records
+    joints, shown = records.landmark_names, with_shapes_of(records, true_names)
+    if observed is None:
+        return shown
+    if shown.landmark_names != joints:
+        stands_for = people_joints(shown.landmark_names)
+        names = [stands_for.get(name, name) for name in shown.landmark_names]
+        columns = columns_of(joints, names)
+        observed = np.where(columns[:, None] < 0, np.nan, observed[:, columns])
+        shown = shown.without(["edges"])
+    return shown.with_columns({"landmarks": np.swapaxes(observed, 1, 2)})
+
+
+def columns_of(names: Sequence[str], landmarks: Sequence[str]) -> NDArray[np.intp]:
+    """Return the place among `names` of each landmark, -1 for those that are not there."""
+    place = {name: column for column, name in enumerate(names)}
+    return np.array([place.get(name, -1) for name in landmarks], dtype=np.intp)
+
+
+def _find_frames(sets: Sequence[AnyRecords], step: int) -> Frames:
+    """Return the items of all records in their order, those of a sequence together.
+
+    Sequences of one frame each are no sequences.
+    """
+    sequence_of: dict[str, str] = {}
+    for records in sets:
+        sequences = records.sequences or ("",) * len(records)
+        for item, sequence in zip(records.items, sequences, strict=True):
+            sequence_of.setdefault(item, sequence)
+    groups = defaultdict[str, list[str]](list)
+    for item, sequence in sequence_of.items():
+        groups[sequence].append(item)
+    if len(groups) == len(sequence_of):
+        return Frames(tuple(sequence_of), (("", 0),), step)
+    starts = np.cumsum([0, *map(len, groups.values())])[:-1].tolist()
+    items = tuple(chain.from_iterable(groups.values()))
+    return Frames(items, tuple(zip(groups, starts, strict=True)), step)
+
+
+def _read_truth(
+    config: ViewConfig,
+    source: Any,
+    contents: Sequence[Content],
+    frames: Frames,
+    landmarks: Sequence[str],
+) -> Content:
+    """Read the true shapes of the frames. Raises InputError where there is none of any."""
+    names, place = source.head.landmark_names, next(iter(config.files.values()))[0]
+    if len(set(landmarks) & set(names)) < FEWEST_LANDMARKS:
+        found = f"fewer than 3 of its landmarks ({abbreviate(landmarks)}) are in the truth"
+        raise input_error(place, found, f"`rename` those of the truth ({abbreviate(names)})")
+    keys = _keys(config.match, contents, frames)
+    if config.match == BY_FRAME:
+        true_keys = keys_of(source.batches(BATCH))
+    else:
+        true_keys = Keys(list(chain.from_iterable(source.names())))
+    wanted, rows = np.unique(find_truth(place, config.match, keys, true_keys), return_inverse=True)
+    without = int(wanted[0] < 0)
+    records = source.take(wanted[without:])
+    columns = columns_of(names, landmarks)
+    return Content("truth", "shapes", records, (), rows.reshape(-1) - without, columns)
+
+
+def _keys(match: str, contents: Sequence[Content], frames: Frames) -> Keys:
+    """Return what the frames are matched by; an item is "" where no result names one."""
     if match == BY_ITEM:
         return Keys(frames.items)
-    named = [each.texts[match] for each in results if match in each.texts]
-    if not named:
-        found = f"no result has the dataset '{match}'"
-        raise input_error("match", found, "name one that holds items of the truth")
-    return Keys([next((n[f] for n in named if n[f]), "") for f in range(len(frames.items))])
+    if match != BY_FRAME:
+        named = [texts for content in contents if (texts := content.per_frame(match)) is not None]
+        if not named:
+            found = f"no result has the dataset '{match}'"
+            raise input_error("match", found, "name one that holds items of the truth")
+        return Keys([next(filter(None, texts), "") for texts in zip(*named, strict=True)])
+    places: dict[str, tuple[str, int]] = {}
+    for content in contents:
+        numbers = content.records.per_item.get(FRAME, content.numbers)
+        sequences = content.records.sequences or ("",) * len(numbers)
+        by_frame = zip(sequences, map(int, numbers), strict=True)
+        places = dict(zip(content.records.items, by_frame, strict=True)) | places
+    names, numbers = zip(*(places[item] for item in frames.items), strict=True)
+    return Keys(frames.items, names, numbers, contents[0].records.frame_rate)

@@ -2,6 +2,7 @@
 const look = (() => {
   const COLOURS = 6; // of bodies
   const CROWD = 40; // more landmarks than these have smaller marks
+  const PLAIN = 40; // px of an ellipse from which on it is fainter
   const FONT = "12px system-ui, sans-serif";
 
   const colours = new Map();
@@ -78,7 +79,7 @@ const look = (() => {
       const { long, short, angle } = geometry.ellipse(rowsAt(j), sd.subarray(3 * j, 3 * j + 3));
       context.beginPath();
       context.ellipse(x, y, long, short, angle, 0, 2 * Math.PI);
-      fill(context, text(colour), 0.15);
+      fill(context, text(colour), 0.15 * Math.min(1, PLAIN / long)); // wide bars hide nothing
     });
     const parts = data.edges.filter(([a, b]) => known[a] && known[b])
       .map(([a, b]) => ({ a, b, far: (places[a][2] + places[b][2]) / 2 }));

@@ -12,19 +12,17 @@ const scene = (() => {
   function open(page) {
     const count = page.items.length;
     const sequences = page.sequences.map(([name, start], i) => ({ name, start, end: page.sequences[i + 1]?.[1] ?? count }));
-    const [owners, homes, times] = [0, 1, 2].map(() => new Uint32Array(count)); // sequence, recording, time of frames
-    sequences.forEach(({ start, end }, i) => {
-      for (let frame = start; frame < end; frame++) [owners[frame], times[frame]] = [i, frame - start];
-    });
-    if (page.times) times.set(blocks.numbers(page.times));
-    const recordings = (page.recordings ?? sequences.map((_, i) => [i])).map((members, home) => {
-      const frames = members.flatMap((i) => Array.from({ length: sequences[i].end - sequences[i].start }, (_, f) => sequences[i].start + f));
-      const labels = distinct(members.map((i) => sequences[i].name.split("/").pop()));
-      const length = 1 + frames.reduce((most, frame) => Math.max(most, times[frame]), 0);
-      const tracks = members.map((i, m) => ({ ...sequences[i], label: labels[m], sequence: i, frames: new Int32Array(length).fill(-1) }));
-      for (const frame of frames) {
-        homes[frame] = home;
-        tracks[members.indexOf(owners[frame])].frames[times[frame]] = frame;
+    const [owners, homes] = [new Uint32Array(count), new Uint32Array(count)]; // sequence and recording of frames
+    sequences.forEach(({ start, end }, i) => owners.fill(i, start, end));
+    const times = blocks.numbers(page.times);
+    const recordings = page.recordings.map((members, home) => {
+      const labels = short(members.map((i) => sequences[i].name.split("/").pop()), 0);
+      const tracks = members.map((i, m) => ({ ...sequences[i], label: labels[m], sequence: i }));
+      const length = 1 + Math.max(...tracks.map(({ start, end }) => times.subarray(start, end).reduce((a, b) => Math.max(a, b))));
+      for (const track of tracks) {
+        homes.fill(home, track.start, track.end);
+        track.frames = new Int32Array(length).fill(-1);
+        for (let frame = track.start; frame < track.end; frame++) track.frames[times[frame]] = frame;
       }
       return { tracks, length };
     });
@@ -38,24 +36,15 @@ const scene = (() => {
       sequences,
       recordings,
       sequenceOf: (frame) => owners[frame],
-      standOf: (frame) => page.stands[owners[frame]],
+      groundOf: (frame) => page.grounds[owners[frame]],
       recordingOf: (frame) => recordings[homes[frame]],
       timeOf: (frame) => times[frame],
       seen: page.seen ? blocks.rows(page.seen) : () => null,
       outliers: page.outliers ? blocks.rows(page.outliers) : () => [],
       layers: page.layers.map((layer) => openLayer(layer, meshes)),
     };
-    data.size = (recording) => (recording.size ??= sizeOf(data, recording, page.stands[recording.tracks[0].sequence]));
+    data.size = (recording) => (recording.size ??= sizeOf(data, recording, page.grounds[recording.tracks[0].sequence]));
     return data;
-  }
-
-  /** Names without the whole words that all begin with: walk_person_1, walk_person_2 are person_1, person_2. */
-  function distinct(names) {
-    let same = 0;
-    while (names.length > 1 && names.every((name) => same < name.length && name[same] === names[0][same])) same++;
-    const words = [...names[0].slice(0, same).matchAll(/[_ -]/g)].map(({ index }) => index + 1);
-    const kept = words.findLast((end) => names.every((name) => /[a-z]/i.test(name.slice(end)))) ?? 0;
-    return names.map((name) => name.slice(kept));
   }
 
   /** The frames of all individuals at a time of a recording. */
@@ -84,23 +73,20 @@ const scene = (() => {
   }
 
   function openLayer(layer, meshes) {
-    const row = (name) => (layer[name] ? blocks.rows(layer[name]) : null);
-    const [points, pose, camera, fitted] = ["points", "pose", "camera", "fitted"].map(row);
-    const mesh = layer.blend ? openBlend(layer.blend, meshes[layer.blend.mesh_set], pose) : () => null;
-    const cameraOf = camera ?? (() => [1, 1, 0, 0]);
-    const inImage = (frame, values) => geometry.seen(values, cameraOf(frame), layer.perspective);
+    const row = (name) => (layer[name] ? blocks.rows(layer[name]) : () => null);
+    const [points, pose, camera, fitted, sd] = ["points", "pose", "camera", "fitted", "sd"].map(row);
     return {
       ...layer,
       points,
-      mesh,
-      inImage,
-      magnification: (frame, depth) => geometry.magnification(cameraOf(frame), layer.perspective, depth),
-      pose: pose ?? (() => null),
+      pose,
+      camera,
+      fitted,
+      sd,
+      mesh: layer.blend ? openBlend(layer.blend, meshes[layer.blend.mesh_set], pose) : () => null,
       faces: layer.blend ? meshes[layer.blend.mesh_set].faces : null,
-      fitted: fitted ?? ((frame) => inImage(frame, points(frame))),
-      sd: row("sd") ?? (() => null),
+      inImage: (frame, values) => camera(frame) && geometry.seen(values, camera(frame), layer.perspective),
+      magnification: (frame, depth) => geometry.magnification(camera(frame), layer.perspective, depth),
       has: (frame) => points(frame).some(Number.isFinite),
-      camera: cameraOf,
       measures: layer.measures.map((measure) => ({ ...measure, values: blocks.numbers(measure.values), sd: measure.sd && blocks.numbers(measure.sd) })),
       word: layer.status ? openWords(layer.status) : () => "",
       doubt: layer.doubts ? openWords(layer.doubts) : null,
@@ -126,16 +112,16 @@ const scene = (() => {
     return (frame) => words[numbers[frame]];
   }
 
-  /** Names that differ where they are read: long ones without what all begin with, and with the end of what is left. */
-  function short(names) {
-    if (names.every(({ length }) => length <= LONG)) return names;
-    let same = 0;
-    while (names.length > 1 && names.every((name) => same < name.length && name[same] === names[0][same])) same++;
-    const kept = names[0].slice(0, same).search(/[^/ ]*$/); // whole words
-    return names.map((name) => {
-      const rest = kept > 1 ? `…${name.slice(kept)}` : name;
-      return rest.length <= LONG ? rest : `${rest.slice(0, 8)}…${rest.slice(9 - LONG)}`;
-    });
+  /** Names that differ where they are read: those longer than `long` without the words that all begin with, then by both ends. */
+  function short(names, long = LONG) {
+    if (names.length > 1 && names.some(({ length }) => length > long)) {
+      let same = 0;
+      while (names.every((name) => same < name.length && name[same] === names[0][same])) same++;
+      const words = [...names[0].slice(0, same).matchAll(/[/_ -]/g)].map(({ index }) => index + 1);
+      const kept = words.findLast((end) => names.every((name) => /[a-z]/i.test(name.slice(end)))) ?? 0;
+      names = names.map((name) => (kept && long ? `…${name.slice(kept)}` : name.slice(kept)));
+    }
+    return names.map((name) => (name.length <= LONG ? name : `${name.slice(0, 8)}…${name.slice(9 - LONG)}`));
   }
 
   /** The first frame after `from`, over all recordings and going round, in which `doubted` doubts some individual; null for none. */

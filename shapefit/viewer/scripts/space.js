@@ -2,14 +2,15 @@
 const space = (() => {
   const FILL = 0.44; // share of the panel from its middle to the farthest point, whichever way it turns
   const REACH = 1.6; // of the grid, in radii of what stands on it
-  const CAMERA = 0.12; // length of the drawn camera, in distances to the body
+  const CAMERA = 0.3; // length of the drawn camera, in radii of what it sees
+  const NEAR = 1.5; // radii from the middle at which a camera is drawn that is farther away
   const LIGHT = [-0.31, 0.51, 0.81]; // from the viewer's upper left
   const SHADES = 32;
 
   /** {upright, floor}: from space to the viewer's frame, before the camera turns, and where the floor is. */
-  function stand(data, view, bodies) {
+  function ground(data, view, bodies) {
     const pose = view.upright && bodies.length ? bodies[0].layer.pose(view.frame) : null;
-    return pose && Number.isFinite(pose[0]) ? { upright: geometry.inverse(pose.slice(0, 9)) } : data.standOf(view.frame);
+    return pose && Number.isFinite(pose[0]) ? { upright: geometry.inverse(pose.slice(0, 9)) } : data.groundOf(view.frame);
   }
 
   /** Draw the moment of the view; returns the points of its frame in px, by layer. */
@@ -18,7 +19,7 @@ const space = (() => {
     const bodies = look.bodiesOf(data, view).map((body) => ({
       ...body, points: body.layer.points(body.frame), mesh: view.mesh ? body.layer.mesh(body.frame) : null,
     }));
-    const { upright: base, floor } = stand(data, view, bodies);
+    const { upright: base, floor } = ground(data, view, bodies);
     const solids = bodies.map(({ points, mesh }) => geometry.turn(mesh ?? points, base));
     const every = solids.flatMap((solid) => Array.from(solid));
     const box = geometry.box(every, 3) ?? { middle: [0, 0, 0], low: [0, -1, 0], extent: [1, 1] };
@@ -41,13 +42,16 @@ const space = (() => {
     const columns = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((axis) => geometry.turn(geometry.turn(axis, base), turned));
     const rows = [0, 1].map((row) => columns.map((column) => zoom * column[row]));
     if (view.pitch > -1) {
-      drawGrid(context, project, box.middle, floor ?? box.low[1], REACH * radius, data.space_unit);
+      const boxes = solids.map((solid) => geometry.box(solid, 3));
+      if (floor !== undefined) drawGrid(context, project, box.middle, floor, REACH * radius, data.space_unit);
+      else boxes.filter((_, i) => bodies[i].layer === bodies[0].layer).forEach(({ middle, low, extent }) => (
+        drawGrid(context, project, middle, low[1], REACH * extent[0], data.space_unit)));
       bodies.forEach(({ mesh }, i) => {
-        const height = floor ?? geometry.box(solids[i], 3)?.low[1];
-        if (!mesh && height !== undefined) look.drawShadow(context, data, project(solids[i].map((value, k) => (k % 3 === 1 ? height : value))));
+        const height = floor ?? boxes[i].low[1];
+        if (!mesh) look.drawShadow(context, data, project(solids[i].map((value, k) => (k % 3 === 1 ? height : value))));
       });
     }
-    drawCamera(context, data, bodies[0], place);
+    drawCamera(context, data, bodies[0], { base, middle: box.middle, radius, project });
     const meshes = bodies.filter(({ mesh }) => mesh);
     drawMeshes(context, meshes.map(({ layer, mesh, colour }, i) => ({ faces: layer.faces, places: place(mesh), colour: meshes.length === 1 ? "mesh" : colour, alpha: i ? 0.45 : 1 })), 3.2 * radius * zoom);
     const projected = {};
@@ -65,12 +69,12 @@ const space = (() => {
     return projected;
   }
 
-  /** A grid on the ground around the middle: of metres where the unit is one, else of round lengths. */
+  /** A grid on the ground around a place: of metres where the unit is one, else of round lengths. */
   function drawGrid(context, project, middle, height, reach, unit) {
     const tint = `rgb(${look.mixed("background", "faint", 0.3)})`;
     const step = unit === "m" && reach > 1 ? Math.max(1, look.niceStep(reach / 10)) : look.niceStep(reach / 4);
-    const [x, z] = [middle[0], middle[2]].map((at) => step * Math.round(at / step));
     const cells = Math.max(1, Math.floor(reach / step));
+    const [x, z] = [middle[0], middle[2]].map((at) => step * Math.round(at / step));
     for (let i = -cells; i <= cells; i++) {
       const [at, half] = [step * i, step * cells];
       for (const [x0, z0, x1, z1] of [[at, -half, at, half], [-half, at, half, at]]) {
@@ -81,23 +85,27 @@ const space = (() => {
     }
   }
 
-  /** The camera as a frustum, whose far side is the frame of its image. */
-  function drawCamera(context, data, body, place) {
+  /** The camera as a frustum, whose far side is the frame of its image; one that is far away is drawn nearer, with its distance. */
+  function drawCamera(context, data, body, { base, middle, radius, project }) {
     const camera = body?.layer.perspective && data.image ? body.layer.camera(body.frame) : null;
-    const depths = camera ? Array.from(body.points).filter((value, i) => i % 3 === 2 && Number.isFinite(value)) : [];
-    if (!depths.length || !Number.isFinite(camera[0])) return;
-    const away = CAMERA * (depths.reduce((sum, value) => sum + value, 0) / depths.length);
+    if (!camera || !Number.isFinite(camera[0])) return;
+    const away = Math.hypot(...middle);
+    const moved = middle.map((value) => value * Math.max(0, 1 - (NEAR * radius) / away));
+    const deep = Math.sign(body.points.find((value, i) => i % 3 === 2 && Number.isFinite(value))) * CAMERA * radius;
     const [w, h] = data.image;
+    const larger = Math.max(1, camera[0] / w); // so that the frame of a long lens can be seen
     const corners = [[0, 0], [w, 0], [w, h], [0, h]].flatMap(([u, v]) => [
-      (Math.abs(away) * (u - camera[2])) / camera[0], (Math.abs(away) * (v - camera[3])) / camera[1], away,
+      (larger * Math.abs(deep) * (u - camera[2])) / camera[0], (larger * Math.abs(deep) * (v - camera[3])) / camera[1], deep,
     ]);
-    const [eye, ...frame] = place([0, 0, 0, ...corners]);
+    const [eye, ...frame] = project(geometry.turn([0, 0, 0, ...corners], base).map((value, i) => value + moved[i % 3]));
     context.beginPath();
     look.stroke(context, look.text("accent"), 1.2, () => frame.forEach((corner, i) => {
       context.moveTo(eye[0], eye[1]);
       context.lineTo(corner[0], corner[1]);
       context.lineTo(frame[(i + 1) % 4][0], frame[(i + 1) % 4][1]);
     }));
+    const far = away > NEAR * radius && data.space_unit === "m" ? `, ${away.toPrecision(2)} m away` : "";
+    look.write(context, `camera${far}`, Math.min(...frame.map(([x]) => x)), 14 + Math.max(...frame.map(([, y]) => y)), look.text("faint"));
   }
 
   /** Triangles of all meshes that face the viewer, the far ones first, each in one shade; `deep` px are depths from 0 to 1. */

@@ -68,12 +68,12 @@
     const joint = name.startsWith("joint ") ? Number(name.slice(6)) : null;
     if (joint === null) return layer.measures.find((m) => m.name === name);
     if (!layer.sd(0)) return undefined;
-    const small = data.space_unit === "m";
+    const [unit, many] = data.length;
     const values = Float64Array.from({ length: data.count }, (_, frame) => {
       const sd = layer.sd(frame);
-      return (small ? 100 : 1) * Math.hypot(sd[3 * joint], sd[3 * joint + 1], sd[3 * joint + 2]);
+      return many * Math.hypot(sd[3 * joint], sd[3 * joint + 1], sd[3 * joint + 2]);
     });
-    return { values, unit: small ? "cm" : data.space_unit };
+    return { values, unit };
   }
 
   function stateOf(layer, frame) {
@@ -216,7 +216,7 @@
     const nearest = away.reduce((best, value, j) => (value < (away[best] ?? NEAR) ? j : best), null);
     $("of-joint")?.remove();
     if (nearest !== null && data.layers.some((layer) => layer.sd(0))) {
-      const option = Object.assign(new Option(`error of ${data.landmarks[nearest]}`, `joint ${nearest}`), { id: "of-joint" });
+      const option = Object.assign(new Option(`error bar of ${data.landmarks[nearest]}`, `joint ${nearest}`), { id: "of-joint" });
       $("measure").append(option);
       $("measure").value = option.value;
     }

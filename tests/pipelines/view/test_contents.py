@@ -2,6 +2,7 @@
 
 import json
 from base64 import b64decode
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,9 +11,10 @@ from shapefit.config import ViewConfig
 from shapefit.evaluation import metrics
 from shapefit.geometry.floor import Floor
 from shapefit.io import ShapeSet, read_results, read_shapes, write_dictionary, write_shapes
-from shapefit.pipelines.view.layers import in_length
+from shapefit.pipelines.view.layers import in_usual_units
 from shapefit.pipelines.view.run import make_page
-from shapefit.viewer.scene import block_of_points
+from shapefit.pipelines.view.sheet import fitted_image
+from shapefit.viewer.scene import Layer, Measure, block_of_points
 
 
 def decoded(block):
@@ -49,35 +51,23 @@ def test_what_32_bits_cannot_hold_is_missing(rng, far):
     assert found == block_of_points(without)
 
 
-def test_many_frames_are_thinned_and_the_page_says_so(desk, monkeypatch):
-    monkeypatch.setattr("shapefit.pipelines.view.run.MEGABYTES", 1)
-    n = 20_000
-    sequences = tuple("long" if i < 15_000 else "short" for i in range(n))
-    result = desk.result(n=n, sequences=sequences, frame_rate=60.0)
-    config = ViewConfig(files={"result": (result,)})
-    page = make_page(config, kept=("i7", "i19999"))
-    assert len(page.html) <= 1_000_000
-    assert len(page.html) > 500_000
-    step = round(n / len(page.scene.items))
-    assert step > 1
-    assert f"Every {step}" in page.scene.notes[0]
-    assert "of 20,000 frames is shown" in page.scene.notes[0]
-    assert page.scene.frame_rate == 60 / step
-    assert {"i0", f"i{step}", "i7", "i19999"} <= set(page.scene.items)
-    assert "i1" not in page.scene.items
-    assert [name for name, _ in page.scene.sequences] == ["long", "short"]
-    row = page.scene.items.index(f"i{2 * step}")
-    expected = read_results(result).shapes[2 * step]
-    np.testing.assert_allclose(page.scene.layers[0].points[row], expected)
-
-
-def test_thinning_drops_no_short_sequence(desk, monkeypatch):
-    monkeypatch.setattr("shapefit.pipelines.view.run.MEGABYTES", 1)
+def test_many_frames_are_thinned_by_sequence_and_the_page_says_so(desk, monkeypatch):
+    monkeypatch.setattr("shapefit.pipelines.view.reading.MEGABYTES", 1)
     n = 20_000
     sequences = tuple("long" if i < n - 60 else f"short{i % 20}" for i in range(n))
-    page = make_page(ViewConfig(files={"r": (desk.result(n=n, sequences=sequences),)})).scene
-    assert len(page.items) < n
-    assert len(page.sequences) == 21
+    result = desk.result(n=n, sequences=sequences, frame_rate=60.0)
+    html, scene = make_page(ViewConfig(files={"result": (result,)}))
+    assert 100_000 < len(html) <= 1_000_000
+    step = round(n / len(scene.items))
+    assert step > 1
+    assert f"Every {step}" in scene.notes[0]
+    assert scene.frame_rate == 60 / step
+    assert scene.items[:2] == ("i0", f"i{step}")
+    assert len(scene.sequences) == 21
+    expected = read_results(result).shapes[2 * step]
+    np.testing.assert_allclose(scene.layers[0].points[2], expected)
+    few = make_page(ViewConfig(files={"result": (result,)}, items=("i19???",)))[1]
+    assert (len(few.items), few.frame_rate) == (1000, 60)
 
 
 def test_sequences_are_put_together_and_single_ones_are_none(desk):
@@ -107,9 +97,10 @@ def test_errors_and_trust_stand_in_the_chart_and_the_header(desk, rng):
     measures = {measure["name"]: measure for measure in layer["measures"]}
     found, truth = read_results(result), read_shapes([desk.folder / "truth.h5"])
     error = metrics.similarity(found.shapes, truth.shapes)
+    in_mm = metrics.expected(found.shapes, truth.shapes, extras["expected_error"])
     expected = {
-        "error against the truth": ("cm", error / 10),
-        "expected error": ("px", extras["expected_error"]),
+        "error against the truth": ("mm", error),
+        "expected error": ("mm", in_mm),  # in px in the file: units never mix
         "p-value": ("", extras["p_value"]),
         "distance in the image": ("px", metrics.reprojection(found.shapes[:, :2], landmarks)),
     }
@@ -120,21 +111,28 @@ def test_errors_and_trust_stand_in_the_chart_and_the_header(desk, rng):
     words = [layer["status"]["words"][code] for code in decoded(layer["status"]["codes"])]
     assert words == ["", "", "iteration limit", "degenerate", "x", ""]
     np.testing.assert_array_equal(decoded(made.data["outliers"]), extras["outliers"])
-    middle = f"{np.median(error) / 10:.2g} cm"
+    typical = np.median(in_mm[reasons == ""])
     assert [fact["text"] for fact in made.data["facts"]] == [
-        "6 images", "4 of 6 trusted", f"error against the truth {middle}", "typical error 4 px",
+        "6 images", "4 of 6 trusted", f"error against the truth {np.median(error):.2g} mm",
+        f"typical error {typical:.2g} mm",
     ]  # fmt: skip
     assert "Without perspective, distances from the camera are unknown." in made.data["assumed"]
 
 
 @pytest.mark.parametrize(
-    ("unit", "values", "shown", "name"),
-    [("m", [0.06, 0.08], [6, 8], "cm"), ("mm", [2, 3], [2, 3], "mm"), ("px", [5], [5], "px")],
+    ("lengths", "shown", "name"),
+    [([0.06, 0.2], [6, 20], "cm"), ([0.002, 0.2], [2, 200], "mm")],
 )
-def test_lengths_are_said_as_people_say_them(unit, values, shown, name):
-    measure = in_length("error", np.array(values, float), 1.0, unit)
-    np.testing.assert_allclose(measure.values, shown)
-    assert measure.unit == name
+def test_lengths_of_a_page_have_one_unit(lengths, shown, name):
+    measures = [Measure("error", np.full(3, each), "m") for each in lengths]
+    layers = [Layer("r", "result", np.zeros((3, 3, 1)), measures=(each,)) for each in measures]
+    layers[0] = replace(layers[0], measures=(*layers[0].measures, Measure("p", np.ones(3), "px")))
+    usual, (unit, many) = in_usual_units(layers)
+    found = [measure for layer in usual for measure in layer.measures]
+    assert [(each.unit, each.values[0]) for each in found] == [
+        (name, pytest.approx(shown[0])), ("px", 1), (name, pytest.approx(shown[1])),
+    ]  # fmt: skip
+    assert (unit, many) == (name, shown[0] / lengths[0])
 
 
 def camera(n=4):
@@ -162,7 +160,7 @@ def test_shapes_stand_in_metres_where_the_camera_has_them(desk):
         n=n, extras=camera(), attributes=attributes, shape_sd=sd, sequences=("s",) * n, **place
     )
     flat = desk.result("flat.h5", n=n, shapes=shapes, sequences=("s",) * n)
-    page = make_page(ViewConfig(files={"deep": (result,), "flat": (flat,)})).scene
+    page = make_page(ViewConfig(files={"deep": (result,), "flat": (flat,)}))[1]
     deep, beside = page.layers
     assert (page.unit, page.space_unit) == ("px", "m")
     there = 2 * (own + camera()["camera_translation"][0][:, None])
@@ -183,11 +181,12 @@ def test_without_a_camera_all_frames_have_one_scale(desk):
     shapes = desk.shapes(4)
     metres = np.array([0.01, 0.02, np.nan, 0.03])
     result = desk.result(n=4, shapes=shapes, extras={"metres_per_unit": metres})
-    page = make_page(ViewConfig(files={"r": (result,)})).scene
+    page = make_page(ViewConfig(files={"r": (result,)}))[1]
     (layer,) = page.layers
     np.testing.assert_allclose(layer.points, 0.02 * shapes)
     np.testing.assert_allclose(layer.camera, np.tile([50.0, 50, 0, 0], (4, 1)))
-    assert (page.space_unit, layer.fitted, layer.perspective) == ("m", None, False)
+    np.testing.assert_allclose(layer.fitted, shapes[:, :2])
+    assert (page.space_unit, layer.perspective) == ("m", False)
 
 
 def test_individuals_and_their_frames_are_counted(desk):
@@ -201,7 +200,7 @@ def test_individuals_and_their_frames_are_counted(desk):
         ViewConfig(
             files={"r": (desk.result(n=41, items=items, sequences=sequences, extras=extras),)}
         )
-    ).scene
+    )[1]
     assert page.recordings == [[0, 1, 2]]
     assert [fact.text for fact in page.facts] == [
         "3 individuals", "20 frames", "25 Hz assumed", "21 of 41 trusted",
@@ -210,10 +209,10 @@ def test_individuals_and_their_frames_are_counted(desk):
 
 def test_a_shape_that_may_be_mirrored_is_said_and_a_method_without_bars_has_no_verdict(desk):
     reasons = np.array(["near and far not told apart"] * 6, object)
-    page = make_page(ViewConfig(files={"r": (desk.result(extras={"reasons": reasons}),)})).scene
+    page = make_page(ViewConfig(files={"r": (desk.result(extras={"reasons": reasons}),)}))[1]
     assert any("mirrored in depth" in line for line in page.assumed)
     result = desk.result(attributes={"method": "convex"})
-    page = make_page(ViewConfig(files={"r": (result,)})).scene
+    page = make_page(ViewConfig(files={"r": (result,)}))[1]
     assert [fact.text for fact in page.facts] == ["6 images"]
 
 
@@ -221,10 +220,10 @@ def test_a_shape_that_may_be_mirrored_is_said_and_a_method_without_bars_has_no_v
 def test_up_is_that_of_the_image_whatever_the_extrinsics(desk, y_axis):
     """Nobody says that an axis of a calibration is up."""
     result = desk.result(extras={"extrinsic_rotation": np.eye(3)[[1, 2, 0]]}, y_axis=y_axis)
-    page = make_page(ViewConfig(files={"r": (result,)})).scene
+    page = make_page(ViewConfig(files={"r": (result,)}))[1]
     expected = np.diag([1.0, -1, -1] if y_axis == "down" else [1.0, 1, 1])
-    np.testing.assert_array_equal(np.reshape(page.stands[0].upright, (3, 3)), expected)
-    assert page.stands[0].floor is None
+    np.testing.assert_array_equal(np.reshape(page.grounds[0].upright, (3, 3)), expected)
+    assert page.grounds[0].floor is None
 
 
 def test_people_stand_on_the_floor_that_was_found(desk, monkeypatch):
@@ -240,8 +239,8 @@ def test_people_stand_on_the_floor_that_was_found(desk, monkeypatch):
         "items": tuple(f"{name}/{i}" for i, name in enumerate(sequences)),
     }  # fmt: skip
     config = ViewConfig(files={"r": (desk.result(n=n, extras=camera(), **place),)})
-    page = make_page(config).scene
-    on, without = page.stands
+    page = make_page(config)[1]
+    on, without = page.grounds
     turned = np.reshape(on.upright, (3, 3))
     np.testing.assert_allclose(turned @ (up * [1, -1, -1]), [0, 1, 0], atol=1e-12)
     np.testing.assert_allclose(turned @ [1, 0, 0], [1, 0, 0], atol=1e-12)
@@ -251,22 +250,9 @@ def test_people_stand_on_the_floor_that_was_found(desk, monkeypatch):
     assert f"Floor from resting feet: {floor}." in page.assumed
     assert not any("floor is not known" in line for line in page.assumed)
     monkeypatch.setattr("shapefit.pipelines.view.scene.find_floors", lambda *_: {})
-    page = make_page(config).scene
-    assert page.stands[0].floor is None
+    page = make_page(config)[1]
+    assert page.grounds[0].floor is None
     assert any("floor is not known" in line for line in page.assumed)
-
-
-def mesh_vertices(scene, frame, layer):
-    """Return the blended mesh (3, q) of a frame, as the page does; None where there is none."""
-    if layer.blend is None or layer.pose is None:
-        return None
-    start, end = layer.blend.start[frame : frame + 2]
-    if start == end:
-        return None
-    atoms = scene.meshes[layer.blend.mesh_set].vertices[layer.blend.atom[start:end]]
-    mixed = np.tensordot(layer.blend.weight[start:end], atoms, axes=1)
-    R, scale, t = layer.pose[frame, :9].reshape(3, 3), layer.pose[frame, 9], layer.pose[frame, 10:]
-    return scale * (R @ mixed) + t[:, None]
 
 
 def test_meshes_follow_the_coefficients(desk, made_dictionary, rng):
@@ -276,24 +262,19 @@ def test_meshes_follow_the_coefficients(desk, made_dictionary, rng):
     s, T = np.array([2.0, 3.0, 1.0]), rng.normal(size=(3, 2))
     result = desk.result(n=3, coefficients=c, rotation=R, scale=s, translation=T)
     config = ViewConfig(files={"r": (result,)}, dictionary=desk.folder / "dict.h5")
-    scene = make_page(config).scene
-    (layer,) = scene.layers
+    scene = make_page(config)[1]
     for i in range(2):
         expected = s[i] * R[i] @ np.tensordot(c[i], made_dictionary.mesh_vertices, axes=1)
         expected[:2] += T[i][:, None]
-        np.testing.assert_allclose(mesh_vertices(scene, i, layer), expected)
-    assert mesh_vertices(scene, 2, layer) is None
+        np.testing.assert_allclose(fitted_image(scene, i).mesh, expected)
+    assert fitted_image(scene, 2).mesh is None
 
 
 @pytest.mark.parametrize(
-    ("attributes", "fields", "why"),
-    [
-        ({"method": "pmp"}, {}, "pmp gives no coefficients"),
-        ({}, {"coefficients": np.ones((6, 2))}, "2 coefficients are not those of 3 atoms"),
-        ({}, {"rotation": None}, "it has no rotation"),
-    ],
+    ("attributes", "fields"),
+    [({"method": "pmp"}, {}), ({}, {"coefficients": np.ones((6, 2))}), ({}, {"rotation": None})],
 )
-def test_meshes_that_cannot_follow(desk, made_dictionary, attributes, fields, why):
+def test_meshes_that_cannot_follow(desk, made_dictionary, attributes, fields):
     write_dictionary(desk.folder / "dict.h5", made_dictionary)
     pose = {
         "coefficients": np.ones((6, 3)), "rotation": np.tile(np.eye(3), (6, 1, 1)),
@@ -301,7 +282,7 @@ def test_meshes_that_cannot_follow(desk, made_dictionary, attributes, fields, wh
     }  # fmt: skip
     result = desk.result(attributes=attributes, **(pose | fields))
     made = desk.view(result, dictionary=desk.folder / "dict.h5")
-    assert why in made.notes
+    assert "mixes no atoms of this dictionary" in made.notes
     assert "blend" not in made.data["layers"][0]
 
 
@@ -359,7 +340,7 @@ def test_shapes_of_another_tool_may_have_gaps(tmp_path):
     ]
     file = tmp_path / "gaps.trc"
     file.write_text("\n".join([*head, *rows, ""]).replace(",", "\t"), encoding="utf-8")
-    scene = make_page(ViewConfig(files={"gaps": (file,)}, output=tmp_path / "page.html")).scene
+    scene = make_page(ViewConfig(files={"gaps": (file,)}, output=tmp_path / "page.html"))[1]
     (layer,) = scene.layers
     assert np.isnan(layer.points[:, 0, 2]).sum() == 4
 
@@ -395,7 +376,7 @@ def test_what_was_seen_of_joints_is_seen_of_the_landmarks_that_stand_for_them(de
     )
     truth = desk.folder / "of_names.h5"
     write_shapes(truth, ShapeSet(desk.shapes(6, 4), tuple(names), tuple(f"i{i}" for i in range(6))))
-    page = make_page(ViewConfig(files={"r": (result,)}, truth=(truth,))).scene
+    page = make_page(ViewConfig(files={"r": (result,)}, truth=(truth,)))[1]
     assert page.landmarks == tuple(names)
     expected = seen[:, [2, 0, 3, 1]].swapaxes(1, 2)
     expected[:, :, 1] = np.nan
@@ -426,7 +407,7 @@ def test_files_of_one_individual_each_are_one_layer(desk):
         )  # fmt: skip
         write_shapes(desk.folder / f"walk_{name}.h5", own)
     files = {name: (desk.folder / f"walk_{name}.h5",) for name in ("one", "two")}
-    page = make_page(ViewConfig(files=files)).scene
+    page = make_page(ViewConfig(files=files))[1]
     assert [layer.name for layer in page.layers] == ["one, two"]
     assert page.recordings == [[0, 1]]
     np.testing.assert_allclose(page.layers[0].points, shapes)

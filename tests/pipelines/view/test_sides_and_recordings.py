@@ -33,35 +33,37 @@ def test_joints_of_people():
     assert sides.count(2) == 6
 
 
-def gathered(name, items, frame):
-    numbers = {} if frame is None else {"frame": np.array(frame, dtype=float)}
-    return SimpleNamespace(name=name, listings=[SimpleNamespace(items=items)], of_frames=numbers)
+def frames_of(**groups):
+    starts = np.cumsum([0, *map(len, groups.values())]).tolist()
+    sequences = tuple(zip([name.replace("_", "/") for name in groups], starts, strict=False))
+    return Frames(tuple("".join(groups.values())), sequences, 1)
 
 
-def recordings(found, frames):
-    made = find_recordings(found, frames)
-    return made and (made[0], made[1].tolist())
+@pytest.mark.parametrize(
+    ("groups", "numbers", "expected"),
+    [
+        ({"v_1": "abc", "v_2": "de"}, [7, 8, 9, 8, 9], ([[0, 1]], [0, 1, 2, 1, 2])),
+        ({"v_1": "abc", "v_2": "de"}, None, ([[0], [1]], [0, 1, 2, 0, 1])),
+        ({"v_1": "abc", "v_2": "de"}, [7, 8, np.nan, 8, 9], ([[1], [0]], [0, 1, 2, 0, 1])),
+        ({"v_1": "abc", "v_2": "de"}, [1, 2, 3, 4, 5], ([[0], [1]], [0, 1, 2, 0, 1])),
+        ({"v_1": "abc", "w_1": "de"}, [7, 8, 9, 8, 9], ([[0], [1]], [0, 1, 2, 0, 1])),
+        ({"v_1": "ab", "w_1": "c", "v_2": "de"}, [7, 9, 7, 8, 9], ([[0, 2], [1]], [0, 2, 0, 1, 2])),
+    ],
+)  # fmt: skip
+def test_individuals_of_a_video_are_seen_at_once(groups, numbers, expected):
+    stated = None if numbers is None else np.array(numbers, float)
+    content = SimpleNamespace(kind="result", per_frame=lambda _: stated)
+    recordings, times = find_recordings([content], frames_of(**groups))
+    assert (sorted(recordings), times.tolist()) == (sorted(expected[0]), expected[1])
 
 
-def test_individuals_of_a_video():
-    frames = Frames.of({"v/1": "abc", "v/2": "de"}, 5)
-    found = [gathered("walk", "abcde", [7, 8, 9, 8, 9])]
-    assert recordings(found, frames) == ([[0, 1]], [0, 1, 2, 1, 2])
-    assert recordings([gathered("walk", "abcde", None)], frames) is None
-    assert recordings([gathered("walk", "abcde", [7, 8, 9, np.nan, 9])], frames) is None
-    after = [gathered("walk", "abcde", [1, 2, 3, 4, 5])]
-    assert recordings(after, frames) is None  # never at once
-    apart = Frames.of({"v/1": "abc", "w/1": "de"}, 5)
-    assert recordings(found, apart) is None
-    mixed = Frames.of({"v/1": "ab", "w/1": "c", "v/2": "de"}, 5)
-    found = [gathered("walk", "abcde", [7, 9, 7, 8, 9])]
-    assert recordings(found, mixed) == ([[0, 2], [1]], [0, 2, 0, 1, 2])
-
-
-def test_files_of_one_individual_each():
-    frames = Frames.of({"anna": "ab", "ben": "cd"}, 4)
-    nan = np.nan
-    files = [gathered("anna", "ab", [0, 1, nan, nan]), gathered("ben", "cd", [nan, nan, 1, 2])]
-    assert recordings(files, frames) == ([[0, 1]], [0, 1, 1, 2])
-    one = [gathered("both", "abcd", [0, 1, 1, 2])]
-    assert recordings(one, frames) is None
+def test_files_of_one_individual_each_are_seen_at_once():
+    frames, nan = frames_of(anna="ab", ben="cd"), np.nan
+    files = [
+        SimpleNamespace(kind="shapes", per_frame=lambda _, numbers=numbers: np.array(numbers))
+        for numbers in ([0, 1, nan, nan], [nan, nan, 1, 2])
+    ]
+    recordings, times = find_recordings(files, frames)
+    assert (recordings, times.tolist()) == ([[0, 1]], [0, 1, 1, 2])
+    one = [SimpleNamespace(kind="shapes", per_frame=lambda _: np.array([0, 1, 1, 2.0]))]
+    assert find_recordings(one, frames)[0] == [[0], [1]]
