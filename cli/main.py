@@ -15,11 +15,8 @@ import click
 from shapefit import __version__
 from shapefit.errors import InputError
 
-from .command import make_command
-from .commands import COMMANDS
-from .options import TRACEBACK_VARIABLE
+from .commands import COMMANDS, TRACEBACK_VARIABLE, config_command, make_command
 from .streams import occupy_closed_streams, output_fault, tell
-from .verify import config, verify
 
 COMPLETION_VARIABLE = "_SHAPEFIT_COMPLETE"
 
@@ -59,7 +56,7 @@ def commands() -> None:
     """
 
 
-for command in (*map(make_command, COMMANDS), verify, config):
+for command in (*map(make_command, COMMANDS), config_command):
     commands.add_command(command)
 
 
@@ -85,11 +82,10 @@ def run(arguments: Sequence[str]) -> int:
 
 def _run(arguments: Sequence[str]) -> int:
     """Run the command line; what a user can cause becomes an exit code, all else is raised."""
-    asked = os.environ.get(COMPLETION_VARIABLE)
-    if asked:
+    if instruction := os.environ.get(COMPLETION_VARIABLE):
         from click.shell_completion import shell_complete
 
-        return shell_complete(commands, {}, "shapefit", COMPLETION_VARIABLE, asked)
+        return shell_complete(commands, {}, "shapefit", COMPLETION_VARIABLE, instruction)
     try:
         with commands.make_context("shapefit", list(arguments)) as context:
             return int(commands.invoke(context))
@@ -111,9 +107,9 @@ def _run(arguments: Sequence[str]) -> int:
 
         if not lacks_memory(error):
             raise
-        said = f": {error}" if isinstance(error, MemoryError) and str(error) else ""
+        size = f": {error}" if isinstance(error, MemoryError) and str(error) else ""
         fix = "give fewer items at a time, or raise the limit of memory (ulimit -v)"
-        tell(f"Error: memory: there is not enough{said}; {fix}")
+        tell(f"Error: memory: there is not enough{size}; {fix}")
         return INPUT_ERROR
 
 
@@ -122,19 +118,13 @@ def _internal_error(error: Exception) -> int:
         import traceback
 
         sys.stderr.write("".join(traceback.format_exception(error)))
-        hint = "this is a bug in shapefit"
-    else:
-        hint = f"this is a bug in shapefit; --traceback or {TRACEBACK_VARIABLE}=1 shows where"
+    hint = f"this is a bug in shapefit; --traceback or {TRACEBACK_VARIABLE}=1 shows where"
     text = " ".join(str(error).split())
     tell(f"Internal error: {type(error).__name__}: {text} ({hint})")
     return INTERNAL_ERROR
 
 
-STOPPING = {
-    signal.Signals[name]
-    for name in ("SIGINT", "SIGTERM", "SIGHUP")
-    if name in signal.Signals.__members__
-}
+STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that end a run. One that is ignored, as nohup does with SIGHUP, stays ignored."""
 
 _signals: list[int] = []
@@ -160,13 +150,13 @@ def main() -> NoReturn:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.disable()  # `run_command` enables it: what is imported until then stays
     occupy_closed_streams()
-    heard = [each for each in STOPPING if signal.getsignal(each) is not signal.SIG_IGN]
-    for number in heard:
+    handled = [each for each in STOPPING if signal.getsignal(each) is not signal.SIG_IGN]
+    for number in handled:
         signal.signal(number, _unwind)
     try:
         code = run(sys.argv[1:])
     except SystemExit:
         code = _stopped(_signals[0])
-    for number in heard:
+    for number in handled:
         signal.signal(number, signal.SIG_DFL)  # all is done, and nothing is left to unwind
     sys.exit(code)

@@ -1,13 +1,15 @@
-"""What a command did, folded from the outcomes of its pipeline, and how far it is."""
+"""What a command did, summed up from the outcomes of its pipeline, and how far it is."""
 
 from __future__ import annotations
 
+import json
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -19,9 +21,9 @@ from .streams import tell
 if TYPE_CHECKING:
     from shapefit.pipelines.outcome import Counted, Failure, Outcome
 
-LISTED = 20
+MAX_LISTED = 20
 """Failures (and different warnings) that are listed; the rest is counted."""
-LISTED_FILES = 8
+MAX_FILES = 8
 """Files in one folder that are named; more are counted."""
 WIDTH, LABEL = 110, 8
 """Characters of a line of the summary, and of the label before it."""
@@ -33,35 +35,38 @@ SECONDS_BETWEEN_LINES = 10.0
 class Report:
     """The sum of a pipeline's outcomes; memory does not grow with the number of items.
 
-    A `quiet` one has no warnings and no summary; a `verbose` one lists everything. A pipeline that
-    `prints_note` has the result of the command, for standard output, as its last note. With
-    `as_json` all goes there as one object; with more than the share `most_untrusted` of items that
-    are not to be trusted the exit code is 1.
+    A `quiet` one has no warnings and no summary; a `verbose` one lists everything. `read` names the
+    inputs, and `following` the next command, where the pipeline does not. With `to_stdout` the last
+    note is the result of the command, for standard output; with `as_json` everything goes there as
+    one object. With more than the share `max_untrusted` of items that are not trusted the exit code
+    is 1.
     """
 
     command: str
     unit: str
     quiet: bool = False
     verbose: bool = False
-    prints_note: bool = False
+    to_stdout: bool = False
     as_json: bool = False
-    most_untrusted: float | None = None
+    max_untrusted: float | None = None
+    read: str = ""
+    following: str = ""
     done: int = 0
     failed: int = 0
     total: int | None = None
     note: str = ""
-    rows: tuple[tuple[str, str], ...] = ()
+    rows: dict[str, str] = field(default_factory=dict)
     written: list[Path] = field(default_factory=list)
-    data: Callable[[], Any] = lambda: None
+    listing: list[str] = field(default_factory=list)
+    data: Callable[[], Any] | None = None
     _failures: list[Failure] = field(default_factory=list)
     _warnings: dict[str, str | Counted] = field(default_factory=dict)
-    _doubts: dict[str, str | Counted] = field(default_factory=dict)
-    _listing: list[str] = field(default_factory=list)
-    _unlisted_warnings: int = 0
+    _untrusted: dict[str, Counted] = field(default_factory=dict)
+    _unlisted: int = 0
     _started: float = field(default_factory=time.monotonic)
 
     def follow(self, outcomes: Iterator[Outcome]) -> int:
-        """Run a pipeline to its end, show its progress, tell what it did; return the exit code."""
+        """Run a pipeline to its end, show its progress and its sum; return the exit code."""
         with ExitStack() as stack:
             stack.enter_context(closing(outcomes))  # type: ignore[type-var]
             bar: Any = None
@@ -69,13 +74,10 @@ class Report:
                 from tqdm import tqdm
 
                 bar = stack.enter_context(tqdm(desc=self.command, dynamic_ncols=True))
-            told = time.monotonic()
+            shown = time.monotonic()
             for outcome in outcomes:
                 self.add(outcome)
-                for row in outcome.listing:
-                    if not self.as_json:
-                        click.echo(printable(row))
-                note = "" if self.prints_note else outcome.note
+                note = "" if self.to_stdout else outcome.note
                 if outcome.line and not self.quiet:
                     if bar is not None:
                         bar.clear()
@@ -85,40 +87,43 @@ class Report:
                     bar.unit = f" {self.unit}"
                     bar.set_postfix_str(printable(note), refresh=False)
                     bar.update(outcome.done)
-                elif not self.quiet and time.monotonic() - told >= SECONDS_BETWEEN_LINES:
-                    told = time.monotonic()
+                elif not self.quiet and time.monotonic() - shown >= SECONDS_BETWEEN_LINES:
+                    shown = time.monotonic()
                     tell(self._progress(outcome.total, note))
         if self.as_json:
-            import json
-
             click.echo(json.dumps(self.values(), ensure_ascii=False, default=str))
             return self.exit_code
-        if self.prints_note:
+        for row in self.listing:
+            click.echo(printable(row))
+        if self.to_stdout:
             click.echo(self.note)
         for line in self.lines():
             tell(line)
         return self.exit_code
 
     def add(self, outcome: Outcome) -> None:
-        """Take in what became of one more part of the work."""
+        """Add what became of one more part of the work."""
         from shapefit.pipelines.outcome import add_up
 
+        most = sys.maxsize if self.verbose else MAX_LISTED
         self.done += outcome.done
         self.unit = outcome.unit or self.unit
         self.failed += len(outcome.failures)
         self.total = self.total if outcome.total is None else outcome.total
-        self._failures += outcome.failures[: self._most_listed - len(self._failures)]
-        self._unlisted_warnings += add_up(self._warnings, outcome.warnings, self._most_listed)
-        add_up(self._doubts, (d if self.verbose else replace(d, items=()) for d in outcome.doubts))
+        self._failures += outcome.failures[: most - len(self._failures)]
+        self._unlisted += add_up(self._warnings, outcome.warnings, most)
+        reasons = (d if self.verbose else replace(d, items=()) for d in outcome.doubts)
+        add_up(self._untrusted, reasons)  # type: ignore[arg-type]
         self.written += outcome.written
         self.note = outcome.note or self.note
-        self.rows = outcome.rows or self.rows
+        self.rows |= dict(outcome.rows)
         self.data = outcome.data or self.data
-        self._listing += outcome.listing if self.as_json else ()
+        self.listing += outcome.listing
 
     @property
-    def _most_listed(self) -> int:
-        return sys.maxsize if self.verbose else LISTED
+    def untrusted(self) -> int:
+        """The number of items that are not to be trusted."""
+        return sum(reason.number for reason in self._untrusted.values())
 
     @property
     def exit_code(self) -> int:
@@ -126,20 +131,9 @@ class Report:
         return 1 if self.failed or self.total == 0 or self._too_few_trusted else 0
 
     @property
-    def _untrusted(self) -> dict[str, int]:
-        """Return the reasons not to trust items, each with their number."""
-        return {reasons.text: reasons.number for reasons in self._counted_doubts}
-
-    @property
-    def _counted_doubts(self) -> list[Counted]:
-        from shapefit.pipelines.outcome import Counted
-
-        return [reasons for reasons in self._doubts.values() if isinstance(reasons, Counted)]
-
-    @property
     def _too_few_trusted(self) -> bool:
-        most = self.most_untrusted
-        return most is not None and sum(self._untrusted.values()) > most * self.done
+        share = self.max_untrusted
+        return share is not None and self.untrusted > share * self.done
 
     def values(self) -> dict[str, Any]:
         """Return the report as values of JSON."""
@@ -148,92 +142,81 @@ class Report:
             "unit": self.unit,
             "done": self.done,
             "failed": self.failed,
-            "untrusted": self._untrusted,
+            "untrusted": {reason.text: reason.number for reason in self._untrusted.values()},
             "failures": [{"item": each.item, "reason": each.reason} for each in self._failures],
             "warnings": [str(warning) for warning in self._warnings.values()],
-            "note": self.note,
-            "summary": dict(self.rows),
-            "listing": self._listing,
+            "summary": {label.lower(): text for label, text in self.rows.items()},
             "written": [str(path) for path in self.written],
             "seconds": round(time.monotonic() - self._started, 3),
-            "data": self.data(),
+            "data": self.data() if self.data else self.listing or self.note,
         }
 
     def lines(self) -> Iterator[str]:
-        """Yield the report as lines of text: warnings, failures, then one line on everything."""
+        """Yield the report as lines of text: warnings, failures, then the summary."""
         from shapefit.pipelines.outcome import Note
 
         if not self.quiet:
             for warning in self._warnings.values():
                 yield f"{'Note' if isinstance(warning, Note) else 'Warning'}: {warning}"
-            if self._unlisted_warnings:
-                yield f"Warning: and {self._unlisted_warnings} more"
-            yield from self._not_to_be_trusted()
+            if self._unlisted:
+                yield f"Warning: and {self._unlisted} more"
+            for reason in self._untrusted.values():
+                yield from (f"Not trusted: {item}: {reason.text}" for item in reason.items)
+            if self._untrusted:
+                reasons = ", ".join(f"{r.number} {r.text}" for r in self._untrusted.values())
+                hint = "" if self.verbose else " (-v lists them)"
+                number = f"{self.untrusted:,} of {_counted(self.done, self.unit)}"
+                yield f"Warning: {number} not trusted: {reasons}{hint}"
         for failure in self._failures:
             yield f"Failed: {failure.item}: {failure.reason}"
         if self.failed > len(self._failures):
             yield f"Failed: and {self.failed - len(self._failures)} more"
         if self._too_few_trusted:
-            share = sum(self._untrusted.values()) / self.done
-            yield f"Failed: {share:.0%} are not to be trusted, more than --fail-untrusted allows"
-        if not self.quiet and self.rows:
-            yield from self._table()
-        elif not self.quiet:
-            yield "; ".join(self._summary())
-
-    def _not_to_be_trusted(self) -> Iterator[str]:
-        from shapefit.pipelines.outcome import tell_doubts
-
-        doubts = self._counted_doubts
-        for reasons in doubts:
-            yield from (f"Doubtful: {item}: {reasons.text}" for item in reasons.items)
-        if doubts:
-            yield tell_doubts(doubts, self.done) + ("" if self.verbose else "; -v lists them")
-
-    def _table(self) -> Iterator[str]:
-        """Yield the rows of the summary, aligned; what matters last comes last."""
-        from textwrap import wrap
-
-        rows = dict(self.rows)
-        seconds = f"{time.monotonic() - self._started:.1f} s"
-        failed = f", {self.failed} failed" if self.failed else ""
-        rows["Result"] = f"{rows.get('Result', self.done)}{failed}, {seconds}"
-        following = rows.pop("Next", "")
-        rows |= {"Wrote": self._files()} if self.written else {}
-        rows |= {"Details": self.note} if self.verbose and self.note else {}
-        rows |= {"Next": following} if following else {}
-        for label, text in rows.items():
-            first, *others = wrap(text, WIDTH - LABEL, break_long_words=False) or [""]
-            yield f"{label:{LABEL}}{first}"
-            yield from (f"{'':{LABEL}}{other}" for other in others)
+            share = self.untrusted / self.done
+            yield f"Failed: {share:.0%} are not trusted, more than --fail-untrusted allows"
+        if not self.quiet:
+            yield from self._summary()
 
     def _summary(self) -> Iterator[str]:
-        from shapefit.errors import counted
-
-        seconds = time.monotonic() - self._started
-        failed = f", {self.failed} failed" if self.failed else ""
-        yield f"{self.command}: {counted(self.done, self.unit)} in {seconds:.1f} s{failed}"
-        if self.note and not self.prints_note:
-            yield self.note
-        if self.written:
-            yield f"wrote {self._files()}"
+        """Yield the rows of the summary, aligned; what matters last comes last."""
+        rows = {"Read": self.read} | self.rows
+        if not self.to_stdout:
+            result = rows.pop("Result", "") or _counted(self.done, self.unit)
+            result += f", {self.note}" if self.note and "Result" not in self.rows else ""
+            failed = f", {self.failed} failed" if self.failed else ""
+            rows["Result"] = f"{result}{failed}, {time.monotonic() - self._started:.1f} s"
+        else:
+            rows.pop("Read")
+        rows["Wrote"] = self._files()
+        rows["Details"] = self.note if self.verbose and "Result" in self.rows else ""
+        rows["Next"] = rows.pop("Next", self.following)
+        for label, text in rows.items():
+            lines = wrap(text, WIDTH - LABEL, break_long_words=False, break_on_hyphens=False)
+            for number, line in enumerate(lines):
+                yield f"{'' if number else label:{LABEL}}{line}"
 
     def _files(self) -> str:
         folders = {path.parent for path in self.written}
-        if len(self.written) > LISTED_FILES and len(folders) == 1 and not self.verbose:
-            return f"{len(self.written)} files in {folders.pop().resolve()}"
+        if len(self.written) > 1 and len(folders) == 1 and Path.cwd() not in folders:
+            folder = _shown(folders.pop())
+            if len(self.written) > MAX_FILES and not self.verbose:
+                return f"{len(self.written)} files in {folder}/"
+            return f"{folder}/: {', '.join(path.name for path in self.written)}"
         return ", ".join(map(_shown, self.written))
 
     def _progress(self, total: int | None, note: str) -> str:
-        known = total is not None and self.done <= total
-        reached = f"{self.done} of {total}" if known else f"{self.done}"
+        reached = f"{self.done:,}" + (f"/{total:,}" if total and self.done <= total else "")
         seconds = time.monotonic() - self._started
-        words = f"{self.command}: {reached} {self.unit}s, {seconds:.0f} s"
-        return f"{words}; {note}" if note else words
+        text = f"{self.command}: {reached} {self.unit}s, {seconds:.0f} s"
+        return f"{text}; {note}" if note else text
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
 def _shown(path: Path) -> str:
-    """Return the path as a user would say it: relative to the working directory if inside."""
+    """Return the path as a user would type it: relative to the working directory if inside."""
     if path == Path("-"):
         return "standard output"
     here = Path.cwd()

@@ -1,6 +1,6 @@
 """`python -m shapefit` is the command `shapefit`."""
 
 if __name__ == "__main__":
-    from shapefit.cli.start import main
+    from shapefit.cli.main import main
 
     main()

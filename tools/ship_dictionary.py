@@ -20,6 +20,16 @@ from shapefit.io import read_dictionary
 from shapefit.io.hdf5_records import digest_of
 from shapefit.io.layout import DIGEST
 
+ORIGIN = {
+    "source": "CMU Motion Capture Database, mocap.cs.cmu.edu: subjects 01, 02, 03, 10, 64, 86, 118 "
+    "and 124",
+    "licence": "Free for all uses; may be part of products, but may not be resold directly, even "
+    "in converted form.",
+    "acknowledgement": "The data used in this project was obtained from mocap.cs.cmu.edu. The "
+    "database was created with funding from NSF EIA-0196217.",
+    "suits": "people sequences",
+}
+"""What the attributes of `people` say of its shapes, and the configs that suit it."""
 LEFT_OUT = ("objective_trace",)
 EXACT = ("prior_weights",)
 
@@ -31,7 +41,7 @@ def main() -> None:
         for name, dataset in learned.items():
             if name not in LEFT_OUT:
                 copy(shipped, name, dataset[()])
-        attributes = dict(learned.attrs)
+        attributes = dict(learned.attrs) | ORIGIN
         attributes["config"] = json.dumps(without_folders(json.loads(attributes["config"])))
         digests = json.loads(attributes["inputs"])
         attributes["inputs"] = json.dumps({Path(key).name: text for key, text in digests.items()})

@@ -2,7 +2,8 @@
 
 from typing import TYPE_CHECKING, Any
 
-from shapefit.config.loader import CONFIGS, dump_config, find_config, load_config
+from shapefit.config.commands import CONFIGS, NAMES
+from shapefit.config.loader import dump_config, load_config
 from shapefit.config.model import CommandConfig
 
 if TYPE_CHECKING:
@@ -24,14 +25,13 @@ __all__ = [
     "ProjectConfig",
     "ViewConfig",
     "dump_config",
-    "find_config",
     "load_config",
 ]
 
 
 def __getattr__(name: str) -> Any:
-    """Return the config of a command."""
-    for command, schema in CONFIGS.places.items():
-        if schema.rpartition(".")[2] == name:
+    """Return the config of a command, by the name of its class."""
+    for command, config in NAMES.items():
+        if config == name:
             return CONFIGS[command]
     raise AttributeError(name)

@@ -1,19 +1,12 @@
-"""What every config has in common, and questions to a schema."""
+"""What every config has in common, and a walk through the fields of a schema."""
 
 from __future__ import annotations
 
-import ast
-import inspect
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping
-from copy import copy
-from functools import cache
-from itertools import pairwise
 from pathlib import Path
-from textwrap import dedent
-from types import NoneType
-from typing import Annotated, Any, ClassVar, NamedTuple, Optional, Self, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -21,27 +14,17 @@ from pydantic import (
     ConfigDict,
     Field,
     PlainSerializer,
-    create_model,
     model_validator,
 )
 from pydantic.fields import FieldInfo
 
-from shapefit.config.paths import STANDARD_STREAM, UNNAMED, Description, Folder, ResultFolder
+from shapefit.config.paths import STANDARD_STREAM, UNNAMED, OptionalPath, ResultFolder
 from shapefit.errors import path_text
 
 MAX_THREADS = 1024
 
-Keys = tuple[str, ...]
-
 Location = tuple[str | int, ...]
 """The keys and list positions that lead to a value."""
-
-
-class Place(NamedTuple):
-    """Where a key and its value stand, as a message names them."""
-
-    key: str
-    value: str
 
 
 def _tuples(value: Any) -> Any:
@@ -59,6 +42,7 @@ class Hidden:
 HIDDEN = Hidden()
 
 Value = TypeVar("Value")
+Mark = TypeVar("Mark")
 
 
 class AutoField:
@@ -72,11 +56,6 @@ Auto = Annotated[
     PlainSerializer(lambda value: "auto" if value is None else value),
 ]
 """A value, or `auto`, which is None inside."""
-
-Height = Annotated[
-    float | None, Field(gt=0, le=3), Description("a height in metres, at most 3, such as 1.78")
-]
-"""Of a body or object; one in centimetres would make a giant."""
 
 
 class ConfigModel(BaseModel):
@@ -110,7 +89,7 @@ class CommandConfig(ConfigModel):
     OUTPUT: ClassVar[str] = ""
     """End of the name of an output that is not given, after the name of the first input."""
 
-    data: Folder = None
+    data: OptionalPath = None
     """Folder that replaces `{data}` at the beginning of any other path."""
 
     @model_validator(mode="after")
@@ -157,7 +136,7 @@ class CommandConfig(ConfigModel):
 
     def as_plain(self) -> dict[str, Any]:
         """Return the config as JSON has it; a path that is not UTF-8 has escapes (`path_text`)."""
-        values: dict[str, Any] = plain(self.model_dump(), path_text)
+        values: dict[str, Any] = plain(self.model_dump(warnings=False), path_text)
         return values
 
 
@@ -179,17 +158,6 @@ def _paths(value: Any) -> Iterator[Path]:
             yield from _paths(inner)
 
 
-def with_all_optional(model: type[CommandConfig]) -> type[CommandConfig]:
-    """Return a model whose required keys may be missing, and are None where they are."""
-    optional: dict[str, Any] = {}
-    for name, field in model.model_fields.items():
-        if field.is_required():
-            optional[name] = (Optional[field.annotation], copy(field))  # noqa: UP045
-            optional[name][1].default = None
-    changed: type[CommandConfig] = create_model(model.__name__, __base__=model, **optional)
-    return changed
-
-
 def field_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
     """Return the fields of a model under the keys that YAML uses for them."""
     return {field.alias or name: field for name, field in model.model_fields.items()}
@@ -197,79 +165,39 @@ def field_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
 
 def submodel(field: FieldInfo) -> type[BaseModel] | None:
     """Return the model of a field that is a section, or None if it is not."""
-    kinds = [kind for kind in get_args(field.annotation) if kind is not NoneType]
-    kind = kinds[0] if kinds else field.annotation
+    kind = field.annotation
     return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
 
 
-def expected(field: FieldInfo) -> str | None:
-    """Return the words that were given for what the field expects, None where its type says it."""
-    return next((entry.phrase for entry in field.metadata if isinstance(entry, Description)), None)
-
-
-def is_hidden(field: FieldInfo) -> bool:
-    """Whether a key is one of experiments."""
-    return HIDDEN in field.metadata
-
-
-def listed_keys(model: type[BaseModel]) -> list[str]:
-    """Return the keys of a model that pages and messages list."""
-    return [key for key, field in field_keys(model).items() if not is_hidden(field)]
-
-
-def field_at(
-    model: type[BaseModel], location: Location
-) -> tuple[type[BaseModel], tuple[str | int, ...], FieldInfo | None]:
-    """Return the field that `location` is or lies in (None if unknown), its owner and location."""
-    owner, field = model, None
-    own: tuple[str | int, ...] = ()
-    for depth, key in enumerate(map(str, location), start=1):
-        own, field = location[:depth], field_keys(owner).get(key)
-        inner = None if field is None else submodel(field)
-        if inner is None or depth == len(location):
-            break
-        owner = inner
-    return owner, own, field
-
-
-def all_fields(model: type[BaseModel], above: Keys = ()) -> Iterator[tuple[Keys, FieldInfo]]:
-    """Yield all fields of a model, sections before what is in them, each with the way to it."""
+def all_fields(
+    model: type[BaseModel], above: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], FieldInfo]]:
+    """Yield all fields of a model, sections before what is in them, each with its keys."""
     for key, field in field_keys(model).items():
         yield (*above, key), field
         if (inner := submodel(field)) is not None:
             yield from all_fields(inner, (*above, key))
 
 
-def marked_keys(model: type[BaseModel], mark: type) -> list[Keys]:
-    """Return the ways to the fields of a model that have a mark."""
-    fields = all_fields(model)
-    return [keys for keys, field in fields if any(isinstance(m, mark) for m in field.metadata)]
+def field_at(
+    model: type[BaseModel], location: Location
+) -> tuple[type[BaseModel], Location, FieldInfo | None]:
+    """Return the field that `location` is or lies in (None if unknown), its owner and location."""
+    owner, field = model, None
+    for depth, key in enumerate(map(str, location), start=1):
+        field = field_keys(owner).get(key)
+        inner = None if field is None else submodel(field)
+        if inner is None or depth == len(location):
+            return owner, location[:depth], field
+        owner = inner
+    return owner, (), None
 
 
-def meaning(model: type[BaseModel], key: str) -> str:
-    """Return what a key means: the text below its field, or that of its section."""
-    name, field = next((n, f) for n, f in model.model_fields.items() if key == (f.alias or n))
-    inner = submodel(field)
-    text = field.description or _docstrings(model).get(name) or (inner.__doc__ if inner else "")
-    return " ".join((text or "").split())
+def find_mark(field: FieldInfo, mark: type[Mark]) -> Mark | None:
+    """Return the annotation metadata of a type that a field has, if any."""
+    return next((entry for entry in field.metadata if isinstance(entry, mark)), None)
 
 
-@cache
-def _docstrings(model: type[BaseModel]) -> dict[str, str]:
-    """Return the texts below the fields of a model and of its bases, by field.
-
-    pydantic's `use_attribute_docstrings` finds the same, at every start: 30 ms for `fit`.
-    """
-    texts: dict[str, str] = {}
-    for kind in reversed(model.__mro__):
-        if kind.__module__.startswith("shapefit."):
-            (body,) = ast.parse(dedent(inspect.getsource(kind))).body
-            assert isinstance(body, ast.ClassDef)
-            for field, text in pairwise(body.body):
-                match field, text:
-                    case (
-                        ast.AnnAssign(target=ast.Name(id=name)),
-                        ast.Expr(value=ast.Constant(value=str(about))),
-                    ):
-                        texts[name] = about
-    return texts
+def is_listed(field: FieldInfo) -> bool:
+    """Whether pages and messages list a key; those of experiments they do not."""
+    return find_mark(field, Hidden) is None

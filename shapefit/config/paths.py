@@ -1,12 +1,10 @@
-"""Paths in configs: relative to the file that names them, globs, `{data}` and `-`."""
+"""Kinds of paths in configs: relative to the file that names them, globs, `{data}` and `-`."""
 
 from __future__ import annotations
 
-import errno
 import glob
 import json
 import os
-import stat
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePath
@@ -26,13 +24,12 @@ DATA = "{data}"
 MANIFEST = "manifest.jsonl"
 """In a folder of results, the list of them."""
 
-MOST_MANIFEST = 1 << 30
-"""Bytes of a manifest: some 500 for a part."""
-
 DONE, FAILED = "done", "failed"
 """Status of a part in the manifest."""
 
-DICTIONARIES = Path(__file__).resolve().parents[1] / "data"
+PACKAGE = Path(__file__).resolve().parents[1]
+
+DICTIONARIES = PACKAGE / "data"
 """The installed dictionaries."""
 
 
@@ -50,23 +47,33 @@ class ResultFolder:
 
 @dataclass(frozen=True)
 class Description:
-    """Annotation metadata: the words for a field whose type alone does not say them well."""
+    """Annotation metadata: what a field expects, where its type does not say it well."""
 
     phrase: str
 
 
+@dataclass(frozen=True)
 class PathField(Description):
-    """Annotation metadata: the field holds paths."""
+    """Annotation metadata: the field holds paths, or names of installed dictionaries."""
+
+    takes_names: bool = False
 
 
-class RelativePath(str):
-    """A path taken relative to the folder of a config; `given` is what stands there."""
+def in_folder(value: Any, folder: Path, field: PathField) -> Any:
+    """Return the paths in a value, which a config in this folder names, relative to the folder."""
 
-    given: str
+    def anchor(path: str) -> str:
+        if path in ("", "-") or path.startswith(DATA):
+            return path
+        anchored = os.path.join(folder, os.path.expanduser(path))
+        is_name = field.takes_names and not os.path.exists(anchored)
+        return str(find_dictionaries().get(path, anchored)) if is_name else anchored
+
+    return change_texts(value, anchor)
 
 
 def change_texts(value: Any, change: Callable[[str], str]) -> Any:
-    """Return a value with `change` made to every text in its lists and mappings."""
+    """Return a value with every text in its lists and mappings changed."""
     if isinstance(value, list):
         return [change_texts(item, change) for item in value]
     if isinstance(value, dict):
@@ -74,67 +81,47 @@ def change_texts(value: Any, change: Callable[[str], str]) -> Any:
     return change(value) if isinstance(value, str) else value
 
 
-def in_folder(path: str, folder: Path) -> str:
-    """Return a path relative to `folder`; `-`, "" and what begins with `{data}` stay."""
-    if path in ("", "-") or path.startswith(DATA):
-        return path
-    found = RelativePath(folder / os.path.expanduser(path))
-    found.given = path
-    return found
-
-
-def with_data(path: str, data: str) -> str:
-    """Return a path with `{data}` at its beginning replaced by `data`."""
-    return data + path.removeprefix(DATA) if path.startswith(DATA) else path
-
-
 def absolute_path(value: Any) -> Path:
     """Return the absolute path of a text or path; `-` stays. Raises ValueError."""
-    if not isinstance(value, str | Path):
-        raise ValueError(f"expected a path, found {value!r}")
     text = str(value)
-    if not text:
-        raise ValueError("expected a path, found an empty string")
-    if "\0" in text:
-        raise ValueError("expected a path, found one with a zero byte")
-    if text.startswith(DATA):
-        fix = "set it in the config or with --set data=FOLDER"
-        raise ValueError(f"{text!r} begins with {DATA}, but `data` is not set; {fix}")
+    if not isinstance(value, str | Path) or not text or "\0" in text:
+        raise ValueError(f"expected a path, found {value!r}")
     if DATA in text:
-        raise ValueError(f"{text!r} has {DATA} inside; it is allowed at the beginning only")
+        found = f"{text!r}: {DATA} begins a path and stands for the folder `data`"
+        raise ValueError(f"{found}; set that in the config or with --set data=FOLDER")
     path = Path(text)
     return path if path == STANDARD_STREAM else Path(os.path.abspath(os.path.expanduser(path)))
+
+
+def output_path(value: Any) -> Path | ResultFolder:
+    """Return the path of an output: a folder where it ends in /, UNNAMED for None."""
+    if value is None or isinstance(value, ResultFolder):
+        return UNNAMED if value is None else value
+    path = absolute_path(value)
+    return ResultFolder(path) if str(value).endswith("/") else path
 
 
 def expand_path(value: Any) -> tuple[Path, ...]:
     """Return the files that a path or glob names, sorted, at least one. Raises ValueError.
 
     A pipe with a name is a file too (`<(...)` in a shell makes one), and so is a folder, whose
-    files may be one recording; but not for a glob.
+    files may be one recording; but not for a glob. A folder of results stands for its results.
     """
     path = absolute_path(value)
     if os.path.isdir(path):
         return result_parts(path) or (path,)
     if path == STANDARD_STREAM or os.path.exists(path):
-        if path.is_socket() or path.is_block_device():
-            raise ValueError(f"{path} is neither a file nor a pipe; name one, or use - for stdin")
         return (path,)
     if not glob.has_magic(str(path)):
         raise ValueError(f"no file {path}; check the spelling")
-    files = tuple(file for file in _matches(path) if os.path.isfile(file))
+    folder, parts = Path(path.parts[0]), path.parts[1:]
+    while len(parts) > 1 and (folder / parts[0]).is_dir():  # its name may have brackets
+        folder, parts = folder / parts[0], parts[1:]
+    matches = glob.glob(os.path.join(*parts), root_dir=folder, recursive=True)
+    files = tuple(sorted(folder / match for match in matches if os.path.isfile(folder / match)))
     if not files:
         raise ValueError(f"no file matches {path}; check the pattern")
     return files
-
-
-def _matches(path: Path) -> list[Path]:
-    """Return what a glob matches, sorted; a folder whose name has brackets is taken literally."""
-    parts = path.parts
-    fixed = Path(*parts[:1])
-    while (at := len(fixed.parts)) < len(parts) - 1 and (fixed / parts[at]).is_dir():
-        fixed /= parts[at]
-    pattern = os.path.join(*parts[len(fixed.parts) :])
-    return sorted(fixed / match for match in glob.glob(pattern, root_dir=fixed, recursive=True))
 
 
 def result_parts(folder: Path) -> tuple[Path, ...]:
@@ -143,52 +130,28 @@ def result_parts(folder: Path) -> tuple[Path, ...]:
     There are none for any other folder. Raises ValueError as `manifest_lines`.
     """
     _, *parts = manifest_lines(folder) or [{}]
-    names = {part["file"] for part in parts if part["status"] == DONE}
-    for name in names:
-        if (folder / name).exists() and not (folder / name).is_file():
-            raise ValueError(f"{folder / name} is not a regular file; fit again")
-    return tuple(folder / name for name in sorted(names, key=lambda name: (len(name), name)))
+    done = {part["file"]: part["status"] == DONE for part in parts}
+    names = sorted((name for name in done if done[name]), key=lambda name: (len(name), name))
+    return tuple(folder / name for name in names)
 
 
 def manifest_lines(folder: Path) -> list[dict[str, Any]] | None:
     """Return the lines of the manifest of a folder: the run, then a part each, the last one counts.
 
-    A line that was not written to its end is none. None where there is no manifest. Raises
-    ValueError where a file of that name is something else.
+    A line without an end is left out. None where there is no manifest. Raises ValueError where a
+    file of that name is something else.
     """
-    name = MANIFEST
-    try:
-        text = read_regular(folder / name, MOST_MANIFEST)
-    except (FileNotFoundError, NotADirectoryError):
+    path = folder / MANIFEST
+    if not path.is_file():
         return None
-    except OSError as error:
-        raise ValueError(f"{folder / name} cannot be read ({error.strerror})") from None
     try:
-        run, *parts = map(json.loads, text[: text.rindex(b"\n")].split(b"\n"))
-        if strange := [
-            part["file"] for part in parts if PurePath(part["file"]).name != part["file"]
-        ]:
-            raise ValueError(f"{strange[0]} is not in the folder")
-        {run["config"], run["dictionary"], *run["estimated"]}
-        for part in parts:
-            part["inputs"], part["sizes"], part["changed"], part["rows"]
-            {part["status"], part["status"] == DONE and (part["images"] + 0, part["digest"])}
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise ValueError(
-            f"{folder / name} is not a manifest of results ({error}); fit again"
-        ) from None
+        run, *parts = map(json.loads, path.read_bytes().split(b"\n")[:-1])
+        outside = [part["file"] for part in parts if PurePath(part["file"]).name != part["file"]]
+        if "shapefit" not in run or outside:
+            raise ValueError(f"names {outside[0]}" if outside else "its first line is another")
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ValueError(f"{path} is not a manifest of results ({error}); fit again") from None
     return [run, *parts]
-
-
-def read_regular(path: Path, most: int) -> bytes:
-    """Return the bytes of a regular file; raises OSError for others, as pipes, and larger ones."""
-    with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as file:
-        state = os.fstat(file.fileno())
-        if not stat.S_ISREG(state.st_mode):
-            raise OSError(errno.EINVAL, "not a regular file")
-        if state.st_size > most:
-            raise OSError(errno.EFBIG, f"larger than {most >> 20} MiB")
-        return file.read(most)
 
 
 def expand_one(value: Any) -> Path:
@@ -206,45 +169,71 @@ def find_dictionaries() -> dict[str, Path]:
     return {file.stem: file for file in sorted(DICTIONARIES.glob("*.h5"))}
 
 
+def presets_folder() -> Path:
+    """Return the folder of installed configs: in the package, or beside it in a checkout."""
+    installed = PACKAGE / "configs"
+    return installed if installed.is_dir() else PACKAGE.parent / "configs"
+
+
+def find_presets(command: str) -> dict[str, Path]:
+    """Return the installed configs of a command by name, sorted: `cars` is cars/fit.yaml of `fit`.
+
+    People have a second one of `fit`, for whole sequences.
+    """
+    files = {file.parent.name: file for file in presets_folder().glob(f"*/{command}.yaml")}
+    if command == "fit":
+        files |= {file.stem: file for file in presets_folder().glob("people/sequences.yaml")}
+    return dict(sorted(files.items()))
+
+
 def find_dictionary(value: Any) -> Path:
     """Return the file of a dictionary: the one at a path, or the installed one of that name.
 
     A file wins over an installed dictionary, a folder does not. Raises ValueError where there is
     neither.
     """
-    path = absolute_path(value)
-    name = value.given if isinstance(value, RelativePath) else str(value)
-    if not name.isidentifier() or (path.exists() and not path.is_dir()):
+    path, installed = absolute_path(value), find_dictionaries()
+    if path.is_file() or not path.name.isidentifier():
         return expand_one(value)
-    known = find_dictionaries()
-    if name not in known:
-        there = ", ".join(known)
-        raise ValueError(
-            f"no file {path}, and no installed dictionary {name!r}; installed: {there}"
-        )
-    return known[name]
+    if str(value) not in installed:
+        found = f"no file {path}, and no installed dictionary {path.name!r}"
+        raise ValueError(f"{found}; installed: {', '.join(installed)}")
+    return installed[str(value)]
 
 
 def expand_named(value: Any) -> tuple[Path, ...]:
     """Return the files that a path or glob names, or the installed dictionary of that name."""
-    if str(value) in find_dictionaries() and not absolute_path(value).exists():
-        return (find_dictionary(value),)
-    return expand_path(value)
+    is_name = str(value) in find_dictionaries() and not absolute_path(value).exists()
+    return (find_dictionary(value),) if is_name else expand_path(value)
 
 
-def as_tuple(value: Any) -> tuple[Any, ...]:
-    """Return a path or a list of paths as a tuple."""
-    return tuple(value) if isinstance(value, list | tuple) else (value,)
+def _named(value: Any) -> Any:
+    """Name each file of a list after itself; a mapping has its names already."""
+    patterns = value if isinstance(value, list | tuple | Mapping) else [value]
+    if isinstance(patterns, Mapping) and patterns:
+        return dict(patterns)
+    named: dict[str, Path] = {}
+    for pattern in _not_empty(patterns):
+        folder = absolute_path(pattern)
+        for path in (folder,) if folder.is_dir() else expand_path(pattern):
+            name = path_text(path.stem)
+            if named.setdefault(name, path) != path:
+                found = f"{named[name]} and {path} would both be called {name!r}"
+                raise ValueError(f"{found}; name them in the config, `results: {{name: path}}`")
+    return named
 
 
-def at_least_one(value: Any) -> Any:
-    """Return a path or a list of them; raises ValueError for an empty list."""
-    if not as_tuple(value):
-        raise ValueError("expected at least one path, found an empty list")
+def _not_empty(value: Any) -> Any:
+    if isinstance(value, list | tuple | Mapping) and not value:
+        raise ValueError("expected at least one path, found none")
     return value
 
 
-def flat(expanded: Iterable[tuple[Path, ...]]) -> tuple[Path, ...]:
+def _as_tuple(value: Any) -> tuple[Any, ...]:
+    return tuple(value) if isinstance(value, list | tuple) else (value,)
+
+
+def _joined(expanded: Iterable[tuple[Path, ...]]) -> tuple[Path, ...]:
     """Join what several paths name, each file once."""
     return tuple(dict.fromkeys(path for files in expanded for path in files))
 
@@ -254,56 +243,17 @@ def unless_none(read: Callable[[Any], Any]) -> BeforeValidator:
     return BeforeValidator(lambda value: None if value is None else read(value))
 
 
-def _output_or_folder(value: Any) -> Path | ResultFolder:
-    """Return the path of an output, or the folder where it ends in /."""
-    if isinstance(value, ResultFolder):
-        return value
-    given = value.given if isinstance(value, RelativePath) else value
-    path = absolute_path(value)
-    return ResultFolder(path) if isinstance(given, str) and given.endswith("/") else path
-
-
-def _as_given(value: Path | ResultFolder) -> Path | str:
-    return f"{path_text(value.path)}/" if isinstance(value, ResultFolder) else value
-
-
-_NAMED = "a path or glob, a list of them, or a mapping name -> path(s)"
-
-
-def _named(value: Any) -> Any:
-    """Give each file of a list its stem as name; a mapping has its names already."""
-    patterns = value if isinstance(value, list | tuple | Mapping) else [value]
-    if not patterns:
-        kind = "mapping" if isinstance(value, Mapping) else "list"
-        raise ValueError(f"expected {_NAMED}, found an empty {kind}")
-    if isinstance(patterns, Mapping):
-        return dict(patterns)
-    named: dict[str, Path] = {}
-    for path in dict.fromkeys(file for pattern in patterns for file in _results(pattern)):
-        name = path_text(path.stem)
-        if name in named:
-            raise ValueError(
-                f"{named[name]} and {path} would both be called {name!r}; "
-                "name them in the config, `results: {name: path}`"
-            )
-        named[name] = path
-    return named
-
-
-def _results(pattern: Any) -> tuple[Path, ...]:
-    """Return the files that a pattern names; a folder of results stays one of them."""
-    files, folder = expand_path(pattern), absolute_path(pattern)
-    return (folder,) if folder.is_dir() else files
-
-
 # The kinds of fields. Each item of a list becomes the tuple of the files that it names (so that a
 # wrong item is reported at its own place), and the tuples are joined last.
 
-_A_DICTIONARY = PathField("a path, or the name of an installed dictionary")
+_PATHS = PathField("a path or glob, or a list of them")
+_DICTIONARY = PathField("a path, or the name of an installed dictionary", takes_names=True)
 
-Folder = Annotated[Path | None, PathField("a folder"), unless_none(absolute_path)]
-
-OutputPath = Annotated[Path, PathField("a path"), BeforeValidator(absolute_path)]
+OutputPath = Annotated[
+    Path,
+    PathField("a path"),
+    BeforeValidator(lambda value: UNNAMED if value is None else absolute_path(value)),
+]
 
 OptionalPath = Annotated[Path | None, PathField("a path"), unless_none(absolute_path)]
 
@@ -312,30 +262,34 @@ OptionalInputPath = Annotated[Path | None, PathField("a path"), unless_none(expa
 OutputOrFolder = Annotated[
     Path | InstanceOf[ResultFolder],
     PathField("a path"),
-    BeforeValidator(_output_or_folder),
-    PlainSerializer(_as_given),
+    BeforeValidator(output_path),
+    PlainSerializer(lambda out: f"{path_text(out.path)}/" if hasattr(out, "manifest") else out),
 ]
 """A file to write, or a folder: `FOLDER/`."""
 
 OptionalInputPaths = Annotated[
     tuple[Annotated[Path, PlainValidator(expand_path)], ...],
-    PathField("a path or glob, or a list of them"),
-    BeforeValidator(as_tuple),
-    AfterValidator(flat),
+    _PATHS,
+    BeforeValidator(_as_tuple),
+    AfterValidator(_joined),
 ]
 
-InputPaths = Annotated[OptionalInputPaths, BeforeValidator(at_least_one)]
+InputPaths = Annotated[OptionalInputPaths, BeforeValidator(_not_empty)]
 
-DictionaryPath = Annotated[Path, _A_DICTIONARY, BeforeValidator(find_dictionary)]
+DictionaryPath = Annotated[Path, _DICTIONARY, BeforeValidator(find_dictionary)]
 
-OptionalDictionaryPath = Annotated[Path | None, _A_DICTIONARY, unless_none(find_dictionary)]
+OptionalDictionaryPath = Annotated[Path | None, _DICTIONARY, unless_none(find_dictionary)]
 
-NamedInputPaths = Annotated[
+PathsOrNames = Annotated[
     tuple[Annotated[Path, PlainValidator(expand_named)], ...],
-    PathField("a path, a glob or the name of an installed dictionary, or a list of them"),
-    BeforeValidator(as_tuple),
-    AfterValidator(flat),
+    PathField("a path, a glob or the name of an installed dictionary, or a list of them", True),
+    BeforeValidator(_as_tuple),
+    AfterValidator(_joined),
 ]
 
-NamedFiles = Annotated[Mapping[str, InputPaths], PathField(_NAMED), BeforeValidator(_named)]
+NamedFiles = Annotated[
+    Mapping[str, InputPaths],
+    PathField("a path or glob, a list of them, or a mapping of names to paths"),
+    BeforeValidator(_named),
+]
 """Names -> files; in a list, a file is called by its name without folder and ending."""

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.constructor import DuplicateKeyError, RoundTripConstructor
 from ruamel.yaml.error import MarkedYAMLError, YAMLError, YAMLWarning
 
-from shapefit.config.model import Location, Place
+from shapefit.config.model import Location
+from shapefit.errors import InputError
 
 MAX_VALUES = 100_000
 """Aliases of aliases make more of them than memory holds, from a few lines."""
 
 MAX_INTEGER = 2**63 - 1
+
+
+Places = dict[Location, tuple[str, str]]
+"""Where a key and its value stand, as a message names them."""
 
 
 class _Constructor(RoundTripConstructor):
@@ -27,8 +31,7 @@ class _Constructor(RoundTripConstructor):
     ) -> bool:
         if key in mapping:
             found = f'found duplicate key "{key}"'
-            start = "while constructing a mapping"
-            raise DuplicateKeyError(start, node.start_mark, found, key_node.start_mark)
+            raise DuplicateKeyError(None, node.start_mark, found, key_node.start_mark)
         return True
 
 
@@ -36,87 +39,62 @@ for _tag in ("timestamp", "binary"):
     _Constructor.add_constructor(f"tag:yaml.org,2002:{_tag}", lambda _, node: str(node.value))
 
 
-@dataclass
-class Document:
-    """Plain values of one YAML text, the place of each, and what is wrong with it."""
+def read_yaml(text: str, place: Callable[[int, int], str]) -> tuple[Any, Places]:
+    """Return the values of a YAML text and the place of each.
 
-    value: Any = None
-    places: dict[Location, Place] = field(default_factory=dict)
-    problems: list[str] = field(default_factory=list)
-    readable: bool = True
-
-
-def read_yaml(text: str, place: Callable[[int, int], str]) -> Document:
-    """Return the values of a YAML text; `place` names a line and column, both from 1.
-
-    The keys of mappings are texts; a repeated key is an error.
+    `place` words a line and column, both from 1. The keys of mappings are texts. Raises InputError
+    for what is not YAML, and for values that are no number, text, list or mapping.
     """
     yaml = YAML(pure=True)
     yaml.Constructor = _Constructor
-    document, where = Document(), place(1, 1)
+    at, places = place(1, 1), Places()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", YAMLWarning)  # on YAML 1.1, and repeated anchors
             root = yaml.load(text)
-        mark = getattr(root, "lc", None)
-        where = place((getattr(mark, "line", 0) or 0) + 1, (getattr(mark, "col", 0) or 0) + 1)
-        document.value = _plain(root, (), Place(where, where), place, document, [])
-        return document
+        return _plain(root, (), (at, at), place, places), places
     except MarkedYAMLError as error:
         if mark := error.problem_mark or error.context_mark:
-            where = place(mark.line + 1, mark.column + 1)
+            at = place(mark.line + 1, mark.column + 1)
         problem = f"not valid YAML: {error.problem or error.context}"
     except (YAMLError, ValueError) as error:
         problem = f"not valid YAML: {str(error).splitlines()[0]}"
     except RecursionError:
-        problem = "lists or mappings are nested too deeply"
-    return Document(problems=[f"{where}: {problem}"], readable=False)
+        problem = "lists or mappings are nested too deeply, or an alias contains itself"
+    raise InputError(f"{at}: {problem}")
 
 
 def _plain(
     value: Any,
     location: Location,
-    at: Place,
+    at: tuple[str, str],
     place: Callable[[int, int], str],
-    document: Document,
-    around: list[int],
+    places: Places,
 ) -> Any:
     """Return a value of ruamel.yaml as Python's own, and note where it and its values stand."""
-    document.places[location] = at
-    if len(document.places) > MAX_VALUES:
+    places[location] = at
+    if len(places) > MAX_VALUES:
         raise ValueError(f"more than {MAX_VALUES} values, aliases written out; write fewer")
-    if isinstance(value, Mapping | list) and id(value) not in around:
-        around.append(id(value))
+    if isinstance(value, Mapping | list):
         marks = getattr(getattr(value, "lc", None), "data", None) or {}  # none of what a tag makes
         items: dict[Any, Any] = {}
         for key, inner in value.items() if isinstance(value, Mapping) else enumerate(value):
-            name = str(key).lower() if isinstance(key, bool) else str(key)
-            own, of_value = marks.get(key, ())[:2], marks.get(key, ())[2:]
-            here = place(*(n + 1 for n in own)) if own else at.value
+            mark = [number + 1 for number in marks.get(key, ())]
+            of_key = place(*mark[:2]) if mark else at[1]
             if not isinstance(key, str | int | float):
-                document.problems.append(f"{here}: a key must be a string")
-                continue
-            there = place(*(n + 1 for n in of_value)) if of_value and inner is not None else here
+                raise InputError(f"{of_key}: a key must be a string")
+            of_value = place(*mark[-2:]) if mark and inner is not None else of_key
+            name = str(key).lower() if isinstance(key, bool) else str(key)
             step = len(items) if isinstance(value, list) else name
-            items[step] = _plain(
-                inner, (*location, step), Place(here, there), place, document, around
-            )
-        around.pop()
+            items[step] = _plain(inner, (*location, step), (of_key, of_value), place, places)
         return items if isinstance(value, Mapping) else list(items.values())
     if value is None or isinstance(value, bool):
         return value
-    problem = "is no number, text, list or mapping; leave out the tag"
-    if isinstance(value, str):
-        if not any("\ud800" <= letter <= "\udfff" for letter in value):
-            return str(value)
-        problem = f"{str(value)!r} contains an unpaired surrogate; write it whole"
-    elif isinstance(value, float):
+    if isinstance(value, str) and not any("\ud800" <= letter <= "\udfff" for letter in value):
+        return str(value)
+    if isinstance(value, float):
         return float(value)
-    elif isinstance(value, int):
-        if abs(value) <= MAX_INTEGER:
-            return int(value)
-        problem = f"a whole number beyond {MAX_INTEGER}; write a smaller one"
-    elif isinstance(value, Mapping | list):
-        problem = "an alias contains itself; write it out"
-    document.problems.append(f"{at.value}: {problem}")
-    return None
+    if isinstance(value, int) and abs(value) <= MAX_INTEGER:
+        return int(value)
+    found = f"{str(value)!r} is no number, text, list or mapping that a config can hold"
+    raise InputError(f"{at[1]}: {found}; write a plain value")

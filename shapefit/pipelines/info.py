@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from shapefit.config import CONFIGS, InfoConfig
-from shapefit.config.loader import find_presets
-from shapefit.config.paths import find_dictionaries
+from shapefit.config.paths import find_dictionaries, find_presets
 from shapefit.dictionary.model import SUITS, describe_learning, origin_of
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
 from shapefit.io import (

@@ -1,17 +1,92 @@
-"""The configs of the commands that only read or write files: `convert`, `info`."""
+"""The configs of the commands beside the chain: `project`, `convert`, `info` and `view`."""
 
 from __future__ import annotations
 
-from typing import Literal
+from operator import mul
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from shapefit.config.commands.input import LandmarksConfig
-from shapefit.config.model import CommandConfig, Height
-from shapefit.config.paths import InputPaths, NamedInputPaths, OptionalDictionaryPath, OutputPath
+from shapefit.config.commands.input import (
+    Count,
+    MetresConfig,
+    NotNegative,
+    Positive,
+    Text,
+    TruthConfig,
+)
+from shapefit.config.model import CommandConfig, ConfigModel, FromLists, section
+from shapefit.config.paths import (
+    UNNAMED,
+    Description,
+    InputPaths,
+    NamedFiles,
+    OptionalDictionaryPath,
+    OptionalInputPaths,
+    OptionalPath,
+    OutputPath,
+    PathField,
+    PathsOrNames,
+    absolute_path,
+    unless_none,
+)
+
+Row = tuple[float, float, float]
 
 
-class ConvertConfig(LandmarksConfig):
+def _rotation(view: Any) -> Any:
+    """Return the view; raises ValueError for rows that are not orthonormal, determinant +1."""
+    if not isinstance(view, str):
+        a, b, c = view
+        products = [sum(map(mul, x, y)) for x in view for y in view]
+        away = [abs(x - (i % 4 == 0)) for i, x in enumerate(products)]
+        determinant = sum(a[i] * (b[i - 2] * c[i - 1] - b[i - 1] * c[i - 2]) for i in range(3))
+        if max(away) > 1e-6 or determinant < 0:
+            raise ValueError("expected a rotation (orthonormal rows, determinant +1)")
+    return view
+
+
+class CameraConfig(ConfigModel):
+    """The camera that sees the shapes."""
+
+    view: Annotated[
+        Literal["turntable", "random"] | tuple[Row, Row, Row],
+        Description("turntable, random, or a rotation as three rows of three numbers"),
+        FromLists,
+        AfterValidator(_rotation),
+    ] = "turntable"
+    """One full turn per sequence about the y axis, a random rotation per image, or one
+    rotation for all, from object to camera frame (x and y as in the landmarks): three rows,
+    orthonormal, determinant +1."""
+    scale: Positive | None = None
+    """Pixels per unit of the shape, for a weak-perspective camera; without it the camera is
+    orthographic and landmarks have the unit of the shapes."""
+
+
+class ProjectConfig(CommandConfig):
+    """Project 3D shapes to synthetic 2D landmarks."""
+
+    COMMAND = "project"
+    OUTPUT = "_landmarks.h5"
+
+    shapes: InputPaths
+    """Files of 3D shapes (- is stdin, CSV)."""
+    output: OutputPath = UNNAMED
+    """Landmark file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout); by default
+    NAME_landmarks.h5 in the working directory."""
+    camera: CameraConfig = section(CameraConfig)
+    y_axis: Literal["down", "up"] = "down"
+    """Where y points in the landmarks that are written: down, as pixels are counted, or up."""
+    noise: NotNegative = 0.0
+    """Standard deviation of Gaussian noise on each coordinate, in the unit of the landmarks."""
+    hidden: float = Field(default=0.0, ge=0, lt=1)
+    """Share of landmarks hidden, different ones in each image; at least three remain visible."""
+    seed: int = Field(default=0, ge=0)
+    """Seed of every random choice."""
+
+
+class ConvertConfig(MetresConfig):
     """Write what files hold in another format."""
 
     COMMAND = "convert"
@@ -23,36 +98,61 @@ class ConvertConfig(LandmarksConfig):
     """File to write, or the folder of meshes; - is stdout (CSV)."""
     dictionary: OptionalDictionaryPath = None
     """Dictionary that a result was fitted with, for meshes: its meshes or edges are written."""
-    to: str = Field(default="auto", min_length=1)
+    to: Text = "auto"
     """Format to write (docs/export.md); auto: as the name of the output says, HDF5 without an
     ending. obj, ply and glb write a mesh of each image of a result into the folder `output`."""
-    every: int = Field(default=1, ge=1)
+    every: Count = 1
     """Take every n-th item of each sequence, the first one first; of all items where there are no
     sequences."""
-    frame_rate: float | None = Field(default=None, gt=0)
-    """Frames per second of the sequences, before `every`; by default, as stated in the files."""
-    height: Height = None
-    """Height of the body or object in metres, for outputs in metres (docs/export.md); by default
-    results are as large as the training shapes of their dictionary."""
-    unit: str | None = Field(default=None, min_length=1)
-    """Unit of shapes whose files do not say it (m, cm, mm, ...), for outputs in metres."""
+    unit: Text | None = None
+    """Unit of shapes whose files do not state it (m, cm, mm, ...), for outputs in metres."""
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
     """Axis that points up, of the shapes or of the world of the camera, for outputs in metres: it
     becomes y. By default shapes keep their axes, and the world's is the one nearest to up in the
     image."""
-    markers: Literal["joints", "input"] = "joints"
-    """Markers of a TRC file: joints, or input for the landmarks of the detector by their names."""
 
 
 class InfoConfig(CommandConfig):
-    """Tell what files hold, and how to go on with them."""
+    """Describe files and print the next command."""
 
     COMMAND = "info"
 
-    files: NamedInputPaths = ()
+    files: PathsOrNames = ()
     """Files of any kind and format, folders with one file per frame, and installed dictionaries by
     name; without any, what is installed is listed."""
-    format: str = Field(default="auto", min_length=1)
+    format: Text = "auto"
     """Format of the files (docs/formats.md); auto recognises it by their content."""
-    keypoints: str | None = Field(default=None, min_length=1)
+    keypoints: Text | None = None
     """Skeleton that names the landmarks of files without names, such as body_25b."""
+
+
+class ViewConfig(TruthConfig):
+    """Write one HTML page that shows results, to rotate and play."""
+
+    COMMAND = "view"
+
+    files: NamedFiles
+    """Results, shapes or landmarks to show, each with its name on the page; files in a list are
+    named after the file, without folder and suffix."""
+    truth: OptionalInputPaths = ()
+    """Files of the true 3D shapes, aligned with the first result by the best similarity."""
+    keypoints: Text | None = None
+    """Skeleton that names the landmarks of files without names, such as body_25b."""
+    dictionary: OptionalDictionaryPath = None
+    """Dictionary with the edges and meshes to draw; by default, the one with which the result was
+    fitted, if it still exists."""
+    images: Annotated[
+        Path | None,
+        PathField("a folder, or a path with {item} in it"),
+        unless_none(absolute_path),
+    ] = None
+    """Images under the landmarks, PNG or JPEG: a folder, whose files are named after the items or
+    are the numbered frames of a video, or a path in which `{item}` stands for the item. They are
+    made smaller and embedded."""
+    items: Annotated[tuple[str, ...], FromLists] = ("*",)
+    """Items to show: names or globs."""
+    frame_rate: Positive | None = None
+    """Frames per second; by default, as stated in the files."""
+    output: OptionalPath = None
+    """HTML file to write, or PNG or SVG for a sheet of pictures; by default NAME.html in the
+    working directory, after the first file."""

@@ -1,4 +1,4 @@
-"""The keys by which files of landmarks and of shapes are read, the same in every command."""
+"""Keys that several commands have: how files are read, how the truth is found, sizes in metres."""
 
 from __future__ import annotations
 
@@ -10,40 +10,57 @@ from pydantic import Field
 from shapefit.config.model import Auto, CommandConfig, FromLists
 from shapefit.config.paths import Description
 
-Pixels = Annotated[float, Field(gt=0)]
+Text = Annotated[str, Field(min_length=1)]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Count = Annotated[int, Field(ge=1)]
+
+Height = Annotated[
+    float | None, Field(gt=0, le=3), Description("a height in metres, at most 3, such as 1.78")
+]
+"""Of a body or object; one in centimetres would make a giant."""
 
 
-class ReadingConfig(CommandConfig):
-    """How files of any kind are read."""
-
-    format: str = Field(default="auto", min_length=1)
-    """Format of the files (docs/formats.md); auto recognises it by their content."""
-    individual: str | None = Field(default=None, min_length=1)
-    """Read only this individual; by default, all."""
-
-
-class RenamingConfig(ReadingConfig):
-    """How files are read whose landmarks are matched by name."""
-
-    rename: Mapping[str, str] = Field(default_factory=dict)
-    """Landmarks to rename: name in the files that are read -> name in the dictionary or the
-    results."""
-
-
-class LandmarksConfig(RenamingConfig):
+class LandmarksConfig(CommandConfig):
     """How files of 2D landmarks are read."""
 
-    keypoints: str | None = Field(default=None, min_length=1)
+    format: Text = "auto"
+    """Format of the files (docs/formats.md); auto recognises it by their content."""
+    individual: Text | None = None
+    """Read only this individual; by default, all."""
+    rename: Mapping[str, str] = Field(default_factory=dict)
+    """Landmarks to rename: name in the files -> name in the dictionary or in the results."""
+    keypoints: Text | None = None
     """Skeleton that names the landmarks of files without names, such as body_25b or coco_17
     (docs/formats.md); numbered: 0, 1 and so on."""
-    min_confidence: Auto[Annotated[float, Field(ge=0)]] = None
+    min_confidence: Auto[NotNegative] = None
     """Hide landmarks whose confidence is below this; auto: 0.1 for a fit with a prior, otherwise
     0."""
     y_axis: Literal["down", "up"] | None = None
     """Direction of y in the images; by default that of the format, and down (pixels) where it has
     none."""
-    image_size: Annotated[
-        tuple[Pixels, Pixels] | None, Description("a list of two numbers > 0"), FromLists
-    ] = None
+    image_size: Annotated[tuple[Positive, Positive] | None, FromLists] = None
     """Width and height of the images in pixels; by default as the files state it. The camera needs
     it, and so do coordinates that are fractions of it (MediaPipe, YOLO)."""
+
+
+class MetresConfig(LandmarksConfig):
+    """How outputs in metres (TRC, C3D, BVH, tables) are written."""
+
+    frame_rate: Positive | None = None
+    """Frames per second of the files, before `every`; by default, as they state it."""
+    height: Height = None
+    """Height of the body or object in metres, for outputs in metres (docs/export.md); by default
+    that of the training shapes."""
+    markers: Literal["joints", "input"] = "joints"
+    """Markers of a TRC file: joints, or input for the landmarks of the detector by their names."""
+
+
+class TruthConfig(CommandConfig):
+    """How results are compared with the truth."""
+
+    match: Text = "item"
+    """What identifies the true shape of an image: `item`; `frame`, its frame and sequence; or the
+    name of a dataset of the result that holds items of the truth."""
+    rename: Mapping[str, str] = Field(default_factory=dict)
+    """Landmarks of the truth to rename: name in its files -> name in the results."""

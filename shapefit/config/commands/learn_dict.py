@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from shapefit.config.commands.input import LandmarksConfig
+from shapefit.config.commands.input import Count, LandmarksConfig, Text
 from shapefit.config.model import HIDDEN, ConfigModel, FromLists, section
 from shapefit.config.paths import (
     UNNAMED,
@@ -32,17 +32,13 @@ def _landmark_choice(value: Any) -> Any:
     return tuple(value)
 
 
-AtLeastOne = Annotated[int, Field(ge=1)]
 Share = Annotated[float, Field(gt=0, lt=1)]
 
 
 class PriorConfig(ConfigModel):
     """The prior over shapes that the methods posterior and sequences of `fit` need."""
 
-    components: Annotated[
-        Annotated[int, Field(ge=0, le=1000)] | Literal["auto"],
-        Description("a whole number from 0 to 1000, or auto"),
-    ] = 0
+    components: Annotated[int, Field(ge=0, le=1000)] | Literal["auto"] = 0
     """Gaussians in the mixture; 0 learns none, auto one for every 150 shapes, from 1 to 32."""
     bone_scale: float = Field(default=0.0, ge=0, le=1)
     """Standard deviation of the logarithm of bone lengths, by which training shapes are varied to
@@ -50,7 +46,7 @@ class PriorConfig(ConfigModel):
     exchange: float = Field(default=0.0, ge=0, le=1)
     """Share of the shapes that take limbs, the chains of bones with a free end, from other shapes:
     other poses."""
-    weights: str | None = Field(default=None, min_length=1)
+    weights: Text | None = None
     """Dataset of the shapes that holds the weight of each."""
     shrinkage: Annotated[float, Field(ge=0, lt=1), HIDDEN] = 0.3
     """Share of the covariance of all shapes in that of a component of average size."""
@@ -75,7 +71,7 @@ class LearnDictConfig(LandmarksConfig):
     training shape an atom; or the principal components of each sequence, bases of either sign for
     matching pursuit."""
     every: Annotated[
-        AtLeastOne | Annotated[Mapping[str, AtLeastOne], Field(min_length=1)],
+        Count | Annotated[Mapping[str, Count], Field(min_length=1)],
         Description("a whole number >= 1, or a mapping of globs on sequence names to such numbers"),
     ] = 1
     """Keep every n-th shape of each sequence, starting with its first; in a mapping such as {13_*:
@@ -89,31 +85,18 @@ class LearnDictConfig(LandmarksConfig):
     mirror: Annotated[
         dict[str, str] | bool, Description("true, false, or a mapping of landmark names")
     ] = False
-    """The partner of each landmark on one side, as rhip: lhip; others lie on the plane of symmetry.
-    true takes the pairs that the shapes state. The mirror images of the shapes, without meshes,
-    become training shapes, too."""
-    k: int = Field(default=64, ge=1)
+    """The partner of each landmark on one side, such as rhip: lhip; others lie on the plane of
+    symmetry. true takes the pairs that the shapes state. The mirror images of the shapes, without
+    meshes, become training shapes, too."""
+    k: Count = 64
     """Number of atoms; at most the number of shapes (sparse-coding only)."""
     flip: bool | None = None
-    """Which side of shapes learned from 2D landmarks is near, which these alone do not tell: true
-    exchanges near and far, false confirms them. Without it no shape is trusted, unless cameras
-    tell."""
+    """Depth of shapes learned from 2D landmarks, which are ambiguous: true exchanges near and far,
+    false confirms them. Without it no shape is trusted, unless cameras decide."""
     prior: PriorConfig = section(PriorConfig)
-    origin: Annotated[
-        Mapping[Literal["source", "licence", "acknowledgement"], str],
-        Description("a mapping of source, licence and acknowledgement to texts"),
-        HIDDEN,
-    ] = Field(default_factory=dict)
-    """Where the shapes come from, their terms of use, and what their users acknowledge."""
-    suits: Annotated[tuple[str, ...], FromLists, HIDDEN] = ()
-    """Names of what a shipped dictionary suits."""
     beta: Annotated[float, Field(ge=0), HIDDEN] = 0.1
     """Weight of the sparsity of the coefficients."""
     iterations: Annotated[int, Field(ge=1, le=MAX_ROUNDS), HIDDEN] = 15
     """Rounds of coding all shapes and updating all atoms."""
-    bases: Annotated[
-        Share | AtLeastOne,
-        Description("a whole number >= 1, or a share > 0 and < 1"),
-        HIDDEN,
-    ] = 0.99
-    """Bases of each sequence (pca-bases): their number, or the share of variation they explain."""
+    bases: Annotated[Share | Count, HIDDEN] = 0.99
+    """Bases of each sequence (pca-bases): their number, or the share of variance they explain."""

@@ -15,7 +15,7 @@ from shapefit.config.commands.learn_dict import PriorConfig
 from shapefit.dictionary.bodies import find_skeleton, vary
 from shapefit.dictionary.learning import Summary, learn, principal_components, summarise
 from shapefit.dictionary.mixture import Mixture, learn_mixture
-from shapefit.dictionary.model import SUITS, Dictionary
+from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import choose, rotation_onto
@@ -69,8 +69,6 @@ def learn_from_shapes(
         "version": __version__,
         "config": config.as_json(),
         "inputs": json.dumps(inputs),
-        **{str(key): text for key, text in config.origin.items()},
-        **({SUITS: " ".join(config.suits)} if config.suits else {}),
     }
     return replace(made, prior=prior, provenance=provenance)
 
