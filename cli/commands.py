@@ -361,44 +361,44 @@ def run_pipeline(command: str, config: Any) -> Iterator[Outcome]:
     """Run the pipeline of a command; only that one is imported."""
     match command:
         case "learn-dict":
-            from shapefit.pipelines.learn_dict import run as learning
+            from shapefit.pipelines.learn_dict.run import run as learn_dict
 
-            return learning.run(config)
+            return learn_dict(config)
         case "project":
-            from shapefit.pipelines import projection
+            from shapefit.pipelines.projection import run as project
 
-            return projection.run(config)
+            return project(config)
         case "fit" if hasattr(config.output, "manifest"):
-            from shapefit.pipelines.partition import run as partition
+            from shapefit.pipelines.partition.run import run as fit_parts
 
-            return partition.run(config)
+            return fit_parts(config)
         case "fit":
-            from shapefit.pipelines.fit import run as fit
+            from shapefit.pipelines.fit.run import run as fit
 
-            return fit.run(config)
+            return fit(config)
         case "eval":
-            from shapefit.pipelines.evaluate import run as evaluation
+            from shapefit.pipelines.evaluate.run import run as evaluate
 
-            return evaluation.run(config)
+            return evaluate(config)
         case "convert":
-            from shapefit.pipelines import convert
+            from shapefit.pipelines.convert import run as convert
 
-            return convert.run(config)
+            return convert(config)
         case "info":
-            from shapefit.pipelines import info
+            from shapefit.pipelines.info import run as info
 
-            return info.run(config)
+            return info(config)
         case "view":
-            from shapefit.pipelines.view import run as view
+            from shapefit.pipelines.view.run import run as view
 
-            return view.run(config)
-    from shapefit.pipelines import verify
+            return view(config)
+    from shapefit.pipelines.verify import Request
+    from shapefit.pipelines.verify import run as verify
 
     path = Path(config.dictionary)
     if not path.is_file():
         path = Path(installed("dictionary", command).get(config.dictionary, path))
-    landmarks = tuple(map(Path, config.landmarks))
-    return verify.run(verify.Request(Path(config.result), path, landmarks))
+    return verify(Request(Path(config.result), path, tuple(map(Path, config.landmarks))))
 
 
 def make_command(spec: Spec) -> click.Command:

@@ -14,7 +14,8 @@ from ruamel.yaml import YAML
 
 from shapefit import __version__
 from shapefit.config import CONFIGS
-from shapefit.config.model import field_keys, meaning, submodel
+from shapefit.config.model import field_keys, submodel
+from shapefit.config.reference import meaning
 
 PROJECT = Path(__file__).resolve().parents[1]
 DOCS = PROJECT / "docs"

@@ -136,7 +136,7 @@ def test_an_engineer_resumes_and_reads_codes_and_json(folder):
     out, _ = walk(folder, f"{one} --fail-untrusted 0", code=1)
     assert 0 < sum(json.loads(out)["untrusted"].values()) < 12
     _, told = walk(folder, f"{one.replace('--json', '')} --fail-untrusted 0", code=1)
-    assert "are not to be trusted, more than --fail-untrusted allows" in told
+    assert "are not trusted, more than --fail-untrusted allows" in told
     (folder / "bad.h5").write_text("no landmarks")
     _, told = walk(folder, fit.replace("views.h5", "bad.h5"), code=2)
     assert "bad.h5: is not an HDF5 file" in told

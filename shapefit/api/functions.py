@@ -6,7 +6,6 @@ Keyword arguments are checked against the config of the command: the same keys, 
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
@@ -15,7 +14,6 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel
 
 from shapefit.api.files import read_dictionary
 from shapefit.api.records import (
@@ -32,14 +30,12 @@ from shapefit.api.records import (
 )
 from shapefit.api.shown import warn
 from shapefit.config import (
-    CONFIGS,
     EvalConfig,
     FitConfig,
     LearnDictConfig,
-    find_config,
     load_config,
 )
-from shapefit.config.model import CommandConfig, field_keys, submodel
+from shapefit.config.model import CommandConfig
 from shapefit.dictionary import model
 from shapefit.errors import counted, input_error
 from shapefit.evaluation.summaries import Summary, group_sequences, summarise
@@ -329,23 +325,13 @@ def config_of(
     for key in given.keys() & {*files, "data", "export"}:
         fix = "it is for files: use the command line, or the functions of shapefit that write"
         raise input_error(f"{function}.{key}", f"there is no argument `{key}`", fix)
-    file = None if config is None else find_config(command, Path(config))
-    arguments = dict.fromkeys(files, os.devnull) | {"output": "result"}
-    arguments |= flat(CONFIGS[command], plain(given))
-    return load_config(command, file, (), arguments, place=function).model_copy(update=dict(files))
-
-
-def flat(model: type[BaseModel], values: Mapping[str, Any], above: str = "") -> dict[str, Any]:
-    """Return the values of a mapping by keys `a.b`, those of sections one by one."""
-    found: dict[str, Any] = {}
-    for key, value in values.items():
-        field = field_keys(model).get(key)
-        inner = None if field is None else submodel(field)
-        if inner is not None and isinstance(value, dict):
-            found |= flat(inner, value, f"{above}{key}.")
-        else:
-            found[above + key] = value
-    return found
+    return load_config(
+        command,
+        None if config is None else Path(config),
+        arguments=plain(given),
+        name=f"{function}.{{}}".format,
+        stand_ins=files,
+    )
 
 
 def plain(value: Any) -> Any:

@@ -56,8 +56,8 @@ def load_config(
     `file` is a YAML file, `-`, or the name of an installed config. `overrides` (each `a.b=value`)
     replace its values, and `arguments` (`a.b` -> value; None and () are not given) replace both;
     `name` words their keys in messages. Paths in the file are relative to the file, others to the
-    working directory. `stand_ins` are values for keys of files that none is given for. Raises
-    InputError with every problem, each with its place.
+    working directory. `stand_ins` replace files, or, where they are None, fill keys of files that
+    are not given. Raises InputError with every problem, each with its place.
     """
     values = _Values(CONFIGS[command], command)
     if file is not None:
@@ -65,12 +65,8 @@ def load_config(
     for option in overrides:
         values.read_option(option)
     values.take(arguments or {}, name)
-    absent = dict(stand_ins or {})
-    for key in absent.keys() - (field_keys(values.schema).keys() - values.values.keys()):
-        del absent[key]
-    for key in absent:
-        values.values[key] = "-" if key == "output" else os.devnull
-    config = values.check().model_copy(update=absent)
+    replaced = values.replace_files(stand_ins or {})
+    config = values.check().model_copy(update=replaced)
     readers = ["the config"] if file == STANDARD_STREAM else []
     readers += [f"`{key}`" for key, path in config.inputs() if path == STANDARD_STREAM]
     if len(readers) > 1:
@@ -163,6 +159,18 @@ class _Values:
         self.places = {at: p for at, p in self.places.items() if at[: len(keys)] != keys}
         self.places |= {(*keys, *at): place for at, place in places.items()}
 
+    def replace_files(self, stand_ins: Mapping[str, Any]) -> dict[str, Any]:
+        """Set keys of files to what passes the check; return what they are to be afterwards."""
+        known = field_keys(self.schema).keys()
+        absent = known - self.values.keys()
+        replaced = {
+            key: value
+            for key, value in stand_ins.items()
+            if key in (known if value is not None else absent)
+        }
+        self.values |= {key: "-" if key == "output" else os.devnull for key in replaced}
+        return replaced
+
     def check(self) -> CommandConfig:
         """Return the config; raises InputError with every problem."""
         data = self.values.get("data")
@@ -176,7 +184,10 @@ class _Values:
         try:
             return self.schema.model_validate(self.values, by_alias=True, by_name=False)
         except ValidationError as error:
-            raise InputError(dict.fromkeys(map(self._message, error.errors()))) from None
+            errors = error.errors()
+            around = {each["loc"][:depth] for each in errors for depth in range(len(each["loc"]))}
+            innermost = (each for each in errors if each["loc"] not in around)
+            raise InputError(dict.fromkeys(map(self._message, innermost))) from None
 
     def _paths(self) -> list[tuple[dict[str, Any], str, PathField]]:
         """Return the mapping, the key and the field of each value that holds paths."""

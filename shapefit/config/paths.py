@@ -193,7 +193,7 @@ def find_dictionary(value: Any) -> Path:
     neither.
     """
     path, installed = absolute_path(value), find_dictionaries()
-    if path.is_file() or not path.name.isidentifier():
+    if (path.exists() and not path.is_dir()) or not path.name.isidentifier():
         return expand_one(value)
     if str(value) not in installed:
         found = f"no file {path}, and no installed dictionary {path.name!r}"

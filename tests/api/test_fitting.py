@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import shapefit
-from shapefit.config import find_config, load_config
+from shapefit.config import load_config
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.run import run
 
@@ -226,7 +226,7 @@ def test_a_config_file_is_read_as_the_command_reads_it(tmp_path, people, views, 
     file = Path("people") if name == "installed" else tmp_path / "mine.yaml"
     paths = {"landmarks": str(views), "dictionary": str(people["sparse-coding"])}
     paths["output"] = str(tmp_path / "command.h5")
-    list(run(load_config("fit", find_config("fit", file), (), paths)))
+    list(run(load_config("fit", file, (), paths)))
     images = shapefit.read_landmarks(views)
     found = shapefit.fit(images, people["sparse-coding"], config=file)
     shapefit.write_results(tmp_path / "function.h5", found)

@@ -61,7 +61,7 @@ def test_shapes_that_cannot_be_used_are_a_warning(sample):
         (
             np.ones((4, 5, 3)),
             {"k": 0},
-            r"^learn\.k: `k` should be greater than or equal to 1, found 0",
+            r"^learn\.k: expected a whole number >= 1, found 0",
         ),
         (np.ones((4, 5, 3)), {"kk": 0}, r"^learn\.kk: unknown key"),
     ],

@@ -18,7 +18,7 @@ from shapefit.errors import InputError, path_text, printable
 from shapefit.pipelines import verify
 from shapefit.pipelines.outcome import Counted, Failure, Outcome
 
-NAMES = [spec.name for spec in COMMANDS]
+NAMES = [spec.name for spec in COMMANDS if spec.has_config]
 FIT = "fit -c fit.yaml"
 EVAL = "eval result.h5 --truth shapes.h5 -o report"
 PIPELINES = {"fit": "fit.run", "eval": "evaluate.run", "view": "view.run"}
@@ -28,43 +28,61 @@ NOT_OPTIMAL = [
     for number, severity, worst in ((128, 0.2, "a"), (13, 0.7, "b"), (1, 0.1, "c"))
 ]
 FORGED = "x\x1b[31mRED\nfit: 8 images in 0.0 s; wrote all"
-INTERNAL = "Internal error: ZeroDivisionError: division by zero (this is a bug in shapefit"
+INTERNAL = (
+    "Internal error: ZeroDivisionError: division by zero (this is a bug in shapefit; --traceback "
+    "or SHAPEFIT_TRACEBACK=1 shows where)\n"
+)
+
+READ = r"Read    views\.h5\n"
 
 TOLD = {
     "a sum of all": (FIT, [Outcome(done=2, warnings=("odd",)), Outcome(done=1)], 0,
-        r"Warning: odd\nfit: 3 images in \S+ s\n"),
-    "a warning once": (FIT, [Outcome(warnings=("odd",))] * 3, 0, r"Warning: odd\nfit: .*\n"),
+        rf"Warning: odd\n{READ}Result  3 images, \S+ s\n"),
+    "a warning once": (FIT, [Outcome(warnings=("odd",))] * 3, 0,
+        rf"Warning: odd\n{READ}Result.*\n"),
     "numbers of a warning in sum": (FIT, NOT_OPTIMAL, 0,
-        r"Warning: 142 images not optimal, the worst: b\nfit: .*\n"),
+        rf"Warning: 142 images not optimal, the worst: b\n{READ}Result.*\n"),
     "too few that are trusted": (f"{FIT} --fail-untrusted 0.2",
         [Outcome(done=10, doubts=(Counted(3, "image", "wide error bars"),))], 1,
-        r"3 of 10 .*\nFailed: 30% are not to be trusted, more than --fail-untrusted .*\nfit: .*\n"),
+        r"Warning: 3 of 10 images not trusted: 3 wide error bars \(-v lists them\)\n"
+        rf"Failed: 30% are not trusted, more than --fail-untrusted allows\n{READ}Result.*\n"),
     "enough that are trusted": (f"{FIT} --fail-untrusted 0.3 -q",
         [Outcome(done=10, doubts=(Counted(3, "image", "wide error bars"),))], 0, ""),
-    "the last note": (FIT, [Outcome(note="a"), Outcome(note="b"), Outcome()], 0, r"fit: .* s; b\n"),
-    "the unit of the outcomes": (FIT, [Outcome(done=34, unit="shape")], 0, r"fit: 34 shapes in .*"),
+    "the last note": (FIT, [Outcome(note="a"), Outcome(note="b"), Outcome()], 0,
+        rf"{READ}Result  0 images, b, \S+ s\n"),
+    "rows of the pipeline, and one too long": (FIT,
+        [Outcome(rows=(("Read", "x: 2 images"), ("Method", "posterior " * 12))),
+         Outcome(done=2, note="a", rows=(("Result", "all well"), ("Next", "shapefit view r.h5")),
+            written=(Path.cwd() / "r.h5",))], 0,
+        rf"Read    x: 2 images\nMethod  (posterior ?){{10}}\n        posterior posterior\n"
+        rf"Result  all well, \S+ s\nWrote   {Path.cwd()}/r.h5\nNext    shapefit view r.h5\n"),
+    "details": (f"{FIT} -v", [Outcome(note="a", rows=(("Result", "all well"),))], 0,
+        rf"{READ}Result  all well, \S+ s\nDetails a\n"),
+    "the unit of the outcomes": (FIT, [Outcome(done=34000, unit="shape")], 0,
+        rf"{READ}Result  34,000 shapes, .*"),
     "files": (FIT, [Outcome(written=tuple(Path.cwd() / name for name in "ab"))], 0,
-        rf"fit: .*; wrote {Path.cwd()}/a, {Path.cwd()}/b\n"),
+        rf"{READ}Result.*\nWrote   {Path.cwd()}/: a, b\n"),
     "many files": (FIT, [Outcome(written=tuple(Path(f"/r/{n}.csv") for n in range(9)))], 0,
-        r"fit: .*; wrote 9 files in /r\n"),
+        rf"{READ}Result.*\nWrote   9 files in /r/\n"),
     "all files": (f"{FIT} -v", [Outcome(written=tuple(Path(f"/r/{n}") for n in range(9)))], 0,
-        r"Config: fit.yaml\nfit: .*; wrote /r/0, .*/r/8\n"),
+        rf"{READ}Result.*\nWrote   /r/: 0, 1, .* 8\n"),
     "failures": (FIT, [Outcome(done=30, failures=FAILING[:15]), Outcome(failures=FAILING[15:])], 1,
-        r"(Failed: img_1?\d: hidden\n){20}Failed: and 7 more\nfit: 30 images in .*, 27 failed\n"),
+        r"(Failed: img_1?\d: hidden\n){20}Failed: and 7 more\n"
+        rf"{READ}Result  30 images, 27 failed, \S+ s\n"),
     "all failures": (f"{FIT} -v", [Outcome(failures=FAILING)], 1,
-        r"Config: fit.yaml\n(Failed: [^\n]*\n){27}fit[^\n]*\n"),
+        rf"(Failed: [^\n]*\n){{27}}{READ}Result.*\n"),
     "many warnings": (FIT, [Outcome(warnings=(f"w{n}",)) for n in range(27)], 0,
-        r"(Warning: w1?\d\n){20}Warning: and 7 more\nfit: .*\n"),
+        rf"(Warning: w1?\d\n){{20}}Warning: and 7 more\n{READ}Result.*\n"),
     "failures alone": (f"{FIT} -q", [Outcome(failures=FAILING[:1], warnings=("odd",))], 1,
         r"Failed: img_0: hidden\n"),
     "no forged line": (FIT, [Outcome(failures=(Failure(FORGED, "bad"),), warnings=(FORGED,))], 1,
-        r"Warning: x\\x1b[^\n]*\nFailed: x\\x1b[^\n]*\nfit: [^\n]*\n"),
+        rf"Warning: x\\x1b[^\n]*\nFailed: x\\x1b[^\n]*\n{READ}Result[^\n]*\n"),
     "every problem": (FIT, [InputError(["a.csv:3: no number", "a.csv:5: repeated"])], 2,
         r"Error: a.csv:3: no number\nError: a.csv:5: repeated\n"),
     "an internal error": (FIT, [Outcome(done=1), ZeroDivisionError("division\nby zero")], 3,
-        re.escape(f"{INTERNAL}; --traceback or SHAPEFIT_TRACEBACK=1 shows where)") + "\n"),
+        re.escape(INTERNAL)),
     "where it arose": (f"{FIT} --traceback", [ZeroDivisionError("division by zero")], 3,
-        "Traceback .*" + re.escape(f"{INTERNAL})") + "\n"),
+        "Traceback .*" + re.escape(INTERNAL)),
     "too little memory": (FIT, [MemoryError("Unable to allocate 6.71 GiB")], 2,
         r"Error: memory: there is not enough: Unable to allocate 6.71 GiB; give fewer items .*"),
     "an interruption": (FIT, [Outcome(done=1), KeyboardInterrupt()], 130,
@@ -83,10 +101,11 @@ def test_what_is_told_goes_to_standard_error(shapefit, fake_pipeline, case):
 
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])
 def test_a_table_goes_to_standard_output(shapefit, fake_pipeline, quiet):
-    fake_pipeline("evaluate.run", [Outcome(done=1, note="ours"), Outcome(note="| table |")])
+    report = (Path.cwd() / "report/report.md",)
+    fake_pipeline("evaluate.run", [Outcome(note="ours"), Outcome(note="| table |", written=report)])
     done = shapefit(*EVAL.split(), *quiet)
-    assert (done.code, done.out, "table" in done.err) == (0, "| table |\n", False)
-    assert (done.err == "") == bool(quiet)
+    assert (done.code, done.out) == (0, "| table |\n")
+    assert done.err == ("" if quiet else "Wrote   report/report.md\n")
 
 
 def test_each_command_calls_its_pipeline_with_its_config(shapefit, fake_pipeline):
@@ -118,7 +137,9 @@ def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folde
     assert config.truth == (folder / "shapes.h5", folder / "views.h5")
     assert (config.dictionary, config.output) == (folder / "dict.h5", folder / "page.html")
     assert config.images == folder / "frames/{item}.png"
-    assert told.err.endswith("view: 3 frames in 0.0 s; wrote page.html\n")
+    assert re.fullmatch(
+        r"Read    result.h5, views.h5\nResult  3 frames, \S+ s\nWrote   page.html\n", told.err
+    )
 
 
 def test_verify_hands_on_its_arguments(shapefit, monkeypatch):
@@ -129,7 +150,7 @@ def test_verify_hands_on_its_arguments(shapefit, monkeypatch):
     told = shapefit("verify", "result.h5", "-d", "dict.h5", "--landmarks", "views.h5")
     assert asked == [verify.Request(Path("result.h5"), Path("dict.h5"), (Path("views.h5"),))]
     assert (told.code, told.out) == (1, "| claim |\n")
-    assert told.err.startswith("Failed: a: the objective is P: off by 1\nverify: 3 images in ")
+    assert told.err == "Failed: a: the objective is P: off by 1\n"
 
 
 def iter_of(outcomes):
@@ -172,7 +193,7 @@ def test_progress_is_a_line_now_and_then_without_a_terminal(shapefit, fake_pipel
     clock = count(0, 4)  # seconds: a line after every third look at the clock
     monkeypatch.setattr("shapefit.cli.report.time.monotonic", lambda: next(clock))
     fake_pipeline("fit.run", [Outcome(done=10, total=90, note="gap 1e-5")] * 9)
-    lines = [line for line in shapefit(*FIT.split()).err.splitlines() if " of 90 images, " in line]
+    lines = [line for line in shapefit(*FIT.split()).err.splitlines() if "/90 images, " in line]
     assert 2 <= len(lines) <= 4
     assert lines[0].startswith("fit: ")
     assert lines[0].endswith(" s; gap 1e-5")
@@ -218,6 +239,8 @@ def test_the_shell_completes_commands_configs_and_dictionaries():
     assert complete("shapefit learn") == ["learn-dict"]
     assert complete("shapefit fit -c car") == ["cars"]
     assert complete("shapefit fit -d peo") == ["people"]
+    assert complete("shapefit fit --method seq") == ["sequences"]
+    assert complete("shapefit fit --keypoints coco_1") == ["coco_17", "coco_133"]
     assert "#compdef shapefit" in complete("shapefit", "zsh_source")
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import BaseModel
 from shapefit.cli.main import run
 
-from shapefit.config.loader import CONFIGS
+from shapefit.config import CONFIGS
 from shapefit.config.model import field_keys, submodel
 from shapefit.io import read_shapes, write_shapes
 from shapefit.io.records import ShapeSet

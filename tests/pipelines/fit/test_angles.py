@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.config import find_config, load_config
+from shapefit.config import load_config
 from shapefit.geometry.joint_angles import known_angles, measure_angles
 from shapefit.io.skeletons import joint_columns
 from shapefit.pipelines.fit.run import run
@@ -26,7 +26,7 @@ def test_hinges_of_a_man_on_a_beam(real_data, tmp_path):
         output = tmp_path / f"{camera}.angles.csv"
         arguments = {"landmarks": [str(landmarks)], "dictionary": "people", "output": str(output)}
         rate = ["frame_rate=60"]
-        list(run(load_config("fit", find_config("fit", Path("sequences")), rate, arguments)))
+        list(run(load_config("fit", Path("sequences"), rate, arguments)))
         with output.open() as file:
             rows = list(csv.DictReader(file))
         with h5py.File(landmarks) as file:
