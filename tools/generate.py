@@ -5,28 +5,90 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from copy import copy
 from pathlib import Path
 
 import click
+from pydantic import BaseModel
 from shapefit.cli.main import commands
 
-from shapefit.config.reference import reference_page
+from shapefit.config import CONFIGS
+from shapefit.config.commands.input import LandmarksConfig, MetresConfig, TruthConfig
+from shapefit.config.reference import Row, rows
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 WIDTH = 90
 
+KEYS = """\
+# Config keys
+
+Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no` is a string. \
+`--set key=value` and `--set key.key=value` override the file; options override both.
+
+- Paths in a file are relative to the file, paths on the command line to the working directory.
+- A path to read may be a glob (`*`, `?`, `[...]`, `**`); it must match at least one file.
+- `-` is standard input or output, as CSV.
+- A path may begin with `{data}`, which stands for the folder that the key `data` names. Every
+  command has this key.
+- `-c NAME` is an installed config: `-c cars` of `fit` is `configs/cars/fit.yaml`, and
+  `-c sequences` is `configs/people/sequences.yaml`. An existing file of that name is preferred.
+  Keys of an installed config that apply only to its own data are ignored: paths, `leave_one_out`,
+  `camera.principal_point`, `match`, `groups` and `truth_frame`.
+- `-d NAME`, or `dictionary: NAME` in a file, is an installed dictionary, such as `people`. An
+  existing file of that name is preferred.
+- `--print-config` prints the config with every default; `shapefit config COMMAND` prints its keys.
+"""
+
+SHARED = {
+    "Reading landmarks": LandmarksConfig,
+    "Writing metres": MetresConfig,
+    "Comparing with the truth": TruthConfig,
+}
+"""Keys of several commands, which the page lists once."""
+
+COMMON = ("config_path", "overrides", "print_config", "as_json", "quiet", "verbose", "traceback")
+"""Options of every command, which the page lists once."""
+
 
 def pages() -> dict[Path, str]:
-    """Return what each generated page has to say."""
-    return {DOCS / "config.md": reference_page(), DOCS / "commands.md": commands_page()}
+    """Return the text of each generated page."""
+    return {DOCS / "config.md": config_page(), DOCS / "commands.md": commands_page()}
+
+
+def config_page() -> str:
+    """Return the page of all keys of all commands, as Markdown."""
+    sections, listed = [KEYS], dict[type[BaseModel], set[str]]()
+    for title, model in SHARED.items():
+        above = set().union(*(listed[base] for base in model.__mro__ if base in listed))
+        users = [f"`{name}`" for name, config in CONFIGS.items() if issubclass(config, model)]
+        shared = [row for row in rows(model) if row.name not in above]
+        sections.append(f"## {title}: {', '.join(users)}\n\n{_table(shared)}")
+        listed[model] = above | {row.name for row in shared}
+    for command, config in CONFIGS.items():
+        above = set().union(*(listed[base] for base in config.__mro__ if base in listed))
+        others = [row for row in rows(config) if row.name not in above]
+        sections.append(f"## `{command}`\n\n{config.__doc__}\n\n{_table(others)}")
+    return "\n".join(sections)
+
+
+def _table(shown: Iterable[Row]) -> str:
+    lines = (f"| `{row.name}` | {row.expects} | {row.default} | {row.meaning} |" for row in shown)
+    return "\n".join(["| key | expects | default | meaning |", "|---|---|---|---|", *lines, ""])
 
 
 def commands_page() -> str:
-    """Return the help of every command, as Markdown."""
+    """Return the help of every command, as Markdown; their common options once."""
     context = _context(commands, "shapefit")
     sections = ["# Commands\n", _help(context)]
+    fit = copy(commands.commands["fit"])
+    fit.params = [option for option in fit.params if option.name in COMMON]
+    options = _help(_context(fit, "fit", context)).partition("Options:")[2].partition("\n\n")[0]
+    sections += [f"## Options of every command\n\n```{options}\n```\n"]
     for name, command in commands.commands.items():
-        sections += [f"## `{name}`\n", _help(_context(command, name, context))]
+        other = copy(command)
+        other.params = [option for option in command.params if option.name not in COMMON]
+        sections += [f"## `{name}`\n", _help(_context(other, name, context))]
     return "\n".join(sections)
 
 

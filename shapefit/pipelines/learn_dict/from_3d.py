@@ -134,7 +134,16 @@ def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning
             meshes = mesh_of_atoms(learned.atoms, shapes, training.mesh_vertices)
         except ValueError as error:
             warnings.append(f"the meshes are left out: {error}")
-    yield Outcome(total=rounds, warnings=tuple(warnings), note=describe(summary))
+    result = (
+        f"learned {counted(k, 'atom')} from {counted(len(shapes), 'shape')} "
+        f"(reconstruction error {summary.relative_error:.1%})"
+    )
+    yield Outcome(
+        total=rounds,
+        warnings=tuple(warnings),
+        note=describe(summary),
+        rows=(("Result", result),),
+    )
     return replace(
         training.dictionary,
         atoms=learned.atoms,

@@ -61,9 +61,6 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
         latest = following
     dictionary = with_p_value_table(dictionary)
     write_dictionary(config.output, dictionary)
-    if dictionary.prior is not None:
-        command = f"shapefit fit LANDMARKS -d {config.output.name} -o result.h5"
-        yield Outcome(line=f"Go on with: {command} --set method=posterior")
     yield replace(latest, written=(config.output,))
 
 
