@@ -8,11 +8,9 @@ from shapefit.config.model import CommandConfig
 
 if TYPE_CHECKING:
     from shapefit.config.commands.evaluate import EvalConfig
-    from shapefit.config.commands.files import ConvertConfig, InfoConfig
+    from shapefit.config.commands.files import ConvertConfig, InfoConfig, ProjectConfig, ViewConfig
     from shapefit.config.commands.fit import FitConfig
     from shapefit.config.commands.learn_dict import LearnDictConfig
-    from shapefit.config.commands.project import ProjectConfig
-    from shapefit.config.commands.view import ViewConfig
 
 __all__ = [
     "CONFIGS",

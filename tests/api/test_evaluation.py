@@ -74,7 +74,7 @@ def test_an_image_that_failed_has_no_error(chain, sample):
     ("changes", "message"),
     [
         ({"metrics": ["simlarity"]}, "did you mean 'similarity'"),
-        ({"metrics": []}, "expected at least one metric"),
+        ({"metrics": []}, "expected a list of similarity, camera"),
         ({"match": "model"}, "there is no dataset 'model' with one name"),
         ({"plots": True}, r"^evaluate\.plots: is a key of reports only"),
         ({"groups": {"a": "nobody*"}}, "no sequence matches any group"),

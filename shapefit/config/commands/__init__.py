@@ -22,16 +22,22 @@ class _Configs(Mapping[str, type[CommandConfig]]):
     """Command -> its config."""
 
     def __getitem__(self, command: str) -> type[CommandConfig]:
-        if command == "fit":
-            from shapefit.config.commands import fit as module
-        elif command == "learn-dict":
-            from shapefit.config.commands import learn_dict as module
-        elif command == "eval":
-            from shapefit.config.commands import evaluate as module
-        else:
-            from shapefit.config.commands import files as module
-        config: type[CommandConfig] = getattr(module, NAMES[command])
-        return config
+        match command:
+            case "fit":
+                from shapefit.config.commands.fit import FitConfig
+
+                return FitConfig
+            case "learn-dict":
+                from shapefit.config.commands.learn_dict import LearnDictConfig
+
+                return LearnDictConfig
+            case "eval":
+                from shapefit.config.commands.evaluate import EvalConfig
+
+                return EvalConfig
+        from shapefit.config.commands.files import FILES
+
+        return FILES[command]
 
     def __iter__(self) -> Iterator[str]:
         return iter(NAMES)

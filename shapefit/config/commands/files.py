@@ -156,3 +156,8 @@ class ViewConfig(TruthConfig):
     output: OptionalPath = None
     """HTML file to write, or PNG or SVG for a sheet of pictures; by default NAME.html in the
     working directory, after the first file."""
+
+
+FILES: dict[str, type[CommandConfig]] = {
+    config.COMMAND: config for config in (ProjectConfig, ConvertConfig, InfoConfig, ViewConfig)
+}

@@ -30,9 +30,10 @@ from shapefit.lifting.methods import (
 )
 
 if TYPE_CHECKING:
-    MethodName = str
+    MethodName = Part = str
 else:
     MethodName = Literal[(AUTO, *METHODS)]
+    Part = Literal["head", "hips", "shoulders"]
 
 Threads = Annotated[int, Field(ge=0, le=MAX_THREADS)]
 
@@ -158,7 +159,7 @@ class FitConfig(MetresConfig):
     """Known lengths of the bones, for sequences: shapes of the body, whose mean lengths are taken,
     or CSV with the header `from,to,length`, in any unit; by default estimated."""
     skeleton: Annotated[
-        Auto[dict[Literal["head", "hips", "shoulders"], Positive]],
+        Auto[dict[Part, Positive]],
         Description("a mapping of head, hips and shoulders to factors > 0, or auto"),
     ] = None
     """How the skeleton of a detector of people differs from the dictionary's, as {head: 1.5, hips:
