@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 from shapefit.config import FitConfig
 from shapefit.errors import InputError, input_error, path_text
 from shapefit.io import LandmarkSource, open_landmarks
-from shapefit.io.formats import CSV, HDF5, FileFormat, group_inputs
+from shapefit.io.detect import group_inputs
+from shapefit.io.formats import CSV, HDF5, FileFormat
 from shapefit.io.inputs import HDF5_SIGNATURE, begins_with
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.lift import whole_stretches
