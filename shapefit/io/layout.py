@@ -94,15 +94,29 @@ FIELDS = {"item": "items", "sequence": "sequences", "atom_item": "atom_items"}
 """Fields of records that are not called as their datasets."""
 
 AXES = {
-    "n": "items", "p": "landmarks", "q": "mesh vertices", "k": "atoms", "e": "edges",
-    "f": "faces", "t": "half-steps", "c": "components", "a": "active transforms",
-    "w": "scales and numbers of landmarks", "i": "landmarks of the detector",
+    "n": "items",
+    "p": "landmarks",
+    "q": "mesh vertices",
+    "k": "atoms",
+    "e": "edges",
+    "f": "faces",
+    "t": "half-steps",
+    "c": "components",
+    "a": "active transforms",
+    "w": "scales and numbers of landmarks",
+    "i": "landmarks of the detector",
     "r": "coordinates of all landmarks",
 }
 
 OF_FILE = {
-    "camera_matrix": 2, "distortion": 1, "removed_distortion": 1, "image_size": 1,
-    "extrinsic_rotation": 2, "extrinsic_translation": 1, "edges": 2, "mirror_index": 1,
+    "camera_matrix": 2,
+    "distortion": 1,
+    "removed_distortion": 1,
+    "image_size": 1,
+    "extrinsic_rotation": 2,
+    "extrinsic_translation": 1,
+    "edges": 2,
+    "mirror_index": 1,
 }
 """Datasets that no layout lists and that belong to the file when they have so many axes."""
 

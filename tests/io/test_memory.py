@@ -2,7 +2,6 @@
 
 import tracemalloc
 import zipfile
-import zlib
 
 import h5py
 import numpy as np
