@@ -25,17 +25,12 @@ if TYPE_CHECKING:
 TRACEBACK_VARIABLE = "SHAPEFIT_TRACEBACK"
 
 
-class Key(NamedTuple):
-    """An option that sets a key of the config, `a.b` in a section."""
-
-    key: str
-    option: click.Option
-
-
 class Spec(NamedTuple):
     """A command: its texts, its argument, and the options that are keys of its config.
 
+    text       the help; its first line is the summary
     inputs     the argument, a key of the config, and how the usage shows it
+    options    a line each: names, metavar (a flag has none; TYPES), help after two spaces
     required   keys without which the command does nothing
     unit       what the progress bar counts
     to_stdout  the last note of the pipeline is the result of the command, for stdout
@@ -45,15 +40,222 @@ class Spec(NamedTuple):
 
     name: str
     unit: str
-    summary: str
-    text: str
-    examples: tuple[str, ...]
     inputs: tuple[str, str]
-    options: tuple[Key, ...]
-    required: tuple[str, ...] = ()
+    required: tuple[str, ...]
+    text: str
+    options: str
+    examples: str
     to_stdout: bool = False
-    following: str = ""
     has_config: bool = True
+    following: str = ""
+
+
+READING = """
+--keypoints SKELETON  Skeleton of files without names: body_25 ...
+--individual NAME  Read only this individual.
+--min-confidence NUMBER  Hide less confident landmarks.
+"""
+METRES = """
+--frame-rate HZ  Frames per second, if the files do not state it.
+--image-size WxH  Size of the images in pixels, such as 1920x1080.
+--height METRES  Height of the person in metres.
+--markers WHICH  TRC markers: joints, or input (detector names).
+"""
+TRUTH = """
+--truth SHAPES  File of the true 3D shapes. Repeatable.
+--match NAME  item, frame, or a dataset that names the true shape.
+"""
+OF_CONFIG = """
+-c --config CONFIG  Config file (- is stdin), or an installed one.
+--set KEY=VALUE  Set any key of the config (shapefit config {name}). Repeatable.
+--print-config  Print the config with every default as YAML, and exit.
+"""
+OF_REPORT = """
+--json  Print one JSON object to stdout at the end.
+-q --quiet  Print only errors and failed items.
+-v --verbose  Show all warnings, failed items and files.
+--traceback  Show where an internal error arose (as SHAPEFIT_TRACEBACK=1 does).
+"""
+
+COMMANDS = (
+    Spec(
+        "learn-dict",
+        unit="round",
+        inputs=("shapes", "SHAPES..."),
+        required=("shapes",),
+        following="shapefit fit LANDMARKS -d {output} -o result.h5",
+        text="""Learn a dictionary of rotatable shapes from 3D shapes, or from 2D landmarks.
+
+SHAPES are files of 3D shapes, or of 2D landmarks seen from different sides (docs/from_2d.md), in
+any format that can be read (docs/formats.md). Globs work.""",
+        options=f"""
+-o --output DICT.h5  Dictionary file to write (HDF5).
+--method NAME  sparse-coding, exemplars or pca-bases.
+--every N  Take every n-th frame.
+{READING}""",
+        examples="""
+shapefit learn-dict train.h5 -o dict.h5
+shapefit learn-dict 'train/*.h5' -o dict.h5 --every 3 --set k=128
+shapefit learn-dict models.h5 -o cars.h5 --method exemplars
+shapefit learn-dict tracked.csv -o animal.h5""",
+    ),
+    Spec(
+        "project",
+        unit="image",
+        inputs=("shapes", "SHAPES..."),
+        required=("shapes",),
+        following="shapefit fit {output} -d DICT.h5 -o result.h5",
+        text="""Project 3D shapes to synthetic 2D landmarks with a known camera.
+
+SHAPES are files of 3D shapes in any format that can be read (docs/formats.md). Globs work, - is
+stdin (CSV).""",
+        options="""
+-o --output LANDMARKS  Landmark file to write; - is stdout (CSV).
+--noise NUMBER  Standard deviation of noise on each coordinate.
+--seed N  Seed of random choices.""",
+        examples="""
+shapefit project test.h5 -o views.h5
+shapefit project test.h5 -o views.h5 --noise 0.01 --set hidden=0.2
+shapefit project test.h5 -o - --set camera.view=random > views.csv""",
+    ),
+    Spec(
+        "fit",
+        unit="image",
+        inputs=("landmarks", "LANDMARKS..."),
+        required=("landmarks",),
+        text="""Lift 2D landmarks in single images or videos to 3D shapes.
+
+LANDMARKS are files of 2D landmarks in any format that can be read, or folders with one file per
+frame (docs/formats.md). Globs work, - is stdin (CSV).""",
+        options=f"""
+-o --output RESULT  Result file; - is stdout (CSV), FOLDER/ one file per part.
+-d --dictionary DICT  Dictionary: a file, or an installed one (default: people).
+--method METHOD  sequences, posterior, convex, ... (default: by dictionary).
+{READING}{METRES}
+--focal FOCAL  Focal length in pixels; none is weak perspective.
+--calibration FILE  Calibration file of the cameras.
+--camera NAME  Camera of the calibration that took the images.
+--lambda LAMBDA  Weight of the norms, or auto.
+--noise NUMBER  Standard deviation of a landmark in pixels.
+--workers N  Fit the parts with N processes.
+--scheduler ADDRESS  Fit the parts on a running Dask cluster.
+--scheduler-file FILE  The same, by the file of the scheduler.
+--dry-run  Only list the parts.
+--replace  Replace other results in the folder.
+--fail-untrusted SHARE  Exit with 1 if more than this share of the images is not trusted.""",
+        examples="""
+shapefit fit cam01_json/
+shapefit fit cam01_json/ -o man.trc --image-size 1920x1080 --height 1.78
+shapefit fit views.h5 -d dict.h5 -o result.h5 --method convex --lambda 0.2
+shapefit fit 'day1/*.h5' -d dict.h5 -o results/ --workers 4
+shapefit fit -d dict.h5 -o - - < landmarks.csv > shapes.csv""",
+    ),
+    Spec(
+        "eval",
+        unit="image",
+        inputs=("results", "RESULT..."),
+        required=("results", "truth"),
+        to_stdout=True,
+        text="""Compare results with the truth; print the errors to stdout.
+
+RESULTs are files that fit wrote; globs work. In the report each has the name of its file; the
+config can set other names.""",
+        options=f"-o --output DIR  Folder to write the report to.\n{TRUTH}",
+        examples="""
+shapefit eval result.h5 --truth test.h5 -o report/
+shapefit eval convex.h5 pmp.h5 --truth 'test/*.h5' -o report/ > errors.txt""",
+    ),
+    Spec(
+        "convert",
+        unit="item",
+        inputs=("files", "INPUT..."),
+        required=("files", "output"),
+        text="""Write landmarks, shapes or results in another format, or meshes of a result.
+
+INPUTs are files of any format that can be read, or folders with one file per frame
+(docs/formats.md). The format of the output follows from its name, or --to.""",
+        options=f"""
+-o --output OUTPUT  File to write; - is stdout (CSV).
+--to FORMAT  Format to write, such as csv or ply.
+-d --dictionary DICT  Dictionary with the meshes.
+{READING}{METRES}
+--every N  Take every n-th frame.""",
+        examples="""
+shapefit convert mouseDLC.csv -o mouse.h5
+shapefit convert cam01_json/ -o man.h5 --keypoints body_25b
+shapefit convert labels.slp -o - --individual mouse1 > mouse1.csv
+shapefit convert result.h5 -d cars.h5 -o meshes/ --to ply""",
+    ),
+    Spec(
+        "info",
+        unit="file",
+        inputs=("files", "[FILE]..."),
+        required=(),
+        to_stdout=True,
+        text="""Describe files and print the next command; without files, list what is installed.
+
+FILEs are of any format that can be read, or folders with one file per frame.""",
+        options="""
+--keypoints SKELETON  Skeleton of files without names: body_25 ...
+--format FORMAT  Format of the files.""",
+        examples="""
+shapefit info
+shapefit info mouseDLC.h5
+shapefit info cam01_json/""",
+    ),
+    Spec(
+        "view",
+        unit="frame",
+        inputs=("files", "FILE..."),
+        required=("files",),
+        text="""Write one HTML page that shows results, to rotate and play, or a sheet of pictures.
+
+The page needs no network and no server: send it to a colleague. On the left are the landmarks in
+the image, on the right the shapes in 3D, and below them a strip that shows where to look.""",
+        options=f"""
+-o --output PAGE.html  HTML file to write, or PNG or SVG.
+{TRUTH}
+-d --dictionary DICT  Dictionary with edges and meshes to draw.
+--images FOLDER  Images under the landmarks.
+--keypoints SKELETON  Skeleton of files without names: body_25 ...
+--frame-rate HZ  Frames per second, if the files do not state it.
+--open  Open the page in a browser.""",
+        examples="""
+shapefit view result.h5
+shapefit view convex.h5 pmp.h5 --truth test.h5 -o page.html --open
+shapefit view cars.h5 --truth models.h5 --match true_model --images frames/""",
+    ),
+    Spec(
+        "verify",
+        unit="image",
+        inputs=("result", "RESULT"),
+        required=("result", "dictionary"),
+        to_stdout=True,
+        has_config=False,
+        text="""Check the certificates in a result without the solver; print a summary to stdout.
+
+RESULT is an HDF5 file that fit wrote, or a folder of them. For the methods convex and
+convex+refine the certificate of every image is computed again. Digests, datasets and ranges
+are checked, and with --landmarks the landmarks. Images with a false claim count as failed.""",
+        options="""
+-d --dictionary DICT  Dictionary of the fit: a file, or an installed one.
+--landmarks FILE  Landmarks of the fit, to compare with the result's. Repeatable.""",
+        examples="""
+shapefit verify result.h5 -d dict.h5
+shapefit verify result.h5 -d dict.h5 --landmarks views.h5""",
+    ),
+)
+"""In the order of the help, which is that of the chain."""
+
+KEYS = {
+    "focal": "camera.focal",
+    "calibration": "camera.calibration",
+    "camera": "camera.name",
+}
+"""Options that are called otherwise than their key."""
+
+NO_KEYS = ("open", "fail_untrusted")
+"""Options that are not keys of the config."""
 
 
 class Named(click.types.StringParamType):
@@ -80,11 +282,11 @@ def installed(kind: str, command: str) -> Mapping[str, Any]:
     from shapefit.lifting.methods import METHODS
 
     match kind:
-        case "dictionary":
+        case "DICT":
             return find_dictionaries()
-        case "skeleton":
+        case "SKELETON":
             return installed_skeletons()
-        case "method":
+        case "METHOD":
             return METHODS
     return find_presets(command)
 
@@ -107,254 +309,157 @@ def number_or_word(text: str) -> object:
         return text
 
 
-def option(names: str, help: str, metavar: str | None = None, **settings: Any) -> click.Option:
-    """Return an option of these names, with a space between them; without metavar it is a flag."""
-    settings |= {"is_flag": True} if metavar is None else {}
-    return click.Option(names.split(), metavar=metavar, help=help, **settings)
+TYPES: dict[str, Any] = {
+    **dict.fromkeys(("NUMBER", "HZ", "METRES"), float),
+    **dict.fromkeys(("FOCAL", "LAMBDA"), number_or_word),
+    **{kind: Named(kind) for kind in ("CONFIG", "DICT", "METHOD", "SKELETON")},
+    "N": int,
+    "SHARE": click.FloatRange(0, 1),
+    "WxH": size,
+}
+"""Types of options by their metavar; others are texts."""
 
 
-def key(
-    names: str, help: str, metavar: str | None, type: Any = None, to: str = "", **settings: Any
-) -> Key:
-    """Return the option of these names for the key `to`, by default called as the last name.
+def make_options(lines: str, **settings: Any) -> dict[str, click.Option]:
+    """Return the options of a table, by the keys of the config that they set.
 
-    A flag is None where it is not given.
+    One that is `Repeatable.` gives a tuple; a flag is None where it is not given.
     """
-    to = to or names.split()[-1].lstrip("-").replace("-", "_")
-    settings |= {"default": None} if metavar is None else {"type": type}
-    return Key(to, option(f"{names} {identifier(to)}", help, metavar, **settings))
+    options = {}
+    for line in filter(None, lines.splitlines()):
+        declaration, _, text = line.partition("  ")
+        *names, last = declaration.split()
+        metavar = None if last.startswith("-") else last
+        names += [last] if metavar is None else []
+        name = names[-1].lstrip("-").replace("-", "_")
+        kind = (
+            {"is_flag": True, "default": None}
+            if metavar is None
+            else {
+                "type": TYPES.get(last),
+                "metavar": last,
+                "multiple": text.endswith("Repeatable."),
+            }
+        )
+        options[KEYS.get(name, name)] = click.Option(
+            [*names, f"option_{name}"], help=text, **kind, **settings
+        )
+    return options  # fmt: skip
 
 
-def identifier(key: str) -> str:
-    """Return a key as click names a parameter."""
-    return f"key_{key.replace('.', '__')}"
+def make_command(spec: Spec) -> click.Command:
+    """Return the click command of a row of the table."""
+    inputs, metavar = spec.inputs
+    number = {"nargs": -1 if "..." in metavar else 1, "required": False, "metavar": metavar}
+    common = make_options(OF_CONFIG.format(name=spec.name) * spec.has_config + OF_REPORT)
+    common["quiet"].is_eager = True
+    common["verbose"].callback = _not_both
+    common["traceback"].callback = _show_traceback
+    keys = make_options(spec.options)
+    return click.Command(
+        spec.name,
+        callback=partial(run_command, spec),
+        params=[click.Argument([f"option_{inputs}"], **number), *keys.values(), *common.values()],
+        short_help=spec.text.partition("\n")[0],
+        help=spec.text,
+        epilog=_examples(spec.examples),
+    )
 
 
-OUTPUT = "-o --output"
-DICTIONARY = Named("dictionary")
-PEOPLE = "Dictionary: a file, or an installed one (default: people)."
-MATCH = "item, frame, or a dataset that names the true shape."
-RATE = key("--frame-rate", "Frames per second, if the files do not state it.", "HZ", float)
-HEIGHT = key("--height", "Height of the person in metres.", "METRES", float)
-SKELETON = Named("skeleton")
-KEYPOINTS = key("--keypoints", "Skeleton of files without names: body_25 ...", "NAME", SKELETON)
-INDIVIDUAL = key("--individual", "Read only this individual.", "NAME")
-CONFIDENCE = key("--min-confidence", "Hide less confident landmarks.", "NUMBER", float)
-SIZE = key("--image-size", "Size of the images in pixels, such as 1920x1080.", "WxH", size)
-EVERY = key("--every", "Take every n-th frame.", "N", int)
-MARKERS = key("--markers", "TRC markers: joints, or input (detector names).", "WHICH")
-TRUTH = key("--truth", "File of the true 3D shapes. Repeatable.", "SHAPES", multiple=True)
+def _not_both(context: click.Context, _option: click.Parameter, verbose: bool) -> bool:
+    if verbose and context.params.get("option_quiet"):
+        raise click.UsageError("-q and -v exclude each other; give one of them", context)
+    return verbose
 
-COMMANDS = (
-    Spec(
-        "learn-dict",
-        unit="round",
-        summary="Learn a dictionary from 3D shapes, or from 2D landmarks alone.",
-        text="""Learn a dictionary of rotatable basis shapes from 3D shapes, or from 2D landmarks.
 
-SHAPES are files of 3D shapes, or of 2D landmarks seen from different sides (docs/from_2d.md), in
-any format that can be read (docs/formats.md). Globs work.""",
-        examples=(
-            "shapefit learn-dict train.h5 -o dict.h5",
-            "shapefit learn-dict 'train/*.h5' -o dict.h5 --every 3 --set k=128",
-            "shapefit learn-dict models.h5 -o cars.h5 --method exemplars",
-            "shapefit learn-dict tracked.csv -o animal.h5",
-        ),
-        inputs=("shapes", "SHAPES..."),
-        required=("shapes",),
-        following="shapefit fit LANDMARKS -d {output} -o result.h5",
-        options=(
-            key(OUTPUT, "Dictionary file to write (HDF5).", "DICT.h5"),
-            key("--method", "sparse-coding, exemplars or pca-bases.", "NAME"),
-            EVERY,
-            KEYPOINTS,
-            INDIVIDUAL,
-            CONFIDENCE,
-        ),
-    ),
-    Spec(
-        "project",
-        unit="image",
-        summary="Project 3D shapes to synthetic 2D landmarks.",
-        text="""Project 3D shapes to synthetic 2D landmarks with a known camera.
+def _show_traceback(_context: click.Context, _option: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        os.environ[TRACEBACK_VARIABLE] = "1"
 
-SHAPES are files of 3D shapes in any format that can be read (docs/formats.md). Globs work, - is
-stdin (CSV).""",
-        examples=(
-            "shapefit project test.h5 -o views.h5",
-            "shapefit project test.h5 -o views.h5 --noise 0.01 --set hidden=0.2",
-            "shapefit project test.h5 -o - --set camera.view=random > views.csv",
-        ),
-        inputs=("shapes", "SHAPES..."),
-        required=("shapes",),
-        following="shapefit fit {output} -d DICT.h5 -o result.h5",
-        options=(
-            key(OUTPUT, "Landmark file to write; - is stdout (CSV).", "LANDMARKS"),
-            key("--noise", "Standard deviation of noise on each coordinate.", "NUMBER", float),
-            key("--seed", "Seed of random choices.", "N", int),
-        ),
-    ),
-    Spec(
-        "fit",
-        unit="image",
-        summary="Lift 2D landmarks to 3D shapes.",
-        text="""Lift 2D landmarks in single images or videos to 3D shapes.
 
-LANDMARKS are files of 2D landmarks in any format that can be read, or folders with one file per
-frame (docs/formats.md). Globs work, - is stdin (CSV).""",
-        examples=(
-            "shapefit fit cam01_json/",
-            "shapefit fit cam01_json/ -o man.trc --image-size 1920x1080 --height 1.78",
-            "shapefit fit views.h5 -d dict.h5 -o result.h5 --method convex --lambda 0.2",
-            "shapefit fit 'day1/*.h5' -d dict.h5 -o results/ --workers 4",
-            "shapefit fit -d dict.h5 -o - - < landmarks.csv > shapes.csv",
-        ),
-        inputs=("landmarks", "LANDMARKS..."),
-        required=("landmarks",),
-        options=(
-            key(OUTPUT, "Result file; - is stdout (CSV), FOLDER/ one file per part.", "RESULT"),
-            key("-d --dictionary", PEOPLE, "DICT", DICTIONARY),
-            key("--method", "sequences, posterior, convex, ... (default: by dictionary).", "NAME",
-                Named("method")),
-            KEYPOINTS,
-            INDIVIDUAL,
-            CONFIDENCE,
-            RATE,
-            SIZE,
-            key("--focal", "Focal length in pixels; none is weak perspective.", "NUMBER",
-                number_or_word, to="camera.focal"),
-            key("--calibration", "Calibration file of the cameras.", "FILE",
-                to="camera.calibration"),
-            key("--camera", "Camera of the calibration that took the images.", "NAME",
-                to="camera.name"),
-            HEIGHT,
-            MARKERS,
-            key("--lambda", "Weight of the norms, or auto.", "NUMBER", number_or_word),
-            key("--noise", "Standard deviation of a landmark in pixels.", "NUMBER", float),
-            key("--workers", "Fit the parts with N processes.", "N", int),
-            key("--scheduler", "Fit the parts on a running Dask cluster.", "ADDRESS"),
-            key("--scheduler-file", "The same, by the file of the scheduler.", "FILE"),
-            key("--dry-run", "Only list the parts.", None),
-            key("--replace", "Replace other results in the folder.", None),
-            key("--fail-untrusted", "Exit with 1 if more than this share (0 to 1) of the images "
-                "is not trusted.", "SHARE", click.FloatRange(0, 1)),
-        ),
-    ),
-    Spec(
-        "eval",
-        unit="image",
-        summary="Compare results with the truth.",
-        text="""Compare results with the truth; print the errors to stdout.
+def _examples(lines: str) -> str:
+    return "\b\nExamples:" + lines.replace("\n", "\n  ")
 
-RESULTs are files that fit wrote; globs work. In the report each has the name of its file; the
-config can set other names.""",
-        examples=(
-            "shapefit eval result.h5 --truth test.h5 -o report/",
-            "shapefit eval convex.h5 pmp.h5 --truth 'test/*.h5' -o report/ > errors.txt",
-        ),
-        inputs=("results", "RESULT..."),
-        required=("results", "truth"),
-        to_stdout=True,
-        options=(
-            key(OUTPUT, "Folder to write the report to.", "DIR"),
-            TRUTH,
-            key("--match", MATCH, "NAME"),
-        ),
-    ),
-    Spec(
-        "convert",
-        unit="item",
-        summary="Write landmarks, shapes or results in another format.",
-        text="""Write landmarks, shapes or results in another format, or meshes of a result.
 
-INPUTs are files of any format that can be read, or folders with one file per frame
-(docs/formats.md). The format of the output follows from its name, or --to.""",
-        examples=(
-            "shapefit convert mouseDLC.csv -o mouse.h5",
-            "shapefit convert cam01_json/ -o man.h5 --keypoints body_25b",
-            "shapefit convert labels.slp -o - --individual mouse1 > mouse1.csv",
-            "shapefit convert result.h5 -d cars.h5 -o meshes/ --to ply",
-        ),
-        inputs=("files", "INPUT..."),
-        required=("files", "output"),
-        options=(
-            key(OUTPUT, "File to write; - is stdout (CSV).", "OUTPUT"),
-            key("--to", "Format to write, such as csv or ply.", "FORMAT"),
-            key("-d --dictionary", "Dictionary with the meshes.", "DICT", DICTIONARY),
-            KEYPOINTS,
-            INDIVIDUAL,
-            CONFIDENCE,
-            EVERY,
-            RATE,
-            SIZE,
-            HEIGHT,
-            MARKERS,
-        ),
-    ),
-    Spec(
-        "info",
-        unit="file",
-        summary="Describe files and print the next command.",
-        text="""Describe files and print the next command; without files, list what is installed.
+def run_command(spec: Spec, **options: Any) -> int:
+    """Run the pipeline of a command with its config; return the exit code.
 
-FILEs are of any format that can be read, or folders with one file per frame.""",
-        examples=("shapefit info", "shapefit info mouseDLC.h5", "shapefit info cam01_json/"),
-        inputs=("files", "[FILE]..."),
-        to_stdout=True,
-        options=(KEYPOINTS, key("--format", "Format of the files.", "FORMAT")),
-    ),
-    Spec(
-        "view",
-        unit="frame",
-        summary="Show results on a page to rotate and play.",
-        text="""Write one HTML page that shows results, to rotate and play, or a sheet of pictures.
+    With --print-config the config is printed to stdout instead. Raises InputError on a wrong
+    config, and click.UsageError where an argument is missing.
+    """
+    # No plug-in changes the schema, and looking for them in all installed packages takes long.
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    given = {name.removeprefix("option_"): value for name, value in options.items()}
+    names = {spec.inputs[0], *(o.name[7:] for o in make_options(spec.options).values())}
+    arguments = {KEYS.get(name, name): given[name] for name in names.difference(NO_KEYS)}
+    file, overrides, print_config = (given.get(name) for name in ("config", "set", "print_config"))
+    if file is None and not print_config:
+        check_required(spec, arguments, overrides or ())
+    if spec.has_config:
+        from shapefit.config import dump_config, load_config
 
-The page needs no network and no server: send it to a colleague. On the left are the landmarks in
-the image, on the right the shapes in 3D, and below them a strip that shows where to look.""",
-        examples=(
-            "shapefit view result.h5",
-            "shapefit view convex.h5 pmp.h5 --truth test.h5 -o page.html --open",
-            "shapefit view cars.h5 --truth models.h5 --match true_model --images frames/",
-        ),
-        inputs=("files", "FILE..."),
-        required=("files",),
-        options=(
-            key(OUTPUT, "HTML file to write, or PNG or SVG.", "PAGE.html"),
-            TRUTH,
-            key("--match", MATCH, "NAME"),
-            key("-d --dictionary", "Dictionary with edges and meshes to draw.", "DICT", DICTIONARY),
-            key("--images", "Images under the landmarks.", "FOLDER"),
-            KEYPOINTS,
-            RATE,
-            key("--open", "Open the page in a browser.", None, to="opens"),
-        ),
-    ),
-    Spec(
-        "verify",
-        unit="image",
-        summary="Check the certificates in a result.",
-        text="""Check a result without the solver; print a summary to stdout.
+        config = load_config(
+            spec.name,
+            Path(file) if file else None,
+            overrides,
+            arguments,
+            name=partial(_name_of, spec),
+            stand_ins=dict.fromkeys((*spec.required, "output")) if print_config else None,
+        )
+        if print_config:
+            click.echo(dump_config(config), nl=False)
+            return 0
+    else:
+        config = SimpleNamespace(**arguments)
+    output = getattr(config, "output", None)
+    if given["json"] and output == Path("-"):
+        raise click.UsageError("--json and the output both go to stdout; name a file as output")
+    outcomes = run_pipeline(spec.name, config)
+    if not gc.isenabled():
+        gc.freeze()  # or the first look for cycles goes through all that was imported
+        gc.enable()
+    report = Report(
+        spec.name,
+        spec.unit,
+        given["quiet"],
+        given["verbose"],
+        spec.to_stdout,
+        given["json"],
+        max_untrusted=given.get("fail_untrusted"),
+        following=spec.following.format(output=getattr(output, "name", "")),
+    )
+    if spec.has_config:
+        report.read = _names([path for key, path in config.inputs() if key == spec.inputs[0]])
+    code = report.follow(outcomes)
+    for path in report.written if given.get("open") else ():
+        import webbrowser
 
-RESULT is an HDF5 file that fit wrote, or a folder of them. For the methods convex and
-convex+refine the certificate of every image is computed again. Digests, datasets and ranges
-are checked, and with --landmarks the landmarks. Images with a false claim count as failed.""",
-        examples=(
-            "shapefit verify result.h5 -d dict.h5",
-            "shapefit verify result.h5 -d dict.h5 --landmarks views.h5",
-        ),
-        inputs=("result", "RESULT"),
-        required=("result", "dictionary"),
-        to_stdout=True,
-        has_config=False,
-        options=(
-            key("-d --dictionary", "Dictionary of the fit: a file, or an installed one.", "DICT",
-                DICTIONARY),
-            key("--landmarks", "Landmarks of the fit, to compare with the result's. Repeatable.",
-                "FILE", multiple=True),
-        ),
-    ),
-)  # fmt: skip
-"""In the order of the help, which is that of the chain."""
+        if not webbrowser.open(path.resolve().as_uri()):
+            tell(f"No browser was found; open {path} in one.")
+    return code
+
+
+def check_required(spec: Spec, arguments: Mapping[str, Any], overrides: Sequence[str]) -> None:
+    """Raise click's error, with an example, where an argument that is needed is missing."""
+    context = click.get_current_context()
+    parameters = {each.name: each for each in context.command.params}
+    set_keys = {override.partition("=")[0].strip() for override in overrides}
+    for key in spec.required:
+        if not arguments[key] and key not in set_keys:
+            example = f"For example: {spec.examples.splitlines()[1]}"
+            raise click.MissingParameter(example, context, parameters[f"option_{key}"])
+
+
+def _name_of(spec: Spec, key: str) -> str:
+    """Return what the command line calls a key: its option, or the argument."""
+    option = make_options(spec.options).get(key)
+    return option.opts[-1] if option else spec.inputs[1].strip("[].")
+
+
+def _names(paths: Sequence[Path]) -> str:
+    """Name the first inputs and count the others."""
+    more = f" and {len(paths) - 3} more" if len(paths) > 3 else ""
+    return ", ".join(path.name or str(path) for path in paths[:3]) + more
 
 
 def run_pipeline(command: str, config: Any) -> Iterator[Outcome]:
@@ -397,163 +502,15 @@ def run_pipeline(command: str, config: Any) -> Iterator[Outcome]:
 
     path = Path(config.dictionary)
     if not path.is_file():
-        path = Path(installed("dictionary", command).get(config.dictionary, path))
+        path = Path(installed("DICT", command).get(config.dictionary, path))
     return verify(Request(Path(config.result), path, tuple(map(Path, config.landmarks))))
 
 
-def make_command(spec: Spec) -> click.Command:
-    """Return the click command of a row of the table."""
-    inputs, metavar = spec.inputs
-    keys = f"Set any key of the config (shapefit config {spec.name}). Repeatable."
-    of_config = [
-        option("-c --config config_path", "Config file (- is stdin), or an installed one.",
-               "CONFIG", type=Named("config")),
-        option("--set overrides", keys, "KEY=VALUE", multiple=True),
-        option("--print-config", "Print the config with every default as YAML, and exit."),
-    ]  # fmt: skip
-    where = f"Show where an internal error arose (as {TRACEBACK_VARIABLE}=1 does)."
-    of_report = [
-        option("--json as_json", "Print one JSON object to stdout at the end."),
-        option("-q --quiet", "Print only errors and failed items.", is_eager=True),
-        option("-v --verbose", "Show all warnings, failed items and files.", callback=_not_both),
-        option("--traceback", where, callback=_show_traceback, is_eager=True, expose_value=False),
-    ]
-    return click.Command(
-        spec.name,
-        callback=partial(run_command, spec),
-        params=[
-            click.Argument(
-                [identifier(inputs)],
-                nargs=-1 if "..." in metavar else 1,
-                required=False,
-                metavar=metavar,
-            ),
-            *(each.option for each in spec.options),
-            *(of_config if spec.has_config else ()),
-            *of_report,
-        ],
-        short_help=spec.summary,
-        help=spec.text,
-        epilog=_examples(spec.examples),
-    )
-
-
-def _not_both(context: click.Context, _option: click.Parameter, verbose: bool) -> bool:
-    if verbose and context.params.get("quiet"):
-        raise click.UsageError("-q and -v exclude each other; give one of them", context)
-    return verbose
-
-
-def _show_traceback(_context: click.Context, _option: click.Parameter, wanted: bool) -> None:
-    if wanted:
-        os.environ[TRACEBACK_VARIABLE] = "1"
-
-
-def _examples(lines: Sequence[str]) -> str:
-    return "\n".join(["\b", "Examples:", *(f"  {line}" for line in lines), ""])
-
-
-def run_command(
-    spec: Spec,
-    *,
-    quiet: bool,
-    verbose: bool,
-    as_json: bool,
-    config_path: str | None = None,
-    overrides: Sequence[str] = (),
-    print_config: bool = False,
-    **options: Any,
-) -> int:
-    """Run the pipeline of a command with its config; return the exit code.
-
-    With `print_config` the config is printed to stdout instead. Raises InputError on a wrong
-    config, and click.UsageError where an argument is missing.
-    """
-    # No plug-in changes the schema, and looking for them in all installed packages takes long.
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    keys = (spec.inputs[0], *(each.key for each in spec.options))
-    arguments = {key: options[identifier(key)] for key in keys}
-    opens = arguments.pop("opens", None)
-    max_untrusted = arguments.pop("fail_untrusted", None)
-    if config_path is None and not print_config:
-        check_required(spec, arguments, overrides)
-    if spec.has_config:
-        from shapefit.config import dump_config, load_config
-
-        config = load_config(
-            spec.name,
-            Path(config_path) if config_path else None,
-            overrides,
-            arguments,
-            name=partial(_name_of, spec),
-            stand_ins=dict.fromkeys((*spec.required, "output")) if print_config else None,
-        )
-        if print_config:
-            click.echo(dump_config(config), nl=False)
-            return 0
-    else:
-        config = SimpleNamespace(**arguments)
-    output = getattr(config, "output", None)
-    if as_json and output == Path("-"):
-        raise click.UsageError("--json and the output both go to stdout; name a file as output")
-    outcomes = run_pipeline(spec.name, config)
-    if not gc.isenabled():
-        gc.freeze()  # or the first look for cycles goes through all that was imported
-        gc.enable()
-    report = Report(
-        spec.name,
-        spec.unit,
-        quiet,
-        verbose,
-        spec.to_stdout,
-        as_json,
-        max_untrusted=max_untrusted,
-        following=spec.following.format(output=getattr(output, "name", "")),
-    )
-    if spec.has_config:
-        report.read = _names([path for key, path in config.inputs() if key == spec.inputs[0]])
-    code = report.follow(outcomes)
-    if opens:
-        _open_in_browser(report.written)
-    return code
-
-
-def check_required(spec: Spec, arguments: Mapping[str, Any], overrides: Sequence[str]) -> None:
-    """Raise click's error, with an example, where an argument that is needed is missing."""
-    context = click.get_current_context()
-    parameters = {each.name: each for each in context.command.params}
-    given = {override.partition("=")[0].strip() for override in overrides}
-    for key in spec.required:
-        if not arguments[key] and key not in given:
-            example = f"For example: {spec.examples[0]}"
-            raise click.MissingParameter(example, context, parameters[identifier(key)])
-
-
-def _name_of(spec: Spec, key: str) -> str:
-    """Return what the command line calls a key: its option, or the argument."""
-    names = {each.key: each.option.opts[-1] for each in spec.options}
-    return names.get(key, spec.inputs[1].strip("[]."))
-
-
-def _names(paths: Sequence[Path]) -> str:
-    """Name the first inputs and count the others."""
-    more = f" and {len(paths) - 3} more" if len(paths) > 3 else ""
-    return ", ".join(path.name or str(path) for path in paths[:3]) + more
-
-
-def _open_in_browser(paths: Sequence[Path]) -> None:
-    import webbrowser
-
-    for path in paths:
-        if not webbrowser.open(path.resolve().as_uri()):
-            tell(f"No browser was found; open {path} in one.")
-
-
-def list_keys(command: str, section: str, as_json: bool) -> int:
+def list_keys(command: str, section: str, option_json: bool) -> int:
     """Print the config keys of a command, or those of one section."""
     from shapefit.config.reference import find_rows, keys_text
 
-    if as_json:
+    if option_json:
         rows = [row._asdict() for row in find_rows(command, section)]
         click.echo(json.dumps({"command": "config", "keys": rows}, ensure_ascii=False))
         return 0
@@ -568,17 +525,14 @@ config_command = click.Command(
     params=[
         click.Argument(["command"], type=click.Choice([c.name for c in COMMANDS if c.has_config])),
         click.Argument(["section"], required=False, default=""),
-        option("--json as_json", "Print one JSON object to stdout."),
+        *make_options("--json  Print one JSON object to stdout.").values(),
     ],
     short_help="List the config keys of a command.",
     help="""List the config keys of a command: what each expects, its default, what it means.
 
 SECTION is a section of the config, or a single key: only those are listed.""",
-    epilog=_examples(
-        (
-            "shapefit config fit",
-            "shapefit config fit camera",
-            "shapefit config learn-dict prior.components",
-        )
-    ),
+    epilog=_examples("""
+shapefit config fit
+shapefit config fit camera
+shapefit config learn-dict prior.components"""),
 )

@@ -47,7 +47,10 @@ SHARED = {
 }
 """Keys of several commands, which the page lists once."""
 
-COMMON = ("config_path", "overrides", "print_config", "as_json", "quiet", "verbose", "traceback")
+COMMON = tuple(
+    f"option_{name}"
+    for name in ["config", "set", "print_config", "json", "quiet", "verbose", "traceback"]
+)
 """Options of every command, which the page lists once."""
 
 
@@ -73,7 +76,7 @@ def config_page() -> str:
 
 
 def _table(shown: Iterable[Row]) -> str:
-    lines = (f"| `{row.name}` | {row.expects} | {row.default} | {row.meaning} |" for row in shown)
+    lines = (f"| `{row.name}` | {row.expects} | `{row.default}` | {row.meaning} |" for row in shown)
     return "\n".join(["| key | expects | default | meaning |", "|---|---|---|---|", *lines, ""])
 
 

@@ -51,7 +51,7 @@ def keys_text(command: str, section: str = "", width: int = 80) -> str:
     lines = []
     for row in find_rows(command, section):
         default = row.default if row.default == "required" else f"default {row.default}"
-        lines += [f"{row.name}: {row.expects}; {default}".replace("`", "")]
+        lines += [f"{row.name}: {row.expects}; {default}"]
         lines += [*wrap(row.meaning, width, initial_indent="    ", subsequent_indent="    ")]
     return "\n".join(lines) + "\n"
 
@@ -71,10 +71,10 @@ def _default(field: FieldInfo) -> str:
         return "required"
     default = field.get_default(call_default_factory=True)
     if isinstance(default, Path):
-        return f"`{default.stem}`" if default.stem else "by the input"
+        return default.stem or "by the input"
     if default is None:
-        return "`auto`" if find_mark(field, AutoField) else "none"
-    return f"`{json.dumps(default)}`"
+        return "auto" if find_mark(field, AutoField) else "none"
+    return json.dumps(default)
 
 
 def expects(field: FieldInfo) -> str:
