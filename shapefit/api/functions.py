@@ -15,7 +15,6 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shapefit.api.display import warn
 from shapefit.api.files import read_dictionary
 from shapefit.api.records import (
     Dictionary,
@@ -23,11 +22,13 @@ from shapefit.api.records import (
     Landmarks,
     Names,
     Shapes,
+    fit_of,
     landmark_set,
     result_set,
     shape_set,
     unnamed,
 )
+from shapefit.api.shown import warn
 from shapefit.config import (
     EvalConfig,
     FitConfig,
@@ -46,10 +47,16 @@ from shapefit.io.readers.items import landmarks_of
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.io.source import source_of
 from shapefit.pipelines.evaluate.judge import Truth, judge
-from shapefit.pipelines.fit.default import are_long, choose_by_dictionary
-from shapefit.pipelines.fit.prepare import FIRST, prepare, warn_of_dictionary
+from shapefit.pipelines.fit.prepare import (
+    FIRST,
+    are_long,
+    choose_method,
+    prepare,
+    warn_of_dictionary,
+)
+from shapefit.pipelines.fit.record import attributes_of
 from shapefit.pipelines.fit.report import Counts, outcome_of, warn_of_all
-from shapefit.pipelines.fit.run import attributes_of, lift_source
+from shapefit.pipelines.fit.run import lift_source
 from shapefit.pipelines.items import keys_of
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes, with_p_value_table
 from shapefit.pipelines.outcome import Counted, Outcome, add_up
@@ -114,30 +121,28 @@ def fit(
     images = _with_weights(_images(landmarks, read, atoms.marked(()).landmark_names), weights)
     if matrices is not None:
         images = images.with_columns({CAMERA_MATRIX: matrices})
-    prior, long = atoms.prior is not None, lambda: are_long(images.sequences)
-    wanted, _ = choose_by_dictionary(read, atoms.provenance, long, prior=prior)
+    wanted, _ = choose_method(read, atoms, lambda: are_long(images.sequences))
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
     with source_of(images, "landmarks", wanted.rename) as source:
         names = source.head.landmark_names
         setup = prepare(wanted, atoms, names, lambda: source.first(FIRST))
-        counts = Counts(setup)
+        counts = Counts()
         of_dictionary = warn_of_dictionary(setup.config, setup.dictionary)
         messages: dict[str, str | Counted] = {}
         add_up(messages, (*setup.estimates.warnings, *of_dictionary))
         doubts = setup.matched.warnings(names)
         for batch in lift_source(source, setup):
-            counts.add(batch.images, batch.record)
+            counts.add(batch.images, batch.record, setup)
             outcome = outcome_of(batch.images, batch.lifting, batch.record, setup)
             records.append(batch.record)
             seconds += batch.seconds
             failures |= {failure.item: failure.reason for failure in outcome.failures}
             add_up(messages, outcome.warnings)
-    warn((*messages.values(), *doubts, *warn_of_all(counts)))
+    warn((*messages.values(), *doubts, *warn_of_all(counts, setup, images.y_axis)))
     whole = concatenate(records)
     attributes = attributes_of(setup, {}, seconds, len(whole))
-    whole = whole.replaced(attributes={**whole.attributes, **attributes})
-    return Fit.of(whole, failures=failures)
+    return fit_of(whole.replaced(attributes={**whole.attributes, **attributes}), failures)
 
 
 def _dictionary(given: Dictionary | str | PathLike[str]) -> model.Dictionary:
@@ -146,7 +151,7 @@ def _dictionary(given: Dictionary | str | PathLike[str]) -> model.Dictionary:
         found = f"is no dictionary, but {type(given).__name__} {np.shape(given) or ''}".rstrip()
         fix = "for arrays there is solve(W, B, lam); Dictionary(atoms=B) takes atoms (k, p, 3)"
         raise input_error("dictionary", found, fix)
-    atoms = (given if isinstance(given, Dictionary) else read_dictionary(given)).model()
+    atoms = (given if isinstance(given, Dictionary) else read_dictionary(given))._inside
     check_given_dictionary(atoms, "dictionary")
     return atoms
 
@@ -290,7 +295,7 @@ def evaluate(
     true_set = shape_set(truth, names)
     true = source_of(true_set, "truth", config.rename, gaps=True).whole()
     record = result_set(result, true.landmark_names)
-    if not isinstance(truth, Shapes) or truth.items is None:
+    if not isinstance(truth, Shapes) or truth._without_items:
         if len(true) != len(record):
             found = f"has {len(true)} shapes for {len(record)} images"
             raise input_error("truth", found, "give one for each, or name them: Shapes(..., items)")

@@ -13,8 +13,8 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.procrustes import coincide
-from shapefit.io.checks import Place, check_finite, check_mesh, input_problems, place_in_memory
-from shapefit.io.formats import HDF5, check_holds, own_format, record_writer
+from shapefit.io.checks import Place, check_finite, check_mesh, place_in_memory, raise_at
+from shapefit.io.formats import check_holds, detect_format, record_writer
 from shapefit.io.layout import DICTIONARY, FIELDS
 
 AGAIN = "make the dictionary again"
@@ -25,10 +25,9 @@ POSITIVE = {"acceleration": "acceleration", "bone_tolerance": "deviation", "edge
 
 def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
     """Read a dictionary, with `old` one of version 1, too. Raises InputError for what is wrong."""
-    if own_format(path) is not HDF5:
-        from shapefit.io.detect import detect_format
-
-        check_holds(path, DICTIONARY.kind, detect_format(path))
+    if path.exists() and not path.is_file():  # which could be read for ever
+        raise input_error(path, "is no file of a dictionary", "name the one of learn-dict")
+    check_holds(path, DICTIONARY.kind, detect_format(path))
     from shapefit.io.hdf5_records import Hdf5Reader
 
     with Hdf5Reader(path, DICTIONARY, old=old) as reader:
@@ -54,31 +53,6 @@ def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
 def is_table(table: Floats) -> bool:
     """Whether rows (t, 4) hold scales, numbers of landmarks, excesses and shares of variance."""
     return len(table) > 0 and bool(np.isfinite(table).all() and (table[:, [0, 1, 3]] > 0).all())
-
-
-def read_provenance(path: Path) -> dict[str, str]:
-    """Return what a dictionary says of how it was made; nothing for what is no HDF5.
-
-    Only the attributes are read, and nothing is checked. Raises InputError as `open_hdf5` does.
-    """
-    from shapefit.io.hdf5_file import as_text, open_hdf5
-
-    try:
-        with open_hdf5(path) as file:
-            return {name: str(as_text(value)) for name, value in file.attrs.items()}
-    except OSError:
-        return {}
-
-
-def has_prior(path: Path) -> bool:
-    """Whether a dictionary has a prior over shapes; not read, and raises as `read_provenance`."""
-    from shapefit.io.hdf5_file import open_hdf5
-
-    try:
-        with open_hdf5(path) as file:
-            return "prior_weights" in file
-    except OSError:
-        return False
 
 
 def _take_prior(fields: dict[str, Any], place: Place) -> Mixture | None:
@@ -124,14 +98,9 @@ def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
     if (scale := fields["atom_scale"]) is not None:
         wrong = np.flatnonzero(~(np.isfinite(scale) & (scale > 0)))
         fix = "write a positive number"
-        problems = [f"{place('atom_scale', row)}: is {scale[row]}; {fix}" for row in wrong]
-        if problems:
-            raise input_problems(problems)
+        raise_at(wrong, lambda row: f"{place('atom_scale', row)}: is {scale[row]}; {fix}")
     unnamed = [row for row, item in enumerate(fields["atom_items"] or ()) if not item]
-    if unnamed:
-        raise input_problems(
-            [f"{place('atom_item', n)}: is empty; name every item" for n in unnamed]
-        )
+    raise_at(unnamed, lambda row: f"{place('atom_item', row)}: is empty; name every item")
     check_mesh(place, fields, len(names))
     if (index := fields["mirror_index"]) is not None:
         points = np.arange(len(index))

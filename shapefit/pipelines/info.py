@@ -20,8 +20,7 @@ from shapefit.io import (
     open_shapes,
     read_dictionary,
 )
-from shapefit.io.detect import detect_format, group_inputs
-from shapefit.io.formats import FileFormat
+from shapefit.io.formats import FileFormat, detect_format, group_inputs
 from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.listing import OPTIONAL, find_kind

@@ -24,11 +24,11 @@ from shapefit.errors import InputError, counted, input_error, parse_json
 from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.io import LandmarkSet, ResultSet, digest, open_landmarks, read_dictionary
 from shapefit.io import match_landmarks as columns_by_name
-from shapefit.io.inputs import HDF5_SIGNATURE, begins_with, require_file
+from shapefit.io.formats import HDF5, detect_format
 from shapefit.io.options import input_options
 from shapefit.io.source import open_results
 from shapefit.lifting.methods import METHODS, ROBUST
-from shapefit.pipelines.fit.camera import DISTORTION, REMOVED, straightened
+from shapefit.pipelines.fit.camera import DISTORTION, REMOVED, undistorted
 from shapefit.pipelines.joints import find_joints, named_as_joints
 from shapefit.pipelines.outcome import Failure, Outcome, unread
 from shapefit.threads import side_by_side
@@ -188,8 +188,7 @@ def verify_part(
     digests: Callable[[Path], str],
 ) -> Generator[Outcome, None, None]:
     """Verify the images of one file, and what it states of them all."""
-    require_file(part.file)
-    if not begins_with(part.file, HDF5_SIGNATURE):
+    if detect_format(part.file) is not HDF5:
         fix = "give a result that `shapefit fit` wrote to a name in .h5"
         raise input_error(part.file, "is not HDF5, and tables hold points only", fix)
     with open_results([part.file], proofs=True, check=False) as results:
@@ -414,7 +413,7 @@ def open_images(
                 lens = {name: head.columns[name] for name in (CAMERA_MATRIX, REMOVED)}
                 lens[DISTORTION] = lens.pop(REMOVED)
                 images = images.with_columns(whole=lens)
-            images = named_as_joints(straightened(images, None), joints, place)
+            images = named_as_joints(undistorted(images, None), joints, place)
             return images.arrange(head.landmark_names, place, leave_out=True)
 
         def chunks(size: int, count: int) -> Iterator[LandmarkSet]:

@@ -86,7 +86,7 @@ def test_arrays_alone_are_enough(people, views):
     np.testing.assert_array_equal(plain.shapes, named.shapes)
     assert plain.items[:2] == ("0", "1")
     assert plain.shapes.shape == (150, 15, 3)
-    assert plain.landmarks_fitted.shape == (150, 15, 2)
+    assert plain.landmarks_fitted is None  # which are the x and y of the shapes
     assert plain.rotation.shape == (150, 3, 3)
     assert plain.coefficients.shape == (150, 24)
     assert set(plain.status) == {"optimal"}
@@ -124,7 +124,7 @@ def test_what_the_command_warns_of_is_a_warning(people, views):
     [
         (
             {"method": "convexx"},
-            r"^fit\.method: expected auto, convex.*did you mean 'convex'\?$",
+            r"^fit\.method: `method` should be 'auto', 'convex'.*did you mean 'convex'\?$",
         ),
         ({"lam": -1}, r"^fit\.lambda: expected a number > 0 or auto, found -1$"),
         ({"prior": {"scal": 2}}, r"fit\.prior\.scal: unknown key 'prior\.scal'.*'prior\.scale'"),
@@ -132,7 +132,7 @@ def test_what_the_command_warns_of_is_a_warning(people, views):
         ({"output": "x.h5"}, r"^fit\.output: there is no argument `output`; it is for files"),
         ({"export": {"folder": "x"}}, r"^fit\.export: there is no argument"),
         ({"camera": np.eye(2)}, r"camera\.focal: camera_matrix: has the shape \(2, 2\)"),
-        ({"camera": {"name": "left"}}, r"fit\.camera\.name: `name` names a camera"),
+        ({"camera": {"name": "left"}}, r"fit\.camera\.name: `name` is that of a camera"),
         (
             {"weights": np.ones((2, 15))},
             r"weights: has the shape \(2, 15\); it must be \(150, 15\)",
@@ -159,7 +159,7 @@ def test_what_is_wrong_is_an_error_with_its_place(people, views, changes, messag
         (np.ones((4, 14, 2)), "has 14 landmarks without names, not 15; name them: Landmarks"),
         ([["a"]], "^landmarks: is no array of numbers"),
         (np.full((1, 15, 2), np.inf), r"^landmarks\[0\]: landmark 'pelvis' is \(inf, inf\); write"),
-        (shapefit.Landmarks(np.ones((2, 3, 2)), "abc"), "0 of the 3 landmarks of the files"),
+        (shapefit.Landmarks(np.ones((2, 3, 2)), "abc"), "none of the 3 landmarks is in"),
         (shapefit.Landmarks(np.ones((2, 15, 2)), items=["a", "a"]), "item 'a' is also at"),
         (shapefit.Landmarks(np.ones((2, 15, 2)), items=["a", ""]), r"item\[1\]: is empty; name"),
     ],

@@ -30,8 +30,7 @@ from shapefit.lifting.methods import (
 )
 
 if TYPE_CHECKING:
-    MethodName = str
-    Part = str
+    MethodName = Part = str
 else:
     MethodName = Literal[(AUTO, *METHODS)]
     Part = Literal["head", "hips", "shoulders"]

@@ -20,6 +20,7 @@ from shapefit.evaluation.metric_table import (
     CORRELATION,
     DEVIATION,
     ESTIMATE,
+    FITTED,
     IMAGE,
     LANDMARKS,
     LENGTH,
@@ -314,6 +315,8 @@ def find_dataset(file: Path, results: ResultSet, wanted: Dataset) -> NDArray[Any
 
     Raises InputError where the dataset has another shape than the metric expects.
     """
+    if wanted is FITTED and results.scale is not None and "focal" not in results.columns:
+        return results.columns.get(wanted.name, results.shapes[:, :2])
     if wanted.name in RESULTS.datasets:
         return results.columns.get(wanted.name)
     data = results.columns.get(wanted.name)

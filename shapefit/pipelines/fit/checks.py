@@ -1,10 +1,10 @@
-"""Checks of the sample: are the landmarks those that their names say, and left where left is?
+"""Checks of the sample: error bars, the names of the landmarks, and their sides.
 
-Each returns a doubt, or nothing. A body seen with its sides exchanged looks like that body turned
-to face the other way, near and far exchanged. Seen from afar, and with a prior as symmetric as
-bodies are, both are exactly as likely, whatever knees and elbows do. What tells them apart is
-perspective (feet are seen from above, what is nearer is larger), and that people walk forwards. So
-sides are tried only where legs are seen and feet step.
+Each may give a doubt. A body seen with its sides exchanged looks like that body turned to face the
+other way, near and far exchanged. Seen from afar, and with a prior as symmetric as bodies are, both
+are exactly as likely. What tells them apart is perspective (feet are seen from above, what is
+nearer is larger), and that people walk forwards: sides are tried only where legs are seen and feet
+step.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from shapefit.lifting.verdict import (
 )
 from shapefit.pipelines.fit.lift import Lifter, lift_images, settings_of, with_p_values
 from shapefit.pipelines.fit.sample import FEWEST, Sample, mean_gain
+from shapefit.pipelines.fit.sequences import exchange_sides
 from shapefit.pipelines.joints import LandmarkMap, match_names
 
 CALIBRATED = 60
@@ -41,30 +42,22 @@ DOUBTFUL = 0.25
 """Share of doubtful images from which other skeletons are tried; one that has less than half of
 that share is named. Where names are right a few images in a hundred are doubtful."""
 
-NOT_TRUSTED = "no shape of this file is to be trusted"
-
 FEWEST_NAMES = 4
 """Landmarks of the dictionary that names must give; with fewer there is nothing to lift."""
 
 LEGS = tuple(f"{side}{joint}" for joint in ("hip", "knee", "ankle") for side in "lr")
 TRUNK = ("lhip", "rhip", "lshoulder", "rshoulder")
 
-SEEN = 0.5
-"""Share of the images in which each joint of the legs must be seen."""
+SEEN, STRIDE = 0.5, 0.15
+"""Share of the images in which each joint of the legs must be seen. Standard deviation of how far
+one ankle is ahead of the other, in lengths of a leg, from which feet step: 0.25 and more for people
+who walk, below 0.1 for those who stand or sit."""
 
-STRIDE = 0.15
-"""Standard deviation of how far one ankle is ahead of the other, in lengths of a leg, from which
-feet step: 0.25 and more for people who walk, below 0.1 for those who stand or sit."""
-
-GROWTH = 0.02
+GROWTH, SIDES_GAIN = 0.02, 1.0
 """Growth of a body in the image over a step that counts as one nat against names under which it
-walks backwards."""
-
-SIDES_GAIN = 1.0
-"""Nats an image by which exchanged sides must be likelier, and by two standard errors. Over 55
-clips of five bodies (seen as in benchmarks/footage.py, not those scored) the right names were
-never less likely by more than 0.43 on average over a clip; exchanged names of three bodies are
-noticed."""
+walks backwards; nats an image by which exchanged sides must be likelier, and by two standard
+errors. Over 55 clips of five bodies the right names were never less likely by more than 0.43 on
+average over a clip; exchanged names of three bodies are noticed."""
 
 
 class Doubt(NamedTuple):
@@ -75,37 +68,37 @@ class Doubt(NamedTuple):
 
 
 class Bars(NamedTuple):
-    """What a sample shows of the error bars of its file.
+    """Error bars of a file, by a sample.
 
     growth     (p,) factors on the covariances of its landmarks, empty for none
-    known      numbers that are stored with the result, by name
+    numbers    what is stored with the result, by name
     line       that says so, and a doubt where the sample contradicts the dictionary
     """
 
     growth: tuple[float, ...] = ()
-    known: Mapping[str, float] = {}
+    numbers: Mapping[str, float] = {}
     line: str = ""
     doubt: Doubt | None = None
 
 
-def check_bars(sample: Sample, found: Lifting, lifter: Lifter, widening: float) -> Bars:
+def calibrate_bars(sample: Sample, lifting: Lifting, lifter: Lifter, widening: float) -> Bars:
     """Calibrate the error bars on the sample; doubt it where it contradicts the dictionary.
 
-    found, the sample as the lifter lifts it; widening, that of all covariances without the factors
-    of a report, which come on top.
+    lifting, of the sample by the lifter; widening, that of all covariances without the factors of a
+    report, which come on top.
     """
     if len(sample) < LIMITS.fewest_images:
         return Bars()
     from shapefit.lifting.posterior.calibration import calibrate
 
-    rows = evenly(len(sample), CALIBRATED)
-    inliers = found.estimate.further["inlier_probability"]
+    rows, estimate = evenly(len(sample), CALIBRATED), lifting.estimate
+    inliers = estimate.further["inlier_probability"]
     calibration = calibrate(
-        found.problem.take(rows), found.estimate.rotation[rows], inliers[rows], settings_of(lifter)
+        lifting.problem.take(rows), estimate.rotation[rows], inliers[rows], settings_of(lifter)
     )
     seen = np.isfinite(inliers).sum(axis=1)
-    distance = median_distance(found.estimate.further[START_DISTANCE], seen)
-    known = {
+    distance = median_distance(estimate.further[START_DISTANCE], seen)
+    numbers = {
         "calibration_kappa": calibration.kappa,
         "hidden_landmarks_inside": calibration.inside,
         "median_start_distance": distance,
@@ -113,20 +106,21 @@ def check_bars(sample: Sample, found: Lifting, lifter: Lifter, widening: float) 
     line = f"of landmarks hidden in turn, {calibration.inside:.0%} lie in their 90% regions"
     if np.isfinite(distance):
         line += f"; median distance from the convex shape {distance:.2f}"
-    growth = tuple(calibration.growth(widening).tolist())
     doubt = None
     if contradicts(calibration.kappa, distance):
-        doubt = Doubt(
-            NOT_OF_THE_CLASS,
-            f"{NOT_TRUSTED}: {line}; are the names of the landmarks right, and does the dictionary "
-            "have such shapes?",
-        )
-    return Bars(growth, known, line, doubt)
+        fix = "are the names of the landmarks right, and does the dictionary have such shapes?"
+        doubt = no_trust(f"{line}; {fix}")
+    return Bars(tuple(calibration.growth(widening).tolist()), numbers, line, doubt)
+
+
+def no_trust(why: str) -> Doubt:
+    """Return the doubt of a file that contradicts the dictionary."""
+    return Doubt(NOT_OF_THE_CLASS, f"no shape of this file is to be trusted: {why}")
 
 
 def check_skeleton(
     sample: Sample,
-    found: Lifting,
+    lifting: Lifting,
     lifter: Lifter,
     dictionary: Dictionary,
     theta: Mapping[str, float],
@@ -135,18 +129,16 @@ def check_skeleton(
 
     dictionary and theta: that of all files, and the usual skeleton.
     """
-    share = doubtful_share(found)
+    share = doubtful_share(lifting)
     if len(sample) < FEWEST or not share > DOUBTFUL:
         return None
     shares = try_skeletons(sample, lifter, dictionary, theta)
-    best = min(shares, key=lambda name: shares[name], default=None)
-    if best is None or not shares[best] < share / 2:
+    best = min(shares, key=lambda name: shares[name], default="")
+    if not best or not shares[best] < share / 2:
         return None
-    return Doubt(
-        NOT_OF_THE_CLASS,
-        f"{NOT_TRUSTED}: {share:.0%} of a sample of {len(sample)} images contradict the names of "
-        f"their landmarks, {shares[best]:.0%} those of {best}: is it {best}? Say so by "
-        f"`keypoints: {best}`",
+    return no_trust(
+        f"{share:.0%} of a sample of {len(sample)} images contradict the names of their landmarks, "
+        f"{shares[best]:.0%} those of {best}: is it {best}? Set `keypoints: {best}`"
     )
 
 
@@ -162,89 +154,74 @@ def doubtful_share(lifting: Lifting) -> float:
 def try_skeletons(
     sample: Sample, lifter: Lifter, dictionary: Dictionary, theta: Mapping[str, float]
 ) -> dict[str, float]:
-    """Return the share of doubtful images under the names of each other skeleton.
-
-    Of those with as many landmarks; the dictionary is that of all files, theta the usual skeleton.
-    """
-    own, shares = sample.own.landmark_names, dict[str, float]()
+    """Return the share of doubtful images under the names of each other skeleton of that size."""
+    names, shares = sample.in_file.landmark_names, dict[str, float]()
     for other in installed_skeletons().values():
-        if len(other.landmark_names) != len(own) or other.landmark_names == own:
+        if len(other.landmark_names) != len(names) or other.landmark_names == names:
             continue
         try:
             matched = match_names(other.landmark_names, dictionary, other.name)
         except InputError:
             continue
-        renamed = sample.own.replaced(landmark_names=other.landmark_names)
+        renamed = sample.in_file.replaced(landmark_names=other.landmark_names)
         images = matched.arrange(renamed, other.name)
-        if (images.seen().any(axis=0)).sum() >= FEWEST_NAMES:
-            seen = LandmarkMap(matched.joints, theta, active=True).apply(matched.dictionary)
-            as_other = replace(lifter, dictionary=seen)
+        if images.seen().any(axis=0).sum() >= FEWEST_NAMES:
+            mapped = LandmarkMap(matched.joints, theta, active=True)
+            as_other = replace(lifter, dictionary=mapped.apply(matched.dictionary))
             lifting = with_p_values(lift_images(images, as_other), as_other)
             shares[other.name] = doubtful_share(lifting)
     return shares
 
 
-def check_sides(sample: Sample, found: Lifting, lifter: Lifter) -> Doubt | None:
+def check_sides(sample: Sample, lifting: Lifting, lifter: Lifter) -> Doubt | None:
     """Doubt sides where images are clearly likelier with left and right exchanged."""
-    partner, names = lifter.dictionary.mirror_index, lifter.dictionary.landmark_names
-    if partner is None or not feet_step(sample, found, names):
+    partner, images = lifter.dictionary.mirror_index, sample.images
+    columns = {name: j for j, name in enumerate(lifter.dictionary.landmark_names)}
+    if partner is None or not feet_step(sample, lifting.shapes, columns):
         return None
-    images = sample.images
-    exchanged = images.replaced(
-        landmarks=images.landmarks[..., partner],
-        confidence=None if images.confidence is None else images.confidence[:, partner],
-    )
-    own, other = (lift_images(each, lifter, dependent=True) for each in (images, exchanged))
-    evidence = (each.estimate.further["log_evidence"] for each in (own, other))
+    exchanged = exchange_sides(images, partner, np.ones(len(images), dtype=bool))
+    as_named, other = (lift_images(each, lifter, dependent=True) for each in (images, exchanged))
+    evidence = (each.estimate.further["log_evidence"] for each in (as_named, other))
     gain, error, count = mean_gain(*evidence)
-    total = gain + walks_backwards(own, names, sample) / GROWTH
-    if count < FEWEST or not total > max(SIDES_GAIN, 2 * error):
+    walking = walks_backwards(sample, as_named.shapes, columns) / GROWTH
+    if count < FEWEST or not gain + walking > max(SIDES_GAIN, 2 * error):
         return None
     return Doubt(
         "left and right exchanged",
         f"left and right may be exchanged: with the names of the sides exchanged, a sample of "
-        f"{count} images is likelier by {total:.1f} nats an image (perspective "
-        f"{gain:+.1f}, walking forwards {total - gain:+.1f}); look at some results, "
+        f"{count} images is likelier by {gain + walking:.1f} nats an image (perspective "
+        f"{gain:+.1f}, walking forwards {walking:+.1f}); look at some results, "
         "and exchange the names by `rename` if they face the wrong way",
     )
 
 
-def feet_step(sample: Sample, found: Lifting, names: tuple[str, ...]) -> bool:
+def feet_step(sample: Sample, shapes: Floats, columns: Mapping[str, int]) -> bool:
     """Whether legs are seen in the sample, and one foot passes the other."""
-    at = {name: j for j, name in enumerate(names)}
-    if not {*LEGS, *TRUNK} <= set(at) or len(sample) < FEWEST:
+    if not {*LEGS, *TRUNK} <= set(columns) or len(sample) < FEWEST:
         return False
-    seen = sample.images.seen()[:, [at[name] for name in LEGS]]
-    if (seen.mean(axis=0) < SEEN).any():
-        return False
-    lhip, rhip, _, _, lankle, rankle = (found.shapes[:, :, at[name]] for name in LEGS)
-    forward = facing(found.shapes, at)
+    seen = sample.images.seen()[:, [columns[name] for name in LEGS]]
+    lhip, rhip, _, _, lankle, rankle = (shapes[:, :, columns[name]] for name in LEGS)
     leg = np.linalg.norm(lankle - lhip, axis=1) + np.linalg.norm(rankle - rhip, axis=1)
-    ahead = 2 * ((lankle - rankle) * forward).sum(axis=1) / leg
-    return bool(np.nanstd(ahead) > STRIDE)
+    ahead = 2 * ((lankle - rankle) * facing(shapes, columns)).sum(axis=1) / leg
+    return bool((seen.mean(axis=0) >= SEEN).all() and np.nanstd(ahead) > STRIDE)
 
 
-def facing(shapes: Floats, at: Mapping[str, int]) -> Floats:
+def facing(shapes: Floats, columns: Mapping[str, int]) -> Floats:
     """Return unit vectors (n, 3) of where bodies face, from hips and shoulders."""
-    lhip, rhip, lshoulder, rshoulder = (shapes[:, :, at[name]] for name in TRUNK)
+    lhip, rhip, lshoulder, rshoulder = (shapes[:, :, columns[name]] for name in TRUNK)
     forward = np.cross(lhip - rhip + lshoulder - rshoulder, lshoulder + rshoulder - lhip - rhip)
     unit: Floats = forward / np.linalg.norm(forward, axis=1, keepdims=True)
     return unit
 
 
-def walks_backwards(found: Lifting, names: tuple[str, ...], sample: Sample) -> float:
+def walks_backwards(sample: Sample, shapes: Floats, columns: Mapping[str, int]) -> float:
     """mean over pairs of (log s' - log s) (f_z + f_z') / 2: how much bodies walk backwards.
 
     s is the size of a body in the image, s' a step later; f the direction in which it faces, away
-    from the camera where f_z > 0. 0 without hips, shoulders and sequences.
+    from the camera where f_z > 0. 0 without pairs.
     """
-    at = {name: j for j, name in enumerate(names)}
-    if not len(sample.pairs) or not set(TRUNK) <= set(at):
-        return 0.0
-    away = depth_sign(sample.images.y_axis) * facing(found.shapes, at)[:, 2]
-    size = np.log(
-        np.linalg.norm(found.shapes - found.shapes.mean(axis=2, keepdims=True), axis=(1, 2))
-    )
+    away = depth_sign(sample.images.y_axis) * facing(shapes, columns)[:, 2]
+    size = np.log(np.linalg.norm(shapes - shapes.mean(axis=2, keepdims=True), axis=(1, 2)))
     before, after = sample.pairs.T
     moved = (size[after] - size[before]) * (away[before] + away[after]) / 2
     return float(np.nanmean(moved)) if np.isfinite(moved).any() else 0.0

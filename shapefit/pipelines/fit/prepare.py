@@ -7,7 +7,7 @@ the same.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,56 +15,50 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import BaseModel
 
+from shapefit.arrays import median
 from shapefit.config import FitConfig
-from shapefit.config.paths import ResultFolder
-from shapefit.dictionary.model import LEARNED_FROM, Dictionary, describe_learning
+from shapefit.config.paths import STANDARD_STREAM, ResultFolder
+from shapefit.dictionary.model import LEARNED_FROM, SUITS, Dictionary, describe_learning
 from shapefit.errors import InputError, input_error
-from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.io import LandmarkSet, open_landmarks
 from shapefit.io.formats import HDF5, FileFormat, find_target_format
-from shapefit.io.layout import LANDMARK_COVARIANCE
 from shapefit.io.options import InputOptions, input_options
-from shapefit.io.records import concatenate
-from shapefit.lifting.methods import METHODS
-from shapefit.pipelines.fit.camera import (
-    DISTORTION,
-    IMAGE_SIZE,
-    choose_camera,
-    find_calibrated,
-    straightened,
-)
-from shapefit.pipelines.fit.checks import check_bars, check_sides, check_skeleton
-from shapefit.pipelines.fit.lift import (
-    Lifter,
-    check_items,
-    check_needs,
-    lifter_of,
-    load_steps,
-    weigh,
-)
+from shapefit.lifting.methods import AUTO, METHODS, find_conflict
+from shapefit.pipelines.fit.camera import choose_camera, find_calibrated, undistorted
+from shapefit.pipelines.fit.checks import calibrate_bars, check_sides, check_skeleton
+from shapefit.pipelines.fit.lift import Lifter, check_items, check_needs, lifter_of, weigh
 from shapefit.pipelines.fit.sample import choose_scale, choose_skeleton, draw_sample
-from shapefit.pipelines.joints import MEANS, LandmarkMap, Matched, find_dependents, match_names
+from shapefit.pipelines.joints import LandmarkMap, Matched, match_names
 
 if TYPE_CHECKING:
     from shapefit.io.readers.calibration import CalibratedCamera
-    from shapefit.pipelines.partition.plan import Part
 
 FIRST = 1024
 """Images of which the sample is drawn: the same whatever the chunks and parts."""
 
-OF_CAMERAS = (CAMERA_MATRIX, DISTORTION, IMAGE_SIZE)
-"""Datasets of landmarks that say how the camera saw them."""
+FRAMES, COUNTED = 10, 4096
+"""Frames of a sequence whose motion says something of its shapes; images that are counted."""
+
+PEOPLE = "people"
+OF_PEOPLE: Mapping[str, Mapping[str, float]] = {
+    "posterior": {"residual_variance": 0.006, "bar_scale": 1.6},
+    "sequences": {"residual_variance": 0.01, "bar_scale": 1.5},
+}
+"""Keys of `prior` for dictionaries of people, where they are not given."""
 
 NOT_READ = ("output", "scheduler_file")
 """Keys of one file that results do not depend on."""
 
+SCALES = ("scale", "residual_variance")
+"""Keys of `prior` that are chosen by evidence."""
+
 
 @dataclass(frozen=True)
 class Estimates:
-    """What was estimated: values for keys of a config, lines that say so, and warnings.
+    """What was estimated: values for keys of a config, lines about them, and warnings.
 
     values are as `FitConfig.changed` takes them and JSON holds them; the camera line is the first.
-    doubt says why no image is to be trusted, "" for nothing; growth (p,) and known, see `Bars`.
+    doubt says why no image is to be trusted, "" for nothing; growth (p,) and numbers, see `Bars`.
     """
 
     values: Mapping[str, Any]
@@ -72,7 +66,7 @@ class Estimates:
     warnings: tuple[str, ...] = ()
     doubt: str = ""
     growth: tuple[float, ...] = ()
-    known: Mapping[str, float] = field(default_factory=dict)
+    numbers: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +96,7 @@ class Setup:
 
     def arrange(self, images: LandmarkSet) -> LandmarkSet:
         """Return images of the files without distortion, with the landmarks of the dictionary."""
-        return self.matched.arrange(straightened(images, self.camera), self.place)
+        return self.matched.arrange(undistorted(images, self.camera), self.place)
 
 
 def prepare(
@@ -122,77 +116,107 @@ def prepare(
     matched = match_names(landmark_names, dictionary, place, in_place=method.has_prior)
     check_needs(config.method, matched.dictionary, config.dictionary)
     camera = find_calibrated(config.camera)
-    estimates = estimates or estimate(config, dictionary, matched, camera, first)
+    if estimates is None:
+        estimates = estimate(config, dictionary, matched, undistorted(first(), camera))
     config = config.changed(**estimates.values)
-    mapped = map_landmarks(config, matched)
+    mapped = LandmarkMap.of(matched, config.skeleton, prior=method.has_prior)
     seen, lengths = mapped.apply(matched.dictionary), None
     if method.sequences and config.bone_lengths is not None:
-        from shapefit.pipelines.fit.sequences import find_lengths
+        from shapefit.pipelines.fit.sequences import read_bone_lengths
 
-        lengths = find_lengths(config.bone_lengths, seen)
+        lengths = read_bone_lengths(config.bone_lengths, seen)
     if config.leave_one_out is not None:
         check_items(seen)
-    lifter = replace(lifter_of(config, seen, lengths), growth=tuple(estimates.growth))
-    if method.has_prior:  # for the expected error, and the error bars of joints
-        lifter = replace(lifter, covariance=True)
-    load_steps(lifter)
+    lifter = lifter_of(config, seen, lengths)
+    # with a prior covariances serve the expected error, and the error bars of joints
+    options = replace(
+        lifter.posterior,
+        growth=tuple(estimates.growth),
+        covariance=lifter.posterior.covariance or method.has_prior,
+    )
     return Setup(
         config=config,
         matched=matched,
         mapped=replace(mapped, residual_variance=lifter.variance),
-        lifter=lifter,
+        lifter=replace(lifter, posterior=options),
         camera=camera,
         estimates=estimates,
         place=place,
     )
 
 
-def map_landmarks(config: FitConfig, matched: Matched) -> LandmarkMap:
-    """Return where the landmarks lie that stand for joints, by the skeleton of the config."""
-    dependents = find_dependents(matched.dictionary)
-    return LandmarkMap(
-        matched.joints,
-        {**MEANS, **(config.skeleton or {})},
-        METHODS[config.method].has_prior and bool(matched.joints.markers or dependents is not None),
-        METHODS[config.method].has_prior,
-        dependents,
-    )
+def choose_method(
+    config: FitConfig, dictionary: Dictionary, has_sequences: Callable[[], bool]
+) -> tuple[FitConfig, str]:
+    """Return the config with the method that suits dictionary and images, and a line about it.
+
+    has_sequences tells whether the images are frames of sequences. Raises InputError where the
+    config asks for what its method does not have.
+    """
+    line = ""
+    if config.method == AUTO:
+        prior = dictionary.prior is not None
+        method = ("sequences" if has_sequences() else "posterior") if prior else "convex"
+        if find_conflict(config.changed(method=method)) is not None:
+            method = "convex"
+        config = config.changed(method=method)
+        if (conflict := find_conflict(config)) is not None:
+            found, _, fix = conflict.partition("; ")
+            raise input_error("fit", found, fix)
+        why = "the dictionary has a prior" if prior else "the dictionary has no prior"
+        line = f"{method} ({why}; change with --method)"
+    if PEOPLE in dictionary.provenance.get(SUITS, "").split() and config.method in OF_PEOPLE:
+        given = config.prior.model_fields_set
+        values = OF_PEOPLE[config.method].items()
+        config = config.changed(prior={key: value for key, value in values if key not in given})
+    resolved = {"tolerance": config.solver_tolerance, "save": {"proof": config.saves_proof}}
+    return config.changed(**resolved), line
+
+
+def in_sequences(config: FitConfig) -> bool:
+    """Whether the images are frames of sequences, by the first COUNTED of them.
+
+    Those of standard input cannot be read twice.
+    """
+    if not config.landmarks or STANDARD_STREAM in config.landmarks:
+        return False
+    options = replace(input_options(config, "motion"), rename={})
+    try:
+        with open_landmarks(config.landmarks, options) as source:
+            return are_long(source.first(COUNTED).sequences)
+    except InputError:  # no frames of a video; what is wrong with files is reported by the fit
+        return False
+
+
+def are_long(sequences: Sequence[str] | None) -> bool:
+    """Whether at least half of the images are of sequences of FRAMES or more."""
+    if not sequences:
+        return False
+    _, which, counts = np.unique(sequences, return_inverse=True, return_counts=True)
+    return median(counts[which]) >= FRAMES
 
 
 def estimate(
-    config: FitConfig,
-    dictionary: Dictionary,
-    matched: Matched,
-    calibrated: CalibratedCamera | None,
-    first: Callable[[], LandmarkSet],
+    config: FitConfig, dictionary: Dictionary, matched: Matched, images: LandmarkSet
 ) -> Estimates:
     """Estimate the camera and, for methods with a prior, skeleton and prior scale by evidence.
 
-    Of one sample of the first images, which also says whether names and sides are right.
+    Of one sample of the first images, which also tells whether names and sides are right.
     """
-    read: list[LandmarkSet] = []
-
-    def images() -> LandmarkSet:
-        if not read:
-            read.append(straightened(first(), calibrated))
-        return read[0]
-
     learned_from = matched.dictionary.provenance.get(LEARNED_FROM) is not None
-    camera, line = choose_camera(config, images, from_landmarks=learned_from)
-    values: dict[str, Any] = {"camera": camera}
-    lines = [f"camera: {line}"]
+    camera, of_camera = choose_camera(config, images, from_landmarks=learned_from)
     if not METHODS[config.method].has_prior:
-        return Estimates(values, tuple(lines))
-    bars, of_bars = read_bar_scale(config)
+        return Estimates({"camera": camera}, (f"camera: {of_camera}",))
+    bars, of_report = read_bar_scale(config)
     widening = config.prior.bar_scale  # a report judged bars that hidden landmarks had widened
     config = config.changed(camera=camera, prior=bars)
     lifter = replace(lifter_of(config, matched.dictionary), method="posterior")
-    visible = np.flatnonzero(weigh(images(), lifter).any(axis=1))  # the others say nothing
-    sample = draw_sample(images().take(visible), matched)
-    mapped = map_landmarks(config, matched)
+    visible = np.flatnonzero(weigh(images, lifter).any(axis=1))
+    sample = draw_sample(images.take(visible), matched)
 
+    mapped = LandmarkMap.of(matched, config.skeleton, prior=True)
     skeleton, of_skeleton = choose_skeleton(config.skeleton, mapped, sample, lifter)
-    mapped = replace(mapped, theta={**MEANS, **(skeleton or {})})
+    mapped = LandmarkMap.of(matched, skeleton, prior=True)
     lifter = replace(lifter, dictionary=mapped.apply(matched.dictionary))
     as_learned = sample.lift(lifter)
     doubt = check_skeleton(sample, as_learned, lifter, dictionary, mapped.theta)
@@ -203,24 +227,19 @@ def estimate(
     scaled = replace(
         lifter, prior_scale=scale["scale"], residual_variance=scale["residual_variance"]
     )
-    before, after = ((each.prior_scale, each.variance) for each in (lifter, scaled))
-    found = as_learned if before == after else sample.lift(scaled)
-    shown = check_bars(sample, found, scaled, widening)
-    values |= {"prior": {**bars, **scale}, "skeleton": skeleton}
-    lines += filter(None, (of_skeleton, of_scale, of_bars, shown.line))
-    doubt = doubt or shown.doubt
+    same = (lifter.prior_scale, lifter.variance) == (scaled.prior_scale, scaled.variance)
+    lifting = as_learned if same else sample.lift(scaled)
+    calibrated = calibrate_bars(sample, lifting, scaled, widening)
+    doubt = doubt or calibrated.doubt
+    lines = (f"camera: {of_camera}", of_skeleton, of_scale, of_report, calibrated.line)
     return Estimates(
-        values,
-        tuple(lines),
+        {"camera": camera, "prior": {**bars, **scale}, "skeleton": skeleton},
+        tuple(filter(None, lines)),
         () if doubt is None else (doubt.warning,),
         "" if doubt is None else doubt.reason,
-        shown.growth,
-        shown.known,
+        calibrated.growth,
+        calibrated.numbers,
     )
-
-
-SCALES = ("scale", "residual_variance")
-"""Keys of `prior` that are chosen by evidence."""
 
 
 def read_bar_scale(config: FitConfig) -> tuple[dict[str, Any], str]:
@@ -236,12 +255,13 @@ def read_bar_scale(config: FitConfig) -> tuple[dict[str, Any], str]:
         factors = json.loads(path.read_text(encoding="utf-8"))
         name = config.method if config.method in factors else next(iter(factors))
         half, most = (factors[name][level] for level in ("50%", "90%"))
-        known = None in (half, most) or (half > 0 and most > 0)
+        valid = None in (half, most) or (half > 0 and most > 0)
     except (OSError, ValueError, KeyError, TypeError, StopIteration):
-        known = False
-    if not known:
-        found = "holds no factors of error bars"
-        raise input_error(path, found, "give error_bars.json of a report of eval")
+        valid = False
+    if not valid:
+        raise input_error(
+            path, "holds no factors of error bars", "give error_bars.json of a report of eval"
+        )
     if name != config.method and len(factors) > 1:
         found = f"has factors of {', '.join(factors)}, not of {config.method}"
         raise input_error(path, found, f"judge one result alone, or call it {config.method}")
@@ -270,21 +290,7 @@ def warn_of_dictionary(config: FitConfig, dictionary: Dictionary) -> tuple[str, 
 
 def output_format(config: FitConfig) -> FileFormat:
     """Return the format of the results."""
-    if isinstance(config.output, ResultFolder):
-        return HDF5
-    return find_target_format(config.output)
-
-
-def files_of(config: BaseModel, prefix: str = "") -> dict[str, Path]:
-    """Return what results depend on beside landmarks: the keys of a config that name one file."""
-    found: dict[str, Path] = {}
-    for key in type(config).model_fields:
-        value = getattr(config, key)
-        if isinstance(value, BaseModel):
-            found |= files_of(value, f"{prefix}{key}.")
-        elif isinstance(value, Path) and key not in NOT_READ and value.is_file():
-            found[f"{prefix}{key}"] = value
-    return found
+    return HDF5 if isinstance(config.output, ResultFolder) else find_target_format(config.output)
 
 
 def read_options(config: FitConfig) -> InputOptions:
@@ -296,61 +302,13 @@ def read_options(config: FitConfig) -> InputOptions:
     return input_options(config, "motion" if joined else "none")
 
 
-def first_images(config: FitConfig, parts: Iterable[Part]) -> LandmarkSet:
-    """Return the FIRST images of all parts, each read by itself, with what else estimates need.
-
-    Inputs that cannot be read are left out: their part reports them. Raises InputError where none
-    of them can be read.
-    """
-    options, found, left = read_options(config), list[LandmarkSet](), FIRST
-    unreadable: InputError | None = None
-    for part in parts:
-        start, stop = part.rows or (0, FIRST)
-        try:
-            rows = slice(start, min(stop, start + left))
-            with open_landmarks(part.inputs, options, rows) as source:
-                found.append(source.first(left))
-        except InputError as error:
-            unreadable = unreadable or error
-            continue
-        left -= len(found[-1])
-        if not left:
-            break
-    if unreadable is not None and left == FIRST:
-        raise unreadable
-    kept = (*OF_CAMERAS, LANDMARK_COVARIANCE, config.camera.matrices)
-    return _joined([images for images in found if len(images)] or found[:1], filter(None, kept))
-
-
-def _joined(sets: Sequence[LandmarkSet], datasets: Iterable[str]) -> LandmarkSet:
-    """Join images of several inputs, with those of the datasets that all of them have.
-
-    What is of the file becomes one of the images where the files differ.
-    """
-    first = sets[0]
-    if len(sets) == 1:
-        return first
-    names = tuple(dict.fromkeys(name for images in sets for name in images.landmark_names))
-    kept = [name for name in datasets if all(name in images.columns for images in sets)]
-    scored = any(images.confidence is not None for images in sets)
-    following = all(images.sequences is not None for images in sets)
-    whole = {
-        name
-        for name in kept
-        if all(name in each.whole for each in sets)
-        and all(np.array_equal(each.columns[name], first.columns[name]) for each in sets)
-    }
-
-    def alike(images: LandmarkSet) -> LandmarkSet:
-        images = images.arrange(names)
-        columns = {name: np.asarray(images.columns[name]) for name in kept}
-        for name in images.whole.keys() & columns.keys() - whole:
-            columns[name] = np.broadcast_to(columns[name], (len(images), *columns[name].shape))
-        bare = images.without(images.further.keys()).replaced(
-            confidence=images.weights() if scored else None,
-            sequences=images.sequences if following else None,
-        )
-        of_file = {name: columns.pop(name) for name in whole}
-        return bare.with_columns(columns, of_file)
-
-    return concatenate([alike(images) for images in sets])
+def files_of(config: BaseModel, prefix: str = "") -> dict[str, Path]:
+    """Return what results depend on beside landmarks: the keys of a config that name one file."""
+    files: dict[str, Path] = {}
+    for key in type(config).model_fields:
+        value = getattr(config, key)
+        if isinstance(value, BaseModel):
+            files |= files_of(value, f"{prefix}{key}.")
+        elif isinstance(value, Path) and key not in NOT_READ and value.is_file():
+            files[f"{prefix}{key}"] = value
+    return files

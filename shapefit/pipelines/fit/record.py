@@ -1,19 +1,23 @@
-"""The record of a fit: what was found in a batch of images, as it is stored."""
+"""The record of a fit: what a batch of images is stored as."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import hashlib
+import json
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit import __version__
 from shapefit.arrays import Floats
 from shapefit.dictionary.bodies import has_lengths, knows_size, metres_per_unit
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
+from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.expected_error import EXPECTED_ERROR, expected_error
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
@@ -30,6 +34,8 @@ from shapefit.pipelines.fit.lift import find_left_out
 if TYPE_CHECKING:
     from shapefit.pipelines.fit.prepare import Setup
 
+Datasets = dict[str, NDArray[Any] | None]
+
 OF_A_RESULT = RESULTS.all.keys()
 """Datasets that a fit can write: what came with the landmarks is never mistaken for one of them."""
 
@@ -37,43 +43,73 @@ OF_A_RESULT = RESULTS.all.keys()
 def as_result(
     images: LandmarkSet, lifting: Lifting, setup: Setup, inputs: Mapping[str, NDArray[Any]]
 ) -> ResultSet:
-    """Lay out a batch as it is stored, with the observed landmarks beside the fitted ones.
+    """Lay out a batch as it is stored, with the observed landmarks and what came with them.
 
     inputs are the landmarks of the files in 3D, where they are not those of the dictionary.
     """
-    config, found = setup.config, lifting.estimate
-    bars = found.in_unit(lifting.scale[:, None, None])
+    estimate, dictionary = lifting.estimate, setup.dictionary
+    scaled = estimate.in_unit(lifting.scale[:, None, None])
     failed = np.isnan(lifting.scale)
 
-    def where_fitted(values: Floats | None) -> Floats | None:
+    def blank(values: Floats | None) -> Floats | None:
+        """Return values that are nan where an image has no shape."""
         if values is None or not failed.any():
             return values
-        shape = (-1,) + (1,) * (values.ndim - 1)
-        return np.where(failed.reshape(shape), np.nan, values)
+        return np.where(failed.reshape(-1, *(1,) * (values.ndim - 1)), np.nan, values)
 
-    record = ResultSet(
+    seen = images.seen()[:, None, :]
+    datasets: Datasets = {
+        "landmarks": np.where(seen, images.landmarks, np.nan).swapaxes(1, 2),
+        "landmarks_fitted": lifting.landmarks_fitted if is_projected(lifting, setup) else None,
+        "confidence": images.confidence,
+        "lambda": lifting.problem.lam,
+        "coefficients": blank(estimate.coefficients),
+        "rotation": blank(estimate.rotation),
+        "objective": blank(estimate.objective),
+        "relative_gap": blank(estimate.relative_gap),
+        "residual": estimate.residual,
+        "active_atoms": estimate.active_atoms,
+        "tight": estimate.tight,
+        "outliers": estimate.outliers,
+        METRES_PER_UNIT: metres_per_unit(lifting.shapes, dictionary),
+        **estimate.further,
+        **verdict(lifting, scaled, setup),
+    }
+    if setup.config.save.covariance:
+        datasets["shape_covariance"] = by_landmark(scaled.covariance)
+    if setup.config.leave_one_out is not None:
+        datasets["left_out"] = find_left_out(images, setup.lifter).astype(object)
+    if lifting.perspective is not None:
+        datasets |= perspective_datasets(lifting.perspective, estimate.coefficients, dictionary)
+    if setup.config.saves_proof:
+        datasets |= proof(lifting, setup.config.method, blank)
+    names = free_names(images.further, OF_A_RESULT)
+    carried = {names[name]: v for name, v in images.per_item.items() if name in names}
+    whole = {names[name]: values for name, values in images.whole.items() if name in names}
+    whole |= {} if dictionary.edges is None else {"edges": dictionary.edges}
+    present = {name: values for name, values in datasets.items() if values is not None}
+    return ResultSet(
         shapes=lifting.shapes,
-        landmarks_fitted=lifting.landmarks_fitted,
-        coefficients=where_fitted(found.coefficients),
-        rotation=where_fitted(found.rotation),
+        shape_sd=scaled.deviation,
         translation=lifting.translation,
         scale=lifting.scale,
-        objective=where_fitted(found.objective),
-        relative_gap=where_fitted(found.relative_gap),
-        iterations=found.iterations,
-        status=found.status_words(),
+        iterations=estimate.iterations,
+        status=estimate.status_words(),
         landmark_names=images.landmark_names,
         items=images.items,
         sequences=images.sequences,
-        shape_sd=bars.deviation,
-        transforms=None,
         unit=images.unit,
         y_axis=images.y_axis,
-        frame_rate=config.frame_rate or images.frame_rate,
-        attributes=size_attributes(setup.dictionary),
-        **further_datasets(images, lifting, setup, inputs, bars.covariance),
+        frame_rate=setup.config.frame_rate or images.frame_rate,
+        attributes=size_attributes(dictionary),
+        columns={**carried, **present, **inputs},
+        whole=whole,
     )
-    return with_proof(record, lifting, config.method) if config.saves_proof else record
+
+
+def is_projected(lifting: Lifting, setup: Setup) -> bool:
+    """Whether the shapes are seen elsewhere than at their x and y."""
+    return lifting.perspective is not None or setup.mapped.moves
 
 
 def size_attributes(dictionary: Dictionary) -> dict[str, str | float | int]:
@@ -81,6 +117,32 @@ def size_attributes(dictionary: Dictionary) -> dict[str, str | float | int]:
     if not knows_size(dictionary):
         return {}
     return {METRES_FROM: "edges" if has_lengths(dictionary) else "spread"}
+
+
+def verdict(lifting: Lifting, scaled: Estimate, setup: Setup) -> Datasets:
+    """Decide for each image whether its shape is to be trusted, where the method knows its error.
+
+    From what the result stores: scaled, error bars in its unit. With the error that is expected.
+    """
+    if scaled.deviation is None:
+        return {}
+    further = scaled.further
+    reasons = find_reasons(
+        lifting.shapes,
+        scaled.deviation,
+        np.isfinite(further["inlier_probability"]).sum(axis=1),
+        further[P_VALUE],
+        further[START_DISTANCE],
+        scaled.status,
+        sides=further.get(SIDES),
+        depth_ambiguity=setup.dictionary.depth_ambiguity,
+    )
+    if setup.estimates.doubt:
+        reasons[reasons == ""] = setup.estimates.doubt
+    datasets: Datasets = {TRUSTED: reasons == "", REASONS: reasons}
+    if scaled.covariance is not None:
+        datasets[EXPECTED_ERROR] = expected_error(lifting.shapes, scaled.covariance)
+    return datasets
 
 
 def by_landmark(covariance: Floats | None) -> Floats | None:
@@ -92,108 +154,9 @@ def by_landmark(covariance: Floats | None) -> Floats | None:
     return blocks.reshape(n, d, d)
 
 
-def with_proof(record: ResultSet, lifting: Lifting, method: str) -> ResultSet:
-    """Add what proves the optimum of the convex program, where the method solves one.
-
-    Where that program is the method, the result states its objective and gap. Images without a
-    shape have no proof: nan, and no transforms.
-    """
-    proof = lifting.estimate.convex_proof
-    if proof is None:
-        return record
-    failed = np.isnan(lifting.scale)
-    M = proof.transforms
-    if failed.any():
-        kept = ~failed[M.image]
-        M = replace(M, count=np.where(failed, 0, M.count), atom=M.atom[kept], blocks=M.blocks[kept])
-    of_the_program = METHODS[method].proves == "optimum" and lifting.perspective is None
-    return record.replaced(
-        dual=np.where(failed[:, None, None], np.nan, proof.dual),
-        convex_translation=np.where(failed[:, None], np.nan, proof.translation),
-        convex_objective=None if of_the_program else np.where(failed, np.nan, proof.objective),
-        convex_relative_gap=(
-            None if of_the_program else np.where(failed, np.nan, proof.relative_gap)
-        ),
-        transform_count=M.count,
-        transform_atom=M.atom,
-        active_transforms=M.blocks,
-    )
-
-
-def further_datasets(
-    images: LandmarkSet,
-    lifting: Lifting,
-    setup: Setup,
-    inputs: Mapping[str, NDArray[Any]],
-    covariance: Floats | None,
-) -> dict[str, dict[str, NDArray[Any]]]:
-    """Join what came with the landmarks with what only some fits have: `columns` and `whole`."""
-    found, dictionary = lifting.estimate, setup.dictionary
-    seen = images.seen()[:, None, :]
-    own: dict[str, NDArray[Any] | None] = {
-        "landmarks": np.where(seen, images.landmarks, np.nan).swapaxes(1, 2),
-        "confidence": images.confidence,
-        "lambda": lifting.problem.lam,
-        "residual": found.residual,
-        "active_atoms": found.active_atoms,
-        "tight": found.tight,
-        "outliers": found.outliers,
-        "shape_covariance": by_landmark(covariance) if setup.config.save.covariance else None,
-        METRES_PER_UNIT: metres_per_unit(lifting.shapes, dictionary),
-        **found.further,
-        **verdict(lifting, setup),
-    }
-    if setup.config.leave_one_out is not None:
-        own["left_out"] = find_left_out(images, setup.lifter).astype(object)
-    if lifting.perspective is not None:
-        own |= perspective_datasets(lifting.perspective, found.coefficients, dictionary)
-    present = {name: values for name, values in own.items() if values is not None}
-    names = free_names(images.further, OF_A_RESULT)
-    carried = {names[name]: v for name, v in images.per_item.items() if name in names}
-    whole = {names[name]: values for name, values in images.whole.items()}
-    whole |= {} if dictionary.edges is None else {"edges": dictionary.edges}
-    return {"columns": {**carried, **present, **inputs}, "whole": whole}
-
-
-def verdict(lifting: Lifting, setup: Setup) -> dict[str, NDArray[Any] | None]:
-    """Say of each image whether its shape is to be trusted, where the method knows its error.
-
-    From what the result stores, and the error that is to be expected.
-    """
-    bars = lifting.estimate.in_unit(lifting.scale[:, None, None])
-    if bars.deviation is None:
-        return {}
-    further = bars.further
-    reasons = find_reasons(
-        lifting.shapes,
-        bars.deviation,
-        np.isfinite(further["inlier_probability"]).sum(axis=1),
-        further[P_VALUE],
-        further[START_DISTANCE],
-        bars.status,
-        sides=further.get(SIDES),
-        depth_ambiguity=setup.dictionary.depth_ambiguity,
-    )
-    if setup.estimates.doubt:
-        reasons[reasons == ""] = setup.estimates.doubt
-    found: dict[str, NDArray[Any] | None] = {TRUSTED: reasons == "", REASONS: reasons}
-    if bars.covariance is not None:
-        found[EXPECTED_ERROR] = expected_error(lifting.shapes, bars.covariance)
-    return found
-
-
-def warn_of_names(datasets: Iterable[str]) -> tuple[str, ...]:
-    """Warn of datasets of the landmarks that a result cannot store under their names."""
-    names = free_names(datasets, OF_A_RESULT)
-    stored = [f"{name} is stored as {new}" for name, new in names.items() if new != name]
-    if not stored:
-        return ()
-    return (f"datasets of the landmarks have names that a result uses: {', '.join(stored)}",)
-
-
 def perspective_datasets(
     view: PerspectiveView, coefficients: Floats | None, dictionary: Dictionary
-) -> dict[str, NDArray[Any] | None]:
+) -> Datasets:
     """Lay out a perspective view; the position is in the unit of a dictionary that has sizes."""
     from shapefit.meshes.dense import metric_scale
 
@@ -206,4 +169,52 @@ def perspective_datasets(
         "focal": view.camera.focal,
         "principal_point": view.camera.centre,
         "position": position,
+    }
+
+
+def proof(lifting: Lifting, method: str, blank: Any) -> Datasets:
+    """Lay out what proves the optimum of the convex program, where the method solves one.
+
+    Where that program is the method, the result states its objective and gap. Images without a
+    shape have no proof: nan, and no transforms.
+    """
+    certificate = lifting.estimate.convex_proof
+    if certificate is None:
+        return {}
+    failed, M = np.isnan(lifting.scale), certificate.transforms
+    if failed.any():
+        kept = ~failed[M.image]
+        M = replace(M, count=np.where(failed, 0, M.count), atom=M.atom[kept], blocks=M.blocks[kept])
+    of_start = METHODS[method].proves != "optimum" or lifting.perspective is not None
+    return {
+        "dual": blank(certificate.dual),
+        "convex_translation": blank(certificate.translation),
+        "convex_objective": blank(certificate.objective) if of_start else None,
+        "convex_relative_gap": blank(certificate.relative_gap) if of_start else None,
+        "transform_count": M.count,
+        "transform_atom": M.atom,
+        "active_transforms": M.blocks,
+    }
+
+
+def attributes_of(
+    setup: Setup, inputs: Mapping[str, str], seconds: float, images: int
+) -> dict[str, str | float | int]:
+    """Return what is stored of a fit beside its images; `inputs` are the digests of its files.
+
+    `training_inputs` are those of the files that the dictionary was learned from: `eval` warns
+    where one of them is the truth. `estimated` lists what was found or assumed before lifting.
+    """
+    config = setup.config.as_json()
+    return {
+        "method": setup.config.method,
+        "version": __version__,
+        "config": config,
+        "config_digest": hashlib.sha256(config.encode()).hexdigest(),
+        "inputs": json.dumps(inputs),
+        "estimated": "; ".join(setup.estimates.lines),
+        **{name: value for name, value in setup.estimates.numbers.items() if value == value},
+        "training_inputs": setup.dictionary.provenance.get("inputs", "{}"),
+        "solve_seconds": seconds,
+        "images_per_second": images / seconds if seconds > 0 else 0.0,
     }

@@ -37,7 +37,7 @@ FEWEST_SEEN = 5
 """Landmarks of an image of the sample; four fit almost any shape."""
 
 STEP, RATE = 0.5, 24.0
-"""Seconds over which a body is seen to come nearer; frames per second where no file says it."""
+"""Seconds over which a body is seen to come nearer; frames per second where no file states it."""
 
 STEPS = (-0.2, -0.1, 0.0, 0.1, 0.2)
 """Of the logarithm of a parameter, tried about its mean, and half of them about the best."""
@@ -57,22 +57,16 @@ Pair = tuple[float, float]
 class Sample:
     """Images spread over the first ones, of those that show enough landmarks.
 
-    own     as the files have them, without distortion
-    images  with the landmarks of the dictionary
-    pairs   (q, 2) of images that follow one another by STEP seconds in a sequence
+    in_file, with the landmarks of the files, undistorted; images, with those of the dictionary;
+    pairs (q, 2) of images that follow one another by STEP seconds in a sequence.
     """
 
-    own: LandmarkSet
+    in_file: LandmarkSet
     images: LandmarkSet
     pairs: NDArray[np.intp]
 
     def __len__(self) -> int:
         return len(self.images)
-
-    @property
-    def few(self) -> LandmarkSet:
-        """Those of the first look."""
-        return self.images.take(evenly(len(self), FEW))
 
     def lift(self, lifter: Lifter) -> Lifting:
         """Lift the sample by the posterior, with p-values."""
@@ -82,41 +76,18 @@ class Sample:
 def draw_sample(images: LandmarkSet, matched: Matched) -> Sample:
     """Draw images that are spread over all and, where there are sequences, those a step later."""
     images = images.take(np.flatnonzero(images.seen().sum(axis=1) >= FEWEST_SEEN))
-    n, pairs = len(images), np.empty((0, 2), np.intp)
-    rows = evenly(n, LARGEST)
-    if images.sequences is not None and n > LARGEST:
-        first = evenly(n, LARGEST // 2)
-        later = first + max(1, round(STEP * (images.frame_rate or RATE)))
-        later = np.where(later < n, later, first)
-        rows = np.union1d(first, later)
+    n, step = len(images), max(1, round(STEP * (images.frame_rate or RATE)))
+    rows, pairs = evenly(n, LARGEST), np.empty((0, 2), np.intp)
     if images.sequences is not None:
-        names = np.array(images.sequences, dtype=object)
-        later = rows + max(1, round(STEP * (images.frame_rate or RATE)))
-        place_of = {int(row): at for at, row in enumerate(rows)}
-        pairs = np.array(
-            [
-                (at, place_of[int(other)])
-                for at, other in enumerate(later)
-                if int(other) in place_of and names[rows[at]] == names[other]
-            ],
-            dtype=np.intp,
-        ).reshape(-1, 2)
-    own = images.take(rows)
-    return Sample(own, matched.arrange(own, "landmarks"), pairs)
-
-
-def log_evidence(images: LandmarkSet, lifter: Lifter) -> Floats:
-    """Return log p(w) (n,) of images."""
-    found: Floats = lift_images(images, lifter).estimate.further["log_evidence"]
-    return found
-
-
-def mean_gain(before: Floats, after: Floats) -> tuple[float, float, int]:
-    """Return the mean of after - before where it is finite, its standard error, and of how many."""
-    gain = (after - before)[np.isfinite(after - before)]
-    if len(gain) < 2:
-        return 0.0, np.inf, len(gain)
-    return float(gain.mean()), float(gain.std() / np.sqrt(len(gain))), len(gain)
+        if n > LARGEST:
+            rows = evenly(n, LARGEST // 2)
+            rows = np.union1d(rows, rows[rows + step < n] + step)
+        names = np.array(images.sequences, dtype=object)[rows]
+        later = np.minimum(np.searchsorted(rows, rows + step), len(rows) - 1)
+        follows = (rows[later] == rows + step) & (names[later] == names)
+        pairs = np.stack([np.flatnonzero(follows), later[follows]], axis=1)
+    in_file = images.take(rows)
+    return Sample(in_file, matched.arrange(in_file, "landmarks"), pairs)
 
 
 def choose_skeleton(
@@ -129,18 +100,16 @@ def choose_skeleton(
     names = [name for name in mapped.joints.parameters if name not in (given or {})]
     if not names or not len(sample):
         return start, ""
+    few = sample.images.take(evenly(len(sample), FEW))
 
     def evidence(theta: Mapping[str, float]) -> float:
-        seen = replace(mapped, theta=theta).apply(lifter.dictionary)
-        return float(np.nansum(log_evidence(sample.few, replace(lifter, dictionary=seen))))
+        marked = replace(mapped, theta=theta).apply(lifter.dictionary)
+        return float(np.nansum(log_evidence(few, replace(lifter, dictionary=marked))))
 
     theta, deviation = maximise_theta(evidence, names, start)
-    told = ", ".join(
-        f"{name} x {theta[name]:.2f}"
-        + (f" +- {theta[name] * deviation[name]:.2f}" if name in deviation else "")
-        for name in names
-    )
-    return theta, f"skeleton of the detector: {told}"
+    errors = {name: f" +- {theta[name] * sd:.2f}" for name, sd in deviation.items()}
+    factors = ", ".join(f"{name} x {theta[name]:.2f}{errors.get(name, '')}" for name in names)
+    return theta, f"skeleton of the detector: {factors}"
 
 
 def maximise_theta(
@@ -154,22 +123,16 @@ def maximise_theta(
     theta, deviation = dict(start), dict[str, float]()
     for factor in (1.0, 0.5):
         for name in names:
-            mean, wide = THETA[name].mean, THETA[name].std
-            tried = np.log(theta[name]) + factor * np.array(STEPS)
-            values = np.array(
-                [
-                    evidence(theta | {name: float(np.exp(x))})
-                    - 0.5 * ((x - np.log(mean)) / wide) ** 2
-                    for x in tried
-                ]
-            )
-            best = min(max(int(np.argmax(values)), 1), len(tried) - 2)
+            x = np.log(theta[name]) + factor * np.array(STEPS)
+            prior = -0.5 * ((x - np.log(THETA[name].mean)) / THETA[name].std) ** 2
+            values = prior + [evidence(theta | {name: float(np.exp(each))}) for each in x]
+            best = min(max(int(np.argmax(values)), 1), len(x) - 2)
             below, at, above = values[best - 1 : best + 2]
-            step = tried[1] - tried[0]
+            step = x[1] - x[0]
             curvature = (2 * at - below - above) / step**2
-            top = tried[int(np.argmax(values))]
+            top = x[int(np.argmax(values))]
             if curvature > 0:
-                top = tried[best] + np.clip((above - below) / (2 * step * curvature), -step, step)
+                top = x[best] + np.clip((above - below) / (2 * step * curvature), -step, step)
                 deviation[name] = float(curvature**-0.5)
             theta[name] = float(np.exp(top))
     return theta, deviation
@@ -191,44 +154,39 @@ def choose_scale(
     Keys that are open are chosen by evidence; without any, both stay as they are in the lifter, by
     which the sample was lifted `as_learned`.
     """
-    start = lifter.variance
-    scales = tuple(
-        f * lifter.prior_scale for f in (FACTORS if "scale" in open_keys else FACTORS[:1])
-    )
-    variances = FACTORS if "residual_variance" in open_keys else FACTORS[:1]
+    before, scale = lifter.variance, Scale(1.0, 1.0, 0.0)
 
-    def evidence(pair: Pair, images: LandmarkSet) -> Floats:
-        scale, factor = pair
-        changed = replace(lifter, prior_scale=scale, residual_variance=factor * start)
-        return log_evidence(images, changed)
+    def scaled(prior: float, variance: float) -> dict[str, float]:
+        return {"prior_scale": prior * lifter.prior_scale, "residual_variance": variance * before}
 
-    found = Scale(scales[0], variances[0], 0.0)
     if open_keys and len(sample) >= FEWEST:
-        images = without_outliers(sample.images, as_learned)
-        found = find_scale(evidence, images, scales, variances)
-    variance = found.residual_variance * start
+        scale = find_scale(
+            lambda pair, images: log_evidence(images, replace(lifter, **scaled(*pair))),  # type: ignore[arg-type]
+            without_outliers(sample.images, as_learned),
+            FACTORS if "scale" in open_keys else FACTORS[:1],
+            FACTORS if "residual_variance" in open_keys else FACTORS[:1],
+        )
+    prior, variance = scaled(scale.prior, scale.residual_variance).values()
     changes = []
-    if found.prior != scales[0]:
-        changes.append(f"prior widened x {found.prior:g}: poses unlike the training data")
-    if found.residual_variance > 1:
-        changes.append(f"residual variance {variance:g} in place of {start:g}")
-    line = ", ".join(changes) + (f" ({found.gain:+.1f} nats an image)" if changes else "")
-    return {"scale": found.prior, "residual_variance": variance}, line
+    if scale.prior != 1:
+        changes.append(f"prior widened x {prior:g}: poses unlike the training data")
+    if scale.residual_variance != 1:
+        changes.append(f"residual variance {variance:g} in place of {before:g}")
+    line = ", ".join(changes) + (f" ({scale.gain:+.1f} nats an image)" if changes else "")
+    return {"scale": prior, "residual_variance": variance}, line
 
 
-def without_outliers(images: LandmarkSet, found: Lifting) -> LandmarkSet:
+def without_outliers(images: LandmarkSet, lifting: Lifting) -> LandmarkSet:
     """Hide landmarks that are outliers in most images.
 
     Their errors say nothing of the others, but would make them all less exact.
     """
-    inlier_probability = found.estimate.further["inlier_probability"]
+    inlier_probability = lifting.estimate.further["inlier_probability"]
     seen = np.maximum(np.isfinite(inlier_probability).sum(axis=0), 1)
     hidden = (inlier_probability < OUTLIER).sum(axis=0) > MOSTLY * seen
     if not 0 < hidden.sum() <= len(hidden) / 3:  # none, or the prior is wrong, not the landmarks
         return images
-    landmarks = images.landmarks.copy()
-    landmarks[..., hidden] = np.nan
-    return images.replaced(landmarks=landmarks)
+    return images.replaced(landmarks=np.where(hidden, np.nan, images.landmarks))
 
 
 def find_scale(
@@ -239,25 +197,34 @@ def find_scale(
 ) -> Scale:
     """Choose among pairs of factors by their evidence (n,) of images, in order of both.
 
-    All pairs are tried where, at first sight, the next scale or the next variance is likelier.
+    All pairs are tried where, at first sight, the next scale or the next variance is likelier. Of
+    pairs as likely as the best, the widest is taken; then the least variance.
     """
-    first = scales[0], variances[0]
-    few = images.take(evenly(len(images), FEW))
+    first, few = (scales[0], variances[0]), images.take(evenly(len(images), FEW))
     near = [(f, first[1]) for f in scales[1:2]] + [(first[0], v) for v in variances[1:2]]
     before = evidence(first, few)
     if not any(np.nanmean(evidence(pair, few) - before) > 0 for pair in near):
         return Scale(*first, 0.0)
-    return likeliest({(f, v): evidence((f, v), images) for f in scales for v in variances})
-
-
-def likeliest(of: Mapping[Pair, Floats]) -> Scale:
-    """Choose by evidence (n,): the widest of those as likely as the best; then the least v."""
-    best = max(of, key=lambda pair: float(np.nanmean(of[pair])))
+    of_pair = {(f, v): evidence((f, v), images) for f in scales for v in variances}
+    best = max(of_pair, key=lambda pair: float(np.nanmean(of_pair[pair])))
 
     def is_as_likely(pair: Pair) -> bool:
-        lost, error, _ = mean_gain(of[pair], of[best])
+        lost, error, _ = mean_gain(of_pair[pair], of_pair[best])
         return lost <= error
 
-    prior, variance = max(filter(is_as_likely, of), key=lambda pair: (pair[0], -pair[1]))
-    first = next(iter(of))
-    return Scale(prior, variance, mean_gain(of[first], of[prior, variance])[0])
+    chosen = max(filter(is_as_likely, of_pair), key=lambda pair: (pair[0], -pair[1]))
+    return Scale(*chosen, mean_gain(of_pair[first], of_pair[chosen])[0])
+
+
+def log_evidence(images: LandmarkSet, lifter: Lifter) -> Floats:
+    """Return log p(w) (n,) of images."""
+    evidence: Floats = lift_images(images, lifter).estimate.further["log_evidence"]
+    return evidence
+
+
+def mean_gain(before: Floats, after: Floats) -> tuple[float, float, int]:
+    """Return the mean of after - before where it is finite, its standard error, and of how many."""
+    gain = (after - before)[np.isfinite(after - before)]
+    if len(gain) < 2:
+        return 0.0, np.inf, len(gain)
+    return float(gain.mean()), float(gain.std() / np.sqrt(len(gain))), len(gain)

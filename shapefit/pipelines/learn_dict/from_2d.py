@@ -27,11 +27,10 @@ from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet, digests
 from shapefit.io.layout import EDGES
 from shapefit.io.records import concatenate
-from shapefit.lifting.lift import Lifting, fail_nonfinite
+from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.fit.camera import Intrinsics, read_intrinsics
-from shapefit.pipelines.fit.lift import Lifter, check_needs, lift_images
+from shapefit.pipelines.fit.lift import Lifter, check_needs, lift_landmarks
 from shapefit.pipelines.fit.sample import mean_gain
-from shapefit.pipelines.fit.sequences import refine_sequences
 from shapefit.pipelines.learn_dict.from_3d import Learning, learn_from_shapes, number_of_components
 from shapefit.pipelines.learn_dict.training_shapes import place_of
 from shapefit.pipelines.outcome import Outcome
@@ -335,8 +334,5 @@ def lift_by(
     """
     check_needs(method, dictionary, "dictionary")
     intrinsics = None if camera is None else Intrinsics(dataset=camera)
-    lifter = Lifter(method=method, dictionary=dictionary, intrinsics=intrinsics)
-    lifting = lift_images(images, lifter)
-    if method == "sequences":
-        lifting = refine_sequences(lifting, images, lifter)
-    return fail_nonfinite(lifting)
+    lifter = Lifter(method=method, dictionary=dictionary, camera=intrinsics)
+    return lift_landmarks(images, lifter, p_values=False)

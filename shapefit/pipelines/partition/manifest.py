@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,11 +19,11 @@ from shapefit.config.paths import DONE, MANIFEST, manifest_lines
 from shapefit.errors import InputError, counted, input_error
 from shapefit.io.atomic import append_bytes, atomic_path, check_folder
 from shapefit.io.inputs import in_words
-from shapefit.pipelines.partition.plan import Key
 
 LOCK = ".lock"
 
 Entry = dict[str, Any]
+"""The line of a part: what it is made of (see Part.describe), its status, counts and digests."""
 
 
 @dataclass
@@ -39,23 +39,26 @@ class Manifest:
         """The lines of the parts that have a result."""
         return {file: entry for file, entry in self.parts.items() if entry["status"] == DONE}
 
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many parts and images there are, as the line of a run that has ended states it."""
+        images = sum(entry["images"] for entry in self.done.values())
+        return {"parts": len(self.parts), "images": images}
+
     def write(self) -> None:
-        """Write the manifest, whole or not at all, with the numbers of parts and images."""
-        numbers = {
-            "parts": len(self.parts),
-            "images": sum(entry["images"] for entry in self.done.values()),
-        }
-        first = {"shapefit": __version__, **self.run, **numbers}
-        with atomic_path(self.path) as temporary, temporary.open("wb") as file:
-            file.writelines(map(_line, (first, *self.parts.values())))
+        """Write the manifest, whole or not at all."""
+        lines = ({"shapefit": __version__, **self.run, **self.counts}, *self.parts.values())
+        with atomic_path(self.path) as temporary:
+            temporary.write_bytes(b"".join(map(as_line, lines)))
 
     def add(self, entry: Entry) -> None:
         """Add the line of a part."""
         self.parts[entry["file"]] = entry
-        append_bytes(self.path, _line(entry))
+        append_bytes(self.path, as_line(entry))
 
 
-def _line(entry: Mapping[str, Any]) -> bytes:
+def as_line(entry: Mapping[str, Any]) -> bytes:
+    """Return a line of the file."""
     return json.dumps(entry).encode() + b"\n"
 
 
@@ -74,31 +77,14 @@ def read_manifest(folder: Path) -> Manifest | None:
     return Manifest(folder / MANIFEST, run, {entry["file"]: entry for entry in parts})
 
 
-def key_of(entry: Entry) -> Key:
-    """Return what the part of a line was made of: paths of the inputs, and rows."""
-    return tuple(entry["inputs"]), None if entry["rows"] is None else tuple(entry["rows"])
-
-
 def find_gaps(manifest: Manifest) -> list[str]:
-    """Say what a manifest lacks by its own numbers: lines of parts, images, rows of a file.
-
-    That of a run that was killed has fewer numbers than lines; such a run is not complete.
-    """
-    found = []
-    images = sum(entry["images"] for entry in manifest.done.values())
-    for name, there in (("parts", len(manifest.parts)), ("images", images)):
-        if manifest.run.get(name) != there:
-            found.append(f"lists {there} {name}, and counts {manifest.run.get(name)}")
-    reached: dict[tuple[str, ...], int] = {}
-    for inputs, rows in sorted(key_of(entry) for entry in manifest.parts.values() if entry["rows"]):
-        assert rows is not None
-        if rows[0] != reached.get(inputs, 0):
-            found.append(f"has no part of rows {reached.get(inputs, 0)} to {rows[0] - 1}")
-        reached[inputs] = rows[1]
-    for file, entry in manifest.done.items():
-        if entry["rows"] and entry["images"] != entry["rows"][1] - entry["rows"][0]:
-            found.append(f"has {entry['images']} images of other rows in {file}")
-    return found
+    """Say where a manifest differs from its own numbers, as that of a run that was killed does."""
+    stated = {name: manifest.run.get(name) for name in manifest.counts}
+    return [
+        f"lists {number} {name}, and counts {stated[name]}"
+        for name, number in manifest.counts.items()
+        if number != stated[name]
+    ]
 
 
 def result_digest(path: Path) -> str | None:
@@ -109,35 +95,31 @@ def result_digest(path: Path) -> str | None:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def clear_way(folder: Path, name: str) -> None:
+def remove_link(path: Path) -> None:
     """Remove a symbolic link in a folder of results: what is written must not go elsewhere."""
-    if (folder / name).is_symlink():
-        (folder / name).unlink()
+    if path.is_symlink():
+        path.unlink()
 
 
 @contextmanager
-def held_folder(folder: Path) -> Iterator[None]:
+def locked(folder: Path) -> Iterator[None]:
     """Hold a folder of results for this run.
 
     Raises InputError where another run holds it, and where it cannot be made or written to.
     """
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    for name in (LOCK, MANIFEST):
-        clear_way(folder, name)
-    try:
+    remove_link(folder / LOCK)
+    remove_link(folder / MANIFEST)
+    with (folder / LOCK).open("w") as file, suppress(ImportError):  # of systems without such locks
         import fcntl
-    except ImportError:  # without such locks a second run is not noticed
-        yield
-        return
-    with (folder / LOCK).open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            found = "another run is writing results to it"
-            raise input_error(folder, found, "wait until it ends, or choose another") from None
-        except OSError:  # a file system without locks
-            pass
+
+        with suppress(OSError):  # a file system without locks
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                found = "another run is writing results to it"
+                raise input_error(folder, found, "wait until it ends, or choose another") from None
         yield
 
 
@@ -146,16 +128,16 @@ def find_folders(files: Sequence[Path]) -> dict[Path, Manifest]:
 
     Raises InputError for a manifest that cannot be read.
     """
-    given, found = set(files), dict[Path, Manifest]()
+    folders: dict[Path, Manifest] = {}
     for folder in dict.fromkeys(file.parent for file in files):
         manifest = read_manifest(folder)
         results = set() if manifest is None else {folder / name for name in manifest.done}
-        if manifest is not None and len(results) > 1 and results <= given:
-            found[folder] = manifest
-    return found
+        if manifest is not None and len(results) > 1 and results <= set(files):
+            folders[folder] = manifest
+    return folders
 
 
-def sum_up(parts: Mapping[str, Mapping[str, Any]]) -> list[tuple[str, str]]:
+def sum_up(parts: Mapping[str, Entry]) -> list[tuple[str, str]]:
     """Return how many parts and images there are, how large, and the seconds that they took."""
     images, failed, size, seconds = (
         sum(entry.get(key) or 0 for entry in parts.values())

@@ -1,80 +1,191 @@
-"""The parts of a fit: files, recordings of several files, or ranges of rows of an HDF5 file."""
+"""The parts of a fit, beside those that a folder has: what is to be done, and what is refused.
+
+Parts are files, recordings of several files, or ranges of rows of an HDF5 file.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from functools import lru_cache
 from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from shapefit.config import FitConfig
-from shapefit.errors import InputError, input_error, path_text
-from shapefit.io import LandmarkSource, open_landmarks
-from shapefit.io.detect import group_inputs
-from shapefit.io.formats import CSV, HDF5, FileFormat
-from shapefit.io.inputs import HDF5_SIGNATURE, begins_with
+from shapefit.errors import (
+    InputError,
+    abbreviate,
+    counted,
+    input_error,
+    listed,
+    path_text,
+    printable,
+)
+from shapefit.io import LandmarkSource, digest, digests, open_landmarks
+from shapefit.io.formats import CSV, HDF5, FileFormat, group_inputs
 from shapefit.lifting.methods import METHODS
-from shapefit.pipelines.fit.lift import whole_stretches
-from shapefit.pipelines.fit.prepare import read_options
+from shapefit.pipelines.fit.prepare import files_of, read_options
+from shapefit.pipelines.fit.run import whole_stretches
+from shapefit.pipelines.partition.manifest import Entry, Manifest, result_digest
 from shapefit.threads import on_threads
-
-FEWEST_BYTES = 16
-"""Of an image, by which an HDF5 file is known to be too small to be divided."""
 
 LARGE_TEXT = 1 << 28
 """Bytes of a CSV file from which on it is said that it is one part."""
+
+OF_THE_RUN = (
+    *("landmarks", "output", "dictionary", "data", "threads"),
+    *("scheduler", "scheduler_file", "workers", "dry_run", "replace"),
+)
+"""Keys that do not change what a part holds."""
 
 Rows = tuple[int, int] | None
 State = tuple[int, int]
 Key = tuple[tuple[str, ...], Rows]
 
 
-@dataclass(frozen=True)
-class Part:
+class Part(NamedTuple):
     """Images that become one result file.
 
     number      of the file; it stays when inputs are added
     inputs      a file, or those of one recording
     rows        of the one HDF5 file: from the first to before the second; None for all
-    state       size in bytes and time of change in ns of each input
+    states      size in bytes and time of change in ns of each input
     """
 
     number: int
     inputs: tuple[Path, ...]
     rows: Rows
-    state: tuple[State, ...]
+    states: tuple[State, ...]
 
     @property
     def file(self) -> str:
         """Name of its result."""
         return f"part-{self.number:05}{HDF5.suffixes[0]}"
 
-    @property
-    def key(self) -> Key:
-        """What is lifted: the paths of the inputs, and the rows."""
-        return tuple(map(path_text, self.inputs)), self.rows
-
-    def describe(self) -> dict[str, Any]:
-        """Return what the part is made of, as the manifest says it."""
+    def describe(self) -> Entry:
+        """Return what the part is made of, as the manifest states it."""
         return {
             "file": self.file,
-            "inputs": list(self.key[0]),
+            "inputs": list(map(path_text, self.inputs)),
             "rows": None if self.rows is None else list(self.rows),
-            "sizes": [size for size, _ in self.state],
-            "changed": [changed for _, changed in self.state],
+            "sizes": [size for size, _ in self.states],
+            "changed": [changed for _, changed in self.states],
         }
 
-
-class Piece(NamedTuple):
-    """An input, the rows into which it is divided, and its sequences where these stay whole."""
-
-    inputs: tuple[Path, ...]
-    rows: Sequence[Rows] = (None,)
-    sequences: Sequence[str] = ()
+    def __str__(self) -> str:
+        rows = "" if self.rows is None else f", rows {self.rows[0]} to {self.rows[1] - 1}"
+        return abbreviate([printable(path) for path in self.inputs]) + rows
 
 
-def plan_parts(config: FitConfig, numbers: Mapping[Key, int] | None = None) -> list[Part]:
+class Plan(NamedTuple):
+    """What a run does to a folder.
+
+    parts    all that there are to be
+    kept     lines of those that are done and as they were, by their files
+    redone   files of those that are done, but otherwise
+    removed  files of results of other inputs
+    damaged  files that are not what was written
+    refused  why results would be lost, "" where none would
+    digests  of all that every part depends on
+    """
+
+    parts: Sequence[Part]
+    kept: Mapping[str, Entry]
+    redone: Sequence[str]
+    removed: Sequence[str]
+    damaged: Sequence[str]
+    refused: str
+    digests: Mapping[str, str]
+
+    @property
+    def todo(self) -> list[Part]:
+        """The parts that are to be done."""
+        return [part for part in self.parts if part.file not in self.kept]
+
+    def lines(self) -> Iterator[str]:
+        """Yield a line for each part that is to be done, done again or removed."""
+        for part in self.todo:
+            yield f"{part.file}: {'again, ' if part.file in self.redone else ''}{part}"
+        yield from (f"{file}: removed" for file in self.removed)
+
+    def __str__(self) -> str:
+        words = [f"{counted(len(self.todo) - len(self.redone), 'part')} to do"]
+        words += [f"{len(self.kept)} done"]
+        words += [f"{len(self.redone)} to do again"] * bool(self.redone)
+        words += [f"{len(self.removed)} to remove"] * bool(self.removed)
+        words += [f"refused without --replace: {self.refused}"] * bool(self.refused)
+        return ", ".join(words)
+
+
+def make_plan(config: FitConfig, manifest: Manifest | None) -> Plan:
+    """Compare the parts that a config asks for with those that a folder has."""
+    entries = {} if manifest is None else manifest.parts
+    done = {} if manifest is None else manifest.done
+    folder = Path() if manifest is None else manifest.path.parent
+    parts = find_parts(config, {key_of(entry): number_of(entry) for entry in entries.values()})
+    plain = {key: value for key, value in config.as_plain().items() if key not in OF_THE_RUN}
+    text = json.dumps(plain, sort_keys=True).encode()
+    inputs = {"config": hashlib.sha256(text).hexdigest()}
+    inputs |= {key: digest(path) for key, path in files_of(config).items()}
+    changed = [key for key in inputs if manifest and manifest.run.get(key) != inputs[key]]
+    again = [part for part in parts if part.file in done]
+    files = on_threads(lambda part: result_digest(folder / part.file), again)
+    intact = [part.file for part, sha in zip(again, files, strict=True) if is_of(done, part, sha)]
+    altered = [part for part in again if is_altered(part, done[part.file])]
+    kept = set() if changed else set(intact) - {part.file for part in altered}
+    removed = [file for file in done if file not in {part.file for part in parts}]
+    reasons = [f"of another {listed(changed, 'and')}"] if changed and done else []
+    if altered:
+        reasons += [f"of {abbreviate(list(map(str, altered)), 3)} before it changed"]
+    if removed:
+        names = dict.fromkeys(Path(path).name for file in removed for path in done[file]["inputs"])
+        reasons += [f"of {abbreviate(list(names), 3)}, not among these parts"]
+    there = [part.file for part, sha in zip(again, files, strict=True) if sha is not None]
+    return Plan(
+        parts,
+        {file: entry for file, entry in done.items() if file in kept},
+        [part.file for part in again if part.file not in kept],
+        removed,
+        [file for file in there if file not in intact],
+        ", and ".join(reasons),
+        inputs,
+    )
+
+
+def is_of(done: Mapping[str, Entry], part: Part, sha: str | None) -> bool:
+    """Whether a result is the one that was written."""
+    return sha == done[part.file]["digest"]
+
+
+def is_altered(part: Part, entry: Entry) -> bool:
+    """Whether inputs are not those of a line: by their sizes, times of change and then digests."""
+    stated = part.describe()
+    if stated["sizes"] != entry["sizes"]:
+        return True
+    if stated["changed"] == entry["changed"]:
+        return False
+    return input_digests(part.inputs, part.states) != entry.get("digests")
+
+
+@lru_cache(maxsize=8)
+def input_digests(inputs: tuple[Path, ...], _states: tuple[State, ...]) -> dict[str, str]:
+    """Return the digests of files under their paths, once as long as they do not change."""
+    return digests(inputs)
+
+
+def key_of(entry: Mapping[str, Any]) -> Key:
+    """Return what the part of a line is made of: paths of the inputs, and rows."""
+    return tuple(entry["inputs"]), None if entry["rows"] is None else tuple(entry["rows"])
+
+
+def number_of(entry: Entry) -> int:
+    """Return the number of the part of a line."""
+    return int(entry["file"].removeprefix("part-").partition(".")[0])
+
+
+def find_parts(config: FitConfig, numbers: Mapping[Key, int] | None = None) -> list[Part]:
     """Return the parts of a fit, in the order of the inputs.
 
     Parts of these keys keep their numbers; the others get free ones. An HDF5 file is cut where
@@ -82,45 +193,67 @@ def plan_parts(config: FitConfig, numbers: Mapping[Key, int] | None = None) -> l
     and between sequences where those are lifted whole. Raises InputError for sequences over two
     files.
     """
-    states = {path: find_state(path) for path in config.landmarks}
     whole, options = METHODS[config.method].sequences, read_options(config)
+    holders: dict[str, Path] = {}
 
-    def is_small(path: Path) -> bool:
-        small = not whole and states[path][0] < FEWEST_BYTES * config.partition
-        return small and options.format in ("auto", "hdf5") and begins_with(path, HDF5_SIGNATURE)
-
-    def divide(group: tuple[FileFormat, tuple[Path, ...]]) -> Piece:
-        known, inputs = group
-        if known is not HDF5 and not whole:
-            return Piece(inputs)
+    def divide(group: tuple[FileFormat, tuple[Path, ...]]) -> Sequence[Rows]:
+        file_format, inputs = group
+        if file_format is not HDF5 and not whole:
+            return (None,)
         try:
             with open_landmarks(inputs, options, check=False) as source:
                 if whole:
-                    return cut_between_sequences(inputs, source, config.partition, known is HDF5)
-                size, images = whole_stretches(config.partition), source.count
-                rows = [(at, min(at + size, images)) for at in range(0, images, size)]
-                return Piece(inputs, rows if len(rows) > 1 else (None,))
+                    starts = list(sequence_starts(source))
+                else:
+                    size, starts = whole_stretches(config.partition), []
+                    cuts = list(range(0, source.count, size))
+                total = source.count
         except InputError:  # whoever does its part reports it
-            return Piece(inputs)
+            return (None,)
+        if whole:
+            check_sequences(inputs[0], [name for name, _ in starts], holders)
+            cuts = [0]
+            if file_format is HDF5:
+                for _, row in starts:
+                    cuts += [row] if row - cuts[-1] >= config.partition else []
+        ends = [*cuts[1:], total]
+        return list(zip(cuts, ends, strict=True)) if len(cuts) > 1 else (None,)
 
-    small = dict(zip(states, on_threads(is_small, states), strict=True))
-    pieces = {path: Piece((path,)) for path in states if small[path]}
-    groups = group_inputs([path for path in states if not small[path]], options)
+    groups = group_inputs(list(config.landmarks), options)
     # files of text are read whole for their sequences: one at a time
     divided = list(map(divide, groups)) if whole else on_threads(divide, groups)
-    pieces |= {piece.inputs[0]: piece for piece in divided}
-    ordered = [pieces[path] for path in states if path in pieces]
-    check_sequences(ordered)
     numbers = numbers or {}
     used = set(numbers.values())
     free = (number for number in count() if number not in used)
     parts = []
-    for piece in ordered:
-        for rows in piece.rows:
-            part = Part(0, piece.inputs, rows, tuple(states[path] for path in piece.inputs))
-            number = numbers[part.key] if part.key in numbers else next(free)
-            parts.append(Part(number, part.inputs, rows, part.state))
+    for (_, inputs), ranges in zip(groups, divided, strict=True):
+        states = tuple(map(find_state, inputs))
+        for rows in ranges:
+            part = Part(0, inputs, rows, states)
+            key = key_of(part.describe())
+            parts.append(part._replace(number=numbers[key] if key in numbers else next(free)))
     return parts
+
+
+def sequence_starts(source: LandmarkSource) -> Iterator[tuple[str, int]]:
+    """Yield the name and the first row of every run of images of one sequence."""
+    row, last = 0, ""
+    for block in source.sequences():
+        for name in block:
+            if name != last:
+                yield name, row
+            last, row = name, row + 1
+
+
+def check_sequences(path: Path, names: Sequence[str], holders: dict[str, Path]) -> None:
+    """Raise InputError where a sequence is in two files, or goes on after another one."""
+    for name in names:
+        if name in holders:
+            where = sorted({str(holders[name]), str(path)})
+            found = f"the sequence '{name}' is in {' and in '.join(where)}"
+            found += ", in two places" if len(where) == 1 else ""
+            raise input_error(path, found, "put its images together, in one file")
+        holders[name] = path
 
 
 def find_state(path: Path) -> State:
@@ -138,44 +271,6 @@ def warn_of_large(parts: Sequence[Part]) -> tuple[str, ...]:
         f"{path.name} is one part, as text is not divided: `shapefit convert {path.name} -o "
         f"{path.stem}.h5` makes a file that is"
         for part in parts
-        for path, (size, _) in zip(part.inputs, part.state, strict=True)
+        for path, (size, _) in zip(part.inputs, part.states, strict=True)
         if size >= LARGE_TEXT and path.suffix.lower() in CSV.suffixes
     )
-
-
-def cut_between_sequences(
-    inputs: tuple[Path, ...], source: LandmarkSource, size: int, divisible: bool
-) -> Piece:
-    """Return a file in row ranges of whole sequences, at least `size` images each but the last."""
-    rows: list[Rows] = []
-    names: list[str] = []
-    start = 0
-    for name, first in sequence_starts(source):
-        names.append(name)
-        if divisible and first - start >= size:
-            rows.append((start, first))
-            start = first
-    return Piece(inputs, (*rows, (start, source.count) if rows else None), names)
-
-
-def sequence_starts(source: LandmarkSource) -> Iterator[tuple[str, int]]:
-    """Yield the name and the first row of every run of images of one sequence."""
-    row, last = 0, ""
-    for block in source.sequences():
-        for name in block:
-            if name != last:
-                yield name, row
-            last, row = name, row + 1
-
-
-def check_sequences(pieces: Sequence[Piece]) -> None:
-    """Raise InputError where a sequence is in two files, or goes on after another one."""
-    holders: dict[str, Path] = {}
-    for path, names in ((piece.inputs[0], piece.sequences) for piece in pieces):
-        for name in names:
-            if name in holders:
-                where = sorted({str(holders[name]), str(path)})
-                found = f"the sequence '{name}' is in {' and in '.join(where)}"
-                found += ", in two places" if len(where) == 1 else ""
-                raise input_error(path, found, "put its images together, in one file")
-            holders[name] = path

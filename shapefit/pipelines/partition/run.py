@@ -6,44 +6,55 @@ folder that holds results which this run would not give is refused, but with `re
 
 from __future__ import annotations
 
-import hashlib
-import json
 import time
 from collections import deque
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import asdict, dataclass, replace
-from functools import partial
+from dataclasses import asdict, replace
+from functools import lru_cache
 from pathlib import Path
 
 from shapefit.config import FitConfig
-from shapefit.config.paths import FAILED, ResultFolder
-from shapefit.errors import abbreviate, counted, input_error, listed, path_text, printable
-from shapefit.io import digest, read_dictionary
+from shapefit.config.paths import DONE, FAILED, ResultFolder
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import InputError, abbreviate, counted, input_error
+from shapefit.geometry.pinhole import CAMERA_MATRIX
+from shapefit.io import LandmarkSet, open_landmarks, read_dictionary
 from shapefit.io.inputs import is_stream
-from shapefit.io.names import check_items
-from shapefit.io.source import open_results
+from shapefit.io.layout import LANDMARK_COVARIANCE
+from shapefit.io.source import Source, SourceFile, open_results
 from shapefit.lifting.methods import AUTO
-from shapefit.pipelines.fit.default import choose_default
-from shapefit.pipelines.fit.prepare import Estimates, files_of, first_images, prepare
-from shapefit.pipelines.outcome import Counted, Failure, Outcome, reading
-from shapefit.pipelines.partition.executors import Job, do_jobs, executor, on_cluster
+from shapefit.pipelines.fit.camera import OF_CAMERAS
+from shapefit.pipelines.fit.prepare import (
+    FIRST,
+    Estimates,
+    choose_method,
+    in_sequences,
+    prepare,
+    read_options,
+)
+from shapefit.pipelines.fit.run import run as fit
+from shapefit.pipelines.outcome import Counted, Failure, Outcome, add_up, reading
+from shapefit.pipelines.partition.executor import Done, Job, do_jobs
 from shapefit.pipelines.partition.manifest import (
-    Entry,
     Manifest,
-    held_folder,
-    key_of,
+    locked,
     read_manifest,
+    remove_link,
     result_digest,
 )
-from shapefit.pipelines.partition.plan import Part, plan_parts, warn_of_large
-from shapefit.threads import on_threads
-
-OF_THE_RUN = (
-    *("landmarks", "output", "dictionary", "data", "threads"),
-    *("scheduler", "scheduler_file", "workers", "dry_run", "replace"),
+from shapefit.pipelines.partition.plan import (
+    Part,
+    Plan,
+    State,
+    find_state,
+    input_digests,
+    make_plan,
+    warn_of_large,
 )
-"""Keys that do not change what a part holds."""
+
+MOST_LISTED = 20
+"""Failures and warnings of a part that are reported one by one."""
 
 
 def run(config: FitConfig) -> Iterator[Outcome]:
@@ -56,214 +67,147 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     if config.export.folder is not None:
         fix = "leave it out; `shapefit convert FOLDER -d DICT -o meshes/ --to ply` writes them"
         raise input_error("export.folder", "is not written for a folder of results", fix)
-    on_cluster(config)
-    known = read_manifest(folder.path)
-    if config.method == AUTO and known is not None:
-        config = config.changed(method=known.run["method"])
-    config, chosen = choose_default(config)
+    manifest, dictionary = read_manifest(folder.path), read_dictionary(config.dictionary)
+    if config.method == AUTO and manifest is not None:
+        config = config.changed(method=manifest.run["method"])
+    config, chosen = choose_method(config, dictionary, lambda: in_sequences(config))
     yield from reading(config.landmarks)
-    plan = make_plan(config, known)
+    plan = make_plan(config, manifest)
     if config.dry_run:
-        yield Outcome(note=plan.note, listing=tuple(plan.lines))
+        yield Outcome(note=str(plan), listing=tuple(plan.lines()))
         return
     if plan.refused and not config.replace:
         fix = "name another folder, or add --replace, which removes and redoes what differs"
         raise input_error(folder.path, f"holds results that differ: {plan.refused}", fix)
-    if known is not None and plan.kept:
-        stored = known.run["estimated"]
-        estimates = Estimates(**stored)
+    if manifest is not None and plan.kept:
+        estimates = Estimates(**manifest.run["estimated"])
     else:
-        images, dictionary = first_images(config, plan.parts), read_dictionary(config.dictionary)
+        images = first_images(config, plan.parts)
         estimates = prepare(config, dictionary, images.landmark_names, lambda: images).estimates
     first = {**plan.digests, "method": config.method, "estimated": asdict(estimates)}
-    with held_folder(folder.path):
-        for line in (chosen, *estimates.lines):
-            yield Outcome(line=line)
-        warnings = (*estimates.warnings, *plan.again, *warn_of_large(plan.parts))
-        yield Outcome(
-            warnings=warnings, note=f"{len(plan.kept)} of {counted(len(plan.parts), 'part')} done"
-        )
+    with locked(folder.path):
+        yield from (Outcome(line=line) for line in (chosen, *estimates.lines))
+        damaged = [f"damaged, and done again: {abbreviate(plan.damaged)}"] * bool(plan.damaged)
+        warnings = (*estimates.warnings, *damaged, *warn_of_large(plan.parts))
+        yield Outcome(warnings=warnings)
         yield from do_parts(
             config, plan, Manifest(folder.manifest, first, dict(plan.kept)), estimates
         )
 
 
-@dataclass(frozen=True)
-class Plan:
-    """What a run does to a folder.
+def first_images(config: FitConfig, parts: Sequence[Part]) -> LandmarkSet:
+    """Return the FIRST images of all parts, with what else estimates need.
 
-    parts    all that there are to be
-    kept     lines of those that are done and as they were, by their files
-    removed  files of results of other inputs
-    again    warnings about those that are damaged
-    refused  why results would be lost, "" where none would
-    digests  of all that every part depends on
+    Inputs that cannot be read, or do not go with the first, are left out: their part reports them.
+    Raises InputError where none of them can be read.
     """
-
-    parts: Sequence[Part]
-    kept: Mapping[str, Entry]
-    redone: Sequence[str]
-    removed: Sequence[str]
-    again: tuple[str, ...]
-    refused: str
-    digests: Mapping[str, str]
-
-    @property
-    def lines(self) -> Iterator[str]:
-        """A line for each part that is to be done, done again or removed."""
-        for part in self.parts:
-            if part.file not in self.kept:
-                again = "again, " if part.file in self.redone else ""
-                yield f"{part.file}: {again}{describe(part)}"
-        yield from (f"{file}: removed" for file in self.removed)
-
-    @property
-    def note(self) -> str:
-        """What is to be done, counted."""
-        todo = len(self.parts) - len(self.kept) - len(self.redone)
-        words = [f"{counted(todo, 'part')} to do", f"{len(self.kept)} done"]
-        words += [f"{len(self.redone)} to do again"] if self.redone else []
-        words += [f"{len(self.removed)} to remove"] if self.removed else []
-        words += [f"refused without --replace: {self.refused}"] if self.refused else []
-        return ", ".join(words)
-
-
-def make_plan(config: FitConfig, known: Manifest | None) -> Plan:
-    """Compare the parts that a config asks for with those that a folder has."""
-    entries = {} if known is None else known.parts
-    done = {} if known is None else known.done
-    parts = plan_parts(config, {key_of(each): number_of(each) for each in entries.values()})
-    digests = digests_of(config)
-    changed = [] if known is None else [k for k, v in digests.items() if known.run.get(k) != v]
-    folder = Path() if known is None else known.path.parent
-    held = [part for part in parts if part.file in done]
-    there = dict(zip(held, on_threads(lambda p: result_digest(folder / p.file), held), strict=True))
-    altered = [part for part in held if is_altered(part, done[part.file])]
-    damaged = [p.file for p in held if there[p] not in (None, done[p.file]["digest"])]
-    whole = {part.file for part in held if there[part] == done[part.file]["digest"]}
-    kept = whole - {part.file for part in altered} if not changed else set()
-    removed = [file for file in done if file not in {part.file for part in parts}]
-    reasons = [f"of another {listed(changed, 'and')}"] if changed and done else []
-    reasons += [f"of {abbreviate([describe(p) for p in altered], 3)} before it changed"] * bool(
-        altered
-    )
-    reasons += [f"of {inputs_of([done[file] for file in removed])}"] if removed else []
-    return Plan(
-        parts,
-        {file: done[file] for file in done if file in kept},
-        [part.file for part in held if part.file not in kept],
-        removed,
-        (f"damaged, and done again: {abbreviate(damaged)}",) if damaged else (),
-        ", and ".join(reasons),
-        digests,
-    )
-
-
-def digests_of(config: FitConfig) -> dict[str, str]:
-    """Return the digests of what all parts depend on: the config, and every file that it names."""
-    plain = {key: value for key, value in config.as_plain().items() if key not in OF_THE_RUN}
-    text = json.dumps(plain, sort_keys=True)
-    found = {"config": hashlib.sha256(text.encode()).hexdigest()}
-    return found | {key: digest(path) for key, path in files_of(config).items()}
-
-
-def number_of(entry: Entry) -> int:
-    """Return the number of the part of a line."""
-    return int(entry["file"].removeprefix("part-").partition(".")[0])
-
-
-def is_altered(part: Part, entry: Entry) -> bool:
-    """Whether inputs are not those of a line: by their sizes, times of change and then digests."""
-    own = part.describe()
-    if own["sizes"] != entry["sizes"]:
-        return True
-    return own["changed"] != entry["changed"] and input_digests(part) != entry.get("digests")
-
-
-def input_digests(part: Part) -> dict[str, str]:
-    """Return the digests of the inputs of a part under their paths."""
-    return {path_text(path): digest(path) for path in part.inputs}
-
-
-def inputs_of(entries: Sequence[Entry]) -> str:
-    """Name the inputs of lines, each once, that this run does not have or divides otherwise."""
-    names = dict.fromkeys(Path(path).name for entry in entries for path in entry["inputs"])
-    return f"{abbreviate(list(names), 3)}, not among these parts"
-
-
-def describe(part: Part) -> str:
-    """Name the inputs of a part and its rows."""
-    rows = "" if part.rows is None else f", rows {part.rows[0]} to {part.rows[1] - 1}"
-    return abbreviate([printable(path) for path in part.inputs]) + rows
+    options, read, unreadable = read_options(config), list[LandmarkSet](), list[InputError]()
+    for part in parts:
+        left = FIRST - sum(map(len, read))
+        if left <= 0:
+            break
+        start, stop = part.rows or (0, FIRST)
+        rows = None if part.rows is None else slice(start, min(stop, start + left))
+        try:
+            with open_landmarks(part.inputs, options, rows) as source:
+                read.append(source.first(left))
+        except InputError as error:
+            unreadable.append(error)
+    if not read:
+        raise unreadable[0]
+    kept = {*OF_CAMERAS, LANDMARK_COVARIANCE, CAMERA_MATRIX}
+    bare = [images.without(images.further.keys() - kept) for images in read]
+    files = [SourceFile.held(str(n), images) for n, images in enumerate(bare)]
+    try:
+        return Source(files, check=False).first(FIRST)
+    except InputError:
+        return bare[0]
 
 
 def do_parts(
     config: FitConfig, plan: Plan, manifest: Manifest, estimates: Estimates
 ) -> Iterator[Outcome]:
     """Do the parts that are not kept, as they end; then remove what is of no part."""
-    folder, total = manifest.path.parent, len(plan.parts)
-    if config.threads == 0 and (config.workers is not None or on_cluster(config)):
+    folder, total = manifest.path.parent, counted(len(plan.parts), "part")
+    if config.threads == 0 and (config.workers or config.scheduler or config.scheduler_file):
         config = config.changed(threads=1)
     shared = config.changed(landmarks=(), **estimates.values)  # each part names its own
-    given = replace(estimates, lines=(), warnings=())
-    todo = [part for part in plan.parts if part.file not in plan.kept]
-    jobs = deque(Job(part, shared, folder, given) for part in todo)
+    silent = replace(estimates, lines=(), warnings=())
+    jobs = deque(Job(fit_part, part, shared, folder, silent) for part in plan.todo)
     lost: list[Failure] = []
-    images, began = 0, time.monotonic()
     manifest.write()
     for file in plan.removed:
         (folder / file).unlink(missing_ok=True)
     try:
-        with (
-            executor(config, idle=not jobs) as (start, at_once, line),
-            closing(do_jobs(jobs, start, at_once)) as ended,
-        ):
-            yield Outcome(line=line)
-            for number, done in enumerate(ended, 1):
-                images += done.outcome.done
-                if done.error is not None:
+        with closing(do_jobs(jobs, config)) as ended:
+            for done in ended:
+                if done.error:
                     named = any(str(path) in done.error for path in done.part.inputs)
-                    reason = done.error if named else f"{describe(done.part)}: {done.error}"
+                    reason = done.error if named else f"{done.part}: {done.error}"
                     lost.append(Failure(done.part.file, reason))
                     failed = {"status": FAILED, "error": reason}
                     manifest.add(done.part.describe() | failed)
                 else:
                     manifest.add(done.entry)
-                seconds = time.monotonic() - began
-                words = [f"{len(manifest.done)} of {counted(total, 'part')} done"]
-                words += [f"{len(lost)} failed"] if lost else []
-                words += [f"{images / seconds:,.0f} images/s"] if images and seconds > 0 else []
-                left = len(todo) - number
-                words += [f"{in_time(left * seconds / number)} left"] if left else []
-                yield replace(done.outcome, note=", ".join(words))
+                failed_ones = f", {len(lost)} failed" if lost else ""
+                note = f"{len(manifest.done)} of {total} done{failed_ones}"
+                yield replace(done.outcome, note=note)
     finally:
         manifest.write()
     yield Outcome(
         failures=tuple(lost),
-        warnings=equal_items(folder, sorted(manifest.done)) if images else (),
-        note=f"{len(manifest.done)} of {counted(total, 'part')} done",
+        warnings=items_in_two(folder, sorted(manifest.done)) if plan.todo else (),
+        note=f"{len(manifest.done)} of {total} done",
         written=(manifest.path,),
     )
 
 
-def equal_items(folder: Path, files: Sequence[str]) -> tuple[Counted, ...]:
-    """Return a warning about items that are in two or more parts, if there are any."""
-
-    def names_in(file: str) -> Iterator[Sequence[str]]:
-        with open_results([folder / file], check=False) as source:
-            yield from source.names()
-
-    again = check_items([(partial(names_in, file), str) for file in files])
-    if again is None:
+def items_in_two(folder: Path, files: list[str]) -> tuple[str, ...]:
+    """Warn of items that are in two or more parts, if there are any."""
+    if not files:
         return ()
-    text = "in more than one part: `eval` cannot tell them apart; give each its own folder"
-    example = f"'{again.item}' in {listed((files[n] for n in again.files), 'and')}"
-    return (Counted(again.number, "item", text, worst=example),)
+    with open_results([folder / file for file in files]) as source:
+        return tuple(f"{note}; `eval` cannot tell them apart" for note in source.notes)
 
 
-def in_time(seconds: float) -> str:
-    """Return a duration in its largest unit: `1.5 h`, `3 min`, `20 s`."""
-    for size, unit, digits in ((3600, "h", 1), (60, "min", 0)):
-        if seconds >= size:
-            return f"{seconds / size:.{digits}f} {unit}"
-    return f"{seconds:.0f} s"
+def fit_part(job: Job) -> Done:
+    """Lift the images of a part and write its result, whole or not at all."""
+    began, part, target = time.perf_counter(), job.part, job.folder / job.part.file
+    config = job.config.changed(landmarks=part.inputs, output=target)
+    remove_link(target)
+    images, failed = 0, 0
+    failures: list[Failure] = []
+    warnings: dict[str, str | Counted] = {}
+    doubts: dict[str, str | Counted] = {}
+    dictionary = dictionary_of(config.dictionary, find_state(config.dictionary))
+    inputs = input_digests(part.inputs, part.states)
+    rows = None if part.rows is None else slice(*part.rows)
+    for outcome in fit(config, rows, job.estimates, dictionary, inputs):
+        images += outcome.done
+        failed += len(outcome.failures)
+        failures += outcome.failures[: MOST_LISTED - len(failures)]
+        add_up(warnings, outcome.warnings, MOST_LISTED)
+        add_up(doubts, (replace(doubt, items=()) for doubt in outcome.doubts))
+    outcome = Outcome(
+        done=images,
+        failures=tuple(failures),
+        warnings=tuple(warnings.values()),
+        doubts=tuple(doubt for doubt in doubts.values() if isinstance(doubt, Counted)),
+    )
+    entry = part.describe() | {
+        "digests": inputs,
+        "status": DONE,
+        "images": images,
+        "failed": failed,
+        "failures": [[failure.item, failure.reason] for failure in failures],
+        "seconds": round(time.perf_counter() - began, 3),
+        "bytes": target.stat().st_size,
+        "digest": result_digest(target),
+    }
+    return Done(part, outcome, entry)
+
+
+@lru_cache(maxsize=1)
+def dictionary_of(path: Path, _state: State) -> Dictionary:
+    """Read a dictionary, once as long as it does not change."""
+    return read_dictionary(path)

@@ -39,7 +39,7 @@ def choose(seen, method="posterior", image_size=None, from_landmarks=False, **ca
         camera=camera,
         image_size=image_size,
     )
-    found, line = choose_camera(config, lambda: seen, from_landmarks=from_landmarks)
+    found, line = choose_camera(config, seen, from_landmarks=from_landmarks)
     assert line
     return Intrinsics.of(config.changed(camera=found).camera), line
 
@@ -92,8 +92,8 @@ SMALL, LARGE = box(60, 80, n=3), 4 * box(n=1)
         (
             images(camera_matrix=MATRIX + SKEW),
             {},
-            Intrinsics(np.sqrt(2500 * 2600), (900, 500)),
-            "without its skew",
+            OF_FILES,
+            "of the files",
         ),
     ],
 )

@@ -100,7 +100,7 @@ def test_another_skeleton_of_as_many_landmarks_is_named(warnings_of, poses, mean
     wrong = images.replaced(landmark_names=installed_skeletons()[said].landmark_names)
     (warning,) = [each for each in warnings_of(wrong) if "is it" in each]
     assert warning.startswith("no shape of this file is to be trusted")
-    assert f"is it {meant}? Say so by `keypoints: {meant}`" in warning
+    assert f"is it {meant}? Set `keypoints: {meant}`" in warning
 
 
 def test_sides_that_are_exchanged_in_every_image_are_noticed(warnings_of, poses):
@@ -191,8 +191,8 @@ def test_walking_backwards_is_the_mean_over_pairs_of_images():
     names = ("lhip", "rhip", "lshoulder", "rshoulder")
     body = np.array([[-1.0, 1, -1, 1], [0, 0, -2, -2], [0, 0, 0, 0]])
     size = np.exp([0.0, 0.0, 0.0, 0.3, np.nan])
-    found = SimpleNamespace(shapes=size[:, None, None] * body)
     pairs = np.array([[0, 1], [1, 2], [2, 3], [3, 4]])
     images = SimpleNamespace(y_axis="down")
     sample = Sample(images, images, pairs)
-    assert walks_backwards(found, names, sample) == pytest.approx(0.1)
+    columns = {name: j for j, name in enumerate(names)}
+    assert walks_backwards(sample, size[:, None, None] * body, columns) == pytest.approx(0.1)

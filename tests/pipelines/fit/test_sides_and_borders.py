@@ -7,7 +7,7 @@ import pytest
 
 from shapefit.io import LandmarkSet
 from shapefit.pipelines.fit.lift import at_border
-from shapefit.pipelines.fit.sequences import put_back_sides
+from shapefit.pipelines.fit.sequences import restore_sides
 
 NAMES = ("hip", "knee", "ankle", "head")
 EDGES = np.array([[0, 1], [1, 2], [0, 3]])
@@ -65,15 +65,16 @@ def test_exchanged_frames_are_put_back_with_their_scores(rng):
         unit="px",
         columns={},
     )
+    exchanging = SimpleNamespace(dictionary=SimpleNamespace(mirror_index=partner), frame_rate=24.0)
     wrong = np.isin(np.arange(t), range(20, 28))
     landmarks = np.where(wrong[:, None, None], w[..., partner], w)
     confidence = np.where(wrong[:, None], score[:, partner], score)
     mixed = clean.replaced(landmarks=landmarks, confidence=confidence)
-    found = put_back_sides(mixed, np.ones((t, 8), bool), partner, 24.0)
+    found = restore_sides(mixed, np.ones((t, 8), bool), exchanging)
     np.testing.assert_array_equal(found.exchanged, wrong)
     np.testing.assert_array_equal(found.images.landmarks, w)
     np.testing.assert_array_equal(found.images.confidence, score)
     assert not found.unsure.any()
     late = np.arange(t) >= 30
     half = clean.replaced(landmarks=np.where(late[:, None, None], w[..., partner], w))
-    assert put_back_sides(half, np.ones((t, 8), bool), partner, 24.0).unsure.all()
+    assert restore_sides(half, np.ones((t, 8), bool), exchanging).unsure.all()

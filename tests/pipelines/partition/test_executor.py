@@ -1,0 +1,300 @@
+"""Parts on executors: the same bits as in one process, whoever is killed meanwhile.
+
+On processes of this machine, without Dask; and, slowly, on a Dask cluster.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shapefit.config import load_config
+from shapefit.errors import InputError
+from shapefit.pipelines.partition.executor import Job, do_jobs, result_of
+from shapefit.pipelines.partition.plan import Part, find_parts
+from shapefit.pipelines.partition.run import fit_part
+from tests.cli.conftest import run_in
+from tests.pipelines.partition.made import entries, make_dictionary, make_images
+from tests.pipelines.partition.made import same_bits as same_results
+
+BIN = Path(sys.executable).parent
+PARTS, SIZE = 8, 1024
+LIMIT = 120
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory) -> Path:
+    """A folder with a dictionary, landmarks, and their result in one run."""
+    folder = tmp_path_factory.mktemp("cluster")
+    rng = np.random.default_rng(0)
+    make_dictionary(folder / "dict.h5", rng)
+    make_images(folder / "views.h5", rng.normal(size=(PARTS * SIZE, 2, 8)))
+    done = fit(folder, "whole.h5")
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def command(output: str, *options: object) -> list[str]:
+    sizes = ("--set", f"partition={SIZE}") if output.endswith("/") else ()
+    line = ("fit", "views.h5", "-d", "dict.h5", "-o", output, "--method", "alternate")
+    return [*map(str, (BIN / "shapefit", *line, *sizes, *options))]
+
+
+def fit(folder: Path, output: str, *options: object) -> subprocess.CompletedProcess[str]:
+    """Run fit to its end."""
+    words = command(output, *options)
+    return subprocess.run(
+        words, cwd=folder, capture_output=True, text=True, timeout=LIMIT, check=False
+    )
+
+
+@contextmanager
+def in_the_middle(folder: Path, output: str, *options: object) -> Iterator[subprocess.Popen[bytes]]:
+    """Start fit, and wait until some parts are done."""
+    process = subprocess.Popen(
+        command(output, *options),
+        cwd=folder,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        # undo what a shell does to jobs in the background, these tests among them
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    try:
+        ends = time.monotonic() + LIMIT
+        while len(results(folder / output)) < 2:
+            assert process.poll() is None, process.communicate()
+            assert time.monotonic() < ends
+            time.sleep(0.02)
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def results(folder: Path) -> list[Path]:
+    return sorted(folder.glob("part-*.h5"))
+
+
+def listed(folder: Path) -> Sequence[str]:
+    return [entry["file"] for entry in entries(folder)]
+
+
+def same_bits(data: Path, output: str) -> None:
+    """Fail unless the parts together are the result of one run, and nothing else is there.
+
+    But for what a killed process was writing, which is left.
+    """
+    parts = results(data / output)
+    assert [part.name for part in parts] == listed(data / output)
+    assert len(parts) == PARTS
+    others = {path.name for path in (data / output).iterdir()} - {part.name for part in parts}
+    assert {name for name in others if ".partial" not in name} == {"manifest.jsonl", ".lock"}
+    same_results(parts, data / "whole.h5")
+
+
+def goes_on(data: Path, output: str, *options: object) -> None:
+    """Fail unless a run that was ended does the parts that are missing, and no other."""
+    before = listed(data / output)
+    assert 1 <= len(before) < PARTS
+    done = fit(data, output, *options)
+    assert done.returncode == 0, done.stderr
+    assert f"{(PARTS - len(before)) * SIZE} images" in done.stderr
+    same_bits(data, output)
+
+
+def children(pid: int) -> list[int]:
+    """Processes that a process started."""
+    text = Path(f"/proc/{pid}/task/{pid}/children").read_text()
+    return [int(word) for word in text.split()]
+
+
+@pytest.fixture
+def job(data) -> Job:
+    arguments = {"landmarks": (data / "views.h5",), "dictionary": data / "dict.h5"}
+    config = load_config("fit", None, (), {**arguments, "output": f"{data}/direct/"})
+    return Job(fit_part, Part(7, (data / "views.h5",), None, ()), config, data / "direct")
+
+
+class TestProcesses:
+    def test_the_bits_of_one_run_and_nothing_is_left(self, data, tmp_path, monkeypatch):
+        monkeypatch.setenv("TMPDIR", str(tmp_path))
+        done = fit(data, "two/", "--workers", 2)
+        assert done.returncode == 0, done.stderr
+        same_bits(data, "two/")
+        assert f"{PARTS} of {PARTS} parts done" in done.stderr
+        assert not list(tmp_path.iterdir())
+
+    def test_a_killed_process_is_replaced(self, data):
+        with in_the_middle(data, "worker/", "--workers", 2) as process:
+            os.kill(children(process.pid)[-1], signal.SIGKILL)
+            _, said = process.communicate(timeout=LIMIT)
+            assert process.returncode == 0, said
+        same_bits(data, "worker/")
+
+    @pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGINT])
+    def test_a_run_that_was_ended_goes_on(self, data, by):
+        output = f"ended-{by.name}/"
+        with in_the_middle(data, output, "--workers", 2) as process:
+            process.send_signal(signal.SIGSTOP)  # looking for its children takes a while
+            workers = children(process.pid)
+            process.send_signal(by)
+            process.send_signal(signal.SIGCONT)
+            process.wait(timeout=LIMIT)
+        end = time.monotonic() + 10
+        while any(Path(f"/proc/{pid}").exists() for pid in workers) and time.monotonic() < end:
+            time.sleep(0.05)
+        assert not any(Path(f"/proc/{pid}").exists() for pid in workers)
+        goes_on(data, output, "--workers", 2)
+
+    def test_a_part_that_kills_its_process_is_named(self, data, monkeypatch, tmp_path):
+        """The others are done, although they were under way when the processes died."""
+        (tmp_path / "sitecustomize.py").write_text(
+            "import os, sys\n"
+            "def hook(event, args):\n"
+            "    if event == 'open' and str(args[0]).find('part-00001') >= 0:\n"
+            "        os._exit(9)\n"
+            "sys.addaudithook(hook)\n"
+        )
+        monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+        monkeypatch.chdir(data)
+        arguments = {"landmarks": ("views.h5",), "dictionary": "dict.h5", "output": "deadly/"}
+        keys = ("method=alternate", f"partition={SIZE}", "workers=2")
+        config = load_config("fit", None, keys, arguments)
+        Path("deadly").mkdir()
+        parts = find_parts(config)[:3]
+        jobs = deque(Job(fit_part, part, config, Path("deadly").absolute()) for part in parts)
+        errors = {done.part.file: done.error for done in do_jobs(jobs, config)}
+        assert errors[parts[0].file] == errors[parts[2].file] == ""
+        assert errors[parts[1].file].startswith("its process died, twice")
+
+
+def test_a_worker_of_another_version_ends_the_run(job):
+    with pytest.raises(InputError, match=r"is a worker .* `fit` is version 0\.0"):
+        list(do_jobs(deque([replace(job, version="0.0")]), job.config))
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (type("KilledWorker", (Exception,), {})(), "one worker after another died of it"),
+        (ModuleNotFoundError("No module", name="shapefit"), "its workers cannot import shapefit"),
+    ],
+)
+def test_what_dask_raises_is_reported(job, error, said):
+    future: Future = Future()
+    future.set_exception(error)
+    if isinstance(error, ImportError):
+        with pytest.raises(InputError, match=said):
+            result_of(future, job)
+    else:
+        assert said in result_of(future, job).error
+
+
+@pytest.mark.parametrize(("options", "said", "modules"), [
+    (("--scheduler", "tcp://127.0.0.1:9"), "pip install distributed", {"distributed": None}),
+    pytest.param(
+        ("--scheduler", "tcp://127.0.0.1:9"), "no scheduler answers", {}, marks=pytest.mark.slow,
+    ),
+    pytest.param(
+        ("--scheduler-file", "empty.json"), "no scheduler answers", {}, marks=pytest.mark.slow,
+    ),
+])  # fmt: skip
+def test_without_a_scheduler(data, monkeypatch, options, said, modules):
+    (data / "empty.json").write_text("{}")
+    for name, module in modules.items():
+        monkeypatch.setitem(sys.modules, name, module)
+    done = run_in(data, *command("none/", *options)[1:])
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert not results(data / "none")
+
+
+# --- a Dask cluster ---
+
+
+@contextmanager
+def started() -> Iterator:
+    """Start a scheduler on loopback and two workers of one process each; stop them in the end."""
+    from distributed import LocalCluster
+
+    own = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    with LocalCluster(host="127.0.0.1", **own) as cluster:
+        yield cluster
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator:
+    with started() as cluster:
+        yield cluster
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("by", ["--scheduler", "--scheduler-file"])
+def test_a_running_cluster(data, cluster, by):
+    address = cluster.scheduler_address
+    if by == "--scheduler-file":
+        address = data / "scheduler.json"
+        address.write_text(json.dumps(cluster.scheduler.identity()))
+    done = fit(data, f"by{by}/", by, address)
+    assert done.returncode == 0, done.stderr
+    same_bits(data, f"by{by}/")
+
+
+@pytest.mark.slow
+def test_what_is_assumed_of_the_camera_is_the_same_for_all_parts(project, data, cluster):
+    """Two folders of one recording on workers, and in one run: the same bits."""
+    frames = sorted((project / "sample_data/openpose").glob("*.json"))
+    for name, some in (("early", frames[:18]), ("late", frames[18:])):
+        (data / name).mkdir()
+        for frame in some:
+            (data / name / frame.name).write_bytes(frame.read_bytes())
+    line = ["fit", "early", "late", "-d", "people", "--keypoints", "body_25"]
+    line += ["--method", "posterior", "--image-size", "1280x720"]
+    for more in (("walkers.h5",), ("walkers/", "--scheduler", cluster.scheduler_address)):
+        done = run_in(data, *line, "-o", *more)
+        assert done.returncode == 0, done.stderr
+        assert "focal length 1408 px (assumed" in done.stderr
+    assert len(results(data / "walkers")) == 2
+    same_results(results(data / "walkers"), data / "walkers.h5", {"item", "shapes"})
+
+
+@pytest.mark.slow
+def test_a_killed_worker(data, cluster):
+    with in_the_middle(data, "killed/", "--scheduler", cluster.scheduler_address) as process:
+        os.kill(cluster.workers[0].pid, signal.SIGKILL)
+        _, said = process.communicate(timeout=LIMIT)
+        assert process.returncode == 0, said
+    same_bits(data, "killed/")
+
+
+@pytest.mark.slow
+def test_a_killed_client(data, cluster):
+    with in_the_middle(data, "client/", "--scheduler", cluster.scheduler_address) as process:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    time.sleep(1)  # its workers notice
+    goes_on(data, "client/", "--scheduler", cluster.scheduler_address)
+
+
+@pytest.mark.slow
+def test_a_lost_scheduler(data):
+    with (
+        started() as own,
+        in_the_middle(data, "scheduler/", "--scheduler", own.scheduler_address) as process,
+    ):
+        own.close()
+        _, said = process.communicate(timeout=LIMIT)
+    assert process.returncode == 2, said
+    assert "Error: Dask: the scheduler is gone" in said.decode().splitlines()[-1]
+    goes_on(data, "scheduler/")
