@@ -46,10 +46,6 @@ test("a box leaves out what is unknown, and reaches as far as a body does whiche
   assert.equal(geometry.box([NaN, NaN, NaN], 3), null);
 });
 
-test("names that would cover others are left out", () => {
-  assert.deepEqual(look.apart([[0, 0], [5, 5], [0, 40], [NaN, 0]], ["a", "b", "c", "d"]), [0, 2]);
-});
-
 test("a camera sees x focal / depth + centre, whichever way z points, or x focal + centre", () => {
   const camera = [100, 200, 5, 6];
   near([...geometry.seen([1, 2, 10, 1, 2, -10], camera, true)], [15, 46, 15, 46]);

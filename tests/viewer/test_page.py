@@ -305,7 +305,6 @@ def _pixels(page, canvas):
 
 
 def test_no_text_is_small_and_everything_has_a_name(page):
-    page.click("#names")
     small = page.run("""
       return [...document.querySelectorAll("body *")].filter((e) => e.offsetParent &&
         [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim()) &&

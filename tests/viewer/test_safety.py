@@ -74,7 +74,6 @@ def test_hostile_names_stay_text_on_the_page_of_results(hostile, view, open_page
     result, truth, items, _ = hostile
     made = view({HOSTILE[0]: (result,)}, truth=(truth,))
     page = open_page(made.path)
-    page.click("#names")
     for frame, item in enumerate(items):
         page.run("shapefit.go(arguments[0])", frame)
         page.settle()

@@ -56,7 +56,7 @@ def assemble(config: ViewConfig, inputs: Inputs) -> Scene:
     stated = [each.records.frame_rate for each in (*contents, truth) if each is not None]
     rate = next((r for r in (config.frame_rate, *stated) if r is not None and r < FASTEST), None)
     video = any(name for name, _ in frames.sequences) or (rate is not None and len(times) > 1)
-    rigid = not video and any(layer.pose is not None for layer in layers)
+    rigid = not video and any(layer.blend is not None for layer in layers)
     shown_rate = (rate or USUAL_RATE) / frames.step
     in_words = f"{shown_rate:.4g} Hz" + ("" if rate else " assumed") if video else ""
     y_down = any(content.y_down for content in contents)

@@ -24,9 +24,10 @@ const chart = (() => {
 
   /**
    * Draw rows [{tint, values, sd or null, states}] over the places in time; states are "trusted",
-   * "doubtful", "none", or "" where nobody is. Below stand seconds where `rate` is known, else frames.
+   * "doubtful", "none", or "" where nobody is. Below stand seconds where `rate` is known, else frames;
+   * images that are no video are dots.
    */
-  function draw({ context, width, height }, rows, { unit, rate }) {
+  function draw({ context, width, height }, rows, { unit, rate, dots }) {
     const length = rows[0].values.length;
     const base = height - BELOW - MARK * rows.length;
     const [low, high] = rangeOf(rows);
@@ -54,9 +55,11 @@ const chart = (() => {
           look.fill(context, tint, 0.18);
           each.reverse();
         }
-        context.beginPath();
+        if (dots || end - first === 1) {
+          context.fillStyle = tint;
+          return each.forEach((i) => context.fillRect(x(i) - 1, y(values[i]) - 1, 3, 3));
+        }
         look.stroke(context, tint, 1.8, () => each.forEach((i) => context.lineTo(x(i), y(values[i]))));
-        if (end - first === 1) context.fillRect(x(first) - 1, y(values[first]) - 1, 3, 3);
       });
       const wide = Math.max(1, (width - LEFT - RIGHT) / length);
       states.forEach((state, i) => {

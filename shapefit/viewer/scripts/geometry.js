@@ -6,7 +6,6 @@
  */
 const geometry = (() => {
   const DEGREE = Math.PI / 180;
-  const ORIGIN = [0, 0, 0];
 
   /** Rx(pitch) Ry(yaw): walk around the object by yaw, then rise above it by pitch. */
   function viewRotation(yaw, pitch) {
@@ -21,7 +20,7 @@ const geometry = (() => {
   }
 
   /** R (x - centre) for every point. */
-  function turn(points, R, centre = ORIGIN) {
+  function turn(points, R, centre = [0, 0, 0]) {
     const turned = new Float64Array(points.length);
     for (let i = 0; i < points.length; i += 3) {
       const [x, y, z] = [points[i] - centre[0], points[i + 1] - centre[1], points[i + 2] - centre[2]];

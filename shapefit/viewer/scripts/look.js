@@ -4,7 +4,6 @@ const look = (() => {
   const CROWD = 40; // more landmarks than these have smaller marks
   const PLAIN = 40; // px of an ellipse from which on it is fainter
   const FONT = "12px system-ui, sans-serif";
-
   const colours = new Map();
 
   /** A colour of the style, by name; the style is light or dark. */
@@ -13,10 +12,7 @@ const look = (() => {
     return colours.get(name);
   }
 
-  /** Read the colours anew: the style has changed. */
-  function restyle() {
-    colours.clear();
-  }
+  const restyle = () => colours.clear(); // light or dark: the colours are read anew
 
   /** A colour of the style as [red, green, blue], with a share of another. */
   function mixed(name, other, share) {
@@ -95,7 +91,6 @@ const look = (() => {
       if (b !== undefined) {
         const lift = radius / 3;
         stroke(context, tint, 2 * radius - 1, () => [places[a], places[b]].forEach((end) => context.lineTo(end[0], end[1])));
-        context.beginPath();
         stroke(context, light, radius / 2, () => [places[a], places[b]].forEach((end) => context.lineTo(end[0] - lift, end[1] - lift)));
       } else if (layer.role === "result" && outliers[a]) cross(context, x, y);
       else {
@@ -119,7 +114,6 @@ const look = (() => {
     const pairs = data.edges.length ? data.edges : data.landmarks.map((_, j) => [j, j]);
     const lines = pairs.map(([a, b]) => [places[a], places[b]]).filter(([a, b]) => Number.isFinite(a[0] + b[0]));
     for (const width of [14, 9, 5]) {
-      context.beginPath();
       context.globalAlpha = 0.07;
       stroke(context, text("ink"), width, () => lines.forEach(([a, b]) => {
         context.moveTo(a[0], a[1]);
@@ -129,10 +123,7 @@ const look = (() => {
     }
   }
 
-  /** Radius of the mark of a landmark, px. */
-  function markOf(data) {
-    return data.landmarks.length > CROWD ? 2 : 3.5;
-  }
+  const markOf = (data) => (data.landmarks.length > CROWD ? 2 : 3.5); // radius of a landmark, px
 
   function fill(context, tint, alpha = 1) {
     context.globalAlpha = alpha;
@@ -141,14 +132,15 @@ const look = (() => {
     context.globalAlpha = 1;
   }
 
-  function stroke(context, tint, width, path = () => {}) {
-    path();
+  /** Stroke a new path, or without one the path that is there. */
+  function stroke(context, tint, width, path = null) {
+    if (path) context.beginPath();
+    path?.();
     [context.strokeStyle, context.lineWidth, context.lineCap] = [tint, width, "round"];
     context.stroke();
   }
 
   function cross(context, x, y) {
-    context.beginPath();
     stroke(context, text("doubt"), 3, () => [-5, 5].forEach((side) => {
       context.moveTo(x - 5, y - side);
       context.lineTo(x + 5, y + side);
@@ -163,22 +155,6 @@ const look = (() => {
     context.strokeText(words, x, y);
     context.fillStyle = tint;
     context.fillText(words, x, y);
-  }
-
-  /** Names beside their points, those that fit without covering each other, first come first. */
-  function drawNames(context, places, names) {
-    for (const j of apart(places, names)) write(context, names[j], places[j][0] + 6, places[j][1] - 9);
-  }
-
-  function apart(places, names) {
-    const kept = [];
-    names.forEach((name, j) => {
-      const [x, y] = places[j];
-      const free = (k) => Math.abs(places[k][1] - y) > 14 ||
-        x > places[k][0] + 8 * names[k].length || places[k][0] > x + 8 * name.length;
-      if (Number.isFinite(x) && kept.every(free)) kept.push(j);
-    });
-    return kept;
   }
 
   /** 1, 2 or 5 times a power of ten, at least `least`. */
@@ -196,5 +172,5 @@ const look = (() => {
     write(context, `${Number((small ? 100 * step : step).toPrecision(1))} ${small ? "cm" : unit}`, 12, height - 22, text("faint"));
   }
 
-  return { text, restyle, mixed, pen, colourOf, bodiesOf, drawBody, drawShadow, markOf, fill, stroke, cross, drawNames, apart, write, niceStep, drawScale };
+  return { text, restyle, mixed, pen, colourOf, bodiesOf, drawBody, drawShadow, markOf, fill, stroke, cross, write, niceStep, drawScale };
 })();

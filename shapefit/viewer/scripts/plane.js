@@ -25,8 +25,6 @@ const plane = (() => {
       look.drawBody(context, data, body, data.landmarks.map((_, j) => [...at(body.fitted, j), 0]), rowsAt);
     }
     for (const frame of frames) drawSeen(context, data, frame, bodies.find((body) => body.frame === frame), at);
-    const named = data.seen(view.frame);
-    if (view.names && named) look.drawNames(context, data.landmarks.map((_, j) => at(named, j)), data.landmarks);
     look.drawScale(context, height, zoom, data.unit);
   }
 
@@ -58,13 +56,11 @@ const plane = (() => {
     if (!seen) return;
     const [ink, faint, background, residual] = ["ink", "faint", "background", "residual"].map(look.text);
     for (const [a, b] of body ? [] : data.edges) {
-      context.beginPath();
       if (Number.isFinite(seen[2 * a] + seen[2 * b])) look.stroke(context, faint, 2, () => [a, b].forEach((j) => context.lineTo(...at(seen, j))));
     }
     data.landmarks.forEach((_, j) => {
       if (!Number.isFinite(seen[2 * j])) return;
       const [x, y] = at(seen, j);
-      context.beginPath();
       if (body && Number.isFinite(body.fitted[2 * j])) look.stroke(context, residual, 1.5, () => [seen, body.fitted].forEach((p) => context.lineTo(...at(p, j))));
       if (outliers[j]) return look.cross(context, x, y);
       context.beginPath();

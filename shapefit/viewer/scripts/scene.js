@@ -93,17 +93,13 @@ const scene = (() => {
     };
   }
 
-  /** The blended vertices of a frame; those of the last frame asked for are kept. */
+  /** The function that gives the blended vertices of a frame, null where it has none. */
   function openBlend({ start, atom, weight }, mesh, pose) {
     const [starts, atoms, weights] = [start, atom, weight].map(blocks.numbers);
-    let [last, vertices] = [-1, null];
     return (frame) => {
-      if (frame !== last) {
-        const used = [];
-        for (let i = starts[frame]; i < starts[frame + 1]; i++) used.push([atoms[i], weights[i]]);
-        [last, vertices] = [frame, used.length ? geometry.blend(mesh.atoms, used, pose(frame)) : null];
-      }
-      return vertices;
+      const used = [];
+      for (let i = starts[frame]; i < starts[frame + 1]; i++) used.push([atoms[i], weights[i]]);
+      return used.length ? geometry.blend(mesh.atoms, used, pose(frame)) : null;
     };
   }
 
@@ -126,15 +122,9 @@ const scene = (() => {
 
   /** The first frame after `from`, over all recordings and going round, in which `doubted` doubts some individual; null for none. */
   function nextDoubtful(data, from, doubted) {
-    const here = data.recordings.indexOf(data.recordingOf(from));
-    for (let step = 0; step <= data.recordings.length; step++) {
-      const recording = data.recordings[(here + step) % data.recordings.length];
-      for (let time = step ? 0 : data.timeOf(from) + 1; time < recording.length; time++) {
-        const found = framesAt(recording, time).find(doubted);
-        if (found !== undefined) return found;
-      }
-    }
-    return null;
+    const moments = data.recordings.flatMap((recording) => Array.from({ length: recording.length }, (_, time) => framesAt(recording, time)));
+    const next = 1 + moments.findIndex((frames) => frames.includes(from));
+    return [...moments.slice(next), ...moments.slice(0, next)].flat().find(doubted) ?? null;
   }
 
   return { open, framesAt, short, nextDoubtful };

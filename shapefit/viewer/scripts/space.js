@@ -60,11 +60,8 @@ const space = (() => {
       if (!body.mesh) look.drawBody(context, data, body, places, () => rows);
       if (body.frame === view.frame) projected[body.layer.name] ??= places.map(([x, y]) => [x, y]);
     }
-    const [named] = Object.values(projected);
-    if (view.names && named) look.drawNames(context, named, data.landmarks);
-    else if (named && view.joint !== null && Number.isFinite(named[view.joint][0])) {
-      look.write(context, data.landmarks[view.joint], named[view.joint][0] + 8, named[view.joint][1] - 9);
-    }
+    const [x, y] = Object.values(projected)[0]?.[view.joint] ?? [];
+    if (Number.isFinite(x)) look.write(context, data.landmarks[view.joint], x + 8, y - 9);
     look.drawScale(context, height, zoom, data.space_unit);
     return projected;
   }
@@ -78,7 +75,6 @@ const space = (() => {
     for (let i = -cells; i <= cells; i++) {
       const [at, half] = [step * i, step * cells];
       for (const [x0, z0, x1, z1] of [[at, -half, at, half], [-half, at, half, at]]) {
-        context.beginPath();
         const line = project([x + x0, height, z + z0, x + x1, height, z + z1]);
         look.stroke(context, tint, 1, () => line.forEach(([right, down]) => context.lineTo(right, down)));
       }
@@ -98,14 +94,13 @@ const space = (() => {
       (larger * Math.abs(deep) * (u - camera[2])) / camera[0], (larger * Math.abs(deep) * (v - camera[3])) / camera[1], deep,
     ]);
     const [eye, ...frame] = project(geometry.turn([0, 0, 0, ...corners], base).map((value, i) => value + moved[i % 3]));
-    context.beginPath();
     look.stroke(context, look.text("accent"), 1.2, () => frame.forEach((corner, i) => {
       context.moveTo(eye[0], eye[1]);
       context.lineTo(corner[0], corner[1]);
       context.lineTo(frame[(i + 1) % 4][0], frame[(i + 1) % 4][1]);
     }));
     const far = away > NEAR * radius && data.space_unit === "m" ? `, ${away.toPrecision(2)} m away` : "";
-    look.write(context, `camera${far}`, Math.min(...frame.map(([x]) => x)), 14 + Math.max(...frame.map(([, y]) => y)), look.text("faint"));
+    look.write(context, `camera${far}`, Math.max(...frame.map(([x]) => x)), 14 + Math.max(...frame.map(([, y]) => y)), look.text("faint"), "right");
   }
 
   /** Triangles of all meshes that face the viewer, the far ones first, each in one shade; `deep` px are depths from 0 to 1. */

@@ -9,7 +9,7 @@
   const view = {
     frame: 0, ...AS_AT_FIRST, joint: null,
     shown: new Set(data.layers.filter((layer, i) => i === 0 || !data.layers[0].faces)), hidden: new Set(),
-    mesh: true, names: false, upright: data.rigid, pictures: {}, playing: null, drawn: 0, projected: {},
+    mesh: true, upright: data.rigid, pictures: {}, playing: null, drawn: 0, projected: {},
   };
   let due = false;
 
@@ -28,7 +28,6 @@
 
   function draw() {
     due = false;
-    if (!data.count) return;
     if (data.layers.length) view.projected = space.draw($("space"), data, view);
     if (data.flat) plane.draw($("plane"), data, view);
     drawChart();
@@ -46,7 +45,7 @@
     drawChart.key = key;
     const rows = chartRows();
     const unit = rows[0]?.unit ?? "";
-    chart.draw(look.pen($("chart")), rows.length ? rows : [{ values: new Array(length).fill(NaN), states: [] }], { unit, rate: data.video && data.rate_known && data.frame_rate });
+    chart.draw(look.pen($("chart")), rows.length ? rows : [{ values: new Array(length).fill(NaN), states: [] }], { unit, dots: !data.video, rate: data.video && data.rate_known && data.frame_rate });
   }
 
   /** The chosen quantity over the recording: a row for each shown layer that has it, and individual. */
@@ -76,9 +75,7 @@
     return { values, unit };
   }
 
-  function stateOf(layer, frame) {
-    return !layer.has(frame) ? "none" : layer.doubt?.(frame) ? "doubtful" : "trusted";
-  }
+  const stateOf = (layer, frame) => (!layer.has(frame) ? "none" : layer.doubt?.(frame) ? "doubtful" : "trusted");
 
   /* Frames. */
   function go(frame) {
@@ -155,9 +152,7 @@
     requestAnimationFrame(advance);
   }
 
-  function restart() {
-    if (view.playing) view.playing = { since: performance.now(), from: time() };
-  }
+  const restart = () => view.playing && (view.playing = { since: performance.now(), from: time() });
 
   /** The user goes to a frame; playing goes on from there. */
   function jump(frame) {
@@ -165,9 +160,7 @@
     restart();
   }
 
-  function jumpSequence(step) {
-    jump(data.sequences[clamp(data.sequenceOf(view.frame) + step, 0, data.sequences.length - 1)].start);
-  }
+  const jumpSequence = (step) => jump(data.sequences[clamp(data.sequenceOf(view.frame) + step, 0, data.sequences.length - 1)].start);
 
   function jumpDoubtful() {
     const doubted = (frame) => visible(frame) && shown().some((layer) => layer.doubt?.(frame));
@@ -175,30 +168,26 @@
   }
 
   /* The camera. */
-  function turn(yaw, pitch) {
-    change({ yaw: view.yaw + yaw, pitch: clamp(view.pitch + pitch, -90, 90) });
-  }
+  const turn = (yaw, pitch) => change({ yaw: view.yaw + yaw, pitch: clamp(view.pitch + pitch, -90, 90) });
 
-  function zoom(factor, name = "zoom") {
-    change({ [name]: clamp(view[name] * factor, 0.05, 50) });
-  }
+  const zoom = (factor, name = "zoom") => change({ [name]: clamp(view[name] * factor, 0.05, 50) });
 
-  /** Call dragged(dx, dy, moving) for each step of a drag in px, clicked(x, y) without one, and zoomed(factor) for the wheel. */
-  function listen(canvas, dragged, zoomed, clicked = () => {}) {
+  /** Call dragged(dx, dy, moving) for each step of a drag in px, pointed(x, y, clicked) without one, and zoomed(factor) for the wheel. */
+  function listen(canvas, dragged, zoomed, pointed = () => {}) {
     let [last, far] = [null, 0];
     canvas.addEventListener("pointerdown", (event) => {
       [last, far] = [[event.clientX, event.clientY], 0];
       canvas.setPointerCapture(event.pointerId);
     });
     canvas.addEventListener("pointermove", (event) => {
-      if (!last) return;
+      if (!last) return pointed(event.offsetX, event.offsetY, false);
       const [dx, dy] = [event.clientX - last[0], event.clientY - last[1]];
       far += Math.abs(dx) + Math.abs(dy);
       dragged(dx, dy, event.shiftKey || event.buttons === 2);
       last = [event.clientX, event.clientY];
     });
     canvas.addEventListener("pointerup", (event) => {
-      if (last && far < 4) clicked(event.offsetX, event.offsetY);
+      if (last && far < 4) pointed(event.offsetX, event.offsetY, true);
       last = null;
     });
     canvas.addEventListener("pointercancel", () => (last = null));
@@ -209,26 +198,25 @@
     }, { passive: false });
   }
 
-  /** Choose the joint at a place of the 3D panel, whose error the chart then shows; none elsewhere. */
-  function chooseJoint(x, y) {
+  /** Name the joint at a place of the 3D panel; a click makes the chart show its error bar. */
+  function pointAt(x, y, clicked) {
     const [places = []] = Object.values(view.projected);
     const away = places.map((place) => Math.hypot(place[0] - x, place[1] - y));
     const nearest = away.reduce((best, value, j) => (value < (away[best] ?? NEAR) ? j : best), null);
+    if (nearest !== view.joint) change({ joint: nearest });
+    if (!clicked || nearest === null || !data.layers.some((layer) => layer.sd(0))) return;
     $("of-joint")?.remove();
-    if (nearest !== null && data.layers.some((layer) => layer.sd(0))) {
-      const option = Object.assign(new Option(`error bar of ${data.landmarks[nearest]}`, `joint ${nearest}`), { id: "of-joint" });
-      $("measure").append(option);
-      $("measure").value = option.value;
-    }
-    $("measure-label").hidden = !$("measure").options.length;
-    change({ joint: nearest });
+    const option = Object.assign(new Option(`error bar of ${data.landmarks[nearest]}`, `joint ${nearest}`), { id: "of-joint" });
+    $("measure").append(option);
+    $("measure").value = option.value;
+    $("measure-label").hidden = false;
   }
 
   const moved = (pan, dx, dy) => [pan[0] + dx, pan[1] + dy];
   listen($("space"), (dx, dy, moving) => {
     if (moving) change({ pan: moved(view.pan, dx, dy) });
     else turn(DEGREES_A_PIXEL * dx, DEGREES_A_PIXEL * dy);
-  }, zoom, chooseJoint);
+  }, zoom, pointAt);
   listen($("plane"), (dx, dy) => change({ planePan: moved(view.planePan, dx, dy) }), (factor) => zoom(factor, "planeZoom"));
 
   /* Pictures and videos of the panels. */
@@ -254,13 +242,9 @@
   function record() {
     if (record.running) return record.running.stop();
     const canvas = paint(document.createElement("canvas"));
-    const [recorder, parts] = [new MediaRecorder(canvas.captureStream(30), { mimeType: "video/webm" }), []];
-    recorder.ondataavailable = ({ data: part }) => parts.push(part);
-    recorder.onstop = () => {
-      record.running = null;
-      download(new Blob(parts, { type: "video/webm" }), "webm");
-    };
-    record.running = recorder;
+    const recorder = (record.running = new MediaRecorder(canvas.captureStream(30), { mimeType: "video/webm" }));
+    recorder.ondataavailable = (event) => download(event.data, "webm");
+    recorder.onstop = () => (record.running = null);
     recorder.start();
     jump(frameAt(0));
     play(true);
@@ -345,7 +329,7 @@
       play: data.video, speed: data.video, time: data.count > 1, "measure-label": measures.length,
       doubtful: results.some((layer) => layer.doubt),
       flat: data.flat, solid: data.layers.length, sides: data.sides && !data.layers[0]?.faces,
-      "mesh-choice": results.some((layer) => layer.faces), "upright-choice": results.some((layer) => layer.faces),
+      "mesh-choice": results.some((layer) => layer.faces), "upright-choice": !data.video && results.some((layer) => layer.pose(0)),
       "key-observed": data.seen(0), "key-hidden": results.length && data.seen(0), "key-residual": results.length && data.seen(0),
       "key-outlier": data.outliers(0).length, "key-bars": data.layers.some((layer) => layer.sd(0)),
     };
@@ -370,7 +354,7 @@
     scrub(event);
   });
   on("chart", "pointermove", (event) => event.buttons && scrub(event));
-  for (const key of ["mesh", "names", "upright"]) on(key, "change", () => change({ [key]: $(key).checked }));
+  for (const key of ["mesh", "upright"]) on(key, "change", () => change({ [key]: $(key).checked }));
   for (const button of document.querySelectorAll("[data-key]")) button.addEventListener("click", () => KEYS[button.dataset.key]());
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
     look.restyle();
@@ -384,7 +368,6 @@
     const item = new URLSearchParams(location.hash.slice(1)).get("item");
     const frame = item === null ? -1 : data.items.indexOf(item);
     if (frame >= 0) jump(frame);
-    else if (item !== null) $("told").textContent = `This page has no item ${item}.`;
     return frame >= 0;
   }
 
@@ -395,7 +378,6 @@
     get item() { return data.items[view.frame]; },
     layer: (name) => data.layers.find((layer) => layer.name === name),
     chart: () => chartRows(),
-    turn,
     go: jump,
     paint: () => paint(document.createElement("canvas")),
   };

@@ -1,0 +1,130 @@
+"""What people bring, each opened as they would: turned, playing, by keyboard, with its chart."""
+
+from dataclasses import dataclass, field
+
+import pytest
+from shapefit.cli.main import run
+
+SMOOTH = 30
+"""Frames a second that a page of 10,000 frames draws."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Files of `fit` or of the samples, and what their page has."""
+
+    landmarks: str
+    fit: tuple[str, ...]
+    view: dict[str, str] = field(default_factory=dict)
+    output: str = "result.h5"
+    learn: tuple[str, ...] = ()
+    bodies: int = 1
+    facts: tuple[str, ...] = ()
+    chart: str = "knee angle r"
+    plays: bool = True
+    image: bool = True
+
+
+WALK = ("--frame-rate", "25", "--image-size", "1280x720", "--keypoints", "body_25")
+BEAM, TABLES = "{data}/pose2sim_balancing/cam01.h5", "m.metres.csv"
+TWO = ("2 individuals", "36 frames", "25 Hz")
+CARS = ("--method", "convex+refine", "--set", "lambda=1", "--set", "camera.focal=files")
+MODELS = ("{samples}/cars.h5", "--method", "exemplars", "--set", "align=none")
+RATS = ("{data}/rat7m/prior_shapes.h5", "--set", "prior.components=1")
+KINDS = {
+    "walkers": Kind("{samples}/openpose", WALK, bodies=2, facts=TWO),
+    "TRC": Kind("{samples}/openpose", WALK, output="m.trc", bodies=2, facts=TWO, image=False),
+    "tables": Kind("{samples}/openpose", WALK, output=TABLES, bodies=2, facts=TWO, image=False),
+    "dog": Kind(
+        "{samples}/animal_walk.csv", ("--frame-rate", "25"), learn=("{samples}/animal_train.h5",),
+        view={"truth": "{samples}/animal_truth.h5"}, bodies=2, chart="hip flexion r",
+        facts=("100 frames", "25 Hz"),
+    ),
+    "cars": Kind(
+        "{samples}/cars_views.h5", CARS, learn=MODELS, view={"dictionary": "dictionary.h5"},
+        plays=False, chart="distance in the image", facts=("108 images",),
+    ),
+    "beam": Kind(BEAM, ("--frame-rate", "60"), facts=("100 frames",)),
+    "desk": Kind("{data}/pyxy3d_desk/port_1.h5", ("--frame-rate", "25"), facts=("267 frames",)),
+    "rat": Kind(
+        "{data}/rat7m/camera1.h5", ("--method", "posterior"), learn=RATS, bodies=2,
+        view={"truth": "{data}/rat7m/camera1_truth.h5"}, chart="error against the truth",
+        facts=("100 frames",),
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture
+def made(request, view, project, tmp_path_factory):
+    """The page of a kind, made by the commands that make it."""
+    kind = KINDS[request.param]
+    folder = tmp_path_factory.mktemp("kind")
+    places = {"samples": str(project / "sample_data"), "data": ""}
+    if "{data}" in kind.landmarks:
+        places["data"] = str(request.getfixturevalue("real_data") / "detected")
+    dictionary = "people"
+    if kind.learn:
+        dictionary = str(folder / "dictionary.h5")
+        learn = ("learn-dict", *kind.learn, "-o", dictionary)
+        assert run([part.format(**places) for part in learn]) == 0
+    result = folder / kind.output
+    line = ["fit", kind.landmarks.format(**places), "-d", dictionary, *kind.fit, "-o", str(result)]
+    assert run(line) in (0, 1)
+    each = f"*person_[12]{result.suffix}"
+    files = [result] if result.exists() else sorted(folder.glob(each))
+    keys = {name: text.format(**places) for name, text in kind.view.items()}
+    if "dictionary" in keys:
+        keys["dictionary"] = folder / keys["dictionary"]
+    if "truth" in keys:
+        keys["truth"] = (keys["truth"],)
+    return kind, view({file.stem: (file,) for file in files}, **keys)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("made", KINDS, indirect=True)
+def test_a_page_of_each_kind(made, open_page):
+    kind, viewed = made
+    page = open_page(viewed.path)
+    assert page.run("return [shapefit.view.yaw, shapefit.view.pitch]") == [30, 15]
+    facts = page.text("#facts").split("\n")
+    assert facts[: len(kind.facts)] == list(kind.facts)
+    assert page.run("return look.bodiesOf(shapefit.data, shapefit.view).length") == kind.bodies
+    assert page.find("#play").is_displayed() == kind.plays
+    assert page.find("#flat").is_displayed() == kind.image
+    assert page.run("return document.getElementById('measure').value") == kind.chart
+    (first, *_) = page.run("return shapefit.chart().map(({ values }) => values)")
+    assert len(first) == page.run("return shapefit.data.recordingOf(0).length")
+    before = page.find("#marker").rect["x"]
+    page.keys("ARROW_RIGHT", "ARROW_RIGHT")
+    assert page.state("view.frame") == 2
+    assert page.find("#marker").rect["x"] > before  # the chart follows
+    if kind.plays:
+        page.keys(" ")
+        page.until("return shapefit.view.frame > 4")
+        page.keys(" ")
+    assert page.run("return shapefit.paint().width") > 100
+    assert page.complaints() == []
+    assert page.requests() == []
+
+
+@pytest.mark.slow
+def test_ten_thousand_frames_play_smoothly(view, project, tmp_path, open_page):
+    from shapefit.io import read_results, result_writer
+
+    walk = tmp_path / "walk.h5"
+    assert run(["fit", str(project / "sample_data/openpose"), *WALK, "-o", str(walk)]) == 0
+    few, n = read_results(walk), 10_000
+    rows = [frame % 36 for frame in range(n)]
+    long = few.take(rows).replaced(
+        items=tuple(map(str, range(n))), sequences=("walk",) * n, frame_rate=60.0,
+        per_item={**few.take(rows).per_item, "frame": list(range(n))},
+    )  # fmt: skip
+    with result_writer(tmp_path / "long.h5") as writer:
+        writer.append(long)
+    page = open_page(view({"long": (tmp_path / "long.h5",)}).path)
+    assert page.run("return shapefit.data.count") == n
+    page.keys(" ")
+    drawn, began = page.run("return [shapefit.view.drawn, performance.now()]")
+    page.until(f"return performance.now() - {began} > 3000")
+    later, ended = page.run("return [shapefit.view.drawn, performance.now()]")
+    assert (later - drawn) / (ended - began) * 1000 >= SMOOTH
