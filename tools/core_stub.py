@@ -32,8 +32,7 @@ STRETCH: int
 
 def stub() -> str:
     """Return the text of the stub."""
-    parts = (f"    @staticmethod\n    {line}" for line in functions(core.parts))
-    return "\n".join([HEAD, "class parts:", *parts, "", *functions(core._core), ""])
+    return "\n".join([HEAD, *functions(core._core), ""])
 
 
 def functions(module: Any) -> list[str]:

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit import core
 from shapefit.arrays import Flags, Floats
+from shapefit.geometry.procrustes import similarity_errors
 
 FEWEST_LANDMARKS = 3
 """A similarity or a camera makes any two points coincide, so fewer say nothing."""
@@ -25,11 +25,7 @@ def similarity(estimate: Floats, truth: Floats) -> Floats:
     estimate and truth (n, 3, p) in any two frames -> (n,), in the unit of the truth. R is proper:
     a mirrored estimate is not forgiven.
     """
-    error = np.empty(len(truth))
-    core.find_similarity_errors(
-        estimate=estimate, truth=truth, fewest=FEWEST_LANDMARKS, error=error, threads=1
-    )
-    return error
+    return similarity_errors(estimate, truth, FEWEST_LANDMARKS)
 
 
 def camera(estimate: Floats, truth: Floats, rotation: Floats) -> Floats:

@@ -89,6 +89,38 @@ def similarity_transform(source: Floats, target: Floats) -> Similarity:
     return Similarity(scale, R, translation)
 
 
+def similarity_errors(estimate: Floats, truth: Floats, fewest: int = 3) -> Floats:
+    """min over s, R, t of sum_j |s R e_j + t - x_j|^2; then the mean over j of that distance.
+
+    estimate e and truth x (n, 3, p) -> (n,). Landmarks that are not finite on one side do not
+    count; nan where fewer than `fewest` do.
+    """
+    known = np.isfinite(estimate).all(axis=1) & np.isfinite(truth).all(axis=1)
+    count = known.sum(axis=1)
+    first = known.argmax(axis=1)[:, None, None] if known.size else np.zeros((len(truth), 1, 1), int)
+    e, x = (
+        np.where(known[:, None], points, np.take_along_axis(points, first, axis=2))
+        for points in (estimate, truth)
+    )
+    apart = coincide(e), coincide(x)
+    e, x = (
+        np.where(known[:, None] & ~same[:, None, None], points - _mean(points, known), 0.0)
+        for points, same in zip((e, x), apart, strict=True)
+    )
+    R = rotation_onto(e, x)
+    size = (e**2).sum(axis=(1, 2))
+    overlap = ((R @ e) * x).sum(axis=(1, 2))
+    scale = np.divide(overlap, size, out=np.ones_like(size), where=size != 0)
+    distance = np.sqrt(((scale[:, None, None] * (R @ e) - x) ** 2).sum(axis=1))
+    return np.where(count >= fewest, distance.sum(axis=1) / np.maximum(count, 1), np.nan)
+
+
+def _mean(points: Floats, known: NDArray[np.bool_]) -> Floats:
+    """Mean (n, 3, 1) over the landmarks (n, p) that count."""
+    total = np.where(known[:, None], points, 0.0).sum(axis=2, keepdims=True)
+    return np.divide(total, np.maximum(known.sum(axis=1), 1)[:, None, None])
+
+
 def generalised_procrustes(
     shapes: Floats,
     landmarks: Sequence[int] | None = None,

@@ -115,14 +115,9 @@ def reconstruct(
 
 def combine(coefficients: Floats, atoms: Floats, rotation: Floats | None = None) -> Floats:
     """R sum_i c_i B_i for each image; c (n, k), atoms B (k, 3, p), R (n, 3, 3) -> (n, 3, p)."""
-    n = len(coefficients)
-    shapes = np.empty((n, *atoms.shape[1:]))
-    turned = np.broadcast_to(np.eye(3), (n, 3, 3)) if rotation is None else rotation
-    core.combine(
-        coefficients=np.ascontiguousarray(coefficients),
-        atoms=np.ascontiguousarray(atoms),
-        rotation=np.ascontiguousarray(turned),
-        shapes=shapes,
-        threads=1,
-    )
-    return shapes
+    # atom by atom: the rounding of an image then depends on no other one
+    shapes = np.zeros((len(coefficients), *atoms.shape[1:]))
+    for c, atom in zip(coefficients.T, atoms, strict=True):
+        used = np.flatnonzero(c)
+        shapes[used] += c[used, None, None] * atom
+    return shapes if rotation is None else rotation @ shapes

@@ -166,6 +166,8 @@ inline Lanes exponential(Lanes x) {
     return x;
 }
 
+inline double logarithm(double x) { return log(x); }
+
 // log x for x > 2^-60.
 template <class Lanes>
 inline Lanes logarithm(Lanes x) {

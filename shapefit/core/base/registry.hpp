@@ -3,8 +3,7 @@
 //   const Exported<solve_convex> exported{"solve_convex"};
 //
 // A kernel takes its data and a range of images, and is called on several threads; another function
-// takes its data and is called once; a part, for the tests, takes numbers and arrays of any shape one
-// after another.
+// takes its data and is called once, and may return a count.
 //
 // The arguments of a kernel, listed once: the members of its data, each with its name and shape.
 //
@@ -68,10 +67,8 @@ class Arguments {
     virtual bool begin() = 0;
     // Likewise of a kernel: call it on ranges that cover all images, on several threads.
     virtual void run(void (*kernel)(const void* data, Range), const void* data) = 0;
-    // What the function returns, number by number.
-    virtual void give_number(double value) = 0;
+    // What the function returns.
     virtual void give_count(long value) = 0;
-    virtual void give_flag(bool value) = 0;
 
   protected:
     ~Arguments() = default;
@@ -91,35 +88,19 @@ Argument::operator View<T, rank>() const {
     return view;
 }
 
-enum Where { MODULE, PART };
-
 struct Function {
-    Function(const char* name, Where place, bool silent, void (*call)(Arguments&))
-        : name(name), place(place), silent(silent), call(call), next(first) {
+    Function(const char* name, bool silent, void (*call)(Arguments&))
+        : name(name), silent(silent), call(call), next(first) {
         first = this;
     }
 
     const char* name;
-    Where place;
     bool silent;  // returns nothing
     void (*call)(Arguments&);
     const Function* next;
 
     inline static const Function* first = nullptr;
 };
-
-// Numbers that a function returns: one, or those of a struct.
-template <class Number>
-void give(Arguments& to, Number number) {
-    if constexpr (std::is_class_v<Number>)
-        number.give_to(to);
-    else if constexpr (std::is_same_v<Number, bool>)
-        to.give_flag(number);
-    else if constexpr (std::is_same_v<Number, long>)
-        to.give_count(number);
-    else
-        to.give_number(number);
-}
 
 template <auto function>
 struct Caller;
@@ -143,33 +124,14 @@ struct Caller<function> {
         if constexpr (std::is_void_v<Result>)
             function(data);
         else
-            give(from, function(data));
-    }
-};
-
-template <class Result, class... Values, Result (*part)(Values...)>
-    requires(!(std::is_reference_v<Values> || ...))
-struct Caller<part> {
-    static constexpr bool silent = false;
-    // The order of arguments in braces is fixed, unlike that of a call's.
-    struct InOrder {
-        InOrder(Arguments& from, Values... values) {
-            if (!from.begin()) return;
-            if constexpr (std::is_void_v<Result>)
-                part(values...);
-            else
-                give(from, part(values...));
-        }
-    };
-    static void call(Arguments& from) {
-        InOrder{from, static_cast<Values>(from(""))...};
+            from.give_count(function(data));
     }
 };
 
 template <auto function>
 struct Exported : Function {
-    explicit Exported(const char* name, Where place = MODULE)
-        : Function(name, place, Caller<function>::silent, Caller<function>::call) {}
+    explicit Exported(const char* name)
+        : Function(name, Caller<function>::silent, Caller<function>::call) {}
 };
 
 }  // namespace shapefit

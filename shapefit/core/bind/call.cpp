@@ -87,7 +87,6 @@ Call::Call(const char* function, nb::args values, nb::kwargs keywords)
     : function_(function), values_(std::move(values)), keywords_(std::move(keywords)) {}
 
 nb::handle Call::find(const Argument& argument) {
-    if (taken_ < values_.size()) return values_[taken_++];
     if (!keywords_.contains(argument.name))
         throw nb::type_error((std::string(function_) + ": no " + argument.name).c_str());
     ++taken_;
@@ -148,15 +147,7 @@ void Call::run(void (*kernel)(const void* data, Range), const void* data) {
 
 nb::object Call::result() {
     released_.reset();
-    nb::list all;
-    for (const Given& given : given_) {
-        if (given.kind == NUMBER) all.append(given.value);
-        if (given.kind == COUNT) all.append(static_cast<long>(given.value));
-        if (given.kind == FLAG) all.append(given.value != 0);
-    }
-    if (given_.empty()) return nb::none();
-    if (given_.size() == 1) return all[0];
-    return nb::tuple(all);
+    return count_ ? nb::int_(*count_) : nb::object(nb::none());
 }
 
 void Call::end() const {
@@ -174,7 +165,6 @@ long Call::size(std::string_view name) const {
 
 bool Call::has_shape(const Argument& argument, const AnyArray& array) {
     std::string_view shape = argument.shape;
-    if (shape.empty()) return true;
     if (shape.back() == '?') {
         for (int d = 0; d < array.rank; ++d)
             if (array.size[d] == 0) return true;
@@ -217,7 +207,6 @@ void Call::refuse(const Argument& argument, const std::string& wanted, nb::handl
     if (nb::hasattr(given, "dtype") && nb::hasattr(given, "shape"))
         found = text_of(given.attr("dtype")) + " " + text_of(given.attr("shape"));
     std::string text = std::string(function_) + ": " + argument.name;
-    if (!*argument.name) text += "argument " + std::to_string(taken_);
     text += " must be " + wanted;
     for (const Size& size : sizes_)
         text += std::string(&size == sizes_.data() ? " with " : ", ") + std::string(size.name) +
@@ -232,10 +221,7 @@ void Signature::take(const Argument& argument, AnyArray& array) {
 }
 
 void Signature::add(const Argument& argument, const char* type) {
-    if (!*argument.name)
-        text = "*values: Any";
-    else
-        text += std::string(text.empty() ? "" : ", ") + argument.name + ": " + type;
+    text += std::string(text.empty() ? "" : ", ") + argument.name + ": " + type;
 }
 
 }  // namespace shapefit

@@ -29,23 +29,15 @@ class Call : public Arguments {
 
     bool begin() override;
     void run(void (*kernel)(const void* data, Range), const void* data) override;
-    void give_number(double value) override { given_.push_back({NUMBER, value}); }
-    void give_count(long value) override { given_.push_back({COUNT, static_cast<double>(value)}); }
-    void give_flag(bool value) override { given_.push_back({FLAG, value ? 1.0 : 0.0}); }
+    void give_count(long value) override { count_ = value; }
 
-    // What was given, as Python has it: nothing, a number, or a tuple of numbers.
+    // What the function has returned, as Python has it.
     nb::object result();
 
   private:
     struct Size {
         std::string_view name;
         long value;
-    };
-
-    enum Kind { NUMBER, COUNT, FLAG };
-    struct Given {
-        Kind kind;
-        double value;  // counts are far below 2^53
     };
 
     void end() const;  // after the last argument
@@ -62,7 +54,7 @@ class Call : public Arguments {
     size_t taken_ = 0;
     std::vector<Size> sizes_;
     std::vector<nb::ndarray<>> kept_;
-    std::vector<Given> given_;
+    std::optional<long> count_;
     std::optional<nb::gil_scoped_release> released_;  // while the function runs
 };
 
@@ -76,9 +68,7 @@ class Signature : public Arguments {
 
     bool begin() override { return false; }
     void run(void (*)(const void* data, Range), const void*) override { add({*this, "threads", ""}, "int"); }
-    void give_number(double) override {}
     void give_count(long) override {}
-    void give_flag(bool) override {}
 
     std::string text;
 

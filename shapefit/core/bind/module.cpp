@@ -23,7 +23,7 @@ void define(nb::module_& module, const Function& function) {
     static std::deque<std::string> signatures;  // Python keeps the pointers
     Signature list;
     function.call(list);
-    const char* result = function.silent ? ") -> None" : ") -> Any";
+    const char* result = function.silent ? ") -> None" : ") -> int";
     signatures.push_back(std::string("def ") + function.name + "(" + list.text + result);
     module.def(
         function.name,
@@ -40,12 +40,11 @@ void define(nb::module_& module, const Function& function) {
 
 NB_MODULE(SHAPEFIT_MODULE, module) {
     using namespace shapefit;
-    nb::module_ parts = module.def_submodule("parts", "Single steps of the kernels, for tests.");
     module.attr("STRETCH") = STRETCH;
     std::vector<const Function*> functions;
     for (const Function* each = Function::first; each; each = each->next) functions.push_back(each);
     std::sort(functions.begin(), functions.end(), [](const Function* a, const Function* b) {
         return std::strcmp(a->name, b->name) < 0;
     });
-    for (const Function* each : functions) define(each->place == PART ? parts : module, *each);
+    for (const Function* each : functions) define(module, *each);
 }

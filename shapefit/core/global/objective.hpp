@@ -49,12 +49,11 @@ struct CellData {
     Vector<double> excess = from("excess", "20");
 };
 
-// The descent from a quaternion, likewise.
-struct DescentData {
+// The root cells, likewise.
+struct RootData {
     Arguments& from;
-    SearchProblem problem{from};  // of one image
-    Vector<double> q = from("q", "4");
-    double share = from("share");
+    Matrix<double> vertices = from("vertices", "60 4");  // quaternions
+    Matrix<int64_t> cells = from("cells", "300 4");      // the vertices of each
 };
 
 // Quaternions (w, x, y, z) and the two rows of a rotation that the camera sees.

@@ -149,18 +149,18 @@ void find_optimum(const GlobalData& data, Range range) {
 
 const Exported<find_optimum> find_optimum_exported{"find_optimum"};
 
-// For tests: the 600-cell modulo sign, quaternions (60, 4) and the vertices of each cell (300, 4).
-void root_cells(Matrix<double> vertices, Matrix<int64_t> cells) {
+// The 600-cell modulo sign, for tests.
+void write_root_cells(const RootData& data) {
     const RootCells roots;
     for (int v = 0; v < ROOT_VERTICES; ++v)
-        for (int e = 0; e < 4; ++e) vertices[v][e] = roots.vertex[v][e];
+        for (int e = 0; e < 4; ++e) data.vertices[v][e] = roots.vertex[v][e];
     for (int c = 0; c < ROOT_CELLS; ++c)
-        for (int a = 0; a < 4; ++a) cells[c][a] = roots.cell[c].vertex[a];
+        for (int a = 0; a < 4; ++a) data.cells[c][a] = roots.cell[c].vertex[a];
 }
 
 // Whether the cell can be dropped; excess (20,) of the coefficients over their bounds, all nan where
 // a vertex does not reach the cut.
-bool judge_alone(const CellData& cell) {
+long judge_alone(const CellData& cell) {
     const Vector<double> excess = cell.excess;
     Workspace workspace;
     RotationObjective objective(workspace, cell.problem);
@@ -175,21 +175,12 @@ bool judge_alone(const CellData& cell) {
         reached &= vertices.reaches(vertex);
         corner[a] = &vertex;
     }
-    if (!reached) return false;
+    if (!reached) return 0;
     find_excess(objective, corner, excess.data);
     return judge_cell(objective, corner).dropped;
 }
 
-// Descend from the quaternion q; returns the objective there.
-double descend_alone(const DescentData& data) {
-    Workspace workspace;
-    RotationObjective objective(workspace, data.problem);
-    objective.aim(0);
-    return descend(objective, data.q.data, data.share);
-}
-
-const Exported<root_cells> root_cells_exported{"root_cells", PART};
-const Exported<judge_alone> judge_cell_exported{"judge_cell", PART};
-const Exported<descend_alone> descend_exported{"descend", PART};
+const Exported<write_root_cells> root_cells_exported{"root_cells"};
+const Exported<judge_alone> judge_cell_exported{"judge_cell"};
 
 }  // namespace shapefit

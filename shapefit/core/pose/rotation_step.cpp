@@ -154,18 +154,4 @@ void retract(const double* R, const double* step, Rotation& trial) {
     return misfit;
 }
 
-namespace {
-
-Misfit take_rotation_step(Matrix<const double> P, Matrix<const double> D, bool free_scale,
-                          Matrix<double> R) {
-    Rotation found = Rotation::from(R.data);
-    const Misfit misfit = rotation_step({P.data, D.data, free_scale}, found);
-    found.write(R.data);
-    return misfit;
-}
-
-const Exported<take_rotation_step> rotation_step_exported{"rotation_step", PART};
-
-}  // namespace
-
 }  // namespace shapefit

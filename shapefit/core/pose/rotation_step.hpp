@@ -22,8 +22,6 @@ struct ShapeMoments {
 struct Misfit {
     double value;
     double scale;
-
-    void give_to(Arguments& to) const { to.give_number(value), to.give_number(scale); }
 };
 
 // Take R, proper, to a local minimum.

@@ -235,19 +235,7 @@ void reconstruct(const ReconstructionData& data, Range range) {
     for (long image = range.first; image < range.last; ++image) reconstruct_image(data, image);
 }
 
-namespace {
-
-bool find_polar(Matrix<const double> A, Matrix<double> R) {
-    Rotation found = Rotation::from(R.data);
-    const bool known = polar_rotation(A.data, found);
-    found.write(R.data);
-    return known;
-}
-
 const Exported<synchronise> synchronise_exported{"synchronise"};
 const Exported<reconstruct> reconstruct_exported{"reconstruct"};
-const Exported<find_polar> polar_rotation_exported{"polar_rotation", PART};
-
-}  // namespace
 
 }  // namespace shapefit

@@ -130,16 +130,12 @@ struct Search {
     Climbs<Doubles> arrived;
 };
 
-// The components of one block of lanes.
+// Component `of` of each lane, as far as it is seen.
 template <class Lanes>
-void fetch(long b, const Climbs<Lanes>& climbs, Side<Lanes>& side) {
-    constexpr int WIDTH = width<Lanes>;
+void fetch(Places<Lanes> of, Side<Lanes>& side) {
     const Observed<Number<Lanes>>& seen = side.seen;
     const Pack<Lanes>& pack = side.pack;
     const auto& from = side.components;
-    const long* pair = climbs.pair + b * WIDTH;
-    Places<Lanes> of;
-    for (int lane = 0; lane < WIDTH; ++lane) of[lane] = pair[lane] % from.count;
     for (long j = 0; j < seen.m; ++j) {
         for (int a = 0; a < 3; ++a)
             pack.mean[3 * j + a] = pick<Lanes>(from.means + (3 * seen.index[j] + a) * from.room, from.room, of);
@@ -149,6 +145,15 @@ void fetch(long b, const Climbs<Lanes>& climbs, Side<Lanes>& side) {
             for (int e = 0; e < 9; ++e) to[e] = pick<Lanes>(C + e * from.room, from.room, of);
         }
     }
+}
+
+// The components of one block of climbs.
+template <class Lanes>
+void fetch(long b, const Climbs<Lanes>& climbs, Side<Lanes>& side) {
+    Places<Lanes> of;
+    for (int lane = 0; lane < width<Lanes>; ++lane)
+        of[lane] = climbs.pair[b * width<Lanes> + lane] % side.components.count;
+    fetch(of, side);
 }
 
 // The s that fits s A mu + t to the landmarks best.

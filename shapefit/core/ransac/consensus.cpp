@@ -108,17 +108,12 @@ Triple draw_triple(uint64_t& state, long m) {
     return {{i, j, k}};
 }
 
-// Poses x -> s Rbar x + T, one a lane.
-struct PoseLanes {
-    Doubles size;  // s, 0 where the triple determines no pose
-    RotationOf<Doubles> R;
-    Doubles T[2];
-};
-
-struct WeakPose {
-    double size;
-    Rotation R;
-    double T[2];
+// A pose x -> s Rbar x + T, or one a lane.
+template <class Number>
+struct Pose {
+    Number size;  // s, 0 where the triple determines no pose
+    RotationOf<Number> R;
+    Number T[2];
 };
 
 // What residuals are measured by.
@@ -165,7 +160,7 @@ Plane span(const TripleLanes& triple) {
 }
 
 // Both poses of each triple.
-void pose_triples(const SeenLandmarks& seen, const Triple* triples, PoseLanes poses[2]) {
+void pose_triples(const SeenLandmarks& seen, const Triple* triples, Pose<Doubles> poses[2]) {
     TripleLanes triple{};
     gather(seen, triples, triple);
     const Plane plane = span(triple);
@@ -184,7 +179,7 @@ void pose_triples(const SeenLandmarks& seen, const Triple* triples, PoseLanes po
     const Doubles flat = FLAT * larger(plane.base, magnitude(plane.along));
     const Doubles size = plane.base > 0 ? (plane.height > flat ? (largest > 0 ? s : zero) : zero) : zero;
     for (int side = 0; side < 2; ++side) {
-        PoseLanes& pose = poses[side];
+        Pose<Doubles>& pose = poses[side];
         const double sign = 1 - 2 * side;
         pose.size = size;
         for (int a = 0; a < 2; ++a)
@@ -212,47 +207,38 @@ double find_area(const SeenLandmarks& seen) {
     return 12 * root(larger(xx * yy - xy * xy, 0));
 }
 
-// The gain of a pose; inside (count,) becomes 1 for the landmarks in its tolerance, else 0.
-// -infinity, and no landmark inside, where the tolerance covers the whole area.
-double judge(const SeenLandmarks& seen, const WeakPose& pose, const Tolerance& tolerance,
-             double* __restrict inside) {
-    const double limit = square(tolerance.threshold * pose.size), inverse = 1 / limit;
-    if (!(PI * limit < tolerance.area)) {
-        for (long j = 0; j < seen.count; ++j) inside[j] = 0;
-        return -INFINITE;
-    }
-    double M[6], total = 0;
+// The gain of a pose, or of one a lane; -infinity where there is none, and where the tolerance covers
+// the whole area. visit(j, residual^2, its limit) for each landmark.
+template <class Number, class Visit>
+[[gnu::always_inline]] inline Number judge(const SeenLandmarks& seen, const Pose<Number>& pose,
+                                           const Tolerance& tolerance, const Visit& visit) {
+    const Number limit = square(tolerance.threshold * pose.size), inverse = 1 / limit, zero{};
+    Number M[6], total = zero - TRIPLE;
     for (int e = 0; e < 6; ++e) M[e] = pose.size * pose.R[e];
-    const double *X = seen.S[0], *Y = seen.S[1], *Z = seen.S[2];
-    for (long j = 0; j < seen.count; ++j) {
-        const double x = seen.x[j] - pose.T[0] - M[0] * X[j] - M[1] * Y[j] - M[2] * Z[j];
-        const double y = seen.y[j] - pose.T[1] - M[3] * X[j] - M[4] * Y[j] - M[5] * Z[j];
-        const double residual = x * x + y * y;
-        inside[j] = residual <= limit ? 1.0 : 0.0;
-        total += seen.h[j] * larger(1 - residual * inverse, 0);
-    }
-    return (total - TRIPLE) * log(tolerance.area * inverse / PI);
-}
-
-// The gains of a pose a lane, -infinity also where there is none.
-void judge_lanes(const SeenLandmarks& seen, const PoseLanes& poses, const Tolerance& tolerance,
-                 Doubles& gains) {
-    const Doubles limit = square(tolerance.threshold * poses.size), inverse = 1 / limit, zero{};
-    Doubles M[6], total = zero - TRIPLE;
-    for (int e = 0; e < 6; ++e) M[e] = poses.size * poses.R[e];
-    const Doubles Tx = poses.T[0], Ty = poses.T[1];
+    const Number Tx = pose.T[0], Ty = pose.T[1];
     for (long j = 0; j < seen.count; ++j) {
         const double X = seen.S[0][j], Y = seen.S[1][j], Z = seen.S[2][j];
-        const Doubles x = seen.x[j] - Tx - M[0] * X - M[1] * Y - M[2] * Z;
-        const Doubles y = seen.y[j] - Ty - M[3] * X - M[4] * Y - M[5] * Z;
-        total += seen.h[j] * larger(1 - (x * x + y * y) * inverse, zero);
+        const Number x = seen.x[j] - Tx - M[0] * X - M[1] * Y - M[2] * Z;
+        const Number y = seen.y[j] - Ty - M[3] * X - M[4] * Y - M[5] * Z;
+        const Number residual = x * x + y * y;
+        total += seen.h[j] * larger(1 - residual * inverse, zero);
+        visit(j, residual, limit);
     }
     // area / (pi limit) > 1 where the logarithm counts
-    const Doubles surprise = tolerance.area * inverse / PI - 1;
-    for (int l = 0; l < WIDTH; ++l) {
-        const bool judged = poses.size[l] > 0 && PI * limit[l] < tolerance.area;
-        gains[l] = judged ? total[l] * log_of_one_plus(surprise[l]) : -INFINITE;
-    }
+    const Number more = tolerance.area * inverse / PI - 1;
+    return pose.size > 0 ? (more > 0 ? total * logarithm(1 + more) : zero - INFINITE)
+                         : zero - INFINITE;
+}
+
+// Of one pose, with inside (count,) = 1 for the landmarks in its tolerance, else 0; none is where the
+// gain is -infinity.
+double judge_one(const SeenLandmarks& seen, const Pose<double>& pose, const Tolerance& tolerance,
+                 double* __restrict inside) {
+    const double gain = judge(seen, pose, tolerance, [=](long j, double residual, double limit) {
+        inside[j] = residual <= limit ? 1.0 : 0.0;
+    });
+    for (long j = 0; j < seen.count && gain == -INFINITE; ++j) inside[j] = 0;
+    return gain;
 }
 
 // S Omega^2 S^T and w Omega^2 S^T of the inliers about their weighted means, and the means.
@@ -324,9 +310,9 @@ void keep_better(const SeenLandmarks& seen, double gain, const double* inside, B
 
 // Fit a drawn pose to its inliers and judge again, until they stay or `most` times; a fit that gains
 // less than the pose before it does not replace it. A pose with no inliers but its triple is not fitted.
-void refine_pose(const SeenLandmarks& seen, const Tolerance& tolerance, long most, WeakPose& pose,
+void refine_pose(const SeenLandmarks& seen, const Tolerance& tolerance, long most, Pose<double>& pose,
             Inside& inside, Best& best, Vector<bool> inliers) {
-    keep_better(seen, judge(seen, pose, tolerance, inside.now), inside.now, best, inliers);
+    keep_better(seen, judge_one(seen, pose, tolerance, inside.now), inside.now, best, inliers);
     for (long round = 0; round < most && sum(inside.now, seen.count) > TRIPLE; ++round) {
         const Moments moments = find_moments(seen, inside.now);
         const double size = rotation_step({moments.P, moments.D, true}, pose.R).scale;
@@ -340,7 +326,7 @@ void refine_pose(const SeenLandmarks& seen, const Tolerance& tolerance, long mos
         double* before = inside.now;
         inside.now = inside.before;
         inside.before = before;
-        keep_better(seen, judge(seen, pose, tolerance, inside.now), inside.now, best, inliers);
+        keep_better(seen, judge_one(seen, pose, tolerance, inside.now), inside.now, best, inliers);
         if (!count_differences(inside.now, before, seen.count)) break;
     }
 }
@@ -353,8 +339,8 @@ double share_of_triples(long inliers, long m) {
     return larger(share, 0);
 }
 
-WeakPose pose_of_lane(const PoseLanes& poses, int lane) {
-    WeakPose pose;
+Pose<double> pose_of_lane(const Pose<Doubles>& poses, int lane) {
+    Pose<double> pose;
     pose.size = poses.size[lane];
     for (int e = 0; e < 9; ++e) pose.R[e] = poses.R[e][lane];
     for (int a = 0; a < 2; ++a) pose.T[a] = poses.T[a][lane];
@@ -364,15 +350,16 @@ WeakPose pose_of_lane(const PoseLanes& poses, int lane) {
 // Let both poses of `count` triples compete, in the order of the draws.
 void compete(const SeenLandmarks& seen, const Triple* triples, int count, long most,
              const Tolerance& tolerance, Best& best, Inside& inside, Vector<bool> inliers) {
-    PoseLanes poses[2];
+    Pose<Doubles> poses[2];
     Doubles gains[2];
     pose_triples(seen, triples, poses);
-    for (int side = 0; side < 2; ++side) judge_lanes(seen, poses[side], tolerance, gains[side]);
+    for (int side = 0; side < 2; ++side)
+        gains[side] = judge(seen, poses[side], tolerance, [](long, Doubles, Doubles) {});
     for (int lane = 0; lane < count; ++lane)
         for (int side = 0; side < 2; ++side) {
             if (!(gains[side][lane] > best.drawn)) continue;
             best.drawn = gains[side][lane];
-            WeakPose pose = pose_of_lane(poses[side], lane);
+            Pose<double> pose = pose_of_lane(poses[side], lane);
             refine_pose(seen, tolerance, most, pose, inside, best, inliers);
         }
 }

@@ -84,23 +84,6 @@ void alternate_starts(const AlternationData& data, long image, Alternation& room
     }
 }
 
-// The step of the coefficients on reduced landmarks w (2, q) and atoms (k, 3, q), for tests.
-double solve_lasso(Matrix<const double> w, Tensor<const double> atoms, Matrix<const double> R,
-                   double lam, bool is_signed, Vector<double> c) {
-    Workspace workspace;
-    Alternation room(workspace, atoms);
-    room.image.atoms.copy();
-    for (int a = 0; a < 2; ++a)
-        for (long j = 0; j < w.size[1]; ++j) room.image.w[a * room.image.atoms.row + j] = w[a][j];
-    ActiveSet& set = room.step.set;
-    for (long i = 0; i < c.size[0]; ++i)
-        if (c[i] != 0) set.use(i, c[i], sign_of(c[i]));
-    room.step.aim(room.image.w, lam, is_signed);
-    const double least = room.step.minimise_at(R.data);
-    set.write(c);
-    return least;
-}
-
 }  // namespace
 
 void alternate(const AlternationData& data, Range range) {
@@ -115,6 +98,5 @@ void alternate(const AlternationData& data, Range range) {
 }
 
 const Exported<alternate> alternate_exported{"alternate"};
-const Exported<solve_lasso> sparse_coefficients_exported{"sparse_coefficients", PART};
 
 }  // namespace shapefit

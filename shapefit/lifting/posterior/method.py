@@ -20,12 +20,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Solution, Status
 from shapefit.convex.transforms import Transforms
 from shapefit.geometry.pinhole import Camera, project
+from shapefit.geometry.procrustes import similarity_errors
 from shapefit.lifting.degeneracy import normalise_seen
 from shapefit.lifting.estimate import CORRELATION, ConvexProof, Estimate, fit_translation
 from shapefit.lifting.methods import PosteriorOptions, Settings
@@ -212,8 +212,7 @@ def relative_distance(estimate: Floats, shapes: Floats) -> Floats:
     e, x (n, 3, p), nan where a landmark of e does not count; the size is the mean over coordinates
     of the standard deviation of those x_j that count. (n,), nan where fewer than three do.
     """
-    apart = np.empty(len(shapes))
-    core.find_similarity_errors(estimate=estimate, truth=shapes, fewest=3, error=apart, threads=1)
+    apart = similarity_errors(estimate, shapes)
     known = np.isfinite(estimate)
     count = np.maximum(known.sum(axis=2), 1)
     mean = np.where(known, shapes, 0.0).sum(axis=2) / count

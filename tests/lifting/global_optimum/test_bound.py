@@ -26,7 +26,7 @@ def aligned(corners: np.ndarray) -> np.ndarray:
 @pytest.fixture
 def roots() -> tuple[np.ndarray, np.ndarray]:
     vertices, cells = np.zeros((60, 4)), np.zeros((300, 4), np.int64)
-    core.parts.root_cells(vertices, cells)
+    core.root_cells(vertices=vertices, cells=cells)
     return vertices, cells
 
 
@@ -80,9 +80,7 @@ def test_the_inequalities_of_a_cell_are_those_of_the_cubic_form(make_scene, weig
         return (total + form(e[a]) + form(e[b]) + form(e[c])) / 6
 
     excess = np.zeros(20)
-    dropped = core.parts.judge_cell(
-        problem.landmarks, problem.weights, problem.atoms, problem.lam, corners, cut, excess
-    )
+    dropped = core.judge_cell(**problem.arrays, corners=corners, cut=cut, excess=excess)
     wanted = [3 * blossom(*triple).max() for triple in TRIPLES]
     np.testing.assert_allclose(excess, wanted, atol=1e-7)
     assert dropped == (max(excess) <= 0)

@@ -5,8 +5,9 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
+from shapefit import core
 from shapefit.convex.problem import build_problem
-from shapefit.geometry.rotations import random_rotations
+from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting.shared_rotation.pose import (
     find_pose,
     spread_views,
@@ -120,3 +121,37 @@ def test_without_landmarks_there_is_no_pose(shape):
     found = find_pose(problem, shape, spread_views(6))
     np.testing.assert_array_equal(np.isnan(found.rotation).all(axis=(1, 2)), [True, False])
     np.testing.assert_allclose(found.size, [0, 1], atol=1e-9)
+
+
+@pytest.mark.parametrize("thin", [False, True])
+def test_every_start_ends_at_a_local_minimum(shape, rng, thin):
+    """The gradient vanishes, no small turn gains, and no end lies above its start."""
+    n = 100
+    if thin:
+        shape = np.array([[30.0], [1.0], [0.03]]) * shape
+    shape -= shape.mean(axis=1, keepdims=True)
+    w = random_rotations(n, rng)[:, :2] @ shape + rng.standard_normal((n, 2, 10))
+    start, D = random_rotations(n, rng), w @ shape.T
+    start[:, :2] *= np.where((D * start[:, :2]).sum(axis=(1, 2)) < 0, -1, 1)[:, None, None]
+    R, size, P = np.empty((n, 3, 3)), np.empty(n), shape @ shape.T
+    core.find_pose(
+        shape_moments=np.tile(P, (n, 1, 1)), landmarks_by_shape=D, starts=start[:, None].copy(),
+        rotation=R, size=size, threads=1,
+    )  # fmt: skip
+
+    def misfit(R):
+        overlap = (D * R[:, :2]).sum(axis=(1, 2))
+        return -0.5 * np.maximum(overlap, 0) ** 2 / (R[:, :2] @ P * R[:, :2]).sum(axis=(1, 2))
+
+    np.testing.assert_allclose(R @ R.swapaxes(1, 2), np.tile(np.eye(3), (n, 1, 1)), atol=1e-13)
+    assert (np.linalg.det(R) > 0).all()
+    s = size[:, None, None]
+    G = s * (s * R[:, :2] @ P - D)
+    inner = R[:, :2] @ G.swapaxes(1, 2)
+    gradient = G - 0.5 * (inner + inner.swapaxes(1, 2)) @ R[:, :2]
+    scale = size * (np.linalg.norm(D, axis=(1, 2)) + size * np.trace(P))
+    assert (np.linalg.norm(gradient, axis=(1, 2)) < 1e-9 * scale).all()
+    assert (misfit(R) <= misfit(start) + 1e-12 * scale).all()
+    for axis in rng.standard_normal((5, 3)):
+        moved = rotation_about(axis, np.array([1e-3]))[0] @ R
+        assert (misfit(moved) >= misfit(R) - 1e-12 * scale).all()

@@ -1,0 +1,212 @@
+// Mean and covariance of all landmarks at modes of the posterior, one mode a lane.
+//
+// In the frame of the camera, with K = A C R^T the covariance of what is seen with all points, L the
+// Cholesky factor of S_0, B = S_0^-1 1 and G the covariance of the translation (likelihood.hpp):
+//
+//     X = R mu + K^T alpha,    t = G 1^T S_0^-1 r,    y = s (X + t),    with U = 1 - K^T B
+//     cov y = s^2 (R C R^T - (L^-1 K)^T (L^-1 K) + U G U^T) + J^T (H + I)^-1 J
+//
+// with J the derivatives of y over theta. Those of X for a turn G_i of the camera frame are
+// G_i X - R C R^T G_i P^T alpha + K^T d(alpha), where d(alpha) = -S^-1 P of the terms before; for log s
+// d(alpha) = S^-1 (-y + 2 V / (s^2 q) alpha). The mean depth is taken out of y.
+#pragma once
+
+#include "search.hpp"
+
+namespace shapefit {
+
+struct Description {
+    Description(Workspace& workspace, long p)
+        : p(p), d(tiled(3 * p)), n(tiled(2 * p)),
+          place(workspace.zeros<long>(p)),
+          mean(workspace.zeros<Doubles>(d)),
+          C(workspace.zeros<Doubles>(d * d)),
+          K(workspace.zeros<Doubles>(d * n)),
+          W(workspace.zeros<Doubles>(d * n)),
+          U(workspace.zeros<Doubles>(2 * d)),
+          J(workspace.zeros<Doubles>(VIEW * d)),
+          change(workspace.zeros<Doubles>(VIEW * n)),
+          white(workspace.zeros<Doubles>(VIEW * n)) {}
+
+    const long p, d, n;  // coordinate a of landmark j is row 3 j + a
+    long* place;         // of a landmark among those seen, or -1 (p,)
+    Doubles *mean, *C, *K, *W, *U, *J;  // (d,), (d, d), K^T (d, n), (L^-1 K)^T (d, n), (d, 2), (4, d)
+    Doubles *change, *white;            // (4, n)
+};
+
+inline Doubles dot(const Doubles* a, const Doubles* b, long n) {
+    Doubles total = {};
+    for (long i = 0; i < n; ++i) total += a[i] * b[i];
+    return total;
+}
+
+// out = G_i x, the turn about axis i.
+inline void turn_about(int axis, const Doubles* x, Doubles* out) {
+    const int b = (axis + 1) % 3, c = (axis + 2) % 3;
+    out[axis] = Doubles{};
+    out[b] = -x[c];
+    out[c] = x[b];
+}
+
+// Q (3, 3), the covariance of landmark k with landmark j, which is seen, to K and the turns' J.
+inline void relate(const Observed<double>& seen, long k, long j, const Doubles* Q, const Doubles* alpha,
+                   long n, Description& to) {
+    const long e = 2 * to.place[j];
+    const double *slope = seen.slope + e;
+    const Doubles raised[3] = {alpha[e], alpha[e + 1], -slope[0] * alpha[e] - slope[1] * alpha[e + 1]};
+    for (int b = 0; b < 3; ++b)
+        for (int a = 0; a < 2; ++a)
+            to.K[(3 * k + b) * n + e + a] = Q[3 * b + a] - slope[a] * Q[3 * b + 2];
+    for (int i = 0; i < 3; ++i) {
+        Doubles turned[3];
+        turn_about(i, raised, turned);
+        for (int b = 0; b < 3; ++b) to.J[i * to.d + 3 * k + b] -= inner3<Doubles>(Q + 3 * b, turned);
+    }
+}
+
+// R C R^T, K and the means, of the components of the lanes.
+inline void turn_components(const Components<double>& from, Places<Doubles> of, const Observed<double>& seen,
+                            const LaneView<Doubles>& view, const Doubles* alpha, long n, Description& to) {
+    const RotationOf<Doubles>& R = view.R;
+    for (long e = 0; e < VIEW * to.d; ++e) to.J[e] = Doubles{};
+    for (long e = 0; e < to.d * n; ++e) to.K[e] = Doubles{};
+    for (long j = 0; j < to.p; ++j) to.place[j] = -1;
+    for (long e = 0; e < seen.m; ++e) to.place[seen.index[e]] = e;
+    for (long k = 0; k < to.p; ++k)
+        for (long j = 0; j <= k; ++j) {
+            Doubles C[9], CR[9], Q[9], transposed[9];
+            for (int e = 0; e < 9; ++e)
+                C[e] = pick<Doubles>(from.covariances + (9 * (corner(k) + j) + e) * from.room, from.room, of);
+            for (int a = 0; a < 3; ++a)
+                for (int b = 0; b < 3; ++b) CR[3 * b + a] = inner3<Doubles>(C + 3 * a, R + 3 * b);
+            for (int a = 0; a < 3; ++a)
+                for (int b = 0; b < 3; ++b) {
+                    const Doubles entry = inner3<Doubles>(R + 3 * a, CR + 3 * b);
+                    Q[3 * a + b] = transposed[3 * b + a] = entry;
+                    to.C[(3 * k + a) * to.d + 3 * j + b] = to.C[(3 * j + b) * to.d + 3 * k + a] = entry;
+                }
+            if (to.place[j] >= 0) relate(seen, k, j, Q, alpha, n, to);
+            if (to.place[k] >= 0 && j != k) relate(seen, j, k, transposed, alpha, n, to);
+        }
+    for (long j = 0; j < to.p; ++j) {
+        Doubles mu[3];
+        for (int a = 0; a < 3; ++a) mu[a] = pick<Doubles>(from.means + (3 * j + a) * from.room, from.room, of);
+        for (int a = 0; a < 3; ++a) to.mean[3 * j + a] = inner3<Doubles>(R + 3 * a, mu);
+    }
+}
+
+// J less s, and the mean becomes X + t.
+inline void differentiate_points(const Observed<double>& seen, const Doubles* q, Doubles shrunk,
+                                 const Translation<Doubles>& t, const LikelihoodSpace<Doubles>& space, long n,
+                                 Description& to) {
+    const Doubles *alpha = space.alpha, *Bx = alpha + n, *By = Bx + n;
+    for (long e = 0; e < VIEW * n; ++e) to.change[e] = Doubles{};
+    for (long j = 0; j < to.p; ++j)
+        for (int i = 0; i < 3; ++i) {
+            Doubles turned[3];
+            turn_about(i, to.mean + 3 * j, turned);
+            for (int a = 0; a < 3; ++a) to.J[i * to.d + 3 * j + a] += turned[a];
+        }
+    for (long j = 0; j < seen.m; ++j) {
+        const double *V = seen.noise + 3 * j, *slope = seen.slope + 2 * j;
+        const Doubles share = 2.0 * shrunk / q[j];
+        for (int a = 0; a < 2; ++a) {
+            const long e = 2 * j + a, row = 3 * seen.index[j];
+            for (int i = 0; i < 3; ++i) {
+                const Doubles* J = to.J + i * to.d + row;
+                to.change[i * n + e] = slope[a] * J[2] - J[a];
+            }
+            to.change[3 * n + e] = share * (V[a] * alpha[2 * j] + V[1 + a] * alpha[2 * j + 1]) - space.y[e];
+        }
+    }
+    Doubles shift[VIEW][2];
+    for (int i = 0; i < VIEW; ++i) {
+        Doubles* x = to.change + i * n;
+        const Doubles along = dot(Bx, x, n), across = dot(By, x, n);
+        shift[i][0] = t.xx * along + t.xy * across;
+        shift[i][1] = t.xy * along + t.yy * across;
+        for (long e = 0; e < 2 * seen.m; ++e) x[e] -= shift[i][e % 2];
+    }
+    multiply<VIEW>(n, space.L, to.change, to.white);
+    multiply_transposed<VIEW>(n, space.L, to.white, to.change);
+    for (long e = 0; e < 3 * to.p; ++e) {
+        const Doubles none{};
+        for (int i = 0; i < VIEW; ++i)
+            to.J[i * to.d + e] += dot(to.K + e * n, to.change + i * n, n) +
+                                  (e % 3 < 2 ? shift[i][e % 3] : none);
+        to.mean[e] += e % 3 == 0 ? t.x : e % 3 == 1 ? t.y : none;
+        to.J[3 * to.d + e] += to.mean[e];
+    }
+}
+
+// Take the mean depth out of rows x, `stride` apart, of `count` numbers each.
+inline void centre_depth(Doubles* x, long p, long stride, long count) {
+    for (long i = 0; i < count; ++i) {
+        Doubles mean = {};
+        for (long j = 0; j < p; ++j) mean += x[(3 * j + 2) * stride + i];
+        for (long j = 0; j < p; ++j) x[(3 * j + 2) * stride + i] -= mean / static_cast<double>(p);
+    }
+}
+
+// C (3 p, 3 p) <- cov y; all of it or, for each landmark, that of its coordinates.
+inline void add_up(const Translation<Doubles>& t, Doubles size, long n, bool whole, Description& to) {
+    const auto add = [&](long e, long f, Doubles less) {
+        const Doubles *u = to.U + 2 * e, *v = to.U + 2 * f;
+        Doubles total = to.C[e * to.d + f] - less + u[0] * (t.xx * v[0] + t.xy * v[1]) +
+                        u[1] * (t.xy * v[0] + t.yy * v[1]);
+        for (int i = 0; i < VIEW; ++i) total += to.J[i * to.d + e] * to.J[i * to.d + f];
+        to.C[e * to.d + f] = to.C[f * to.d + e] = size * total;
+    };
+    for (long e = 0; !whole && e < 3 * to.p; ++e)
+        for (long f = e / 3 * 3; f <= e; ++f) add(e, f, dot(to.W + e * n, to.W + f * n, n));
+    for (long e = 0; whole && e < to.d; e += TILE)
+        for (long f = 0; f <= e; f += TILE) {
+            Tile<Doubles> sums = {};
+            add_products(sums, 0, n, [&](long i, int r) { return to.W[(e + r) * n + i]; },
+                         [&](long i, int c) { return to.W[(f + c) * n + i]; });
+            for (int r = 0; r < TILE; ++r)
+                for (int c = 0; c < TILE && f + c <= e + r; ++c) add(e + r, f + c, sums[r][c]);
+        }
+}
+
+// Mean and covariance at a view per lane, with the inlier probabilities q (m,); `root` is W (4, 4) with
+// W^T W = (H + I)^-1, one a lane.
+inline void describe(const Side<Doubles>& side, Places<Doubles> of,
+                     const LaneView<Doubles>& view, const Doubles* q, const Doubles* root_of, bool whole,
+                     Description& to) {
+    const Observed<double>& seen = side.seen;
+    const LikelihoodSpace<Doubles>& space = side.space.likelihood;
+    const long n = tiled(2 * seen.m);
+    const Doubles shrink = exponential(-view.log_scale), size = 1.0 / (shrink * shrink);
+    centre(seen, side.pack, view, shrink, space);
+    fill_covariance(seen, side.pack, view, shrink * shrink, q, space);
+    factorise(n, space.L, space.reciprocal);
+    invert(n, space.L, space.reciprocal);
+    const Translation<Doubles> t = solve(n, space);
+    turn_components(side.components, of, seen, view, space.alpha, n, to);
+    const Doubles none{}, one = all(1.0);
+    for (long e = 0; e < 3 * to.p; ++e) to.mean[e] += dot(to.K + e * n, space.alpha, n);
+    differentiate_points(seen, q, shrink * shrink, t, space, n, to);
+    for (long e = 0; e < 3 * to.p; ++e)
+        for (int a = 0; a < 2; ++a)
+            to.U[2 * e + a] = (e % 3 == a ? one : none) - dot(to.K + e * n, space.alpha + (1 + a) * n, n);
+    for (long e = 0; e < 3 * to.p; e += 3) multiply<3>(n, space.L, to.K + e * n, to.W + e * n);
+    for (long e = 0; e < 3 * to.p; ++e) {
+        Doubles row[VIEW];
+        for (int i = 0; i < VIEW; ++i) row[i] = to.J[i * to.d + e];
+        for (int i = 0; i < VIEW; ++i) {
+            to.J[i * to.d + e] = none;
+            for (int j = 0; j < VIEW; ++j) to.J[i * to.d + e] += root_of[VIEW * i + j] * row[j];
+        }
+    }
+    for (long e = 0; e < 3 * to.p; ++e) centre_depth(to.C + e * to.d, to.p, 1, 1);
+    centre_depth(to.C, to.p, to.d, 3 * to.p);
+    centre_depth(to.W, to.p, n, n);
+    centre_depth(to.U, to.p, 2, 2);
+    for (int i = 0; i < VIEW; ++i) centre_depth(to.J + i * to.d, to.p, 1, 1);
+    centre_depth(to.mean, to.p, 1, 1);
+    add_up(t, size, n, whole, to);
+    for (long e = 0; e < 3 * to.p; ++e) to.mean[e] /= shrink;
+}
+
+}  // namespace shapefit
