@@ -16,8 +16,6 @@ HEAD = """\
 # fmt: off
 \"\"\"Signatures of the extension module, written by tools/core_stub.py.\"\"\"
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 

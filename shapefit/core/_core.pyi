@@ -2,8 +2,6 @@
 # fmt: off
 """Signatures of the extension module, written by tools/core_stub.py."""
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 

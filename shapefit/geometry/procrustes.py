@@ -95,7 +95,7 @@ def similarity_errors(estimate: Floats, truth: Floats, fewest: int = 3) -> Float
     estimate e and truth x (n, 3, p) -> (n,). Landmarks that are not finite on one side do not
     count; nan where fewer than `fewest` do.
     """
-    known = np.isfinite(estimate).all(axis=1) & np.isfinite(truth).all(axis=1)
+    known: NDArray[np.bool_] = np.isfinite(estimate + truth).all(axis=1)
     count = known.sum(axis=1)
     first = known.argmax(axis=1)[:, None, None] if known.size else np.zeros((len(truth), 1, 1), int)
     e, x = (
@@ -118,7 +118,8 @@ def similarity_errors(estimate: Floats, truth: Floats, fewest: int = 3) -> Float
 def _mean(points: Floats, known: NDArray[np.bool_]) -> Floats:
     """Mean (n, 3, 1) over the landmarks (n, p) that count."""
     total = np.where(known[:, None], points, 0.0).sum(axis=2, keepdims=True)
-    return np.divide(total, np.maximum(known.sum(axis=1), 1)[:, None, None])
+    mean: Floats = total / np.maximum(known.sum(axis=1), 1)[:, None, None]
+    return mean
 
 
 def generalised_procrustes(
