@@ -195,7 +195,6 @@ faults: $(ALL_READY)
 	SHAPEFIT_KILLS=200 $(BIN)/python -m pytest -q tests/pipelines/partition/test_cluster_kills.py
 
 pictures: demo $(ALL_READY)
-	$(BIN)/python tools/pictures.py
 	$(BIN)/python tools/page_pictures.py
 
 docs: $(READY)

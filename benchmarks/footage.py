@@ -306,14 +306,14 @@ def measure(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             fit = shapefit.fit(shapefit.Landmarks.of(images), dictionary, config=config)
-        judged = judge(Path(method), fit._inside, known, JUDGED)
+        judged = judge(Path(method), fit.record(), known, JUDGED)
         error = judged.errors["similarity", "normalised"]
         row[method] = np.mean([np.nanmean(error[names == name]) for name in np.unique(names)])
         if judged.bars is not None:
             square = judged.bars.square
             row[f"{method} holds"] = float((square[~np.isnan(square)] <= QUANTILE).mean())
-            size = np.sqrt(fit._inside.shapes.var(axis=2)).mean(axis=1)
-            expected = fit._inside.columns["expected_error"] / size
+            size = np.sqrt(fit.record().shapes.var(axis=2)).mean(axis=1)
+            expected = fit.record().columns["expected_error"] / size
             row[f"{method} expected"] = np.nanmean(expected) / np.nanmean(error)
         by_clip[method] = [np.nanmean(error[names == name]) for name in np.unique(names)]
     ratios = np.array(by_clip["sequences"]) / np.array(by_clip["posterior"])
@@ -344,7 +344,7 @@ def measure_floor(
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         fit = shapefit.fit(shapefit.Landmarks.of(images), dictionary, config="sequences")
-    found = find_floors(fit._inside, AS_KNOWN, body)
+    found = find_floors(fit.record(), AS_KNOWN, body)
     errors, deviations = np.full((2, len(clips), 3), np.nan)
     names = np.array(truth.sequences)
     for number, clip in enumerate(clips):

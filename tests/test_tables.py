@@ -157,19 +157,17 @@ from contextlib import contextmanager
 import numpy as np
 
 from shapefit.io.options import Summary
-from shapefit.io.records import LandmarkSet
+from shapefit.io.readers.poses import of_frames
 from shapefit.io.atomic import atomic_path
 
 
-def read_points(path, kind, *, gaps):
-    first, *lines = path.read_text().splitlines()
+def read_points(paths):
+    first, *lines = paths[0].read_text().splitlines()
     names = tuple(first.split()[1:])
     rows = [line.split() for line in lines]
     numbers = np.array([row[1:] for row in rows], float).reshape(-1, len(names), 2)
-    items = tuple(row[0] for row in rows)
-    return LandmarkSet(
-        landmarks=numbers.swapaxes(1, 2), landmark_names=names, items=items, y_axis="down"
-    )
+    labels = [row[0] for row in rows]
+    return of_frames(paths[0], numbers, labels=labels, landmark_names=names)
 
 
 @contextmanager
@@ -192,12 +190,13 @@ class Writer:
 
 POINTS_ENTRY = """
 import toy
-from shapefit.io.formats import FORMATS, FileFormat
-FORMATS["points"] = FileFormat(
+from shapefit.io.detect import FORMATS
+from shapefit.io.formats import TARGETS, FileFormat
+FORMATS["points"] = TARGETS["points"] = FileFormat(
     title="a points file",
     suffixes=(".points",),
     recognise=lambda head: head.bytes.startswith(b"POINTS"),
-    records=("landmarks",), read_records=toy.read_points,
+    records=("landmarks",), read_poses=toy.read_points,
     write=toy.write_points, writes=("landmarks",),
 )
 """

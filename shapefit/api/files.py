@@ -1,24 +1,15 @@
-"""Files to views and back, with one landmark per row."""
+"""Files to arrays and back, with one landmark per row."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from shapefit import io
-from shapefit.api.records import (
-    Dictionary,
-    Fit,
-    Landmarks,
-    Shapes,
-    fit_of,
-    landmark_set,
-    shape_set,
-)
-from shapefit.api.shown import stated_height
+from shapefit.api.display import stated_height
+from shapefit.api.records import Dictionary, Fit, Landmarks, Shapes
 from shapefit.config.paths import find_dictionaries
 from shapefit.errors import input_error, listed
 from shapefit.io.formats import find_target_format
@@ -30,8 +21,8 @@ File = str | PathLike[str]
 def read_shapes(*paths: File, **options: Any) -> Shapes:
     """Read files of 3D shapes, in any format of `learn-dict`, as one set.
 
-    Shapes that lack a landmark are left out. options are keys of the section `input` of the
-    commands, as `rename={"LHip": "lhip"}`. Raises InputError.
+    Shapes that lack a landmark are left out. options say how files are read, with the names of the
+    config keys, such as `rename={"LHip": "lhip"}`. Raises InputError.
     """
     return Shapes.of(io.read_shapes([Path(path) for path in paths], _input(options)))
 
@@ -39,8 +30,8 @@ def read_shapes(*paths: File, **options: Any) -> Shapes:
 def read_landmarks(*paths: File, **options: Any) -> Landmarks:
     """Read files of 2D landmarks, in any format of `fit`, as one set.
 
-    options are keys of the section `input` of the commands, as `keypoints="body_25"` or
-    `track="nearest"`. Raises InputError.
+    options say how files are read, with the names of the config keys, such as
+    `keypoints="body_25"`; `track="nearest"` joins detections over frames. Raises InputError.
     """
     with io.open_landmarks([Path(path) for path in paths], _input(options)) as source:
         return Landmarks.of(source.whole())
@@ -48,31 +39,31 @@ def read_landmarks(*paths: File, **options: Any) -> Landmarks:
 
 def read_dictionary(path: File) -> Dictionary:
     """Read a dictionary: a file, or the installed one of that name, such as "people"."""
-    found = Path(path)
-    if not found.is_file():
-        found = find_dictionaries().get(str(path), found)
-    return Dictionary.of(io.read_dictionary(found))
+    file = Path(path)
+    if not file.is_file():
+        file = find_dictionaries().get(str(path), file)
+    return Dictionary.of(io.read_dictionary(file))
 
 
 def read_results(path: File) -> Fit:
-    """Read a result; what proves it stays in the file, for `shapefit verify`."""
-    return fit_of(io.read_results(Path(path)), {})
+    """Read a result; the certificate stays in the file, for `shapefit verify`."""
+    return Fit.of(io.read_results(Path(path)))
 
 
 def write_shapes(path: File, shapes: Shapes) -> None:
     """Write shapes to HDF5, or to CSV where the name ends in .csv."""
-    io.write_shapes(Path(path), shape_set(shapes))
+    io.write_shapes(Path(path), shapes.record())
 
 
 def write_landmarks(path: File, landmarks: Landmarks) -> None:
     """Write landmarks to HDF5, or to CSV where the name ends in .csv."""
     with io.landmark_writer(Path(path)) as writer:
-        writer.append(landmark_set(landmarks))
+        writer.append(landmarks.record().with_whole_points())
 
 
 def write_dictionary(path: File, dictionary: Dictionary) -> None:
     """Write a dictionary to HDF5."""
-    io.write_dictionary(Path(path), dictionary._inside)
+    io.write_dictionary(Path(path), dictionary.model())
 
 
 def write_results(path: File, result: Fit) -> None:
@@ -81,14 +72,13 @@ def write_results(path: File, result: Fit) -> None:
     in_metres = find_target_format(target).in_metres
     options = OutputOptions(height=stated_height(result) if in_metres else None)
     with io.result_writer(target, options) as writer:
-        writer.append(result._inside)
+        writer.append(result.record())
         writer.attributes.update(result.attributes)
 
 
 def _input(options: Mapping[str, Any]) -> InputOptions:
-    """Return how files are read; raises InputError for keys that the section does not have."""
-    known = [field.name for field in fields(InputOptions)]
-    for key in options:
-        if key not in known:
-            raise input_error(key, "is not a key of `input`", f"use {listed(known)}")
+    """Return how files are read; raises InputError for other options."""
+    known = vars(InputOptions())
+    for key in options.keys() - known.keys():
+        raise input_error(key, "does not say how files are read", f"use {listed(known)}")
     return InputOptions(**options)

@@ -15,6 +15,7 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shapefit.api.display import warn
 from shapefit.api.files import read_dictionary
 from shapefit.api.records import (
     Dictionary,
@@ -22,13 +23,11 @@ from shapefit.api.records import (
     Landmarks,
     Names,
     Shapes,
-    fit_of,
     landmark_set,
     result_set,
     shape_set,
     unnamed,
 )
-from shapefit.api.shown import warn
 from shapefit.config import (
     EvalConfig,
     FitConfig,
@@ -142,7 +141,8 @@ def fit(
     warn((*messages.values(), *doubts, *warn_of_all(counts, setup, images.y_axis)))
     whole = concatenate(records)
     attributes = attributes_of(setup, {}, seconds, len(whole))
-    return fit_of(whole.replaced(attributes={**whole.attributes, **attributes}), failures)
+    whole = whole.replaced(attributes={**whole.attributes, **attributes})
+    return Fit.of(whole, failures=failures)
 
 
 def _dictionary(given: Dictionary | str | PathLike[str]) -> model.Dictionary:
@@ -151,7 +151,7 @@ def _dictionary(given: Dictionary | str | PathLike[str]) -> model.Dictionary:
         found = f"is no dictionary, but {type(given).__name__} {np.shape(given) or ''}".rstrip()
         fix = "for arrays there is solve(W, B, lam); Dictionary(atoms=B) takes atoms (k, p, 3)"
         raise input_error("dictionary", found, fix)
-    atoms = (given if isinstance(given, Dictionary) else read_dictionary(given))._inside
+    atoms = (given if isinstance(given, Dictionary) else read_dictionary(given)).model()
     check_given_dictionary(atoms, "dictionary")
     return atoms
 
@@ -295,7 +295,7 @@ def evaluate(
     true_set = shape_set(truth, names)
     true = source_of(true_set, "truth", config.rename, gaps=True).whole()
     record = result_set(result, true.landmark_names)
-    if not isinstance(truth, Shapes) or truth._without_items:
+    if not isinstance(truth, Shapes) or truth.items is None:
         if len(true) != len(record):
             found = f"has {len(true)} shapes for {len(record)} images"
             raise input_error("truth", found, "give one for each, or name them: Shapes(..., items)")

@@ -1,20 +1,15 @@
-"""Shapes, landmarks, dictionaries and fits with one landmark per row, as files have them.
-
-Inside the package a point is a column, (..., 3, p); here and in files it is a row, (..., p, 3).
-Each of them is a view: it holds the package's own record and turns what it gives out.
-"""
+"""Shapes, landmarks, dictionaries and fits: dataclasses with one landmark per row, as in files."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import fields
-from types import MappingProxyType
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shapefit.api import shown
+from shapefit.api import display
 from shapefit.dictionary import model
 from shapefit.errors import InputError, counted, input_error, listed
 from shapefit.io.layout import (
@@ -30,117 +25,103 @@ from shapefit.io.records import LandmarkSet, Records, ResultSet, ShapeSet
 from shapefit.io.skeletons import skeletons_of_size
 
 Names = Sequence[str]
-OF_RECORDS = ("landmark_names", "items", "sequences", "unit", "y_axis", "frame_rate", "attributes")
+NOT_COLUMNS = ("landmark_names", "items", "sequences", "unit", "y_axis", "frame_rate", "attributes")
 
 
-class _View:
-    """What the package holds with one landmark per column, given out with one per row."""
+class _Items:
+    """What sets of n items have in common; RECORD is how the package holds them."""
 
-    _LAYOUT: ClassVar[Layout]
-    _FIELDS: ClassVar[Collection[str]]
-    _inside: Any
+    RECORD: ClassVar[type[Records]]
+    landmark_names: Any
+    items: Any
+    unit: str
+    extras: Any
+
+    def __post_init__(self) -> None:
+        self.__dict__.update(_checked(vars(self), self.RECORD.LAYOUT))
 
     @classmethod
-    def of(cls, inside: Any) -> Self:
-        """Return the view of a record of the package."""
-        view = cls.__new__(cls)
-        view._inside = inside
-        return view
+    def of(cls, record: Any, **further: Any) -> Self:
+        """Return a record of the package with one landmark per row."""
+        layout, names = record.LAYOUT, {each.name for each in fields(cls)}  # type: ignore[arg-type]
+        columns = {name: _turned(name, value, layout) for name, value in record.columns.items()}
+        own = {name: getattr(record, name) for name in names.intersection(NOT_COLUMNS)}
+        own |= {name: columns.pop(name) for name in names & columns.keys()}
+        return cls(**own, **further, extras=columns)  # type: ignore[call-arg]
 
-    def __getattr__(self, name: str) -> Any:
-        if name.startswith("_") or name not in self._FIELDS:
-            raise AttributeError(f"{type(self).__name__} has no {name}")
-        value = getattr(self._inside, name)
-        dataset = self._LAYOUT.datasets.get(name)
-        turned = dataset is not None and dataset.points and value is not None
-        return np.swapaxes(value, -1, -2) if turned else value
+    def record(self, names: Names | None = None) -> Any:
+        """Return the record of the package; `names` where the landmarks have none.
 
-    def __dir__(self) -> Iterable[str]:
-        return {*super().__dir__(), *self._FIELDS}
-
-
-class _Items(_View):
-    """A view of n items."""
-
-    _RECORD: ClassVar[type[Records]]
-    _inside: Records
-    _unnamed: bool = False
-    _without_items: bool = False
-
-    def __init_subclass__(cls) -> None:
-        cls._LAYOUT = cls._RECORD.LAYOUT
-        cls._FIELDS = (*cls._LAYOUT.all, *OF_RECORDS)
-
-    def _take(self, given: Mapping[str, Any]) -> Self:
-        """Take what a caller gives, names of landmarks and items filled in."""
-        values = _in_columns(given, self._LAYOUT)
-        place = self._LAYOUT.points
-        extras = values.pop("extras", None) or {}
-        names = free_names(extras, {"item", "sequence", "landmark_names", *values})
-        columns = {names[name]: data for name, data in extras.items()}
-        self._unnamed = values.get("landmark_names") is None
-        self._without_items = values.get("items") is None
-        for name, axis in (("landmark_names", -1), ("items", 0)):
-            if values.get(name) is None:
-                values[name] = tuple(map(str, range(values[place].shape[axis])))
-        n = len(values["items"])
-        whole = {name: v for name, v in columns.items() if np.shape(v)[:1] != (n,)}
-        per_item = {name: v for name, v in columns.items() if name not in whole}
-        self._inside = self._RECORD(**values, columns=per_item, whole=whole)
-        return self
+        Items without names are numbered. Raises InputError where the names are too few or many.
+        """
+        layout, values = self.RECORD.LAYOUT, vars(self)
+        columns = {
+            name: _turned(name, values[name], layout)
+            for name in layout.all.keys() & values.keys() - set(NOT_COLUMNS)
+            if values[name] is not None
+        }
+        n, p = len(columns[layout.points]), columns[layout.points].shape[-1]
+        own = {name: values[name] for name in NOT_COLUMNS if values.get(name) is not None}
+        given = own.get("landmark_names", names or tuple(map(str, range(p))))
+        if len(given) != p:
+            raise unnamed(layout.points, p, given)
+        own |= {"landmark_names": given, "items": own.get("items", tuple(map(str, range(n))))}
+        free = free_names(self.extras, {"item", "sequence", "landmark_names", *columns})
+        extras = {
+            free[name]: _turned(name, np.asarray(value), layout)
+            for name, value in self.extras.items()
+        }
+        per_item = {
+            name: value
+            for name, value in extras.items()
+            if value.shape[:1] == (n,) and layout.is_per_item(name, value.ndim)
+        }
+        whole = {name: value for name, value in extras.items() if name not in per_item}
+        return self.RECORD(**own, columns=columns | per_item, whole=whole)
 
     def __len__(self) -> int:
-        return len(self._inside)
+        return len(getattr(self, self.RECORD.LAYOUT.points))
 
     def __getitem__(self, rows: int | slice | ArrayLike) -> Self:
         numbers = np.atleast_1d(np.arange(len(self))[rows])  # type: ignore[index]
-        part = self.of(self._inside.take(numbers))
-        part.__dict__ = self.__dict__ | part.__dict__
-        return part
+        part = self.of(self.record().take(numbers))
+        return part if self.landmark_names is not None else part.replaced(landmark_names=None)
 
     def __repr__(self) -> str:
-        parts = (counted(len(self), "item"), counted(len(self.landmark_names), "landmark"))
+        p = getattr(self, self.RECORD.LAYOUT.points).shape[1]
+        parts = (counted(len(self), "item"), counted(p, "landmark"))
         return f"<shapefit.{type(self).__name__}: {', '.join(parts)}, in {self.unit}>"
 
-    @property
-    def extras(self) -> dict[str, NDArray[Any]]:
-        """Further datasets, as they stand in a file."""
-        return self._inside.further
-
     def replaced(self, **changes: Any) -> Self:
-        """Return the same with other fields, given as to the constructor; None leaves one out."""
-        datasets = self._LAYOUT.names & self._inside.columns.keys()
-        own = {name: getattr(self, name) for name in (*datasets, *OF_RECORDS)}
-        own |= {"extras": self.extras} | ({"landmark_names": None} if self._unnamed else {})
-        return type(self).__new__(type(self))._take(own | changes)
+        """Return the same with other fields; None leaves one out."""
+        return replace(self, **changes)  # type: ignore[type-var]
 
 
+@dataclass(frozen=True, repr=False, eq=False)
 class Shapes(_Items):
     """n shapes of p landmarks: shapes (n, p, 3) in `unit`.
 
     items name the shapes, by default 0, 1, ...; sequences (n) the clip or group of each; edges
     (e, 2) are pairs of landmarks; mesh_vertices (n, q, 3) and mesh_faces (f, 3) a mesh; frame_rate
-    is that of a sequence, in Hz; extras are further datasets. A slice or a mask gives some of them.
+    of the sequences in Hz; extras are further datasets. A slice or a mask gives some of them.
     """
 
-    _RECORD = ShapeSet
+    RECORD = ShapeSet
 
-    def __init__(
-        self,
-        shapes: ArrayLike,
-        landmark_names: Names | None = None,
-        items: Names | None = None,
-        sequences: Names | None = None,
-        edges: ArrayLike | None = None,
-        mesh_vertices: ArrayLike | None = None,
-        mesh_faces: ArrayLike | None = None,
-        unit: str = UNKNOWN_UNIT,
-        frame_rate: float | None = None,
-        extras: Mapping[str, NDArray[Any]] | None = None,
-    ) -> None:
-        self._take({name: value for name, value in locals().items() if name != "self"})
+    shapes: Any
+    landmark_names: Names | None = None
+    items: Names | None = None
+    sequences: Names | None = None
+    edges: Any = None
+    mesh_vertices: Any = None
+    mesh_faces: Any = None
+    unit: str = UNKNOWN_UNIT
+    frame_rate: float | None = None
+    extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    attributes: Mapping[str, Any] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, repr=False, eq=False)
 class Landmarks(_Items):
     """n images of p landmarks: landmarks (n, p, 2) in `unit`, NaN where unseen.
 
@@ -150,107 +131,138 @@ class Landmarks(_Items):
     `camera_matrix` (3, 3). A slice or a mask gives some of them.
     """
 
-    _RECORD = LandmarkSet
+    RECORD = LandmarkSet
 
-    def __init__(
-        self,
-        landmarks: ArrayLike,
-        landmark_names: Names | None = None,
-        confidence: ArrayLike | None = None,
-        items: Names | None = None,
-        sequences: Names | None = None,
-        unit: str = UNKNOWN_UNIT,
-        y_axis: Literal["up", "down"] = "down",
-        frame_rate: float | None = None,
-        extras: Mapping[str, NDArray[Any]] | None = None,
-    ) -> None:
-        self._take({name: value for name, value in locals().items() if name != "self"})
+    landmarks: Any
+    landmark_names: Names | None = None
+    confidence: Any = None
+    items: Names | None = None
+    sequences: Names | None = None
+    unit: str = UNKNOWN_UNIT
+    y_axis: Literal["up", "down"] = "down"
+    frame_rate: float | None = None
+    extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    attributes: Mapping[str, Any] = field(default_factory=dict)
 
 
-class Dictionary(_View):
-    """k atoms: atoms (k, p, 3), centred and on the scale of normalised shapes.
-
-    Fields: landmark_names, by default 0, 1, ...; mean_shape (p, 3), by default that of the atoms;
-    others of a dictionary file (docs/files.md). prior is the mixture over shapes that `learn` or
-    `read_dictionary` gives.
-    """
-
-    _LAYOUT = DICTIONARY
-    _FIELDS = tuple(field.name for field in fields(model.Dictionary))
-    _inside: model.Dictionary
-
-    def __init__(
-        self,
-        *,
-        atoms: ArrayLike,
-        landmark_names: Names | None = None,
-        mean_shape: ArrayLike | None = None,
-        **further: Any,
-    ) -> None:
-        own = {"atoms": atoms, "landmark_names": landmark_names, "mean_shape": mean_shape}
-        if unknown := further.keys() - set(self._FIELDS):
-            raise TypeError(f"a dictionary has no {', '.join(sorted(unknown))}")
-        values = _in_columns(own | further, DICTIONARY, "dictionary.")
-        if landmark_names is None:
-            values["landmark_names"] = tuple(map(str, range(values["atoms"].shape[2])))
-        if mean_shape is None:
-            values["mean_shape"] = values["atoms"].mean(axis=0)
-        self._inside = model.Dictionary(**values)
-
-    def __repr__(self) -> str:
-        size = counted(self._inside.k, "atom"), counted(len(self.landmark_names), "landmark")
-        return f"<shapefit.Dictionary: {', '.join(size)}, in {self.unit}>"
-
-    def replaced(self, **changes: Any) -> Dictionary:
-        """Return the same with other fields."""
-        return Dictionary(**{name: getattr(self, name) for name in self._FIELDS} | changes)
-
-
+@dataclass(frozen=True, repr=False, eq=False)
 class Fit(_Items):
     """3D shapes of n images: shapes (n, p, 3) in the camera frame and the unit of the landmarks.
 
-    NaN where an image failed; failures says why, by item. landmarks_fitted (n, p, 2);
-    coefficients (n, k); rotation (n, 3, 3); translation (n, 2); scale, objective, relative_gap,
-    iterations, status (n). None is what the method does not know: of these, and of shape_sd
-    (n, p, 3), the standard deviation of each coordinate, plausibility (n,), trusted (n,) and
-    doubt (n,), why not, "" where it is. extras holds the further datasets of a result file, such as
-    `outliers` (n, p) and the datasets of the landmarks. A slice or a mask gives the fit of some of
-    the images, a number that of one.
+    NaN where an image failed; failures says why, by item. landmarks_fitted (n, p, 2) under
+    perspective; coefficients (n, k); rotation (n, 3, 3); translation (n, 2); scale, objective,
+    relative_gap, iterations, status (n); shape_sd (n, p, 3), the standard deviation of each
+    coordinate; p_value (n,); trusted (n,), and reasons (n,) why not, "" where it is. None is what
+    the method does not know. extras holds the further datasets of a result file, such as
+    `outliers` (n, p) and the datasets of the landmarks; attributes, how it was made. A slice or a
+    mask gives the fit of some of the images, a number that of one.
     """
 
-    _RECORD = ResultSet
-    _inside: ResultSet
-    _failures: Mapping[str, str] = MappingProxyType({})
+    RECORD = ResultSet
 
-    def __init__(self, **given: Any) -> None:
-        self._take(given)
+    shapes: Any
+    landmark_names: Names | None = None
+    items: Names | None = None
+    sequences: Names | None = None
+    unit: str = UNKNOWN_UNIT
+    y_axis: Literal["up", "down"] = "down"
+    frame_rate: float | None = None
+    landmarks_fitted: Any = None
+    coefficients: Any = None
+    rotation: Any = None
+    translation: Any = None
+    scale: Any = None
+    objective: Any = None
+    relative_gap: Any = None
+    iterations: Any = None
+    status: Any = None
+    shape_sd: Any = None
+    p_value: Any = None
+    trusted: Any = None
+    reasons: Any = None
+    failures: Mapping[str, str] = field(default_factory=dict)
+    extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    attributes: Mapping[str, Any] = field(default_factory=dict)
 
-    @property
-    def failures(self) -> dict[str, str]:
-        """Why images have no shape, by item."""
-        own = set(self.items)
-        return {item: text for item, text in self._failures.items() if item in own}
+    def __getitem__(self, rows: int | slice | ArrayLike) -> Fit:
+        part = super().__getitem__(rows)
+        own = {item: self.failures[item] for item in part.items or () if item in self.failures}
+        return part.replaced(failures=own)
 
-    __repr__ = shown.describe
-    _repr_html_ = shown.embedded_page
-    view = shown.open_page
-    plot = shown.draw_shape
-    metres = property(shown.as_metres)
-    to_metres = shown.as_metres
-    to_pandas = shown.as_table
+    __repr__ = display.describe
+    _repr_html_ = display.embedded_page
+    view = display.open_page
+    plot = display.draw_shape
+    metres = property(display.as_metres)
+    to_metres = display.as_metres
+    to_pandas = display.as_table
 
 
-def fit_of(record: ResultSet, failures: Mapping[str, str]) -> Fit:
-    """Return a result as the caller gets it."""
-    found = Fit.of(record)
-    found._failures = dict(failures)
-    return found
+@dataclass(frozen=True, repr=False, eq=False)
+class Dictionary:
+    """k atoms: atoms (k, p, 3), centred and on the scale of normalised shapes.
+
+    landmark_names are by default 0, 1, ..., mean_shape (p, 3) is the mean of the atoms. prior is
+    the mixture over shapes that `learn` or `read_dictionary` gives, learned what was learned
+    besides (docs/files.md), provenance how it was made.
+    """
+
+    atoms: Any
+    landmark_names: Names | None = None
+    mean_shape: Any = None
+    edges: Any = None
+    mesh_vertices: Any = None
+    mesh_faces: Any = None
+    atom_scale: Any = None
+    atom_items: Names | None = None
+    unit: str = UNKNOWN_UNIT
+    prior: Any = None
+    learned: Mapping[str, Any] = field(default_factory=dict)
+    provenance: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        values = _checked(vars(self), DICTIONARY, "dictionary.")
+        _, p, _ = values["atoms"].shape
+        if values["landmark_names"] is None:
+            values["landmark_names"] = tuple(map(str, range(p)))
+        if values["mean_shape"] is None:
+            values["mean_shape"] = values["atoms"].mean(axis=0)
+        self.__dict__.update(values)
+
+    @classmethod
+    def of(cls, dictionary: model.Dictionary) -> Dictionary:
+        """Return a dictionary of the package with one landmark per row."""
+        values = {
+            each.name: _turned(each.name, getattr(dictionary, each.name), DICTIONARY)
+            for each in fields(dictionary)
+        }
+        own = {each.name: values.pop(each.name) for each in fields(cls) if each.name in values}
+        return cls(**own, learned=values)
+
+    def model(self) -> model.Dictionary:
+        """Return the dictionary of the package."""
+        values = {
+            name: _turned(name, value, DICTIONARY)
+            for name, value in vars(self).items()
+            if name != "learned"
+        }
+        return model.Dictionary(**values, **self.learned)
+
+    def __repr__(self) -> str:
+        k, p, _ = self.atoms.shape
+        parts = (counted(k, "atom"), counted(p, "landmark"))
+        return f"<shapefit.Dictionary: {', '.join(parts)}, in {self.unit}>"
+
+    def replaced(self, **changes: Any) -> Dictionary:
+        """Return the same with other fields."""
+        return replace(self, **changes)
 
 
 def shape_set(given: Shapes | ArrayLike, names: Names | None = None) -> ShapeSet:
     """Return shapes as the package has them; `names` where the shapes do not name landmarks."""
-    found: ShapeSet = _named(given if isinstance(given, Shapes) else Shapes(given), names)
-    return found
+    shapes = given if isinstance(given, Shapes) else Shapes(given)
+    record: ShapeSet = shapes.record(names)
+    return record
 
 
 def landmark_set(given: Landmarks | ArrayLike, names: Names | None = None) -> LandmarkSet:
@@ -259,30 +271,18 @@ def landmark_set(given: Landmarks | ArrayLike, names: Names | None = None) -> La
     A landmark with one unknown coordinate is unseen.
     """
     landmarks = given if isinstance(given, Landmarks) else Landmarks(given)
-    found: LandmarkSet = _named(landmarks, names).with_whole_points()
-    return found
+    record: LandmarkSet = landmarks.record(names).with_whole_points()
+    return record
 
 
 def result_set(given: Fit | Shapes | ArrayLike, names: Names | None = None) -> ResultSet:
     """Return a fit, or shapes that come from elsewhere, as the package has results."""
-    if isinstance(given, Fit):
-        return given._inside
-    shapes = shape_set(given, names)
-    own = ("landmark_names", "items", "sequences", "unit", "frame_rate", "whole")
-    per_item = {name: v for name, v in shapes.per_item.items() if name != "mesh_vertices"}
-    fields = {name: getattr(shapes, name) for name in own}
-    fields["whole"] = {name: v for name, v in shapes.whole.items() if name in shapes.further}
-    return ResultSet(**fields, columns=per_item)
-
-
-def _named(view: _Items, names: Names | None) -> Any:
-    """Return the record of a view, with these names of landmarks where the caller gave none."""
-    if names is None or not view._unnamed:
-        return view._inside
-    place, p = view._LAYOUT.points, len(view.landmark_names)
-    if len(names) != p:
-        raise unnamed(place, p, names)
-    return view._inside.replaced(landmark_names=tuple(names))
+    if not isinstance(given, Fit):
+        shapes = given if isinstance(given, Shapes) else Shapes(given)
+        own = ("shapes", "landmark_names", "items", "sequences", "unit", "frame_rate", "extras")
+        given = Fit(**{name: getattr(shapes, name) for name in own})
+    record: ResultSet = given.record(names)
+    return record
 
 
 def unnamed(place: str, p: int, names: Names) -> InputError:
@@ -294,36 +294,40 @@ def unnamed(place: str, p: int, names: Names) -> InputError:
     return input_error(place, f"has {p} landmarks without names, not {len(names)}", fix)
 
 
-def _in_columns(given: Mapping[str, Any], layout: Layout, place: str = "") -> dict[str, Any]:
-    """Return fields with one landmark per column.
+def _turned(name: str, value: Any, layout: Layout) -> Any:
+    """Return a value with one landmark per row for one per column, and the other way round."""
+    column = layout.datasets.get(name)
+    if column is None or not column.points or value is None:
+        return value
+    return np.ascontiguousarray(np.swapaxes(value, -1, -2))
+
+
+def _checked(given: Mapping[str, Any], layout: Layout, place: str = "") -> dict[str, Any]:
+    """Return fields as arrays, and names as tuples.
 
     Raises InputError for arrays that are no numbers or whose axes disagree.
     """
-    values = dict(given)
-    sizes: dict[str, int] = {}
-    own = layout.points
+    values, sizes = dict(given), dict[str, int]()
     # The points say how many items and landmarks there are, and the rest must agree.
-    for key, dataset in sorted(layout.datasets.items(), key=lambda item: not item[1].points):
+    for key, column in sorted(layout.datasets.items(), key=lambda item: not item[1].points):
         name = FIELDS.get(key, key)
         value = values.get(name)
-        if value is None or dataset.kind == "label":
+        if value is None or column.kind == "label":
             continue
-        where = f"{place}{name}" if place or name == own else f"{own}.{name}"
-        if dataset.kind == "text":
+        where = f"{place}{name}" if place or name == layout.points else f"{layout.points}.{name}"
+        if column.kind == "text":
             value = tuple(map(str, value))
             shape: tuple[int, ...] = (len(value),)
         else:
             try:
-                kind = np.int64 if dataset.kind == "index" else np.float64
-                value = np.asarray(value, kind)
+                value = np.asarray(value, np.int64 if column.kind == "index" else np.float64)
             except (TypeError, ValueError):
                 raise input_error(where, "is no array of numbers", "give numbers") from None
             shape = value.shape
-        expected = tuple(sizes.get(str(axis), axis) for axis in dataset.axes)
-        if not fit_axes(dataset.axes, shape, sizes):
+        expected = tuple(sizes.get(str(axis), axis) for axis in column.axes)
+        if not fit_axes(column.axes, shape, sizes):
             axes = f"({', '.join(map(str, expected))}{',' * (len(expected) == 1)})"
-            row = ", one landmark per row" if dataset.points else ""
+            row = ", one landmark per row" if column.points else ""
             raise input_error(where, f"has the shape {shape}", f"it must be {axes}{row}")
-        turned = np.swapaxes(value, -1, -2) if dataset.points else value
-        values[name] = value if dataset.kind == "text" else np.ascontiguousarray(turned)
+        values[name] = value
     return values

@@ -38,8 +38,9 @@ FIXES = {
 }
 """What a user can mend when a file cannot be put in its place: number of the error -> how."""
 
-MOST_BYTES = 100
-"""Of the name of an output, in the name of its temporary."""
+LONGEST_NAME, LONGEST_PART = 100, 180
+"""Bytes of the name of an output in that of its temporary, and of a part of an item's file; most
+systems take 255."""
 
 
 def check_output(target: Path, instead: str = "give the name of a file in it") -> Path:
@@ -158,8 +159,7 @@ class StagedFiles:
     """Files on their way to `folder`, in a hidden folder."""
 
     def __init__(self, folder: Path, staging: Path) -> None:
-        self.folder = folder
-        self._staging = staging
+        self.folder, self._staging = folder, staging
         self.empty = True
 
     def __contains__(self, name: PurePosixPath) -> bool:
@@ -192,27 +192,13 @@ class StagedFiles:
     @contextmanager
     def opened(self, name: str) -> Iterator[WriteBytes]:
         """Give what writes the file that becomes folder/name, piece by piece."""
-        target = self.folder / name
+        target, path = self.folder / name, self._staging / name
         check_output(target, IN_THE_WAY)
         self.empty = False
-        with _opened(self._staging / name, target) as write:
+        with _opened(path, target) as write:
             yield write
         with storage_errors(target, None):
-            _sync(self._staging / name)
-
-    def publish(self) -> None:
-        """Move every file to its place, over the one of an earlier run if there is one.
-
-        Raises InputError, before anything moves, where something is in the way.
-        """
-        made = [Path(place, name) for place, _, names in os.walk(self._staging) for name in names]
-        targets = {path: self.folder / path.relative_to(self._staging) for path in made}
-        for target in targets.values():
-            check_output(target, IN_THE_WAY)
-        for path, target in targets.items():
-            with storage_errors(target, None):
-                target.parent.mkdir(parents=True, exist_ok=True)
-                path.replace(target)
+            _sync(path)
 
 
 IN_THE_WAY = "remove or rename it, or choose another folder"
@@ -225,15 +211,21 @@ def staged_files(folder: Path) -> Iterator[StagedFiles]:
     They lie in a hidden folder: in `folder` itself, or beside it as long as it does not exist. What
     else the folder holds stays; without files it is not made. The files are not synced one by one,
     which would take most of the time: a power failure, unlike a killed process, may leave empty
-    ones. Raises InputError as `StagedFiles` does.
+    ones. Raises InputError as `StagedFiles` does, before any moves.
     """
     around = folder if folder.is_dir() else folder.parent
     with _temporary(around, folder.name, "") as staging:
         with storage_errors(folder, None):
             staging.mkdir()
-        files = StagedFiles(folder, staging)
-        yield files
-        files.publish()
+        yield StagedFiles(folder, staging)
+        made = [Path(place, name) for place, _, names in os.walk(staging) for name in names]
+        targets = {path: folder / path.relative_to(staging) for path in made}
+        for target in targets.values():
+            check_output(target, IN_THE_WAY)
+        for path, target in targets.items():
+            with storage_errors(target, None):
+                target.parent.mkdir(parents=True, exist_ok=True)
+                path.replace(target)
 
 
 def _sync(path: Path) -> None:
@@ -247,34 +239,22 @@ def _temporary(folder: Path, stem: str, suffix: str) -> Iterator[Path]:
 
     On any error folders that are new and empty are removed.
     """
-    missing = [each for each in (folder, *folder.parents) if not each.exists()]
-    name = f".{_shortened(stem)}-{secrets.token_hex(8)}.partial{_shortened(suffix)}"
-    temporary = folder / name
+    missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    short, end = (os.fsencode(n)[:LONGEST_NAME].decode(errors="ignore") for n in (stem, suffix))
+    temporary = folder / f".{short}-{secrets.token_hex(8)}.partial{end}"
+    failed = True
     try:
         for new in reversed(missing):
             with storage_errors(new, None, "created"):
                 new.mkdir(exist_ok=True)
         yield temporary
-    except BaseException:
-        _remove(temporary)
-        for new in missing:
+        failed = False
+    finally:
+        with suppress(OSError):
+            temporary.unlink() if temporary.is_file() else shutil.rmtree(temporary)
+        for new in missing if failed else ():
             with suppress(OSError):
                 new.rmdir()
-        raise
-    _remove(temporary)
-
-
-def _shortened(name: str) -> str:
-    return os.fsencode(name)[:MOST_BYTES].decode(errors="ignore")
-
-
-def _remove(path: Path) -> None:
-    """Remove a file or folder, if it is there and that is possible."""
-    with suppress(OSError):
-        path.unlink() if path.is_file() else shutil.rmtree(path)
-
-
-# What a file holds, in short.
 
 
 def digests(paths: Iterable[Path]) -> dict[str, str]:
@@ -300,29 +280,21 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-# Names of files for items: readable, valid on common systems, different for different items.
-
-ESCAPED = frozenset('%<>:"|?*\\')
-"""`%` begins an escape; the others may not be part of a file's name on Windows."""
-
-MOST_BYTES_OF_A_PART = 180
-"""More gives way to a digest; most systems take 255 bytes, suffix included."""
-
-
 def file_stem(item: str) -> PurePosixPath:
     """Return the relative path, without suffix, of the files of an item: `walk/007` -> walk/007.
 
     `/` divides folders. Other characters that a name cannot have are written %XX, as in URLs, and
     so are dots and spaces at its ends; an empty part is %. The end of a part beyond 180 bytes gives
-    way to its digest. No path leads out of its folder.
+    way to its digest. No path leads out of its folder, and no two items have the same.
     """
     return PurePosixPath(*map(_file_part, item.split("/")))
 
 
 def _file_part(text: str) -> str:
-    letters = (c if c.isprintable() and c not in ESCAPED else quote(c, safe="") for c in text)
+    bad = frozenset('%<>:"|?*\\')  # `%` begins an escape; the others Windows does not allow
+    letters = (c if c.isprintable() and c not in bad else quote(c, safe="") for c in text)
     name = re.sub(r"^[. ]|[. ]$", lambda end: f"%{ord(end[0]):02X}", "".join(letters))
-    if len(name.encode()) <= MOST_BYTES_OF_A_PART:
+    if len(name.encode()) <= LONGEST_PART:
         return name or "%"
-    head = name.encode()[:MOST_BYTES_OF_A_PART].decode(errors="ignore")
+    head = name.encode()[:LONGEST_PART].decode(errors="ignore")
     return f"{head}%-{hashlib.sha256(text.encode()).hexdigest()[:16]}"

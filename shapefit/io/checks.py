@@ -1,4 +1,4 @@
-"""What is wrong with values: the first ten problems are told, and the number of the others."""
+"""What is wrong with values: the first ten problems, and the number of the others."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import InputError, counted, input_error
@@ -15,32 +14,25 @@ from shapefit.io.layout import LANDMARKS, SHAPES, Layout
 
 LIMIT = 10
 
-Place = Callable[[str, int | None], str]
-"""Names a dataset, or a row of it, in messages."""
+Place = Callable[..., str]
+"""Names a dataset, or a row of it, in messages: place(name), place(name, row)."""
 
 
 def place_in_memory(record: str) -> Place:
     """Return what names the datasets of a record that is no file."""
 
     def place(name: str, row: int | None = None) -> str:
-        return (name if name == record else f"{record}.{name}") + (
-            "" if row is None else f"[{row}]"
-        )
+        where = name if name == record else f"{record}.{name}"
+        return where if row is None else f"{where}[{row}]"
 
     return place
 
 
-def input_problems(told: Sequence[str], count: int | None = None) -> InputError:
+def input_problems(problems: Sequence[str], count: int | None = None) -> InputError:
     """Build the InputError for these problems, of `count` in all; at most ten are listed."""
-    shown = list(told[:LIMIT])
-    more = (len(told) if count is None else count) - len(shown)
+    shown = list(problems[:LIMIT])
+    more = (len(problems) if count is None else count) - len(shown)
     return InputError([*shown, f"... and {more} more"] if more > 0 else shown)
-
-
-def raise_at(rows: NDArray[Any] | Sequence[int], word: Callable[[int], str]) -> None:
-    """Raise InputError with a line for each of these rows, if there are any."""
-    if len(rows):
-        raise input_problems([word(int(row)) for row in rows[:LIMIT]], len(rows))
 
 
 AT_ZERO = 0.01
@@ -64,14 +56,13 @@ def check_points(
     `where` begins the line of a row; points without names are vertices.
     """
     wrong = np.argwhere(bad.any(axis=1))
-
-    def told(entry: int) -> str:
-        row, point = wrong[entry].tolist()
+    problems = []
+    for row, point in wrong[:LIMIT].tolist():
         name = f"landmark '{names[point]}'" if names else f"vertex {point}"
         values = ", ".join(map(str, points[row, :, point].tolist()))
-        return f"{where(row)}{name} is ({values}); {fix}"
-
-    raise_at(range(len(wrong)), told)
+        problems.append(f"{where(row)}{name} is ({values}); {fix}")
+    if problems:
+        raise input_problems(problems, len(wrong))
 
 
 def check_magnitudes(
@@ -111,7 +102,7 @@ def check_values(
     """Raise InputError for values of items from `start` on that cannot be computed with.
 
     fields are those of records, names those of the landmarks; with `gaps` a landmark of a shape may
-    be unknown. What results hold is checked where it is read.
+    be unknown. Results may hold NaN in items that failed.
     """
     if form is LANDMARKS:
         points, weights = fields["landmarks"], fields.get("confidence")
@@ -131,18 +122,13 @@ def check_values(
 def check_mesh(place: Place, fields: Mapping[str, Any], p: int, start: int = 0) -> None:
     """Raise InputError for vertices that are no numbers, and for indices of what is not there."""
     vertices = fields.get("mesh_vertices")
+    sizes = {"edges": p}
     if vertices is not None:
         check_finite(place, "mesh_vertices", vertices, start=start)
-    check_indices(place, "edges", fields.get("edges"), p)
-    if vertices is not None:
-        check_indices(place, "mesh_faces", fields.get("mesh_faces"), vertices.shape[-1])
-
-
-def check_indices(place: Place, name: str, indices: Integers | None, size: int) -> None:
-    """Raise InputError where an index of edges or faces (e, 2 or 3) is not below `size`."""
-    if indices is None:
-        return
-    rows = np.flatnonzero(((indices < 0) | (indices >= size)).any(axis=1))
-    if len(rows):
-        found = f"holds the indices {tuple(indices[rows[0]].tolist())}"
-        raise input_error(place(name, int(rows[0])), found, f"indices run from 0 to {size - 1}")
+        sizes["mesh_faces"] = vertices.shape[-1]
+    for name, size in sizes.items():
+        indices: Integers | None = fields.get(name)
+        if indices is not None and len(wrong := np.argwhere((indices < 0) | (indices >= size))):
+            row = int(wrong[0, 0])
+            found = f"holds the indices {tuple(indices[row].tolist())}"
+            raise input_error(place(name, row), found, f"indices run from 0 to {size - 1}")

@@ -22,28 +22,10 @@ from shapefit.arrays import Floats, Integers
 from shapefit.errors import InputError, input_error
 from shapefit.io.atomic import output_bytes, storage_errors
 from shapefit.io.checks import input_problems
-from shapefit.io.detect import Head
-from shapefit.io.inputs import (
-    BYTE_ORDER_MARK,
-    is_stream,
-    read_text_blocks,
-    source_name,
-)
-from shapefit.io.layout import Layout
-from shapefit.io.options import Summary
-from shapefit.io.records import LandmarkSet, Records
-from shapefit.io.tidy_table import (
-    IDENTITIES,
-    Block,
-    Columns,
-    Rows,
-    check_columns,
-    columns_of,
-    read_tidy,
-    table_columns,
-    with_identities,
-)
-from shapefit.io.writer import RecordWriter
+from shapefit.io.inputs import BYTE_ORDER_MARK, is_stream, read_text_blocks, source_name
+from shapefit.io.options import RecordWriter, Summary
+from shapefit.io.records import LandmarkSet, Records, ResultSet
+from shapefit.io.tidy_table import Block, Rows, check_columns, read_tidy, table_columns
 
 if TYPE_CHECKING:
     from shapefit.evaluation.summaries import ImageErrors
@@ -55,32 +37,38 @@ ROWS = 1 << 12
 processor, and take longer."""
 
 QUOTES = "put cells with commas or quotes in double quotes, and double the quotes in them"
-COMMA, LINE_END = b",\n"
 SAVE = "save it as CSV in UTF-8"
 
 
-def read_csv(path: Path, kind: str, *, gaps: bool = False) -> Any:
+def read_csv(path: Path, kind: str, *, gaps: bool = False) -> tuple[Any, tuple[str, ...]]:
     """Read `item,landmark,x,y[,confidence]` or `item,landmark,x,y,z`, each with `[,sequence]`.
 
-    An empty or nan coordinate is unknown; shapes must have every landmark of every item unless
-    `gaps`.
+    Return records, or a Spool of many landmarks, and warnings. An empty or nan coordinate is
+    unknown; shapes must have every landmark of every item unless `gaps`.
     """
-    return read_tidy(_open(path, kind), kind, gaps=gaps)
+    header, blocks = _open(path, kind)
+    first = iter([blocks])
+    once = is_stream(path) or not path.is_file()
+    rows = Rows(source_name(path), header, lambda: next(first, None) or _open(path, kind)[1], once)
+    return read_tidy(rows, kind, gaps=gaps)
 
 
 def csv_kind(path: Path) -> str:
     """Return what a table holds: landmarks, or shapes where it has the column z."""
-    return "shapes" if "z" in Head(path).columns else "landmarks"
+    _, text = next(read_texts(path))
+    cells = text.partition("\n")[0].split(",")
+    return "shapes" if "z" in (cell.strip(' "\t\r') for cell in cells) else "landmarks"
 
 
-def _open(path: Path, kind: str) -> Rows:
-    """Open a table of a kind; empty rows are dropped.
+def _open(path: Path, kind: str) -> tuple[Sequence[str], Iterator[Block]]:
+    """Open a table of a kind: its columns, and the lines and cells of rows that are not empty.
 
     Where the header has spaces around its names, so have the cells, and they are taken away. Raises
-    InputError for text that is not UTF-8 and for other columns than those of the kind.
+    InputError for text that is not UTF-8, for other columns than those of the kind, for cells that
+    are no CSV and for rows with too few or too many cells.
     """
-    name, begun = source_name(path), read_texts(path)
-    _, text = next(begun)
+    name, texts = source_name(path), read_texts(path)
+    _, text = next(texts)
     first, _, rest = text.partition("\n")
     try:
         header = next(csv.reader([first]), [])
@@ -91,26 +79,20 @@ def _open(path: Path, kind: str) -> Rows:
     if not {*required, *optional} & set(columns):
         raise _strange_header(first.strip(), columns, required, f"{name}:1")
     check_columns(columns, kind, f"{name}:1")
-    parts = _parts(chain([(2, rest)] if rest else [], begun), len(columns), name)
 
     def blocks() -> Iterator[Block]:
-        for lines, cells in parts:
+        for lines, cells in _parts(chain([(2, rest)] if rest else [], texts), len(columns), name):
             if columns != header:
                 cells = [[cell.strip() for cell in column] for column in cells]
-            yield Block(with_identities(dict(zip(columns, cells, strict=True))), lines)
+            yield lines, dict(zip(columns, cells, strict=True))
 
-    more = ["sequence"] if set(IDENTITIES) & set(columns) else []
-    return Rows(name, list(dict.fromkeys([*columns, *more])), blocks())
+    return columns, blocks()
 
 
 def _parts(
     texts: Iterator[tuple[int, str]], width: int, name: str
 ) -> Iterator[tuple[Integers, Sequence[Sequence[str]]]]:
-    """Yield the lines and the columns of some rows after others.
-
-    Raises InputError for text that is not UTF-8, for cells that are no CSV and for rows with too
-    few or too many cells.
-    """
+    """Yield the lines and the columns of some rows after others."""
     for line, text in texts:
         columns = split_columns(text, width)
         if columns is not None:
@@ -149,31 +131,25 @@ def read_texts(path: Path) -> Iterator[tuple[int, str]]:
     """
     name = source_name(path)
     line, rest, old = 1, b"", False
-    for number, block in enumerate(read_text_blocks(path)):
+    for number, block in enumerate(chain(read_text_blocks(path), [b""])):
         if number == 0:
             block = block.removeprefix(BYTE_ORDER_MARK)
             old = b"\r" in block and b"\n" not in block
         data = rest + (block.replace(b"\r", b"\n") if old else block)
-        end = data.rfind(b"\n") + 1
+        end = data.rfind(b"\n") + 1 if block else len(data)  # the last line may have no end
         rest = data[end:]
         if len(rest) > csv.field_size_limit():
             fix = "check the quotes around it, and the ends of lines"
             raise input_error(f"{name}:{line}", "a bad cell (it has no end)", fix)
-        if end:
-            yield line, _decode(data[:end], line, name)
+        if end or (line == 1 and not block):
+            try:
+                text = data[:end].decode("utf-8")
+            except UnicodeDecodeError as error:
+                line += data.count(b"\n", 0, error.start)
+                raise input_error(f"{name}:{line}", "is not UTF-8 text", SAVE) from error
+            refuse_zero_bytes(text, name, line)
+            yield line, text
             line += data.count(b"\n", 0, end)
-    if rest or line == 1:
-        yield line, _decode(rest, line, name)
-
-
-def _decode(data: bytes, line: int, name: str) -> str:
-    try:
-        text = data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        line += data.count(b"\n", 0, error.start)
-        raise input_error(f"{name}:{line}", "is not UTF-8 text", SAVE) from error
-    refuse_zero_bytes(text, name, line)
-    return text
 
 
 def refuse_zero_bytes(text: str, name: str, line: int) -> None:
@@ -192,14 +168,15 @@ def split_columns(text: str, width: int) -> list[list[str]] | None:
         text = text.replace("\r\n", "\n")
     if '"' in text or "\r" in text:
         return None
-    letters = np.frombuffer(text.removesuffix("\n").encode() + b"\n", np.uint8)
-    ends, commas = np.flatnonzero(letters == LINE_END), np.flatnonzero(letters == COMMA)
+    text = text.removesuffix("\n")
+    letters = np.frombuffer(text.encode() + b"\n", np.uint8)
+    ends, commas = np.flatnonzero(letters == ord("\n")), np.flatnonzero(letters == ord(","))
     if len(commas) != len(ends) * (width - 1):
         return None
     between = commas.reshape(len(ends), width - 1)
     if (between[:, -1] > ends).any() or (between[1:, 0] < ends[:-1]).any():
         return None
-    cells = text.removesuffix("\n").replace("\n", ",").split(",")
+    cells = text.replace("\n", ",").split(",")
     columns = [cells[column::width] for column in range(width)]
     return None if "" in columns[0] else columns  # there may be an empty row
 
@@ -247,43 +224,8 @@ IN_QUOTES = ('"', ",", "\r", "\n")
 """A cell with one of these is in quotes."""
 
 
-class CsvWriter(RecordWriter[Records]):
-    """Appends records as rows `item,landmark,x,y[,z][,confidence][,sd_x,sd_y,sd_z][,sequence]`.
-
-    Results with a verdict also have a column `trusted`. NaN becomes an empty cell; numbers have the
-    fewest digits that read back to the same float, but pixels two decimals, where landmarks spread
-    over WIDE of them or more. CSV has no place for `attributes`.
-    """
-
-    def __init__(self, write: Write) -> None:
-        super().__init__()
-        self._write = write
-        self._header = b""
-        self._in_pixels = False
-
-    def append(self, record: Records) -> None:
-        """Write one row for each landmark of each item.
-
-        Raises ValueError where the columns are not those of the first record.
-        """
-        columns = columns_of(record, slice(0))
-        header = ",".join(["item", "landmark", *columns.numbers, *columns.of_items]).encode()
-        if not self.begun:
-            self._write(header + b"\n")
-            self._header, self._in_pixels = header, _is_wide(record)
-        elif header != self._header:
-            raise ValueError("the columns of this record are not those of the first")
-        self.begun = True
-        if getattr(record, "y_axis", None) == "up":
-            self.summary = Summary(warnings=(Y_UP,))
-        items = max(1, ROWS // max(1, len(record.landmark_names)))
-        for start in range(0, len(record), items):
-            part = slice(start, start + items)
-            self._write(_lines(record, part, columns_of(record, part), self._in_pixels))
-
-
 @contextmanager
-def csv_output(target: Path, form: Layout) -> Iterator[CsvWriter]:
+def csv_output(target: Path) -> Iterator[CsvWriter]:
     """Give a writer to standard output, for `-`, or to a file that appears on a clean exit."""
     with _standard_output() if is_stream(target) else output_bytes(target) as write:
         writer = CsvWriter(write)
@@ -304,6 +246,40 @@ def _standard_output() -> Iterator[Write]:
         yield write
 
 
+class CsvWriter(RecordWriter[Records]):
+    """Appends records as rows `item,landmark,x,y[,z][,confidence][,sd_x,sd_y,sd_z][,sequence]`.
+
+    Results with a verdict also have a column `trusted`. NaN becomes an empty cell; numbers have the
+    fewest digits that read back to the same float, but pixels two decimals, where landmarks spread
+    over WIDE of them or more. CSV has no place for `attributes`.
+    """
+
+    def __init__(self, write: Write) -> None:
+        super().__init__()
+        self._write = write
+        self._header = b""
+        self._in_pixels = False
+
+    def append(self, record: Records) -> None:
+        """Write one row for each landmark of each item.
+
+        Raises ValueError where the columns are not those of the first record.
+        """
+        numbers, texts = _columns(record, slice(0))
+        header = ",".join(["item", "landmark", *numbers, *texts]).encode()
+        if not self.begun:
+            self._write(header + b"\n")
+            self._header, self._in_pixels = header, _is_wide(record)
+        elif header != self._header:
+            raise ValueError("the columns of this record are not those of the first")
+        self.begun = True
+        if record.y_axis == "up":
+            self.summary = Summary(warnings=(Y_UP,))
+        items = max(1, ROWS // max(1, len(record.landmark_names)))
+        for start in range(0, len(record), items):
+            self._write(_lines(record, slice(start, start + items), self._in_pixels))
+
+
 def _is_wide(record: Records) -> bool:
     """Whether these are pixels, of which a hundredth does not count."""
     if not isinstance(record, LandmarkSet) or record.unit != "px" or not record.landmarks.size:
@@ -314,19 +290,38 @@ def _is_wide(record: Records) -> bool:
     return bool(np.median((most - least).max(axis=1)) >= WIDE)
 
 
-def _lines(record: Records, part: slice, columns: Columns, in_pixels: bool) -> memoryview:
+def _columns(record: Records, part: slice) -> tuple[dict[str, Floats], dict[str, Sequence[str]]]:
+    """Return the columns of some items beside `item` and `landmark`, in their order in a file.
+
+    First the numbers (n, p) each, then what is the same in all rows of an item, (n,) texts each.
+    """
+    points = {"xyz"[axis]: values for axis, values in enumerate(record.points.swapaxes(0, 1))}
+    numbers = {name: values[part] for name, values in points.items()}
+    texts: dict[str, Sequence[str]] = {}
+    if isinstance(record, LandmarkSet) and record.confidence is not None:
+        numbers["confidence"] = record.confidence[part]
+    if record.sequences is not None:
+        texts["sequence"] = record.sequences[part]
+    if isinstance(record, ResultSet):
+        if (sd := record.shape_sd) is not None:
+            numbers |= {f"sd_{'xyz'[axis]}": sd[part, axis] for axis in range(3)}
+        if (trusted := record.trusted) is not None:
+            texts["trusted"] = ["true" if value else "false" for value in trusted[part].tolist()]
+    return numbers, texts
+
+
+def _lines(record: Records, part: slice, in_pixels: bool) -> memoryview:
     """Return the lines of some of the items."""
     names, items = record.landmark_names, record.items[part]
-    numbers = np.stack([*columns.numbers.values()], axis=-1).reshape(-1, len(columns.numbers))
+    columns, texts = _columns(record, part)
+    numbers = np.stack([*columns.values()], axis=-1).reshape(-1, len(columns))
     if in_pixels:
         points = numbers[:, : record.points.shape[1]]
         some = np.abs(points) < WHOLE
         points[some] = np.round(points[some], DECIMALS)
     item, landmark = np.divmod(np.arange(len(items) * len(names)), max(len(names), 1))
-    words = {True: "true", False: "false"}
-    after = ([words.get(value, value) for value in v] for v in columns.of_items.values())
     before = [cells_of(items, item), cells_of(names, landmark)]
-    return rows_of(before, numbers, [cells_of(values, item) for values in after])
+    return rows_of(before, numbers, [cells_of(values, item) for values in texts.values()])
 
 
 class Cells(NamedTuple):

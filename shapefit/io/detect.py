@@ -1,7 +1,4 @@
-"""What kind of file this is, by its content: first bytes, lines and columns, keys of JSON and HDF5.
-
-`is_...` take a `Head` and say whether it is of a format; `io/formats.py` asks them in its order.
-"""
+"""The table of formats that are read, and which of them a file is in, by its content."""
 
 from __future__ import annotations
 
@@ -9,31 +6,151 @@ import os
 import re
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from shapefit.errors import InputError, abbreviate, input_error
+from shapefit.errors import InputError, abbreviate, input_error, listed
+from shapefit.io.formats import (
+    CSV,
+    HDF5,
+    HEAD_BYTES,
+    OWN,
+    FileFormat,
+    named_format,
+    names_items,
+    own_format,
+)
 from shapefit.io.inputs import (
     BYTE_ORDER_MARK,
     GZIP_SIGNATURE,
     HDF5_SIGNATURE,
+    is_stream,
     read_head,
+    require_file,
+)
+from shapefit.io.options import InputOptions
+from shapefit.io.readers import (
+    arrays,
+    deeplabcut,
+    detections,
+    markers,
+    motion,
+    sleap,
+    tables,
+    trackers,
+    yolo,
 )
 from shapefit.io.readers.columns import anipose_landmarks, decode, parse_header
 from shapefit.io.readers.json_file import read_json
-
-HEAD_BYTES = 4096
-"""Of a file that decide its format, where it is neither JSON nor HDF5."""
-
-OWN_FORMAT = "shapefit-"
-"""What the root attribute `format` of our own HDF5 files begins with."""
+from shapefit.threads import on_threads
 
 FIRST_FILES = 20
 """Of a folder that are looked at; entries of a JSON list, too."""
+
+GZIP_BITS = 31
+"""Of zlib, by which it reads what gzip wrote."""
+
+CONTROL = frozenset(range(32)) - {*b"\t\n\v\f\r\x1a\x1b"}
+"""Bytes that no text has."""
+
+CALIBRATION = re.compile(rb"\b(?:camera_|intrinsic_)?matrix\"?\s*[=:]", re.IGNORECASE)
+"""What a calibration has near its beginning, in TOML, YAML or JSON."""
+
+
+def detect_format(path: Path, name: str = "auto") -> FileFormat:
+    """Return the format of a file or folder, by what it begins with; text of no known kind is CSV.
+
+    Standard input and pipes are CSV. With another `name` than auto it is that format. Raises
+    InputError as `require_file` does, for unknown names, and for files that are something else.
+    """
+    if is_stream(path):
+        return CSV
+    if name != "auto":
+        chosen = named_format(name, FORMATS)
+        if path.is_dir() and not chosen.folders:
+            found = f"it is a folder, and {chosen.title} is a file"
+            raise input_error(path, found, f"name the files in it: '{path}/*{chosen.suffixes[0]}'")
+        return chosen
+    if path.is_dir():
+        return _detect_folder(path)
+    require_file(path)
+    if not path.is_file():
+        return CSV
+    if own := own_format(path):
+        return own
+    head = Head(path)
+    if names_items(head.bytes) and not HDF5.has_suffix(path):  # of text that gzip made smaller
+        return CSV
+    for one in sorted(FORMATS.values(), key=lambda one: not one.has_suffix(path)):
+        if one.recognise(head):
+            return one
+    if head.bytes.startswith(HDF5_SIGNATURE):
+        return HDF5
+    if HDF5.has_suffix(path) and not path.name.endswith(".gz"):
+        fix = "give an HDF5 file, or name it .csv if it is CSV"
+        raise input_error(path, "is not an HDF5 file", fix)
+    _refuse_unknown(head)
+    return CSV
+
+
+def _detect_folder(path: Path) -> FileFormat:
+    """Return the format of a folder whose files are one recording."""
+    folders = [one for one in FORMATS.values() if one.folders]
+    for one in folders:
+        if one.recognise(Head(path)):
+            return one
+    looked = f", and holds none of these: {listed(one.title for one in folders)}"
+    inner = sorted(str(entry) for entry in path.iterdir() if entry.is_dir())
+    fix = f"name the files in it, e.g. '{path}/*.h5'"
+    fix = f"name the folders in it: {abbreviate(inner, 3)}" if inner else fix
+    raise input_error(path, f"it is a folder{looked}", fix)
+
+
+def _refuse_unknown(head: Head) -> None:
+    """Raise InputError for a file of no format, unless it may be a table of text."""
+    if CALIBRATION.search(head.text):
+        found = "is a calibration of cameras, not landmarks"
+        raise input_error(head.path, found, "give it as --calibration")
+    if not _is_text(head.bytes):
+        fix = "give the landmarks that a detector found in a video or images, not compressed"
+        raise input_error(head.path, "is neither text nor of a known format", fix)
+    if not head.may_be_json:
+        return
+    read_json(head.path)  # tells of damage
+    kind = "an object" if isinstance(head.json, dict) else "a list of objects"
+    names = f"with {abbreviate(sorted(head.keys))}" if head.keys else "without names"
+    fix = (
+        "give what OpenPose (version, people), AlphaPose, MMPose (instances) or MediaPipe write, "
+        "COCO annotations (images, annotations, categories) or COCO results (image_id, keypoints)"
+    )
+    raise input_error(head.path, f"is JSON of no known kind, {kind} {names}", fix)
+
+
+def group_inputs(
+    paths: Sequence[Path], options: InputOptions
+) -> list[tuple[FileFormat, tuple[Path, ...]]]:
+    """Return the inputs in order, each with its format; files that are one recording together."""
+    groups: dict[tuple[str, str], tuple[FileFormat, list[Path]]] = {}
+    formats = on_threads(partial(detect_format, name=options.format), paths)
+    for path, one in zip(paths, formats, strict=True):
+        shared = one.together and not path.is_dir()
+        key = (one.title, str(path.parent)) if shared else ("", str(path))
+        groups.setdefault(key, (one, []))[1].append(path)
+    return [(one, tuple(own)) for one, own in groups.values()]
+
+
+def warn_of_mixture(groups: Sequence[tuple[FileFormat, tuple[Path, ...]]]) -> tuple[str, ...]:
+    """Warn of inputs in several formats, some of them of other tools, whose names may not agree."""
+    counts = Counter(one.title for one, _ in groups)
+    if len(counts) < 2 or all(one.read_poses is None for one, _ in groups):
+        return ()
+    found = listed((f"{title} ({number})" for title, number in counts.items()), "and")
+    return (f"several formats in one call: {found}; landmarks are matched by their names",)
 
 
 class Head:
@@ -41,36 +158,40 @@ class Head:
 
     def __init__(self, path: Path) -> None:
         """Read the first bytes; those of a folder are none. Raises what reading raises."""
-        self.path = path
-        self.is_folder = path.is_dir()
+        self.path, self.is_folder = path, path.is_dir()
         self.bytes = b"" if self.is_folder else read_head(path, HEAD_BYTES)
         if self.bytes.startswith(GZIP_SIGNATURE):
-            self.bytes = _unpacked(self.bytes) or self.bytes
+            with suppress(zlib.error):
+                text = zlib.decompressobj(GZIP_BITS).decompress(self.bytes, HEAD_BYTES)
+                self.bytes = text if _is_text(text) else self.bytes
+        self.text = self.bytes.removeprefix(BYTE_ORDER_MARK)
+        self.lines = self.text.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
+        cells = self.lines[0].decode("utf-8", "replace").split(",")
+        self.columns = frozenset(cell.strip(' "\t') for cell in cells)
+        self.may_be_json = self.text.lstrip()[:1] in (b"{", b"[")
 
     def named(self, *endings: str) -> bool:
         """Whether the name of the file has one of these endings."""
         return self.path.name.lower().removesuffix(".gz").endswith(endings)
 
     @cached_property
-    def text(self) -> bytes:
-        """The first bytes without the mark that text in UTF-8 may begin with."""
-        return self.bytes.removeprefix(BYTE_ORDER_MARK)
+    def hdf5(self) -> frozenset[str]:
+        """The names in the root of an HDF5 file, and one level below; empty for damaged ones.
 
-    @cached_property
-    def lines(self) -> list[bytes]:
-        """The first lines, whatever ends them; the last may be cut."""
-        return self.text.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
+        `@name` is an attribute of the root, `group/name` and `group@name` are below.
+        """
+        from shapefit.io.hdf5_file import open_hdf5
 
-    @cached_property
-    def columns(self) -> frozenset[str]:
-        """The cells of the first line, split at commas, without spaces and quotes."""
-        cells = self.lines[0].decode("utf-8", "replace").split(",")
-        return frozenset(cell.strip(' "\t') for cell in cells)
-
-    @property
-    def may_be_json(self) -> bool:
-        """Whether the file begins as JSON does."""
-        return self.text.lstrip()[:1] in (b"{", b"[")
+        try:
+            with open_hdf5(self.path) as file:
+                names = {*file, *(f"@{name}" for name in file.attrs)}
+                for name in file:
+                    node = file.get(name)
+                    names |= {f"{name}@{attribute}" for attribute in getattr(node, "attrs", ())}
+                    names |= {f"{name}/{inner}" for inner in getattr(node, "keys", tuple)()}
+                return frozenset(name for name in names if isinstance(name, str))
+        except Exception:  # h5py has many kinds of error for damaged files
+            return frozenset()
 
     @cached_property
     def json(self) -> Any:
@@ -80,88 +201,112 @@ class Head:
         except InputError:
             return None
 
-    @cached_property
-    def keys(self) -> frozenset[str]:
-        """The keys of a JSON object, or those of the first objects in a JSON list."""
-        objects = [self.json] if isinstance(self.json, dict) else self.objects
-        return frozenset(key for each in objects for key in each)
-
     @property
     def objects(self) -> list[dict[str, Any]]:
         """The first objects in a JSON list."""
         entries = self.json[:FIRST_FILES] if isinstance(self.json, list) else []
-        return [each for each in entries if isinstance(each, dict)]
+        return [entry for entry in entries if isinstance(entry, dict)]
 
     @cached_property
-    def hdf5(self) -> frozenset[str]:
-        """The names in the root of an HDF5 file of another tool, and one level below.
+    def keys(self) -> frozenset[str]:
+        """The keys of a JSON object, or those of the first objects in a JSON list."""
+        objects = [self.json] if isinstance(self.json, dict) else self.objects
+        return frozenset(key for one in objects for key in one)
 
-        `@name` is an attribute of the root, `group/name` and `group@name` are below. Empty for our
-        own files, and for damaged ones, which their reader names.
-        """
-        from shapefit.io.hdf5_file import as_text, open_hdf5
-
-        if not self.bytes.startswith(HDF5_SIGNATURE):
-            return frozenset()
-        try:
-            with open_hdf5(self.path) as file:
-                if str(as_text(file.attrs.get("format", ""))).startswith(OWN_FORMAT):
-                    return frozenset()
-                names = {*file, *(f"@{name}" for name in file.attrs)}
-                for name in file:
-                    node = file.get(name)
-                    names |= {f"{name}@{each}" for each in getattr(node, "attrs", ())}
-                    names |= {f"{name}/{each}" for each in getattr(node, "keys", tuple)()}
-                return frozenset(name for name in names if isinstance(name, str))
-        except Exception:  # h5py has many kinds of error for damaged files
-            return frozenset()
-
-    def files(self, ending: str) -> Iterator[Head]:
-        """Yield the heads of the first files of a folder with this ending, by name."""
-        names = sorted(name for name in os.listdir(self.path) if name.lower().endswith(ending))
-        for name in names[:FIRST_FILES]:
-            path = self.path / name
-            if path.is_file() and os.access(path, os.R_OK):
-                yield Head(path)
+    @cached_property
+    def json_format(self) -> str:
+        """The name of the format that JSON is in, by its keys; empty for none."""
+        if isinstance(self.json, dict):
+            return _format_of_object(self.json)
+        return _format_of_list(self.objects, self.keys, self.json) if self.json is not None else ""
 
 
-GZIP_BITS = 31
-"""Of zlib, by which it reads what gzip wrote."""
+def _format_of_object(content: dict[str, Any]) -> str:
+    """Return the format of a JSON object."""
+    keys, people = content.keys(), {"people", "bodies"}
+    first = next(iter(content.values()), None)
+    if isinstance(first, dict) and people & first.keys():
+        return "alphapose-json"  # each image as OpenPose writes it
+    if {"images", "annotations", "categories", "licenses"} & keys or (
+        "info" in keys and "people" not in keys
+    ):
+        return "coco-annotations"
+    if {"meta_info", "instance_info"} & keys:
+        return "mmpose-video"
+    if people & keys or (keys and keys <= {"version", "part_candidates"}):
+        return "openpose"  # and AlphaPose's `cmu`
+    return _format_of_points(content)
 
 
-def _unpacked(packed: bytes) -> bytes:
-    """Return the first bytes of a text that gzip made smaller; none where it is no text."""
-    with suppress(zlib.error):
-        head = zlib.decompressobj(GZIP_BITS).decompress(packed, HEAD_BYTES)
-        return head if _is_text(head) else b""
-    return b""
+def _format_of_list(objects: list[dict[str, Any]], keys: frozenset[str], content: Any) -> str:
+    """Return the format of a JSON list that begins with these objects, which have these keys."""
+    points = objects[0].get("keypoints") if objects else None
+    point = points[0] if isinstance(points, list) and points else None
+    if objects and ({"image_id", "keypoints"} <= keys or isinstance(point, int | float)):
+        return "coco-results"
+    images = objects and "keypoints" in keys and "instances" not in keys
+    if content == [] or (images and ("keypoint_scores" in keys or isinstance(point, list))):
+        return "mmpose-images"
+    return "mmpose-video" if "instances" in keys else _format_of_points(content)
+
+
+def _format_of_points(content: Any) -> str:
+    """Return the format of JSON that has x and y of landmarks, by their names or in a list."""
+    frames = content.values() if isinstance(content, dict) else content
+    frame = next(iter(frames), None) if isinstance(content, dict | list) else None
+    points = list(frame.values()) if isinstance(frame, dict) else []
+    if points and all(map(_is_point, points)):
+        return "named-points"
+    return "mediapipe" if _has_points(content, 6) else ""
+
+
+def _is_point(point: Any) -> bool:
+    if isinstance(point, dict):
+        return {"x", "y"} <= point.keys()
+    numbers = isinstance(point, list) and len(point) in (2, 3)
+    return numbers and all(isinstance(number, int | float | None) for number in point)
+
+
+def _has_points(value: Any, depth: int) -> bool:
+    if isinstance(value, dict):
+        if {"x", "y"} <= value.keys():
+            return next(iter(value)) in ("x", "name", "id")
+        value = list(islice(value.values(), FIRST_FILES))
+    within = value[:FIRST_FILES] if isinstance(value, list) and depth else []
+    return any(_has_points(one, depth - 1) for one in within)
 
 
 Recogniser = Callable[[Head], bool]
 
 
-def in_folder(ending: str, recogniser: Recogniser) -> Recogniser:
-    """Return whether a file is of a format, or one of the first in a folder is."""
+def _json(name: str, *, folder: bool = False) -> Recogniser:
+    """Return whether a file, or one of the first in a folder, is JSON of a format."""
+    return _in_folder(".json", lambda head: head.json_format == name, folder)
 
+
+def _in_folder(ending: str, recogniser: Recogniser, folder: bool = True) -> Recogniser:
     def any_is(head: Head) -> bool:
-        return any(map(recogniser, head.files(ending) if head.is_folder else [head]))
+        if not head.is_folder:
+            return recogniser(head)
+        return folder and any(map(recogniser, _first_files(head.path, ending)))
 
     return any_is
 
 
-def has_hdf5(*names: str) -> Recogniser:
-    """Return whether HDF5 of another tool has all of these names, see `Head.hdf5`."""
-    return lambda head: head.hdf5.issuperset(names)
+def _first_files(folder: Path, ending: str) -> Iterator[Head]:
+    names = sorted(name for name in os.listdir(folder) if name.lower().endswith(ending))
+    for path in (folder / name for name in names[:FIRST_FILES]):
+        if path.is_file() and os.access(path, os.R_OK):
+            yield Head(path)
 
 
-def is_pandas(head: Head) -> bool:
-    """Whether pandas wrote a table into an HDF5 file."""
-    return any(name.endswith("@pandas_type") for name in head.hdf5)
+def _hdf5(recogniser: Callable[[frozenset[str]], bool]) -> Recogniser:
+    """Return whether the names in an HDF5 file, see `Head.hdf5`, are of a format."""
+    return lambda head: head.bytes.startswith(HDF5_SIGNATURE) and recogniser(head.hdf5)
 
 
-def is_nwb(head: Head) -> bool:
-    """Whether HDF5 says that it is NWB, or has its groups."""
-    return "@nwb_version" in head.hdf5 or any(n.startswith("processing/") for n in head.hdf5)
+def _is_nwb(names: frozenset[str]) -> bool:
+    return "@nwb_version" in names or any(name.startswith("processing/") for name in names)
 
 
 def is_deeplabcut_csv(head: Head) -> bool:
@@ -180,79 +325,6 @@ def is_caliscope(head: Head) -> bool:
     """Whether columns are those of caliscope's points in images."""
     needed = {"frame_index", "point_id", "img_loc_x", "img_loc_y"}
     return needed <= head.columns and bool(head.columns & {"port", "cam_id"})
-
-
-def is_openpose(head: Head) -> bool:
-    """Whether an object has OpenPose's keys, which AlphaPose's `cmu` has, too."""
-    bare = bool(head.keys) and head.keys <= {"version", "part_candidates"}
-    return isinstance(head.json, dict) and (bare or bool(head.keys & {"people", "bodies"}))
-
-
-def is_alphapose(head: Head) -> bool:
-    """Whether the values of an object are what OpenPose writes of an image."""
-    first = next(iter(head.json.values()), None) if isinstance(head.json, dict) else None
-    return isinstance(first, dict) and bool({"people", "bodies"} & first.keys())
-
-
-def is_coco_results(head: Head) -> bool:
-    """Whether a list has objects of an image and keypoints, or of numbers in one list."""
-    with_image = {"image_id", "keypoints"} <= head.keys
-    return bool(head.objects) and (with_image or isinstance(_first_keypoint(head), int | float))
-
-
-def is_mmpose_images(head: Head) -> bool:
-    """Whether a list has objects of [x, y] and scores, or nothing."""
-    paired = "keypoint_scores" in head.keys or isinstance(_first_keypoint(head), list)
-    points = bool(head.objects) and "keypoints" in head.keys and "instances" not in head.keys
-    return head.json == [] or (points and paired)
-
-
-def _first_keypoint(head: Head) -> Any:
-    """Return what the list `keypoints` of the first object begins with."""
-    points = head.objects[0].get("keypoints") if head.objects else None
-    return points[0] if isinstance(points, list) and points else None
-
-
-def is_mmpose_video(head: Head) -> bool:
-    """Whether an object has the instances of a video, or a list the frames with them."""
-    wanted = {"instances"} if isinstance(head.json, list) else {"meta_info", "instance_info"}
-    return bool(head.keys & wanted)
-
-
-def is_coco_annotations(head: Head) -> bool:
-    """Whether an object has images and annotations."""
-    parts = {"images", "annotations", "categories", "licenses"}
-    alone = "info" in head.keys and "people" not in head.keys
-    return isinstance(head.json, dict) and (alone or bool(head.keys & parts))
-
-
-def is_mediapipe(head: Head) -> bool:
-    """Whether JSON begins with objects of x and y."""
-
-    def has_points(value: Any, depth: int) -> bool:
-        if isinstance(value, dict):
-            if {"x", "y"} <= value.keys():
-                return next(iter(value)) in ("x", "name", "id")
-            value = list(islice(value.values(), FIRST_FILES))
-        within = value[:FIRST_FILES] if isinstance(value, list) and depth else []
-        return any(has_points(each, depth - 1) for each in within)
-
-    return has_points(head.json, 6)
-
-
-def is_named_points(head: Head) -> bool:
-    """Whether JSON has frames, and each of them points by the names of landmarks."""
-    frames = head.json.values() if isinstance(head.json, dict) else head.json
-    frame = next(iter(frames), None) if isinstance(head.json, dict | list) else None
-    points = list(frame.values()) if isinstance(frame, dict) else []
-    return bool(points) and all(
-        {"x", "y"} <= point.keys()
-        if isinstance(point, dict)
-        else isinstance(point, list)
-        and len(point) in (2, 3)
-        and all(isinstance(number, int | float | None) for number in point)
-        for point in points
-    )
 
 
 def is_vicon(head: Head) -> bool:
@@ -285,14 +357,9 @@ def is_yolo(head: Head) -> bool:
     return head.named(".txt") and first.is_integer() and first >= 0 and placed and fractions
 
 
-def is_anipose(head: Head) -> bool:
-    """Whether columns are those of anipose's points in space."""
-    return bool(anipose_landmarks(head.columns))
-
-
 def is_table(head: Head) -> bool:
     """Whether the first line names columns of landmarks, in another layout than ours."""
-    if not head.named(".csv", ".tsv", ".txt") or is_anipose(head):
+    if not head.named(".csv", ".tsv", ".txt") or anipose_landmarks(head.columns):
         return False
     line = decode(head.bytes).replace("\r", "\n").partition("\n")[0]
     ours = {"item", "landmark"} <= {cell.strip(' "\t') for cell in line.split(",")}
@@ -305,25 +372,10 @@ def is_acclaim(head: Head) -> bool:
     return head.named(".asf", ".amc") and b"\0" not in head.bytes and lines
 
 
-def is_bvh(head: Head) -> bool:
-    """Whether a text begins HIERARCHY ROOT."""
-    words = head.text.split(maxsplit=2)
-    return [word.upper() for word in words[:2]] == [b"HIERARCHY", b"ROOT"]
-
-
-def is_trc(head: Head) -> bool:
-    """Whether a text begins PathFileType."""
-    return head.text.lstrip()[:12].lower() == b"pathfiletype"
-
-
-C3D_BLOCK, C3D_MAGIC = 512, 0x50
-"""Bytes of the header of C3D, and its second byte."""
-
-
 def is_c3d(head: Head) -> bool:
-    """Whether a file begins with the place of its parameters, 0x50, and numbers that agree."""
+    """Whether a file begins with the block of its parameters, 0x50, and numbers that agree."""
     data = head.bytes
-    if len(data) < C3D_BLOCK or data[1] != C3D_MAGIC or data[0] == 0:
+    if len(data) < 512 or data[1] != 0x50 or data[0] == 0:
         return False
     points, _, first, last = struct.unpack("<HHHH", data[2:10])
     start = struct.unpack("<H", data[16:18])[0]
@@ -331,37 +383,112 @@ def is_c3d(head: Head) -> bool:
     return head.named(".c3d") or agree
 
 
-# Files of no format.
-
-CALIBRATION = re.compile(rb"\b(?:camera_|intrinsic_)?matrix\"?\s*[=:]", re.IGNORECASE)
-"""What a calibration has near its beginning, in TOML, YAML or JSON."""
-
-
-def refuse_unknown(head: Head) -> None:
-    """Raise InputError for a file of no format, unless it may be a table of text."""
-    if CALIBRATION.search(head.text):
-        found = "is a calibration of cameras, not landmarks"
-        raise input_error(head.path, found, "give it as --calibration")
-    if not _is_text(head.bytes):
-        fix = "give the landmarks that a detector found in a video or images, not compressed"
-        raise input_error(head.path, "is neither text nor of a known format", fix)
-    if not head.may_be_json:
-        return
-    read_json(head.path)  # tells of damage
-    place = "an object" if isinstance(head.json, dict) else "a list of objects"
-    names = f"with {abbreviate(sorted(head.keys))}" if head.keys else "without names"
-    fix = (
-        "give what OpenPose (version, people), AlphaPose, MMPose (instances) or MediaPipe write, "
-        "COCO annotations (images, annotations, categories) or COCO results (image_id, keypoints)"
-    )
-    raise input_error(head.path, f"is JSON of no known kind, {place} {names}", fix)
-
-
-WIDE_MARKS = (b"\xff\xfe", b"\xfe\xff")
-CONTROL = frozenset(range(32)) - {*b"\t\n\v\f\r\x1a\x1b"}
-"""Bytes that no text has."""
-
-
 def _is_text(data: bytes) -> bool:
     """Whether bytes are the beginning of a text in UTF-8, UTF-16 with a mark, or Latin-1."""
-    return data.startswith(WIDE_MARKS) or not CONTROL & {*data}
+    return data.startswith((b"\xff\xfe", b"\xfe\xff")) or not CONTROL & {*data}
+
+
+IMAGES, SHAPES, EITHER = ("landmarks",), ("shapes",), ("landmarks", "shapes")
+
+# fmt: off
+FORMATS: dict[str, FileFormat] = {
+    **OWN,
+    "deeplabcut-csv": FileFormat(
+        "a DeepLabCut or Lightning Pose CSV", (".csv",), EITHER, is_deeplabcut_csv,
+        deeplabcut.read_csv,
+    ),
+    "deeplabcut-h5": FileFormat(
+        "a DeepLabCut HDF5 file", (".h5", ".hdf5"), EITHER,
+        _hdf5(lambda names: any(name.endswith("@pandas_type") for name in names)),
+        deeplabcut.read_hdf5,
+    ),
+    "jabs-h5": FileFormat(
+        "a JABS pose file", (".h5",), IMAGES, _hdf5(lambda names: "poseest/points" in names),
+        trackers.read_jabs,
+    ),
+    "movement-netcdf": FileFormat(
+        "a movement netCDF file", (".nc", ".nc4"), EITHER, _hdf5(lambda names: "@ds_type" in names),
+        trackers.read_movement,
+    ),
+    "nwb-ndx-pose": FileFormat(
+        "an NWB file", (".nwb",), EITHER, _hdf5(_is_nwb), trackers.read_nwb,
+    ),
+    "sleap-analysis-h5": FileFormat(
+        "a SLEAP analysis file", (".h5", ".hdf5"), IMAGES,
+        _hdf5(lambda names: {"tracks", "node_names"} <= names), sleap.read_analysis,
+    ),
+    "sleap-slp": FileFormat(
+        "a SLEAP .slp file", (".slp",), IMAGES,
+        _hdf5(lambda names: {"metadata@format_id", "frames", "instances"} <= names),
+        sleap.read_labels,
+    ),
+    "alphapose-json": FileFormat(
+        "an AlphaPose file of all images", (".json",), IMAGES, _json("alphapose-json"),
+        detections.read_alphapose,
+    ),
+    "caliscope-csv": FileFormat(
+        "a caliscope CSV", (".csv",), IMAGES, is_caliscope, tables.read_caliscope,
+    ),
+    "coco-annotations": FileFormat(
+        "a file of COCO annotations", (".json",), IMAGES, _json("coco-annotations"),
+        detections.read_coco_annotations,
+    ),
+    "coco-results": FileFormat(
+        "a file of COCO results", (".json",), IMAGES, _json("coco-results"),
+        detections.read_coco_results,
+    ),
+    "mmpose-images": FileFormat(
+        "a set of MMPose files", (".json",), IMAGES, _json("mmpose-images", folder=True),
+        detections.read_mmpose_images, together=True, folders=True,
+    ),
+    "mmpose-video": FileFormat(
+        "an MMPose file", (".json",), IMAGES, _json("mmpose-video"), detections.read_mmpose_video,
+    ),
+    "openpose": FileFormat(
+        "a set of OpenPose files", (".json",), IMAGES, _json("openpose", folder=True),
+        detections.read_openpose, together=True, folders=True,
+    ),
+    "ultralytics-txt": FileFormat(
+        "a set of YOLO pose labels", (".txt",), IMAGES, _in_folder(".txt", is_yolo),
+        yolo.read_yolo, together=True, folders=True,
+    ),
+    "acclaim": FileFormat(
+        "an ASF/AMC motion", (".amc", ".asf"), SHAPES, is_acclaim, motion.read_acclaim,
+        together=True,
+    ),
+    "anipose-csv": FileFormat(
+        "an anipose 3D CSV", (".csv",), SHAPES,
+        lambda head: bool(anipose_landmarks(head.columns)), markers.read_anipose,
+    ),
+    "bvh": FileFormat(
+        "a BVH motion", (".bvh",), SHAPES,
+        lambda head: head.text.upper().split(maxsplit=2)[:2] == [b"HIERARCHY", b"ROOT"],
+        motion.read_bvh,
+    ),
+    "c3d": FileFormat("a C3D file", (".c3d",), SHAPES, is_c3d, motion.read_c3d),
+    "trc": FileFormat(
+        "a TRC file", (".trc",), SHAPES,
+        lambda head: head.text.lstrip()[:12].lower() == b"pathfiletype", markers.read_trc,
+    ),
+    "vicon-csv": FileFormat(
+        "a Vicon Nexus CSV of trajectories", (".csv",), SHAPES, is_vicon, motion.read_vicon,
+    ),
+    "table": FileFormat(
+        "a table of landmarks", (".csv", ".tsv", ".txt"), EITHER, is_table, tables.read_any_table,
+        states_y_axis=False,
+    ),
+    "arrays": FileFormat(
+        "an array of landmarks", (".npy", ".npz"), IMAGES, is_array, arrays.read_array,
+        states_y_axis=False,
+    ),
+    "named-points": FileFormat(
+        "JSON of points by frame and landmark", (".json",), IMAGES, _json("named-points"),
+        detections.read_named_points,
+    ),
+    "mediapipe": FileFormat(
+        "a file of MediaPipe's landmarks", (".json",), IMAGES, _json("mediapipe"),
+        detections.read_mediapipe,
+    ),
+}
+# fmt: on
+"""Those of the package come first; the others are asked in this order."""

@@ -13,8 +13,8 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.procrustes import coincide
-from shapefit.io.checks import Place, check_finite, check_mesh, place_in_memory, raise_at
-from shapefit.io.formats import check_holds, detect_format, record_writer
+from shapefit.io.checks import Place, check_finite, check_mesh, input_problems, place_in_memory
+from shapefit.io.formats import HDF5, check_holds, own_format, record_writer
 from shapefit.io.layout import DICTIONARY, FIELDS
 
 AGAIN = "make the dictionary again"
@@ -27,7 +27,10 @@ def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
     """Read a dictionary, with `old` one of version 1, too. Raises InputError for what is wrong."""
     if path.exists() and not path.is_file():  # which could be read for ever
         raise input_error(path, "is no file of a dictionary", "name the one of learn-dict")
-    check_holds(path, DICTIONARY.kind, detect_format(path))
+    if own_format(path) is not HDF5:
+        from shapefit.io.detect import detect_format
+
+        check_holds(path, DICTIONARY.kind, detect_format(path))
     from shapefit.io.hdf5_records import Hdf5Reader
 
     with Hdf5Reader(path, DICTIONARY, old=old) as reader:
@@ -98,9 +101,14 @@ def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
     if (scale := fields["atom_scale"]) is not None:
         wrong = np.flatnonzero(~(np.isfinite(scale) & (scale > 0)))
         fix = "write a positive number"
-        raise_at(wrong, lambda row: f"{place('atom_scale', row)}: is {scale[row]}; {fix}")
+        problems = [f"{place('atom_scale', row)}: is {scale[row]}; {fix}" for row in wrong]
+        if problems:
+            raise input_problems(problems)
     unnamed = [row for row, item in enumerate(fields["atom_items"] or ()) if not item]
-    raise_at(unnamed, lambda row: f"{place('atom_item', row)}: is empty; name every item")
+    if unnamed:
+        raise input_problems(
+            [f"{place('atom_item', n)}: is empty; name every item" for n in unnamed]
+        )
     check_mesh(place, fields, len(names))
     if (index := fields["mirror_index"]) is not None:
         points = np.arange(len(index))

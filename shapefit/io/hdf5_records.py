@@ -1,19 +1,29 @@
-"""Our own HDF5 files, read: datasets by their layout, checked."""
+"""Our own HDF5 files: read, checked by their layout, and written so that damage is an error.
+
+Metadata have checksums by their version of HDF5 (`libver` v110), values by `fletcher32`. Texts have
+a fixed length, since HDF5 has no checksums for texts of any length; those of the root attributes,
+which are plain texts, have one in an attribute.
+"""
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import math
-from collections.abc import Collection, Mapping
-from functools import cached_property
+import os
+import re
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.arrays import Integers
 from shapefit.errors import abbreviate, input_error, printable
+from shapefit.io.atomic import atomic_path, storage_errors
 from shapefit.io.checks import input_problems
 from shapefit.io.hdf5_file import Hdf5File, as_text
 from shapefit.io.layout import (
@@ -29,18 +39,35 @@ from shapefit.io.layout import (
     Column,
     Layout,
     fit_axes,
-    plain_name,
 )
+from shapefit.io.options import RecordWriter
 from shapefit.io.records import KINDS, Attribute
+
+Array = NDArray[Any]
 
 CACHE_BYTES = 1 << 20
 """Of chunks that are kept for each dataset; by default HDF5 keeps 8 MB, and rows are read once."""
 
+CHUNK_BYTES, MIN_CHUNK_ROWS = 1 << 18, 64
+
+COMPACT_BYTES = 1 << 14
+"""At most of a dataset that lies in the metadata."""
+
+LIBVER = ("v110", "v110")
+"""Version of HDF5 from which on all metadata have checksums; 1.10 and later read it."""
+
+SPARE, END_OF_FILE = 1 << 21, 28
+"""Bytes reserved beside what is written; where the superblock has the length of the file."""
+
 OTHER_TOOLS = "DeepLabCut, SLEAP, JABS, NWB (the attribute nwb_version) or movement (ds_type)"
 """The HDF5 files of other tools that are read."""
 
-NUMPY_KINDS = {"number": "biuf", "index": "iu", "text": "O", "label": "Oiu"}
+PREFIX = "shapefit_"
+"""Before the names of root attributes that the format has for itself."""
+
+KIND_LETTERS = {"number": "biuf", "index": "iu", "text": "O", "label": "Oiu"}
 """Types of NumPy that the kinds of datasets can have in files, O for text."""
+KIND_WORDS = {"number": "numbers", "index": "integers", "text": "UTF-8 text", "label": "UTF-8 text"}
 
 CHANGED = "the file was changed: fit again"
 
@@ -90,13 +117,25 @@ class Hdf5Reader(Hdf5File):
         self._sizes: dict[str, int] = {}
         self._ends: dict[str, Integers] = {}
         try:
-            self._root = self._read_root(old)
-            self._stored = self._find_datasets()
+            self._attributes = self._read_attributes((1, *form.versions) if old else form.versions)
+            self._names = self._find_datasets()
             self._check_datasets()
-            self.landmark_names = self._check_landmark_names(self.read("landmark_names"))
+            self.landmark_names: tuple[str, ...] = self.read("landmark_names")
+            if "" in self.landmark_names or len({*self.landmark_names}) < len(self.landmark_names):
+                self._raise_for_names()
+            self.per_item, self.whole = self._divide_further()
         except BaseException:
             self.close()
             raise
+
+    def _raise_for_names(self) -> None:
+        before = {""}
+        for row, name in enumerate(self.landmark_names):
+            if name in before:
+                found = f"repeats the name '{name}'" if name else "is empty"
+                fix = "give every landmark a unique name" if name else "give every landmark a name"
+                raise input_error(self.place("landmark_names", row), found, fix)
+            before.add(name)
 
     @property
     def count(self) -> int:
@@ -106,21 +145,22 @@ class Hdf5Reader(Hdf5File):
     @property
     def unit(self) -> str:
         """Unit of lengths, as the file states it."""
-        return str(self._root.get("unit", UNKNOWN_UNIT))
+        return str(self._attributes.get("unit", UNKNOWN_UNIT))
 
     @property
     def attributes(self) -> dict[str, Attribute]:
         """Attributes that the layout does not define: texts and numbers."""
-        return {
-            plain_name(name): value
-            for name, value in self._root.items()
-            if name not in PLAIN_ATTRIBUTES and isinstance(value, str | int | float)
-        }
+        kept = {n: v for n, v in self._attributes.items() if isinstance(v, str | int | float)}
+        for name in PLAIN_ATTRIBUTES:
+            kept.pop(name, None)
+            if PREFIX + name in kept:
+                kept[name] = kept.pop(PREFIX + name)
+        return kept
 
     @property
     def y_axis(self) -> Any:
         """Whether y points up or down, where the file says it. Raises InputError for another."""
-        direction = self._root.get("y_axis")
+        direction = self._attributes.get("y_axis")
         if direction in (None, "up", "down"):
             return direction
         found = f"the root attribute y_axis is '{direction}'"
@@ -129,11 +169,10 @@ class Hdf5Reader(Hdf5File):
     @property
     def frame_rate(self) -> float | None:
         """Frames a second; None where the file states none. Raises InputError unless it is > 0."""
-        rate = self._root.get("frame_rate")
-        if rate is None:
-            return None
-        if isinstance(rate, int | float) and not isinstance(rate, bool) and 0 < rate < math.inf:
-            return float(rate)
+        rate = self._attributes.get("frame_rate")
+        number = isinstance(rate, int | float) and not isinstance(rate, bool)
+        if rate is None or (number and 0 < rate < math.inf):
+            return None if rate is None else float(rate)
         found = f"the root attribute frame_rate is {rate!r}"
         fix = "set it to frames per second, a number > 0, or remove it"
         raise input_error(self.path, found, fix)
@@ -141,11 +180,12 @@ class Hdf5Reader(Hdf5File):
     def records(self, rows: slice, without: Collection[str] = ()) -> Any:
         """Return the items in these rows, without some datasets."""
         kind: Any = KINDS[self.form.kind]
-        per_item, whole = self._further
         return kind(
             **self.fields(rows, without),
-            columns={name: self._values(name, rows) for name in per_item if name not in without},
-            whole={name: np.asarray(self._values(name)) for name in whole if name not in without},
+            columns={
+                name: self._values(name, rows) for name in self.per_item if name not in without
+            },
+            whole={n: np.asarray(self._values(n)) for n in self.whole if n not in without},
             unit=self.unit,
             frame_rate=self.frame_rate,
             y_axis=None if self.form.kind == "shapes" else self.y_axis or "down",
@@ -154,9 +194,9 @@ class Hdf5Reader(Hdf5File):
 
     def larger_further(self, size: int) -> set[str]:
         """Return the datasets that the layout does not know, and vertices, of more bytes."""
-        names = self._stored.keys() - self.form.names | {"mesh_vertices"} & self._stored.keys()
-        stored = ((name, self.stored(self._stored[name])) for name in names)
-        return {name for name, each in stored if math.prod(each.shape) * each.itemsize > size}
+        names = {*self.per_item, *self.whole, *({"mesh_vertices"} & self._names.keys())}
+        stored = ((name, self.stored(self._names[name])) for name in names)
+        return {name for name, one in stored if math.prod(one.shape) * one.itemsize > size}
 
     def fields(self, rows: slice = slice(None), without: Collection[str] = ()) -> dict[str, Any]:
         """Return what the datasets of the layout hold of these items, by field of the record."""
@@ -170,9 +210,13 @@ class Hdf5Reader(Hdf5File):
         float64, indices as int64, texts as a tuple of str, labels as they are.
         """
         column = self.form.datasets[name]
-        if not {name, column.counted_by or name} <= self._stored.keys():
+        if not {name, column.counted_by or name} <= self._names.keys():
             return None
-        values = self._values(name, self._rows_of(name, column, rows))
+        if column.counted_by:
+            start, stop, _ = rows.indices(self.count)
+            ends = self._row_ends(name, column)
+            rows = slice(int(ends[start]), int(ends[max(start, stop)]))
+        values = self._values(name, rows if column.per_item else ())
         if column.kind == "text":
             return tuple(values)
         if column.kind == "label":
@@ -181,45 +225,17 @@ class Hdf5Reader(Hdf5File):
             array = np.asarray(values, np.int64 if column.kind == "index" else np.float64)
         return np.ascontiguousarray(array.swapaxes(-1, -2)) if column.points else array
 
-    @cached_property
-    def _further(self) -> tuple[list[str], list[str]]:
-        """Names of the datasets that the layout does not know: per item, and of the file."""
-        per_item: list[str] = []
-        whole: list[str] = []
-        for name in self._stored.keys() - self.form.names:
-            stored, column = self.stored(self._stored[name]), self.form.further.get(name)
-            with self.damage(name):
-                flag = stored.dataset.attrs.get(PER_ITEM)
-            if column is not None:
-                flag = column.per_item
-            elif flag is None and self._root["version"] < VERSION:
-                flag = self.form.is_per_item(name, len(stored.shape))
-                flag = flag and stored.shape[:1] == (self.count,)
-            if flag and stored.shape[:1] != (self.count,):
-                found = f"has the shape {stored.shape}, and says that it is per item"
-                raise self.fault(name, found, f"store a row for each of {self.count} items")
-            (per_item if flag else whole).append(name)
-        return sorted(per_item), sorted(whole)
-
     def _values(self, name: str, rows: slice | tuple[()] = ()) -> Any:
-        name = self._stored[name]
+        name = self._names[name]
         values = self.rows(name, rows)
         if self.stored(name).text and "\0" in "".join(np.ravel(values)):
             raise self.fault(name, "holds a string with a zero byte", "remove it")
         return values
 
-    def _rows_of(self, name: str, column: Column, items: slice) -> slice | tuple[()]:
-        """Return the rows that items have in a dataset: other ones where it is counted."""
-        if not column.counted_by:
-            return items if column.per_item else ()
-        if name not in self._ends:
-            self._ends[name] = self._added_up(name, column)
-        ends = self._ends[name]
-        start, stop, _ = items.indices(self.count)
-        return slice(int(ends[start]), int(ends[max(start, stop)]))
-
-    def _added_up(self, name: str, column: Column) -> Integers:
-        """Return where the rows of each item begin, and the last ends (n + 1,)."""
+    def _row_ends(self, name: str, column: Column) -> Integers:
+        """Return where the rows of items begin in a counted dataset, and the last ends (n + 1,)."""
+        if name in self._ends:
+            return self._ends[name]
         counts: Integers = self.read(column.counted_by)
         axis = str(column.axes[0])
         length = self._sizes.get(axis, 0)
@@ -228,13 +244,13 @@ class Hdf5Reader(Hdf5File):
         if len(wrong):
             found = f"is {counts[wrong[0]]}, not a number of {AXES[axis]}"
             raise input_error(self.place(column.counted_by, int(wrong[0])), found, CHANGED)
-        ends: Integers = np.concatenate([[0], np.cumsum(counts)])
+        self._ends[name] = ends = np.concatenate([[0], np.cumsum(counts)])
         if ends[-1] != length:
             found = f"holds {length} {AXES[axis]}, and {column.counted_by} counts {ends[-1]}"
             raise input_error(self.place(name), found, CHANGED)
         return ends
 
-    def _read_root(self, old: bool) -> dict[str, Any]:
+    def _read_attributes(self, versions: Collection[int]) -> dict[str, Any]:
         """Return the attributes of the root, format, version and digest checked."""
         with self.damage():
             stored = {name: as_text(self.attribute(name)) for name in self.root.attrs}
@@ -245,56 +261,56 @@ class Hdf5Reader(Hdf5File):
                 raise input_error(place, "is not UTF-8 text, or has a zero byte", fix)
         if (found := _format_of(self, self.form.name)) != self.form.name:
             raise input_error(self.path, f"is a {found} file", f"give a {self.form.name} file")
-        version, known = root.get("version"), [VERSION, *([1] if old else self.form.old_versions)]
-        if version == 1 and version not in known:
+        version = root.get("version")
+        if version == 1 and version not in versions:
             fix = f"write it anew: shapefit convert {self.path.name} -o NEW.h5"
             raise input_error(self.path, "is of version 1, an earlier format", fix)
-        if version not in known or isinstance(version, bool):
+        if version not in versions or isinstance(version, bool):
             fix = f"this program reads version {VERSION}, a number"
             raise input_error(self.path, f"has the root attribute version {version!r}", fix)
         if root.pop(DIGEST, digest_of(root)) != digest_of(root):
-            fix = (
-                f"if the change was meant, remove the attribute {DIGEST}; else copy the file again"
-            )
+            fix = f"if it was meant, remove the attribute {DIGEST}; else copy the file again"
             raise input_error(self.path, "a root attribute was changed or damaged", fix)
         return root
 
     def _find_datasets(self) -> dict[str, str]:
         """Return where each dataset lies, by its name of today."""
-        found: list[Any] = []
+        nodes: dict[Any, Any] = {}
         with self.damage():
-            self.root.visititems(lambda name, node: found.append((name, node)))  # but no soft links
-            own = {name for name, _ in found}
-            found += [
-                (name, self.root[name]) for name in self.form.all.keys() - own if name in self.root
-            ]
-        stored: dict[str, str] = {}
-        for name, node in found:
+            self.root.visititems(lambda name, node: nodes.update({name: node}))  # no soft links
+            soft = [name for name in self.form.all if name in self.root and name not in nodes]
+            nodes |= {name: self.root[name] for name in soft}
+        renamed = RENAMED if self._attributes["version"] < VERSION else {}
+        datasets: dict[str, str] = {}
+        for name, node in nodes.items():
             if not isinstance(name, str) or not _is_utf8(name):
-                strange = f"there is a name that is not plain UTF-8: {printable(name)}"
-                raise input_error(self.path, strange, "rename it or remove it")
-            if not isinstance(node, h5py.Dataset):
-                if name in self.form.all:
-                    wanted = _wanted(self.form.all[name])
-                    raise self.fault(name, "is not a dataset", wanted)
-                continue
-            with self.damage(name):
-                carried = node.shape is not None and _kind(node) in (*"biufc", "O")
-            if not carried and name not in self.form.all:
-                raise self.fault(name, "cannot be carried over", "store numbers or text")
-            old = self._root["version"] < VERSION
-            stored[RENAMED.get(name, name) if old else name] = name
-        return stored
+                found = f"there is a name that is not plain UTF-8: {printable(name)}"
+                raise input_error(self.path, found, "rename it or remove it")
+            if isinstance(node, h5py.Dataset):
+                with self.damage(name):
+                    readable = node.shape is not None and _kind(node) in (*"biufc", "O")
+                if not readable and name not in self.form.all:
+                    raise self.fault(name, "cannot be carried over", "store numbers or text")
+                datasets[renamed.get(name, name)] = name
+            elif name in self.form.all:
+                raise self.fault(name, "is not a dataset", _wanted(self.form.all[name]))
+        return datasets
 
     def _check_datasets(self) -> None:
         """Raise InputError for datasets of another kind or shape than the layout has."""
         problems = []
         for name, column in self.form.all.items():
             wrong = ""
-            if name in self._stored:
+            if name in self._names:
                 with self.damage(name):
-                    node = self.root[self._stored[name]]
-                    wrong = _wrong_kind(node, column) or self._wrong_shape(node, column)
+                    node = self.root[self._names[name]]
+                    kind, shape = _kind(node), node.shape or ()
+                if not kind or kind not in KIND_LETTERS[column.kind]:
+                    wrong = f"holds values of type {'text' if kind == 'O' else node.dtype}"
+                    wrong += f"; {_wanted(column)}"
+                elif not fit_axes(column.axes, shape, self._sizes):
+                    sizes = ", ".join(str(self._sizes.get(str(axis), axis)) for axis in column.axes)
+                    wrong = f"has the shape {shape}; {_wanted(column)}, here ({sizes})"
             elif column.required:
                 wrong = f"there is no such dataset; {_wanted(column)}"
             if wrong:
@@ -302,39 +318,28 @@ class Hdf5Reader(Hdf5File):
         if problems:
             raise input_problems(problems)
 
-    def _wrong_shape(self, node: Any, column: Column) -> str:
-        shape = node.shape or ()
-        if fit_axes(column.axes, shape, self._sizes):
-            return ""
-        sizes = ", ".join(str(self._sizes.get(str(axis), axis)) for axis in column.axes)
-        return f"has the shape {shape}; {_wanted(column)}, here ({sizes})"
-
-    def _check_landmark_names(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the names. Raises InputError where one is empty or there twice."""
-        known: set[str] = set()
-        for row, name in enumerate(names):
-            place = self.place("landmark_names", row)
-            if not name:
-                raise input_error(place, "is empty", "give every landmark a name")
-            if name in known:
-                fix = "give every landmark a unique name"
-                raise input_error(place, f"repeats the name '{name}'", fix)
-            known.add(name)
-        return names
+    def _divide_further(self) -> tuple[list[str], list[str]]:
+        """Return the datasets that memory has as the file has them: per item, and of the file."""
+        per_item: list[str] = []
+        whole: list[str] = []
+        for name in sorted(self._names.keys() - self.form.names):
+            stored, column = self.stored(self._names[name]), self.form.all.get(name)
+            with self.damage(name):
+                flag = column.per_item if column else stored.dataset.attrs.get(PER_ITEM)
+            if flag is None and self._attributes["version"] < VERSION:
+                flag = self.form.is_per_item(name, len(stored.shape))
+                flag = flag and stored.shape[:1] == (self.count,)
+            if flag and stored.shape[:1] != (self.count,):
+                found = f"has the shape {stored.shape}, and says that it is per item"
+                raise self.fault(name, found, f"store a row for each of {self.count} items")
+            (per_item if flag else whole).append(name)
+        return per_item, whole
 
 
 def _wanted(column: Column) -> str:
     """Say how to store a dataset: `store numbers (items, landmarks, 3)`."""
-    kinds = {"number": "numbers", "index": "integers", "text": "UTF-8 text", "label": "UTF-8 text"}
     axes = ", ".join(AXES.get(str(axis), str(axis)) for axis in column.axes)
-    return f"store {kinds[column.kind]} ({axes})"
-
-
-def _wrong_kind(node: Any, column: Column) -> str:
-    kind = _kind(node)
-    if kind and kind in NUMPY_KINDS[column.kind]:
-        return ""
-    return f"holds values of type {'text' if kind == 'O' else node.dtype}; {_wanted(column)}"
+    return f"store {KIND_WORDS[column.kind]} ({axes})"
 
 
 def _kind(dataset: Any) -> str:
@@ -347,3 +352,196 @@ def _kind(dataset: Any) -> str:
 def _is_utf8(text: str) -> bool:
     """Whether files can hold a text: h5py and JSON have lone surrogates for what is not UTF-8."""
     return not any("\ud800" <= letter <= "\udfff" or letter == "\0" for letter in text)
+
+
+@contextmanager
+def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
+    """Give a writer to a file that appears on a clean exit."""
+    with (
+        atomic_path(target) as path,
+        storage_errors(target, None),
+        _system_errors(),
+        _disk_space(path) as reserve,
+        h5py.File(path, "w", libver=LIBVER, rdcc_nbytes=4 * CHUNK_BYTES, locking=False) as file,
+    ):
+        writer = Hdf5Writer(file, form, reserve)
+        yield writer
+        writer.finish()
+
+
+class Hdf5Writer(RecordWriter[Any]):
+    """Appends records of one layout to an HDF5 file.
+
+    Datasets per item are chunked and extended along their first axis, what is not per item comes
+    from the first record; `attributes` become root attributes at the end, those of the records
+    too. Texts per item are held until then, when their greatest length is known.
+    """
+
+    def __init__(self, file: Any, form: Layout, reserve: Callable[[int], None]) -> None:
+        super().__init__()
+        self._file, self._form, self._reserve = file, form, reserve
+        self._first: Any = None
+        self._whole: dict[str, Array] = {}
+        self._shapes: dict[str, tuple[int, ...]] = {}
+        self._texts: dict[str, list[Array]] = {}
+
+    def append(self, record: Any) -> None:
+        """Write the items of a record after those that are there.
+
+        Raises ValueError where its landmarks or datasets are not those of the first record.
+        """
+        rows, whole = _as_stored(record, self._form)
+        shapes = {name: values.shape[1:] for name, values in rows.items()}
+        if not self.begun:
+            self.begun, self._first, self._whole, self._shapes = True, record, whole, shapes
+        if record.landmark_names != self._first.landmark_names:
+            raise ValueError("the landmarks of this record are not those of the first")
+        if shapes != self._shapes:
+            raise ValueError("the datasets of this record are not those of the first")
+        for name, values in rows.items():
+            if values.dtype.kind in "OU":
+                self._texts.setdefault(name, []).append(_encoded(values))
+            else:
+                self._write_rows(name, values)
+        self.attributes.update(getattr(record, "attributes", {}))
+
+    def finish(self) -> None:
+        """Write the texts, what belongs to the file, and the attributes."""
+        self.check_begun()
+        for name, blocks in self._texts.items():
+            kind = h5py.string_dtype("utf-8", max(block.dtype.itemsize for block in blocks))
+            for block in blocks:
+                self._write_rows(name, block.astype(kind), kind)
+        for name, values in self._whole.items():
+            self._write_whole(name, values)
+        for name in self._shapes.keys() - self._form.names:
+            self._file[name].attrs[PER_ITEM] = True
+        first = {
+            name: getattr(self._first, name, None) for name in ("unit", "y_axis", "frame_rate")
+        }
+        stated = {"format": self._form.name, "version": VERSION, **first}
+        for name, value in self.attributes.items():
+            stated[PREFIX + name if name in PLAIN_ATTRIBUTES else name] = value
+        stated = {name: value for name, value in stated.items() if value is not None}
+        self._reserve(sum(len(str(value)) for value in stated.values()) * 4)
+        for name, value in (stated | {DIGEST: digest_of(stated)}).items():
+            self._file.attrs[name] = value
+
+    def _write_rows(self, name: str, values: Array, kind: Any = None) -> None:
+        """Write rows of a dataset behind those that are there, in chunks of a power of two."""
+        rest = values.shape[1:]
+        if name not in self._file:
+            row_bytes = max(values.itemsize * int(np.prod(rest, dtype=int)), 1)
+            rows = max(1, min(CHUNK_BYTES // row_bytes, max(len(values), MIN_CHUNK_ROWS)))
+            rows = 1 << (rows.bit_length() - 1)
+            self._reserve(rows * row_bytes)
+            self._file.create_dataset(
+                name,
+                shape=(0, *rest),
+                maxshape=(None, *(size or None for size in rest)),
+                chunks=(rows, *(max(size, 1) for size in rest)),
+                dtype=kind or values.dtype,
+                fletcher32=True,
+            )
+        self._reserve(values.nbytes)
+        dataset = self._file[name].id
+        start, *_ = dataset.shape
+        dataset.set_extent((start + len(values), *rest))
+        if values.size:  # in half the time of `dataset[start:] = values`
+            place = dataset.get_space()
+            place.select_hyperslab((start,) + (0,) * (values.ndim - 1), values.shape)
+            space = h5py.h5s.create_simple(values.shape)
+            values = np.ascontiguousarray(values)
+            dataset.write(space, place, values, h5py.h5t.py_create(values.dtype, logical=True))
+
+    def _write_whole(self, name: str, values: Array) -> None:
+        """Write a dataset of the file: in the metadata, or in chunks."""
+        kind = None
+        if values.dtype.kind in "OU":
+            encoded = _encoded(values)
+            kind = h5py.string_dtype("utf-8", encoded.dtype.itemsize)
+            values = encoded.astype(kind)
+        self._reserve(2 * values.nbytes)
+        if values.nbytes > COMPACT_BYTES:
+            self._file.create_dataset(name, data=values, dtype=kind, chunks=True, fletcher32=True)
+            return
+        creation = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        links = h5py.h5p.create(h5py.h5p.LINK_CREATE)
+        creation.set_layout(h5py.h5d.COMPACT)
+        links.set_create_intermediate_group(True)
+        space = h5py.h5s.create_simple(values.shape) if values.shape else h5py.h5s.create(0)
+        type_ = h5py.h5t.py_create(values.dtype, logical=True)
+        place = h5py.h5d.create(self._file.id, name.encode(), type_, space, creation, links)
+        if values.size:
+            h5py.Dataset(place)[()] = values
+
+
+def _as_stored(record: Any, form: Layout) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Return what a record, or a dictionary, holds as it stands in a file: per item, and whole."""
+    rows: dict[str, Array] = {}
+    whole: dict[str, Array] = {}
+    for name, column in form.datasets.items():
+        if (value := getattr(record, FIELDS.get(name, name), None)) is not None:
+            array = np.asarray(value, object if column.kind == "text" else None)
+            array = array.astype(column.stored) if column.stored else array
+            array = array.swapaxes(-1, -2) if column.points else array
+            (rows if column.per_item else whole)[name] = array
+    for there, columns in ((rows, "per_item"), (whole, "whole")):
+        further = getattr(record, columns, {}).items()
+        there |= {name: np.asarray(v) for name, v in further if name not in form.names}
+    return rows, whole
+
+
+def _encoded(texts: Array) -> Array:
+    """Return texts in UTF-8, each as long as the longest. Raises InputError for zero bytes."""
+    flat = [str(text) for text in np.ravel(texts)]
+    if any("\0" in text for text in flat):
+        raise input_error("output", "a text has a zero byte, which HDF5 cannot hold", "remove it")
+    encoded = np.array([text.encode("utf-8", "surrogateescape") for text in flat] or [b""], "S")
+    width = max(encoded.dtype.itemsize, 1)
+    return encoded[: len(flat)].astype(f"S{width}").reshape(texts.shape)
+
+
+@contextmanager
+def _disk_space(path: Path) -> Iterator[Callable[[int], None]]:
+    """Give what reserves room on the disk for bytes that follow: a full one crashes HDF5.
+
+    What was not needed is given back after the file was closed.
+    """
+    file = os.open(path, os.O_RDWR)
+    needed, reserved = SPARE, 0
+
+    def reserve(size: int) -> None:
+        nonlocal needed, reserved
+        needed += size + size // 50  # for metadata
+        if needed > reserved:
+            more = needed + min(needed, 8 * SPARE) - reserved
+            try:
+                os.posix_fallocate(file, reserved, more)
+            except AttributeError:  # a system without it
+                pass
+            except OSError as error:
+                if error.errno not in (errno.EINVAL, errno.EOPNOTSUPP, errno.ENOSYS):
+                    raise
+            reserved += more
+
+    try:
+        reserve(0)
+        yield reserve
+        size = int.from_bytes(os.pread(file, 8, END_OF_FILE), "little")
+        if os.fstat(file).st_size > size > END_OF_FILE:
+            os.ftruncate(file, size)
+    finally:
+        os.close(file)
+
+
+@contextmanager
+def _system_errors() -> Iterator[None]:
+    """Turn what HDF5 raises where the system refuses to write into the OSError behind it."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        found = re.search(r"errno = (\d+)", str(error))
+        if found is None:
+            raise
+        raise OSError(int(found[1]), os.strerror(int(found[1]))) from error

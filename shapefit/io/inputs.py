@@ -15,7 +15,6 @@ from shapefit.errors import input_error
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 GZIP_SIGNATURE = b"\x1f\x8b"
-STREAM = "-"
 
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 """With which some programs begin text in UTF-8."""
@@ -32,7 +31,7 @@ MEMORY_FACTOR = 14
 
 def is_stream(path: Path) -> bool:
     """Whether the path is `-`: standard input or output."""
-    return str(path) == STREAM
+    return str(path) == "-"
 
 
 def source_name(path: Path) -> str:
@@ -54,27 +53,13 @@ def read_head(path: Path, size: int) -> bytes:
         return file.read(size)
 
 
-def open_text(path: Path) -> IO[bytes]:
-    """Open the bytes of a file of text, also of one that gzip made smaller."""
-    if begins_with(path, GZIP_SIGNATURE):
-        return cast(IO[bytes], gzip.open(path))
-    return path.open("rb")
-
-
-@contextmanager
-def gzip_errors(path: Path) -> Iterator[None]:
-    """Turn what is wrong with a file that gzip wrote into an InputError."""
-    try:
-        yield
-    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
-        fix = "the file may be cut off or damaged: copy or make it again"
-        raise input_error(path, f"cannot be unpacked ({error})", fix) from error
-
-
 def require_file(path: Path) -> None:
     """Raise InputError unless `path` is a file that can be read and is not empty."""
     if not os.path.exists(path):
-        raise input_error(path, "there is no such file", _missing_fix(path))
+        folder = next(parent for parent in path.parents if os.path.exists(parent))
+        fix = f"check the path ({folder} exists, what follows does not)"
+        fix = "check its name" if folder == path.parent else fix
+        raise input_error(path, "there is no such file", fix)
     if os.path.isdir(path):
         raise input_error(path, "it is a folder", f"name the files in it, e.g. '{path}/*.h5'")
     if not os.access(path, os.R_OK, effective_ids=os.access in os.supports_effective_ids):
@@ -83,24 +68,33 @@ def require_file(path: Path) -> None:
         raise input_error(path, "is empty (0 bytes)", "make or copy the file again")
 
 
+@contextmanager
+def _open_text(path: Path) -> Iterator[IO[bytes]]:
+    """Open the bytes of a file of text, also of one that gzip made smaller."""
+    packed = begins_with(path, GZIP_SIGNATURE)
+    with cast(IO[bytes], gzip.open(path)) if packed else path.open("rb") as file:
+        try:
+            yield file
+        except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+            fix = "the file may be cut off or damaged: copy or make it again"
+            raise input_error(path, f"cannot be unpacked ({error})", fix) from error
+
+
 def read_text_blocks(path: Path) -> Iterator[bytes]:
     """Yield the bytes of standard input, a pipe or a file, block by block.
 
     Raises InputError where there are none, and where they are HDF5.
     """
+    name = source_name(path)
     if is_stream(path) and sys.stdin is None:
-        raise input_error(source_name(path), "is closed", "send data there, or name a file")
-    with (
-        gzip_errors(path),
-        nullcontext(sys.stdin.buffer) if is_stream(path) else open_text(path) as file,
-    ):
+        raise input_error(name, "is closed", "send data there, or name a file")
+    with nullcontext(sys.stdin.buffer) if is_stream(path) else _open_text(path) as file:
         block = file.read(BLOCK_BYTES)
         if not block:
-            fix = "write a CSV with a header line"
-            raise input_error(source_name(path), "is empty (0 bytes)", fix)
+            raise input_error(name, "is empty (0 bytes)", "write a CSV with a header line")
         if block.startswith(HDF5_SIGNATURE):
             found = "is HDF5, which cannot come through a pipe"
-            raise input_error(source_name(path), found, "name the file itself, or send CSV")
+            raise input_error(name, found, "name the file itself, or send CSV")
         while block:
             yield block
             block = file.read(BLOCK_BYTES)
@@ -108,34 +102,18 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
 
 def read_whole(path: Path) -> bytes:
     """Return the bytes of a file of text. Raises InputError where it is too large for that."""
-    packed = begins_with(path, GZIP_SIGNATURE)
-    with gzip_errors(path), open_text(path) as file:
-        size = _unpacked_size(file) if packed else os.fstat(file.fileno()).st_size
+    with _open_text(path) as file:
+        packed = isinstance(file, gzip.GzipFile)
+        size = 0 if packed else os.fstat(file.fileno()).st_size
+        while packed and size <= LARGEST_BYTES and (block := file.read(BLOCK_BYTES)):
+            size += len(block)
         if size > LARGEST_BYTES:
-            more = "more than " * (packed and size > LARGEST_BYTES)
-            found = f"{more}{in_words(size)} of text, and it is read whole"
+            found = f"{'more than ' * packed}{in_words(size)} of text, and it is read whole"
             fix = f"divide it into files of less than {in_words(LARGEST_BYTES)}"
             raise input_error(path, found, fix)
         check_fits(str(path), MEMORY_FACTOR * size, "what it holds")
+        file.seek(0)
         return file.read()
-
-
-def _unpacked_size(file: IO[bytes]) -> int:
-    """Return how long a text is, or that it is longer than may be read; it is read again then."""
-    size = 0
-    while size <= LARGEST_BYTES and (block := file.read(BLOCK_BYTES)):
-        size += len(block)
-    file.seek(0)
-    return size
-
-
-def _missing_fix(path: Path) -> str:
-    folder = path.parent
-    while not os.path.exists(folder):
-        folder = folder.parent
-    if folder != path.parent:
-        return f"check the path ({folder} exists, what follows does not)"
-    return "check its name"
 
 
 ALWAYS_FITS = 1 << 26
@@ -160,8 +138,15 @@ def check_fits(
 
 
 def free_memory() -> int | None:
-    """Bytes that this process can still get, None where the system does not report it."""
-    return min(_limits(), default=None)
+    """Bytes that the machine or its container still has; None where the system does not say it."""
+    limits = []
+    with suppress(OSError, ValueError, IndexError):
+        lines = MACHINE.read_text().splitlines()
+        limits += [int(n.split()[1]) * 1024 for n in lines if n.startswith("MemAvailable:")]
+    with suppress(OSError, ValueError):
+        limit, used = (int((GROUP / f"memory.{name}").read_text()) for name in ("max", "current"))
+        limits.append(max(limit - used, 0))
+    return min(limits, default=None)
 
 
 def in_words(size: int) -> str:
@@ -172,15 +157,3 @@ def in_words(size: int) -> str:
             break
         value, unit = value / 1000, larger
     return f"{value:.3g} {unit}"
-
-
-def _limits() -> Iterator[int]:
-    """Yield what is left of each limit: the machine's, and that of a container."""
-    with suppress(OSError, ValueError, IndexError):
-        for line in MACHINE.read_text().splitlines():
-            if line.startswith("MemAvailable:"):
-                yield int(line.split()[1]) * 1024
-    with suppress(OSError, ValueError):
-        limit, used = ((GROUP / f"memory.{name}").read_text() for name in ("max", "current"))
-        if limit.strip() != "max":
-            yield max(int(limit) - int(used), 0)

@@ -1,23 +1,21 @@
-"""The datasets of each file format: names, axes and kinds, stated once for reader and writer."""
+"""The datasets of each kind of file: names, axes and types, once for reader and writer."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Set
-from dataclasses import dataclass, field
-from functools import cached_property
+from collections.abc import Collection, Iterable
 from typing import Literal, NamedTuple
 
 Axes = tuple[str | int, ...]
 
 
 class Column(NamedTuple):
-    """One dataset of a format.
+    """One dataset.
 
     `axes` are as in the file: letters for sizes that agree over the file (see AXES), numbers for
-    fixed sizes. `points` marks coordinates, one point per row in the file (..., p, 3) and per
-    column in memory (..., 3, p). A "label" is text or an integer code. `counted_by` names the
-    dataset that says how many rows of this one belong to each item, one item after the other.
-    `stored` is the NumPy type in the file where it is smaller than that in memory.
+    fixed sizes. `points` are coordinates, one point per row in the file (..., p, 3) and per column
+    in memory (..., 3, p). A "label" is text or an integer code. `counted_by` names the dataset that
+    says how many rows of this one belong to each item, one item after the other. `stored` is the
+    NumPy type in the file where it is smaller than that in memory.
     """
 
     axes: Axes
@@ -41,51 +39,41 @@ class Column(NamedTuple):
 Table = dict[str, Column]
 
 
-@dataclass(frozen=True, eq=False)
 class Layout:
-    """The datasets of one kind of file; `name` is the value of its root attribute `format`.
+    """The datasets of one kind of file.
 
-    `points` is the dataset that every file has: landmarks, shapes or atoms. `further` datasets may
-    stand beside those of the layout; in memory they are as in the file. `old_versions` hold the
-    same as today's, and every command reads them; others are read by `convert` and `info` alone.
+    name      value of its root attribute `format`; kind is the name without `shapefit-`
+    points    the dataset that every file has: landmarks, shapes or atoms
+    datasets  columns by name
+    further   those that may stand beside them; in memory they are as in the file
+    versions  of files that every command reads; version 1 of others is read by `convert` and `info`
     """
 
-    name: str
-    points: str
-    datasets: Table
-    further: Table = field(default_factory=dict)
-    old_versions: tuple[int, ...] = ()
-
-    @property
-    def kind(self) -> str:
-        """What a file of it holds: landmarks, shapes, result or dictionary."""
-        return self.name.removeprefix("shapefit-")
-
-    @property
-    def names(self) -> Set[str]:
-        """Names of the datasets, without those that may stand beside them."""
-        return self.datasets.keys()
-
-    @cached_property
-    def all(self) -> Table:
-        """All datasets, with those that may stand beside."""
-        return self.datasets | self.further
+    def __init__(
+        self,
+        name: str,
+        points: str,
+        datasets: Table,
+        further: Table | None = None,
+        versions: tuple[int, ...] = (),
+    ) -> None:
+        self.name, self.points, self.datasets = name, points, datasets
+        self.kind = name.removeprefix("shapefit-")
+        self.names = datasets.keys()
+        self.all = {**datasets, **(further or {})}
+        self.versions = (VERSION, *versions)
 
     def is_per_item(self, name: str, axes: int) -> bool:
-        """Whether a dataset of so many axes has rows for each item, unless something says more.
-
-        Only datasets that are known to belong to the file do not.
-        """
-        known = self.all.get(name)
-        return 0 < axes != WHOLE.get(name) if known is None else known.per_item
+        """Whether a dataset with so many axes has rows for items, unless its file says it."""
+        column = self.all.get(name)
+        return 0 < axes != OF_FILE.get(name) if column is None else column.per_item
 
 
 VERSION = 2
 UNKNOWN_UNIT = "unknown"
 
-# Root attributes that the formats define; others of the same name are stored with a prefix.
 PLAIN_ATTRIBUTES = frozenset({"format", "version", "unit", "y_axis", "frame_rate"})
-_PREFIX = "shapefit_"
+"""Root attributes that the formats define; others of these names are stored with a prefix."""
 
 DIGEST = "attributes_sha256"
 """Root attribute: SHA-256 of those that are texts."""
@@ -114,15 +102,51 @@ AXES = {
     "f": "faces",
     "t": "half-steps",
     "c": "components",
-    "w": "scales and numbers of landmarks",
     "a": "active transforms",
+    "w": "scales and numbers of landmarks",
     "i": "landmarks of the detector",
     "r": "coordinates of all landmarks",
 }
 
+OF_FILE = {
+    "camera_matrix": 2,
+    "distortion": 1,
+    "removed_distortion": 1,
+    "image_size": 1,
+    "extrinsic_rotation": 2,
+    "extrinsic_translation": 1,
+    "edges": 2,
+    "mirror_index": 1,
+}
+"""Datasets that no layout lists and that belong to the file when they have so many axes."""
 
-def _numbers(axes: Axes, names: str) -> Table:
-    return {name: Column(axes) for name in names.split()}
+EDGES = "edges"
+"""Dataset (e, 2) of landmarks and of results: pairs of landmarks that a line joins."""
+
+FRAME = "frame"
+"""Dataset (n,): the place of each item in its video, from 0."""
+
+OUTLIERS, CORRUPTED = "outliers", "corrupted"
+"""Datasets (n, p) of the landmarks that a fit calls outliers, and of those that were made so."""
+LABELS = (OUTLIERS, CORRUPTED)
+
+LANDMARK_COVARIANCE = "landmark_covariance"
+"""Covariance (n, p, 2, 2) of each landmark, in the unit of the landmarks squared."""
+
+METRES_PER_UNIT = "metres_per_unit"
+"""Dataset (n,) of results: metres in one unit of the shape of each image."""
+
+METRES_FROM = "metres_from"
+"""Attribute of results that have it: by what the size was found, edges or spread."""
+
+INPUT_SHAPES, INPUT_SD = "input_shapes", "input_shape_sd"
+INPUT_CORRELATION, INPUT_NAMES = "input_shape_correlation", "input_landmark_names"
+"""Of a result: the landmarks of the files in 3D with their error bars, beside the joints."""
+
+
+def _columns(axes: Axes, names: str, *more: str, points: bool = False) -> Table:
+    """Return columns of numbers with the same axes."""
+    return {name: Column(axes, points=points) for name in (*names.split(), *more)}
 
 
 _NAMES = {"landmark_names": Column(("p",), "text", required=True)}
@@ -131,9 +155,9 @@ _ITEMS = {
     "item": Column(("n",), "text", required=True),
     "sequence": Column(("n",), "text"),
 }
-_EDGES = {"edges": Column(("e", 2), "index")}
 _FACES = {"mesh_faces": Column(("f", 3), "index")}
-_VERTICES = {"mesh_vertices": Column(("n", "q", 3), points=True)}
+_EDGES = {EDGES: Column(("e", 2), "index")}
+_VERTICES = _columns(("n", "q", 3), "mesh_vertices", points=True)
 _SHAPES = {"shapes": Column(("n", "p", 3), required=True, points=True)}
 
 LANDMARKS = Layout(
@@ -144,30 +168,25 @@ LANDMARKS = Layout(
         "landmarks": Column(("n", "p", 2), required=True, points=True),
         "confidence": Column(("n", "p")),
     },
-    old_versions=(1,),
+    versions=(1,),
 )
 
 SHAPES = Layout(
     "shapefit-shapes",
     "shapes",
     {**_ITEMS, **_SHAPES, **_EDGES, **_VERTICES, **_FACES},
-    old_versions=(1,),
+    versions=(1,),
 )
 
 PROOF = {
     "dual": Column(("n", "p", 2), points=True),
     "convex_translation": Column(("n", 2)),
-    "convex_objective": Column(("n",)),
-    "convex_relative_gap": Column(("n",)),
+    **_columns(("n",), "convex_objective convex_relative_gap"),
     "transform_count": Column(("n",), "index", stored="int32"),
     "transform_atom": Column(("a",), "index", counted_by="transform_count", stored="int32"),
     "active_transforms": Column(("a", 2, 3), counted_by="transform_count"),
 }
 """What proves the optimum of the convex program of a result, beside its landmarks and lambda."""
-
-INPUT_SHAPES, INPUT_SD = "input_shapes", "input_shape_sd"
-INPUT_CORRELATION, INPUT_NAMES = "input_shape_correlation", "input_landmark_names"
-"""Of a result: the landmarks of the files in 3D with their error bars, beside the joints."""
 
 RESULTS = Layout(
     "shapefit-result",
@@ -175,34 +194,33 @@ RESULTS = Layout(
     {
         **_ITEMS,
         **_SHAPES,
-        "landmarks_fitted": Column(("n", "p", 2), points=True),
-        "coefficients": Column(("n", "k")),
-        "rotation": Column(("n", 3, 3)),
-        "translation": Column(("n", 2)),
-        **_numbers(("n",), "scale objective relative_gap"),
+        **_columns(("n", "p", 2), "landmarks_fitted", points=True),
+        **_columns(("n", "k"), "coefficients"),
+        **_columns(("n", 3, 3), "rotation"),
+        **_columns(("n", 2), "translation"),
+        **_columns(("n",), "scale objective relative_gap"),
         "iterations": Column(("n",), "index"),
         "status": Column(("n",), "label"),
-        "shape_sd": Column(("n", "p", 3), points=True),
-        "transforms": Column(("n", "k", 2, 3)),
+        **_columns(("n", "p", 3), "shape_sd", points=True),
+        **_columns(("n", "k", 2, 3), "transforms"),
         **_VERTICES,
         **PROOF,
     },
     {
-        **_numbers(
+        **_columns(
             ("n",),
             "lambda residual active_atoms tight metres_per_unit log_evidence p_value trusted "
             "sequence_noise start_distance expected_error sides_exchanged",
         ),
-        **_numbers(("n", 2), "focal principal_point"),
-        **_numbers(("n", 3), "camera_translation position"),
-        **_numbers(("n", "p"), "inlier_probability outliers"),
-        **_numbers(("n", "p", 2), "landmarks"),
-        **_numbers(("n", "p", 3), "shape_correlation"),
-        **_numbers(("n", "r", "r"), "shape_covariance"),
-        **_numbers(("n", "i", 3), f"{INPUT_SHAPES} {INPUT_SD} {INPUT_CORRELATION}"),
-        **_numbers(("p", "p"), "landmark_map"),
-        "reasons": Column(("n",), "text"),
-        "left_out": Column(("n",), "text"),
+        **_columns(("n", 2), "focal principal_point"),
+        **_columns(("n", 3), "camera_translation position"),
+        **_columns(("n", "p"), "inlier_probability outliers"),
+        **_columns(("n", "p", 2), "landmarks"),
+        **_columns(("n", "p", 3), "shape_correlation"),
+        **_columns(("n", "r", "r"), "shape_covariance"),
+        **_columns(("n", "i", 3), INPUT_SHAPES, INPUT_SD, INPUT_CORRELATION),
+        **_columns(("p", "p"), "landmark_map"),
+        **{name: Column(("n",), "text") for name in ("reasons", "left_out")},
         INPUT_NAMES: Column(("i",), "text"),
     },
 )
@@ -216,59 +234,28 @@ DICTIONARY = Layout(
         "mean_shape": Column(("p", 3), required=True, points=True),
         **_EDGES,
         "mirror_index": Column(("p",), "index"),
-        "mesh_vertices": Column(("k", "q", 3), points=True),
+        **_columns(("k", "q", 3), "mesh_vertices", points=True),
         **_FACES,
-        "atom_scale": Column(("k",)),
+        **_columns(("k",), "atom_scale"),
         "atom_item": Column(("k",), "text"),
-        "objective_trace": Column(("t",)),
-        "acceleration": Column(("p",)),
-        **_numbers(("e",), "bone_tolerance edge_length"),
-        "edge_covariance": Column(("e", "e")),
-        "residual_variance": Column((1,)),
-        "p_value_table": Column(("w", 4)),
-        "prior_weights": Column(("c",)),
-        "prior_means": Column(("c", "p", 3), points=True),
-        "prior_covariances": Column(("c", "p", 3, "p", 3)),
+        **_columns(("t",), "objective_trace"),
+        **_columns(("p",), "acceleration"),
+        **_columns(("e",), "bone_tolerance edge_length"),
+        **_columns(("e", "e"), "edge_covariance"),
+        **_columns((1,), "residual_variance"),
+        **_columns(("w", 4), "p_value_table"),
+        **_columns(("c",), "prior_weights"),
+        **_columns(("c", "p", 3), "prior_means", points=True),
+        **_columns(("c", "p", 3, "p", 3), "prior_covariances"),
     },
 )
 
 LAYOUTS = {layout.name: layout for layout in (LANDMARKS, SHAPES, RESULTS, DICTIONARY)}
-"""The layouts by what a file says of itself."""
-
-WHOLE = {
-    "camera_matrix": 2,
-    "distortion": 1,
-    "edges": 2,
-    "extrinsic_rotation": 2,
-    "extrinsic_translation": 1,
-    "image_size": 1,
-    "mirror_index": 1,
-    "removed_distortion": 1,
-}
-"""Datasets that belong to the file when they have so many axes."""
-
-EDGES = "edges"
-"""Dataset (e, 2) of landmarks and of results: pairs of landmarks that a line joins."""
-
-FRAME = "frame"
-"""Dataset (n,): the place of each item in its video, from 0."""
-
-OUTLIERS, CORRUPTED = "outliers", "corrupted"
-"""Datasets (n, p) of the landmarks that a fit judged wrong, and of those that were made wrong."""
-LABELS = (OUTLIERS, CORRUPTED)
-
-LANDMARK_COVARIANCE = "landmark_covariance"
-"""Covariance (n, p, 2, 2) of each landmark, in the unit of the landmarks squared."""
-
-METRES_PER_UNIT = "metres_per_unit"
-"""Dataset (n,) of results: metres in one unit of the shape of each image."""
-
-METRES_FROM = "metres_from"
-"""Attribute of results that have it: by what the size was found, edges or spread."""
+"""The layouts by the attribute `format`."""
 
 
 def fit_axes(axes: Axes, shape: tuple[int, ...], sizes: dict[str, int]) -> bool:
-    """Whether a shape has these axes; the sizes of those that were not known are added."""
+    """Whether a shape has these axes; sizes of letters that are new are added to `sizes`."""
     fitting = [
         (sizes.setdefault(axis, size) if isinstance(axis, str) else axis) == size
         for axis, size in zip(axes, shape, strict=False)
@@ -283,27 +270,11 @@ def free_names(names: Iterable[str], taken: Collection[str]) -> dict[str, str]:
     the group `a`, for which there is no room where `a` is a dataset.
     """
     names = list(names)
-    groups = {_group(name) for name in names}
-
-    def first_free(name: str) -> str:
-        free = name
-        while _group(free) in taken or (free != name and _group(free) in groups):
-            free = f"input_{free}"
-        return free
-
-    return {name: first_free(name) for name in names}
-
-
-def _group(name: str) -> str:
-    return name.partition("/")[0]
-
-
-def stored_name(attribute: str) -> str:
-    """Name of the root attribute that holds a record's attribute."""
-    return _PREFIX + attribute if attribute in PLAIN_ATTRIBUTES else attribute
-
-
-def plain_name(stored: str) -> str:
-    """Name of the record's attribute that a root attribute holds: undoes `stored_name`."""
-    name = stored.removeprefix(_PREFIX)
-    return name if name in PLAIN_ATTRIBUTES else stored
+    groups = {name.partition("/")[0] for name in names}
+    free: dict[str, str] = {}
+    for name in names:
+        new = name
+        while (group := new.partition("/")[0]) in taken or (new != name and group in groups):
+            new = f"input_{new}"
+        free[name] = new
+    return free

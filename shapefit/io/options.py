@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 if TYPE_CHECKING:
     from shapefit.geometry.cameras import Up
@@ -47,6 +47,19 @@ class InputOptions:
 
 AS_THEY_ARE = InputOptions()
 
+OF_COMMANDS = ("format", "individual", "rename", "keypoints", "y_axis", "image_size")
+"""The keys by which commands read files."""
+
+
+def input_options(config: Any, track: Track = "none") -> InputOptions:
+    """Return how a command reads its files, by the keys of its config.
+
+    `track` says how detections without identity are joined.
+    """
+    given = {key: getattr(config, key) for key in OF_COMMANDS if hasattr(config, key)}
+    least = getattr(config, "min_confidence", None) or 0.0
+    return InputOptions(**given, track=track, min_confidence=least)
+
 
 @dataclass(frozen=True, kw_only=True)
 class OutputOptions:
@@ -67,9 +80,7 @@ class OutputOptions:
     @property
     def given(self) -> tuple[str, ...]:
         """Return the names of the keys of a config that are set."""
-        return tuple(
-            name for name, value in vars(self).items() if value != getattr(type(self), name)
-        )
+        return tuple(name for name, value in vars(self).items() if value != vars(AS_KNOWN)[name])
 
 
 AS_KNOWN = OutputOptions()
@@ -84,15 +95,25 @@ class Summary:
     written: tuple[Path, ...] = ()
 
 
-OF_COMMANDS = ("format", "individual", "rename", "keypoints", "y_axis", "image_size")
-"""The keys by which commands read files."""
+Record = TypeVar("Record")
 
 
-def input_options(config: Any, track: Track = "none") -> InputOptions:
-    """Return how a command reads its files, by the keys of its config.
+class RecordWriter(Generic[Record]):
+    """Takes records one after another; `attributes` are stored with the file on a clean exit.
 
-    `track` says how detections without identity are joined.
+    After that `summary` says what was written. `begun` is whether a record was appended.
     """
-    given = {key: getattr(config, key) for key in OF_COMMANDS if hasattr(config, key)}
-    least = getattr(config, "min_confidence", None) or 0.0
-    return InputOptions(**given, track=track, min_confidence=least)
+
+    def __init__(self) -> None:
+        self.attributes: dict[str, str | float | int] = {}
+        self.summary = Summary()
+        self.begun = False
+
+    def append(self, record: Record) -> None:
+        """Write the items of a record after those that are there."""
+        raise NotImplementedError
+
+    def check_begun(self) -> None:
+        """Raise ValueError where nothing was appended."""
+        if not self.begun:
+            raise ValueError("nothing was appended; append one record, which may be empty")

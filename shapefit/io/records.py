@@ -36,26 +36,17 @@ _FIELDS = ("landmark_names", "items", "sequences", "unit", "frame_rate", "y_axis
 
 
 class Records:
-    """n items of one kind with p landmarks: LAYOUT tells which datasets there are, and their axes.
+    """n items of one kind with p landmarks; LAYOUT lists the datasets and their axes.
 
-    landmark_names (p,), items (n,) unique, sequences (n,) or None: tuples of texts. All other
-    datasets are columns by name: those in `per_item` have a row for each item (or, where the layout
-    counts them, some rows), those in `whole` belong to the file. Columns of the layout stand as
+    landmark_names (p,), items (n,) unique, sequences (n,) or None: tuples of texts. `per_item` and
+    `whole` hold the other datasets by name: those with a row for each item (or, where the layout
+    counts them, some rows), and those of the file. Columns of the layout stand as
     `Column.memory_axes` has them, others as in the file. What the layout lists is an attribute too,
     None where it is absent. unit is that of lengths; frame_rate in Hz; y_axis where y points, None
     for shapes; attributes are stored with the file.
     """
 
     LAYOUT: ClassVar[Layout]
-
-    landmark_names: Names
-    items: Names
-    sequences: Names | None
-    per_item: dict[str, NDArray[Any]]
-    whole: dict[str, NDArray[Any]]
-    unit: str
-    frame_rate: float | None
-    attributes: Mapping[str, Attribute]
 
     def __init__(
         self,
@@ -78,21 +69,24 @@ class Records:
         belong to the file. Raises ValueError where axes disagree, and TypeError for a keyword that
         the layout does not list: a programmer's error.
         """
-        if unknown := named.keys() - self.LAYOUT.all.keys():
-            raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}")
+        self._require_listed(named)
         self.landmark_names, self.items = tuple(landmark_names), tuple(items)
         self.sequences = None if sequences is None else tuple(sequences)
         self.unit, self.frame_rate = unit, frame_rate
         self.y_axis = y_axis if self.LAYOUT is SHAPES else y_axis or "down"
-        self.attributes = attributes or {}
-        self.per_item, self.whole = {}, {}
+        self.attributes: Mapping[str, Attribute] = attributes or {}
+        self.per_item: dict[str, NDArray[Any]] = {}
+        self.whole = {name: self._as_array(name, value) for name, value in (whole or {}).items()}
         for name, value in {self.LAYOUT.points: points, **(columns or {}), **named}.items():
             if value is not None:
                 array = self._as_array(name, value)
                 per_item = self.LAYOUT.is_per_item(name, array.ndim)
-                (self.per_item if per_item else self.whole)[name] = array
-        self.whole |= {name: self._as_array(name, value) for name, value in (whole or {}).items()}
+                (self.per_item if per_item else self.whole).setdefault(name, array)
         self._check_axes()
+
+    def _require_listed(self, names: Columns, *more: Collection[str]) -> None:
+        if unknown := names.keys() - set(self.LAYOUT.all).union(*more):
+            raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}")
 
     def _as_array(self, name: str, value: Any) -> NDArray[Any]:
         column = self.LAYOUT.datasets.get(name)
@@ -104,23 +98,19 @@ class Records:
             raise ValueError(f"there are {n} items and {len(self.sequences)} sequences")
         if self.LAYOUT.points not in self.per_item:
             raise TypeError(f"{type(self).__name__} needs {self.LAYOUT.points}")
-        columns = self.columns
-        for name, column in self.LAYOUT.datasets.items():
-            value = columns.get(name)
-            axes = column.memory_axes
-            if value is not None and not fit_axes(axes, value.shape, sizes):
+        for name, values in self.columns.items():
+            column = self.LAYOUT.datasets.get(name)
+            axes = column.memory_axes if column else ("n", *values.shape[1:])
+            if (column or name in self.per_item) and not fit_axes(axes, values.shape, sizes):
                 expected = tuple(sizes.get(str(axis), axis) for axis in axes)
-                found = f"{name} has the shape {value.shape}"
+                found = f"{name} has the shape {values.shape}"
                 raise ValueError(f"{found}; expected {axes} = {expected}")
-        for name in self.per_item.keys() - self.LAYOUT.datasets.keys():
-            if (shape := self.per_item[name].shape)[:1] != (n,):
-                raise ValueError(f"{name} has the shape {shape}; there are {n} items")
 
     def __getattr__(self, name: str) -> Any:
         """Return a column that the layout lists; None where it is absent."""
         if name.startswith("_") or name not in type(self).LAYOUT.all:
             raise AttributeError(f"{type(self).__name__} has no {name}")
-        return self.columns.get(name)
+        return self.per_item.get(name, self.whole.get(name))
 
     def __len__(self) -> int:
         return len(self.items)
@@ -135,12 +125,6 @@ class Records:
         return {**self.per_item, **self.whole}
 
     @property
-    def datasets(self) -> frozenset[str]:
-        """Names of the columns that the layout lists, and of item, sequence, landmark_names."""
-        own = {"item", "landmark_names"} | ({"sequence"} if self.sequences is not None else set())
-        return frozenset(own | (self.columns.keys() & self.LAYOUT.names))
-
-    @property
     def further(self) -> dict[str, NDArray[Any]]:
         """The columns that the layout does not list, as they stand in the file."""
         return {n: values for n, values in self.columns.items() if n not in self.LAYOUT.names}
@@ -152,10 +136,7 @@ class Records:
 
     @property
     def lines(self) -> Integers | None:
-        """Pairs of landmarks (e, 2) that a line joins; pairs of other numbers are left out.
-
-        None where there is no dataset of pairs.
-        """
+        """Pairs of landmarks (e, 2) that a line joins, as far as they are such; None without."""
         edges = self.whole.get(EDGES)
         if edges is None or edges.ndim != 2 or edges.shape[1] != 2 or edges.dtype.kind not in "iu":
             return None
@@ -171,22 +152,20 @@ class Records:
         per_item = dict(changes.pop("per_item", self.per_item))
         whole = dict(changes.pop("whole", self.whole))
         if "further" in changes:
-            stays = self.LAYOUT.names
-            further = dict.fromkeys(self.further) | changes.pop("further")
-            changes = {n: v for n, v in further.items() if n not in stays} | changes
-        elif unknown := changes.keys() - self.LAYOUT.all.keys() - per_item.keys() - whole.keys():
-            raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}")
-        for name in changes.keys() & whole.keys():
-            whole[name] = changes.pop(name)
-        whole = {name: value for name, value in whole.items() if value is not None}
+            further = dict.fromkeys(self.further) | dict(changes.pop("further"))
+            listed = self.LAYOUT.names
+            changes = {name: v for name, v in further.items() if name not in listed} | changes
+        else:
+            self._require_listed(changes, per_item, whole)
+        whole |= {name: changes.pop(name) for name in changes.keys() & whole.keys()}
+        whole = {name: values for name, values in whole.items() if values is not None}
         return type(self)(**fields, columns={**per_item, **changes}, whole=whole)
 
     def with_columns(self, columns: Columns | None = None, whole: Columns | None = None) -> Self:
-        """Return the same with more columns, placed as by the constructor, over those there are."""
-        new = {**(columns or {}), **(whole or {})}
-        kept = self.without(new)
-        return kept.replaced(
-            per_item={**kept.per_item, **(columns or {})}, whole={**kept.whole, **(whole or {})}
+        """Return the same with more columns, in place of those of the same names."""
+        rest = self.without({**(columns or {}), **(whole or {})})
+        return rest.replaced(
+            per_item={**rest.per_item, **(columns or {})}, whole={**rest.whole, **(whole or {})}
         )
 
     def without(self, names: Collection[str]) -> Self:
@@ -199,20 +178,14 @@ class Records:
     def take(self, indices: Rows) -> Self:
         """Return the items at these indices (numbers, a mask or a slice), in their order."""
         rows = np.arange(len(self))[indices]
-        places = rows.tolist()
         taken = copy(self)
-        taken.items = tuple(self.items[row] for row in places)
+        taken.items = tuple(self.items[row] for row in rows.tolist())
         if self.sequences is not None:
-            taken.sequences = tuple(self.sequences[row] for row in places)
+            taken.sequences = tuple(self.sequences[row] for row in rows.tolist())
+        own: Any = indices if isinstance(indices, slice) else rows  # a slice copies nothing
         counts = {n: c.counted_by for n, c in self.LAYOUT.datasets.items() if c.counted_by}
         taken.per_item = {
-            name: values[
-                _pieces(self.per_item[counts[name]], rows)
-                if name in counts
-                else indices
-                if isinstance(indices, slice)
-                else rows
-            ]
+            name: values[_pieces(self.per_item[counts[name]], rows) if name in counts else own]
             for name, values in self.per_item.items()
         }
         return taken
@@ -223,15 +196,6 @@ class Records:
         if not unknown.any():
             return self
         return self.replaced(**{self.LAYOUT.points: np.where(unknown, np.nan, self.points)})
-
-    def arrange(self, names: Sequence[str], place: str = "landmark_names") -> Self:
-        """Return the same items with the landmarks `names`, in that order.
-
-        Raises InputError at `place` for landmarks that do not fit.
-        """
-        if tuple(names) == self.landmark_names:
-            return self
-        raise ValueError(f"{type(self).__name__} cannot be arranged otherwise")
 
     def renamed(self, rename: Mapping[str, str], place: str = "rename") -> Self:
         """Return the same items, the landmarks renamed (old name -> new).
@@ -271,8 +235,12 @@ class ShapeSet(Records):
         changes: dict[str, Any] = {"shapes": self.shapes[..., columns]}
         if self.edges is not None:
             changes["edges"] = position[self.edges]
-        if "mirror_index" in self.whole:
-            index = _mirror_index(self.whole["mirror_index"], len(names), place)
+        if (index := self.whole.get("mirror_index")) is not None:
+            whole_numbers = index.dtype.kind in "iu" and index.shape == (len(names),)
+            if not whole_numbers or ((index < 0) | (index >= len(names))).any():
+                found = "does not pair the landmarks"
+                fix = "store the index of each landmark's mirror image, or remove it"
+                raise input_error(f"{place}:/mirror_index", found, fix)
             changes["mirror_index"] = position[index[columns]]
         return self.replaced(landmark_names=names, **changes)
 
@@ -287,7 +255,6 @@ class LandmarkSet(Records):
 
     landmarks: Floats
     confidence: Floats | None
-    y_axis: Direction
 
     def weights(self) -> Floats:
         """Omega (n, p): the confidence, or 1, where a landmark has a place, and 0 elsewhere."""
@@ -311,42 +278,36 @@ class LandmarkSet(Records):
         names = tuple(names)
         if names == self.landmark_names:
             return self
-        own = np.arange(len(self.landmark_names))
-        if leave_out:
-            own = np.flatnonzero([name in set(names) for name in self.landmark_names])
-        places = match_landmarks(names, [self.landmark_names[j] for j in own], place)
+        p, wanted = len(self.landmark_names), set(names)
+        kept = [j for j in range(p) if not leave_out or self.landmark_names[j] in wanted]
+        places = match_landmarks(names, [self.landmark_names[j] for j in kept], place)
 
-        def arranged(values: NDArray[Any], absent: float) -> NDArray[Any]:
-            every = np.full((*values.shape[:-1], len(names)), absent, values.dtype)
-            every[..., places] = values[..., own]
-            return every
+        def arranged(values: NDArray[Any], absent: float, axis: int = -1) -> NDArray[Any]:
+            every = np.moveaxis(values, axis, -1)
+            wider = np.full((*every.shape[:-1], len(names)), absent, values.dtype)
+            wider[..., places] = every[..., kept]
+            return np.moveaxis(wider, -1, axis)
 
         changes: dict[str, Any] = {"landmarks": arranged(self.landmarks, np.nan)}
-        if self.confidence is not None:
-            changes["confidence"] = arranged(self.confidence, 0)
-        for name in LABELS:
+        for name in ("confidence", *LABELS, LANDMARK_COVARIANCE):
             values = self.per_item.get(name)
-            if values is not None and values.shape == (len(self), len(self.landmark_names)):
-                changes[name] = arranged(values, 0)
-        covariance = self.per_item.get(LANDMARK_COVARIANCE)
-        if covariance is not None and covariance.shape[:2] == self.landmarks.shape[::2]:
-            moved = arranged(np.moveaxis(covariance, 1, -1), 0)
-            changes[LANDMARK_COVARIANCE] = np.moveaxis(moved, -1, 1)
-        if self.lines is not None:
-            position = np.full(len(self.landmark_names), -1)
-            position[own] = places
-            moved = position[self.lines]
+            if values is not None and values.shape[:2] == (len(self), p):
+                changes[name] = arranged(values, 0, axis=1)
+        if (lines := self.lines) is not None:
+            position = np.full(p, -1)
+            position[kept] = places
+            moved = position[lines]
             changes[EDGES] = moved[(moved >= 0).all(axis=1)]
         return self.replaced(landmark_names=names, **changes)
 
 
 class ResultSet(Records):
-    """What a fit found for n images: shapes (n, 3, p) in the camera frame and `unit`.
+    """The fit of n images: shapes (n, 3, p) in the camera frame and `unit`, NaN where it failed.
 
-    NaN where an item failed. landmarks_fitted (n, 2, p); coefficients (n, k); rotation (n, 3, 3);
-    translation (n, 2); scale, objective, relative_gap, iterations, status (n); shape_sd
-    (n, 3, p), standard deviations of the shapes; transforms (n, k, 2, 3); mesh_vertices
-    (n, 3, q). All but the shapes are None where they are not known, as in a CSV file.
+    landmarks_fitted (n, 2, p) of a perspective camera (of others they are shapes[:, :2]);
+    coefficients (n, k); rotation (n, 3, 3); translation (n, 2); scale, objective, relative_gap,
+    iterations, status (n); shape_sd (n, 3, p), standard deviations of the shapes; transforms
+    (n, k, 2, 3); mesh_vertices (n, 3, q). All but the shapes may be None, as in a CSV file.
 
     What proves the optimum of the convex program, in normalised units: dual (n, 2, p), feasible;
     convex_translation (n, 2), convex_objective and convex_relative_gap (n,), the last two where
@@ -355,12 +316,10 @@ class ResultSet(Records):
     transform_count (n,) of them for each image.
 
     attributes are stored with the file (method, times, config, digests). What else a fit writes is
-    in `layout.RESULTS.further`.
+    listed in `layout.RESULTS`.
     """
 
     LAYOUT = RESULTS
-
-    y_axis: Direction
 
 
 KINDS: dict[str, type[Records]] = {
@@ -394,13 +353,3 @@ def _pieces(counts: Integers, rows: NDArray[np.intp]) -> NDArray[np.intp]:
     ends = np.cumsum(counts)
     pieces = [np.arange(ends[row] - counts[row], ends[row]) for row in rows]
     return np.concatenate([np.empty(0, dtype=np.intp), *pieces])
-
-
-def _mirror_index(index: NDArray[Any], p: int, place: str) -> NDArray[Any]:
-    """Return the index of each landmark's mirror image; InputError where it is none."""
-    whole_numbers = index.dtype.kind in "iu" and index.shape == (p,)
-    if not whole_numbers or ((index < 0) | (index >= p)).any():
-        found = "does not pair the landmarks"
-        fix = "store the index of each landmark's mirror image, or remove it"
-        raise input_error(f"{place}:/mirror_index", found, fix)
-    return index

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -14,33 +13,23 @@ from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.io.checks import check_magnitudes, check_values, place_in_memory, warn_of_zeros
-from shapefit.io.formats import (
-    HDF5,
-    FileFormat,
-    check_holds,
-    detect_format,
-    group_inputs,
-    mixture,
-    record_writer,
-)
+from shapefit.io.formats import HDF5, FileFormat, check_holds, own_format, record_writer
 from shapefit.io.inputs import source_name
-from shapefit.io.joined import common_head, conform
 from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, UNKNOWN_UNIT, Layout
-from shapefit.io.names import check_items, check_known
+from shapefit.io.merge import align_to, merge_heads
+from shapefit.io.names import check_items, check_renamed
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
-from shapefit.io.readers.items import keep_landmarks, size_needed
-from shapefit.io.readers.poses import are_fractions
 from shapefit.io.records import LandmarkSet, Record, ResultSet, ShapeSet, concatenate
-
-PROOFS = frozenset(PROOF)
-"""Datasets of results that stay in the file unless they are asked for."""
 
 CENTRED = 0.1
 """Share of coordinates below 0 from which on they are no fractions of an image, but points about
 a centre in a unit of their own."""
 
-MOST_HELD = 1 << 21
-"""Landmarks of all items and files together that are held, some 50 MB; more are read again."""
+MAX_IN_MEMORY = 1 << 21
+"""Landmarks of all files together that are held, some 50 MB; of more, rows are read as needed."""
+
+MAX_OPEN = 64
+"""HDF5 files that stay open; of more, each is opened anew for its rows."""
 
 BLOCK = 1 << 12
 """Images by which landmarks are first looked at."""
@@ -66,11 +55,11 @@ def open_landmarks(
     Everything is checked before the first image is given out. Raises InputError for what is
     wrong with a file, for items that occur twice, and for files that do not go together (other
     units, directions of y, frame rates, or further datasets), and for names of landmarks to rename
-    that no file has. HDF5 is read a batch at a time, all else whole. `rows` are those of the one
-    HDF5 file that are given out: nothing else of it is read. Without `check` nothing but
-    heads is read of HDF5, and values and names are believed. The caller `selects` the individual
-    in files of ours, or it is refused there. Further datasets of HDF5 of more bytes than `largest`
-    are not read.
+    that no file has. Of HDF5 rows are read as they are asked for, CSV is read in one pass, all else
+    whole. `rows` are those of the one HDF5 file that are given out: nothing else of it is read.
+    Without `check` nothing but heads is read of HDF5, and values and names are believed. The caller
+    `selects` the individual in files of ours, or it is refused there. Further datasets of HDF5 of
+    more bytes than `largest` are not read.
     """
     how: dict[str, Any] = {"rows": rows, "check": check, "largest": largest}
     files = _open_all(LANDMARKS, paths, options, selects, **how)
@@ -92,7 +81,7 @@ def open_shapes(
     the files; where only some files have sequences, those of the others are empty texts.
     Everything is checked before the first shape is given out. Raises InputError for what is wrong
     with a file, for items that occur twice, and for files that do not go together (other
-    landmarks, units, meshes or further datasets). HDF5 is read a batch at a time, all else whole.
+    landmarks, units, meshes or further datasets).
 
     With `gaps` a landmark of an item may be unknown: it is NaN, in all coordinates where it is in
     one, and may lack its row in CSV. Without, that is wrong. `check`, `selects` and `largest` as
@@ -114,16 +103,19 @@ def open_results(
 ) -> ResultSource:
     """Open results as one source; datasets in `without` are not read.
 
-    That is what proves the optimum, unless `proofs` asks for it. Of CSV all but
-    shapes, names, items and sequences is None. HDF5 is read a batch at a time, CSV whole. Raises
-    InputError for what is wrong with a file, for items that occur twice, and for files that do not
-    go together. `check` and `largest` as in `open_landmarks`; `old` files of version 1 are read,
-    too.
+    That is what proves the optimum, unless `proofs` asks for it. Of CSV all but shapes, names,
+    items and sequences is None. Raises InputError for what is wrong with a file, for items that
+    occur twice, and for files that do not go together. `check` and `largest` as in
+    `open_landmarks`; `old` files of version 1 are read, too.
     """
-    left = (() if proofs else PROOFS) if without is None else without
-    known = [(detect_format(path), (path,)) for path in paths]
+    left = (() if proofs else frozenset(PROOF)) if without is None else without
+    keep = len(paths) <= MAX_OPEN
     how: dict[str, Any] = {"without": left, "check": check, "old": old, "largest": largest}
-    files = [_open(RESULTS, *own, AS_THEY_ARE, **how) for own in known]
+    files = [
+        _open(RESULTS, *group, AS_THEY_ARE, keep_open=keep, **how)
+        for path in paths
+        for group in _groups([path], AS_THEY_ARE)
+    ]
     return Source(files, check=check)
 
 
@@ -136,11 +128,10 @@ def source_of(
     """
     place = place_in_memory(name)
     check_values(records.columns, records.LAYOUT, place, records.landmark_names, gaps=gaps)
-    check_known(rename, [(name, records.landmark_names)])
+    check_renamed(rename, [(name, records.landmark_names)])
     records = records.with_whole_points().renamed(rename, name)
     stated = records.y_axis if isinstance(records, LandmarkSet) else None
-    file = SourceFile.held(name, records, lambda row: place("item", row), y_axis=stated)
-    return Source([file])
+    return Source([SourceFile.of(name, records, lambda row: place("item", row), y_axis=stated)])
 
 
 def read_shapes(
@@ -170,37 +161,35 @@ def write_shapes(path: Path, shapes: ShapeSet) -> None:
         writer.append(shapes)
 
 
-Reader = Callable[[slice], Record]
-
-
 @dataclass(frozen=True)
 class SourceFile(Generic[Record]):
-    """One file of a source: `head` has all but the items, `open` gives a reader of rows.
+    """One file of a source: `head` has all but the items, `read` returns those of some rows.
 
-    texts reads the datasets item and sequence of all items anew, block by block; `place` names a
-    row in messages; notes are warnings about what was left out; y_axis is where y points, None
-    where the file does not say it.
+    texts reads the datasets item and sequence of all items, block by block; `place` names a row in
+    messages; notes are warnings about what was left out; y_axis is where y points, None where the
+    file does not say it.
     """
 
     name: str
     head: Record
     count: int
-    open: Callable[[], AbstractContextManager[Reader[Record]]]
+    read: Callable[[slice], Record]
     texts: Callable[[str], Iterable[Sequence[str]]]
     place: Callable[[int], str]
+    close: Callable[[], None] = lambda: None
     notes: tuple[str, ...] = ()
     y_axis: Direction | None = None
 
     @classmethod
-    def held(
+    def of(
         cls, name: str, records: Record, place: Callable[[int], str] | None = None, **stated: Any
     ) -> Self:
         """Return records in memory as a file; without `place` messages name the file alone."""
         return cls(
             name=name,
-            head=records.take(slice(0)),
+            head=records.take(slice(0, 0)),
             count=len(records),
-            open=lambda: nullcontext(records.take),
+            read=records.take,
             texts=lambda kind: [records.items if kind == "item" else records.sequences or ()],
             place=place or (lambda _: name),
             **stated,
@@ -208,23 +197,17 @@ class SourceFile(Generic[Record]):
 
     def changed(self, change: Callable[[Record], Record]) -> Self:
         """Return a file that gives its records out changed, its head too."""
+        read = self.read
+        return replace(self, head=change(self.head), read=lambda rows: change(read(rows)))
 
-        @contextmanager
-        def opened() -> Iterator[Reader[Record]]:
-            with self.open() as read:
-                yield lambda rows: change(read(rows))
-
-        return replace(self, head=change(self.head), open=opened)
-
-    def called(self, name: str) -> Self:
+    def with_prefix(self, name: str) -> Self:
         """Return the file with its items and sequences called `name/...`."""
 
         def longer(texts: Iterable[str]) -> tuple[str, ...]:
             return tuple(text and f"{name}/{text}" for text in texts)
 
         def change(records: Record) -> Record:
-            known = records.sequences
-            sequences = None if known is None else longer(known)
+            sequences = None if records.sequences is None else longer(records.sequences)
             return records.replaced(items=longer(records.items), sequences=sequences)
 
         return replace(self.changed(change), texts=lambda kind: map(longer, self.texts(kind)))
@@ -234,7 +217,7 @@ class Source(Generic[Record]):
     """The items of one or more files; a context manager, which closes the files.
 
     `head` has all but the items: their landmarks, unit, columns; `count` is how many items there
-    are. y_axis is where y points in files that do not say it.
+    are.
     """
 
     def __init__(
@@ -244,18 +227,21 @@ class Source(Generic[Record]):
         *,
         check: bool = True,
     ) -> None:
-        """Take files; raises InputError for files that differ, and, if `check`, equal items in one.
+        """Take files, where y points in those that do not say it; check that they go together.
 
-        Items that are in two files begin with the name of their file, as all then do.
+        Items that are in two files begin with the name of their file, as all then do. Raises
+        InputError for files that differ, and, if `check`, for equal items in one.
         """
-        if check:
-            files = _told_apart(files)
         self._files = files
-        self._running: list[Generator[Record, None, None]] = []
-        self.count = sum(file.count for file in files)
-        filled = [file for file in files if file.count] or files[:1]  # what is empty may differ
-        heads = [(file.name, file.head) for file in filled]
-        self.head: Record = common_head(heads, [(f.name, f.y_axis) for f in filled], y_axis)
+        try:
+            self._files = make_unique(files) if check else files
+            self.count = sum(file.count for file in files)
+            filled = [file for file in self._files if file.count] or self._files[:1]
+            heads = [(file.name, file.head) for file in filled]  # what is empty may differ
+            self.head: Record = merge_heads(heads, [(f.name, f.y_axis) for f in filled], y_axis)
+        except BaseException:
+            self.close()
+            raise
 
     @property
     def states_y_axis(self) -> bool:
@@ -276,9 +262,22 @@ class Source(Generic[Record]):
         """
         if size < 1:
             raise ValueError(f"size must be at least 1, not {size}")
-        batches = self._read_files(size) if by_file else self._read(size)
-        self._running.append(batches)
-        return batches
+        return self._batches(size, by_file)
+
+    def _batches(self, size: int, by_file: bool) -> Iterator[Record]:
+        parts: list[Record] = []
+        room = size
+        for file in self._files:
+            start = 0
+            while start < file.count:
+                stop = min(start + room, file.count)
+                parts.append(align_to(file.read(slice(start, stop)), self.head, file.name))
+                room, start = room - (stop - start), stop
+                if room == 0 or (by_file and stop == file.count):
+                    yield concatenate(parts)
+                    parts, room = [], size
+        if parts or not self.count:
+            yield concatenate(parts) if parts else self.head
 
     def first(self, count: int) -> Record:
         """Return the first items, at most `count`."""
@@ -286,7 +285,7 @@ class Source(Generic[Record]):
 
     def whole(self) -> Record:
         """Return all items as one record."""
-        return concatenate(list(self.batches(max(self.count, 1))))
+        return self.first(max(self.count, 1))
 
     def names(self) -> Iterator[Sequence[str]]:
         """Read the items, block by block."""
@@ -295,10 +294,8 @@ class Source(Generic[Record]):
     def sequences(self) -> Iterator[Sequence[str]]:
         """Read the sequences of all items, block by block; an empty text where there is none."""
         for file in self._files:
-            if file.head.sequences is None:
-                yield ("",) * file.count
-            else:
-                yield from file.texts("sequence")
+            missing = file.head.sequences is None
+            yield from [("",) * file.count] if missing else file.texts("sequence")
 
     def take(self, rows: NDArray[np.intp]) -> Record:
         """Return the items of these rows, which ascend, none twice; near ones are read together."""
@@ -307,45 +304,29 @@ class Source(Generic[Record]):
         numbers = np.searchsorted(starts, rows, "right") - 1
         for number in np.unique(numbers).tolist():
             file, own = self._files[number], rows[numbers == number] - starts[number]
-            with file.open() as read:
-                for near in np.split(own, np.flatnonzero(np.diff(own) > GAP) + 1):
-                    part = read(slice(int(near[0]), int(near[-1]) + 1)).take(near - near[0])
-                    parts.append(conform(part, self.head, file.name))
+            for near in np.split(own, np.flatnonzero(np.diff(own) > GAP) + 1):
+                part = file.read(slice(int(near[0]), int(near[-1]) + 1)).take(near - near[0])
+                parts.append(align_to(part, self.head, file.name))
         return concatenate(parts) if parts else self.head
+
+    def close(self) -> None:
+        """Close the files."""
+        for file in self._files:
+            file.close()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_error: object) -> None:
-        for batches in self._running:
-            batches.close()
-
-    def _read(self, size: int) -> Generator[Record, None, None]:
-        parts: list[Record] = []
-        held = 0
-        for part in self._read_files(size):
-            while held + len(part) > size:
-                if room := size - held:
-                    parts.append(part.take(slice(0, room)))
-                    part = part.take(slice(room, None))
-                yield concatenate(parts)
-                parts, held = [], 0
-            parts.append(part)
-            held += len(part)
-        if parts:
-            yield concatenate(parts)
-
-    def _read_files(self, size: int) -> Generator[Record, None, None]:
-        if self.count == 0:
-            yield self.head
-        for file in self._files:
-            with file.open() as read:
-                for start in range(0, file.count, size):
-                    rows = slice(start, min(start + size, file.count))
-                    yield conform(read(rows), self.head, file.name)
+        self.close()
 
 
-def _told_apart(files: Sequence[SourceFile[Any]]) -> Sequence[SourceFile[Any]]:
+LandmarkSource = Source[LandmarkSet]
+ShapeSource = Source[ShapeSet]
+ResultSource = Source[ResultSet]
+
+
+def make_unique(files: Sequence[SourceFile[Any]]) -> Sequence[SourceFile[Any]]:
     """Return files whose items and sequences begin with the file's name if two have an item."""
     again = check_items([(lambda file=file: file.texts("item"), file.place) for file in files])  # type: ignore[misc]
     if again is None:
@@ -359,55 +340,60 @@ def _told_apart(files: Sequence[SourceFile[Any]]) -> Sequence[SourceFile[Any]]:
     names = ["/".join(own[-depth:]) for own in paths]
     example = f"'{again.item}'" + (f" and {again.number - 1} more" if again.number > 1 else "")
     note = f"{example} in more than one file: items begin with the file, '{names[0]}/...'"
-    named = [file.called(name) for file, name in zip(files, names, strict=True)]
+    named = [file.with_prefix(name) for file, name in zip(files, names, strict=True)]
     return [replace(named[0], notes=(*named[0].notes, note)), *named[1:]]
 
 
-LandmarkSource = Source[LandmarkSet]
-ShapeSource = Source[ShapeSet]
-ResultSource = Source[ResultSet]
+Group = tuple[FileFormat, tuple[Path, ...]]
+
+
+def _groups(paths: Sequence[Path], options: InputOptions) -> list[Group]:
+    """Return inputs with their formats; the readers of other tools' are imported where needed."""
+    paths = list(dict.fromkeys(paths))
+    own = [own_format(path) if options.format == "auto" else None for path in paths]
+    if all(own):
+        return [(one, (path,)) for one, path in zip(own, paths, strict=True) if one]
+    from shapefit.io.detect import group_inputs
+
+    return group_inputs(paths, options)
 
 
 def _open_all(
-    form: Layout,
-    paths: Sequence[Path],
-    options: InputOptions,
-    selects: bool,
-    **how: Any,
+    form: Layout, paths: Sequence[Path], options: InputOptions, selects: bool, **how: Any
 ) -> list[SourceFile[Any]]:
     """Open files of landmarks or shapes, their landmarks renamed, and of these those kept.
 
     Raises InputError for an individual of files that are ours, unless the caller `selects` it.
     """
-    groups = group_inputs(paths, options)
-    if options.individual is not None and not selects and not any(f.read_poses for f, _ in groups):
+    groups = _groups(paths, options)
+    foreign = any(one.read_poses for one, _ in groups)
+    if options.individual is not None and not selects and not foreign:
         fix = "write that individual to a file by `shapefit convert`, and use this"
         raise input_error(paths[0], "`individual` is for files of other tools", fix)
-    held = MOST_HELD // len(groups) if form is LANDMARKS else 0
-    files = [_open(form, *own, options, most_held=held, **how) for own in groups]
-    if form is LANDMARKS:
-        files[0] = replace(files[0], notes=files[0].notes + mixture(groups))
-    if options == AS_THEY_ARE:
-        return files
+    most = MAX_IN_MEMORY // len(groups) if form is LANDMARKS else 0
+    how |= {"most_held": most, "keep_open": len(groups) <= MAX_OPEN}
+    files = [_open(form, *group, options, **how) for group in groups]
     rename, kept = options.rename, options.landmarks
-    check_known(rename, [(file.name, file.head.landmark_names) for file in files])
+    check_renamed(rename, [(file.name, file.head.landmark_names) for file in files])
+    if foreign and form is LANDMARKS:
+        from shapefit.io.detect import warn_of_mixture
 
-    def change(records: Any, place: str) -> Any:
-        records = records.renamed(rename, place)
-        return records if kept is None else keep_landmarks(records, kept, place)
+        files[0] = replace(files[0], notes=files[0].notes + warn_of_mixture(groups))
+    if rename:
+        files = [f.changed(lambda r, n=f.name: r.renamed(rename, n)) for f in files]  # type: ignore[misc]
+    if kept is not None:
+        from shapefit.io.readers.items import keep_landmarks
 
-    if not rename and kept is None:
-        return files
-    return [file.changed(lambda r, place=file.name: change(r, place)) for file in files]  # type: ignore[misc]
+        files = [f.changed(lambda r, n=f.name: keep_landmarks(r, kept, n)) for f in files]  # type: ignore[misc]
+    return files
 
 
 def _open(
     form: Layout,
-    known: FileFormat,
+    file_format: FileFormat,
     paths: tuple[Path, ...],
     options: InputOptions,
     *,
-    most_held: int = 0,
     gaps: bool = False,
     **how: Any,
 ) -> SourceFile[Any]:
@@ -415,46 +401,51 @@ def _open(
     path, name = paths[0], source_name(paths[0])
     notes: tuple[str, ...] = ()
     records: Any
-    if known.read_poses is not None and form is not RESULTS:
-        from shapefit.io.readers.items import read_landmarks
-        from shapefit.io.readers.items import read_shapes as read_foreign_shapes
+    if file_format.read_poses is not None and form is not RESULTS:
+        from shapefit.io.readers import items
 
         if form is LANDMARKS:
-            images, notes = read_landmarks(known, paths, options)
-            stated = images.y_axis if known.states_y_axis else None
-            return SourceFile.held(name, images, notes=notes, y_axis=stated)
-        records, notes = read_foreign_shapes(known, paths, options, gaps=gaps)
-    else:
-        check_holds(path, form.kind, known)
-        if known is HDF5:
-            file = _open_hdf5(path, form, options, gaps, most_held, **how)
-            return _hiding(file, options.min_confidence)
-        assert known.read_records is not None
-        records = known.read_records(path, form.kind, gaps=gaps)
-    if form is SHAPES:
+            records, notes = items.read_landmarks(file_format, paths, options)
+            stated = records.y_axis if file_format.states_y_axis else None
+            return SourceFile.of(name, records, notes=notes, y_axis=stated)
+        records, notes = items.read_shapes(file_format, paths, options, gaps=gaps)
         check_magnitudes(name, records.shapes, records.items, records.landmark_names)
-    elif form is LANDMARKS:
-        records = in_pixels(records, options, name)
-        if records.confidence is None:
-            found = warn_of_zeros(records.landmarks.swapaxes(1, 2))
-            notes += tuple(f"{name}: {text}" for text in found)
-    stated = records.y_axis if known.states_y_axis else None
-    file = SourceFile.held(name, records, notes=notes, y_axis=stated)
-    return _hiding(file, options.min_confidence)
+        return SourceFile.of(name, records, notes=notes)
+    check_holds(path, form.kind, file_format)
+    if file_format is HDF5:
+        file = _open_hdf5(path, form, gaps, **how)
+    else:
+        from shapefit.io.csv_file import read_csv
+        from shapefit.io.tidy_table import Spool
+
+        records, notes = read_csv(path, form.kind, gaps=gaps)
+        file = SourceFile.of(name, records)
+        if isinstance(records, Spool):
+            file = replace(file, texts=records.texts, close=records.close)
+        if form is LANDMARKS and file.head.confidence is None:
+            some = file.read(slice(0, min(file.count, BLOCK))).landmarks
+            notes += tuple(f"{name}: {text}" for text in warn_of_zeros(some.swapaxes(1, 2)))
+        if form is SHAPES:
+            check_magnitudes(name, records.shapes, records.items, records.landmark_names)
+        file = replace(file, notes=notes)
+    if form is LANDMARKS:
+        file = _in_pixels(file, options) if how["check"] else file
+        return _hiding(file, options.min_confidence)
+    return file
 
 
 def _open_hdf5(
     path: Path,
     form: Layout,
-    options: InputOptions,
     gaps: bool,
-    most_held: int,
     *,
     rows: slice | None = None,
     without: Collection[str] = (),
     check: bool = True,
     old: bool = False,
     largest: int | None = None,
+    most_held: int = 0,
+    keep_open: bool = True,
 ) -> SourceFile[Any]:
     """Open a file of landmarks, shapes or results, or a part of its rows, but for some datasets.
 
@@ -463,76 +454,85 @@ def _open_hdf5(
     """
     from shapefit.io.hdf5_records import Hdf5Reader
 
-    def read(reader: Hdf5Reader, rows: slice, *, check: bool = False) -> Any:
-        """Return the records of these items."""
-        large = () if largest is None else reader.larger_further(largest)
-        found = reader.records(rows, {*without, *large})
-        if check:
-            names = reader.landmark_names
-            check_values(found.columns, form, reader.place, names, start=rows.start, gaps=gaps)
-        return found if form is RESULTS else found.with_whole_points()
+    reader = Hdf5Reader(path, form, old=old)
+    stated, names = reader.y_axis, reader.landmark_names
+    start, stop, _ = (rows or slice(None)).indices(reader.count)
+    without = {*without, *(() if largest is None else reader.larger_further(largest))}
 
-    def blocks(reader: Hdf5Reader) -> Iterator[slice]:
-        size = max(1, min(BLOCK * 4, CHECKED_BYTES // (48 * max(len(reader.landmark_names), 1))))
+    def opened() -> Hdf5Reader:
+        nonlocal reader
+        if not reader.root:
+            reader = Hdf5Reader(path, form, old=old)
+        return reader
+
+    def blocks() -> Iterator[slice]:
+        size = max(1, min(BLOCK * 4, CHECKED_BYTES // (48 * max(len(names), 1))))
         return (slice(at, min(at + size, stop)) for at in range(start, stop, size))
 
-    @contextmanager
-    def opened() -> Iterator[Reader[Any]]:
-        with Hdf5Reader(path, form, old=old) as reader:
-            yield lambda rows: read(reader, slice(start + rows.start, start + rows.stop))
+    def read(own: slice) -> Any:
+        rows = slice(start + own.start, start + own.stop)
+        records = opened().records(rows, without)
+        if not keep_open and rows.stop >= stop:
+            reader.close()
+        return records if form is RESULTS else records.with_whole_points()
 
     def texts(name: str) -> Iterator[Sequence[str]]:
-        with Hdf5Reader(path, form, old=old) as reader:
-            for rows in blocks(reader):
-                yield reader.read(name, rows)
+        return (opened().read(name, rows) for rows in blocks())
 
     def place(row: int) -> str:
         return f"{path}:/item[{start + row}]"
 
-    with Hdf5Reader(path, form, old=old) as reader:
-        start, stop, _ = (rows or slice(None)).indices(reader.count)
-        stated = reader.y_axis
-        if check and (stop - start) * len(reader.landmark_names) <= most_held:
-            records = read(reader, slice(start, stop), check=True)
-            if form is LANDMARKS and records.unit in ("px", UNKNOWN_UNIT):
-                records = in_pixels(records, options, str(path))
-            return SourceFile.held(str(path), records, place, y_axis=stated)
-        unchecked = ("item", "sequence")
-        for each in blocks(reader) if check and form is not RESULTS else ():
-            fields = reader.fields(each, without=unchecked)
-            names = reader.landmark_names
-            check_values(fields, form, reader.place, names, start=each.start, gaps=gaps)
-        head = read(reader, slice(0, 0))
-        file = SourceFile(str(path), head, stop - start, opened, texts, place, y_axis=stated)
-        if form is not LANDMARKS or not check or head.unit not in ("px", UNKNOWN_UNIT):
-            return file
-        first = read(reader, slice(start, min(start + BLOCK, stop)))
-        if in_pixels(first, options, str(path)) is first:
-            return file
-        size = np.array(options.image_size)[:, None]
-        return file.changed(lambda r: r.replaced(landmarks=r.landmarks * size, unit="px"))
+    def check_rows(fields: Mapping[str, Any], at: int) -> None:
+        check_values(fields, form, reader.place, names, start=at, gaps=gaps)
+
+    try:
+        if check and (stop - start) * len(names) <= most_held:
+            records = reader.records(slice(start, stop), without)
+            check_rows(records.columns, start)
+            reader.close()
+            return SourceFile.of(str(path), records.with_whole_points(), place, y_axis=stated)
+        for block in blocks() if check and form is not RESULTS else ():
+            check_rows(reader.fields(block, without=("item", "sequence")), block.start)
+        head = read(slice(0, 0))
+    except BaseException:
+        reader.close()
+        raise
+    if not keep_open:
+        reader.close()
+    close = lambda: reader.close()  # noqa: E731 the one that is open then
+    return SourceFile(str(path), head, stop - start, read, texts, place, close, y_axis=stated)
 
 
-def in_pixels(images: LandmarkSet, options: InputOptions, name: str) -> LandmarkSet:
-    """Return landmarks of a table of ours in pixels, where they are fractions of an image.
+def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:
+    """Return a file of ours with landmarks in pixels, where they are fractions of an image.
 
     Raises InputError for fractions without `image_size`.
     """
-    first = images.landmarks[:BLOCK]
-    if np.isfinite(first).any() and not are_fractions(first[np.isfinite(first)]):
-        return images  # whatever the others are; a copy of all would be half of what is held
-    placed = images.landmarks[np.isfinite(images.landmarks)]
-    if not placed.any() or not are_fractions(placed) or (placed < 0).mean() > CENTRED:
-        return images
+    from shapefit.io.readers.poses import are_fractions
+
+    if file.head.unit not in ("px", UNKNOWN_UNIT):
+        return file
+    count, below, zeros = 0, 0, 0
+    for start in range(0, file.count, BLOCK):
+        points = file.read(slice(start, min(start + BLOCK, file.count))).landmarks
+        values = points[np.isfinite(points)]
+        if values.size and not are_fractions(values):
+            return file
+        count, below = count + values.size, below + int((values < 0).sum())
+        zeros += int((values == 0).sum())
+    if count == zeros or below > CENTRED * count:
+        return file
     if options.image_size is None:
-        raise size_needed(name)
+        from shapefit.io.readers.items import size_needed
+
+        raise size_needed(file.name)
     size = np.array(options.image_size)[:, None]
-    return images.replaced(landmarks=images.landmarks * size, unit="px")
+    return file.changed(lambda r: r.replaced(landmarks=r.landmarks * size, unit="px"))
 
 
 def _hiding(file: SourceFile[Any], least: float) -> SourceFile[Any]:
     """Return a file that hides landmarks whose confidence is below `least`."""
-    if not least or getattr(file.head, "confidence", None) is None:
+    if not least or file.head.confidence is None:
         return file
 
     def hidden(images: LandmarkSet) -> LandmarkSet:

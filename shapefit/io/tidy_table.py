@@ -1,16 +1,16 @@
 """The tidy table, one row a landmark of an item: its columns, and how its rows become records.
 
-CSV is this table; `csv_file` knows text alone.
+`csv_file` knows text alone.
 """
 
 from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from itertools import count
+from tempfile import TemporaryFile
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,16 +18,13 @@ import orjson
 from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats, Integers
+from shapefit.errors import input_error
 from shapefit.io.checks import input_problems
 from shapefit.io.inputs import check_fits
-from shapefit.io.records import KINDS, Records, ResultSet
-from shapefit.lifting.verdict import TRUSTED
+from shapefit.io.records import KINDS, LandmarkSet, concatenate
 
-DEVIATIONS = ("sd_x", "sd_y", "sd_z")
-"""Columns of results: standard deviations, which nothing here reads back."""
-
-IGNORED = (*DEVIATIONS, "modes", TRUSTED)
-"""Columns of results that may be there."""
+IGNORED = ("sd_x", "sd_y", "sd_z", "modes", "trusted")
+"""Columns of results that may be there, and that nothing here reads back."""
 
 FINITE_FIX = "write a finite number"
 FIXES = {
@@ -43,62 +40,23 @@ MISSED = -1.0
 IDENTITIES = ("person_id", "track_id", "individual", "id")
 """Columns that tell apart who is in one image: items and sequences end in them."""
 
-GROWTH = 1.25
-"""Room that a growing array makes at once, as a multiple of what it holds."""
+MAX_IN_MEMORY = 1 << 19
+"""Landmarks of a table that are held; more go to a temporary file, item by item."""
 
+SCATTERED = "the rows of items do not stand together, so that it was read whole: sort it by item"
 
-class Columns(NamedTuple):
-    """What stands in the columns beside `item` and `landmark`.
-
-    numbers are (n, p) each; of_items holds what is the same in all rows of an item, (n,) each.
-    """
-
-    numbers: dict[str, Floats]
-    of_items: dict[str, Sequence[Any]]
-
-
-def columns_of(record: Records, part: slice = slice(None)) -> Columns:
-    """Return the columns of some items, in their order in a file."""
-    points, sd = record.points[part], getattr(record, "shape_sd", None)
-    numbers = {"xyz"[axis]: points[:, axis] for axis in range(points.shape[1])}
-    if (confidence := getattr(record, "confidence", None)) is not None:
-        numbers["confidence"] = confidence[part]
-    if sd is not None:
-        numbers |= {name: sd[part, axis] for axis, name in enumerate(DEVIATIONS)}
-    of_items: dict[str, Sequence[Any]] = {}
-    if record.sequences is not None:
-        of_items["sequence"] = record.sequences[part]
-    if isinstance(record, ResultSet) and (trusted := record.per_item.get(TRUSTED)) is not None:
-        of_items[TRUSTED] = np.asarray(trusted[part], bool).tolist()
-    return Columns(numbers, of_items)
-
-
-@dataclass(frozen=True)
-class Block:
-    """Some rows: cells of text by column, columns that are numbers already, lines of the rows."""
-
-    cells: Mapping[str, Sequence[str]]
-    lines: Integers
-    numbers: Mapping[str, Floats] = field(default_factory=dict)
-
-    def values(self, name: str) -> tuple[Floats, Flags]:
-        """Return the numbers of a column, and which of its cells are no number at all."""
-        if name in self.numbers:
-            return self.numbers[name], np.zeros(len(self.lines), bool)
-        return read_numbers(self.cells[name])
+Cells = Mapping[str, Sequence[str]]
+Block = tuple[Integers, Cells]
+"""The lines of some rows, and their cells by column."""
 
 
 class Rows(NamedTuple):
-    """An open table: its name and columns, its rows, which come once, and what marks a line."""
+    """An open table: its name and columns, and its rows, which `blocks` reads anew."""
 
     name: str
     columns: Sequence[str]
-    blocks: Iterator[Block]
-    mark: str = ":"
-
-    def place(self, line: int) -> str:
-        """Name a line in messages."""
-        return f"{self.name}{self.mark}{line}"
+    blocks: Callable[[], Iterator[Block]]
+    once: bool
 
 
 def table_columns(kind: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -112,23 +70,282 @@ def check_columns(columns: Sequence[str], kind: str, place: str) -> None:
     """Raise InputError for columns that are unknown, there twice, or missing."""
     required, optional = table_columns(kind)
     wanted = ",".join(required) + "".join(f"[,{column}]" for column in optional)
-    known = {*required, *optional, *IDENTITIES}
-    told = []
+    names = {*required, *optional, *IDENTITIES}
+    problems = []
     for column in columns:
-        if column not in known:
-            near = get_close_matches(column, known, n=1)
+        if column not in names:
+            near = get_close_matches(column, names, n=1)
             fix = f"did you mean '{near[0]}'?" if near else f"the columns are {wanted}"
-            told.append(f"{place}: unknown column '{column}'; {fix}")
+            problems.append(f"{place}: unknown column '{column}'; {fix}")
         elif columns.count(column) > 1:
-            told.append(f"{place}: the column '{column}' repeats; keep one of them")
+            problems.append(f"{place}: the column '{column}' repeats; keep one of them")
     for column in required:
         if column not in columns:
-            told.append(f"{place}: there is no column '{column}'; the columns are {wanted}")
-    if told:
-        raise input_problems(told)
+            problems.append(f"{place}: there is no column '{column}'; the columns are {wanted}")
+    if problems:
+        raise input_problems(problems)
 
 
-def with_identities(cells: dict[str, Sequence[str]]) -> dict[str, Sequence[str]]:
+class Spool:
+    """Images of a large table in a temporary file without a name, in parts of some thousands.
+
+    Those of a part are read together; the last part that was read is kept.
+    """
+
+    def __init__(self) -> None:
+        self.landmark_names: tuple[str, ...] = ()
+        self.starts = [0]
+        self._file = TemporaryFile()  # noqa: SIM115 gone with the source
+        self._offsets: list[int] = []
+        self._last: tuple[int, LandmarkSet] | None = None
+
+    def __len__(self) -> int:
+        return self.starts[-1]
+
+    def append(self, images: LandmarkSet) -> None:
+        """Write images after those that are there."""
+        self._offsets.append(self._file.seek(0, 2))
+        self.starts.append(len(self) + len(images))
+        texts = "\0".join((*images.items, *(images.sequences or ()))).encode()
+        np.save(self._file, np.frombuffer(texts, np.uint8))
+        for values in (images.landmarks, images.confidence):
+            np.save(self._file, np.empty(0) if values is None else values)
+
+    def part(self, number: int) -> LandmarkSet:
+        """Read the images of a part; landmarks that came later are unseen in it."""
+        if self._last is None or self._last[0] != number:
+            self._file.seek(self._offsets[number])
+            texts, points, confidence = (np.load(self._file) for _ in range(3))
+            n, _, p = points.shape
+            items = tuple(texts.tobytes().decode().split("\0"))
+            images = LandmarkSet(
+                points,
+                self.landmark_names[:p],
+                items[:n],
+                items[n:] or None,
+                confidence=confidence if confidence.size else None,
+            )
+            self._last = number, images.arrange(self.landmark_names)
+        return self._last[1]
+
+    def take(self, rows: slice) -> LandmarkSet:
+        """Return the images of these rows."""
+        parts = []
+        for number, (start, stop) in enumerate(zip(self.starts, self.starts[1:], strict=False)):
+            if start < rows.stop and rows.start < stop:
+                own = slice(max(rows.start - start, 0), rows.stop - start)
+                parts.append(self.part(number).take(own))
+        return concatenate(parts) if parts else self.part(0).take(slice(0))
+
+    def texts(self, name: str) -> Iterator[Sequence[str]]:
+        """Read the items, or the sequences, part by part."""
+        for number in range(len(self._offsets)):
+            images = self.part(number)
+            yield images.items if name == "item" else images.sequences or ()
+
+    def close(self) -> None:
+        """Close the file, with which it is gone."""
+        self._file.close()
+
+
+def read_tidy(rows: Rows, kind: str, *, gaps: bool = False) -> tuple[Any, tuple[str, ...]]:
+    """Return the records of a table, or a Spool of many landmarks, and warnings.
+
+    Items and landmarks stand in order of appearance. A landmark that has no row or lacks a
+    coordinate is NaN, its confidence 0; shapes need all unless `gaps`. Raises InputError for the
+    first wrong cells, by line.
+    """
+    table = _Table(rows, kind, gaps)
+    spool = Spool() if kind == "landmarks" else None
+    hashes: list[NDArray[np.int64]] = []
+
+    def flush(last: int) -> None:
+        images = table.pop(last)
+        hashes.append(np.fromiter(map(hash, images.items), np.int64, len(images)))
+        assert spool is not None
+        spool.append(images)
+
+    for lines, cells in rows.blocks():
+        table.take(lines, cells)
+        if spool is not None and table.size > MAX_IN_MEMORY:
+            flush(-1)
+    if not hashes or spool is None:
+        return table.records(), ()
+    flush(0)
+    order = np.sort(np.concatenate(hashes))
+    if (order[1:] != order[:-1]).all():
+        spool.landmark_names = table.names("landmark")
+        return spool, ()
+    spool.close()
+    if rows.once:
+        found = "rows of an item do not stand together"
+        raise input_error(rows.name, found, "sort them by item, or name the file itself")
+    table = _Table(rows, kind, gaps)
+    for lines, cells in rows.blocks():
+        table.take(lines, cells)
+    return table.records(), (f"{rows.name}: {SCATTERED}",)
+
+
+class _Table:
+    """The arrays of a table while its blocks come in."""
+
+    def __init__(self, rows: Rows, kind: str, gaps: bool) -> None:
+        self._rows, self._kind = rows, kind
+        self._axes = ("x", "y") if kind == "landmarks" else ("x", "y", "z")
+        self._finite = kind == "shapes" and not gaps
+        self._fix = FIXES["gaps" if gaps else kind]
+        self._has = {name: name in rows.columns for name in ("confidence", "sequence")}
+        self._has["sequence"] |= bool({*IDENTITIES} & {*rows.columns})
+        texts = ("item", "landmark", "sequence")
+        self._numbers = {name: defaultdict[str, int](count().__next__) for name in texts}
+        d = len(self._axes)
+        self._grids: dict[str, tuple[NDArray[Any], float]] = {
+            "lines": (np.zeros((0, 0), np.uint32), 0),  # of each item and landmark; 0 is none
+            "points": (np.empty((0, d, 0)), np.nan),
+            "confidence": (np.empty((0, 0)), 0.0),
+            "sequence": (np.empty(0, np.int64), -1),
+        }
+        self._problems: list[tuple[int, str]] = []
+
+    @property
+    def size(self) -> int:
+        """Number of landmarks of all items."""
+        return len(self._numbers["item"]) * len(self._numbers["landmark"])
+
+    def names(self, column: str) -> tuple[str, ...]:
+        """Return the texts of a column in order of appearance."""
+        return tuple(self._numbers[column])
+
+    def take(self, lines: Integers, cells: Cells) -> None:
+        """Take some rows; raises InputError for wrong ones."""
+        cells = _with_identities(cells)
+        before = len(self._numbers["item"])
+        item, landmark = (self._number(name, cells, lines) for name in ("item", "landmark"))
+        n, p = len(self._numbers["item"]), len(self._numbers["landmark"])
+        place = item * p + landmark
+        first_lines = self._grid("lines", n, p).reshape(-1)
+        fresh = np.flatnonzero(first_lines[place] == 0)[::-1]  # of equal ones the first wins
+        first_lines[place[fresh]] = lines[fresh]
+        first = first_lines[place]
+        for row in np.flatnonzero(first != lines).tolist():
+            names = f"item '{cells['item'][row]}', landmark '{cells['landmark'][row]}'"
+            self._tell(lines[row], f"{names} is also on line {first[row]}; keep one of them")
+        if self._has["sequence"]:
+            codes = self._number("sequence", cells, lines)
+            sequence = self._grid("sequence", n)
+            new = np.flatnonzero(item >= before)[::-1]
+            sequence[item[new]] = codes[new]
+            wrong = codes != sequence[item]
+            self._note("sequence", cells, lines, wrong, "give all rows of an item one sequence")
+        columns = []
+        for axis in self._axes:
+            values, strange = read_numbers(cells[axis])
+            wrong = strange | (~np.isfinite(values) if self._finite else np.isinf(values))
+            self._note(axis, cells, lines, wrong, self._fix)
+            columns.append(values)
+        missing = np.isnan(columns).any(axis=0)
+        confidence: Any = np.zeros(len(lines))
+        if self._has["confidence"]:
+            confidence, _ = read_numbers(cells["confidence"])
+            wrong = ~(np.isfinite(confidence) & (confidence >= 0))
+            fix = "write 0 (hidden) or a positive number"
+            self._note("confidence", cells, lines, wrong, fix)
+            self._grid("confidence", n, p).reshape(-1)[place] = confidence
+        if self._kind == "landmarks":  # as some detectors write what they miss
+            missing |= (np.asarray(columns) == MISSED).all(axis=0) & ~(confidence > 0)
+        d = len(columns)
+        points = self._grid("points", n, d, p).reshape(-1)
+        for axis, values in enumerate(columns):
+            points[(item * d + axis) * p + landmark] = np.where(missing, np.nan, values)
+        if self._problems:
+            raise input_problems([text for _, text in sorted(self._problems, key=lambda p: p[0])])
+
+    def records(self) -> Any:
+        """Return what was taken. Raises InputError for landmarks that shapes lack."""
+        items, names = self.names("item"), self.names("landmark")
+        n, p = len(items), len(names)
+        if self._finite:
+            missing = np.argwhere(self._grid("lines", n, p)[:n] == 0)
+            problems = [
+                f"{self._rows.name}: item '{items[row]}' has no landmark '{names[column]}'; "
+                "write every landmark of every item"
+                for row, column in missing[:10].tolist()
+            ]
+            if problems:
+                raise input_problems(problems, len(missing))
+        return self._of_items(items, n)
+
+    def pop(self, last: int) -> LandmarkSet:
+        """Take out the items that are there, but for the last one where `last` is -1."""
+        items = self.names("item")
+        n = len(items) + last
+        images: LandmarkSet = self._of_items(items[:n], n)
+        kept = {"item": items[n:], "sequence": self.names("sequence")}
+        for name, (values, fill) in self._grids.items():
+            self._grids[name] = values[n : len(items)].copy(), fill
+        sequence = self._grids["sequence"][0]
+        kept["sequence"] = tuple(kept["sequence"][code] for code in sequence.tolist())
+        sequence[:] = 0  # of one item at most
+        for name, texts in kept.items():
+            self._numbers[name] = defaultdict(count(len(texts)).__next__, zip(texts, count()))
+        return images
+
+    def _of_items(self, items: tuple[str, ...], n: int) -> Any:
+        p, d = len(self._numbers["landmark"]), len(self._axes)
+        fields: dict[str, Any] = {"landmark_names": self.names("landmark"), "items": items}
+        if self._has["sequence"]:
+            texts = self.names("sequence")
+            codes = self._grid("sequence", n)[:n].tolist()
+            fields["sequences"] = tuple(texts[code] for code in codes)
+        if self._has["confidence"]:
+            fields["confidence"] = self._cut("confidence", n, p)
+        return KINDS[self._kind](self._cut("points", n, d, p), **fields)
+
+    def _grid(self, name: str, *shape: int) -> NDArray[Any]:
+        """Return an array of at least these axes, the first with room to grow."""
+        values, fill = self._grids[name]
+        length, *others = values.shape
+        if others != list(shape[1:]):
+            check_fits(self._rows.name, math.prod(shape) * values.itemsize)
+            wider = np.full((length, *shape[1:]), fill, values.dtype)
+            wider[tuple(map(slice, values.shape))] = values
+            values = wider
+        if shape[0] > length:  # where the array lies, so that it is never held twice
+            values.resize((shape[0] * 5 // 4, *shape[1:]), refcheck=False)
+            values[length:] = fill
+        self._grids[name] = values, fill
+        return values
+
+    def _cut(self, name: str, *shape: int) -> NDArray[Any]:
+        """Return an array of these axes, without the room to grow where all of it is taken."""
+        values = self._grid(name, *shape)
+        if shape[0] == len(self._numbers["item"]):
+            values.resize(shape, refcheck=False)
+        return values[: shape[0]]
+
+    def _number(self, column: str, cells: Cells, lines: Integers) -> Integers:
+        """Return the number of the text in each row; a new text gets the next one."""
+        texts = cells[column]
+        if column != "sequence" and "" in texts:
+            unnamed = np.array([text == "" for text in texts])
+            self._note(column, cells, lines, unnamed, f"name the {column}")
+        number, period = self._numbers[column].__getitem__, len(self._numbers[column])
+        if 0 < period < len(texts) and texts[period:] == texts[:-period]:  # as most tables repeat
+            return np.resize(np.fromiter(map(number, texts[:period]), np.int64), len(texts))
+        return np.fromiter(map(number, texts), np.int64, len(texts))
+
+    def _note(self, column: str, cells: Cells, lines: Integers, wrong: Flags, fix: str) -> None:
+        """Note the wrong cells of a column."""
+        for row in np.flatnonzero(wrong).tolist() if wrong.any() else ():
+            cell = cells[column][row]
+            found = f"'{cell}'" if cell else "empty"
+            self._tell(lines[row], f"{column} is {found}; {fix}")
+
+    def _tell(self, line: int, found: str) -> None:
+        self._problems.append((int(line), f"{self._rows.name}:{line}: {found}"))
+
+
+def _with_identities(cells: Cells) -> Cells:
     """Return columns of which items and sequences end in who is in the image, where that is said.
 
     Without sequences, each individual is one.
@@ -143,160 +360,6 @@ def with_identities(cells: dict[str, Sequence[str]]) -> dict[str, Sequence[str]]
         "item": [f"{item}/{who}" if item and who else item for item, who in items],
         "sequence": ["/".join(filter(None, pair)) for pair in sequences],
     }
-
-
-def read_tidy(rows: Rows, kind: str, *, gaps: bool = False) -> Any:
-    """Return the records of a table: items and landmarks in order of appearance.
-
-    A landmark that has no row or lacks a coordinate is NaN, its
-    confidence 0; shapes need all unless `gaps`. Raises InputError for the first wrong cells, by
-    line.
-    """
-    table = _Table(rows, kind, gaps)
-    for block in rows.blocks:
-        table.take(block)
-    items, names = table.names("item"), table.names("landmark")
-    n, p = len(items), len(names)
-    if table.finite:
-        missing = np.argwhere(table.lines.cut(n, p) == 0)
-        told = [
-            f"{rows.name}: item '{items[row]}' has no landmark '{names[column]}'; "
-            "write every landmark of every item"
-            for row, column in missing[:10].tolist()
-        ]
-        if told:
-            raise input_problems(told, len(missing))
-    fields: dict[str, Any] = {"landmark_names": names, "items": items}
-    if "sequence" in rows.columns:
-        known = table.names("sequence")
-        fields["sequences"] = tuple(known[code] for code in table.sequence.cut(n).tolist())
-    if "confidence" in rows.columns:
-        fields["confidence"] = table.confidence.cut(n, p)
-    return KINDS[kind](table.points.cut(n, len(table.axes), p), **fields)
-
-
-class _Grid:
-    """An array that grows, cheaply along its first axis; new entries hold `fill`."""
-
-    def __init__(self, name: str, axes: int, fill: float, dtype: type[np.generic]) -> None:
-        self.values: NDArray[Any] = np.empty((0,) * axes, dtype)
-        self._name, self._fill = name, fill
-
-    def reach(self, *shape: int) -> NDArray[Any]:
-        """Grow to at least this shape, with room along the first axis to grow again."""
-        length, *others = self.values.shape
-        if others != list(shape[1:]):
-            check_fits(self._name, math.prod(shape) * self.values.itemsize)
-            wider = np.full((length, *shape[1:]), self._fill, self.values.dtype)
-            wider[tuple(map(slice, self.values.shape))] = self.values
-            self.values = wider
-        if shape[0] > length:
-            self._lengthen(int(GROWTH * shape[0]))
-        return self.values
-
-    def cut(self, *shape: int) -> NDArray[Any]:
-        """Return the array in this shape, without the room to grow."""
-        self.reach(*shape)
-        self._lengthen(shape[0])
-        return self.values
-
-    def _lengthen(self, length: int) -> None:
-        """Change the first axis where the array lies, so that it is never held twice."""
-        before = len(self.values)
-        self.values.resize((length, *self.values.shape[1:]), refcheck=False)
-        self.values[before:] = self._fill
-
-
-class _Table:
-    """The arrays of a table while its blocks come in."""
-
-    def __init__(self, rows: Rows, kind: str, gaps: bool) -> None:
-        self.axes = ("x", "y") if kind == "landmarks" else ("x", "y", "z")
-        self.finite = kind == "shapes" and not gaps
-        self._rows_are_landmarks = kind == "landmarks"
-        self.lines = _Grid(rows.name, 2, 0, np.uint32)  # of each item and landmark; 0 is none
-        self.points = _Grid(rows.name, 3, np.nan, np.float64)
-        self.confidence = _Grid(rows.name, 2, 0.0, np.float64)
-        self.sequence = _Grid(rows.name, 1, -1, np.int64)
-        self._rows, self._fix = rows, FIXES["gaps" if gaps else kind]
-        texts = ("item", "landmark", "sequence")
-        self._numbers = {text: defaultdict[str, int](count().__next__) for text in texts}
-        self._told: list[tuple[int, str]] = []
-
-    def names(self, column: str) -> tuple[str, ...]:
-        """Return the texts of a column in order of appearance."""
-        return tuple(self._numbers[column])
-
-    def take(self, block: Block) -> None:
-        """Take the rows of a block; raises InputError for wrong ones."""
-        known = len(self._numbers["item"])
-        item, landmark = self._number(block, "item"), self._number(block, "landmark")
-        n, p = len(self._numbers["item"]), len(self._numbers["landmark"])
-        place = item * p + landmark
-        self._take_lines(block, place, self.lines.reach(n, p).reshape(-1))
-        if "sequence" in self._rows.columns:
-            self._take_sequences(block, item, known)
-        columns = [self._coordinate(block, axis) for axis in self.axes]
-        missing = np.isnan(columns).any(axis=0)
-        if self._rows_are_landmarks:  # as some detectors write what they miss
-            confidence = block.values("confidence")[0] if "confidence" in self._rows.columns else 0
-            missing |= (np.asarray(columns) == MISSED).all(axis=0) & ~(np.asarray(confidence) > 0)
-        points = self.points.reach(n, len(columns), p).reshape(-1)
-        for axis, values in enumerate(columns):
-            points[(item * len(columns) + axis) * p + landmark] = np.where(missing, np.nan, values)
-        if "confidence" in self._rows.columns:
-            values, _ = block.values("confidence")
-            wrong = ~(np.isfinite(values) & (values >= 0))
-            self._note("confidence", block, wrong, "write 0 (hidden) or a positive number")
-            self.confidence.reach(n, p).reshape(-1)[place] = values
-        if self._told:
-            raise input_problems([found for _, found in sorted(self._told, key=lambda row: row[0])])
-
-    def _number(self, block: Block, column: str) -> Integers:
-        """Return the number of the text in each row; a new text gets the next one."""
-        cells = block.cells[column]
-        if column != "sequence" and "" in cells:
-            unnamed = np.array([cell == "" for cell in cells])
-            self._note(column, block, unnamed, f"name the {column}")
-        number, period = self._numbers[column].__getitem__, len(self._numbers[column])
-        if 0 < period < len(cells) and cells[period:] == cells[:-period]:  # as most tables repeat
-            return np.resize(np.fromiter(map(number, cells[:period]), np.int64), len(cells))
-        return np.fromiter(map(number, cells), np.int64, len(cells))
-
-    def _take_lines(self, block: Block, place: Integers, lines: NDArray[np.uint32]) -> None:
-        """Remember the first row of each item and landmark, and tell the others."""
-        fresh = np.flatnonzero(lines[place] == 0)[::-1]  # of equal ones the first wins
-        lines[place[fresh]] = block.lines[fresh]
-        first = lines[place]
-        for row in np.flatnonzero(first != block.lines).tolist():
-            names = f"item '{block.cells['item'][row]}', landmark '{block.cells['landmark'][row]}'"
-            self._tell(block, row, f"{names} is also on line {first[row]}; keep one of them")
-
-    def _take_sequences(self, block: Block, item: Integers, known: int) -> None:
-        """Take the sequence of each item from its first row, of new ones those from `known` on."""
-        codes = self._number(block, "sequence")
-        new = np.flatnonzero(item >= known)[::-1]  # of equal ones the first wins
-        sequence = self.sequence.reach(len(self._numbers["item"]))
-        sequence[item[new]] = codes[new]
-        differing = codes != sequence[item]
-        self._note("sequence", block, differing, "give all rows of an item one sequence")
-
-    def _coordinate(self, block: Block, axis: str) -> Floats:
-        values, strange = block.values(axis)
-        unfit = ~np.isfinite(values) if self.finite else np.isinf(values)
-        self._note(axis, block, strange | unfit, self._fix)
-        return values
-
-    def _note(self, column: str, block: Block, wrong: Flags, fix: str) -> None:
-        """Note the wrong cells of a column."""
-        for row in np.flatnonzero(wrong).tolist() if wrong.any() else ():
-            cell = block.cells[column][row] if column in block.cells else block.numbers[column][row]
-            found = "empty" if cell == "" else f"'{cell}'"
-            self._tell(block, row, f"{column} is {found}; {fix}")
-
-    def _tell(self, block: Block, row: int, found: str) -> None:
-        line = int(block.lines[row])
-        self._told.append((line, f"{self._rows.place(line)}: {found}"))
 
 
 def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:

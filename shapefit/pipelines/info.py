@@ -20,7 +20,8 @@ from shapefit.io import (
     open_shapes,
     read_dictionary,
 )
-from shapefit.io.formats import FileFormat, detect_format, group_inputs
+from shapefit.io.detect import detect_format, group_inputs
+from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.listing import OPTIONAL, find_kind

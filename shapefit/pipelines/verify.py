@@ -24,7 +24,7 @@ from shapefit.errors import InputError, counted, input_error, parse_json
 from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.io import LandmarkSet, ResultSet, digest, open_landmarks, read_dictionary
 from shapefit.io import match_landmarks as columns_by_name
-from shapefit.io.formats import HDF5, detect_format
+from shapefit.io.inputs import HDF5_SIGNATURE, begins_with, require_file
 from shapefit.io.options import input_options
 from shapefit.io.source import open_results
 from shapefit.lifting.methods import METHODS, ROBUST
@@ -188,7 +188,8 @@ def verify_part(
     digests: Callable[[Path], str],
 ) -> Generator[Outcome, None, None]:
     """Verify the images of one file, and what it states of them all."""
-    if detect_format(part.file) is not HDF5:
+    require_file(part.file)
+    if not begins_with(part.file, HDF5_SIGNATURE):
         fix = "give a result that `shapefit fit` wrote to a name in .h5"
         raise input_error(part.file, "is not HDF5, and tables hold points only", fix)
     with open_results([part.file], proofs=True, check=False) as results:

@@ -82,5 +82,5 @@ def test_keys_of_input_say_how_files_are_read(project):
     images = shapefit.read_landmarks(people, keypoints="body_25", track="nearest")
     assert images.landmark_names[:2] == ("Nose", "Neck")
     assert set(images.sequences) == {"openpose/person 1", "openpose/person 2"}
-    with pytest.raises(shapefit.InputError, match="`input`; use format, keypoints"):
+    with pytest.raises(shapefit.InputError, match="how files are read; use format, keypoints"):
         shapefit.read_landmarks(people, keypoint="body_25")

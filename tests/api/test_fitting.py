@@ -124,7 +124,7 @@ def test_what_the_command_warns_of_is_a_warning(people, views):
     [
         (
             {"method": "convexx"},
-            r"^fit\.method: `method` should be 'auto', 'convex'.*did you mean 'convex'\?$",
+            r"^fit\.method: expected auto, convex.*did you mean 'convex'\?$",
         ),
         ({"lam": -1}, r"^fit\.lambda: expected a number > 0 or auto, found -1$"),
         ({"prior": {"scal": 2}}, r"fit\.prior\.scal: unknown key 'prior\.scal'.*'prior\.scale'"),
@@ -132,7 +132,7 @@ def test_what_the_command_warns_of_is_a_warning(people, views):
         ({"output": "x.h5"}, r"^fit\.output: there is no argument `output`; it is for files"),
         ({"export": {"folder": "x"}}, r"^fit\.export: there is no argument"),
         ({"camera": np.eye(2)}, r"camera\.focal: camera_matrix: has the shape \(2, 2\)"),
-        ({"camera": {"name": "left"}}, r"fit\.camera\.name: `name` is that of a camera"),
+        ({"camera": {"name": "left"}}, r"fit\.camera\.name: `name` names a camera"),
         (
             {"weights": np.ones((2, 15))},
             r"weights: has the shape \(2, 15\); it must be \(150, 15\)",

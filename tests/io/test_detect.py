@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.io.formats import FORMATS, detect_format
+from shapefit.io.detect import FORMATS, detect_format
 
 LONG = np.arange(3 * 2000.0).tolist()
 PAIRS = np.arange(2 * 2000.0).reshape(-1, 2).tolist()

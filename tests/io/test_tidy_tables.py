@@ -106,7 +106,7 @@ def test_neither_order_nor_quotes_nor_blocks_count(
     path.write_bytes(out.getvalue().encode())
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(inputs, "BLOCK_BYTES", size)
-        views = csv_file.read_csv(path, "landmarks")
+        views, _ = csv_file.read_csv(path, "landmarks")
     assert views.items == tuple(dict.fromkeys(items[i] for i, _ in rows))
     assert views.landmark_names == tuple(dict.fromkeys(landmarks[j] for _, j in rows))
     found = {

@@ -30,7 +30,8 @@ from shapefit.lifting.methods import (
 )
 
 if TYPE_CHECKING:
-    MethodName = Part = str
+    MethodName = str
+    Part = str
 else:
     MethodName = Literal[(AUTO, *METHODS)]
     Part = Literal["head", "hips", "shoulders"]

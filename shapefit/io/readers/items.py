@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Flags
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
-from shapefit.io.formats import FORMATS, FileFormat
+from shapefit.io.detect import FORMATS
+from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import source_name
 from shapefit.io.layout import EDGES, FRAME
 from shapefit.io.names import match_landmarks, nearest_names

@@ -29,7 +29,7 @@ from shapefit.io.layout import (
     METRES_PER_UNIT,
     Layout,
 )
-from shapefit.io.options import OutputOptions, Summary
+from shapefit.io.options import OutputOptions, RecordWriter, Summary
 from shapefit.io.records import Names, ShapeSet, concatenate
 from shapefit.io.skeletons import (
     edges_of,
@@ -38,7 +38,6 @@ from shapefit.io.skeletons import (
     model_names,
     people_joints,
 )
-from shapefit.io.writer import RecordWriter
 from shapefit.io.writers.angles import ANGLE_SD, ANGLES, angle_columns, angle_names
 from shapefit.io.writers.metres import (
     CAMERA_TRANSLATION,

@@ -31,7 +31,8 @@ from shapefit.evaluation.summaries import (
 from shapefit.io import open_shapes, read_results
 from shapefit.io.atomic import check_folder, digests, staged_files
 from shapefit.io.csv_file import per_image_header, per_image_rows
-from shapefit.io.formats import check_holds, detect_format
+from shapefit.io.detect import detect_format
+from shapefit.io.formats import check_holds
 from shapefit.io.layout import FRAME
 from shapefit.io.options import input_options
 from shapefit.io.records import ResultSet, ShapeSet

@@ -24,7 +24,8 @@ from shapefit.errors import (
     printable,
 )
 from shapefit.io import LandmarkSource, digest, digests, open_landmarks
-from shapefit.io.formats import CSV, HDF5, FileFormat, group_inputs
+from shapefit.io.detect import group_inputs
+from shapefit.io.formats import CSV, HDF5, FileFormat
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.prepare import files_of, read_options
 from shapefit.pipelines.fit.run import whole_stretches

@@ -77,7 +77,7 @@ def assumed(results: Sequence[Content], floors: Sequence[str], *, rigid: bool) -
             break
     sized = [result for result in results if METRES_FROM in result.records.attributes]
     if any("height" not in _config(result) for result in sized):
-        people = any(joint_columns(result.records.landmark_names) for result in sized)
+        people = any("rankle" in joint_columns(each.records.landmark_names) for each in sized)
         yield "Sizes are those of the training shapes" + (
             " (`--height` sets them)." if people else "."
         )

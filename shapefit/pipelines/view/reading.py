@@ -20,7 +20,8 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import abbreviate, input_error
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS
 from shapefit.io import ResultSet, open_landmarks, open_shapes, read_dictionary
-from shapefit.io.formats import CSV, HDF5, detect_format
+from shapefit.io.detect import detect_format
+from shapefit.io.formats import CSV, HDF5
 from shapefit.io.layout import FRAME
 from shapefit.io.listing import OPTIONAL, AnyRecords, find_kind
 from shapefit.io.options import InputOptions, input_options

@@ -229,7 +229,7 @@ def test_faults_far_into_the_file_are_named_by_their_row(
     tmp_path, problems, monkeypatch, landmarks, edit
 ):
     monkeypatch.setattr("shapefit.io.source.CHECKED_BYTES", 2 * 48 * 4)
-    monkeypatch.setattr("shapefit.io.source.MOST_HELD", 0)
+    monkeypatch.setattr("shapefit.io.source.MAX_IN_MEMORY", 0)
     bad = landmarks.landmarks.copy()
     bad[4, 0, 3] = np.inf
     items = (*landmarks.items[:3], "", "image 1")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from shapefit.io import open_landmarks, read_shapes
-from shapefit.io.formats import FORMATS, detect_format, group_inputs
+from shapefit.io.detect import FORMATS, detect_format, group_inputs
 from shapefit.io.layout import FRAME
 from shapefit.io.options import AS_THEY_ARE, InputOptions
 from shapefit.io.readers.items import read_poses

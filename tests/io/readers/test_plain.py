@@ -8,7 +8,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import open_shapes
-from shapefit.io.formats import FORMATS, detect_format
+from shapefit.io.detect import FORMATS, detect_format
 from shapefit.io.readers.items import peek_poses, read_poses
 from shapefit.io.readers.poses import number_labels
 from tests.io.readers.detector_files import write_array, write_long, write_mediapipe, write_wide

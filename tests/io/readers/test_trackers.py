@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shapefit.io import open_landmarks, read_shapes
-from shapefit.io.formats import detect_format
+from shapefit.io.detect import detect_format
 from tests.io.readers import tracker_files as made
 from tests.io.readers.tracker_files import WRITERS, landmark_names
 

@@ -9,7 +9,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import inputs, open_landmarks
-from shapefit.io.formats import FORMATS, detect_format
+from shapefit.io.detect import FORMATS, detect_format
 from shapefit.io.listing import find_kind
 from shapefit.io.options import InputOptions
 

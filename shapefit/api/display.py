@@ -1,4 +1,4 @@
-"""A fit as people look at it and hand it on: a line, a page, a picture, tables of other libraries.
+"""A fit as people look at it and export it: a line, a page, a picture, tables of other libraries.
 
 What draws or tabulates is imported when it is called.
 """
@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shapefit.errors import counted, input_error
 from shapefit.io.options import OutputOptions
@@ -44,7 +45,7 @@ def warn(messages: Iterable[object], level: int = 3) -> None:
 
 def describe(fit: Fit) -> str:
     """Return a fit in one line."""
-    parts = [counted(len(fit), "image"), counted(len(fit.landmark_names), "landmark")]
+    parts = [counted(len(fit), "image"), counted(fit.shapes.shape[1], "landmark")]
     if "method" in fit.attributes:
         parts.append(f"method {fit.attributes['method']}")
     if fit.failures:
@@ -74,7 +75,7 @@ def embedded_page(fit: Fit) -> str:
     """Return the page of a fit within an element of HTML, for notebooks."""
     with tempfile.TemporaryDirectory() as folder:
         page = Path(folder) / "page.html"
-        write_page(fit._inside, page)
+        write_page(fit.record(), page)
         text = page.read_text(encoding="utf-8")
     style = f"width: 100%; height: {HEIGHT}px; border: 0"
     return f'<iframe sandbox="allow-scripts" style="{style}" srcdoc="{escape(text)}"></iframe>'
@@ -85,7 +86,7 @@ def open_page(fit: Fit, path: str | PathLike[str] | None = None) -> Path:
     import webbrowser
 
     page = Path(tempfile.mkdtemp()) / "fit.html" if path is None else Path(path)
-    write_page(fit._inside, page)
+    write_page(fit.record(), page)
     webbrowser.open(page.resolve().as_uri())
     return page
 
@@ -96,7 +97,7 @@ def draw_shape(fit: Fit, image: int = 0) -> Any:
 
     pyplot = _library("matplotlib.pyplot")
     axes = pyplot.figure(figsize=(5, 5)).add_axes((0, 0, 1, 0.93), projection="3d")
-    found = fit._inside
+    found = fit.record()
     shape, sd = found.shapes[image], None if found.shape_sd is None else found.shape_sd[image]
     drawn = FittedImage(found.items[image], shape[:2], shape, shape[:2], sd=sd)
     axes.set_title(drawn.title, parse_math=False)
@@ -122,7 +123,7 @@ def as_metres(
     """
     height = stated_height(fit) if height is None else height
     options = OutputOptions(height=height, unit=unit, up=up)
-    motions = find_motions(fit._inside, options, "Fit.to_metres")
+    motions = find_motions(fit.record(), options, "Fit.to_metres")
     warn(dict.fromkeys(text for each in motions for text in each.warnings))
     parts = []
     for motion in motions:
@@ -135,7 +136,7 @@ def as_metres(
 
 
 def stated_height(fit: Fit) -> float | None:
-    """Return the height in metres that a fit was told."""
+    """Return the height in metres that a fit was given."""
     height: float | None = json.loads(str(fit.attributes.get("config", "{}"))).get("height")
     return height
 
@@ -145,7 +146,7 @@ def as_table(fit: Fit) -> Any:
 
     time is in s where the frame rate is known, else in frames.
     """
-    n, p = len(fit), len(fit.landmark_names)
+    n, p = len(fit), fit.shapes.shape[1]
     columns: dict[str, Any] = {
         "item": np.repeat(np.array(fit.items, dtype=object), p),
         "landmark": np.tile(np.array(fit.landmark_names, dtype=object), n),
@@ -154,23 +155,22 @@ def as_table(fit: Fit) -> Any:
     if fit.shape_sd is not None:
         names = ("sd_x", "sd_y", "sd_z")
         columns |= dict(zip(names, fit.shape_sd.reshape(n * p, 3).T, strict=True))
-    frames, _, _ = _frames(fit)
-    of_images = {"frame": frames, "time": frames / (fit.frame_rate or 1)}
+    frames = _frames(fit)
+    of_images: dict[str, Any] = {"frame": frames, "time": frames / (fit.frame_rate or 1)}
     of_images |= {"sequence": fit.sequences, "trusted": fit.trusted, "reasons": fit.reasons}
     columns |= {name: np.repeat(v, p) for name, v in of_images.items() if v is not None}
     return _library("pandas").DataFrame(columns)
 
 
-def _frames(fit: Fit) -> tuple[Any, Any, Any]:
-    """Return the frame of each image (n,), the names of sequences, and which is its own (n,)."""
-    names = fit.sequences if fit.sequences is not None else ("",) * len(fit)
-    who, which = np.unique(np.array(names, dtype=str), return_inverse=True)
+def _frames(fit: Fit) -> NDArray[np.int64]:
+    """Return the frame of each image (n,): its dataset, or its number within its sequence."""
     if "frame" in fit.extras:
-        return np.asarray(fit.extras["frame"], np.int64), who, which
+        return np.asarray(fit.extras["frame"], np.int64)
+    names = np.array(fit.sequences or ("",) * len(fit))
     frames = np.zeros(len(fit), np.int64)
-    for individual in range(len(who)):
-        frames[which == individual] = np.arange((which == individual).sum())
-    return frames, who, which
+    for name in np.unique(names):
+        frames[names == name] = np.arange((names == name).sum())
+    return frames
 
 
 def _library(name: str) -> Any:
