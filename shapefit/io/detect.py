@@ -34,17 +34,7 @@ from shapefit.io.inputs import (
     require_file,
 )
 from shapefit.io.options import InputOptions
-from shapefit.io.readers import (
-    arrays,
-    deeplabcut,
-    detections,
-    markers,
-    motion,
-    sleap,
-    tables,
-    trackers,
-    yolo,
-)
+from shapefit.io.readers import deeplabcut, detections, markers, motion, tables, trackers
 from shapefit.io.readers.columns import anipose_landmarks, decode, parse_header
 from shapefit.io.readers.json_file import read_json
 from shapefit.threads import on_threads
@@ -415,12 +405,12 @@ FORMATS: dict[str, FileFormat] = {
     ),
     "sleap-analysis-h5": FileFormat(
         "a SLEAP analysis file", (".h5", ".hdf5"), IMAGES,
-        _hdf5(lambda names: {"tracks", "node_names"} <= names), sleap.read_analysis,
+        _hdf5(lambda names: {"tracks", "node_names"} <= names), trackers.read_sleap_analysis,
     ),
     "sleap-slp": FileFormat(
         "a SLEAP .slp file", (".slp",), IMAGES,
         _hdf5(lambda names: {"metadata@format_id", "frames", "instances"} <= names),
-        sleap.read_labels,
+        trackers.read_slp,
     ),
     "alphapose-json": FileFormat(
         "an AlphaPose file of all images", (".json",), IMAGES, _json("alphapose-json"),
@@ -439,18 +429,18 @@ FORMATS: dict[str, FileFormat] = {
     ),
     "mmpose-images": FileFormat(
         "a set of MMPose files", (".json",), IMAGES, _json("mmpose-images", folder=True),
-        detections.read_mmpose_images, together=True, folders=True,
+        detections.read_image_files, together=True, folders=True,
     ),
     "mmpose-video": FileFormat(
         "an MMPose file", (".json",), IMAGES, _json("mmpose-video"), detections.read_mmpose_video,
     ),
     "openpose": FileFormat(
         "a set of OpenPose files", (".json",), IMAGES, _json("openpose", folder=True),
-        detections.read_openpose, together=True, folders=True,
+        detections.read_image_files, together=True, folders=True,
     ),
     "ultralytics-txt": FileFormat(
         "a set of YOLO pose labels", (".txt",), IMAGES, _in_folder(".txt", is_yolo),
-        yolo.read_yolo, together=True, folders=True,
+        detections.read_yolo, together=True, folders=True,
     ),
     "acclaim": FileFormat(
         "an ASF/AMC motion", (".amc", ".asf"), SHAPES, is_acclaim, motion.read_acclaim,
@@ -465,20 +455,20 @@ FORMATS: dict[str, FileFormat] = {
         lambda head: head.text.upper().split(maxsplit=2)[:2] == [b"HIERARCHY", b"ROOT"],
         motion.read_bvh,
     ),
-    "c3d": FileFormat("a C3D file", (".c3d",), SHAPES, is_c3d, motion.read_c3d),
+    "c3d": FileFormat("a C3D file", (".c3d",), SHAPES, is_c3d, markers.read_c3d),
     "trc": FileFormat(
         "a TRC file", (".trc",), SHAPES,
         lambda head: head.text.lstrip()[:12].lower() == b"pathfiletype", markers.read_trc,
     ),
     "vicon-csv": FileFormat(
-        "a Vicon Nexus CSV of trajectories", (".csv",), SHAPES, is_vicon, motion.read_vicon,
+        "a Vicon Nexus CSV of trajectories", (".csv",), SHAPES, is_vicon, markers.read_vicon,
     ),
     "table": FileFormat(
         "a table of landmarks", (".csv", ".tsv", ".txt"), EITHER, is_table, tables.read_any_table,
         states_y_axis=False,
     ),
     "arrays": FileFormat(
-        "an array of landmarks", (".npy", ".npz"), IMAGES, is_array, arrays.read_array,
+        "an array of landmarks", (".npy", ".npz"), IMAGES, is_array, tables.read_array,
         states_y_axis=False,
     ),
     "named-points": FileFormat(

@@ -43,6 +43,6 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
         return cast(Kind, csv_kind(path))
     if len(file_format.records) == 1:  # JSON, for one, would be read whole to say so
         return cast(Kind, file_format.records[0])
-    from shapefit.io.readers.items import peek_poses
+    from shapefit.io.readers.items import read_poses
 
-    return "landmarks" if peek_poses(file_format, (path,)).dimensions == 2 else "shapes"
+    return "landmarks" if read_poses(file_format, (path,), keep=True).dimensions == 2 else "shapes"

@@ -26,7 +26,7 @@ from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.listing import OPTIONAL, find_kind
 from shapefit.io.options import InputOptions, input_options
-from shapefit.io.readers.items import peek_poses
+from shapefit.io.readers.items import read_poses
 from shapefit.io.records import Records
 from shapefit.io.skeletons import installed_skeletons, skeletons_of_size
 from shapefit.io.source import Source, open_results
@@ -143,7 +143,7 @@ def _told(
     if kind == "result":
         return title + _of_result(path), ()
     if known.read_poses is not None:
-        recording = peek_poses(known, paths)
+        recording = read_poses(known, paths, keep=True)
         title += (
             [("frames", f"{recording.frame_count:,}")] if recording.frame_count is not None else []
         )

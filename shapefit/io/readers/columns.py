@@ -40,13 +40,16 @@ ROLES: Mapping[str, str] = {
 }
 """Name of a column, in small letters and with _ for spaces -> what it holds."""
 
-OF_A_POINT = ("x", "y", "z", "confidence")
+OF_IMAGES = ("sequence", "item", "frame", "individual")
+OF_POINTS = ("x", "y", "z", "confidence")
 
-_NAMED = re.compile(
-    r"(.+)[_.: -](x|y|z|likelihood|confidence|conf|score|visibility|prob|v|c)", re.I
+_AXIS = "x|y|z|likelihood|confidence|conf|score|visibility|prob"
+_OF_LANDMARK = (
+    re.compile(r"(?P<axis>x|y|z|visibility|v|c)_?(?P<number>[0-9]{1,9})", re.I),
+    re.compile(rf"(?P<name>.+)[_.: -](?P<axis>{_AXIS}|v|c)", re.I),
+    re.compile(rf"(?P<axis>{_AXIS})[_.: -](?P<name>.+)", re.I),
 )
-_PREFIXED = re.compile(r"(x|y|z|likelihood|confidence|conf|score|visibility|prob)[_.: -](.+)", re.I)
-_NUMBERED = re.compile(r"(x|y|z|visibility|v|c)_?([0-9]{1,9})", re.I)
+"""Columns of a wide table: x_12, nose_x, x_nose."""
 
 
 @dataclass(frozen=True)
@@ -67,22 +70,21 @@ class Columns:
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """The coordinates that there are columns for."""
+        """The coordinates that there are columns for, and the confidence."""
         points = [self.roles] if self.landmarks is None else self.landmarks.values()
-        return ("x", "y", "z") if any("z" in each for each in points) else ("x", "y")
+        return tuple(axis for axis in OF_POINTS if any(axis in columns for columns in points))
 
     def describe(self, rows: Sequence[Sequence[str]]) -> str:
         """Return some rows as they were understood."""
-        taken = dict(self.roles)
+        columns = dict(self.roles)
         if self.landmarks is not None:
-            name, own = next(iter(self.landmarks.items()))
-            taken |= {f"{role} of {name}": at for role, at in own.items()}
-        shown = [
-            ", ".join(f"{role} {printable(row[at])[:20]}" for role, at in taken.items())
+            name, axes = next(iter(self.landmarks.items()))
+            columns |= {f"{axis} of {name}": column for axis, column in axes.items()}
+        return "; ".join(
+            ", ".join(f"{role} {printable(row[at])[:20]}" for role, at in columns.items())
             for row in rows
             if len(row) == len(self.names)
-        ]
-        return "; ".join(shown)
+        )
 
 
 def parse_header(line: str) -> Columns | None:
@@ -97,17 +99,19 @@ def parse_header(line: str) -> Columns | None:
         except csv.Error:
             return None
         names = tuple(cell.strip() for cell in cells)
-        found = _long_columns(delimiter, names) or _wide_columns(delimiter, names)
-        if found is not None:
-            return found
+        roles, others = _find_roles(dict(enumerate(names)))
+        if {"landmark", "x", "y"} <= roles.keys() and {"item", "frame"} & roles.keys():
+            return Columns(delimiter, names, roles, None, tuple(filter(None, others)))
+        if (columns := _wide_columns(delimiter, names)) is not None:
+            return columns
     return None
 
 
-def _roles(names: Sequence[str]) -> tuple[dict[str, int], list[str]]:
+def _find_roles(names: Mapping[int, str]) -> tuple[dict[str, int], list[str]]:
     """Return the first column of each role, and the names of those without one."""
     roles: dict[str, int] = {}
     others = []
-    for column, name in enumerate(names):
+    for column, name in names.items():
         role = ROLES.get(name.lower().replace(" ", "_"))
         if role is None or role in roles:
             others.append(name)
@@ -118,50 +122,41 @@ def _roles(names: Sequence[str]) -> tuple[dict[str, int], list[str]]:
     return roles, others
 
 
-def _long_columns(delimiter: str, names: tuple[str, ...]) -> Columns | None:
-    roles, others = _roles(names)
-    if not {"landmark", "x", "y"} <= roles.keys() or not {"item", "frame"} & roles.keys():
-        return None
-    return Columns(delimiter, names, roles, None, tuple(filter(None, others)))
-
-
 def _wide_columns(delimiter: str, names: tuple[str, ...]) -> Columns | None:
     landmarks: dict[str, dict[str, int]] = {}
     rest: dict[int, str] = {}
     for column, name in enumerate(names):
-        numbered, named = _NUMBERED.fullmatch(name), _NAMED.fullmatch(name)
-        if numbered:
-            role, landmark = numbered[1], str(int(numbered[2]))
-        elif named:
-            landmark, role = named[1], named[2]
-        elif prefixed := _PREFIXED.fullmatch(name):
-            role, landmark = prefixed[1], prefixed[2]
-        else:
+        matches = (pattern.fullmatch(name) for pattern in _OF_LANDMARK)
+        parts = next((match.groupdict() for match in matches if match), None)
+        if parts is None:
             rest[column] = name
             continue
-        role = ROLES.get(role.lower(), "confidence")
-        if role in landmarks.setdefault(landmark, {}):
+        landmark = parts.get("name") or str(int(parts["number"]))
+        axis = ROLES.get(parts["axis"].lower(), "confidence")
+        if axis in landmarks.setdefault(landmark, {}):
             return None
-        landmarks[landmark][role] = column
-    whole = {name: own for name, own in landmarks.items() if {"x", "y"} <= own.keys()}
-    if len(whole) < 2:
+        landmarks[landmark][axis] = column
+    placed = {name: axes for name, axes in landmarks.items() if {"x", "y"} <= axes.keys()}
+    if len(placed) < 2:
         return None
-    roles, others = _roles(list(rest.values()))
-    places = list(rest)
-    roles = {role: places[at] for role, at in roles.items() if role not in OF_A_POINT}
-    others += [name for name in landmarks if name not in whole]
-    left = tuple(name for name in others if name and not name.lower().startswith("unnamed"))
-    return Columns(delimiter, names, roles, whole, left)
+    roles, others = _find_roles(rest)
+    others += [name for name in landmarks if name not in placed]
+    return Columns(
+        delimiter,
+        names,
+        {role: column for role, column in roles.items() if role not in OF_POINTS},
+        placed,
+        tuple(name for name in others if name and not name.lower().startswith("unnamed")),
+    )
 
 
 def anipose_landmarks(columns: Iterable[str]) -> tuple[str, ...]:
     """Return the landmarks that have x, y, z and what anipose says of them, in order."""
-    names = list(columns)
-    known = set(names)
+    names = dict.fromkeys(columns)
     stems = dict.fromkeys(name[:-2] for name in names if name.endswith("_x") and len(name) > 2)
     return tuple(
         stem
         for stem in stems
-        if {f"{stem}_y", f"{stem}_z"} <= known
-        and known & {f"{stem}_ncams", f"{stem}_error", f"{stem}_score"}
+        if {f"{stem}_y", f"{stem}_z"} <= names.keys()
+        and names.keys() & {f"{stem}_ncams", f"{stem}_error", f"{stem}_score"}
     )

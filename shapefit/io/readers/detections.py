@@ -1,4 +1,4 @@
-"""Detections of people and animals: OpenPose, AlphaPose, COCO, MMPose, MediaPipe; what all share.
+"""Detections of people and animals: OpenPose, AlphaPose, COCO, MMPose, MediaPipe, YOLO.
 
 Their tools write x, y and a confidence of each landmark, the people of a frame in any order, as a
 rule without an identity over frames. They differ in where the people of a frame stand.
@@ -7,7 +7,6 @@ rule without an identity over frames. They differ in where the people of a frame
 from __future__ import annotations
 
 import math
-import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,43 +14,28 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error, listed
+from shapefit.io.inputs import read_whole
 from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.readers.columns import decode
 from shapefit.io.readers.json_file import read_json
 from shapefit.io.readers.poses import (
     FRACTION,
+    Edges,
     Poses,
     are_fractions,
     check_names,
     edges_of,
+    find_yaml,
     parsing,
     require,
+    to_numbers,
     video_name,
 )
 from shapefit.io.skeletons import skeletons_of_size
 
 CHECK = "check what wrote the file"
-
-
-class Image(NamedTuple):
-    """An image: its file, its video, its position there, and what the file calls it."""
-
-    path: Path
-    video: str
-    frame: int
-    label: str
-
-
-class Images(NamedTuple):
-    """The images of one recording, in order; the name is for messages."""
-
-    name: str
-    video: str
-    images: list[Image]
-    unordered: bool = False
 
 
 class Detection(NamedTuple):
@@ -62,63 +46,153 @@ class Detection(NamedTuple):
     who: Any = None
 
 
-# One file per image.
+class Images(NamedTuple):
+    """The images of a recording, in order: their labels, videos, and positions in these (n).
 
-
-def read_openpose(paths: tuple[Path, ...]) -> Poses:
-    """Read a file per frame, with the people found in it; Pose2Sim, Sports2D and RTMLib write it.
-
-    A landmark of 0, 0, 0 is missing. A person is a number from frame to frame only where
-    `person_id` is not -1.
+    name is for messages; `unordered` images are, as far as names say, no frames of a video.
     """
-    images = images_in(paths, ".json")
-    found: list[Detection] = []
-    strange: list[str] = []
-    further = 0
-    for number, image in enumerate(images.images):
-        people = _people_of(read_json(image.path))
-        if people is None:
-            strange.append(image.path.name)
-        else:
-            found += _people(people, number, image.path)
-            further += sum(any(person.get(key) for key in OTHERS) for person in people)
-    notes: tuple[str, ...] = ()
-    if strange:
-        lost = f"{counted(len(strange), 'file')} without people left out ({abbreviate(strange)})"
-        notes += (lost,)
-    if further:
-        notes += (f"hands and faces left out, of {counted(further, 'detection')}",)
-    return as_poses(images, found, notes=notes, lost=len(strange))
 
+    name: str
+    labels: Sequence[str]
+    videos: Sequence[str]
+    frames: Sequence[int]
+    unordered: bool = False
+
+
+# One file per image.
 
 OTHERS = ("face_keypoints_2d", "hand_left_keypoints_2d", "hand_right_keypoints_2d")
 
 
-def read_mmpose_images(paths: tuple[Path, ...]) -> Poses:
-    """Read a list of instances per image: those of a folder, or these files."""
-    images = images_in(paths, ".json")
-    found: list[Detection] = []
-    for number, image in enumerate(images.images):
-        found += _people(read_json(image.path), number, image.path, needed=True)
-    return as_poses(images, found)
+def read_image_files(paths: tuple[Path, ...]) -> Poses:
+    """Read a file per frame, with the people in it: OpenPose's, or MMPose's list of instances.
+
+    A landmark of confidence 0 is missing. A person is a number from frame to frame only where
+    `person_id` is not -1. Pose2Sim, Sports2D and RTMLib write OpenPose's files, too.
+    """
+    files, images = find_images(paths, ".json")
+    detections: list[Detection] = []
+    strange: list[str] = []
+    further = 0
+    for number, file in enumerate(files):
+        contents = read_json(file)
+        people = contents if isinstance(contents, list) else _people_of(contents)
+        if people is None:
+            strange.append(file.name)
+        else:
+            detections += _detections(people, number, file, needed=people is contents)
+            further += sum(any(person.get(key) for key in OTHERS) for person in people)
+    notes: tuple[str, ...] = ()
+    if strange:
+        left = f"{counted(len(strange), 'file')} without people left out ({abbreviate(strange)})"
+        notes += (left,)
+    if further:
+        notes += (f"hands and faces left out, of {counted(further, 'detection')}",)
+    return as_poses(images, detections, notes=notes, frame_count=len(files) - len(strange))
+
+
+def read_yolo(paths: tuple[Path, ...]) -> Poses:
+    """Read YOLO's labels: a line for each detection, in fractions of the image.
+
+    A line is class, centre and size of a box, and x, y and mostly v of each landmark; predictions
+    may end in a score and a track. `kpt_shape` in the data.yaml beside the labels says how many
+    landmarks there are, and whether v is given: 0 is missing, 1 and 2 are placed, fractions are
+    confidences. Without v, a landmark at 0, 0 is missing.
+    """
+    files, images = find_images(paths, ".txt", but="classes.txt")
+    rows: list[tuple[int, list[float]]] = []
+    for number, file in enumerate(files):
+        for line, text in enumerate(decode(read_whole(file)).splitlines(), start=1):
+            with parsing(f"{file}:{line}", "give labels of poses"):
+                if cells := text.partition("#")[0].split():
+                    rows.append((number, to_numbers(cells)))
+    layout = _read_layout(paths[0] if paths[0].is_dir() else paths[0].parent)
+    layout = layout or _guess_layout([row for _, row in rows], images.name)
+    count, step = layout.landmarks, layout.step
+    width = BOX + count * step
+    detections = []
+    for number, row in rows:
+        with parsing(files[number], f"check kpt_shape in {DATA}"):
+            given = f"a line of {len(row)} numbers, and {count} landmarks take {width}"
+            require(len(row) - width in (0, 1, 2), given)
+        numbers = row[BOX:width]
+        if step == 2:
+            points = zip(numbers[::2], numbers[1::2], strict=True)
+            numbers = [value for x, y in points for value in (x, y, float(x > 0 or y > 0))]
+        detections.append(Detection(numbers, number, row[-1] if len(row) == width + 2 else None))
+    usual = None if layout.people and count == 17 else tuple(map(str, range(count)))
+    return as_poses(
+        images,
+        detections,
+        scored=any({*one.numbers[2::3]} - {0, 1, 2} for one in detections),
+        unit=FRACTION,
+        landmark_names=layout.names or usual,
+        edges=layout.edges,
+    )
+
+
+BOX, DATA = 5, "data.yaml"
+"""Numbers of a line of YOLO before its landmarks, and the file that says what they are."""
+
+
+class Layout(NamedTuple):
+    """Landmarks of a line, numbers of each, and what data.yaml calls landmarks and classes."""
+
+    landmarks: int
+    step: int
+    names: tuple[str, ...] | None = None
+    people: bool = False
+    edges: Edges = ()
+
+
+def _read_layout(folder: Path) -> Layout | None:
+    """Return what the nearest data.yaml in this folder or three above it states."""
+    path, content = find_yaml(folder, DATA, 3) or (folder, None)
+    if not isinstance(content, dict) or (shape := content.get("kpt_shape")) is None:
+        return None
+    whole = isinstance(shape, list) and len(shape) == 2 and all(type(n) is int for n in shape)
+    if not whole or not 0 < shape[0] < 10_000 or shape[1] not in (2, 3):
+        raise input_error(path, f"kpt_shape is {shape}", "give [landmarks, 2] or [landmarks, 3]")
+    names: Any = content.get("kpt_names")
+    classes = content.get("names")
+    if isinstance(names, dict):  # a list for each class, of which the first is taken
+        names = next(iter(names.values()), None)
+    named = isinstance(names, list) and len(names) == len({*map(str, names)}) == shape[0]
+    people = (list(classes.values()) if isinstance(classes, dict) else classes) == ["person"]
+    texts = tuple(map(str, names)) if named else None
+    return Layout(shape[0], shape[1], texts, people, edges_of(content.get("skeleton"), shape[0]))
+
+
+def _guess_layout(rows: list[list[float]], name: str) -> Layout:
+    """Return the layout that lines have where no data.yaml states it."""
+    if not rows:
+        return Layout(0, 3)
+    smallest = min(len(row) - BOX for row in rows)
+    threes = [m for m in (smallest, smallest - 1, smallest - 2) if m > 0 and m % 3 == 0]
+    for length in threes:
+        marks = {v for row in rows for v in row[BOX + 2 : BOX + length : 3]}
+        if marks <= {0, 1, 2} or length == 51:
+            return Layout(length // 3, 3, people=length == 51)
+    if smallest % 2 == 0 and smallest % 3:
+        return Layout(smallest // 2, 2)
+    problem = f"lines of {smallest} numbers after the box, and no {DATA} with kpt_shape beside them"
+    raise input_error(name, problem, f"put the {DATA} of the data set beside the labels")
 
 
 # One file of all images.
 
 
 def read_alphapose(paths: tuple[Path, ...]) -> Poses:
-    """Read AlphaPose's one file of all images, in the layouts `open` and `cmu`.
+    """Read AlphaPose's one file of all images: {image: {people: [{pose_keypoints_2d}]}}.
 
-    {image: {version, people: [{pose_keypoints_2d}]}} or {image: {version, bodies: [{joints}]}}; the
-    folder `sep-json` beside it has a file for each image, which is OpenPose's layout.
+    Its layout `cmu` says `bodies` and `joints`. The folder `sep-json` beside it is OpenPose's.
     """
     contents = read_json(paths[0])
-    images = named_images(paths[0], {image: image for image in contents})
-    found: list[Detection] = []
+    detections: list[Detection] = []
     for number, (image, frame) in enumerate(contents.items()):
-        found += _people(_people_of(frame), number, f"{paths[0]}: {image}")
-    values, notes = _scaled(values_of(found, images.name), [*contents])
-    return as_poses(images._replace(unordered=False), found, values, notes=notes)
+        detections += _detections(_people_of(frame), number, f"{paths[0]}: {image}")
+    images = name_images(paths[0], [*contents])._replace(unordered=False)
+    return as_poses(images, detections, alphapose=True)
 
 
 def read_coco_results(paths: tuple[Path, ...]) -> Poses:
@@ -127,19 +201,17 @@ def read_coco_results(paths: tuple[Path, ...]) -> Poses:
     Images stand in the order of their first appearance. Confidences are taken as they are; a
     landmark of 0, 0, 0 is missing, others of confidence 0 have no weight.
     """
-    found: list[Detection] = []
+    detections: list[Detection] = []
     numbers: dict[Any, int] = {}
     for row, entry in enumerate(read_json(paths[0])):
         place = f"{paths[0]}:[{row}]"
         with parsing(place, "give COCO results of keypoints"):
             require(isinstance(entry["keypoints"], list), "no keypoints")
-            image = numbers.setdefault(_image(entry["image_id"]), len(numbers))
-        found += _people([entry], image, place)
-    images = named_images(paths[0], {image: image for image in numbers})
-    values, notes = _scaled(values_of(found, images.name), [*numbers])
-    at_origin = np.isin(values[..., :2], (0, -1)).all(axis=2) & (values[..., 2] == 0)
-    missing = np.asarray(at_origin | np.isnan(values).any(axis=2))
-    return as_poses(images, found, values, missing, notes=notes)
+            image = numbers.setdefault(_identifier(entry["image_id"]), len(numbers))
+        detections += _detections([entry], image, place)
+    names = all(isinstance(image, str) for image in numbers)
+    images = name_images(paths[0], [*numbers])
+    return as_poses(images, detections, missing="at origin", alphapose=names)
 
 
 def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
@@ -148,67 +220,66 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     keypoints are [x, y, v, ...]; v = 0 is missing, whatever the coordinates, 1 hidden and 2
     visible. Categories may have different landmarks: then all names together, in their order.
     """
-    path = paths[0]
-    contents = read_json(path)
-    listed_images, annotations, categories = (
-        contents.get(key, []) for key in ("images", "annotations", "categories")
-    )
+    path, contents = paths[0], read_json(paths[0])
     names_of: dict[Any, list[str]] = {}
-    for number, category in enumerate(categories):
+    for number, category in enumerate(contents.get("categories", ())):
         with parsing(f"{path}:categories[{number}]", "give each landmark a name of its own"):
-            names_of[_image(category["id"])] = [*(category.get("keypoints") or [])]
-            check_names(names_of[category["id"]], "landmark")
-    names = tuple(dict.fromkeys(name for own in names_of.values() for name in own))
-    columns = {key: [names.index(name) for name in own] for key, own in names_of.items() if own}
+            names_of[_identifier(category["id"])] = names = [*(category.get("keypoints") or [])]
+            check_names(names, "landmark")
+    place: dict[str, int] = {}
+    for names in names_of.values():
+        place |= {name: len(place) + n for n, name in enumerate(x for x in names if x not in place)}
     called: dict[Any, Any] = {}
-    for number, image in enumerate(listed_images):
+    for number, image in enumerate(contents.get("images", ())):
         with parsing(f"{path}:images[{number}]", CHECK):
-            called[_image(image["id"])] = image.get("file_name") or image["id"]
+            called[_identifier(image["id"])] = image.get("file_name") or image["id"]
     order = {image: number for number, image in enumerate(called)}
-    found = []
+    detections = []
     without = 0
-    for number, entry in enumerate(annotations):
+    for number, entry in enumerate(contents.get("annotations", ())):
         with parsing(f"{path}:annotations[{number}]", "give x, y and v of each landmark"):
-            keypoints = entry.get("keypoints")
+            keypoints, attributes = entry.get("keypoints"), entry.get("attributes")
             if not isinstance(keypoints, list) or not keypoints:
                 without += 1
                 continue
-            image = _image(entry["image_id"])
-            if names:
-                keypoints = _spread(keypoints, columns[entry.get("category_id")], len(names))
-            found.append(Detection(keypoints, order.setdefault(image, len(order)), _track(entry)))
+            image = order.setdefault(_identifier(entry["image_id"]), len(order))
+            if place:  # those of the category among those of all
+                names, given = names_of[entry.get("category_id")], keypoints
+                require(names, "keypoints of a category without any")
+                count = f"{len(given)} numbers for {len(names)} landmarks"
+                require(len(given) == 3 * len(names), count)
+                keypoints = [0.0] * (3 * len(place))
+                for n, name in enumerate(names):
+                    at = 3 * place[name]
+                    keypoints[at : at + 3] = given[3 * n : 3 * n + 3]
+            who = entry.get("track_id")
+            if "track_id" not in entry and isinstance(attributes, dict):  # CVAT's and sleap-io's
+                who = attributes.get("track_id", attributes.get("object_id"))
+            detections.append(Detection(keypoints, image, who))
     notes: tuple[str, ...] = ()
     if without:
         notes += (f"{counted(without, 'annotation')} without keypoints left out",)
     if unlisted := len(order) - len(called):
         notes += (f"{counted(unlisted, 'image')} of annotations not listed among the images",)
     edges: dict[tuple[int, int], None] = {}
-    for category in categories:  # which count landmarks from 1
-        own = columns.get(category.get("id"), [])
-        pairs = edges_of(category.get("skeleton"), len(own) + 1)
-        edges |= dict.fromkeys((own[a - 1], own[b - 1]) for a, b in pairs if a and b)
-    images = named_images(path, {image: called.get(image, image) for image in order})
+    for category in contents.get("categories", ()):  # which count landmarks from 1
+        names = names_of[category["id"]]
+        lines = edges_of(category.get("skeleton"), len(names) + 1)
+        edges |= {(place[names[a - 1]], place[names[b - 1]]): None for a, b in lines if a and b}
     return as_poses(
-        images, found, scored=False, landmark_names=names or None, edges=tuple(edges), notes=notes
+        name_images(path, [called.get(image, image) for image in order]),
+        detections,
+        scored=False,
+        landmark_names=tuple(place) or None,
+        edges=tuple(edges),
+        notes=notes,
     )
 
 
-def _track(entry: Mapping[str, Any]) -> Any:
-    """Return who an annotation is of: CVAT's and sleap-io's stand among its attributes."""
-    attributes = entry.get("attributes")
-    if "track_id" in entry or not isinstance(attributes, dict):
-        return entry.get("track_id")
-    return attributes.get("track_id", attributes.get("object_id"))
-
-
-def _spread(keypoints: list[float], columns: list[int], count: int) -> list[float]:
-    """Return keypoints of a category among the landmarks of all categories."""
-    given = f"{len(keypoints)} numbers for {len(columns)} landmarks"
-    require(len(keypoints) == 3 * len(columns), given)
-    spread = [0.0] * (3 * count)
-    for number, column in enumerate(columns):
-        spread[3 * column : 3 * column + 3] = keypoints[3 * number : 3 * number + 3]
-    return spread
+def _identifier(value: Any) -> Any:
+    """Return what identifies an image or category. Raises FormatError for what cannot."""
+    require(isinstance(value, int | float | str), f"no image ({str(value)[:40]})")
+    return value
 
 
 def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
@@ -217,30 +288,28 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     An instance has keypoints [[x, y], ...] and keypoint_scores, which are taken as they are; they
     may be a little above 1. `meta_info` has the names, by number, as texts or in a list.
     """
-    path, meta = paths[0], None
-    contents = read_json(path)
+    path, contents = paths[0], read_json(paths[0])
+    meta: Any = {}
     if isinstance(contents, dict):
         meta, contents = contents.get("meta_info"), contents["instance_info"]
+        meta = meta if isinstance(meta, dict) else {}
     if contents and "instances" not in contents[0]:
         contents = [{"frame_id": 0, "instances": contents}]
-    found: list[Detection] = []
+    detections: list[Detection] = []
     labels = []
     for number, frame in enumerate(contents):
         with parsing(f"{path}:[{number}]", CHECK):
             label, people = frame.get("frame_id"), frame["instances"]
         labels.append(str(number if label is None else label))
-        found += _people(people, number, f"{path}:[{number}]", needed=True)
-    images = numbered_images(path, path.name.partition(".")[0], labels)
-    values = values_of(found, images.name)
-    count = values.shape[1]
-    meta = meta if isinstance(meta, dict) else {}
-    known = meta.get("keypoint_id2name")
-    if isinstance(known, dict):
-        known = [known.get(str(number)) for number in range(count)]
-    known = known if isinstance(known, list) and all(isinstance(n, str) for n in known) else []
-    names = tuple(known) if len(known) == len({*known}) == count else None
+        detections += _detections(people, number, f"{path}:[{number}]", needed=True)
+    count = next((len(one.numbers) // 3 for one in detections if one.numbers), 0)
+    texts: Any = meta.get("keypoint_id2name")
+    texts = [texts.get(str(n)) for n in range(count)] if isinstance(texts, dict) else texts
+    named = isinstance(texts, list) and all(isinstance(name, str) for name in texts)
+    names = tuple(texts) if named and len(texts) == len({*texts}) == count else None
     edges = edges_of(meta.get("skeleton_links"), count) if names else ()
-    return as_poses(images, found, values, landmark_names=names, edges=edges)
+    images = number_images(path, path.name.partition(".")[0], labels)
+    return as_poses(images, detections, landmark_names=names, edges=edges)
 
 
 BODIES = (
@@ -248,9 +317,6 @@ BODIES = (
     *("multi_hand_landmarks", "hand_landmarks", "handLandmarks", "face_landmarks"),
 )
 """Keys of bodies, the first that an object has; landmarks in metres (`world`) are not read."""
-
-FRAMES = ("frames", "results")
-SCORES = ("visibility", "score", "confidence", "presence")
 
 
 def read_mediapipe(paths: tuple[Path, ...]) -> Poses:
@@ -262,69 +328,15 @@ def read_mediapipe(paths: tuple[Path, ...]) -> Poses:
     """
     contents = read_json(paths[0])
     if isinstance(contents, dict):
-        lists = (contents[key] for key in FRAMES if isinstance(contents.get(key), list))
-        contents = next(lists, [contents])
+        lists = (contents.get(key) for key in ("frames", "results"))
+        contents = next((frames for frames in lists if isinstance(frames, list)), [contents])
     elif _is_body(contents):
         contents = [contents]
     bodies = [(body, n) for n, frame in enumerate(contents) for body in _bodies(frame)]
-    names: list[Any] = [point.get("name") for point in bodies[0][0]] if bodies else []
+    names: tuple[Any, ...] = tuple(p.get("name") for p in bodies[0][0]) if bodies else ()
     named = all(isinstance(name, str) and name for name in names) and len({*names}) == len(names)
     labels = [str(number) for number in range(len(contents))]
-    return _of_points(paths[0], labels, bodies, tuple(names) if named and names else None)
-
-
-def read_named_points(paths: tuple[Path, ...]) -> Poses:
-    """Read {frame: {landmark: point}}, or a list of the inner objects, one body per frame.
-
-    A point is [x, y], [x, y, confidence] or {x, y, confidence}; a landmark that a frame lacks is
-    missing.
-    """
-    contents = read_json(paths[0])
-    labels = [*contents] if isinstance(contents, dict) else [*map(str, range(len(contents)))]
-    frames = [*(contents.values() if isinstance(contents, dict) else contents)]
-    names = tuple(dict.fromkeys(name for frame in frames for name in frame))
-    bodies = []
-    for number, frame in enumerate(frames):
-        with parsing(f"{paths[0]}: {labels[number]}", "give [x, y] or [x, y, confidence]"):
-            require(isinstance(frame, dict), "no object of landmarks")
-            bodies.append(([_as_point(frame.get(name)) for name in names], number))
-    return _of_points(paths[0], labels, bodies, names)
-
-
-def _as_point(point: Any) -> dict[str, Any]:
-    if isinstance(point, list):
-        require(len(point) in (2, 3), f"a point of {len(point)} numbers")
-        return dict(zip(("x", "y", "score"), point, strict=False))
-    require(point is None or (isinstance(point, dict) and {"x", "y"} <= point.keys()), "no point")
-    return point or {}
-
-
-def _of_points(
-    path: Path,
-    labels: Sequence[str],
-    bodies: Sequence[tuple[Sequence[dict[str, Any]], int]],
-    names: tuple[str, ...] | None,
-) -> Poses:
-    """Return the poses of bodies of points {x, y, visibility or the like}, and the frame of each.
-
-    A point without a confidence has that of 1.
-    """
-    found = []
-    for body, number in bodies:
-        rows = [(point.get("x"), point.get("y"), _first(point, SCORES, 1.0)) for point in body]
-        numbers = [math.nan if value is None else value for row in rows for value in row]
-        found.append(Detection(numbers, number))
-    values = values_of(found, str(path))
-    fractions = are_fractions(values[np.isfinite(values).all(axis=2)][:, :2])
-    return as_poses(
-        numbered_images(path, video_name(path), labels),
-        found,
-        values,
-        np.asarray(np.isnan(values[..., :2]).any(axis=2)),
-        unit=FRACTION if fractions else UNKNOWN_UNIT,
-        size_needed=fractions,
-        landmark_names=names,
-    )
+    return _of_points(paths[0], labels, bodies, names if named and names else None)
 
 
 def _is_body(content: Any) -> bool:
@@ -340,6 +352,51 @@ def _bodies(frame: Any) -> Iterator[list[dict[str, Any]]]:
             yield from _bodies(one)
     elif isinstance(frame, dict):
         yield from _bodies(next((frame[key] for key in BODIES if frame.get(key)), None))
+
+
+def read_named_points(paths: tuple[Path, ...]) -> Poses:
+    """Read {frame: {landmark: point}}, or a list of the inner objects, one body per frame.
+
+    A point is [x, y], [x, y, confidence] or {x, y, confidence}; a landmark that a frame lacks is
+    missing.
+    """
+    contents = read_json(paths[0])
+    frames = contents if isinstance(contents, dict) else dict(enumerate(contents))
+    names = tuple(dict.fromkeys(name for frame in frames.values() for name in frame))
+    bodies: list[tuple[list[dict[str, Any]], int]] = []
+    for number, (label, frame) in enumerate(frames.items()):
+        with parsing(f"{paths[0]}: {label}", "give [x, y] or [x, y, confidence]"):
+            points = [frame.get(name) or {"x": None, "y": None} for name in names]
+            for place, point in enumerate(points):
+                if isinstance(point, list):
+                    require(len(point) in (2, 3), f"a point of {len(point)} numbers")
+                    points[place] = dict(zip(("x", "y", "score"), point, strict=False))
+                else:
+                    require({"x", "y"} <= point.keys(), "no point")
+            bodies.append((points, number))
+    return _of_points(paths[0], [*map(str, frames)], bodies, names)
+
+
+SCORES = ("visibility", "score", "confidence", "presence")
+
+
+def _of_points(
+    path: Path,
+    labels: Sequence[str],
+    bodies: Sequence[tuple[Sequence[dict[str, Any]], int]],
+    names: tuple[str, ...] | None,
+) -> Poses:
+    """Return the poses of bodies of points {x, y, visibility or the like}, and the frame of each.
+
+    A point without a confidence has that of 1.
+    """
+    detections = []
+    for body, number in bodies:
+        rows = ((point.get("x"), point.get("y"), _first(point, SCORES, 1.0)) for point in body)
+        numbers = [math.nan if value is None else value for row in rows for value in row]
+        detections.append(Detection(numbers, number))
+    images = number_images(path, video_name(path), labels)
+    return as_poses(images, detections, missing="unplaced", unit=None, landmark_names=names)
 
 
 # What all have in common.
@@ -363,12 +420,14 @@ def _people_of(contents: Any) -> list[Any] | None:
     return [] if contents.keys() <= {"version", "part_candidates"} else None
 
 
-def _people(people: Any, image: int, place: str | Path, *, needed: bool = False) -> list[Detection]:
+def _detections(
+    people: Any, image: int, place: str | Path, *, needed: bool = False
+) -> list[Detection]:
     """Return the people of an image, who may have no landmarks unless they are `needed`.
 
     The landmarks of each are x, y, confidence in one list, or [x, y] beside `keypoint_scores`.
     """
-    found = []
+    detections = []
     with parsing(place, CHECK):
         require(isinstance(people, list), "no list of people")
         for person in people:
@@ -383,106 +442,87 @@ def _people(people: Any, image: int, place: str | Path, *, needed: bool = False)
                 require(paired, "keypoints that are not x and y with a score each")
                 scored = zip(points, scores, strict=True)
                 points = [number for (x, y), score in scored for number in (x, y, score)]
-            require(len(points) % 3 == 0, f"a person of {len(points)} numbers, not 3 a landmark")
-            found.append(Detection(points, image, _first(person, WHO)))
-    return found
-
-
-def _image(image: Any) -> Any:
-    """Return what identifies an image. Raises FormatError for what cannot."""
-    require(isinstance(image, int | float | str), f"no image ({str(image)[:40]})")
-    return image
-
-
-ALPHAPOSE_LARGEST, SURELY_NOT_OF_1 = 6.0, 2.0
-
-
-def _scaled(values: Floats, images: Sequence[Any]) -> tuple[Floats, tuple[str, ...]]:
-    """Bring AlphaPose's confidences (N, p, 3: the last) of COCO's models to 0..1.
-
-    AlphaPose, whose image_id is the name of a file, states a scale of 0 to 6, and newer models of
-    it give 0 to 1: where one in such a file is above 2, all are divided by 6.
-    """
-    named = all(isinstance(image, str) for image in images)
-    if not named or not np.nanmax(values[..., 2], initial=0) > SURELY_NOT_OF_1:
-        return values, ()
-    note = f"confidences divided by {ALPHAPOSE_LARGEST:g}, the largest that AlphaPose states"
-    return values / [1.0, 1.0, ALPHAPOSE_LARGEST], (note,)
-
-
-def values_of(found: Sequence[Detection], name: str) -> Floats:
-    """Return the numbers (N, p, 3), NaN where a detection has none or they are not finite.
-
-    Raises InputError where detections have different numbers of landmarks, and for texts.
-    """
-    sizes = Counter(len(each.numbers) for each in found if each.numbers)
-    if len(sizes) > 1:
-        kinds = [f"{n} detections with {s // 3}" for s, n in sorted(sizes.items())]
-        fix = "give the files of each skeleton in a separate call"
-        raise input_error(name, f"several skeletons: {listed(kinds, 'and')} landmarks", fix)
-    width = next(iter(sizes), 0)
-    nothing = [math.nan] * width
-    with parsing(name, CHECK):
-        values = np.array([each.numbers or nothing for each in found], dtype=np.float64)
-        values = values.reshape(len(found), width // 3, 3)
-    return np.where(np.isfinite(values), values, np.nan)
+            if len(points) % 3:
+                require(False, f"a person of {len(points)} numbers, not 3 a landmark")
+            detections.append(Detection(points, image, _first(person, WHO)))
+    return detections
 
 
 def as_poses(
     images: Images,
-    found: Sequence[Detection],
-    values: Floats | None = None,
-    missing: NDArray[np.bool_] | None = None,
+    detections: Sequence[Detection],
     *,
+    missing: str = "unscored",
     scored: bool = True,
-    lost: int = 0,
+    alphapose: bool = False,
+    unit: str | None = "px",
     notes: tuple[str, ...] = (),
-    unit: str = "px",
-    landmark_names: tuple[str, ...] | None = None,
-    **known: Any,
+    frame_count: int | None = None,
+    **fields: Any,
 ) -> Poses:
-    """Return detections as poses.
+    """Return detections as poses; without names landmarks are those of the usual skeleton.
 
-    values (N, p, 3) are x, y and the confidence, by default those of the detections, and `missing`
-    (N, p) by default those without confidence; the others say how sure they are where they are
-    `scored`. Where nobody was found there are no poses, and a note; `lost` images do not count.
-    Without names landmarks are those of the usual skeleton of so many.
+    A landmark is missing where it has no confidence (`unscored`), no numbers (`unplaced`), or is
+    `at origin` with a confidence of 0; the others say how sure they are where they are `scored`.
+    AlphaPose states confidences of 0 to 6, and newer models of it give 0 to 1: where one is above
+    2, all are divided by 6. Without a unit the points are fractions where they can be. Raises
+    InputError where detections have different numbers of landmarks, and for texts.
     """
-    values = values_of(found, images.name) if values is None else values
-    missing = np.asarray(~(values[..., 2] > 0)) if missing is None else missing
-    count = len(images.images) - lost
-    if not values.size:
+    count = len(images.labels) if frame_count is None else frame_count
+    sizes = Counter(len(one.numbers) for one in detections if one.numbers)
+    if len(sizes) > 1:
+        kinds = [f"{n} detections with {s // 3}" for s, n in sorted(sizes.items())]
+        fix = "give the files of each skeleton in a separate call"
+        raise input_error(images.name, f"several skeletons: {listed(kinds, 'and')} landmarks", fix)
+    width = next(iter(sizes), 0)
+    if not width:
         notes += (f"nobody was found in {counted(count, 'frame')}",)
-        found, values, missing = (), np.empty((0, 0, 3)), np.empty((0, 0), bool)
-        scored, landmark_names, unit, known = False, (), "px", {}
-    who = [_identity(each.who) for each in found]
-    twice = Counter((each.image, name) for each, name in zip(found, who, strict=True) if name)
-    if doubles := sum(number > 1 for number in twice.values()):
+        detections, scored, unit, fields = (), False, "px", {}
+    nothing = [math.nan] * width
+    with parsing(images.name, CHECK):
+        values = np.array([one.numbers or nothing for one in detections], np.float64)
+        values = values.reshape(len(detections), width // 3, 3)
+    values = np.where(np.isfinite(values), values, np.nan)
+    points, confidence = values[..., :2], values[..., 2]
+    if alphapose and np.nanmax(confidence, initial=0) > 2:
+        confidence = confidence / 6
+        notes += ("confidences divided by 6, the largest that AlphaPose states",)
+    absent = {
+        "unscored": ~(confidence > 0),
+        "unplaced": np.isnan(points).any(axis=2),
+        "at origin": np.isnan(values).any(axis=2)
+        | (np.isin(points, (0, -1)).all(axis=2) & (confidence == 0)),
+    }[missing]
+    if unit is None:
+        fractions = are_fractions(points[np.isfinite(values).all(axis=2)])
+        unit = FRACTION if fractions else UNKNOWN_UNIT
+        fields["size_needed"] = fractions
+    frame = np.array([images.frames[one.image] for one in detections], np.int64)
+    who = [_identity(one.who) for one in detections]
+    times = Counter((one.image, name) for one, name in zip(detections, who, strict=True) if name)
+    if doubles := sum(number > 1 for number in times.values()):
         # Some tools number the people of each frame anew.
         notes += (f"numbers of people are not used, as {doubles} of them occur twice in a frame",)
         who = [""] * len(who)
-    shown = [images.images[each.image] for each in found]
-    videos = {video: number for number, video in enumerate(dict.fromkeys(i.video for i in shown))}
-    frame = np.array([image.frame for image in shown], dtype=np.int64)
-    usual = None if landmark_names else next(iter(skeletons_of_size(values.shape[1])), None)
-    several = len({image.video for image in images.images}) > 1
+    videos = [images.videos[one.image] for one in detections]
+    usual = None if fields.get("landmark_names") else skeletons_of_size(width // 3)
     poses = Poses(
         name=images.name,
-        video=[image.video for image in shown] if several else images.video,
-        points=np.where(missing[..., None], np.nan, values[..., :2]),
-        confidence=np.where(missing, 0.0, np.nan_to_num(values[..., 2])) if scored else None,
+        video=videos if len({*images.videos}) != 1 else images.videos[0],
+        points=np.where(absent[..., None], np.nan, points),
+        confidence=np.where(absent, 0.0, np.nan_to_num(confidence)) if scored else None,
         frame=frame,
-        label=[image.label for image in shown],
+        label=[images.labels[one.image] for one in detections],
         individual=who,
-        landmark_names=landmark_names,
-        skeleton=usual,
+        skeleton=usual[0] if usual else None,
         frame_count=count,
         unit=unit,
         unordered=images.unordered,
         notes=notes,
-        **known,
+        **fields,
     )
-    return poses.take(np.lexsort((frame, np.array([videos[i.video] for i in shown], np.int64))))
+    numbers = {video: number for number, video in enumerate(dict.fromkeys(videos))}
+    return poses.take(np.lexsort((frame, np.array([numbers[video] for video in videos]))))
 
 
 def _identity(who: Any) -> str:
@@ -496,96 +536,79 @@ def _identity(who: Any) -> str:
     return "" if who < 0 or who != who else f"id {who:g}"
 
 
-def numbered_images(path: Path, video: str, labels: Sequence[str]) -> Images:
+def number_images(path: Path, video: str, labels: Sequence[str]) -> Images:
     """Return the frames of a file of one video."""
-    return Images(str(path), video, [Image(path, video, n, text) for n, text in enumerate(labels)])
+    return Images(str(path), labels, [video] * max(len(labels), 1), range(len(labels)))
 
 
-def named_images(path: Path, called: Mapping[Any, Any]) -> Images:
-    """Return the images of a file: id -> what it is called, in order.
-
-    They have these names without folder and ending where that tells them apart.
-    """
-    names = [Path(name).stem if isinstance(name, str) else str(name) for name in called.values()]
-    if len(set(names)) < len(names):
-        names = list(map(str, called.values()))
-    images = numbered_images(path, path.name.partition(".")[0], names)
-    return images._replace(unordered=not are_series(names))
+def name_images(path: Path, names: Sequence[Any]) -> Images:
+    """Return the images of a file, called without folder and ending where that tells them apart."""
+    stems = [Path(name).stem if isinstance(name, str) else str(name) for name in names]
+    labels = stems if len({*stems}) == len(stems) else [*map(str, names)]
+    images = number_images(path, path.name.partition(".")[0], labels)
+    return images._replace(unordered=not are_series(labels))
 
 
 _LAST_NUMBER = re.compile(r"^(.*?)([0-9]{1,18})([^0-9]*)$", re.DOTALL)
-_DIGITS = re.compile(r"([0-9]+)")
-
-MOST_APART = 100
-"""Numbers per image, between the least and the largest, of what is a series of frames."""
 
 
 def are_series(names: Sequence[str]) -> bool:
-    """Whether names differ in one number, by which they can be the frames of a video."""
-    matches = [_LAST_NUMBER.match(name) for name in names]
-    parts = {(match[1], match[3]) for match in matches if match}
-    numbers = {int(match[2]) for match in matches if match}
-    if None in matches or len(parts) > 1 or len(numbers) < len(names):
-        return False
-    return not numbers or max(numbers) - min(numbers) < MOST_APART * len(numbers)
+    """Whether names differ in one number, by which they can be the frames of a video.
 
-
-def images_in(paths: Sequence[Path], suffix: str, but: str = "") -> Images:
-    """Return the files of a folder that is given as a whole, but for one, or these files.
-
-    Raises InputError for two files of one frame, and for links that lead nowhere, pipes and devices
-    in a folder, which cannot be read whole.
+    Then there are less than 100 numbers from the least to the largest for each name.
     """
-    folder = paths[0] if paths[0].is_dir() else paths[0].parent
-    files = list(paths)
-    if paths[0].is_dir():
-        with os.scandir(folder) as entries:
-            names = [each.name for each in entries if each.name.lower().endswith(suffix)]
-        files = [folder / name for name in names if name != but]
-        files = [path for path in files if not path.is_dir()]
-    for path in files:
-        if not path.is_file():
-            what = "leads to no file" if path.is_symlink() else "is not a regular file"
-            raise input_error(path, what, "remove it, or name the files themselves")
-    video = folder.resolve().name
-    images = _in_series(files, video)
-    unordered = not all(image.label.isdigit() for image in images)
-    return Images(str(paths[0] if len(files) == 1 else folder), video, images, unordered)
+    matches = [match for name in names if (match := _LAST_NUMBER.match(name))]
+    numbers = {int(match[2]) for match in matches}
+    if len({(m[1], m[3]) for m in matches}) > 1 or len(numbers) < len(names):
+        return False
+    return not numbers or max(numbers) - min(numbers) < 100 * len(numbers)
 
 
-def _in_series(paths: Sequence[Path], folder: str) -> list[Image]:
-    """Return files in order of videos and frames; `folder` is the name of a single video.
+def find_images(paths: Sequence[Path], suffix: str, but: str = "") -> tuple[Sequence[Path], Images]:
+    """Return the files of a folder that is given as a whole, but for one, or these files, in order.
 
     The last number in a name is that of the frame. Names that differ in more than this number are
     of several videos, unless one of these would have a single frame: then each name is that of an
-    image. Raises InputError where two files have the same number.
+    image. Raises InputError for two files of one frame, and for links that lead nowhere, pipes and
+    devices in a folder, which cannot be read whole.
     """
+    folder, files = paths[0].parent, list(paths)
+    if paths[0].is_dir():
+        folder = paths[0]
+        files = [f for f in folder.iterdir() if f.name.lower().endswith(suffix) and f.name != but]
+        files = [file for file in files if not file.is_dir()]
+    for file in files:
+        if not file.is_file():
+            problem = "leads to no file" if file.is_symlink() else "is not a regular file"
+            raise input_error(file, problem, "remove it, or name the files themselves")
+    name, video = str(paths[0] if len(files) == 1 else folder), folder.resolve().name
+    files.sort(
+        key=lambda file: [  # 9 stands before 10
+            (False, int(piece), "") if piece.isdigit() else (True, 0, piece)
+            for piece in re.split(r"([0-9]+)", file.name)
+        ]
+    )
+    stems = [file.name.rpartition(".")[0] or file.name for file in files]
     series: dict[tuple[str, str], dict[int, Path]] = {}
-    stems = [path.name.rpartition(".")[0] or path.name for path in paths]
-    matches = [_LAST_NUMBER.match(stem) for stem in stems]
-    for path, match in sorted(zip(paths, matches, strict=True), key=lambda each: each[0].name):
-        if match is None:
-            continue
-        files, number = series.setdefault((match[1], match[3]), {}), int(match[2])
-        if (other := files.setdefault(number, path)) is not path:
-            found = f"two files of frame {number}, {other.name} and {path.name}"
-            raise input_error(path.parent, found, "remove or rename one of them")
-    if None in matches or (len(series) > 1 and any(len(files) == 1 for files in series.values())):
-        natural = sorted(zip(paths, stems, strict=True), key=lambda each: _natural(each[0].name))
-        return [Image(path, folder, n, stem) for n, (path, stem) in enumerate(natural)]
-    names = [folder]
+    for file, stem in sorted(zip(files, stems, strict=True), key=lambda pair: pair[0].name):
+        if match := _LAST_NUMBER.match(stem):
+            numbered = series.setdefault((match[1], match[3]), {})
+            if (other := numbered.setdefault(int(match[2]), file)) is not file:
+                problem = f"two files of frame {int(match[2])}, {other.name} and {file.name}"
+                raise input_error(folder, problem, "remove or rename one of them")
+    counts = [len(numbered) for numbered in series.values()]
+    if sum(counts) < len(files) or (len(counts) > 1 and 1 in counts):
+        images = Images(name, stems, [video] * len(files), range(len(files)), unordered=True)
+        return files, images._replace(unordered=not all(map(str.isdigit, stems)))
+    names = [video]
     if len(series) > 1:  # what files have before the number, where that differs
         names = [before.rstrip("._- ") for before, _ in series]
         if len({*names, ""}) <= len(series):
             names = [before + after for before, after in series]
-    return [
-        Image(files[number], name, number - min(files), str(number))
-        for name, files in zip(names, series.values(), strict=True)
-        for number in sorted(files)
+    rows = [
+        (numbered[number], str(number), name, number - min(numbered))
+        for name, numbered in zip(names, series.values(), strict=True)
+        for number in sorted(numbered)
     ]
-
-
-def _natural(name: str) -> list[tuple[int, int, str]]:
-    """Return a key by which 9 comes before 10."""
-    pieces = _DIGITS.split(name)
-    return [(0, int(piece), "") if piece.isdigit() else (1, 0, piece) for piece in pieces]
+    files, labels, videos, frames = map(list, zip(*rows, strict=True)) if rows else ([], [], [], [])
+    return files, Images(name, labels, videos or [video], frames)

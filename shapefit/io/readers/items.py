@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import gc
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -35,7 +35,7 @@ def read_landmarks(
     known: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[LandmarkSet, Notes]:
     """Return the images of a file of poses, and warnings of what is left out. Raises InputError."""
-    return landmarks_of(_of_kind(known, paths, "landmarks"), options)
+    return landmarks_of(_read_kind(known, paths, "landmarks"), options)
 
 
 def read_shapes(
@@ -45,120 +45,69 @@ def read_shapes(
 
     With `gaps` landmarks may be unknown, NaN; without, the whole shapes of those mostly known.
     """
-    shapes, notes = shapes_of(_of_kind(known, paths, "shapes"), options)
-    return (shapes, notes) if gaps else without_gaps(shapes, notes, source_name(paths[0]))
+    poses = _read_kind(known, paths, "shapes")
+    fields, notes = _fields(poses, options)
+    edges = np.array(poses.edges, np.int64) if poses.edges else None
+    shapes = ShapeSet(**fields, edges=edges)
+    return (shapes, notes) if gaps else _without_gaps(shapes, notes, source_name(paths[0]))
 
 
-HELD_BYTES = 1 << 27
-"""Of poses that were read to tell what a file holds, and are kept until they are read again."""
+def _read_kind(known: FileFormat, paths: tuple[Path, ...], kind: str) -> Poses:
+    """Return the poses in these files. Raises InputError where they are not of this kind."""
+    name, dimensions = source_name(paths[0]), 2 if kind == "landmarks" else 3
+    if known.read_poses is None or kind not in known.records:
+        titles = listed(each.title for each in FORMATS.values() if kind in each.records)
+        fix = f"give {'2D landmarks' if dimensions == 2 else '3D shapes'}: {titles}"
+        raise input_error(name, f"is {known.title}, which holds no {kind}", fix)
+    poses = read_poses(known, paths)
+    if poses.dimensions != dimensions:
+        fix = "give 2D landmarks; 3D shapes are for learn-dict" if dimensions == 2 else ""
+        problem = f"{known.title} of {poses.dimensions}D points"
+        raise input_error(name, problem, fix or "give 3D shapes")
+    return poses
 
-_held: dict[tuple[Path, ...], tuple[object, Poses]] = {}
+
+MAX_KEPT = 1 << 27
+"""Bytes of poses that were read to tell what files hold, and are kept until they are read again."""
+
+_kept: dict[tuple[Path, ...], tuple[object, Poses]] = {}
 """Files -> their format and state when they were read, and what they hold."""
 
 
-def peek_poses(known: FileFormat, paths: tuple[Path, ...]) -> Poses:
-    """Return the poses in these files, and keep them for the next call of `read_poses`."""
-    found = read_poses(known, paths)
-    held = sum(each.points.nbytes for _, each in _held.values())
-    if held + found.points.nbytes <= HELD_BYTES:
-        _held[paths] = _state(known, paths), found
-    return found
-
-
-def _state(known: FileFormat, paths: tuple[Path, ...]) -> object:
-    """Return what differs where files would be read differently: format, size, time of change."""
-    inside = (sorted(path.iterdir()) if path.is_dir() else [path] for path in paths)
-    stats = [(str(file), file.stat()) for files in inside for file in files]
-    return known.title, [(name, stat.st_size, stat.st_mtime_ns) for name, stat in stats]
-
-
-def read_poses(known: FileFormat, paths: tuple[Path, ...]) -> Poses:
-    """Return the poses in these files, in 2D or 3D.
+def read_poses(known: FileFormat, paths: tuple[Path, ...], *, keep: bool = False) -> Poses:
+    """Return the poses in these files, in 2D or 3D; `keep` them for the next call.
 
     The garbage collector rests: it would walk again and again over the millions of lists of a
     large JSON file, several times as slow.
     """
     if known.read_poses is None:
         raise ValueError(f"{known.title} is no format of poses")
-    state, kept = _held.pop(paths, (None, None))
-    if kept is not None and state == _state(known, paths):
-        return kept
-    running = gc.isenabled()
-    gc.disable()
-    try:
-        with parsing(source_name(paths[0]), f"give {known.title} as its program writes it"):
-            found: Poses = known.read_poses(paths)
-    finally:
-        if running:
-            gc.enable()
-    return found
-
-
-def _of_kind(known: FileFormat, paths: tuple[Path, ...], kind: str) -> Poses:
-    """Return the poses in these files. Raises InputError where they are not of this kind."""
-    wanted = 2 if kind == "landmarks" else 3
-    name = source_name(paths[0])
-    if known.read_poses is None or kind not in known.records:
-        titles = listed(each.title for each in FORMATS.values() if kind in each.records)
-        fix = f"give {'2D landmarks' if wanted == 2 else '3D shapes'}: {titles}"
-        raise input_error(name, f"is {known.title}, which holds no {kind}", fix)
-    poses = read_poses(known, paths)
-    if poses.dimensions != wanted:
-        found = f"{known.title} of {poses.dimensions}D points"
-        fix = "give 3D shapes" if wanted == 3 else "give 2D landmarks; 3D shapes are for learn-dict"
-        raise input_error(name, found, fix)
+    files = [f for path in paths for f in (sorted(path.iterdir()) if path.is_dir() else [path])]
+    stats = [(file, file.lstat()) for file in files]
+    state = known.title, [(file, stat.st_size, stat.st_mtime_ns) for file, stat in stats]
+    before, poses = _kept.pop(paths, (None, None))
+    if poses is None or before != state:
+        running = gc.isenabled()
+        gc.disable()
+        try:
+            with parsing(source_name(paths[0]), f"give {known.title} as its program writes it"):
+                poses = known.read_poses(paths)
+        finally:
+            if running:
+                gc.enable()
+    assert poses is not None
+    kept = sum(other.points.nbytes for _, other in _kept.values())
+    if keep and kept + poses.points.nbytes <= MAX_KEPT:
+        _kept[paths] = state, poses
     return poses
 
 
-KEY = "keypoints"
-NUMBERED = "numbered"
-"""In place of a skeleton: landmarks are called 0, 1 and so on."""
-
-
-def landmark_names(poses: Poses, options: InputOptions) -> tuple[str, ...]:
-    """Return the names of the landmarks of a poses.
-
-    They are those of the file. Where it has none, they are those of the skeleton `keypoints`, of
-    the one that its format implies, or their numbers where no known skeleton has as many, or
-    `keypoints` is `numbered`. Raises InputError for an unknown skeleton, one of another number of
-    landmarks, and where some have as many as the file and `keypoints` names none.
-    """
-    wanted = options.keypoints
-    if wanted is not None and wanted not in (*installed_skeletons(), NUMBERED):
-        near = nearest_names(wanted, tuple(installed_skeletons()))
-        fix = f"did you mean {near[0]}?" if near else f"use {listed(installed_skeletons())}"
-        raise input_error(KEY, f"there is no skeleton {wanted!r}", fix)
-    if poses.landmark_names is not None:
-        return poses.landmark_names
-    count = poses.landmark_count
-    fitting = skeletons_of_size(count)
-    chosen = wanted or poses.skeleton
-    if chosen is None and fitting:
-        found = f"{count} landmarks without names, as {listed(fitting, 'and')} have"
-        ways = [f"`--set {KEY}={name}`" for name in (*fitting, NUMBERED)]
-        raise input_error(poses.name, found, f"say which: {listed(ways)}")
-    if chosen in (None, NUMBERED):
-        return tuple(map(str, range(count)))
-    names = installed_skeletons()[chosen].landmark_names
-    if len(names) != count:
-        known = f"; {listed(fitting)} have as many" if fitting else ""
-        found = f"{count} landmarks, and {chosen} has {len(names)}"
-        raise input_error(poses.name, found, f"set another `{KEY}`{known}")
-    return names
-
-
-def _assumed_skeleton(poses: Poses, options: InputOptions) -> Notes:
-    """Return a note where names are of the usual one of two versions of a skeleton, as body_25."""
-    count, usual = poses.landmark_count, poses.skeleton
-    if poses.landmark_names is not None or options.keypoints or usual is None:
-        return ()
-    versions = (name for name in skeletons_of_size(count) if name.startswith(usual))
-    return tuple(
-        f"{poses.name}: {count} landmarks without names taken as those of {usual}; "
-        f"`{KEY}={other}` if they are not"
-        for other in versions
-        if other != usual
-    )
+def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Notes]:
+    """Return 2D poses as images, and notes."""
+    poses = _in_pixels(poses, options)
+    fields, notes = _fields(poses, options)
+    edges = {EDGES: np.array(poses.edges, np.int64)} if poses.edges else {}
+    return LandmarkSet(**fields, y_axis=options.y_axis, whole=edges), notes
 
 
 SIZE_FIX = "give the size of the images in pixels: `image_size=[1920,1080]`"
@@ -174,7 +123,7 @@ def size_needed(name: str) -> InputError:
     return input_error(name, "x and y are fractions of the width and height of the image", SIZE_FIX)
 
 
-def in_pixels(poses: Poses, options: InputOptions) -> Poses:
+def _in_pixels(poses: Poses, options: InputOptions) -> Poses:
     """Return poses whose fractions of the image are pixels, where its size is given.
 
     Raises InputError where they are useless without; else a note says so.
@@ -188,45 +137,67 @@ def in_pixels(poses: Poses, options: InputOptions) -> Poses:
     return replace(poses, notes=(*poses.notes, f"{SQUEEZED}; {SIZE_FIX}"))
 
 
-def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Notes]:
-    """Return 2D poses as images, and notes."""
-    poses = in_pixels(replace(poses, y_axis=options.y_axis or poses.y_axis), options)
-    fields, notes = _fields(poses, options)
-    whole: dict[str, NDArray[Any]] = {}
-    if poses.edges:
-        whole[EDGES] = np.array(poses.edges, dtype=np.int64)
-    return LandmarkSet(**fields, y_axis=poses.y_axis, whole=whole), notes
-
-
-def shapes_of(poses: Poses, options: InputOptions) -> tuple[ShapeSet, Notes]:
-    """Return 3D poses as shapes, NaN where a landmark is unknown; and notes."""
-    fields, notes = _fields(poses, options)
-    edges = np.array(poses.edges, dtype=np.int64) if poses.edges else None
-    return ShapeSet(**fields, edges=edges), notes
-
-
 def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]:
     """Return what landmarks and shapes both have, and notes."""
-    names = landmark_names(poses, options)
+    names, assumed = _landmark_names(poses, options)
     poses, items, sequences = select(poses, options)
-    notes = tuple(f"{poses.name}: {note}" for note in poses.notes)
-    notes += _assumed_skeleton(poses, options)
-    columns = {FRAME: poses.frame, "confidence": poses.confidence}
+    columns = {FRAME: poses.frame}
+    if poses.confidence is not None:
+        columns["confidence"] = poses.confidence
     fields = {
+        # poses (n, p, d), records (n, d, p)
         "points": np.ascontiguousarray(poses.points.transpose(0, 2, 1)),
         "landmark_names": names,
         "items": items,
         "sequences": sequences if any(sequences) else None,
         "unit": poses.unit,
         "frame_rate": poses.frame_rate,
-        "columns": {name: values for name, values in columns.items() if values is not None},
+        "columns": columns,
     }
-    return fields, notes
+    return fields, tuple(f"{poses.name}: {note}" for note in (*poses.notes, *assumed))
 
 
-NOTHING = "individuals without a landmark left out"
-INFINITE = "landmarks hidden, whose coordinates are infinite"
-DOUBTFUL = "landmarks hidden, whose confidence is below `min_confidence`"
+KEY = "keypoints"
+NUMBERED = "numbered"
+"""In place of a skeleton: landmarks are called 0, 1 and so on."""
+
+
+def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...], Notes]:
+    """Return the names of the landmarks, and notes of what was assumed.
+
+    They are those of the file. Where it has none, they are those of the skeleton `keypoints`, of
+    the one that its format implies, or their numbers where no known skeleton has as many, or
+    `keypoints` is `numbered`. Raises InputError for an unknown skeleton, one of another number of
+    landmarks, and where some have as many as the file and `keypoints` names none.
+    """
+    wanted, skeletons = options.keypoints, installed_skeletons()
+    if wanted is not None and wanted not in (*skeletons, NUMBERED):
+        near = nearest_names(wanted, tuple(skeletons))
+        fix = f"did you mean {near[0]}?" if near else f"use {listed(skeletons)}"
+        raise input_error(KEY, f"there is no skeleton {wanted!r}", fix)
+    if poses.landmark_names is not None:
+        return poses.landmark_names, ()
+    count, fitting = poses.landmark_count, skeletons_of_size(poses.landmark_count)
+    chosen = wanted or poses.skeleton
+    if chosen is None and fitting:
+        problem = f"{count} landmarks without names, as {listed(fitting, 'and')} have"
+        ways = [f"`--set {KEY}={name}`" for name in (*fitting, NUMBERED)]
+        raise input_error(poses.name, problem, f"say which: {listed(ways)}")
+    if chosen in (None, NUMBERED):
+        return tuple(map(str, range(count))), ()
+    names = skeletons[chosen].landmark_names
+    if len(names) != count:
+        others = f"; {listed(fitting)} have as many" if fitting else ""
+        problem = f"{count} landmarks, and {chosen} has {len(names)}"
+        raise input_error(poses.name, problem, f"set another `{KEY}`{others}")
+    versions = [name for name in fitting if name.startswith(chosen) and name != chosen]
+    return names, tuple(
+        f"{count} landmarks without names taken as those of {chosen}; "
+        f"`{KEY}={other}` if they are not"
+        for other in (() if wanted else versions)
+    )
+
+
 UNTRACKED = "untracked"
 """In place of the individual, for those without identity beside others that have one."""
 
@@ -240,9 +211,9 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
     """
     named = bool(poses.individuals)
     if options.track == "motion" and poses.unordered and (poses.frame_count or 0) > 1:
-        found = "holds images of different files, without numbers of frames: no motion"
+        problem = "holds images of different files, without numbers of frames: no motion"
         fix = "set `track: nearest` if they are one all the same, or write .h5 or .csv"
-        raise input_error(poses.name, found, fix)
+        raise input_error(poses.name, problem, fix)
     if options.track != "none":
         from shapefit.io.readers.tracking import track_people
 
@@ -252,44 +223,47 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
         fix = "its format names none; leave out `individual`, or join people with `track: nearest`"
         fix = f"name one of {abbreviate(people)}" if people else fix
         raise input_error(poses.name, f"has no individual {wanted!r}", fix)
-    poses, placed = _hide(poses, options.min_confidence)
-    items, sequences = _names_of(poses, f"{UNTRACKED}/" if named else "")
-    rows = placed
+    poses, rows = _hide(poses, options.min_confidence)
+    items, sequences = _name_items(poses, f"{UNTRACKED}/" if named else "")
     if wanted is not None:
         rows = rows & np.array([who == wanted for who in poses.individual or ()])
-    chosen = Counter(item for item, taken in zip(items, rows.tolist(), strict=True) if taken)
-    if twice := [item for item, number in chosen.items() if number > 1]:
-        found = f"{abbreviate(twice)} occur{'s' * (len(twice) == 1)} more than once"
+    kept = np.flatnonzero(rows).tolist()
+    times = Counter(items[row] for row in kept)
+    if twice := [item for item, number in times.items() if number > 1]:
+        problem = f"{abbreviate(twice)} occur{'s' * (len(twice) == 1)} more than once"
         fix = "give each frame a number of its own, and each individual one place in it"
-        raise input_error(poses.name, found, fix)
-    kept = np.flatnonzero(rows)
+        raise input_error(poses.name, problem, fix)
     first = {name: n for n, name in enumerate(dict.fromkeys(sequences[row] for row in kept))}
-    kept = kept[np.argsort([first[sequences[row]] for row in kept], kind="stable").astype(np.intp)]
-    return poses.take(kept), [items[row] for row in kept], [sequences[row] for row in kept]
+    kept.sort(key=lambda row: first[sequences[row]])
+    poses = poses.take(np.array(kept, np.intp))
+    return poses, [items[row] for row in kept], [sequences[row] for row in kept]
 
 
 def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:
     """Return poses without landmarks that are not to be used, and which have any left."""
     points, confidence = poses.points, poses.confidence
     placed: Flags = np.asarray(np.isfinite(points).all(axis=2))
-    counts = {INFINITE: int((~placed & np.isinf(points).any(axis=2)).sum())}
-    if least and confidence is not None:
-        doubtful = placed & (confidence < least)
-        counts[DOUBTFUL] = int(doubtful.sum())
-        placed &= ~doubtful
+    infinite = int((~placed & np.isinf(points).any(axis=2)).sum())
+    doubtful = 0
     if confidence is not None:
+        low = placed & (confidence < least)
+        doubtful, placed = int(low.sum()) if least else 0, placed & ~low if least else placed
         weights = np.nan_to_num(confidence, nan=1.0, posinf=1.0, neginf=0.0)
         confidence = np.where(placed, np.maximum(weights, 0.0), 0.0)
     rows: Flags = np.asarray(placed.any(axis=1))
-    counts[NOTHING] = int((~rows).sum())
-    lost = tuple(f"{number} {text}" for text, number in counts.items() if number)
+    counts = {
+        "landmarks hidden, whose coordinates are infinite": infinite,
+        "landmarks hidden, whose confidence is below `min_confidence`": doubtful,
+        "individuals without a landmark left out": int((~rows).sum()),
+    }
+    notes = poses.notes + tuple(f"{number} {text}" for text, number in counts.items() if number)
     points = np.where(placed[..., None], points, np.nan)
-    return replace(poses, points=points, confidence=confidence, notes=poses.notes + lost), rows
+    return replace(poses, points=points, confidence=confidence, notes=notes), rows
 
 
-def _names_of(poses: Poses, untracked: str) -> tuple[list[str], list[str]]:
+def _name_items(poses: Poses, untracked: str) -> tuple[list[str], list[str]]:
     """Return the item and the sequence of each pose; those without identity are numbered."""
-    videos = [poses.video] * len(poses) if isinstance(poses.video, str) else poses.video
+    videos = poses.videos
     if poses.individual is None:
         rows = zip(videos, poses.label, strict=True)
         return [f"{video}/{label}" for video, label in rows], list(videos)
@@ -297,42 +271,40 @@ def _names_of(poses: Poses, untracked: str) -> tuple[list[str], list[str]]:
     sequences: list[str] = []
     numbers = Counter[tuple[str, str]]()
     for video, who, label in zip(videos, poses.individual, poses.label, strict=True):
+        sequences.append(f"{video}/{who}" if who else "")
         if who:
-            sequences.append(f"{video}/{who}")
             items.append(f"{video}/{who}/{label}")
         else:
-            sequences.append("")
             items.append(f"{video}/{untracked}{label}/{numbers[video, label]}")
             numbers[video, label] += 1
     return items, sequences
 
 
-KNOWN_SHARE = 0.9
+MIN_SHARE = 0.9
 """Of the shapes of a file in which a landmark must be known to be learned from."""
 
 
-def without_gaps(shapes: ShapeSet, notes: Notes, name: str) -> tuple[ShapeSet, Notes]:
+def _without_gaps(shapes: ShapeSet, notes: Notes, name: str) -> tuple[ShapeSet, Notes]:
     """Return the whole shapes of the landmarks that are mostly known, and notes of what is lost.
 
     Raises InputError where no landmark is.
     """
-    known = np.asarray(np.isfinite(shapes.shapes).all(axis=1))
     if not len(shapes):
         return shapes, notes
-    often: Flags = np.asarray(known.mean(axis=0) >= KNOWN_SHARE)
+    known = np.asarray(np.isfinite(shapes.shapes).all(axis=1))
+    often: Flags = np.asarray(known.mean(axis=0) >= MIN_SHARE)
     if not often.any():
-        found = f"no landmark is known in {KNOWN_SHARE:.0%} of its {counted(len(shapes), 'shape')}"
-        raise input_error(name, found, "give shapes with fewer gaps")
+        problem = f"no landmark is known in {MIN_SHARE:.0%} of its {counted(len(shapes), 'shape')}"
+        raise input_error(name, problem, "give shapes with fewer gaps")
     rows: Flags = np.asarray(known[:, often].all(axis=1))
-    lost = [name for name, stays in zip(shapes.landmark_names, often, strict=True) if not stays]
+    lost = [each for each, stays in zip(shapes.landmark_names, often, strict=True) if not stays]
     if lost:
-        text = f"left out, known in less than {KNOWN_SHARE:.0%} of the shapes"
+        text = f"left out, known in less than {MIN_SHARE:.0%} of the shapes"
         notes += (f"{name}: {counted(len(lost), 'landmark')} {text} ({abbreviate(lost)})",)
+        shapes = _columns(shapes, np.flatnonzero(often))
     if not rows.all():
         gone = counted(int((~rows).sum()), "shape")
         notes += (f"{name}: {gone} left out, in which a landmark is unknown",)
-    if lost:
-        shapes = _of_landmarks(shapes, np.flatnonzero(often))
     return shapes.take(rows), notes
 
 
@@ -346,40 +318,36 @@ def keep_landmarks(records: R, names: Sequence[str], place: str) -> R:
     columns = match_landmarks(records.landmark_names, names, f"{place}: landmarks")
     if isinstance(records, LandmarkSet):
         return records.arrange(names, place, leave_out=True)
-    return _of_landmarks(records, columns)
+    return _columns(records, columns)
 
 
 MIRROR = "mirror_index"
 
 
-def _of_landmarks(shapes: ShapeSet, columns: NDArray[np.intp]) -> ShapeSet:
+def _columns(shapes: ShapeSet, columns: NDArray[np.intp]) -> ShapeSet:
     """Return the shapes with some of their landmarks, and the edges between those.
 
     Of a tree, whose edges lead from parents to children, a landmark is joined to the nearest of
     its forebears that stays.
     """
     place = {int(old): new for new, old in enumerate(columns)}
-    index, paired = shapes.whole.get(MIRROR), None
-    if index is not None and all(int(index[old]) in place for old in place):
-        paired = np.array([place[int(index[old])] for old in place])
-    shapes = shapes.replaced(mirror_index=paired) if index is not None else shapes
+    changes: dict[str, Any] = {}
+    if (index := shapes.whole.get(MIRROR)) is not None:
+        whole = all(int(index[old]) in place for old in place)
+        changes[MIRROR] = np.array([place[int(index[old])] for old in place]) if whole else None
+    if shapes.edges is not None:
+        edges = shapes.edges.tolist()
+        parents = {child: parent for parent, child in edges}
+        tree, pairs = len(parents) == len(edges), []
+        for above, below in edges:
+            steps = len(edges) if tree else 0  # at most: damaged edges can be a ring
+            while steps and above not in place and above in parents:
+                above, steps = parents[above], steps - 1
+            if above in place and below in place:
+                pairs.append([place[above], place[below]])
+        changes["edges"] = np.array(pairs, np.int64).reshape(-1, 2)
     return shapes.replaced(
         shapes=shapes.shapes[:, :, columns],
         landmark_names=tuple(shapes.landmark_names[int(j)] for j in columns),
-        edges=None if shapes.edges is None else _edges_between(shapes.edges.tolist(), place),
+        **changes,
     )
-
-
-def _edges_between(edges: list[list[int]], place: Mapping[int, int]) -> NDArray[np.int64]:
-    """Return the edges (e, 2) between landmarks that have a new place."""
-    parents = {child: parent for parent, child in edges}
-    tree = len(parents) == len(edges)
-    pairs = []
-    for above, below in edges:
-        for _ in range(len(edges) if tree else 0):
-            if above in place or above not in parents:
-                break
-            above = parents[above]
-        if above in place and below in place:
-            pairs.append([place[above], place[below]])
-    return np.array(pairs, dtype=np.int64).reshape(-1, 2)

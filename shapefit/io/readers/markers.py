@@ -1,25 +1,27 @@
-"""Points of motion capture: TRC, anipose's CSV, and C3D, which ezc3d reads (the extra `c3d`)."""
+"""Points of motion capture: TRC, the CSV of anipose and of Vicon, and C3D, which ezc3d reads."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import os
+import struct
+from collections.abc import Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from shapefit.errors import abbreviate, input_error
+from shapefit.arrays import Floats
+from shapefit.errors import abbreviate, counted, input_error
 from shapefit.geometry.normalisation import as_metres
+from shapefit.io.inputs import check_fits
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.columns import anipose_landmarks
-from shapefit.io.readers.poses import Poses, make_unique, of_frames
-from shapefit.io.readers.text_table import Table, read_text
+from shapefit.io.readers.poses import Poses, make_unique, of_frames, parsing, require
+from shapefit.io.readers.tables import Table, read_text, split_rows
 
 HEAD_LINES = 12
-"""Within which the names of the markers stand; five as a rule, more with empty lines between."""
-
-AT_ORIGIN = "points at exactly 0, 0, 0 taken for missing"
-TOO_FEW = "frames are announced in the header, but not there"
+"""Within which the names of TRC markers stand; five as a rule, more with empty lines between."""
 
 
 def read_trc(paths: tuple[Path, ...]) -> Poses:
@@ -30,80 +32,61 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
     """
     path = paths[0]
     text = read_text(path)
-    header = _read_header(path, text.split("\n")[:HEAD_LINES])
-    names, notes = make_unique(header.labels)
-    table = Table(path, header.delimiter, text)
-    columns = [f"{name} {axis}" for name in names for axis in "XYZ"]
-    table.skip(header.lines, ["Frame#", "Time", *columns])
-    table.padded = True
-    ((_, row),) = table.first_rows(1) or [(0, [])]
-    if len(row) == 1:
+    head = text.split("\n")[:HEAD_LINES]
+    firsts = [line.replace(",", "\t").split("\t")[0].strip().lower() for line in head]
+    last = next((n for n, first in enumerate(firsts) if first in ("frame#", "frame")), None)
+    if last is None:
+        fix = "give a TRC file whose fourth line is `Frame#  Time  NAME ...`"
+        raise input_error(path, "has no line with the names of markers", fix)
+    delimiter = "\t" if "\t" in head[last] else ","
+    cells = [[cell.strip() for cell in line.split(delimiter)] for line in (*head, "")]
+    about: dict[str, str] = {}
+    if "datarate" in firsts:
+        at = firsts.index("datarate")
+        about = dict(zip(map(str.lower, cells[at]), cells[at + 1], strict=False))
+    named = cells[last][2:]
+    below = cells[last + 1] if not cells[last + 1][0] else []  # X1 Y1 Z1 X2 ...
+    axes = sum(map(bool, below[2:]))
+    last += any(below)
+    given = [name for name in named if name]
+    count = axes // 3 or int(_positive(about.get("nummarkers"))) or len(given)
+    adjacent = len(given) == count > 1 and named[: len(given)] == given  # without cells between
+    labels = given if adjacent else named[::3][:count]
+    labels += [""] * (min(count, max(len(named), axes)) - len(labels))
+    if not labels or not (given or axes):
+        raise input_error(f"{path}:{last + 1}", "there are no markers", "give a TRC with markers")
+    names, notes = make_unique(labels)
+    rows = [row for row in split_rows(path, text, delimiter) if row[0] > last + 1]
+    columns = ["Frame#", "Time", *(f"{name} {axis}" for name in names for axis in "XYZ")]
+    table = Table(path, rows, columns, delimiter, padded=True)
+    if rows and len(table.cells(0)) == 1:
         table.delimiter = None  # only the header has tabs
-    numbers, (firsts,), _ = table.read(range(2, 2 + len(columns)), [0])
-    labels = [first or str(frame) for frame, first in enumerate(firsts)]
-    factor, unit = as_metres(header.values.get("units", ""))
-    points = factor * numbers.reshape(len(labels), len(names), 3)
+    values, (frames,), _ = table.read(range(2, len(columns)), [0])
+    factor, unit = as_metres(about.get("units", ""))
+    points = factor * values.reshape(len(rows), len(names), 3)
     origin = np.asarray((points == 0).all(axis=2))
-    points[origin] = np.nan
-    lost = {TOO_FEW: int(header.number("numframes")) - len(labels), AT_ORIGIN: int(origin.sum())}
-    notes += tuple(f"{number} {what}" for what, number in lost.items() if number > 0)
+    counts = {
+        "frames are announced in the header, but not there": int(
+            _positive(about.get("numframes")) - len(rows)
+        ),
+        "points at exactly 0, 0, 0 taken for missing": int(origin.sum()),
+    }
     return of_frames(
         path,
-        points,
-        labels=labels,
+        np.where(origin[..., None], np.nan, points),
+        labels=[frame or str(number) for number, frame in enumerate(frames)],
         video=path.stem,
         landmark_names=names,
-        frame_rate=header.number("datarate") or None,
+        frame_rate=_positive(about.get("datarate")) or None,
         unit=unit or UNKNOWN_UNIT,
-        notes=notes,
+        notes=notes + tuple(f"{number} {what}" for what, number in counts.items() if number > 0),
     )
 
 
-@dataclass(frozen=True)
-class Header:
-    """What stands above the frames; `lines` is the number of its lines."""
-
-    delimiter: str
-    values: dict[str, str]
-    labels: list[str]
-    lines: int
-
-    def number(self, name: str) -> float:
-        """Return a value as a number; 0 where it is none, or below 0."""
-        return _number(self.values.get(name, ""))
-
-
-def _read_header(path: Path, lines: Sequence[str]) -> Header:
-    """Read what stands above the frames. Raises InputError where there are no markers."""
-    firsts = [line.replace(",", "\t").split("\t")[0].strip().lower() for line in lines]
-    place = next((i for i, first in enumerate(firsts) if first in ("frame#", "frame")), None)
-    if place is None:
-        fix = "give a TRC file whose fourth line is `Frame#  Time  NAME ...`"
-        raise input_error(path, "has no line with the names of markers", fix)
-    delimiter = "\t" if "\t" in lines[place] else ","
-    values: dict[str, str] = {}
-    if "datarate" in firsts:
-        at = firsts.index("datarate")
-        keys, cells = (line.split(delimiter) for line in lines[at : at + 2])
-        values = {k.strip().lower(): c.strip() for k, c in zip(keys, cells, strict=False)}
-    cells = [cell.strip() for cell in lines[place].split(delimiter)[2:]]
-    axes = 0
-    if place + 1 < len(lines) and not firsts[place + 1] and lines[place + 1].strip():
-        axes = sum(bool(cell.strip()) for cell in lines[place + 1].split(delimiter)[2:])
-        place += 1
-    given = [cell for cell in cells if cell]
-    markers = axes // 3 or int(_number(values.get("nummarkers", ""))) or len(given)
-    side_by_side = len(given) == markers and cells[: len(given)] == given and markers > 1
-    labels = given if side_by_side else cells[::3][:markers]
-    labels += [""] * (min(markers, max(len(cells), axes)) - len(labels))
-    if not labels or not (given or axes):
-        raise input_error(f"{path}:{place + 1}", "there are no markers", "give a TRC with markers")
-    return Header(delimiter, values, labels, place + 1)
-
-
-def _number(cell: str) -> float:
+def _positive(cell: str | None) -> float:
+    """Return a cell as a number; 0 where it is none, or below 0."""
     try:
-        value = float(cell)
+        value = float(cell or 0)
     except ValueError:
         return 0.0
     return max(value, 0.0) if np.isfinite(value) else 0.0
@@ -116,28 +99,187 @@ def read_anipose(paths: tuple[Path, ...]) -> Poses:
     another width, and cells that are no numbers.
     """
     path = paths[0]
-    table = Table(path)
-    ((line, cells),) = table.first_rows(1)
-    columns = [cell.strip() for cell in cells]
-    table.skip(line, columns)
-    names = anipose_landmarks(columns)
-    place = {name: number for number, name in enumerate(columns)}
-    left = [name[:-2] for name in columns if name.endswith("_x") and name[:-2] not in names]
-    scored = all(f"{name}_score" in place for name in names)
-    wanted = [f"{name}_{axis}" for name in names for axis in "xyz"]
-    wanted += [f"{name}_score" for name in names if scored] + ["fnum"] * ("fnum" in place)
-    values, _, _ = table.read([place[name] for name in wanted])
-    points, scores = np.split(values[:, : 4 * len(names)], [3 * len(names)], axis=1)
+    rows = split_rows(path, read_text(path))
+    header = Table(path, rows[:1]).cells(0)
+    table, column = Table(path, rows[1:], header), {name: n for n, name in enumerate(header)}
+    names = anipose_landmarks(header)
+    left = [name[:-2] for name in header if name.endswith("_x") and name[:-2] not in names]
+    scored = all(f"{name}_score" in column for name in names)
+    wanted = [f"{name}_{axis}" for axis in ("x", "y", "z", "score")[: 3 + scored] for name in names]
+    numbered = ["fnum"] * ("fnum" in column)
+    values, _, _ = table.read([column[name] for name in (*wanted, *numbered)])
+    # (n, axis * p) -> (n, p, axis)
+    points = values[:, : len(wanted)].reshape(len(values), 3 + scored, len(names)).swapaxes(1, 2)
+    scores = np.where(np.isfinite(points[..., -1]), np.clip(points[..., -1], 0, None), np.nan)
     labels = None
-    if "fnum" in place and np.isfinite(values[:, -1]).all():
+    if numbered and np.isfinite(values[:, -1]).all():
         labels = [f"{number:.15g}" for number in values[:, -1].tolist()]
-    scores = np.where(np.isfinite(scores), np.clip(scores, 0, None), np.nan)
     return of_frames(
         path,
-        points.reshape(len(values), len(names), 3),
+        np.ascontiguousarray(points[..., :3]),
         scores if scored else None,
         labels,
         video=path.stem,
         landmark_names=names,
         notes=(f"points left out: {abbreviate(left)}",) if left else (),
+    )
+
+
+def read_vicon(paths: tuple[Path, ...]) -> Poses:
+    """Read the section `Trajectories` of a CSV that Vicon Nexus exports.
+
+    Below it stand the rate, a label above the X of each marker, `Frame,Sub Frame,X,Y,Z,...`, the
+    units, and the frames up to an empty line. An empty cell is missing.
+    """
+    path, lines = paths[0], read_text(paths[0]).split("\n")
+    firsts = [line.strip(', "\t').lower() for line in lines]
+    with parsing(path, "export the trajectories from Nexus again"):
+        start = firsts.index("trajectories") + 1
+        rate, named, axes, units = (line.split(",") for line in lines[start : start + 4])
+        count = sum(axis.strip() == "X" for axis in axes)
+        wanted = ["Frame", "Sub Frame", *"XYZ" * count]
+        require(count > 0 and [axis.strip() for axis in axes] == wanted, "has other columns")
+        factor, unit = as_metres(units[2].strip())
+        labels = ([name.strip() for name in named[2::3]] + [""] * count)[:count]
+        hertz = float(rate[0])
+    end = next((n for n in range(start + 4, len(lines)) if not firsts[n]), len(lines))
+    rows = [row for row in split_rows(path, "\n".join(lines[:end])) if row[0] > start + 4]
+    columns = [*wanted[:2], *(f"{name}/{axis}" for name in labels for axis in "XYZ")]
+    values, (frames,), _ = Table(path, rows, columns, padded=True).read(range(2, len(wanted)), [0])
+    points = factor * values.reshape(len(values), count, 3)
+    return _of_markers(path, points, labels, frames, hertz, unit=unit or UNKNOWN_UNIT)
+
+
+# C3D
+
+MAX_FRAMES = 65535
+
+EXPANDS = 16
+"""Times its size that a file takes in memory, at most, while ezc3d reads it."""
+
+COMPUTED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
+"""Lists of labels under POINT that are no points: what a model computed is stored beside them."""
+
+WHOLE = "give a whole C3D file"
+
+
+def read_c3d(paths: tuple[Path, ...]) -> Poses:
+    """Return the markers of a C3D file, in metres where it names its unit.
+
+    A point is missing where its residual is negative or its place NaN. Labels `subject:name` are
+    landmarks of an individual. Frames have the numbers that ezc3d gives them, one less than those
+    in the header. Raises InputError where ezc3d is not installed or cannot read the file.
+    """
+    path = paths[0]
+    _check_whole(path)
+    check_fits(str(path), EXPANDS * path.stat().st_size, "what it holds")
+    try:
+        file = import_module("ezc3d").c3d(os.fspath(path))
+    except ImportError as error:
+        problem = "is a C3D file, which ezc3d reads, and that is not installed"
+        raise input_error(path, problem, "run `pip install ezc3d`") from error
+    except MemoryError:
+        raise
+    except Exception as error:  # ezc3d has many kinds of error for damaged files
+        raise input_error(path, f"cannot be read by ezc3d ({error})", WHOLE) from error
+    parameters: Mapping[str, Any] = file["parameters"].get("POINT", {})
+    # (4, p, n) -> (n, p, 3)
+    points = np.asarray(file["data"]["points"], np.float64)[:3].transpose(2, 1, 0)
+    residual = np.asarray(file["data"]["meta_points"]["residuals"])[0].T
+    points = np.where((residual >= 0)[..., None], points, np.nan)
+    factor, unit = as_metres((_texts(parameters, "UNITS") or [""])[0])
+    more = (f"LABELS{number}" for number in range(2, len(parameters)))  # beyond 255
+    labels = [label for name in ("LABELS", *more) for label in _texts(parameters, name)]
+    labels = (labels + [""] * points.shape[1])[: points.shape[1]]
+    computed = {label for name in COMPUTED for label in _texts(parameters, name)}
+    left = [label for label in labels if label in computed]
+    notes: tuple[str, ...] = ()
+    if left:
+        text = f"left out, computed by a model, not seen ({abbreviate(left)})"
+        notes += (f"{counted(len(left), 'point')} {text}",)
+    if len(points) == MAX_FRAMES:
+        notes += (f"has {MAX_FRAMES} frames, as many as its header can count; it may hold more",)
+    start = int(file["header"]["points"]["first_frame"])
+    (rate,) = np.ravel(parameters.get("RATE", {}).get("value", ()))[:1] or [0.0]
+    markers = [place for place, label in enumerate(labels) if label not in computed]
+    return _of_markers(
+        path,
+        factor * points[:, markers],
+        [labels[place] for place in markers],
+        [str(start + frame) for frame in range(len(points))],
+        float(rate),
+        unit=unit or UNKNOWN_UNIT,
+        notes=notes,
+    )
+
+
+def _check_whole(path: Path) -> None:
+    """Raise InputError for a file shorter than its own header says, which ezc3d may not survive."""
+    size = path.stat().st_size
+    with parsing(path, WHOLE), path.open("rb") as file:
+        head = file.read(512)  # a block, in which C3D counts
+        points, analog, first, last = struct.unpack("<HHHH", head[2:10])
+        scale, start = struct.unpack("<fH", head[12:18])
+        file.seek(512 * (head[0] - 1))
+        section = file.read(4)
+        require(len(section) == 4, "is cut off before its parameters")
+        frames, number_bytes = max(last - first + 1, 0), 4 if scale < 0 else 2
+        needed = 512 * max(start - 1, 0) + frames * (4 * points + analog) * number_bytes
+        intel = section[3] == 84  # little end first, as all of today's are
+        require(not intel or size >= needed, f"has {size} bytes, and its header announces {needed}")
+
+
+def _texts(parameters: Mapping[str, Any], name: str) -> list[str]:
+    """Return texts; where they are not UTF-8, which ezc3d leaves as bytes, they are Latin-1."""
+    texts = []
+    for text in parameters.get(name, {}).get("value", ()):
+        data = str(text).encode("utf-8", "surrogateescape")
+        try:
+            texts.append(data.decode().strip())
+        except UnicodeDecodeError:
+            texts.append(data.decode("latin-1").strip())
+    return texts
+
+
+# What Vicon's CSV and C3D share: labels `subject:name`.
+
+
+def _of_markers(
+    path: Path,
+    points: Floats,
+    labels: Sequence[str],
+    frames: Sequence[str],
+    rate: float,
+    *,
+    unit: str,
+    notes: tuple[str, ...] = (),
+) -> Poses:
+    """Return markers (n, m, 3) of these labels; `subject:name` is a landmark of an individual.
+
+    Without a subject in any name there are no individuals; with one, it has all the points; with
+    several, those without a subject belong to `unassigned`.
+    """
+    names, repeated = make_unique(labels)
+    parts = [name.rpartition(":")[::2] for name in names]
+    subjects = list(dict.fromkeys(subject for subject, _ in parts if subject))
+    if len(subjects) > 1 and not all(subject for subject, _ in parts):
+        subjects.append("unassigned")
+    markers = [(subject or subjects[-1], name) for subject, name in parts] if subjects else []
+    if len(set(markers)) < len(names):
+        subjects, markers = [], [("", name) for name in names]
+    landmarks = list(dict.fromkeys(name for _, name in markers))
+    spread = np.full((len(points), max(len(subjects), 1), len(landmarks), 3), np.nan)
+    for marker, (subject, name) in enumerate(markers):
+        who = subjects.index(subject) if subjects else 0
+        spread[:, who, landmarks.index(name)] = points[:, marker]
+    return of_frames(
+        path,
+        spread,
+        labels=frames,
+        video=path.stem,
+        landmark_names=tuple(landmarks),
+        individuals=tuple(subjects) or None,
+        frame_rate=rate if np.isfinite(rate) and rate > 0 else None,
+        unit=unit,
+        notes=notes + repeated,
     )

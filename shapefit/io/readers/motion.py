@@ -1,32 +1,19 @@
-"""Motion capture: the trees of joints of BVH and ASF/AMC, and C3D, which ezc3d reads."""
+"""Trees of joints that turn: BVH, and ASF/AMC of Acclaim."""
 
 from __future__ import annotations
 
-import os
-import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error, listed
-from shapefit.geometry.normalisation import as_metres
-from shapefit.io.inputs import check_fits
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.readers.poses import (
-    FormatError,
-    Poses,
-    check_names,
-    make_unique,
-    of_frames,
-    parsing,
-    require,
-)
-from shapefit.io.readers.text_table import Row, Table, read_text
+from shapefit.io.readers.poses import Poses, check_names, make_unique, of_frames, parsing, require
+from shapefit.io.readers.tables import Table, read_text, split_rows
 from shapefit.io.tidy_table import read_numbers
 
 Channel = tuple[bool, int]
@@ -66,8 +53,7 @@ def forward_kinematics(joints: Sequence[Joint], values: Floats, *, degrees: bool
         joint = joints[number]
         before, motion = np.tile(joint.before, (n, 1)), np.eye(3)
         columns = values[:, starts[number] : starts[number + 1]]
-        for column, (turns, axis) in enumerate(joint.channels):
-            value = columns[:, column]
+        for (turns, axis), value in zip(joint.channels, columns.T, strict=True):
             if turns:
                 turn = Rotation.from_euler("xyz"[axis], value[:, None], degrees)
                 motion = motion @ turn.as_matrix()
@@ -89,6 +75,14 @@ def _parents_first(parents: Sequence[int]) -> list[int]:
     return order
 
 
+def _floats(words: Sequence[str], count: int) -> list[float]:
+    """Return so many words as finite numbers. Raises FormatError where they are none."""
+    values, _ = read_numbers(words)
+    fits = len(values) == count and np.isfinite(values).all()
+    require(fits, f"expected {count} numbers, found {' '.join(words)[:40]!r}")
+    return values.tolist()
+
+
 # BVH
 
 
@@ -100,9 +94,10 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
     path = paths[0]
     text = read_text(path)
     joints, ends, lines, frames, seconds = _read_hierarchy(path, text)
-    table = Table(path, None, text)
-    table.skip(lines, [joint.name for joint in joints for _ in joint.channels])
-    motion, _, _ = table.read(range(len(table.names)), finite=True, empty=False)
+    rows = [row for row in split_rows(path, text, None) if row[0] > lines]
+    channels = [joint.name for joint in joints for _ in joint.channels]
+    table = Table(path, rows, channels, None)
+    motion, _, _ = table.read(range(len(channels)), finite=True, empty=False)
     order = sorted(range(len(joints)), key=lambda number: number in ends)
     names, notes = make_unique([joints[number].name for number in order])
     if len(motion) < frames:
@@ -110,14 +105,14 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
     rate = 1.0 / seconds if seconds > 0 else None
     if rate is not None and rate > 1 and abs(rate - round(rate)) < 1e-3 * rate:
         rate = float(round(rate))  # the time was rounded: 0.033333 s is 30 Hz
-    new = {old: number for number, old in enumerate(order)}
+    place = {old: number for number, old in enumerate(order)}
     return of_frames(
         path,
         forward_kinematics(joints, motion, degrees=True)[:, order],
         video=path.stem,
         landmark_names=names,
         frame_rate=rate,
-        edges=tuple((new[j.parent], new[i]) for i, j in enumerate(joints) if j.parent >= 0),
+        edges=tuple((place[j.parent], place[i]) for i, j in enumerate(joints) if j.parent >= 0),
         notes=notes,
     )
 
@@ -145,18 +140,19 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], set[int], int, 
             elif key in ("OFFSET", "CHANNELS"):
                 require(above, f"{key} belongs to no joint")
                 if key == "OFFSET":
-                    joints[parent].before = np.array(_words(rest, 3))
+                    joints[parent].before = np.array(_floats(rest, 3))
                 else:
-                    joints[parent].channels = channels = [_channel(name) for name in rest[1:]]
-                    given = f"{' '.join(rest[:1])} channels, and {len(channels)} names"
-                    require(rest[:1] == [str(len(channels))], given)
+                    channels = [_channel(name[:1], name[1:]) for name in rest[1:]]
+                    count = f"{' '.join(rest[:1])} channels, and {len(channels)} names"
+                    require(rest[:1] == [str(len(channels))], count)
+                    joints[parent].channels = channels
             elif key == "FRAMES:":
-                frames = int(_words(rest[:1], 1)[0])
+                frames = int(_floats(rest[:1], 1)[0])
             elif key == "FRAME" and rest[:1] == ["Time:"]:
                 require(joints and not above, "the tree of joints is not complete")
                 for joint in joints:  # a channel of position replaces the offset along its axis
                     joint.before[[axis for turns, axis in joint.channels if not turns]] = 0
-                return joints, ends, number, frames, _words(rest[1:2], 1)[0]
+                return joints, ends, number, frames, _floats(rest[1:2], 1)[0]
             else:
                 known = key in ("", "HIERARCHY", "MOTION")
                 require(known, f"begins with {word!r}, which is no word of BVH")
@@ -165,20 +161,19 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], set[int], int, 
     raise input_error(path, "has no motion, or is cut off before it", "give a complete BVH file")
 
 
-def _channel(name: str) -> Channel:
-    axis, kind = "xyz".find(name[:1].lower()), name[1:].lower()
-    known = axis >= 0 and kind in ("rotation", "position")
-    require(known, f"there is no channel {name!r}, as Xrotation or Yposition")
-    return kind == "rotation", axis
+CHANNELS = {"rotation": True, "position": False, "r": True, "t": False}
+
+
+def _channel(axis: str, kind: str) -> Channel:
+    """Return a channel of BVH, as Xrotation, or of ASF, as rx."""
+    known = axis.lower() in tuple("xyz") and kind.lower() in CHANNELS
+    require(known, f"there is no channel {axis + kind!r}, as Xrotation, Yposition, rx or ty")
+    return CHANNELS[kind.lower()], "xyz".index(axis.lower())
 
 
 # ASF/AMC, of Acclaim
 
 INCH = 0.0254
-
-HEAD_LINES = 100
-"""Within which a motion says whether its angles are degrees."""
-
 WHOLE_SKELETON = "give a whole ASF file"
 SAME_BONES = "give a whole file, in which every frame lists the same bones, and its own ASF file"
 
@@ -201,8 +196,8 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
     """
     motions = [path for path in paths if path.suffix.lower() == ".amc"]
     if not motions:
-        found = "is a skeleton without a motion"
-        raise input_error(paths[0], found, "give the AMC file of the motion")
+        fix = "give the AMC file of the motion"
+        raise input_error(paths[0], "is a skeleton without a motion", fix)
     given = [path for path in paths if path.suffix.lower() == ".asf"]
     skeletons = [_read_skeleton(_find_skeleton(path, given)) for path in motions]
     first = skeletons[0]
@@ -210,14 +205,14 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
     parts = []
     for path, skeleton in zip(motions, skeletons, strict=True):
         if [bone.name for bone in skeleton.bones] != names or skeleton.unit != first.unit:
-            found = f"has another skeleton than {motions[0]}"
-            raise input_error(path, found, "convert them one by one")
+            problem = f"has another skeleton than {motions[0]}"
+            raise input_error(path, problem, "convert them one by one")
         parts.append(_read_motion(path, skeleton))
     return of_frames(
         motions[0] if len(motions) == 1 else motions[0].parent,
         np.concatenate([ends for _, ends in parts]),
         labels=[label for labels, _ in parts for label in labels],
-        video=[path.stem for path, own in zip(motions, parts, strict=True) for _ in own[0]],
+        video=[path.stem for path, part in zip(motions, parts, strict=True) for _ in part[0]],
         frame=np.concatenate([np.arange(len(labels)) for labels, _ in parts]),
         landmark_names=tuple(names),
         unit=first.unit,
@@ -234,10 +229,10 @@ def _find_skeleton(motion: Path, given: list[Path]) -> Path:
         if len(paths) == 1:
             return paths[0]
     if not beside:
-        found = "there is no ASF file in its folder"
-        raise input_error(motion, found, "put the skeleton beside the motion")
-    found = f"none of the ASF files in its folder is named like it ({listed(map(str, beside))})"
-    raise input_error(motion, found, "give the right one with it, or rename it")
+        problem = "there is no ASF file in its folder"
+        raise input_error(motion, problem, "put the skeleton beside the motion")
+    problem = f"none of the ASF files in its folder is named like it ({listed(map(str, beside))})"
+    raise input_error(motion, problem, "give the right one with it, or rename it")
 
 
 def _read_skeleton(path: Path) -> Skeleton:
@@ -250,7 +245,7 @@ def _read_skeleton(path: Path) -> Skeleton:
     root = {"name": ["root"], "dof": ["TX", "TY", "TZ", "RX", "RY", "RZ"], "axis": []}
     root |= {"position": ["0"] * 3, "orientation": ["0"] * 3}
     blocks: list[tuple[str, dict[str, list[str]]]] = [(f"{path}: root", root)]
-    links: list[Row] = []
+    links: list[tuple[int, list[str]]] = []
     section = ""
     for number, line in enumerate(read_text(path).split("\n"), 1):
         word, *rest = line.split("#")[0].split() or [""]
@@ -273,10 +268,10 @@ def _read_skeleton(path: Path) -> Skeleton:
     for place, block in blocks:
         with parsing(place, WHOLE_SKELETON):
             bones.append(_bone(block, degrees))
-    _join(bones, links, path)
+    _link(bones, links, path)
     with parsing(path, WHOLE_SKELETON):
         require(len(bones) > 1, "has no bones")
-        (length,) = _words([units.get("length", "1")], 1)
+        (length,) = _floats([units.get("length", "1")], 1)
         require(length > 0, f"has the unit of length {length:g}")
     scale, unit = (1.0, UNKNOWN_UNIT) if length == 1 else (INCH / length, "m")
     return Skeleton(bones, unit, scale, degrees)
@@ -289,21 +284,17 @@ def _bone(block: dict[str, list[str]], degrees: bool) -> Joint:
     before, after, turn = np.zeros(3), np.zeros(3), block["axis"]
     if "orientation" in block:
         turn = [*block["orientation"], *turn]
-        before = np.array(_words(block["position"], 3))
+        before = np.array(_floats(block["position"], 3))
     else:
-        after = np.array(_words(block["direction"], 3)) * _words(block["length"], 1)[0]
-    angles, letters = _words(turn[:3], 3), (turn[3:] or ["XYZ"])[0].lower()
+        after = np.array(_floats(block["direction"], 3)) * _floats(block["length"], 1)[0]
+    angles, letters = _floats(turn[:3], 3), (turn[3:] or ["XYZ"])[0].lower()
     require(sorted(letters) == ["x", "y", "z"], f"the axes are {letters!r}, not XYZ in any order")
     axes = Rotation.from_euler(letters, angles, degrees=degrees).as_matrix()
-    channels = []
-    for name in map(str.lower, reversed(block["dof"])):
-        known = len(name) == 2 and name[0] in "rt" and name[1] in "xyz"
-        require(known, f"a degree of freedom {name!r}, not tx ty tz rx ry rz")
-        channels.append((name[0] == "r", "xyz".index(name[1])))
+    channels = [_channel(name[1:], name[:1]) for name in reversed(block["dof"])]
     return Joint(block["name"][0], -1, before, after, axes, channels)
 
 
-def _join(bones: list[Joint], links: list[Row], path: Path) -> None:
+def _link(bones: list[Joint], links: Sequence[tuple[int, list[str]]], path: Path) -> None:
     """Give each bone its parent. Raises InputError where they are no tree."""
     index = {bone.name: number for number, bone in enumerate(bones)}
     parents = [-1] + [len(bones)] * (len(bones) - 1)
@@ -329,34 +320,34 @@ def _read_motion(path: Path, skeleton: Skeleton) -> tuple[list[str], Floats]:
     Raises InputError, naming the line, for frames that list other bones than the first.
     """
     lines = read_text(path).split("\n")
-    settings = {line.strip().upper() for line in lines[:HEAD_LINES]}
+    settings = {line.strip().upper() for line in lines[:100]}
     degrees = ":DEGREES" in settings or (":RADIANS" not in settings and skeleton.degrees)
+    count = {bone.name: len(bone.channels) for bone in skeleton.bones}
     labels: list[str] = []
-    rows: list[Row] = []
-    size = 0
+    rows: list[tuple[int, list[str]]] = []
+    sizes: list[int] = []
     for line, words in enumerate(map(str.split, lines), 1):
         if not words or words[0][0] in "#:":
             continue
         if len(words) == 1 and words[0].isdigit():
-            size = len(rows) if len(labels) == 1 else size
             labels.append(words[0])
-        elif not labels:
-            found = f"{lines[line - 1].strip()[:40]!r} stands before the first frame"
-            raise input_error(f"{path}:{line}", found, "number every frame")
-        else:
-            rows.append((line, words))
+            sizes.append(len(rows))
+            continue
+        if not labels:
+            problem = f"{lines[line - 1].strip()[:40]!r} stands before the first frame"
+            raise input_error(f"{path}:{line}", problem, "number every frame")
+        rows.append((line, words))
     if not rows:
         return [], np.empty((0, len(skeleton.bones), 3))
-    bones, size = skeleton.bones, size or len(rows)
-    count = {bone.name: len(bone.channels) for bone in bones}
+    size = sizes[1] if len(sizes) > 1 else len(rows)
     order = [words[0] for _, words in rows[:size]]
     for (line, (name, *cells)), wanted in zip(rows, order * len(labels), strict=False):
         if name != wanted or len(cells) != count.get(name):
             with parsing(f"{path}:{line}", SAME_BONES):
                 require(name == wanted, f"{name!r} stands where other frames have {wanted!r}")
                 require(name in count, f"the skeleton has no bone {name!r}")
-                given = f"{counted(len(cells), 'number')} for the"
-                raise FormatError(f"{given} {count[name]} degrees of freedom of {name}")
+                given = f"{counted(len(cells), 'number')} for the {count[name]}"
+                require(False, f"{given} degrees of freedom of {name}")
     if len(rows) != size * len(labels):
         raise input_error(path, "the last frame lacks bones, or has too many", SAME_BONES)
     values, _ = read_numbers([cell for _, words in rows for cell in words[:0:-1]])
@@ -364,214 +355,12 @@ def _read_motion(path: Path, skeleton: Skeleton) -> tuple[list[str], Floats]:
         places = [(line, cell) for line, words in rows for cell in words[:0:-1]]
         line, cell = places[int(wrong.argmax())]
         raise input_error(f"{path}:{line}", f"{cell[:40]!r} is no number", "correct it")
-    starts = dict(
-        zip(order, np.cumsum([0, *(count[name] for name in order)]).tolist(), strict=False)
-    )
+    starts = dict(zip(order, np.cumsum([0, *(count[n] for n in order)]).tolist(), strict=False))
     padded = np.column_stack([values.reshape(len(labels), -1), np.zeros(len(labels))])
     columns = [
         starts[bone.name] + number if bone.name in starts else -1  # a bone that does not move
-        for bone in bones
+        for bone in skeleton.bones
         for number in range(count[bone.name])
     ]
-    ends = forward_kinematics(bones, padded[:, columns], degrees=degrees)
+    ends = forward_kinematics(skeleton.bones, padded[:, columns], degrees=degrees)
     return labels, skeleton.scale * ends
-
-
-def _words(words: Sequence[str], count: int) -> tuple[float, ...]:
-    """Return so many words as finite numbers. Raises FormatError where they are none."""
-    given = f"expected {count} numbers, found {' '.join(words)[:40]!r}"
-    try:
-        numbers = tuple(map(float, words))
-    except ValueError:
-        numbers = ()
-    require(len(numbers) == count and np.isfinite(numbers).all(), given)
-    return numbers
-
-
-# Vicon
-
-
-def read_vicon(paths: tuple[Path, ...]) -> Poses:
-    """Read the section `Trajectories` of a CSV that Vicon Nexus exports.
-
-    Below it stand the rate, a label above the X of each marker, `Frame,Sub Frame,X,Y,Z,...`, the
-    units, and the frames up to an empty line. An empty cell is missing.
-    """
-    path, fix = paths[0], "export the trajectories from Nexus again"
-    lines = read_text(path).split("\n")
-    firsts = [line.strip(', "\t').lower() for line in lines]
-    with parsing(path, fix):
-        start = firsts.index("trajectories") + 1
-        rate, labels, axes, units = (line.split(",") for line in lines[start : start + 4])
-        labels = [label.strip() for label in labels[2::3]]
-        count = sum(axis.strip() == "X" for axis in axes)
-        wanted = ["Frame", "Sub Frame", *"XYZ" * count]
-        require(count > 0 and [axis.strip() for axis in axes] == wanted, "has other columns")
-        factor, unit = as_metres(units[2].strip())
-    end = next((n for n in range(start + 4, len(lines)) if not firsts[n]), len(lines))
-    table = Table(path, ",", "\n".join(lines[:end]))
-    table.skip(start + 4, ["Frame", "Sub Frame", *(f"{n}/{a}" for n in labels for a in "XYZ")])
-    table.padded = True
-    values, (frames,), _ = table.read(range(2, 2 + 3 * count), [0])
-    points = factor * values.reshape(len(values), count, 3)
-    labels = (labels + [""] * count)[:count]
-    with parsing(path, fix):
-        hertz = float(rate[0])
-    return _of_markers(path, points, labels, frames, hertz, unit=unit or UNKNOWN_UNIT)
-
-
-# C3D
-
-BLOCK = 512
-"""Bytes of a block, in which C3D counts."""
-
-INTEL = 84
-"""The processor whose numbers are written little end first, as all of today's are."""
-
-MOST_FRAMES = 65535
-
-EXPANDS = 16
-"""Times its size that a file takes in memory, at most, while ezc3d reads it."""
-
-COMPUTED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
-"""Lists of labels under POINT that are no points: what a model computed is stored beside them."""
-
-NOBODY = "unassigned"
-"""The individual that has the points without a subject, where there are several subjects."""
-
-WHOLE = "give a whole C3D file"
-
-
-def read_c3d(paths: tuple[Path, ...]) -> Poses:
-    """Return the markers of a C3D file, in metres where it names its unit.
-
-    A point is missing where its residual is negative or its place NaN. Labels `subject:name` are
-    landmarks of an individual. Frames have the numbers that ezc3d gives them, one less than those
-    in the header. Raises InputError where ezc3d is not installed or cannot read the file.
-    """
-    path = paths[0]
-    _check_whole(path)
-    check_fits(str(path), EXPANDS * path.stat().st_size, "what it holds")
-    file = _read_c3d(path)
-    parameters: Mapping[str, Any] = file["parameters"].get("POINT", {})
-    points = np.asarray(file["data"]["points"], dtype=np.float64)[:3].transpose(2, 1, 0)
-    residual = np.asarray(file["data"]["meta_points"]["residuals"])[0].T
-    factor, unit = as_metres((_texts(parameters, "UNITS") or [""])[0])
-    points = factor * np.where((residual >= 0)[..., None], points, np.nan)
-    n, count, _ = points.shape
-    labels = _labels(parameters, count)
-    computed = set().union(*(_texts(parameters, name) for name in COMPUTED))
-    left = [label for label in labels if label in computed]
-    notes: tuple[str, ...] = ()
-    if left:
-        text = f"left out, computed by a model, not seen ({abbreviate(left)})"
-        notes = (f"{counted(len(left), 'point')} {text}",)
-    markers = [place for place, label in enumerate(labels) if label not in computed]
-    if n == MOST_FRAMES:
-        notes += (f"has {MOST_FRAMES} frames, as many as its header can count; it may hold more",)
-    (rate,) = np.ravel(parameters.get("RATE", {}).get("value", ()))[:1] or [0.0]
-    start = int(file["header"]["points"]["first_frame"])
-    return _of_markers(
-        path,
-        points[:, markers],
-        [labels[place] for place in markers],
-        [str(start + frame) for frame in range(n)],
-        float(rate),
-        unit=unit or UNKNOWN_UNIT,
-        notes=notes,
-    )
-
-
-def _of_markers(
-    path: Path,
-    points: Floats,
-    labels: Sequence[str],
-    frames: Sequence[str],
-    rate: float,
-    *,
-    unit: str,
-    notes: tuple[str, ...] = (),
-) -> Poses:
-    """Return markers (n, m, 3) of these labels; `subject:name` is a landmark of an individual."""
-    names, repeated = make_unique(labels)
-    individuals, landmarks, places = _by_subject(names)
-    spread = np.full((len(points), max(len(individuals), 1), len(landmarks), 3), np.nan)
-    for marker, (subject, landmark) in enumerate(places):
-        spread[:, subject, landmark] = points[:, marker]
-    return of_frames(
-        path,
-        spread,
-        labels=frames,
-        video=path.stem,
-        landmark_names=landmarks,
-        individuals=individuals or None,
-        frame_rate=rate if np.isfinite(rate) and rate > 0 else None,
-        unit=unit,
-        notes=notes + repeated,
-    )
-
-
-def _by_subject(
-    names: tuple[str, ...],
-) -> tuple[tuple[str, ...], tuple[str, ...], list[tuple[int, int]]]:
-    """Return individuals, landmarks, and the (individual, landmark) of every name.
-
-    Without a subject in any name there are no individuals; with one, it has all the points.
-    """
-    parts = [name.rpartition(":")[::2] for name in names]
-    subjects = list(dict.fromkeys(subject for subject, _ in parts if subject))
-    if len(subjects) > 1 and not all(subject for subject, _ in parts):
-        subjects.append(NOBODY)
-    pairs = [(subject or subjects[-1], name) for subject, name in parts] if subjects else []
-    if len(set(pairs)) < len(names):
-        return (), names, [(0, place) for place in range(len(names))]
-    landmarks = tuple(dict.fromkeys(name for _, name in pairs))
-    places = [(subjects.index(subject), landmarks.index(name)) for subject, name in pairs]
-    return tuple(subjects), landmarks, places
-
-
-def _check_whole(path: Path) -> None:
-    """Raise InputError for a file shorter than its own header says, which ezc3d may not survive."""
-    size = path.stat().st_size
-    with parsing(path, WHOLE), path.open("rb") as file:
-        head = file.read(BLOCK)
-        points, analog, first, last = struct.unpack("<HHHH", head[2:10])
-        scale, start = struct.unpack("<fH", head[12:18])
-        file.seek(BLOCK * (head[0] - 1))
-        section = file.read(4)
-        require(len(section) == 4, "is cut off before its parameters")
-        frames, number_bytes = max(last - first + 1, 0), 4 if scale < 0 else 2
-        needed = BLOCK * max(start - 1, 0) + frames * (4 * points + analog) * number_bytes
-        whole = section[3] != INTEL or size >= needed
-        require(whole, f"has {size} bytes, and its header announces {needed}")
-
-
-def _read_c3d(path: Path) -> Any:
-    try:
-        return import_module("ezc3d").c3d(os.fspath(path))
-    except ImportError as error:
-        found = "is a C3D file, which ezc3d reads, and that is not installed"
-        raise input_error(path, found, "run `pip install ezc3d`") from error
-    except MemoryError:
-        raise
-    except Exception as error:  # ezc3d has many kinds of error for damaged files
-        raise input_error(path, f"cannot be read by ezc3d ({error})", WHOLE) from error
-
-
-def _labels(parameters: Mapping[str, Any], count: int) -> list[str]:
-    """Return the labels of all points; LABELS2 and so on continue LABELS beyond 255."""
-    lists = ("LABELS", *(f"LABELS{number}" for number in range(2, len(parameters))))
-    labels = [label for name in lists for label in _texts(parameters, name)]
-    return (labels + [""] * count)[:count]
-
-
-def _texts(parameters: Mapping[str, Any], name: str) -> list[str]:
-    """Return texts; where they are not UTF-8, which ezc3d leaves as bytes, they are Latin-1."""
-    found = []
-    for text in parameters.get(name, {}).get("value", ()):
-        data = str(text).encode("utf-8", "surrogateescape")
-        try:
-            found.append(data.decode().strip())
-        except UnicodeDecodeError:
-            found.append(data.decode("latin-1").strip())
-    return found

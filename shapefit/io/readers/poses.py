@@ -8,22 +8,22 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import count
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error, printable
 from shapefit.io.layout import UNKNOWN_UNIT
+from shapefit.io.tidy_table import read_numbers
 
 FRACTION = "fraction of the image"
 """Unit of coordinates that are divided by the width and the height of the image."""
 
-LEAST, MOST = -0.5, 1.5
-"""Coordinates that are all within these are fractions of an image, those outside of it too."""
-
 Edges = tuple[tuple[int, int], ...]
+
+PER_POSE = ("points", "confidence", "frame", "label", "individual", "video")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +42,6 @@ class Poses:
                 which the format implies
     frame_count of the source, frames without a pose too; None where it does not say
     frame_rate  in Hz
-    y_axis      direction of y in the image (2 dimensions)
     edges       pairs of landmarks, by position
     size_needed of fractions of the image: whether they are useless without `image_size`
     unordered   whether the images are, as far as names say, no frames of a video
@@ -52,7 +51,7 @@ class Poses:
     name: str
     points: Floats
     confidence: Floats | None = None
-    frame: Integers
+    frame: NDArray[Any]
     label: Sequence[str]
     individual: Sequence[str] | None = None
     video: str | Sequence[str]
@@ -61,27 +60,35 @@ class Poses:
     frame_count: int | None = None
     frame_rate: float | None = None
     unit: str = UNKNOWN_UNIT
-    y_axis: Literal["up", "down"] = "down"
     edges: Edges = ()
     size_needed: bool = False
     unordered: bool = False
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise InputError for names that are empty or repeat, and fields that do not agree."""
+        """Raise InputError for names that are empty or repeat, and fields that do not agree.
+
+        In 2D what tools write for a missing landmark becomes NaN: (-1, -1) without a confidence or
+        with 0, and (0, 0) with a confidence of 0.
+        """
         n, p, d = self.points.shape
         with parsing(self.name, "name each landmark once, and give each point its frame"):
             require(d in (2, 3), f"has points of {d} coordinates")
             check_names(self.landmark_names or (), "landmark")
             names = p if self.landmark_names is None else len(self.landmark_names)
             require(names == p or not n, f"has {p} landmarks, and names {names}")
-            for field in OF_A_POSE[1:]:
+            for field in PER_POSE[1:]:
                 values = getattr(self, field)
-                sized = values is None or isinstance(values, str) or len(values) == n
-                require(sized, f"has another number of {field}s than its {n} poses")
-
+                fits = values is None or isinstance(values, str) or len(values) == n
+                require(fits, f"has another number of {field}s than its {n} poses")
         if d == 2:
-            object.__setattr__(self, "points", _without_placeholders(self.points, self.confidence))
+            missing = (self.points == -1).all(axis=2)
+            if self.confidence is not None:
+                missing &= ~(self.confidence > 0)
+                missing |= (self.points == 0).all(axis=2) & (self.confidence == 0)
+            if missing.any():
+                points = np.where(missing[..., None], np.nan, self.points)
+                object.__setattr__(self, "points", points)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -101,32 +108,22 @@ class Poses:
         """The names of the individuals, in order of their first poses."""
         return tuple(filter(None, dict.fromkeys(self.individual or ())))
 
+    @property
+    def videos(self) -> Sequence[str]:
+        """The video of each pose (N,)."""
+        return [self.video] * len(self) if isinstance(self.video, str) else self.video
+
     def take(self, rows: NDArray[Any]) -> Poses:
         """Return some of the poses, by a mask or by numbers."""
         numbers = np.arange(len(self))[rows]
         changes = {}
-        for field in OF_A_POSE:
+        for field in PER_POSE:
             values = getattr(self, field)
             if isinstance(values, np.ndarray):
                 changes[field] = values[numbers]
             elif values is not None and not isinstance(values, str):
                 changes[field] = [values[number] for number in numbers.tolist()]
         return replace(self, **changes)
-
-
-def _without_placeholders(points: Floats, confidence: Floats | None) -> Floats:
-    """Return 2D points, NaN where they are what tools write for a landmark that is missing.
-
-    That is (-1, -1) without a confidence or with 0, and (0, 0) with a confidence of 0.
-    """
-    missing = (points == -1).all(axis=2)
-    if confidence is not None:
-        missing &= ~(confidence > 0)
-        missing |= (points == 0).all(axis=2) & (confidence == 0)
-    return np.where(missing[..., None], np.nan, points) if missing.any() else points
-
-
-OF_A_POSE = ("points", "confidence", "frame", "label", "individual", "video")
 
 
 def of_frames(
@@ -137,14 +134,14 @@ def of_frames(
     *,
     individuals: Sequence[str] | NDArray[Any] | None = None,
     present: NDArray[np.bool_] | None = None,
-    **known: Any,
+    **fields: Any,
 ) -> Poses:
     """Return the poses of points (n, i, p, d), i individuals in each of n frames.
 
     Points (n, p, d) are those of one individual. confidence (n, [i,] p); labels (n), by default
     the numbers of the frames; individuals are i names, or (n, i) where they change places;
-    `present` (n, i) are the poses that count, by default all. 2D points are in pixels. `known` are
-    further fields of `Poses`, which replace what follows from the path.
+    `present` (n, i) are the poses that count, by default all. 2D points are in pixels. `fields` are
+    those of `Poses`, and go before what follows from the path.
     """
     n, p, d = len(points), *points.shape[-2:]
     many = points.shape[1] if points.ndim == 4 else 1
@@ -153,7 +150,8 @@ def of_frames(
         with parsing(path, "give each individual a name of its own"):
             check_names(individuals, "individual")
             require(len(individuals) == many, f"names {len(individuals)} of {many} individuals")
-    who = None if individuals is None else np.broadcast_to(np.array(individuals, object), (n, many))
+    if individuals is not None:
+        individuals = np.broadcast_to(np.array(individuals, object), (n, many)).ravel().tolist()
     defaults: dict[str, Any] = {
         "name": str(path),
         "video": video_name(path),
@@ -161,17 +159,17 @@ def of_frames(
         "confidence": None if confidence is None else confidence.reshape(n * many, p),
         "frame": np.repeat(np.arange(n), many),
         "label": [label for label in labels for _ in range(many)],
-        "individual": None if who is None else who.ravel().tolist(),
+        "individual": individuals,
         "frame_count": n,
         "unit": "px" if d == 2 else UNKNOWN_UNIT,
     }
-    poses = Poses(**defaults | known)
+    poses = Poses(**defaults | fields)
     return poses if present is None else poses.take(present.ravel())
 
 
-def are_fractions(known: Floats) -> bool:
-    """Whether coordinates are fractions of an image rather than pixels."""
-    return known.size > 0 and bool(known.min() >= LEAST and known.max() <= MOST)
+def are_fractions(coordinates: Floats) -> bool:
+    """Whether coordinates are fractions of an image, in it or near it, rather than pixels."""
+    return coordinates.size > 0 and bool(coordinates.min() >= -0.5 and coordinates.max() <= 1.5)
 
 
 class FormatError(ValueError):
@@ -200,10 +198,17 @@ def message(error: BaseException) -> str:
     return f"there is no {text}" if missing else f"is not as its format says ({text})"
 
 
-def require(condition: object, found: str) -> None:
-    """Raise FormatError with what was found, unless a condition holds."""
+def require(condition: object, problem: str) -> None:
+    """Raise FormatError with the problem, unless a condition holds."""
     if not condition:
-        raise FormatError(found)
+        raise FormatError(problem)
+
+
+def to_numbers(words: Sequence[str]) -> list[float]:
+    """Return words as numbers. Raises FormatError for the first that is none."""
+    values, wrong = read_numbers(words)
+    require(not wrong.any(), f"{words[int(wrong.argmax())][:40]!r} is no number")
+    return values.tolist()
 
 
 def check_names(names: Sequence[str], what: str) -> None:
@@ -213,6 +218,8 @@ def check_names(names: Sequence[str], what: str) -> None:
     require(not twice, f"the {what} {twice!r} is there twice")
 
 
+# Names.
+
 ENDINGS = (".analysis", ".predictions", ".pkg", ".pose")
 """Which the names of files have before their suffix, and their videos have not."""
 
@@ -221,19 +228,23 @@ IMAGES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 
 def video_name(path: Path) -> str:
     """Return the name of a file without its endings, which is what its items begin with."""
-    stem = Path(path.name.removesuffix(".gz")).stem
-    return _without(stem, ENDINGS) or path.name
+    return _without_ending(Path(path.name.removesuffix(".gz")).stem, ENDINGS) or path.name
 
 
 def image_labels(paths: Sequence[str]) -> list[str]:
     """Return names of images: without folder and suffix where that tells them apart."""
-    stems = [_without(file_name(path), IMAGES) for path in paths]
-    return stems if len(set(stems)) == len(stems) else [_without(path, IMAGES) for path in paths]
+    stems = [_without_ending(file_name(path), IMAGES) for path in paths]
+    return stems if len({*stems}) == len(stems) else [_without_ending(p, IMAGES) for p in paths]
 
 
-def _without(name: str, endings: Sequence[str]) -> str:
+def _without_ending(name: str, endings: Sequence[str]) -> str:
     ending = next((ending for ending in endings if name.lower().endswith(ending)), "")
     return name[: len(name) - len(ending)]
+
+
+def file_name(path: str) -> str:
+    """Return the last part of a path, whichever system wrote it."""
+    return PureWindowsPath(path).name if "\\" in path else PurePosixPath(path).name
 
 
 def number_labels(place: str, values: NDArray[Any]) -> list[str]:
@@ -243,17 +254,12 @@ def number_labels(place: str, values: NDArray[Any]) -> list[str]:
     """
     wrong = ~np.isfinite(values)
     if wrong.any():
-        found = f"entry {int(np.argmax(wrong))} is {values[wrong][0]}, which is no frame"
-        raise input_error(place, found, "number the frames")
+        problem = f"entry {int(np.argmax(wrong))} is {values[wrong][0]}, which is no frame"
+        raise input_error(place, problem, "number the frames")
     return [
         str(int(value)) if value == int(value) else f"{value:.6f}".rstrip("0").rstrip(".")
         for value in values.tolist()
     ]
-
-
-def file_name(path: str) -> str:
-    """Return the last part of a path, whichever system wrote it."""
-    return PureWindowsPath(path).name if "\\" in path else PurePosixPath(path).name
 
 
 def make_unique(
@@ -264,15 +270,14 @@ def make_unique(
     A label without a text is `*7`, as C3D files call the eighth.
     """
     names = [label.strip() or f"*{place}" for place, label in enumerate(labels)]
-    taken, seen = set(names), Counter[str]()
-    changed = []
+    taken, times, changed = {*names}, Counter[str](), []
     for place, name in enumerate(names):
-        seen[name] += 1
-        if seen[name] > 1:
-            numbers = count(seen[name])
-            names[place] = next(n for k in numbers if (n := form.format(name, k)) not in taken)
-            taken.add(names[place])
+        times[name] += 1
+        if times[name] > 1:
+            numbered = (form.format(name, number) for number in count(times[name]))
+            names[place] = next(new for new in numbered if new not in taken)
             changed.append(names[place])
+            taken.add(names[place])
     note = f"{counted(len(changed), 'label')} repeated, and numbered ({abbreviate(changed)})"
     return tuple(names), (note,) if changed else ()
 
@@ -280,15 +285,15 @@ def make_unique(
 def edges_of(lines: Any, landmarks: int) -> Edges:
     """Return those of a list of lines that join two of so many landmarks."""
     return tuple(
-        (pair[0], pair[1])
-        for pair in (lines if isinstance(lines, list) else [])
-        if isinstance(pair, list)
-        and len(pair) == 2
-        and all(type(end) is int and 0 <= end < landmarks for end in pair)
+        (line[0], line[1])
+        for line in (lines if isinstance(lines, list) else [])
+        if isinstance(line, list)
+        and len(line) == 2
+        and all(type(end) is int and 0 <= end < landmarks for end in line)
     )
 
 
-def read_yaml(folder: Path, name: str, levels: int) -> tuple[Path, Any] | None:
+def find_yaml(folder: Path, name: str, levels: int) -> tuple[Path, Any] | None:
     """Return the nearest file of this name in a folder or so many above it, and its content.
 
     Raises InputError for what is no YAML.
@@ -296,9 +301,9 @@ def read_yaml(folder: Path, name: str, levels: int) -> tuple[Path, Any] | None:
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
 
-    place = folder.resolve()
-    near = (each / name for each in (place, *place.parents[:levels]))
-    path = next((each for each in near if each.is_file()), None)
+    folder = folder.resolve()
+    paths = (place / name for place in (folder, *folder.parents[:levels]))
+    path = next((path for path in paths if path.is_file()), None)
     if path is None:
         return None
     try:

@@ -1,24 +1,28 @@
-"""HDF5 of trackers, with every damage named; JABS, movement, and NWB with ndx-pose."""
+"""HDF5 of trackers of animals: SLEAP, JABS, movement, and NWB with ndx-pose."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from math import prod
 from pathlib import Path
 from re import sub
-from typing import Any
+from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import input_error, printable
 from shapefit.io.hdf5_file import Hdf5File, Stored
 from shapefit.io.readers.poses import (
     PARSE_ERRORS,
     Edges,
     Poses,
+    check_names,
+    file_name,
+    make_unique,
     message,
     number_labels,
     of_frames,
@@ -26,14 +30,14 @@ from shapefit.io.readers.poses import (
     video_name,
 )
 
-MOST_TEXTS = 1_000_000
-"""Names that a dataset of names can hold."""
+REPEATED = "{} ({})"
+"""What a name that is there already is called."""
 
 
 class TrackerFile(Hdf5File):
     """An open HDF5 file of another tool.
 
-    Whatever a reader stumbles over while it is open is told of the dataset that was read last.
+    An error while it is open is reported of the dataset that was read last.
     """
 
     last = ""
@@ -44,7 +48,7 @@ class TrackerFile(Hdf5File):
             raise self.fault(self.last, message(error)) from error
 
     def stored(self, name: str) -> Stored:
-        """Return a dataset, of which is told what goes wrong from now on."""
+        """Return a dataset, which errors name from now on."""
         self.last = name
         return super().stored(name)
 
@@ -52,55 +56,51 @@ class TrackerFile(Hdf5File):
         """Yield the groups below a group that is there, so many levels deep."""
         with self.damage(group):
             nodes = self.root.get(group, {})
-            found = [name for name in nodes if isinstance(nodes.get(name), h5py.Group)]
-        for name in found:
+            names = [name for name in nodes if isinstance(nodes.get(name), h5py.Group)]
+        for name in names:
             yield (below := f"{group}/{name}".strip("/"))
             if levels > 1:
                 yield from self.groups(below, levels - 1)
 
-    def shape(self, name: str) -> tuple[int, ...]:
-        """Return the shape of a dataset."""
-        return self.stored(name).shape
-
     def numbers(self, name: str, *wanted: int | None) -> Floats:
         """Return a dataset as numbers, of the wanted shape if one is given; None is any length."""
-        stored = self.stored(name)
-        fits = len(wanted) == len(stored.shape) and all(
-            length in (None, size) for length, size in zip(wanted, stored.shape, strict=True)
-        )
-        shape = str(wanted).replace("None", "any")
-        require(not wanted or fits, f"has the shape {stored.shape}, not {shape}")
-        require(stored.dataset.dtype.kind in "biuf", "holds no numbers")
+        shape = self.stored(name).shape
+        fits = [length in (None, size) for length, size in zip(wanted, shape, strict=False)]
+        text = str(wanted).replace("None", "any")
+        fitting = not wanted or (len(wanted) == len(shape) and all(fits))
+        require(fitting, f"has the shape {shape}, not {text}")
+        require(self.stored(name).dataset.dtype.kind in "biuf", "holds no numbers")
         return np.asarray(self.rows(name), np.float64)
+
+    def number(self, attribute: str, node: str) -> float:
+        """Return an attribute that is a number; 0 for none."""
+        value = self.attribute(attribute, node)
+        return float(value) if isinstance(value, int | float) and np.isfinite(value) else 0.0
+
+    def text(self, attribute: str, node: str = "/") -> str:
+        """Return an attribute as text; "" for none."""
+        return as_text(self.attribute(attribute, node) or "")
 
     def table(self, name: str, *columns: str) -> Any:
         """Return a table of these columns, and maybe others, as it stands in the file."""
-        there = self.stored(name).dataset.dtype.names or ()
-        lost = [column for column in columns if column not in there]
-        require(not lost and len(self.shape(name)) == 1, f"is no table of {', '.join(columns)}")
+        stored = self.stored(name)
+        lost = {*columns} - {*(stored.dataset.dtype.names or ())}
+        require(not lost and len(stored.shape) == 1, f"is no table of {', '.join(columns)}")
         return self.rows(name)
-
-    def scales(self, name: str) -> tuple[str, ...]:
-        """Return the names of the dimension scales of a dataset."""
-        dataset = self.stored(name).dataset
-        with self.damage(name):  # h5py's own `dims` can abort the process on damaged files
-            scales = dataset.attrs["DIMENSION_LIST"]
-            names = [text(h5py.h5r.get_name(own[0], self.root.id) or b"") for own in scales]
-        return tuple(name.strip("/") for name in names)
 
     def texts(self, name: str) -> tuple[str, ...]:
         """Return a dataset of names."""
         stored = self.stored(name)
-        require(prod(stored.shape) <= MOST_TEXTS, f"holds {stored.shape} names")
+        require(prod(stored.shape) <= 1_000_000, f"holds {stored.shape} names")
         if not stored.text:  # SLEAP writes lists without entries as numbers
             require(stored.dataset.size == 0, "holds no text")
             return ()
         with self.damage(name):
-            return tuple(map(text, np.ravel(stored.dataset[()])))
+            return tuple(map(as_text, np.ravel(stored.dataset[()])))
 
     def edges(self, name: str, count: int) -> Edges:
         """Return the pairs of landmarks in a dataset (e, 2); none where it is absent or empty."""
-        if not self.is_dataset(name) or 0 in self.shape(name):
+        if not self.is_dataset(name) or 0 in self.stored(name).shape:
             return ()
         pairs = self.numbers(name, None, 2)
         there = ((pairs >= 0) & (pairs < count)).all()
@@ -108,9 +108,212 @@ class TrackerFile(Hdf5File):
         return tuple((int(a), int(b)) for a, b in pairs)
 
 
-def text(value: Any) -> str:
+def as_text(value: Any) -> str:
     """Return bytes of a file as text; what is not UTF-8 as escapes."""
     return value.decode("utf-8", "backslashreplace") if isinstance(value, bytes) else str(value)
+
+
+# SLEAP: the analysis HDF5, an array of all tracks, and .slp, tables of frames and instances.
+
+SLEAP_ORDER = ("track", "xy", "node", "frame")
+FRAMES_FIRST = ("frame", "track", "node", "xy")
+
+
+def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
+    """Read an analysis file, whose array `tracks` has one of two orders of its axes.
+
+    SLEAP writes (track, xy, node, frame), others (frame, track, node, xy). Newer files name the
+    axes in the attribute `dims`; in older ones the lengths decide: of `node_names`, and of
+    `track_occupancy`, which is (frame, track) in both. Of several tracks, those that are in a frame
+    are its instances.
+    """
+    path = paths[0]
+    with TrackerFile(path) as file:
+        nodes = file.texts("node_names")
+        occupied = file.is_dataset("track_occupancy") and file.stored("track_occupancy").shape
+        tracks = file.numbers("tracks", None, None, None, None)
+
+        def agreement(order: tuple[str, ...]) -> tuple[bool, bool]:
+            size = dict(zip(order, tracks.shape, strict=True))
+            named = (size["xy"], size["node"]) == (2, len(nodes))
+            return named, (size["frame"], size["track"]) == occupied
+
+        axes = _axes(file, "tracks", max(SLEAP_ORDER, FRAMES_FIRST, key=agreement))
+        # any order -> (frame, track, node, xy)
+        points = tracks.transpose([axes.index(axis) for axis in FRAMES_FIRST])
+        fits = points.shape[2:] == (len(nodes), 2)
+        require(fits, f"has the shape {tracks.shape} for {len(nodes)} nodes")
+        confidence = None
+        if file.is_dataset("point_scores"):
+            order = _axes(file, "point_scores", tuple(axis for axis in axes if axis != "xy"))
+            sizes = [tracks.shape[axes.index(axis)] for axis in order]
+            scores = file.numbers("point_scores", *sizes)
+            confidence = scores.transpose([order.index(axis) for axis in FRAMES_FIRST[:3]])
+        edges = file.edges("edge_inds", len(nodes))
+        names = file.texts("track_names") if file.is_dataset("track_names") else ()
+    many = points.shape[1]
+    names = tuple(name or f"track_{n}" for n, name in enumerate(names or ("",) * many))
+    return of_frames(
+        path,
+        points,
+        confidence,
+        present=np.asarray(np.isfinite(points).any(axis=(2, 3))) if many > 1 else None,
+        landmark_names=nodes,
+        individuals=make_unique(names, REPEATED)[0] or None,
+        edges=edges,
+    )
+
+
+def _axes(file: TrackerFile, name: str, default: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the axes that the attribute `dims` of a dataset names, or else the default."""
+    stated = file.attribute("dims", name)
+    if stated is None:
+        return default
+    axes = stated if isinstance(stated, list) else json.loads(as_text(stated))
+    axes = tuple(map(as_text, axes))
+    require(sorted(axes) == sorted(default), f"has `dims` {axes}, not {', '.join(default)}")
+    return axes
+
+
+USER, PREDICTED = 0, 1
+FRAME_COLUMNS = ("video", "frame_idx", "instance_id_start", "instance_id_end")
+INSTANCE_COLUMNS = (
+    *("instance_id", "instance_type", "skeleton", "track", "from_predicted"),
+    *("point_id_start", "point_id_end"),
+)
+
+
+def read_slp(paths: tuple[Path, ...]) -> Poses:
+    """Read a .slp file: tables of labelled frames, of their instances, and of their points.
+
+    An instance that a user placed takes the place of the predicted one from which it was made, or
+    which has its track in the same frame. Before version 1.1 of the format the middle of the first
+    pixel was at 0.5.
+    """
+    path = paths[0]
+    with TrackerFile(path) as file:
+        tracks, videos = (
+            [json.loads(text) for text in file.texts(name)] if file.is_dataset(name) else []
+            for name in ("tracks_json", "videos_json")
+        )
+        names, skeletons, edges = _read_skeletons(file)
+        sizes = np.array([len(places) for places in skeletons])
+        limits = {"instance_type": 2, "skeleton": len(sizes), "video": max(len(videos), 1)}
+        instances, labelled = _read_instances(file, limits | {"track": len(tracks)})
+        lengths = instances["point_id_end"] - instances["point_id_start"]
+        same = (lengths == sizes[instances["skeleton"]]).all()
+        require(same, "has another number of points than its skeleton")
+        replaced = _replaced(instances)
+        instances = {column: values[~replaced] for column, values in instances.items()}
+        version = file.number("format_id", "metadata")
+        points = np.full((len(instances["track"]), len(names), 2), np.nan)
+        confidence = np.full(points.shape[:2], np.nan)
+        for kind, table in ((USER, "points"), (PREDICTED, "pred_points")):
+            for number, places in enumerate(skeletons):
+                own = (instances["instance_type"] == kind) & (instances["skeleton"] == number)
+                if not own.any():
+                    continue
+                cells = file.table(table, "visible", "x", "y", *["score"] * kind)
+                first = instances["point_id_start"][own]
+                require(first.min() >= 0, "has other points than those that `instances` points at")
+                rows = cells[first[:, None] + np.arange(len(places))]
+                xy = np.stack([rows["x"], rows["y"]], axis=-1).astype(np.float64)
+                xy -= 0.5 if version < 1.1 else 0.0
+                seen = rows["visible"].astype(bool)[..., None]
+                points[np.ix_(own, places)] = np.where(seen, xy, np.nan)
+                if kind == PREDICTED:
+                    confidence[np.ix_(own, places)] = rows["score"]
+    individuals = (*make_unique([str(track[1]) for track in tracks], REPEATED)[0], "")  # -1: none
+    video_names, _ = make_unique([_video(video) for video in videos], REPEATED)
+    several, lost = len(videos) > 1, int(replaced.sum())
+    return Poses(
+        name=str(path),
+        video=[video_names[n] for n in instances["video"]] if several else video_name(path),
+        points=points,
+        confidence=None if np.isnan(confidence).all() else confidence,
+        frame=instances["frame_idx"],
+        label=[*map(str, instances["frame_idx"].tolist())],
+        individual=[individuals[number] for number in instances["track"].tolist()],
+        landmark_names=names,
+        frame_count=labelled,
+        unit="px",
+        edges=edges,
+        notes=(f"{lost} predicted instances replaced by those that a user placed",) * bool(lost),
+    )
+
+
+def _read_skeletons(
+    file: TrackerFile,
+) -> tuple[tuple[str, ...], list[NDArray[np.intp]], Edges]:
+    """Return the landmarks of all skeletons, the places of the nodes of each, and all edges.
+
+    The type of a link, 1 for bones and 2 for symmetries, is stated in full the first time, later
+    by its place among those.
+    """
+    about = json.loads(file.text("json", "metadata") or "{}")
+    nodes = [str(node["name"]) for node in about["nodes"]]
+    skeletons, pairs = [], []
+    for skeleton in about["skeletons"]:
+        graph = skeleton.get("nx_graph", skeleton)
+        skeletons.append([nodes[node["id"]] for node in graph["nodes"]])
+        check_names(skeletons[-1], "node of a skeleton")
+        types: list[int] = []
+        for link in graph.get("links", ()):
+            kind = link.get("type") or {}
+            if "py/reduce" in kind:
+                types.append(kind["py/reduce"][1]["py/tuple"][0])
+            stated = kind.get("py/id", 1)
+            stated = dict(enumerate(types, 1)).get(stated, stated)
+            if (types[-1] if "py/reduce" in kind else stated) == 1:
+                pairs.append((nodes[link["source"]], nodes[link["target"]]))
+    place = {n: i for i, n in enumerate(dict.fromkeys(n for own in skeletons for n in own))}
+    require(place, "has no skeleton with nodes")
+    edges = dict.fromkeys((place[a], place[b]) for a, b in pairs if {a, b} <= place.keys())
+    places = [np.array([place[name] for name in own], np.intp) for own in skeletons]
+    return tuple(place), places, tuple(edges)
+
+
+def _read_instances(file: TrackerFile, limits: dict[str, int]) -> tuple[dict[str, Integers], int]:
+    """Return columns of all instances, sorted by video and frame, and the number of frames.
+
+    limits: how many there are of what a column numbers.
+    """
+    frames = file.table("frames", *FRAME_COLUMNS)
+    table = file.table("instances", *INSTANCE_COLUMNS)
+    frames = frames[np.lexsort((frames["frame_idx"], frames["video"]))]
+    start, end = (frames[f"instance_id_{name}"].astype(np.int64) for name in ("start", "end"))
+    there = (start >= 0) & (end >= start) & (end <= len(table))
+    require(there.all(), "has other instances than those that `frames` points at")
+    owner = np.repeat(np.arange(len(frames)), end - start)
+    first = np.cumsum(end - start) - (end - start)
+    rows = np.arange(len(owner)) + (start - first)[owner]
+    columns = {name: table[name][rows].astype(np.int64) for name in INSTANCE_COLUMNS}
+    columns |= {name: frames[name][owner].astype(np.int64) for name in ("frame_idx", "video")}
+    for name, count in limits.items():
+        values, lowest = columns[name], -1 if name == "track" else 0
+        wrong = values[(values < lowest) | (values >= count)]
+        require(not wrong.size, f"has the {name} {wrong[:1].sum()} of {count}")
+    return columns, len(frames)
+
+
+def _replaced(instances: dict[str, Integers]) -> Flags:
+    """Whether each instance is a predicted one for which a user placed another."""
+    user: Flags = instances["instance_type"] == USER
+    columns = (instances[name].tolist() for name in ("video", "frame_idx", "track"))
+    keys = list(zip(*columns, strict=True))
+    placed = {key for key, own in zip(keys, user.tolist(), strict=True) if own and key[2] >= 0}
+    origins = instances["from_predicted"][user & (instances["from_predicted"] >= 0)]
+    same_track = np.array([key in placed for key in keys], bool)
+    return ~user & (same_track | np.isin(instances["instance_id"], origins))
+
+
+def _video(video: Any) -> str:
+    """Return what a video is called: its name without suffix, or the folder of its images."""
+    backend = video.get("backend") or {}
+    name = video.get("filename") or backend.get("filename") or backend.get("filenames") or "video"
+    if isinstance(name, list):
+        name = str(name[0]).replace("\\", "/").rpartition("/")[0]
+    return Path(file_name(str(name))).stem or "video"
 
 
 # JABS and movement.
@@ -163,8 +366,7 @@ def read_jabs(paths: tuple[Path, ...]) -> Poses:
     )
 
 
-WANTED = ("time", "individual", "keypoint", "space")
-"""The axes of movement, in the order in which they are given out."""
+AXES = ("time", "individual", "keypoint", "space")
 
 
 def read_movement(paths: tuple[Path, ...]) -> Poses:
@@ -175,69 +377,61 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
     """
     path = paths[0]
     with TrackerFile(path) as file:
-        if (kind := text(file.attribute("ds_type") or "")) != "poses":
-            found = f"holds {printable(kind) or 'data of no stated type'}, not poses"
+        if (kind := file.text("ds_type")) != "poses":
+            problem = f"holds {printable(kind) or 'data of no stated type'}, not poses"
             fix = "give a data set of poses; bounding boxes have no landmarks"
-            raise input_error(path, found, fix)
-        points = _arranged(file, "position", WANTED)
+            raise input_error(path, problem, fix)
+        points = _arranged(file, "position", AXES)
         confidence = None
         if file.is_dataset("confidence"):
-            confidence = _arranged(file, "confidence", WANTED[:3])
+            confidence = _arranged(file, "confidence", AXES[:3])
             fits = confidence.shape == points.shape[:3]
             require(fits, f"has the shape {confidence.shape}, and position {points.shape}")
         labels = None
         if file.is_dataset("time"):
             labels = number_labels(file.place("time"), file.numbers("time", len(points)))
-        _, individuals, names, space = (
-            _names(file, axis, size) for axis, size in zip(WANTED, points.shape, strict=True)
-        )
+        names: dict[str, tuple[str, ...]] = {}
+        for axis, size in zip(AXES[1:], points.shape[1:], strict=True):
+            there = [name for name in (axis, f"{axis}s") if file.is_dataset(name)]
+            texts = there and file.stored(there[0]).text
+            numbered = tuple(f"{axis}_{number}" for number in range(size))
+            names[axis] = file.texts(there[0]) if texts else numbered
+            require(len(names[axis]) == size, f"names {len(names[axis])}, and there are {size}")
+        space = names["space"]
         require(space in (("x", "y"), ("x", "y", "z")), f"names the coordinates {', '.join(space)}")
-        rate = file.attribute("fps")
+        rate = file.number("fps", "/")
     return of_frames(
         path,
         points,
         confidence,
         labels,
-        landmark_names=names,
-        individuals=individuals,
-        frame_rate=float(rate) if isinstance(rate, int | float) and 0 < rate < np.inf else None,
+        landmark_names=names["keypoint"],
+        individuals=names["individual"],
+        frame_rate=rate if rate > 0 else None,
     )
 
 
 def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
     """Return a dataset with the wanted axes in order; an animal or point picked out is 1 long."""
-    axes = [axis.removesuffix("s") for axis in file.scales(name)]
+    dataset = file.stored(name).dataset
+    with file.damage(name):  # h5py's own `dims` can abort the process on damaged files
+        scales = dataset.attrs["DIMENSION_LIST"]
+        names = [as_text(h5py.h5r.get_name(own[0], file.root.id) or b"") for own in scales]
+    axes = [axis.strip("/").removesuffix("s") for axis in names]
     kept = [axis for axis in wanted if axis in axes]
-    needed = {"time", *wanted[3:]} <= set(axes)
+    needed = {"time", *wanted[3:]} <= {*axes}
     require(needed and sorted(kept) == sorted(axes), f"has the axes {', '.join(axes)}")
     values = file.numbers(name).transpose([axes.index(axis) for axis in kept])
     sizes = dict(zip(kept, values.shape, strict=True))
     return values.reshape([sizes.get(axis, 1) for axis in wanted])
 
 
-def _names(file: TrackerFile, axis: str, size: int) -> tuple[str, ...]:
-    """Return the names along an axis; its numbers where it has none."""
-    place = next((name for name in (axis, f"{axis}s") if file.is_dataset(name)), None)
-    if place is None or not file.stored(place).text:
-        return tuple(f"{axis}_{number}" for number in range(size))
-    names = file.texts(place)
-    require(len(names) == size, f"names {len(names)}, and there are {size}")
-    return names
-
-
 # NWB.
 
 UNITS = {"pixel": "px", "pixels": "px", "px": "px", "meters": "m", "metres": "m", "meter": "m"}
 
-DEEPEST = 5
-"""Levels of groups below `processing` that are looked at: modules, animals and their series."""
 
-STEADY = 0.01
-"""Share of a step by which times of a steady rate may deviate from it."""
-
-
-@dataclass(frozen=True)
-class Series:
+class Series(NamedTuple):
     """A PoseEstimationSeries: one landmark over time, of an animal, which is in a module.
 
     points (n, 2 or 3) times the conversion that is stated; confidence (n,), NaN where there is
@@ -262,8 +456,8 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
     """
     path = paths[0]
     with TrackerFile(path) as file:
-        groups = tuple(file.groups("processing", DEEPEST))
-        kinds = {name: text(file.attribute("neurodata_type", name) or "") for name in groups}
+        groups = tuple(file.groups("processing", 5))  # modules, animals and their series
+        kinds = {name: file.text("neurodata_type", name) for name in groups}
         series = [
             _read_series(file, name)
             for name in groups
@@ -271,34 +465,45 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
             and kinds.get(name.rpartition("/")[0]) == "PoseEstimation"
         ]
         if not series:
-            what = "holds no PoseEstimation (ndx-pose), so no landmarks"
-            raise input_error(path, what, "give a file of estimated poses")
-        names, edges = _landmarks(file, groups, series)
-    dimensions = {each.points.shape[1] for each in series}
+            problem = "holds no PoseEstimation (ndx-pose), so no landmarks"
+            raise input_error(path, problem, "give a file of estimated poses")
+        names, edges = _skeletons_of(file, groups, series)
+    dimensions = {one.points.shape[1] for one in series}
     if len(dimensions) > 1:
         raise input_error(path, "holds 2D and 3D series", "save them in files of their own")
-    people = tuple(dict.fromkeys(each.animal for each in series))
-    several = len(people) < len({(each.module, each.animal) for each in series})
-    modules = dict.fromkeys(each.module if several else "" for each in series)
-    videos = [
-        _join([each for each in series if each.module == module or not several], names, people)
-        for module in modules
-    ]
-    points, confidence, frame, who = map(np.concatenate, zip(*(v[1:] for v in videos), strict=True))
-    labels = [np.array(number_labels(str(path), v[0]), object)[v[3]].tolist() for v in videos]
-    videos_of_poses = [name for name, own in zip(modules, labels, strict=True) for _ in own]
-    units = {UNITS.get(each.unit, "unknown") for each in series}
+    people = [*dict.fromkeys(one.animal for one in series)]
+    several = len(people) < len({(one.module, one.animal) for one in series})
+    videos, labels, times = [], [], []
+    parts: list[tuple[Floats, Integers, Integers]] = []
+    for module in dict.fromkeys(one.module if several else "" for one in series):
+        own = [one for one in series if one.module == module or not several]
+        times.append(np.unique(np.concatenate([one.times for one in own])))
+        # x, y, [z,] confidence of each landmark of each animal
+        cells = np.full((len(times[-1]), len(people), len(names), max(dimensions) + 1), np.nan)
+        present = np.zeros(cells.shape[:2], bool)
+        for one in own:
+            at, who = np.searchsorted(times[-1], one.times), people.index(one.animal)
+            values = np.column_stack([one.points, one.confidence])
+            cells[at, who, names.index(one.landmark)] = values
+            present[at, who] = True
+        frame, individual = np.nonzero(present)
+        parts.append((cells[present], frame, individual))
+        texts = number_labels(str(path), times[-1])
+        labels += [texts[number] for number in frame.tolist()]
+        videos += [module] * len(frame)
+    cells, frame, individual = map(np.concatenate, zip(*parts, strict=True))
+    units = {UNITS.get(one.unit, "unknown") for one in series}
     return Poses(
         name=str(path),
-        video=videos_of_poses if several else video_name(path),
-        points=points,
-        confidence=None if np.isnan(confidence).all() else confidence,
+        video=videos if several else video_name(path),
+        points=cells[..., :-1],
+        confidence=None if np.isnan(cells[..., -1]).all() else cells[..., -1],
         frame=frame,
-        label=[label for own in labels for label in own],
-        individual=[people[number] for number in who.tolist()],
-        landmark_names=names,
-        frame_count=sum(len(video[0]) for video in videos),
-        frame_rate=_rate(series, [video[0] for video in videos]),
+        label=labels,
+        individual=[people[number] for number in individual.tolist()],
+        landmark_names=tuple(names),
+        frame_count=sum(map(len, times)),
+        frame_rate=_frame_rate(series, times),
         unit="px" if dimensions == {2} else units.pop() if len(units) == 1 else "unknown",
         edges=edges,
     )
@@ -306,18 +511,16 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
 
 def _read_series(file: TrackerFile, group: str) -> Series:
     module, animal, landmark = group.split("/")[-3:]
-    data, scores, start = (f"{group}/{n}" for n in ("data", "confidence", "starting_time"))
+    data, scores, start = (f"{group}/{name}" for name in ("data", "confidence", "starting_time"))
     points = file.numbers(data, None, None)
     count, axes = points.shape
     require(axes in (2, 3), f"has {axes} coordinates")
-    points = points * (_number(file, "conversion", data) or 1.0) + _number(file, "offset", data)
-    unit = text(file.attribute("unit", data) or "pixels").lower()
-    confidence = np.full(count, np.nan)
-    if file.is_dataset(scores):
-        confidence = file.numbers(scores, count)
+    points = points * (file.number("conversion", data) or 1.0) + file.number("offset", data)
+    unit = (file.text("unit", data) or "pixels").lower()
+    confidence = file.numbers(scores, count) if file.is_dataset(scores) else np.full(count, np.nan)
     rate = None
     if file.is_dataset(start):
-        rate = max(_number(file, "rate", start), 0.0) or None
+        rate = max(file.number("rate", start), 0.0) or None
         times = file.numbers(start).reshape(()) + np.arange(count) / (rate or 1.0)
         require(np.isfinite(times).all(), "is no number; store the time of the first point")
     else:
@@ -327,70 +530,38 @@ def _read_series(file: TrackerFile, group: str) -> Series:
     return Series(module, animal, landmark, points, confidence, times, rate, unit)
 
 
-def _number(file: TrackerFile, name: str, node: str) -> float:
-    """Return an attribute that is a number; 0 for none."""
-    value = file.attribute(name, node)
-    return float(value) if isinstance(value, int | float) and np.isfinite(value) else 0.0
-
-
-def _landmarks(
-    file: TrackerFile, groups: Sequence[str], series: list[Series]
-) -> tuple[tuple[str, ...], Edges]:
+def _skeletons_of(
+    file: TrackerFile, groups: Sequence[str], series: Sequence[Series]
+) -> tuple[list[str], Edges]:
     """Return all landmarks, in the order of skeletons, then of appearance; and their edges.
 
     The skeleton of an animal is the first that has all of its landmarks; its own comes first.
     """
     names: dict[str, None] = {}
     pairs: dict[tuple[str, str], None] = {}
-    stored = {group: f"{group}/nodes" for group in groups}
-    nodes = {g: file.texts(name) for g, name in stored.items() if file.is_dataset(name)}
-    landmarks: dict[tuple[str, str], dict[str, None]] = {}
-    for each in series:
-        landmarks.setdefault((each.module, each.animal), {})[each.landmark] = None
-    for (module, animal), own in landmarks.items():
-        inside = f"/{module}/{animal}/"
-        near = sorted(nodes, key=lambda name: inside not in f"{name}/")
-        group = next((name for name in near if own.keys() <= set(nodes[name])), None)
+    nodes = {g: file.texts(f"{g}/nodes") for g in groups if file.is_dataset(f"{g}/nodes")}
+    for module, animal in dict.fromkeys((one.module, one.animal) for one in series):
+        own = {one.landmark: None for one in series if (one.module, one.animal) == (module, animal)}
+        near = sorted(nodes, key=lambda name: f"/{module}/{animal}/" not in f"{name}/")
+        group = next((name for name in near if own.keys() <= {*nodes[name]}), None)
         if group is not None:
             lines = file.edges(f"{group}/edges", len(nodes[group]))
             pairs |= dict.fromkeys((nodes[group][a], nodes[group][b]) for a, b in lines)
             names |= dict.fromkeys(name for name in nodes[group] if name in own)
         names |= own
-    place = {name: number for number, name in enumerate(names)}
-    edges = ((place[a], place[b]) for a, b in pairs if a in place and b in place)
-    return tuple(names), tuple(edges)
+    order = [*names]
+    edges = ((order.index(a), order.index(b)) for a, b in pairs if {a, b} <= names.keys())
+    return order, tuple(edges)
 
 
-def _join(
-    own: list[Series], names: tuple[str, ...], people: tuple[str, ...]
-) -> tuple[Floats, Floats, Floats, Integers, Integers]:
-    """Return the times (n,) of a video, and of its poses points, confidence, frame, individual.
-
-    A frame is one of the times; a pose is an animal with a point then.
-    """
-    times = np.unique(np.concatenate([each.times for each in own]))
-    shape = (len(times), len(people), len(names))
-    points = np.full((*shape, own[0].points.shape[1]), np.nan)
-    confidence = np.full(shape, np.nan)
-    present = np.zeros(shape[:2], bool)
-    for each in own:
-        frames = np.searchsorted(times, each.times)
-        who, landmark = people.index(each.animal), names.index(each.landmark)
-        points[frames, who, landmark] = each.points
-        confidence[frames, who, landmark] = each.confidence
-        present[frames, who] = True
-    frame, individual = np.nonzero(present)
-    return times, points[present], confidence[present], frame, individual
-
-
-def _rate(series: list[Series], times: list[Floats]) -> float | None:
-    """Return the frame rate that the series state, or that the times of all videos keep."""
-    stated = {each.rate for each in series if len(each.times) > 1}
+def _frame_rate(series: Sequence[Series], times: Sequence[Floats]) -> float | None:
+    """Return the frame rate that the series state, or that the times of all videos keep to 1%."""
+    stated = {one.rate for one in series if len(one.times) > 1}
     if len(stated) == 1 and (rate := stated.pop()) is not None:
         return rate
-    steps = [np.diff(each) for each in times if len(each) > 2]
+    steps = [np.diff(own) for own in times if len(own) > 2]
     if stated or not steps:
         return None
     middle = float(np.median(np.concatenate(steps)))
-    steady = all((np.abs(own - middle) <= STEADY * middle).all() for own in steps)
+    steady = all((np.abs(own - middle) <= 0.01 * middle).all() for own in steps)
     return 1 / middle if steady else None

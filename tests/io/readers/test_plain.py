@@ -9,7 +9,7 @@ import pytest
 from shapefit.errors import InputError
 from shapefit.io import open_shapes
 from shapefit.io.detect import FORMATS, detect_format
-from shapefit.io.readers.items import peek_poses, read_poses
+from shapefit.io.readers.items import read_poses
 from shapefit.io.readers.poses import number_labels
 from tests.io.readers.detector_files import write_array, write_long, write_mediapipe, write_wide
 
@@ -243,10 +243,10 @@ def test_tables_in_metres_are_shapes_in_metres(tmp_path):
 def test_what_is_held_of_a_file_is_of_its_state_and_format(tmp_path):
     path = tmp_path / "walk.csv"
     known = detect_format_of(path, "frame,a_x,a_y,b_x,b_y\n0,1,2,3,4\n")
-    assert len(peek_poses(known, (path,))) == 1
+    assert len(read_poses(known, (path,), keep=True)) == 1
     detect_format_of(path, "frame,a_x,a_y,b_x,b_y\n0,1,2,3,4\n1,5,6,7,8\n")
     assert len(read_poses(known, (path,))) == 2
-    peek_poses(known, (path,))
+    read_poses(known, (path,), keep=True)
     with pytest.raises(InputError):  # and not the table that is held
         read_poses(FORMATS["bvh"], (path,))
 

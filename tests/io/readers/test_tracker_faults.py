@@ -112,7 +112,6 @@ def test_pickles_that_are_not_lists_of_names_are_refused(write, problem, tmp_pat
             file["df_with_missing/table"].attrs["values_block_0_kind"] = np.bytes_(blob)
         text = problem(path)
         assert found in text
-        assert "0 columns" in text or "@values_block_0_kind" in text
     assert not witness.exists()
 
 
