@@ -25,7 +25,7 @@ from shapefit.io.checks import input_problems, warn_of_zeros
 from shapefit.io.inputs import LARGEST_BYTES, check_fits, in_words, read_whole
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.columns import OF_IMAGES, Columns, decode, parse_header
-from shapefit.io.readers.detections import are_series
+from shapefit.io.readers.images import are_series
 from shapefit.io.readers.json_file import read_json
 from shapefit.io.readers.poses import (
     FRACTION,
