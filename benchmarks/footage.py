@@ -44,7 +44,8 @@ from shapefit.io.options import AS_KNOWN
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.io.skeletons import PARTS, PEOPLE, THETA, installed_skeletons, part_names
 from shapefit.io.writers.motion import find_floors
-from shapefit.pipelines.evaluate.judge import Truth, judge
+from shapefit.pipelines.evaluate.measure import Truth
+from shapefit.pipelines.evaluate.measure import measure as measure_file
 from shapefit.pipelines.items import Keys
 
 Floats = NDArray[np.float64]
@@ -297,7 +298,7 @@ def measure(
     body = (shapes.sequences or ("",))[0].split("_")[0]
     rng = np.random.default_rng([int(body), count])
     images, truth = film(shapes, choose_clips(shapes, count, longest, rng), rng, cell)
-    known = Truth(truth, Keys(truth.items), truth.take)
+    known = Truth(truth, Keys(truth.items))
     names = np.array(truth.sequences)
     row: dict[str, Any] = {"cell": cell.name, "body": body, "ratio": np.nan}
     by_clip: dict[str, list[float]] = {}
@@ -306,7 +307,7 @@ def measure(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             fit = shapefit.fit(shapefit.Landmarks.of(images), dictionary, config=config)
-        judged = judge(Path(method), fit.record(), known, JUDGED)
+        judged = measure_file(Path(method), fit.record(), known, JUDGED)
         error = judged.errors["similarity", "normalised"]
         row[method] = np.mean([np.nanmean(error[names == name]) for name in np.unique(names)])
         if judged.bars is not None:

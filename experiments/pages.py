@@ -102,7 +102,7 @@ def index(folder: Path) -> str:
 
 
 def _mocap(report: Mapping[str, Any]) -> list[str]:
-    objectives = {m["name"]: m["solving"]["mean_objective"] for m in report["methods"]}
+    objectives = {m["name"]: m["mean_objective"] for m in report["methods"]}
     of_one_program = ", ".join(
         f"{name} {_number(objectives.get(name))}" for name in ("Alternate", "Alternate+")
     )

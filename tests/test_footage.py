@@ -19,7 +19,7 @@ from benchmarks.judged import read_bodies
 from shapefit.evaluation.metrics import similarity
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import read_shapes
-from shapefit.pipelines.evaluate.judge import with_shapes_of
+from shapefit.pipelines.evaluate.measure import with_shapes_of
 from tests.io.files import load
 from tests.pipelines.fitted import fit_images
 

@@ -122,11 +122,10 @@ def worst(fitted, observed, visited):
 '''
 
 WORST_ENTRY = """
-from shapefit.evaluation.metric_table import FITTED, LANDMARKS, METRICS, Dataset, Metric
+from shapefit.evaluation.metrics import FITTED, LANDMARKS, METRICS, Dataset, Metric
+from toy import worst
 visited = Dataset("visited", ("p",), labels=True)
-METRICS["worst"] = Metric(
-    function="toy:worst", needs=(FITTED, LANDMARKS, visited), unit="steps", title="Worst landmark"
-)
+METRICS["worst"] = Metric(worst, (FITTED, LANDMARKS, visited), "steps", "Worst landmark")
 """
 
 

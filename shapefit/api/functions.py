@@ -45,7 +45,7 @@ from shapefit.io.readers.items import landmarks_of
 from shapefit.io.readers.tables import of_array
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.io.source import source_of
-from shapefit.pipelines.evaluate.judge import Truth, judge
+from shapefit.pipelines.evaluate.measure import Truth, measure
 from shapefit.pipelines.fit.prepare import (
     FIRST,
     are_long,
@@ -301,17 +301,15 @@ def evaluate(
             raise input_error("truth", found, "give one for each, or name them: Shapes(..., items)")
         true = true.replaced(items=record.items)
     record = record.without(BARS)
-    judged = judge(Path("result"), record, Truth(true, keys_of([true]), true.take), config)
-    errors = judged.image_errors("result")
-    sequences = (name for each in errors for name in each.sequences.names)
-    grouping, ungrouped = group_sequences(config.groups, sequences)
-    warn((*judged.warnings, *ungrouped))
+    measured = measure(Path("result"), record, Truth(true, keys_of([true])), config)
+    grouping, ungrouped = group_sequences(config.groups, measured.sequences)
+    warn((*measured.warnings, *ungrouped))
     return Evaluation(
-        items=judged.items,
-        sequences=judged.sequences,
-        errors=judged.errors,
-        summaries=tuple(s for e in errors for s in summarise(e, grouping)),
-        failures=judged.failures,
+        items=measured.items,
+        sequences=measured.sequences,
+        errors=measured.errors,
+        summaries=tuple(summarise("result", measured.sequences, measured.errors, grouping)),
+        failures=measured.failures,
     )
 
 

@@ -5,25 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Flags, Floats
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
-from shapefit.evaluation.summaries import labels_of
 
-LEVELS = (0.5, 0.9)
-"""Nominal shares of the truth inside the ellipsoids that are reported."""
+QUANTILES = {0.5: 2.3659738843753377, 0.9: 6.251388631170325}
+"""Nominal share of the truth -> squared Mahalanobis radius: quantiles of chi^2 with 3 degrees."""
 
 WIDTH_OF = 0.9
-"""The ellipsoid whose width is reported."""
+"""The ellipsoid whose width is reported, and that an image's share is of."""
 
-QUANTILE = 6.251388631170325
-"""Squared Mahalanobis radius of that ellipsoid: the 90% quantile of chi^2 with 3 degrees."""
-
-INSIDE = f"inside_{100 * WIDTH_OF:.0f}"
-"""What the share of an image is called."""
+QUANTILE = QUANTILES[WIDTH_OF]
 
 FARTHEST = math.exp(5)
 """Squared Mahalanobis distance beyond which no factor makes error bars true."""
@@ -32,26 +27,30 @@ SMALLEST = 1e-12
 """Share of a variance that is left where correlations leave none."""
 
 
-@dataclass(frozen=True)
-class ErrorBars:
+class ErrorBars(NamedTuple):
     """The truth in the error bars of n images of one method.
 
-    sequences (n); square (n, p): the squared Mahalanobis distance of the truth, chi^2 with 3
-    degrees of freedom where error bars are true; width (n, p): root of the mean squared semi-axis
-    of the 90% ellipsoid, by unit. nan where there is no truth or no error bar.
+    square (n, p): the squared Mahalanobis distance of the truth, chi^2 with 3 degrees of freedom
+    where error bars are true; width (n, p): root of the mean squared semi-axis of the 90%
+    ellipsoid, by unit. nan where there is no truth or no error bar.
     """
 
-    sequences: tuple[str, ...]
     square: Floats
     width: Mapping[str, Floats]
+
+    def shares(self) -> Floats:
+        """Share (n,) of the landmarks of each image inside the 90% ellipsoids; nan of none."""
+        count = (~np.isnan(self.square)).sum(axis=1)
+        inside, none = (self.square <= QUANTILE).sum(axis=1), np.full(len(count), np.nan)
+        return np.divide(inside, count, out=none, where=count > 0)
 
 
 @dataclass(frozen=True)
 class Coverage:
     """How often the truth of the landmarks of a group is inside the error bars.
 
-    judged landmarks; inside, the share of each of `LEVELS`; the median width by unit. Every image
-    of the group has the same weight.
+    judged landmarks; inside, the share of each of `QUANTILES`; the median width by unit. Every
+    image of the group has the same weight.
     """
 
     method: str
@@ -109,102 +108,75 @@ def mahalanobis(z: Floats, correlation: Floats | None) -> Floats:
     K has the ones of a correlation matrix on its diagonal and correlation (n, 3, p) beside it.
     """
     if correlation is None:
-        squares: Floats = (z**2).sum(axis=1)
-        return squares
+        return np.asarray((z**2).sum(axis=1))
     x, y, depth = np.moveaxis(z, 1, 0)
     a, b, c = np.moveaxis(correlation, 1, 0)
     of_y = np.maximum(1 - a**2, SMALLEST)
     tie = (c - a * b) / of_y
     of_depth = np.maximum(1 - b**2 - tie**2 * of_y, SMALLEST)
     rest = y - a * x
-    found: Floats = x**2 + rest**2 / of_y + (depth - b * x - tie * rest) ** 2 / of_depth
-    return found
+    return np.asarray(x**2 + rest**2 / of_y + (depth - b * x - tie * rest) ** 2 / of_depth)
 
 
-def quantile(level: float) -> float:
-    """x with P(chi^2_3 <= x) = erf(sqrt(x / 2)) - sqrt(2 x / pi) exp(-x / 2) = level.
+def join_bars(parts: Sequence[ErrorBars | None], images: Sequence[int]) -> ErrorBars | None:
+    """Return the error bars of several files of one method, None where none has any.
 
-    By bisection, as SciPy takes longer to import.
+    images: how many each file has.
     """
-    if level == 1:
-        return math.inf
-    low, high = 0.0, 100.0
-    while low < (x := (low + high) / 2) < high:
-        below = math.erf(math.sqrt(x / 2)) - math.sqrt(2 * x / math.pi) * math.exp(-x / 2) < level
-        low, high = (x, high) if below else (low, x)
-    return high
+    some = [part for part in parts if part is not None]
+    if not some:
+        return None
+    most, units = max(part.square.shape[1] for part in some), [*some[0].width]
+
+    def joined(arrays: Iterable[Floats | None]) -> Floats:
+        whole = np.full((sum(images), most), np.nan)
+        for end, count, values in zip(np.cumsum(images), images, arrays, strict=True):
+            if values is not None:
+                whole[end - count : end, : values.shape[1]] = values
+        return whole
+
+    widths = {u: joined(part and part.width[u] for part in parts) for u in units}
+    return ErrorBars(joined(part and part.square for part in parts), widths)
 
 
-def join_bars(parts: Sequence[ErrorBars]) -> ErrorBars:
-    """Return the error bars of several files of one method."""
-    most = max(part.square.shape[1] for part in parts)
-
-    def joined(arrays: Iterable[Floats]) -> Floats:
-        wide = [
-            np.pad(values, ((0, 0), (0, most - values.shape[1])), constant_values=np.nan)
-            for values in arrays
-        ]
-        return np.concatenate(wide)
-
-    return ErrorBars(
-        sequences=tuple(name for part in parts for name in part.sequences),
-        square=joined(part.square for part in parts),
-        width={unit: joined(part.width[unit] for part in parts) for unit in parts[0].width},
-    )
-
-
-def cover(
-    method: str, bars: ErrorBars, grouping: Mapping[str, Sequence[str]]
-) -> Iterator[Coverage]:
-    """Sum up the error bars of the images of each group that has any."""
-    labels = labels_of(bars.sequences)
-    for group, members in grouping.items():
-        rows = labels.among(members)
-        square = bars.square[rows]
+def cover(method: str, bars: ErrorBars, groups: Mapping[str, Flags]) -> Iterator[Coverage]:
+    """Sum up the error bars of the images (n,) of each group that has any."""
+    for group, members in groups.items():
+        square = bars.square[members]
         judged = int((~np.isnan(square)).sum())
         if judged:
-            inside = tuple(int((square <= quantile(level)).sum()) / judged for level in LEVELS)
-            widths = {unit: _median(values[rows]) for unit, values in bars.width.items()}
+            inside = tuple(int((square <= q).sum()) / judged for q in QUANTILES.values())
+            widths = {unit: _median(values[members]) for unit, values in bars.width.items()}
             yield Coverage(method, group, judged, inside, widths)
 
 
 def _median(widths: Floats) -> float:
-    """Median of the widths that are known; nan of none.
+    """Median of the widths that are not nan; nan of none.
 
     The two in the middle are cut to 12 bits behind the point, so that it is the same on every
     machine: the last bits of a width are not.
     """
-    known = widths[~np.isnan(widths)]
-    if not len(known):
+    finite = widths[~np.isnan(widths)]
+    if not len(finite):
         return math.nan
-    places = [(len(known) - 1) // 2, len(known) // 2]
-    middle = np.partition(known, places)[places].view(np.int64) >> 40
+    places = [(len(finite) - 1) // 2, len(finite) // 2]
+    middle = np.partition(finite, places)[places].view(np.int64) >> 40
     return float(((middle << 40) + (1 << 39)).view(np.float64).mean())
 
 
 def widening_factors(bars: ErrorBars) -> dict[str, float | None]:
-    """Return how many times as wide error bars are true at each of `LEVELS`, by its name.
+    """Return how many times as wide error bars are true at each of `QUANTILES`, by its name.
 
     sqrt(r / q) for the distance r that as many of the m landmarks do not exceed as split
     conformal prediction asks for, ceil((m + 1) level), and the quantile q of chi^2. None
     where these are too few, or lie beyond `FARTHEST`.
     """
-    known = np.sort(bars.square[~np.isnan(bars.square)])
-    found: dict[str, float | None] = {}
-    for level in LEVELS:
-        rank = math.ceil((len(known) + 1) * level)
-        there = rank <= len(known) and known[rank - 1] <= FARTHEST
+    squares = np.sort(bars.square[~np.isnan(bars.square)])
+    factors: dict[str, float | None] = {}
+    for level, q in QUANTILES.items():
+        rank = math.ceil((len(squares) + 1) * level)
+        there = rank <= len(squares) and squares[rank - 1] <= FARTHEST
         # A little more, so that rounding leaves none of them out.
-        factor = math.sqrt(known[rank - 1] / quantile(level)) * (1 + 1e-9) if there else None
-        found[f"{100 * level:.0f}%"] = factor
-    return found
-
-
-def image_shares(bars: ErrorBars) -> tuple[NDArray[np.intp], Floats]:
-    """Images of which a landmark can be judged, and the share of these inside the 90% ellipsoids.
-
-    Returns rows (m,) and shares (m,).
-    """
-    judged = ~np.isnan(bars.square)
-    rows = np.flatnonzero(judged.any(axis=1))
-    return rows, (bars.square[rows] <= QUANTILE).sum(axis=1) / judged[rows].sum(axis=1)
+        factor = math.sqrt(squares[rank - 1] / q) * (1 + 1e-9) if there else None
+        factors[f"{100 * level:.0f}%"] = factor
+    return factors

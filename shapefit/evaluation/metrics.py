@@ -1,22 +1,26 @@
-"""Errors of estimated shapes and landmarks, one number per image.
+"""The metrics: errors of estimated shapes and landmarks, one number per image; and their table.
 
-All functions take whole sets of images, and leave out, image by image, the landmarks that are nan
-on either side. An image with too few landmarks left has the error nan: it failed.
+All functions take whole sets of images and ignore, image by image, the landmarks that are nan on
+either side. An image with too few landmarks left has the error nan: it failed.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
 from shapefit.geometry.procrustes import similarity_errors
+from shapefit.geometry.rotations import rotation_angle
 
 FEWEST_LANDMARKS = 3
 """A similarity or a camera makes any two points coincide, so fewer say nothing."""
+
+SOME = 1 << 10
+"""Images that are measured together: their arrays fit into the cache of the processor."""
 
 
 def similarity(estimate: Floats, truth: Floats) -> Floats:
@@ -60,23 +64,27 @@ def reprojection(fitted: Floats, observed: Floats) -> Floats:
     return np.sqrt(_mean_over_visible(squares, visible, fewest=1))
 
 
-def box_diagonal(observed: Floats) -> Floats:
-    """Diagonal of the upright box around the visible landmarks; (n, 2, p) -> (n,).
+def box_diagonal(observed: Floats, boxes: Floats | None = None) -> Floats:
+    """Diagonal (n,) of the boxes (n, 4), x y w h, else of those around visible landmarks (n, 2, p).
 
     nan where none is visible, or all are on one point: such a box measures nothing.
     """
-    visible = visible_in_both(observed, observed)[:, None, :]
-    lowest = np.where(visible, observed, np.inf).min(axis=-1)
-    highest = np.where(visible, observed, -np.inf).max(axis=-1)
-    diagonal = np.hypot(*np.maximum(highest - lowest, 0.0).T)
+    if boxes is not None:
+        sides = boxes[:, 2:].T
+    else:
+        visible = visible_in_both(observed, observed)[:, None]
+        lowest = np.where(visible, observed, np.inf).min(axis=-1)
+        highest = np.where(visible, observed, -np.inf).max(axis=-1)
+        sides = np.maximum(highest - lowest, 0.0).T
+    diagonal = np.hypot(*sides)
     return np.where(diagonal > 0, diagonal, np.nan)
 
 
 def truth_scale(estimate: Floats, truth: Floats) -> Floats:
-    """Spread of the true landmarks that are judged: error / scale is the normalised error.
+    """Standard deviation of the true landmarks on both sides: error / scale is normalised.
 
     (n, 3, p) each -> (n,); nan where the true landmarks lie on one point, which leaves no scale.
-    The spread is taken in the frame of the truth file, for `similarity` and `camera` alike.
+    It is taken in the frame of the truth file, for `similarity` and `camera` alike.
     """
     seen = visible_in_both(estimate, truth)
     x = _centred(truth, seen)
@@ -109,34 +117,104 @@ def _mean_over_visible(values: Floats, visible: Flags, fewest: int) -> Floats:
 
 def precision(labelled: Flags, corrupted: Flags) -> Floats:
     """|labelled and corrupted| / |labelled| of each image (n,); nan where nothing is labelled."""
-    return _share(labelled & corrupted, labelled)
+    count = labelled.sum(axis=-1)
+    nothing = np.full(len(count), np.nan)
+    return np.divide((labelled & corrupted).sum(axis=-1), count, out=nothing, where=count > 0)
 
 
 def recall(labelled: Flags, corrupted: Flags) -> Floats:
     """|labelled and corrupted| / |corrupted| of each image (n,); nan where nothing is corrupted."""
-    return _share(labelled & corrupted, corrupted)
-
-
-def _share(part: Flags, whole: Flags) -> Floats:
-    count = whole.sum(axis=-1)
-    nothing = np.full(len(count), np.nan)
-    return np.divide(part.sum(axis=-1), count, out=nothing, where=count > 0)
-
-
-TOGETHER = 1 << 10
-"""Images that are measured together: what is made of them stays in the processor's cache."""
+    return precision(corrupted, labelled)
 
 
 def in_blocks(measure: Callable[..., Any], *arrays: NDArray[Any] | None) -> Any:
-    """Return what a function of images, on their first axis, makes of arrays; some at a time.
+    """Return measure(*arrays), an array (n, ...) or a tuple of them, computed in blocks of images.
 
-    It returns an array (n, ...) or a tuple of them.
+    The first axis of the arrays is that of the images.
     """
     count = next(len(array) for array in arrays if array is not None)
     parts = [
-        measure(*(None if array is None else array[row : row + TOGETHER] for array in arrays))
-        for row in range(0, count, TOGETHER)
+        measure(*(None if array is None else array[row : row + SOME] for array in arrays))
+        for row in range(0, count, SOME)
     ]
     if isinstance(parts[0], tuple):
         return tuple(map(np.concatenate, zip(*parts, strict=True)))
     return np.concatenate(parts)
+
+
+LENGTH = "length"
+"""Unit of a metric in the unit of the truth; it is given normalised by the true shape, too."""
+IMAGE = "image"
+"""Unit of a metric in the unit of the landmarks; it is given as a share of the box, too."""
+SHARE = "share"
+"""Unit of a share of landmarks."""
+
+
+class Dataset(NamedTuple):
+    """A dataset that a metric takes: its name, and its shape within one image in the file.
+
+    `p` stands for the number of landmarks. Points ("p", d) come one per row in the file and one per
+    column to the metric; `labels` are booleans.
+    """
+
+    name: str
+    shape: tuple[int | Literal["p"], ...] = ()
+    labels: bool = False
+
+
+ESTIMATE, TRUTH = Dataset("estimate", ("p", 3)), Dataset("truth", ("p", 3))
+"""The shapes that are compared, with the landmarks of both: every evaluation has them."""
+LANDMARKS = Dataset("landmarks", ("p", 2))
+FITTED = Dataset("landmarks_fitted", ("p", 2))
+BOX = Dataset("bounding_box", (4,))
+ROTATION, TRUE_ROTATION = Dataset("rotation", (3, 3)), Dataset("true_rotation", (3, 3))
+DEVIATION, CORRELATION = Dataset("shape_sd", ("p", 3)), Dataset("shape_correlation", ("p", 3))
+EXPECTED = Dataset("expected_error")
+OUTLIERS = Dataset("outliers", ("p",), labels=True)
+CORRUPTED = Dataset("corrupted", ("p",), labels=True)
+
+
+class Metric(NamedTuple):
+    """A number for each image: how far its estimate is from the truth.
+
+    function takes the arrays of `needs` in their order and returns (n,), nan where an image cannot
+    be measured; unit is LENGTH, IMAGE, or a unit such as deg; title is that of a plot. A metric
+    `of_labels` measures labels of landmarks, which only some fits give: it must be asked for by
+    name. Where one is `optional`, its datasets may be absent without a warning; for both nan is no
+    failure.
+    """
+
+    function: Callable[..., Floats]
+    needs: tuple[Dataset, ...]
+    unit: str
+    title: str
+    of_labels: bool = False
+    optional: bool = False
+
+    @property
+    def may_lack(self) -> bool:
+        """Whether nan is no failure of the image."""
+        return self.of_labels or self.optional
+
+
+METRICS = {
+    "similarity": Metric(similarity, (ESTIMATE, TRUTH), LENGTH, "3D error up to a similarity"),
+    "camera": Metric(
+        camera, (ESTIMATE, TRUTH, TRUE_ROTATION), LENGTH, "3D error in the camera frame"
+    ),
+    "rotation": Metric(
+        rotation_angle, (TRUE_ROTATION, ROTATION), "deg", "Angle to the true rotation"
+    ),
+    "reprojection": Metric(reprojection, (FITTED, LANDMARKS), IMAGE, "RMS reprojection error"),
+    "expected": Metric(
+        expected, (ESTIMATE, TRUTH, EXPECTED), LENGTH, "Expected 3D error up to a similarity",
+        optional=True,
+    ),
+    "precision": Metric(
+        precision, (OUTLIERS, CORRUPTED), SHARE, "Precision of the outlier labels", of_labels=True
+    ),
+    "recall": Metric(
+        recall, (OUTLIERS, CORRUPTED), SHARE, "Recall of the outlier labels", of_labels=True
+    ),
+}  # fmt: skip
+"""The metrics by name. A new one is a function and a row."""

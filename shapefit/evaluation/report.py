@@ -5,79 +5,66 @@ from __future__ import annotations
 import csv
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import orjson
 
 from shapefit.arrays import Floats
-from shapefit.evaluation.calibration import LEVELS, WIDTH_OF, Coverage
-from shapefit.evaluation.metric_table import SHARE
-from shapefit.evaluation.summaries import ALL, NORMALISED, Summary
-from shapefit.geometry.normalisation import LARGEST
+from shapefit.evaluation.calibration import QUANTILES, WIDTH_OF, Coverage
+from shapefit.evaluation.metrics import SHARE
+from shapefit.evaluation.summaries import ALL, NORMALISED, Kind, Summary
 
 MOST_LISTED = 10_000
 """Failed images of a method that are listed with their reasons; more are counted."""
+MOST_SHOWN = 10
+"""Failed images of a method that the page lists."""
+ABSENT = "–"
+"""Cell of a number that does not exist."""
+PER_IMAGE = ("method", "sequence", "item", "metric", "error", "unit")
+"""Columns of per_image.csv."""
+SUMMARY = ("method", "metric", "group", "sequence", "images", "mean", "median", "p90", "unit")
+"""Columns of report.csv."""
 
-
-@dataclass(frozen=True)
-class Run:
-    """What a result file says about the fit of n images, None where it says nothing.
-
-    objective (n), nan where an image failed; solved, how many are optimal or converged; seconds for
-    all images.
-    """
-
-    images: int
-    objective: Floats | None = None
-    solved: int | None = None
-    seconds: float | None = None
-
-
-@dataclass(frozen=True)
-class Solving:
-    """How one method solved its images; None where not all of its files say it.
-
-    Mean objective over the images that have one, milliseconds per image, and the share of images
-    that are optimal or converged.
-    """
-
-    mean_objective: float | None = None
-    milliseconds: float | None = None
-    solved: float | None = None
+_SHARES = [f"{level:.0%}" for level in QUANTILES]
+_ERRORS = (
+    "Each cell is mean / median over the images; of several sequences, the mean of the sequences' "
+    "means and of their medians. Normalised errors are shares of the standard deviation of the "
+    "true shape; those in boxes, of the diagonal of the box around the landmarks."
+)
+_BARS = (
+    f"Share of the landmarks whose truth is inside the {' and '.join(_SHARES)} ellipsoids of the "
+    "error bars, after the truth was placed in the image by its x and y. Wide bars hold anything, "
+    f"so their width is given too: the median of the {WIDTH_OF:.0%} ellipsoids' root mean squared "
+    "semi-axes. Every image has the same weight."
+)
 
 
 @dataclass(frozen=True)
 class Method:
-    """One method that was judged: where its results lie, how many images, and which failed.
+    """One method: where its results are, how many images, how many failed, and why.
 
-    `failures` maps an item to the reason; `unlisted` images failed, too, beyond those that are
-    listed; `solving` sums up how the fit went.
+    `failures` maps some of the failed items to the reason; the mean objective is that of the images
+    that have one, None where not all files tell.
     """
 
     name: str
     files: tuple[str, ...]
     images: int
-    failures: Mapping[str, str]
-    solving: Solving = field(default_factory=Solving)
-    unlisted: int = 0
-
-    @property
-    def failed(self) -> int:
-        """Number of images that failed."""
-        return len(self.failures) + self.unlisted
+    failed: int = 0
+    failures: Mapping[str, str] = field(default_factory=dict)
+    mean_objective: float | None = None
 
 
 @dataclass(frozen=True)
 class Report:
     """Everything that the tables show.
 
-    warnings say what the evaluation had to leave out; coverage how true error bars are; factors,
-    with which they were true, by method and level; provenance is what the numbers were made from
-    and by (version, config, digests of the inputs), ready for JSON.
+    warnings say what was ignored; coverage how true error bars are; factors, with which they would
+    be true, by method and level; provenance (version, config, digests of the inputs) is ready for
+    JSON.
     """
 
     methods: tuple[Method, ...]
@@ -88,22 +75,27 @@ class Report:
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
 
-def sum_up_runs(runs: Sequence[Run]) -> Solving:
-    """Sum up how the files of a method were solved; each image weighs the same."""
-    images = sum(run.images for run in runs)
-    objectives = [run.objective for run in runs if run.objective is not None]
-    solved = [run.solved for run in runs if run.solved is not None]
-    seconds = [run.seconds for run in runs if run.seconds is not None]
-    values = np.concatenate(objectives) if len(objectives) == len(runs) else np.empty(0)
-    values = values[np.abs(values) <= LARGEST]
-    return Solving(
-        mean_objective=float(values.mean()) if len(values) else None,
-        milliseconds=1000 * sum(seconds) / images if len(seconds) == len(runs) else None,
-        solved=sum(solved) / images if len(solved) == len(runs) else None,
-    )
+def per_image_rows(
+    method: str, sequences: Sequence[str], items: Sequence[str], errors: Mapping[Kind, Floats]
+) -> Iterator[bytes]:
+    """Yield lines of per_image.csv: errors (n,) by metric and unit; that of a failed one is empty.
+
+    An infinite error does not count and has no line.
+    """
+    names = [f"{_cell(s)},{_cell(i)}" for s, i in zip(sequences, items, strict=True)]
+    for (metric, unit), values in errors.items():
+        before, between, after = f"{_cell(method)},", f",{_cell(metric)},", f",{_cell(unit)}\n"
+        lines = [
+            f"{before}{name}{between}{'' if value != value else repr(value)}{after}"
+            for name, value in zip(names, values.tolist(), strict=True)
+            if abs(value) != math.inf
+        ]
+        yield "".join(lines).encode("utf-8", "surrogateescape")
 
 
-SUMMARY = ("method", "metric", "group", "sequence", "images", "mean", "median", "p90", "unit")
+def _cell(text: str) -> str:
+    """Return a cell of CSV, in quotes where it needs them."""
+    return '"{}"'.format(text.replace('"', '""')) if re.search('[,"\r\n]', text) else text
 
 
 def report_csv(report: Report) -> str:
@@ -113,7 +105,7 @@ def report_csv(report: Report) -> str:
     """
     rows: list[Iterable[Any]] = [[getattr(s, name) for name in SUMMARY] for s in report.summaries]
     for c in report.coverage:
-        for level, share in zip(LEVELS, c.inside, strict=True):
+        for level, share in zip(QUANTILES, c.inside, strict=True):
             name = f"inside_{100 * level:.0f}"
             rows.append((c.method, name, c.group, None, c.judged, share, None, None, SHARE))
         for unit, width in c.median_width.items():
@@ -133,18 +125,12 @@ def table_text(columns: Sequence[str], rows: Iterable[Iterable[Any]]) -> str:
 
 def report_json(report: Report) -> str:
     """All numbers of the report as JSON; null stands for a number that does not exist."""
+
+    def failures(method: Method) -> list[dict[str, str]]:
+        return [{"item": item, "reason": why} for item, why in method.failures.items()]
+
     document = {
-        "methods": [
-            {
-                "name": method.name,
-                "files": method.files,
-                "images": method.images,
-                "failed": method.failed,
-                "failures": [{"item": i, "reason": r} for i, r in method.failures.items()],
-                "solving": method.solving,
-            }
-            for method in report.methods
-        ],
+        "methods": [{**vars(method), "failures": failures(method)} for method in report.methods],
         "summaries": report.summaries,
         "calibration": report.coverage,
         "factors": report.factors,
@@ -154,86 +140,47 @@ def report_json(report: Report) -> str:
     return orjson.dumps(document, option=orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE).decode()
 
 
-FAILURES_SHOWN = 10
-"""Failed items that the page lists per method; the JSON lists more."""
-
-ABSENT = "–"
-"""Cell of a number that does not exist."""
-
-_SHARES = [f"{level:.0%}" for level in LEVELS]
-_HOW_TO_READ = (
-    "Each cell is mean / median over the images; of several sequences, the mean of the sequences' "
-    "means and of their medians. Normalised errors are shares of the spread of the true shape; "
-    "those in boxes, of the diagonal of the box around the landmarks."
-)
-_HOW_TO_READ_BARS = (
-    f"Share of the landmarks whose truth is inside the {' and '.join(_SHARES)} ellipsoids of the "
-    "error bars, the truth placed in the image by its x and y. Wide bars hold anything, so their "
-    f"width stands beside: the median of the {WIDTH_OF:.0%} ellipsoids' root mean squared "
-    "semi-axes. Every image has the same weight."
-)
-_HOW_TO_READ_SOLVING = (
-    "As reported by the result files. Objectives of different models, lambdas and dictionaries "
-    "cannot be compared. Times are those of the machine and the threads of each fit, for solving "
-    "alone."
-)
-
-
-def as_markdown(blocks: Iterable[str]) -> str:
-    """Return blocks as a page of Markdown, in which no name is HTML."""
+def report_markdown(report: Report, plot: str = "") -> str:
+    """Return the page: tables of errors, error bars and images, failures, and the plot's file."""
+    blocks = ["# Errors against the truth", _ERRORS, _error_table(report)]
+    if report.coverage:
+        blocks += ["## Error bars", _BARS, _error_bars(report)]
+    for title, lines in (("Failed", _failed(report.methods)), ("Warnings", report.warnings)):
+        if lines:
+            blocks += [f"## {title}", "\n".join(f"- {_on_one_line(line)}" for line in lines)]
+    if plot:
+        blocks += ["## Plot", f"![errors, sorted]({plot})"]
+    # No name is HTML.
     return "\n\n".join(re.sub("<(?=[a-zA-Z/!?])", "&lt;", block) for block in blocks) + "\n"
 
 
-def report_blocks(report: Report) -> list[str]:
-    """Return the headings, paragraphs, tables and lists of the page."""
-    errors = _errors([s for s in report.summaries if s.sequence is None])
-    return [
-        *("# Errors against the truth", _HOW_TO_READ, errors),
-        *_error_bars(report),
-        *("## Images", _HOW_TO_READ_SOLVING, _images(report)),
-        *_listing("Failed", _failed_items(report)),
-        *_listing("Left out", report.warnings),
-    ]
-
-
-def _errors(summaries: Sequence[Summary]) -> str:
-    """Groups and methods down; mean / median of every metric and unit across."""
-    kinds = dict.fromkeys((s.metric, s.unit) for s in summaries)
-    digits = {
-        kind: decimals_of(
-            value for s in summaries if (s.metric, s.unit) == kind for value in (s.mean, s.median)
-        )
-        for kind in kinds
-    }
+def _error_table(report: Report) -> str:
+    """Groups and methods down; mean / median of every metric and unit across, and images."""
+    summaries = [s for s in report.summaries if s.sequence is None]
+    groups = [*dict.fromkeys(s.group for s in summaries)]
+    columns: dict[Kind, list[float]] = {}
+    for s in summaries:
+        columns.setdefault((s.metric, s.unit), []).extend((s.mean, s.median))
+    digits = {kind: decimals_of(values) for kind, values in columns.items()}
     rows: dict[tuple[str, str], dict[str, str]] = {}
-    for s in sorted(summaries, key=lambda s: _order(s.group, summaries)):
-        row = rows.setdefault((s.group, s.method), {})
+    for s in sorted(summaries, key=lambda s: groups.index(s.group)):
+        row = rows.get((s.group, s.method))
+        if row is None:
+            row = {} if s.group == ALL else {"group": s.group}
+            row |= {"method": s.method, "images": str(s.images), "failed": str(s.failed)}
+            row |= {f"{metric} ({unit})": ABSENT for metric, unit in columns}
+            rows[s.group, s.method] = row
         both = [number(value, digits[s.metric, s.unit]) for value in (s.mean, s.median)]
         row[f"{s.metric} ({s.unit})"] = " / ".join(both) if both != [ABSENT] * 2 else ABSENT
-    titles = [f"{metric} ({unit})" for metric, unit in kinds]
-    return _table(
-        {
-            **({} if group == ALL else {"group": group}),
-            "method": method,
-            **{title: row.get(title, ABSENT) for title in titles},
-        }
-        for (group, method), row in rows.items()
-    )
+    return _table(rows.values())
 
 
-def _order(group: str, summaries: Sequence[Summary]) -> int:
-    return next(i for i, s in enumerate(summaries) if s.group == group)
-
-
-def _error_bars(report: Report) -> list[str]:
-    """Return how true error bars and expected errors are; nothing where there are none."""
-    coverage = report.coverage
-    if not coverage:
-        return []
+def _error_bars(report: Report) -> str:
+    """Groups and methods down; shares inside, widths, and how true expected errors are."""
+    coverage, ratios = report.coverage, expected_ratios(report.summaries)
     units = dict.fromkeys(unit for c in coverage for unit in c.median_width)
     digits = {unit: decimals_of(c.median_width.get(unit) for c in coverage) for unit in units}
-    ratios = expected_ratios(report.summaries)
-    table = _table(
+    return _table(
         {
             **({} if c.group == ALL else {"group": c.group}),
             "method": c.method,
@@ -244,7 +191,6 @@ def _error_bars(report: Report) -> list[str]:
         }
         for c in coverage
     )
-    return ["## Error bars", _HOW_TO_READ_BARS, table]
 
 
 def expected_ratios(summaries: Iterable[Summary]) -> dict[tuple[str, str], float]:
@@ -261,42 +207,17 @@ def expected_ratios(summaries: Iterable[Summary]) -> dict[tuple[str, str], float
     }
 
 
-def _images(report: Report) -> str:
-    """Methods down; how many images were evaluated, and what the fits report."""
-    digits = decimals_of(method.solving.mean_objective for method in report.methods)
-
-    def cells(method: Method) -> dict[str, str]:
-        own = method.solving
-        time, solved = own.milliseconds, own.solved
-        return {
-            "method": method.name,
-            "evaluated": str(method.images - method.failed),
-            "failed": str(method.failed),
-            "mean objective": number(own.mean_objective, digits),
-            "ms per image": ABSENT if time is None else f"{time:.3g}",
-            # 100 % only where it is all of them: digits are cut off, not rounded up.
-            "optimal or converged": (
-                ABSENT if solved is None else f"{math.floor(10_000 * solved + 1e-9) / 100:.2f} %"
-            ),
-        }
-
-    return _table(map(cells, report.methods)) if report.methods else ""
-
-
-def _failed_items(report: Report) -> list[str]:
+def _failed(methods: Iterable[Method]) -> list[str]:
     lines = []
-    for method in report.methods:
-        failures = list(method.failures.items())[:FAILURES_SHOWN]
-        lines += [f"{method.name}, {item}: {why}" for item, why in failures]
-        if method.failed > FAILURES_SHOWN:
-            more = method.failed - FAILURES_SHOWN
-            listed = f"the first {len(method.failures):,}" if method.unlisted else "all"
+    for method in methods:
+        shown = list(method.failures.items())[:MOST_SHOWN]
+        lines += [f"{method.name}, {item}: {why}" for item, why in shown]
+        if method.failed > len(shown):
+            complete = method.failed == len(method.failures)
+            listed = "all" if complete else f"the first {len(method.failures):,}"
+            more = method.failed - len(shown)
             lines.append(f"{method.name}: {more} more, {listed} listed in report.json")
     return lines
-
-
-def _listing(title: str, lines: Sequence[str]) -> list[str]:
-    return [f"## {title}", "\n".join(f"- {on_one_line(line)}" for line in lines)] if lines else []
 
 
 _SHORT = {"similarity": "error aligned", "camera": "camera frame", "rotation": "rotation"}
@@ -309,43 +230,44 @@ def short_lines(report: Report) -> list[str]:
     for s in report.summaries:
         if s.sequence is None:
             groups.setdefault((s.method, s.group), []).append(s)
-    held = {(c.method, c.group): c.inside[-1] for c in report.coverage}
-    ratios, wide = expected_ratios(report.summaries), max(map(len, (m for m, _ in groups)))
+    inside = {(c.method, c.group): c.inside[-1] for c in report.coverage}
+    ratios, wide = expected_ratios(report.summaries), max(len(method) for method, _ in groups)
     lines = []
-    for key, own in groups.items():
-        said = [part for name in _SHORT if (part := _in_short(own, name))]
-        said.append(f"{max(s.images for s in own)} images")
-        said += [f"90% bars hold {100 * held[key]:.0f}%"] if key in held else []
-        said += [f"expected / error {ratios[key]:.2f}"] if key in ratios else []
-        name, group = key
-        lines.append(f"{name.ljust(wide)}  {'' if group == ALL else f'{group}  '}{'; '.join(said)}")
+    for (method, group), rows in groups.items():
+        parts = [part for name in _SHORT if (part := _in_short(rows, name))]
+        parts.append(f"{max(s.images for s in rows)} images")
+        if (share := inside.get((method, group))) is not None:
+            parts.append(f"90% bars hold {100 * share:.0f}%")
+        if (ratio := ratios.get((method, group))) is not None:
+            parts.append(f"expected / error {ratio:.2f}")
+        where = "" if group == ALL else f"{group}  "
+        lines.append(f"{method.ljust(wide)}  {where}{'; '.join(parts)}")
     failed = [m for m in report.methods if m.failed]
     return lines + [f"{m.name.ljust(wide)}  failed: {m.failed} of {m.images}" for m in failed]
 
 
 def _in_short(summaries: Sequence[Summary], metric: str) -> str:
-    """Say mean and median in the unit of the truth, normalised where nobody knows it."""
-    own = {s.unit: s for s in summaries if s.metric == metric and not math.isnan(s.mean)}
-    if not own:
+    """Say mean and median in the unit of the truth, normalised where that is unknown."""
+    by_unit = {s.unit: s for s in summaries if s.metric == metric and not math.isnan(s.mean)}
+    if not by_unit:
         return ""
-    unit = min(own, key=lambda u: (u == "unknown", u == NORMALISED))
-    found, factor = own[unit], 1.0
-    if unit == "m" and found.mean < 1:
-        unit, factor = "mm", 1000.0
-    digits = decimals_of((factor * found.mean, factor * found.median))
-    mean, median = (number(factor * value, digits) for value in (found.mean, found.median))
+    unit = min(by_unit, key=lambda u: (u == "unknown", u == NORMALISED))
+    values = [by_unit[unit].mean, by_unit[unit].median]
+    if unit == "m" and values[0] < 1:
+        unit, values = "mm", [1000 * value for value in values]
+    mean, median = (number(value, decimals_of(values)) for value in values)
     return f"{_SHORT[metric]} {mean} mean, {median} median ({unit})"
 
 
 def _table(rows: Iterable[Mapping[str, str]]) -> str:
     """Return a table of rows by the names of their columns, all of which every row has."""
     rows = list(rows)
-    return markdown_table(list(rows[0]), [list(row.values()) for row in rows])
+    return markdown_table(list(rows[0]), [list(row.values()) for row in rows]) if rows else ""
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table whose columns line up; those after the first stand to the right."""
-    cells = [[on_one_line(cell).replace("|", "\\|") for cell in row] for row in (header, *rows)]
+    cells = [[_on_one_line(cell).replace("|", "\\|") for cell in row] for row in (header, *rows)]
     widths = [max(3, *map(len, column)) for column in zip(*cells, strict=True)]
     rule = ["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]
     lines = [
@@ -355,7 +277,7 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in (lines[0], rule, *lines[1:]))
 
 
-def on_one_line(text: str) -> str:
+def _on_one_line(text: str) -> str:
     """Return a text without the line breaks that a name may have."""
     return " ".join(text.splitlines())
 
@@ -367,8 +289,8 @@ def number(value: float | None, decimals: int) -> str:
 
 def decimals_of(values: Iterable[float | None]) -> int:
     """Digits after the point: three as in the paper, one from 10 on, more for tiny numbers."""
-    known = (value for value in values if value is not None and not math.isnan(value))
-    largest = max(known, default=0.0)
+    finite = (value for value in values if value is not None and not math.isnan(value))
+    largest = max(finite, default=0.0)
     if largest >= 10:
         return 1
     return max(3, 2 - math.floor(math.log10(largest))) if largest > 0 else 3

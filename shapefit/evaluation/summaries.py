@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Flags, Floats
 from shapefit.errors import abbreviate, input_error
 
 ALL = "all"
@@ -20,63 +20,6 @@ NORMALISED = "normalised"
 
 Kind = tuple[str, str]
 """A metric and its unit."""
-
-
-@dataclass(frozen=True)
-class Labels:
-    """Names of n values: each name once, and codes (n,), the place of each value's among them."""
-
-    names: tuple[str, ...]
-    codes: NDArray[np.int32]
-
-    def __len__(self) -> int:
-        return len(self.codes)
-
-    def among(self, names: Iterable[str]) -> NDArray[np.bool_]:
-        """Whether the name of each value (n,) is one of these."""
-        wanted = frozenset(names)
-        return np.array([name in wanted for name in self.names], dtype=np.bool_)[self.codes]
-
-
-def labels_of(names: Sequence[str]) -> Labels:
-    """Return names as labels, in order of first appearance."""
-    places = {name: place for place, name in enumerate(dict.fromkeys(names))}
-    codes = np.fromiter(map(places.__getitem__, names), np.int32, len(names))
-    return Labels(tuple(places), codes)
-
-
-@dataclass(frozen=True)
-class ImageErrors:
-    """Errors of one method in one metric and unit, one per image; nan = failed.
-
-    items, sequences and values (n).
-    """
-
-    method: str
-    metric: str
-    unit: str
-    items: Sequence[str]
-    sequences: Labels
-    values: Floats
-
-    def __post_init__(self) -> None:
-        """Take the sequences as a tuple of names, too."""
-        if not isinstance(self.sequences, Labels):
-            object.__setattr__(self, "sequences", labels_of(self.sequences))
-
-    @property
-    def kind(self) -> Kind:
-        """The metric and its unit."""
-        return self.metric, self.unit
-
-    def take(self, rows: NDArray[np.intp]) -> ImageErrors:
-        """Return the errors of these images."""
-        return replace(
-            self,
-            items=[self.items[row] for row in rows.tolist()],
-            sequences=Labels(self.sequences.names, self.sequences.codes[rows]),
-            values=self.values[rows],
-        )
 
 
 @dataclass(frozen=True)
@@ -125,52 +68,69 @@ def group_sequences(
         if not members
     ]
     grouped = {member for members in grouping.values() for member in members}
-    outside = [name for name in names if name not in grouped]
-    if outside:
+    if outside := [name for name in names if name not in grouped]:
         warnings.append(f"sequences in no group, only in per_image.csv: {abbreviate(outside)}")
     return grouping, warnings
 
 
-def of_sequences(errors: ImageErrors) -> dict[str, Floats]:
-    """Return the errors of each sequence that has any, in the order of the images."""
-    codes, names = errors.sequences.codes, errors.sequences.names
-    sizes = np.bincount(codes, minlength=len(names))
-    ordered = np.split(errors.values[np.argsort(codes, kind="stable")], np.cumsum(sizes)[:-1])
-    return {name: own for name, own in zip(names, ordered, strict=True) if len(own)}
+def members_of(sequences: Sequence[str], grouping: Mapping[str, Sequence[str]]) -> dict[str, Flags]:
+    """Return which of n images, of these sequences (n,), are in each group (n,)."""
+    names, codes = codes_of(sequences)
+    return {group: np.isin(names, list(members))[codes] for group, members in grouping.items()}
 
 
-def summarise(errors: ImageErrors, grouping: Mapping[str, Sequence[str]]) -> list[Summary]:
-    """Sum up one set of errors: each group followed by its sequences.
+def codes_of(names: Sequence[str]) -> tuple[list[str], NDArray[np.intp]]:
+    """Return each name once, in order of appearance, and the place of each of n among them."""
+    places = {name: place for place, name in enumerate(dict.fromkeys(names))}
+    return [*places], np.fromiter(map(places.__getitem__, names), np.intp, len(names))
 
-    A sequence or group of which the errors have no image at all is left out.
+
+def summarise(
+    method: str,
+    sequences: Sequence[str],
+    errors: Mapping[Kind, Floats],
+    grouping: Mapping[str, Sequence[str]],
+) -> Iterator[Summary]:
+    """Sum up errors (n,) by metric and unit: each group followed by its sequences (n,).
+
+    nan is a failed image; an infinite error does not count. A sequence or group without an image
+    that counts is left out.
     """
-    of_sequence = {name: _sum_up(errors, name, own) for name, own in of_sequences(errors).items()}
-    summaries = []
-    for group, members in grouping.items():
-        rows = [replace(of_sequence[s], group=group) for s in members if s in of_sequence]
-        if rows:
-            summaries += [_mean_of_sequences(rows), *rows]
-    return summaries
+    names, codes = codes_of(sequences)
+    for (metric, unit), values in errors.items():
+        rows = dict(zip(names, statistics_of(values, codes, len(names)).tolist(), strict=True))
+        for group, members in grouping.items():
+            inside = {name: rows[name] for name in members if name in rows and any(rows[name][:2])}
+            if not inside:
+                continue
+            table = np.array(list(inside.values()))
+            fitted = table[table[:, 0] > 0, 2:]
+            mean = fitted.mean(axis=0) if len(fitted) else np.full(3, np.nan)
+            whole = [*table[:, :2].sum(axis=0), *mean]
+            for name, row in ((None, whole), *inside.items()):
+                count, failed, *numbers = map(float, row)
+                yield Summary(method, metric, unit, group, name, int(count), int(failed), *numbers)
 
 
-def _sum_up(errors: ImageErrors, sequence: str, values: Floats) -> Summary:
-    """Sum up the errors of a sequence; its group is not known yet."""
-    known = without_nan(values)
-    labels = (errors.method, errors.metric, errors.unit, "", sequence)
-    statistics = (np.nan,) * 3
-    if len(known):
-        statistics = (known.mean(), np.median(known), np.percentile(known, 90))
-    return Summary(*labels, len(known), len(values) - len(known), *map(float, statistics))
+def statistics_of(values: Floats, codes: NDArray[np.intp], count: int) -> Floats:
+    """Return (count, 5) of values (n,) by their codes: known, nan, mean, median, 90th percentile.
 
-
-def _mean_of_sequences(rows: Sequence[Summary]) -> Summary:
-    known = [(row.mean, row.median, row.p90) for row in rows if row.images]
-    mean, median, p90 = np.mean(known, axis=0).tolist() if known else (np.nan,) * 3
-    images, failed = sum(row.images for row in rows), sum(row.failed for row in rows)
-    whole = replace(rows[0], sequence=None, images=images, failed=failed)
-    return replace(whole, mean=mean, median=median, p90=p90)
-
-
-def without_nan(values: Floats) -> Floats:
-    """Return the values that are not nan, in their order."""
-    return values[~np.isnan(values)]
+    Infinite values do not count.
+    """
+    failed = np.bincount(codes[np.isnan(values)], minlength=count)
+    fine = np.isfinite(values)
+    values, codes = values[fine], codes[fine]
+    order = np.lexsort((values, codes))
+    values, sizes = values[order], np.bincount(codes, minlength=count)
+    starts = np.cumsum(sizes) - sizes
+    table = np.full((count, 5), np.nan)
+    table[:, 0], table[:, 1] = sizes, failed
+    some = np.flatnonzero(sizes)
+    if len(some):
+        table[some, 2] = np.add.reduceat(values, starts[some]) / sizes[some]
+        for column, share in ((3, 0.5), (4, 0.9)):
+            place = starts[some] + share * (sizes[some] - 1)
+            low = np.floor(place).astype(np.intp)
+            high = np.ceil(place).astype(np.intp)
+            table[some, column] = values[low] + (place - low) * (values[high] - values[low])
+    return table

@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from io import StringIO
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,9 +26,6 @@ from shapefit.io.inputs import BYTE_ORDER_MARK, is_stream, read_text_blocks, sou
 from shapefit.io.options import RecordWriter, Summary
 from shapefit.io.records import LandmarkSet, Records, ResultSet
 from shapefit.io.tidy_table import Block, Rows, check_columns, read_tidy, table_columns
-
-if TYPE_CHECKING:
-    from shapefit.evaluation.summaries import ImageErrors
 
 Write = Callable[[bytes | memoryview], None]
 
@@ -374,26 +371,3 @@ def rows_of(
         rows=rows,
     )
     return rows.view(np.uint8)[:size].data
-
-
-PER_IMAGE = ("method", "sequence", "item", "metric", "error", "unit")
-"""Columns of per_image.csv."""
-
-
-def per_image_header() -> bytes:
-    """Return the first line of per_image.csv."""
-    return f"{','.join(PER_IMAGE)}\n".encode()
-
-
-def per_image_rows(errors: ImageErrors) -> Iterator[memoryview]:
-    """Yield the lines of per_image.csv of a method in a metric; a failed image's error is empty."""
-    names = cells_of(errors.sequences.names, np.arange(0), empty="")
-    for start in range(0, len(errors.values), ROWS):
-        part = slice(start, start + ROWS)
-        values, items = errors.values[part], errors.items[part]
-        none = np.zeros(len(values), np.int64)
-        words = (errors.method, errors.metric, errors.unit)
-        method, metric, unit = (cells_of([word], none, empty="") for word in words)
-        sequence = names._replace(rows=errors.sequences.codes[part].astype(np.int64))
-        item = cells_of(items, np.arange(len(items)), empty="")
-        yield rows_of([method, sequence, item, metric], values[:, None], [unit], as_python=True)

@@ -5,11 +5,11 @@ import pytest
 from scipy.stats import chi2
 
 from shapefit.evaluation.calibration import (
+    QUANTILES,
     ErrorBars,
     cover,
     find_squares,
     join_bars,
-    quantile,
     widening_factors,
 )
 
@@ -125,30 +125,30 @@ def test_an_image_that_no_scale_above_zero_fits_is_not_judged(rng):
     assert np.isnan(width).all(axis=1).tolist() == [False, True]
 
 
-def test_quantiles_are_those_of_chi_squared():
-    levels = np.linspace(0, 1, 41)
-    found = [*map(quantile, levels)]
-    np.testing.assert_allclose(found, chi2.ppf(levels, 3), rtol=1e-14, atol=1e-300)
-
-
 def test_groups_and_files_are_summed_up():
+    assert [*QUANTILES.values()] == pytest.approx(chi2.ppf([*QUANTILES], 3), rel=1e-14)
     level = np.array([[0.2, 0.8], [0.6, np.nan], [0.95, 0.4]])
     width = {"normalised": np.array([[1.0, 2.0], [3.0, np.nan], [5.0, 6.0]])}
-    square, sequences = chi2.ppf(level, 3), ("13_1", "13_1", "14_1")
-    bars = ErrorBars(sequences, square, width)
-    groups = {"13": ("13_1",), "14": ("14_1",), "15": ()}
+    bars = ErrorBars(chi2.ppf(level, 3), width)
+    np.testing.assert_allclose(bars.shares(), [1, 1, 0.5])
+    groups = {"13": np.array([True, True, False]), "14": np.array([False, False, True])}
+    groups["15"] = np.zeros(3, bool)
     first, second = cover("m", bars, groups)
     assert (first.group, first.judged) == ("13", 3)
     assert first.inside == pytest.approx((1 / 3, 1.0))
     assert first.median_width["normalised"] == pytest.approx(2.0, rel=1 / 8192)
     assert (second.judged, second.inside) == (2, (0.5, 0.5))
     parts = [
-        ErrorBars(sequences[:2], square[:2], {"normalised": width["normalised"][:2]}),
-        ErrorBars(sequences[2:], square[2:, :1], {"normalised": width["normalised"][2:, :1]}),
+        ErrorBars(bars.square[:2], {"normalised": width["normalised"][:2]}),
+        None,
+        ErrorBars(bars.square[2:, :1], {"normalised": width["normalised"][2:, :1]}),
     ]
-    whole = join_bars(parts)
+    whole = join_bars(parts, [2, 4, 1])
+    assert np.isnan(whole.square[2:6]).all()
+    groups = {name: np.insert(members, [2] * 4, False) for name, members in groups.items()}
     same, other = cover("m", whole, groups)
     assert (same, other.judged) == (first, 1)
+    assert join_bars([None], [3]) is None
 
 
 def test_factors_undo_what_error_bars_lack(rng):
@@ -156,8 +156,7 @@ def test_factors_undo_what_error_bars_lack(rng):
     z = np.sort((rng.standard_normal((40_000, 3)) ** 2).sum(axis=1))
 
     def factors(squares):
-        names = ("s",) * len(squares)
-        return widening_factors(ErrorBars(names, squares[:, None], {}))
+        return widening_factors(ErrorBars(squares[:, None], {}))
 
     assert list(factors(4 * z).values()) == pytest.approx([2, 2], rel=0.01)
     outer = np.where(z > np.quantile(z, 0.6), 4 * z, z)

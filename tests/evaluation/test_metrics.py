@@ -175,34 +175,25 @@ class TestTruthScale:
         assert np.isnan(metrics.truth_scale(truth, np.full_like(truth, 0.1))).all()
 
 
-def test_the_box_of_landmarks_goes_around_the_visible_ones():
+def test_boxes_are_given_or_go_around_the_visible_landmarks():
     observed = np.array(
         [
             [[1.0, 4.0, 2.0, np.nan], [7.0, 3.0, 5.0, 9.0]],  # 3 by 4
             [[-6.0, 6.0, 0.0, 0.0], [0.0, 0.0, -5.0, 0.0]],  # 12 by 5
+            [[np.nan] * 4] * 2,
+            [[np.nan, 7, np.nan, np.nan]] * 2,
         ]
     )
-    np.testing.assert_allclose(metrics.box_diagonal(observed), [5, 13])
+    np.testing.assert_allclose(metrics.box_diagonal(observed), [5, 13, np.nan, np.nan])
+    boxes = np.array([[9.0, 9, 6, 8], [9, 9, 0, 0], [9, 9, np.nan, 1], [0, 0, 3, 4]])
+    np.testing.assert_allclose(metrics.box_diagonal(observed, boxes), [10, np.nan, np.nan, 5])
 
 
-def test_one_point_or_none_has_no_box():
-    observed = np.full((2, 2, 3), np.nan)
-    observed[0, :, 1] = 7.0
-    np.testing.assert_array_equal(metrics.box_diagonal(observed), [np.nan, np.nan])
-
-
-LABELLED = np.array(
-    [[1, 1, 1, 0, 0], [1, 0, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 0], [1, 1, 0, 0, 0]], bool
-)
-CORRUPTED = np.array(
-    [[1, 1, 0, 1, 1], [1, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0, 0, 0, 0, 0], [0, 0, 0, 0, 0]], bool
-)
-NAN = np.nan
-
-
-def test_precision_is_the_share_of_the_labelled():
-    np.testing.assert_array_equal(precision(LABELLED, CORRUPTED), [2 / 3, 1, NAN, NAN, 0])
-
-
-def test_recall_is_the_share_of_the_corrupted():
-    np.testing.assert_array_equal(recall(LABELLED, CORRUPTED), [2 / 4, 1, 0, NAN, NAN])
+def test_precision_and_recall_are_shares_of_labelled_and_corrupted():
+    labelled = np.array([[1, 1, 1, 0, 0], [1, 0, 0, 0, 0], [0] * 5, [0] * 5, [1, 1, 0, 0, 0]], bool)
+    corrupted = np.array(
+        [[1, 1, 0, 1, 1], [1, 0, 0, 0, 0], [0, 1, 0, 0, 0], [0] * 5, [0] * 5], bool
+    )
+    nan = np.nan
+    np.testing.assert_array_equal(precision(labelled, corrupted), [2 / 3, 1, nan, nan, 0])
+    np.testing.assert_array_equal(recall(labelled, corrupted), [2 / 4, 1, 0, nan, nan])

@@ -11,7 +11,9 @@ from shapefit.config.commands.input import TruthConfig
 from shapefit.config.model import HIDDEN, FromLists
 from shapefit.config.paths import UNNAMED, InputPaths, NamedFiles, OutputPath
 from shapefit.errors import listed
-from shapefit.evaluation.metric_table import METRICS, of_fits, of_labels
+from shapefit.evaluation.metrics import METRICS
+
+OF_LABELS = [name for name, metric in METRICS.items() if metric.of_labels]
 
 if TYPE_CHECKING:
     AnyMetric = str
@@ -36,9 +38,9 @@ class EvalConfig(TruthConfig):
     groups: Mapping[str, str] = Field(default_factory=dict)
     """Groups of sequences to average over: name -> glob on sequence names."""
     metrics: Annotated[tuple[AnyMetric, ...], FromLists] = Field(
-        default=of_fits(),
+        default=tuple(name for name, metric in METRICS.items() if not metric.of_labels),
         min_length=1,
-        description=f"Errors to measure; {listed(of_labels(), 'and')}, of the outlier labels, only "
+        description=f"Errors to measure; {listed(OF_LABELS, 'and')}, of the outlier labels, only "
         "where they are named here.",
     )
     least_visible: Annotated[int, Field(ge=0), HIDDEN] = 0

@@ -28,7 +28,7 @@ from shapefit.io.options import InputOptions, input_options
 from shapefit.io.records import concatenate
 from shapefit.io.skeletons import people_joints
 from shapefit.io.source import open_results
-from shapefit.pipelines.evaluate.judge import with_shapes_of
+from shapefit.pipelines.evaluate.measure import with_shapes_of
 from shapefit.pipelines.items import BY_FRAME, BY_ITEM, ChosenItems, Keys, find_truth, keys_of
 from shapefit.pipelines.view.images import MEGABYTES
 

@@ -1,10 +1,9 @@
-"""Seven images of five landmarks in three sequences, and a config that judges them."""
+"""Seven images of five landmarks in three sequences, and a config that compares them."""
 
 import csv
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from shapefit.config import EvalConfig
@@ -18,21 +17,17 @@ from tests.io.files import save
 NAMES = ("head", "left", "right", "foot", "hand")
 SEQUENCES = ("13_01",) * 4 + ("13_02",) + ("14_01",) * 2
 N = len(SEQUENCES)
+ITEMS = tuple(f"item{i}" for i in range(N))
 
 
 @pytest.fixture
 def truth(rng):
-    return ShapeSet(
-        shapes=rng.standard_normal((N, 3, 5)),
-        landmark_names=NAMES,
-        items=tuple(f"item{i}" for i in range(N)),
-        sequences=SEQUENCES,
-        unit="m",
-    )
+    return ShapeSet(rng.standard_normal((N, 3, 5)), NAMES, ITEMS, SEQUENCES, unit="m")
 
 
 @pytest.fixture
 def results(truth, rng):
+    """The truth turned, a little wrong, with its landmarks in the image and error bars."""
     R = random_rotations(N, rng)
     shapes = R @ truth.shapes + 0.2 * rng.standard_normal(truth.shapes.shape)
     return ResultSet(
@@ -40,10 +35,18 @@ def results(truth, rng):
         landmarks_fitted=shapes[:, :2],
         rotation=R,
         landmark_names=NAMES,
-        items=truth.items,
+        items=ITEMS,
         sequences=SEQUENCES,
-        unit="m",
+        unit="px",
         columns={"true_rotation": R, "landmarks": (R @ truth.shapes)[:, :2].swapaxes(-1, -2)},
+    )
+
+
+@pytest.fixture
+def with_bars(results, rng):
+    return results.replaced(
+        shape_sd=rng.uniform(0.1, 0.3, (N, 3, 5)),
+        further=results.further | {"shape_correlation": rng.uniform(-0.3, 0.3, (N, 5, 3))},
     )
 
 
@@ -54,35 +57,31 @@ class Desk:
     folder: Path
     config: EvalConfig
 
-    def write(self, name: str, records: ResultSet) -> Path:
+    def write(self, name: str, records: ResultSet | ShapeSet) -> Path:
         save(self.folder / name, records)
         return self.folder / name
 
-    def changed(self, **changes) -> EvalConfig:
-        return EvalConfig(**{**self.config.model_dump(), **changes})
-
     def run(self, **changes) -> list[Outcome]:
         """Return the outcomes that say something: the first tells of the truth alone."""
-        return [each for each in run(self.changed(**changes)) if each != Outcome()]
+        config = EvalConfig(**{**self.config.model_dump(), **changes})
+        return [outcome for outcome in run(config) if outcome != Outcome()]
 
-    def begin(self, **changes) -> Outcome:
-        """Run up to the first outcome only."""
-        return next(run(self.changed(**changes)))
+    def text(self, name: str) -> str:
+        return (self.config.output / name).read_text(encoding="utf-8")
 
-    def rows(self, name: str = "report.csv") -> list[dict[str, str]]:
+    def rows(self, name: str = "report.csv", **labels: str) -> list[dict[str, str]]:
+        """Return the rows of a table that have these labels."""
         with (self.config.output / name).open(newline="", encoding="utf-8") as file:
-            return list(csv.DictReader(file))
+            return [row for row in csv.DictReader(file) if labels.items() <= row.items()]
 
-    def row(self, name: str = "report.csv", **labels: str) -> dict[str, str]:
-        """Return the one row that has these labels."""
-        fits = [row for row in self.rows(name) if labels.items() <= row.items()]
-        (row,) = fits
+    def row(self, **labels: str) -> dict[str, str]:
+        (row,) = self.rows(**labels)
         return row
 
-    def errors(self, **labels: str) -> np.ndarray:
-        """Errors of per_image.csv in the order of the file; nan for an empty cell."""
-        fits = [row for row in self.rows("per_image.csv") if labels.items() <= row.items()]
-        return np.array([float(row["error"] or "nan") for row in fits])
+    def errors(self, **labels: str) -> dict[str, float]:
+        """Return the errors of per_image.csv by item; nan for an empty cell."""
+        rows = self.rows("per_image.csv", **labels)
+        return {row["item"]: float(row["error"] or "nan") for row in rows}
 
 
 @pytest.fixture

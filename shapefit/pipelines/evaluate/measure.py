@@ -1,0 +1,498 @@
+"""One result file compared with the truth: matching, the errors, the error bars, what failed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.arrays import Flags, Floats
+from shapefit.config import EvalConfig
+from shapefit.errors import InputError, abbreviate, input_error, listed
+from shapefit.evaluation.calibration import ErrorBars, find_squares, join_bars
+from shapefit.evaluation.metrics import (
+    BOX,
+    CORRELATION,
+    DEVIATION,
+    ESTIMATE,
+    FEWEST_LANDMARKS,
+    FITTED,
+    IMAGE,
+    LANDMARKS,
+    LENGTH,
+    METRICS,
+    ROTATION,
+    TRUE_ROTATION,
+    TRUTH,
+    Dataset,
+    box_diagonal,
+    in_blocks,
+    similarity,
+    truth_scale,
+    visible_in_both,
+)
+from shapefit.evaluation.summaries import ALL, NORMALISED, Kind
+from shapefit.geometry.normalisation import centroid
+from shapefit.geometry.procrustes import coincide, similarity_transform
+from shapefit.geometry.rotations import rotation_angle
+from shapefit.io.layout import INPUT_CORRELATION, INPUT_NAMES, INPUT_SD, INPUT_SHAPES, RESULTS
+from shapefit.io.names import match_landmarks
+from shapefit.io.records import ResultSet, ShapeSet
+from shapefit.pipelines.items import (
+    BY_FRAME,
+    BY_ITEM,
+    Keys,
+    find_truth,
+    keys_of,
+    named_items,
+    spread,
+)
+
+BOX_UNIT = "box"
+"""Unit of distances in an image as shares of the diagonal of the object's box."""
+WITH_JOINTS = ("landmarks", "confidence", "outliers", "corrupted", "shape_covariance")
+"""Datasets with an axis of the joints, which results have for these but not for the input."""
+MIRRORED = 0.75
+"""Of the error, below which the error against the mirrored truth means a left-handed truth."""
+FRAMES_DIFFER = 45.0
+"""Degrees by which rotations are off more than twice as much as the shapes themselves."""
+SAMPLE = 500
+"""Images by which a mirrored truth, and one in another frame, are recognised."""
+
+Indices = NDArray[np.intp]
+Arrays = Mapping[Dataset, NDArray[Any] | None]
+
+
+class Truth(NamedTuple):
+    """The true shapes, and what images are matched with them by."""
+
+    shapes: ShapeSet
+    keys: Keys
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Errors of the n images of the results of one method.
+
+    items and sequences (n), "" where the sequence is unknown; errors maps a metric and unit to
+    (n,), nan where an image failed, infinite where it does not count, as in precision where nothing
+    was labelled; failures maps the failed items to the reason; bars says how the truth lies in the
+    error bars, where the method has them; objective (n) where the file has it.
+    """
+
+    files: tuple[Path, ...]
+    items: tuple[str, ...]
+    sequences: tuple[str, ...]
+    errors: Mapping[Kind, Floats]
+    failures: Mapping[str, str]
+    warnings: tuple[str, ...]
+    bars: ErrorBars | None
+    objective: Floats | None
+
+
+def join(files: Sequence[Measured]) -> Measured:
+    """Return the files of one method as one; images do not count in metrics that a file lacks."""
+
+    def joined(kind: Kind) -> Floats:
+        return np.concatenate([f.errors.get(kind, np.full(len(f.items), np.inf)) for f in files])
+
+    def all_of(name: str) -> tuple[Any, ...]:
+        return tuple(each for f in files for each in getattr(f, name))
+
+    objectives = [f.objective for f in files if f.objective is not None]
+    return Measured(
+        files=all_of("files"),
+        items=all_of("items"),
+        sequences=all_of("sequences"),
+        errors={kind: joined(kind) for kind in dict.fromkeys(all_of("errors"))},
+        failures={item: why for f in files for item, why in f.failures.items()},
+        warnings=all_of("warnings"),
+        bars=join_bars([f.bars for f in files], [len(f.items) for f in files]),
+        objective=np.concatenate(objectives) if len(objectives) == len(files) else None,
+    )
+
+
+def measure(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) -> Measured:
+    """Measure every image of a result file in the metrics that its datasets allow.
+
+    Images and true shapes are matched by `match` (by frame where no item is the same), landmarks by
+    name; those on one side only are ignored. Of several individuals that match the same true shapes
+    the one with the least error is measured. Raises InputError where no image or too few landmarks
+    match, and where no metric can be measured.
+    """
+    if not len(results):
+        raise input_error(file, "holds no images", "check the run that wrote it")
+    results, too_few = _with_visible(file, results, config.least_visible)
+    match, rows, wanted = _match(file, results, truth, config.match)
+    names = common_landmarks(file, results.landmark_names, truth.shapes.landmark_names)
+    columns = match_landmarks(results.landmark_names, names)
+    # `take` gives them in the order of the core, an index gives them landmark by landmark.
+    estimate = results.shapes.take(columns, axis=2)
+    true = truth.shapes.shapes[rows].take(match_landmarks(truth.shapes.landmark_names, names), 2)
+    true[rows < 0] = np.nan
+    others = list[str]()
+    if match == BY_FRAME:
+        kept, others = _one_individual(results.sequences, rows, estimate, true)
+    if others:
+        results, rows, estimate, true = results.take(kept), rows[kept], estimate[kept], true[kept]
+        wanted = [wanted[row] for row in kept.tolist()]
+    rotation = _true_rotation(file, results, true, config.truth_frame)
+    arrays = {ESTIMATE: estimate, TRUTH: true, TRUE_ROTATION: rotation}
+    common = in_blocks(visible_in_both, estimate, true)
+    with np.errstate(all="ignore"):  # overflow is not an error to report
+        scale = in_blocks(truth_scale, estimate, true)
+    metrics, doubts = _meaningful(config.metrics, estimate, true, rotation, results.rotation)
+    units = (truth.shapes.unit, results.unit)
+    errors, unmeasured = _errors(file, results, metrics, arrays, scale, units)
+    bars, no_bars = _error_bars(file, results, columns, arrays, scale, units[0])
+    for values in errors.values():
+        values[~common.any(axis=-1)] = np.nan
+    failures = _failures(results, wanted, rows, common, errors)
+    lifted = np.array([item not in failures for item in results.items], dtype=np.bool_)
+    for (metric, _), values in errors.items():
+        if METRICS[metric].may_lack:
+            values[np.isnan(values) & lifted] = np.inf
+    about = [*_ignored(results, truth.shapes, names), *unmeasured, *others, *doubts]
+    if partial := int((common.any(axis=-1) & ~common.all(axis=-1)).sum()):
+        lack = f"{partial} images lack some of the {len(names)} landmarks, there or in the truth"
+        about.append(f"{lack}; judged on the others")
+    return Measured(
+        files=(file,),
+        items=results.items,
+        sequences=_sequences(results, truth.shapes, rows),
+        errors=errors,
+        failures=failures,
+        warnings=(*too_few, *(f"{file}: {text}" for text in [*about, *no_bars])),
+        bars=bars,
+        objective=results.objective,
+    )
+
+
+def _with_visible(file: Path, results: ResultSet, least: int) -> tuple[ResultSet, tuple[str, ...]]:
+    """Return the images with at least so many observed landmarks, and a warning about the others.
+
+    Raises InputError where the file has no observed landmarks, or no such image.
+    """
+    if not least:
+        return results, ()
+    observed = find_dataset(file, results, LANDMARKS)
+    if observed is None:
+        fix = "fit to a file that ends in .h5, or leave out `least_visible`"
+        found = "has no dataset 'landmarks', which `least_visible` counts in"
+        raise input_error(file, found, fix)
+    count = visible_in_both(observed, observed).sum(axis=-1)
+    if (most := max(count, default=0)) < least:
+        found = f"none of its {len(count)} images has {least} observed landmarks"
+        raise input_error(file, found, f"set `least_visible` to {most} or less")
+    enough = np.flatnonzero(count >= least)
+    # Without the name of the file: results of the same images have one warning together.
+    few = f"{len(count) - len(enough)} of {len(count)} images left out: fewer than {least} observed"
+    warnings = (f"{few} landmarks",) if len(enough) < len(count) else ()
+    return results.take(enough), warnings
+
+
+def _match(
+    file: Path, results: ResultSet, truth: Truth, match: str
+) -> tuple[str, Indices, list[str]]:
+    """Return how images are matched, the true shape (n,) of each, -1 for none, and its name (n,).
+
+    By frame where that is asked for, or where results of other tools, which have no status, share
+    no item with the truth.
+    """
+    if not len(truth.shapes):
+        raise input_error("truth", "holds no shapes", f"give the truth of the images of {file}")
+    keys = keys_of([results])
+    if match not in (BY_ITEM, BY_FRAME):
+        keys = replace(keys, items=named_items(results, match, file, "match"))
+    try:
+        rows = find_truth(file, match, keys, truth.keys)
+    except InputError:
+        if match != BY_ITEM or results.status is not None:
+            raise
+        match, rows = BY_FRAME, find_truth(file, BY_FRAME, keys, truth.keys)
+    if match == BY_FRAME:
+        return match, rows, [f"frame '{frame}'" for frame in keys.by_frame()[1]]
+    return match, rows, [f"item '{item}'" for item in keys.items]
+
+
+def _one_individual(
+    sequences: Sequence[str] | None, rows: Indices, estimate: Floats, true: Floats
+) -> tuple[Indices, list[str]]:
+    """Return the images whose true shape no sequence with a smaller median error has; a warning.
+
+    Images of one sequence, and of results without sequences, may have the same true shape.
+    """
+    everyone = np.arange(len(rows))
+    if sequences is None or len(np.unique(rows[rows >= 0])) == (rows >= 0).sum():
+        return everyone, []
+    error, names = in_blocks(similarity, estimate, true), np.array(sequences, str)
+    medians = {
+        str(name): float(np.nanmedian([np.inf, *error[names == name]])) for name in np.unique(names)
+    }
+    best, *others = sorted(medians, key=medians.__getitem__)
+    taken, ignored = set(rows[names == best].tolist()) - {-1}, np.zeros(len(rows), np.bool_)
+    for name in others:
+        ignored |= (names == name) & np.isin(rows, list(taken))
+        taken |= set(rows[names == name].tolist()) - {-1}
+    if not ignored.any():
+        return everyone, []
+    who = [name for name in others if ignored[names == name].any()]
+    return everyone[~ignored], [
+        f"{abbreviate(who)} left out: {best} fits the same true shapes better"
+    ]
+
+
+def common_landmarks(file: Path, own: Sequence[str], true: Sequence[str]) -> tuple[str, ...]:
+    """Return the landmarks of a file that the truth has too, in the order of the file.
+
+    Raises InputError where these are fewer than three.
+    """
+    common = tuple(name for name in own if name in set(true))
+    if len(common) < FEWEST_LANDMARKS:
+        found = f"the truth has {len(common)} of its landmarks ({abbreviate(own)})"
+        fix = (
+            f"at least {FEWEST_LANDMARKS} must have the names that they have in the truth "
+            f"({abbreviate(true)})"
+        )
+        raise input_error(file, found, fix)
+    return common
+
+
+def find_dataset(file: Path, results: ResultSet, wanted: Dataset) -> NDArray[Any] | None:
+    """Return a dataset that a metric takes, in the paper's orientation; None if it is absent.
+
+    Raises InputError where the dataset has another shape than the metric expects.
+    """
+    data = results.columns.get(wanted.name)
+    if data is None and wanted is FITTED and results.scale is not None:
+        # Without a camera the landmarks fitted are x and y of the shapes.
+        return None if "focal" in results.columns else results.shapes[:, :2]
+    if data is None or wanted.name in RESULTS.datasets:
+        return data
+    p = len(results.landmark_names)
+    expected = (len(results), *(p if size == "p" else size for size in wanted.shape))
+    if data.shape != expected:
+        found = f"has the shape {data.shape}"
+        raise input_error(f"{file}:/{wanted.name}", found, f"its shape must be {expected}")
+    if wanted.labels:
+        return np.asarray(data, dtype=np.bool_)
+    if data.dtype.kind not in "biuf":
+        raise input_error(f"{file}:/{wanted.name}", f"holds {data.dtype}", "it must hold numbers")
+    numbers = np.asarray(data, dtype=np.float64)
+    # Carried datasets come as they are in the file, one landmark per row.
+    return np.swapaxes(numbers, 1, 2) if numbers.ndim == 3 and wanted.shape[0] == "p" else numbers
+
+
+def _true_rotation(file: Path, results: ResultSet, true: Floats, frame: str) -> Floats | None:
+    """Rotation (n, 3, 3) from the frame of the truth (n, 3, p) to that of the camera.
+
+    None where the results should state it and do not. `line-of-sight` takes the centroid of the
+    truth onto the optical axis by the smallest rotation, for images fitted without a camera.
+    """
+    if frame == "object":
+        return find_dataset(file, results, TRUE_ROTATION)
+    none = np.tile(np.eye(3), (len(results), 1, 1))
+    if frame == "camera":
+        return none
+    ray = centroid(true, visible_in_both(true, true))
+    length = np.linalg.norm(ray, axis=1)
+    turned = (length > 0) & np.isfinite(length)
+    if "focal" in results.columns:
+        turned &= ~np.isfinite(results.columns["focal"]).all(axis=1)
+    x, y, z = np.where(turned[:, None], ray, [0.0, 0.0, 1.0]).T / np.where(turned, length, 1)
+    depth, zero = np.where(z < 0, -1.0, 1.0), np.zeros(len(ray))
+    K = np.stack([zero, zero, -depth * x, zero, zero, -depth * y, depth * x, depth * y, zero])
+    K = K.T.reshape(-1, 3, 3)
+    return np.asarray(none + K + K @ K / (1 + np.abs(z))[:, None, None])
+
+
+def _meaningful(
+    metrics: Sequence[str],
+    estimate: Floats,
+    true: Floats,
+    rotation: Floats | None,
+    stated: Floats | None,
+) -> tuple[tuple[str, ...], list[str]]:
+    """Return the metrics without `rotation` where it means nothing, and what is wrong.
+
+    Shapes that fit the truth with a small rotation, while their stated rotations (n, 3, 3) are far
+    from the true ones, come from a dictionary with another frame than the truth.
+    """
+    some = list(spread(SAMPLE, len(estimate)))
+    e, x, doubts = estimate[some], true[some], list[str]()
+    with np.errstate(all="ignore"):
+        error, mirrored = (
+            float(np.median(np.nan_to_num(similarity(e, sign * x), nan=np.inf)))
+            for sign in (np.ones((3, 1)), np.array([[-1.0], [1.0], [1.0]]))
+        )
+    if mirrored < MIRRORED * error < np.inf:
+        doubts.append(
+            f"the shapes fit the truth better when it is mirrored ({mirrored:.3g} for {error:.3g})"
+            "; is it left-handed? Change the sign of one of its axes"
+        )
+    if "rotation" not in metrics or rotation is None or stated is None:
+        return tuple(metrics), doubts
+    R, S = rotation[some], stated[some]
+    whole = np.isfinite(np.concatenate([e, x, R, S], axis=2)).all(axis=(1, 2))
+    whole &= (np.abs(S) < 2).all(axis=(1, 2))  # entries are at most 1
+    if not whole.any():
+        return tuple(metrics), doubts
+    turn = similarity_transform(e[whole], R[whole] @ x[whole]).rotation
+    shapes = float(np.median(rotation_angle(turn, np.eye(3))))
+    angle = float(np.median(rotation_angle(R[whole], S[whole])))
+    if angle <= 2 * shapes + FRAMES_DIFFER:
+        return tuple(metrics), doubts
+    doubts.append(
+        f"no rotation: those of the results are {angle:.0f} degrees off and their shapes "
+        f"{shapes:.0f}, so that dictionary and truth have different frames"
+    )
+    return tuple(metric for metric in metrics if metric != "rotation"), doubts
+
+
+def _errors(
+    file: Path,
+    results: ResultSet,
+    metrics: Sequence[str],
+    arrays: Arrays,
+    scale: Floats,
+    units: tuple[str, str],
+) -> tuple[dict[Kind, Floats], list[str]]:
+    """Errors (n,) in each metric and unit, and warnings about metrics that lack a dataset.
+
+    arrays holds the shapes and the true rotation; scale (n,) as `truth_scale` has it; units are
+    those of the truth and of the images. Raises InputError where all metrics lack something.
+    """
+    errors: dict[Kind, Floats] = {}
+    skipped: dict[str, str] = {}
+    for name in metrics:
+        metric = METRICS[name]
+        needs = [*metric.needs, *((LANDMARKS, BOX) if metric.unit == IMAGE else ())]
+        data = {d: arrays[d] if d in arrays else find_dataset(file, results, d) for d in needs}
+        lacking = [f"`{d.name}`" for d in metric.needs if data[d] is None]
+        if lacking:
+            if not metric.optional:
+                skipped[name] = f"no {name} without the dataset {' and '.join(lacking)}"
+            continue
+        with np.errstate(all="ignore"):
+            error: Floats = in_blocks(metric.function, *(data[d] for d in metric.needs))
+            by_unit = {metric.unit: error}
+            if metric.unit == LENGTH:  # once, where the unit of the truth is `normalised`
+                by_unit = {NORMALISED: error, units[0]: error} | {NORMALISED: error / scale}
+            elif metric.unit == IMAGE:
+                observed: Any = data[LANDMARKS]
+                by_unit = {units[1]: error, BOX_UNIT: error / box_diagonal(observed, data[BOX])}
+        for unit, values in by_unit.items():
+            errors[name, unit] = np.where(np.isfinite(values), values, np.nan)
+    if not errors:
+        fix = "add the metric `similarity`, which needs only shapes"
+        raise input_error(file, "; ".join(skipped.values()), fix)
+    if len(skipped) > 1 and results.rotation is None and results.landmarks_fitted is None:
+        return errors, [f"holds shapes alone: no {listed(skipped, 'and')}"]  # as TRC and tables do
+    return errors, list(skipped.values())
+
+
+def _error_bars(
+    file: Path,
+    results: ResultSet,
+    columns: Indices,
+    arrays: Arrays,
+    scale: Floats,
+    unit: str,
+) -> tuple[ErrorBars | None, list[str]]:
+    """Return how the truth lies in the error bars of the landmarks `columns`, None without any.
+
+    And a warning where there are some, but no rotation of the truth to the camera.
+    """
+    deviation = find_dataset(file, results, DEVIATION)
+    if deviation is None:
+        return None, []
+    if arrays[TRUE_ROTATION] is None:
+        lacking = f"without the dataset `{TRUE_ROTATION.name}` or a `truth_frame`"
+        return None, [f"the error bars are not judged, {lacking}"]
+    correlation = find_dataset(file, results, CORRELATION)
+    with np.errstate(all="ignore"):
+        square, width = in_blocks(
+            find_squares,
+            *(arrays[ESTIMATE], arrays[TRUTH], arrays[TRUE_ROTATION]),
+            deviation.take(columns, axis=2),
+            None if correlation is None else correlation.take(columns, axis=2),
+        )
+        return ErrorBars(square, {NORMALISED: width / scale[:, None], unit: width}), []
+
+
+def _ignored(results: ResultSet, truth: ShapeSet, common: Sequence[str]) -> Iterator[str]:
+    """Say which landmarks are on one side alone."""
+    for side, records in (("results", results), ("truth", truth)):
+        if alone := [name for name in records.landmark_names if name not in set(common)]:
+            yield f"landmarks in the {side} alone are left out: {abbreviate(alone)}"
+
+
+def _sequences(results: ResultSet, truth: ShapeSet, rows: Indices) -> tuple[str, ...]:
+    """Sequence of each image: of the results, else of the truth, else one for all.
+
+    One without a name is called `all` too; the empty text stands for an image without truth.
+    """
+    if results.sequences is not None:
+        return tuple(sequence or ALL for sequence in results.sequences)
+    if truth.sequences is not None:
+        return tuple(truth.sequences[row] or ALL if row >= 0 else "" for row in rows)
+    return (ALL,) * len(results)
+
+
+def _failures(
+    results: ResultSet,
+    wanted: Sequence[str],
+    rows: Indices,
+    common: Flags,
+    errors: Mapping[Kind, Floats],
+) -> dict[str, str]:
+    """Why each image without one or more errors has none.
+
+    wanted (n), what it is matched by; rows (n,) of its true shape; common (n, p) landmarks.
+    """
+    certain = {kind: v for kind, v in errors.items() if not METRICS[kind[0]].may_lack}
+
+    def reason(i: int) -> str:
+        if rows[i] < 0:
+            return f"the truth has no {wanted[i]}"
+        if not np.isfinite(results.shapes[i]).any():
+            status = "" if results.status is None else f" (status {results.status[i]})"
+            return f"the results hold no shape{status}"
+        if common[i].sum() < FEWEST_LANDMARKS:
+            return f"only {common[i].sum()} landmarks are known on both sides"
+        lost = [kind for kind, values in certain.items() if np.isnan(values[i])]
+        empty = np.isfinite(results.shapes[i]).all() and coincide(results.shapes[i])
+        if empty and all(ROTATION in METRICS[metric].needs for metric, _ in lost):
+            return "no rotation (deg): the shape is empty, with all its landmarks at one point"
+        kinds = ", ".join(f"{metric} ({unit})" for metric, unit in lost)
+        return f"a value needed for {kinds} is nan, or true landmarks are all at one point"
+
+    failed = ~common.any(axis=-1)
+    for values in certain.values():
+        failed |= np.isnan(values)
+    return {results.items[i]: reason(i) for i in np.flatnonzero(failed).tolist()}
+
+
+def with_shapes_of(results: ResultSet, names: Sequence[str]) -> ResultSet:
+    """Return the result with its joints or with the input's landmarks, whichever fit the names.
+
+    Where a fit lifted a detector's landmarks with a dictionary of joints, its result has both.
+    """
+    columns = results.columns
+    if INPUT_NAMES not in columns or INPUT_SHAPES not in columns:
+        return results
+    own = tuple(map(str, columns[INPUT_NAMES]))
+    if len(set(own) & set(names)) <= len(set(results.landmark_names) & set(names)):
+        return results
+    sd, correlation = results.per_item.get(INPUT_SD), results.per_item.get(INPUT_CORRELATION)
+    apart = results.without((*WITH_JOINTS, CORRELATION.name, "landmarks_fitted", "dual"))
+    shown = apart.replaced(
+        shapes=np.swapaxes(columns[INPUT_SHAPES], 1, 2),
+        shape_sd=None if sd is None else np.swapaxes(sd, 1, 2),
+        landmark_names=own,
+    )
+    return shown if correlation is None else shown.with_columns({CORRELATION.name: correlation})

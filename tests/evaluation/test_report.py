@@ -1,0 +1,204 @@
+"""Sums over sequences and groups by hand; the tables, the page, the few lines and the plot."""
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+
+from shapefit.evaluation.calibration import Coverage
+from shapefit.evaluation.plots import draw_errors, save
+from shapefit.evaluation.report import (
+    ABSENT,
+    PER_IMAGE,
+    Method,
+    Report,
+    decimals_of,
+    number,
+    per_image_rows,
+    report_csv,
+    report_json,
+    report_markdown,
+    short_lines,
+)
+from shapefit.evaluation.summaries import group_sequences, members_of, summarise
+
+NAN, INF = float("nan"), float("inf")
+KIND = ("similarity", "m")
+
+
+def sums(groups, **sequences):
+    """Group -> sequence (None for the group) -> its summary, of errors by sequence."""
+    names = [name for name, values in sequences.items() for _ in values]
+    values = np.array([v for values in sequences.values() for v in values], dtype=float)
+    order = np.argsort(np.arange(len(names)) % 2, kind="stable")  # images of a sequence lie apart
+    rows = summarise("convex", [names[i] for i in order], {KIND: values[order]}, groups)
+    found = {}
+    for row in rows:
+        found.setdefault(row.group, {})[row.sequence] = row
+    return found
+
+
+def test_means_of_groups_are_means_over_their_sequences():
+    a, b = list(range(11)), [20, 20, 50]  # medians 5 and 20, 90th percentiles 9 and 44
+    rows = sums({"all": ("a", "b", "elsewhere"), "none": ("elsewhere",)}, a=a, b=b)
+    assert [*rows] == ["all"]
+    assert [*rows["all"]] == [None, "a", "b"]
+    whole, first, second = rows["all"].values()
+    assert (first.mean, first.median, first.p90) == pytest.approx((5, 5, 9))
+    assert (second.mean, second.median, second.p90) == pytest.approx((30, 20, 44))
+    assert (whole.mean, whole.median, whole.p90) == pytest.approx((17.5, 12.5, 26.5))
+    assert (whole.images, whole.failed) == (14, 0)
+
+
+def test_failed_images_are_counted_and_infinite_errors_are_not():
+    rows = sums({"all": ("a", "b", "c")}, a=[1, NAN, 3], b=[NAN, NAN], c=[INF, INF])["all"]
+    assert [*rows] == [None, "a", "b"]
+    counts = [(row.images, row.failed) for row in rows.values()]
+    assert counts == [(2, 3), (2, 1), (0, 2)]
+    assert (rows[None].mean, rows["a"].mean) == (2, 2)
+    assert np.isnan([rows["b"].mean, rows["b"].median, rows["b"].p90]).all()
+
+
+def test_groups_take_their_sequences_by_glob_in_order_of_appearance():
+    names = ["14_02", "13_01", "14_01", "13_01"]
+    globs = {"thirteen": "13_*", "fourteen": "14_*", "none": "15_*"}
+    grouping, warnings = group_sequences(globs, names)
+    assert grouping == {"thirteen": ("13_01",), "fourteen": ("14_02", "14_01"), "none": ()}
+    assert warnings == ["group none: no sequence matches '15_*'"]
+    inside = members_of(names, grouping)
+    assert [inside[group].tolist() for group in ("thirteen", "none")] == [
+        [False, True, False, True],
+        [False] * 4,
+    ]
+
+
+def test_per_image_csv_is_as_by_the_library():
+    """Names in quotes where they need them; nothing for a failed image and for no sequence."""
+    names = ("a,b", 'c"d', "e\nf", "g\rh", " i ", "", "ü", "plain")
+    values = (0.1 + 0.2, NAN, 1e-5, 1e16, -0.0, 5e-324, 12.0, INF)
+    expected = io.StringIO()
+    table = csv.writer(expected, lineterminator="\r\n")
+    table.writerow(PER_IMAGE)
+    for sequence, item, value in zip(names[::-1], names, values, strict=True):
+        if value != INF:
+            table.writerow(
+                ("m, n", sequence, item, *KIND[:1], "" if value != value else value, "m")
+            )
+    rows = b"".join(per_image_rows("m, n", names[::-1], names, {KIND: np.array(values)}))
+    header = f"{','.join(PER_IMAGE)}\n"
+    assert header + rows.decode() == expected.getvalue().replace("\r\n", "\n")
+
+
+SIZES = {
+    "convex": {
+        ("similarity", "normalised"): [0.1, 0.2, 0.6, NAN],
+        ("similarity", "m"): [0.01, 0.02, 0.06, NAN],
+        ("expected", "normalised"): [0.2, 0.2, 0.2, NAN],
+        ("rotation", "deg"): [1.0, 3.0, 50.0, NAN],
+    },
+    "Ora|cle": {("similarity", "normalised"): [0.05] * 4},
+}
+
+
+def make_report(groups, failures=1):
+    summaries = tuple(
+        row
+        for method, errors in SIZES.items()
+        for row in summarise(
+            method, ("s", "s", "s", "t"), {k: np.array(v) for k, v in errors.items()}, groups
+        )
+    )
+    items = {f"<b>item{i}": "no shape" for i in range(failures)}
+    methods = (Method("convex", ("one.h5",), 30, failures, items, 0.5), Method("Ora|cle", (), 4))
+    bars = (Coverage("convex", next(iter(groups)), 30, (0.4, 0.876), {"normalised": 0.3}),)
+    return Report(methods, summaries, ("no true\nrotation",), bars)
+
+
+def cells(text, heading):
+    """Rows of the first Markdown table below a heading."""
+    parts = text.split(f"# {heading}\n\n", maxsplit=1)[1].split("\n\n")
+    lines = next(part for part in parts if part.startswith("|")).splitlines()
+    rows = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
+    return [rows[0], *rows[2:]]
+
+
+def test_the_page_has_groups_and_methods_down_and_metrics_across():
+    text = report_markdown(make_report({"all": ("s",)}), "errors.png")
+    assert cells(text, "Errors against the truth") == [
+        ["method", "images", "failed", "similarity (normalised)", "similarity (m)",
+         "expected (normalised)", "rotation (deg)"],
+        ["convex", "3", "0", "0.300 / 0.200", "0.0300 / 0.0200", "0.200 / 0.200", "18.0 / 3.0"],
+        ["Ora\\|cle", "3", "0", "0.050 / 0.050", "–", "–", "–"],
+    ]  # fmt: skip
+    assert cells(text, "Error bars")[1] == ["convex", "30", "40.0 %", "87.6 %", "0.300", "0.67"]
+    assert "- convex, &lt;b>item0: no shape" in text  # names are no HTML
+    assert "- no true rotation\n" in text
+    assert text.endswith("![errors, sorted](errors.png)\n")
+    grouped = report_markdown(make_report({"S": ("s",), "T": ("t",)}))
+    assert [row[:5] for row in cells(grouped, "Errors against the truth")[1:]] == [
+        ["S", "convex", "3", "0", "0.300 / 0.200"],
+        ["S", "Ora\\|cle", "3", "0", "0.050 / 0.050"],
+        ["T", "convex", "0", "1", "–"],
+        ["T", "Ora\\|cle", "1", "0", "0.050 / 0.050"],
+    ]
+
+
+@pytest.mark.parametrize(("failed", "more"), [(10, ""), (11, "1 more"), (25, "15 more")])
+def test_many_failures_are_cut_in_the_page_only(failed, more):
+    report = make_report({"all": ("s",)}, failed)
+    text = report_markdown(report)
+    assert text.count("no shape") == 10
+    assert more in text
+    assert bool(more) == (" more, all listed in report.json" in text)
+    (method, _) = json.loads(report_json(report))["methods"]
+    assert (method["failed"], len(method["failures"]), method["mean_objective"]) == (
+        failed, failed, 0.5,
+    )  # fmt: skip
+
+
+def test_the_few_lines_say_errors_images_and_what_bars_hold():
+    assert short_lines(make_report({"all": ("s",)})) == [
+        "convex   error aligned 30.0 mean, 20.0 median (mm); rotation 18.0 mean, 3.0 median (deg); "
+        "3 images; 90% bars hold 88%; expected / error 0.67",
+        "Ora|cle  error aligned 0.0500 mean, 0.0500 median (normalised); 3 images",
+        "convex   failed: 1 of 30",
+    ]
+
+
+def test_report_csv_has_all_digits_and_error_bars_as_metrics():
+    rows = list(csv.DictReader(io.StringIO(report_csv(make_report({"G": ("s", "t")})))))
+    means = {(r["method"], r["metric"], r["unit"], r["sequence"]): r["mean"] for r in rows}
+    assert float(means["convex", "similarity", "m", "s"]) == np.mean([0.01, 0.02, 0.06])
+    assert means["convex", "similarity", "m", "t"] == ""
+    assert means["convex", "inside_90", "share", ""] == "0.876"
+    (width,) = [row for row in rows if row["metric"] == "width"]
+    assert (width["median"], width["mean"], width["images"]) == ("0.3", "", "30")
+
+
+@pytest.mark.parametrize(
+    ("values", "decimals"),
+    [([0.26, 9.999], 3), ([10.0], 1), ([0.2, 345.6], 1), ([0.05, NAN], 4), ([0.1], 3),
+     ([0.00123], 5), ([0.0], 3), ([NAN, None], 3), ([], 3)],
+)  # fmt: skip
+def test_the_largest_number_chooses_the_decimals_of_all(values, decimals):
+    assert decimals_of(values) == decimals
+    assert [number(v, 2) for v in (None, NAN, 0.006, 12.0)] == [ABSENT, ABSENT, "0.01", "12.00"]
+
+
+def test_the_plot_has_a_line_a_method_and_its_file_is_always_the_same(tmp_path):
+    values = np.array([3.0, 1.0, 6.0, 5.0, NAN])
+    errors = {"a": values, "b": values + 1, "none": np.full(5, NAN)}
+    figure = draw_errors("3D error", "m", errors)
+    (axis,) = figure.axes
+    first, second, third = axis.lines
+    np.testing.assert_allclose(first.get_ydata(), [1, 3, 5, 6])
+    np.testing.assert_allclose(first.get_xdata(), [10, 30, 50, 70])
+    np.testing.assert_allclose(second.get_ydata(), [2, 4, 6, 7])
+    assert len(third.get_ydata()) == 0
+    assert axis.get_ylabel() == "error (m)"
+    for form in ("png", "svg"):
+        for turn in ("first", "second"):
+            save(draw_errors("3D error", "m", errors), tmp_path / turn, form)
+        assert (tmp_path / "first").read_bytes() == (tmp_path / "second").read_bytes()
