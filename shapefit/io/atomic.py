@@ -160,11 +160,6 @@ class StagedFiles:
 
     def __init__(self, folder: Path, staging: Path) -> None:
         self.folder, self._staging = folder, staging
-        self.empty = True
-
-    def __contains__(self, name: PurePosixPath) -> bool:
-        """Whether folder/name was written, or what the file system takes for the same name."""
-        return (self._staging / name).exists()
 
     def write(
         self, name: PurePosixPath, write: Callable[[Path], object], item: str, *, sync: bool = False
@@ -187,18 +182,13 @@ class StagedFiles:
             write(path)
             if sync:
                 _sync(path)
-            self.empty = False
 
     @contextmanager
     def opened(self, name: str) -> Iterator[WriteBytes]:
         """Give what writes the file that becomes folder/name, piece by piece."""
-        target, path = self.folder / name, self._staging / name
-        check_output(target, IN_THE_WAY)
-        self.empty = False
-        with _opened(path, target) as write:
+        check_output(self.folder / name, IN_THE_WAY)
+        with _opened(self._staging / name, self.folder / name) as write:
             yield write
-        with storage_errors(target, None):
-            _sync(path)
 
 
 IN_THE_WAY = "remove or rename it, or choose another folder"

@@ -22,7 +22,15 @@ from shapefit.arrays import Floats, Integers
 from shapefit.errors import InputError, input_error
 from shapefit.io.atomic import output_bytes, storage_errors
 from shapefit.io.checks import input_problems
-from shapefit.io.inputs import BYTE_ORDER_MARK, is_stream, read_text_blocks, source_name
+from shapefit.io.inputs import (
+    BLOCK_BYTES,
+    BYTE_ORDER_MARK,
+    GZIP_SIGNATURE,
+    begins_with,
+    is_stream,
+    read_text_blocks,
+    source_name,
+)
 from shapefit.io.options import RecordWriter, Summary
 from shapefit.io.records import LandmarkSet, Records, ResultSet
 from shapefit.io.tidy_table import Block, Rows, check_columns, read_tidy, table_columns
@@ -37,17 +45,33 @@ QUOTES = "put cells with commas or quotes in double quotes, and double the quote
 SAVE = "save it as CSV in UTF-8"
 
 
-def read_csv(path: Path, kind: str, *, gaps: bool = False) -> tuple[Any, tuple[str, ...]]:
+def read_csv(
+    path: Path, kind: str, *, gaps: bool = False, first: int | None = None
+) -> tuple[Any, tuple[str, ...], int | None]:
     """Read `item,landmark,x,y[,confidence]` or `item,landmark,x,y,z`, each with `[,sequence]`.
 
-    Return records, or a Spool of many landmarks, and warnings. An empty or nan coordinate is
-    unknown; shapes must have every landmark of every item unless `gaps`.
+    Return records, or a Spool of many landmarks, warnings, and an estimate of the number of items
+    where only some `first` landmarks were read. An empty or nan coordinate is unknown; shapes must
+    have every landmark of every item unless `gaps`.
     """
     header, blocks = _open(path, kind)
-    first = iter([blocks])
+    opened = iter([blocks])
     once = is_stream(path) or not path.is_file()
-    rows = Rows(source_name(path), header, lambda: next(first, None) or _open(path, kind)[1], once)
-    return read_tidy(rows, kind, gaps=gaps)
+    rows = Rows(source_name(path), header, lambda: next(opened, None) or _open(path, kind)[1], once)
+    records, notes, last = read_tidy(rows, kind, gaps=gaps, first=first)
+    return records, notes, last and round(len(records) * _count_lines(path) / last)
+
+
+def _count_lines(path: Path) -> float:
+    """Return about how many lines a text has, by the length of those in nine places."""
+    if begins_with(path, GZIP_SIGNATURE):
+        return sum(block.count(b"\n") for block in read_text_blocks(path))
+    size, seen = path.stat().st_size, b""
+    with path.open("rb") as file:
+        for place in np.linspace(0, max(size - BLOCK_BYTES, 0), 9).astype(int).tolist():
+            file.seek(place)
+            seen += file.read(BLOCK_BYTES)
+    return size * seen.count(b"\n") / len(seen)
 
 
 def csv_kind(path: Path) -> str:

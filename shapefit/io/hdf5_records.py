@@ -50,9 +50,6 @@ CACHE_BYTES = 1 << 20
 
 CHUNK_BYTES, MIN_CHUNK_ROWS = 1 << 18, 64
 
-COMPACT_BYTES = 1 << 14
-"""At most of a dataset that lies in the metadata."""
-
 LIBVER = ("v110", "v110")
 """Version of HDF5 from which on all metadata have checksums; 1.10 and later read it."""
 
@@ -191,12 +188,6 @@ class Hdf5Reader(Hdf5File):
             y_axis=None if self.form.kind == "shapes" else self.y_axis or "down",
             attributes=self.attributes if self.form.kind == "result" else None,
         )
-
-    def larger_further(self, size: int) -> set[str]:
-        """Return the datasets that the layout does not know, and vertices, of more bytes."""
-        names = {*self.per_item, *self.whole, *({"mesh_vertices"} & self._names.keys())}
-        stored = ((name, self.stored(self._names[name])) for name in names)
-        return {name for name, one in stored if math.prod(one.shape) * one.itemsize > size}
 
     def fields(self, rows: slice = slice(None), without: Collection[str] = ()) -> dict[str, Any]:
         """Return what the datasets of the layout hold of these items, by field of the record."""
@@ -455,23 +446,24 @@ class Hdf5Writer(RecordWriter[Any]):
             dataset.write(space, place, values, h5py.h5t.py_create(values.dtype, logical=True))
 
     def _write_whole(self, name: str, values: Array) -> None:
-        """Write a dataset of the file: in the metadata, or in chunks."""
+        """Write a dataset of the file, with a checksum unless it is a single value."""
         kind = None
         if values.dtype.kind in "OU":
             encoded = _encoded(values)
             kind = h5py.string_dtype("utf-8", encoded.dtype.itemsize)
             values = encoded.astype(kind)
         self._reserve(2 * values.nbytes)
-        if values.nbytes > COMPACT_BYTES:
-            self._file.create_dataset(name, data=values, dtype=kind, chunks=True, fletcher32=True)
+        if values.size and values.ndim:
+            chunks = values.shape if values.nbytes <= CHUNK_BYTES else True
+            self._file.create_dataset(name, data=values, dtype=kind, chunks=chunks, fletcher32=True)
             return
-        creation = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+        creation = h5py.h5p.create(h5py.h5p.DATASET_CREATE)  # in the metadata, with their checksum
         links = h5py.h5p.create(h5py.h5p.LINK_CREATE)
         creation.set_layout(h5py.h5d.COMPACT)
         links.set_create_intermediate_group(True)
-        space = h5py.h5s.create_simple(values.shape) if values.shape else h5py.h5s.create(0)
-        type_ = h5py.h5t.py_create(values.dtype, logical=True)
-        place = h5py.h5d.create(self._file.id, name.encode(), type_, space, creation, links)
+        stored = h5py.h5t.py_create(values.dtype, logical=True)
+        space = h5py.h5s.create_simple(values.shape) if values.ndim else h5py.h5s.create(0)
+        place = h5py.h5d.create(self._file.id, name.encode(), stored, space, creation, links)
         if values.size:
             h5py.Dataset(place)[()] = values
 

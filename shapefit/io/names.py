@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -100,41 +100,35 @@ def check_items(files: Sequence[tuple[Blocks, Callable[[int], str]]]) -> Shared 
     items without a name, and for those that occur twice in a file. Only names whose hash is there
     twice are read again and compared: 8 bytes for each item.
     """
-    hashes: list[NDArray[np.int64]] = []
-    empty: list[str] = []
-    for blocks, place in files:
-        row = 0
-        for names in blocks():
-            hashes.append(np.fromiter(map(hash, names), np.int64, len(names)))
-            if "" in names:
-                rows = [row + at for at, name in enumerate(names) if not name]
-                empty += [f"{place(at)}: is empty; name every item" for at in rows]
-            row += len(names)
-    if empty:
-        raise input_problems(empty)
-    order = np.sort(np.concatenate(hashes or [np.empty(0, np.int64)]))
-    twice = set(order[1:][order[1:] == order[:-1]].tolist())
+
+    def rows() -> Iterator[tuple[int, int, str]]:
+        for number, (blocks, _) in enumerate(files):
+            names = chain.from_iterable(blocks())
+            yield from ((number, row, name) for row, name in enumerate(names))
+
+    def place(number: int, row: int) -> str:
+        return files[number][1](row)
+
+    hashes = np.sort(np.fromiter((hash(name) for *_, name in rows()), np.int64))
+    twice = {hash(""), *hashes[1:][hashes[1:] == hashes[:-1]].tolist()}
     rows_of: dict[str, list[tuple[int, int]]] = {}
-    for number, (blocks, _) in enumerate(files if twice else ()):
-        row = 0
-        for names in blocks():
-            for at, name in enumerate(names):
-                if hash(name) in twice:
-                    rows_of.setdefault(name, []).append((number, row + at))
-            row += len(names)
-    rows_of = {name: rows for name, rows in rows_of.items() if len(rows) > 1}
+    for number, row, name in rows() if len(twice) > 1 or hash("") in hashes else ():
+        if hash(name) in twice:
+            rows_of.setdefault(name, []).append((number, row))
+    if empty := rows_of.pop("", []):
+        raise input_problems([f"{place(*where)}: is empty; name every item" for where in empty])
     again = sorted(
         (later, earlier, item)
-        for item, rows in rows_of.items()
-        for earlier, later in pairwise(rows)
+        for item, found in rows_of.items()
+        for earlier, later in pairwise(found)
         if earlier[0] == later[0]
     )
     if again:
+        fix = "give every item a unique name"
         problems = [
-            f"{files[n][1](row)}: item '{item}' is also at {files[n][1](other)}; "
-            "give every item a unique name"
-            for (n, row), (_, other), item in again[:LIMIT]
+            f"{place(*later)}: item '{item}' is also at {place(*earlier)}; {fix}"
+            for later, earlier, item in again[:LIMIT]
         ]
         raise input_problems(problems, len(again))
-    shared = [(item, rows[0][0], rows[1][0]) for item, rows in rows_of.items()]
+    shared = [(i, found[0][0], found[1][0]) for i, found in rows_of.items() if len(found) > 1]
     return Shared(len(shared), shared[0][0], shared[0][1:]) if shared else None

@@ -48,7 +48,7 @@ def open_landmarks(
     *,
     selects: bool = False,
     check: bool = True,
-    largest: int | None = None,
+    first: int | None = None,
 ) -> LandmarkSource:
     """Open files of landmarks in any format (`-` is standard input) as one source.
 
@@ -58,10 +58,10 @@ def open_landmarks(
     that no file has. Of HDF5 rows are read as they are asked for, CSV is read in one pass, all else
     whole. `rows` are those of the one HDF5 file that are given out: nothing else of it is read.
     Without `check` nothing but heads is read of HDF5, and values and names are believed. The caller
-    `selects` the individual in files of ours, or it is refused there. Further datasets of HDF5 of
-    more bytes than `largest` are not read.
+    `selects` the individual in files of ours, or it is refused there. Of CSV only some `first`
+    landmarks are read, and the source has an `estimate` of the count.
     """
-    how: dict[str, Any] = {"rows": rows, "check": check, "largest": largest}
+    how: dict[str, Any] = {"rows": rows, "check": check, "first": first}
     files = _open_all(LANDMARKS, paths, options, selects, **how)
     return Source(files, options.y_axis, check=check)
 
@@ -73,7 +73,7 @@ def open_shapes(
     gaps: bool = False,
     selects: bool = False,
     check: bool = True,
-    largest: int | None = None,
+    first: int | None = None,
 ) -> ShapeSource:
     """Open files of shapes in any format (`-` is standard input) as one source.
 
@@ -84,10 +84,10 @@ def open_shapes(
     landmarks, units, meshes or further datasets).
 
     With `gaps` a landmark of an item may be unknown: it is NaN, in all coordinates where it is in
-    one, and may lack its row in CSV. Without, that is wrong. `check`, `selects` and `largest` as
+    one, and may lack its row in CSV. Without, that is wrong. `check`, `selects` and `first` as
     in `open_landmarks`.
     """
-    how: dict[str, Any] = {"gaps": gaps, "check": check, "largest": largest}
+    how: dict[str, Any] = {"gaps": gaps, "check": check, "first": first}
     files = _open_all(SHAPES, paths, options, selects, **how)
     return Source(files, check=check)
 
@@ -99,18 +99,18 @@ def open_results(
     proofs: bool = False,
     check: bool = True,
     old: bool = False,
-    largest: int | None = None,
+    first: int | None = None,
 ) -> ResultSource:
     """Open results as one source; datasets in `without` are not read.
 
     That is what proves the optimum, unless `proofs` asks for it. Of CSV all but shapes, names,
     items and sequences is None. Raises InputError for what is wrong with a file, for items that
-    occur twice, and for files that do not go together. `check` and `largest` as in
+    occur twice, and for files that do not go together. `check` and `first` as in
     `open_landmarks`; `old` files of version 1 are read, too.
     """
     left = (() if proofs else frozenset(PROOF)) if without is None else without
     keep = len(paths) <= MAX_OPEN
-    how: dict[str, Any] = {"without": left, "check": check, "old": old, "largest": largest}
+    how: dict[str, Any] = {"without": left, "check": check, "old": old, "first": first}
     files = [
         _open(RESULTS, *group, AS_THEY_ARE, keep_open=keep, **how)
         for path in paths
@@ -167,7 +167,7 @@ class SourceFile(Generic[Record]):
 
     texts reads the datasets item and sequence of all items, block by block; `place` names a row in
     messages; notes are warnings about what was left out; y_axis is where y points, None where the
-    file does not say it.
+    file does not say it; estimate is the count of a file of which only the first were read.
     """
 
     name: str
@@ -179,6 +179,7 @@ class SourceFile(Generic[Record]):
     close: Callable[[], None] = lambda: None
     notes: tuple[str, ...] = ()
     y_axis: Direction | None = None
+    estimate: int | None = None
 
     @classmethod
     def of(
@@ -247,6 +248,12 @@ class Source(Generic[Record]):
     def states_y_axis(self) -> bool:
         """Whether a file says where y points."""
         return any(file.y_axis is not None for file in self._files)
+
+    @property
+    def estimate(self) -> int | None:
+        """About how many items there are, where only the first of them were read."""
+        counts = [file.count if file.estimate is None else file.estimate for file in self._files]
+        return sum(counts) if sum(counts) > self.count else None
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -395,6 +402,7 @@ def _open(
     options: InputOptions,
     *,
     gaps: bool = False,
+    first: int | None = None,
     **how: Any,
 ) -> SourceFile[Any]:
     """Open a file of any format; one that is read whole gives out parts of what was read."""
@@ -418,7 +426,7 @@ def _open(
         from shapefit.io.csv_file import read_csv
         from shapefit.io.tidy_table import Spool
 
-        records, notes = read_csv(path, form.kind, gaps=gaps)
+        records, notes, estimate = read_csv(path, form.kind, gaps=gaps, first=first)
         file = SourceFile.of(name, records)
         if isinstance(records, Spool):
             file = replace(file, texts=records.texts, close=records.close)
@@ -427,7 +435,7 @@ def _open(
             notes += tuple(f"{name}: {text}" for text in warn_of_zeros(some.swapaxes(1, 2)))
         if form is SHAPES:
             check_magnitudes(name, records.shapes, records.items, records.landmark_names)
-        file = replace(file, notes=notes)
+        file = replace(file, notes=notes, estimate=estimate)
     if form is LANDMARKS:
         file = _in_pixels(file, options) if how["check"] else file
         return _hiding(file, options.min_confidence)
@@ -443,7 +451,6 @@ def _open_hdf5(
     without: Collection[str] = (),
     check: bool = True,
     old: bool = False,
-    largest: int | None = None,
     most_held: int = 0,
     keep_open: bool = True,
 ) -> SourceFile[Any]:
@@ -457,7 +464,6 @@ def _open_hdf5(
     reader = Hdf5Reader(path, form, old=old)
     stated, names = reader.y_axis, reader.landmark_names
     start, stop, _ = (rows or slice(None)).indices(reader.count)
-    without = {*without, *(() if largest is None else reader.larger_further(largest))}
 
     def opened() -> Hdf5Reader:
         nonlocal reader

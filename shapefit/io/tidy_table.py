@@ -148,8 +148,12 @@ class Spool:
         self._file.close()
 
 
-def read_tidy(rows: Rows, kind: str, *, gaps: bool = False) -> tuple[Any, tuple[str, ...]]:
-    """Return the records of a table, or a Spool of many landmarks, and warnings.
+def read_tidy(
+    rows: Rows, kind: str, *, gaps: bool = False, first: int | None = None
+) -> tuple[Any, tuple[str, ...], int | None]:
+    """Return the records of a table, or a Spool of many landmarks; warnings; and the last line.
+
+    That is None unless only some `first` landmarks are read, and there are more.
 
     Items and landmarks stand in order of appearance. A landmark that has no row or lacks a
     coordinate is NaN, its confidence 0; shapes need all unless `gaps`. Raises InputError for the
@@ -167,15 +171,17 @@ def read_tidy(rows: Rows, kind: str, *, gaps: bool = False) -> tuple[Any, tuple[
 
     for lines, cells in rows.blocks():
         table.take(lines, cells)
+        if first is not None and table.size > min(first, MAX_IN_MEMORY) and not rows.once:
+            return table.pop(-1), (), int(lines[-1])
         if spool is not None and table.size > MAX_IN_MEMORY:
             flush(-1)
     if not hashes or spool is None:
-        return table.records(), ()
+        return table.records(), (), None
     flush(0)
     order = np.sort(np.concatenate(hashes))
     if (order[1:] != order[:-1]).all():
         spool.landmark_names = table.names("landmark")
-        return spool, ()
+        return spool, (), None
     spool.close()
     if rows.once:
         found = "rows of an item do not stand together"
@@ -183,7 +189,7 @@ def read_tidy(rows: Rows, kind: str, *, gaps: bool = False) -> tuple[Any, tuple[
     table = _Table(rows, kind, gaps)
     for lines, cells in rows.blocks():
         table.take(lines, cells)
-    return table.records(), (f"{rows.name}: {SCATTERED}",)
+    return table.records(), (f"{rows.name}: {SCATTERED}",), None
 
 
 class _Table:

@@ -37,11 +37,11 @@ from shapefit.pipelines.partition.manifest import Manifest, find_folders, sum_up
 BATCH, MOST_LANDMARKS = 1 << 14, 1 << 22
 """Items that are looked at, the first of a file, and the landmarks of these together."""
 
-LARGEST = 1 << 24
-"""Bytes of a dataset beside the landmarks that is read to describe a file."""
-
 CAMERA = ("camera_matrix", "distortion", "image_size", "extrinsic_rotation")
 """Datasets that say how the camera saw the landmarks."""
+
+FIRST_OF_TABLES = 1 << 18
+"""Landmarks of a table that are read; of more the number of items is estimated."""
 
 LISTED_FILES = 3
 """Of one recording that a command names one by one."""
@@ -158,11 +158,13 @@ def _told(
             return [*title, (NEXT, following)], recording.notes
     opened = None
     if kind == "landmarks":
-        opened = open_landmarks(paths, options, check=False, largest=LARGEST)
-    with opened or open_shapes(paths, options, gaps=True, check=False, largest=LARGEST) as source:
+        opened = open_landmarks(paths, options, check=False, first=FIRST_OF_TABLES)
+    with opened or open_shapes(
+        paths, options, gaps=True, check=False, first=FIRST_OF_TABLES
+    ) as source:
         sample = _first(source)
         noun = "image" if kind == "landmarks" else "shape"
-        lines = title + _of_records(sample, source.count, noun)
+        lines = title + _of_records(sample, source, noun)
         if isinstance(source.head, LandmarkSet):
             stated = "" if source.states_y_axis else ", as the file does not say"
             lines.append(("y axis", source.head.y_axis + stated))
@@ -177,11 +179,13 @@ def _first(source: Source[Any]) -> Any:
     )
 
 
-def _of_records(sample: Records, count: int, noun: str) -> list[Line]:
+def _of_records(sample: Records, source: Source[Any], noun: str) -> list[Line]:
     """Describe the items of a file by its head and its first items."""
     names, sequences = sample.landmark_names, dict.fromkeys(filter(None, sample.sequences or ()))
-    of = "" if len(sample) == count else f" (of the first {len(sample):,})"
-    lines = [(f"{noun}s", f"{count:,}"), ("landmarks", f"{len(names)}: {abbreviate(names)}")]
+    about, count = source.estimate, source.count
+    number = f"{count:,}" if about is None else f"about {about:,}"
+    of = "" if len(sample) == (about or count) else f" (of the first {len(sample):,})"
+    lines = [(f"{noun}s", number), ("landmarks", f"{len(names)}: {abbreviate(names)}")]
     if sequences:
         lines.append(("sequences", f"{len(sequences)}: {abbreviate(list(sequences))}{of}"))
         rate = sample.frame_rate
@@ -207,10 +211,10 @@ def _of_folder(folder: Path, manifest: Manifest, first: Mapping[str, str]) -> li
 
 
 def _of_result(path: Path) -> list[Line]:
-    with open_results([path], OPTIONAL, check=False, old=True, largest=LARGEST) as source:
+    with open_results([path], OPTIONAL, check=False, old=True, first=FIRST_OF_TABLES) as source:
         head = source.head
         lines = [("kind", f"result of {head.attributes.get('method', 'fit')}")]
-        lines += _of_records(_first(source), source.count, "image")
+        lines += _of_records(_first(source), source, "image")
         if estimated := head.attributes.get("estimated"):
             lines.append(("estimated", str(estimated)))
         return [*lines, (NEXT, f"shapefit view {_typed(path)}")]

@@ -1,12 +1,10 @@
 """What does not fit in memory, or in its file, is refused by name before it is asked for."""
 
-import tracemalloc
 import zipfile
 
 import h5py
 import numpy as np
 import pytest
-from shapefit.cli.main import run
 
 from shapefit.io import inputs, open_landmarks, read_dictionary, read_results, read_shapes
 
@@ -104,17 +102,6 @@ def test_large_chunks_that_hold_what_they_declare_are_read(tmp_path, rng):
         found = source.whole()
     np.testing.assert_array_equal(found.whole["noise"], noise)
     assert found.landmarks[2, 1, 3] == 230
-
-
-def test_info_reads_no_large_datasets(tmp_path, capsys):
-    path = landmark_file(tmp_path / "carried.h5", carried=np.zeros((1, LARGE // 8)))
-    tracemalloc.start()
-    try:
-        assert run(["info", str(path)]) == 0
-        assert tracemalloc.get_traced_memory()[1] < LARGE / 10
-    finally:
-        tracemalloc.stop()
-    assert "images:       3" in capsys.readouterr().out
 
 
 def test_an_archive_of_arrays_says_its_size_before_it_is_read(tmp_path, problems, monkeypatch):

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from shapefit.io import csv_file, inputs, open_landmarks, read_results, result_writer
 from shapefit.io.csv_file import read_rows, split_columns
 from shapefit.io.options import InputOptions
-from shapefit.io.records import LandmarkSet
+from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.io.tidy_table import read_numbers
 from tests.io.files import load, save
 
@@ -106,7 +106,7 @@ def test_neither_order_nor_quotes_nor_blocks_count(
     path.write_bytes(out.getvalue().encode())
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(inputs, "BLOCK_BYTES", size)
-        views, _ = csv_file.read_csv(path, "landmarks")
+        views, *_ = csv_file.read_csv(path, "landmarks")
     assert views.items == tuple(dict.fromkeys(items[i] for i, _ in rows))
     assert views.landmark_names == tuple(dict.fromkeys(landmarks[j] for _, j in rows))
     found = {
@@ -359,3 +359,64 @@ def test_fractions_of_the_image_are_refused_in_every_format(tmp_path, suffix, pr
         scaled = source.whole()
     assert scaled.unit == "px"
     np.testing.assert_allclose(scaled.landmarks[:, 1], 200 * images.landmarks[:, 1])
+
+
+class TestLargeTables:
+    """Beyond what is held, images go to a temporary file as soon as their rows are complete."""
+
+    @pytest.fixture(autouse=True)
+    def _small(self, monkeypatch):
+        monkeypatch.setattr("shapefit.io.tidy_table.MAX_IN_MEMORY", 12)
+        monkeypatch.setattr(inputs, "BLOCK_BYTES", 40)
+
+    def table(self, csv, order, sequences=True):
+        rows = [f"i{i},{'abcd'[j]},{i + j / 7},{i * j},{0.5 + j},s{i // 3}" for i, j in order]
+        return csv("\n".join(["item,landmark,x,y,confidence,sequence", *rows, ""]))
+
+    def test_they_are_read_as_small_ones(self, csv, monkeypatch, same):
+        order = [(i, j) for i in range(40) for j in range(4) if (i, j) not in ((0, 3), (1, 3))]
+        path = self.table(csv, order)
+        with open_landmarks([path]) as source:
+            parts = list(source.batches(7))
+            assert source.count == 40
+            assert source.notes == ()
+            rows = source.take(np.array([1, 2, 30]))
+            names = [item for block in source.names() for item in block]
+        monkeypatch.setattr("shapefit.io.tidy_table.MAX_IN_MEMORY", 10**6)
+        whole = load(path)
+        same(concatenate(parts), whole)
+        same(rows, whole.take([1, 2, 30]))
+        assert tuple(names) == whole.items
+
+    def test_scattered_rows_are_read_whole_and_it_is_said(self, csv, monkeypatch, same):
+        order = [(i, j) for j in range(4) for i in range(40)]
+        path = self.table(csv, order)
+        with open_landmarks([path]) as source:
+            found = source.whole()
+            assert source.notes == (
+                f"{path}: the rows of items do not stand together, so that it was read whole: "
+                "sort it by item",
+            )
+        monkeypatch.setattr("shapefit.io.tidy_table.MAX_IN_MEMORY", 10**6)
+        same(found, load(path))
+
+    def test_from_a_pipe_they_must_stand_together(self, csv, standard_input, problems):
+        order = [(i, j) for j in range(4) for i in range(40)]
+        standard_input(self.table(csv, order).read_text())
+        (line,) = problems(open_landmarks, [Path("-")])
+        assert line == (
+            "standard input: rows of an item do not stand together; "
+            "sort them by item, or name the file itself"
+        )
+
+    def test_a_wrong_row_far_into_the_file_is_named_by_its_line(self, csv, problems):
+        path = self.table(csv, [(i, j) for i in range(40) for j in range(4)])
+        path.write_text(path.read_text() + "x,a,oops,1,1,s\n")
+        (line,) = problems(open_landmarks, [path])
+        assert line.startswith(f"{path}:162: x is 'oops'; write a finite number")
+
+    def test_info_reads_the_first_and_estimates_the_others(self, csv):
+        path = self.table(csv, [(i, j) for i in range(400) for j in range(4)])
+        with open_landmarks([path], check=False, first=20) as source:
+            assert source.count < 20
+            assert source.estimate == pytest.approx(400, rel=0.25)
