@@ -66,22 +66,22 @@ class Mixture:
 
     def log_density(self, shapes: Floats) -> Floats:
         """log(pi_k N(x_n; mu_k, C_k)) for shapes (n, 3, p): (n, K)."""
-        x = shapes.reshape(len(shapes), -1)
-        found = np.empty((len(x), len(self)))
+        x = np.ascontiguousarray(shapes.reshape(len(shapes), -1).T)
+        density, z = np.empty((x.shape[1], len(self))), np.empty_like(x)
         for k, (mean, covariance) in enumerate(zip(self.means, self.covariances, strict=True)):
             L = np.linalg.cholesky(covariance)
-            z = (x - mean.ravel()) @ np.linalg.inv(L).T
+            whiten = np.linalg.inv(L)
+            np.matmul(whiten, x, out=z)
+            z -= (whiten @ mean.ravel())[:, None]
             log_size = np.log(np.diag(L)).sum() + 0.5 * len(L) * np.log(2 * np.pi)
-            found[:, k] = np.log(self.weights[k]) - 0.5 * np.einsum("nd,nd->n", z, z) - log_size
-        return found
+            np.square(z, out=z)
+            density[:, k] = np.log(self.weights[k]) - 0.5 * z.sum(axis=0) - log_size
+        return density
 
 
 def widen(mixture: Mixture, factor: float) -> Mixture:
     """Return the mixture with covariances times a factor."""
     return Mixture(mixture.weights, mixture.means, factor * mixture.covariances)
-
-
-LEAST_SHARE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -153,23 +153,20 @@ def maximise(X: Floats, share: Floats, G: Floats, kappa: float, floor: float) ->
     """Return the best mixture for responsibilities (n, K) of the components for shapes X (n, d)."""
     count = np.maximum(share.sum(axis=0), 1e-300)
     means = (share.T @ X) / count[:, None]
-    eye = np.eye(X.shape[1])
-    covariances = np.stack(
-        [
-            (_scatter(X, share[:, k], means[k]) + count[k] * floor * eye + kappa * G)
-            / (count[k] + kappa)
-            for k in range(len(count))
-        ]
-    )
-    return Mixture(count / count.sum(), means.reshape(len(count), 3, -1), covariances)
+    prior = floor * np.eye(X.shape[1])
+    covariances = [
+        (_scatter(X, w, mean) + total * prior + kappa * G) / (total + kappa)
+        for w, mean, total in zip(share.T, means, count, strict=True)
+    ]
+    return Mixture(count / count.sum(), means.reshape(len(count), 3, -1), np.stack(covariances))
 
 
 def expected_log_density(X: Floats, mixture: Mixture, floor: float) -> Floats:
     """log pi_k + E log N(x_n + e; mu_k, C_k) for X (n, d): (n, K)."""
     density = mixture.log_density(X.reshape(len(X), 3, -1))
     traces = np.linalg.inv(mixture.covariances).trace(axis1=1, axis2=2)
-    found: Floats = density - 0.5 * floor * traces
-    return found
+    expected: Floats = density - 0.5 * floor * traces
+    return expected
 
 
 def log_prior(mixture: Mixture, G: Floats, kappa: float) -> float:
@@ -205,8 +202,6 @@ def kmeans(X: Floats, k: int, w: Floats) -> NDArray[np.intp]:
 
 def _scatter(X: Floats, w: Floats, mean: Floats) -> Floats:
     """sum_n w_n (x_n - mean) (x_n - mean)^T."""
-    some = np.flatnonzero(w > LEAST_SHARE)
-    apart = X[some] - mean
-    apart *= np.sqrt(w[some])[:, None]
-    scatter: Floats = apart.T @ apart
+    weighted = np.sqrt(w)[:, None] * X
+    scatter: Floats = weighted.T @ weighted - w.sum() * np.outer(mean, mean)
     return scatter

@@ -121,12 +121,17 @@ def test_the_number_believed_decides_where_nothing_else_can():
     assert (p[4:] > 0.9).all()
 
 
-def test_a_stored_table_gives_what_drawing_gives_and_takes_the_nearest_scale():
+def test_a_stored_table_gives_what_drawing_gives_and_is_interpolated_between_scales():
     prior = people(15)
     table = draw_table(prior, (1.0, 4.0))
-    assert moments_at(table, 1.2).tolist() == moments_at(draw_table(prior, (1.0,)), 1.0).tolist()
-    assert moments_at(table, 50.0).tolist() == table[table[:, 0] == 4, 1:].tolist()
+    drawn = moments_at(draw_table(prior, (1.0,)), 1.0)
+    assert moments_at(table, 1.0) == pytest.approx(drawn)
+    assert moments_at(table, 0.1) == pytest.approx(drawn)
+    assert moments_at(table, 50.0) == pytest.approx(table[table[:, 0] == 4, 1:])
     assert table[: len(table) // 2, 1].tolist() == [4, 6, 9, 15]
+    between = moments_at(draw_table(prior, (2.0,)), 2.0)
+    assert moments_at(table, 2.0)[:, 1] == pytest.approx(between[:, 1], abs=0.25)
+    assert moments_at(table, 2.0)[:, 2] == pytest.approx(between[:, 2], rel=0.2)
 
 
 def test_no_more_landmarks_are_drawn_than_the_table_counts():
