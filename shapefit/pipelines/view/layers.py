@@ -52,12 +52,12 @@ def make_layers(
     meshes: list[MeshSet] = []
     for content in results:
         layer = _result_layer(content, seen, truth)
+        solid: Layer | None = layer
         if dictionary is not None and dictionary.mesh_vertices is not None:
-            if _can_carry(content, dictionary):
-                layer = _with_mesh_of_atoms(layer, content, dictionary, meshes)
-            else:
-                notes.append(f"{content.name} has no mesh: it mixes no atoms of this dictionary.")
-        layers.append(layer)
+            solid = _with_mesh_of_atoms(layer, content, dictionary, meshes)
+        if solid is None:
+            notes.append(f"{content.name} has no mesh: it mixes no atoms of this dictionary.")
+        layers.append(solid or layer)
     for content in others:
         role: Literal["truth", "shapes"] = "truth" if content is truth else "shapes"
         angles = () if content is truth else tuple(_angles(content))
@@ -67,21 +67,21 @@ def make_layers(
         return layers, meshes, contents[0].records.unit
     guide = next(filter(has_camera, results), results[0])
     in_camera, in_metres = _space(guide)
-    same = [_space(content) == _space(guide) for content in results]
-    same += [False] * len(others)
-    target = first_known([each.points for each, fits in zip(layers, same, strict=True) if fits])
-    layers = [
-        layer if fits else _aligned(layer, target) for layer, fits in zip(layers, same, strict=True)
-    ]
-    names = [layer.name for layer, fits in zip(layers, same, strict=True) if not fits]
-    empty = [layer.name for layer in layers if not np.isfinite(layer.points).any()]
-    if strange := [name for name in names if name in empty]:
+    there = [_space(content) == _space(guide) for content in results] + [False] * len(others)
+    target = first_known([each.points for each, stays in zip(layers, there, strict=True) if stays])
+    shown, moved, strange = [], [], []
+    for layer, stays in zip(layers, there, strict=True):
+        placed = layer if stays else _aligned(layer, target)
+        fits = stays or np.isfinite(placed.points).any()
+        shown += [placed] if fits else []
+        moved += [layer.name] if fits and not stays else []
+        strange += [] if fits else [layer.name]
+    if strange:
         few = "has fewer than 3 landmarks of the same names"
         notes.append(f"Not shown, as {guide.name} {few}: {', '.join(strange)}.")
-        layers = [layer for layer in layers if layer.name not in strange]
-    if moved := [name for name in names if name not in strange]:
+    if moved:
         notes.append(f"Note: {', '.join(moved)} aligned to {guide.name} for display.")
-    return layers, meshes, "m" if in_metres else "" if in_camera else guide.records.unit
+    return shown, meshes, "m" if in_metres else "" if in_camera else guide.records.unit
 
 
 def joined(shapes: Sequence[Content]) -> list[Content]:
@@ -215,26 +215,22 @@ def in_usual_units(layers: Sequence[Layer]) -> tuple[list[Layer], tuple[str, flo
     return usual, (unit, many)
 
 
-def _can_carry(content: Content, dictionary: Dictionary) -> bool:
-    """Whether a result mixes the atoms of this dictionary by one rotation."""
-    columns, method = (
-        content.records.per_item,
-        METHODS.get(str(content.records.attributes.get("method"))),
-    )
-    mixes = method is None or method.mixes_atoms or has_camera(content)
-    return mixes and {*POSE} <= columns.keys() and columns["coefficients"].shape[1] == dictionary.k
-
-
 def _with_mesh_of_atoms(
     layer: Layer, content: Content, dictionary: Dictionary, meshes: list[MeshSet]
-) -> Layer:
-    """Return a result's layer with the meshes of the atoms, mixed by its coefficients."""
+) -> Layer | None:
+    """Return a result's layer with the meshes of the atoms, mixed by its coefficients.
+
+    None where the result does not mix the atoms of this dictionary by one rotation.
+    """
+    c = content.per_frame("coefficients")
+    method = METHODS.get(str(content.records.attributes.get("method")))
+    mixes = method is None or method.mixes_atoms or has_camera(content)
+    if not mixes or c is None or c.shape[1] != dictionary.k or layer.pose is None:
+        return None
     if not meshes:
         assert dictionary.mesh_vertices is not None
         assert dictionary.mesh_faces is not None
         meshes.append(MeshSet(dictionary.mesh_vertices, dictionary.mesh_faces))
-    assert layer.pose is not None
-    c = content.per_frame("coefficients")
     whole = np.isfinite(c.sum(axis=1) + layer.pose.sum(axis=1))
     return replace(layer, blend=Blend.of(0, np.where(whole[:, None], c, 0.0)))
 

@@ -37,8 +37,8 @@ def assemble(config: ViewConfig, inputs: Inputs) -> Scene:
     landmarks, notes = inputs.landmarks, [*inputs.notes]
     if frames.step > 1:
         notes.append(
-            f"Every {_ordinal(frames.step)} frame is shown: with all of them the page would be "
-            f"larger than {MEGABYTES} MB. `items` chooses others."
+            f"One of {frames.step} frames is shown: with all of them the page would be larger than "
+            f"{MEGABYTES} MB. `items` chooses others."
         )
     results = [content for content in contents if content.kind == "result"]
     landmark_sets = [content for content in contents if content.kind == "landmarks"]
@@ -195,8 +195,3 @@ def _image_size(contents: Sequence[Content]) -> list[float] | None:
 def _shown(unit: str) -> str:
     """Return a unit as the page has it: nothing for one that is not known."""
     return "" if unit == UNKNOWN_UNIT else unit
-
-
-def _ordinal(number: int) -> str:
-    ending = {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
-    return f"{number}{'th' if number % 100 in (11, 12, 13) else ending}"
