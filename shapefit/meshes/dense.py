@@ -39,32 +39,9 @@ def object_frame(atoms: Floats, coefficients: Floats) -> Floats:
     """sum_i c_i B_i in normalised units; atoms (k, 3, q), coefficients (n, k) -> (n, 3, q).
 
     The frame is that of the dictionary. `atoms` may be the mesh vertices of the atoms or, to have
-    the landmarks in the same frame, the atoms themselves; so it is for all functions below.
+    the landmarks in the same frame, the atoms themselves.
     """
     return np.tensordot(coefficients, atoms, axes=1)
-
-
-def camera_frame(
-    atoms: Floats, coefficients: Floats, rotation: Floats, scale: Floats, translation: Floats
-) -> Floats:
-    """s R sum_i c_i B_i + T: one rotation for all atoms, so the mesh keeps its form.
-
-    atoms (k, 3, q), coefficients (n, k), rotation (n, 3, 3), scale (n,), translation (n, 2), as a
-    result holds them -> (n, 3, q) in the unit of the landmarks, depth 0 at their centroid.
-    A translation (n, 3) sets the depth too.
-    """
-    return _place(rotation @ object_frame(atoms, coefficients), scale, translation)
-
-
-def around_centroid(points: Floats, scale: Floats, translation: Floats) -> Floats:
-    """(X - T) / s: what `camera_frame` placed, back in normalised units around the centroid.
-
-    points X (n, 3, q) in the frame and unit of the landmarks, scale s (n,), translation T (n, 2),
-    as a result holds them -> (n, 3, q).
-    """
-    centred = points.copy()
-    centred[:, :2] -= translation[:, :, None]
-    return centred / scale[:, None, None]
 
 
 def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Floats:
@@ -74,8 +51,7 @@ def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Flo
     average: an image does not determine whether a car is small or far away.
     atoms (k, 3, p), the landmarks; coefficients (n, k); atom_scale s (k,): atom i measures s_i B_i
     in the unit wanted (for exemplars the scale that normalised the model) -> (n,), nan where all
-    coefficients are 0. As `scale` of the functions above, with translation 0, it gives shapes in
-    that unit around the centroid of their landmarks.
+    coefficients are 0.
     """
     size = np.linalg.norm(atoms, axis=(1, 2))
     share = coefficients * size
@@ -83,9 +59,3 @@ def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Flo
     total = share.sum(axis=1) * length
     unknown = np.full_like(total, np.nan)
     return np.divide(share @ (atom_scale * size), total, out=unknown, where=total > 0)
-
-
-def _place(shapes: Floats, scale: Floats, translation: Floats) -> Floats:
-    placed: Floats = scale[:, None, None] * shapes
-    placed[:, : translation.shape[1]] += translation[:, :, None]
-    return placed

@@ -31,31 +31,40 @@ class MeshWriter:
     """Writes the mesh of each image of a result that has a shape."""
 
     def __init__(self, dictionary: Dictionary, to: MeshFormat, files: StagedFiles) -> None:
-        """Take what `check_dictionary` and `check_folder` let through."""
+        """Take what `check_dictionary` and `check_mesh_folder` let through."""
         self._dictionary, self._format, self._files = dictionary, to, files
-        self._written = self._missing = self._too_large = 0
+        self._count = self._missing = self._too_large = 0
 
     def add(self, result: ResultSet) -> None:
-        """Write the files of some images."""
-        fitted = has_shape(result)
-        self._missing += int(np.count_nonzero(~fitted))
-        rows = np.flatnonzero(fitted)
+        """Write the files of some images, from mesh vertices (n, 3, q) or landmarks (n, 3, p)."""
+        rows = np.flatnonzero(has_shape(result))
+        self._missing += len(result) - len(rows)
         for start in range(0, len(rows), BATCH):
             images = result.take(rows[start : start + BATCH])
-            for item, points in zip(
-                images.items, in_object_frame(images, self._dictionary), strict=True
-            ):
-                self._write(item, points)
+            placed = in_object_frame(images, self._dictionary)
+            for item, points in zip(images.items, placed, strict=True):
+                if self._format != "obj" and np.abs(points).max() > LARGEST:
+                    self._too_large += 1
+                    continue
+                vertices, faces = points, self._dictionary.mesh_faces
+                if faces is None:
+                    assert self._dictionary.edges is not None
+                    vertices, faces = tubes(points, self._dictionary.edges)
+                content = mesh_file(vertices, faces, self._format)
+                stem = file_stem(item)
+                name = stem.with_name(f"{stem.name}.{self._format}")
+                self._files.write(name, partial(Path.write_bytes, data=content), item)
+                self._count += 1
 
     @property
     def written(self) -> tuple[Path, ...]:
         """The folder, if there is a file in it."""
-        return (self._files.folder,) if self._written else ()
+        return (self._files.folder,) if self._count else ()
 
     @property
     def note(self) -> str:
         """How many images have files."""
-        return f"{self._written} mesh{'' if self._written == 1 else 'es'}"
+        return f"{self._count} mesh{'' if self._count == 1 else 'es'}"
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -66,21 +75,6 @@ class MeshWriter:
             *((f"{missing}; they have no mesh",) if self._missing else ()),
             *((f"{large}; they have no mesh: write OBJ",) if self._too_large else ()),
         )
-
-    def _write(self, item: str, points: Floats) -> None:
-        """Write the file of one image, from its mesh vertices (3, q) or landmarks (3, p)."""
-        if self._format != "obj" and np.abs(points).max() > LARGEST:
-            self._too_large += 1
-            return
-        vertices, faces = points, self._dictionary.mesh_faces
-        if faces is None:
-            assert self._dictionary.edges is not None
-            vertices, faces = tubes(points, self._dictionary.edges)
-        content = mesh_file(vertices, faces, self._format)
-        stem = file_stem(item)
-        name = stem.with_name(f"{stem.name}.{self._format}")
-        self._files.write(name, partial(Path.write_bytes, data=content), item)
-        self._written += 1
 
 
 @contextmanager

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from enum import IntEnum
 from itertools import chain
 
 import numpy as np
@@ -40,13 +39,8 @@ LEAST_VISIBLE = 3
 """Landmarks of an image that are never hidden."""
 
 
-class Purpose(IntEnum):
-    """What a stream of random numbers is for; the values are part of what a seed means."""
-
-    VIEW = 0
-    NOISE = 1
-    HIDDEN = 2
-
+VIEW, NOISE, HIDDEN = 0, 1, 2
+"""Purposes of random numbers; the values are part of what a seed means."""
 
 TRUE_ROTATION = "true_rotation"
 OF_THE_VIEW = (TRUE_ROTATION, CORRUPTED)
@@ -75,8 +69,7 @@ def run(config: ProjectConfig) -> Iterator[Outcome]:
         turns = turns_of(names if len(names) else np.array([""] * source.count))
         for batch, part in enumerate(source.batches(BATCH)):
             first = batch * BATCH
-            rotations = _rotations(config, turns[first : first + len(part)], batch)
-            writer.append(_images(part, rotations, config, batch))
+            writer.append(_images(part, turns[first : first + len(part)], config, batch))
             yield Outcome(done=len(part), total=source.count)
         writer.attributes.update(
             version=__version__,
@@ -97,24 +90,22 @@ def turns_of(sequences: NDArray[np.str_]) -> Floats:
     return turns
 
 
-def _rotations(config: ProjectConfig, turns: Floats, batch: int) -> Floats:
-    """Rotations from object to camera frame (n, 3, 3) for the n images of a batch."""
-    camera = config.camera
+def _images(shapes: ShapeSet, turns: Floats, config: ProjectConfig, batch: int) -> LandmarkSet:
+    """Return a batch of n images of shapes that have made these turns (n,)."""
+    n, camera = len(shapes), config.camera
     if camera.view == "turntable":
         rotations = cameras.turntable(turns, "y")
-        return rotations if config.y_axis == "up" else TURN @ rotations
-    if camera.view == "random":
-        return random_rotations(BATCH, stream(config.seed, Purpose.VIEW, batch))[: len(turns)]
-    return np.broadcast_to(np.array(camera.view, dtype=np.float64), (len(turns), 3, 3))
-
-
-def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, batch: int) -> LandmarkSet:
-    scale = config.camera.scale
-    landmarks = cameras.project(shapes.shapes, rotations, 1.0 if scale is None else scale)
+        rotations = rotations if config.y_axis == "up" else TURN @ rotations
+    elif camera.view == "random":
+        rotations = random_rotations(BATCH, stream(config.seed, VIEW, batch))[:n]
+    else:
+        rotations = np.broadcast_to(np.array(camera.view, dtype=np.float64), (n, 3, 3))
+    scale = 1.0 if camera.scale is None else camera.scale
+    landmarks = cameras.project(shapes.shapes, rotations, scale)
     if config.noise > 0:
-        landmarks = add_noise(landmarks, config.noise, stream(config.seed, Purpose.NOISE, batch))
+        landmarks = add_noise(landmarks, config.noise, stream(config.seed, NOISE, batch))
     if config.hidden > 0:
-        landmarks = hide(landmarks, config.hidden, stream(config.seed, Purpose.HIDDEN, batch))
+        landmarks = hide(landmarks, config.hidden, stream(config.seed, HIDDEN, batch))
     names = free_names(shapes.further, OF_THE_VIEW)
     per_item = {names[name]: v for name, v in shapes.per_item.items() if name in names}
     return LandmarkSet(
@@ -122,7 +113,7 @@ def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, batch: i
         landmark_names=shapes.landmark_names,
         items=shapes.items,
         sequences=shapes.sequences,
-        unit=shapes.unit if scale is None else PIXELS,
+        unit=shapes.unit if camera.scale is None else PIXELS,
         y_axis=config.y_axis,
         frame_rate=shapes.frame_rate,
         columns={**per_item, TRUE_ROTATION: rotations},
@@ -130,7 +121,7 @@ def _images(shapes: ShapeSet, rotations: Floats, config: ProjectConfig, batch: i
     )
 
 
-def stream(seed: int, purpose: Purpose, batch: int) -> np.random.Generator:
+def stream(seed: int, purpose: int, batch: int) -> np.random.Generator:
     """Return the random numbers of one purpose for images batch * BATCH, ... of the set."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(purpose, batch)))
 
@@ -148,17 +139,7 @@ def hide(landmarks: Floats, share: float, rng: np.random.Generator) -> Floats:
     holds on average; at least LEAST_VISIBLE landmarks stay.
     """
     n, _, p = landmarks.shape
-    hidden = _choose(np.ones((n, p), bool), share, p - LEAST_VISIBLE, rng)
+    rounding, keys = rng.random(BATCH)[:n], rng.random((BATCH, p))[:n]
+    number = np.floor(share * p + rounding).clip(0, max(p - LEAST_VISIBLE, 0))
+    hidden = keys.argsort(axis=1).argsort(axis=1) < number[:, None]
     return np.where(hidden[:, None], np.nan, landmarks)
-
-
-def _choose(
-    candidates: NDArray[np.bool_], share: float, most: int, rng: np.random.Generator
-) -> NDArray[np.bool_]:
-    """Choose share * count of the candidates (n, p) of each image at random, `most` at most."""
-    n, p = candidates.shape
-    rounding = rng.random(BATCH)[:n]
-    keys = np.where(candidates, rng.random((BATCH, p))[:n], np.inf)
-    number = np.floor(share * candidates.sum(axis=1) + rounding).clip(0, max(most, 0))
-    rank = keys.argsort(axis=1).argsort(axis=1)
-    return rank < number[:, None]

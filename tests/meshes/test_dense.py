@@ -6,8 +6,6 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
 from shapefit.geometry.rotations import random_rotations
 from shapefit.meshes.dense import (
-    around_centroid,
-    camera_frame,
     carry_mesh,
     mesh_of_atoms,
     metric_scale,
@@ -73,32 +71,12 @@ def test_learned_atoms_of_real_cars_have_meshes(cars):
     assert error < 0.7 * floor
 
 
-def test_camera_frame_is_the_formula(rng):
-    B, c = rng.normal(size=(4, 3, 6)), rng.uniform(size=(2, 4))
-    R, s, T = random_rotations(2, rng), np.array([3.0, 0.5]), np.array([[10.0, 20], [-1, 4]])
-    found = camera_frame(B, c, R, s, T)
-    for j in range(2):
-        expected = s[j] * R[j] @ sum(c[j, i] * B[i] for i in range(4))
-        expected += np.array([*T[j], 0])[:, None]
-        np.testing.assert_allclose(found[j], expected, atol=1e-12)
-
-
-def test_what_was_placed_comes_back_around_its_centroid(rng):
-    B, c, R = rng.normal(size=(4, 3, 6)), rng.uniform(size=(2, 4)), random_rotations(2, rng)
-    s, T = np.array([3.0, 0.5]), rng.normal(size=(2, 2))
-    placed = camera_frame(B, c, R, s, T)
-    before = placed.copy()
-    np.testing.assert_allclose(around_centroid(placed, s, T), R @ object_frame(B, c), atol=1e-12)
-    np.testing.assert_array_equal(placed, before)
-
-
 def test_a_fit_by_one_atom_has_the_metric_size_of_its_model(rng):
     models = np.array([1.0, 3.0, 0.2])[:, None, None] * rng.normal(size=(3, 3, 8)) + 5
     normalised, alignment = normalised_models(models)
     c = np.array([[0.0, 0.7, 0.0], [0.3, 0.0, 0.0]])
     factor = metric_scale(alignment.shapes, c, normalised.scale)
-    R, T = random_rotations(2, rng), np.zeros((2, 2))
-    metric = camera_frame(alignment.shapes, c, R, factor, T)
+    metric = factor[:, None, None] * object_frame(alignment.shapes, c)
     for shape, model in zip(metric, models[[1, 0]], strict=True):
         centred = model - model.mean(axis=1, keepdims=True)
         assert np.linalg.norm(shape) == pytest.approx(np.linalg.norm(centred))
