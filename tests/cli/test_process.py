@@ -1,0 +1,293 @@
+"""The installed command as a process: pipes, signals, terminals, streams, full disks, names."""
+
+import os
+import pty
+import shutil
+import signal
+import subprocess
+import sys
+import termios
+import textwrap
+from pathlib import Path
+
+import pytest
+
+COMMAND = Path(sys.executable).with_name("shapefit")
+
+DRIVER = """
+import sys, time
+from types import ModuleType
+from shapefit.pipelines.outcome import Outcome
+from shapefit.cli import main
+
+def run(config):
+{body}
+
+module = ModuleType("shapefit.pipelines.fit.run")
+module.run = run
+sys.modules[module.__name__] = module
+main.main()
+"""
+
+
+def driver(folder: Path, body: str) -> list[str]:
+    """Return a command line that is `shapefit fit` with the given body of its pipeline."""
+    script = folder / "driver.py"
+    script.write_text(DRIVER.format(body=textwrap.indent(textwrap.dedent(body), "    ")))
+    return [sys.executable, str(script), "fit", "-c", "fit.yaml"]
+
+
+@pytest.mark.parametrize("lines", [1, 100_000], ids=["at the last flush", "while writing"])
+def test_a_reader_that_stops_reading_is_not_an_internal_error(folder, lines):
+    body = f"""
+    sys.stdin.readline()
+    for number in range({lines}):
+        print(number)
+    yield Outcome(done=1)
+    """
+    buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    process = subprocess.Popen(
+        driver(folder, body),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env=buffered,
+    )
+    process.stdout.close()
+    process.stdin.write(b"go\n")
+    process.stdin.close()
+    told = process.stderr.read()
+    process.stderr.close()
+    assert b"rror" not in told
+    assert process.wait() == 128 + signal.SIGPIPE
+
+
+@pytest.mark.parametrize(
+    ("number", "told"),
+    [
+        (signal.SIGINT, "Interrupted"),
+        (signal.SIGTERM, "Ended by SIGTERM"),
+        (signal.SIGHUP, "Ended by SIGHUP"),
+    ],
+)
+@pytest.mark.parametrize("becomes", ["itself", "an ImportError"])
+def test_a_signal_unwinds_the_pipeline(folder, number, told, becomes):
+    body = f"""
+    try:
+        print("ready", flush=True)
+        time.sleep(60)
+        yield Outcome(done=1)
+    except BaseException as error:
+        if {becomes == "an ImportError"}:
+            raise ImportError("numpy could not be imported") from error
+        raise
+    finally:
+        print("unwound", flush=True)
+    """
+    process = subprocess.Popen(
+        driver(folder, body),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # where the tests run in the background, SIGINT is ignored, and by their children too
+        preexec_fn=lambda: signal.signal(number, signal.SIG_DFL),
+    )
+    assert process.stdout.readline() == "ready\n"
+    process.send_signal(number)
+    assert process.stdout.read() == "unwound\n"
+    process.stdout.close()
+    assert process.stderr.read() == f"{told}; no file is left half written.\n"
+    process.stderr.close()
+    assert process.wait() == 128 + number
+
+
+def test_an_ignored_signal_stays_ignored(folder):
+    body = """
+    import os, signal
+    os.kill(os.getpid(), signal.SIGHUP)
+    yield Outcome(done=1)
+    """
+    done = subprocess.run(
+        driver(folder, body),
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
+        check=False,
+    )
+    assert (done.returncode, "Result  1 image, " in done.stderr) == (0, True)
+
+
+BAR_BODY = """
+for done in range(3):
+    time.sleep(0.15)
+    yield Outcome(done=1, total=3, note=f"gap {done}")
+"""
+
+
+def test_a_terminal_gets_a_bar(folder):
+    reader, writer = pty.openpty()
+    termios.tcsetwinsize(writer, (24, 80))
+    process = subprocess.Popen(driver(folder, BAR_BODY), stderr=writer, stdout=subprocess.DEVNULL)
+    os.close(writer)
+    text = b""
+    while True:
+        try:
+            piece = os.read(reader, 4096)
+        except OSError:  # the terminal is gone with the process
+            break
+        if not piece:
+            break
+        text += piece
+    os.close(reader)
+    assert process.wait() == 0
+    assert b"3/3" in text
+    assert b"gap 2" in text
+
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
+FULL = pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
+
+FIT = "fit one_person.csv -d dictionary.h5 -o"
+EVAL = "eval result.h5 --truth people_test.h5 -o report --set plots=false"
+
+
+@pytest.fixture(scope="module")
+def fitted(world, tmp_path_factory):
+    """A folder with landmarks, a dictionary, a result and its truth."""
+    folder = tmp_path_factory.mktemp("streams")
+    for name in ("people_test.h5", "one_person.csv"):
+        shutil.copy(SAMPLES / name, folder)
+    shutil.copy(world.dictionary("people"), folder / "dictionary.h5")
+    shutil.copy(world.fit("people", images=world.views("people")), folder / "result.h5")
+    return folder
+
+
+def shell(command: str, folder: Path, unbuffered: str = "") -> tuple[int, str, str]:
+    """Return the exit code of a command of shapefit, its output, and what it told."""
+    line = f"'{COMMAND}' {command}"
+    done = subprocess.run(
+        ["sh", "-c", line],
+        cwd=folder,
+        env={**os.environ, "PYTHONUNBUFFERED": unbuffered},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+@FULL
+@pytest.mark.parametrize("unbuffered", ["", "1"])
+@pytest.mark.parametrize("command", ["fit --help", f"{FIT} r.csv --print-config", EVAL, f"{FIT} -"])
+def test_a_full_disk_behind_standard_output_is_no_internal_error(fitted, command, unbuffered):
+    code, out, told = shell(f"{command} >/dev/full", fitted, unbuffered)
+    assert (code, out) == (2, "")
+    assert told.startswith("Error: standard output: cannot be written: No space left on device; ")
+    assert told.count("\n") == 1
+
+
+def test_what_has_nothing_to_print_needs_no_standard_output(fitted):
+    code, _, told = shell(f"{FIT} closed.csv >&-", fitted)
+    assert (code, told.count("Wrote   closed.csv")) == (0, 1)
+    assert (fitted / "closed.csv").read_text("utf-8").startswith("item,landmark,x,y,z\n")
+
+
+def test_a_table_that_nobody_wants_is_not_printed(fitted):
+    code, _, told = shell(f"{EVAL} >&-", fitted)
+    assert (code, told.count("Wrote   ")) == (0, 1)
+
+
+def test_data_cannot_go_to_a_closed_standard_output(fitted):
+    code, _, told = shell(f"{FIT} - >&-", fitted)
+    assert code == 2
+    assert told == "Error: standard output: is closed; name a file to write instead\n"
+
+
+def test_data_cannot_come_from_a_closed_standard_input(fitted):
+    code, _, told = shell("fit - -d dictionary.h5 -o r.csv <&-", fitted)
+    assert code == 2
+    assert told == "Error: standard input: is closed; send data there, or name a file\n"
+    assert not (fitted / "r.csv").exists()
+
+
+@pytest.mark.parametrize(
+    "where", ["2>&-", ">&- 2>&-", "<&- >&- 2>&-", pytest.param("2>/dev/full", marks=FULL)]
+)
+@pytest.mark.parametrize(("landmarks", "expected"), [("one_person.csv", 0), ("none.csv", 2)])
+def test_nobody_need_read_what_is_told(fitted, where, landmarks, expected):
+    output = fitted / "unread.csv"
+    output.unlink(missing_ok=True)
+    code, _, told = shell(f"fit {landmarks} -d dictionary.h5 -o unread.csv {where}", fitted)
+    assert (code, told) == (expected, "")
+    assert output.exists() == (expected == 0)
+
+
+def test_wrong_usage_needs_no_reader_either(fitted):
+    assert shell("fit --nonsense 2>&-", fitted)[0] == 2
+
+
+EACH_SIZE = """
+import os, resource, sys
+from pathlib import Path
+import numpy as np
+from shapefit.cli.main import run
+
+target, sizes = Path(sys.argv[1]), int(sys.argv[2])
+
+def write():
+    return run([*sys.argv[3:], "-o", str(target)])
+
+def code(limit):
+    if os.fork() == 0:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+        sys.exit(write())
+    return os.waitstatus_to_exitcode(os.wait()[1])
+
+assert write() == 0  # and what the children need is imported
+whole = target.stat().st_size
+for limit in np.linspace(0, whole - 1, sizes).astype(int).tolist():
+    target.write_text("old")
+    kept = lambda: target.read_text() == "old" and os.listdir(target.parent) == [target.name]
+    print(code(limit), kept())
+"""
+
+
+def test_many_sizes_of_the_disk(tmp_path, project):
+    """A dictionary with meshes."""
+    cars = project / "sample_data/cars.h5"
+    learn = ["learn-dict", "--set", "method=exemplars", cars]
+    command = [sys.executable, "-c", EACH_SIZE, tmp_path / "dict.h5", "30", *learn]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert done.stdout.splitlines() == 30 * ["2 True"], done.stderr
+    assert done.stderr.count("free some space") == 30
+
+
+@pytest.mark.slow
+def test_every_command_works_in_a_folder_that_is_not_utf8(tmp_path, project):
+    folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9"))
+    folder.mkdir()
+    for name in ("people_test.h5", "people_frames.csv"):
+        shutil.copy(project / "sample_data" / name, folder)
+    shutil.copy(folder / "people_test.h5", folder / os.fsdecode(b"caf\xe9.h5"))
+    commands = (
+        ["learn-dict", "people_frames.csv", "-o", "d.h5", "--set", "k=3", "--set", "iterations=1"],
+        ["project", os.fsdecode(b"caf\xe9.h5"), "-o", os.fsdecode(b"views\xe9.h5")],
+        ["fit", os.fsdecode(b"views\xe9.h5"), "-d", "d.h5", "-o", os.fsdecode(b"r\xe9.h5")],
+        ["fit", "views*.h5", "-d", "d.h5", "-o", "r.h5", "--print-config"],
+        ["eval", os.fsdecode(b"r\xe9.h5"), "--truth", "people_test.h5", "-o", "report"],
+    )
+    for command in commands:
+        done = subprocess.run([COMMAND, *command], cwd=folder, capture_output=True, check=False)
+        assert (done.returncode, b"Error" in done.stderr) == (0, False), done.stderr
+
+
+def test_a_name_that_the_locale_does_not_have_is_refused(tmp_path, project):
+    views = project / "sample_data/one_person.csv"
+    locale = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    command = [sys.executable, "-m", "shapefit", "fit", str(views), "-o", "\u00f6.h5", "-q"]
+    done = subprocess.run(
+        command, cwd=tmp_path, env=os.environ | locale, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2, done.stderr
+    assert "is no name of a file in this locale; set LC_ALL=C.UTF-8" in done.stderr
+    assert not list(tmp_path.iterdir())
