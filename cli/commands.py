@@ -7,6 +7,7 @@ import json
 import os
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -137,9 +138,10 @@ frame (docs/formats.md). Globs work, - is stdin (CSV).""",
 --camera NAME  Camera of the calibration that took the images.
 --lambda LAMBDA  Weight of the norms, or auto.
 --noise NUMBER  Standard deviation of a landmark in pixels.
---workers N  Fit the parts with N processes.
+--partition COUNT  Images of a part of a folder (default: 100,000).
+--workers COUNT  Fit the parts with this many processes.
 --scheduler ADDRESS  Fit the parts on a running Dask cluster.
---scheduler-file FILE  The same, by the file of the scheduler.
+--scheduler-file SCHEDULER.json  The same, by the file of the scheduler.
 --dry-run  Only list the parts.
 --replace  Replace other results in the folder.
 --fail-untrusted SHARE  Exit with 1 if more than this share of the images is not trusted.""",
@@ -254,7 +256,8 @@ KEYS = {
 }
 """Options that are called otherwise than their key."""
 
-NO_KEYS = ("open", "fail_untrusted")
+OF_PARTS = ("partition", "workers", "scheduler", "scheduler_file", "dry_run", "replace")
+NO_KEYS = ("open", "fail_untrusted", *OF_PARTS)
 """Options that are not keys of the config."""
 
 
@@ -314,6 +317,8 @@ TYPES: dict[str, Any] = {
     **dict.fromkeys(("FOCAL", "LAMBDA"), number_or_word),
     **{kind: Named(kind) for kind in ("CONFIG", "DICT", "METHOD", "SKELETON")},
     "N": int,
+    "COUNT": click.IntRange(min=1),
+    "SCHEDULER.json": click.Path(exists=True, dir_okay=False, resolve_path=True, path_type=Path),
     "SHARE": click.FloatRange(0, 1),
     "WxH": size,
 }
@@ -350,7 +355,7 @@ def make_options(lines: str, **settings: Any) -> dict[str, click.Option]:
 def make_command(spec: Spec) -> click.Command:
     """Return the click command of a row of the table."""
     inputs, metavar = spec.inputs
-    number = {"nargs": -1 if "..." in metavar else 1, "required": False, "metavar": metavar}
+    several = "..." in metavar
     common = make_options(OF_CONFIG.format(name=spec.name) * spec.has_config + OF_REPORT)
     common["quiet"].is_eager = True
     common["verbose"].callback = _not_both
@@ -359,7 +364,13 @@ def make_command(spec: Spec) -> click.Command:
     return click.Command(
         spec.name,
         callback=partial(run_command, spec),
-        params=[click.Argument([f"option_{inputs}"], **number), *keys.values(), *common.values()],
+        params=[
+            click.Argument(
+                [f"option_{inputs}"], nargs=-1 if several else 1, required=False, metavar=metavar
+            ),
+            *keys.values(),
+            *common.values(),
+        ],
         short_help=spec.text.partition("\n")[0],
         help=spec.text,
         epilog=_examples(spec.examples),
@@ -401,7 +412,7 @@ def run_command(spec: Spec, **options: Any) -> int:
         config = load_config(
             spec.name,
             Path(file) if file else None,
-            overrides,
+            overrides or (),
             arguments,
             name=partial(_name_of, spec),
             stand_ins=dict.fromkeys((*spec.required, "output")) if print_config else None,
@@ -409,6 +420,7 @@ def run_command(spec: Spec, **options: Any) -> int:
         if print_config:
             click.echo(dump_config(config), nl=False)
             return 0
+        config = with_parts(config, {name: given.get(name) for name in OF_PARTS})
     else:
         config = SimpleNamespace(**arguments)
     output = getattr(config, "output", None)
@@ -448,6 +460,21 @@ def check_required(spec: Spec, arguments: Mapping[str, Any], overrides: Sequence
         if not arguments[key] and key not in set_keys:
             example = f"For example: {spec.examples.splitlines()[1]}"
             raise click.MissingParameter(example, context, parameters[f"option_{key}"])
+
+
+def with_parts(config: Any, options: Mapping[str, Any]) -> Any:
+    """Return the config with options of a folder of results, where any is given.
+
+    Raises click.UsageError where the output is no folder, and for ways that exclude each other.
+    """
+    how = {name: value for name, value in options.items() if value is not None}
+    if len(how.keys() & {"workers", "scheduler", "scheduler_file"}) > 1:
+        fault = "--workers, --scheduler and --scheduler-file exclude each other"
+        raise click.UsageError(f"{fault}; give one of them")
+    if how and not hasattr(config.output, "manifest"):
+        flag = "--" + min(how).replace("_", "-")
+        raise click.UsageError(f"{flag} needs a folder as output, for example -o results/")
+    return config.changed(output=replace(config.output, **how)) if how else config
 
 
 def _name_of(spec: Spec, key: str) -> str:

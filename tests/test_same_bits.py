@@ -1,5 +1,6 @@
 """One answer in every way, to the last bit: threads, parts, formats, Python."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -8,6 +9,7 @@ import pytest
 
 import shapefit
 from shapefit.config import FitConfig
+from shapefit.config.paths import ResultFolder
 from shapefit.io import open_landmarks
 from shapefit.pipelines.fit.run import run as fit
 from shapefit.pipelines.partition.run import run as fit_parts
@@ -35,8 +37,8 @@ WAYS = {
     "one thread": {"threads": 1},
     "CSV": {"landmarks": "views.csv"},
     "two files": {"landmarks": ["a.h5", "b.h5"]},
-    "parts": {"output": "parts/", "partition": 64, "replace": True},
-    "workers": {"output": "workers/", "partition": 64, "workers": 2, "replace": True},
+    "parts": {"output": ResultFolder(Path("parts"), 64, replace=True)},
+    "workers": {"output": ResultFolder(Path("workers"), 64, 2, replace=True)},
     "Python": {},
 }
 """Way -> the keys of `fit` that differ."""
@@ -76,15 +78,16 @@ def keys_of(case: str) -> dict:
 
 def run(world, folder: Path, case: str, **way) -> list[Path]:
     """Fit by a method; return the results, one or several."""
-    named = {"landmarks": "views.h5", "output": "other.h5", **way}
+    named = {"landmarks": "views.h5", "output": Path("other.h5"), **way}
     given = named["landmarks"]
     given = [str(folder / name) for name in ([given] if isinstance(given, str) else given)]
-    output = f"{folder / named['output']}{'/' if named['output'].endswith('/') else ''}"
+    output, parts = named["output"], isinstance(named["output"], ResultFolder)
+    made = folder / (output.path if parts else output)
+    output = replace(output, path=made) if parts else made
     files = {"landmarks": given, "dictionary": str(world.dictionary(METHODS[case][0]))}
     config = FitConfig(**{**keys_of(case), **named, **files, "output": output})
-    runner = fit_parts if named["output"].endswith("/") else fit
+    runner = fit_parts if parts else fit
     assert not [failure for outcome in runner(config) for failure in outcome.failures]
-    made = folder / named["output"]
     return sorted(made.glob("*.h5")) if made.is_dir() else [made]
 
 

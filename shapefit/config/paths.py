@@ -35,9 +35,22 @@ DICTIONARIES = PACKAGE / "data"
 
 @dataclass(frozen=True)
 class ResultFolder:
-    """A folder as output: one result file per part, and the manifest of them."""
+    """A folder as output: one result file per part, the manifest of them, and how parts are done.
+
+    partition      images per part
+    workers        processes of this machine that do the parts
+    scheduler      address of a running Dask scheduler, or scheduler_file, where it left its address
+    dry_run        only list the parts
+    replace        replace other results in the folder
+    """
 
     path: Path
+    partition: int = 100_000
+    workers: int | None = None
+    scheduler: str | None = None
+    scheduler_file: Path | None = None
+    dry_run: bool = False
+    replace: bool = False
 
     @property
     def manifest(self) -> Path:

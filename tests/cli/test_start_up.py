@@ -116,7 +116,7 @@ def test_a_fit_without_a_home_writes_its_output_alone(project, tmp_path):
     done = subprocess.run(
         [sys.executable, "-c", WRITES, "fit", views, "-d", "people", "-o", out / "result.h5"],
         capture_output=True, text=True, check=True, timeout=120,
-        env=os.environ | {"HOME": "/nonexistent", "XDG_CACHE_HOME": "/nonexistent", "TMPDIR": str(out)},
+        env={**os.environ, **dict.fromkeys(("HOME", "XDG_CACHE_HOME"), "/no"), "TMPDIR": str(out)},
     )  # fmt: skip
     told = json.loads(done.stdout.splitlines()[-1])
     assert told["code"] == 0

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from shapefit.config.commands.input import Count, MetresConfig, NotNegative, Positive, Text
+from shapefit.config.commands.input import MetresConfig, NotNegative, Positive, Text
 from shapefit.config.model import HIDDEN, MAX_THREADS, Auto, ConfigModel, FromLists, section
 from shapefit.config.paths import (
     UNNAMED,
@@ -16,7 +16,6 @@ from shapefit.config.paths import (
     OptionalInputPath,
     OptionalPath,
     OutputOrFolder,
-    ResultFolder,
     find_dictionaries,
 )
 from shapefit.geometry.pinhole import CAMERA_MATRIX
@@ -173,18 +172,6 @@ class FitConfig(MetresConfig):
     export: ExportConfig = section(ExportConfig)
     threads: Threads = 0
     """Threads to solve with; 0 is one per core."""
-    partition: Annotated[Count, HIDDEN] = 100_000
-    """Images per part of a folder."""
-    scheduler: Annotated[str | None, HIDDEN] = None
-    """Address of a running Dask scheduler."""
-    scheduler_file: Annotated[OptionalInputPath, HIDDEN] = None
-    """File in which a Dask scheduler left its address."""
-    workers: Annotated[Annotated[int, Field(ge=1, le=MAX_THREADS)] | None, HIDDEN] = None
-    """Processes of this machine that do the parts."""
-    dry_run: Annotated[bool, HIDDEN] = False
-    """Only list the parts."""
-    replace: Annotated[bool, HIDDEN] = False
-    """Replace other results in the folder."""
     signed: Annotated[bool, HIDDEN] = False
     """Coefficients of either sign, for methods that alternate between shape and rotation."""
 
@@ -214,11 +201,6 @@ class FitConfig(MetresConfig):
     def _belong_together(self) -> Self:
         if self.lam == "auto" and self.noise is None:
             raise ValueError("`lambda: auto` needs `noise`; give the noise of a landmark")
-        named = (self.scheduler, self.scheduler_file, self.workers)
-        if sum(each is not None for each in named) > 1:
-            raise ValueError("`scheduler`, `scheduler_file` and `workers` exclude each other")
-        if (any(named) or self.dry_run) and not isinstance(self.output, ResultFolder):
-            raise ValueError("parts need a folder; end the name of the `output` with /")
         if (conflict := find_conflict(self)) is not None:
             raise ValueError(conflict)
         return self

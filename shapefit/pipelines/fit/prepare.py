@@ -46,7 +46,7 @@ OF_PEOPLE: Mapping[str, Mapping[str, float]] = {
 }
 """Keys of `prior` for dictionaries of people, where they are not given."""
 
-NOT_READ = ("output", "scheduler_file")
+NOT_READ = ("output",)
 """Keys of one file that results do not depend on."""
 
 SCALES = ("scale", "residual_variance")

@@ -26,6 +26,7 @@ from typing import Any
 
 from shapefit import __version__
 from shapefit.config import FitConfig
+from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError, input_error
 from shapefit.pipelines.fit.prepare import Estimates
 from shapefit.pipelines.outcome import Outcome
@@ -123,18 +124,18 @@ def end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def do_jobs(jobs: deque[Job], config: FitConfig) -> Generator[Done, None, None]:
-    """Do jobs where the config says; yield each as it ends.
+def do_jobs(jobs: deque[Job], folder: ResultFolder) -> Generator[Done, None, None]:
+    """Do jobs where the folder says; yield each as it ends.
 
     Where a process dies, the parts that were under way are done again, each alone in a new one: the
     part at fault is then known, and reported.
     """
-    scheduler = {"address": config.scheduler, "scheduler_file": config.scheduler_file}
+    scheduler = {"address": folder.scheduler, "scheduler_file": folder.scheduler_file}
     client = {key: str(value) for key, value in scheduler.items() if value is not None}
     while jobs:
         lost: list[Job] = []
         running: dict[Future[Done], Job] = {}
-        with executor(config.workers, client) as (pool, at_once):
+        with executor(folder.workers, client) as (pool, at_once):
             while (jobs or running) and not lost:
                 try:
                     while jobs and len(running) < at_once:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from shapefit.config import FitConfig
+from shapefit.config.paths import ResultFolder
 from shapefit.errors import (
     InputError,
     abbreviate,
@@ -35,10 +36,7 @@ from shapefit.threads import on_threads
 LARGE_TEXT = 1 << 28
 """Bytes of a CSV file from which on it is said that it is one part."""
 
-OF_THE_RUN = (
-    *("landmarks", "output", "dictionary", "data", "threads"),
-    *("scheduler", "scheduler_file", "workers", "dry_run", "replace"),
-)
+OF_THE_RUN = ("landmarks", "output", "dictionary", "data", "threads")
 """Keys that do not change what a part holds."""
 
 Rows = tuple[int, int] | None
@@ -126,7 +124,9 @@ def make_plan(config: FitConfig, manifest: Manifest | None) -> Plan:
     done = {} if manifest is None else manifest.done
     folder = Path() if manifest is None else manifest.path.parent
     parts = find_parts(config, {key_of(entry): number_of(entry) for entry in entries.values()})
+    assert isinstance(config.output, ResultFolder), "the output is a folder"
     plain = {key: value for key, value in config.as_plain().items() if key not in OF_THE_RUN}
+    plain["partition"] = config.output.partition
     text = json.dumps(plain, sort_keys=True).encode()
     inputs = {"config": hashlib.sha256(text).hexdigest()}
     inputs |= {key: digest(path) for key, path in files_of(config).items()}
@@ -194,6 +194,8 @@ def find_parts(config: FitConfig, numbers: Mapping[Key, int] | None = None) -> l
     and between sequences where those are lifted whole. Raises InputError for sequences over two
     files.
     """
+    assert isinstance(config.output, ResultFolder), "the output is a folder"
+    partition = config.output.partition
     whole, options = METHODS[config.method].sequences, read_options(config)
     holders: dict[str, Path] = {}
 
@@ -206,7 +208,7 @@ def find_parts(config: FitConfig, numbers: Mapping[Key, int] | None = None) -> l
                 if whole:
                     starts = list(sequence_starts(source))
                 else:
-                    size, starts = whole_stretches(config.partition), []
+                    size, starts = whole_stretches(partition), []
                     cuts = list(range(0, source.count, size))
                 total = source.count
         except InputError:  # whoever does its part reports it
@@ -216,7 +218,7 @@ def find_parts(config: FitConfig, numbers: Mapping[Key, int] | None = None) -> l
             cuts = [0]
             if file_format is HDF5:
                 for _, row in starts:
-                    cuts += [row] if row - cuts[-1] >= config.partition else []
+                    cuts += [row] if row - cuts[-1] >= partition else []
         ends = [*cuts[1:], total]
         return list(zip(cuts, ends, strict=True)) if len(cuts) > 1 else (None,)
 

@@ -73,10 +73,10 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     config, chosen = choose_method(config, dictionary, lambda: in_sequences(config))
     yield from reading(config.landmarks)
     plan = make_plan(config, manifest)
-    if config.dry_run:
+    if folder.dry_run:
         yield Outcome(note=str(plan), listing=tuple(plan.lines()))
         return
-    if plan.refused and not config.replace:
+    if plan.refused and not folder.replace:
         fix = "name another folder, or add --replace, which removes and redoes what differs"
         raise input_error(folder.path, f"holds results that differ: {plan.refused}", fix)
     if manifest is not None and plan.kept:
@@ -129,7 +129,9 @@ def do_parts(
 ) -> Iterator[Outcome]:
     """Do the parts that are not kept, as they end; then remove what is of no part."""
     folder, total = manifest.path.parent, counted(len(plan.parts), "part")
-    if config.threads == 0 and (config.workers or config.scheduler or config.scheduler_file):
+    out = config.output
+    assert isinstance(out, ResultFolder), "the output is a folder"
+    if config.threads == 0 and (out.workers or out.scheduler or out.scheduler_file):
         config = config.changed(threads=1)
     shared = config.changed(landmarks=(), **estimates.values)  # each part names its own
     silent = replace(estimates, lines=(), warnings=())
@@ -139,7 +141,7 @@ def do_parts(
     for file in plan.removed:
         (folder / file).unlink(missing_ok=True)
     try:
-        with closing(do_jobs(jobs, config)) as ended:
+        with closing(do_jobs(jobs, out)) as ended:
             for done in ended:
                 if done.error:
                     named = any(str(path) in done.error for path in done.part.inputs)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shapefit.config import FitConfig
-from shapefit.config.paths import find_dictionaries
+from shapefit.config.paths import ResultFolder, find_dictionaries
 from shapefit.io import LandmarkSet, read_dictionary
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.pipelines.fit.run import run
@@ -73,7 +73,7 @@ def fit(landmarks, output, dictionary="people", **keys):
     config = {"landmarks": files, "dictionary": str(dictionary), "output": output}
     config |= {"method": "posterior"} | keys
     config = FitConfig(**config)
-    return list((run_parts if str(output).endswith("/") else run)(config))
+    return list((run_parts if isinstance(output, ResultFolder) else run)(config))
 
 
 def shapes_in(path):
@@ -123,7 +123,7 @@ def test_two_recordings_in_one_run_and_in_parts_are_the_same_bits(halves, tmp_pa
     inputs = [halves / "a", halves / "b"]
     keys = {"keypoints": "body_25"}
     fit(inputs, tmp_path / "one.h5", **keys)
-    told = fit(inputs, f"{tmp_path}/parts/", partition=10, **keys)
+    told = fit(inputs, ResultFolder(tmp_path / "parts", 10), **keys)
     assert len(list((tmp_path / "parts").glob("part-*"))) == 2
     np.testing.assert_array_equal(shapes_in(tmp_path / "parts"), shapes_in(tmp_path / "one.h5"))
     lines = [outcome.line for outcome in told if outcome.line.startswith("camera:")]
@@ -141,17 +141,16 @@ def test_two_recordings_in_one_run_and_in_parts_are_the_same_bits(halves, tmp_pa
 )
 def test_files_and_parts_are_the_same_bits(halves, tmp_path, names, keys):
     inputs = [halves / f"{name}.h5" for name in names]
-    output = f"{tmp_path}/parts/" if keys else tmp_path / "one.h5"
-    fit(inputs, output, **keys)
+    fit(inputs, ResultFolder(tmp_path / "parts", **keys) if keys else tmp_path / "one.h5")
     written = tmp_path / ("parts" if keys else "one.h5")
     np.testing.assert_array_equal(shapes_in(written), shapes_in(halves / "result.h5"))
 
 
 def test_the_manifest_holds_what_was_estimated_and_a_later_run_takes_it(halves, tmp_path):
     inputs = [halves / "a.h5", halves / "b.h5"]
-    fit(inputs[:1], f"{tmp_path}/parts/", partition=1)
+    fit(inputs[:1], ResultFolder(tmp_path / "parts", 1))
     first = {p.name: p.read_bytes() for p in (tmp_path / "parts").glob("part-*")}
-    fit(inputs, f"{tmp_path}/parts/", partition=1)
+    fit(inputs, ResultFolder(tmp_path / "parts", 1))
     for name, content in first.items():
         assert (tmp_path / "parts" / name).read_bytes() == content
     text = next((tmp_path / "parts").glob("manifest.json*")).read_text()

@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 
 from shapefit.config import load_config
+from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.pipelines.partition.executor import Job, do_jobs, result_of
 from shapefit.pipelines.partition.plan import Part, find_parts
@@ -46,7 +47,7 @@ def data(tmp_path_factory) -> Path:
 
 
 def command(output: str, *options: object) -> list[str]:
-    sizes = ("--set", f"partition={SIZE}") if output.endswith("/") else ()
+    sizes = ("--partition", SIZE) if output.endswith("/") else ()
     line = ("fit", "views.h5", "-d", "dict.h5", "-o", output, "--method", "alternate")
     return [*map(str, (BIN / "shapefit", *line, *sizes, *options))]
 
@@ -168,20 +169,20 @@ class TestProcesses:
         )
         monkeypatch.setenv("PYTHONPATH", str(tmp_path))
         monkeypatch.chdir(data)
-        arguments = {"landmarks": ("views.h5",), "dictionary": "dict.h5", "output": "deadly/"}
-        keys = ("method=alternate", f"partition={SIZE}", "workers=2")
-        config = load_config("fit", None, keys, arguments)
+        folder = ResultFolder(Path("deadly").absolute(), partition=SIZE, workers=2)
+        arguments = {"landmarks": ("views.h5",), "dictionary": "dict.h5", "output": folder}
+        config = load_config("fit", None, ("method=alternate",), arguments)
         Path("deadly").mkdir()
         parts = find_parts(config)[:3]
         jobs = deque(Job(fit_part, part, config, Path("deadly").absolute()) for part in parts)
-        errors = {done.part.file: done.error for done in do_jobs(jobs, config)}
+        errors = {done.part.file: done.error for done in do_jobs(jobs, folder)}
         assert errors[parts[0].file] == errors[parts[2].file] == ""
         assert errors[parts[1].file].startswith("its process died, twice")
 
 
 def test_a_worker_of_another_version_ends_the_run(job):
     with pytest.raises(InputError, match=r"is a worker .* `fit` is version 0\.0"):
-        list(do_jobs(deque([replace(job, version="0.0")]), job.config))
+        list(do_jobs(deque([replace(job, version="0.0")]), ResultFolder(Path())))
 
 
 @pytest.mark.parametrize(

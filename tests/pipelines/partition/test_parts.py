@@ -12,6 +12,7 @@ import pytest
 from shapefit.cli.main import run as shapefit
 
 from shapefit.config import load_config
+from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.io import write_shapes
 from shapefit.io.records import ShapeSet
@@ -37,17 +38,15 @@ def folder(tmp_path, rng, monkeypatch) -> Path:
     return tmp_path
 
 
-def config_of(output: str, *overrides: str, landmarks=("one.h5", "two.h5")):
+def config_of(output, *overrides: str, landmarks=("one.h5", "two.h5")):
     arguments = {"landmarks": landmarks, "dictionary": "dict.h5", "output": output}
     return load_config("fit", None, overrides, arguments)
 
 
-def fit(*overrides: str, output: str = "out/", landmarks=("one.h5", "two.h5")):
+def fit(*overrides: str, output: str = "out/", landmarks=("one.h5", "two.h5"), **parts):
     """Run fit in parts of 128 images, which is 100 in whole stretches; return its outcomes."""
-    partition = (
-        () if any(each.startswith("partition") for each in overrides) else ("partition=100",)
-    )
-    return list(parting.run(config_of(output, *partition, *overrides, landmarks=landmarks)))
+    folder = ResultFolder(Path(output).absolute(), **{"partition": 100, **parts})
+    return list(parting.run(config_of(folder, *overrides, landmarks=landmarks)))
 
 
 def names() -> list[str]:
@@ -194,31 +193,34 @@ def scale(name: str, dataset: str) -> None:
 CALIBRATED = ("camera.calibration=camera.toml", "method=convex+refine")
 
 
+BOTH = ("one.h5", "two.h5")
+
+
 class TestResultsAreNotLost:
     """A folder goes on where inputs were added; else it says what it holds, and --replace."""
 
     @pytest.mark.parametrize(
-        ("change", "landmarks", "overrides", "held", "again"),
+        ("change", "landmarks", "overrides", "parts", "held", "again"),
         [
-            (None, ("two.h5",), (), "of one.h5", 0),
-            (None, ("one.h5", "two.h5"), ("lambda=0.2",), "another config", 500),
-            (None, ("one.h5", "two.h5"), ("partition=200",), "another config", 500),
-            (("dict.h5", "atoms"), ("one.h5", "two.h5"), (), "another dictionary", 500),
-            (("two.h5", "landmarks"), ("one.h5", "two.h5"), (), "two.h5 before it changed", 100),
+            (None, ("two.h5",), (), {}, "of one.h5", 0),
+            (None, BOTH, ("lambda=0.2",), {}, "another config", 500),
+            (None, BOTH, (), {"partition": 200}, "another config", 500),
+            (("dict.h5", "atoms"), BOTH, (), {}, "another dictionary", 500),
+            (("two.h5", "landmarks"), BOTH, (), {}, "two.h5 before it changed", 100),
         ],
     )
-    def test_it_is_refused_without_replace(self, change, landmarks, overrides, held, again):
+    def test_it_is_refused_without_replace(self, change, landmarks, overrides, parts, held, again):
         fit()
         if change:
             scale(*change)
         before = stamps()
         with pytest.raises(InputError, match=rf"{held}.*--replace"):
-            fit(*overrides, landmarks=landmarks)
-        (plan,) = fit(*overrides, "dry_run=true", landmarks=landmarks)
+            fit(*overrides, landmarks=landmarks, **parts)
+        (plan,) = fit(*overrides, landmarks=landmarks, dry_run=True, **parts)
         assert held in plan.note
         assert "--replace" in plan.note
         assert stamps() == before
-        assert done(fit(*overrides, "replace=true", landmarks=landmarks)) == again
+        assert done(fit(*overrides, landmarks=landmarks, replace=True, **parts)) == again
         assert len(names()) == len(entries())
 
     def test_a_file_that_the_config_names_is_one_that_results_depend_on(self):
@@ -297,10 +299,9 @@ class TestParts:
 
     @staticmethod
     def planned(*landmarks: str, method: str = "sequences", partition: int = 100_000):
-        arguments = {"landmarks": landmarks, "dictionary": "people", "output": "out/"}
-        return find_parts(
-            load_config("fit", None, (f"method={method}", f"partition={partition}"), arguments)
-        )
+        folder = ResultFolder(Path("out").absolute(), partition=partition)
+        arguments = {"landmarks": landmarks, "dictionary": "people", "output": folder}
+        return find_parts(load_config("fit", None, (f"method={method}",), arguments))
 
     def test_are_cut_between_sequences(self):
         one = self.write("a.h5", "a" * 5 + "b" * 30 + "c" * 4 + "d" * 9)
@@ -328,7 +329,7 @@ class TestParts:
         assert len(part.inputs) == len(frames)
 
     def test_are_listed_by_a_dry_run(self, capsys):
-        line = "fit one.h5 two.h5 -d dict.h5 -o out/ --set partition=200 --dry-run"
+        line = "fit one.h5 two.h5 -d dict.h5 -o out/ --partition 200 --dry-run"
         assert shapefit(line.split()) == 0
         printed, told = capsys.readouterr()
         files = [each.partition(":")[0] for each in printed.splitlines()]

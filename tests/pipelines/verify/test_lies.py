@@ -12,6 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from shapefit.config import FitConfig
+from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.pipelines.partition.run import run as fit_parts
 from tests.pipelines.verify.conftest import TERMS
@@ -236,8 +237,7 @@ def honest(dictionaries, landmarks, tmp_path_factory):
     config = FitConfig(
         landmarks=[str(landmarks["cars"])],
         dictionary=str(dictionaries["cars"]),
-        output=f"{folder}/",
-        partition=64,
+        output=ResultFolder(folder, 64),
     )
     list(fit_parts(config))
     return folder
