@@ -117,7 +117,7 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> LandmarkSet:
         raise unreadable[0]
     kept = {*OF_CAMERAS, LANDMARK_COVARIANCE, CAMERA_MATRIX}
     bare = [images.without(images.further.keys() - kept) for images in read]
-    files = [SourceFile.held(str(n), images) for n, images in enumerate(bare)]
+    files = [SourceFile.of(str(n), images) for n, images in enumerate(bare)]
     try:
         return Source(files, check=False).first(FIRST)
     except InputError:
