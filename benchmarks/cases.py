@@ -1,15 +1,13 @@
-"""What `make bench` measures: kernels in warm processes, whole commands, other solvers.
+"""What `make bench` measures: kernels in warm processes, and whole commands.
 
 A kernel is a job of worker.py on arrays that are made here. Commands are timed from the outside.
-Both are compared with the release before; the solver also with the paper's ADMM and Clarabel.
+Both are compared with the release before.
 """
 
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
-import sys
 import tempfile
 import time
 from collections import Counter
@@ -23,11 +21,11 @@ import h5py
 import numpy as np
 
 import shapefit
-from benchmarks.comparing import NOISE, Comparison, Row, Turn, compare, compare_workers, compared
-from benchmarks.environments import PROJECT, Environment, dependency_bytes, git
+from benchmarks.comparing import NOISE, Row, Turn, compare, compare_workers, compared
+from benchmarks.environments import PROJECT, Environment
 from shapefit.arrays import Floats
 from shapefit.convex.problem import build_problem
-from shapefit.convex.solver import Status, solve_newton
+from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.learning import learn
 from shapefit.dictionary.mixture import learn_mixture
 from shapefit.geometry.cameras import project, turntable
@@ -40,7 +38,6 @@ from shapefit.lifting.methods import Settings, choose_method
 from shapefit.lifting.perspective.view import mean_coefficients
 from shapefit.pipelines.fit.camera import read_intrinsics
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
-from tests.convex.admm import solve_admm
 
 LAMBDA = 0.1
 
@@ -51,10 +48,8 @@ TOLERANCES = "tolerance: 1e-4\n", "solver: {tolerance: 1e-4}\n"
 SUBJECT_13, TEN, MILLION = 21_740, 10, 46
 """Images of subject 13, and how often they are taken: 217,400, and just over 10^6."""
 
-FAST, PART, PARTS, MINUTE = 100_000, 100_000, 2, 60
-"""Images a second that `verify` and `eval` are to reach, images of a file of an `eval` and its
-files, seconds of a demo.
-"""
+FAST, PART, PARTS = 100_000, 100_000, 2
+"""Images a second that `verify` and `eval` are to reach, images of a file of an `eval`, files."""
 
 TILE = """
 import sys, numpy as np, shapefit
@@ -104,15 +99,6 @@ def cases(bench: Bench) -> Iterator[tuple[str, Callable[[], Row]]]:
     for name, run in COMMANDS.items():
         if bench.mocap or run not in WITH_MOCAP:
             yield name, partial(run, bench, name)
-    many: dict[str, Callable[[], Arrays]] = {"made, k=64, p=15": partial(made_case, 2000, 64, 15)}
-    if bench.mocap:
-        many["subject 13"] = partial(mocap_case, bench.mocap)
-    if bench.cars:
-        many["cars"] = partial(cars_case, bench.cars)
-    for name, build in many.items():
-        for peer, rate in (("ADMM in NumPy", admm_rate), ("Clarabel", clarabel_rate)):
-            case = f"{peer}, {name}"
-            yield case, partial(beside_peer, case, build, rate, bench.quick)
 
 
 @dataclass(frozen=True)
@@ -141,6 +127,7 @@ def kernels(bench: Bench) -> Iterator[Kernel]:
         yield newton("subject 13, gap 1e-4", frames)
         yield newton("subject 13, gap 1e-6", frames, 1e-6)
         yield newton("subject 13, 30% hidden", partial(hide, frames, 0.3))
+        yield newton("subject 13, shuffled", partial(shuffle, frames))
         how: Options = {"tolerance": 1e-4} | wall
         two = how | {"threads": 2}
         yield Kernel("two threads over one", "newton", frames, two, instead_of=how | one)
@@ -157,11 +144,11 @@ def kernels(bench: Bench) -> Iterator[Kernel]:
             yield Kernel(f"cars, {method}", "lift", build, one | {"method": method})
         yield Kernel("cars, perspective", "perspective", partial(cars_in_perspective, cars), one)
         yield Kernel("cars, RANSAC", "ransac", partial(cars_with_mean, cars, 1.0), one)
-    for k in (32, 64) if bench.quick else (32, 64, 128, 256):
-        for p in (15,) if bench.quick else (15, 33, 66):
-            made = cache(partial(made_case, 500 if bench.quick else 2000, k, p))
-            yield replace(newton(f"made, k={k}, p={p}", made), repeats=3)
-            hidden = partial(hide, made, 0.3)
+    for k, p in ((64, 15), (256, 33), (64, 66), (64, 1000)):
+        build = cache(partial(made_case, 20_000 // p, k, p))
+        yield replace(newton(f"made, k={k}, p={p}", build), repeats=3)
+        if p < 1000:
+            hidden = partial(hide, build, 0.3)
             yield replace(newton(f"made, k={k}, p={p}, 30% hidden", hidden), repeats=3)
 
 
@@ -199,6 +186,13 @@ def hide(build: Callable[[], Arrays], share: float, seed: int = 0) -> Arrays:
     n, _, p = arrays["landmarks"].shape
     hidden = rng.random((n, p)).argsort(axis=1) < round(share * p)
     return arrays | {"landmarks": np.where(hidden[:, None, :], np.nan, arrays["landmarks"])}
+
+
+def shuffle(build: Callable[[], Arrays], seed: int = 0) -> Arrays:
+    """The case in another order, as single photographs come: no image has a neighbour."""
+    arrays = build()
+    order = np.random.default_rng(seed).permutation(len(arrays["landmarks"]))
+    return arrays | {"landmarks": arrays["landmarks"][order]}
 
 
 def made_case(n: int, k: int, p: int, seed: int = 0) -> Arrays:
@@ -370,10 +364,8 @@ def compare_sequences(bench: Bench, case: str) -> Row:
     assert bench.mocap
     configs, sequence = bench.old.source / "configs", bench.mocap / "subject13_29_120fps_exact.h5"
     landmarks = made_before(bench, "project", configs / "mocap/project.yaml", sequence)
-    subject_86 = bench.mocap / "subject86_24fps.h5"
-    dictionary = made_before(bench, "learn-dict", configs / "people/learn-dict.yaml", subject_86)
     output = bench.folder / "out.h5"
-    command: Command = ["fit", landmarks, "-d", dictionary, "-c"]
+    command: Command = ["fit", landmarks, "-d", learned_people(bench), "-c"]
     path = "configs/people/sequences.yaml"
     old, new = (
         partial(fit, one, [*own_files(bench, one, command), one.source / path], output)
@@ -382,56 +374,45 @@ def compare_sequences(bench: Bench, case: str) -> Row:
     return compared(case, compare(old, new, min(bench.repeats, 3)))
 
 
-def compare_files(bench: Bench, case: str) -> Row:
-    """Files of 100 images each, to a folder of results: in time of the processor."""
-    people = PROJECT / "sample_data/people_views.csv"
-    tile(bench, bench.old, people, "old-{:03}.h5", 300, 100, 0.01)
-    tile(bench, bench.new, people, "new-{:03}.h5", 300, 100, 0.01)
+def compare_posterior(bench: Bench, case: str) -> Row:
+    """Images of subject 13 under the prior of subject 86, HDF5 to HDF5."""
+    landmarks, some = mocap_command(bench, 1)[1], bench.folder / "some.h5"
+    assert isinstance(landmarks, Path)
+    tile(bench, bench.old, landmarks, some.name, 1, 2174, 0.0)
+    command: Command = ["fit", some, "-d", learned_people(bench), "--set", "method=posterior"]
+    output = bench.folder / "out.h5"
+    old, new = (
+        partial(timed, [one.command, *own_files(bench, one, command), "-o", output], bench.folder)
+        for one in bench.sides
+    )
+    return compared(case, compare(old, new, min(bench.repeats, 5)))
 
-    def parts(one: Environment) -> Turn:
-        shutil.rmtree(bench.folder / "parts", ignore_errors=True)
-        clips = "new-???.h5" if one is bench.new else "old-???.h5"
-        options = own_files(bench, one, people_options(bench))
-        command = [one.command, "fit", clips, *options, "-c", written_config(bench, one)]
-        return timed([*command, "-o", "parts/"], bench.folder)
 
-    old, new = (partial(parts, one) for one in bench.sides)
+def compare_learning(bench: Bench, case: str) -> Row:
+    """A dictionary of people with its prior, from subject 86."""
+    assert bench.mocap
+    given = [bench.mocap / "subject86_24fps.h5", "-o", bench.folder / "learned.h5", "-q", "-c"]
+    config = "configs/people/learn-dict.yaml"
+    old, new = (
+        partial(timed, [one.command, "learn-dict", *given, one.source / config], bench.folder)
+        for one in bench.sides
+    )
     return compared(case, compare(old, new, min(bench.repeats, 3)))
 
 
 def compare_one(bench: Bench, case: str) -> Row:
     """One image from CSV to CSV, against the release before or against the import of NumPy."""
     command: Command = ["fit", PROJECT / "sample_data/one_person.csv", *people_options(bench)]
+    if "people" in case:
+        command = [*command[:2], "-d", "people", "-q"]
+        output = bench.folder / "out.csv"
+        old, new = (partial(fit, one, command, output) for one in bench.sides)
+        return compared(case, compare(old, new, 3 * bench.repeats))
     before, now = fits(bench, command, "out.csv")
     if "numpy" not in case:
         return compared(case, compare(before, now, 3 * bench.repeats))
     numpy = partial(timed, [bench.new.python, "-c", "import numpy"], bench.folder)
     return compared(case, compare(numpy, now, 3 * bench.repeats), least=0.0)
-
-
-def compare_sizes(bench: Bench, case: str) -> Row:
-    """Weigh the installed dependencies."""
-    before, now = (dependency_bytes(one) / 1e9 for one in bench.sides)
-    return compared(case, Comparison(before / now, before, now), unit="GB")
-
-
-def compare_installs(bench: Bench, case: str) -> Row:
-    """Compile a wheel of either version from nothing, once each, in time of the processor."""
-    pip = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation"]
-    old, new = (
-        partial(
-            timed, [*pip, clone(name, bench.folder / "source" / name), "-w", name], bench.folder
-        )
-        for name in (bench.old.name, "HEAD")
-    )
-    return compared(case, compare(old, new, 1))
-
-
-def measure_demo(bench: Bench, case: str) -> Row:
-    """Time `make demo` in a fresh clone, once: set-up, packages from pip's cache, and chain."""
-    demo = clone("HEAD", bench.folder / "demo")
-    seconds = timed(["make", "demo"], demo, time.perf_counter).seconds
-    return Row(case, f"{MINUTE} s", f"{seconds:.0f} s", MINUTE / seconds)
 
 
 COMMANDS: dict[str, Callable[[Bench, str], Row]] = {
@@ -441,14 +422,16 @@ COMMANDS: dict[str, Callable[[Bench, str], Row]] = {
     "verify, images/s": measure_verify,
     "eval, images/s": measure_eval,
     "sequences end to end": compare_sequences,
-    "fit, 300 files of 100 images, parts, CPU": compare_files,
     "one image, CSV to CSV": compare_one,
+    "one image, people": compare_one,
+    "posterior, 2,174 images, CPU": compare_posterior,
+    "learn-dict, people, CPU": compare_learning,
     "import numpy over one image, CSV to CSV": compare_one,
-    "installed dependencies": compare_sizes,
-    "install, CPU": compare_installs,
-    "make demo, fresh clone, in a minute": measure_demo,
 }
-WITH_MOCAP = (compare_many, compare_threads, measure_verify, compare_sequences)
+WITH_MOCAP = (
+    compare_many, compare_threads, compare_posterior, compare_learning, measure_verify,
+    compare_sequences,
+)  # fmt: skip
 
 
 def mocap_command(bench: Bench, times: int) -> Command:
@@ -462,6 +445,13 @@ def mocap_command(bench: Bench, times: int) -> Command:
     if times > 1 and not many.exists():
         tile(bench, bench.old, landmarks, many.name, 1, times * SUBJECT_13, 1e-3)
     return ["fit", many if times > 1 else landmarks, "-d", dictionary]
+
+
+def learned_people(bench: Bench) -> Path:
+    """Return a dictionary with a prior of subject 86."""
+    assert bench.mocap
+    config = bench.old.source / "configs/people/learn-dict.yaml"
+    return made_before(bench, "learn-dict", config, bench.mocap / "subject86_24fps.h5")
 
 
 def people_options(bench: Bench) -> Command:
@@ -564,14 +554,6 @@ def tile(
     run([one.python, "-P", "-c", TILE, *given], bench.folder)
 
 
-def clone(revision: str, folder: Path) -> Path:
-    """Check a revision out into a fresh folder."""
-    run(["git", "clone", "--quiet", "--no-checkout", PROJECT, folder], PROJECT)
-    commit = git("rev-parse", revision).stdout.decode().strip()
-    run(["git", "checkout", "--quiet", commit], folder)
-    return folder
-
-
 def spent() -> float:
     """Return the processor's seconds of all processes that were started here and have ended."""
     times = os.times()
@@ -603,64 +585,3 @@ def run(command: Command, folder: Path) -> None:
         if done.returncode:
             told.seek(0)
             raise RuntimeError(f"{command} failed:\n{told.read().decode()}")
-
-
-def beside_peer(
-    case: str,
-    build: Callable[[], Arrays],
-    peer: Callable[[Arrays, bool], tuple[float, str]],
-    quick: bool,
-) -> Row:
-    """Compare a peer with the median of five runs of the fast solver, on all images and cores."""
-    arrays = build()
-    rate, remark = peer(arrays, quick)
-    problem = build_problem(arrays["landmarks"], arrays["atoms"], LAMBDA)
-    solve_newton(problem)
-    seconds = []
-    for _ in range(5):
-        began = time.perf_counter()
-        solve_newton(problem)
-        seconds.append(time.perf_counter() - began)
-    now = len(arrays["landmarks"]) / float(np.median(seconds))
-    return Row(case, f"{rate:,.0f}/s{remark}", f"{now:,.0f}/s", now / rate)
-
-
-def admm_rate(arrays: Arrays, quick: bool) -> tuple[float, str]:
-    """Time the paper's ADMM in NumPy on evenly chosen images; with the share that reached 1e-4."""
-    landmarks = evenly(arrays["landmarks"], 100 if quick else 400)
-    problem = build_problem(landmarks, arrays["atoms"], LAMBDA)
-    began = time.perf_counter()
-    solution = solve_admm(problem, tolerance=1e-4)
-    seconds = time.perf_counter() - began
-    well = float(np.mean([status is Status.OPTIMAL for status in solution.status]))
-    return len(landmarks) / seconds, f" ({well:.0%} reach 1e-4)"
-
-
-def clarabel_rate(arrays: Arrays, quick: bool) -> tuple[float, str]:
-    """Time cvxpy with Clarabel, the program compiled once, to a gap of 1e-8 on a few images."""
-    import cvxpy as cp
-
-    k, _, p = arrays["atoms"].shape
-    M = [cp.Variable((2, 3)) for _ in range(k)]
-    T, W, omega = cp.Variable((2, 1)), cp.Parameter((2, p)), cp.Parameter((2, p))
-    fitted = sum(m @ b for m, b in zip(M, arrays["atoms"], strict=True)) + T @ np.ones((1, p))
-    loss = 0.5 * cp.sum_squares(W - cp.multiply(omega, fitted))
-    problem = cp.Problem(cp.Minimize(loss + LAMBDA * sum(cp.sigma_max(m) for m in M)))
-
-    def solve(landmarks: Floats) -> None:
-        seen = np.isfinite(landmarks)
-        omega.value = seen.astype(float)
-        W.value = np.where(seen, landmarks, 0.0)
-        problem.solve(solver=cp.CLARABEL)
-
-    chosen = evenly(arrays["landmarks"], 3 if quick else 10)
-    solve(chosen[0])
-    began = time.perf_counter()
-    for landmarks in chosen:
-        solve(landmarks)
-    return len(chosen) / (time.perf_counter() - began), ""
-
-
-def evenly(landmarks: Floats, images: int) -> Floats:
-    """Choose images at even distances."""
-    return landmarks[np.linspace(0, len(landmarks) - 1, images).round().astype(np.int64)]

@@ -13,10 +13,8 @@ from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parents[1]
 FOLDER = PROJECT / "build" / "bench"
-FIRST_BASE = "82ffeac"
-"""What is compared with where there is no tag yet: the release before. 0fff6c6 is the last commit
-with Numba kernels.
-"""
+FIRST_BASE = "051afd75"
+"""What is compared with where there is no tag yet."""
 
 
 @dataclass(frozen=True)
@@ -98,19 +96,6 @@ def install(environment: Environment) -> None:
          "--constraint", str(constraints), str(environment.source)],
         check=True,
     )  # fmt: skip
-
-
-def dependency_bytes(environment: Environment) -> int:
-    """Installed size of what shapefit needs at run time, without itself and pip."""
-    own = {"shapefit", "shapefit_cli", "cli", "pip", "setuptools", "_distutils_hack"}
-    (packages,) = environment.folder.glob("lib/python*/site-packages")
-    return sum(
-        path.stat().st_size
-        for folder in packages.iterdir()
-        if folder.name.split("-")[0] not in own
-        for path in [folder, *folder.rglob("*")]
-        if path.is_file()
-    )
 
 
 def git(*arguments: str) -> subprocess.CompletedProcess[bytes]:

@@ -12,9 +12,7 @@ import json
 import sys
 import time
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from functools import partial
-from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -24,18 +22,11 @@ Run = Callable[[], Any]
 """What is timed; what it returns is looked at afterwards."""
 
 
-def take(name: str, *modules: str) -> Any:
-    """Return what a version of shapefit has by this name in one of these modules."""
-    for module in modules:
-        with suppress(ImportError, AttributeError):
-            return getattr(import_module(f"shapefit.{module}"), name)
-    raise ImportError(f"shapefit has no {name}")
-
-
 def solver(tolerance: float, threads: float) -> Any:
     """Return the solver of the convex program."""
-    solve = take("solve_newton", "convex.solver", "convex.newton")
-    return partial(solve, tolerance=tolerance, threads=int(threads))
+    from shapefit.convex.solver import solve_newton
+
+    return partial(solve_newton, tolerance=tolerance, threads=int(threads))
 
 
 def newton(data: Arrays, tolerance: float, threads: float) -> Run:
@@ -57,35 +48,37 @@ def lift(data: Arrays, method: str, threads: float, tolerance: float = 1e-4, **f
 def posterior(data: Arrays, residual_variance: float, threads: float) -> Run:
     """Find the posterior of each image under a prior of many components."""
     from shapefit.dictionary.mixture import Mixture
+    from shapefit.lifting.methods import PosteriorOptions
 
     needs = {"prior": Mixture(data["weights"], data["means"], data["covariances"])}
-    known = take("PosteriorOptions", "lifting.methods", "lifting.options")
-    name = "residual_variance" if hasattr(known, "residual_variance") else "misfit"  # before
-    options = known(**{name: residual_variance})
+    renamed = hasattr(PosteriorOptions, "residual_variance")  # since 051afd75
+    options = PosteriorOptions(**{"residual_variance" if renamed else "misfit": residual_variance})
     return lift(data, "posterior", threads, 1e-3, needs=needs, options=options)
 
 
 def perspective(data: Arrays, threads: float) -> Run:
     """Refine under the full projection of known cameras."""
     from shapefit.geometry.pinhole import Camera
+    from shapefit.lifting.perspective.view import PerspectiveOptions, refine_perspective
 
-    options = take("PerspectiveOptions", "lifting.perspective.view", "lifting.options")
-    refine = take("refine_perspective", "lifting.perspective.view", "lifting.perspective")
     problem = build(data)
     return partial(
-        refine, problem.landmarks, problem.weights, problem.atoms,
+        refine_perspective, problem.landmarks, problem.weights, problem.atoms,
         Camera(data["focal"], data["centre"], float(data["sign"])), data["rotation"],
-        data["prior"], options(ridge=0.3, softness=0.1, max_rounds=200, threads=int(threads)),
+        data["prior"],
+        PerspectiveOptions(ridge=0.3, softness=0.1, max_rounds=200, threads=int(threads)),
     )  # fmt: skip
 
 
 def ransac(data: Arrays, threads: float) -> Run:
     """Find the landmarks that agree with a pose of the mean shape."""
-    find = take("find_consensus", "lifting.consensus", "lifting.outliers.ransac")
+    from shapefit.lifting.consensus import find_consensus
+
     landmarks = data["landmarks"]
     weights = np.isfinite(landmarks).all(axis=1).astype(float)
     return partial(
-        find, landmarks, weights, data["mean_shape"], np.arange(len(landmarks), dtype=np.uint64),
+        find_consensus, landmarks, weights, data["mean_shape"],
+        np.arange(len(landmarks), dtype=np.uint64),
         threshold=0.25, draws=500, max_rounds=100, threads=int(threads),
     )  # fmt: skip
 
