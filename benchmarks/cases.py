@@ -145,10 +145,10 @@ def kernels(bench: Bench) -> Iterator[Kernel]:
         yield Kernel("cars, perspective", "perspective", partial(cars_in_perspective, cars), one)
         yield Kernel("cars, RANSAC", "ransac", partial(cars_with_mean, cars, 1.0), one)
     for k, p in ((64, 15), (256, 33), (64, 66), (64, 1000)):
-        build = cache(partial(made_case, 20_000 // p, k, p))
-        yield replace(newton(f"made, k={k}, p={p}", build), repeats=3)
+        made = cache(partial(made_case, 20_000 // p, k, p))
+        yield replace(newton(f"made, k={k}, p={p}", made), repeats=3)
         if p < 1000:
-            hidden = partial(hide, build, 0.3)
+            hidden = partial(hide, made, 0.3)
             yield replace(newton(f"made, k={k}, p={p}, 30% hidden", hidden), repeats=3)
 
 
@@ -391,7 +391,7 @@ def compare_posterior(bench: Bench, case: str) -> Row:
 def compare_learning(bench: Bench, case: str) -> Row:
     """A dictionary of people with its prior, from subject 86."""
     assert bench.mocap
-    given = [bench.mocap / "subject86_24fps.h5", "-o", bench.folder / "learned.h5", "-q", "-c"]
+    given: Command = [bench.mocap / "subject86_24fps.h5", "-o", bench.folder / "learned.h5", "-q", "-c"]
     config = "configs/people/learn-dict.yaml"
     old, new = (
         partial(timed, [one.command, "learn-dict", *given, one.source / config], bench.folder)

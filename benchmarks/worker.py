@@ -52,7 +52,8 @@ def posterior(data: Arrays, residual_variance: float, threads: float) -> Run:
 
     needs = {"prior": Mixture(data["weights"], data["means"], data["covariances"])}
     renamed = hasattr(PosteriorOptions, "residual_variance")  # since 051afd75
-    options = PosteriorOptions(**{"residual_variance" if renamed else "misfit": residual_variance})
+    name = "residual_variance" if renamed else "misfit"
+    options: Any = partial(PosteriorOptions, **{name: residual_variance})()  # type: ignore[arg-type]
     return lift(data, "posterior", threads, 1e-3, needs=needs, options=options)
 
 
