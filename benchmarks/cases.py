@@ -391,7 +391,13 @@ def compare_posterior(bench: Bench, case: str) -> Row:
 def compare_learning(bench: Bench, case: str) -> Row:
     """A dictionary of people with its prior, from subject 86."""
     assert bench.mocap
-    given: Command = [bench.mocap / "subject86_24fps.h5", "-o", bench.folder / "learned.h5", "-q", "-c"]
+    given: Command = [
+        bench.mocap / "subject86_24fps.h5",
+        "-o",
+        bench.folder / "learned.h5",
+        "-q",
+        "-c",
+    ]
     config = "configs/people/learn-dict.yaml"
     old, new = (
         partial(timed, [one.command, "learn-dict", *given, one.source / config], bench.folder)
