@@ -12,7 +12,7 @@ Coefficients are in OpenCV's order k1 k2 p1 p2 k3 k4 k5 k6; y points down, as in
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -30,27 +30,33 @@ ASSUMED_FOCAL = 1.1
 """Focal length in longer sides of the image: an angle of view of 49 degrees across it. With it the
 posterior does as well as with the true cameras of the man on the beam."""
 
+ASSUMED_FOCAL_SD = 0.2
+"""Standard deviation of the logarithm of a focal length that is assumed: lenses of 0.8 to 1.5."""
+
 
 @dataclass(frozen=True)
 class Camera:
     """u = centre + focal X_xy / (sign X_z) for n images: focal (n, 2) > 0, centre (n, 2).
 
     In the unit of the landmarks they go with. sign is +1 where z points away from the camera (y of
-    the landmarks down), -1 where it points to it (y up).
+    the landmarks down), -1 where it points to it (y up). focal_sd, the standard deviation of the
+    logarithm of the focal length: 0 where it was measured.
     """
 
     focal: Floats
     centre: Floats
     sign: float
+    focal_sd: float = 0.0
 
     def take(self, images: Rows) -> Camera:
         """Keep some of the images."""
-        return Camera(self.focal[images], self.centre[images], self.sign)
+        return replace(self, focal=self.focal[images], centre=self.centre[images])
 
     def normalised_as(self, landmarks: Normalised) -> Camera:
         """Return the camera that sees the same as normalised landmarks."""
         size = landmarks.scale[:, None]
-        return Camera(self.focal / size, (self.centre - landmarks.centroid) / size, self.sign)
+        centre = (self.centre - landmarks.centroid) / size
+        return replace(self, focal=self.focal / size, centre=centre)
 
 
 def project(camera: Camera, points: Floats) -> Floats:

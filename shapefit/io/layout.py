@@ -210,7 +210,7 @@ RESULTS = Layout(
         **_columns(
             ("n",),
             "lambda residual active_atoms tight metres_per_unit log_evidence p_value trusted "
-            "sequence_noise start_distance expected_error sides_exchanged",
+            "sequence_noise start_distance expected_error image_error sides_exchanged",
         ),
         **_columns(("n", 2), "focal principal_point"),
         **_columns(("n", 3), "camera_translation position"),

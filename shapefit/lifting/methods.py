@@ -298,6 +298,7 @@ METHODS: dict[str, Method] = {
             "inlier_probability",
             "shape_correlation",
             "sequence_noise",
+            "image_error",
         ),
         proves="bound",
         mixes_atoms=False,

@@ -91,7 +91,8 @@ def largest(values: Floats) -> Floats:
 ABOVE_0 = np.nextafter(0.0, 1.0)
 RANGES: Mapping[tuple[float, float], str] = {
     (ABOVE_0, np.inf): "scale lambda metres_per_unit focal",
-    (0.0, np.inf): "shape_sd input_shape_sd active_atoms iterations residual expected_error",
+    (0.0, np.inf): "shape_sd input_shape_sd active_atoms iterations residual expected_error "
+    "image_error",
     (0.0, 1.0): "p_value inlier_probability trusted tight outliers",
     (-1.0 - SINGLE, 1.0 + SINGLE): "shape_correlation input_shape_correlation",
     (-np.inf, np.inf): "shapes input_shapes landmarks_fitted coefficients translation objective "

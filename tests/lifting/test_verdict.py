@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from shapefit.convex.solver import Status
-from shapefit.lifting.verdict import contradicts, find_reasons, median_distance, relative_width
+from shapefit.lifting.verdict import contradicts, find_reasons, median_distance
 
 CUBE = np.array([[1, -1, 1, -1], [1, 1, -1, -1], [1, -1, -1, 1]], dtype=float)
 """Four landmarks whose coordinates have variance 1."""
 
 GOOD = {
     "shape": CUBE,
-    "sd": 0.1,
+    "expected": 0.1,
     "seen": 10,
     "p_value": 0.5,
     "distance": 0.2,
@@ -23,7 +23,7 @@ def reasons(**changes) -> str:
     case = GOOD | changes
     found = find_reasons(
         case["shape"][None],
-        np.full((1, 3, 4), case["sd"]),
+        np.array([case["expected"]]),
         np.array([case["seen"]]),
         np.array([case["p_value"]]),
         np.array([case["distance"]]),
@@ -36,8 +36,8 @@ def reasons(**changes) -> str:
     ("changes", "reason"),
     [
         ({}, ""),
-        ({"p_value": 0.05, "sd": 0.46}, ""),  # sqrt(3) 0.46 = 0.797 of the spread
-        ({"sd": 0.47}, "wide error bars"),
+        ({"p_value": 0.05, "expected": 0.33}, ""),
+        ({"expected": 0.34}, "large expected error"),
         ({"p_value": 0.049}, "implausible landmarks"),
         ({"p_value": np.nan}, ""),
         ({"distance": 0.51}, "far from any training shape"),
@@ -46,8 +46,9 @@ def reasons(**changes) -> str:
         ({"seen": 3, "p_value": np.nan}, "too few landmarks seen"),
         ({"status": Status.ITERATION_LIMIT}, "not optimal"),
         ({"shape": np.full((3, 4), np.nan), "p_value": np.nan}, "no shape"),
-        ({"shape": np.zeros((3, 4))}, "wide error bars"),
-        ({"seen": 3, "p_value": 0.0, "sd": 9.0}, "too few landmarks seen"),
+        ({"shape": np.zeros((3, 4))}, "large expected error"),
+        ({"shape": 5 * CUBE, "expected": 1.6}, ""),
+        ({"seen": 3, "p_value": 0.0, "expected": 9.0}, "too few landmarks seen"),
     ],
 )
 def test_the_first_reason_that_holds_is_named(changes, reason):
@@ -68,10 +69,3 @@ def test_the_first_reason_that_holds_is_named(changes, reason):
 def test_a_file_that_contradicts_the_dictionary(kappa, distance, seen, images, wrong):
     apart = median_distance(np.full(images, distance), np.full(images, seen))
     assert contradicts(kappa, apart) == wrong
-
-
-def test_the_width_is_that_of_the_body_whatever_its_size_and_place(rng):
-    shapes, sd = rng.normal(size=(5, 3, 7)), rng.uniform(size=(5, 3, 7))
-    width = relative_width(shapes, sd)
-    np.testing.assert_allclose(relative_width(30 * shapes + 4, 30 * sd), width)
-    np.testing.assert_allclose(relative_width(shapes, 2 * sd), 2 * width)

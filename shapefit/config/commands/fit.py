@@ -46,6 +46,8 @@ class CameraConfig(ConfigModel):
     none: weak perspective; auto: methods with a prior take the calibration, else the camera matrix
     of the files, else 1.1 times the longer side of the image if its size is known, else weak
     perspective. Other methods take weak perspective."""
+    focal_sd: Annotated[float, Field(ge=0), HIDDEN] = 0.0
+    """Standard deviation of the logarithm of `focal`: 0.2 where it is assumed."""
     principal_point: Annotated[tuple[float, float] | None, FromLists] = None
     """Where the optical axis meets the image, in pixels; by default as the camera matrix states it,
     else the centre of the image."""

@@ -23,7 +23,7 @@ import numpy as np
 from shapefit.arrays import Flags, Floats
 from shapefit.convex.problem import Problem
 from shapefit.lifting.methods import PosteriorOptions, Settings
-from shapefit.lifting.posterior.method import find_from, find_noise, find_rays, stretch_noise
+from shapefit.lifting.posterior.method import find_from, find_noise, find_rays, noise_of_rays
 
 QUANTILE = 4.605170185988092
 """90% quantile of chi^2 with 2 degrees of freedom."""
@@ -110,7 +110,7 @@ def predict_hidden(problem: Problem, rotation: Floats, settings: Settings) -> Fl
     if problem.camera is not None:
         rays = find_rays(w, problem.camera)
         w, slope = rays.landmarks, rays.slopes[image, :, hidden]
-        noise = stretch_noise(noise, problem.camera)
+        noise = noise_of_rays(noise, rays, problem.camera)
     mean, sd, mixed = (
         values[each, :, hidden] for values in (found.mean, found.deviation, found.correlation)
     )

@@ -52,6 +52,9 @@ COARSE = 1e-2
 VIEWS = 6
 """From which the mean shape is posed where the convex program finds no rotation."""
 
+MOSTLY = 0.5
+"""Inlier probability from which a landmark counts as an inlier."""
+
 FAILED = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
 
 
@@ -136,7 +139,7 @@ def find_from(
     if problem.camera is not None:
         rays = find_rays(landmarks, problem.camera)
         landmarks, slopes = rays.landmarks, rays.slopes
-        noise = stretch_noise(noise, problem.camera)
+        noise = noise_of_rays(noise, rays, problem.camera)
     find = partial(
         find_posterior,
         landmarks,
@@ -177,31 +180,35 @@ def with_p_value(found: Estimate, problem: Problem, settings: Settings) -> Estim
 
 
 def find_start_distance(found: Estimate, problem: Problem, settings: Settings) -> Floats:
-    """Similarity distance (n,) of the seen landmarks of posteriors from their convex shapes.
+    """Similarity distance (n,) of the inliers of posteriors from those of their convex shapes.
 
-    In units of the size of the former; nan where either does not exist. Near a camera the convex
-    program, which knows weak perspective only, starts far off: images beyond the limit are solved
-    again with the landmarks that weak perspective would have of the shapes found,
+    In units of the size of the former; nan where either does not exist. The convex program knows
+    neither outliers nor perspective. So images beyond the limit are solved again without the
+    outliers, and with the landmarks that weak perspective would have of the shapes found,
     c + (w - c) (t_z + Z_j) / t_z.
     """
     assert found.convex_proof is not None
-    M, seen, t = found.convex_proof.transforms, problem.weights > 0, found.camera_translation
+    M, camera, t = found.convex_proof.transforms, problem.camera, found.camera_translation
+    inliers = np.nan_to_num(found.further["inlier_probability"]) >= MOSTLY
 
     def distance(M: Transforms, rows: NDArray[np.intp]) -> Floats:
         start = reconstruct(M, problem.atoms, threads=settings.threads).shapes
-        shown = seen[rows] & (M.count > 0)[:, None]
+        shown = inliers[rows] & (M.count > 0)[:, None]
         return relative_distance(np.where(shown[:, None], start, np.nan), found.shapes[rows])
 
-    apart = distance(M, np.arange(len(seen)))
-    far = np.flatnonzero(apart > LIMITS.max_distance)
-    if problem.camera is None or t is None or not len(far):
+    apart = distance(M, np.arange(len(inliers)))
+    again = camera is not None or (inliers != (problem.weights > 0)).any(axis=1)
+    far = np.flatnonzero((apart > LIMITS.max_distance) & again)
+    if not len(far):
         return apart
-    near = problem.take(far)
-    assert near.camera is not None
-    c, tz = near.camera.centre[..., None], t[far, 2][:, None]
-    parallel = c + (near.landmarks - c) * ((tz + found.shapes[far, 2]) / tz)[:, None]
-    norm, _ = normalise_seen(parallel, near.weights)
-    solved = settings.solve(replace(near, landmarks=norm.points, camera=None))
+    part = problem.take(far)
+    part.weights[~inliers[far]] = 0.0
+    landmarks = part.landmarks
+    if part.camera is not None and t is not None:
+        c, tz = part.camera.centre[..., None], t[far, 2][:, None]
+        landmarks = c + (landmarks - c) * ((tz + found.shapes[far, 2]) / tz)[:, None]
+    norm, _ = normalise_seen(landmarks, part.weights)
+    solved = settings.solve(replace(part, landmarks=norm.points, camera=None))
     apart[far] = np.fmin(apart[far], distance(solved.transforms, far))
     return apart
 
@@ -306,11 +313,17 @@ def find_rays(landmarks: Floats, camera: Camera) -> Rays:
     return Rays(focal[:, None, None] * directions, camera.sign * directions, focal)
 
 
-def stretch_noise(noise: Floats, camera: Camera) -> Floats:
-    """Covariances (n, p, 2, 2) of landmarks as those of f u."""
+def noise_of_rays(noise: Floats, rays: Rays, camera: Camera) -> Floats:
+    """Covariances (n, p, 2, 2) of f u: those of landmarks, and what the focal length leaves open.
+
+    Where the logarithm of f is off by e, a point at the depth z of the shape is seen e u z away.
+    Depths have about the size of the shape, which is 1 for normalised landmarks.
+    """
     grow = np.sqrt(camera.focal.prod(axis=1))[:, None] / camera.focal
-    stretched: Floats = noise * grow[:, None, :, None] * grow[:, None, None, :]
-    return stretched
+    stretched = noise * grow[:, None, :, None] * grow[:, None, None, :]
+    off = camera.focal_sd * rays.slopes.swapaxes(1, 2)
+    noisy: Floats = stretched + off[..., None] * off[..., None, :]
+    return noisy
 
 
 def face(rotations: Floats, landmarks: Floats, seen: NDArray[np.bool_], camera: Camera) -> Floats:

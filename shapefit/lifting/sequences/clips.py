@@ -39,6 +39,7 @@ from shapefit.lifting.sequences.smoothing import (
     observe,
     smooth,
 )
+from shapefit.lifting.verdict import IMAGE_ERROR, expected_error
 from shapefit.threads import on_threads
 
 NOISE = "sequence_noise"
@@ -165,6 +166,10 @@ def refine_lifting(
         both += CONSTANTS.shared**2 * whole[rows]
         both[:, range(D.shape[1]), range(D.shape[1])] += of_all**2
         whole = np.where(single, whole, both)
+    image_error = np.full(len(centre), np.nan)
+    if whole is not None:
+        scaled = whole * lifting.scale[:, None, None] ** 2
+        image_error = expected_error(lifting.shapes, scaled)
     stopped = ~refined.converged
     status = found.status
     if stopped.any():
@@ -184,6 +189,7 @@ def refine_lifting(
                 **found.further,
                 CORRELATION: np.where(single, own_mixed, mixed),
                 NOISE: refined.noise,
+                IMAGE_ERROR: image_error,
             },
         ),
     )

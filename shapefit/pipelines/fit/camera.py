@@ -14,7 +14,13 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.errors import input_error
-from shapefit.geometry.pinhole import ASSUMED_FOCAL, CAMERA_MATRIX, Camera, depth_sign
+from shapefit.geometry.pinhole import (
+    ASSUMED_FOCAL,
+    ASSUMED_FOCAL_SD,
+    CAMERA_MATRIX,
+    Camera,
+    depth_sign,
+)
 from shapefit.io import LandmarkSet
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.lifting.methods import METHODS
@@ -50,12 +56,13 @@ WEAK = {"focal": "none"}
 class Intrinsics(NamedTuple):
     """One focal length of all images, or a dataset of the landmarks, with their intrinsics.
 
-    centre (2,), the principal point, overrides that of the dataset.
+    centre (2,), the principal point, overrides that of the dataset; focal_sd, see `Camera`.
     """
 
     focal: float = 0.0
     centre: tuple[float, float] | None = None
     dataset: str | None = None
+    focal_sd: float = 0.0
 
     @staticmethod
     def of(config: CameraConfig) -> Intrinsics | None:
@@ -63,7 +70,7 @@ class Intrinsics(NamedTuple):
         if config.model != "perspective":
             return None
         if isinstance(config.focal, float | int):
-            return Intrinsics(config.focal, config.principal_point)
+            return Intrinsics(config.focal, config.principal_point, focal_sd=config.focal_sd)
         return Intrinsics(centre=config.principal_point, dataset=CAMERA_MATRIX)
 
 
@@ -109,7 +116,8 @@ def choose_camera(
         f"focal length {assumed:.0f} px (assumed: set --focal), image {width:.0f} x {height:.0f}; "
         "`camera.focal=none` does without"
     )
-    return {"focal": assumed, "principal_point": (width / 2, height / 2)}, line
+    centre = width / 2, height / 2
+    return {"focal": assumed, "principal_point": centre, "focal_sd": ASSUMED_FOCAL_SD}, line
 
 
 def find_centre(config: FitConfig, images: LandmarkSet) -> tuple[float, float]:
@@ -155,7 +163,7 @@ def find_camera(images: LandmarkSet, intrinsics: Intrinsics) -> Camera:
         focal, centre = read_intrinsics(images, intrinsics.dataset)
     if intrinsics.centre is not None:
         centre = np.tile(np.array(intrinsics.centre), (n, 1))
-    return Camera(focal, centre, depth_sign(images.y_axis))
+    return Camera(focal, centre, depth_sign(images.y_axis), intrinsics.focal_sd)
 
 
 def read_intrinsics(images: LandmarkSet, name: str) -> tuple[Floats, Floats]:

@@ -18,15 +18,18 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
 from shapefit.lifting.estimate import Estimate
-from shapefit.lifting.expected_error import EXPECTED_ERROR, expected_error
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import (
+    EXPECTED_ERROR,
+    GAIN,
+    IMAGE_ERROR,
     P_VALUE,
     REASONS,
     SIDES,
     START_DISTANCE,
     TRUSTED,
+    expected_error,
     find_reasons,
 )
 from shapefit.pipelines.fit.lift import find_left_out
@@ -126,10 +129,13 @@ def verdict(lifting: Lifting, scaled: Estimate, setup: Setup) -> Datasets:
     """
     if scaled.deviation is None:
         return {}
-    further = scaled.further
+    further, expected = scaled.further, np.full(len(lifting.shapes), np.nan)
+    if scaled.covariance is not None:
+        expected = expected_error(lifting.shapes, scaled.covariance)
+        expected = np.fmax(expected, GAIN * further.get(IMAGE_ERROR, np.nan))
     reasons = find_reasons(
         lifting.shapes,
-        scaled.deviation,
+        expected,
         np.isfinite(further["inlier_probability"]).sum(axis=1),
         further[P_VALUE],
         further[START_DISTANCE],
@@ -139,10 +145,7 @@ def verdict(lifting: Lifting, scaled: Estimate, setup: Setup) -> Datasets:
     )
     if setup.estimates.doubt:
         reasons[reasons == ""] = setup.estimates.doubt
-    datasets: Datasets = {TRUSTED: reasons == "", REASONS: reasons}
-    if scaled.covariance is not None:
-        datasets[EXPECTED_ERROR] = expected_error(lifting.shapes, scaled.covariance)
-    return datasets
+    return {TRUSTED: reasons == "", REASONS: reasons, EXPECTED_ERROR: expected}
 
 
 def by_landmark(covariance: Floats | None) -> Floats | None:

@@ -15,10 +15,9 @@ from shapefit.io import LandmarkSet, LandmarkSource, ResultSet
 from shapefit.io.layout import METRES_PER_UNIT, free_names
 from shapefit.io.options import Summary
 from shapefit.io.skeletons import joint_columns
-from shapefit.lifting.expected_error import EXPECTED_ERROR
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
-from shapefit.lifting.verdict import NO_SHAPE, REASONS, TRUSTED
+from shapefit.lifting.verdict import EXPECTED_ERROR, NO_SHAPE, REASONS, TRUSTED
 from shapefit.pipelines.fit.camera import warn_of_lens
 from shapefit.pipelines.fit.lift import LEAVE_ONE_OUT, find_items
 from shapefit.pipelines.fit.prepare import Setup, output_format, warn_of_dictionary

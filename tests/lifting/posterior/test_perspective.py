@@ -5,7 +5,7 @@ import pytest
 
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations
-from shapefit.lifting.posterior.method import face, find_rays, place, stretch_noise
+from shapefit.lifting.posterior.method import face, find_rays, noise_of_rays, place
 from shapefit.lifting.posterior.posterior import find_posterior
 from tests.lifting.posterior.pinhole import RESIDUAL_VARIANCE, P, Scene
 
@@ -116,10 +116,24 @@ def test_the_noise_of_a_landmark_is_that_of_its_ray(rng):
     camera = Camera(np.array([[900.0, 400.0]]), np.array([[320.0, 240.0]]), 1.0)
     covariance = np.array([[4.0, 1.5], [1.5, 9.0]])
     w = rng.multivariate_normal([500, 100], covariance, 100_000).T[None]
-    expected = np.cov(find_rays(w, camera).landmarks[0])
-    np.testing.assert_allclose(
-        stretch_noise(covariance[None, None], camera)[0, 0], expected, rtol=0.03
-    )
+    rays = find_rays(w, camera)
+    found = noise_of_rays(covariance[None, None], rays, camera)
+    np.testing.assert_allclose(found[0, 0], np.cov(rays.landmarks[0]), rtol=0.03)
+
+
+def test_a_focal_length_that_is_assumed_leaves_points_open_along_their_rays(rng):
+    """A shape seen with another focal length: its points move by what the noise allows for."""
+    shape, e = rng.standard_normal((1, 3, 50)), 1e-4
+    centre, at = np.zeros((1, 2)), np.array([0.5, -0.3, 4.0])
+    camera = Camera(np.full((1, 2), 4.0), centre, 1.0, focal_sd=e)
+    points = shape + at[None, :, None]
+    w = project(camera, points)
+    longer = Camera(camera.focal * (1 + e), centre, 1.0)
+    further = points + np.array([[0.0], [0.0], [4.0 * e]])  # as large in the image
+    moved = (project(longer, further) - w) * points[:, 2:] / 4.0  # as in the middle of the shape
+    found = noise_of_rays(np.zeros((1, 50, 2, 2)), find_rays(w, camera), camera)
+    expected = np.einsum("nap,nbp,np->npab", moved, moved, shape[:, 2] ** -2.0)
+    np.testing.assert_allclose(found, expected, rtol=2e-3, atol=1e-4 * expected.max())
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
