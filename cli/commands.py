@@ -274,8 +274,8 @@ class Named(click.types.StringParamType):
         from click.shell_completion import CompletionItem
 
         names = installed(self._kind, ctx.command.name or "")
-        found = [CompletionItem(name) for name in names if name.startswith(incomplete)]
-        return found or click.Path().shell_complete(ctx, param, incomplete)
+        matches = [CompletionItem(name) for name in names if name.startswith(incomplete)]
+        return matches or click.Path().shell_complete(ctx, param, incomplete)
 
 
 def installed(kind: str, command: str) -> Mapping[str, Any]:

@@ -97,13 +97,13 @@ def draw_shape(fit: Fit, image: int = 0) -> Any:
 
     pyplot = _library("matplotlib.pyplot")
     axes = pyplot.figure(figsize=(5, 5)).add_axes((0, 0, 1, 0.93), projection="3d")
-    found = fit.record()
-    shape, sd = found.shapes[image], None if found.shape_sd is None else found.shape_sd[image]
-    drawn = FittedImage(found.items[image], shape[:2], shape, shape[:2], sd=sd)
+    record = fit.record()
+    shape, sd = record.shapes[image], None if record.shape_sd is None else record.shape_sd[image]
+    drawn = FittedImage(record.items[image], shape[:2], shape, shape[:2], sd=sd)
     axes.set_title(drawn.title, parse_math=False)
     if drawn.fitted:
-        edges = edges_of(found.landmark_names) if found.lines is None else found.lines
-        draw_solid(axes, drawn, Model(found.y_axis, edges=np.array(edges, int)), View(*SIDE))
+        edges = edges_of(record.landmark_names) if record.lines is None else record.lines
+        draw_solid(axes, drawn, Model(record.y_axis, edges=np.array(edges, int)), View(*SIDE))
     return axes
 
 

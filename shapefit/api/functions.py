@@ -148,9 +148,9 @@ def fit(
 def _dictionary(given: Dictionary | str | PathLike[str]) -> model.Dictionary:
     """Return a dictionary, read where it is a name or a file. Raises InputError."""
     if not isinstance(given, Dictionary | str | PathLike):
-        found = f"is no dictionary, but {type(given).__name__} {np.shape(given) or ''}".rstrip()
+        fault = f"is no dictionary, but {type(given).__name__} {np.shape(given) or ''}".rstrip()
         fix = "for arrays there is solve(W, B, lam); Dictionary(atoms=B) takes atoms (k, p, 3)"
-        raise input_error("dictionary", found, fix)
+        raise input_error("dictionary", fault, fix)
     atoms = (given if isinstance(given, Dictionary) else read_dictionary(given)).model()
     check_given_dictionary(atoms, "dictionary")
     return atoms
@@ -297,8 +297,8 @@ def evaluate(
     record = result_set(result, true.landmark_names)
     if not isinstance(truth, Shapes) or truth.items is None:
         if len(true) != len(record):
-            found = f"has {len(true)} shapes for {len(record)} images"
-            raise input_error("truth", found, "give one for each, or name them: Shapes(..., items)")
+            fault = f"has {len(true)} shapes for {len(record)} images"
+            raise input_error("truth", fault, "give one for each, or name them: Shapes(..., items)")
         true = true.replaced(items=record.items)
     record = record.without(BARS)
     measured = measure(Path("result"), record, Truth(true, keys_of([true])), config)

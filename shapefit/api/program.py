@@ -66,16 +66,16 @@ def solve(
         loss=Loss(loss),
         beta=beta,
     )
-    found = solve_newton(
+    solution = solve_newton(
         problem, tolerance=tolerance, max_iterations=max_iterations, threads=threads
     )
     only = 0 if W.ndim == 2 else slice(None)
-    status = tuple(each.value for each in found.status)
+    status = tuple(each.value for each in solution.status)
     return Optimum(
-        found.transforms.dense()[only],
-        found.translation[only],
-        found.dual[only],
-        found.objective[only],
-        found.relative_gap[only],
+        solution.transforms.dense()[only],
+        solution.translation[only],
+        solution.dual[only],
+        solution.objective[only],
+        solution.relative_gap[only],
         status[0] if W.ndim == 2 else status,
     )

@@ -70,8 +70,8 @@ def load_config(
     readers = ["the config"] if file == STANDARD_STREAM else []
     readers += [f"`{key}`" for key, path in config.inputs() if path == STANDARD_STREAM]
     if len(readers) > 1:
-        found = f"{' and '.join(readers)} would both read it"
-        raise input_error(STANDARD_INPUT, found, "name a file for one of them")
+        fault = f"{' and '.join(readers)} would both read it"
+        raise input_error(STANDARD_INPUT, fault, "name a file for one of them")
     return config
 
 
@@ -105,8 +105,8 @@ class _Values:
         text, name = _read_text(preset or path, presets)
         values, self.places = read_yaml(text, lambda line, column: f"{name}:{line}:{column}")
         if not isinstance(values, dict | None):
-            found = f"expected keys with values (key: value), found {_describe(values)}"
-            raise InputError(f"{name}:1:1: {found}")
+            fault = f"expected keys with values (key: value), found {_describe(values)}"
+            raise InputError(f"{name}:1:1: {fault}")
         self.values = values or {}
         self.places[()] = (f"{name}:1:1",) * 2
         for owner, key, field in self._paths():
@@ -152,8 +152,8 @@ class _Values:
         for depth, key in enumerate(keys[:-1], start=1):
             owner = owner.setdefault(key, {})
             if not isinstance(owner, dict):
-                found = f"{'.'.join(keys[:depth])} is {_describe(owner)} and has no keys"
-                raise InputError(f"{places[()][0]}: {found}")
+                fault = f"{'.'.join(keys[:depth])} is {_describe(owner)} and has no keys"
+                raise InputError(f"{places[()][0]}: {fault}")
             self.places.setdefault(keys[:depth], places[()])
         owner[keys[-1]] = value
         self.places = {at: p for at, p in self.places.items() if at[: len(keys)] != keys}
@@ -161,12 +161,12 @@ class _Values:
 
     def replace_files(self, stand_ins: Mapping[str, Any]) -> dict[str, Any]:
         """Set keys of files to what passes the check; return what they are to be afterwards."""
-        known = field_keys(self.schema).keys()
-        absent = known - self.values.keys()
+        keys = field_keys(self.schema).keys()
+        absent = keys - self.values.keys()
         replaced = {
             key: value
             for key, value in stand_ins.items()
-            if key in (known if value is not None else absent)
+            if key in (keys if value is not None else absent)
         }
         self.values |= {key: "-" if key == "output" else os.devnull for key in replaced}
         return replaced
@@ -191,15 +191,15 @@ class _Values:
 
     def _paths(self) -> list[tuple[dict[str, Any], str, PathField]]:
         """Return the mapping, the key and the field of each value that holds paths."""
-        found = []
+        paths = []
         for (*above, last), field in all_fields(self.schema):
             owner: Any = self.values
             for key in above:
                 owner = owner.get(key) if isinstance(owner, dict) else None
             kind = find_mark(field, PathField)
             if kind is not None and isinstance(owner, dict) and last in owner:
-                found.append((owner, last, kind))
-        return found
+                paths.append((owner, last, kind))
+        return paths
 
     def _message(self, error: ErrorDetails) -> str:
         """Return what is wrong, with its place and the nearest value or key that is right."""
@@ -252,10 +252,10 @@ def _read_text(path: Path, presets: Iterable[str]) -> tuple[str, str]:
     if stream and sys.stdin is None:
         raise input_error(name, "is closed", "send a config there, or name a file")
     if not stream and (path.is_dir() or not path.exists()):
-        found = "it is a folder" if path.is_dir() else "no such file"
+        fault = "it is a folder" if path.is_dir() else "no such file"
         others = ", ".join(presets)
         fix = f"name a YAML file, or one of the installed configs: {others}"
-        raise input_error(name, found, fix if others else "name a YAML file")
+        raise input_error(name, fault, fix if others else "name a YAML file")
     try:
         data = sys.stdin.buffer.read() if stream else path.read_bytes()
         return data.decode("utf-8-sig"), name

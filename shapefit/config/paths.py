@@ -100,8 +100,8 @@ def absolute_path(value: Any) -> Path:
     if not isinstance(value, str | Path) or not text or "\0" in text:
         raise ValueError(f"expected a path, found {value!r}")
     if DATA in text:
-        found = f"{text!r}: {DATA} begins a path and stands for the folder `data`"
-        raise ValueError(f"{found}; set that in the config or with --set data=FOLDER")
+        fault = f"{text!r}: {DATA} begins a path and stands for the folder `data`"
+        raise ValueError(f"{fault}; set that in the config or with --set data=FOLDER")
     path = Path(text)
     return path if path == STANDARD_STREAM else Path(os.path.abspath(os.path.expanduser(path)))
 
@@ -209,8 +209,8 @@ def find_dictionary(value: Any) -> Path:
     if (path.exists() and not path.is_dir()) or not path.name.isidentifier():
         return expand_one(value)
     if str(value) not in installed:
-        found = f"no file {path}, and no installed dictionary {path.name!r}"
-        raise ValueError(f"{found}; installed: {', '.join(installed)}")
+        fault = f"no file {path}, and no installed dictionary {path.name!r}"
+        raise ValueError(f"{fault}; installed: {', '.join(installed)}")
     return installed[str(value)]
 
 
@@ -231,8 +231,8 @@ def _named(value: Any) -> Any:
         for path in (folder,) if folder.is_dir() else expand_path(pattern):
             name = path_text(path.stem)
             if named.setdefault(name, path) != path:
-                found = f"{named[name]} and {path} would both be called {name!r}"
-                raise ValueError(f"{found}; name them in the config, `results: {{name: path}}`")
+                fault = f"{named[name]} and {path} would both be called {name!r}"
+                raise ValueError(f"{fault}; name them in the config, `results: {{name: path}}`")
     return named
 
 

@@ -38,12 +38,13 @@ class Row(NamedTuple):
 def find_rows(command: str, section: str = "") -> list[Row]:
     """Return the keys of a command, or those of one section; raises InputError for no section."""
     all_rows = list(rows(CONFIGS[command]))
-    found = [row for row in all_rows if f"{row.name}.".startswith(f"{section}." if section else "")]
-    if not found:
+    start = f"{section}." if section else ""
+    selected = [row for row in all_rows if f"{row.name}.".startswith(start)]
+    if not selected:
         sections = dict.fromkeys(row.name.partition(".")[0] for row in all_rows)
         fault = f"there is no key or section '{section}'"
         raise input_error(f"config {command}", fault, f"name one of: {', '.join(sections)}")
-    return found
+    return selected
 
 
 def keys_text(command: str, section: str = "", width: int = 80) -> str:

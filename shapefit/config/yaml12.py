@@ -30,8 +30,8 @@ class _Constructor(RoundTripConstructor):
         self, node: Any, key_node: Any, mapping: Any, key: Any, value: Any
     ) -> bool:
         if key in mapping:
-            found = f'found duplicate key "{key}"'
-            raise DuplicateKeyError(None, node.start_mark, found, key_node.start_mark)
+            fault = f'found duplicate key "{key}"'
+            raise DuplicateKeyError(None, node.start_mark, fault, key_node.start_mark)
         return True
 
 
@@ -96,5 +96,5 @@ def _plain(
         return float(value)
     if isinstance(value, int) and abs(value) <= MAX_INTEGER:
         return int(value)
-    found = f"{str(value)!r} is no number, text, list or mapping that a config can hold"
-    raise InputError(f"{at[1]}: {found}; write a plain value")
+    fault = f"{str(value)!r} is no number, text, list or mapping that a config can hold"
+    raise InputError(f"{at[1]}: {fault}; write a plain value")

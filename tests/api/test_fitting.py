@@ -13,7 +13,6 @@ from shapefit.pipelines.fit.run import run
 from .conftest import run_command, same_file
 
 OPTIONS = {
-    "squared": {},
     "sparse-error": {"outliers": "sparse-error", "outlier_threshold": 0.2},
     "noise": {"lam": "auto", "noise": 3.0},
     "proof": {"save": {"proof": False}},
@@ -191,10 +190,6 @@ def test_a_dictionary_that_cannot_be_is_refused(people, views):
 
 
 CONFIGS = {
-    "lambda": "lambda: 0.3",
-    "noise": "{lambda: auto, noise: 2}",
-    "robust": "{method: convex+refine, outliers: sparse-error}",
-    "ransac": "{outliers: ransac, tolerance: 1e-4}",
     "camera": "camera: {focal: 900, principal_point: [10, 20]}\nmethod: convex+refine",
     "calibration": "{camera: {calibration: rig/cameras.toml, name: left}, method: convex+refine}",
     "names": "rename: {rwrist: unused}",

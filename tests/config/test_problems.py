@@ -116,33 +116,6 @@ def test_a_proper_rotation_is_accepted():
     )
 
 
-@pytest.mark.parametrize(
-    ("option", "expected"),
-    [
-        (
-            'export.folder="\\0"',
-            '--set export.folder="\\0": expected a path, found ',
-        ),
-        ("lambda=-1", "--set lambda=-1: expected a number > 0 or auto, found -1"),
-        ("lambda=", "--set lambda=: expected a number > 0 or auto, found nothing"),
-        ("prior.tol=1", "--set prior.tol=1: unknown key 'prior.tol'; "),
-        ("lambda", "--set lambda: expected key=value or key.key=value"),
-        ("=1", "--set =1: expected key=value or key.key=value"),
-        ("lambda.x=1", "--set lambda.x=1: expected a number > 0 or auto, found a mapping"),
-        ("method=*x", "--set method=*x: not valid YAML"),
-        (
-            "dictionary=!!python/object:os.system x",
-            "is no number, text, list or mapping that a config can hold",
-        ),
-        ("prior={scale: 1, scale: 2}", 'duplicate key "scale"'),
-        ("dictionary.x=1", "--set dictionary.x=1: dictionary is 'a.h5' and has no keys"),
-    ],
-)
-def test_a_wrong_option_is_named_by_its_text(option, expected):
-    told = only_problem("fit", "", option)
-    assert expected.replace("'a.h5'", repr(str(Path.cwd() / "a.h5"))) in told
-
-
 def test_an_option_over_a_mapping_is_blamed_for_what_is_in_it():
     option = "prior={scale: -1}"
     told = only_problem("fit", "prior: {scale: 2}\n", option)
