@@ -79,12 +79,12 @@ def _write_csv(target: Path, form: Layout) -> Output:
 
 
 def _write_motion(name: str, target: Path, form: Layout, options: OutputOptions) -> Output:
+    from shapefit.io.writers import tables
     from shapefit.io.writers.bones import bvh_output
-    from shapefit.io.writers.markers import c3d_output, trc_output
-    from shapefit.io.writers.tables import angles_output, metres_output, mot_output
 
-    outputs = {"bvh": bvh_output, "c3d": c3d_output, "trc": trc_output, "mot": mot_output}
-    outputs |= {"metres": metres_output, "angles": angles_output}
+    outputs = {"bvh": bvh_output, "c3d": tables.c3d_output, "trc": tables.trc_output}
+    outputs |= {"mot": tables.mot_output, "metres": tables.metres_output}
+    outputs |= {"angles": tables.angles_output}
     return outputs[name](target, form, options)
 
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import chain, count
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -30,6 +29,7 @@ from shapefit.io.layout import (
     Layout,
 )
 from shapefit.io.options import OutputOptions, RecordWriter, Summary
+from shapefit.io.readers.poses import make_unique
 from shapefit.io.records import Names, ShapeSet, concatenate
 from shapefit.io.skeletons import (
     edges_of,
@@ -232,6 +232,9 @@ def _motion(
         spread[frames - first] = values
         return spread
 
+    trusted, reasons = [""] * length, records.columns.get(REASONS)
+    for frame, reason in zip(frames.tolist(), () if reasons is None else reasons, strict=False):
+        trusted[frame - first] = "false" if reason else "true"
     sd = records.columns.get("shape_sd", np.full_like(records.shapes, np.nan))
     none = np.empty((n, 0))
     failed = int((~np.isfinite(placed.points).any(axis=(1, 2))).sum())
@@ -258,17 +261,8 @@ def _motion(
         axes=placed.axes,
         size=placed.size,
         warnings=tuple(warnings),
-        trusted=_trusted(records, frames - first, length),
+        trusted=trusted,
     )
-
-
-def _trusted(records: Shapes3D, places: Integers, length: int) -> list[str]:
-    """Return for each frame whether its shape is trusted, "" where the records do not say."""
-    answers, reasons = [""] * length, records.columns.get(REASONS)
-    if reasons is not None:
-        for place, reason in zip(places.tolist(), reasons, strict=True):
-            answers[place] = "false" if reason else "true"
-    return answers
 
 
 def _as_markers(records: Shapes3D) -> Shapes3D:
@@ -387,19 +381,11 @@ def _files(
     shared = 0
     while all(len(part) > shared + 1 and part[shared] == parts[0][shared] for part in parts):
         shared += 1
+    names, _ = make_unique(["_".join(p[shared:]).replace(" ", "_") or "motion" for p in parts])
     files: dict[PurePosixPath, Callable[[Path], None]] = {}
-    stems: set[str] = set()
-    for part, motion in zip(parts, motions, strict=True):
-        plain = "_".join(part[shared:]).replace(" ", "_")
-        numbered = (f"{plain}_{number}" for number in count(2))
-        name = next(each for each in chain([plain], numbered) if each not in stems)
-        stems.add(name)
+    for name, motion in zip(names, motions, strict=True):
         stem = file_stem(f"{resolved.stem}_{name}") if len(motions) > 1 else resolved.stem
-        files[PurePosixPath(f"{stem}{resolved.suffix}")] = partial(_fill, write, motion)
+        files[PurePosixPath(f"{stem}{resolved.suffix}")] = partial(write, motion=motion)
         if angles is not None and motion.angle_names:
-            files[PurePosixPath(f"{stem}_angles.csv")] = partial(_fill, angles, motion)
+            files[PurePosixPath(f"{stem}_angles.csv")] = partial(angles, motion=motion)
     return files
-
-
-def _fill(write: Write, motion: Motion, path: Path) -> None:
-    write(path, motion)

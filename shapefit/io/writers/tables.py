@@ -1,16 +1,60 @@
-"""Motion as tables: joints in metres, and joint angles, as CSV and the .mot of OpenSim."""
+"""Motion as points and as joint angles: TRC, C3D (by ezc3d), CSV, and the .mot of OpenSim."""
 
 from __future__ import annotations
 
 import csv
+import errno
+import os
 from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import orjson
 
 from shapefit.errors import input_error, printable
-from shapefit.io.writers.motion import Motion, motion_output
+from shapefit.io.layout import Layout
+from shapefit.io.options import OutputOptions
+from shapefit.io.writers.motion import Motion, MotionWriter, motion_output
+
+# Points in metres.
+
+BLOCK = 4096
+"""Frames that are made text at a time."""
+
+COLUMNS = (
+    "DataRate CameraRate NumFrames NumMarkers Units OrigDataRate OrigDataStartFrame OrigNumFrames"
+)
+"""Of the header of TRC."""
+
+
+def write_trc(path: Path, motion: Motion) -> None:
+    """Write one motion as TRC, the table that OpenSim reads.
+
+    The last cell of the first line, where readers expect nothing, says which way is up.
+    """
+    count, p, rate = len(motion.points), len(motion.landmark_names), f"{motion.rate:.10g}"
+    file_name = f"{printable(motion.name) or 'motion'}.trc"
+    head = [
+        ["PathFileType", "4", "(X/Y/Z)", file_name, f"{motion.axes}; {motion.size}"],
+        COLUMNS.split(),
+        [rate, rate, str(count), str(p), "m", rate, str(motion.first), str(count)],
+        ["Frame#", "Time", *(c for n in motion.landmark_names for c in (printable(n), "", ""))],
+        ["", "", *(f"{axis}{number}" for number in range(1, p + 1) for axis in "XYZ")],
+    ]
+    with path.open("wb") as file:
+        file.write("".join("\t".join(cells) + "\n" for cells in head).encode())
+        for start in range(0, count, BLOCK):
+            frames = motion.frames[start : start + BLOCK]
+            # (f, 3, p) -> time, and x, y, z of one landmark after the other
+            points = motion.points[start : start + BLOCK].swapaxes(1, 2).reshape(len(frames), -1)
+            table = np.column_stack([np.round(frames / motion.rate, 9), points])
+            text = orjson.dumps(table, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2]
+            lines = text.replace(b"null", b"").replace(b"],[", b"\n").replace(b",", b"\t")
+            rows = zip(frames.tolist(), lines.split(b"\n"), strict=True)
+            file.write(b"".join(b"%d\t%b\n" % row for row in rows))
+
 
 METRES = ("frame", "time", "landmark", "x", "y", "z", "sd", "trusted")
 """Columns; sd is that of the distance to the point, sqrt(sd_x^2 + sd_y^2 + sd_z^2)."""
@@ -35,49 +79,7 @@ def write_metres(path: Path, motion: Motion) -> None:
 
     Points that are not known are empty, and so are deviations without error bars.
     """
-    columns = metres_columns(motion)
-    _write_csv(path, METRES, zip(*columns.values(), strict=True), ".7g")
-
-
-MAX_ANGLE_SD = 15.0
-"""Standard deviation of a joint angle in degrees beyond which it says next to nothing."""
-
-
-def write_angles(path: Path, motion: Motion) -> None:
-    """Write a row per frame of one motion: each angle and its standard deviation, in degrees.
-
-    The last column names the angles that are uncertain, see `MAX_ANGLE_SD`.
-    """
-    pairs = np.stack([motion.angles, motion.angle_deviations], axis=2).reshape(
-        len(motion.points), -1
-    )
-    columns = (c for name in motion.angle_names for c in (name, f"{name}_sd"))
-    header = ("frame", "time", "trusted", *columns, "uncertain")
-    marks = (
-        " ".join(
-            name for name, sd in zip(motion.angle_names, row, strict=True) if sd > MAX_ANGLE_SD
-        )
-        for row in motion.angle_deviations
-    )
-    times = motion.frames / motion.rate
-    rows = zip(motion.frames, times, motion.trusted, pairs, marks, strict=True)
-    _write_csv(path, header, ((f, t, said, *row, mark) for f, t, said, row, mark in rows), ".4g")
-
-
-def write_mot(path: Path, motion: Motion) -> None:
-    """Write the joint angles of one motion in degrees, as OpenSim reads them; gaps are NaN.
-
-    So are angles that are uncertain, see `MAX_ANGLE_SD`.
-    """
-    angles = np.where(motion.angle_deviations > MAX_ANGLE_SD, np.nan, motion.angles)
-    table = np.column_stack([motion.frames / motion.rate, angles])
-    with path.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(f"{printable(motion.name) or 'Coordinates'}\nversion=1\nnRows={len(table)}\n")
-        file.write(f"nColumns={table.shape[1]}\ninDegrees=yes\nendheader\n")
-        file.write("\t".join(["time", *motion.angle_names]) + "\n")
-        for row in table.tolist():
-            cells = (f"{value:.10g}" if np.isfinite(value) else "NaN" for value in row)
-            file.write("\t".join(cells) + "\n")
+    _write_csv(path, METRES, zip(*metres_columns(motion).values(), strict=True), ".7g")
 
 
 def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Any], digits: str) -> None:
@@ -94,15 +96,118 @@ def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Any], digits: s
         table.writerows([frame, f"{time:.10g}", *map(cell, rest)] for frame, time, *rest in rows)
 
 
-def _with_angles(motions: Sequence[Motion], place: str) -> tuple[list[Motion], str]:
+# Joint angles in degrees.
+
+MAX_ANGLE_SD = 15.0
+"""Standard deviation of a joint angle in degrees beyond which it says next to nothing."""
+
+
+def write_angles(path: Path, motion: Motion) -> None:
+    """Write a row per frame of one motion: each angle and its standard deviation.
+
+    The last column names the angles that are uncertain, see `MAX_ANGLE_SD`.
+    """
+    names = motion.angle_names
+    header = [column for name in names for column in (name, f"{name}_sd")]
+    # (f, a, 2) -> an angle and its deviation after the other
+    pairs = np.stack([motion.angles, motion.angle_deviations], axis=2)
+    rows = (
+        (frame, time, trusted, *values, " ".join(np.array(names)[sd > MAX_ANGLE_SD]))
+        for frame, time, trusted, values, sd in zip(
+            motion.frames,
+            motion.frames / motion.rate,
+            motion.trusted,
+            pairs.reshape(len(pairs), -1),
+            motion.angle_deviations,
+            strict=True,
+        )
+    )
+    _write_csv(path, ["frame", "time", "trusted", *header, "uncertain"], rows, ".4g")
+
+
+def write_mot(path: Path, motion: Motion) -> None:
+    """Write the joint angles of one motion as OpenSim reads them; gaps are NaN.
+
+    So are angles that are uncertain, see `MAX_ANGLE_SD`.
+    """
+    angles = np.where(motion.angle_deviations > MAX_ANGLE_SD, np.nan, motion.angles)
+    table = np.column_stack([motion.frames / motion.rate, angles])
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(f"{printable(motion.name) or 'Coordinates'}\nversion=1\nnRows={len(table)}\n")
+        file.write(f"nColumns={table.shape[1]}\ninDegrees=yes\nendheader\n")
+        file.write("\t".join(["time", *motion.angle_names]) + "\n")
+        for row in table.tolist():
+            cells = (f"{value:.10g}" if np.isfinite(value) else "NaN" for value in row)
+            file.write("\t".join(cells) + "\n")
+
+
+def _require_angles(motions: Sequence[Motion], place: str) -> tuple[list[Motion], str]:
     """Raise InputError where landmarks determine no joint angle."""
-    for motion in motions:
-        if not motion.angle_names:
-            fix = "lift with the dictionary `people`, or rename landmarks to its joints (`rename`)"
-            raise input_error(place, "no joint angle follows from these landmarks", fix)
+    if not all(motion.angle_names for motion in motions):
+        fix = "lift with the dictionary `people`, or rename landmarks to its joints (`rename`)"
+        raise input_error(place, "no joint angle follows from these landmarks", fix)
     return list(motions), ""
 
 
+trc_output = motion_output(write_trc, angles=write_angles)
 metres_output = motion_output(write_metres)
-angles_output = motion_output(write_angles, prepare=_with_angles, measured=True)
-mot_output = motion_output(write_mot, prepare=_with_angles, measured=True)
+angles_output = motion_output(write_angles, prepare=_require_angles, measured=True)
+mot_output = motion_output(write_mot, prepare=_require_angles, measured=True)
+
+
+# C3D
+
+MAX_FRAMES, MAX_LABELS = 65535, 255
+"""Largest number of a frame, in 16 bits; landmarks, and bytes of a name: a byte counts each."""
+
+
+def c3d_output(
+    target: Path, form: Layout, options: OutputOptions
+) -> AbstractContextManager[MotionWriter]:
+    """Give a writer to C3D files, one per individual, that appear on a clean exit.
+
+    Raises InputError, before any work, where ezc3d is not installed.
+    """
+    _load_ezc3d()
+    return motion_output(write_c3d, "mm")(target, form, options)
+
+
+def _load_ezc3d() -> Any:
+    try:
+        import ezc3d
+    except ImportError as error:
+        fix = "run `pip install ezc3d`"
+        raise input_error("C3D", "these files need the library ezc3d", fix) from error
+    return ezc3d
+
+
+def write_c3d(path: Path, motion: Motion) -> None:
+    """Write one motion in millimetres; a missing point has the residual -1.
+
+    Raises InputError where it has more frames or landmarks, or longer names, than a file can hold.
+    """
+    names, last = motion.landmark_names, motion.first + len(motion.points)
+    if max([len(names), *(len(name.encode()) for name in names)]) > MAX_LABELS:
+        problem = f"C3D holds {MAX_LABELS} landmarks at most, with names of {MAX_LABELS} bytes"
+        raise input_error(motion.name or "C3D", problem, "write TRC, or rename the landmark")
+    if last > MAX_FRAMES:
+        problem = f"the frames run to {last:,}, and C3D numbers {MAX_FRAMES:,} at most"
+        raise input_error(motion.name or "C3D", problem, "write TRC, or shorter sequences")
+    points = 1000 * motion.points.transpose(1, 2, 0)  # (f, 3, p) -> (3, p, f)
+    seen = np.isfinite(points).all(axis=0)
+    file = _load_ezc3d().c3d()
+    file["header"]["points"]["first_frame"] = motion.first
+    point = file["parameters"]["POINT"]
+    point["RATE"]["value"], point["UNITS"]["value"] = [motion.rate], ["mm"]
+    point["LABELS"]["value"] = list(names)
+    for axis in "XY" if motion.axes.startswith("y up") else "":
+        file.add_parameter("POINT", f"{axis}_SCREEN", [f"+{axis}"])
+    file.add_parameter("SHAPEFIT", "AXES", [motion.axes])
+    file.add_parameter("SHAPEFIT", "SIZE", [motion.size])
+    file["data"]["points"] = np.concatenate(
+        [np.where(seen, points, np.nan), np.ones((1, *seen.shape))]
+    )
+    file["data"]["meta_points"]["residuals"] = np.where(seen, 0.0, -1.0)[None]
+    file.write(str(path))
+    if path.stat().st_size < 16 * seen.size:  # of a full disk the library says nothing
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -5,8 +5,8 @@ import sys
 import numpy as np
 import pytest
 
-from shapefit.io.writers.markers import MOST_FRAMES, write_c3d
 from shapefit.io.writers.motion import Motion
+from shapefit.io.writers.tables import MAX_FRAMES, write_c3d
 from tests.io.files import save
 
 ezc3d = pytest.importorskip("ezc3d")
@@ -93,9 +93,9 @@ def motion_of(names, first=0):
 
 
 def test_the_last_frame_that_c3d_can_number(tmp_path, problems):
-    write_c3d(tmp_path / "man.c3d", motion_of(("a",), MOST_FRAMES - 2))
-    (line,) = problems(write_c3d, tmp_path / "man.c3d", motion_of(("a",), MOST_FRAMES - 1))
-    assert f"and C3D numbers {MOST_FRAMES:,} at most" in line
+    write_c3d(tmp_path / "man.c3d", motion_of(("a",), MAX_FRAMES - 2))
+    (line,) = problems(write_c3d, tmp_path / "man.c3d", motion_of(("a",), MAX_FRAMES - 1))
+    assert f"and C3D numbers {MAX_FRAMES:,} at most" in line
 
 
 @pytest.mark.parametrize(("count", "bytes_"), [(3, 256), (256, 3)])

@@ -10,7 +10,7 @@ from shapefit.errors import InputError
 from shapefit.io.formats import record_writer
 from shapefit.io.layout import RESULTS
 from shapefit.io.options import OutputOptions
-from shapefit.io.writers import markers
+from shapefit.io.writers import tables
 from shapefit.io.writers.motion import MOST_GAPS, find_motions, motion_output
 from tests.io.files import save
 
@@ -57,14 +57,14 @@ def test_a_full_disk(tmp_path, several, one, monkeypatch, problems):
     record = several.take([0, 1]) if one else several
     (tmp_path / "man.trc").write_text("old")
     (tmp_path / "man_a.trc").write_text("old")
-    original = markers.write_trc
+    original = tables.write_trc
 
     def fill(path, motion):
         original(path, motion)
         if one or motion.name == "b":
             raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(markers, "trc_output", motion_output(fill))
+    monkeypatch.setattr(tables, "trc_output", motion_output(fill))
     (line,) = problems(save, tmp_path / "man.trc", record)
     assert "cannot be written: No space left on device; free some space" in line
     assert sorted(os.listdir(tmp_path)) == ["man.trc", "man_a.trc"]
