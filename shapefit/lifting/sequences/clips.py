@@ -160,16 +160,16 @@ def refine_lifting(
     constant = refined.noise[:, None] * grow
     bars, correlation = add_common_error(smoothed, images, constant)
     mixed = correlation.swapaxes(1, 2).astype(np.float32)
+    image_error = np.full(len(centre), np.nan)
+    if whole is not None:
+        scaled = whole * lifting.scale[:, None, None] ** 2
+        image_error = expected_error(lifting.shapes, scaled)
     if whole is not None and refined.covariance is not None:
         D, of_all = np.tile(grow, 3), np.tile(constant, 3)
         both = refined.covariance * (D[:, :, None] * D[:, None])
         both += CONSTANTS.shared**2 * whole[rows]
         both[:, range(D.shape[1]), range(D.shape[1])] += of_all**2
         whole = np.where(single, whole, both)
-    image_error = np.full(len(centre), np.nan)
-    if whole is not None:
-        scaled = whole * lifting.scale[:, None, None] ** 2
-        image_error = expected_error(lifting.shapes, scaled)
     stopped = ~refined.converged
     status = found.status
     if stopped.any():

@@ -10,6 +10,7 @@ from shapefit.geometry.pinhole import project
 from shapefit.lifting.sequences import clips
 from shapefit.lifting.sequences.clips import Motion
 from shapefit.lifting.sequences.through_camera import refine_through_camera
+from shapefit.lifting.verdict import IMAGE_ERROR, expected_error
 from tests.lifting.posterior.conftest import draw_component
 from tests.lifting.posterior.pinhole import P, Scene
 
@@ -101,3 +102,16 @@ def test_landmarks_are_trusted_by_belief_times_the_square_of_their_confidence(
     np.testing.assert_allclose(weights / weights[:, :1], confidence / confidence[:, :1])
     inlier_probability = lifting.estimate.further["inlier_probability"]
     np.testing.assert_allclose(given[0].trust, inlier_probability * weights**2)
+
+
+def test_the_expected_error_of_the_images_is_kept_beside_that_of_the_sequence(scene, lifting):
+    motion = Motion(np.array([[0, 1]]), np.full(P, 0.05), np.ones(1))
+    images = lifting.estimate.covariance * lifting.scale[:, None, None] ** 2
+    expected = expected_error(lifting.shapes, images)
+
+    def refine(weak, landmarks):
+        one = ["one"] * N
+        return clips.refine_lifting(weak, landmarks, one, motion, 0.01, None, np.ones(P))
+
+    found = refine_through_camera(lifting, scene.landmarks, refine)
+    np.testing.assert_allclose(found.estimate.further[IMAGE_ERROR], expected)
