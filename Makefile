@@ -21,7 +21,6 @@
 #                     (DATA=FOLDER motion capture, CARS=FOLDER cars, BENCH_OPTIONS='--only CASE --quick')
 #   make mocap-table  the paper's table on motion capture data (DATA=FOLDER takes it from elsewhere)
 #   make people       the dictionary of the package, learned anew from motion capture (DATA=FOLDER)
-#   make bodies       how that dictionary does on each of its bodies when it is left out
 #   make footage      people before a camera at rest, as a detector finds them (DATA=FOLDER as above)
 #   make detected     landmarks that networks detected, against their 3D truth (DATA=FOLDER as above)
 #   make cars         real cars: report, meshes, pictures, outliers (DATA=FOLDER as above)
@@ -47,7 +46,7 @@ $(shell rm -f $(RUNS) $(READY) $(ALL_READY) $(SITE_READY))
 endif
 SET_DATA = $(if $(DATA),--set 'data=$(DATA)')
 
-.PHONY: demo test test-all fuzz mutants faults test-levels sanitize arm64 wheel site pictures check format-check lint types docs mocap-table recovery paper people bodies footage detected from-2d cars bench clean
+.PHONY: demo test test-all fuzz mutants faults test-levels sanitize arm64 wheel site pictures check format-check lint types docs mocap-table recovery paper people footage detected from-2d cars bench clean
 
 demo: $(RUNS)
 	$(SHAPEFIT) fit sample_data/openpose --frame-rate 25 --image-size 1280x720 --focal 1100 \
@@ -103,9 +102,6 @@ people: $(RUNS)
 	$(BIN)/python tools/further_joints.py results/people/box.h5 \
 	    $(or $(DATA),../shared/data/mocap)/bodies31_24fps.h5 results/people/whole.h5 '13_*'
 	$(BIN)/python tools/ship_dictionary.py results/people/whole.h5 shapefit/data/people.h5
-
-bodies: $(RUNS)
-	$(BIN)/python -m benchmarks.bodies $(if $(DATA),--data '$(DATA)')
 
 footage: $(RUNS)
 	$(BIN)/python -m benchmarks.footage $(if $(DATA),--data '$(DATA)')
