@@ -93,9 +93,10 @@ any format that can be read (docs/formats.md). Globs work.""",
 -o --output DICT.h5  Dictionary file to write (HDF5).
 --method NAME  sparse-coding, exemplars or pca-bases.
 --every N  Take every n-th frame.
+--prior  Learn a prior over shapes too, so that a fit has error bars.
 {READING}""",
         examples="""
-shapefit learn-dict train.h5 -o dict.h5
+shapefit learn-dict train.h5 -o dict.h5 --prior
 shapefit learn-dict 'train/*.h5' -o dict.h5 --every 3 --set k=128
 shapefit learn-dict models.h5 -o cars.h5 --method exemplars
 shapefit learn-dict tracked.csv -o animal.h5""",
@@ -251,10 +252,14 @@ shapefit verify result.h5 -d dict.h5 --landmarks views.h5""",
 
 KEYS = {
     "focal": "camera.focal",
+    "prior": "prior.components",
     "calibration": "camera.calibration",
     "camera": "camera.name",
 }
 """Options that are called otherwise than their key."""
+
+FLAGS = {"prior": "auto"}
+"""Flags that set their key to something else than true."""
 
 OF_PARTS = ("partition", "workers", "scheduler", "scheduler_file", "dry_run", "replace")
 NO_KEYS = ("open", "fail_untrusted", *OF_PARTS)
@@ -338,7 +343,7 @@ def make_options(lines: str, **settings: Any) -> dict[str, click.Option]:
         names += [last] if metavar is None else []
         name = names[-1].lstrip("-").replace("-", "_")
         kind = (
-            {"is_flag": True, "default": None}
+            {"is_flag": True, "default": None, "flag_value": FLAGS.get(name, True)}
             if metavar is None
             else {
                 "type": TYPES.get(last),

@@ -208,7 +208,7 @@ MIN_CONFIDENCE = 0.1
 PRIOR = Need(
     "prior",
     "the prior over shapes that posterior weighs the landmarks against",
-    "learn it by `shapefit learn-dict` with `prior: {components: 16}`",
+    "learn it by `shapefit learn-dict --prior`",
 )
 
 METHODS: dict[str, Method] = {

@@ -297,12 +297,15 @@ def rows_of(
     size = 100 * np.median(counts.errors) if counts.errors else np.nan
     about = f", expected error about {size:.0f} cm" if counts.errors else ""
     images = counted(counts.images, "image")
+    no_bars = "no error bars by this method"
+    if setup.dictionary.prior is None:
+        no_bars = "no error bars: `learn-dict --prior` learns what they need"
     yield (
         "Result",
         (
             f"{counts.trusted} of {images} trusted{about}"
             if counts.judged
-            else f"{images} (no error bars by this method)"
+            else f"{images} ({no_bars})"
         ),
     )
     if output.suffix.lower() in VIEWED:
