@@ -104,7 +104,6 @@ class Settings:
     mean_shape       (3, p) of the dictionary
     needs            what else of the dictionary the method needs, by name
     options          the options of the method, of the type that the table names
-    orthogonal       convex: each M_i / c_i is replaced by the nearest orthonormal rows
     tolerance        global: the relative gap at which an image is solved
     threads          0 is one per core
     """
@@ -113,7 +112,6 @@ class Settings:
     mean_shape: NDArray[np.float64]
     needs: dict[str, Any] = field(default_factory=dict)
     options: Any = None
-    orthogonal: bool = False
     tolerance: float = 1e-2
     threads: int = 0
 
@@ -211,6 +209,22 @@ PRIOR = Need(
     "learn it by `shapefit learn-dict --prior`",
 )
 
+POSTERIOR = Method(
+    run="shapefit.lifting.posterior.method:lift_to_posterior",
+    summary="the posterior mean under the prior over shapes, with its uncertainty",
+    options=PosteriorOptions,
+    needs=(PRIOR,),
+    yields=frozenset({"convex_proof", "deviation"}),
+    further=(
+        "log_evidence", "p_value", "start_distance", "inlier_probability", "shape_correlation",
+    ),
+    proves="bound",
+    mixes_atoms=False,
+    precisions=True,
+    perspective="own",
+    tolerance=1e-3,
+)  # fmt: skip
+
 METHODS: dict[str, Method] = {
     "convex": Method(
         run="shapefit.lifting.reconstruction:lift_convex",
@@ -266,46 +280,14 @@ METHODS: dict[str, Method] = {
         yields=frozenset(),
         mixes_atoms=False,
     ),
-    "posterior": Method(
-        run="shapefit.lifting.posterior.method:lift_to_posterior",
-        summary="the posterior mean under the prior over shapes, with its uncertainty",
-        options=PosteriorOptions,
-        needs=(PRIOR,),
-        yields=frozenset({"convex_proof", "deviation"}),
-        further=(
-            "log_evidence",
-            "p_value",
-            "start_distance",
-            "inlier_probability",
-            "shape_correlation",
-        ),
-        proves="bound",
-        mixes_atoms=False,
-        precisions=True,
-        perspective="own",
-        tolerance=1e-3,
-    ),
-    "sequences": Method(
+    "posterior": POSTERIOR,
+    "sequences": replace(
+        POSTERIOR,
         run="shapefit.lifting.sequences.clips:lift_frames",
         summary="the posterior of whole sequences: rigid bones, steady motion",
-        options=PosteriorOptions,
-        needs=(PRIOR,),
-        yields=frozenset({"convex_proof", "deviation", "posterior_modes"}),
-        further=(
-            "log_evidence",
-            "p_value",
-            "start_distance",
-            "inlier_probability",
-            "shape_correlation",
-            "sequence_noise",
-            "image_error",
-        ),
-        proves="bound",
-        mixes_atoms=False,
-        precisions=True,
-        perspective="own",
+        yields=POSTERIOR.yields | {"posterior_modes"},
+        further=(*POSTERIOR.further, "sequence_noise", "image_error"),
         sequences=True,
-        tolerance=1e-3,
     ),
 }
 

@@ -11,9 +11,8 @@ from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import find_outliers
-from shapefit.convex.transforms import Transforms, spectral_norm
-from shapefit.geometry.rotations import complete_rotation
-from shapefit.lifting.estimate import ConvexProof, Estimate, fit_translation
+from shapefit.convex.transforms import Transforms
+from shapefit.lifting.estimate import ConvexProof, Estimate
 from shapefit.lifting.methods import Settings
 
 # An atom is active where its coefficient is more than this share of the largest one.
@@ -23,22 +22,13 @@ ACTIVE = 1e-6
 def lift_convex(problem: Problem, settings: Settings) -> Estimate:
     """Solve the convex program and complete each transform (paper, section Reconstruction)."""
     solution = settings.solve(problem)
-    found = reconstruct(
-        solution.transforms,
-        problem.atoms,
-        orthogonal=settings.orthogonal,
-        threads=settings.threads,
-    )
-    residual = solution.residual
-    if settings.orthogonal:  # the shapes are not those that the program was solved with
-        placed = fit_translation(problem, found.shapes, solution.translation)
-        residual = placed.residual
+    found = reconstruct(solution.transforms, problem.atoms, threads=settings.threads)
     return Estimate(
         shapes=found.shapes,
         translation=solution.translation,
         rotation=found.rotation,
         objective=solution.objective,
-        residual=residual,
+        residual=solution.residual,
         iterations=solution.iterations,
         status=solution.status,
         coefficients=found.coefficients,
@@ -67,27 +57,6 @@ class Reconstruction:
     tight: NDArray[np.bool_]
 
 
-def complete_transforms(M: Floats) -> Floats:
-    """[M; m_1 x m_2 / c]: c_i R_i from M_i = c_i times two rows of R_i.
-
-    M (..., 2, 3) -> (..., 3, 3); the third row is c_i times the cross product of the two rows of
-    R_i = M_i / c_i with c_i = ||M_i||_2 (paper, section Reconstruction), 0 where M_i is 0.
-    """
-    c = spectral_norm(M)[..., None]
-    third = np.cross(M[..., 0, :], M[..., 1, :])
-    third = np.divide(third, c, out=np.zeros_like(third), where=c > 0)
-    return np.concatenate([M, third[..., None, :]], axis=-2)
-
-
-def orthogonal_transforms(M: Floats) -> Floats:
-    """c_i R_i with c_i = ||M_i||_2 and R_i the rotation nearest to M_i / c_i.
-
-    M (..., 2, 3) -> (..., 3, 3). The projection to SO(3) of the paper's Discussion: unlike
-    complete_transforms it also makes the first two rows orthonormal.
-    """
-    return spectral_norm(M)[..., None, None] * complete_rotation(M)
-
-
 def is_active(coefficients: Floats) -> NDArray[np.bool_]:
     """Atoms whose coefficient (n, k) is not negligible beside the largest of the image."""
     size = np.abs(coefficients)
@@ -95,19 +64,17 @@ def is_active(coefficients: Floats) -> NDArray[np.bool_]:
     return active
 
 
-def reconstruct(
-    M: Transforms, atoms: Floats, *, orthogonal: bool = False, threads: int = 0
-) -> Reconstruction:
+def reconstruct(M: Transforms, atoms: Floats, *, threads: int = 0) -> Reconstruction:
     """S = sum_i c_i R_i B_i (paper, eq. new3dmodel) of n images, atoms B (k, 3, p).
 
-    R_i completes M_i / c_i, or is the rotation nearest to it where `orthogonal`; `threads` = 0
-    means all cores. The method is written down in shapefit/core/pose/transforms.cpp.
+    R_i completes M_i / c_i by the cross product of its rows; `threads` = 0 means all cores. The
+    method is written down in shapefit/core/pose/transforms.cpp.
     """
     n, p = len(M.count), atoms.shape[2]
     shapes, rotation = np.zeros((n, 3, p)), np.full((n, 3, 3), np.nan)
     sizes, active, tight = np.empty(len(M.atom)), np.empty(n, np.int64), np.empty(n, bool)
     core.reconstruct(
-        **M.arrays, atoms=atoms, orthogonal=orthogonal, threads=threads,
+        **M.arrays, atoms=atoms, threads=threads,
         sizes=sizes, shapes=shapes, rotation=rotation, active=active, tight=tight,
     )  # fmt: skip
     return Reconstruction(shapes, M.spread(sizes), rotation, active, tight)

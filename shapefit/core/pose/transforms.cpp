@@ -19,7 +19,6 @@ struct ReconstructionData {
     Arguments& from;
     GivenTransforms transforms{from};  // M
     Tensor<const double> atoms = from("atoms", "k 3 p");  // B
-    bool orthogonal = from("orthogonal");  // the first rows of R_i are orthonormal, too
     Vector<double> sizes = from("sizes", "a");  // c_i = ||M_i||_2 of each transform
     Tensor<double> shapes = from("shapes", "n 3 p");  // S
     Tensor<double> rotation = from("rotation", "n 3 3");  // left alone where none is known
@@ -127,12 +126,8 @@ Invariants<double> invariants_of(const double* M) {
 }
 
 // c R from M (2, 3) = c times the first two rows of R.
-Rotation scaled_rotation(const double* M, double c, bool orthogonal) {
+Rotation scaled_rotation(const double* M, double c) {
     Rotation cR;
-    if (orthogonal && polar_rotation(M, cR)) {
-        for (double& entry : cR.entry) entry *= c;
-        return cR;
-    }
     cR.take_rows(M, 2);
     cR.complete();
     for (int b = 0; b < 3; ++b) cR[6 + b] = c > 0 ? cR[6 + b] / c : 0;
@@ -168,7 +163,7 @@ void reconstruct_image(const ReconstructionData& data, long image) {
     bool loose = false;
     for (long e = 0; e < M.count; ++e) {
         const double* block = M.blocks + 6 * e;
-        const Rotation cR = scaled_rotation(block, sizes[e], data.orthogonal);
+        const Rotation cR = scaled_rotation(block, sizes[e]);
         add_shape(cR, data.atoms[M.atom[e]], data.shapes[image]);
         for (int i = 0; i < 9; ++i) total[i] += cR[i];
         if (!(sizes[e] > ACTIVE * largest)) continue;
@@ -230,7 +225,7 @@ void synchronise(const SynchronisationData& data, Range range) {
     }
 }
 
-// R_i completes M_i / c_i by the cross product of its rows, or is the rotation nearest to it.
+// R_i completes M_i / c_i by the cross product of its rows.
 void reconstruct(const ReconstructionData& data, Range range) {
     for (long image = range.first; image < range.last; ++image) reconstruct_image(data, image);
 }

@@ -30,12 +30,11 @@ def find_global(problem: Problem, settings: Settings) -> Estimate:
     So it is never above either of them. The iterations are cells; the gap is that to the bound.
     """
     options: SearchOptions = settings.options
-    limits = Limits(options.max_cells, options.max_seconds)
     found = find_optimum(
         problem,
         find_starts(problem, settings),
         tolerance=settings.tolerance,
-        limits=limits,
+        options=options,
         threads=settings.threads,
     )
     estimate = describe(problem, found.coefficients, found.rotation, found.cells, found.status)
@@ -50,14 +49,6 @@ def find_starts(problem: Problem, settings: Settings) -> Floats:
 
 
 Indices = NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Where the search of one image gives up: after so many cells, or seconds."""
-
-    cells: int = 200_000
-    seconds: float = 10.0
 
 
 @dataclass(frozen=True)
@@ -90,7 +81,7 @@ def find_optimum(
     starts: Floats | None = None,
     *,
     tolerance: float = 1e-2,
-    limits: Limits | None = None,
+    options: SearchOptions | None = None,
     threads: int = 0,
 ) -> GlobalOptimum:
     """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over all R.
@@ -101,7 +92,7 @@ def find_optimum(
     Raises ValueError for a loss other than the squared one.
     """
     problem.require_squared("the search")
-    limits = limits or Limits()
+    options = options or SearchOptions()
     n, k = len(problem.landmarks), len(problem.atoms)
     if starts is None:
         starts = np.zeros((n, 0, 3, 3))
@@ -116,8 +107,8 @@ def find_optimum(
         **problem.arrays,
         starts=np.ascontiguousarray(starts, dtype=np.float64),
         tolerance=tolerance,
-        most_cells=limits.cells,
-        most_seconds=limits.seconds,
+        most_cells=options.max_cells,
+        most_seconds=options.max_seconds,
         **found,
         status=codes,
         threads=threads,

@@ -13,7 +13,7 @@ from shapefit.convex.solver import Status, solve_newton
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.estimate import fit_translation
-from shapefit.lifting.global_optimum.method import Limits, find_optimum
+from shapefit.lifting.global_optimum.method import find_optimum
 from shapefit.lifting.methods import AlternationOptions, SearchOptions, Settings, choose_method
 from shapefit.lifting.reconstruction import combine
 from shapefit.lifting.shared_rotation.pose import alternate
@@ -80,14 +80,16 @@ def test_a_limit_leaves_a_bound_that_holds(make_scene):
     problem = make_scene(n=5, noise=0.3).problem(0.2)
     full = find_optimum(problem, tolerance=1e-3, threads=1)
     for cells in (1, 200, 600):
-        cut_short = find_optimum(problem, tolerance=1e-3, limits=Limits(cells, 10.0), threads=1)
+        cut_short = find_optimum(
+            problem, tolerance=1e-3, options=SearchOptions(max_cells=cells), threads=1
+        )
         assert set(cut_short.status) == {Status.ITERATION_LIMIT}
         assert (cut_short.cells <= 2 * cells).all()
         assert (cut_short.bound <= full.objective).all()
         assert (cut_short.bound >= 0).all()
         assert (cut_short.relative_gap > 1e-3).all()
     assert (cut_short.bound > 0.5 * full.objective).all()
-    none = find_optimum(problem, tolerance=1e-3, limits=Limits(200_000, 1e-9), threads=1)
+    none = find_optimum(problem, tolerance=1e-3, options=SearchOptions(max_seconds=1e-9), threads=1)
     assert set(none.status) == {Status.ITERATION_LIMIT}
 
 
@@ -133,12 +135,12 @@ def test_the_search_keeps_to_its_seconds(make_scene, rng):
     """
     atoms = make_scene(n=1, k=30, p=20).atoms
     problem = build_problem(rng.standard_normal((1, 2, 20)), atoms, 0.002)
-    limits = Limits(10**6, 0.3)
+    limits = SearchOptions(max_cells=10**6, max_seconds=0.3)
     seconds = []
     for _ in range(3):
         began = time.monotonic()
-        found = find_optimum(problem, tolerance=1e-9, limits=limits, threads=1)
+        found = find_optimum(problem, tolerance=1e-9, options=limits, threads=1)
         seconds.append(time.monotonic() - began)
         assert found.status == (Status.ITERATION_LIMIT,)
         assert 0 < found.bound[0] < found.objective[0]
-    assert 2 / 3 * limits.seconds < min(seconds) < 3 * limits.seconds  # seven times without
+    assert 2 / 3 * limits.max_seconds < min(seconds) < 3 * limits.max_seconds  # seven times without
