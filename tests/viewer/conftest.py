@@ -179,7 +179,7 @@ N, NAMES = 600, ("head", "hand", "foot", "knee")
 @pytest.fixture(scope="session")
 def sequence(tmp_path_factory):
     """600 frames of four landmarks in two sequences; no two frames are alike."""
-    from shapefit.io import ResultSet, ShapeSet, result_writer, write_shapes
+    from tests.pipelines.view.files import write_result, write_truth
 
     folder = tmp_path_factory.mktemp("sequence")
     rng = np.random.default_rng(3)
@@ -189,40 +189,12 @@ def sequence(tmp_path_factory):
     landmarks = shapes[:, :2] + 0.3 * rng.normal(size=(N, 2, 4))
     landmarks[::7, :, 2] = np.nan
     items = tuple(f"{'walk' if i < 400 else 'jump'}/{i:04d}" for i in range(N))
-    sequences = tuple(item[:4] for item in items)
+    names = {"landmark_names": NAMES, "items": items, "sequences": [item[:4] for item in items]}
     status = np.array(["optimal"] * N, dtype=object)
     status[123] = "iteration limit"
-    gap = 10 ** rng.uniform(-9, -5, N)
-    gap[123] = 0.2
-    sets = SimpleNamespace(
-        shapes=shapes, landmarks=landmarks, items=items, gap=gap,
-        result=folder / "walker.h5", truth=folder / "truth.h5",
-    )  # fmt: skip
-    with result_writer(sets.result) as writer:
-        writer.append(
-            ResultSet(
-                shapes=shapes,
-                landmarks_fitted=shapes[:, :2],
-                relative_gap=gap,
-                status=status,
-                landmark_names=NAMES,
-                items=items,
-                sequences=sequences,
-                unit="px",
-                y_axis="down",
-                frame_rate=50.0,
-                columns={"landmarks": landmarks.swapaxes(1, 2)},
-            )
-        )
-    write_shapes(
-        sets.truth,
-        ShapeSet(
-            shapes=base + 3 * rng.normal(size=(N, 3, 4)),
-            landmark_names=NAMES,
-            items=items,
-            sequences=sequences,
-            edges=np.array([[0, 1], [1, 2], [2, 3]]),
-            unit="mm",
-        ),
-    )
-    return sets
+    seen = {"landmarks": landmarks.swapaxes(1, 2)}
+    how = {"landmarks_fitted": shapes[:, :2], "y_axis": "down", "frame_rate": 50.0}
+    result = write_result(folder / "walker.h5", shapes, seen, status=status, **names, **how)
+    true, edges = base + 3 * rng.normal(size=(N, 3, 4)), np.array([[0, 1], [1, 2], [2, 3]])
+    truth = write_truth(folder / "truth.h5", true, edges=edges, unit="mm", **names)
+    return SimpleNamespace(shapes=shapes, landmarks=landmarks, result=result, truth=truth)

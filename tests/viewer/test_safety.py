@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from shapefit.io import ResultSet, ShapeSet, result_writer, write_shapes
+from tests.pipelines.view.files import write_result, write_truth
 
 ATTACK = "window.hacked = true"
 HOSTILE = (
@@ -32,24 +32,15 @@ def hostile(tmp_path_factory):
     names = tuple(f"{HOSTILE[j]} {j}" for j in range(p))
     items = tuple(f"{text}/{i}" for i, text in enumerate(HOSTILE))
     sequences = tuple(HOSTILE[i // 2] for i in range(n))
-    result = folder / f"{HOSTILE[1].replace('/', '_')}.h5"
-    with result_writer(result) as writer:
-        writer.append(
-            ResultSet(
-                shapes=shapes,
-                status=np.array(HOSTILE, dtype=object),
-                landmark_names=names,
-                items=items,
-                sequences=sequences,
-                unit=HOSTILE[0],
-                columns={"landmarks": shapes[:, :2].swapaxes(1, 2)},
-            )
-        )
-        writer.attributes.update(config=json.dumps({"dictionary": f"/x/{HOSTILE[2]}.h5"}))
-    truth = folder / "truth.h5"
+    columns = {"landmarks": shapes[:, :2].swapaxes(1, 2)}
+    config = {"config": json.dumps({"dictionary": f"/x/{HOSTILE[2]}.h5"})}
+    called = {"landmark_names": names, "items": items, "sequences": sequences}
+    status = np.array(HOSTILE, dtype=object)
+    path = folder / f"{HOSTILE[1].replace('/', '_')}.h5"
+    result = write_result(path, shapes, columns, config, status=status, unit=HOSTILE[0], **called)
     true = np.nan_to_num(shapes) + rng.normal(size=shapes.shape)
     edges = np.array([[0, 1], [1, 2]])
-    write_shapes(truth, ShapeSet(true, names, items, sequences, edges=edges, unit=HOSTILE[2]))
+    truth = write_truth(folder / "truth.h5", true, edges=edges, unit=HOSTILE[2], **called)
     return result, truth, items, names
 
 

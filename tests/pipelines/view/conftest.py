@@ -1,4 +1,4 @@
-"""Small results, truths and landmarks on disk, and `view` run on them."""
+"""A desk to write files on and look at the page's JSON, and a dictionary with a mesh."""
 
 import json
 import re
@@ -8,61 +8,42 @@ import numpy as np
 import pytest
 
 from shapefit.config import ViewConfig
-from shapefit.io import LandmarkSet, ResultSet, ShapeSet, result_writer
 from shapefit.pipelines.view.run import run
-from tests.io.files import save
-
-NAMES = ("a", "b", "c", "d", "e")
+from tests.pipelines.view.files import (
+    NAMES,
+    random_shapes,
+    write_landmarks,
+    write_result,
+    write_truth,
+)
 
 
 @pytest.fixture
 def desk(tmp_path, rng):
     """Write files by what they hold; view them, and read the page's JSON again."""
 
-    def shapes(n, p=5):
-        return rng.normal(size=(n, 3, p)) * 10 + 100
-
-    def result(name="result.h5", n=6, attributes=None, **fields):
-        found = fields.pop("shapes", None)
-        found = shapes(n) if found is None else found
-        extras = fields.pop("extras", {"landmarks": found[:, :2].swapaxes(1, 2)})
-        settings = {
-            "landmark_names": NAMES,
-            "items": tuple(f"i{i}" for i in range(n)),
-            "unit": "px",
-            "status": np.array(["optimal"] * n, dtype=object),
-            **fields,
-        }
-        with result_writer(tmp_path / name) as writer:
-            writer.append(ResultSet(shapes=found, columns=extras, **settings))
-            writer.attributes.update(attributes or {})
-        return tmp_path / name
+    def result(name="result.h5", n=6, shapes=None, **fields):
+        shapes = random_shapes(rng, n) if shapes is None else shapes
+        return write_result(tmp_path / name, shapes, **fields)
 
     def truth(n=6, **fields):
-        from shapefit.io import write_shapes
-
-        settings = {"landmark_names": NAMES, "items": tuple(f"i{i}" for i in range(n)), **fields}
-        write_shapes(tmp_path / "truth.h5", ShapeSet(shapes(n), **settings))
-        return tmp_path / "truth.h5"
+        return write_truth(tmp_path / "truth.h5", random_shapes(rng, n), **fields)
 
     def landmarks(name="landmarks.h5", n=6, **fields):
-        settings = {"landmark_names": NAMES, "items": tuple(f"i{i}" for i in range(n)), **fields}
-        save(tmp_path / name, LandmarkSet(landmarks=shapes(n)[:, :2], **settings))
-        return tmp_path / name
+        return write_landmarks(tmp_path / name, random_shapes(rng, n)[:, :2], **fields)
 
     def view(*files, **settings):
         output = tmp_path / "page.html"
         config = ViewConfig(files={file.stem: (file,) for file in files}, output=output, **settings)
         (outcome,) = run(config)
-        text = output.read_text("utf-8")
-        (data,) = re.findall(r'id="page">(.*?)</script>', text)
-        return SimpleNamespace(
-            outcome=outcome, notes=" ".join(outcome.warnings), text=text, data=json.loads(data)
-        )
+        (data,) = re.findall(r'id="page">(.*?)</script>', output.read_text("utf-8"))
+        notes = " ".join(outcome.warnings)
+        return SimpleNamespace(outcome=outcome, notes=notes, data=json.loads(data))
 
     return SimpleNamespace(
-        shapes=shapes, result=result, truth=truth, landmarks=landmarks, view=view, folder=tmp_path
-    )
+        shapes=lambda *size: random_shapes(rng, *size),
+        result=result, truth=truth, landmarks=landmarks, view=view, folder=tmp_path,
+    )  # fmt: skip
 
 
 @pytest.fixture
