@@ -68,6 +68,8 @@ def test_many_frames_are_thinned_by_sequence_and_the_page_says_so(desk, monkeypa
     np.testing.assert_allclose(scene.layers[0].points[2], expected)
     few = make_page(ViewConfig(files={"result": (result,)}, items=("i19???",)))[1]
     assert (len(few.items), few.frame_rate) == (1000, 60)
+    even = make_page(ViewConfig(files={"result": (result,)}, items=("i*[02468]",)))[1]
+    assert even.items[1] == f"i{2 * round(60 / even.frame_rate)}"  # of the chosen ones
 
 
 def test_sequences_are_put_together_and_single_ones_are_none(desk):
@@ -177,6 +179,18 @@ def test_shapes_stand_in_metres_where_the_camera_has_them(desk):
     assert any("focal length is assumed" in line for line in page.assumed)
 
 
+@pytest.mark.parametrize(("unit", "shown"), [("m", ("cm", 200)), ("unknown", ("", None))])
+def test_errors_are_in_metres_or_else_in_the_unit_of_the_truth(desk, unit, shown):
+    extras = {"metres_per_unit": np.full(6, 2.0), "expected_error": np.ones(6)}
+    page = make_page(
+        ViewConfig(files={"r": (desk.result(extras=extras),)}, truth=(desk.truth(unit=unit),))
+    )[1]
+    error, expected = page.layers[0].measures[:2]
+    assert {error.unit, expected.unit} == {shown[0]}
+    if shown[1]:
+        np.testing.assert_allclose(expected.values, shown[1])
+
+
 def test_without_a_camera_all_frames_have_one_scale(desk):
     shapes = desk.shapes(4)
     metres = np.array([0.01, 0.02, np.nan, 0.03])
@@ -263,6 +277,7 @@ def test_meshes_follow_the_coefficients(desk, made_dictionary, rng):
     result = desk.result(n=3, coefficients=c, rotation=R, scale=s, translation=T)
     config = ViewConfig(files={"r": (result,)}, dictionary=desk.folder / "dict.h5")
     scene = make_page(config)[1]
+    assert (scene.video, scene.rigid) == (False, True)
     for i in range(2):
         expected = s[i] * R[i] @ np.tensordot(c[i], made_dictionary.mesh_vertices, axes=1)
         expected[:2] += T[i][:, None]
