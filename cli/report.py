@@ -145,10 +145,10 @@ class Report:
             "untrusted": {reason.text: reason.number for reason in self._untrusted.values()},
             "failures": [{"item": each.item, "reason": each.reason} for each in self._failures],
             "warnings": [str(warning) for warning in self._warnings.values()],
-            "summary": {label.lower(): text for label, text in self.rows.items()},
+            "summary": {label.lower(): text for label, text in self._rows().items() if text},
             "written": [str(path) for path in self.written],
             "seconds": round(time.monotonic() - self._started, 3),
-            "data": self.data() if self.data else self.listing or self.note,
+            "data": self.data() if self.data else self.listing or None,
         }
 
     def lines(self) -> Iterator[str]:
@@ -177,19 +177,24 @@ class Report:
         if not self.quiet:
             yield from self._summary()
 
+    def _rows(self) -> dict[str, str]:
+        """Return the rows of the pipeline; where they lack one, what was read, and how much."""
+        note = f", {self.note}" if self.note else ""
+        result = _counted(self.done, self.unit) + note
+        if self.to_stdout:
+            result = "" if self.data else self.note
+        return {"Read": self.read, "Result": result, "Next": self.following} | self.rows
+
     def _summary(self) -> Iterator[str]:
         """Yield the rows of the summary, aligned; what matters last comes last."""
-        rows = {"Read": self.read} | self.rows
-        if not self.to_stdout:
-            result = rows.pop("Result", "") or _counted(self.done, self.unit)
-            result += f", {self.note}" if self.note and "Result" not in self.rows else ""
-            failed = f", {self.failed} failed" if self.failed else ""
-            rows["Result"] = f"{result}{failed}, {time.monotonic() - self._started:.1f} s"
-        else:
-            rows.pop("Read")
+        rows = self._rows()
+        following, failed = rows.pop("Next"), f", {self.failed} failed" if self.failed else ""
+        rows["Result"] = f"{rows.pop('Result')}{failed}, {time.monotonic() - self._started:.1f} s"
+        if self.to_stdout:
+            rows = {}
         rows["Wrote"] = self._files()
         rows["Details"] = self.note if self.verbose and "Result" in self.rows else ""
-        rows["Next"] = rows.pop("Next", self.following)
+        rows["Next"] = "" if self.to_stdout else following
         for label, text in rows.items():
             lines = wrap(text, WIDTH - LABEL, break_long_words=False, break_on_hyphens=False)
             for number, line in enumerate(lines):
