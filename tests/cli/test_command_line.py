@@ -50,6 +50,7 @@ TOLD = {
         [Outcome(done=10, doubts=(Counted(3, "image", "wide error bars"),))], 0, ""),
     "the last note": (FIT, [Outcome(note="a"), Outcome(note="b"), Outcome()], 0,
         rf"{READ}Result  0 images, b, \S+ s\n"),
+    "no item at all": (FIT, [Outcome(total=0)], 1, rf"{READ}Result  0 images, \S+ s\n"),
     "rows of the pipeline, and one too long": (FIT,
         [Outcome(rows=(("Read", "x: 2 images"), ("Method", "posterior " * 12))),
          Outcome(done=2, note="a", rows=(("Result", "all well"), ("Next", "shapefit view r.h5")),
