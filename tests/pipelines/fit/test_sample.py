@@ -20,6 +20,7 @@ from shapefit.pipelines.fit.sample import (
     draw_sample,
     find_scale,
     maximise_theta,
+    mean_gain,
 )
 from shapefit.pipelines.joints import match_names
 from tests.pipelines.fitted import fit_images
@@ -229,3 +230,12 @@ def test_nothing_that_could_be_seen_ends_with_1_and_without_warnings_of_numpy(
         (tmp_path / f"f_{frame:04d}.json").write_text(text)
     assert run(["fit", str(tmp_path), "-d", "people", "-o", str(tmp_path / "o.h5"), "-q"]) == 1
     assert [str(each.message) for each in recwarn if each.category is RuntimeWarning] == []
+
+
+def test_the_error_of_a_gain_counts_that_neighbours_resemble_each_other(rng):
+    gains = rng.standard_normal((400, 96))
+    for t in range(1, 96):
+        gains[:, t] = 0.7 * gains[:, t - 1] + np.sqrt(1 - 0.7**2) * gains[:, t]
+    means, errors, counts = zip(*(mean_gain(0 * gain, gain) for gain in gains), strict=True)
+    assert set(counts) == {96}
+    assert 0.7 < np.sqrt(np.mean(np.square(errors))) / np.std(means) < 1.1
