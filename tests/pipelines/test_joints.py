@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shapefit.config.paths import find_dictionary
-from shapefit.dictionary.model import Dictionary, mapped
+from shapefit.dictionary.model import mapped
 from shapefit.errors import InputError
 from shapefit.io import (
     LandmarkSet,
@@ -92,15 +92,6 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     assert "keypoints" in last.note
 
 
-def test_joints_are_as_far_apart_as_the_landmarks_that_stand_for_them(people):
-    joints = find_joints(BODY.landmark_names, people.landmark_names)
-    apart = dict(zip(people.landmark_names, joints.deviations(), strict=True))
-    for joint, landmarks in joints.markers.items():
-        assert {joints.parts[name].std for name in landmarks} == {apart.pop(joint)}
-    assert set(apart.values()) == {0.0}
-    assert len(set(joints.deviations())) > 2
-
-
 def test_the_landmarks_of_the_files_come_back_in_3d(images, lift):
     """Those that stand for joints as they were fitted, the others where the joints put them."""
     found, _ = lift(as_detected(images, BODY), skeleton=MEANS)
@@ -155,26 +146,6 @@ def test_feet_hands_and_spine_are_there_where_files_mark_them(people):
         assert len(part.edge_length) == len(part.edge_covariance) == len(bones)
 
 
-def test_only_one_toe_keeps_its_foot(people):
-    part = match_names((*PEOPLE, "lheel"), people, "here").dictionary
-    assert part.landmark_names == (*PEOPLE, "lheel", "lball", "ltoe")
-
-
-def test_ears_are_averaged_where_seen(images):
-    detected = as_detected(images.take(slice(3)), installed_skeletons()["coco_17"])
-    names = installed_skeletons()["coco_17"].landmark_names
-    left, right = (names.index(name) for name in ("left_ear", "right_ear"))
-    points = detected.landmarks.copy()
-    points[1, :, left] = np.nan
-    points[2, :, [left, right]] = np.nan
-    joints = find_joints(names, PEOPLE)
-    named = named_as_joints(detected.replaced(landmarks=points), joints, "here")
-    head = named.landmarks[..., named.landmark_names.index("head")]
-    np.testing.assert_allclose(head[0], points[0][:, [left, right]].mean(axis=1))
-    np.testing.assert_array_equal(head[1], points[1, :, right])
-    assert np.isnan(head[2]).all()
-
-
 @pytest.mark.parametrize("theta", [MEANS, {"head": 1.8, "hips": 0.9}])
 def test_a_map_moves_with_the_body(theta):
     """Weights add up to 1, and the map can be undone."""
@@ -203,13 +174,6 @@ def test_which_names_stand_for_joints(own, known, expected):
     assert find_joints(own, known).names == expected
 
 
-def test_three_names_that_match_are_enough(people):
-    own = ("rhip", "lhip", "head", "fin")
-    assert match_names(own, people, "here").unknown == ["fin"]
-    check_enough(("rhip",), PEOPLE, "here")
-    check_enough((), PEOPLE, "here")
-
-
 TWO = (
     *installed_skeletons()["body_25"].landmark_names,
     *installed_skeletons()["coco_17"].landmark_names,
@@ -230,14 +194,6 @@ TWO = (
 def test_names_that_do_not_match_are_told(own, found):
     with pytest.raises(InputError, match=found):
         check_enough(own, PEOPLE, "here")
-
-
-def test_no_hint_at_a_name_that_the_file_has_itself(rng):
-    own, known = ("a1", "b", "c", "finger1", "finger3"), ("a1", "b", "c", "finger1")
-    atoms = rng.standard_normal((1, 3, 4))
-    (warning,) = match_names(own, Dictionary(atoms, known, atoms[0]), "here").warnings(own)
-    assert "finger3" in warning
-    assert "rename" not in warning
 
 
 @pytest.mark.parametrize(

@@ -9,21 +9,13 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from shapefit.config import FitConfig
 from shapefit.config.paths import ResultFolder
-from shapefit.errors import (
-    InputError,
-    abbreviate,
-    counted,
-    input_error,
-    listed,
-    path_text,
-    printable,
-)
+from shapefit.errors import InputError, abbreviate, counted, listed, path_text, printable
 from shapefit.io import LandmarkSource, digest, digests, open_landmarks
 from shapefit.io.detect import group_inputs
 from shapefit.io.formats import CSV, HDF5, FileFormat
@@ -36,7 +28,10 @@ from shapefit.threads import on_threads
 LARGE_TEXT = 1 << 28
 """Bytes of a CSV file from which on it is said that it is one part."""
 
-OF_THE_RUN = ("landmarks", "output", "dictionary", "data", "threads")
+OF_THE_RUN = (
+    *("landmarks", "output", "dictionary", "data", "threads"),
+    *("scheduler", "scheduler_file", "workers", "dry_run", "replace"),
+)
 """Keys that do not change what a part holds."""
 
 Rows = tuple[int, int] | None
@@ -120,44 +115,39 @@ class Plan(NamedTuple):
 
 def make_plan(config: FitConfig, manifest: Manifest | None) -> Plan:
     """Compare the parts that a config asks for with those that a folder has."""
-    entries = {} if manifest is None else manifest.parts
-    done = {} if manifest is None else manifest.done
-    folder = Path() if manifest is None else manifest.path.parent
-    parts = find_parts(config, {key_of(entry): number_of(entry) for entry in entries.values()})
+    old = Manifest(Path(), {}) if manifest is None else manifest
+    done, folder = old.done, old.path.parent
+    parts = find_parts(config, {key_of(entry): number_of(entry) for entry in old.parts.values()})
     assert isinstance(config.output, ResultFolder), "the output is a folder"
     plain = {key: value for key, value in config.as_plain().items() if key not in OF_THE_RUN}
     plain["partition"] = config.output.partition
     text = json.dumps(plain, sort_keys=True).encode()
     inputs = {"config": hashlib.sha256(text).hexdigest()}
     inputs |= {key: digest(path) for key, path in files_of(config).items()}
-    changed = [key for key in inputs if manifest and manifest.run.get(key) != inputs[key]]
+    changed = [key for key in inputs if done and old.run.get(key) != inputs[key]]
     again = [part for part in parts if part.file in done]
-    files = on_threads(lambda part: result_digest(folder / part.file), again)
-    intact = [part.file for part, sha in zip(again, files, strict=True) if is_of(done, part, sha)]
+    found = on_threads(lambda part: result_digest(folder / part.file), again)
+    stored = dict(zip((part.file for part in again), found, strict=True))
+    damaged = [file for file in stored if stored[file] not in (None, done[file]["digest"])]
     altered = [part for part in again if is_altered(part, done[part.file])]
-    kept = set() if changed else set(intact) - {part.file for part in altered}
-    removed = [file for file in done if file not in {part.file for part in parts}]
-    reasons = [f"of another {listed(changed, 'and')}"] if changed and done else []
+    lost = {*damaged, *(part.file for part in altered)}
+    kept = [file for file in stored if stored[file] and file not in lost and not changed]
+    removed = [file for file in done if file not in stored]
+    reasons = [f"of another {listed(changed, 'and')}"] if changed else []
     if altered:
         reasons += [f"of {abbreviate(list(map(str, altered)), 3)} before it changed"]
     if removed:
         names = dict.fromkeys(Path(path).name for file in removed for path in done[file]["inputs"])
         reasons += [f"of {abbreviate(list(names), 3)}, not among these parts"]
-    there = [part.file for part, sha in zip(again, files, strict=True) if sha is not None]
     return Plan(
         parts,
-        {file: entry for file, entry in done.items() if file in kept},
-        [part.file for part in again if part.file not in kept],
+        {file: done[file] for file in kept},
+        [file for file in stored if file not in kept],
         removed,
-        [file for file in there if file not in intact],
+        damaged,
         ", and ".join(reasons),
         inputs,
     )
-
-
-def is_of(done: Mapping[str, Entry], part: Part, sha: str | None) -> bool:
-    """Whether a result is the one that was written."""
-    return sha == done[part.file]["digest"]
 
 
 def is_altered(part: Part, entry: Entry) -> bool:
@@ -191,72 +181,47 @@ def find_parts(config: FitConfig, numbers: Mapping[Key, int] | None = None) -> l
 
     Parts of these keys keep their numbers; the others get free ones. An HDF5 file is cut where
     no result changes: after whole stretches of images, which start from one another's solutions,
-    and between sequences where those are lifted whole. Raises InputError for sequences over two
-    files.
+    and between sequences where those are lifted whole.
     """
     assert isinstance(config.output, ResultFolder), "the output is a folder"
-    partition = config.output.partition
-    whole, options = METHODS[config.method].sequences, read_options(config)
-    holders: dict[str, Path] = {}
+    options, size = read_options(config), config.output.partition
 
     def divide(group: tuple[FileFormat, tuple[Path, ...]]) -> Sequence[Rows]:
         file_format, inputs = group
-        if file_format is not HDF5 and not whole:
+        if file_format is not HDF5:
             return (None,)
         try:
             with open_landmarks(inputs, options, check=False) as source:
-                if whole:
-                    starts = list(sequence_starts(source))
-                else:
-                    size, starts = whole_stretches(partition), []
-                    cuts = list(range(0, source.count, size))
-                total = source.count
+                total, cuts = source.count, list(range(0, source.count, whole_stretches(size)))
+                if METHODS[config.method].sequences:
+                    cuts = [0]
+                    for row in sequence_starts(source):
+                        cuts += [row] if row - cuts[-1] >= size else []
         except InputError:  # whoever does its part reports it
             return (None,)
-        if whole:
-            check_sequences(inputs[0], [name for name, _ in starts], holders)
-            cuts = [0]
-            if file_format is HDF5:
-                for _, row in starts:
-                    cuts += [row] if row - cuts[-1] >= partition else []
-        ends = [*cuts[1:], total]
-        return list(zip(cuts, ends, strict=True)) if len(cuts) > 1 else (None,)
+        rows = list(zip(cuts, [*cuts[1:], total], strict=True))
+        return rows if len(rows) > 1 else (None,)
 
     groups = group_inputs(list(config.landmarks), options)
-    # files of text are read whole for their sequences: one at a time
-    divided = list(map(divide, groups)) if whole else on_threads(divide, groups)
     numbers = numbers or {}
     used = set(numbers.values())
     free = (number for number in count() if number not in used)
     parts = []
-    for (_, inputs), ranges in zip(groups, divided, strict=True):
-        states = tuple(map(find_state, inputs))
+    for (_, inputs), ranges in zip(groups, on_threads(divide, groups), strict=True):
         for rows in ranges:
-            part = Part(0, inputs, rows, states)
+            part = Part(0, inputs, rows, tuple(map(find_state, inputs)))
             key = key_of(part.describe())
             parts.append(part._replace(number=numbers[key] if key in numbers else next(free)))
     return parts
 
 
-def sequence_starts(source: LandmarkSource) -> Iterator[tuple[str, int]]:
-    """Yield the name and the first row of every run of images of one sequence."""
+def sequence_starts(source: LandmarkSource) -> Iterator[int]:
+    """Yield the first row of every run of images of one sequence."""
     row, last = 0, ""
-    for block in source.sequences():
-        for name in block:
-            if name != last:
-                yield name, row
-            last, row = name, row + 1
-
-
-def check_sequences(path: Path, names: Sequence[str], holders: dict[str, Path]) -> None:
-    """Raise InputError where a sequence is in two files, or goes on after another one."""
-    for name in names:
-        if name in holders:
-            where = sorted({str(holders[name]), str(path)})
-            found = f"the sequence '{name}' is in {' and in '.join(where)}"
-            found += ", in two places" if len(where) == 1 else ""
-            raise input_error(path, found, "put its images together, in one file")
-        holders[name] = path
+    for name in chain.from_iterable(source.sequences()):
+        if name != last:
+            yield row
+        last, row = name, row + 1
 
 
 def find_state(path: Path) -> State:

@@ -1,6 +1,5 @@
 """Cameras from configs and landmark files, what no camera is, and refinement through them."""
 
-import h5py
 import numpy as np
 import pytest
 
@@ -57,11 +56,6 @@ def test_cameras_of_the_config_the_file_or_each_image(values, keys, focal, centr
     found = camera(images(**given), **keys)
     np.testing.assert_array_equal(found.focal, np.broadcast_to(focal, (N, 2)))
     np.testing.assert_array_equal(found.centre, np.broadcast_to(centre, (N, 2)))
-
-
-def test_the_sign_is_that_of_the_depth():
-    assert camera(images("down"), focal=1.0).sign == 1
-    assert camera(images("up"), focal=1.0).sign == -1
 
 
 @pytest.mark.parametrize(
@@ -153,11 +147,3 @@ def test_the_result_tells_the_camera(fit):
     t = found.columns["camera_translation"]
     np.testing.assert_allclose(found.scale, 1600 / t[:, 2])
     assert found.relative_gap is None
-
-
-def test_without_sizes_there_is_no_position(fit, dictionary):
-    with h5py.File(dictionary, "a") as file:
-        del file["atom_scale"]
-    found, _ = fit(**PERSPECTIVE)
-    assert "position" not in found.columns
-    assert np.isfinite(found.columns["camera_translation"]).all()

@@ -109,23 +109,6 @@ def test_chunks_make_no_difference_but_to_starts(run, monkeypatch):
     check_same(whole, parts)
 
 
-@pytest.fixture
-def crowd(images):
-    """Seventy images of polo, more than a stretch, and those of the others."""
-    many = images.take([0] * 70 + [i for i in range(9) if SHOWN[i] != "polo"])
-    return many.replaced(items=tuple(f"image{i}" for i in range(len(many))))
-
-
-@pytest.mark.parametrize(
-    "keys",
-    [{"method": "convex+refine"}, {"method": "mean-shape", "outliers": "ransac"}],
-)
-def test_threads_make_no_difference(run, crowd, keys):
-    one, _ = run(views=crowd, threads=1, **keys)
-    several, _ = run(views=crowd, threads=4, **keys)
-    check_same(one, several)
-
-
 def test_models_that_the_dictionary_lacks_are_fitted_with_all_atoms(run, images):
     shown = np.array(["beetle" if name == "up" else name for name in SHOWN], dtype=object)
     odd = images.replaced(further={"true_model": shown})
@@ -138,13 +121,6 @@ def test_models_that_the_dictionary_lacks_are_fitted_with_all_atoms(run, images)
     all_atoms, _ = run(leave_one_out=None, method="mean-shape")
     check_same(found, all_atoms, [3, 7], [3, 7])
     check_same(found, known, [0, 1, 2, 4, 6, 8], [0, 1, 2, 4, 6, 8])
-
-
-def test_images_may_be_named_like_their_models(run, images):
-    views = images.take([0, 1, 3]).replaced(items=("polo", "golf", "up"))
-    by_item, _ = run(views=views, leave_one_out="item")
-    by_dataset, _ = run(views=views)
-    check_same(by_item, by_dataset)
 
 
 @pytest.mark.parametrize(("items", "leave_out", "message"), [

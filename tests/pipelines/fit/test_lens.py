@@ -1,16 +1,15 @@
 """Lens distortion is removed before a fit, once, and the result says so."""
 
-import h5py
 import numpy as np
 import pytest
 
 from shapefit.geometry.pinhole import complete, distort
 from shapefit.io import write_dictionary
 from shapefit.io.records import LandmarkSet
-from shapefit.pipelines.fit.camera import undistorted, warn_of_lens
+from shapefit.pipelines.fit.camera import undistorted
 from shapefit.pipelines.verify import Request
 from shapefit.pipelines.verify import run as run_verify
-from tests.io.files import load, save
+from tests.io.files import save
 from tests.pipelines.told import failures
 
 MATRIX = np.array([[800.0, 0, 640], [0, 820, 360], [0, 0, 1]])
@@ -111,15 +110,6 @@ def test_a_calibration_gives_camera_lens_and_place(views, fit, tmp_path):
     np.testing.assert_allclose(found.columns["focal"], np.tile([800, 820], (4, 1)))
 
 
-def test_a_calibration_goes_over_what_the_landmarks_say(views, fit, tmp_path):
-    straight, bent = views
-    wrong = bent.replaced(further={"camera_matrix": np.eye(3), "distortion": np.ones(5)})
-    found, _ = fit(wrong, camera={"calibration": toml(tmp_path, LENS)})
-    np.testing.assert_allclose(
-        found.columns["landmarks"], straight.landmarks.swapaxes(1, 2), atol=1e-8
-    )
-
-
 def test_cameras_of_single_images_and_y_that_points_up(views):
     straight, bent = views
     turned = np.diag([1.0, -1.0, 1.0]) @ MATRIX @ np.diag([1.0, -1.0, 1.0])
@@ -133,53 +123,3 @@ def test_cameras_of_single_images_and_y_that_points_up(views):
         found.landmarks * np.array([[1.0], [-1.0]]), straight.landmarks, atol=1e-8
     )
     assert found.columns["removed_distortion"].shape == (4, 5)
-
-
-def test_landmarks_that_the_lens_cannot_show_are_hidden(views):
-    _, bent = views
-    landmarks = bent.landmarks.copy()
-    landmarks[0, 0, 0] = 1e5
-    found = undistorted(
-        bent.replaced(landmarks=landmarks, further=dict(bent.further) | {"distortion": -LENS * 0 + [
-            -0.25, 0, 0, 0, 0]}), None,
-    )  # fmt: skip
-    assert not found.seen()[0, 0]
-    assert found.seen()[1:].all()
-
-
-@pytest.mark.parametrize(
-    ("lens", "words"),
-    [
-        (LENS, None),
-        (np.array([-0.9, 0.0, 0, 0, 0]), "bends back inside the image"),
-        (np.array([0.0, 0.0, 0.5, 0.9, 0]), "bends back"),
-    ],
-)
-def test_a_lens_that_cannot_be_right_warns(lens, words):
-    said = {"camera_matrix": MATRIX, "distortion": lens, "image_size": SIZE}
-    found = warn_of_lens(said, None)
-    assert len(found) == (words is not None)
-    if words:
-        assert words in found[0]
-
-
-@pytest.mark.real_data
-def test_the_truth_projects_nearer_to_real_detections(real_data):
-    """Median distance in pixels of the projected truth, before and after; once 0.2 (1.7)."""
-    folder = real_data / "detected"
-    ratios = []
-    for name in ("fly/Cam-A", "pose2sim_balancing/cam01", "pose2sim_balancing/cam03",
-                 "pyxy3d_desk/port_1", "pyxy3d_desk/port_3"):  # fmt: skip
-        images = load(folder / f"{name}.h5")
-        with h5py.File(folder / f"{name}.h5") as file:
-            truth, matrix = file["true_shapes"][()], file["camera_matrix"][()]
-        plane = truth[..., :2] / truth[..., 2:]
-        projected = plane * np.diag(matrix)[:2] + matrix[:2, 2]
-        medians = [
-            np.nanmedian(np.linalg.norm(projected - found.landmarks.swapaxes(1, 2), axis=2))
-            for found in (images, undistorted(images, None))
-        ]
-        ratios.append(medians[1] / medians[0])
-    assert max(ratios) < 1
-    assert ratios[0] < 0.2
-    assert ratios[-1] < 0.5

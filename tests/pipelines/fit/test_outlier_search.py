@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from shapefit.geometry.rotations import random_rotations
 from shapefit.io import write_dictionary
 from tests.io.files import load
 from tests.pipelines.told import failures
@@ -58,29 +57,6 @@ def test_an_outlier_is_as_good_as_hidden_but_labelled(lifting, run, views, rng):
     assert "outliers" not in without.columns
 
 
-def test_perspective_starts_from_the_inliers(run, views, rng):
-    spoilt, _ = spoil(views, 0.3, rng)
-    camera = {"focal": "files"}
-    found, _ = run(spoilt, outliers="ransac", camera=camera)
-    labels = found.columns["outliers"].astype(bool)
-    assert labels.any()
-    hidden = spoilt.replaced(landmarks=np.where(labels[:, None], np.nan, spoilt.landmarks))
-    without, _ = run(hidden, camera=camera)
-    np.testing.assert_array_equal(found.shapes, without.shapes)
-
-
-def test_the_search_does_without_the_model_left_out(run, views, rng, made_cars):
-    spoilt, _ = spoil(views, 0.3, rng)
-    spoilt = spoilt.take(slice(8))
-    keys = {"outliers": "ransac", "method": "mean-shape"}
-    found, _ = run(spoilt, leave_one_out="true_model", **keys)
-    for image, model in enumerate(spoilt.columns["true_model"]):
-        alone, _ = run(spoilt.take([image]), made_cars.without(str(model)), **keys)
-        np.testing.assert_array_equal(
-            found.columns["outliers"][image], alone.columns["outliers"][0]
-        )
-
-
 def test_what_is_drawn_belongs_to_the_name_of_an_image(run, views, rng):
     spoilt, _ = spoil(views.take(slice(8)), 0.3, rng)
     keys = {"outliers": "ransac", "method": "mean-shape"}
@@ -112,19 +88,3 @@ def test_images_that_cannot_be_searched_or_lifted(run, views, rng):
     assert labels[3].sum() == 5
     assert np.isfinite(found.shapes[0]).all()
     assert np.isnan(found.shapes[1:5]).all()
-
-
-def test_four_landmarks_are_searched_and_four_that_agree_are_enough(run, views, made_cars, rng):
-    images = views.take(slice(2)).arrange(made_cars.landmark_names)
-    R = random_rotations(1, rng)[0]
-    landmarks = np.tile(200 * (R @ made_cars.mean_shape)[:2] + 500, (2, 1, 1))
-    p = landmarks.shape[2]
-    landmarks[:, :, ~np.isin(np.arange(p), [0, p // 3, 2 * p // 3, p - 1])] = np.nan
-    landmarks[1] = np.where(np.isfinite(landmarks[1]), rng.uniform(0, 1e3, (2, p)), np.nan)
-    found, failures = run(
-        images.replaced(landmarks=landmarks), outliers="ransac", outlier_threshold=0.05
-    )
-    assert list(failures) == [images.items[1]]
-    assert "of 4 visible landmarks agree" in failures[images.items[1]]
-    assert not found.columns["outliers"][0].any()
-    assert found.columns["outliers"][1].sum() == 4

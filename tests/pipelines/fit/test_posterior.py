@@ -26,15 +26,6 @@ def with_prior(dictionary, atoms, rng):
     return dictionary
 
 
-def test_a_prior_survives_the_file(with_prior):
-    prior = read_dictionary(with_prior).prior
-    assert prior.weights.tolist() == [0.7, 0.3]
-    with h5py.File(with_prior) as file:
-        stored = file["prior_covariances"][:]
-    assert stored.shape == (2, 10, 3, 10, 3)
-    assert stored[1, 4, 2, 7, 0] == prior.covariances[1, 2 * 10 + 4, 7]
-
-
 @pytest.mark.parametrize(
     ("dataset", "value", "found"),
     [
@@ -107,17 +98,6 @@ def test_implausible_images_are_reported_and_keep_their_status(
     assert not found.columns["trusted"].any()
     assert set(found.columns["reasons"]) == {"implausible landmarks"}
     assert set(found.status) == {"converged"}
-
-
-def test_images_are_trusted_unless_something_speaks_against_it(
-    fit, with_prior, images, monkeypatch
-):
-    lenient = replace(verdict.LIMITS, min_p_value=0.0, max_distance=np.inf)
-    monkeypatch.setattr(verdict, "LIMITS", lenient)
-    keys = {"prior": {"bar_scale": 0.01}, "camera": {"focal": "none"}}
-    found, outcomes = fit(with_prior, images, method="posterior", **keys)
-    assert found.columns["trusted"].all()
-    assert not any(out.doubts for out in outcomes)
 
 
 def test_a_known_camera_is_looked_through(fit, tmp_path, with_prior, images):

@@ -160,29 +160,3 @@ def test_the_manifest_holds_what_was_estimated_and_a_later_run_takes_it(halves, 
 
 
 # --- the camera -----------------------------------------------------------------------------------
-
-MATRIX = np.array([[1674.0, 0, 980], [0, 1690, 530], [0, 0, 1]])
-
-
-def focal_of(path):
-    with h5py.File(path) as file:
-        return file["focal"][:], file["principal_point"][:]
-
-
-def test_a_measured_camera_is_obeyed(bodies, tmp_path):
-    images = frames(bodies, camera_matrix=MATRIX, image_size=SIZE)
-    save(tmp_path / "views.h5", images)
-    fit(tmp_path / "views.h5", tmp_path / "result.h5")
-    focal, centre = focal_of(tmp_path / "result.h5")
-    np.testing.assert_array_equal(focal, np.tile([1674.0, 1690.0], (40, 1)))
-    np.testing.assert_array_equal(centre, np.tile([980.0, 530.0], (40, 1)))
-
-
-def test_half_of_the_frames_have_the_shapes_of_all(bodies, tmp_path):
-    """The size of the image is not guessed from how far landmarks reach."""
-    for name, rows in (("all", slice(None)), ("half", slice(0, 20))):
-        save(tmp_path / f"{name}.h5", frames(bodies, rows, reach=300.0))
-        fit(tmp_path / f"{name}.h5", tmp_path / f"{name}_result.h5", skeleton={"hips": 1.15})
-    whole, half = (shapes_in(tmp_path / f"{name}_result.h5") for name in ("all", "half"))
-    size = np.ptp(whole, axis=2).max()
-    assert np.abs(whole[:20] - half).max() < 1e-3 * size

@@ -1,7 +1,5 @@
 """What a result file holds: the datasets of the fit, and those that came with the landmarks."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -45,12 +43,6 @@ def test_every_dataset_of_a_fit_is_known_as_such(fit, keys):
     found, told = fit(**keys)
     assert found.further.keys() - {"camera_matrix", "edges"} <= OF_A_RESULT
     assert not [line for line in told if "that a result uses" in line]
-
-
-def test_a_dictionary_without_edges_leaves_those_of_the_landmarks(fit, made_cars, tmp_path):
-    write_dictionary(tmp_path / "dictionary.h5", replace(made_cars, edges=None))
-    found, _ = fit(edges=[[0, 1], [2, 5]])
-    np.testing.assert_array_equal(found.columns["edges"], [[0, 1], [2, 5]])
 
 
 def test_datasets_of_the_landmarks_do_not_pass_for_those_of_the_fit(fit):

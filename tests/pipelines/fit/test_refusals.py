@@ -21,12 +21,6 @@ def test_a_refused_input_leaves_the_old_result(fit, tmp_path, dictionary):
     assert sorted(path.name for path in tmp_path.iterdir()) == names
 
 
-def test_an_output_folder_that_cannot_be_made(tmp_path, dictionary, images, write):
-    views = write(tmp_path / "views.h5", images)
-    with pytest.raises(InputError, match=r"views\.h5 is not a folder"):
-        fit_file(views, dictionary, tmp_path / "views.h5" / "result.h5")
-
-
 def test_csv_has_sequences(tmp_path, dictionary, images, write):
     fit_file(write(tmp_path / "views.h5", images), dictionary, tmp_path / "shapes.csv")
     with (tmp_path / "shapes.csv").open() as file:
@@ -64,7 +58,3 @@ def test_confidences_above_one_are_told(warnings):
     assert "`lambda`" in warning
     for confidence in (None, 0.5, 1.0):
         assert warnings(3, confidence) == []
-
-
-def test_an_input_of_no_images_is_told(warnings):
-    assert warnings(0, None) == ["the input holds no images"]

@@ -16,7 +16,6 @@ from shapefit.pipelines.fit import prepare as preparing
 from shapefit.pipelines.fit.prepare import FIRST, prepare
 from shapefit.pipelines.fit.sample import (
     LARGEST,
-    STEPS,
     draw_sample,
     find_scale,
     maximise_theta,
@@ -89,17 +88,6 @@ def test_the_factors_that_images_have_are_found(planted, scale, variance, given,
     assert any("nats an image" in line for line in found.lines) == changed
 
 
-def test_one_key_that_is_given_stays_and_the_other_is_found(planted):
-    _, keys = estimate(planted, planted[2](4, 8 * RESIDUAL_VARIANCE)[0], scale=1.5)
-    assert keys["scale"] == 1.5
-    assert keys["residual_variance"] > RESIDUAL_VARIANCE
-
-
-def test_few_images_say_nothing(planted):
-    _, keys = estimate(planted, planted[2](4, RESIDUAL_VARIANCE)[0].take(slice(0, 9)))
-    assert (keys["scale"], keys["residual_variance"]) == (1, RESIDUAL_VARIANCE)
-
-
 def test_a_landmark_that_is_mostly_wrong_does_not_make_the_others_less_exact(planted):
     _, keys = estimate(planted, planted[2](1, RESIDUAL_VARIANCE, wrong=3)[0])
     assert (keys["scale"], keys["residual_variance"]) == (1, RESIDUAL_VARIANCE)
@@ -169,11 +157,6 @@ def test_a_top_within_the_steps_is_found(top):
     expected = (SHARP * at + np.log(THETA[NAME].mean) * THETA[NAME].std ** -2) / whole
     assert np.log(theta[NAME]) == pytest.approx(expected, abs=1e-9)
     assert deviation[NAME] == pytest.approx(whole**-0.5)
-
-
-def test_a_top_far_away_is_approached_by_the_widest_steps():
-    theta, _ = maximise_theta(lambda theta: 100 * np.log(theta[NAME]), [NAME], {NAME: 1.0})
-    assert np.log(theta[NAME]) == pytest.approx(1.5 * STEPS[-1])
 
 
 @pytest.mark.parametrize(("rate", "apart"), [(None, 12), (50.0, 25), (0.5, 1)])

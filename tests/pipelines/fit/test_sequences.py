@@ -17,7 +17,6 @@ from shapefit.io import (
     read_shapes,
     write_dictionary,
 )
-from shapefit.lifting.sequences import clips
 from shapefit.pipelines import projection as projecting
 from shapefit.pipelines import verify
 from shapefit.pipelines.evaluate import run as evaluating
@@ -88,46 +87,6 @@ def test_error_bars_keep_what_frames_have_in_common(people):
     np.testing.assert_allclose(whole.shape_sd[~refined], single.shape_sd[~refined], rtol=1e-5)
 
 
-@pytest.mark.parametrize("camera", ["none", "perspective"])
-def test_covariances_agree_with_deviations_and_correlations(people, tmp_path, camera):
-    keys = {"focal": 1e6, "principal_point": [0.0, 0.0]}
-    keys = {"camera": keys} if camera == "perspective" else {}
-    images = load(people / "views.h5")
-    first = np.flatnonzero(np.array(images.sequences) == images.sequences[0])
-    path = written(tmp_path / "first.h5", images.take(first))
-    found, _ = fitted(people, path, save={"covariance": True}, **keys)
-    assert np.isfinite(found.columns["sequence_noise"]).any()
-    n, p, _ = found.columns["shape_correlation"].shape
-    own = np.einsum("njajb->njab", found.columns["shape_covariance"].reshape(n, p, 3, p, 3))
-    sd = np.sqrt(np.einsum("njaa->naj", own))
-    np.testing.assert_allclose(sd, found.shape_sd, rtol=1e-6)
-    for row, (a, b) in enumerate(((0, 1), (0, 2), (1, 2))):
-        mixed = own[:, :, a, b] / (sd[:, a] * sd[:, b])
-        np.testing.assert_allclose(mixed, found.columns["shape_correlation"][:, :, row], atol=1e-5)
-
-
-def test_sequences_that_contradict_their_images_are_but_steadied(people, tmp_path, monkeypatch):
-    images = load(people / "views.h5").take([7] * 24)
-    jitter = 0.01 * np.random.default_rng(2).standard_normal(images.landmarks.shape)
-    size = np.ptp(images.landmarks[0], axis=1).max()
-    still = images.replaced(
-        landmarks=images.landmarks + size * jitter,
-        items=tuple(map(str, range(24))),
-        sequences=("still",) * 24,
-    )
-    path = written(tmp_path / "still.h5", still)
-    single, _ = fitted(people, path, method="posterior")
-    monkeypatch.setattr(clips, "CONSTANTS", replace(clips.CONSTANTS, farthest=9.0))
-    refined, _ = fitted(people, path)
-    assert np.isfinite(refined.columns["sequence_noise"]).all()
-    monkeypatch.setattr(clips, "CONSTANTS", replace(clips.CONSTANTS, farthest=0.0))
-    whole, _ = fitted(people, path)
-    assert np.isnan(whole.columns["sequence_noise"]).all()
-    np.testing.assert_allclose(whole.shape_sd, single.shape_sd, rtol=1e-5)
-    jumps = [np.abs(np.diff(each.shapes, axis=0)).mean() for each in (single, whole)]
-    assert jumps[1] < 0.9 * jumps[0]
-
-
 @pytest.mark.parametrize(("grow", "noise"), [(1.0, None), (50.0, None), (50.0, 0.0), (50.0, 0.4)])
 def test_noise_is_stated_and_that_of_the_images_otherwise(people, tmp_path, grow, noise):
     """In the unit of the landmarks, of which the size of a body is some."""
@@ -140,42 +99,6 @@ def test_noise_is_stated_and_that_of_the_images_otherwise(people, tmp_path, grow
     np.testing.assert_allclose(found.columns["sequence_noise"], expected, rtol=1e-9)
 
 
-def test_noise_stated_to_be_small_brings_the_landmarks_nearer(people):
-    loose, _ = fitted(people, people / "views.h5")
-    exact, _ = fitted(people, people / "views.h5", noise=0)
-    images = load(people / "views.h5")
-    off = [np.abs(each.shapes[:, :2] - images.landmarks).mean() for each in (loose, exact)]
-    assert off[1] < 0.2 * off[0]
-
-
-def test_a_lone_image_is_refined_where_lengths_were_measured(people, project, tmp_path):
-    images = load(people / "views.h5").take(slice(0, 2)).replaced(sequences=("a", "b"))
-    path = written(tmp_path / "two.h5", images)
-    known = project / "sample_data/people_test.h5"
-    measured, _ = fitted(people, path, bone_lengths=known)
-    assert np.isfinite(measured.columns["sequence_noise"]).all()
-    usual, _ = fitted(people, path)
-    assert np.isnan(usual.columns["sequence_noise"]).all()
-
-
-def test_frames_that_say_nothing_have_the_bars_of_their_neighbours(people, tmp_path, monkeypatch):
-    """Three landmarks tell next to nothing of a body; in a sequence its neighbours do."""
-    images = load(people / "views.h5")
-    images = images.take(np.flatnonzero(np.array(images.sequences) == images.sequences[0])[:12])
-    landmarks = images.landmarks.copy()
-    landmarks[5, :, 3:] = np.nan
-    path = written(tmp_path / "gap.h5", images.replaced(landmarks=landmarks))
-    single, _ = fitted(people, path, method="posterior")
-    width = np.sqrt((single.shape_sd**2).mean(axis=(1, 2))) / single.scale
-    assert width[5] > 1.5 * np.delete(width, 5).max()
-    widest = replace(clips.CONSTANTS, widest=width[5] / 1.2, farthest=np.inf)
-    monkeypatch.setattr(clips, "CONSTANTS", widest)
-    whole, _ = fitted(people, path)
-    assert np.isfinite(whole.columns["sequence_noise"]).all()
-    # its own deviations would stay with the share of errors in common
-    assert (whole.shape_sd[5] < 0.4 * single.shape_sd[5]).mean() > 0.5
-
-
 def test_sequences_of_one_image_are_single_images(people, tmp_path):
     images = load(people / "views.h5").take(slice(0, 20))
     alone = images.replaced(sequences=tuple(map(str, range(20))))
@@ -186,16 +109,6 @@ def test_sequences_of_one_image_are_single_images(people, tmp_path):
     np.testing.assert_allclose(whole.shapes, single.shapes, rtol=1e-5, atol=1e-8)
     np.testing.assert_allclose(whole.shape_sd, single.shape_sd, rtol=1e-5)
     assert np.isnan(whole.columns["sequence_noise"]).all()
-
-
-def test_copies_of_a_frame_stay_within_a_standard_deviation(people, tmp_path):
-    one = load(people / "views.h5").take([7])
-    copies = one.take([0] * 12).replaced(
-        items=tuple(map(str, range(12))), sequences=("copies",) * 12
-    )
-    single, _ = fitted(people, written(tmp_path / "one.h5", one), method="posterior")
-    whole, _ = fitted(people, written(tmp_path / "copies.h5", copies))
-    assert (np.abs(whole.shapes - single.shapes) < single.shape_sd).all()
 
 
 def test_an_unknown_frame_rate_is_a_warning(people, tmp_path):

@@ -112,11 +112,6 @@ class TestResuming:
             assert "damaged, and done again: part-00001.h5" in texts(outcomes)
         same_as_one_run()
 
-    def test_a_touched_file_is_not_done_again(self):
-        fit()
-        Path("two.h5").touch()
-        assert done(fit()) == 0
-
     def test_a_new_file_adds_a_part_wherever_it_stands(self, rng):
         fit()
         before = stamps()
@@ -251,15 +246,6 @@ class TestWhatIsRefusedOrReplaced:
         assert shapefit(["fit", "one.h5", "-d", "dict.h5", "-o", name, "-q"]) == 0
         assert {path.name for path in Path().iterdir()} == before | {name}
 
-    def test_links_in_the_folder_are_replaced(self):
-        Path("outside").write_text("mine")
-        OUT.mkdir()
-        for name in ("part-00001.h5", ".lock"):
-            (OUT / name).symlink_to(Path("outside").resolve())
-        fit()
-        assert Path("outside").read_text() == "mine"
-        assert names() == [f"part-{n:05}.h5" for n in range(5)]
-
     def test_a_second_run_into_the_folder(self):
         fit()
         with (OUT / ".lock").open("w") as file:
@@ -267,25 +253,12 @@ class TestWhatIsRefusedOrReplaced:
             with pytest.raises(InputError, match="another run is writing results to it"):
                 fit()
 
-    @pytest.mark.parametrize("made", [True, False])
-    def test_a_folder_that_cannot_be_written_to(self, monkeypatch, made):
-        if made:
-            OUT.mkdir()
-        monkeypatch.setattr("shapefit.io.atomic.is_writable", lambda _: False)
-        with pytest.raises(InputError, match="is not writable"):
-            fit()
-        assert list(Path().glob("out/**/*")) == []
-
     @pytest.mark.parametrize("text", ["", "{}\n", "[]\n", '{"config": 1}\n[]\n'])
     def test_what_is_no_manifest(self, text):
         OUT.mkdir()
         MANIFEST.write_text(text)
         with pytest.raises(InputError, match="is not a manifest of results"):
             fit()
-
-    def test_exports(self):
-        with pytest.raises(InputError, match="is not written for a folder of results"):
-            fit("export.folder=meshes", output="free/")
 
 
 class TestParts:
@@ -307,18 +280,6 @@ class TestParts:
         one = self.write("a.h5", "a" * 5 + "b" * 30 + "c" * 4 + "d" * 9)
         rows = [part.rows for part in self.planned(one, self.write("b.h5", "eee"), partition=10)]
         assert rows == [(0, 35), (35, 48), None]
-
-    @pytest.mark.parametrize("ending", ["h5", "csv"])
-    @pytest.mark.parametrize("other", ["h5", "csv"])
-    def test_a_sequence_over_two_files_names_both(self, ending, other):
-        one, two = self.write(f"a.{ending}", "aab"), self.write(f"b.{other}", "bc")
-        with pytest.raises(InputError, match=r"'b' is in .*a\.\w+ and in .*b\.\w+; put"):
-            self.planned(one, two)
-        assert len(self.planned(one, two, method="posterior")) == 2
-
-    def test_a_sequence_that_goes_on_after_another_is_refused(self):
-        with pytest.raises(InputError, match=r"'a' is in .*a\.h5, in two places"):
-            self.planned(self.write("a.h5", "aba"))
 
     def test_a_recording_of_many_files_is_one(self, project):
         frames = sorted((project / "sample_data/openpose").glob("*.json"))
@@ -378,13 +339,3 @@ def test_items_in_two_parts_are_told(rng, earlier):
     assert warning.startswith("'i395' and 9 more in more than one file")
     assert "cannot tell them apart" in warning
     assert not [text for text in texts(fit(landmarks=inputs)) if "more than one" in text]
-
-
-def test_the_manifest_has_a_line_for_the_run_and_one_for_each_part():
-    fit()
-    first = json.loads(MANIFEST.read_text().splitlines()[0])
-    assert {"shapefit", "config", "dictionary", "estimated"} <= first.keys()
-    entry = entries()[4]
-    assert entry["inputs"] == [str(Path("two.h5").resolve())]
-    assert (entry["status"], entry["images"], entry["rows"]) == ("done", 100, None)
-    assert entry["bytes"] == (OUT / entry["file"]).stat().st_size
