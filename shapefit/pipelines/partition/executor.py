@@ -79,7 +79,7 @@ def executor(workers: int | None, scheduler: Any = None) -> Iterator[tuple[Execu
         except ImportError:
             fix = "run `pip install distributed`; --workers does without"
             raise input_error("fit", "a cluster needs dask distributed", fix) from None
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, ValueError, LookupError, TypeError, AssertionError) as error:
             found = f"no scheduler answers ({str(error).partition(chr(10))[0]})"
             fix = "start one with `dask scheduler`, or check its address or file"
             raise input_error("Dask", found, fix) from None

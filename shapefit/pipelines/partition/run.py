@@ -67,7 +67,8 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     if config.export.folder is not None:
         fix = "leave it out; `shapefit convert FOLDER -d DICT -o meshes/ --to ply` writes them"
         raise input_error("export.folder", "is not written for a folder of results", fix)
-    manifest, dictionary = read_manifest(folder.path), read_dictionary(config.dictionary)
+    manifest = read_manifest(folder.path)
+    dictionary = dictionary_of(config.dictionary, find_state(config.dictionary))
     if config.method == AUTO and manifest is not None:
         config = config.changed(method=manifest.run["method"])
     config, chosen = choose_method(config, dictionary, lambda: in_sequences(config))

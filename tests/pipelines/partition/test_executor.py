@@ -110,7 +110,7 @@ def goes_on(data: Path, output: str, *options: object) -> None:
     assert 1 <= len(before) < PARTS
     done = fit(data, output, *options)
     assert done.returncode == 0, done.stderr
-    assert f"{(PARTS - len(before)) * SIZE} images" in done.stderr
+    assert f"{(PARTS - len(before)) * SIZE:,} images" in done.stderr
     same_bits(data, output)
 
 
