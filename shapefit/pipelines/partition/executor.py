@@ -8,8 +8,9 @@ import os
 import platform
 import signal
 import threading
+import time
 from collections import deque
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -20,20 +21,28 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from shapefit import __version__
 from shapefit.config import FitConfig
-from shapefit.config.paths import ResultFolder
+from shapefit.config.paths import DONE, ResultFolder
+from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError, input_error
+from shapefit.io import read_dictionary
 from shapefit.pipelines.fit.prepare import Estimates
-from shapefit.pipelines.outcome import Outcome
-from shapefit.pipelines.partition.plan import Part
+from shapefit.pipelines.fit.run import run as fit
+from shapefit.pipelines.outcome import Counted, Failure, Outcome, add_up
+from shapefit.pipelines.partition.manifest import remove_link, result_digest
+from shapefit.pipelines.partition.plan import Part, State, find_state, input_digests
 
 AHEAD = 4
 """Parts that each thread of a cluster has waiting; more would only fill the scheduler."""
+
+MOST_LISTED = 20
+"""Failures and warnings of a part that are reported one by one."""
 
 MEMORY = "give it more memory, or divide the images into smaller parts"
 
@@ -42,10 +51,9 @@ MEMORY = "give it more memory, or divide the images into smaller parts"
 class Job:
     """A part, the config of the run, where the result goes, and what was estimated of all parts.
 
-    work does it; version of the program that planned it.
+    version of the program that planned it.
     """
 
-    work: Callable[[Job], Done]
     part: Part
     config: FitConfig
     folder: Path
@@ -185,9 +193,52 @@ def do_job(job: Job) -> Done:
         found = f"is a worker with shapefit {__version__}, but `fit` is version {job.version}"
         raise input_error(platform.node(), found, "install the same version on all machines")
     try:
-        return job.work(job)
+        return fit_part(job)
     except InputError as error:
         return Done(job.part, error="; ".join(error.problems))
     except Exception as error:
         text = str(error).partition("\n")[0]
         return Done(job.part, error=": ".join(filter(None, (type(error).__name__, text))))
+
+
+def fit_part(job: Job) -> Done:
+    """Lift the images of a part and write its result, whole or not at all."""
+    began, part, target = time.perf_counter(), job.part, job.folder / job.part.file
+    config = job.config.changed(landmarks=part.inputs, output=target)
+    remove_link(target)
+    images, failed = 0, 0
+    failures: list[Failure] = []
+    warnings: dict[str, str | Counted] = {}
+    doubts: dict[str, str | Counted] = {}
+    dictionary = dictionary_of(config.dictionary, find_state(config.dictionary))
+    inputs = input_digests(part.inputs, part.states)
+    rows = None if part.rows is None else slice(*part.rows)
+    for outcome in fit(config, rows, job.estimates, dictionary, inputs):
+        images += outcome.done
+        failed += len(outcome.failures)
+        failures += outcome.failures[: MOST_LISTED - len(failures)]
+        add_up(warnings, outcome.warnings, MOST_LISTED)
+        add_up(doubts, (replace(doubt, items=()) for doubt in outcome.doubts))
+    outcome = Outcome(
+        done=images,
+        failures=tuple(failures),
+        warnings=tuple(warnings.values()),
+        doubts=tuple(doubt for doubt in doubts.values() if isinstance(doubt, Counted)),
+    )
+    entry = part.describe() | {
+        "digests": inputs,
+        "status": DONE,
+        "images": images,
+        "failed": failed,
+        "failures": [[failure.item, failure.reason] for failure in failures],
+        "seconds": round(time.perf_counter() - began, 3),
+        "bytes": target.stat().st_size,
+        "digest": result_digest(target),
+    }
+    return Done(part, outcome, entry)
+
+
+@lru_cache(maxsize=1)
+def dictionary_of(path: Path, _state: State) -> Dictionary:
+    """Read a dictionary, once as long as it does not change."""
+    return read_dictionary(path)

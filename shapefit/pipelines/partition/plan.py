@@ -151,11 +151,8 @@ def make_plan(config: FitConfig, manifest: Manifest | None) -> Plan:
 
 
 def is_altered(part: Part, entry: Entry) -> bool:
-    """Whether inputs are not those of a line: by their sizes, times of change and then digests."""
-    stated = part.describe()
-    if stated["sizes"] != entry["sizes"]:
-        return True
-    if stated["changed"] == entry["changed"]:
+    """Whether inputs are not those of a line: by sizes and times of change, and then digests."""
+    if all(part.describe()[key] == entry[key] for key in ("sizes", "changed")):
         return False
     return input_digests(part.inputs, part.states) != entry.get("digests")
 

@@ -6,20 +6,17 @@ folder that holds results which this run would not give is refused, but with `re
 
 from __future__ import annotations
 
-import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict, replace
-from functools import lru_cache
 from pathlib import Path
 
 from shapefit.config import FitConfig
-from shapefit.config.paths import DONE, FAILED, ResultFolder
-from shapefit.dictionary.model import Dictionary
+from shapefit.config.paths import FAILED, ResultFolder
 from shapefit.errors import InputError, abbreviate, counted, input_error
 from shapefit.geometry.pinhole import CAMERA_MATRIX
-from shapefit.io import LandmarkSet, open_landmarks, read_dictionary
+from shapefit.io import LandmarkSet, open_landmarks
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import LANDMARK_COVARIANCE
 from shapefit.io.source import Source, SourceFile, open_results
@@ -33,28 +30,20 @@ from shapefit.pipelines.fit.prepare import (
     prepare,
     read_options,
 )
-from shapefit.pipelines.fit.run import run as fit
-from shapefit.pipelines.outcome import Counted, Failure, Outcome, add_up, reading
-from shapefit.pipelines.partition.executor import Done, Job, do_jobs
+from shapefit.pipelines.outcome import Failure, Outcome, reading
+from shapefit.pipelines.partition.executor import Job, dictionary_of, do_jobs
 from shapefit.pipelines.partition.manifest import (
     Manifest,
     locked,
     read_manifest,
-    remove_link,
-    result_digest,
 )
 from shapefit.pipelines.partition.plan import (
     Part,
     Plan,
-    State,
     find_state,
-    input_digests,
     make_plan,
     warn_of_large,
 )
-
-MOST_LISTED = 20
-"""Failures and warnings of a part that are reported one by one."""
 
 
 def run(config: FitConfig) -> Iterator[Outcome]:
@@ -136,7 +125,7 @@ def do_parts(
         config = config.changed(threads=1)
     shared = config.changed(landmarks=(), **estimates.values)  # each part names its own
     silent = replace(estimates, lines=(), warnings=())
-    jobs = deque(Job(fit_part, part, shared, folder, silent) for part in plan.todo)
+    jobs = deque(Job(part, shared, folder, silent) for part in plan.todo)
     lost: list[Failure] = []
     manifest.write()
     for file in plan.removed:
@@ -171,46 +160,3 @@ def items_in_two(folder: Path, files: list[str]) -> tuple[str, ...]:
         return ()
     with open_results([folder / file for file in files]) as source:
         return tuple(f"{note}; `eval` cannot tell them apart" for note in source.notes)
-
-
-def fit_part(job: Job) -> Done:
-    """Lift the images of a part and write its result, whole or not at all."""
-    began, part, target = time.perf_counter(), job.part, job.folder / job.part.file
-    config = job.config.changed(landmarks=part.inputs, output=target)
-    remove_link(target)
-    images, failed = 0, 0
-    failures: list[Failure] = []
-    warnings: dict[str, str | Counted] = {}
-    doubts: dict[str, str | Counted] = {}
-    dictionary = dictionary_of(config.dictionary, find_state(config.dictionary))
-    inputs = input_digests(part.inputs, part.states)
-    rows = None if part.rows is None else slice(*part.rows)
-    for outcome in fit(config, rows, job.estimates, dictionary, inputs):
-        images += outcome.done
-        failed += len(outcome.failures)
-        failures += outcome.failures[: MOST_LISTED - len(failures)]
-        add_up(warnings, outcome.warnings, MOST_LISTED)
-        add_up(doubts, (replace(doubt, items=()) for doubt in outcome.doubts))
-    outcome = Outcome(
-        done=images,
-        failures=tuple(failures),
-        warnings=tuple(warnings.values()),
-        doubts=tuple(doubt for doubt in doubts.values() if isinstance(doubt, Counted)),
-    )
-    entry = part.describe() | {
-        "digests": inputs,
-        "status": DONE,
-        "images": images,
-        "failed": failed,
-        "failures": [[failure.item, failure.reason] for failure in failures],
-        "seconds": round(time.perf_counter() - began, 3),
-        "bytes": target.stat().st_size,
-        "digest": result_digest(target),
-    }
-    return Done(part, outcome, entry)
-
-
-@lru_cache(maxsize=1)
-def dictionary_of(path: Path, _state: State) -> Dictionary:
-    """Read a dictionary, once as long as it does not change."""
-    return read_dictionary(path)

@@ -137,13 +137,3 @@ def test_the_position_is_metric(fit, views, cars):
     truth = np.einsum("nij,nj->ni", R, middle) + views.columns["true_translation"]
     error = np.linalg.norm(found.columns["position"] - truth, axis=1)
     assert np.median(error / truth[:, 2]) < 0.05
-
-
-def test_the_result_tells_the_camera(fit):
-    found, _ = fit(**PERSPECTIVE, principal_point=(640.0, 480.0))
-    n = len(found)
-    np.testing.assert_array_equal(found.columns["focal"], np.full((n, 2), 1600))
-    np.testing.assert_array_equal(found.columns["principal_point"], np.tile([640, 480], (n, 1)))
-    t = found.columns["camera_translation"]
-    np.testing.assert_allclose(found.scale, 1600 / t[:, 2])
-    assert found.relative_gap is None

@@ -19,12 +19,6 @@ PRIORLESS = [name for name, m in METHODS.items() if "prior" not in {n.name for n
 NAMES = tuple(f"point{j}" for j in range(10))
 
 
-def scaled(images, factor):
-    return LandmarkSet(
-        landmarks=images.landmarks * factor, landmark_names=NAMES, items=images.items
-    )
-
-
 class TestShapes:
     def test_an_exact_image_gives_its_shape_rotation_and_place(
         self, fit, dictionary, images, atoms, rotations
@@ -66,20 +60,6 @@ class TestShapes:
             left.append(np.linalg.norm(residual, axis=1))
         assert (left[0] > 1.5 * left[1]).all()
         assert (left[1] > 1.5 * left[2]).all()
-
-    def test_permuted_landmarks_simply_work(self, fit, dictionary, images):
-        order = [3, 1, 4, 0, 5, 9, 2, 6, 8, 7]
-        permuted = LandmarkSet(
-            landmarks=images.landmarks[:, :, order],
-            landmark_names=tuple(NAMES[j] for j in order),
-            items=images.items,
-            columns={"corrupted": np.eye(8, 10, dtype=bool)[:, order]},
-        )
-        a, _ = fit(dictionary, images)
-        b, _ = fit(dictionary, permuted)
-        np.testing.assert_array_equal(a.shapes, b.shapes)
-        np.testing.assert_array_equal(b.columns["corrupted"].astype(bool), np.eye(8, 10))
-        assert b.landmark_names == NAMES
 
     @pytest.mark.parametrize("factor", [2.0**-30, 2.0**53])
     def test_powers_of_two_scale_to_the_last_bit(self, fit, dictionary, images, factor):

@@ -24,7 +24,6 @@ from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.pipelines.partition.executor import Job, do_jobs, result_of
 from shapefit.pipelines.partition.plan import Part, find_parts
-from shapefit.pipelines.partition.run import fit_part
 from tests.cli.conftest import run_in
 from tests.pipelines.partition.made import entries, make_dictionary, make_images
 from tests.pipelines.partition.made import same_bits as same_results
@@ -124,7 +123,7 @@ def children(pid: int) -> list[int]:
 def job(data) -> Job:
     arguments = {"landmarks": (data / "views.h5",), "dictionary": data / "dict.h5"}
     config = load_config("fit", None, (), {**arguments, "output": f"{data}/direct/"})
-    return Job(fit_part, Part(7, (data / "views.h5",), None, ()), config, data / "direct")
+    return Job(Part(7, (data / "views.h5",), None, ()), config, data / "direct")
 
 
 class TestProcesses:
@@ -174,7 +173,7 @@ class TestProcesses:
         config = load_config("fit", None, ("method=alternate",), arguments)
         Path("deadly").mkdir()
         parts = find_parts(config)[:3]
-        jobs = deque(Job(fit_part, part, config, Path("deadly").absolute()) for part in parts)
+        jobs = deque(Job(part, config, Path("deadly").absolute()) for part in parts)
         errors = {done.part.file: done.error for done in do_jobs(jobs, folder)}
         assert errors[parts[0].file] == errors[parts[2].file] == ""
         assert errors[parts[1].file].startswith("its process died, twice")
@@ -253,39 +252,12 @@ def test_a_running_cluster(data, cluster, by):
 
 
 @pytest.mark.slow
-def test_what_is_assumed_of_the_camera_is_the_same_for_all_parts(project, data, cluster):
-    """Two folders of one recording on workers, and in one run: the same bits."""
-    frames = sorted((project / "sample_data/openpose").glob("*.json"))
-    for name, some in (("early", frames[:18]), ("late", frames[18:])):
-        (data / name).mkdir()
-        for frame in some:
-            (data / name / frame.name).write_bytes(frame.read_bytes())
-    line = ["fit", "early", "late", "-d", "people", "--keypoints", "body_25"]
-    line += ["--method", "posterior", "--image-size", "1280x720"]
-    for more in (("walkers.h5",), ("walkers/", "--scheduler", cluster.scheduler_address)):
-        done = run_in(data, *line, "-o", *more)
-        assert done.returncode == 0, done.stderr
-        assert "focal length 1408 px (assumed" in done.stderr
-    assert len(results(data / "walkers")) == 2
-    same_results(results(data / "walkers"), data / "walkers.h5", {"item", "shapes"})
-
-
-@pytest.mark.slow
 def test_a_killed_worker(data, cluster):
     with in_the_middle(data, "killed/", "--scheduler", cluster.scheduler_address) as process:
         os.kill(cluster.workers[0].pid, signal.SIGKILL)
         _, said = process.communicate(timeout=LIMIT)
         assert process.returncode == 0, said
     same_bits(data, "killed/")
-
-
-@pytest.mark.slow
-def test_a_killed_client(data, cluster):
-    with in_the_middle(data, "client/", "--scheduler", cluster.scheduler_address) as process:
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    time.sleep(1)  # its workers notice
-    goes_on(data, "client/", "--scheduler", cluster.scheduler_address)
 
 
 @pytest.mark.slow

@@ -17,9 +17,10 @@ from shapefit.errors import InputError
 from shapefit.io import write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.pipelines.fit.run import run as fit_whole
-from shapefit.pipelines.partition import run as parting
+from shapefit.pipelines.partition import executor as parting
 from shapefit.pipelines.partition.manifest import find_gaps, read_manifest
 from shapefit.pipelines.partition.plan import find_parts
+from shapefit.pipelines.partition.run import run
 from tests.pipelines.partition.made import NAMES, entries, make_dictionary, make_images, same_bits
 from tests.pipelines.told import done, failures, texts
 
@@ -46,7 +47,7 @@ def config_of(output, *overrides: str, landmarks=("one.h5", "two.h5")):
 def fit(*overrides: str, output: str = "out/", landmarks=("one.h5", "two.h5"), **parts):
     """Run fit in parts of 128 images, which is 100 in whole stretches; return its outcomes."""
     folder = ResultFolder(Path(output).absolute(), **{"partition": 100, **parts})
-    return list(parting.run(config_of(folder, *overrides, landmarks=landmarks)))
+    return list(run(config_of(folder, *overrides, landmarks=landmarks)))
 
 
 def names() -> list[str]:
