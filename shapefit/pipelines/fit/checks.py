@@ -220,7 +220,7 @@ def walks_backwards(sample: Sample, shapes: Floats, columns: Mapping[str, int]) 
     s is the size of a body in the image, s' a step later; f the direction in which it faces, away
     from the camera where f_z > 0. 0 without pairs.
     """
-    away = depth_sign(sample.images.y_axis) * facing(shapes, columns)[:, 2]
+    away = depth_sign(sample.images.y_axis or "down") * facing(shapes, columns)[:, 2]
     size = np.log(np.linalg.norm(shapes - shapes.mean(axis=2, keepdims=True), axis=(1, 2)))
     before, after = sample.pairs.T
     moved = (size[after] - size[before]) * (away[before] + away[after]) / 2

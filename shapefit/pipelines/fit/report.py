@@ -175,7 +175,7 @@ def count_bodies(record: ResultSet) -> tuple[int, int, int]:
     return len(body), int((across & (abs(up) < STEEP * in_image)).sum()), int(on_head.sum())
 
 
-def warn_of_all(counts: Counts, setup: Setup, y_axis: str) -> tuple[str | Counted, ...]:
+def warn_of_all(counts: Counts, setup: Setup, y_axis: str | None) -> tuple[str | Counted, ...]:
     """Return what is known at the end only, with shares of all images.
 
     Raises InputError where no image shows an item of the dictionary that is to be left out.
@@ -187,7 +187,7 @@ def warn_of_all(counts: Counts, setup: Setup, y_axis: str) -> tuple[str | Counte
     )
 
 
-def warn_of_axes(counts: Counts, y_axis: str) -> Iterator[Counted]:
+def warn_of_axes(counts: Counts, y_axis: str | None) -> Iterator[Counted]:
     """Warn where most bodies lie, or are on their heads."""
     turned = "is the video turned by {0} degrees"
     if 2 * counts.on_head > counts.bodies:

@@ -107,7 +107,7 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> LandmarkSet:
         raise unreadable[0]
     kept = {*OF_CAMERAS, LANDMARK_COVARIANCE, CAMERA_MATRIX}
     bare = [images.without(images.further.keys() - kept) for images in read]
-    files = [SourceFile.of(str(n), images) for n, images in enumerate(bare)]
+    files = [SourceFile.of(str(n), images, y_axis=images.y_axis) for n, images in enumerate(bare)]
     try:
         return Source(files, check=False).first(FIRST)
     except InputError:
