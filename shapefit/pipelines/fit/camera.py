@@ -93,8 +93,8 @@ def choose_camera(
     if given.focal == "files" or (given.focal == "auto" and in_files):
         read_intrinsics(images, CAMERA_MATRIX)  # or say what is wrong with it
         has_centre = np.ndim(images.columns[CAMERA_MATRIX]) > 1 or given.principal_point
-        centre = {} if has_centre else {"principal_point": find_centre(config, images)}
-        return {"focal": "files", **centre}, f"perspective, `{CAMERA_MATRIX}` of the files"
+        point = {} if has_centre else {"principal_point": find_centre(config, images)}
+        return {"focal": "files", **point}, f"perspective, `{CAMERA_MATRIX}` of the files"
     if isinstance(given.focal, float | int):
         at = given.principal_point or find_centre(config, images)
         line = f"focal length {given.focal:.5g} px, principal point {at[0]:g}, {at[1]:g}"
@@ -160,7 +160,7 @@ def find_camera(images: LandmarkSet, intrinsics: Intrinsics) -> Camera:
         focal, centre = read_intrinsics(images, intrinsics.dataset)
     if intrinsics.centre is not None:
         centre = np.tile(np.array(intrinsics.centre), (n, 1))
-    return Camera(focal, centre, depth_sign(images.y_axis), intrinsics.focal_sd)
+    return Camera(focal, centre, depth_sign(images.y_axis or "down"), intrinsics.focal_sd)
 
 
 def read_intrinsics(images: LandmarkSet, name: str) -> tuple[Floats, Floats]:
