@@ -256,6 +256,8 @@ def _read_text(path: Path, presets: Iterable[str]) -> tuple[str, str]:
         others = ", ".join(presets)
         fix = f"name a YAML file, or one of the installed configs: {others}"
         raise input_error(name, fault, fix if others else "name a YAML file")
+    if path.is_fifo() and path.parent.name != "fd":  # but <(...) of a shell is /dev/fd/63
+        raise input_error(name, "is a pipe", "save the config to a file, or send it to -")
     try:
         data = sys.stdin.buffer.read() if stream else path.read_bytes()
         return data.decode("utf-8-sig"), name

@@ -25,8 +25,6 @@ POSITIVE = {"acceleration": "acceleration", "bone_tolerance": "deviation", "edge
 
 def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
     """Read a dictionary, with `old` one of version 1, too. Raises InputError for what is wrong."""
-    if path.exists() and not path.is_file():  # which could be read for ever
-        raise input_error(path, "is no file of a dictionary", "name the one of learn-dict")
     if own_format(path) is not HDF5:
         from shapefit.io.detect import detect_format
 
@@ -47,9 +45,10 @@ def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
         if fields["objective_trace"] is None:
             fields["objective_trace"] = np.empty(0)
         fields["prior"] = _take_prior(fields, place)
+        stated = reader.stated
         provenance = {name: str(value) for name, value in reader.attributes.items()}
         return Dictionary(
-            **fields, unit=reader.unit, frame_rate=reader.frame_rate, provenance=provenance
+            **fields, unit=stated["unit"], frame_rate=stated["frame_rate"], provenance=provenance
         )
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from difflib import get_close_matches
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -142,9 +142,16 @@ def own_format(path: Path) -> FileFormat | None:
     if is_stream(path):
         return CSV
     try:
-        head = read_head(path, HEAD_BYTES) if path.is_file() else b""
+        state = path.stat()
+        return _recognised(path, state.st_mtime_ns, state.st_size) if path.is_file() else None
     except OSError:
         return None
+
+
+@lru_cache
+def _recognised(path: Path, *_state: int) -> FileFormat | None:
+    """Return the format of a file of ours in this state, which several steps of a command ask."""
+    head = read_head(path, HEAD_BYTES)
     if head.startswith(HDF5_SIGNATURE):
         from shapefit.io.hdf5_file import as_text, open_hdf5
 

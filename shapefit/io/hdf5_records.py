@@ -140,11 +140,6 @@ class Hdf5Reader(Hdf5File):
         return self._sizes["n"]
 
     @property
-    def unit(self) -> str:
-        """Unit of lengths, as the file states it."""
-        return str(self._attributes.get("unit", UNKNOWN_UNIT))
-
-    @property
     def attributes(self) -> dict[str, Attribute]:
         """Attributes that the layout does not define: texts and numbers."""
         kept = {n: v for n, v in self._attributes.items() if isinstance(v, str | int | float)}
@@ -155,24 +150,23 @@ class Hdf5Reader(Hdf5File):
         return kept
 
     @property
-    def y_axis(self) -> Any:
-        """Whether y points up or down, where the file says it. Raises InputError for another."""
-        direction = self._attributes.get("y_axis")
-        if direction in (None, "up", "down"):
-            return direction
-        found = f"the root attribute y_axis is '{direction}'"
-        raise input_error(self.path, found, "set it to up or down")
+    def stated(self) -> dict[str, Any]:
+        """unit, y_axis and frame_rate, None where the file does not say it.
 
-    @property
-    def frame_rate(self) -> float | None:
-        """Frames a second; None where the file states none. Raises InputError unless it is > 0."""
-        rate = self._attributes.get("frame_rate")
+        Raises InputError for a direction that is not up or down, and a rate that is not > 0.
+        """
+        y_axis, rate = self._attributes.get("y_axis"), self._attributes.get("frame_rate")
+        if y_axis not in (None, "up", "down"):
+            found = f"the root attribute y_axis is '{y_axis}'"
+            raise input_error(self.path, found, "set it to up or down")
         number = isinstance(rate, int | float) and not isinstance(rate, bool)
-        if rate is None or (number and 0 < rate < math.inf):
-            return None if rate is None else float(rate)
-        found = f"the root attribute frame_rate is {rate!r}"
-        fix = "set it to frames per second, a number > 0, or remove it"
-        raise input_error(self.path, found, fix)
+        if rate is not None and not (number and 0 < rate < math.inf):
+            found = f"the root attribute frame_rate is {rate!r}"
+            fix = "set it to frames per second, a number > 0, or remove it"
+            raise input_error(self.path, found, fix)
+        unit = str(self._attributes.get("unit", UNKNOWN_UNIT))
+        rate = None if rate is None else float(rate)
+        return {"unit": unit, "y_axis": y_axis, "frame_rate": rate}
 
     def records(self, rows: slice, without: Collection[str] = ()) -> Any:
         """Return the items in these rows, without some datasets."""
@@ -183,9 +177,7 @@ class Hdf5Reader(Hdf5File):
                 name: self._values(name, rows) for name in self.per_item if name not in without
             },
             whole={n: np.asarray(self._values(n)) for n in self.whole if n not in without},
-            unit=self.unit,
-            frame_rate=self.frame_rate,
-            y_axis=None if self.form.kind == "shapes" else self.y_axis or "down",
+            **self.stated,
             attributes=self.attributes if self.form.kind == "result" else None,
         )
 
@@ -410,7 +402,7 @@ class Hdf5Writer(RecordWriter[Any]):
         first = {
             name: getattr(self._first, name, None) for name in ("unit", "y_axis", "frame_rate")
         }
-        stated = {"format": self._form.name, "version": VERSION, **first}
+        stated: dict[str, Any] = {"format": self._form.name, "version": VERSION, **first}
         for name, value in self.attributes.items():
             stated[PREFIX + name if name in PLAIN_ATTRIBUTES else name] = value
         stated = {name: value for name, value in stated.items() if value is not None}

@@ -126,9 +126,8 @@ EDGES = "edges"
 FRAME = "frame"
 """Dataset (n,): the place of each item in its video, from 0."""
 
-OUTLIERS, CORRUPTED = "outliers", "corrupted"
+LABELS = OUTLIERS, CORRUPTED = "outliers", "corrupted"
 """Datasets (n, p) of the landmarks that a fit calls outliers, and of those that were made so."""
-LABELS = (OUTLIERS, CORRUPTED)
 
 LANDMARK_COVARIANCE = "landmark_covariance"
 """Covariance (n, p, 2, 2) of each landmark, in the unit of the landmarks squared."""

@@ -73,7 +73,7 @@ class Records:
         self.landmark_names, self.items = tuple(landmark_names), tuple(items)
         self.sequences = None if sequences is None else tuple(sequences)
         self.unit, self.frame_rate = unit, frame_rate
-        self.y_axis = y_axis if self.LAYOUT is SHAPES else y_axis or "down"
+        self.y_axis = None if self.LAYOUT is SHAPES else y_axis or "down"
         self.attributes: Mapping[str, Attribute] = attributes or {}
         self.per_item: dict[str, NDArray[Any]] = {}
         self.whole = {name: self._as_array(name, value) for name, value in (whole or {}).items()}

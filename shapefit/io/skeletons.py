@@ -37,18 +37,13 @@ class Parameter(NamedTuple):
 
     mean: float
     std: float
-    what: str
 
 
 THETA: Mapping[str, Parameter] = MappingProxyType(
-    {
-        "head": Parameter(
-            1.5, 0.15, "height of the top of the head above the shoulders, in that of the joint"
-        ),
-        "hips": Parameter(1.15, 0.15, "distance of the hips, in that of the joints"),
-    }
+    {"head": Parameter(1.5, 0.15), "hips": Parameter(1.15, 0.15)}
 )
-"""The components of theta. Their means were chosen on a man on a beam seen by OpenPose
+"""The components of theta: the height of the top of the head above the shoulders, and the distance
+of the hips, in those of the joints. Their means were chosen on a man on a beam seen by OpenPose
 (docs/people.md), where the evidence of four cameras gives 1.35 to 1.65 and 1.15; the standard
 deviations cover six other bodies."""
 
@@ -154,7 +149,7 @@ MARKED: dict[str, str] = (
 class Skeleton:
     """The landmarks of one detector, in the order of its files.
 
-    bones are pairs of names, lines of the face included; `edges` and `mirror` are pairs of places.
+    bones are pairs of names, lines of the face included; `edges` are pairs of their numbers.
     """
 
     name: str
@@ -166,23 +161,6 @@ class Skeleton:
         """Pairs of landmarks that a bone or a line of the face joins."""
         place = {name: number for number, name in enumerate(self.landmark_names)}
         return tuple((place[a], place[b]) for a, b in self.bones)
-
-    @property
-    def mirror(self) -> tuple[tuple[int, int], ...]:
-        """Right and left landmarks that a reflection of the body exchanges, each pair once."""
-        place = {name: number for number, name in enumerate(self.landmark_names)}
-        lefts = (re.sub(r"^R(?=[A-Z])", "L", n.replace("right", "left")) for n in place)
-        return tuple((i, place[n]) for i, n in enumerate(lefts) if place.get(n, i) != i)
-
-    @property
-    def parts(self) -> dict[str, str]:
-        """The part of the body, a name in `PARTS`, of those landmarks that mark one."""
-        return part_names(self.landmark_names)
-
-    @property
-    def people(self) -> dict[str, str]:
-        """The joint that each landmark stands for alone."""
-        return people_joints(self.landmark_names)
 
 
 @cache

@@ -37,6 +37,9 @@ BLOCK = 1 << 12
 CHECKED_BYTES = 1 << 24
 """Of an HDF5 file that are read at a time to be checked."""
 
+PIXELS = 2
+"""Beyond which a coordinate is no fraction of an image."""
+
 GAP = 1 << 10
 """Rows that are read and dropped rather than begun anew behind them."""
 
@@ -52,14 +55,14 @@ def open_landmarks(
 ) -> LandmarkSource:
     """Open files of landmarks in any format (`-` is standard input) as one source.
 
-    Everything is checked before the first image is given out. Raises InputError for what is
-    wrong with a file, for items that occur twice, and for files that do not go together (other
-    units, directions of y, frame rates, or further datasets), and for names of landmarks to rename
-    that no file has. Of HDF5 rows are read as they are asked for, CSV is read in one pass, all else
-    whole. `rows` are those of the one HDF5 file that are given out: nothing else of it is read.
-    Without `check` nothing but heads is read of HDF5, and values and names are believed. The caller
-    `selects` the individual in files of ours, or it is refused there. Of CSV only some `first`
-    landmarks are read, and the source has an `estimate` of the count.
+    Of HDF5 rows are read as they are asked for, CSV is read in one pass, all else whole. Everything
+    is checked before the first image is given out, and raises InputError: what is wrong with a
+    file, items that occur twice, files that do not go together, names to rename that no file has.
+
+    rows     those of the one HDF5 file that are given out: nothing else of it is read
+    selects  the caller selects the individual in files of ours; without, that is refused
+    check    without, only heads are read of HDF5, and values and names are believed
+    first    so many landmarks are read of CSV, and the source has an `estimate` of its count
     """
     how: dict[str, Any] = {"rows": rows, "check": check, "first": first}
     files = _open_all(LANDMARKS, paths, options, selects, **how)
@@ -75,17 +78,11 @@ def open_shapes(
     check: bool = True,
     first: int | None = None,
 ) -> ShapeSource:
-    """Open files of shapes in any format (`-` is standard input) as one source.
+    """Open files of shapes in any format as one source, checked as `open_landmarks` does.
 
     Landmarks are matched by name and stand in the order of the first file, items in the order of
-    the files; where only some files have sequences, those of the others are empty texts.
-    Everything is checked before the first shape is given out. Raises InputError for what is wrong
-    with a file, for items that occur twice, and for files that do not go together (other
-    landmarks, units, meshes or further datasets).
-
-    With `gaps` a landmark of an item may be unknown: it is NaN, in all coordinates where it is in
-    one, and may lack its row in CSV. Without, that is wrong. `check`, `selects` and `first` as
-    in `open_landmarks`.
+    the files. With `gaps` a landmark of an item may be unknown: it is NaN, in all coordinates where
+    it is in one, and may lack its row in CSV. Without, that is wrong.
     """
     how: dict[str, Any] = {"gaps": gaps, "check": check, "first": first}
     files = _open_all(SHAPES, paths, options, selects, **how)
@@ -101,12 +98,10 @@ def open_results(
     old: bool = False,
     first: int | None = None,
 ) -> ResultSource:
-    """Open results as one source; datasets in `without` are not read.
+    """Open results as one source, checked as `open_landmarks` does.
 
-    That is what proves the optimum, unless `proofs` asks for it. Of CSV all but shapes, names,
-    items and sequences is None. Raises InputError for what is wrong with a file, for items that
-    occur twice, and for files that do not go together. `check` and `first` as in
-    `open_landmarks`; `old` files of version 1 are read, too.
+    Datasets in `without` are not read, by default what proves the optimum unless `proofs`. Of CSV
+    all but shapes, names, items and sequences is None. `old` files of version 1 are read, too.
     """
     left = (() if proofs else frozenset(PROOF)) if without is None else without
     keep = len(paths) <= MAX_OPEN
@@ -462,7 +457,7 @@ def _open_hdf5(
     from shapefit.io.hdf5_records import Hdf5Reader
 
     reader = Hdf5Reader(path, form, old=old)
-    stated, names = reader.y_axis, reader.landmark_names
+    stated, names = reader.stated["y_axis"], reader.landmark_names
     start, stop, _ = (rows or slice(None)).indices(reader.count)
 
     def opened() -> Hdf5Reader:
@@ -514,15 +509,13 @@ def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:
 
     Raises InputError for fractions without `image_size`.
     """
-    from shapefit.io.readers.poses import are_fractions
-
     if file.head.unit not in ("px", UNKNOWN_UNIT):
         return file
     count, below, zeros = 0, 0, 0
     for start in range(0, file.count, BLOCK):
         points = file.read(slice(start, min(start + BLOCK, file.count))).landmarks
         values = points[np.isfinite(points)]
-        if values.size and not are_fractions(values):
+        if np.abs(values).max(initial=0) > PIXELS or not _are_fractions(values):
             return file
         count, below = count + values.size, below + int((values < 0).sum())
         zeros += int((values == 0).sum())
@@ -534,6 +527,12 @@ def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:
         raise size_needed(file.name)
     size = np.array(options.image_size)[:, None]
     return file.changed(lambda r: r.replaced(landmarks=r.landmarks * size, unit="px"))
+
+
+def _are_fractions(values: NDArray[Any]) -> bool:
+    from shapefit.io.readers.poses import are_fractions
+
+    return not values.size or are_fractions(values)
 
 
 def _hiding(file: SourceFile[Any], least: float) -> SourceFile[Any]:

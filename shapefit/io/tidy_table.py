@@ -261,8 +261,8 @@ class _Table:
             missing |= (np.asarray(columns) == MISSED).all(axis=0) & ~(confidence > 0)
         d = len(columns)
         points = self._grid("points", n, d, p).reshape(-1)
-        for axis, values in enumerate(columns):
-            points[(item * d + axis) * p + landmark] = np.where(missing, np.nan, values)
+        for number, values in enumerate(columns):
+            points[(item * d + number) * p + landmark] = np.where(missing, np.nan, values)
         if self._problems:
             raise input_problems([text for _, text in sorted(self._problems, key=lambda p: p[0])])
 

@@ -14,7 +14,7 @@ from shapefit.dictionary.model import origin_of
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import mirror, rotation_onto
 from shapefit.io import read_dictionary, read_shapes
-from shapefit.io.skeletons import FURTHER, PEOPLE, edges_of, installed_skeletons
+from shapefit.io.skeletons import FURTHER, PEOPLE, edges_of, installed_skeletons, people_joints
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
 
 JOINTS = (*PEOPLE, *FURTHER)
@@ -31,7 +31,7 @@ def test_it_has_the_joints_onto_which_all_skeletons_map(people):
     assert people.landmark_names == JOINTS
     assert people.marked(()).landmark_names == PEOPLE
     for skeleton in installed_skeletons().values():
-        assert set(skeleton.people.values()) <= set(people.landmark_names)
+        assert set(people_joints(skeleton.landmark_names).values()) <= set(people.landmark_names)
 
 
 def test_it_has_what_all_methods_need(people):

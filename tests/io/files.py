@@ -1,5 +1,6 @@
 """Files written and read as a whole, as most tests do."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,7 @@ from shapefit.io import LandmarkSet, ShapeSet, open_landmarks, open_shapes
 from shapefit.io.formats import record_writer
 from shapefit.io.options import OutputOptions, Summary
 from shapefit.io.records import Records
+from shapefit.io.skeletons import Skeleton
 
 
 def save(path: Path, *records: Records, to: str = "auto", **options: Any) -> Summary:
@@ -27,3 +29,10 @@ def load_shapes(path: Path) -> tuple[ShapeSet, tuple[str, ...]]:
     """Return the shapes in a file, which may have gaps, and the warnings."""
     with open_shapes([path], gaps=True) as source:
         return source.whole(), source.notes
+
+
+def mirror_pairs(skeleton: Skeleton) -> tuple[tuple[int, int], ...]:
+    """Return right and left landmarks that a reflection of the body exchanges, each pair once."""
+    place = {name: number for number, name in enumerate(skeleton.landmark_names)}
+    lefts = (re.sub(r"^R(?=[A-Z])", "L", n.replace("right", "left")) for n in place)
+    return tuple((i, place[n]) for i, n in enumerate(lefts) if place.get(n, i) != i)

@@ -10,9 +10,11 @@ from shapefit.io.skeletons import (
     THETA,
     Skeleton,
     installed_skeletons,
+    part_names,
     people_joints,
     skeletons_of_size,
 )
+from tests.io.files import mirror_pairs
 
 JOINTS = (*PEOPLE, *FURTHER)
 SKELETONS = installed_skeletons()
@@ -27,11 +29,11 @@ def skeleton(request) -> Skeleton:
 def test_pairs_are_right_then_left_and_disjoint(skeleton: Skeleton) -> None:
     names = skeleton.landmark_names
     assert len(set(names)) == len(names)
-    for right, left in skeleton.mirror:
+    for right, left in mirror_pairs(skeleton):
         assert names[right].replace("right", "left") == names[left] or (
             names[right][0] == "R" and f"L{names[right][1:]}" == names[left]
         )
-    paired = [i for pair in skeleton.mirror for i in pair]
+    paired = [i for pair in mirror_pairs(skeleton) for i in pair]
     assert len(set(paired)) == len(paired)
     unpaired = {name.lower() for i, name in enumerate(names) if i not in paired}
     assert {name for name in unpaired if not name.startswith("face_")} <= UNPAIRED
@@ -42,20 +44,20 @@ def test_edges_are_unique_and_connect_what_they_name(skeleton: Skeleton) -> None
     assert len(bones) == len(skeleton.edges)
     joined = {i for edge in skeleton.edges for i in edge}
     assert joined == set(range(len(skeleton.landmark_names)))
-    swap = dict(skeleton.mirror) | {left: right for right, left in skeleton.mirror}
+    swap = dict(mirror_pairs(skeleton)) | {left: right for right, left in mirror_pairs(skeleton)}
     assert {frozenset(swap.get(i, i) for i in bone) for bone in bones} == bones
 
 
 def test_joints_and_parts_mirror_as_the_landmarks_do(skeleton: Skeleton) -> None:
-    joints = skeleton.people
+    joints = people_joints(skeleton.landmark_names)
     assert set(joints.values()) <= set(JOINTS)
     assert len(set(joints.values())) == len(joints) >= 12
     theta = {name: parameter.mean for name, parameter in THETA.items()}
     swap = {f"{a}{name[1:]}": f"{b}{name[1:]}" for name in JOINTS for a, b in ("rl", "lr")}
-    for pair in skeleton.mirror:
+    for pair in mirror_pairs(skeleton):
         right, left = (skeleton.landmark_names[i] for i in pair)
         assert swap.get(joints.get(right)) == joints.get(left)
-        parts = [skeleton.parts.get(name) for name in (right, left)]
+        parts = [part_names(skeleton.landmark_names).get(name) for name in (right, left)]
         if None in parts:
             assert parts == [None, None]
             continue
@@ -85,7 +87,7 @@ def test_the_usual_skeleton_of_a_size_is_first(count: int, names: tuple[str, ...
 def test_no_name_stands_for_two_joints() -> None:
     meanings: dict[str, set[str]] = {}
     for skeleton in SKELETONS.values():
-        for name, joint in skeleton.people.items():
+        for name, joint in people_joints(skeleton.landmark_names).items():
             meanings.setdefault(name, set()).add(joint)
     assert all(len(joints) == 1 for joints in meanings.values())
     joints = {"LHip": "lhip", "left_hip": "lhip"}

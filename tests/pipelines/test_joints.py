@@ -11,7 +11,7 @@ from shapefit.io import (
     read_dictionary,
     write_dictionary,
 )
-from shapefit.io.skeletons import PEOPLE, installed_skeletons
+from shapefit.io.skeletons import PEOPLE, installed_skeletons, people_joints
 from shapefit.pipelines.joints import (
     MEANS,
     check_enough,
@@ -155,7 +155,7 @@ def test_a_map_moves_with_the_body(theta):
 
 
 def test_the_convex_program_takes_landmarks_where_joints_are(images, lift):
-    shared = dict(BODY.people)
+    shared = people_joints(BODY.landmark_names)
     part = images.arrange(tuple(shared.values()), "here", leave_out=True)
     expected, _ = lift(part, method="convex")
     named = part.replaced(landmark_names=tuple(shared))

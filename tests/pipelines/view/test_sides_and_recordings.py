@@ -8,6 +8,7 @@ import pytest
 from shapefit.io.skeletons import PEOPLE, installed_skeletons
 from shapefit.pipelines.view.reading import Frames
 from shapefit.pipelines.view.scene import find_recordings, find_sides
+from tests.io.files import mirror_pairs
 
 
 def test_names_of_other_files():
@@ -21,7 +22,7 @@ def test_names_of_other_files():
 def test_the_pairs_of_detectors(name):
     skeleton = installed_skeletons()[name]
     sides = np.array(find_sides(skeleton.landmark_names))
-    right, left = np.array(skeleton.mirror).T
+    right, left = np.array(mirror_pairs(skeleton)).T
     assert (sides[right] == 2).all()
     assert (sides[left] == 1).all()
     assert np.count_nonzero(sides) == 2 * len(left)
