@@ -259,7 +259,7 @@ def test_columns_of_other_tools_and_animals_that_were_not_found(tmp_path):
     """Ensembles add variances; newer versions write -1 for what they did not find."""
     (tmp_path / "t.csv").write_text(
         "scorer,n,n,n,n,n\nbodyparts,a,a,a,a,a\ncoords,x,y,likelihood,x_ens_var,y_ens_var\n"
-        "0,1,2,0.5,9,9\n1,-1,-1,-1,9,9\n2,3,4,1,9,9\n"
+        "0,1,2,0.5,9,9\n1,-1,-1,-1,9,9\n2,3,4,1,9,9\n3,7,8,-1,9,9\n"
     )
     with open_landmarks([tmp_path / "t.csv"]) as source:
         (found,) = source.batches(10)
@@ -267,4 +267,4 @@ def test_columns_of_other_tools_and_animals_that_were_not_found(tmp_path):
     assert found.items == ("t/0", "t/2")
     assert found.landmarks[:, :, 0].tolist() == [[1, 2], [3, 4]]
     assert "columns left out: x_ens_var, y_ens_var" in notes
-    assert "1 individuals without a landmark left out" in notes
+    assert "2 individuals without a landmark left out" in notes
