@@ -385,7 +385,11 @@ def _files(
     files: dict[PurePosixPath, Callable[[Path], None]] = {}
     for name, motion in zip(names, motions, strict=True):
         stem = file_stem(f"{resolved.stem}_{name}") if len(motions) > 1 else resolved.stem
-        files[PurePosixPath(f"{stem}{resolved.suffix}")] = partial(write, motion=motion)
+        files[PurePosixPath(f"{stem}{resolved.suffix}")] = partial(_fill, write, motion)
         if angles is not None and motion.angle_names:
-            files[PurePosixPath(f"{stem}_angles.csv")] = partial(angles, motion=motion)
+            files[PurePosixPath(f"{stem}_angles.csv")] = partial(_fill, angles, motion)
     return files
+
+
+def _fill(write: Write, motion: Motion, path: Path) -> None:
+    write(path, motion)
