@@ -145,7 +145,9 @@ def result_parts(folder: Path) -> tuple[Path, ...]:
     _, *parts = manifest_lines(folder) or [{}]
     done = {part["file"]: part["status"] == DONE for part in parts}
     names = sorted((name for name in done if done[name]), key=lambda name: (len(name), name))
-    return tuple(folder / name for name in names)
+    paths = tuple(folder / name for name in names)
+    check_regular(*paths)
+    return paths
 
 
 def manifest_lines(folder: Path) -> list[dict[str, Any]] | None:
@@ -155,8 +157,9 @@ def manifest_lines(folder: Path) -> list[dict[str, Any]] | None:
     file of that name is something else.
     """
     path = folder / MANIFEST
-    if not path.is_file():
+    if not path.exists():
         return None
+    check_regular(path)
     try:
         run, *parts = map(json.loads, path.read_bytes().split(b"\n")[:-1])
         outside = [part["file"] for part in parts if PurePath(part["file"]).name != part["file"]]
@@ -165,6 +168,13 @@ def manifest_lines(folder: Path) -> list[dict[str, Any]] | None:
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise ValueError(f"{path} is not a manifest of results ({error}); fit again") from None
     return [run, *parts]
+
+
+def check_regular(*paths: Path) -> None:
+    """Raise ValueError for what is there and no regular file: a pipe would be waited for."""
+    for path in paths:
+        if path.exists() and not path.is_file():
+            raise ValueError(f"{path} is not a regular file; remove it and fit again")
 
 
 def expand_one(value: Any) -> Path:

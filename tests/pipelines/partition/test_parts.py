@@ -261,6 +261,18 @@ class TestWhatIsRefusedOrReplaced:
         with pytest.raises(InputError, match="is not a manifest of results"):
             fit()
 
+    @pytest.mark.parametrize("name", ["manifest.jsonl", "part-00001.h5"])
+    @pytest.mark.parametrize("by", ["pipe", "endless"])
+    def test_regular_files_only(self, name, by):
+        fit()
+        (OUT / name).unlink()
+        if by == "pipe":
+            os.mkfifo(OUT / name)
+        else:
+            (OUT / name).symlink_to("/dev/zero")
+        assert shapefit(["convert", "out", "-o", "all.csv", "-q"]) == 2
+        assert shapefit(["fit", "one.h5", "-o", "all.csv", "-q", "-d", "out/" + name]) == 2
+
 
 class TestParts:
     """Which parts there are; those of sequences hold whole ones."""
