@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from math import prod
@@ -23,6 +24,12 @@ TEXT_BYTES, COPIES = 100, 2
 
 MOST_COMPRESSED = 2000
 """No filter of HDF5 makes data smaller by more: beyond that they were never written."""
+
+MOST_INFLATED = {h5py.h5z.FILTER_DEFLATE: 1033, h5py.h5z.FILTER_LZF: 90}
+"""Bytes that a byte of a compressed chunk can become, by the number of the filter."""
+
+SPARE = 1 << 16
+"""Bytes beyond its size that a chunk may take: what cannot be made smaller becomes a bit larger."""
 
 
 def open_hdf5(path: Path, cache_bytes: int | None = None) -> h5py.File:
@@ -96,6 +103,7 @@ class Hdf5File:
     def __init__(self, path: Path, cache_bytes: int | None = None) -> None:
         self.path = path
         self._datasets: dict[str, Stored] = {}
+        self._suspects: dict[str, list[Any]] = {}
         with self.damage():
             self.root = open_hdf5(path, cache_bytes)
 
@@ -169,7 +177,8 @@ class Hdf5File:
         """
         dataset, text, shape, chunks, itemsize = self.stored(name)
         count = shape[0] if shape else 1
-        count = len(range(*rows.indices(count))) if isinstance(rows, slice) else count
+        start, stop, step = (rows if isinstance(rows, slice) else slice(None)).indices(count)
+        count = len(range(start, stop, step))
         row_bytes = prod(shape[1:]) * (TEXT_BYTES if text else COPIES * max(itemsize, 8))
         check_fits(
             self.place(name), count * row_bytes + bool(count) * prod(chunks or ()) * itemsize
@@ -180,9 +189,63 @@ class Hdf5File:
         if size > MOST_COMPRESSED * there:
             found = f"of its {in_words(size)} the file holds {in_words(there)}"
             raise self.fault(name, found, "write its values, or make it smaller")
+        if chunks is not None:
+            self._check_chunks(name, start, stop)
         with self.damage(name):
             values = dataset[rows]
             return _decoded(values) if text else values
+
+    def _check_chunks(self, name: str, start: int, stop: int) -> None:
+        """Raise InputError for compressed chunks in these rows that hold more than they declare.
+
+        HDF5 gives filters as much memory as they want: chunks that could want much are tried here.
+        """
+        dataset, _, _, chunks, itemsize = self.stored(name)
+        assert chunks is not None, "the caller sees to that"
+        declared = prod(chunks) * itemsize
+        with self.damage(name):
+            if name not in self._suspects:
+                self._suspects[name] = _chunks_to_try(dataset, declared)
+            for chunk in list(self._suspects[name]):
+                first = chunk.chunk_offset[0]
+                if not (first < stop and start < first + chunks[0]):
+                    continue
+                if not _fits_chunk(dataset, chunk, declared):
+                    declares = f"the {in_words(declared)} it declares"
+                    raise self.fault(name, f"a compressed chunk holds more than {declares}")
+                self._suspects[name].remove(chunk)
+
+
+def _filters(dataset: Any) -> list[int]:
+    """Return the numbers of the filters of a dataset, in the order of writing."""
+    creation = dataset.id.get_create_plist()
+    return [creation.get_filter(number)[0] for number in range(creation.get_nfilters())]
+
+
+def _chunks_to_try(dataset: Any, declared: int) -> list[Any]:
+    """Return the chunks that could become larger than declared, and than what always fits."""
+    chunks: list[Any] = []
+    most = prod(MOST_INFLATED.get(code, 1) for code in _filters(dataset))
+    if most > 1:
+        dataset.id.chunk_iter(chunks.append)
+    return [chunk for chunk in chunks if chunk.size * most > max(declared, ALWAYS_FITS)]
+
+
+def _fits_chunk(dataset: Any, chunk: Any, declared: int) -> bool:
+    """Whether a compressed chunk becomes no larger than declared, or than lzf can make that."""
+    most = declared + declared // 100 + SPARE
+    if chunk.size > most:
+        return False
+    mask, data = dataset.id.read_direct_chunk(chunk.chunk_offset)
+    used = [code for n, code in enumerate(_filters(dataset)) if not mask >> n & 1]
+    for code in reversed([code for code in used if code in MOST_INFLATED]):
+        if code != h5py.h5z.FILTER_DEFLATE or len(data) > most:
+            break
+        try:
+            data = zlib.decompressobj().decompress(data, most + 1)
+        except zlib.error:  # damaged: whoever reads it reports that
+            return True
+    return len(data) <= most
 
 
 def _decoded(stored: Any) -> Any:

@@ -181,6 +181,18 @@ class Hdf5Reader(Hdf5File):
             attributes=self.attributes if self.form.kind == "result" else None,
         )
 
+    def large(self, size: int, items: int) -> set[str]:
+        """Return carried datasets, and vertices, that take more bytes for so many items."""
+        large = set()
+        for name in {*self.per_item, *self.whole, "mesh_vertices"} & self._names.keys():
+            stored = self.stored(self._names[name])
+            needed = math.prod(stored.shape) * stored.itemsize
+            if name not in self.whole:
+                needed = needed // max(self.count, 1) * min(items, self.count)
+            if needed > size:
+                large.add(name)
+        return large
+
     def fields(self, rows: slice = slice(None), without: Collection[str] = ()) -> dict[str, Any]:
         """Return what the datasets of the layout hold of these items, by field of the record."""
         chosen = [name for name in self.form.datasets if name not in without]

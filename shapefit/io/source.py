@@ -40,6 +40,9 @@ CHECKED_BYTES = 1 << 24
 PIXELS = 2
 """Beyond which a coordinate is no fraction of an image."""
 
+LARGEST = 1 << 24
+"""Bytes of a carried dataset that is read where only the first items are wanted."""
+
 GAP = 1 << 10
 """Rows that are read and dropped rather than begun anew behind them."""
 
@@ -62,7 +65,8 @@ def open_landmarks(
     rows     those of the one HDF5 file that are given out: nothing else of it is read
     selects  the caller selects the individual in files of ours; without, that is refused
     check    without, only heads are read of HDF5, and values and names are believed
-    first    so many landmarks are read of CSV, and the source has an `estimate` of its count
+    first    so many landmarks are read of CSV, and the source has an `estimate` of its count; of
+             HDF5 no carried dataset of more than LARGEST bytes is read
     """
     how: dict[str, Any] = {"rows": rows, "check": check, "first": first}
     files = _open_all(LANDMARKS, paths, options, selects, **how)
@@ -416,7 +420,7 @@ def _open(
         return SourceFile.of(name, records, notes=notes)
     check_holds(path, form.kind, file_format)
     if file_format is HDF5:
-        file = _open_hdf5(path, form, gaps, **how)
+        file = _open_hdf5(path, form, gaps, large=first is None, **how)
     else:
         from shapefit.io.csv_file import read_csv
         from shapefit.io.tidy_table import Spool
@@ -442,6 +446,7 @@ def _open_hdf5(
     form: Layout,
     gaps: bool,
     *,
+    large: bool = True,
     rows: slice | None = None,
     without: Collection[str] = (),
     check: bool = True,
@@ -451,6 +456,8 @@ def _open_hdf5(
 ) -> SourceFile[Any]:
     """Open a file of landmarks, shapes or results, or a part of its rows, but for some datasets.
 
+    Unless `large`, carried datasets of more than LARGEST bytes are left out, too.
+
     Items of at most so many landmarks together are read once and held, others whenever they are
     needed. Raises InputError for what is wrong with it.
     """
@@ -459,6 +466,7 @@ def _open_hdf5(
     reader = Hdf5Reader(path, form, old=old)
     stated, names = reader.stated["y_axis"], reader.landmark_names
     start, stop, _ = (rows or slice(None)).indices(reader.count)
+    without = without if large else {*without, *reader.large(LARGEST, BLOCK)}
 
     def opened() -> Hdf5Reader:
         nonlocal reader
