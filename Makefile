@@ -29,6 +29,9 @@ PYTHON ?= python3
 DATA ?=
 PYTEST_OPTIONS ?= -n 2 --dist worksteal
 
+# Without compiled modules on disk each process of the tests compiles its libraries anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 VENV := .venv
 BIN := $(VENV)/bin
 TOOLS := $(VENV)/tools
