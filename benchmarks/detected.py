@@ -202,9 +202,10 @@ def verdict_tables(folder: Path) -> str:
                     and row["unit"] == "normalised"
                 }
             found = shapefit.read_results(report.parents[1] / f"{method}.h5")
+            items = list(found.items or ())
             doubts = np.array(found.reasons, dtype=str)
-            own = np.array([errors.get(item, np.nan) for item in found.items])
-            judged = np.array([item in errors for item in found.items])
+            own = np.array([errors.get(item, np.nan) for item in items])
+            judged = np.array([item in errors for item in items])
             for reason in np.unique(doubts[judged]):
                 reasons[reason or "trusted"] += own[judged & (doubts == reason)].tolist()
             bad = judged & (doubts != "")

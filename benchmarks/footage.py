@@ -42,7 +42,14 @@ from shapefit.io import write_shapes
 from shapefit.io.atomic import atomic_path
 from shapefit.io.options import AS_KNOWN
 from shapefit.io.records import LandmarkSet, ShapeSet
-from shapefit.io.skeletons import PARTS, PEOPLE, THETA, installed_skeletons, part_names
+from shapefit.io.skeletons import (
+    PARTS,
+    PEOPLE,
+    THETA,
+    installed_skeletons,
+    part_names,
+    people_joints,
+)
 from shapefit.io.writers.motion import find_floors
 from shapefit.pipelines.evaluate.measure import Truth
 from shapefit.pipelines.evaluate.measure import measure as measure_file
@@ -72,7 +79,11 @@ BODY_SPREAD = {"head": 0.1, "hips": 0.1}
 """Spread of the logarithms of the factors of a body, about the means of `THETA`."""
 
 BODY_25B, COCO, HUMAN36M = (
-    tuple(mark for mark, joint in installed_skeletons()[name].people.items() if joint in PEOPLE)
+    tuple(
+        mark
+        for mark, joint in people_joints(installed_skeletons()[name].landmark_names).items()
+        if joint in PEOPLE
+    )
     for name in ("body_25b", "coco_17", "h36m_17")
 )
 FACE = ("nose", "left_eye", "right_eye", "left_ear", "right_ear")

@@ -63,7 +63,7 @@ def _names(found: shapefit.Fit, dataset: str | None) -> list[str]:
     """Return what a dataset of a result names, an item for each image; "" without a dataset."""
     if dataset is None:
         return [""] * len(found)
-    return list(found.items) if dataset == "item" else list(map(str, found.extras[dataset]))
+    return list(found.items or ()) if dataset == "item" else list(map(str, found.extras[dataset]))
 
 
 STILL = 1e-9

@@ -154,7 +154,7 @@ def car_experiments(data: Path) -> Iterator[Experiment]:
     """Cars whose visible landmarks were made wrong: each search for outliers, against the share."""
     dictionary = shapefit.read_dictionary(RESULTS / "cars/dictionary.h5")
     images = shapefit.read_landmarks(data / "annotated_cars.h5")
-    images = arrange(images, tuple(dictionary.landmark_names))
+    images = arrange(images, tuple(dictionary.landmark_names or ()))
 
     def given(share: Value) -> Given:
         seen = visible(images).sum(axis=1) >= 20

@@ -40,7 +40,7 @@ Each command reads one YAML file (`-c`), in YAML 1.2: `1e-3` is a number and `no
 - `--print-config` prints the config with every default; `shapefit config COMMAND` prints its keys.
 """
 
-SHARED = {
+SHARED: dict[str, type[BaseModel]] = {
     "Reading landmarks": LandmarksConfig,
     "Writing metres": MetresConfig,
     "Comparing with the truth": TruthConfig,

@@ -69,9 +69,9 @@ def project(camera: Camera, points: Floats) -> Floats:
     return camera.centre[..., None] + camera.focal[..., None] * points[:, :2] / depth
 
 
-def depth_sign(y_axis: Literal["up", "down"]) -> float:
+def depth_sign(y_axis: Literal["up", "down"] | None) -> float:
     """+1 where z, the cross product of x and y, points away from the camera, else -1."""
-    return 1.0 if y_axis == "down" else -1.0
+    return -1.0 if y_axis == "up" else 1.0
 
 
 KNOWN_COUNTS = (4, 5, 8)

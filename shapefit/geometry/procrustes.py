@@ -95,7 +95,7 @@ def similarity_errors(estimate: Floats, truth: Floats, fewest: int = 3) -> Float
     estimate e and truth x (n, 3, p) -> (n,). Landmarks that are not finite on one side do not
     count; nan where fewer than `fewest` do.
     """
-    known: NDArray[np.bool_] = np.isfinite(estimate + truth).all(axis=1)
+    known: NDArray[np.bool_] = np.asarray(np.isfinite(estimate + truth).all(axis=1))
     count = known.sum(axis=1)
     first = known.argmax(axis=1)[:, None, None] if known.size else np.zeros((len(truth), 1, 1), int)
     e, x = (

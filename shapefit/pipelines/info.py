@@ -167,7 +167,7 @@ def _told(
         lines = title + _of_records(sample, source, noun)
         if isinstance(source.head, LandmarkSet):
             stated = "" if source.states_y_axis else ", as the file does not say"
-            lines.append(("y axis", source.head.y_axis + stated))
+            lines.append(("y axis", f"{source.head.y_axis}{stated}"))
         lines.append((NEXT, _following(kind, paths, options, source.head.landmark_names)))
         return lines, source.notes
 

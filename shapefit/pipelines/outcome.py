@@ -107,14 +107,6 @@ def add_up(
     return left
 
 
-def tell_doubts(doubts: Collection[Counted], total: int) -> str:
-    """Say how many of all items are not to be trusted, and why."""
-    reasons = {doubt.text: doubt.number for doubt in doubts}
-    noun = next((doubt.noun for doubt in doubts), "item")
-    listed = ", ".join(f"{number} {text}" for text, number in reasons.items())
-    return f"{sum(reasons.values())} of {counted(total, noun)} not to be trusted: {listed}"
-
-
 def reading(paths: Iterable[Path]) -> Iterator[Outcome]:
     """Say that files which are read whole come first, where that takes more than a second."""
     text = [path for path in paths if not is_stream(path) and not begins_with(path, HDF5_SIGNATURE)]
