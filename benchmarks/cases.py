@@ -279,8 +279,8 @@ def normalise_seen(images: LandmarkSet) -> Normalised:
 def training(folder: Path) -> Arrays:
     """The paper's training shapes, as learn-dict aligns them."""
     shapes = read_shapes([folder / "subject86_24fps.h5"])
-    kept = every_nth(shapes.sequences or (), 3)
-    return {"shapes": generalised_procrustes(normalise(shapes.shapes[kept]).points).shapes}
+    retained = every_nth(shapes.sequences or (), 3)
+    return {"shapes": generalised_procrustes(normalise(shapes.shapes[retained]).points).shapes}
 
 
 def bodies(folder: Path, p: int, n: int) -> Arrays:
@@ -298,10 +298,10 @@ def bodies(folder: Path, p: int, n: int) -> Arrays:
     points[:, :, joints:] += 0.003 * rng.standard_normal((len(points), 3, p - joints))
     prior_shapes = generalised_procrustes(normalise(points[::3]).points).shapes
     prior = learn_mixture(prior_shapes, 32, shrinkage=0.3, floor=0.01, max_rounds=5).mixture
-    seen = points[1 :: len(points) // n][:n]
+    visible = points[1 :: len(points) // n][:n]
     atoms = prior.means / np.linalg.norm(prior.means, axis=(1, 2))[:, None, None]
     return {
-        "landmarks": normalise(project(seen, turntable(np.arange(n) / n, "y"))).points,
+        "landmarks": normalise(project(visible, turntable(np.arange(n) / n, "y"))).points,
         "atoms": atoms,
         "lam": np.array(LAMBDA),
         "mean_shape": prior_shapes.mean(axis=0),

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import shapefit
-from benchmarks.judged import (
+from benchmarks.coverage import (
     CONFIGS,
     DATA,
     WITH_BARS,
@@ -129,13 +129,13 @@ def of_landmarks(shapes: ShapeSet, columns: np.ndarray[tuple[int], np.dtype[np.i
     """Return shapes with some of their landmarks, and the edges between these."""
     place = {int(old): new for new, old in enumerate(columns)}
     edges = [] if shapes.edges is None else shapes.edges.tolist()
-    kept = [(place[a], place[b]) for a, b in edges if a in place and b in place]
+    retained = [(place[a], place[b]) for a, b in edges if a in place and b in place]
     return ShapeSet(
         shapes=shapes.shapes[..., columns],
         landmark_names=tuple(shapes.landmark_names[j] for j in columns),
         items=shapes.items,
         sequences=shapes.sequences,
-        edges=np.array(kept, dtype=np.int64).reshape(-1, 2),
+        edges=np.array(retained, dtype=np.int64).reshape(-1, 2),
         unit=shapes.unit,
         frame_rate=shapes.frame_rate,
         columns={},
@@ -203,16 +203,16 @@ def verdict_tables(folder: Path) -> str:
                 }
             found = shapefit.read_results(report.parents[1] / f"{method}.h5")
             items = list(found.items or ())
-            doubts = np.array(found.reasons, dtype=str)
+            stated = np.array(found.reasons, dtype=str)
             own = np.array([errors.get(item, np.nan) for item in items])
             judged = np.array([item in errors for item in items])
-            for reason in np.unique(doubts[judged]):
-                reasons[reason or "trusted"] += own[judged & (doubts == reason)].tolist()
-            bad = judged & (doubts != "")
+            for reason in np.unique(stated[judged]):
+                reasons[reason or "trusted"] += own[judged & (stated == reason)].tolist()
+            bad = judged & (stated != "")
             name = report.parents[1].name
             counts = f"{bad.sum()} of {judged.sum()}"
             rows.append([name, method, counts, _mean(own[judged & ~bad]), _mean(own[bad])])
-    of_reasons = [[reasons, str(len(own)), _mean(own)] for reasons, own in sorted(reasons.items())]
+    of_reasons = [[reason, str(len(own)), _mean(own)] for reason, own in sorted(reasons.items())]
     first = markdown_table(["set", "method", "doubted", "error, trusted", "error, doubted"], rows)
     return f"{first}\n\n{markdown_table(['reasons', 'frames', 'error'], of_reasons)}\n"
 

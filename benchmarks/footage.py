@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 import shapefit
-from benchmarks.judged import CONFIGS, DATA, read_bodies, run, write_page
+from benchmarks.coverage import CONFIGS, DATA, read_bodies, run, write_page
 from shapefit.config import EvalConfig
 from shapefit.evaluation.calibration import QUANTILE
 from shapefit.evaluation.report import markdown_table
@@ -195,11 +195,11 @@ def look(
         rotation_about_axis(k, np.array(a, np.float64)) for k, a in enumerate((tilt, yaw, roll))
     ]
     turned = about[2] @ about[0] @ np.diag([1.0, -1.0, -1.0]) @ about[1]
-    seen = turned @ (points - middle[:, None])
+    visible = turned @ (points - middle[:, None])
     away = tall * rng.uniform(*cell.heights)
-    seen[:, 2] += cell.metres or away
-    seen[:, 2] += max(0.0, 0.5 - float(seen[:, 2].min()))
-    return seen, SIZE[0] * rng.uniform(*cell.focal)
+    visible[:, 2] += cell.metres or away
+    visible[:, 2] += max(0.0, 0.5 - float(visible[:, 2].min()))
+    return visible, SIZE[0] * rng.uniform(*cell.focal)
 
 
 def lasting_noise(
@@ -258,9 +258,9 @@ def film(
     for number, clip in enumerate(clips):
         points, rate = move(shapes.shapes[clip], shapes.frame_rate or 24.0, cell)
         t, m = len(points), len(names)
-        seen, focal = look(points, rng, cell, aim)
-        seen[:, 2] += cell.leave * np.arange(t)[:, None] / rate
-        marks = seen @ rows.T
+        visible, focal = look(points, rng, cell, aim)
+        visible[:, 2] += cell.leave * np.arange(t)[:, None] / rate
+        marks = visible @ rows.T
         marks[:, :2] += lasting_noise(t, m, rate, rng, cell.memory)
         pixels = focal * marks[:, :2] / marks[:, 2:] + np.array(SIZE)[:, None] / 2
         if cell.pixel:
@@ -273,7 +273,7 @@ def film(
             swapped = gaps(t, 1, besides, rate)[:, 0]
             pixels[swapped] = pixels[swapped][..., other]
         found.append(np.where(hidden[:, None], np.nan, pixels))
-        truth.append(seen if aim is None else seen[..., aim])
+        truth.append(visible if aim is None else visible[..., aim])
         sequences += [f"clip{number}"] * t
     items = tuple(map(str, range(len(sequences))))
     images = LandmarkSet(
@@ -363,12 +363,12 @@ def measure_floor(
         floor = found.get(f"clip{number}")
         if floor is None:
             continue
-        world, seen = (
+        world, visible = (
             np.hstack([*one])
             for one in (shapes.shapes[clip], truth.shapes[names == f"clip{number}"])
         )
-        middles = world.mean(axis=1), seen.mean(axis=1)
-        R = rotation_onto(world - middles[0][:, None], seen - middles[1][:, None])
+        middles = world.mean(axis=1), visible.mean(axis=1)
+        R = rotation_onto(world - middles[0][:, None], visible - middles[1][:, None])
         height = (middles[0] - R.T @ middles[1])[1]
         up = R[:, 1] * [1, -1, -1]
         pitch, roll = np.degrees(np.arctan([up[2] / up[1], up[0] / up[1]]))

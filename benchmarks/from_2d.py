@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.judged import read_images, write_images
+from benchmarks.coverage import read_images, write_images
 from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, judge
 from shapefit.dictionary.from_2d.learning import learn
 from shapefit.evaluation.metrics import similarity
@@ -149,12 +149,12 @@ def rat(data: Path) -> tuple[LandmarkSet, Floats]:
     folder = data / "detected/rat7m"
     cameras = [folder / f"camera{n}" for n in (1, 3, 5)]
     images = read([camera.with_suffix(".h5") for camera in cameras])
-    kept = [name for name in images.landmark_names if name not in LEFT_OUT]
+    retained = [name for name in images.landmark_names if name not in LEFT_OUT]
     truth = []
     for camera in cameras:
         shapes = read_shapes([camera.with_name(f"{camera.name}_truth.h5")], gaps=True)
-        truth.append(shapes.shapes[..., [shapes.landmark_names.index(name) for name in kept]])
-    return images.arrange(kept, leave_out=True), np.concatenate(truth)
+        truth.append(shapes.shapes[..., [shapes.landmark_names.index(name) for name in retained]])
+    return images.arrange(retained, omit=True), np.concatenate(truth)
 
 
 def first(given: Callable[[Path], tuple[LandmarkSet, Floats]]) -> Callable[[Path], LandmarkSet]:

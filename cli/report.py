@@ -112,7 +112,7 @@ class Report:
         self.total = self.total if outcome.total is None else outcome.total
         self._failures += outcome.failures[: most - len(self._failures)]
         self._unlisted += add_up(self._warnings, outcome.warnings, most)
-        reasons = (d if self.verbose else replace(d, items=()) for d in outcome.doubts)
+        reasons = (d if self.verbose else replace(d, items=()) for d in outcome.reasons)
         add_up(self._untrusted, reasons)  # type: ignore[arg-type]
         self.written += outcome.written
         self.note = outcome.note or self.note

@@ -10,7 +10,7 @@ from typing import Any
 from ruamel.yaml import YAML
 
 from benchmarks import optimality
-from benchmarks.oracles import oracle_rows
+from benchmarks.lower_bounds import oracle_rows
 from experiments.recovery import Shares, rotation_sections
 from experiments.sensitivity import Point, read_points
 from shapefit.evaluation.report import markdown_table

@@ -42,8 +42,8 @@ HIDDEN_WITHIN = 14.0  # pixels from the limbs of who is nearer
 def main(folder: Path) -> None:
     """Write a file per frame; the order of people changes from frame to frame."""
     rng = np.random.default_rng(SEED)
-    near = seen(walker("emil", 1, 4.6, rng))
-    far = seen(walker("fatma", -1, 6.2, rng))
+    near = visible(walker("emil", 1, 4.6, rng))
+    far = visible(walker("fatma", -1, 6.2, rng))
     target = folder / "openpose"
     target.mkdir(parents=True, exist_ok=True)
     for frame in range(FRAMES):
@@ -95,7 +95,7 @@ def walker(name: str, direction: int, depth: float, rng: np.random.Generator) ->
     return np.asarray(stacked @ turn.T + way[:, None])
 
 
-def seen(points: Floats) -> Floats:
+def visible(points: Floats) -> Floats:
     """Points (..., 3) -> pixels (..., 2), y down, of a camera that looks along z."""
     flat = points[..., :2] * [1, -1] + [0, CAMERA_HEIGHT]
     return np.asarray(FOCAL_LENGTH * flat / points[..., 2:] + np.array(IMAGE) / 2)

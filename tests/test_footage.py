@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import shapefit
+from benchmarks.coverage import read_bodies
 from benchmarks.detected import THIRTEEN
 from benchmarks.footage import (
     CELLS,
@@ -15,7 +16,6 @@ from benchmarks.footage import (
     look,
     measure,
 )
-from benchmarks.judged import read_bodies
 from shapefit.evaluation.metrics import similarity
 from shapefit.geometry.normalisation import normalise
 from shapefit.io import read_shapes
@@ -96,7 +96,7 @@ def test_the_camera_sees_the_whole_body_upright(rng):
     body = np.zeros((3, 3, 4))
     body[:, 1] = [0.0, 0.5, 1.0, 1.7]
     for _ in range(20):
-        seen, focal = look(body, rng)
-        assert (seen[:, 2] > 0).all()
-        assert (seen[:, 1, 3] < seen[:, 1, 0]).all()  # y points down: the head is above
+        visible, focal = look(body, rng)
+        assert (visible[:, 2] > 0).all()
+        assert (visible[:, 1, 3] < visible[:, 1, 0]).all()  # y points down: the head is above
         assert 0.8 * SIZE[0] <= focal <= 1.5 * SIZE[0]

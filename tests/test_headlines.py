@@ -237,7 +237,7 @@ def test_real_cars(project, real_data, tmp_path):
         "Perspective** (`configs/cars/fit.yaml`)": "Perspective",
         "Mean shape, posed": "Mean shape",
     }
-    oracles = {  # `python -m benchmarks.oracles` measures them
+    oracles = {  # `python -m benchmarks.lower_bounds` measures them
         "Mean shape, placed by an oracle",
         "Nearest other model, by an oracle",
         "Best combination, fitted to the 3D truth",

@@ -89,14 +89,14 @@ def test_a_file_that_is_changed_is_put_back(script, tmp_path, monkeypatch, code,
     path = tmp_path / "source.py"
     path.write_text("x = 1  # one\n")
     mutant = next(script.mutants(path))
-    seen = SimpleNamespace()
+    visible = SimpleNamespace()
 
     def run(place, arguments, seconds):
-        seen.text, seen.test = path.read_text(), arguments[-1]
+        visible.text, visible.test = path.read_text(), arguments[-1]
         return code
 
     monkeypatch.setattr(script, "run", run)
     assert script.verdict(tmp_path, mutant, ["a::b"], 1.0) == told
     assert path.read_text() == "x = 1  # one\n"
-    assert (seen.text, seen.test) == ("x = (2)  # one\n", "a::b")
+    assert (visible.text, visible.test) == ("x = (2)  # one\n", "a::b")
     assert script.verdict(tmp_path, mutant, [], 1.0) == "not reached"

@@ -118,13 +118,13 @@ def test_views_are_pictures_of_the_cars_under_their_true_rotation(folder, cars):
     for view, model in enumerate(views.columns["true_model"]):
         x, y, z = R[view] @ cars.shapes[cars.items.index(model)]
         u, v = (views.landmarks[view] - PRINCIPAL_POINT[:, None]) / FOCAL_LENGTH
-        seen = np.isfinite(u)
+        visible = np.isfinite(u)
         # u (z + tz) = x + tx and v (z + tz) = y + ty, linear in the translation (tx, ty, tz).
-        one, zero = np.ones(seen.sum()), np.zeros(seen.sum())
+        one, zero = np.ones(visible.sum()), np.zeros(visible.sum())
         A = np.concatenate(
-            [np.stack([one, zero, -u[seen]], axis=1), np.stack([zero, one, -v[seen]], axis=1)]
+            [np.stack([one, zero, -u[visible]], axis=1), np.stack([zero, one, -v[visible]], axis=1)]
         )
-        b = np.concatenate([(u * z - x)[seen], (v * z - y)[seen]])
+        b = np.concatenate([(u * z - x)[visible], (v * z - y)[visible]])
         translation = np.linalg.lstsq(A, b, rcond=None)[0]
         assert 8.5 < translation[2] < 15.5
         told = views.columns["true_translation"][view]

@@ -88,14 +88,14 @@ def test_a_researcher_brings_arrays_and_a_solver(folder):
     """W and B as MATLAB saves them; shapes by S = sum_i c_i R_i B_i, judged as fits are."""
     people = shapefit.read_shapes(folder / "data/people_train.h5").shapes[::60]
     views = shapefit.read_landmarks(folder / "data/people_views.csv")
-    seen = np.flatnonzero(np.isfinite(views.landmarks).all(axis=(0, 2)))
+    visible = np.flatnonzero(np.isfinite(views.landmarks).all(axis=(0, 2)))
     stacked = {"W": views.landmarks, "B": people}
     stacked = {
-        name: X[:, seen].swapaxes(1, 2).reshape(-1, len(seen)) for name, X in stacked.items()
+        name: X[:, visible].swapaxes(1, 2).reshape(-1, len(visible)) for name, X in stacked.items()
     }
     scipy.io.savemat(folder / "own.mat", stacked)
     model = scipy.io.loadmat(folder / "own.mat")
-    W, B = model["W"].reshape(12, 2, -1), model["B"].reshape(-1, 3, len(seen))
+    W, B = model["W"].reshape(12, 2, -1), model["B"].reshape(-1, 3, len(visible))
     W, B = (X - X.mean(axis=2, keepdims=True) for X in (W, B))
     W, B = (X / X.std(axis=2).mean(axis=1)[:, None, None] for X in (W, B))
     found = shapefit.solve(W, B, 0.1)
@@ -110,7 +110,7 @@ def test_a_researcher_brings_arrays_and_a_solver(folder):
     centred = fitted.shapes - fitted.shapes.mean(axis=1, keepdims=True)
     np.testing.assert_allclose(own, centred, atol=1e-5)
     truth = shapefit.read_shapes(folder / "data/people_test.h5")
-    true = truth.shapes[[truth.items.index(item) for item in views.items]][:, seen]
+    true = truth.shapes[[truth.items.index(item) for item in views.items]][:, visible]
     report = shapefit.evaluate(own, true, ["similarity"])
     by_hand = similarity(own.swapaxes(1, 2), true.swapaxes(1, 2))
     np.testing.assert_allclose(report.errors["similarity", "unknown"], by_hand)

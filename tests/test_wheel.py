@@ -44,9 +44,9 @@ def environment(project: Path, wheel: Path) -> dict[str, str]:
     folder = wheel.with_name("environment")
     install = str(project / "tools/second_install.py")
     subprocess.run([sys.executable, install, str(folder), str(wheel)], check=True)
-    kept = {name: os.environ[name] for name in ("HOME", "LANG") if name in os.environ}
+    retained = {name: os.environ[name] for name in ("HOME", "LANG") if name in os.environ}
     assert not shutil.which("c++", path=str(folder / "bin"))
-    return {**kept, "PATH": str(folder / "bin")}
+    return {**retained, "PATH": str(folder / "bin")}
 
 
 def run(command: list[str], environment: dict[str, str], folder: Path) -> str:

@@ -24,9 +24,9 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.dictionary.bodies import (
     find_acceleration,
+    find_bone_tolerance,
     find_edge_covariance,
     find_edge_length,
-    find_give,
     find_lengths,
     find_skeleton,
     vary,
@@ -145,9 +145,9 @@ def extend_prior(prior: Mixture, shapes: Floats, shrinkage: float, floor: float)
     share /= share.sum(axis=1, keepdims=True)
     G = np.cov(X.T, bias=True) + floor * np.eye(3 * p)
     kappa = shrinkage / (1 - shrinkage) * n / len(prior)
-    seen = maximise(X, share, G, kappa, floor)
-    means, mu = seen.means.reshape(len(prior), -1), prior.means.reshape(len(prior), -1)
-    regression = Regression.of(seen.covariances, 3 * d)
+    visible = maximise(X, share, G, kappa, floor)
+    means, mu = visible.means.reshape(len(prior), -1), prior.means.reshape(len(prior), -1)
+    regression = Regression.of(visible.covariances, 3 * d)
     away = np.einsum("kij,kj->ki", regression.B, mu - means[:, : 3 * d])
     further = (means[:, 3 * d :] + away).reshape(len(prior), 3, p - d)
     axes = np.arange(3)[:, None]
@@ -199,7 +199,7 @@ def extend(dictionary: Dictionary, given: ShapeSet) -> Dictionary:
         ),
         acceleration=further(dictionary.acceleration, unit * acceleration),
         bone_tolerance=further(
-            dictionary.bone_tolerance, unit * find_give(moving, edges, sequences)
+            dictionary.bone_tolerance, unit * find_bone_tolerance(moving, edges, sequences)
         ),
         edge_length=further(dictionary.edge_length, find_edge_length(moving, edges)),
         edge_covariance=Regression.of(between, e).joint(dictionary.edge_covariance),
@@ -211,11 +211,11 @@ def main() -> None:
     """Read both, and write the result."""
     source, points, target = map(Path, sys.argv[1:4])
     given = read_shapes([points])
-    kept = [
+    retained = [
         not any(fnmatchcase(name, glob) for glob in sys.argv[4:]) for name in given.sequences or ()
     ]
     dictionary = read_dictionary(source)
-    made = extend(dictionary, given.take(np.flatnonzero(kept)))
+    made = extend(dictionary, given.take(np.flatnonzero(retained)))
     inputs = json.loads(dictionary.provenance["inputs"]) | digests((points,))
     provenance = {**made.provenance, "inputs": json.dumps(inputs)}
     write_dictionary(target, with_p_value_table(replace(made, provenance=provenance)))

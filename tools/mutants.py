@@ -100,13 +100,13 @@ def run(place: Path, arguments: list[str], seconds: float | None = None) -> int 
 
 def record(place: Path, tests: list[str]) -> Reach:
     """Return what the quick tests run; kept in build/reach for other runs on the same commit."""
-    kept = (
+    retained = (
         PROJECT
         / "build/reach"
         / f"{git('rev-parse', 'HEAD')} {' '.join(tests)}.json".replace("/", "-")
     )
-    if kept.exists():
-        lines, *rest = json.loads(kept.read_text("utf-8"))
+    if retained.exists():
+        lines, *rest = json.loads(retained.read_text("utf-8"))
         turned = {path: {int(n): some for n, some in of.items()} for path, of in lines.items()}
         return Reach(turned, *rest)
     settings, data, report = (
@@ -124,10 +124,10 @@ def record(place: Path, tests: list[str]) -> Reach:
         for path in found.measured_files()
     }
     reach = Reach(lines, *passing(ElementTree.parse(report).iter("testcase")))
-    kept.parent.mkdir(parents=True, exist_ok=True)
-    partial = kept.with_suffix(f".{os.getpid()}")
+    retained.parent.mkdir(parents=True, exist_ok=True)
+    partial = retained.with_suffix(f".{os.getpid()}")
     partial.write_text(json.dumps(reach), encoding="utf-8")
-    partial.replace(kept)
+    partial.replace(retained)
     return reach
 
 

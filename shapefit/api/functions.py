@@ -130,7 +130,7 @@ def fit(
         of_dictionary = warn_of_dictionary(setup.config, setup.dictionary)
         messages: dict[str, str | Counted] = {}
         add_up(messages, (*setup.estimates.warnings, *of_dictionary))
-        doubts = setup.matched.warnings(names)
+        reasons = setup.matched.warnings(names)
         for batch in lift_source(source, setup):
             counts.add(batch.images, batch.record, setup)
             outcome = outcome_of(batch.images, batch.lifting, batch.record, setup)
@@ -138,7 +138,7 @@ def fit(
             seconds += batch.seconds
             failures |= {failure.item: failure.reason for failure in outcome.failures}
             add_up(messages, outcome.warnings)
-    warn((*messages.values(), *doubts, *warn_of_all(counts, setup, images.y_axis)))
+    warn((*messages.values(), *reasons, *warn_of_all(counts, setup, images.y_axis)))
     whole = concatenate(records)
     attributes = attributes_of(setup, {}, seconds, len(whole))
     whole = whole.replaced(attributes={**whole.attributes, **attributes})

@@ -131,13 +131,13 @@ def build_problem(
     loss a weight says only whether a landmark is seen: all positive weights become 1.
     """
     W = landmarks if landmarks.ndim == 3 else landmarks[None]
-    seen = np.all(np.isfinite(W), axis=1)
+    visible = np.all(np.isfinite(W), axis=1)
     if weights is None:
-        weights = seen.astype(float)
-    weights = np.broadcast_to(weights, seen.shape)
+        weights = visible.astype(float)
+    weights = np.broadcast_to(weights, visible.shape)
     if loss is Loss.EXACT:
         weights = np.where(weights > 0, 1.0, weights)
-    if not seen[weights > 0].all():
+    if not visible[weights > 0].all():
         raise ValueError("landmarks of positive weight must be finite")
     return Problem(
         np.where((weights > 0)[:, None, :], W, 0.0),

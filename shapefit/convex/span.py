@@ -106,8 +106,8 @@ def reduce_images(problem: Problem, rows: NDArray[np.intp], basis: Floats) -> Re
     weights = problem.weights[rows]
     w = weighted(problem.landmarks[rows], weights)
     B = weighted(problem.atoms, np.broadcast_to(weights[0], problem.atoms.shape[::2]))
-    seen = np.ones((len(rows), basis.shape[1]))
-    return Reduced(rows, Problem(w @ basis, seen, B @ basis, problem.lam[rows]), basis)
+    visible = np.ones((len(rows), basis.shape[1]))
+    return Reduced(rows, Problem(w @ basis, visible, B @ basis, problem.lam[rows]), basis)
 
 
 def weighted(points: Floats, weights: Floats) -> Floats:

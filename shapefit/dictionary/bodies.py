@@ -48,7 +48,7 @@ def find_acceleration(shapes: Floats, sequences: Sequence[str]) -> Floats | None
     return found
 
 
-def find_give(shapes: Floats, edges: Integers, sequences: Sequence[str]) -> Floats:
+def find_bone_tolerance(shapes: Floats, edges: Integers, sequences: Sequence[str]) -> Floats:
     """Root mean square (e,) of how the edges' lengths differ from their means in each sequence.
 
     shapes (n, 3, p), edges (e, 2); in units of the size of the shapes. 0 where edges are rigid

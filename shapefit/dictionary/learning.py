@@ -227,6 +227,6 @@ def principal_components(shapes: Floats, bases: float = 0.99) -> Floats:
     if bases < 1:
         held = np.cumsum(s[:rank] ** 2)
         number = int((held < bases * held[-1]).sum()) + 1 if rank else 0
-    kept = directions[: min(number, rank)]
-    largest = np.take_along_axis(kept, np.abs(kept).argmax(axis=1)[:, None], axis=1)
-    return (kept * np.sign(largest)).reshape(-1, *shapes.shape[1:])
+    retained = directions[: min(number, rank)]
+    largest = np.take_along_axis(retained, np.abs(retained).argmax(axis=1)[:, None], axis=1)
+    return (retained * np.sign(largest)).reshape(-1, *shapes.shape[1:])

@@ -144,9 +144,9 @@ def pull_of(shrinkage: float, shapes: float, components: int) -> float:
 
 def alive(mixture: Mixture, n: int) -> Mixture:
     """Return the mixture of n shapes without the components that none of them belongs to."""
-    kept = mixture.weights * n > LEAST_SHAPES
-    weights = mixture.weights[kept]
-    return Mixture(weights / weights.sum(), mixture.means[kept], mixture.covariances[kept])
+    retained = mixture.weights * n > LEAST_SHAPES
+    weights = mixture.weights[retained]
+    return Mixture(weights / weights.sum(), mixture.means[retained], mixture.covariances[retained])
 
 
 def maximise(X: Floats, share: Floats, G: Floats, kappa: float, floor: float) -> Mixture:

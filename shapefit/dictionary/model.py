@@ -19,7 +19,7 @@ LEARNED_FROM = "learned_from"
 VERDICT = "verdict"
 """Provenance: how sure depth is that was learned from 2D landmarks, as `judgement` says it."""
 
-NEAR_AND_FAR = "near_and_far"
+DEPTH_AMBIGUITY = "near_and_far"
 """Provenance: what told near from far where shapes were learned from 2D landmarks, or `OPEN`."""
 
 OPEN = "open"
@@ -98,16 +98,16 @@ class Dictionary:
         Its mean shape is the normalised mean of the atoms that are left. Raises ValueError where
         the atoms have no items, and where none is left.
         """
-        kept = self.atoms_without(item)
-        if not kept.any():
+        retained = self.atoms_without(item)
+        if not retained.any():
             raise ValueError(f"every atom is the item {item!r}")
-        atoms = self.atoms[kept]
+        atoms = self.atoms[retained]
         return replace(
             self,
             atoms=atoms,
             mean_shape=normalise(atoms.mean(axis=0)).points,
-            mesh_vertices=None if self.mesh_vertices is None else self.mesh_vertices[kept],
-            atom_scale=None if self.atom_scale is None else self.atom_scale[kept],
+            mesh_vertices=None if self.mesh_vertices is None else self.mesh_vertices[retained],
+            atom_scale=None if self.atom_scale is None else self.atom_scale[retained],
             atom_items=tuple(name for name in self.atom_items or () if name != item),
         )
 
@@ -123,7 +123,9 @@ class Dictionary:
     @property
     def depth_ambiguity(self) -> bool:
         """Whether nothing has told near from far: the class may be its mirror image in depth."""
-        return LEARNED_FROM in self.provenance and self.provenance.get(NEAR_AND_FAR, OPEN) == OPEN
+        return (
+            LEARNED_FROM in self.provenance and self.provenance.get(DEPTH_AMBIGUITY, OPEN) == OPEN
+        )
 
     @property
     def groups(self) -> dict[str, tuple[str, tuple[str, ...]]]:
@@ -143,14 +145,14 @@ class Dictionary:
 
     def marked(self, landmarks: Collection[str]) -> Dictionary:
         """Return the dictionary without the groups of `WHERE_MARKED` that hold none of these."""
-        kept = [text for text, (_, own) in self.groups.items() if set(own) & set(landmarks)]
+        retained = [text for text, (_, own) in self.groups.items() if set(own) & set(landmarks)]
         dropped = {
-            name for text, (_, own) in self.groups.items() if text not in kept for name in own
+            name for text, (_, own) in self.groups.items() if text not in retained for name in own
         }
         if not dropped:
             return self
         names = [name for name in self.landmark_names if name not in dropped]
-        provenance = {**self.provenance, WHERE_MARKED: " ".join(kept)}
+        provenance = {**self.provenance, WHERE_MARKED: " ".join(retained)}
         return replace(self.of_landmarks(names), provenance=provenance)
 
     def of_landmarks(self, names: Sequence[str]) -> Dictionary:
@@ -253,5 +255,5 @@ def describe_learning(dictionary: Dictionary) -> tuple[str, ...]:
             "`flip=true` or `flip=false`, as results show it"
         )
     else:
-        line += known[NEAR_AND_FAR]
+        line += known[DEPTH_AMBIGUITY]
     return (line,)

@@ -164,7 +164,7 @@ def _median(widths: Floats) -> float:
     return float(((middle << 40) + (1 << 39)).view(np.float64).mean())
 
 
-def widening_factors(bars: ErrorBars) -> dict[str, float | None]:
+def bar_scale_factors(bars: ErrorBars) -> dict[str, float | None]:
     """Return how many times as wide error bars are true at each of `QUANTILES`, by its name.
 
     sqrt(r / q) for the distance r that as many of the m landmarks do not exceed as split

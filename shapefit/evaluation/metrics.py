@@ -38,13 +38,13 @@ def camera(estimate: Floats, truth: Floats, rotation: Floats) -> Floats:
     estimate (n, 3, p) in the camera frame; truth (n, 3, p) in the frame of its file and rotation
     (n, 3, 3) from there to the camera -> (n,), in the unit of the truth.
     """
-    seen = visible_in_both(estimate, truth)
-    x = rotation @ np.where(seen[:, None], truth, 0.0)
-    e, x = _centred(estimate, seen), _centred(x, seen)
+    visible = visible_in_both(estimate, truth)
+    x = rotation @ np.where(visible[:, None], truth, 0.0)
+    e, x = _centred(estimate, visible), _centred(x, visible)
     overlap, size = (np.maximum((points * e).sum(axis=(1, 2)), 0.0) for points in (x, e))
     scale = np.divide(overlap, size, out=np.zeros_like(size), where=size > 0)
     distance = np.sqrt(((scale[:, None, None] * e - x) ** 2).sum(axis=1))
-    return _mean_over_visible(distance, seen, FEWEST_LANDMARKS)
+    return _mean_over_visible(distance, visible, FEWEST_LANDMARKS)
 
 
 def expected(estimate: Floats, truth: Floats, error: Floats) -> Floats:
@@ -52,8 +52,10 @@ def expected(estimate: Floats, truth: Floats, error: Floats) -> Floats:
 
     By the ratio of the sizes of truth and estimate, (n, 3, p) each.
     """
-    seen = visible_in_both(estimate, truth)
-    e, x = (np.sqrt((_centred(points, seen) ** 2).sum(axis=(1, 2))) for points in (estimate, truth))
+    visible = visible_in_both(estimate, truth)
+    e, x = (
+        np.sqrt((_centred(points, visible) ** 2).sum(axis=(1, 2))) for points in (estimate, truth)
+    )
     return error * np.divide(x, e, out=np.full_like(e, np.nan), where=e > 0)
 
 
@@ -86,20 +88,20 @@ def truth_scale(estimate: Floats, truth: Floats) -> Floats:
     (n, 3, p) each -> (n,); nan where the true landmarks lie on one point, which leaves no scale.
     It is taken in the frame of the truth file, for `similarity` and `camera` alike.
     """
-    seen = visible_in_both(estimate, truth)
-    x = _centred(truth, seen)
-    size = np.abs(np.where(seen[:, None], truth, 0.0)).max(axis=(1, 2), initial=0.0)
+    visible = visible_in_both(estimate, truth)
+    x = _centred(truth, visible)
+    size = np.abs(np.where(visible[:, None], truth, 0.0)).max(axis=(1, 2), initial=0.0)
     apart = np.ptp(x, axis=-1).max(axis=-1, initial=0.0) > 4 * np.finfo(float).eps * size
     with np.errstate(invalid="ignore"):  # where no landmark is judged
-        spread = np.sqrt((x**2).sum(axis=-1) / seen.sum(axis=-1)[:, None]).mean(axis=-1)
+        spread = np.sqrt((x**2).sum(axis=-1) / visible.sum(axis=-1)[:, None]).mean(axis=-1)
     return np.where(apart, spread, np.nan)
 
 
-def _centred(points: Floats, seen: Flags) -> Floats:
+def _centred(points: Floats, visible: Flags) -> Floats:
     """Points (n, d, p) less the mean of those that are seen (n, p); 0 where they are not."""
-    points = np.where(seen[:, None], points, 0.0)
-    mean = points.sum(axis=-1, keepdims=True) / np.maximum(seen.sum(axis=-1), 1)[:, None, None]
-    return np.where(seen[:, None], points - mean, 0.0)
+    points = np.where(visible[:, None], points, 0.0)
+    mean = points.sum(axis=-1, keepdims=True) / np.maximum(visible.sum(axis=-1), 1)[:, None, None]
+    return np.where(visible[:, None], points - mean, 0.0)
 
 
 def visible_in_both(first: Floats, second: Floats) -> Flags:

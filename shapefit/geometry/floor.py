@@ -127,11 +127,11 @@ def find_floor(bodies: Sequence[Body], distance_sd: float) -> Floor | None:
         return None
     feet = Feet(place, np.concatenate([part[0].above for part in parts]))
     leaning = np.concatenate([part[1] for part in parts])
-    doubt = LASTING**2 * np.concatenate([part[2] for part in parts]).mean(axis=0)
+    shared = LASTING**2 * np.concatenate([part[2] for part in parts]).mean(axis=0)
     stature = float(np.mean([body.stature for body in bodies]))
-    found, covariance = _solve(feet, leaning, doubt, FOOT * stature)
+    found, covariance = _solve(feet, leaning, shared, FOOT * stature)
     farther = feet.place * np.array([1.0, 1.0, 1 + distance_sd])
-    change = _solve(Feet(farther, feet.above), leaning, doubt, FOOT * stature)[0] - found
+    change = _solve(Feet(farther, feet.above), leaning, shared, FOOT * stature)[0] - found
     covariance += np.outer(change, change)
     a, b, g = found
     r = np.sqrt(1 + a**2 + b**2)
@@ -215,16 +215,16 @@ def _runs(rest: NDArray[np.bool_], fewest: float) -> Iterator[tuple[int, int]]:
     return ((b, e) for b, e in turns.reshape(-1, 2).tolist() if e - b >= fewest)
 
 
-def _solve(feet: Feet, leaning: Floats, doubt: Floats, foot_sd: float) -> tuple[Floats, Floats]:
+def _solve(feet: Feet, leaning: Floats, shared: Floats, foot_sd: float) -> tuple[Floats, Floats]:
     """Return a, b, g and their covariance.
 
-    leaning (k, 2); doubt (2,) the variance all share; foot_sd of a foot across the line of sight.
+    leaning (k, 2); shared (2,) the variance all share; foot_sd of a foot across the line of sight.
     """
     usual, weights = np.median(leaning, axis=0), np.ones(len(leaning))
     for _ in range(STEPS):
         weights = 1 / (1 + (((leaning - usual) / SWAY) ** 2).sum(axis=1) / 4)
         usual = weights @ leaning / weights.sum()
-    lean_precision = 1 / (SWAY**2 / weights.sum() + LEAN**2 + doubt)
+    lean_precision = 1 / (SWAY**2 / weights.sum() + LEAN**2 + shared)
     x, y, z = feet.place.T
     A = np.column_stack([x, z, np.ones(len(x))])
     a, b = usual

@@ -149,7 +149,7 @@ def in_pose(rig: Rig, directions: Mapping[int, Sequence[float]]) -> Rig:
     return replace(rig, offsets=(P @ rig.offsets[..., None])[..., 0], rotations=L)
 
 
-def find_places(rig: Rig) -> Floats:
+def forward_kinematics(rig: Rig) -> Floats:
     """x = x_parent + P offset: where all nodes are (m, f, 3)."""
     places, G = [rig.root], [rig.rotations[0]]
     for node, offset, L in zip(rig.tree[1:], rig.offsets[1:], rig.rotations[1:], strict=True):
@@ -224,8 +224,8 @@ def _aimed(bone: Floats, following: Sequence[Floats]) -> Floats:
         e2 = -e2
     z, w = np.zeros(len(bone), dtype=complex), 0.0
     for each in following:
-        seen = _seen(Q, each)
-        b = seen @ e1 + 1j * (seen @ e2)
+        visible = _seen(Q, each)
+        b = visible @ e1 + 1j * (visible @ e2)
         z += np.conj(b.mean()) * b
         w += b.var()
     w += 2 * max(0.0, -z.real.min())

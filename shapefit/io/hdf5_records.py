@@ -142,12 +142,12 @@ class Hdf5Reader(Hdf5File):
     @property
     def attributes(self) -> dict[str, Attribute]:
         """Attributes that the layout does not define: texts and numbers."""
-        kept = {n: v for n, v in self._attributes.items() if isinstance(v, str | int | float)}
+        retained = {n: v for n, v in self._attributes.items() if isinstance(v, str | int | float)}
         for name in PLAIN_ATTRIBUTES:
-            kept.pop(name, None)
-            if PREFIX + name in kept:
-                kept[name] = kept.pop(PREFIX + name)
-        return kept
+            retained.pop(name, None)
+            if PREFIX + name in retained:
+                retained[name] = retained.pop(PREFIX + name)
+        return retained
 
     @property
     def stated(self) -> dict[str, Any]:

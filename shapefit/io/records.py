@@ -261,31 +261,31 @@ class LandmarkSet(Records):
         placed = np.isfinite(self.landmarks).all(axis=1)
         return np.where(placed, 1.0 if self.confidence is None else self.confidence, 0.0)
 
-    def seen(self) -> NDArray[np.bool_]:
+    def visible(self) -> NDArray[np.bool_]:
         """Omega > 0 (n, p): the landmarks that have a place and confidence."""
         return self.weights() > 0
 
     def arrange(
-        self, names: Sequence[str], place: str = "landmark_names", *, leave_out: bool = False
+        self, names: Sequence[str], place: str = "landmark_names", *, omit: bool = False
     ) -> Self:
         """Return the same images with the landmarks `names`, in that order.
 
         Landmarks that this set lacks are unseen (NaN, confidence 0) and have no label; edges
         join the landmarks that they joined; other columns stay as they are. Where this set has a
-        landmark that `names` lacks, `leave_out` leaves it out; without, that is an InputError at
+        landmark that `names` lacks, `omit` leaves it out; without, that is an InputError at
         `place`.
         """
         names = tuple(names)
         if names == self.landmark_names:
             return self
         p, wanted = len(self.landmark_names), set(names)
-        kept = [j for j in range(p) if not leave_out or self.landmark_names[j] in wanted]
-        places = match_landmarks(names, [self.landmark_names[j] for j in kept], place)
+        retained = [j for j in range(p) if not omit or self.landmark_names[j] in wanted]
+        places = match_landmarks(names, [self.landmark_names[j] for j in retained], place)
 
         def arranged(values: NDArray[Any], absent: float, axis: int = -1) -> NDArray[Any]:
             every = np.moveaxis(values, axis, -1)
             wider = np.full((*every.shape[:-1], len(names)), absent, values.dtype)
-            wider[..., places] = every[..., kept]
+            wider[..., places] = every[..., retained]
             return np.moveaxis(wider, -1, axis)
 
         changes: dict[str, Any] = {"landmarks": arranged(self.landmarks, np.nan)}
@@ -295,7 +295,7 @@ class LandmarkSet(Records):
                 changes[name] = arranged(values, 0, axis=1)
         if (lines := self.lines) is not None:
             position = np.full(p, -1)
-            position[kept] = places
+            position[retained] = places
             moved = position[lines]
             changes[EDGES] = moved[(moved >= 0).all(axis=1)]
         return self.replaced(landmark_names=names, **changes)

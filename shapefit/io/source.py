@@ -379,7 +379,7 @@ def _open_all(
     most = MAX_IN_MEMORY // len(groups) if form is LANDMARKS else 0
     how |= {"most_held": most, "keep_open": len(groups) <= MAX_OPEN}
     files = [_open(form, *group, options, **how) for group in groups]
-    rename, kept = options.rename, options.landmarks
+    rename, retained = options.rename, options.landmarks
     check_renamed(rename, [(file.name, file.head.landmark_names) for file in files])
     if foreign and form is LANDMARKS:
         from shapefit.io.detect import warn_of_mixture
@@ -387,10 +387,10 @@ def _open_all(
         files[0] = replace(files[0], notes=files[0].notes + warn_of_mixture(groups))
     if rename:
         files = [f.changed(lambda r, n=f.name: r.renamed(rename, n)) for f in files]  # type: ignore[misc]
-    if kept is not None:
+    if retained is not None:
         from shapefit.io.readers.items import keep_landmarks
 
-        files = [f.changed(lambda r, n=f.name: keep_landmarks(r, kept, n)) for f in files]  # type: ignore[misc]
+        files = [f.changed(lambda r, n=f.name: keep_landmarks(r, retained, n)) for f in files]  # type: ignore[misc]
     return files
 
 
@@ -451,7 +451,7 @@ def _open_hdf5(
     without: Collection[str] = (),
     check: bool = True,
     old: bool = False,
-    most_held: int = 0,
+    max_in_memory: int = 0,
     keep_open: bool = True,
 ) -> SourceFile[Any]:
     """Open a file of landmarks, shapes or results, or a part of its rows, but for some datasets.
@@ -495,7 +495,7 @@ def _open_hdf5(
         check_values(fields, form, reader.place, names, start=at, gaps=gaps)
 
     try:
-        if check and (stop - start) * len(names) <= most_held:
+        if check and (stop - start) * len(names) <= max_in_memory:
             records = reader.records(slice(start, stop), without)
             check_rows(records.columns, start)
             reader.close()

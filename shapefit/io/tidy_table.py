@@ -286,13 +286,13 @@ class _Table:
         items = self.names("item")
         n = len(items) + last
         images: LandmarkSet = self._of_items(items[:n], n)
-        kept = {"item": items[n:], "sequence": self.names("sequence")}
+        retained = {"item": items[n:], "sequence": self.names("sequence")}
         for name, (values, fill) in self._grids.items():
             self._grids[name] = values[n : len(items)].copy(), fill
         sequence = self._grids["sequence"][0]
-        kept["sequence"] = tuple(kept["sequence"][code] for code in sequence.tolist())
+        retained["sequence"] = tuple(retained["sequence"][code] for code in sequence.tolist())
         sequence[:] = 0  # of one item at most
-        for name, texts in kept.items():
+        for name, texts in retained.items():
             self._numbers[name] = defaultdict(count(len(texts)).__next__, zip(texts, count()))
         return images
 

@@ -7,8 +7,9 @@ guess them.
 
 for the shape y of an image, lifted without the landmarks w_a: each is seen from the landmark b that
 it depends on, as the image has both. C is the covariance of y_a where all other landmarks are
-known, o are x and y, v is the misfit. v I is the noise of each landmark, v 1 1^T that of the one on
-which several depend, in x and in y. The covariance of y becomes T C T^T + K R K^T for y -> T y.
+known, o are x and y, v is the residual variance. v I is the noise of each landmark, v 1 1^T that of
+the one on which several depend, in x and in y. The covariance of y becomes T C T^T + K R K^T for y
+-> T y.
 
 Where landmarks y = A x were lifted for joints x, other points of the same bodies are rows of
 weights r y:
@@ -32,7 +33,7 @@ from shapefit.lifting.estimate import CORRELATION
 from shapefit.lifting.lift import Lifting
 
 UNSEEN = 1e9
-"""Misfit of what an image does not show."""
+"""Residual variance of what an image does not show."""
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
 """Coordinates of a landmark, in the order of the correlations."""
@@ -48,7 +49,7 @@ def place_dependents(
     """Return a lifting with covariances whose dependent landmarks are where images say.
 
     landmarks (n, 2, p) as observed, which of them (n, p) are; depends_on (p,), the landmark that
-    each depends on, -1 for none; misfit, the variance of landmarks in the unit of shapes.
+    each depends on, -1 for none; residual_variance, that of landmarks in the unit of shapes.
     """
     found, p = lifting.estimate, len(depends_on)
     assert found.covariance is not None, "the plan asks for it"
@@ -56,9 +57,9 @@ def place_dependents(
     every, o = np.concatenate([a, p + a, 2 * p + a]), np.concatenate([a, p + a])
     rest = np.setdiff1d(np.arange(3 * p), every)
     away = (landmarks - lifting.landmarks_fitted) / lifting.scale[:, None, None]
-    seen = np.tile(shown[:, a] & shown[:, b], 2)
-    r = np.where(seen, (away[..., a] - away[..., b]).reshape(seen.shape), 0.0)
-    R = noise_of_differences(seen, np.concatenate([b, p + b]), residual_variance)
+    visible = np.tile(shown[:, a] & shown[:, b], 2)
+    r = np.where(visible, (away[..., a] - away[..., b]).reshape(visible.shape), 0.0)
+    R = noise_of_differences(visible, np.concatenate([b, p + b]), residual_variance)
     C = found.covariance
     known = C[:, rest][:, :, rest] + 1e-6 * np.eye(len(rest))
     across = C[:, every][:, :, rest]
@@ -89,14 +90,14 @@ def place_dependents(
 
 
 def noise_of_differences(
-    seen: NDArray[np.bool_], shared: Integers, residual_variance: float
+    visible: NDArray[np.bool_], shared: Integers, residual_variance: float
 ) -> Floats:
     """R (n, q, q): of differences between landmarks and others; equal `shared` (q,) have the same.
 
     seen (n, q), which differences the images show; the others have the variance UNSEEN.
     """
-    both = seen[:, :, None] & seen[:, None] & (shared[:, None] == shared)
-    own = np.where(seen, residual_variance, UNSEEN)
+    both = visible[:, :, None] & visible[:, None] & (shared[:, None] == shared)
+    own = np.where(visible, residual_variance, UNSEEN)
     R: Floats = own[:, :, None] * np.eye(len(shared)) + np.where(both, residual_variance, 0.0)
     return R
 

@@ -109,12 +109,13 @@ Estimator = Callable[[Problem], Estimate]
 class Placement:
     """A projected shape placed on the landmarks of n images.
 
-    translation T (n, 2); misfit (n,), 1/2 ||Omega o (W - S - T 1^T)||_F^2; residual (n,), the
-    norm in it beside that of the centred landmarks. nan for images without visible landmarks.
+    translation T (n, 2); half_squared_residual (n,), 1/2 ||Omega o (W - S - T 1^T)||_F^2;
+    residual (n,), the norm in it beside that of the centred landmarks. nan for images without
+    visible landmarks.
     """
 
     translation: Floats
-    misfit: Floats
+    half_squared_residual: Floats
     residual: Floats
 
 
@@ -131,14 +132,19 @@ def fit_translation(
         with np.errstate(invalid="ignore"):  # where nothing is seen
             return (squares * points).sum(axis=-1) / squares.sum(axis=-1)
 
-    def misfit_of(points: Floats, centre: Floats) -> Floats:
+    def half_squares(points: Floats, centre: Floats) -> Floats:
         return 0.5 * (squares * (points - centre[..., None]) ** 2).sum(axis=-1).sum(axis=-1)
 
     left = problem.landmarks - projected[:, :2]
     T = centre(left) if translation is None else np.array(translation, np.float64)
-    misfit, whole = misfit_of(left, T), misfit_of(problem.landmarks, centre(problem.landmarks))
-    residual = np.sqrt(np.divide(misfit, whole, out=np.zeros_like(whole), where=whole != 0))
-    return Placement(T, misfit, residual)
+    half_squared_residual, whole = (
+        half_squares(left, T),
+        half_squares(problem.landmarks, centre(problem.landmarks)),
+    )
+    residual = np.sqrt(
+        np.divide(half_squared_residual, whole, out=np.zeros_like(whole), where=whole != 0)
+    )
+    return Placement(T, half_squared_residual, residual)
 
 
 def replace_rows(some: Estimate, rows: NDArray[np.intp], whole: Estimate) -> Estimate:

@@ -64,11 +64,11 @@ class AlternationOptions:
 class PosteriorOptions:
     """The model of the landmarks, and what is reported.
 
-    misfit         variance that the model cannot place, of a coordinate in the unit of normalised
-                   shapes, at confidence 1
-    gross_chance   chance that a landmark is gross; 0 believes all
-    gross_density  density of gross landmarks per area, for normalised landmarks
-    widening       factor of all covariances, for bodies and motions that the prior lacks
+    residual_variance  variance that the model cannot explain, of a coordinate in the unit of
+                   normalised shapes, at confidence 1
+    outlier_rate   chance that a landmark is an outlier; 0 believes all
+    outlier_density  density of outliers per area, for normalised landmarks
+    bar_scale       factor of all covariances, for bodies and motions that the prior lacks
     growth         factors (p,) of the covariances of landmarks beyond it, by a sample of the file;
                    empty for none
     views          views, spread evenly, to start from besides that of the convex program
@@ -77,8 +77,8 @@ class PosteriorOptions:
 
     residual_variance: float = 0.01
     outlier_rate: float = 0.02
-    gross_density: float = 0.05
-    widening: float = 1.0
+    outlier_density: float = 0.05
+    bar_scale: float = 1.0
     growth: tuple[float, ...] = ()
     views: int = 0
     covariance: bool = False
@@ -284,7 +284,7 @@ METHODS: dict[str, Method] = {
     "sequences": replace(
         POSTERIOR,
         run="shapefit.lifting.sequences.clips:lift_frames",
-        summary="the posterior of whole sequences: rigid bones, steady motion",
+        summary="the posterior of whole sequences: rigid bones, smooth motion",
         yields=POSTERIOR.yields | {"posterior_modes"},
         further=(*POSTERIOR.further, "sequence_noise", "image_error"),
         sequences=True,

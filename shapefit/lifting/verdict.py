@@ -52,10 +52,10 @@ right."""
 class Limits:
     """The numbers of both rules, in one place; none is a key.
 
-    min_p_value     of an image. By definition it doubts 5% of those that are as the model says;
+    min_p_value     of an image. By definition it flags 5% of those that are as the model says;
                     without it 2 to 10% fewer of the errors above 0.4 are noticed
     max_error       expected error in sizes of the shape. On film of bodies 01, 02 and 64 (36 cells)
-                    the three limits doubt 58% of the errors above 0.4 and 9% of those below 0.25,
+                    the three limits flag 58% of the errors above 0.4 and 9% of those below 0.25,
                     on film of 03 and 118 67 and 8%. With 0.3 it would be 68 and 13%, 74 and 16%
     max_distance    start distance of an image, and median of a file. Of right files of four other
                     bodies and of held-out animals 2 to 9% of the good images are beyond it, of
@@ -93,7 +93,7 @@ NOT_OF_THE_CLASS = "landmarks of the file contradict the dictionary"
 def find_reasons(
     shapes: Floats,
     expected: Floats,
-    seen: NDArray[np.integer],
+    visible: NDArray[np.integer],
     p_value: Floats,
     start_distance: Floats,
     status: Sequence[Status],
@@ -110,10 +110,10 @@ def find_reasons(
     failed = ~np.isfinite(shapes).all(axis=(1, 2))
     stopped = np.array([each is Status.ITERATION_LIMIT for each in status], dtype=bool)
     with np.errstate(invalid="ignore"):
-        far = (start_distance > LIMITS.max_distance) & (seen >= LIMITS.fewest_seen)
+        far = (start_distance > LIMITS.max_distance) & (visible >= LIMITS.fewest_seen)
         rules = (
             (failed, NO_SHAPE),
-            (2 * seen <= VIEWED, TOO_FEW),
+            (2 * visible <= VIEWED, TOO_FEW),
             (p_value < LIMITS.min_p_value, IMPLAUSIBLE),
             (far, FAR),
             (np.full(len(shapes), depth_ambiguity), MIRRORED),
@@ -136,12 +136,12 @@ def contradicts(kappa: float, distance: float) -> bool:
     return distance > LIMITS.max_distance or not kappa <= LIMITS.max_kappa
 
 
-def median_distance(start_distance: Floats, seen: NDArray[np.integer]) -> float:
+def median_distance(start_distance: Floats, visible: NDArray[np.integer]) -> float:
     """Median start distance (n,) of the images with enough landmarks `seen` (n,).
 
     nan where these are fewer than `fewest_images`.
     """
-    known = start_distance[np.isfinite(start_distance) & (seen >= LIMITS.fewest_seen)]
+    known = start_distance[np.isfinite(start_distance) & (visible >= LIMITS.fewest_seen)]
     return median(known) if len(known) >= LIMITS.fewest_images else float("nan")
 
 

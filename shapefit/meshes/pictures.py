@@ -59,17 +59,18 @@ class FittedImage:
     """The landmarks of an image and the shape fitted to them.
 
     landmarks (2, p), nan = hidden; shape (3, p) and mesh (3, q) in the camera frame and the unit of
-    the landmarks, nan where the fit failed; seen (2, p) and seen_mesh (2, q): where the camera sees
-    them. outliers (p,): the landmarks judged to be wrong; sd (3, p) standard deviations of the
+    the landmarks, nan where the fit failed; projected (2, p) and projected_mesh (2, q):
+    where the camera sees them. outliers (p,): the landmarks judged to be wrong; sd (3, p) standard
+    deviations of the
     shape; rotation (3, 3) from the object frame, whose y axis then stands upright in 3D.
     """
 
     title: str
     landmarks: Floats
     shape: Floats
-    seen: Floats
+    projected: Floats
     mesh: Floats | None = None
-    seen_mesh: Floats | None = None
+    projected_mesh: Floats | None = None
     outliers: Flags | None = None
     sd: Floats | None = None
     rotation: Floats | None = None
@@ -105,27 +106,29 @@ def draw_image(axes: Axes, image: FittedImage, model: Model, mark: float = 3.0) 
 
     hidden = ~np.isfinite(image.landmarks).all(axis=0)
     wrong = np.zeros_like(hidden) if image.outliers is None else image.outliers
-    seen = image.seen if image.fitted else np.full_like(image.landmarks, np.nan)
-    shown = [image.landmarks, seen]
-    if image.fitted and image.seen_mesh is not None and model.faces is not None:
-        shown.append(image.seen_mesh)
-        triangles = image.seen_mesh.T[model.faces]
+    projected = image.projected if image.fitted else np.full_like(image.landmarks, np.nan)
+    shown = [image.landmarks, projected]
+    if image.fitted and image.projected_mesh is not None and model.faces is not None:
+        shown.append(image.projected_mesh)
+        triangles = image.projected_mesh.T[model.faces]
         axes.add_collection(
             PolyCollection(list(triangles), facecolors=PALE, edgecolors=PALE, linewidths=0.4)
         ).set_rasterized(True)
     elif image.fitted and model.edges is not None:
-        axes.add_collection(LineCollection(list(seen.T[model.edges]), colors=BODY, linewidths=1.5))
+        axes.add_collection(
+            LineCollection(list(projected.T[model.edges]), colors=BODY, linewidths=1.5)
+        )
     if image.fitted and image.sd is not None:
         known = np.isfinite(image.sd).all(axis=0)
         width, height = 2 * image.sd[:2, known]
         axes.add_collection(
             EllipseCollection(
-                width, height, np.zeros_like(width), units="xy", offsets=seen[:, known].T,
+                width, height, np.zeros_like(width), units="xy", offsets=projected[:, known].T,
                 transOffset=axes.transData, facecolors=BAR, edgecolors="none", alpha=FAINTNESS,
             )
         )  # fmt: skip
         axes.plot([], [], "o", color=BAR, alpha=2 * FAINTNESS, label="one standard deviation")
-    lines = np.stack([image.landmarks.T, seen.T], axis=1)
+    lines = np.stack([image.landmarks.T, projected.T], axis=1)
     lines = lines[np.isfinite(lines).all(axis=(1, 2))]
     look: dict[str, Any] = {"linestyle": "", "markersize": mark}
     if len(lines):
@@ -134,7 +137,7 @@ def draw_image(axes: Axes, image: FittedImage, model: Model, mark: float = 3.0) 
         )
     if image.fitted and hidden.any():
         axes.plot(
-            *seen[:, hidden], **look, marker="o", color=HIDDEN, markerfacecolor="white",
+            *projected[:, hidden], **look, marker="o", color=HIDDEN, markerfacecolor="white",
             markeredgewidth=0.25 * mark, label="hidden, from the model",
         )  # fmt: skip
     if (~hidden & ~wrong).any():

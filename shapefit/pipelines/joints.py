@@ -59,7 +59,7 @@ class Matched:
     def arrange(self, images: LandmarkSet, place: str) -> LandmarkSet:
         """Return images of these landmarks with those of the dictionary."""
         named = named_as_joints(images, self.joints, place)
-        return named.arrange(self.dictionary.landmark_names, place, leave_out=bool(self.unknown))
+        return named.arrange(self.dictionary.landmark_names, place, omit=bool(self.unknown))
 
     def warnings(self, names: Sequence[str]) -> tuple[str, ...]:
         """Name landmarks that are left out, with the names that they may mean.
@@ -194,11 +194,13 @@ def named_as_joints(images: LandmarkSet, joints: Joints, place: str) -> Landmark
     landmarks, confidence, weights = images.landmarks, images.confidence, images.weights()
     for several in (several for several in joints.markers.values() if len(several) > 1):
         columns = [images.landmark_names.index(name) for name in several]
-        seen: NDArray[np.bool_] = np.asarray(weights[:, columns] > 0)
-        count = np.maximum(seen.sum(axis=1), 1)
-        of_seen = np.where(seen[:, None], landmarks[..., columns], 0.0).sum(axis=2) / count[:, None]
+        visible: NDArray[np.bool_] = np.asarray(weights[:, columns] > 0)
+        count = np.maximum(visible.sum(axis=1), 1)
+        of_seen = (
+            np.where(visible[:, None], landmarks[..., columns], 0.0).sum(axis=2) / count[:, None]
+        )
         landmarks = landmarks.copy()
-        landmarks[..., columns[0]] = np.where(seen.any(axis=1, keepdims=True), of_seen, np.nan)
+        landmarks[..., columns[0]] = np.where(visible.any(axis=1, keepdims=True), of_seen, np.nan)
         if confidence is not None:
             confidence = confidence.copy()
             confidence[:, columns[0]] = weights[:, columns].sum(axis=1) / count
@@ -242,7 +244,7 @@ class LandmarkMap:
         return mapped(dictionary, self.joints.matrix(self.theta), self.joints.deviations())
 
     def back(
-        self, lifting: Lifting, landmarks: Floats, seen: NDArray[np.bool_]
+        self, lifting: Lifting, landmarks: Floats, visible: NDArray[np.bool_]
     ) -> tuple[Lifting, dict[str, NDArray[Any]]]:
         """Return the lifting of the joints, and all landmarks of the files as datasets.
 
@@ -252,7 +254,7 @@ class LandmarkMap:
             return lifting, {}
         if self.depends_on is not None:
             variance = self.residual_variance
-            lifting = place_dependents(lifting, landmarks, seen, self.depends_on, variance)
+            lifting = place_dependents(lifting, landmarks, visible, self.depends_on, variance)
         A, names = self.joints.matrix(self.theta), tuple(self.joints.parts)
         joints = as_joints(lifting, A, self.keep_covariance)
         if not names:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -68,7 +68,7 @@ class Outcome:
     `done` items of `total` (None where it is not known) were finished by this part, `failures`
     of them without a result; `unit` is what the items are, where that depends on the config;
     `note` is a short state of the work for a progress bar, `line` is to be shown at once,
-    `doubts` counts the items whose result is not to be trusted, by reason;
+    `reasons` counts the items whose result is not to be trusted, by reason;
     `listing` the lines that the command was asked for, `written` the files that now stand complete;
     `rows` is a summary for people, label and text; `data` gives what the note says in values of
     JSON, to those who ask.
@@ -78,7 +78,7 @@ class Outcome:
     total: int | None = None
     failures: tuple[Failure, ...] = ()
     warnings: tuple[str | Counted, ...] = ()
-    doubts: tuple[Counted, ...] = ()
+    reasons: tuple[Counted, ...] = ()
     unit: str = ""
     note: str = ""
     rows: tuple[tuple[str, str], ...] = ()

@@ -77,7 +77,7 @@ class Statement:
     """What a result states of its fit: the method, the dictionary, the landmarks, their digests.
 
     options, the whole config; has_proof: the certificate of the convex program is stored;
-    calibrated: a file with a calibration was read; searched, loss, beta, tolerance, leave_out as
+    calibrated: a file with a calibration was read; searched, loss, beta, tolerance, omit as
     in `Program`.
     """
 
@@ -92,7 +92,7 @@ class Statement:
     loss: str
     beta: float
     tolerance: float
-    leave_out: bool
+    omit: bool
 
     @property
     def has_prior(self) -> bool:
@@ -109,7 +109,7 @@ class Statement:
         names = ALWAYS.split()
         names += OF_ERROR_BARS.split() * self.has_prior
         names += ["residual", "tight"] * (self.method == "convex" and "focal" not in columns)
-        names += ["left_out"] * self.leave_out
+        names += ["left_out"] * self.omit
         if METHODS[self.method].mixes_atoms:
             names += ["coefficients", "active_atoms"]
         if "focal" in columns:
@@ -251,14 +251,14 @@ def check_landmarks(
     n, everyone = len(result), np.ones_like(claims.fitted)
     if len(given) != n:
         raise input_error("landmarks", "has fewer images than results", "give those of the fit")
-    seen = given.seen()
-    found, stated = np.where(seen[:, None], given.landmarks, np.nan), columns["landmarks"]
+    visible = given.visible()
+    found, stated = np.where(visible[:, None], given.landmarks, np.nan), columns["landmarks"]
     off = np.where(np.isnan(stated) & np.isnan(found), 0.0, np.abs(stated - found))
     allowed = STRAIGHT * np.nanmax(np.abs(found), initial=1.0) if REMOVED in given.columns else 0.0
     claims.near("landmarks are those of the file", off, allowed, of=everyone)
     ones = np.ones((n, len(result.landmark_names)))
     confidence = ones if given.confidence is None else given.confidence
-    same = np.equal(columns.get("confidence", ones), confidence) | ~seen
+    same = np.equal(columns.get("confidence", ones), confidence) | ~visible
     claims.hold("confidences are those of the file", same, of=everyone)
     same = np.array([a == b for a, b in zip(result.items, given.items, strict=True)], dtype=bool)
     claims.hold("items are those of the file", same, of=everyone)
@@ -293,7 +293,7 @@ def read_statement(attributes: Mapping[str, Any], file: Path) -> Statement:
             loss=str(outliers) if outliers in ROBUST else "squared",
             beta=float(key("outlier_threshold", default=0.1)),  # of the robust losses
             tolerance=float(key("tolerance", default=1e-6)),
-            leave_out=key("leave_one_out") is not None,
+            omit=key("leave_one_out") is not None,
         )
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         wrong = f"{type(error).__name__}: {error}"
@@ -311,7 +311,7 @@ def read_program(
     if k != dictionary.k:
         found = f"has {counted(dictionary.k, 'atom')}, and {file} coefficients of {k}"
         raise input_error(path, found, "give the dictionary of the fit")
-    if fit.leave_out and dictionary.atom_items is None:
+    if fit.omit and dictionary.atom_items is None:
         found = (
             "was fitted without atoms of some items (`leave_one_out`), which the dictionary lacks"
         )
@@ -319,7 +319,7 @@ def read_program(
     perspective = "focal" in head.columns
     return Program(
         atoms=np.ascontiguousarray(dictionary.atoms[:, :, columns]),
-        atom_items=dictionary.atom_items if fit.leave_out else None,
+        atom_items=dictionary.atom_items if fit.omit else None,
         refined=perspective or fit.method != "convex",
         bounds=not perspective and fit.loss == "squared",
         searched=fit.searched,
@@ -415,7 +415,7 @@ def open_images(
                 lens[DISTORTION] = lens.pop(REMOVED)
                 images = images.with_columns(whole=lens)
             images = named_as_joints(undistorted(images, None), joints, place)
-            return images.arrange(head.landmark_names, place, leave_out=True)
+            return images.arrange(head.landmark_names, place, omit=True)
 
         def chunks(size: int, count: int) -> Iterator[LandmarkSet]:
             if source.count != count:

@@ -72,7 +72,7 @@ class Images:
     centroid: Floats
     size: Floats
     lam: Floats
-    kept: Flags | None
+    retained: Flags | None
 
 
 def check_certificate(columns: Columns, program: Program, claims: Claims) -> Flags:
@@ -95,8 +95,8 @@ def check_certificate(columns: Columns, program: Program, claims: Claims) -> Fla
     X = M.swapaxes(1, 2).reshape(2 * n, -1) @ rows
     P, most = objective(images, X.reshape(n, 2, p), T, c.sum(axis=1), program)
     check_gap(P, D, most, (columns[f"{before}objective"], gap), before, claims, stated)
-    if images.kept is not None:
-        claims.hold("atoms that are left out have no coefficient", images.kept | (c == 0))
+    if images.retained is not None:
+        claims.hold("atoms that are left out have no coefficient", images.retained | (c == 0))
     if not program.refined:
         optimal = columns["status"].astype(str) == "optimal"
         text = "the gap of an optimal image is within the tolerance"
@@ -126,16 +126,20 @@ def read_images(columns: Columns, program: Program) -> Images:
     1 of the standard deviations.
     """
     landmarks = columns["landmarks"]
-    seen = np.isfinite(landmarks).all(axis=1)
-    weights = np.asarray(np.where(seen, columns.get("confidence", seen), 0.0), dtype=np.float64)
+    visible = np.isfinite(landmarks).all(axis=1)
+    weights = np.asarray(
+        np.where(visible, columns.get("confidence", visible), 0.0), dtype=np.float64
+    )
     if program.searched and "outliers" in columns:
         weights = np.where(columns["outliers"] != 0, 0.0, weights)
     found = normalise(landmarks, np.asarray(weights > 0))
-    kept = None
+    retained = None
     if "left_out" in columns and program.atom_items is not None:
-        kept = columns["left_out"].astype(str)[:, None] != np.array(program.atom_items, dtype=str)
+        retained = columns["left_out"].astype(str)[:, None] != np.array(
+            program.atom_items, dtype=str
+        )
     lam = columns["lambda"]
-    return Images(found.points, weights, found.centroid, found.scale, lam, kept)
+    return Images(found.points, weights, found.centroid, found.scale, lam, retained)
 
 
 def objective(
@@ -167,7 +171,7 @@ def check_dual(images: Images, Y: Floats, program: Program, claims: Claims, of: 
     for some in (slice(start, start + BLOCK) for start in range(0, n, BLOCK)):
         N = (weighted[some].reshape(-1, p) @ columns).reshape(-1, 2, 3, k)
         norms = nuclear_norms(N[:, 0], N[:, 1])
-        most[some] = largest(norms if images.kept is None else norms * images.kept[some])
+        most[some] = largest(norms if images.retained is None else norms * images.retained[some])
     reach = np.sqrt((program.atoms**2).sum(axis=1)).max()
     terms = np.sqrt((weighted**2).sum(axis=1)).sum(axis=1) * reach / images.lam
     allowed = TOLERANCE + ROUNDING * terms

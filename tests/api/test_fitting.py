@@ -68,10 +68,10 @@ def test_cars_without_their_own_model_under_their_own_camera(tmp_path, sample):
     same_file(command, function)
     images = shapefit.read_landmarks(landmarks)
     matrix = images.extras["camera_matrix"]
-    kept = {name: value for name, value in images.extras.items() if name != "camera_matrix"}
+    retained = {name: value for name, value in images.extras.items() if name != "camera_matrix"}
     atoms = shapefit.read_dictionary(dictionary)
     for given in (matrix, {"focal": np.tile(matrix, (108, 1, 1))}):
-        found = shapefit.fit(images.replaced(extras=kept), atoms, camera=given, **options)
+        found = shapefit.fit(images.replaced(extras=retained), atoms, camera=given, **options)
         np.testing.assert_array_equal(found.shapes, shapefit.read_results(command).shapes)
 
 

@@ -14,17 +14,17 @@ from .conftest import run_command
 
 
 @pytest.fixture(scope="module")
-def seen(project):
+def visible(project):
     return shapefit.read_landmarks(
         project / "sample_data/openpose", keypoints="body_25", track="nearest"
     )
 
 
 @pytest.fixture(scope="module")
-def keypoints(seen):
+def keypoints(visible):
     """One person (n, 25, 3) with confidences."""
-    landmarks = np.nan_to_num(np.asarray(seen.landmarks)[:36])
-    return np.dstack([landmarks, np.asarray(seen.confidence)[:36]])
+    landmarks = np.nan_to_num(np.asarray(visible.landmarks)[:36])
+    return np.dstack([landmarks, np.asarray(visible.confidence)[:36]])
 
 
 @pytest.fixture(scope="module")
@@ -118,8 +118,8 @@ def test_joints_in_metres_are_those_that_convert_writes(found, tmp_path):
     assert table["trusted"].all()
 
 
-def test_the_height_of_a_body_is_that_of_the_fit(seen, tmp_path):
-    images = seen.replaced(frame_rate=25)[:12]
+def test_the_height_of_a_body_is_that_of_the_fit(visible, tmp_path):
+    images = visible.replaced(frame_rate=25)[:12]
     small = shapefit.fit(images, "people", method="convex", height=1.2)
     table, tall = small.metres, small.to_metres(height=1.8)
     assert table["time"][-1] == 11 / 25

@@ -43,11 +43,11 @@ TOLD = {
     "numbers of a warning in sum": (FIT, NOT_OPTIMAL, 0,
         rf"Warning: 142 images not optimal, the worst: b\n{READ}Result.*\n"),
     "too few that are trusted": (f"{FIT} --fail-untrusted 0.2",
-        [Outcome(done=10, doubts=(Counted(3, "image", "wide error bars"),))], 1,
+        [Outcome(done=10, reasons=(Counted(3, "image", "wide error bars"),))], 1,
         r"Warning: 3 of 10 images not trusted: 3 wide error bars \(-v lists them\)\n"
         rf"Failed: 30% are not trusted, more than --fail-untrusted allows\n{READ}Result.*\n"),
     "enough that are trusted": (f"{FIT} --fail-untrusted 0.3 -q",
-        [Outcome(done=10, doubts=(Counted(3, "image", "wide error bars"),))], 0, ""),
+        [Outcome(done=10, reasons=(Counted(3, "image", "wide error bars"),))], 0, ""),
     "the last note": (FIT, [Outcome(note="a"), Outcome(note="b"), Outcome()], 0,
         rf"{READ}Result  0 images, b, \S+ s\n"),
     "no item at all": (FIT, [Outcome(total=0)], 1, rf"{READ}Result  0 images, \S+ s\n"),

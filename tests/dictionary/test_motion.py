@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.dictionary.bodies import find_acceleration, find_give
+from shapefit.dictionary.bodies import find_acceleration, find_bone_tolerance
 from shapefit.geometry.normalisation import normalise
 
 EDGES = np.array([[0, 1], [1, 2], [1, 3]])
@@ -36,9 +36,9 @@ def test_give_is_the_deviation_of_lengths_within_each_sequence(shapes):
     lengths = np.linalg.norm(shapes[:, :, EDGES[:, 0]] - shapes[:, :, EDGES[:, 1]], axis=1)
     variance = [lengths[sequences == name].var(axis=0) for name in "ab"]
     expected = np.sqrt(np.mean(variance, axis=0)) / np.median(normalise(shapes).scale)
-    np.testing.assert_allclose(find_give(shapes, EDGES, sequences), expected, rtol=1e-10)
+    np.testing.assert_allclose(find_bone_tolerance(shapes, EDGES, sequences), expected, rtol=1e-10)
 
 
 def test_rigid_bones_give_nothing(shapes):
     rigid = shapes[0] + np.linspace(0, 1000, 400)[:, None, None]
-    assert find_give(rigid, EDGES, ("",) * 400).max() < 1e-10
+    assert find_bone_tolerance(rigid, EDGES, ("",) * 400).max() < 1e-10

@@ -7,10 +7,10 @@ from scipy.stats import chi2
 from shapefit.evaluation.calibration import (
     QUANTILES,
     ErrorBars,
+    bar_scale_factors,
     cover,
     find_squares,
     join_bars,
-    widening_factors,
 )
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
@@ -80,9 +80,9 @@ def posterior_and_truth(rng, n, hidden, noise=0.03, p=15, k=42):
     estimate, truth, C = np.empty((n, 3, p)), np.empty((n, 3, p)), np.empty((n, p, 3, 3))
     for i in range(n):
         truth[i] = mean + np.tensordot(rng.standard_normal(k), B, 1)
-        seen = rng.permutation(p) >= hidden
-        X = map_[:2, seen].reshape(-1, k + 3)
-        y = (truth[i, :2, seen].T + noise * rng.standard_normal((2, seen.sum()))).ravel()
+        visible = rng.permutation(p) >= hidden
+        X = map_[:2, visible].reshape(-1, k + 3)
+        y = (truth[i, :2, visible].T + noise * rng.standard_normal((2, visible.sum()))).ravel()
         covariance = np.linalg.inv(X.T @ X / noise**2 + prior)
         found = covariance @ X.T @ (y - X[:, k]) / noise**2
         estimate[i] = mean + map_ @ found
@@ -156,7 +156,7 @@ def test_factors_undo_what_error_bars_lack(rng):
     z = np.sort((rng.standard_normal((40_000, 3)) ** 2).sum(axis=1))
 
     def factors(squares):
-        return widening_factors(ErrorBars(squares[:, None], {}))
+        return bar_scale_factors(ErrorBars(squares[:, None], {}))
 
     assert list(factors(4 * z).values()) == pytest.approx([2, 2], rel=0.01)
     outer = np.where(z > np.quantile(z, 0.6), 4 * z, z)

@@ -76,8 +76,8 @@ class TestSimilarity:
     def test_a_point_is_as_far_off_as_the_centroid(self, truth):
         point = np.full_like(truth, 0.1)
         point[:, :, 3] = np.nan
-        kept = np.delete(truth, 3, axis=-1)
-        centred = kept - kept.mean(axis=-1, keepdims=True)
+        retained = np.delete(truth, 3, axis=-1)
+        centred = retained - retained.mean(axis=-1, keepdims=True)
         expected = np.linalg.norm(centred, axis=1).mean(axis=-1)
         np.testing.assert_allclose(metrics.similarity(point, truth), expected)
 

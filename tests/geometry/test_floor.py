@@ -54,7 +54,7 @@ def still(seconds=3.0):
     return points
 
 
-def seen(points, height=1.5, pitch=12.0, roll=-5.0, away=5.0):
+def visible(points, height=1.5, pitch=12.0, roll=-5.0, away=5.0):
     """Return points (n, 3, p) as a camera has them, and the direction that is up for it."""
     turn = rotation_about_axis(2, np.float64(np.radians(-roll)))
     turn = turn @ rotation_about_axis(0, np.float64(np.radians(pitch)))
@@ -77,7 +77,7 @@ def find(points, distance_sd=0.05, **deviations) -> Floor:
 @pytest.mark.parametrize("camera", [(1.5, 12.0, -5.0), (0.4, -6.0, 3.0), (2.5, 20.0, 0.0)])
 def test_a_walk_shows_height_and_tilt(heading, camera):
     height, pitch, roll = camera
-    points, up = seen(walk(heading=heading), *camera)
+    points, up = visible(walk(heading=heading), *camera)
     floor = find(points)
     np.testing.assert_allclose(floor.up, up, atol=0.02)
     assert floor.height == pytest.approx(height, abs=0.12)
@@ -88,7 +88,7 @@ def test_a_walk_shows_height_and_tilt(heading, camera):
 
 
 def test_standing_turns_up_to_y_and_keeps_lengths():
-    points, _ = seen(walk())
+    points, _ = visible(walk())
     floor = find(points)
     turned = floor._replace(height=0.0).stand(points)
     np.testing.assert_allclose(
@@ -99,8 +99,8 @@ def test_standing_turns_up_to_y_and_keeps_lengths():
 
 
 def test_a_still_body_shows_them_less_well():
-    points, _ = seen(still())
-    standing, walking = find(points), find(seen(walk(seconds=12))[0])
+    points, _ = visible(still())
+    standing, walking = find(points), find(visible(walk(seconds=12))[0])
     assert standing.height == pytest.approx(1.5, abs=0.15)
     assert (standing.pitch, standing.roll) == pytest.approx((12, -5), abs=1.5)
     assert standing.pitch_sd > 1.2 * walking.pitch_sd
@@ -108,16 +108,16 @@ def test_a_still_body_shows_them_less_well():
 
 
 def test_a_floor_far_away_is_less_certain_and_then_unknown():
-    near, far = (find(seen(still(), away=away)[0]) for away in (3.0, 7.0))
+    near, far = (find(visible(still(), away=away)[0]) for away in (3.0, 7.0))
     assert far.height_sd > 1.6 * near.height_sd
-    assert find_floor([body(seen(still(), away=24.0)[0])], 0.05) is None
+    assert find_floor([body(visible(still(), away=24.0)[0])], 0.05) is None
 
 
 @pytest.mark.parametrize("size", [0.3, 2.5])
 @pytest.mark.parametrize("walker", [walk, still])
 def test_what_a_unit_measures_decides_nothing(walker, size):
     """Whoever knows the height of the body better finds the same floor, so much larger."""
-    points, _ = seen(walker())
+    points, _ = visible(walker())
     one, other = (
         find_floor([Body(k * points, k * np.full_like(points, 0.05), JOINTS, k * TALL, RATE)], 0.18)
         for k in (1.0, size)
@@ -152,11 +152,11 @@ def running():
 
 @pytest.mark.parametrize("posture", [sitting, lying, running])
 def test_nobody_stands(posture):
-    assert find_floor([body(seen(posture())[0])], 0.05) is None
+    assert find_floor([body(visible(posture())[0])], 0.05) is None
 
 
 def test_without_feet_or_bodies_there_is_no_floor():
-    points, _ = seen(walk())
+    points, _ = visible(walk())
     joints = {name: column for name, column in JOINTS.items() if name != "lankle"}
     assert find_floor([], 0.05) is None
     assert find_floor([Body(points, points, joints, TALL, RATE)], 0.05) is None
@@ -166,17 +166,17 @@ def test_without_feet_or_bodies_there_is_no_floor():
 def test_gaps_and_one_lifted_foot_change_little():
     points = still()
     points[:, 1, JOINTS["lankle"]] += 0.2  # a foot that rests on a step
-    lifted, both = (find(seen(each, pitch=0.0, roll=0.0)[0]) for each in (points, still()))
+    lifted, both = (find(visible(each, pitch=0.0, roll=0.0)[0]) for each in (points, still()))
     assert lifted.height == pytest.approx(both.height, abs=0.04)
-    walking, _ = seen(walk(seconds=12))
+    walking, _ = visible(walk(seconds=12))
     whole = find(walking)
     walking[40:60] = np.nan
     assert find(walking).height == pytest.approx(whole.height, abs=0.1)
 
 
 def test_bodies_of_one_video_share_the_floor():
-    one, _ = seen(walk())
-    other, _ = seen(walk(heading=np.pi / 2), away=9.0)
+    one, _ = visible(walk())
+    other, _ = visible(walk(heading=np.pi / 2), away=9.0)
     alone = find(one)
     both = find_floor([body(one), body(other)], 0.05)
     assert both is not None
@@ -185,7 +185,7 @@ def test_bodies_of_one_video_share_the_floor():
 
 
 def test_a_wrong_focal_length_is_in_the_bars():
-    points, _ = seen(walk(heading=np.pi / 2), pitch=20.0, away=4.0)
+    points, _ = visible(walk(heading=np.pi / 2), pitch=20.0, away=4.0)
     assert find(points, 0.18).height_sd > 1.3 * find(points, 0.05).height_sd
     points[:, 2] *= 1.18
     stretched = find(points, 0.18)
@@ -201,7 +201,7 @@ def test_bars_hold(rng):
         points = walk(seconds=4, heading=rng.uniform(0, 2 * np.pi))
         points[:, 0] += lean[0] * points[:, 1]
         points[:, 2] += lean[1] * points[:, 1]
-        points, _ = seen(points, height, pitch, roll)
+        points, _ = visible(points, height, pitch, roll)
         shared, own = rng.normal(size=(2, *points.shape)) * [[0.01], [0.01], [0.06]]
         points = points * (1 + rng.normal(scale=0.04)) + (shared[:1] + own) / np.sqrt(2)
         found = find(points, sd=0.06)

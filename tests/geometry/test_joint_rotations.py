@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.geometry.joint_rotations import find_bones, find_places, find_rig, find_tree
+from shapefit.geometry.joint_rotations import find_bones, find_rig, find_tree, forward_kinematics
 from shapefit.geometry.rotations import exponential, rotation_about, rotation_angle
 
 PARENTS = (-1, 0, 1, 2, 0, 4, 5, 0, 7)
@@ -32,7 +32,7 @@ def joints(rig, points):
 def test_rigid_bones_end_at_their_landmarks(moved):
     rig = find_rig(moved, EDGES)
     assert rig.tree[0].joint == 0  # the only landmark where bones branch
-    np.testing.assert_allclose(find_places(rig), joints(rig, moved), atol=1e-12)
+    np.testing.assert_allclose(forward_kinematics(rig), joints(rig, moved), atol=1e-12)
     np.testing.assert_allclose(np.linalg.det(rig.rotations), 1)
     at_rest = rig.rotations[:, rig.rest]
     np.testing.assert_allclose(at_rest, np.broadcast_to(np.eye(3), at_rest.shape), atol=1e-12)
@@ -51,7 +51,7 @@ def test_nodes_turn_no_faster_than_their_bones(moved):
 def test_bones_that_stretch_keep_their_direction(moved, rng):
     stretched = moved * (1 + 0.05 * np.sin(np.linspace(0, 9, len(moved))))[:, None, None]
     rig = find_rig(stretched, EDGES)
-    places, truth = find_places(rig), joints(rig, stretched)
+    places, truth = forward_kinematics(rig), joints(rig, stretched)
     for number, node in enumerate(rig.tree[1:], 1):
         bone, true = places[number] - places[node.above], truth[number] - truth[node.above]
         np.testing.assert_allclose(np.cross(bone, true), 0, atol=1e-12)
@@ -131,7 +131,7 @@ def test_a_bone_that_points_straight_back_is_still_reached():
     points[:, :, 1] = [[0, 1, 0], [0, 1, 0], [0, -1, 0]]
     points[:, :, 2] = 2 * points[:, :, 1]
     rig = find_rig(points, np.array([[0, 1], [1, 2]]), root=0)
-    np.testing.assert_allclose(find_places(rig), joints(rig, points), atol=1e-9)
+    np.testing.assert_allclose(forward_kinematics(rig), joints(rig, points), atol=1e-9)
     np.testing.assert_allclose(np.linalg.det(rig.rotations), 1)
 
 

@@ -67,7 +67,7 @@ def test_points_before_the_camera_are_seen_however_near(sign):
     z = np.array([1e-3, 0.3, 50.0, 0.0, -2.0])
     points = np.stack([np.full(5, 0.2), np.full(5, -0.1), sign * z])[None]
     camera = Camera(np.full((1, 2), 800.0), np.array([[320.0, 240.0]]), sign)
-    seen = project(camera, points)
+    visible = project(camera, points)
     expected = np.array([320 + 160 / z[:3], 240 - 80 / z[:3]])
-    np.testing.assert_allclose(seen[0, :, :3], expected)
-    assert np.isnan(seen[0, :, 3:]).all()
+    np.testing.assert_allclose(visible[0, :, :3], expected)
+    assert np.isnan(visible[0, :, 3:]).all()

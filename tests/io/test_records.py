@@ -43,12 +43,12 @@ def test_landmarks_that_are_not_there(problems, wanted, told):
 def test_take(request, kind, rows):
     record = request.getfixturevalue(kind)
     part = record.take(rows)
-    kept = np.arange(5)[rows]
-    assert len(part) == len(kept)
+    retained = np.arange(5)[rows]
+    assert len(part) == len(retained)
     for name in ("items", "sequences"):
-        assert getattr(part, name) == tuple(np.asarray(getattr(record, name))[kept].tolist())
+        assert getattr(part, name) == tuple(np.asarray(getattr(record, name))[retained].tolist())
     for name, values in record.per_item.items():
-        np.testing.assert_array_equal(part.per_item[name], values[kept])
+        np.testing.assert_array_equal(part.per_item[name], values[retained])
     assert part.whole.keys() == record.whole.keys()
     for name, values in record.whole.items():
         np.testing.assert_array_equal(part.whole[name], values)

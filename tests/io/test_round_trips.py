@@ -85,9 +85,9 @@ def shape_sets(draw):
 def landmark_sets(draw):
     n, p, common = draw(sizes())
     points = draw(numbers((n, 2, p)))
-    unseen = draw(arrays(np.bool_, (n, 1, p)))
+    hidden = draw(arrays(np.bool_, (n, 1, p)))
     return LandmarkSet(
-        landmarks=np.where(unseen, np.nan, points),
+        landmarks=np.where(hidden, np.nan, points),
         confidence=draw(optional(numbers((n, p), st.floats(0, allow_infinity=False)))),
         y_axis=draw(st.sampled_from(["up", "down"])),
         **common,
@@ -160,12 +160,12 @@ def folder():
         yield Path(path)
 
 
-def check_table(same, found, record, kept):
+def check_table(same, found, record, retained):
     """A table keeps these fields, as far as there is an item that has them."""
     if not len(record):
         assert len(found) == 0
         return
-    bare = {name: getattr(record, name) for name in kept}
+    bare = {name: getattr(record, name) for name in retained}
     same(found, type(record)(**bare))
 
 
@@ -174,15 +174,15 @@ def check_table(same, found, record, kept):
 def test_shapes(folder, same, record):
     write_shapes(folder / "shapes.h5", record)
     same(read_shapes([folder / "shapes.h5"]), record)
-    kept = {"shapes", "landmark_names", "items", "sequences"}
+    retained = {"shapes", "landmark_names", "items", "sequences"}
     write_shapes(folder / "shapes.csv", record)
-    check_table(same, read_shapes([folder / "shapes.csv"]), record, kept)
+    check_table(same, read_shapes([folder / "shapes.csv"]), record, retained)
 
 
 @settings(deadline=None, max_examples=30)
 @given(record=landmark_sets(), size=st.integers(1, 5))
 def test_landmarks(folder, same, record, size):
-    kept = {"landmarks", "confidence", "landmark_names", "items", "sequences"}
+    retained = {"landmarks", "confidence", "landmark_names", "items", "sequences"}
     record = record.replaced(landmarks=record.landmarks + 10.0)  # no fractions of an image
     for suffix in ("h5", "csv"):
         path = folder / f"views.{suffix}"
@@ -194,13 +194,13 @@ def test_landmarks(folder, same, record, size):
         if suffix == "h5":
             same(found, record)
         else:
-            check_table(same, found, record, kept)
+            check_table(same, found, record, retained)
 
 
 @settings(deadline=None, max_examples=30)
 @given(record=result_sets(), size=st.integers(1, 5))
 def test_results(folder, same, record, size):
-    kept = {"shapes", "landmark_names", "items", "sequences"}
+    retained = {"shapes", "landmark_names", "items", "sequences"}
     for suffix in ("h5", "csv"):
         path = folder / f"result.{suffix}"
         with result_writer(path) as writer:
@@ -211,7 +211,7 @@ def test_results(folder, same, record, size):
                 same(concatenate(list(source.batches(3))), record)
             same(read_results(path), record.without(PROOF))
         else:
-            check_table(same, read_results(path), record, kept)
+            check_table(same, read_results(path), record, retained)
 
 
 @settings(deadline=None, max_examples=30)

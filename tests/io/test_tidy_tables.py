@@ -335,10 +335,10 @@ def test_records_are_written_in_blocks_of_whole_items(tmp_path, monkeypatch, lan
 
 def test_minus_one_without_a_confidence_is_unseen(csv):
     header, rows = "item,landmark,x,y", ["a,nose,-1,-1", "a,tail,50,-1", "a,ear,60,70"]
-    seen = load(csv("\n".join([header, *rows]))).seen()
-    assert seen.tolist() == [[False, True, True]]
+    visible = load(csv("\n".join([header, *rows]))).visible()
+    assert visible.tolist() == [[False, True, True]]
     scored = "\n".join([f"{header},confidence", *(f"{row},1" for row in rows)])
-    assert load(csv(scored)).seen().all()
+    assert load(csv(scored)).visible().all()
 
 
 @pytest.mark.parametrize("column", ["person_id", "track_id", "individual", "id"])

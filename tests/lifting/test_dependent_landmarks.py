@@ -60,14 +60,14 @@ def test_feet_move_no_other_joint(images, lift):
 def test_feet_that_are_seen_are_nearer_to_the_truth_in_the_image_and_surer(images, lift):
     hidden = images.landmarks.copy()
     hidden[..., FEET] = np.nan
-    seen, unseen = lift(images), lift(images.replaced(landmarks=hidden))
+    visible, hidden = lift(images), lift(images.replaced(landmarks=hidden))
     off = [
         np.abs(each.landmarks_fitted - images.landmarks)[..., FEET].mean()
-        for each in (seen, unseen)
+        for each in (visible, hidden)
     ]
     assert off[0] < 0.7 * off[1]
-    assert seen.shape_sd[:, :2, FEET].mean() < unseen.shape_sd[:, :2, FEET].mean()
-    assert (seen.shape_sd > 0).all()
+    assert visible.shape_sd[:, :2, FEET].mean() < hidden.shape_sd[:, :2, FEET].mean()
+    assert (visible.shape_sd > 0).all()
 
 
 def test_the_noise_of_an_ankle_is_shared_by_its_foot():
@@ -104,8 +104,8 @@ def test_the_noise_of_an_ankle_is_shared_by_its_foot():
     H[:3, 15] = H[3:, 16] = -1.0
     gain = prior @ H.T @ np.linalg.inv(H @ prior @ H.T)
     away = (landmarks - shapes[:, :2])[0]
-    seen = (away[:, feet] - away[:, [ankle]]).ravel()
-    step = (gain @ seen)[:9].reshape(3, 3)
+    visible = (away[:, feet] - away[:, [ankle]]).ravel()
+    step = (gain @ visible)[:9].reshape(3, 3)
     np.testing.assert_allclose((found.shapes - shapes)[0][:, feet], step, rtol=1e-4, atol=1e-6)
     exact = (prior - gain @ H @ prior)[:9, :9]
     K = gain[:9]
@@ -118,7 +118,7 @@ def test_the_noise_of_an_ankle_is_shared_by_its_foot():
 
 
 def test_a_file_without_feet_has_a_result_without(images, lift):
-    found = lift(images.arrange(PEOPLE, "here", leave_out=True))
+    found = lift(images.arrange(PEOPLE, "here", omit=True))
     assert found.landmark_names == PEOPLE
     assert "input_shapes" not in found.columns
 

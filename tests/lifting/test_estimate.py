@@ -31,13 +31,15 @@ def test_a_shape_is_placed_where_no_other_place_is_better(scene, rng):
     for i in range(5):
         w = scene.weights[i]
 
-        def misfit(T, points=problem.landmarks[i], w=w):
+        def half_squared_residual(T, points=problem.landmarks[i], w=w):
             return 0.5 * ((w * (points - T[:, None])) ** 2).sum()
 
-        best = minimize(misfit, np.zeros(2), args=(problem.landmarks[i] - S[i], w), tol=1e-12)
+        best = minimize(
+            half_squared_residual, np.zeros(2), args=(problem.landmarks[i] - S[i], w), tol=1e-12
+        )
         np.testing.assert_allclose(placed.translation[i], best.x, atol=1e-6)
-        np.testing.assert_allclose(placed.misfit[i], best.fun, rtol=1e-9)
-        whole = minimize(misfit, np.zeros(2), tol=1e-12).fun
+        np.testing.assert_allclose(placed.half_squared_residual[i], best.fun, rtol=1e-9)
+        whole = minimize(half_squared_residual, np.zeros(2), tol=1e-12).fun
         np.testing.assert_allclose(placed.residual[i], np.sqrt(best.fun / whole), rtol=1e-9)
 
 
@@ -46,7 +48,7 @@ def test_a_given_place_is_kept(scene, rng):
     placed = fit_translation(problem, S, T)
     np.testing.assert_array_equal(placed.translation, T)
     left = scene.weights[:, None] * (problem.landmarks - S - T[..., None])
-    np.testing.assert_allclose(placed.misfit, 0.5 * (left**2).sum(axis=(1, 2)))
+    np.testing.assert_allclose(placed.half_squared_residual, 0.5 * (left**2).sum(axis=(1, 2)))
 
 
 def test_some_images_are_replaced_and_the_others_are_not(run):

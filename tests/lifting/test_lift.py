@@ -77,9 +77,11 @@ def test_failing_images_are_named_and_leave_the_others_alone(make_scene):
         assert np.isnan(found.scale[image])
         np.testing.assert_array_equal(flat.problem.weights[image], 0.0)
     for image in (0, 4, 5):
-        seen = scene.weights[image] > 0
+        visible = scene.weights[image] > 0
         np.testing.assert_allclose(
-            found.landmarks_fitted[image][:, seen], scene.landmarks[image][:, seen], rtol=1e-12
+            found.landmarks_fitted[image][:, visible],
+            scene.landmarks[image][:, visible],
+            rtol=1e-12,
         )
 
 

@@ -30,8 +30,8 @@ def run(rng, atoms):
     weights = np.ones((7, 8))
     weights[5, 2:] = 0
 
-    def run(images=slice(None), kept=slice(None), method="convex"):
-        B = atoms[kept]
+    def run(images=slice(None), retained=slice(None), method="convex"):
+        B = atoms[retained]
         settings = Settings(solve=solve_newton, mean_shape=normalise(B.mean(axis=0)).points)
         estimator = choose_method(method, settings)
         return lift(landmarks[images], weights[images], B, PROGRAM, estimator)
@@ -109,18 +109,18 @@ def test_every_field_comes_back_in_the_order_of_the_images(run, atoms):
 
 
 def test_atoms_that_a_group_lacked_have_no_part(run, atoms):
-    kept = np.array([0, 2, 3])
+    retained = np.array([0, 2, 3])
     some, rest = np.array([4, 1]), np.array([0, 2, 3, 5, 6])
-    part = run(some, kept)
-    merged = merge([Group(part, some, kept), Group(run(rest), rest, np.arange(5))], atoms)
+    part = run(some, retained)
+    merged = merge([Group(part, some, retained), Group(run(rest), rest, np.arange(5))], atoms)
     assert merged.estimate.coefficients.shape == (7, 5)
     np.testing.assert_array_equal(merged.estimate.coefficients[some][:, [1, 4]], 0)
     np.testing.assert_array_equal(merged.estimate.transforms.dense()[some][:, [1, 4]], 0)
     np.testing.assert_array_equal(
-        merged.estimate.transforms.dense()[some][:, kept], part.estimate.transforms.dense()
+        merged.estimate.transforms.dense()[some][:, retained], part.estimate.transforms.dense()
     )
     np.testing.assert_array_equal(
-        merged.estimate.coefficients[some][:, kept], part.estimate.coefficients
+        merged.estimate.coefficients[some][:, retained], part.estimate.coefficients
     )
     np.testing.assert_array_equal(merged.problem.atoms, atoms)
     np.testing.assert_array_equal(merged.problem.landmarks[some], part.problem.landmarks)

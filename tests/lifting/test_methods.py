@@ -184,11 +184,11 @@ def test_only_images_without_an_atom_begin_again(scene, settings, monkeypatch):
 
     monkeypatch.undo()
     plain = choose_method("convex+refine", replace(settings, solve=solve_newton))(problem)
-    kept = np.setdiff1d(np.arange(25), [*wrong, 4])
+    retained = np.setdiff1d(np.arange(25), [*wrong, 4])
     for field in fields(refined):
         mine, theirs = getattr(refined, field.name), getattr(plain, field.name)
         if isinstance(mine, np.ndarray):
-            np.testing.assert_array_equal(mine[kept], theirs[kept], err_msg=field.name)
+            np.testing.assert_array_equal(mine[retained], theirs[retained], err_msg=field.name)
     assert refined.coefficients[wrong].any(axis=1).all()
     assert not refined.coefficients[[4, 7]].any()
     assert refined.status[7] is Status.DEGENERATE

@@ -66,6 +66,6 @@ def test_the_first_reason_that_holds_is_named(changes, reason):
         (1.0, 0.9, 15, 19, False),  # too few images
     ],
 )
-def test_a_file_that_contradicts_the_dictionary(kappa, distance, seen, images, wrong):
-    apart = median_distance(np.full(images, distance), np.full(images, seen))
+def test_a_file_that_contradicts_the_dictionary(kappa, distance, visible, images, wrong):
+    apart = median_distance(np.full(images, distance), np.full(images, visible))
     assert contradicts(kappa, apart) == wrong

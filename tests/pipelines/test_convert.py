@@ -50,8 +50,8 @@ def test_landmarks_keep_everything_in_hdf5(tmp_path, landmarks):
     np.testing.assert_array_equal(same.landmarks, landmarks.landmarks)
     np.testing.assert_array_equal(same.confidence, landmarks.confidence)
     np.testing.assert_array_equal(same.columns["age"], landmarks.columns["age"])
-    kept = ("landmark_names", "items", "sequences", "unit", "y_axis", "frame_rate")
-    assert all(getattr(same, name) == getattr(landmarks, name) for name in kept)
+    retained = ("landmark_names", "items", "sequences", "unit", "y_axis", "frame_rate")
+    assert all(getattr(same, name) == getattr(landmarks, name) for name in retained)
 
 
 def test_landmarks_to_csv_and_back(tmp_path, landmarks):

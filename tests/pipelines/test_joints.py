@@ -72,14 +72,14 @@ def test_a_detector_s_names_are_lifted_with_the_mapped_dictionary(
     joints = find_joints(skeleton.landmark_names, names)
     A = joints.matrix(MEANS)
     found, last = lift(as_detected(images, skeleton), skeleton=MEANS)
-    seen = named_as_joints(as_detected(images, skeleton), joints, "here")
-    seen = seen.arrange(names, "here", leave_out=True)
-    points = images.arrange(names, "here", leave_out=True).landmarks @ A.T
+    visible = named_as_joints(as_detected(images, skeleton), joints, "here")
+    visible = visible.arrange(names, "here", omit=True)
+    points = images.arrange(names, "here", omit=True).landmarks @ A.T
     points[..., [j for j, name in enumerate(names) if name not in joints.markers]] = np.nan
-    np.testing.assert_allclose(seen.landmarks, points, atol=1e-9)
+    np.testing.assert_allclose(visible.landmarks, points, atol=1e-9)
     write_dictionary(tmp_path / "seen.h5", mapped(people, A, joints.deviations()))
     direct, _ = lift(
-        seen,
+        visible,
         tmp_path / "seen.h5",
         save={"covariance": True},
     )
@@ -156,7 +156,7 @@ def test_a_map_moves_with_the_body(theta):
 
 def test_the_convex_program_takes_landmarks_where_joints_are(images, lift):
     shared = people_joints(BODY.landmark_names)
-    part = images.arrange(tuple(shared.values()), "here", leave_out=True)
+    part = images.arrange(tuple(shared.values()), "here", omit=True)
     expected, _ = lift(part, method="convex")
     named = part.replaced(landmark_names=tuple(shared))
     found, _ = lift(named, method="convex")

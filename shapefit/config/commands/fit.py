@@ -99,7 +99,7 @@ class PriorConfig(ConfigModel):
     )
     calibration: OptionalInputPath = None
     """error_bars.json of a report of eval, whose factors scale the error bars."""
-    bar_scale: Annotated[Positive, HIDDEN] = PosteriorOptions.widening
+    bar_scale: Annotated[Positive, HIDDEN] = PosteriorOptions.bar_scale
     """Factor on all covariances, for bodies and motions that the prior lacks."""
 
 

@@ -70,7 +70,7 @@ constexpr long STRETCH = 64;
 [[noreturn]] void raise_out_of_memory(long bytes);
 
 // Of a clock that is never set.
-double steady_seconds();
+double monotonic_seconds();
 
 // Blocks of zeros that live as long as the workspace.
 class Workspace {

@@ -12,7 +12,7 @@ namespace shapefit {
 
 void raise_out_of_memory(long) { throw std::bad_alloc(); }
 
-double steady_seconds() {
+double monotonic_seconds() {
     const auto now = std::chrono::steady_clock::now().time_since_epoch();
     return std::chrono::duration<double>(now).count();
 }

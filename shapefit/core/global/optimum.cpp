@@ -75,7 +75,7 @@ Ended search(double gap, long most_cells, double deadline, RotationObjective& ob
     cells.begin();
     while (cells.take(cell)) {
         const bool may_go_on = cells.tested < most_cells &&
-                               (cells.tested % CELLS_BETWEEN_LOOKS != 0 || steady_seconds() < deadline);
+                               (cells.tested % CELLS_BETWEEN_LOOKS != 0 || monotonic_seconds() < deadline);
         const int before = cells.vertices.count();
         if (may_go_on && cells.is_dropped(cell, edge)) continue;
         if (!may_go_on || !cells.split(cell, edge, middle)) {
@@ -128,7 +128,7 @@ void find_optimum(const GlobalData& data, Range range) {
             continue;
         }
         Best best;
-        const double begin = steady_seconds();
+        const double begin = monotonic_seconds();
         cells.begin_image();
         find_upper_bound(data, image, objective, cells.vertices, best);
         if (!is_finite(best.objective)) {

@@ -21,10 +21,10 @@ void find_pose(const PoseData& data, Range range) {
         double least = INFINITE;
         for (long start = 0; start < data.starts.size[1]; ++start) {
             Rotation R = Rotation::from(data.starts[image][start].data);
-            const Misfit misfit = rotation_step(moments, R);
-            if (!(misfit.value < least)) continue;
-            least = misfit.value;
-            data.size[image] = misfit.scale;
+            const SquaredResidual residual = rotation_step(moments, R);
+            if (!(residual.value < least)) continue;
+            least = residual.value;
+            data.size[image] = residual.scale;
             R.write(data.rotation[image].data);
         }
     }

@@ -38,12 +38,12 @@ struct TrustedStep {
     double fall;
 };
 
-// The misfit at R, its Riemannian gradient g (3,) and Hessian H (3, 3).
+// The residual at R, its Riemannian gradient g (3,) and Hessian H (3, 3).
 //
 // The Hessian is Proj(s^2 U P - Lambda U) with Lambda = sym(Rbar G^T) and G = s (s Rbar P - D);
 // a free s takes its share off, h h^T / tr(Rbar P Rbar^T) with h the derivative of the gradient
 // by s (Schur complement).
-Misfit model_at(const ShapeMoments& moments, const Rotation& rotation, double* g, double* H) {
+SquaredResidual model_at(const ShapeMoments& moments, const Rotation& rotation, double* g, double* H) {
     const double* R = rotation;
     const double *P = moments.P, *D = moments.D;
     double PR[3][3], DR[2][3];  // P and D in the frame of R: r_a P r_b, D_a r_b
@@ -123,35 +123,35 @@ void retract(const double* R, const double* step, Rotation& trial) {
 }  // namespace
 
 // As one function: its parts are short, and hand each other a few numbers through memory else.
-[[gnu::flatten]] Misfit rotation_step(const ShapeMoments& moments, Rotation& R) {
+[[gnu::flatten]] SquaredResidual rotation_step(const ShapeMoments& moments, Rotation& R) {
     const double *P = moments.P, *D = moments.D;
     Rotation trial;
     double g[3], H[9], step[3], trial_g[3], trial_H[9];
     const double trace = P[0] + P[4] + P[8];
     const double norm = root(inner3(D, D) + inner3(D + 3, D + 3));
     double radius = FIRST_RADIUS;
-    Misfit misfit = model_at(moments, R, g, H);
+    SquaredResidual residual = model_at(moments, R, g, H);
     for (int count = 0; count < MOST_STEPS; ++count) {
-        const double size = misfit.scale * (misfit.scale * trace + norm);
+        const double size = residual.scale * (residual.scale * trace + norm);
         if (inner3(g, g) <= square(STATIONARY * size)) break;
         TrustedStep trusted{false, 0};
         if (!newton_step(g, H, radius, step, trusted.fall))
             trusted = truncated_cg(g, H, radius, step);
         retract(R, step, trial);
-        const Misfit reached = model_at(moments, trial, trial_g, trial_H);
+        const SquaredResidual reached = model_at(moments, trial, trial_g, trial_H);
         const double slack = ROUNDING * size;
-        const double ratio = (misfit.value - reached.value + slack) / (trusted.fall + slack);
+        const double ratio = (residual.value - reached.value + slack) / (trusted.fall + slack);
         if (!(ratio >= SHRINK))
             radius *= 0.25;
         else if (ratio > GROW && trusted.at_edge)
             radius = smaller(2 * radius, LARGEST_RADIUS);
         if (!(ratio > ACCEPT)) continue;
-        misfit = reached;
+        residual = reached;
         R = trial;
         for (int e = 0; e < 9; ++e) H[e] = trial_H[e];
         for (int a = 0; a < 3; ++a) g[a] = trial_g[a];
     }
-    return misfit;
+    return residual;
 }
 
 }  // namespace shapefit

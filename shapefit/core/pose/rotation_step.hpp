@@ -11,7 +11,7 @@
 
 namespace shapefit {
 
-// What the misfit of a shape depends on. The scale s is 1, or the best one >= 0 where it is free.
+// What the residual of a shape depends on. The scale s is 1, or the best one >= 0 where it is free.
 struct ShapeMoments {
     const double* P;  // (3, 3)
     const double* D;  // (2, 3)
@@ -19,12 +19,12 @@ struct ShapeMoments {
 };
 
 // 1/2 ||w - s Rbar S||^2 - 1/2 ||w||^2 = 1/2 s^2 <Rbar P, Rbar> - s <D, Rbar> at a rotation, and s.
-struct Misfit {
+struct SquaredResidual {
     double value;
     double scale;
 };
 
 // Take R, proper, to a local minimum.
-Misfit rotation_step(const ShapeMoments& moments, Rotation& R);
+SquaredResidual rotation_step(const ShapeMoments& moments, Rotation& R);
 
 }  // namespace shapefit

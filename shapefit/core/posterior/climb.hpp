@@ -7,7 +7,7 @@ namespace shapefit {
 
 constexpr double LONGEST = 0.5;    // step, in radians and log s
 constexpr double FIRST_DAMPING = 1e-3, EASE = 0.1, HARDEN = 8, MOST_DAMPING = 1e7;
-constexpr long EARLY = 3;  // times that beliefs come from the other landmarks, at the start
+constexpr long EARLY = 3;  // times that inlier probabilities come from the other landmarks, at the start
 // Of a value.
 template <class Lanes>
 constexpr double ROUNDING = sizeof(Number<Lanes>) < sizeof(double) ? 1e-4 : 1e-9;
@@ -148,7 +148,7 @@ Lanes take_last_step(Climb<Lanes>& at) {
     return select(small, gain, Lanes{});
 }
 
-// The first values, at the views where the lanes start; beliefs come from the other landmarks.
+// The first values, at the views where the lanes start; inlier probabilities come from the other landmarks.
 template <class Lanes>
 void begin(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, ClimbSpace<Lanes>& space,
            Climb<Lanes>& at) {
@@ -168,7 +168,7 @@ void begin(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const
 
 // Steps of Newton's kind, whose curvature is Gauss and Newton's, mended by what the gradient does
 // (Broyden, Fletcher, Goldfarb, Shanno); damped where they would lead downhill. A lane that stands
-// still has arrived. Where every landmark is gross the likelihood grows with the scale for ever: there
+// still has arrived. Where every landmark is an outlier the likelihood grows with the scale for ever: there
 // steps end at `largest`.
 template <class Lanes>
 void climb(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, long rounds,

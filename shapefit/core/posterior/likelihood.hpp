@@ -9,7 +9,7 @@
 // the expected shape is X = R mu + R C A^T alpha. The log likelihood of the m seen landmarks w is that of y less
 // (2 m - 2) log s. Derivatives are over theta: R <- exp([theta_1..3]_x) R, s <- exp(theta_4) s.
 //
-// q_j is the inlier_probability that landmark j is not gross. A gross one is uniform with the density u per area
+// q_j is the inlier_probability that landmark j is an inlier. an outlier is uniform with the density u per area
 // of landmarks, u s^2 in the unit of shapes; with the chance g of that the value is the variational
 // bound, u for u s^2,
 //
@@ -40,15 +40,15 @@ struct PosteriorData {
     Tensor<const double> means = from("means", "K 3 p");  // mu
     Tensor<const double> covariances = from("covariances", "K 3p 3p");  // C
     Blocks<const double> starts = from("starts", "n S 3 3");  // nan where there are fewer
-    double chance = from("chance");  // that a landmark is gross
-    double density = from("density");  // of gross landmarks, per area in their unit
+    double chance = from("chance");  // that a landmark is an outlier
+    double density = from("density");  // of outliers, per area in their unit
     double still = from("still");  // a climb ends when the log likelihood gains less
     Tensor<double> mean = from("mean", "n 3 p");  // of y = s (R x + t), mean depth 0
     Tensor<double> deviation = from("deviation", "n 3 p");  // its standard deviations
     // of x with y, x with z and y with z of a landmark
     Tensor<double> correlation = from("correlation", "n 3 p");
     Tensor<double> covariance = from("covariance", "n 3p 3p?");  // where it is wanted
-    Matrix<double> inlier_probability = from("inlier_probability", "n p");  // that a landmark is not gross
+    Matrix<double> inlier_probability = from("inlier_probability", "n p");  // that a landmark is an inlier
     Tensor<double> rotation = from("rotation", "n 3 3");  // of the most likely mode
     Vector<double> scale = from("scale", "n");  // likewise
     Vector<double> log_evidence = from("log_evidence", "n");  // of the image
@@ -74,7 +74,7 @@ constexpr double TAU_SQUARE = 900;  // variance of the translation in the unit o
 constexpr double CURVATURE_OF_PRIOR = 1;
 // Beside what N / q takes away from D^-1 the rest must still count, see `predict`.
 template <class Lanes>
-constexpr double LEAST_BELIEF = sizeof(Number<Lanes>) < sizeof(double) ? 1e-4 : 1e-6;
+constexpr double MIN_INLIER_PROBABILITY = sizeof(Number<Lanes>) < sizeof(double) ? 1e-4 : 1e-6;
 
 // Where row i of a lower triangle begins.
 inline long corner(long i) { return i * (i + 1) / 2; }
@@ -444,7 +444,7 @@ void believe(const PosteriorData& data, const Observed<Number<Lanes>>& seen, con
         return;
     }
     const Number<Lanes> kept = log1p(-data.chance);
-    const Lanes gross = all<Lanes>(log(data.chance * data.density)) + 2.0 * view.log_scale;
+    const Lanes outlier = all<Lanes>(log(data.chance * data.density)) + 2.0 * view.log_scale;
     for (long j = 0; j < seen.m; ++j) {
         const Noise<Lanes> N = noise_of(seen, j, shrunk);
         const Lanes q = inlier_probability[j], rest = 1.0 - q;
@@ -455,16 +455,16 @@ void believe(const PosteriorData& data, const Observed<Number<Lanes>>& seen, con
                              N.yy * (a[1] * a[1] - D[2]);
         const Lanes expected = square / (q * q) + 2.0 / q;
         const Lanes density = by_others ? predict(N, q, a, D) : -log_size - 0.5 * expected;
-        const Lanes odds = kept + density - gross;
+        const Lanes odds = kept + density - outlier;
         const Lanes steep = larger(smaller(odds, all<Lanes>(40.0)), all<Lanes>(-40.0));
-        next[j] = larger(1.0 / (1.0 + exponential(-steep)), all<Lanes>(LEAST_BELIEF<Lanes>));
-        found.value += rest * (log_size + gross) + q * kept - (1.0 + q) * logarithm(q) -
+        next[j] = larger(1.0 / (1.0 + exponential(-steep)), all<Lanes>(MIN_INLIER_PROBABILITY<Lanes>));
+        found.value += rest * (log_size + outlier) + q * kept - (1.0 + q) * logarithm(q) -
                        rest * logarithm(rest + all<Lanes>(1e-30));
     }
 }
 
 // `inlier_probability` q (m,) in, `next` (m,) its next fixed point; or, `by_others`, what the other landmarks
-// alone say of each, which a gross landmark cannot sway. Derivatives only where they are wanted.
+// alone say of each, which an outlier cannot sway. Derivatives only where they are wanted.
 template <class Lanes>
 void find_likelihood(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack,
                      const LaneView<Lanes>& view, const Lanes* inlier_probability, bool by_others, bool derived,

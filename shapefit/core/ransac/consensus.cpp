@@ -12,7 +12,7 @@
 //
 // with residuals r_j = ||w_j - s Rbar S_j - T||, visible landmarks spread over an area A, and
 // omega^2 of mean 1. The sum is the truncated one of MSAC; residuals count in units of the size of
-// the shape. The logarithm is the surprise of a landmark that keeps to its place, where a wrong one
+// the shape. The logarithm is the log-probability of a landmark that keeps to its place, where a wrong one
 // could be anywhere in A: without it a shape blown up far beyond the image finds some landmarks in
 // its wide tolerance always. Three landmarks fit whatever they are.
 //

@@ -82,7 +82,7 @@ UNLIKE = "nothing in common: hidden landmarks are not predicted"
 
 def judge(images: Images, state: State) -> Judgement:
     """Judge whether depth was learned, by hiding landmarks of a sample of the images."""
-    some = images.hiding(state.gross)[evenly(len(images), SAMPLE)]
+    some = images.hiding(state.outliers)[evenly(len(images), SAMPLE)]
     hidden = hide(some.weights > 0)
     known = some.hiding(hidden)
     n, p = known.weights.shape
@@ -101,7 +101,7 @@ def judge(images: Images, state: State) -> Judgement:
         return float(np.sqrt((apart**2).mean())) if apart.size else float("nan")
 
     forward = state.views.rotation[:, 2]
-    apart = halves_apart(known, learned)
+    apart = halves_distance(known, learned)
     closest = np.abs(forward @ forward[evenly(len(forward), SAMPLE)].T).min()
     gain = (learned.objective - price_of_views(known, learned, TURNS) - evidence_of_flat) / (n * p)
     size = np.linalg.svd(state.model.mean, compute_uv=False)
@@ -109,8 +109,8 @@ def judge(images: Images, state: State) -> Judgement:
     deforms = np.sqrt(learned.model.covariance.trace()) / np.linalg.norm(learned.model.mean)
     missed = error(learned)
     same = apart < max(SAME * deforms, CLOSE)
-    open_to_doubt = deep or same or gain > REST
-    verdict = LEARNED if deep and same else DOUBTFUL if open_to_doubt else ALIKE
+    doubtful = deep or same or gain > REST
+    verdict = LEARNED if deep and same else DOUBTFUL if doubtful else ALIKE
     if size[2] <= THIN * size[0]:
         verdict = ALIKE
     return Judgement(
@@ -148,7 +148,7 @@ def rigid_state(images: Images) -> State:
     return first_state(images, W, views)
 
 
-def halves_apart(images: Images, learned: State) -> float:
+def halves_distance(images: Images, learned: State) -> float:
     """mean ||X - X'|| / ||X||: how far shapes X are from X', learned from half of the images.
 
     Each half, in the order of the images, is learned from by itself. The error

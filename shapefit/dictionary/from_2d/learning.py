@@ -27,9 +27,9 @@ from shapefit.dictionary.from_2d.model import (
     Indices,
     Mask,
     Views,
-    change_belief,
+    ascent,
+    change_inliers,
     choose,
-    climb,
     evenly,
     expect,
     hide,
@@ -48,7 +48,7 @@ COOLING = 0.7
 """Least factor of the noise from round to round; faster, the views freeze."""
 
 CLEARLY = 0.85
-"""Factor of the error of hidden landmarks below which it pays to believe that some are gross."""
+"""Factor of the error of hidden landmarks below which it pays to believe that some are outliers."""
 
 TRIAL, TRIAL_IMAGES = 10, 200
 """Rounds and images by which starts are judged."""
@@ -72,11 +72,11 @@ COMPLETION_ROUNDS = 30
 UPGRADE_ROUNDS = 30
 
 FAR, NEAR = 4.0, 0.02
-"""A landmark is gross, at first, so many medians from where the factors have it; or so many times
-a share of the size of a shape, if that is more."""
+"""A landmark is an outlier, at first, so many medians from where the factors have it; or so many
+times a share of the size of a shape, if that is more."""
 
 MOST = 0.25
-"""Share of the landmarks of an image beyond which they show a rare pose, and none is gross."""
+"""Share of the landmarks of an image beyond which they show a rare pose, and none is an outlier."""
 
 SAME_SIZE = 1.0
 """Weight of the size of an image beside the angle and the ratio of its axes."""
@@ -84,7 +84,7 @@ SAME_SIZE = 1.0
 
 @dataclass(frozen=True)
 class State:
-    """Views, the model that follows from them, damping of their steps (n,); gross (n, p).
+    """Views, the model that follows from them, damping of their steps (n,); outliers (n, p).
 
     shapes (n, 3, p) and the objective are those of the views under the model before.
     """
@@ -93,7 +93,7 @@ class State:
     model: Gaussian
     damping: Floats
     shapes: Floats
-    gross: Mask
+    outliers: Mask
     objective: float = -np.inf
 
     @property
@@ -108,8 +108,8 @@ def learn(images: Images) -> Iterator[State]:
     """Yield the state after each round from the best start.
 
     Starts are judged by the objective after some rounds with images that lie evenly. Landmarks are
-    believed to be gross only where others, hidden, are then predicted clearly better: rare poses
-    of a class that is no Gaussian look gross, too.
+    believed to be outliers only where others, hidden, are then predicted clearly better: rare poses
+    of a class that is no Gaussian look like outliers, too.
     """
     ranks = tuple(sorted({min(rank, images.landmarks.shape[2] - 1) for rank in RANKS}))
     some = evenly(len(images), TRIAL_IMAGES)
@@ -120,13 +120,15 @@ def learn(images: Images) -> Iterator[State]:
     trials = [run_trial(known, W[some], views[some]) for views in starts]
     best = int(np.argmax([trial.objective for trial in trials]))
     first = first_state(images, W, starts[best])
-    W, gross = complete(images, max(RANKS), doubting=True)
-    if gross[some].any():
+    W, outliers = complete(images, max(RANKS), doubting=True)
+    if outliers[some].any():
         (views,) = find_views(W, ranks[best : best + 1])
-        doubting = run_trial(replace(known, gross=gross[some] & ~hidden), W[some], views[some])
+        doubting = run_trial(
+            replace(known, outliers=outliers[some] & ~hidden), W[some], views[some]
+        )
         errors = [hidden_error(images[some], hidden, of) for of in (doubting, trials[best])]
         if errors[0] < CLEARLY * errors[1]:
-            images = replace(images, gross=gross)
+            images = replace(images, outliers=outliers)
             first = first_state(images, W, views)
     yield from improve(images, first)
 
@@ -142,7 +144,7 @@ def run_trial(images: Images, W: Floats, views: Views) -> State:
 def hidden_error(images: Images, hidden: Mask, state: State) -> float:
     """Median distance of the hidden landmarks (n, p) from where the model has them."""
     apart = np.linalg.norm(
-        predict(images.hiding(hidden | state.gross), state) - images.landmarks, axis=1
+        predict(images.hiding(hidden | state.outliers), state) - images.landmarks, axis=1
     )
     return float(np.median(apart[hidden])) if hidden.any() else 0.0
 
@@ -172,36 +174,35 @@ def improve(
 
 
 def first_state(images: Images, W: Floats, views: Views) -> State:
-    """Return the rigid model of completed landmarks W (n, 2, p) in given views, gross as given."""
-    n, _, p = W.shape
+    """Return the rigid model of completed landmarks W (n, 2, p), with outliers, in given views."""
     A = np.exp(views.log_scale)[:, None, None] * views.rotation[:, :2]
     mean = np.asarray(np.linalg.lstsq(A.reshape(2 * n, 3), W.reshape(2 * n, p))[0], np.float64)
     mean = mean - mean.mean(axis=1, keepdims=True)
     left = max(float(((W - A @ mean) ** 2).mean()), EXACT**2)
     size = sequence_means(views.log_scale, images.sequence)
     model = Gaussian(mean, np.zeros((3, p, 0)), left, left / 2, size, SPREAD**2)
-    gross = np.zeros((n, p), bool) if images.gross is None else images.gross
-    return State(views, model, np.full(n, 0.1), np.broadcast_to(mean, (n, 3, p)), gross)
+    outliers = np.zeros((n, p), bool) if images.outliers is None else images.outliers
+    return State(views, model, np.full(n, 0.1), np.broadcast_to(mean, (n, 3, p)), outliers)
 
 
 def learn_round(images: Images, state: State, *, still: bool) -> State:
     """Take one round: a step of each view unless `still`, expectation, and maximisation."""
     n, p = images.weights.shape
-    model, damping, doubting = state.model, state.damping.copy(), images.gross is not None
+    model, damping, doubting = state.model, state.damping.copy(), images.outliers is not None
     rotation, log_scale = state.views.rotation.copy(), state.views.log_scale.copy()
-    shapes, gross, density = np.empty((n, 3, p)), state.gross.copy(), 0.0
+    shapes, outliers, density = np.empty((n, 3, p)), state.outliers.copy(), 0.0
     covariance, residual_variance = np.zeros((3 * p, 3 * p)), 0.0
     for at in range(0, n, BLOCK):
         rows = slice(at, at + BLOCK)
-        block, views = replace(images[rows], gross=gross[rows]), state.views[rows]
+        block, views = replace(images[rows], outliers=outliers[rows]), state.views[rows]
         found = expect(block, views, model)
         if doubting or not still:
-            doubted = change_belief(block, found.doubt) if doubting else gross[rows]
-            climbed = views if still else climb(views, found, damping[rows])
-            then = expect(replace(block, gross=doubted), climbed, model)
+            doubted = change_inliers(block, found.flip_gain) if doubting else outliers[rows]
+            climbed = views if still else ascent(views, found, damping[rows])
+            then = expect(replace(block, outliers=doubted), climbed, model)
             better = then.log_density > found.log_density
             found, views = choose(better, then, found), choose(better, climbed, views)
-            gross[rows] = np.where(better[:, None], doubted, gross[rows])
+            outliers[rows] = np.where(better[:, None], doubted, outliers[rows])
         if not still:
             damping[rows] = np.clip(np.where(better, 0.3, 10.0) * damping[rows], 1e-3, 1e3)
         rotation[rows], log_scale[rows], shapes[rows] = (
@@ -214,7 +215,7 @@ def learn_round(images: Images, state: State, *, still: bool) -> State:
         residual_variance += float(found.residual_variance.sum())
     mean = shapes.mean(axis=0)
     apart = (shapes - mean).reshape(n, 3 * p)
-    noise = residual_variance / (2 * int(((images.weights > 0) & ~gross).sum()))
+    noise = residual_variance / (2 * int(((images.weights > 0) & ~outliers).sum()))
     size = sequence_means(log_scale, images.sequence)
     spread = float((((log_scale - size[images.sequence]) ** 2).mean() + SCALE**2) / 2)
     following = replace(
@@ -233,7 +234,7 @@ def learn_round(images: Images, state: State, *, still: bool) -> State:
         following,
         damping,
         shapes,
-        gross,
+        outliers,
         density + prior,
     )
 
@@ -245,14 +246,14 @@ def sequence_means(values: Floats, sequence: Indices) -> Floats:
 
 
 def complete(images: Images, rank: int, *, doubting: bool = False) -> tuple[Floats, Mask]:
-    """Return the landmarks (n, 2, p), centred, and which are gross (n, p), where in doubt.
+    """Return the landmarks (n, 2, p), centred, and which are outliers (n, p), where it is open.
 
-    Hidden and gross ones are as factors of the rank have them; these are found by turns.
+    Hidden and outliers are as factors of the rank have them; these are found by turns.
     """
     w, there = images.landmarks, images.weights > 0
-    seen, placed = there, np.zeros_like(w)
+    visible, placed = there, np.zeros_like(w)
     for k in range(COMPLETION_ROUNDS if doubting or not there.all() else 0):
-        W, middle = filled(w, seen, placed)
+        W, middle = filled(w, visible, placed)
         flat = W.reshape(-1, W.shape[2])
         leading = np.linalg.eigh(flat.T @ flat)[1][:, -min(3 + k // 3, rank) :]
         placed = (flat @ leading @ leading.T).reshape(W.shape)
@@ -260,15 +261,15 @@ def complete(images: Images, rank: int, *, doubting: bool = False) -> tuple[Floa
             apart = np.linalg.norm(w - middle - placed, axis=1)
             near = apart < FAR * max(float(np.median(apart[there])), NEAR)
             rare = (there & ~near).sum(axis=1) > MOST * there.sum(axis=1)
-            seen = there & (near | rare[:, None])
-    return filled(w, seen, placed)[0], there & ~seen
+            visible = there & (near | rare[:, None])
+    return filled(w, visible, placed)[0], there & ~visible
 
 
-def filled(w: Floats, seen: Mask, placed: Floats) -> tuple[Floats, Floats]:
+def filled(w: Floats, visible: Mask, placed: Floats) -> tuple[Floats, Floats]:
     """Fill hidden landmarks of w (n, 2, p) by `placed`; return it centred, and the centre."""
-    count = np.maximum(seen.sum(axis=1), 1)[:, None, None]
-    middle = np.where(seen[:, None], w - placed, 0.0).sum(axis=2, keepdims=True) / count
-    W = np.where(seen[:, None], w - middle, placed)
+    count = np.maximum(visible.sum(axis=1), 1)[:, None, None]
+    middle = np.where(visible[:, None], w - placed, 0.0).sum(axis=2, keepdims=True) / count
+    W = np.where(visible[:, None], w - middle, placed)
     return W - W.mean(axis=2, keepdims=True), middle
 
 

@@ -4,8 +4,8 @@
     x_n  = mu + V z_n + d_n,               z_n ~ N(0, I),  d_n ~ N(0, rho I),
     log s_n ~ N(log size of the sequence, tau^2),
 
-P takes the first two rows, t is any translation. A landmark is gross with the chance epsilon; then
-it falls with the density u per area. Close to the Procrustean normal distribution of
+P takes the first two rows, t is any translation. A landmark is an outlier with the chance epsilon;
+then it falls with the density u per area. Close to the Procrustean normal distribution of
 Lee, Cho, Choi and Oh (CVPR 2013) and to the model of Torresani, Hertzmann and Bregler (PAMI 2008).
 
 Expectation: with v_j = s^2 rho + sigma^2 / omega_j^2, B = s P R V and the translation as two more
@@ -15,7 +15,7 @@ columns of B with a flat prior, the landmarks less s P R mu, r, have
     log p = -1/2 (r^T alpha + log |M| + sum 2 log(2 pi v_j)),
     log p_j = -1/2 (a^T A^-1 a / v_j - log |A|) - log(2 pi v_j),  A = I - B_j M^-1 B_j^T / v_j,
 
-with a = (r - B z^)_j and p_j what the other landmarks say of landmark j, seen; for a gross one
+with a = (r - B z^)_j and p_j what the other landmarks say of landmark j, seen; for an outlier
 A^-1 = I + B_j M^-1 B_j^T / v_j,
 
 and the landmarks of the shape x_j = mu_j + V_j z + (s rho / v_j) (P R)^T (r - B z)_j.
@@ -42,8 +42,8 @@ DIRECTIONS = 4
 FLAT = 1e-9
 """Precision of the translation before the image is seen."""
 
-GROSS = np.log(0.02 / (1 - 0.02) * 0.05)
-"""Log density of a gross landmark, with the odds that it is one."""
+OUTLIERS = np.log(0.02 / (1 - 0.02) * 0.05)
+"""Log density of an outlier, with the odds that it is one."""
 
 LONGEST = 0.3
 """Step of a view, in radians and log s."""
@@ -70,29 +70,29 @@ class Images:
     """n images: landmarks w (n, 2, p), weights omega (n, p), 0 where hidden, sequence (n,).
 
     The landmarks of each sequence, numbered from 0, are of comparable size, and lie anywhere where
-    they are gross (n, p); None where all are believed.
+    they are outliers (n, p); None where all are believed.
     """
 
     landmarks: Floats
     weights: Floats
     sequence: Indices
-    gross: Mask | None = None
+    outliers: Mask | None = None
 
     def __len__(self) -> int:
         return len(self.landmarks)
 
     def __getitem__(self, rows: slice | Indices) -> Images:
-        gross = None if self.gross is None else self.gross[rows]
-        return Images(self.landmarks[rows], self.weights[rows], self.sequence[rows], gross)
+        outliers = None if self.outliers is None else self.outliers[rows]
+        return Images(self.landmarks[rows], self.weights[rows], self.sequence[rows], outliers)
 
     @property
-    def seen(self) -> Mask:
-        """Landmarks (n, p) that have a weight and are not gross."""
+    def visible(self) -> Mask:
+        """Landmarks (n, p) that have a weight and are inliers."""
         there = self.weights > 0
-        return there if self.gross is None else there & ~self.gross
+        return there if self.outliers is None else there & ~self.outliers
 
     def hiding(self, landmarks: Mask) -> Images:
-        """Return the images with these landmarks (n, p) hidden, and none that is gross."""
+        """Return the images with these landmarks (n, p) hidden, and no outlier."""
         return Images(self.landmarks, np.where(landmarks, 0.0, self.weights), self.sequence)
 
 
@@ -131,13 +131,14 @@ class Expected:
     """Of n images: log_density (n,), shapes E x (n, 3, p), E z (n, q) and translation (n, 2).
 
     inverse M^-1 (n, q + 2, q + 2) and gain (n, p) = s^2 rho / v, from which covariances follow;
-    gradient (n, 4) and information (n, 4, 4) of the log density by the view; misfit (n,), the sum
-    over the seen landmarks of omega^2 E |e|^2. doubt (n, p) is the log density that an image gains
-    where one landmark becomes gross, or a gross one is believed.
+    gradient (n, 4) and information (n, 4, 4) of the log density by the view;
+    half_squared_residual (n,), the sum over the visible landmarks of omega^2 E |e|^2; flip_gain (n,
+    p), the log density that an image gains
+    where one landmark becomes an outlier, or stops to be one.
     """
 
     log_density: Floats
-    doubt: Floats
+    flip_gain: Floats
     shapes: Floats
     deformation: Floats
     translation: Floats
@@ -160,10 +161,10 @@ def expect(images: Images, views: Views, model: Gaussian) -> Expected:
     PR = views.rotation[:, :2]
     sPR = s[:, None, None] * PR
     omega = images.weights
-    seen, there = images.seen, omega > 0
+    visible, there = images.visible, omega > 0
     rest = (s**2 * model.rest)[:, None]
     v = rest + model.noise / np.where(there, omega, 1.0) ** 2
-    u = np.where(seen, 1.0 / v, 0.0)
+    u = np.where(visible, 1.0 / v, 0.0)
     V = model.modes.transpose(1, 0, 2)  # (p, 3, q)
     B = np.empty((n, p, 2, q + 2))
     B[..., :q] = np.einsum("nci,piq->npcq", sPR, V, optimize=True)
@@ -183,9 +184,9 @@ def expect(images: Images, views: Views, model: Gaussian) -> Expected:
     log_density = -0.5 * (
         np.einsum("npc,npc->n", r, alpha)
         + np.linalg.slogdet(M)[1]
-        + 2 * np.where(seen, np.log(2 * np.pi * v), 0.0).sum(axis=1)
+        + 2 * np.where(visible, np.log(2 * np.pi * v), 0.0).sum(axis=1)
     )
-    log_density += GROSS * (there & ~seen).sum(axis=1)
+    log_density += OUTLIERS * (there & ~visible).sum(axis=1)
     gain = rest * u
     shapes = (
         model.mean
@@ -214,15 +215,15 @@ def expect(images: Images, views: Views, model: Gaussian) -> Expected:
     log_density -= 0.5 * (apart**2 / model.spread + np.log(2 * np.pi * model.spread))
     gradient[:, 3] -= apart / model.spread
     information[:, 3, 3] += 1 / model.spread
-    share = np.where(seen, 1 - gain, 0.0)
-    doubt = np.where(there, doubt_of(left, H, v, seen), -np.inf)
+    share = np.where(visible, 1 - gain, 0.0)
+    flip_gain = np.where(there, residual_of(left, H, v, visible), -np.inf)
     of_view = np.einsum("npcc->np", BK) * v
     residual_variance = (
         omega**2 * share**2 * ((left**2).sum(axis=2) + of_view) + 2 * omega**2 * share * rest
     ).sum(axis=1)
     return Expected(
         log_density,
-        doubt,
+        flip_gain,
         shapes,
         z[:, :q],
         z[:, q:],
@@ -234,28 +235,28 @@ def expect(images: Images, views: Views, model: Gaussian) -> Expected:
     )
 
 
-def doubt_of(left: Floats, H: Floats, v: Floats, seen: Mask) -> Floats:
-    """Log density gained (n, p) where one landmark becomes gross, or a gross one is believed."""
-    A = np.eye(2) + np.where(seen, -1 / v, 1 / v)[..., None, None] * H
+def residual_of(left: Floats, H: Floats, v: Floats, visible: Mask) -> Floats:
+    """Log density gained (n, p) where one landmark becomes an outlier, or one stops to be one."""
+    A = np.eye(2) + np.where(visible, -1 / v, 1 / v)[..., None, None] * H
     size = A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] ** 2
     size = np.maximum(size, 1e-12)
     a, b = left[..., 0], left[..., 1]
     square = A[..., 1, 1] * a**2 - 2 * A[..., 0, 1] * a * b + A[..., 0, 0] * b**2
     alone = -0.5 * square / (size * v) - np.log(2 * np.pi * v)
-    alone += np.where(seen, 0.5, -0.5) * np.log(size)
-    gained: Floats = np.where(seen, GROSS - alone, alone - GROSS)
+    alone += np.where(visible, 0.5, -0.5) * np.log(size)
+    gained: Floats = np.where(visible, OUTLIERS - alone, alone - OUTLIERS)
     return gained
 
 
-def change_belief(images: Images, doubt: Floats) -> Mask:
-    """Flip whether the most doubtful landmark of each image is gross; at least half are not."""
-    seen, rows = images.seen, np.arange(len(images))
-    few = 2 * seen.sum(axis=1) <= (images.weights > 0).sum(axis=1) + 1
-    gained = np.where(few[:, None] & seen, -np.inf, doubt)
+def change_inliers(images: Images, flip_gain: Floats) -> Mask:
+    """Flip whether the most doubtful landmark of an image is an outlier; at least half are not."""
+    visible, rows = images.visible, np.arange(len(images))
+    few = 2 * visible.sum(axis=1) <= (images.weights > 0).sum(axis=1) + 1
+    gained = np.where(few[:, None] & visible, -np.inf, flip_gain)
     most = gained.argmax(axis=1)
-    gross = (images.weights > 0) & ~seen
-    gross[rows, most] ^= gained[rows, most] > 0
-    return gross
+    outliers = (images.weights > 0) & ~visible
+    outliers[rows, most] ^= gained[rows, most] > 0
+    return outliers
 
 
 def scatter(found: Expected, views: Views, model: Gaussian) -> Floats:
@@ -272,15 +273,15 @@ def scatter(found: Expected, views: Views, model: Gaussian) -> Floats:
     flat = D.reshape(n, 3 * p, q + 2)
     half = flat @ np.linalg.cholesky(found.inverse)
     total: Floats = np.tensordot(half, half, axes=([0, 2], [0, 2]))
-    kept = np.einsum("np,nci,ncj->pij", found.gain, PR, PR, optimize=True)
-    own = model.rest * (n * np.eye(3) - kept)
+    retained = np.einsum("np,nci,ncj->pij", found.gain, PR, PR, optimize=True)
+    own = model.rest * (n * np.eye(3) - retained)
     blocks = total.reshape(3, p, 3, p)
     for j in range(p):
         blocks[:, j, :, j] += own[j]
     return total
 
 
-def climb(views: Views, found: Expected, damping: Floats) -> Views:
+def ascent(views: Views, found: Expected, damping: Floats) -> Views:
     """Take a damped scoring step of each view (n,) towards more log density."""
     trace = found.information.trace(axis1=1, axis2=2)[:, None, None] / DIRECTIONS
     H = found.information + (damping[:, None, None] * trace + 1e-12) * np.eye(DIRECTIONS)
@@ -325,8 +326,8 @@ def evenly(n: int, most: int) -> Indices:
     return np.unique(np.linspace(0, n - 1, min(n, most)).astype(np.intp))
 
 
-def hide(seen: Mask) -> Mask:
+def hide(visible: Mask) -> Mask:
     """Choose a tenth of the seen landmarks (n, p), at random; enough of an image stays."""
-    hidden = seen & (np.random.default_rng(0).random(seen.shape) < 0.1)
-    chosen: Mask = hidden & ((seen & ~hidden).sum(axis=1, keepdims=True) > 3)
+    hidden = visible & (np.random.default_rng(0).random(visible.shape) < 0.1)
+    chosen: Mask = hidden & ((visible & ~hidden).sum(axis=1, keepdims=True) > 3)
     return chosen

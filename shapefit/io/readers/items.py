@@ -96,8 +96,8 @@ def read_poses(known: FileFormat, paths: tuple[Path, ...], *, keep: bool = False
             if running:
                 gc.enable()
     assert poses is not None
-    kept = sum(other.points.nbytes for _, other in _kept.values())
-    if keep and kept + poses.points.nbytes <= MAX_KEPT:
+    retained = sum(other.points.nbytes for _, other in _kept.values())
+    if keep and retained + poses.points.nbytes <= MAX_KEPT:
         _kept[paths] = state, poses
     return poses
 
@@ -227,16 +227,16 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
     items, sequences = _name_items(poses, f"{UNTRACKED}/" if named else "")
     if wanted is not None:
         rows = rows & np.array([who == wanted for who in poses.individual or ()])
-    kept = np.flatnonzero(rows).tolist()
-    times = Counter(items[row] for row in kept)
+    retained = np.flatnonzero(rows).tolist()
+    times = Counter(items[row] for row in retained)
     if twice := [item for item, number in times.items() if number > 1]:
         problem = f"{abbreviate(twice)} occur{'s' * (len(twice) == 1)} more than once"
         fix = "give each frame a number of its own, and each individual one place in it"
         raise input_error(poses.name, problem, fix)
-    first = {name: n for n, name in enumerate(dict.fromkeys(sequences[row] for row in kept))}
-    kept.sort(key=lambda row: first[sequences[row]])
-    poses = poses.take(np.array(kept, np.intp))
-    return poses, [items[row] for row in kept], [sequences[row] for row in kept]
+    first = {name: n for n, name in enumerate(dict.fromkeys(sequences[row] for row in retained))}
+    retained.sort(key=lambda row: first[sequences[row]])
+    poses = poses.take(np.array(retained, np.intp))
+    return poses, [items[row] for row in retained], [sequences[row] for row in retained]
 
 
 def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:
@@ -317,7 +317,7 @@ def keep_landmarks(records: R, names: Sequence[str], place: str) -> R:
         raise input_error("landmarks", "a name is there twice", "name each landmark once")
     columns = match_landmarks(records.landmark_names, names, f"{place}: landmarks")
     if isinstance(records, LandmarkSet):
-        return records.arrange(names, place, leave_out=True)
+        return records.arrange(names, place, omit=True)
     return _columns(records, columns)
 
 

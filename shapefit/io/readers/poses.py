@@ -45,7 +45,7 @@ class Poses:
     edges       pairs of landmarks, by position
     size_needed of fractions of the image: whether they are useless without `image_size`
     unordered   whether the images are, as far as names say, no frames of a video
-    notes       warnings: what was left out or replaced, what is in doubt
+    notes       warnings: what was left out or replaced, what is uncertain
     """
 
     name: str

@@ -219,8 +219,8 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
                 rows = cells[first[:, None] + np.arange(len(places))]
                 xy = np.stack([rows["x"], rows["y"]], axis=-1).astype(np.float64)
                 xy -= 0.5 if version < 1.1 else 0.0
-                seen = rows["visible"].astype(bool)[..., None]
-                points[np.ix_(own, places)] = np.where(seen, xy, np.nan)
+                visible = rows["visible"].astype(bool)[..., None]
+                points[np.ix_(own, places)] = np.where(visible, xy, np.nan)
                 if kind == PREDICTED:
                     confidence[np.ix_(own, places)] = rows["score"]
     individuals = (*make_unique([str(track[1]) for track in tracks], REPEATED)[0], "")  # -1: none
@@ -350,12 +350,12 @@ def read_jabs(paths: tuple[Path, ...]) -> Poses:
         confidence = np.ones(points.shape[:-1])
         if file.is_dataset("poseest/confidence"):
             confidence = file.numbers("poseest/confidence", *points.shape[:-1])
-    seen = confidence > 0
-    lost = int((seen.any(axis=-1).reshape(absent.shape) & absent).sum())
+    visible = confidence > 0
+    lost = int((visible.any(axis=-1).reshape(absent.shape) & absent).sum())
     named = points.shape[-2] == len(MOUSE)
     return of_frames(
         path,
-        np.where(seen[..., None], points, np.nan),
+        np.where(visible[..., None], points, np.nan),
         confidence,
         present=~absent,
         video=sub(r"_pose_est(_v\d+)?$", "", video_name(path)),
@@ -418,11 +418,11 @@ def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
         scales = dataset.attrs["DIMENSION_LIST"]
         names = [as_text(h5py.h5r.get_name(own[0], file.root.id) or b"") for own in scales]
     axes = [axis.strip("/").removesuffix("s") for axis in names]
-    kept = [axis for axis in wanted if axis in axes]
+    retained = [axis for axis in wanted if axis in axes]
     needed = {"time", *wanted[3:]} <= {*axes}
-    require(needed and sorted(kept) == sorted(axes), f"has the axes {', '.join(axes)}")
-    values = file.numbers(name).transpose([axes.index(axis) for axis in kept])
-    sizes = dict(zip(kept, values.shape, strict=True))
+    require(needed and sorted(retained) == sorted(axes), f"has the axes {', '.join(axes)}")
+    values = file.numbers(name).transpose([axes.index(axis) for axis in retained])
+    sizes = dict(zip(retained, values.shape, strict=True))
     return values.reshape([sizes.get(axis, 1) for axis in wanted])
 
 
@@ -563,5 +563,5 @@ def _frame_rate(series: Sequence[Series], times: Sequence[Floats]) -> float | No
     if stated or not steps:
         return None
     middle = float(np.median(np.concatenate(steps)))
-    steady = all((np.abs(own - middle) <= 0.01 * middle).all() for own in steps)
-    return 1 / middle if steady else None
+    smooth = all((np.abs(own - middle) <= 0.01 * middle).all() for own in steps)
+    return 1 / middle if smooth else None

@@ -5,7 +5,7 @@ In each frame the assignment of detections to tracks that minimises
     sum of d / reach + (1 - overlap) / 2
 
 over the pairs with d <= reach, after as many pairs as possible: d is the mean distance of their
-landmarks, after the steady motion of the track, relative to the size of the person; overlap is
+landmarks, after the smooth motion of the track, relative to the size of the person; overlap is
 that of their boxes (intersection over union). No learned appearance, nothing beyond one pass.
 """
 
@@ -32,11 +32,11 @@ FARTHEST = 1.0
 LONGEST_GAP = 15
 """Frames without a detection that a track survives."""
 
-STEADY = 3
+SMOOTH_MOTION = 3
 """Frames for which the motion of a track is continued."""
 
 FORGETTING = 0.3
-"""Share of a frame's motion in the steady motion of a track."""
+"""Share of a frame's motion in the smooth motion of a track."""
 
 LARGEST = 1e100
 """Coordinates beyond this are as good as this, and their squares do not overflow."""
@@ -96,7 +96,7 @@ def track_people(poses: Poses) -> Sequence[str] | None:
     numbers = np.full(len(poses), NO_TRACK)
     following = 0
     for (video, frame), rows in rows_of.items():
-        seen = _Tracks(
+        visible = _Tracks(
             points=points[rows],
             motion=np.zeros((len(rows), 2)),
             boxes=boxes[rows],
@@ -105,19 +105,19 @@ def track_people(poses: Poses) -> Sequence[str] | None:
             number=np.full(len(rows), NO_TRACK),
         )
         if video in open_tracks:
-            following = _follow(open_tracks[video], seen, weights[rows], frame, following)
+            following = _follow(open_tracks[video], visible, weights[rows], frame, following)
         else:
-            seen.number = np.arange(following, following + len(rows))
+            visible.number = np.arange(following, following + len(rows))
             following += len(rows)
-            open_tracks[video] = seen
-        numbers[rows] = seen.number
+            open_tracks[video] = visible
+        numbers[rows] = visible.number
     taken = set(poses.individual)
     free = (name for n in count(1) if (name := f"person {n}") not in taken)
     names = [*islice(free, following), ""]  # the last is that of NO_TRACK
     return [who or names[n] for who, n in zip(poses.individual, numbers.tolist(), strict=True)]
 
 
-def _follow(tracks: _Tracks, seen: _Tracks, weights: Floats, frame: int, following: int) -> int:
+def _follow(tracks: _Tracks, visible: _Tracks, weights: Floats, frame: int, following: int) -> int:
     """Number the D detections `seen` in a frame, new ones from `following` on; return the next.
 
     The tracks go on to them.
@@ -128,22 +128,22 @@ def _follow(tracks: _Tracks, seen: _Tracks, weights: Floats, frame: int, followi
         passed = frame - tracks.frame
     if len(passed):
         passed = np.maximum(passed, 1)
-        steps = tracks.motion * np.minimum(passed, STEADY)[:, None]
-        pairs = assign(*_costs(tracks, steps, passed, seen, weights))
+        steps = tracks.motion * np.minimum(passed, SMOOTH_MOTION)[:, None]
+        pairs = assign(*_costs(tracks, steps, passed, visible, weights))
         if pairs:
-            _go_on(tracks, steps, passed, seen, *np.array(pairs).T)
-    new: Flags = np.asarray(seen.number == NO_TRACK)
+            _go_on(tracks, steps, passed, visible, *np.array(pairs).T)
+    new: Flags = np.asarray(visible.number == NO_TRACK)
     if new.any():
-        seen.number[new] = np.arange(following, following + new.sum())
+        visible.number[new] = np.arange(following, following + new.sum())
         following += int(new.sum())
-        others = replace(seen)
+        others = replace(visible)
         others.keep(new)
         tracks.begin(others)
     return following
 
 
 def _costs(
-    tracks: _Tracks, steps: Floats, passed: Integers, seen: _Tracks, weights: Floats
+    tracks: _Tracks, steps: Floats, passed: Integers, visible: _Tracks, weights: Floats
 ) -> tuple[Floats, Flags]:
     """Return the cost (T, D) of each track and detection, and which pairs may be one person.
 
@@ -152,8 +152,8 @@ def _costs(
     size, expected = tracks.size, _moved(tracks.points, steps)
     boxes = tracks.boxes + np.concatenate([steps, steps], axis=1)
     reach = np.minimum(REACH + REACH_PER_GAP * (passed - 1), FARTHEST)
-    scale = np.maximum(size[:, None], seen.size)
-    apart = seen.points - expected[:, None]
+    scale = np.maximum(size[:, None], visible.size)
+    apart = visible.points - expected[:, None]
     away = np.sqrt(np.einsum("tdpc,tdpc->tdp", apart, apart))
     common = np.where(np.isnan(away), 0.0, weights)
     # One landmark that went astray counts no more than the size of the person.
@@ -162,11 +162,11 @@ def _costs(
     distance = np.einsum("tdp,tdp->td", away, common) / np.maximum(total, 1e-12)
     if not total.all():
         middle = (
-            seen.boxes[:, :2] + seen.boxes[:, 2:] - boxes[:, None, :2] - boxes[:, None, 2:]
+            visible.boxes[:, :2] + visible.boxes[:, 2:] - boxes[:, None, :2] - boxes[:, None, 2:]
         ) / 2
         distance = np.where(total > 0, distance, np.sqrt((middle**2).sum(axis=2)))
     ratio = distance / (scale * reach[:, None])
-    return ratio + (1 - _overlap(boxes[:, None], seen.boxes)) / 2, ratio <= 1
+    return ratio + (1 - _overlap(boxes[:, None], visible.boxes)) / 2, ratio <= 1
 
 
 def _moved(points: Floats, steps: Floats) -> Floats:
@@ -177,23 +177,23 @@ def _moved(points: Floats, steps: Floats) -> Floats:
 
 
 def _go_on(
-    tracks: _Tracks, steps: Floats, passed: Integers, seen: _Tracks, who: Integers, own: Integers
+    tracks: _Tracks, steps: Floats, passed: Integers, visible: _Tracks, who: Integers, own: Integers
 ) -> None:
     """Let tracks `who` go on to their detections; landmarks that these lack move as expected."""
-    points = seen.points[own]
+    points = visible.points[own]
     moved = (points - tracks.points[who])[..., :2]
     known = ~np.isnan(moved[..., :1])
     count = known.sum(axis=1)
     mean = np.where(known, moved, 0.0).sum(axis=1) / np.maximum(count, 1)
-    steady = tracks.motion[who]
-    motion = steady + FORGETTING * (mean / passed[who, None] - steady)
-    tracks.motion[who] = np.where(count > 0, motion, steady)
+    smooth = tracks.motion[who]
+    motion = smooth + FORGETTING * (mean / passed[who, None] - smooth)
+    tracks.motion[who] = np.where(count > 0, motion, smooth)
     expected = _moved(tracks.points[who], steps[who])
     tracks.points[who] = np.where(np.isnan(points), expected, points)
-    tracks.boxes[who] = seen.boxes[own]
-    tracks.size[who] = np.maximum(seen.size[own], 0.95 * tracks.size[who])
-    tracks.frame[who] = seen.frame[own]
-    seen.number[own] = tracks.number[who]
+    tracks.boxes[who] = visible.boxes[own]
+    tracks.size[who] = np.maximum(visible.size[own], 0.95 * tracks.size[who])
+    tracks.frame[who] = visible.frame[own]
+    visible.number[own] = tracks.number[who]
 
 
 def assign(cost: Floats, allowed: Flags) -> Pairs:

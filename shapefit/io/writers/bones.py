@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error
-from shapefit.geometry.joint_rotations import Rig, find_places, find_rig, in_pose
+from shapefit.geometry.joint_rotations import Rig, find_rig, forward_kinematics, in_pose
 from shapefit.io.skeletons import part_names
 from shapefit.io.writers.motion import Motion, motion_output
 
@@ -63,24 +63,24 @@ NEEDED = frozenset(f"{s}{part}" for s, _ in _SIDES for part, _ in _LIMBS)
 """Without all of these it is no person."""
 
 
-def rigged(motions: Sequence[Motion], place: str) -> tuple[list[Motion], str]:
+def fit_rigs(motions: Sequence[Motion], place: str) -> tuple[list[Motion], str]:
     """Return motions without gaps, with rigs, and say how far their joints are from the landmarks.
 
     Raises InputError at `place` where there are no edges, or no shapes.
     """
-    found = [_rigged(motion, place) for motion in motions]
+    found = [_fit_rig(motion, place) for motion in motions]
     away = [MILLIMETRES * _distances(motion) for motion in found]
     mean, most = np.mean([each.mean() for each in away]), max(each.max() for each in away)
     said = f"joints {_number(mean)} mm from the landmarks on average, {_number(most)} at most"
     return found, f"bones of one length, {said}"
 
 
-def _rigged(motion: Motion, place: str) -> Motion:
+def _fit_rig(motion: Motion, place: str) -> Motion:
     if not len(motion.edges):
         found = "the landmarks have no edges, so there are no bones to turn"
         fix = "write TRC or C3D, or lift with a dictionary that has `edges`"
         raise input_error(place, found, fix)
-    whole = _bridged(motion, place)
+    whole = _interpolate_gaps(motion, place)
     hips = [j for j, part in enumerate(_parts(whole)) if JOINTS.get(part) == "Hips"]
     rig = find_rig(whole.points, whole.edges, hips[0] if hips else None)
     known = {j: T_POSE[part] for j, part in enumerate(_parts(whole)) if part in T_POSE}
@@ -91,7 +91,7 @@ def _distances(motion: Motion) -> Floats:
     """Return how far each node (m, f) is from its landmark."""
     assert motion.rig is not None
     joints = motion.points[:, :, [node.joint for node in motion.rig.tree]].transpose(2, 0, 1)
-    distances: Floats = np.linalg.norm(find_places(motion.rig) - joints, axis=2)
+    distances: Floats = np.linalg.norm(forward_kinematics(motion.rig) - joints, axis=2)
     return distances
 
 
@@ -124,22 +124,22 @@ def _number(millimetres: float) -> str:
     return format(millimetres, ".0f" if millimetres >= 10 else small)
 
 
-def _bridged(motion: Motion, place: str) -> Motion:
+def _interpolate_gaps(motion: Motion, place: str) -> Motion:
     """Return a motion of what was placed at all, over gaps in a straight line."""
-    seen: NDArray[np.bool_] = np.asarray(np.isfinite(motion.points).all(axis=1))
-    ever: NDArray[np.bool_] = np.asarray(seen.any(axis=0))
+    visible: NDArray[np.bool_] = np.asarray(np.isfinite(motion.points).all(axis=1))
+    ever: NDArray[np.bool_] = np.asarray(visible.any(axis=0))
     column = np.cumsum(ever) - 1
     edges = column[motion.edges[ever[motion.edges].all(axis=1)]]
     if not len(edges):
         found = "no two landmarks of an edge have a place in any frame"
         raise input_error(place, found, "give a sequence with shapes")
     points, frames = motion.points[:, :, ever], np.arange(len(motion.points))
-    for j, own in enumerate(seen.T[ever]):
+    for j, own in enumerate(visible.T[ever]):
         for axis in range(3) if not own.all() else ():
             points[:, axis, j] = np.interp(frames, frames[own], points[own, axis, j])
     names = tuple(np.array(motion.landmark_names, dtype=object)[ever])
     absent = [name for name in motion.landmark_names if name not in names]
-    gaps = int((~seen[:, ever]).any(axis=1).sum())
+    gaps = int((~visible[:, ever]).any(axis=1).sum())
     warnings = (
         *((f"{abbreviate(absent)} never have a place: left out",) if absent else ()),
         *(
@@ -177,7 +177,7 @@ def write_bvh(path: Path, motion: Motion) -> None:
         file.write(text.replace(b"],[", b"\n").replace(b",", b" ") + b"\n")
 
 
-bvh_output = motion_output(write_bvh, prepare=rigged)
+bvh_output = motion_output(write_bvh, prepare=fit_rigs)
 
 
 def find_angles(rotations: Floats) -> Floats:

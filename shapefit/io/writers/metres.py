@@ -143,7 +143,7 @@ def _factor(
             "the size of the training shapes",
         )
         if known is not None and records.attributes.get(METRES_FROM) != "edges":
-            known = np.full(n, _median(known))  # steady, whatever the pose
+            known = np.full(n, _median(known))  # constant, whatever the pose
     if options.height is None:
         if known is None:
             raise _unknown_size(records, place)

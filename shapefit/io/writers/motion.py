@@ -198,9 +198,9 @@ def _seen_about(records: Shapes3D, column: int, rate: float) -> NDArray[np.bool_
     landmarks = records.columns.get("landmarks")
     if landmarks is None or landmarks.shape[:2] != (len(records), len(records.landmark_names)):
         return np.ones(len(records), dtype=np.bool_)
-    seen = np.isfinite(landmarks[:, column]).all(axis=-1)
-    near = min(round(rate / 4), len(seen) - 1)
-    return np.asarray(np.convolve(seen, np.ones(2 * near + 1))[near : near + len(seen)] > 0)
+    visible = np.isfinite(landmarks[:, column]).all(axis=-1)
+    near = min(round(rate / 4), len(visible) - 1)
+    return np.asarray(np.convolve(visible, np.ones(2 * near + 1))[near : near + len(visible)] > 0)
 
 
 def _motion(
@@ -269,12 +269,12 @@ def _as_markers(records: Shapes3D) -> Shapes3D:
     """Return the landmarks of the files, by the names that models know, in place of the joints."""
     columns = records.columns
     sd, given = columns.get(INPUT_SD), tuple(map(str, columns[INPUT_NAMES]))
-    kept = records.without((INPUT_SHAPES, INPUT_SD, INPUT_NAMES))
-    return kept.replaced(
+    retained = records.without((INPUT_SHAPES, INPUT_SD, INPUT_NAMES))
+    return retained.replaced(
         shapes=columns[INPUT_SHAPES].swapaxes(1, 2),
         shape_sd=None if sd is None else sd.swapaxes(1, 2),
         landmark_names=model_names(given),
-        further={**kept.further, EDGES: np.array(edges_of(given), np.int64).reshape(-1, 2)},
+        further={**retained.further, EDGES: np.array(edges_of(given), np.int64).reshape(-1, 2)},
     )
 
 

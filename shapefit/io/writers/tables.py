@@ -194,7 +194,7 @@ def write_c3d(path: Path, motion: Motion) -> None:
         problem = f"the frames run to {last:,}, and C3D numbers {MAX_FRAMES:,} at most"
         raise input_error(motion.name or "C3D", problem, "write TRC, or shorter sequences")
     points = 1000 * motion.points.transpose(1, 2, 0)  # (f, 3, p) -> (3, p, f)
-    seen = np.isfinite(points).all(axis=0)
+    visible = np.isfinite(points).all(axis=0)
     file = _load_ezc3d().c3d()
     file["header"]["points"]["first_frame"] = motion.first
     point = file["parameters"]["POINT"]
@@ -205,9 +205,9 @@ def write_c3d(path: Path, motion: Motion) -> None:
     file.add_parameter("SHAPEFIT", "AXES", [motion.axes])
     file.add_parameter("SHAPEFIT", "SIZE", [motion.size])
     file["data"]["points"] = np.concatenate(
-        [np.where(seen, points, np.nan), np.ones((1, *seen.shape))]
+        [np.where(visible, points, np.nan), np.ones((1, *visible.shape))]
     )
-    file["data"]["meta_points"]["residuals"] = np.where(seen, 0.0, -1.0)[None]
+    file["data"]["meta_points"]["residuals"] = np.where(visible, 0.0, -1.0)[None]
     file.write(str(path))
-    if path.stat().st_size < 16 * seen.size:  # of a full disk the library says nothing
+    if path.stat().st_size < 16 * visible.size:  # of a full disk the library says nothing
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -68,8 +68,8 @@ def refine_view(
     old, whole = lifting.estimate, lifting.problem
     norm = normalise(landmarks[rows], whole.weights[rows] > 0)
     part = Problem(norm.points, whole.weights[rows], dictionary.atoms, whole.lam[rows])
-    seen = camera.take(rows)
-    nearby = seen.normalised_as(norm)
+    visible = camera.take(rows)
+    nearby = visible.normalised_as(norm)
     found = refine_perspective(
         part.landmarks,
         part.weights,
@@ -83,8 +83,8 @@ def refine_view(
     c, R, t = found.coefficients, found.rotation, found.translation
     S = combine(c, dictionary.atoms, R)
     depth = camera.sign * t[:, 2]
-    scale = np.sqrt(seen.focal.prod(axis=1)) / depth
-    origin = seen.centre + seen.focal * t[:, :2] / depth[:, None]
+    scale = np.sqrt(visible.focal.prod(axis=1)) / depth
+    origin = visible.centre + visible.focal * t[:, :2] / depth[:, None]
     shapes = scale[:, None, None] * S
     shapes[:, :2] += origin[..., None]
     projected = project(nearby, S + t[..., None])
@@ -234,9 +234,9 @@ def place_in_depth(
     share = omega / omega.sum(axis=1, keepdims=True)
     X = rotation @ shape
     W = np.where(weights[:, None] > 0, landmarks, 0.0)
-    middle, seen = np.einsum("nap,np->na", X, share), np.einsum("nap,np->na", W, share)
+    middle, visible = np.einsum("nap,np->na", X, share), np.einsum("nap,np->na", W, share)
     rays = (W - camera.centre[..., None]) / camera.focal[..., None]
-    ray = (seen - camera.centre) / camera.focal
+    ray = (visible - camera.centre) / camera.focal
     flat = X[:, :2] - middle[:, :2, None]
     spread = np.einsum("nap,nap,np->n", flat, flat, share)
     overlap = np.einsum("nap,nap,np->n", flat, rays - ray[..., None], share)

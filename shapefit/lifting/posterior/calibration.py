@@ -53,13 +53,13 @@ class Calibration:
     inside: float
     predictions: int
 
-    def growth(self, widening: float) -> Floats:
-        """Return factors (p,) on covariances: max(1, kappa, kappa_j) beyond `widening`.
+    def growth(self, bar_scale: float) -> Floats:
+        """Return factors (p,) on covariances: max(1, kappa, kappa_j) beyond `bar_scale`.
 
-        The widening, which all covariances have, stands for as large a kappa. Never below 1: a
+        bar_scale, which all covariances have, stands for as large a kappa. Never below 1: a
         sample that is well predicted shows no more than that its poses resemble the training's.
         """
-        factor: Floats = np.fmax(np.fmax(self.by_landmark, self.kappa) / widening, 1.0)
+        factor: Floats = np.fmax(np.fmax(self.by_landmark, self.kappa) / bar_scale, 1.0)
         return factor
 
 
@@ -72,7 +72,7 @@ def calibrate(
     (n, p), inlier probabilities, nan where a landmark is not seen.
     """
     square = predict_hidden(problem, rotation, settings)
-    widening = settings.options.widening
+    bar_scale = settings.options.bar_scale
     with np.errstate(invalid="ignore"):
         outliers = (inliers < MOSTLY).sum(axis=0) > MOSTLY * np.isfinite(inliers).sum(axis=0)
     pooled = square[:, ~outliers]
@@ -88,7 +88,7 @@ def calibrate(
     return Calibration(
         kappa=float(np.quantile(pooled, LEVEL)) / QUANTILE,
         by_landmark=by_landmark,
-        inside=float((pooled <= widening * QUANTILE).mean()),
+        inside=float((pooled <= bar_scale * QUANTILE).mean()),
         predictions=len(pooled),
     )
 
@@ -97,9 +97,9 @@ def predict_hidden(problem: Problem, rotation: Floats, settings: Settings) -> Fl
     """d^2 (n, p) of seen landmarks from what the others predict, nan where that is nothing."""
     options: PosteriorOptions = settings.options
     known: Flags = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
-    seen: Flags = np.asarray((problem.weights > 0) & known[:, None])
-    image, hidden = np.nonzero(seen)
-    square = np.full(seen.shape, np.nan)
+    visible: Flags = np.asarray((problem.weights > 0) & known[:, None])
+    image, hidden = np.nonzero(visible)
+    square = np.full(visible.shape, np.nan)
     if not len(image):
         return square
     each = np.arange(len(image))

@@ -30,7 +30,7 @@ from shapefit.lifting.degeneracy import normalise_seen
 from shapefit.lifting.estimate import CORRELATION, ConvexProof, Estimate, fit_translation
 from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior.p_value import draw_table, find_p_values, moments_at
-from shapefit.lifting.posterior.posterior import Gross, Posterior, find_posterior
+from shapefit.lifting.posterior.posterior import Outliers, Posterior, find_posterior
 from shapefit.lifting.reconstruction import reconstruct
 from shapefit.lifting.shared_rotation.pose import (
     find_moments,
@@ -40,14 +40,14 @@ from shapefit.lifting.shared_rotation.pose import (
 )
 from shapefit.lifting.verdict import LIMITS, START_DISTANCE
 
-SURPRISE, P_VALUE = "squared_mahalanobis", "p_value"
+SQUARED_MAHALANOBIS, P_VALUE = "squared_mahalanobis", "p_value"
 """Squared Mahalanobis distance (n,) of the landmarks from those expected, and its p-value."""
 
 NEARLY_EXACT = 3e-3
-"""Misfit below which landmarks look gross from any view but the right one."""
+"""Residual variance below which landmarks look like outliers from any view but the right one."""
 
 COARSE = 1e-2
-"""Misfit with which their views are first sought."""
+"""Residual variance with which their views are first sought."""
 
 VIEWS = 6
 """From which the mean shape is posed where the convex program finds no rotation."""
@@ -69,15 +69,15 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
     solution = settings.solve(problem)
     failed = np.isin([status.value for status in solution.status], [s.value for s in FAILED])
     starts = np.where(failed[:, None, None, None], np.nan, find_starts(problem, solution, settings))
-    seen, camera = problem.weights > 0, problem.camera
+    visible, camera = problem.weights > 0, problem.camera
     if camera is not None:
-        starts = face(starts, problem.landmarks, seen, camera)
+        starts = face(starts, problem.landmarks, visible, camera)
     found = find_from(problem, starts, settings, modes, options.covariance)
     lost = np.isnan(found.log_evidence)
     translation = found.mean[:, :2].mean(axis=2)
     shapes = found.mean.copy()
     shapes[:, :2] -= translation[:, :, None]
-    grow = scale_of_bars(options.widening, options.growth, problem.weights.shape[1])
+    grow = scale_of_bars(options.bar_scale, options.growth, problem.weights.shape[1])
     estimate = Estimate(
         shapes=np.where(lost[:, None, None], 0.0, shapes),
         translation=np.where(lost[:, None], 0.0, translation),
@@ -103,17 +103,17 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         convex_proof=ConvexProof.of(solution),
         further={
             "log_evidence": found.log_evidence,
-            SURPRISE: found.squared_mahalanobis,
-            "inlier_probability": np.where(seen, found.inlier_probability, np.nan),
+            SQUARED_MAHALANOBIS: found.squared_mahalanobis,
+            "inlier_probability": np.where(visible, found.inlier_probability, np.nan),
             CORRELATION: found.correlation.swapaxes(1, 2).astype(np.float32),
         },
     )
     return estimate if camera is None else look_through(estimate, found, problem, camera)
 
 
-def scale_of_bars(widening: float, growth: Sequence[float], landmarks: int) -> Floats:
+def scale_of_bars(bar_scale: float, growth: Sequence[float], landmarks: int) -> Floats:
     """Return factors (p,) on standard deviations by those on covariances; empty: no growth."""
-    factor: Floats = np.sqrt(widening * (np.array(growth) if growth else np.ones(landmarks)))
+    factor: Floats = np.sqrt(bar_scale * (np.array(growth) if growth else np.ones(landmarks)))
     return factor
 
 
@@ -145,7 +145,7 @@ def find_from(
         landmarks,
         noise=noise,
         prior=settings.needs["prior"],
-        gross=Gross(options.outlier_rate, options.gross_density),
+        outliers=Outliers(options.outlier_rate, options.outlier_density),
         slopes=slopes,
         threads=settings.threads,
     )
@@ -170,7 +170,7 @@ def with_p_value(found: Estimate, problem: Problem, settings: Settings) -> Estim
         table = moments_at(draw_table(settings.needs["prior"], (1.0,), settings.threads), 1.0)
     further = dict(found.further)
     further[P_VALUE] = find_p_values(
-        further.pop(SURPRISE),
+        further.pop(SQUARED_MAHALANOBIS),
         (problem.weights > 0).sum(axis=1),
         np.nansum(further["inlier_probability"], axis=1),
         table,
@@ -326,14 +326,16 @@ def noise_of_rays(noise: Floats, rays: Rays, camera: Camera) -> Floats:
     return noisy
 
 
-def face(rotations: Floats, landmarks: Floats, seen: NDArray[np.bool_], camera: Camera) -> Floats:
+def face(
+    rotations: Floats, landmarks: Floats, visible: NDArray[np.bool_], camera: Camera
+) -> Floats:
     """Turn rotations (n, S, 3, 3) of weak perspective, which looks along the ray to the landmarks.
 
     They are turned with the least turn of the optical axis onto the ray to the middle of the seen
     landmarks (n, 2, p): an object off to the side shows its side.
     """
-    count = np.maximum(seen.sum(axis=1), 1)[:, None]
-    middle = np.where(seen[:, None], landmarks, 0.0).sum(axis=2) / count
+    count = np.maximum(visible.sum(axis=1), 1)[:, None]
+    middle = np.where(visible[:, None], landmarks, 0.0).sum(axis=2) / count
     ray = np.empty((len(landmarks), 3))
     ray[:, :2] = (middle - camera.centre) / camera.focal
     ray[:, 2] = camera.sign
@@ -353,5 +355,5 @@ def place(points: Floats, scale: Floats, rays: Rays, camera: Camera) -> Placemen
     t = np.concatenate([middle, camera.sign * rays.focal[:, None]], axis=1) / scale[:, None]
     S = points / scale[:, None, None]
     S[:, :2] -= t[:, :2, None]
-    seen = camera.centre + camera.focal * middle / rays.focal[:, None]
-    return Placement(S, t, seen)
+    visible = camera.centre + camera.focal * middle / rays.focal[:, None]
+    return Placement(S, t, visible)

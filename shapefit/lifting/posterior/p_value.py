@@ -19,12 +19,12 @@ from shapefit.arrays import Floats
 from shapefit.dictionary.mixture import Mixture, widen
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.methods import PosteriorOptions
-from shapefit.lifting.posterior.posterior import Gross, find_posterior
+from shapefit.lifting.posterior.posterior import Outliers, find_posterior
 
 VIEWED = 6
 """Numbers of a view: rotation, scale, translation; they take up as many of the 2 m coordinates."""
 
-FEWEST_BELIEVED, LEAST_BELIEVED = 3.0, 2 / 3
+FEWEST_INLIERS, LEAST_INLIER_SHARE = 3.0, 2 / 3
 """Landmarks that fix a view, and the share of those seen that must be inliers: with fewer the
 others may be a body that is not there."""
 
@@ -46,27 +46,29 @@ RESIDUAL_VARIANCE = 0.006
 """With which images are drawn: that of people. From 0.0025 to 0.03 the moments hardly change."""
 
 DRAWS, SEED = 400, 1504_01507
-"""Images drawn for each of them, of all components, from any view, none of its landmarks gross."""
+"""Images drawn for each of them, of all components, from any view, without outliers."""
 
 
 def find_p_values(
-    squared_mahalanobis: Floats, seen: NDArray[np.integer], inliers: Floats, table: Floats
+    squared_mahalanobis: Floats, visible: NDArray[np.integer], inliers: Floats, table: Floats
 ) -> Floats:
     """P(a distance under the model > squared_mahalanobis) of n images, given the inliers; (n,).
 
     squared_mahalanobis (n,); seen (n,), the landmarks seen; inliers (n,), the expected number of
-    those that are not gross; table (c, 3), the moments as `moments_at` returns them. It is nan
+    those that are inliers; table (c, 3), the moments as `moments_at` returns them. It is nan
     where 3 are seen or fewer, which any view fits, and where there is no posterior. It is 0 where
     more are seen, but fewer than 3 or less than 2/3 of them are inliers.
     """
-    some = (np.asarray(seen) > VIEWED // 2) & np.isfinite(squared_mahalanobis)
+    some = (np.asarray(visible) > VIEWED // 2) & np.isfinite(squared_mahalanobis)
     p = np.full(len(squared_mahalanobis), np.nan)
     if some.any():
         counts, excesses, shares = table.T
-        excess, share = (np.interp(np.asarray(seen)[some], counts, y) for y in (excesses, shares))
+        excess, share = (
+            np.interp(np.asarray(visible)[some], counts, y) for y in (excesses, shares)
+        )
         mean = np.maximum(2 * inliers[some] - VIEWED + excess, LEAST_MEAN)
         p[some] = exceeds(np.maximum(squared_mahalanobis[some], 0.0), mean, 2 * share * mean)
-        p[some & (inliers < np.maximum(FEWEST_BELIEVED, LEAST_BELIEVED * seen))] = 0.0
+        p[some & (inliers < np.maximum(FEWEST_INLIERS, LEAST_INLIER_SHARE * visible))] = 0.0
     return p
 
 
@@ -121,10 +123,10 @@ def draw_moments(prior: Mixture, count: int, threads: int = 0) -> tuple[float, f
         noise=np.zeros((DRAWS, p, 2, 2)),
         prior=prior,
         starts=R[:, None],
-        gross=Gross(PosteriorOptions.outlier_rate, PosteriorOptions.gross_density),
+        outliers=Outliers(PosteriorOptions.outlier_rate, PosteriorOptions.outlier_density),
         threads=threads,
     )
-    # images without a posterior, and those whose landmarks happen to look gross
+    # images without a posterior, and those whose landmarks happen to look like outliers
     known = found.squared_mahalanobis[np.isfinite(found.squared_mahalanobis)]
     inliers = np.nanmean(np.where(shown, found.inlier_probability, 0.0).sum(axis=1))
     mean = float(known.mean())

@@ -24,8 +24,8 @@ STILL = 1e-4
 
 
 @dataclass(frozen=True)
-class Gross:
-    """A landmark is gross with the chance `chance`; then it falls with the density `density`.
+class Outliers:
+    """A landmark is an outlier with the chance `chance`; then it falls with the density `density`.
 
     The density is per area in the unit of the landmarks; a chance of 0 believes every landmark.
     """
@@ -42,7 +42,7 @@ class Modes:
     log_evidence (n, M) of component and image together, the view integrated out, -inf where there
     are fewer; mean (n, M, 3, p) of y = s (R x + t) in the frame of the camera, with mean depth 0;
     covariance (n, M, 3p, 3p) of y, all x first, then y, then z, the uncertainty of the view
-    included, arbitrary where there are fewer; belief (n, M, p) that a landmark is not gross, nan
+    included, arbitrary where there are fewer; inlier_probability (n, M, p), nan
     where it is hidden.
     """
 
@@ -69,11 +69,11 @@ class Posterior:
 
     mean (n, 3, p) of y, its standard deviations (n, 3, p), and the correlation (n, 3, p) of x with
     y, x with z, and y with z of each landmark; covariance (n, 3p, 3p), None where it was not asked
-    for; belief (n, p); rotation (n, 3, 3) and scale (n,) of the most likely mode;
-    log_evidence (n,) of the image; surprise (n,), the squared Mahalanobis distance of the landmarks
-    from those expected, their noise over their belief, averaged over the modes; stationary (n,),
-    whether the most likely mode is a maximum; rounds (n,), the steps of all climbs; modes, those
-    asked for.
+    for; inlier_probability (n, p); rotation (n, 3, 3) and scale (n,) of the most likely mode;
+    log_evidence (n,) of the image; squared_mahalanobis (n,), of the landmarks from
+    those expected, their noise over their inlier probability, averaged over the modes;
+    stationary (n,), whether the most likely mode is a maximum; rounds (n,), the steps of all
+    climbs; modes, those asked for.
     """
 
     mean: Floats
@@ -96,7 +96,7 @@ def find_posterior(
     noise: Floats,
     prior: Mixture,
     starts: Floats,
-    gross: Gross | None = None,
+    outliers: Outliers | None = None,
     *,
     slopes: Floats | None = None,
     modes: int = 0,
@@ -105,7 +105,7 @@ def find_posterior(
 ) -> Posterior:
     """Return the posterior of n images.
 
-    landmarks w (n, 2, p), of any size; misfit v (n, p), the variance of what the model cannot
+    landmarks w (n, 2, p), of any size; residual_variance v (n, p), that of what the model cannot
     place, in the unit of the prior's shapes, inf where a landmark is hidden; noise V (n, p, 2, 2),
     the covariance of the measurement in the unit of the landmarks; starts (n, S, 3, 3), rotations
     from the frame of the prior to that of the camera, nan where there are fewer. Every start is
@@ -113,10 +113,10 @@ def find_posterior(
     slopes (n, 2, p), of the rays on which the landmarks lie: P_j = [I | -slope_j] where a point at
     the depth z of the middle of the shape is seen at w_j; without them the rays are parallel.
     """
-    gross = gross or Gross()
+    outliers = outliers or Outliers()
     n, _, p = landmarks.shape
-    seen = np.isfinite(residual_variance)
-    middle = np.nan_to_num(centroid(landmarks, seen))[..., None]  # of which the wide prior is
+    visible = np.isfinite(residual_variance)
+    middle = np.nan_to_num(centroid(landmarks, visible))[..., None]  # of which the wide prior is
     d, m = 3 * p, modes
     whole = np.empty((n if covariance else 0, d, d))
     of_images: dict[str, Any] = {
@@ -137,9 +137,9 @@ def find_posterior(
         "inlier_probability": np.full((n, m, p), np.nan),
     }
     core.find_posterior(
-        landmarks=_whole(np.where(seen[:, None], landmarks - middle, 0.0)),
+        landmarks=_whole(np.where(visible[:, None], landmarks - middle, 0.0)),
         slopes=_whole(
-            np.zeros_like(landmarks) if slopes is None else np.where(seen[:, None], slopes, 0.0)
+            np.zeros_like(landmarks) if slopes is None else np.where(visible[:, None], slopes, 0.0)
         ),
         residual_variance=_whole(residual_variance),
         noise=_whole(noise),
@@ -147,8 +147,8 @@ def find_posterior(
         means=_whole(prior.means),
         covariances=_whole(prior.covariances),
         starts=_whole(starts),
-        chance=gross.chance,
-        density=gross.density,
+        chance=outliers.chance,
+        density=outliers.density,
         still=STILL,
         covariance=whole,
         **of_images,

@@ -73,12 +73,12 @@ class Motion:
 class Clips:
     """n images, sequence after sequence, in the unit of the landmarks.
 
-    landmarks (n, 2, p); trust (n, p), the belief that a landmark is where it was observed times
+    landmarks (n, 2, p); trust (n, p), the inlier probability times
     the square of its confidence; points (n, 3, p), the posterior means, nan where there is none;
     scale and centre (n,), (n, 2): a normalised point x is scale x + centre; modes, normalised;
-    misfit, the variance of normalised landmarks in the posteriors; noise, the stated deviation of a
-    coordinate of the landmarks, None where they are no better than that; deviation (n, 3, p) of
-    points.
+    residual_variance, of normalised landmarks in the posteriors; noise, the stated deviation
+    of a coordinate of the landmarks, None where they are no better than that; deviation (n, 3, p)
+    of points.
     """
 
     landmarks: Floats
@@ -134,13 +134,13 @@ def refine_lifting(
     found = lifting.estimate
     modes = found.posterior_modes
     weights = lifting.problem.weights
-    seen = (weights > 0)[:, None]
+    visible = (weights > 0)[:, None]
     own, own_mixed = found.deviation, found.further[CORRELATION]
     if modes is None or own is None:
         raise ValueError("the images have no modes, or no deviations")
     centre = lifting.translation - lifting.scale[:, None] * found.translation
     clips = Clips(
-        landmarks=np.where(seen, landmarks, np.nan),
+        landmarks=np.where(visible, landmarks, np.nan),
         trust=np.nan_to_num(found.further["inlier_probability"]) * weights**2,
         points=lifting.shapes,
         scale=lifting.scale,
@@ -154,7 +154,7 @@ def refine_lifting(
     refined = refine_clips(clips, sequences, motion, threads, covariances=whole is not None)
     single = np.isnan(refined.noise)[:, None, None]
     grow = bar_scale / lifting.scale[:, None]  # (n, p), of what is in the unit of the landmarks
-    rows = nearest_known(says_something(clips), split(sequences))
+    rows = nearest_known(is_informative(clips), split(sequences))
     images = (own[rows], own_mixed[rows].swapaxes(1, 2).astype(np.float64))
     smoothed = (refined.deviation * grow[:, None], refined.correlation)
     constant = refined.noise[:, None] * grow
@@ -216,7 +216,7 @@ def refine_clips(
     converged = np.ones(len(noise), bool)
     found = Refined(clips.points.copy(), unknown, unknown.copy(), noise, whole, converged)
     finite: Flags = np.asarray(np.isfinite(clips.points).all(axis=(1, 2)))
-    known = says_something(clips)
+    known = is_informative(clips)
     clips = replace(
         clips,
         scale=np.where(known, clips.scale, np.nan),
@@ -233,7 +233,7 @@ def refine_clips(
     return found
 
 
-def says_something(clips: Clips) -> Flags:
+def is_informative(clips: Clips) -> Flags:
     """Which images (n,) have a posterior that is not wider than `CONSTANTS.widest`."""
     finite = np.isfinite(clips.points).all(axis=(1, 2))
     width = np.sqrt((clips.deviation**2).mean(axis=(1, 2)))
@@ -258,22 +258,22 @@ def refine_clip(
 ) -> None:
     """Refine one sequence from the images that are `there` (t,); write down the finite ones."""
     unit = median(clips.scale[clip][there])
-    seen = in_unit(clips, clip, unit)
-    scale = find_acceleration_scale(seen, motion.acceleration, motion.lag)
+    visible = in_unit(clips, clip, unit)
+    scale = find_acceleration_scale(visible, motion.acceleration, motion.lag)
     acceleration = motion.acceleration * scale
     sigma = float(np.sqrt(clips.residual_variance))
     if clips.noise is not None:
         sigma = min(max(clips.noise / unit, CONSTANTS.least_noise), sigma)
     known = weigh_lengths(motion.known, int(there.sum()) * sigma**2 / clips.residual_variance)
     model = Model(motion.bones, acceleration**-2, motion.give, known)
-    smoothed = smooth(seen, model, sigma, covariances=found.covariance is not None)
+    smoothed = smooth(visible, model, sigma, covariances=found.covariance is not None)
     rows = np.arange(clip.start, clip.stop)[finite]
     found.converged[rows] = smoothed.converged
-    sd = np.full_like(seen.start, np.inf)
+    sd = np.full_like(visible.start, np.inf)
     sd[there] = clips.deviation[clip][there] / unit
-    moved = (smoothed.points - seen.start) / sd
+    moved = (smoothed.points - visible.start) / sd
     if median((moved[there] ** 2).mean(axis=(1, 2))) > CONSTANTS.farthest:
-        found.points[rows] = unit * smooth_in_time(seen.start, sd, acceleration)[finite]
+        found.points[rows] = unit * smooth_in_time(visible.start, sd, acceleration)[finite]
         return
     found.points[rows] = unit * smoothed.points[finite]
     found.deviation[rows] = unit * smoothed.deviation[finite]
@@ -316,7 +316,7 @@ def in_unit(clips: Clips, clip: slice, unit: float) -> Observations:
     )
 
 
-def find_acceleration_scale(seen: Observations, acceleration: Floats, lag: int) -> float:
+def find_acceleration_scale(visible: Observations, acceleration: Floats, lag: int) -> float:
     """Return how much faster than expected the landmarks move in their images: 1 or more.
 
     Second differences s_t = w_(t+L) - 2 w_t + w_(t-L) over a lag of L frames. Those of a smooth
@@ -329,7 +329,7 @@ def find_acceleration_scale(seen: Observations, acceleration: Floats, lag: int) 
     By medians, which the jumps of a detector do not move, and over a lag beyond which its errors
     are no motion either. A mean square grows with L^3.
     """
-    w = np.where(seen.trust[:, None] > 0, seen.landmarks, np.nan)
+    w = np.where(visible.trust[:, None] > 0, visible.landmarks, np.nan)
     if len(w) <= 3 * lag:
         return 1.0
     second = w[2 * lag :] - 2 * w[lag:-lag] + w[: -2 * lag]

@@ -65,11 +65,11 @@ def find_exchanges(landmarks: Floats, pairs: NDArray[np.integer], rate: float) -
 def find_changes(landmarks: Floats, pairs: NDArray[np.integer]) -> Floats:
     """Sum over the pairs of S (t,), for an exchange between each frame and the one before it."""
     difference = landmarks[..., pairs[:, 0]] - landmarks[..., pairs[:, 1]]
-    seen: Flags = np.asarray(np.isfinite(difference).all(axis=1))
-    frame = np.where(seen, np.arange(len(seen))[:, None], -1)
+    visible: Flags = np.asarray(np.isfinite(difference).all(axis=1))
+    frame = np.where(visible, np.arange(len(visible))[:, None], -1)
     before = np.full_like(frame, -1)
     before[1:] = np.maximum.accumulate(frame, axis=0)[:-1]
-    known = seen & (before >= 0) & (np.arange(len(seen))[:, None] - before <= REMEMBERED)
+    known = visible & (before >= 0) & (np.arange(len(visible))[:, None] - before <= REMEMBERED)
     D = np.where(known[:, None], difference, 0.0)
     last = np.take_along_axis(difference, np.maximum(before, 0)[:, None], axis=0)
     last = np.where(known[:, None], last, 0.0)

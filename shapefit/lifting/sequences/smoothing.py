@@ -1,4 +1,4 @@
-"""The shapes of a whole sequence at once: what the images say, rigid bones, and steady motion.
+"""The shapes of a whole sequence at once: what the images say, rigid bones, and smooth motion.
 
 The landmarks y_t (3, p) of the frames, in the frame of the camera, and the lengths l of the bones
 minimise
@@ -114,9 +114,9 @@ class Observations:
     A frame has some modes, as the posterior of its image gives them: Gaussians over the landmarks
     in the frame of the camera, with shares. Their energy is -log sum_k share_k N(y_t; m_tk, C_tk).
 
-    landmarks w (t, 2, p) as observed, nan where hidden; trust q (t, p), the belief that a landmark
-    is where it was observed, 0 where it is hidden; start (t, 3, p), the mean of each image;
-    misfit, the variance with which the posteriors took the landmarks; log_share (t, k),
+    landmarks w (t, 2, p) as observed, nan where hidden; trust q (t, p), the inlier
+    probability, 0 where it is hidden; start (t, 3, p), the mean of each image;
+    residual_variance, that with which the posteriors took the landmarks; log_share (t, k),
     mean (t, k, 3p), precision (t, k, 3p, 3p) and log_det (t, k) of the modes, log_share -inf where
     a frame has fewer.
     """
@@ -153,27 +153,27 @@ class Smoothed:
 
 
 def smooth(
-    seen: Observations,
+    visible: Observations,
     model: Model,
     noise: float,
     max_rounds: int = MAX_ROUNDS,
     covariances: bool = False,
 ) -> Smoothed:
     """Minimise the objective above from the images, for landmarks of the deviation `noise`."""
-    t, _, p = seen.start.shape
-    points = seen.start.reshape(t, 3 * p).copy()
-    lengths = first_lengths(seen.start, model)
+    t, _, p = visible.start.shape
+    points = visible.start.reshape(t, 3 * p).copy()
+    lengths = first_lengths(visible.start, model)
     hold, known = held_lengths(model, lengths)
     end = np.empty(2)
     deviation, correlation = np.empty((2, t, 3 * p))
     covariance = np.empty((t if covariances else 0, 3 * p, 3 * p))
     core.smooth_sequence(
-        landmarks=np.nan_to_num(seen.landmarks).reshape(t, 2 * p),
-        weight=further_weight(seen, noise),
-        log_share=seen.log_share,
-        means=seen.mean,
-        precisions=seen.precision,
-        log_det=seen.log_det,
+        landmarks=np.nan_to_num(visible.landmarks).reshape(t, 2 * p),
+        weight=further_weight(visible, noise),
+        log_share=visible.log_share,
+        means=visible.mean,
+        precisions=visible.precision,
+        log_det=visible.log_det,
         stiffness=model.stiffness,
         bones=np.ascontiguousarray(model.bones, np.int64).reshape(-1, 2),
         rigidity=model.give**-2.0,
@@ -199,10 +199,10 @@ def smooth(
     )
 
 
-def further_weight(seen: Observations, noise: float) -> Floats:
+def further_weight(visible: Observations, noise: float) -> Floats:
     """Weight q (1/sigma^2 - 1/v) (t, 2p) of the landmarks beside what the images say of them."""
-    more = max(1 / noise**2 - 1 / seen.residual_variance, 0.0)
-    weight: Floats = more * np.tile(seen.trust, (1, 2))
+    more = max(1 / noise**2 - 1 / visible.residual_variance, 0.0)
+    weight: Floats = more * np.tile(visible.trust, (1, 2))
     return weight
 
 
@@ -214,7 +214,7 @@ def held_lengths(model: Model, lengths: Floats) -> tuple[Floats, Floats]:
         return np.zeros((e, e)), known
     usual = model.known.usual
     there = np.isfinite(usual)
-    known[there] = usual[there] * scale_of(lengths, usual)
+    known[there] = usual[there] * fit_scale(lengths, usual)
     shorter[there] = 1 / known[there]
     return model.known.precision * np.outer(shorter, shorter), known
 
@@ -226,10 +226,10 @@ def first_lengths(points: Floats, model: Model) -> Floats:
     if model.known is None or not model.known.measured:
         return mean
     usual = model.known.usual
-    return np.where(np.isfinite(usual), usual * scale_of(mean, usual), mean)
+    return np.where(np.isfinite(usual), usual * fit_scale(mean, usual), mean)
 
 
-def scale_of(lengths: Floats, known: Floats) -> float:
+def fit_scale(lengths: Floats, known: Floats) -> float:
     """Scale g at which known lengths (e,), nan where unknown, agree best with others."""
     there = np.isfinite(known)
     return float(np.exp(np.log(lengths[there] / known[there]).mean()))

@@ -136,16 +136,21 @@ def measure(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) ->
     true[rows < 0] = np.nan
     others = list[str]()
     if match == BY_FRAME:
-        kept, others = _one_individual(results.sequences, rows, estimate, true)
+        retained, others = _one_individual(results.sequences, rows, estimate, true)
     if others:
-        results, rows, estimate, true = results.take(kept), rows[kept], estimate[kept], true[kept]
-        wanted = [wanted[row] for row in kept.tolist()]
+        results, rows, estimate, true = (
+            results.take(retained),
+            rows[retained],
+            estimate[retained],
+            true[retained],
+        )
+        wanted = [wanted[row] for row in retained.tolist()]
     rotation = _true_rotation(file, results, true, config.truth_frame)
     arrays = {ESTIMATE: estimate, TRUTH: true, TRUE_ROTATION: rotation}
     common = in_blocks(visible_in_both, estimate, true)
     with np.errstate(all="ignore"):  # overflow is not an error to report
         scale = in_blocks(truth_scale, estimate, true)
-    metrics, doubts = _meaningful(config.metrics, estimate, true, rotation, results.rotation)
+    metrics, reasons = _meaningful(config.metrics, estimate, true, rotation, results.rotation)
     units = (truth.shapes.unit, results.unit)
     errors, unmeasured = _errors(file, results, metrics, arrays, scale, units)
     bars, no_bars = _error_bars(file, results, columns, arrays, scale, units[0])
@@ -156,7 +161,7 @@ def measure(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) ->
     for (metric, _), values in errors.items():
         if METRICS[metric].may_lack:
             values[np.isnan(values) & lifted] = np.inf
-    about = [*_ignored(results, truth.shapes, names), *unmeasured, *others, *doubts]
+    about = [*_ignored(results, truth.shapes, names), *unmeasured, *others, *reasons]
     if partial := int((common.any(axis=-1) & ~common.all(axis=-1)).sum()):
         lack = f"{partial} images lack some of the {len(names)} landmarks, there or in the truth"
         about.append(f"{lack}; judged on the others")
@@ -323,34 +328,34 @@ def _meaningful(
     from the true ones, come from a dictionary with another frame than the truth.
     """
     some = list(spread(SAMPLE, len(estimate)))
-    e, x, doubts = estimate[some], true[some], list[str]()
+    e, x, reasons = estimate[some], true[some], list[str]()
     with np.errstate(all="ignore"):
         error, mirrored = (
             float(np.median(np.nan_to_num(similarity(e, sign * x), nan=np.inf)))
             for sign in (np.ones((3, 1)), np.array([[-1.0], [1.0], [1.0]]))
         )
     if mirrored < MIRRORED * error < np.inf:
-        doubts.append(
+        reasons.append(
             f"the shapes fit the truth better when it is mirrored ({mirrored:.3g} for {error:.3g})"
             "; is it left-handed? Change the sign of one of its axes"
         )
     if "rotation" not in metrics or rotation is None or stated is None:
-        return tuple(metrics), doubts
+        return tuple(metrics), reasons
     R, S = rotation[some], stated[some]
     whole = np.isfinite(np.concatenate([e, x, R, S], axis=2)).all(axis=(1, 2))
     whole &= (np.abs(S) < 2).all(axis=(1, 2))  # entries are at most 1
     if not whole.any():
-        return tuple(metrics), doubts
+        return tuple(metrics), reasons
     turn = similarity_transform(e[whole], R[whole] @ x[whole]).rotation
     shapes = float(np.median(rotation_angle(turn, np.eye(3))))
     angle = float(np.median(rotation_angle(R[whole], S[whole])))
     if angle <= 2 * shapes + FRAMES_DIFFER:
-        return tuple(metrics), doubts
-    doubts.append(
+        return tuple(metrics), reasons
+    reasons.append(
         f"no rotation: those of the results are {angle:.0f} degrees off and their shapes "
         f"{shapes:.0f}, so that dictionary and truth have different frames"
     )
-    return tuple(metric for metric in metrics if metric != "rotation"), doubts
+    return tuple(metric for metric in metrics if metric != "rotation"), reasons
 
 
 def _errors(

@@ -176,7 +176,7 @@ def sum_up(
             for name, own in bars.items()
             for row in calibration.cover(name, own, members_of(methods[name].sequences, grouping))
         ),
-        factors={name: calibration.widening_factors(own) for name, own in bars.items()},
+        factors={name: calibration.bar_scale_factors(own) for name, own in bars.items()},
         provenance={
             "version": __version__,
             "config": json.loads(config.as_json()),

@@ -142,7 +142,7 @@ def find_size(config: FitConfig, images: LandmarkSet) -> tuple[float, float] | s
 
 def find_extent(images: LandmarkSet) -> float:
     """Return the median diagonal of the landmarks of an image; inf where none has several."""
-    w = np.where(images.seen()[:, None], images.landmarks, np.nan)
+    w = np.where(images.visible()[:, None], images.landmarks, np.nan)
     w = w[np.isfinite(w).all(axis=1).sum(axis=1) > 1]
     extent = np.nanmax(w, axis=2, initial=-np.inf) - np.nanmin(w, axis=2, initial=np.inf)
     return float(np.median(np.hypot(*extent.T))) if len(w) else np.inf

@@ -1,6 +1,7 @@
 """Checks of the sample: error bars, the names of the landmarks, and their sides.
 
-Each may give a doubt. A body seen with its sides exchanged looks like that body turned to face the
+Each may give a reason not to trust the file. A body seen with its sides exchanged looks like that
+body turned to face the
 other way, near and far exchanged. Seen from afar, and with a prior as symmetric as bodies are, both
 are exactly as likely. What tells them apart is perspective (feet are seen from above, what is
 nearer is larger), and that people walk forwards: sides are tried only where legs are seen and feet
@@ -60,7 +61,7 @@ errors. Over 55 clips of five bodies the right names were never less likely by m
 average over a clip; exchanged names of three bodies are noticed."""
 
 
-class Doubt(NamedTuple):
+class Reason(NamedTuple):
     """Why no image of a file is trusted, in a few words, and the warning about it."""
 
     reason: str
@@ -72,20 +73,20 @@ class Bars(NamedTuple):
 
     growth     (p,) factors on the covariances of its landmarks, empty for none
     numbers    what is stored with the result, by name
-    line       that says so, and a doubt where the sample contradicts the dictionary
+    line       that says so, and a reason where the sample contradicts the dictionary
     """
 
     growth: tuple[float, ...] = ()
     numbers: Mapping[str, float] = {}
     line: str = ""
-    doubt: Doubt | None = None
+    reason: Reason | None = None
 
 
-def calibrate_bars(sample: Sample, lifting: Lifting, lifter: Lifter, widening: float) -> Bars:
-    """Calibrate the error bars on the sample; doubt it where it contradicts the dictionary.
+def calibrate_bars(sample: Sample, lifting: Lifting, lifter: Lifter, bar_scale: float) -> Bars:
+    """Calibrate the error bars on the sample; question it where it contradicts the dictionary.
 
-    lifting, of the sample by the lifter; widening, that of all covariances without the factors of a
-    report, which come on top.
+    lifting, of the sample by the lifter; bar_scale, of all covariances without the factors of
+    a report, which come on top.
     """
     if len(sample) < LIMITS.fewest_images:
         return Bars()
@@ -96,8 +97,8 @@ def calibrate_bars(sample: Sample, lifting: Lifting, lifter: Lifter, widening: f
     calibration = calibrate(
         lifting.problem.take(rows), estimate.rotation[rows], inliers[rows], settings_of(lifter)
     )
-    seen = np.isfinite(inliers).sum(axis=1)
-    distance = median_distance(estimate.further[START_DISTANCE], seen)
+    visible = np.isfinite(inliers).sum(axis=1)
+    distance = median_distance(estimate.further[START_DISTANCE], visible)
     numbers = {
         "calibration_kappa": calibration.kappa,
         "hidden_landmarks_inside": calibration.inside,
@@ -106,16 +107,16 @@ def calibrate_bars(sample: Sample, lifting: Lifting, lifter: Lifter, widening: f
     line = f"of landmarks hidden in turn, {calibration.inside:.0%} lie in their 90% regions"
     if np.isfinite(distance):
         line += f"; median distance from the convex shape {distance:.2f}"
-    doubt = None
+    reason = None
     if contradicts(calibration.kappa, distance):
         fix = "are the names of the landmarks right, and does the dictionary have such shapes?"
-        doubt = no_trust(f"{line}; {fix}")
-    return Bars(tuple(calibration.growth(widening).tolist()), numbers, line, doubt)
+        reason = no_trust(f"{line}; {fix}")
+    return Bars(tuple(calibration.growth(bar_scale).tolist()), numbers, line, reason)
 
 
-def no_trust(why: str) -> Doubt:
-    """Return the doubt of a file that contradicts the dictionary."""
-    return Doubt(NOT_OF_THE_CLASS, f"no shape of this file is to be trusted: {why}")
+def no_trust(why: str) -> Reason:
+    """Return why a file that contradicts the dictionary is not trusted."""
+    return Reason(NOT_OF_THE_CLASS, f"no shape of this file is to be trusted: {why}")
 
 
 def check_skeleton(
@@ -124,8 +125,8 @@ def check_skeleton(
     lifter: Lifter,
     dictionary: Dictionary,
     theta: Mapping[str, float],
-) -> Doubt | None:
-    """Doubt names where many images are doubtful, but not by the names of another skeleton.
+) -> Reason | None:
+    """Question names where many images are doubtful, but not by the names of another skeleton.
 
     dictionary and theta: that of all files, and the usual skeleton.
     """
@@ -145,8 +146,8 @@ def check_skeleton(
 def doubtful_share(lifting: Lifting) -> float:
     """Return the share of images with a low p-value or far from their convex shape."""
     further = lifting.estimate.further
-    seen = np.isfinite(further["inlier_probability"]).sum(axis=1)
-    far = (further[START_DISTANCE] > LIMITS.max_distance) & (seen >= LIMITS.fewest_seen)
+    visible = np.isfinite(further["inlier_probability"]).sum(axis=1)
+    far = (further[START_DISTANCE] > LIMITS.max_distance) & (visible >= LIMITS.fewest_seen)
     doubtful = (further[P_VALUE] < LIMITS.min_p_value) | far
     return float(doubtful.mean()) if len(doubtful) else float("nan")
 
@@ -165,7 +166,7 @@ def try_skeletons(
             continue
         renamed = sample.in_file.replaced(landmark_names=other.landmark_names)
         images = matched.arrange(renamed, other.name)
-        if images.seen().any(axis=0).sum() >= FEWEST_NAMES:
+        if images.visible().any(axis=0).sum() >= FEWEST_NAMES:
             mapped = LandmarkMap(matched.joints, theta, active=True)
             as_other = replace(lifter, dictionary=mapped.apply(matched.dictionary))
             lifting = with_p_values(lift_images(images, as_other), as_other)
@@ -173,8 +174,8 @@ def try_skeletons(
     return shares
 
 
-def check_sides(sample: Sample, lifting: Lifting, lifter: Lifter) -> Doubt | None:
-    """Doubt sides where images are clearly likelier with left and right exchanged."""
+def check_sides(sample: Sample, lifting: Lifting, lifter: Lifter) -> Reason | None:
+    """Question sides where images are clearly likelier with left and right exchanged."""
     partner, images = lifter.dictionary.mirror_index, sample.images
     columns = {name: j for j, name in enumerate(lifter.dictionary.landmark_names)}
     if partner is None or not feet_step(sample, lifting.shapes, columns):
@@ -186,7 +187,7 @@ def check_sides(sample: Sample, lifting: Lifting, lifter: Lifter) -> Doubt | Non
     walking = walks_backwards(sample, as_named.shapes, columns) / GROWTH
     if count < FEWEST or not gain + walking > max(SIDES_GAIN, 2 * error):
         return None
-    return Doubt(
+    return Reason(
         "left and right exchanged",
         f"left and right may be exchanged: with the names of the sides exchanged, a sample of "
         f"{count} images is likelier by {gain + walking:.1f} nats an image (perspective "
@@ -199,11 +200,11 @@ def feet_step(sample: Sample, shapes: Floats, columns: Mapping[str, int]) -> boo
     """Whether legs are seen in the sample, and one foot passes the other."""
     if not {*LEGS, *TRUNK} <= set(columns) or len(sample) < FEWEST:
         return False
-    seen = sample.images.seen()[:, [columns[name] for name in LEGS]]
+    visible = sample.images.visible()[:, [columns[name] for name in LEGS]]
     lhip, rhip, _, _, lankle, rankle = (shapes[:, :, columns[name]] for name in LEGS)
     leg = np.linalg.norm(lankle - lhip, axis=1) + np.linalg.norm(rankle - rhip, axis=1)
     ahead = 2 * ((lankle - rankle) * facing(shapes, columns)).sum(axis=1) / leg
-    return bool((seen.mean(axis=0) >= SEEN).all() and np.nanstd(ahead) > STRIDE)
+    return bool((visible.mean(axis=0) >= SEEN).all() and np.nanstd(ahead) > STRIDE)
 
 
 def facing(shapes: Floats, columns: Mapping[str, int]) -> Floats:

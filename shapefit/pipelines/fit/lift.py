@@ -116,7 +116,7 @@ def lifter_of(config: FitConfig, dictionary: Dictionary, lengths: Floats | None 
         tolerance=config.solver_tolerance,
         residual_variance=config.prior.residual_variance,
         posterior=PosteriorOptions(
-            widening=config.prior.bar_scale, covariance=config.save.covariance
+            bar_scale=config.prior.bar_scale, covariance=config.save.covariance
         ),
         prior_scale=config.prior.scale or 1.0,
         image_size=config.image_size,
@@ -191,8 +191,8 @@ def lift_batch(images: LandmarkSet, setup: Setup) -> tuple[Lifting, dict[str, ND
         estimate = replace(estimate, further={**estimate.further, SIDES: exchanged})
     if setup.dictionary.depth_ambiguity:
         estimate = cover_mirror_image(estimate)
-    seen = weigh(images, lifter) > 0
-    return setup.mapped.back(replace(lifting, estimate=estimate), images.landmarks, seen)
+    visible = weigh(images, lifter) > 0
+    return setup.mapped.back(replace(lifting, estimate=estimate), images.landmarks, visible)
 
 
 def lift_landmarks(images: LandmarkSet, lifter: Lifter, *, p_values: bool = True) -> Lifting:
@@ -260,8 +260,8 @@ def weigh(images: LandmarkSet, lifter: Lifter) -> Floats:
     if not lifter.row.precisions or LANDMARK_COVARIANCE in images.columns:
         return weights
     least = MIN_CONFIDENCE if lifter.min_confidence is None else lifter.min_confidence
-    seen = (weights > 0) & (weights >= least) & ~at_border(images, lifter)
-    return seen.astype(np.float64)
+    visible = (weights > 0) & (weights >= least) & ~at_border(images, lifter)
+    return visible.astype(np.float64)
 
 
 def at_border(images: LandmarkSet, lifter: Lifter) -> Flags:
@@ -293,7 +293,7 @@ def find_covariance(images: LandmarkSet) -> Floats | None:
     fix = "give each landmark a symmetric, positive semi-definite 2 x 2 matrix"
     if np.shape(values) != shape:
         raise input_error(name, f"has the shape {np.shape(values)}, not {shape}", fix)
-    covariance = np.where(images.seen()[..., None, None], values, 0.0).astype(np.float64)
+    covariance = np.where(images.visible()[..., None, None], values, 0.0).astype(np.float64)
     if not np.isfinite(covariance).all() or (covariance != covariance.swapaxes(2, 3)).any():
         raise input_error(name, "holds a matrix that is no covariance", fix)
     if (np.linalg.eigvalsh(covariance) < -1e-9 * np.abs(covariance).max()).any():
@@ -314,8 +314,7 @@ def find_inliers(
 
     seeds = [blake2b(f"0 {item}".encode(), digest_size=8).digest() for item in images.items]
     visible = weights > 0
-    seen = visible.sum(axis=1)
-    searched = seen >= BEYOND_CHANCE
+    searched = visible.sum(axis=1) >= BEYOND_CHANCE
     searched[list(find_degenerate(images.landmarks, weights))] = False
     inliers = find_consensus(
         images.landmarks,
@@ -333,8 +332,8 @@ def find_inliers(
     lost = [image for image in find_degenerate(images.landmarks, enough) if searched[image]]
     inliers[lost] = False
     return inliers, {
-        image: f"only {agree[image]} of {seen[image]} visible landmarks agree with each other; the "
-        f"minimum is {BEYOND_CHANCE}, not all on one line"
+        image: f"only {agree[image]} of {visible[image].sum()} visible landmarks agree with "
+        f"each other; the minimum is {BEYOND_CHANCE}, not all on one line"
         for image in lost
     }
 

@@ -58,13 +58,13 @@ class Estimates:
     """What was estimated: values for keys of a config, lines about them, and warnings.
 
     values are as `FitConfig.changed` takes them and JSON holds them; the camera line is the first.
-    doubt says why no image is to be trusted, "" for nothing; growth (p,) and numbers, see `Bars`.
+    reason says why no image is to be trusted, "" for nothing; growth (p,) and numbers, see `Bars`.
     """
 
     values: Mapping[str, Any]
     lines: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
-    doubt: str = ""
+    reason: str = ""
     growth: tuple[float, ...] = ()
     numbers: Mapping[str, float] = field(default_factory=dict)
 
@@ -120,14 +120,14 @@ def prepare(
         estimates = estimate(config, dictionary, matched, undistorted(first(), camera))
     config = config.changed(**estimates.values)
     mapped = LandmarkMap.of(matched, config.skeleton, prior=method.has_prior)
-    seen, lengths = mapped.apply(matched.dictionary), None
+    visible, lengths = mapped.apply(matched.dictionary), None
     if method.sequences and config.bone_lengths is not None:
         from shapefit.pipelines.fit.sequences import read_bone_lengths
 
-        lengths = read_bone_lengths(config.bone_lengths, seen)
+        lengths = read_bone_lengths(config.bone_lengths, visible)
     if config.leave_one_out is not None:
-        check_items(seen)
-    lifter = lifter_of(config, seen, lengths)
+        check_items(visible)
+    lifter = lifter_of(config, visible, lengths)
     # with a prior covariances serve the expected error, and the error bars of joints
     options = replace(
         lifter.posterior,
@@ -208,7 +208,7 @@ def estimate(
     if not METHODS[config.method].has_prior:
         return Estimates({"camera": camera}, (f"camera: {of_camera}",))
     bars, of_report = read_bar_scale(config)
-    widening = config.prior.bar_scale  # a report judged bars that hidden landmarks had widened
+    bar_scale = config.prior.bar_scale  # a report judged bars that hidden landmarks had widened
     config = config.changed(camera=camera, prior=bars)
     lifter = replace(lifter_of(config, matched.dictionary), method="posterior")
     visible = np.flatnonzero(weigh(images, lifter).any(axis=1))
@@ -219,24 +219,24 @@ def estimate(
     mapped = LandmarkMap.of(matched, skeleton, prior=True)
     lifter = replace(lifter, dictionary=mapped.apply(matched.dictionary))
     as_learned = sample.lift(lifter)
-    doubt = check_skeleton(sample, as_learned, lifter, dictionary, mapped.theta)
-    doubt = doubt or check_sides(sample, as_learned, lifter)
+    reason = check_skeleton(sample, as_learned, lifter, dictionary, mapped.theta)
+    reason = reason or check_sides(sample, as_learned, lifter)
     # a wide prior would take wrong names for poses that it lacks
-    open_keys = () if doubt else tuple(k for k in SCALES if getattr(config.prior, k) is None)
+    open_keys = () if reason else tuple(k for k in SCALES if getattr(config.prior, k) is None)
     scale, of_scale = choose_scale(open_keys, sample, as_learned, lifter)
     scaled = replace(
         lifter, prior_scale=scale["scale"], residual_variance=scale["residual_variance"]
     )
     same = (lifter.prior_scale, lifter.variance) == (scaled.prior_scale, scaled.variance)
     lifting = as_learned if same else sample.lift(scaled)
-    calibrated = calibrate_bars(sample, lifting, scaled, widening)
-    doubt = doubt or calibrated.doubt
+    calibrated = calibrate_bars(sample, lifting, scaled, bar_scale)
+    reason = reason or calibrated.reason
     lines = (f"camera: {of_camera}", of_skeleton, of_scale, of_report, calibrated.line)
     return Estimates(
         {"camera": camera, "prior": {**bars, **scale}, "skeleton": skeleton},
         tuple(filter(None, lines)),
-        () if doubt is None else (doubt.warning,),
-        "" if doubt is None else doubt.reason,
+        () if reason is None else (reason.warning,),
+        "" if reason is None else reason.reason,
         calibrated.growth,
         calibrated.numbers,
     )

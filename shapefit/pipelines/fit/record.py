@@ -60,9 +60,9 @@ def as_result(
             return values
         return np.where(failed.reshape(-1, *(1,) * (values.ndim - 1)), np.nan, values)
 
-    seen = images.seen()[:, None, :]
+    visible = images.visible()[:, None, :]
     datasets: Datasets = {
-        "landmarks": np.where(seen, images.landmarks, np.nan).swapaxes(1, 2),
+        "landmarks": np.where(visible, images.landmarks, np.nan).swapaxes(1, 2),
         "landmarks_fitted": lifting.landmarks_fitted if is_projected(lifting, setup) else None,
         "confidence": images.confidence,
         "lambda": lifting.problem.lam,
@@ -143,8 +143,8 @@ def verdict(lifting: Lifting, scaled: Estimate, setup: Setup) -> Datasets:
         sides=further.get(SIDES),
         depth_ambiguity=setup.dictionary.depth_ambiguity,
     )
-    if setup.estimates.doubt:
-        reasons[reasons == ""] = setup.estimates.doubt
+    if setup.estimates.reason:
+        reasons[reasons == ""] = setup.estimates.reason
     return {TRUSTED: reasons == "", REASONS: reasons, EXPECTED_ERROR: expected}
 
 
@@ -186,8 +186,10 @@ def proof(lifting: Lifting, method: str, blank: Any) -> Datasets:
         return {}
     failed, M = np.isnan(lifting.scale), certificate.transforms
     if failed.any():
-        kept = ~failed[M.image]
-        M = replace(M, count=np.where(failed, 0, M.count), atom=M.atom[kept], blocks=M.blocks[kept])
+        retained = ~failed[M.image]
+        M = replace(
+            M, count=np.where(failed, 0, M.count), atom=M.atom[retained], blocks=M.blocks[retained]
+        )
     of_start = METHODS[method].proves != "optimum" or lifting.perspective is not None
     return {
         "dual": blank(certificate.dual),

@@ -54,7 +54,7 @@ def outcome_of(
         total=total,
         failures=tuple(Failure(images.items[image], reasons[image]) for image in sorted(reasons)),
         warnings=tuple(warn_of_batch(images, lifting, setup)),
-        doubts=count_doubts(record),
+        reasons=count_reasons(record),
     )
 
 
@@ -97,7 +97,7 @@ def describe(lifting: Lifting, image: int) -> str:
     return f"{reached}, relative gap {gap:.2g}"
 
 
-def count_doubts(record: ResultSet) -> tuple[Counted, ...]:
+def count_reasons(record: ResultSet) -> tuple[Counted, ...]:
     """Count the images with a shape that is not to be trusted, by reason."""
     items: dict[str, list[str]] = {}
     for item, reason in zip(record.items, record.columns.get(REASONS, ()), strict=False):
@@ -124,7 +124,7 @@ class Counts:
     trusted: int = 0
     errors: list[float] = field(default_factory=list)
     outliers: np.ndarray | int = 0  # type: ignore[type-arg]
-    seen: np.ndarray | int = 0  # type: ignore[type-arg]
+    visible: np.ndarray | int = 0  # type: ignore[type-arg]
     bodies: int = 0
     lying: int = 0
     on_head: int = 0
@@ -146,7 +146,7 @@ class Counts:
                 self.errors += in_metres[np.isfinite(in_metres)].tolist()
         if "inlier_probability" in columns:
             self.outliers = self.outliers + (columns["inlier_probability"] < OUTLIER).sum(axis=0)
-            self.seen = self.seen + np.isfinite(columns["inlier_probability"]).sum(axis=0)
+            self.visible = self.visible + np.isfinite(columns["inlier_probability"]).sum(axis=0)
         bodies, lying, on_head = count_bodies(record)
         self.bodies, self.lying, self.on_head = (
             self.bodies + bodies,
@@ -203,7 +203,7 @@ def warn_of_axes(counts: Counts, y_axis: str | None) -> Iterator[Counted]:
 def warn_of_landmarks(counts: Counts, setup: Setup) -> Iterator[Counted]:
     """Name landmarks that are outliers in most images."""
     markers, names = setup.matched.joints.markers, setup.dictionary.landmark_names
-    for j in np.flatnonzero(counts.outliers > MOSTLY * np.maximum(counts.seen, FEWEST)):
+    for j in np.flatnonzero(counts.outliers > MOSTLY * np.maximum(counts.visible, FEWEST)):
         name = " and ".join(markers.get(names[j], (names[j],)))
         text = (
             f"in which {name} contradicts the model: rename it if it is another point of the body, "

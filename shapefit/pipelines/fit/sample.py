@@ -75,7 +75,7 @@ class Sample:
 
 def draw_sample(images: LandmarkSet, matched: Matched) -> Sample:
     """Draw images that are spread over all and, where there are sequences, those a step later."""
-    images = images.take(np.flatnonzero(images.seen().sum(axis=1) >= FEWEST_SEEN))
+    images = images.take(np.flatnonzero(images.visible().sum(axis=1) >= FEWEST_SEEN))
     n, step = len(images), max(1, round(STEP * (images.frame_rate or RATE)))
     rows, pairs = evenly(n, LARGEST), np.empty((0, 2), np.intp)
     if images.sequences is not None:
@@ -182,8 +182,8 @@ def without_outliers(images: LandmarkSet, lifting: Lifting) -> LandmarkSet:
     Their errors say nothing of the others, but would make them all less exact.
     """
     inlier_probability = lifting.estimate.further["inlier_probability"]
-    seen = np.maximum(np.isfinite(inlier_probability).sum(axis=0), 1)
-    hidden = (inlier_probability < OUTLIER).sum(axis=0) > MOSTLY * seen
+    visible = np.maximum(np.isfinite(inlier_probability).sum(axis=0), 1)
+    hidden = (inlier_probability < OUTLIER).sum(axis=0) > MOSTLY * visible
     if not 0 < hidden.sum() <= len(hidden) / 3:  # none, or the prior is wrong, not the landmarks
         return images
     return images.replaced(landmarks=np.where(hidden, np.nan, images.landmarks))

@@ -89,7 +89,7 @@ class Sides(NamedTuple):
     unsure: Flags
 
 
-def restore_sides(images: LandmarkSet, seen: Flags, lifter: Lifter) -> Sides:
+def restore_sides(images: LandmarkSet, visible: Flags, lifter: Lifter) -> Sides:
     """Undo exchanges of left and right for some frames, by continuity in the image.
 
     seen (n, p), which landmarks count.
@@ -100,7 +100,7 @@ def restore_sides(images: LandmarkSet, seen: Flags, lifter: Lifter) -> Sides:
         return Sides(images, exchanged, unsure)
     left = np.flatnonzero(partner > np.arange(len(partner)))
     pairs = np.stack([left, partner[left]], axis=1)
-    w = np.where(seen[:, None], images.landmarks, np.nan)
+    w = np.where(visible[:, None], images.landmarks, np.nan)
     for clip in split(images.sequences):
         exchanges = find_exchanges(w[clip], pairs, rate)
         exchanged[clip], unsure[clip] = exchanges.exchanged, not exchanges.continuous
@@ -130,7 +130,7 @@ def refine_sequences(lifting: Lifting, images: LandmarkSet, lifter: Lifter) -> L
         motion=find_motion(dictionary, lifter.frame_rate or images.frame_rate, lifter.bone_lengths),
         residual_variance=lifter.variance,
         noise=lifter.noise,
-        bar_scale=scale_of_bars(bars.widening, bars.growth, len(dictionary.landmark_names)),
+        bar_scale=scale_of_bars(bars.bar_scale, bars.growth, len(dictionary.landmark_names)),
         threads=lifter.threads,
     )
     return refine_through_camera(lifting, images.landmarks, refine)

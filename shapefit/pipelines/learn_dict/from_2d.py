@@ -19,7 +19,7 @@ from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, UNLIKE, Judge
 from shapefit.dictionary.from_2d.learning import State, learn
 from shapefit.dictionary.from_2d.model import Images, evenly, hide
 from shapefit.dictionary.mixture import Mixture
-from shapefit.dictionary.model import LEARNED_FROM, NEAR_AND_FAR, OPEN, VERDICT, Dictionary
+from shapefit.dictionary.model import DEPTH_AMBIGUITY, LEARNED_FROM, OPEN, VERDICT, Dictionary
 from shapefit.errors import InputError, counted, input_error
 from shapefit.geometry.normalisation import normalise, spread
 from shapefit.geometry.pinhole import CAMERA_MATRIX
@@ -44,8 +44,8 @@ FEWEST_SEEN = 4
 FAR_OUT = 4.0
 """Medians of the distance from the middle of an image up to which landmarks count for its size."""
 
-LEAST_MISFIT = 1e-4
-"""Variance of a normalised coordinate: where less is believed, a landmark a little off is gross."""
+MIN_RESIDUAL_VARIANCE = 1e-4
+"""Variance of a normalised coordinate: below it, a landmark a little off is an outlier."""
 
 SAMPLE = 500
 """Images by which dictionaries are compared."""
@@ -93,7 +93,7 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     some = None if given is None else given.take(are_usable(given))
     if some is None or len(some) < FEWEST_IMAGES:
         raise too_few(0 if some is None else len(some), source.count, place)
-    never = [some.landmark_names[j] for j in np.flatnonzero(~some.seen().any(axis=0))]
+    never = [some.landmark_names[j] for j in np.flatnonzero(~some.visible().any(axis=0))]
     if never:
         found = f"no image shows {', '.join(never[:3])}"
         raise input_error(place, found, "leave out landmarks that are never seen")
@@ -105,20 +105,20 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
         yield Outcome(done=1, unit="round", note=f"evidence {per:.3f} a coordinate")
     assert state is not None
     judgement = judge(images, state)
-    size = float(np.median(spread(some.landmarks, some.seen())))
+    size = float(np.median(spread(some.landmarks, some.visible())))
     said = describe(judgement, size)
     if not judgement.fine:
         raise input_error(place, f"{judgement.verdict} ({said})", FIX[judgement.verdict])
     sided = config.flip is not None or CAMERA_MATRIX in some.columns
-    gross = f"{int(state.gross.sum())} of {counted(int(some.seen().sum()), 'landmark')}"
+    outliers = f"{int(state.outliers.sum())} of {counted(int(some.visible().sum()), 'landmark')}"
     yield Outcome(
-        line=f"{counted(len(some), 'image')}: {judgement.verdict}; {said}; {gross} gross and "
+        line=f"{counted(len(some), 'image')}: {judgement.verdict}; {said}; {outliers} outliers "
         "set aside",
-        warnings=tuple(find_doubts(judgement, sided)),
+        warnings=tuple(find_reasons(judgement, sided)),
     )
 
-    # Gross landmarks stay: a mixture may believe them, and sets aside those that it does not.
-    unit = some.replaced(landmarks=np.where(some.seen()[:, None], images.landmarks, np.nan))
+    # Outliers stay: a mixture may believe them, and sets aside those that it does not.
+    unit = some.replaced(landmarks=np.where(some.visible()[:, None], images.landmarks, np.nan))
     shapes = ShapeSet(
         shapes=state.in_camera * np.array([1.0, 1.0, -1.0 if config.flip else 1.0])[:, None],
         landmark_names=some.landmark_names,
@@ -136,9 +136,9 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
 
 def are_usable(given: LandmarkSet) -> NDArray[np.bool_]:
     """Whether each image (n,) shows enough landmarks, and not all at one point."""
-    seen = given.seen()
-    apart: NDArray[np.bool_] = spread(np.where(seen[:, None], given.landmarks, 0.0), seen) > 0
-    return apart & (seen.sum(axis=1) >= FEWEST_SEEN)
+    visible = given.visible()
+    apart: NDArray[np.bool_] = spread(np.where(visible[:, None], given.landmarks, 0.0), visible) > 0
+    return apart & (visible.sum(axis=1) >= FEWEST_SEEN)
 
 
 def too_few(usable: int, given: int, place: str) -> InputError:
@@ -150,20 +150,20 @@ def too_few(usable: int, given: int, place: str) -> InputError:
 def images_of(given: LandmarkSet) -> Images:
     """Bring the landmarks of each sequence, or of each image without one, to the size 1.
 
-    Landmarks that lie far out do not count for the size, as gross ones do not.
+    Landmarks that lie far out do not count for the size, as outliers do not.
     """
-    w, seen = given.landmarks, given.seen()
-    middle = np.nanmedian(np.where(seen[:, None], w, np.nan), axis=2, keepdims=True)
-    apart = np.where(seen, np.linalg.norm(w - middle, axis=1), np.nan)
+    w, visible = given.landmarks, given.visible()
+    middle = np.nanmedian(np.where(visible[:, None], w, np.nan), axis=2, keepdims=True)
+    apart = np.where(visible, np.linalg.norm(w - middle, axis=1), np.nan)
     reach = FAR_OUT * np.nanmedian(apart, axis=1, keepdims=True)
-    normalised = normalise(w, seen & ((apart <= reach) | (reach == 0)))
+    normalised = normalise(w, visible & ((apart <= reach) | (reach == 0)))
     size = normalised.scale
     sequence = np.zeros(len(given), np.intp)
     if given.sequences is not None:
         sequence = np.unique(np.array(given.sequences, dtype=str), return_inverse=True)[1]
         squares = np.bincount(sequence, size**2) / np.bincount(sequence)
         size = np.sqrt(squares)[sequence]
-    placed = np.where(seen[:, None], w - normalised.centroid[..., None], 0.0)
+    placed = np.where(visible[:, None], w - normalised.centroid[..., None], 0.0)
     return Images(placed / size[:, None, None], given.weights(), sequence)
 
 
@@ -181,7 +181,7 @@ def describe(found: Judgement, size: float) -> str:
     )
 
 
-def find_doubts(found: Judgement, sided: bool) -> Iterator[str]:
+def find_reasons(found: Judgement, sided: bool) -> Iterator[str]:
     """Say what may be wrong with shapes that were learned; sided: near and far are known."""
     if found.verdict == DOUBTFUL:
         yield (
@@ -222,12 +222,12 @@ def learn_mixtures(
         mixed = yield from learned(shapes, number, QUICK, varied=False)
         found = predict_hidden(images, mixed)
         gaussian = best.residual_variance is not None
-        kept = found < (CLOSE * error if gaussian and number > 1 else error)
+        retained = found < (CLOSE * error if gaussian and number > 1 else error)
         yield Outcome(
             line=f"prior of {counted(number, 'component')}: hidden landmarks {found:.4f} off, "
-            f"{error:.4f} before; {'kept' if kept else 'left out'}"
+            f"{error:.4f} before; {'kept' if retained else 'left out'}"
         )
-        if not kept:  # no round after such a one was ever better, and some were read wrongly
+        if not retained:  # no round after such a one was ever better, and some were read wrongly
             break
         best, error, best_shapes = mixed, found, shapes
         lifted = lift_by(images, mixed, method).shapes
@@ -258,7 +258,7 @@ def gaussian_prior(state: State, mean: Floats, *, flipped: bool) -> dict[str, An
     prior = Mixture(np.ones(1), mu[None], (C + C.T)[None] / 2)
     return {
         "prior": prior,
-        "residual_variance": np.array([max(model.noise / scale**2, LEAST_MISFIT)]),
+        "residual_variance": np.array([max(model.noise / scale**2, MIN_RESIDUAL_VARIANCE)]),
     }
 
 
@@ -281,7 +281,7 @@ def decide_near_and_far(
             )
         else:
             yield Outcome(warnings=(MIRRORED,))
-    return replace(made, provenance={**made.provenance, NEAR_AND_FAR: told})
+    return replace(made, provenance={**made.provenance, DEPTH_AMBIGUITY: told})
 
 
 def mirror_image(made: Dictionary) -> Dictionary:
@@ -303,11 +303,11 @@ def evidence_of_mirror(images: LandmarkSet, dictionary: Dictionary) -> tuple[flo
     middle = read_intrinsics(some, CAMERA_MATRIX)[1][:, :1]
     w = some.landmarks.copy()
     w[:, 0] = 2 * middle - w[:, 0]
-    kept, mirrored = (
+    retained, mirrored = (
         lift_by(each, dictionary, "posterior", CAMERA_MATRIX).estimate.further["log_evidence"]
         for each in (some, some.replaced(landmarks=w))
     )
-    return mean_gain(kept, mirrored)[:2]
+    return mean_gain(retained, mirrored)[:2]
 
 
 def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> float:
@@ -316,10 +316,10 @@ def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> float:
     Returns the median distance from where they are, in the size of their image.
     """
     some = images.take(evenly(len(images), SAMPLE))
-    hidden = hide(some.seen())
+    hidden = hide(some.visible())
     known = some.replaced(landmarks=np.where(hidden[:, None], np.nan, some.landmarks))
     found = lift_by(known, dictionary, "posterior")
-    size = spread(some.landmarks, some.seen())[:, None]
+    size = spread(some.landmarks, some.visible())[:, None]
     apart = np.linalg.norm(found.shapes[:, :2] - some.landmarks, axis=1) / size
     return float(np.nanmedian(apart[hidden]))
 

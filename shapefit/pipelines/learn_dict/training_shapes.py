@@ -15,9 +15,9 @@ from shapefit.arrays import Floats
 from shapefit.config import LearnDictConfig
 from shapefit.dictionary.bodies import (
     find_acceleration,
+    find_bone_tolerance,
     find_edge_covariance,
     find_edge_length,
-    find_give,
     find_lengths,
 )
 from shapefit.dictionary.model import Dictionary
@@ -65,13 +65,13 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
     """
     usable, _ = separate(given)
     thinned = given.take(every_nth(given.sequences or ("",) * len(given), config.every))
-    kept, failures = separate(thinned)
-    shapes = kept
-    partners = find_partners(kept, config) if config.mirror else None
-    if partners is not None and len(kept):
-        twice = kept.take(np.tile(np.arange(len(kept)), 2))
-        mirrored = mirror(kept.shapes, partners, lateral_axis(kept.shapes, partners))
-        both = np.concatenate([kept.shapes, mirrored])
+    retained, failures = separate(thinned)
+    shapes = retained
+    partners = find_partners(retained, config) if config.mirror else None
+    if partners is not None and len(retained):
+        twice = retained.take(np.tile(np.arange(len(retained)), 2))
+        mirrored = mirror(retained.shapes, partners, lateral_axis(retained.shapes, partners))
+        both = np.concatenate([retained.shapes, mirrored])
         shapes = twice.replaced(shapes=both, mesh_vertices=None, mesh_faces=None)
     check_number(len(shapes), failures, config)
     normalised = normalise(shapes.shapes)
@@ -92,7 +92,7 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
             **find_motion(usable, shapes),
         ),
         failures=failures,
-        warnings=tuple(find_warnings(kept, shapes, alignment, config)),
+        warnings=tuple(find_warnings(retained, shapes, alignment, config)),
     )
 
 
@@ -123,13 +123,13 @@ def every_nth(sequences: tuple[str, ...], n: int | Mapping[str, int]) -> list[in
         name: next((step for glob, step in globs.items() if fnmatchcase(name, glob)), 1)
         for name in set(sequences)
     }
-    seen: Counter[str] = Counter()
-    kept = []
+    counts: Counter[str] = Counter()
+    retained = []
     for index, sequence in enumerate(sequences):
-        if seen[sequence] % steps[sequence] == 0:
-            kept.append(index)
-        seen[sequence] += 1
-    return kept
+        if counts[sequence] % steps[sequence] == 0:
+            retained.append(index)
+        counts[sequence] += 1
+    return retained
 
 
 def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> NDArray[Any]:
@@ -212,7 +212,7 @@ def find_motion(given: ShapeSet, shapes: ShapeSet) -> dict[str, Any]:
     found["edge_length"] = find_edge_length(shapes.shapes, edges)
     if len(given):
         of = sequences or ("",) * len(given)
-        found["bone_tolerance"] = find_give(given.shapes, edges, of)
+        found["bone_tolerance"] = find_bone_tolerance(given.shapes, edges, of)
         if len(edges):
             lengths, bodies, _ = find_lengths(given.shapes, edges, of)
             unknown = None if sequences else lengths

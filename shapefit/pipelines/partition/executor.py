@@ -209,7 +209,7 @@ def fit_part(job: Job) -> Done:
     images, failed = 0, 0
     failures: list[Failure] = []
     warnings: dict[str, str | Counted] = {}
-    doubts: dict[str, str | Counted] = {}
+    reasons: dict[str, str | Counted] = {}
     dictionary = dictionary_of(config.dictionary, find_state(config.dictionary))
     inputs = input_digests(part.inputs, part.states)
     rows = None if part.rows is None else slice(*part.rows)
@@ -218,12 +218,12 @@ def fit_part(job: Job) -> Done:
         failed += len(outcome.failures)
         failures += outcome.failures[: MOST_LISTED - len(failures)]
         add_up(warnings, outcome.warnings, MOST_LISTED)
-        add_up(doubts, (replace(doubt, items=()) for doubt in outcome.doubts))
+        add_up(reasons, (replace(reason, items=()) for reason in outcome.reasons))
     outcome = Outcome(
         done=images,
         failures=tuple(failures),
         warnings=tuple(warnings.values()),
-        doubts=tuple(doubt for doubt in doubts.values() if isinstance(doubt, Counted)),
+        reasons=tuple(reason for reason in reasons.values() if isinstance(reason, Counted)),
     )
     entry = part.describe() | {
         "digests": inputs,

@@ -86,7 +86,7 @@ class Plan(NamedTuple):
     """
 
     parts: Sequence[Part]
-    kept: Mapping[str, Entry]
+    retained: Mapping[str, Entry]
     redone: Sequence[str]
     removed: Sequence[str]
     damaged: Sequence[str]
@@ -96,7 +96,7 @@ class Plan(NamedTuple):
     @property
     def todo(self) -> list[Part]:
         """The parts that are to be done."""
-        return [part for part in self.parts if part.file not in self.kept]
+        return [part for part in self.parts if part.file not in self.retained]
 
     def lines(self) -> Iterator[str]:
         """Yield a line for each part that is to be done, done again or removed."""
@@ -106,7 +106,7 @@ class Plan(NamedTuple):
 
     def __str__(self) -> str:
         words = [f"{counted(len(self.todo) - len(self.redone), 'part')} to do"]
-        words += [f"{len(self.kept)} done"]
+        words += [f"{len(self.retained)} done"]
         words += [f"{len(self.redone)} to do again"] * bool(self.redone)
         words += [f"{len(self.removed)} to remove"] * bool(self.removed)
         words += [f"refused without --replace: {self.refused}"] * bool(self.refused)
@@ -131,7 +131,7 @@ def make_plan(config: FitConfig, manifest: Manifest | None) -> Plan:
     damaged = [file for file in stored if stored[file] not in (None, done[file]["digest"])]
     altered = [part for part in again if is_altered(part, done[part.file])]
     lost = {*damaged, *(part.file for part in altered)}
-    kept = [file for file in stored if stored[file] and file not in lost and not changed]
+    retained = [file for file in stored if stored[file] and file not in lost and not changed]
     removed = [file for file in done if file not in stored]
     reasons = [f"of another {listed(changed, 'and')}"] if changed else []
     if altered:
@@ -141,8 +141,8 @@ def make_plan(config: FitConfig, manifest: Manifest | None) -> Plan:
         reasons += [f"of {abbreviate(list(names), 3)}, not among these parts"]
     return Plan(
         parts,
-        {file: done[file] for file in kept},
-        [file for file in stored if file not in kept],
+        {file: done[file] for file in retained},
+        [file for file in stored if file not in retained],
         removed,
         damaged,
         ", and ".join(reasons),

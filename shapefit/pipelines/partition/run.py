@@ -69,7 +69,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     if plan.refused and not folder.replace:
         fix = "name another folder, or add --replace, which removes and redoes what differs"
         raise input_error(folder.path, f"holds results that differ: {plan.refused}", fix)
-    if manifest is not None and plan.kept:
+    if manifest is not None and plan.retained:
         estimates = Estimates(**manifest.run["estimated"])
     else:
         images = first_images(config, plan.parts)
@@ -81,7 +81,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
         warnings = (*estimates.warnings, *damaged, *warn_of_large(plan.parts))
         yield Outcome(warnings=warnings)
         yield from do_parts(
-            config, plan, Manifest(folder.manifest, first, dict(plan.kept)), estimates
+            config, plan, Manifest(folder.manifest, first, dict(plan.retained)), estimates
         )
 
 
@@ -105,8 +105,8 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> LandmarkSet:
             unreadable.append(error)
     if not read:
         raise unreadable[0]
-    kept = {*OF_CAMERAS, LANDMARK_COVARIANCE, CAMERA_MATRIX}
-    bare = [images.without(images.further.keys() - kept) for images in read]
+    retained = {*OF_CAMERAS, LANDMARK_COVARIANCE, CAMERA_MATRIX}
+    bare = [images.without(images.further.keys() - retained) for images in read]
     files = [SourceFile.of(str(n), images, y_axis=images.y_axis) for n, images in enumerate(bare)]
     try:
         return Source(files, check=False).first(FIRST)

@@ -8,8 +8,8 @@ import pytest
 from shapefit.dictionary.from_2d.model import (
     Images,
     Views,
-    change_belief,
-    climb,
+    ascent,
+    change_inliers,
     expect,
     maximise,
     scatter,
@@ -38,12 +38,12 @@ def dense(made, i):
     """
     model, p = made.model, made.images.weights.shape[1]
     A = np.exp(made.views.log_scale[i]) * np.kron(made.views.rotation[i][:2], np.eye(p))
-    seen = np.tile(made.images.weights[i] > 0, 2)
-    omega = np.tile(made.images.weights[i], 2)[seen]
-    A, T = A[seen], np.kron(np.eye(2), np.ones((p, 1)))[seen]
+    visible = np.tile(made.images.weights[i] > 0, 2)
+    omega = np.tile(made.images.weights[i], 2)[visible]
+    A, T = A[visible], np.kron(np.eye(2), np.ones((p, 1)))[visible]
     C = model.covariance
     S = A @ C @ A.T + model.noise * np.diag(omega**-2) + WIDE * T @ T.T
-    r = made.images.landmarks[i].ravel()[seen] - A @ model.mean.ravel()
+    r = made.images.landmarks[i].ravel()[visible] - A @ model.mean.ravel()
     gain = C @ A.T @ np.linalg.inv(S)
     log_density = -0.5 * (
         r @ np.linalg.solve(S, r) + np.linalg.slogdet(S)[1] + len(r) * np.log(2 * np.pi)
@@ -75,20 +75,20 @@ def test_log_density_is_that_of_the_landmarks_up_to_the_wide_translation(planted
 
 
 def test_doubt_is_what_the_density_gains_where_one_belief_changes(planted):
-    gross = np.zeros(planted.images.weights.shape, bool)
-    gross[:, 1] = planted.images.weights[:, 1] > 0
-    images = replace(planted.images, gross=gross)
+    outliers = np.zeros(planted.images.weights.shape, bool)
+    outliers[:, 1] = planted.images.weights[:, 1] > 0
+    images = replace(planted.images, outliers=outliers)
     found = expect(images, planted.views, planted.model)
     for i, j in np.argwhere(planted.images.weights > 0):
-        changed = gross.copy()
+        changed = outliers.copy()
         changed[i, j] ^= True
-        then = expect(replace(images, gross=changed), planted.views, planted.model)
+        then = expect(replace(images, outliers=changed), planted.views, planted.model)
         gain = then.log_density[i] - found.log_density[i]
-        assert found.doubt[i, j] == pytest.approx(gain, rel=1e-6, abs=1e-6)
-    assert np.isneginf(found.doubt[planted.images.weights == 0]).all()
-    hidden = expect(planted.images.hiding(gross), planted.views, planted.model)
+        assert found.flip_gain[i, j] == pytest.approx(gain, rel=1e-6, abs=1e-6)
+    assert np.isneginf(found.flip_gain[planted.images.weights == 0]).all()
+    hidden = expect(planted.images.hiding(outliers), planted.views, planted.model)
     odds = np.log(0.02 / 0.98 * 0.05)  # one in fifty, anywhere in 20 units of area
-    assert found.log_density - hidden.log_density == pytest.approx(odds * gross.sum(axis=1))
+    assert found.log_density - hidden.log_density == pytest.approx(odds * outliers.sum(axis=1))
 
 
 def test_gradient_is_that_of_the_log_density(planted):
@@ -112,7 +112,7 @@ def test_climbing_ends_where_the_truth_is(plant):
     off = Views(exponential(np.full((20, 3), 0.1)) @ made.views.rotation, np.full(20, 0.1))
     views = off
     for _ in range(20):
-        views = climb(views, expect(made.images, views, made.model), np.full(20, 1e-3))
+        views = ascent(views, expect(made.images, views, made.model), np.full(20, 1e-3))
     apart = np.linalg.norm(views.rotation - made.views.rotation, axis=(1, 2))
     assert np.median(apart) < 0.1 * np.median(
         np.linalg.norm(off.rotation - made.views.rotation, axis=(1, 2))
@@ -125,7 +125,7 @@ def test_a_step_is_damped_by_the_mean_information_and_no_longer_than_the_longest
     found = expect(planted.images, planted.views, planted.model)
     damping = np.array([0.01, 0.1, 1.0, 10.0])
     gradient = factor * found.gradient
-    climbed = climb(planted.views, replace(found, gradient=gradient), damping)
+    climbed = ascent(planted.views, replace(found, gradient=gradient), damping)
     for i, H in enumerate(found.information):
         step = np.linalg.solve(H + damping[i] * np.diag(H).mean() * np.eye(4), gradient[i])
         step *= min(1.0, 0.3 / np.abs(step).max())
@@ -138,9 +138,9 @@ def test_half_of_the_landmarks_of_an_image_stay_believed():
     for p in (5, 6, 7):
         images = Images(np.zeros((1, 2, p)), np.ones((1, p)), np.zeros(1, np.intp))
         for _ in range(p):
-            doubt = np.where(images.seen, 1.0, -1.0)  # every landmark would rather be gross
-            images = replace(images, gross=change_belief(images, doubt))
-        assert images.seen.sum() == (p + 1) // 2
+            reason = np.where(images.visible, 1.0, -1.0)  # every landmark would rather be gross
+            images = replace(images, outliers=change_inliers(images, reason))
+        assert images.visible.sum() == (p + 1) // 2
 
 
 def test_the_rest_of_a_covariance_is_the_mean_of_the_eigenvalues_that_are_left(rng):

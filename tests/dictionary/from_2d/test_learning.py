@@ -150,9 +150,9 @@ def test_gross_landmarks_are_found_and_the_objective_never_falls(plant, rng):
     spoilt, bad = spoil(made.images, 0.05, rng)
     states = list(learn(spoilt))
     assert (np.diff([state.objective for state in states]) > 0).all()
-    gross = states[-1].gross
-    assert (gross & bad).sum() > 0.9 * bad.sum()
-    assert (gross & ~bad).sum() < 0.002 * bad.size
+    outliers = states[-1].outliers
+    assert (outliers & bad).sum() > 0.9 * bad.sum()
+    assert (outliers & ~bad).sum() < 0.002 * bad.size
     assert relative_error(states[-1].in_camera, made.shapes) < 0.03
 
 
@@ -162,7 +162,7 @@ def test_no_landmark_of_clean_images_is_gross_even_where_a_pose_is_rare(plant, r
     raised[:, :4] = 1.2 * rng.standard_normal((3, 1))
     made.images.landmarks[:5] += (views @ raised)[:, :2]
     *_, state = learn(made.images)
-    assert not state.gross.any()
+    assert not state.outliers.any()
 
 
 def test_landmarks_are_gross_one_by_one_but_not_where_a_quarter_of_an_image_is(plant, rng):
@@ -171,9 +171,9 @@ def test_landmarks_are_gross_one_by_one_but_not_where_a_quarter_of_an_image_is(p
     thrown[0, :10] = thrown[5, 3] = True
     off = np.where(rng.random((100, 2, 24)) < 0.5, -1.0, 1.0) * thrown[:, None]
     spoilt = replace(made.images, landmarks=made.images.landmarks + off)
-    _, gross = complete(spoilt, 9, doubting=True)
-    assert gross[5, 3]
-    assert not gross[0].any()
+    _, outliers = complete(spoilt, 9, doubting=True)
+    assert outliers[5, 3]
+    assert not outliers[0].any()
 
 
 def test_a_round_gives_the_spread_of_sizes_its_likeliest_value(plant):
@@ -193,13 +193,13 @@ def test_a_round_gives_the_spread_of_sizes_its_likeliest_value(plant):
 
 def test_hidden_landmarks_are_placed_about_the_middle_of_those_that_are_seen(rng):
     w, placed = rng.standard_normal((2, 5, 2, 6))
-    seen = rng.random((5, 6)) < 0.6
-    seen[0] = np.arange(6) == 2
-    W, middle = filled(w, seen, placed)
+    visible = rng.random((5, 6)) < 0.6
+    visible[0] = np.arange(6) == 2
+    W, middle = filled(w, visible, placed)
     for n in range(5):
-        expected = (w - placed)[n][:, seen[n]].mean(axis=1, keepdims=True)
+        expected = (w - placed)[n][:, visible[n]].mean(axis=1, keepdims=True)
         np.testing.assert_allclose(middle[n], expected)
-        whole = np.where(seen[n], w[n] - expected, placed[n])
+        whole = np.where(visible[n], w[n] - expected, placed[n])
         np.testing.assert_allclose(W[n], whole - whole.mean(axis=1, keepdims=True))
 
 

@@ -87,9 +87,9 @@ def test_dictionaries_of_version_1_are_converted(tmp_path, dictionary_file):
         read_dictionary(dictionary_file)
     new = tmp_path / "new.h5"
     assert run(["convert", str(dictionary_file), "-o", str(new)]) == 0
-    kept, old = read_dictionary(new), read_dictionary(dictionary_file, old=True)
-    assert kept.atom_items == old.atom_items
-    np.testing.assert_array_equal(kept.atoms, old.atoms)
+    retained, old = read_dictionary(new), read_dictionary(dictionary_file, old=True)
+    assert retained.atom_items == old.atom_items
+    np.testing.assert_array_equal(retained.atoms, old.atoms)
 
 
 def test_landmarks_of_version_1_hold_the_same(landmark_file, same):

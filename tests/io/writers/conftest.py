@@ -60,10 +60,10 @@ def scene(rng) -> Scene:
     c, s = np.cos(tilt), np.sin(tilt)
     R = np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]]) @ level
     t = np.array([0.1, 0.2, 4.0])
-    return Scene(world, seen(world, R, t))
+    return Scene(world, visible(world, R, t))
 
 
-def seen(
+def visible(
     world: np.ndarray, R: np.ndarray, t: np.ndarray, names: tuple[str, ...] = PEOPLE
 ) -> ResultSet:
     """Lay out the world as a fit under perspective does; the unit of the dictionary is 0.4 m."""

@@ -16,7 +16,7 @@ from shapefit.io.records import ResultSet, concatenate
 from shapefit.io.writers.motion import find_floors
 from tests.geometry import test_floor as planted
 from tests.io.files import load_shapes, save
-from tests.io.writers.conftest import seen
+from tests.io.writers.conftest import visible
 from tests.io.writers.test_trc import parse
 
 SOLE = ABOVE_FLOOR["ankle"] * planted.TALL
@@ -27,8 +27,8 @@ ROOT = ("extrinsic_rotation", "extrinsic_translation")
 
 def result(points, name="film/anna", **camera) -> ResultSet:
     """Return what a fit of these bodies finds through a tilted camera."""
-    points, _ = planted.seen(points, **camera)
-    found = seen(Y_DOWN @ points, np.eye(3), np.zeros(3), tuple(planted.JOINTS))
+    points, _ = planted.visible(points, **camera)
+    found = visible(Y_DOWN @ points, np.eye(3), np.zeros(3), tuple(planted.JOINTS))
     n = len(points)
     sd = np.full_like(found.shapes, 0.05) / found.columns["metres_per_unit"][:, None, None]
     return found.without(ROOT).replaced(

@@ -24,7 +24,7 @@ def objective_of(problem, starts):
     """The least objective (n,) of descents from rotations (n, s, 3, 3)."""
     c, R = (found := alternate(problem, starts)).coefficients, np.nan_to_num(found.rotation)
     placed = fit_translation(problem, combine(c, problem.atoms, R))
-    return placed.misfit + problem.lam * c.sum(axis=1)
+    return placed.half_squared_residual + problem.lam * c.sum(axis=1)
 
 
 @pytest.mark.parametrize("weighted", [False, True])

@@ -9,21 +9,21 @@ from shapefit.lifting.matching_pursuit import pursue
 
 class TestFewLandmarks:
     @pytest.mark.parametrize("seen", [3, 4])
-    def test_the_camera_alone_explains_up_to_four(self, make_scene, seen):
+    def test_the_camera_alone_explains_up_to_four(self, make_scene, visible):
         scene = make_scene(noise=0.3)
-        scene.weights[:, seen:] = 0
+        scene.weights[:, visible:] = 0
         found = scene.pursue()
         np.testing.assert_allclose(found.error, 0, atol=1e-10)
         assert not found.coefficients.any()
-        X = (scene.mean - scene.mean[:, :seen].mean(axis=1, keepdims=True))[:, :seen]
-        W = scene.landmarks[..., :seen]
+        X = (scene.mean - scene.mean[:, :visible].mean(axis=1, keepdims=True))[:, :visible]
+        W = scene.landmarks[..., :visible]
         least_norm = (W - W.mean(axis=2, keepdims=True)) @ np.linalg.pinv(X)
         np.testing.assert_allclose(found.camera, least_norm, atol=1e-9)
 
     @pytest.mark.parametrize("seen", [5, 6, 7])
-    def test_more_atoms_than_landmarks_can_tell(self, make_scene, seen):
+    def test_more_atoms_than_landmarks_can_tell(self, make_scene, visible):
         scene = make_scene(noise=0.3)
-        scene.weights[:, seen:] = 0
+        scene.weights[:, visible:] = 0
         found = scene.pursue(goal=-1.0, change=1e-12, most_rounds=2000)
         np.testing.assert_allclose(found.error, 0, atol=1e-8)
         wanted = scene.squared_limbs(scene.mean)

@@ -132,12 +132,12 @@ def test_half_of_the_landmarks_of_real_cars(real_data, rng):
 def test_hidden_landmarks_are_as_good_as_none(shape, rng):
     """Their weights have no part in the mean that the others are measured by."""
     landmarks = rng.uniform(0, 100, (N, 2, P))  # so that poses of few inliers compete
-    seen = np.arange(P) % 2 == 0
-    found = search(landmarks, shape, np.tile(seen.astype(float), (N, 1)), threshold=0.3)
+    visible = np.arange(P) % 2 == 0
+    found = search(landmarks, shape, np.tile(visible.astype(float), (N, 1)), threshold=0.3)
     np.testing.assert_array_equal(
-        found[:, seen], search(landmarks[..., seen], shape[:, seen], threshold=0.3)
+        found[:, visible], search(landmarks[..., visible], shape[:, visible], threshold=0.3)
     )
-    assert not found[:, ~seen].any()
+    assert not found[:, ~visible].any()
 
 
 def test_the_search_stops_by_the_share_of_inliers(posed, shape, rng):

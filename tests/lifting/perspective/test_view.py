@@ -68,16 +68,16 @@ def test_the_fields_belong_together(landmarks, dictionary, camera, rng):
     weights[1, :4] = 0.0
     landmarks = landmarks + 5.0 * rng.standard_normal(landmarks.shape)
     _, found = view(landmarks, weights, dictionary, camera)
-    e, seen = found.estimate, found.perspective
+    e, visible = found.estimate, found.perspective
     S = e.rotation @ np.tensordot(e.coefficients, dictionary.atoms, axes=1)
     np.testing.assert_allclose(e.shapes, S)
     flat = np.pad(found.translation, ((0, 0), (0, 1)))
     np.testing.assert_allclose(found.shapes, found.scale[:, None, None] * S + flat[..., None])
-    X = S + seen.translation[..., None]
+    X = S + visible.translation[..., None]
     np.testing.assert_allclose(found.landmarks_fitted, project(camera, X), rtol=1e-9)
-    np.testing.assert_allclose(found.scale, np.sqrt(900 * 910) / seen.translation[:, 2])
+    np.testing.assert_allclose(found.scale, np.sqrt(900 * 910) / visible.translation[:, 2])
     np.testing.assert_allclose(
-        found.translation, project(camera, seen.translation[..., None])[..., 0]
+        found.translation, project(camera, visible.translation[..., None])[..., 0]
     )
     np.testing.assert_allclose(
         e.transforms.dense(), e.coefficients[..., None, None] * e.rotation[:, None, :2]
@@ -88,7 +88,7 @@ def test_the_fields_belong_together(landmarks, dictionary, camera, rng):
     np.testing.assert_allclose(
         e.residual, residual_variance / np.linalg.norm(w * centred, axis=(1, 2))
     )
-    np.testing.assert_array_equal(seen.camera.focal, camera.focal)
+    np.testing.assert_array_equal(visible.camera.focal, camera.focal)
 
 
 def test_a_camera_inside_the_object_is_the_users_to_mend(landmarks, dictionary, camera):

@@ -26,7 +26,7 @@ class Scene:
     slopes: Floats | None = None  # (2, p) of the rays
 
     @property
-    def seen(self) -> NDArray[np.intp]:
+    def visible(self) -> NDArray[np.intp]:
         return np.flatnonzero(np.isfinite(self.residual_variance))
 
 
@@ -39,9 +39,9 @@ def joint(
     C = turn @ scene.covariance @ turn.T
     C[:p, :p] += TAU_SQUARE
     C[p : 2 * p, p : 2 * p] += TAU_SQUARE
-    E = np.zeros((2 * len(scene.seen), 3 * p))
+    E = np.zeros((2 * len(scene.visible), 3 * p))
     N = np.zeros((len(E), len(E)))
-    for row, j in enumerate(scene.seen):
+    for row, j in enumerate(scene.visible):
         for a in range(2):
             E[2 * row + a, a * p + j] = 1
             if scene.slopes is not None:
@@ -55,17 +55,17 @@ def joint(
 
 def middle(scene: Scene) -> Floats:
     """Middle (2,) of the seen landmarks, where the wide prior on the translation is centred."""
-    return scene.landmarks[:, scene.seen].mean(axis=1)
+    return scene.landmarks[:, scene.visible].mean(axis=1)
 
 
 def observed(scene: Scene) -> Floats:
-    return (scene.landmarks[:, scene.seen].T - middle(scene)).ravel()
+    return (scene.landmarks[:, scene.visible].T - middle(scene)).ravel()
 
 
 def log_likelihood(
-    scene: Scene, R: Floats, s: float, gross: tuple[float, float], inlier_probability: Floats
+    scene: Scene, R: Floats, s: float, outliers: tuple[float, float], inlier_probability: Floats
 ) -> float:
-    """The variational bound at the belief (p,); that of no gross landmarks where gross[0] = 0.
+    """The variational bound at the belief (p,); that of no outliers where gross[0] = 0.
 
     A translation with the deviation of TAU in the unit of shapes has the density of one that is
     flat in the unit of the landmarks but for a factor: s^2 of it is taken back.
@@ -74,9 +74,9 @@ def log_likelihood(
     r = observed(scene) - mean
     value = -0.5 * (r @ np.linalg.solve(S, r) + np.linalg.slogdet(2 * np.pi * S)[1])
     value += 2 * np.log(s)
-    chance, density = gross
+    chance, density = outliers
     if chance > 0:
-        for j in scene.seen:
+        for j in scene.visible:
             q = inlier_probability[j]
             N = 2 * np.pi * (s * s * scene.residual_variance[j] * np.eye(2) + scene.noise[j])
             value += 0.5 * np.linalg.slogdet(N / q)[1] - 0.5 * q * np.linalg.slogdet(N)[1]

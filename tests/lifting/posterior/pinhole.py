@@ -31,11 +31,11 @@ class Scene:
         noisy = self.shapes + self.translation[..., None]
         noisy[:, :2] += np.sqrt(RESIDUAL_VARIANCE) * rng.normal(size=(n, 2, P))
         self.landmarks = project(self.camera, noisy)
-        self.seen = np.ones((n, P), dtype=bool)
+        self.visible = np.ones((n, P), dtype=bool)
 
     def starts(self):
         """Rotations near the true ones, as seen along the rays to the middles."""
-        towards = face(np.eye(3)[None, None], self.landmarks, self.seen, self.camera)
+        towards = face(np.eye(3)[None, None], self.landmarks, self.visible, self.camera)
         return towards.swapaxes(2, 3) @ self.rotation[:, None]
 
     def lift(self, prior, weights, modes: int = 0) -> Lifting:

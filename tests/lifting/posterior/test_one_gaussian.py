@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.mixture import Mixture
-from shapefit.lifting.posterior.posterior import Gross, find_posterior
+from shapefit.lifting.posterior.posterior import Outliers, find_posterior
 from tests.lifting.posterior import dense
 
 
-def solve(scene, R, gross=(0.0, 0.05)):
+def solve(scene, R, outliers=(0.0, 0.05)):
     prior = Mixture(np.ones(1), scene.mean[None], scene.covariance[None])
     return find_posterior(
         scene.landmarks[None],
@@ -16,7 +16,7 @@ def solve(scene, R, gross=(0.0, 0.05)):
         scene.noise[None],
         prior,
         R[None, None],
-        Gross(*gross),
+        Outliers(*outliers),
         slopes=None if scene.slopes is None else scene.slopes[None],
         modes=1,
         covariance=True,
@@ -30,13 +30,13 @@ def solve(scene, R, gross=(0.0, 0.05)):
 @pytest.mark.usefixtures("to_the_end")
 def test_a_mode_is_that_of_the_dense_computation(draw_scene, noisy, hidden, chance, steep):
     scene, R = draw_scene(3, noisy=noisy, hidden=hidden, steep=steep)
-    gross = (chance, 0.05 / 37**2)
-    found = solve(scene, R, gross).modes
+    outliers = (chance, 0.05 / 37**2)
+    found = solve(scene, R, outliers).modes
     R, s = found.rotation[0, 0], found.scale[0, 0]
     inlier_probability = np.nan_to_num(found.inlier_probability[0, 0], nan=1.0)
 
     def value(R, s):
-        return dense.log_likelihood(scene, R, s, gross, inlier_probability)
+        return dense.log_likelihood(scene, R, s, outliers, inlier_probability)
 
     assert np.abs(dense.derivative(value, R, s)).max() < 1e-3
     H = -dense.hessian(value, R, s) + np.eye(4)  # no view is less certain than a radian
@@ -52,19 +52,19 @@ def test_a_mode_is_that_of_the_dense_computation(draw_scene, noisy, hidden, chan
 def test_hidden_landmarks_are_marginalised(draw_scene):
     scene, R = draw_scene(5, hidden=(1, 6))
     full = solve(scene, R)
-    kept = [0, 2, 3, 4, 5]
-    rows = [a * 7 + j for a in range(3) for j in kept]
+    retained = [0, 2, 3, 4, 5]
+    rows = [a * 7 + j for a in range(3) for j in retained]
     small = dense.Scene(
-        scene.landmarks[:, kept],
-        scene.residual_variance[kept],
-        scene.noise[kept],
-        scene.mean[:, kept],
+        scene.landmarks[:, retained],
+        scene.residual_variance[retained],
+        scene.noise[retained],
+        scene.mean[:, retained],
         scene.covariance[np.ix_(rows, rows)],
     )
     part = solve(small, R)
     assert full.log_evidence == pytest.approx(part.log_evidence, abs=1e-6)
-    assert full.mean[0][:2, kept] == pytest.approx(part.mean[0][:2], abs=1e-4)
-    depths = full.mean[0][2, kept]  # their mean is 0 over the landmarks that there are
+    assert full.mean[0][:2, retained] == pytest.approx(part.mean[0][:2], abs=1e-4)
+    depths = full.mean[0][2, retained]  # their mean is 0 over the landmarks that there are
     assert depths - depths.mean() == pytest.approx(part.mean[0][2], abs=1e-4)
 
 

@@ -18,7 +18,7 @@ from shapefit.lifting.posterior.p_value import (
     find_p_values,
     moments_at,
 )
-from shapefit.lifting.posterior.posterior import Gross, find_posterior
+from shapefit.lifting.posterior.posterior import Outliers, find_posterior
 
 IMAGES, RESIDUAL_VARIANCE, CHANCE, DENSITY = 800, 0.006, 0.02, 0.05
 
@@ -42,7 +42,7 @@ def planted(count: int) -> Mixture:
 
 
 def draw(prior: Mixture, chance: float = 0.0):
-    """Images of the model: landmarks (n, 2, p), rotations, and which landmarks are gross."""
+    """Images of the model: landmarks (n, 2, p), rotations, and which landmarks are outliers."""
     rng, p = np.random.default_rng(7), prior.means.shape[2]
     k = rng.choice(len(prior), size=IMAGES, p=prior.weights)
     roots = np.linalg.cholesky(prior.covariances)[k]
@@ -50,8 +50,8 @@ def draw(prior: Mixture, chance: float = 0.0):
     R = random_rotations(IMAGES, rng)
     w = (R @ x)[:, :2] + np.sqrt(RESIDUAL_VARIANCE) * rng.normal(size=(IMAGES, 2, p))
     side = DENSITY**-0.5
-    gross = rng.random((IMAGES, p)) < chance
-    return np.where(gross[:, None], rng.uniform(-side / 2, side / 2, w.shape), w), R, gross
+    outliers = rng.random((IMAGES, p)) < chance
+    return np.where(outliers[:, None], rng.uniform(-side / 2, side / 2, w.shape), w), R, outliers
 
 
 def find(prior: Mixture, hidden: int = 0):
@@ -66,7 +66,7 @@ def find(prior: Mixture, hidden: int = 0):
         mean_shape=np.tensordot(prior.weights, prior.means, 1),
         needs={"prior": prior},
         options=PosteriorOptions(
-            residual_variance=RESIDUAL_VARIANCE, outlier_rate=CHANCE, gross_density=DENSITY
+            residual_variance=RESIDUAL_VARIANCE, outlier_rate=CHANCE, outlier_density=DENSITY
         ),
     )
     found = lift_to_posterior(problem, settings)
@@ -92,30 +92,30 @@ def test_many_landmarks():
 
 def test_gross_landmarks_that_are_known_do_not_count():
     prior = people(15)
-    w, R, gross = draw(prior, chance=0.05)
-    noise, gross_model = np.zeros((IMAGES, 15, 2, 2)), Gross(CHANCE, DENSITY)
+    w, R, outliers = draw(prior, chance=0.05)
+    noise, gross_model = np.zeros((IMAGES, 15, 2, 2)), Outliers(CHANCE, DENSITY)
     residual_variance = np.full((IMAGES, 15), RESIDUAL_VARIANCE)
     found = find_posterior(w, residual_variance, noise, prior, R[:, None], gross_model)
     table = moments_at(draw_table(prior, (1.0,)), 1.0)
     p = find_p_values(
         found.squared_mahalanobis, np.full(IMAGES, 15), found.inlier_probability.sum(axis=1), table
     )
-    known = ((found.inlier_probability < 0.5) == gross).all(axis=1)
-    assert known[gross.any(axis=1)].mean() > 0.7
-    assert_uniform(p[known & gross.any(axis=1)])
+    known = ((found.inlier_probability < 0.5) == outliers).all(axis=1)
+    assert known[outliers.any(axis=1)].mean() > 0.7
+    assert_uniform(p[known & outliers.any(axis=1)])
 
 
 @pytest.mark.parametrize("seen", [8, 11])
-def test_hidden_landmarks_have_no_degrees_of_freedom(seen):
-    assert_uniform(find(people(15), hidden=15 - seen))
+def test_hidden_landmarks_have_no_degrees_of_freedom(visible):
+    assert_uniform(find(people(15), hidden=15 - visible))
 
 
 def test_the_number_believed_decides_where_nothing_else_can():
     table = moments_at(draw_table(planted(15), (1.0,)), 1.0)
     squared_mahalanobis = np.array([7.0, np.nan, 1.0, 1.0, 1.0, 1.0])
-    seen = np.array([3, 12, 4, 12, 12, 12])
+    visible = np.array([3, 12, 4, 12, 12, 12])
     believed = np.array([3.0, 0.0, 2.9, 7.9, 8.1, 12.0])
-    p = find_p_values(squared_mahalanobis, seen, believed, table)
+    p = find_p_values(squared_mahalanobis, visible, believed, table)
     assert np.isnan(p[:2]).all()
     assert p[2:4].tolist() == [0, 0]
     assert (p[4:] > 0.9).all()

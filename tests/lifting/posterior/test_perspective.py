@@ -25,7 +25,7 @@ def posterior(prior, landmarks, starts, slopes=None):
 
 def through_camera(prior, scene):
     rays = find_rays(scene.landmarks, scene.camera)
-    starts = face(scene.starts(), scene.landmarks, scene.seen, scene.camera)
+    starts = face(scene.starts(), scene.landmarks, scene.visible, scene.camera)
     return rays, posterior(prior, rays.landmarks, starts, rays.slopes)
 
 
@@ -41,7 +41,7 @@ def test_the_camera_makes_near_shapes_better_and_its_regions_hold(draw_mixture, 
     scene = Scene(prior, 400, 6.0, sign)  # three to four times the size of the shapes
     rays, found = through_camera(prior, scene)
     weak = posterior(prior, scene.landmarks, scene.starts())
-    along = face(np.eye(3)[None, None], scene.landmarks, scene.seen, scene.camera)[:, 0]
+    along = face(np.eye(3)[None, None], scene.landmarks, scene.visible, scene.camera)[:, 0]
     without = error(along @ (weak.mean / weak.scale[:, None, None]), scene.shapes)
     assert error(found.mean / found.scale[:, None, None], scene.shapes) < 0.75 * without
     assert found.log_evidence.mean() > weak.log_evidence.mean() + 2
@@ -66,9 +66,9 @@ def test_the_place_before_the_camera_is_found(draw_mixture):
     rays, found = through_camera(prior, scene)
     at = place(found.mean, found.scale, rays, scene.camera)
     assert np.median(np.abs(at.translation / scene.translation - 1)[:, 2]) < 0.04
-    seen = project(scene.camera, at.shapes + at.translation[..., None])
+    visible = project(scene.camera, at.shapes + at.translation[..., None])
     unit = 1000 / 6.0
-    assert np.abs(seen - scene.landmarks).mean() < 1.5 * np.sqrt(RESIDUAL_VARIANCE) * unit
+    assert np.abs(visible - scene.landmarks).mean() < 1.5 * np.sqrt(RESIDUAL_VARIANCE) * unit
 
 
 def test_a_long_lens_sees_weak_perspective(draw_mixture):
@@ -140,10 +140,10 @@ def test_a_focal_length_that_is_assumed_leaves_points_open_along_their_rays(rng)
 def test_rotations_are_turned_onto_the_ray_to_what_is_seen_and_no_further(rng, sign):
     n, p = 5, 8
     camera = Camera(rng.uniform(800, 900, (n, 2)), rng.uniform(200, 300, (n, 2)), sign)
-    landmarks, seen = rng.uniform(0, 900, (n, 2, p)), rng.random((n, p)) < 0.6
+    landmarks, visible = rng.uniform(0, 900, (n, 2, p)), rng.random((n, p)) < 0.6
     rotations = random_rotations(3 * n, rng).reshape(n, 3, 3, 3)
-    turn = face(rotations, landmarks, seen, camera) @ np.swapaxes(rotations, 2, 3)
-    middle = np.stack([w[:, s].mean(axis=1) for w, s in zip(landmarks, seen, strict=True)])
+    turn = face(rotations, landmarks, visible, camera) @ np.swapaxes(rotations, 2, 3)
+    middle = np.stack([w[:, s].mean(axis=1) for w, s in zip(landmarks, visible, strict=True)])
     ray = np.column_stack([(middle - camera.centre) / camera.focal, np.full(n, sign)])
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     onto = np.broadcast_to(ray[:, None], (n, 3, 3))

@@ -1,11 +1,11 @@
-"""The posterior under mixtures: sampling, equivariance, calibration, gross landmarks."""
+"""The posterior under mixtures: sampling, equivariance, calibration, outliers."""
 
 import numpy as np
 import pytest
 
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import rotation_about
-from shapefit.lifting.posterior.posterior import Gross
+from shapefit.lifting.posterior.posterior import Outliers
 from tests.lifting.posterior import dense
 from tests.lifting.posterior.dense import draw_images, solve
 
@@ -81,9 +81,9 @@ def test_regions_hold_what_they_say_for_shapes_of_the_model(draw_mixture):
 def test_a_gross_landmark_is_disbelieved_and_the_others_stay(draw_mixture):
     prior, residual_variance, n, p = draw_mixture(5, p=13, size=0.08), 0.005, 40, 13
     y, w, R = draw_images(prior, n, 7, residual_variance)
-    clean = solve(prior, w, R[:, None], residual_variance, gross=Gross(0.05))
+    clean = solve(prior, w, R[:, None], residual_variance, outliers=Outliers(0.05))
     w[:, :, 4] += np.array([2.0, -1.5])
-    found = solve(prior, w, R[:, None], residual_variance, gross=Gross(0.05))
+    found = solve(prior, w, R[:, None], residual_variance, outliers=Outliers(0.05))
     others = np.arange(p) != 4
     error = [np.median(np.abs(f.mean - y)[:, :2, others].mean(axis=(1, 2))) for f in (clean, found)]
     assert np.median(found.inlier_probability[:, 4]) < 0.01
@@ -115,11 +115,11 @@ def test_a_climb_that_ends_on_a_saddle_does_not_count_beside_a_maximum():
 
 
 def test_surprise_is_never_negative(draw_mixture):
-    """A gross landmark is no surprise where gross ones are denser than the others at their peak."""
+    """An outlier is no surprise where outliers are denser than the others at their peak."""
     prior, residual_variance = draw_mixture(5, p=13, size=0.08), 0.005
     _, w, R = draw_images(prior, 10, 7, residual_variance)
     w[:, :, 4] += np.array([2.0, -1.5])
-    found = solve(prior, w, R[:, None], residual_variance, gross=Gross(0.9, 1e4))
+    found = solve(prior, w, R[:, None], residual_variance, outliers=Outliers(0.9, 1e4))
     assert (found.squared_mahalanobis >= 0).all()
 
 
@@ -128,11 +128,15 @@ def test_components_together_are_those_alone(draw_mixture):
     prior, residual_variance = draw_mixture(8, k=13, p=9, size=0.1), 0.01
     _, w, R = draw_images(prior, 12, 9, residual_variance)
     w[2:, :, 3], w[5, :, [0, 7]] = np.nan, np.nan
-    gross = Gross(0.02)
-    together = solve(prior, w, R[:, None], residual_variance, gross=gross)
+    outliers = Outliers(0.02)
+    together = solve(prior, w, R[:, None], residual_variance, outliers=outliers)
     alone = [
         solve(
-            Mixture(np.ones(1), mean[None], C[None]), w, R[:, None], residual_variance, gross=gross
+            Mixture(np.ones(1), mean[None], C[None]),
+            w,
+            R[:, None],
+            residual_variance,
+            outliers=outliers,
         )
         for mean, C in zip(prior.means, prior.covariances, strict=True)
     ]
@@ -147,7 +151,7 @@ def test_components_together_are_those_alone(draw_mixture):
 def test_climbs_end_where_nothing_more_is_to_be_gained(draw_mixture, request):
     prior, residual_variance = draw_mixture(3), 0.01
     _, w, R = draw_images(prior, 20, 5, residual_variance)
-    options = {"gross": Gross(0.02)}
+    options = {"gross": Outliers(0.02)}
     early = solve(prior, w, R[:, None], residual_variance, **options)
     request.getfixturevalue("to_the_end")
     late = solve(prior, w, R[:, None], residual_variance, **options)

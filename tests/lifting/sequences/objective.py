@@ -15,12 +15,12 @@ def second_difference(t):
 class Objective:
     """Energy, gradient and Gauss-Newton matrix over frames y (t, 3p), and lengths l (e,)."""
 
-    def __init__(self, seen, model, noise):
-        self.seen, self.model = seen, model
-        self.weight = further_weight(seen, noise)
-        self.w = np.nan_to_num(seen.landmarks).reshape(len(seen), -1)
-        D = second_difference(len(seen))
-        self.hold, self.known = held_lengths(model, first_lengths(seen.start, model))
+    def __init__(self, visible, model, noise):
+        self.visible, self.model = visible, model
+        self.weight = further_weight(visible, noise)
+        self.w = np.nan_to_num(visible.landmarks).reshape(len(visible), -1)
+        D = second_difference(len(visible))
+        self.hold, self.known = held_lengths(model, first_lengths(visible.start, model))
         self.motion = np.kron(D.T @ D, np.diag(np.tile(model.stiffness, 3)))
 
     def energy(self, y, lengths):
@@ -35,8 +35,8 @@ class Objective:
         """Log of share times normal density of each mode, without the constant."""
         terms = []
         for share, mean, P, log_det in zip(
-            self.seen.log_share[f], self.seen.mean[f], self.seen.precision[f],
-            self.seen.log_det[f], strict=True,
+            self.visible.log_share[f], self.visible.mean[f], self.visible.precision[f],
+            self.visible.log_det[f], strict=True,
         ):  # fmt: skip
             away = frame - mean
             terms.append(share - 0.5 * (away @ P @ away + log_det))
@@ -83,7 +83,7 @@ class Objective:
         for f in range(t):
             terms = self.log_terms(f, y[f])
             shares = np.exp(terms - np.logaddexp.reduce(terms))
-            block = np.einsum("k,kab->ab", shares, self.seen.precision[f])
+            block = np.einsum("k,kab->ab", shares, self.visible.precision[f])
             block[: self.w.shape[1], : self.w.shape[1]] += np.diag(self.weight[f])
             for b in range(len(i)):
                 row = np.zeros((3, d // 3))

@@ -59,19 +59,19 @@ def test_planted_errors_in_common_are_covered(rng):
         motion = np.cumsum(np.cumsum(a * rng.standard_normal((T, 3, P)), axis=0), axis=0)
         errors = rng.multivariate_normal(np.zeros(3 * P), whole, T + 1).reshape(-1, 3, P)
         means = motion + errors[:T] + CONSTANTS.shared * errors[T]
-        seen = observe(
+        visible = observe(
             means[:, :2], np.ones((T, P)), means, np.zeros((T, 1)), means[:, None],
             np.tile(whole, (T, 1, 1, 1)), RESIDUAL_VARIANCE,
         )  # fmt: skip
-        found = smooth(seen, model, np.sqrt(RESIDUAL_VARIANCE), max_rounds=20)
+        found = smooth(visible, model, np.sqrt(RESIDUAL_VARIANCE), max_rounds=20)
         one = slice(T // 2, T // 2 + 1)
         smoothed = (found.deviation[one], found.correlation[one])
         away = (found.points - motion)[one]
-        for bars, kept in (
+        for bars, retained in (
             (add_common_error(smoothed, parts_of(C[None]), np.zeros((1, P))), levels),
             (smoothed, alone),
         ):
-            kept.append(chdtr(3.0, mahalanobis(away / bars[0], bars[1]))[0])
+            retained.append(chdtr(3.0, mahalanobis(away / bars[0], bars[1]))[0])
     n = sequences * P
     for nominal in (0.5, 0.9):
         off = 4 * np.sqrt(nominal * (1 - nominal) / n)

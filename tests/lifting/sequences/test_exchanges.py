@@ -52,8 +52,8 @@ def test_exchanged_frames_are_found(rng, rows, continuous):
 
 
 def test_nothing_is_found_where_little_is_seen(rng):
-    unseen = np.full((T, 2, P), np.nan)
-    assert not find_exchanges(unseen, PAIRS, RATE).exchanged.any()
+    hidden = np.full((T, 2, P), np.nan)
+    assert not find_exchanges(hidden, PAIRS, RATE).exchanged.any()
     assert not find_exchanges(walk(rng)[:1], PAIRS, RATE).exchanged.any()
     assert not find_exchanges(walk(rng), PAIRS[:0], RATE).exchanged.any()
 

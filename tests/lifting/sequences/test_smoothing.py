@@ -53,18 +53,20 @@ def test_precisions_are_inverses(rng, p):
 @pytest.mark.parametrize("frames", [1, 2, 3, 4, 9])
 def test_a_step_is_that_of_the_dense_system(images, body, model, frames, case):
     """The first step, damped, half a unit at most."""
-    seen = images(body[:frames], noise=0.02, depth=0.1)
+    visible = images(body[:frames], noise=0.02, depth=0.1)
     if case == "known lengths":
         longer = smoothing.first_lengths(body, model) * [1.3, 1, 0.8, np.nan]
         known = np.diag([1.0, 1, 1, 0]) - 0.2 * np.outer([1, 1, 1, 0], [1, 1, 1, 0])
         model = replace(model, known=Lengths(longer, known / 0.002**2, measured=True))
     if case == "far":
-        seen = replace(seen, start=seen.start + 2)
-    found = smooth(seen, model, 0.1, max_rounds=1)
-    judge, e = Objective(seen, model, 0.1), len(model.bones)
-    y = seen.start.reshape(frames, -1)
-    lengths = smoothing.first_lengths(seen.start, model)
-    assert smooth(seen, model, 0.1, max_rounds=0).energy == pytest.approx(judge.energy(y, lengths))
+        visible = replace(visible, start=visible.start + 2)
+    found = smooth(visible, model, 0.1, max_rounds=1)
+    judge, e = Objective(visible, model, 0.1), len(model.bones)
+    y = visible.start.reshape(frames, -1)
+    lengths = smoothing.first_lengths(visible.start, model)
+    assert smooth(visible, model, 0.1, max_rounds=0).energy == pytest.approx(
+        judge.energy(y, lengths)
+    )
     A = judge.matrix(y) + 0.1 * np.eye(y.size)
     along, size = judge.bones(y)
     M = np.zeros((frames, 3, y.shape[1] // 3, e))
@@ -85,14 +87,16 @@ def test_a_step_is_that_of_the_dense_system(images, body, model, frames, case):
 
 def test_the_end_is_a_minimum_of_the_dense_objective(images, body, model, monkeypatch):
     monkeypatch.setattr(smoothing, "TOLERANCE", 1e-9)
-    seen = images(body, noise=0.02)
-    found = smooth(seen, model, 0.02, max_rounds=200)
-    judge = Objective(seen, model, 0.02)
-    y = found.points.reshape(len(seen), -1)
+    visible = images(body, noise=0.02)
+    found = smooth(visible, model, 0.02, max_rounds=200)
+    judge = Objective(visible, model, 0.02)
+    y = found.points.reshape(len(visible), -1)
     assert found.converged
-    assert not smooth(seen, model, 0.02, max_rounds=2).converged
+    assert not smooth(visible, model, 0.02, max_rounds=2).converged
     assert found.energy == pytest.approx(judge.energy(y, found.lengths))
-    first = judge.gradient(seen.start.reshape(y.shape), smoothing.first_lengths(seen.start, model))
+    first = judge.gradient(
+        visible.start.reshape(y.shape), smoothing.first_lengths(visible.start, model)
+    )
     assert np.abs(judge.gradient(y, found.lengths)).max() < 1e-4 * np.abs(first).max()
     for seed in range(5):
         away = 0.01 * np.random.default_rng(seed).standard_normal(y.shape)
@@ -100,19 +104,19 @@ def test_the_end_is_a_minimum_of_the_dense_objective(images, body, model, monkey
 
 
 def test_a_rigid_body_is_found_where_single_images_are_far_off(images, body, model):
-    seen = images(body, noise=0.002)
-    found = smooth(seen, model, 0.003, max_rounds=50)
-    assert error(seen.start, body) > 0.15
-    assert error(found.points, body) < 0.35 * error(seen.start, body)
+    visible = images(body, noise=0.002)
+    found = smooth(visible, model, 0.003, max_rounds=50)
+    assert error(visible.start, body) > 0.15
+    assert error(found.points, body) < 0.35 * error(visible.start, body)
     true = np.linalg.norm(body[0, :, model.bones[:, 0]] - body[0, :, model.bones[:, 1]], axis=1)
     np.testing.assert_allclose(found.lengths, true, rtol=0.06)
 
 
 def test_known_lengths_up_to_scale_are_kept(images, body, model):
     true = np.linalg.norm(body[0, :, model.bones[:, 0]] - body[0, :, model.bones[:, 1]], axis=1)
-    seen = images(body, noise=0.002)
+    visible = images(body, noise=0.002)
     exact = Lengths(40 * true, np.eye(4) / 0.01**2, measured=True)
-    found = smooth(seen, replace(model, known=exact), 0.003, max_rounds=50)
+    found = smooth(visible, replace(model, known=exact), 0.003, max_rounds=50)
     ratio = found.lengths / true
     np.testing.assert_allclose(ratio / ratio.mean(), 1, atol=0.03)
 
@@ -134,20 +138,20 @@ def test_copies_of_a_frame_stay_within_a_standard_deviation(images, body, model)
     )
 
 
-def only_mode(seen):
+def only_mode(visible):
     """The images with their first modes alone."""
     parts = ("log_share", "mean", "precision", "log_det")
-    return replace(seen, **{name: getattr(seen, name)[:, :1].copy() for name in parts})
+    return replace(visible, **{name: getattr(visible, name)[:, :1].copy() for name in parts})
 
 
 @pytest.mark.parametrize("frames", [1, 2, 5])
 def test_deviations_are_those_of_the_dense_hessian(images, body, model, frames):
     """Of the whole energy, by differences of its gradient: bones that are too short count, too."""
-    seen = only_mode(images(body[:frames], noise=0.02))
+    visible = only_mode(images(body[:frames], noise=0.02))
     model = replace(model, give=np.full(4, 0.1))
-    found = smooth(seen, model, 0.03, covariances=True, max_rounds=100)
+    found = smooth(visible, model, 0.03, covariances=True, max_rounds=100)
     y = found.points.reshape(frames, -1)
-    judge = Objective(seen, model, 0.03)
+    judge = Objective(visible, model, 0.03)
     covariance = np.linalg.inv(judge.hessian(y, found.lengths))
     own = np.einsum("tatb->tab", covariance.reshape(2 * (frames, 15)))
     np.testing.assert_allclose(found.covariance, own, atol=1e-5)
@@ -173,7 +177,7 @@ def test_a_frame_by_itself_has_the_covariance_of_its_mixture(model, rng, apart, 
     share = np.log([0.6, 0.4])
     log_det = np.linalg.slogdet(C)[1]
     residual_variance = 0.2**2
-    seen = Observations(
+    visible = Observations(
         landmarks=landmarks.reshape(1, 2, 5),
         trust=np.ones((1, 5)),
         start=mean[:1].reshape(1, 3, 5),
@@ -185,7 +189,7 @@ def test_a_frame_by_itself_has_the_covariance_of_its_mixture(model, rng, apart, 
     )
     free = replace(model, bones=model.bones[:0], give=model.give[:0])
     noise = (1 / residual_variance + weight[0, 0]) ** -0.5
-    found = smooth(seen, free, noise, covariances=True, max_rounds=50)
+    found = smooth(visible, free, noise, covariances=True, max_rounds=50)
     w = np.append(landmarks, np.zeros(5))
     parts = np.linalg.inv(precision + weight)
     means = [part @ (P @ m + weight @ w) for part, P, m in zip(parts, precision, mean, strict=True)]
@@ -211,12 +215,12 @@ def test_a_frame_by_itself_has_the_covariance_of_its_mixture(model, rng, apart, 
 
 def test_neighbours_that_know_the_mode_leave_no_doubt(images, body, model):
     """Both depths of the middle frame are as likely; of its neighbours one alone."""
-    seen = only_mode(images(np.repeat(body[:1], 5, axis=0), depth=0.01))
+    visible = only_mode(images(np.repeat(body[:1], 5, axis=0), depth=0.01))
     two = images(np.repeat(body[:1], 5, axis=0), depth=0.01)
     share = np.tile([0.0, -np.inf], (5, 1))
     share[2] = np.log([0.5, 0.5])
     sure = smooth(replace(two, log_share=share), model, 0.03, max_rounds=30)
-    alone = smooth(seen, model, 0.03, max_rounds=30)
+    alone = smooth(visible, model, 0.03, max_rounds=30)
     np.testing.assert_allclose(sure.deviation, alone.deviation, rtol=0.2)
 
 
@@ -241,31 +245,39 @@ def test_the_scale_of_accelerations_is_that_of_the_motion(images, rng, body, lag
 
 
 def test_landmarks_stated_to_be_exacter_count_by_their_trust(images, body, rng):
-    seen = images(body)
-    trust = rng.random(seen.trust.shape)
-    expected = np.concatenate([trust, trust], axis=1) * (1 / 0.05**2 - 1 / seen.residual_variance)
-    found = further_weight(replace(seen, trust=trust), 0.05)
+    visible = images(body)
+    trust = rng.random(visible.trust.shape)
+    expected = np.concatenate([trust, trust], axis=1) * (
+        1 / 0.05**2 - 1 / visible.residual_variance
+    )
+    found = further_weight(replace(visible, trust=trust), 0.05)
     np.testing.assert_allclose(found, expected)
-    assert not further_weight(seen, 0.2).any()  # nothing is stated beyond what images have
+    assert not further_weight(visible, 0.2).any()  # nothing is stated beyond what images have
 
 
 def test_frames_without_modes_lie_between_their_neighbours(images, body):
-    seen = images(body)
-    known = np.ones(len(seen), dtype=bool)
+    visible = images(body)
+    known = np.ones(len(visible), dtype=bool)
     known[[0, 4, 5]] = False
-    filled = fill(seen.start, known)
-    np.testing.assert_allclose(filled[0], seen.start[1])
-    np.testing.assert_allclose(filled[4], (2 * seen.start[3] + seen.start[6]) / 3)
+    filled = fill(visible.start, known)
+    np.testing.assert_allclose(filled[0], visible.start[1])
+    np.testing.assert_allclose(filled[4], (2 * visible.start[3] + visible.start[6]) / 3)
     evidence = np.where(known[:, None], 0.0, -np.inf) * np.ones((1, 2))
-    modes = np.repeat(seen.start[:, None], 2, axis=1)
-    covariance = np.tile(np.eye(15), (len(seen), 2, 1, 1))
+    modes = np.repeat(visible.start[:, None], 2, axis=1)
+    covariance = np.tile(np.eye(15), (len(visible), 2, 1, 1))
     blind = observe(
-        seen.landmarks, np.ones((len(seen), 5)), seen.start, evidence, modes, covariance, 0.01
+        visible.landmarks,
+        np.ones((len(visible), 5)),
+        visible.start,
+        evidence,
+        modes,
+        covariance,
+        0.01,
     )
     assert blind.trust[0].sum() == 0
     assert blind.precision[0, 0, 0, 0] == pytest.approx(CONSTANTS.widest**-2)
     with pytest.raises(ValueError, match="no frame"):
-        fill(seen.start, np.zeros(len(seen), dtype=bool))
+        fill(visible.start, np.zeros(len(visible), dtype=bool))
 
 
 def test_smoothing_in_time_is_the_dense_least_squares(rng):
@@ -298,9 +310,9 @@ def test_errors_that_images_share_do_not_outweigh_known_lengths(images, body, mo
     short[..., 4] = 0.6 * short[..., 4] + 0.4 * short[..., 1]
     off = {}
     for frames, known in itertools.product((20, 200), (usual, None)):
-        seen = images(np.repeat(short, frames, axis=0), depth=0.2, sure=0.2)
+        visible = images(np.repeat(short, frames, axis=0), depth=0.2, sure=0.2)
         weighed = replace(model, known=known or weigh_lengths(usual, frames))
-        found = smooth(seen, weighed, 0.1, max_rounds=50).lengths
+        found = smooth(visible, weighed, 0.1, max_rounds=50).lengths
         off[frames, known is None] = np.log((found / true)[:3].mean() * true[3] / found[3])
     assert off[200, True] < 0.7 * off[200, False]
     assert off[200, True] == pytest.approx(off[20, True], rel=0.1)

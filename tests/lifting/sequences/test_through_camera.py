@@ -63,23 +63,23 @@ def test_landmarks_of_true_depths_are_those_of_weak_perspective(scene, lifting):
     true = replace(lifting, scale=scale, estimate=replace(lifting.estimate, shapes=S),
                    perspective=view)  # fmt: skip
     exact = project(scene.camera, S + t[..., None])
-    seen = []
+    visible = []
 
     def look(weak, landmarks):
-        seen.append(landmarks)
+        visible.append(landmarks)
         np.testing.assert_allclose(landmarks, weak.shapes[:, :2], atol=1e-9 * scale.max())
         return weak
 
     back = refine_through_camera(true, exact, look)
-    assert len(seen) == 1
+    assert len(visible) == 1
     np.testing.assert_allclose(back.landmarks_fitted, exact)
 
 
 def test_without_a_camera_nothing_is_brought_anywhere(scene, lifting):
     plain = replace(lifting, perspective=None)
-    kept = refine_through_camera(plain, scene.landmarks, lambda weak, w: (weak, w))
-    assert kept[0] is plain
-    assert kept[1] is scene.landmarks
+    retained = refine_through_camera(plain, scene.landmarks, lambda weak, w: (weak, w))
+    assert retained[0] is plain
+    assert retained[1] is scene.landmarks
 
 
 def test_landmarks_are_trusted_by_belief_times_the_square_of_their_confidence(

@@ -23,7 +23,7 @@ def parts(problem, found):
     placed = fit_translation(problem, projected)
     omega = problem.weights[:, None]
     residual = omega * (problem.landmarks - projected - placed.translation[..., None])
-    return residual, placed.misfit + problem.lam * np.abs(c).sum(axis=1)
+    return residual, placed.half_squared_residual + problem.lam * np.abs(c).sum(axis=1)
 
 
 @signs

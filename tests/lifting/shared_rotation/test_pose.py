@@ -139,7 +139,7 @@ def test_every_start_ends_at_a_local_minimum(shape, rng, thin):
         rotation=R, size=size, threads=1,
     )  # fmt: skip
 
-    def misfit(R):
+    def half_squared_residual(R):
         overlap = (D * R[:, :2]).sum(axis=(1, 2))
         return -0.5 * np.maximum(overlap, 0) ** 2 / (R[:, :2] @ P * R[:, :2]).sum(axis=(1, 2))
 
@@ -151,7 +151,7 @@ def test_every_start_ends_at_a_local_minimum(shape, rng, thin):
     gradient = G - 0.5 * (inner + inner.swapaxes(1, 2)) @ R[:, :2]
     scale = size * (np.linalg.norm(D, axis=(1, 2)) + size * np.trace(P))
     assert (np.linalg.norm(gradient, axis=(1, 2)) < 1e-9 * scale).all()
-    assert (misfit(R) <= misfit(start) + 1e-12 * scale).all()
+    assert (half_squared_residual(R) <= half_squared_residual(start) + 1e-12 * scale).all()
     for axis in rng.standard_normal((5, 3)):
         moved = rotation_about(axis, np.array([1e-3]))[0] @ R
-        assert (misfit(moved) >= misfit(R) - 1e-12 * scale).all()
+        assert (half_squared_residual(moved) >= half_squared_residual(R) - 1e-12 * scale).all()

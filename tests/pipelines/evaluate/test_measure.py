@@ -295,10 +295,10 @@ def test_error_bars_are_those_of_the_frame_of_the_camera(with_bars, truth):
         if frame != "line-of-sight":  # the scale is that of the frame of the truth
             unit = true.shapes.std(axis=-1).mean(axis=-1)
             np.testing.assert_allclose(bars.width["normalised"], width / unit[:, None])
-    seen = truth.replaced(shapes=tilt @ (away + ahead))
+    visible = truth.replaced(shapes=tilt @ (away + ahead))
     lens = with_column(without, "focal", np.full((N, 2), 1000.0))  # this fit had a camera
-    by_camera = measured(lens, seen, metrics=SHAPES, truth_frame="line-of-sight").bars.square
-    tilted = measured(without, seen, metrics=SHAPES, truth_frame="camera").bars.square
+    by_camera = measured(lens, visible, metrics=SHAPES, truth_frame="line-of-sight").bars.square
+    tilted = measured(without, visible, metrics=SHAPES, truth_frame="camera").bars.square
     np.testing.assert_allclose(by_camera, tilted)
     none = measured(without, truth, metrics=SHAPES)
     assert none.bars is None
@@ -312,15 +312,15 @@ SEEN = (5, 4, 3, 5, 2, 4, 5)
 @pytest.mark.parametrize("least", [0, 2, 3, 4, 5])
 def test_images_with_at_least_so_many_observed_landmarks_are_measured(results, truth, least):
     observed = results.columns["landmarks"].copy()
-    for image, seen in zip(observed, SEEN, strict=True):
-        image[seen:] = np.nan
+    for image, visible in zip(observed, SEEN, strict=True):
+        image[visible:] = np.nan
     results = changed(with_column(results, "landmarks", observed), "shapes", 0, np.nan)
     found = measured(results, truth, metrics=SHAPES, least_visible=least)
-    kept = tuple(item for item, seen in zip(ITEMS, SEEN, strict=True) if seen >= least)
-    assert found.items == kept
+    retained = tuple(item for item, visible in zip(ITEMS, SEEN, strict=True) if visible >= least)
+    assert found.items == retained
     assert list(found.failures) == ["item0"]
-    out = f"{N - len(kept)} of 7 images left out: fewer than {least} observed landmarks"
-    assert (out in found.warnings) == (len(kept) < N)
+    out = f"{N - len(retained)} of 7 images left out: fewer than {least} observed landmarks"
+    assert (out in found.warnings) == (len(retained) < N)
     with pytest.raises(InputError, match=r"none of its 7 images has 6 .*`least_visible` to 5 or"):
         measured(results, truth, metrics=SHAPES, least_visible=6)
     with pytest.raises(InputError, match=r"has no dataset 'landmarks'.*least_visible"):

@@ -30,7 +30,7 @@ def images(points=None, unit="px", per_item=None, **whole):
     return LandmarkSet(points, names, items, unit=unit, columns=per_item, whole=whole)
 
 
-def choose(seen, method="posterior", image_size=None, from_landmarks=False, **camera):
+def choose(visible, method="posterior", image_size=None, from_landmarks=False, **camera):
     """Return the intrinsics that were chosen, and the line about them."""
     config = FitConfig(
         landmarks=[__file__],
@@ -39,7 +39,7 @@ def choose(seen, method="posterior", image_size=None, from_landmarks=False, **ca
         camera=camera,
         image_size=image_size,
     )
-    found, line = choose_camera(config, seen, from_landmarks=from_landmarks)
+    found, line = choose_camera(config, visible, from_landmarks=from_landmarks)
     assert line
     return Intrinsics.of(config.changed(camera=found).camera), line
 
@@ -97,8 +97,8 @@ SMALL, LARGE = box(60, 80, n=3), 4 * box(n=1)
         ),
     ],
 )
-def test_the_camera(seen, keys, expected, said):
-    found, line = choose(seen, **keys)
+def test_the_camera(visible, keys, expected, said):
+    found, line = choose(visible, **keys)
     assert said in line
     if expected is None or expected.dataset:
         assert found == expected
@@ -116,9 +116,9 @@ def test_the_camera(seen, keys, expected, said):
         (images(camera_matrix=np.array(1674.0)), {"focal": "files"}),
     ],
 )
-def test_a_focal_length_without_a_size_asks_for_it(seen, keys):
+def test_a_focal_length_without_a_size_asks_for_it(visible, keys):
     with pytest.raises(InputError, match="--image-size WxH"):
-        choose(seen, **keys)
+        choose(visible, **keys)
 
 
 def test_an_impossible_matrix_is_an_error():

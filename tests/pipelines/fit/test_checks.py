@@ -48,9 +48,9 @@ def film(poses, skeleton):
             rows[row, joints.index(joint)] = weight
     rng = np.random.default_rng(4)
     turns = rotation_about(np.array([0.0, 1.0, 0.0]), rng.uniform(0, 2 * np.pi, N))
-    seen = np.diag([1.0, -1.0, -1.0]) @ turns @ shapes @ rows.T
-    seen[:, 2] += BODIES * 4.7
-    pixels = FOCAL * seen[:, :2] / seen[:, 2:] + np.array(SIZE)[:, None] / 2
+    visible = np.diag([1.0, -1.0, -1.0]) @ turns @ shapes @ rows.T
+    visible[:, 2] += BODIES * 4.7
+    pixels = FOCAL * visible[:, :2] / visible[:, 2:] + np.array(SIZE)[:, None] / 2
     return LandmarkSet(
         landmarks=pixels + rng.standard_normal(pixels.shape),
         landmark_names=installed_skeletons()[skeleton].landmark_names,

@@ -70,8 +70,8 @@ def test_the_method_has_what_the_config_asks_for(chosen, overrides, method, resi
 
 def test_other_dictionaries_have_their_own_variance_or_no_prior(chosen, tmp_path):
     known = read_dictionary(find_dictionaries()["people"])
-    kept = {key: text for key, text in known.provenance.items() if key != "suits"}
-    write_dictionary(tmp_path / "own.h5", replace(known, provenance=kept))
+    retained = {key: text for key, text in known.provenance.items() if key != "suits"}
+    write_dictionary(tmp_path / "own.h5", replace(known, provenance=retained))
     config, _ = chosen(None, tmp_path / "own.h5")
     assert (config.method, config.prior.residual_variance) == ("posterior", None)
     write_dictionary(tmp_path / "atoms.h5", replace(known, prior=None, p_value_table=None))

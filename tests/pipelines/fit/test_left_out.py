@@ -1,4 +1,4 @@
-"""`leave_out`: the model that an image shows has no part in its fit, whatever it looks like."""
+"""`omit`: the model that an image shows has no part in its fit, whatever it looks like."""
 
 from dataclasses import replace
 
@@ -88,15 +88,15 @@ def test_each_image_is_fitted_with_the_dictionary_of_the_other_models(run, model
     items = np.array(models.atom_items)
     for model in MODELS:
         rows = [i for i in range(9) if SHOWN[i] == model]
-        kept = items != model
+        retained = items != model
         others = Dictionary(
-            models.atoms[kept], NAMES, normalise(models.atoms[kept].mean(axis=0)).points
+            models.atoms[retained], NAMES, normalise(models.atoms[retained].mean(axis=0)).points
         )
         expected, _ = run(others, images.take(rows), leave_one_out=None, **keys)
         check_same(found, expected, rows)
         if expected.coefficients is not None:
             mine = found.coefficients[rows]
-            np.testing.assert_array_equal(mine[:, kept], expected.coefficients)
+            np.testing.assert_array_equal(mine[:, retained], expected.coefficients)
 
 
 def test_chunks_make_no_difference_but_to_starts(run, monkeypatch):
@@ -123,7 +123,7 @@ def test_models_that_the_dictionary_lacks_are_fitted_with_all_atoms(run, images)
     check_same(found, known, [0, 1, 2, 4, 6, 8], [0, 1, 2, 4, 6, 8])
 
 
-@pytest.mark.parametrize(("items", "leave_out", "message"), [
+@pytest.mark.parametrize(("items", "omit", "message"), [
     ((*MODELS, "polo"), "true_modle", "no dataset 'true_modle' .* one of: item, true_model"),
     ((*MODELS, "polo"), "box", "no dataset 'box' with one name per image"),
     (None, "true_model", "atoms of the dictionary have no items; .*method: exemplars"),
@@ -134,7 +134,7 @@ def test_models_that_the_dictionary_lacks_are_fitted_with_all_atoms(run, images)
         "'golf', 'jetta', 'passat'",
     ),
 ])  # fmt: skip
-def test_names_that_leave_nothing_out_are_refused(run, tmp_path, models, items, leave_out, message):
+def test_names_that_leave_nothing_out_are_refused(run, tmp_path, models, items, omit, message):
     with pytest.raises(InputError, match=f"leave_one_out: .*{message}"):
-        run(replace(models, atom_items=items), leave_one_out=leave_out)
+        run(replace(models, atom_items=items), leave_one_out=omit)
     assert not (tmp_path / "result.h5").exists()

@@ -30,9 +30,9 @@ def run(fit, tmp_path, made_cars):
 
 def spoil(views, share, rng):
     """Put a share of the visible landmarks of each image anywhere in the box of the others."""
-    seen, w = views.seen(), views.landmarks
-    rank = np.where(seen, rng.random(seen.shape), np.inf).argsort(axis=1).argsort(axis=1)
-    wrong = rank < np.round(share * seen.sum(axis=1, keepdims=True))
+    visible, w = views.visible(), views.landmarks
+    rank = np.where(visible, rng.random(visible.shape), np.inf).argsort(axis=1).argsort(axis=1)
+    wrong = rank < np.round(share * visible.sum(axis=1, keepdims=True))
     low, high = (f(w, axis=2, keepdims=True) for f in (np.nanmin, np.nanmax))
     landmarks = np.where(wrong[:, None], low + (high - low) * rng.random(w.shape), w)
     return views.replaced(landmarks=landmarks), wrong
@@ -67,12 +67,12 @@ def test_what_is_drawn_belongs_to_the_name_of_an_image(run, views, rng):
 def test_images_that_cannot_be_searched_or_lifted(run, views, rng):
     images = views.take(slice(6))
     landmarks = images.landmarks.copy()
-    seen = [np.flatnonzero(np.isfinite(landmarks[i, 0])) for i in range(6)]
-    landmarks[0][:, seen[0][3:]] = np.nan  # three landmarks
-    landmarks[1][:, seen[1][2:]] = np.nan
-    landmarks[2][:, seen[2]] = 5.0  # all on one point
-    landmarks[3][:, seen[3][5:]] = np.nan  # five landmarks of another shape
-    landmarks[3][:, seen[3][:5]] = rng.uniform(0, 1e3, (2, 5))
+    visible = [np.flatnonzero(np.isfinite(landmarks[i, 0])) for i in range(6)]
+    landmarks[0][:, visible[0][3:]] = np.nan  # three landmarks
+    landmarks[1][:, visible[1][2:]] = np.nan
+    landmarks[2][:, visible[2]] = 5.0  # all on one point
+    landmarks[3][:, visible[3][5:]] = np.nan  # five landmarks of another shape
+    landmarks[3][:, visible[3][:5]] = rng.uniform(0, 1e3, (2, 5))
     landmarks[4] = np.nan
     images = images.replaced(landmarks=landmarks)
     found, failures = run(images, outliers="ransac", outlier_threshold=0.01)

@@ -92,7 +92,7 @@ def test_implausible_images_are_reported_and_keep_their_status(
     monkeypatch.setattr(verdict, "LIMITS", replace(verdict.LIMITS, min_p_value=0.999999))
     keys = {"camera": {"focal": "none"}}
     found, outcomes = fit(with_prior, images, method="posterior", **keys)
-    (reasons,) = [reasons for out in outcomes for reasons in out.doubts]
+    (reasons,) = [reasons for out in outcomes for reasons in out.reasons]
     assert reasons.text == "implausible landmarks"
     assert set(reasons.items) == set(found.items)
     assert not found.columns["trusted"].any()

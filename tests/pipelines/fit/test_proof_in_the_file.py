@@ -37,12 +37,12 @@ def test_objective_and_gap_follow_from_the_datasets(files):
     with h5py.File(result) as file:
         data = {name: file[name][()] for name in file}
     W = data["landmarks"].transpose(0, 2, 1)
-    seen = np.isfinite(W).all(axis=1)
-    assert seen.sum(axis=1).tolist() == [P - 2] * N
-    omega = np.where(seen, data["confidence"], 0.0)
+    visible = np.isfinite(W).all(axis=1)
+    assert visible.sum(axis=1).tolist() == [P - 2] * N
+    omega = np.where(visible, data["confidence"], 0.0)
     starts = np.cumsum(data["transform_count"]) - data["transform_count"]
     for i in range(N):
-        w, at, weights = W[i][:, seen[i]], atoms[:, :, seen[i]], omega[i, seen[i]]
+        w, at, weights = W[i][:, visible[i]], atoms[:, :, visible[i]], omega[i, visible[i]]
         w = (w - w.mean(axis=1, keepdims=True)) / w.std(axis=1).mean()
         mine = slice(starts[i], starts[i] + data["transform_count"][i])
         M, used = data["active_transforms"][mine], data["transform_atom"][mine]
@@ -52,7 +52,7 @@ def test_objective_and_gap_follow_from_the_datasets(files):
         lam = data["lambda"][i]
         primal = 0.5 * (residual**2).sum() + lam * norms.sum()
         assert primal == pytest.approx(data["objective"][i], rel=1e-12)
-        Y = data["dual"][i].T[:, seen[i]]
+        Y = data["dual"][i].T[:, visible[i]]
         assert np.abs(Y @ weights).max() <= 1e-12
         nuclear = np.linalg.svd((Y * weights) @ at.transpose(0, 2, 1), compute_uv=False)
         assert nuclear.sum(axis=1).max() <= lam * (1 + 1e-12)

@@ -161,7 +161,7 @@ def test_a_sequence_before_a_camera(people, project, tmp_path):
     turn = rotation_about(np.array([0.0, 1.0, 0.0]), np.linspace(0, 3, len(truth)))
     X = turn @ (truth.shapes - truth.shapes.mean(axis=2, keepdims=True))
     X[:, 2] -= 2.5 * np.ptp(X, axis=2).max()
-    seen = LandmarkSet(
+    visible = LandmarkSet(
         landmarks=-900 * X[:, :2] / X[:, 2:] + 500,
         landmark_names=truth.landmark_names,
         items=truth.items,
@@ -169,7 +169,7 @@ def test_a_sequence_before_a_camera(people, project, tmp_path):
         y_axis="up",
         frame_rate=24.0,
     )
-    path = written(tmp_path / "near.h5", seen)
+    path = written(tmp_path / "near.h5", visible)
     weak, _ = fitted(people, path, camera={"focal": "none"})
     camera = {"focal": 900.0, "principal_point": [500.0, 500.0]}
     found, _ = fitted(people, path, camera=camera)

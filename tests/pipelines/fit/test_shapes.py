@@ -37,11 +37,11 @@ class TestShapes:
     def test_hidden_landmarks_are_filled_in_without_bias(
         self, fit, dictionary, images, atoms, rotations
     ):
-        seen = images.landmarks.copy()
+        visible = images.landmarks.copy()
         images.landmarks[np.arange(8), :, np.arange(8)] = np.nan
         images.landmarks[np.arange(8), :, np.arange(8) - 1] = np.nan
         found, _ = fit(dictionary, images, **{"lambda": 1e-5})
-        np.testing.assert_allclose(found.shapes[:, :2], seen, atol=0.02)
+        np.testing.assert_allclose(found.shapes[:, :2], visible, atol=0.02)
         depth = 20 * (rotations @ atoms[np.arange(8) % 6])[:, 2]
         np.testing.assert_allclose(found.shapes[:, 2], depth, atol=0.1)
 

@@ -19,7 +19,7 @@ from shapefit.io import (
 )
 from shapefit.pipelines import info, verify
 from shapefit.pipelines.learn_dict import run as learn_dict
-from shapefit.pipelines.learn_dict.from_2d import find_doubts, lift_by
+from shapefit.pipelines.learn_dict.from_2d import find_reasons, lift_by
 from tests.io.files import save
 from tests.pipelines.fitted import fit_file
 
@@ -132,9 +132,9 @@ def test_the_verdict_stays_with_the_dictionary(tmp_path):
 def test_a_known_camera_decides_what_is_near(learn, tmp_path, class_of_shapes, sign):
     shapes = class_of_shapes * [[sign], [1.0], [1.0]]
     size = np.linalg.norm(shapes, axis=(1, 2)).mean() / np.sqrt(P)
-    seen = shapes[:, :2] / (1 + shapes[:, 2:] / (4 * size))
+    visible = shapes[:, :2] / (1 + shapes[:, 2:] / (4 * size))
     camera = np.array([[400 * size, 0, 300], [0, 400 * size, 300], [0, 0, 1.0]])
-    outcomes = learn(seen, {"further": {"camera_matrix": camera}})
+    outcomes = learn(visible, {"further": {"camera_matrix": camera}})
     assert any("perspective: near and far" in outcome.line for outcome in outcomes)
     found = lift(tmp_path)
     assert found.columns["trusted"].any()
@@ -192,10 +192,10 @@ def test_images_that_do_not_determine_depth_end_with_the_verdict(
 def test_doubtful_depth_and_the_mirror_image_are_said():
     found = Judgement(0.01, 0.2, 0.02, 0.3, 90.0, 0.4, DOUBTFUL)
     assert found.fine
-    doubtful, mirrored = find_doubts(found, sided=False)
+    doubtful, mirrored = find_reasons(found, sided=False)
     assert "each half of the images by itself gives shapes 0.40" in doubtful
     assert "near and far" in mirrored
-    assert not list(find_doubts(replace(found, verdict=LEARNED), sided=True))
+    assert not list(find_reasons(replace(found, verdict=LEARNED), sided=True))
 
 
 def test_landmarks_that_no_image_shows_are_named(learn, class_of_shapes):

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import minimize, nnls
 from scipy.spatial.transform import Rotation
 
-from benchmarks.oracles import best_combination, nearest_atom
+from benchmarks.lower_bounds import best_combination, nearest_atom
 from shapefit.evaluation.metrics import similarity
 from shapefit.geometry.rotations import random_rotations, rotation_about
 

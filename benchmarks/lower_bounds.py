@@ -41,10 +41,10 @@ def oracle_rows(config: Mapping[str, Any]) -> list[list[str]]:
     truth = read_shapes([Path(path) for path in config["truth"]])
     truth = truth.arrange(dictionary.landmark_names)
     row_of = {item: row for row, item in enumerate(truth.items)}
-    seen = np.isfinite(found.extras["landmarks"]).all(axis=2).sum(axis=1)
-    kept = np.flatnonzero(seen >= config.get("least_visible", 0))
-    shown = np.array([row_of[name] for name in _names(found, config["match"])])[kept]
-    left_out = np.array(_names(found, fitted.get("leave_out")))[kept]
+    visible = np.isfinite(found.extras["landmarks"]).all(axis=2).sum(axis=1)
+    retained = np.flatnonzero(visible >= config.get("least_visible", 0))
+    shown = np.array([row_of[name] for name in _names(found, config["match"])])[retained]
+    left_out = np.array(_names(found, fitted.get("omit")))[retained]
     rows = []
     for name, oracle in ORACLES.items():
         error = np.full(len(shown), np.nan)
