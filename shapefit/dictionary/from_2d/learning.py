@@ -175,6 +175,7 @@ def improve(
 
 def first_state(images: Images, W: Floats, views: Views) -> State:
     """Return the rigid model of completed landmarks W (n, 2, p), with outliers, in given views."""
+    n, _, p = W.shape
     A = np.exp(views.log_scale)[:, None, None] * views.rotation[:, :2]
     mean = np.asarray(np.linalg.lstsq(A.reshape(2 * n, 3), W.reshape(2 * n, p))[0], np.float64)
     mean = mean - mean.mean(axis=1, keepdims=True)
