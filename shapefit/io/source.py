@@ -377,7 +377,7 @@ def _open_all(
         fix = "write that individual to a file by `shapefit convert`, and use this"
         raise input_error(paths[0], "`individual` is for files of other tools", fix)
     most = MAX_IN_MEMORY // len(groups) if form is LANDMARKS else 0
-    how |= {"most_held": most, "keep_open": len(groups) <= MAX_OPEN}
+    how |= {"max_in_memory": most, "keep_open": len(groups) <= MAX_OPEN}
     files = [_open(form, *group, options, **how) for group in groups]
     rename, retained = options.rename, options.landmarks
     check_renamed(rename, [(file.name, file.head.landmark_names) for file in files])
