@@ -137,4 +137,5 @@ def test_every_command_of_a_page_parses(page):
         try:
             command.make_context(words[0], [w for w in words[1:] if w != "..."], parent=parent)
         except click.UsageError as error:
-            pytest.fail(f"{page}: {line}: {error.format_message()}")
+            if "does not exist" not in error.format_message():  # the file of a reader
+                pytest.fail(f"{page}: {line}: {error.format_message()}")

@@ -209,8 +209,8 @@ def reports(tmp_path, points):
     row = {"metric": "similarity", "unit": "normalised", "group": "Subject 13", "sequence": None}
     report = {
         "methods": [
-            {"name": "Alternate", "solving": {"mean_objective": 0.8046}},
-            {"name": "Alternate+", "solving": {"mean_objective": None}},
+            {"name": "Alternate", "mean_objective": 0.8046},
+            {"name": "Alternate+", "mean_objective": None},
         ],
         "summaries": [
             {**row, "method": "Convex", "mean": 0.2891},

@@ -75,7 +75,7 @@ def lift_flat(problem, settings):
         shapes=shapes,
         translation=placed.translation,
         rotation=np.tile(np.eye(3), (n, 1, 1)),
-        objective=placed.misfit,
+        objective=placed.half_squared_residual,
         residual=placed.residual,
         iterations=np.zeros(n, np.int64),
         status=(Status.CONVERGED,) * n,
@@ -101,7 +101,7 @@ def test_a_method_is_a_file_and_an_entry(folder):
     )
     with h5py.File(folder / "views.h5") as views, h5py.File(folder / "result.h5") as result:
         assert result.attrs["method"] == "flat"
-        np.testing.assert_allclose(result["landmarks_fitted"], views["landmarks"], atol=1e-12)
+        np.testing.assert_allclose(result["shapes"][..., :2], views["landmarks"], atol=1e-12)
         assert not result["shapes"][:, :, 2].any()
         np.testing.assert_array_equal(result["flatness"], np.full((5, 2), 0.5))
         assert "coefficients" not in result
@@ -144,7 +144,7 @@ def test_a_metric_is_a_function_and_an_entry(folder):
     assert "found 'wort'; did you mean 'worst'?" in done.stderr
     assert "worst (steps)" in (folder / "report/report.md").read_text(encoding="utf-8")
     with h5py.File(folder / "result.h5") as result:
-        left = np.linalg.norm(result["landmarks_fitted"][:] - result["landmarks"][:], axis=2)
+        left = np.linalg.norm(result["shapes"][..., :2] - result["landmarks"][:], axis=2)
     np.testing.assert_allclose(errors_of(folder, "worst"), left[:, :2].max(axis=1))
 
 

@@ -122,12 +122,12 @@ def test_an_engineer_resumes_and_reads_codes_and_json(folder):
     walk(folder, "project data/people_test.h5 -o all.h5")
     walk(folder, "convert all.h5 -o views.h5 --set every=5")
     one = "fit views.h5 -d people --set method=posterior --json -o one.h5"
-    fit = f"{one.replace('one.h5', 'parts/')} --set partition=30"
+    fit = f"{one.replace('one.h5', 'parts/')} --partition 30"
     done = json.loads(walk(folder, fit)[0])
     assert (done["command"], done["done"], done["failed"]) == ("fit", 128, 0)
     parts = sorted(path.name for path in (folder / "parts").glob("*.h5"))
     assert len(parts) > 1
-    assert done["note"] == f"{len(parts)} of {len(parts)} parts done"
+    assert f"{len(parts)} of {len(parts)} parts" in json.dumps(done["summary"])
     (folder / "parts" / parts[0]).unlink()
     again = json.loads(walk(folder, fit)[0])
     assert 0 < again["done"] < 128

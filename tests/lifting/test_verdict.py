@@ -56,7 +56,7 @@ def test_the_first_reason_that_holds_is_named(changes, reason):
 
 
 @pytest.mark.parametrize(
-    ("kappa", "distance", "seen", "images", "wrong"),
+    ("kappa", "distance", "visible", "images", "wrong"),
     [
         (1.0, 0.2, 15, 60, False),
         (2.6, 0.2, 15, 60, True),

@@ -190,4 +190,4 @@ def test_what_fit_writes_can_be_judged(walk, ending, capsys):
 def test_a_dictionary_is_counted_as_one(world, tmp_path, capsys):
     dictionary = world.dictionary("people")
     assert shapefit(["convert", str(dictionary), "-o", str(tmp_path / "d.h5")]) == 0
-    assert "convert: 1 dictionary in" in "".join(capsys.readouterr())
+    assert "Result  1 dictionary" in "".join(capsys.readouterr())

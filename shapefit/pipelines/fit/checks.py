@@ -33,7 +33,6 @@ from shapefit.lifting.verdict import (
 )
 from shapefit.pipelines.fit.lift import Lifter, lift_images, settings_of, with_p_values
 from shapefit.pipelines.fit.sample import FEWEST, Sample, mean_gain
-from shapefit.pipelines.fit.sequences import exchange_sides
 from shapefit.pipelines.joints import LandmarkMap, match_names
 
 CALIBRATED = 60
@@ -180,6 +179,8 @@ def check_sides(sample: Sample, lifting: Lifting, lifter: Lifter) -> Reason | No
     columns = {name: j for j, name in enumerate(lifter.dictionary.landmark_names)}
     if partner is None or not feet_step(sample, lifting.shapes, columns):
         return None
+    from shapefit.pipelines.fit.sequences import exchange_sides
+
     exchanged = exchange_sides(images, partner, np.ones(len(images), dtype=bool))
     as_named, other = (lift_images(each, lifter, dependent=True) for each in (images, exchanged))
     evidence = (each.estimate.further["log_evidence"] for each in (as_named, other))

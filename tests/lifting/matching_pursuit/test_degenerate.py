@@ -8,7 +8,7 @@ from shapefit.lifting.matching_pursuit import pursue
 
 
 class TestFewLandmarks:
-    @pytest.mark.parametrize("seen", [3, 4])
+    @pytest.mark.parametrize("visible", [3, 4])
     def test_the_camera_alone_explains_up_to_four(self, make_scene, visible):
         scene = make_scene(noise=0.3)
         scene.weights[:, visible:] = 0
@@ -20,7 +20,7 @@ class TestFewLandmarks:
         least_norm = (W - W.mean(axis=2, keepdims=True)) @ np.linalg.pinv(X)
         np.testing.assert_allclose(found.camera, least_norm, atol=1e-9)
 
-    @pytest.mark.parametrize("seen", [5, 6, 7])
+    @pytest.mark.parametrize("visible", [5, 6, 7])
     def test_more_atoms_than_landmarks_can_tell(self, make_scene, visible):
         scene = make_scene(noise=0.3)
         scene.weights[:, visible:] = 0

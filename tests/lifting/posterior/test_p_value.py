@@ -105,7 +105,7 @@ def test_gross_landmarks_that_are_known_do_not_count():
     assert_uniform(p[known & outliers.any(axis=1)])
 
 
-@pytest.mark.parametrize("seen", [8, 11])
+@pytest.mark.parametrize("visible", [8, 11])
 def test_hidden_landmarks_have_no_degrees_of_freedom(visible):
     assert_uniform(find(people(15), hidden=15 - visible))
 

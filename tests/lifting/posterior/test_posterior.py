@@ -151,7 +151,7 @@ def test_components_together_are_those_alone(draw_mixture):
 def test_climbs_end_where_nothing_more_is_to_be_gained(draw_mixture, request):
     prior, residual_variance = draw_mixture(3), 0.01
     _, w, R = draw_images(prior, 20, 5, residual_variance)
-    options = {"gross": Outliers(0.02)}
+    options = {"outliers": Outliers(0.02)}
     early = solve(prior, w, R[:, None], residual_variance, **options)
     request.getfixturevalue("to_the_end")
     late = solve(prior, w, R[:, None], residual_variance, **options)

@@ -3,6 +3,7 @@
 import errno
 import json
 import sys
+from contextlib import contextmanager
 from itertools import pairwise
 
 import numpy as np
@@ -181,10 +182,13 @@ def test_a_full_disk_is_reported_and_replaces_nothing(desk, monkeypatch):
     desk.run()
     old = {path.name: path.read_bytes() for path in desk.config.output.iterdir()}
 
-    def fill(path):
-        raise OSError(errno.ENOSPC, "No space left on device")
+    @contextmanager
+    def fill(path, target):
+        with atomic.storage_errors(target):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        yield
 
-    monkeypatch.setattr(atomic, "_sync", fill)
+    monkeypatch.setattr(atomic, "_opened", fill)
     with pytest.raises(InputError, match=r"report/per_image.csv: cannot be written: No space left"):
         desk.run(metrics=["similarity"])
     assert {path.name: path.read_bytes() for path in desk.config.output.iterdir()} == old

@@ -11,7 +11,6 @@ import pytest
 from shapefit import __version__
 from shapefit.config import LearnDictConfig
 from shapefit.dictionary.learning import learn, principal_components
-from shapefit.dictionary.model import origin_of
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes, rotation_onto
@@ -97,13 +96,6 @@ class TestDictionary:
         assert dictionary.provenance["config"] == made.as_json()
         source = tmp_path / "train.h5"
         assert json.loads(dictionary.provenance["inputs"]) == {str(source): digest(source)}
-
-    def test_says_whose_shapes_they_are(self, config):
-        _, dictionary = learned(config())
-        assert origin_of(dictionary) == (None, None, None)
-        said = {"source": "a zoo", "licence": "CC0", "acknowledgement": "thank the zoo"}
-        _, dictionary = learned(config(origin=said))
-        assert origin_of(dictionary)._asdict() == said
 
 
 class TestAlign:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from shapefit.config import FitConfig
+from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError
 from shapefit.io import LandmarkSet, read_dictionary
 from shapefit.pipelines.partition.run import run as fit_parts
@@ -113,9 +114,7 @@ def test_every_kind_of_file_is_accepted(
     dictionary = dictionaries["prior" if method in ("posterior", "sequences") else "people"]
     if method == "pmp":
         dictionary = world.dictionary("bases of people")
-    output = f"{tmp_path}/out/" if parts else str(tmp_path / "out.h5")
-    if parts:
-        keys |= {"partition": 4}
+    output = ResultFolder(tmp_path / "out", partition=4) if parts else str(tmp_path / "out.h5")
     config = FitConfig(
         landmarks=[str(file) for file in files],
         dictionary=str(dictionary), output=output, method=method, **keys,

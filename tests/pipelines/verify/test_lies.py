@@ -350,5 +350,5 @@ def test_what_is_no_manifest_is_refused(folder, verify, dictionaries, text):
 def test_a_part_outside_of_the_folder_is_refused(folder, verify, dictionaries):
     shutil.copy(folder / "part-00001.h5", folder.parent / "r.h5")
     edit(folder, lambda parts: [parts[0], parts[1] | {"file": "../r.h5"}])
-    with pytest.raises(InputError, match=r"\.\./r\.h5 is not in the folder"):
+    with pytest.raises(InputError, match=r"is not a manifest of results \(names \.\./r\.h5\)"):
         verify(folder, dictionaries["cars"])
