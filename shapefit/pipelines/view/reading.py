@@ -285,9 +285,13 @@ def _keys(match: str, contents: Sequence[Content], frames: Frames) -> Keys:
     if match == BY_ITEM:
         return Keys(frames.items)
     if match != BY_FRAME:
-        named = [texts for content in contents if (texts := content.per_frame(match)) is not None]
+        named = [
+            texts
+            for content in contents
+            if (texts := content.per_frame(match)) is not None and texts.dtype.kind in "OSU"
+        ]
         if not named:
-            found = f"no result has the dataset '{match}'"
+            found = f"no result has the dataset '{match}' of texts"
             raise input_error("match", found, "name one that holds items of the truth")
         return Keys([next(filter(None, texts), "") for texts in zip(*named, strict=True)])
     places: dict[str, tuple[str, int]] = {}
