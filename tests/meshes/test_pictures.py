@@ -88,7 +88,7 @@ def test_an_object_stands_upright_and_faces_as_it_did(y_axis):
 
 def test_edges_are_drawn_where_there_is_no_mesh_and_bars_where_they_are_known(image):
     edges = np.array([[0, 1], [1, 3]])
-    bars = replace(image, mesh=None, seen_mesh=None, sd=np.ones((3, 8)) * [[10], [20], [40]])
+    bars = replace(image, mesh=None, projected_mesh=None, sd=np.ones((3, 8)) * [[10], [20], [40]])
     flat, right = contact_sheet([bars], Model("down", edges=edges)).axes
     drawn, ellipses, _ = flat.collections
     np.testing.assert_array_equal(drawn.get_segments(), image.shape[:2].T[edges])

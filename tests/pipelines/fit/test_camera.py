@@ -50,7 +50,7 @@ SMALL, LARGE = box(60, 80, n=3), 4 * box(n=1)
 
 
 @pytest.mark.parametrize(
-    ("seen", "keys", "expected", "said"),
+    ("visible", "keys", "expected", "said"),
     [
         # the image's centre is the principal point wherever a size is known
         (images(image_size=SIZE), {}, ASSUMED, "focal length 2112 px (assumed"),
@@ -108,7 +108,7 @@ def test_the_camera(visible, keys, expected, said):
 
 
 @pytest.mark.parametrize(
-    ("seen", "keys"),
+    ("visible", "keys"),
     [
         (images(), {"focal": 1674}),
         (images(), {"focal": 1674, "method": "convex+refine"}),

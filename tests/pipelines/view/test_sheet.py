@@ -41,9 +41,9 @@ def test_the_mesh_lies_under_the_landmarks(world, camera):
     seen = fit.shapes[:, :2] if fit.landmarks_fitted is None else fit.landmarks_fitted
     for row in range(0, len(fit), 30):
         image = fitted_image(scene, row)
-        np.testing.assert_allclose(image.seen, seen[row], atol=1e-6)
+        np.testing.assert_allclose(image.projected, seen[row], atol=1e-6)
         np.testing.assert_allclose(image.landmarks, fit.columns["landmarks"][row].T)
-        np.testing.assert_allclose(image.seen_mesh[:, vertex], image.seen, atol=1e-3)
+        np.testing.assert_allclose(image.projected_mesh[:, vertex], image.projected, atol=1e-3)
         np.testing.assert_allclose(image.mesh[:, vertex], image.shape, atol=1e-5)
         np.testing.assert_allclose(image.rotation, fit.rotation[row])
 
