@@ -109,12 +109,6 @@ def sum_and_difference(Q: Floats) -> tuple[Floats, Floats, Floats]:
     return total, np.divide(spread, total, out=np.zeros_like(total), where=total > 0), product
 
 
-def spectral_norm(Q: Floats) -> Floats:
-    """||Q||_2 = s1, the largest singular value of blocks (..., 2, 3)."""
-    total, difference, _ = sum_and_difference(Q)
-    return (total + difference) / 2
-
-
 def nuclear_norm(Q: Floats) -> Floats:
     """||Q||_* = s1 + s2, the dual norm of the spectral norm, of blocks (..., 2, 3)."""
     return sum_and_difference(Q)[0]

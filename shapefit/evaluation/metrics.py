@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
-from shapefit.geometry.procrustes import similarity_errors
+from shapefit.geometry.procrustes import centred, similarity_errors
 from shapefit.geometry.rotations import rotation_angle
 
 FEWEST_LANDMARKS = 3
@@ -40,7 +40,7 @@ def camera(estimate: Floats, truth: Floats, rotation: Floats) -> Floats:
     """
     visible = visible_in_both(estimate, truth)
     x = rotation @ np.where(visible[:, None], truth, 0.0)
-    e, x = _centred(estimate, visible), _centred(x, visible)
+    e, x = centred(estimate, visible), centred(x, visible)
     overlap, size = (np.maximum((points * e).sum(axis=(1, 2)), 0.0) for points in (x, e))
     scale = np.divide(overlap, size, out=np.zeros_like(size), where=size > 0)
     distance = np.sqrt(((scale[:, None, None] * e - x) ** 2).sum(axis=1))
@@ -54,7 +54,7 @@ def expected(estimate: Floats, truth: Floats, error: Floats) -> Floats:
     """
     visible = visible_in_both(estimate, truth)
     e, x = (
-        np.sqrt((_centred(points, visible) ** 2).sum(axis=(1, 2))) for points in (estimate, truth)
+        np.sqrt((centred(points, visible) ** 2).sum(axis=(1, 2))) for points in (estimate, truth)
     )
     return error * np.divide(x, e, out=np.full_like(e, np.nan), where=e > 0)
 
@@ -89,19 +89,12 @@ def truth_scale(estimate: Floats, truth: Floats) -> Floats:
     It is taken in the frame of the truth file, for `similarity` and `camera` alike.
     """
     visible = visible_in_both(estimate, truth)
-    x = _centred(truth, visible)
+    x = centred(truth, visible)
     size = np.abs(np.where(visible[:, None], truth, 0.0)).max(axis=(1, 2), initial=0.0)
     apart = np.ptp(x, axis=-1).max(axis=-1, initial=0.0) > 4 * np.finfo(float).eps * size
     with np.errstate(invalid="ignore"):  # where no landmark is judged
         spread = np.sqrt((x**2).sum(axis=-1) / visible.sum(axis=-1)[:, None]).mean(axis=-1)
     return np.where(apart, spread, np.nan)
-
-
-def _centred(points: Floats, visible: Flags) -> Floats:
-    """Points (n, d, p) less the mean of those that are seen (n, p); 0 where they are not."""
-    points = np.where(visible[:, None], points, 0.0)
-    mean = points.sum(axis=-1, keepdims=True) / np.maximum(visible.sum(axis=-1), 1)[:, None, None]
-    return np.where(visible[:, None], points - mean, 0.0)
 
 
 def visible_in_both(first: Floats, second: Floats) -> Flags:

@@ -81,12 +81,17 @@ def similarity_transform(source: Floats, target: Floats) -> Similarity:
     target_middle = target.mean(axis=-1, keepdims=True)
     X = np.where(coincide(source)[..., None, None], 0.0, source - source_middle)
     Y = np.where(coincide(target)[..., None, None], 0.0, target - target_middle)
+    R, scale = _scaled_rotation(X, Y)
+    translation = (target_middle - scale[..., None, None] * (R @ source_middle))[..., 0]
+    return Similarity(scale, R, translation)
+
+
+def _scaled_rotation(X: Floats, Y: Floats) -> tuple[Floats, Floats]:
+    """argmin ||s R X - Y||_F of centred points (..., 3, p): R (..., 3, 3), s (1 where X = 0)."""
     R = rotation_onto(X, Y)
     size = (X**2).sum(axis=(-2, -1))
     overlap = ((R @ X) * Y).sum(axis=(-2, -1))
-    scale = np.divide(overlap, size, out=np.ones_like(size), where=size != 0)
-    translation = (target_middle - scale[..., None, None] * (R @ source_middle))[..., 0]
-    return Similarity(scale, R, translation)
+    return R, np.divide(overlap, size, out=np.ones_like(size), where=size != 0)
 
 
 def similarity_errors(estimate: Floats, truth: Floats, fewest: int = 3) -> Floats:
@@ -102,24 +107,19 @@ def similarity_errors(estimate: Floats, truth: Floats, fewest: int = 3) -> Float
         np.where(known[:, None], points, np.take_along_axis(points, first, axis=2))
         for points in (estimate, truth)
     )
-    apart = coincide(e), coincide(x)
     e, x = (
-        np.where(known[:, None] & ~same[:, None, None], points - _mean(points, known), 0.0)
-        for points, same in zip((e, x), apart, strict=True)
+        np.where(coincide(points)[:, None, None], 0.0, centred(points, known)) for points in (e, x)
     )
-    R = rotation_onto(e, x)
-    size = (e**2).sum(axis=(1, 2))
-    overlap = ((R @ e) * x).sum(axis=(1, 2))
-    scale = np.divide(overlap, size, out=np.ones_like(size), where=size != 0)
+    R, scale = _scaled_rotation(e, x)
     distance = np.sqrt(((scale[:, None, None] * (R @ e) - x) ** 2).sum(axis=1))
     return np.where(count >= fewest, distance.sum(axis=1) / np.maximum(count, 1), np.nan)
 
 
-def _mean(points: Floats, known: NDArray[np.bool_]) -> Floats:
-    """Mean (n, 3, 1) over the landmarks (n, p) that count."""
-    total = np.where(known[:, None], points, 0.0).sum(axis=2, keepdims=True)
-    mean: Floats = total / np.maximum(known.sum(axis=1), 1)[:, None, None]
-    return mean
+def centred(points: Floats, known: NDArray[np.bool_]) -> Floats:
+    """Points (n, d, p) less the mean of those that are known (n, p); 0 where they are not."""
+    points = np.where(known[:, None], points, 0.0)
+    mean = points.sum(axis=-1, keepdims=True) / np.maximum(known.sum(axis=-1), 1)[:, None, None]
+    return np.where(known[:, None], points - mean, 0.0)
 
 
 def generalised_procrustes(
