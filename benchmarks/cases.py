@@ -232,7 +232,7 @@ def mocap_case(folder: Path) -> Arrays:
 def cars_case(folder: Path, times: int = 10) -> Arrays:
     """Annotated cars, each with its mask, several times over; all models but one as atoms."""
     images, atoms = read_cars(folder)
-    points = np.where(np.isfinite(images.landmarks), normalise_seen(images).points, np.nan)
+    points = np.where(np.isfinite(images.landmarks), normalise_visible(images).points, np.nan)
     return program(np.tile(points, (times, 1, 1)), atoms)
 
 
@@ -248,7 +248,7 @@ def cars_in_perspective(folder: Path) -> Arrays:
     The optical axis is at 0, 0 (see configs/cars/fit.yaml).
     """
     images, _ = read_cars(folder)
-    arrays, norm = cars_with_mean(folder, 1.0), normalise_seen(images)
+    arrays, norm = cars_with_mean(folder, 1.0), normalise_visible(images)
     atoms, mean = arrays["atoms"], arrays["mean_shape"]
     settings = Settings(solve=partial(solve_newton, tolerance=1e-4), mean_shape=mean)
     found = choose_method("convex+refine", settings)(build_problem(arrays["landmarks"], atoms, 1.0))
@@ -271,7 +271,7 @@ def read_cars(folder: Path) -> tuple[LandmarkSet, Floats]:
     return images.arrange(models.landmark_names), normalise(models.shapes).points[:-1]
 
 
-def normalise_seen(images: LandmarkSet) -> Normalised:
+def normalise_visible(images: LandmarkSet) -> Normalised:
     """Normalise by the landmarks that are seen."""
     return normalise(images.landmarks, np.asarray(np.isfinite(images.landmarks).all(axis=1)))
 

@@ -60,15 +60,15 @@ NO_MEMORY = (
 
 def lacks_memory(error: BaseException | None) -> bool:
     """Whether an error, or one that it came from, says that there was not enough memory."""
-    visible = 0
-    while error is not None and visible < 10:
+    depth = 0
+    while error is not None and depth < 10:
         said = str(error).lower()
         if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
             return True
         library = isinstance(error, ImportError | OSError | RuntimeError)
         if library and any(words in said for words in NO_MEMORY):
             return True
-        error, visible = error.__cause__ or error.__context__, visible + 1
+        error, depth = error.__cause__ or error.__context__, depth + 1
     return False
 
 

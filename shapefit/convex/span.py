@@ -106,8 +106,8 @@ def reduce_images(problem: Problem, rows: NDArray[np.intp], basis: Floats) -> Re
     weights = problem.weights[rows]
     w = weighted(problem.landmarks[rows], weights)
     B = weighted(problem.atoms, np.broadcast_to(weights[0], problem.atoms.shape[::2]))
-    visible = np.ones((len(rows), basis.shape[1]))
-    return Reduced(rows, Problem(w @ basis, visible, B @ basis, problem.lam[rows]), basis)
+    ones = np.ones((len(rows), basis.shape[1]))
+    return Reduced(rows, Problem(w @ basis, ones, B @ basis, problem.lam[rows]), basis)
 
 
 def weighted(points: Floats, weights: Floats) -> Floats:

@@ -204,7 +204,7 @@ def find_rotations(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
             (end,) = node.aims
             beyond = next(each.aims for each in tree if each.joint == end)
             following = [_directions(points[:, :, j] - points[:, :, end]) for j in beyond]
-            Q = _aimed(_seen(P, bones[0]), [_seen(P, each) for each in following])
+            Q = _aimed(_turned_back(P, bones[0]), [_turned_back(P, each) for each in following])
             G[number] = P @ Q @ Q[rest].T
     return G
 
@@ -224,8 +224,8 @@ def _aimed(bone: Floats, following: Sequence[Floats]) -> Floats:
         e2 = -e2
     z, w = np.zeros(len(bone), dtype=complex), 0.0
     for each in following:
-        visible = _seen(Q, each)
-        b = visible @ e1 + 1j * (visible @ e2)
+        turned = _turned_back(Q, each)
+        b = turned @ e1 + 1j * (turned @ e2)
         z += np.conj(b.mean()) * b
         w += b.var()
     w += 2 * max(0.0, -z.real.min())
@@ -243,7 +243,7 @@ def _shortest_turns(start: Floats, ends: Floats) -> Floats:
     return R
 
 
-def _seen(R: Floats, vectors: Floats) -> Floats:
+def _turned_back(R: Floats, vectors: Floats) -> Floats:
     """R^T v for rotations (f, 3, 3) and vectors (f, 3)."""
     turned: Floats = (R.swapaxes(-1, -2) @ vectors[..., None])[..., 0]
     return turned

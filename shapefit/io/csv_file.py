@@ -66,12 +66,12 @@ def _count_lines(path: Path) -> float:
     """Return about how many lines a text has, by the length of those in nine places."""
     if begins_with(path, GZIP_SIGNATURE):
         return sum(block.count(b"\n") for block in read_text_blocks(path))
-    size, visible = path.stat().st_size, b""
+    size, sample = path.stat().st_size, b""
     with path.open("rb") as file:
         for place in np.linspace(0, max(size - BLOCK_BYTES, 0), 9).astype(int).tolist():
             file.seek(place)
-            visible += file.read(BLOCK_BYTES)
-    return size * visible.count(b"\n") / len(visible)
+            sample += file.read(BLOCK_BYTES)
+    return size * sample.count(b"\n") / len(sample)
 
 
 def csv_kind(path: Path) -> str:

@@ -20,7 +20,7 @@ WIDE = 1e-3
 PLAIN_SIZES = 1e-100, 1e100
 
 
-def normalise_seen(landmarks: Floats, weights: Floats) -> tuple[Normalised, dict[int, str]]:
+def normalise_visible(landmarks: Floats, weights: Floats) -> tuple[Normalised, dict[int, str]]:
     """(landmarks - centroid) / scale of what is seen, and the images where that means nothing.
 
     landmarks (n, 2, p), weights (n, p) with 0 = hidden. Images that find_degenerate names have the

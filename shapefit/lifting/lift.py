@@ -13,7 +13,7 @@ from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solver import Status
 from shapefit.convex.transforms import nuclear_norm
 from shapefit.geometry.pinhole import project
-from shapefit.lifting.degeneracy import normalise_seen
+from shapefit.lifting.degeneracy import normalise_visible
 from shapefit.lifting.estimate import Estimate, Estimator
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def lift(
     of the program is that of every landmark. camera of the images, for a method that looks through
     it. `estimator` is a method with its settings, see choose_method.
     """
-    norm, failures = normalise_seen(landmarks, weights)
+    norm, failures = normalise_visible(landmarks, weights)
     fine = np.isfinite(norm.scale)
     size = np.where(fine, norm.scale, 1.0)
     problem = build_problem(

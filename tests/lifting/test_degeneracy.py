@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from shapefit.geometry.normalisation import normalise
-from shapefit.lifting.degeneracy import FLAT, find_degenerate, normalise_seen
+from shapefit.lifting.degeneracy import FLAT, find_degenerate, normalise_visible
 
 TRIANGLE = np.array([[0.0, 1.0, 0.0, 0.3], [0.0, 0.0, 1.0, 0.2]])
 
@@ -76,7 +76,7 @@ def test_only_images_that_can_be_lifted_are_normalised(rng):
     weights[3, 2:] = 0.0
     landmarks[5] = 1.7e308 * np.sign(rng.standard_normal((2, 9)))
     with np.errstate(all="raise", under="ignore"):
-        found, failures = normalise_seen(landmarks, weights)
+        found, failures = normalise_visible(landmarks, weights)
         assert failures == find_degenerate(landmarks, weights)
     bad, fine = list(failures), np.setdiff1d(np.arange(60), list(failures))
     assert len(bad) > 15
@@ -90,6 +90,6 @@ def test_only_images_that_can_be_lifted_are_normalised(rng):
 
 def test_thin_landmarks_are_looked_at_closely():
     thin = np.array([[0.0, 1.0, 2.0], [0.0, 1e-6, 0.0]])
-    found, failures = normalise_seen(thin[None], np.ones((1, 3)))
+    found, failures = normalise_visible(thin[None], np.ones((1, 3)))
     assert failures == {}
     np.testing.assert_array_equal(found.points, normalise(thin[None]).points)

@@ -216,7 +216,7 @@ def expect(images: Images, views: Views, model: Gaussian) -> Expected:
     gradient[:, 3] -= apart / model.spread
     information[:, 3, 3] += 1 / model.spread
     share = np.where(visible, 1 - gain, 0.0)
-    flip_gain = np.where(there, residual_of(left, H, v, visible), -np.inf)
+    flip_gain = np.where(there, flip_gain_of(left, H, v, visible), -np.inf)
     of_view = np.einsum("npcc->np", BK) * v
     residual_variance = (
         omega**2 * share**2 * ((left**2).sum(axis=2) + of_view) + 2 * omega**2 * share * rest
@@ -235,7 +235,7 @@ def expect(images: Images, views: Views, model: Gaussian) -> Expected:
     )
 
 
-def residual_of(left: Floats, H: Floats, v: Floats, visible: Mask) -> Floats:
+def flip_gain_of(left: Floats, H: Floats, v: Floats, visible: Mask) -> Floats:
     """Log density gained (n, p) where one landmark becomes an outlier, or one stops to be one."""
     A = np.eye(2) + np.where(visible, -1 / v, 1 / v)[..., None, None] * H
     size = A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] ** 2

@@ -96,7 +96,7 @@ def track_people(poses: Poses) -> Sequence[str] | None:
     numbers = np.full(len(poses), NO_TRACK)
     following = 0
     for (video, frame), rows in rows_of.items():
-        visible = _Tracks(
+        detected = _Tracks(
             points=points[rows],
             motion=np.zeros((len(rows), 2)),
             boxes=boxes[rows],
@@ -105,19 +105,19 @@ def track_people(poses: Poses) -> Sequence[str] | None:
             number=np.full(len(rows), NO_TRACK),
         )
         if video in open_tracks:
-            following = _follow(open_tracks[video], visible, weights[rows], frame, following)
+            following = _follow(open_tracks[video], detected, weights[rows], frame, following)
         else:
-            visible.number = np.arange(following, following + len(rows))
+            detected.number = np.arange(following, following + len(rows))
             following += len(rows)
-            open_tracks[video] = visible
-        numbers[rows] = visible.number
+            open_tracks[video] = detected
+        numbers[rows] = detected.number
     taken = set(poses.individual)
     free = (name for n in count(1) if (name := f"person {n}") not in taken)
     names = [*islice(free, following), ""]  # the last is that of NO_TRACK
     return [who or names[n] for who, n in zip(poses.individual, numbers.tolist(), strict=True)]
 
 
-def _follow(tracks: _Tracks, visible: _Tracks, weights: Floats, frame: int, following: int) -> int:
+def _follow(tracks: _Tracks, detected: _Tracks, weights: Floats, frame: int, following: int) -> int:
     """Number the D detections `seen` in a frame, new ones from `following` on; return the next.
 
     The tracks go on to them.
@@ -129,21 +129,21 @@ def _follow(tracks: _Tracks, visible: _Tracks, weights: Floats, frame: int, foll
     if len(passed):
         passed = np.maximum(passed, 1)
         steps = tracks.motion * np.minimum(passed, SMOOTH_MOTION)[:, None]
-        pairs = assign(*_costs(tracks, steps, passed, visible, weights))
+        pairs = assign(*_costs(tracks, steps, passed, detected, weights))
         if pairs:
-            _go_on(tracks, steps, passed, visible, *np.array(pairs).T)
-    new: Flags = np.asarray(visible.number == NO_TRACK)
+            _go_on(tracks, steps, passed, detected, *np.array(pairs).T)
+    new: Flags = np.asarray(detected.number == NO_TRACK)
     if new.any():
-        visible.number[new] = np.arange(following, following + new.sum())
+        detected.number[new] = np.arange(following, following + new.sum())
         following += int(new.sum())
-        others = replace(visible)
+        others = replace(detected)
         others.keep(new)
         tracks.begin(others)
     return following
 
 
 def _costs(
-    tracks: _Tracks, steps: Floats, passed: Integers, visible: _Tracks, weights: Floats
+    tracks: _Tracks, steps: Floats, passed: Integers, detected: _Tracks, weights: Floats
 ) -> tuple[Floats, Flags]:
     """Return the cost (T, D) of each track and detection, and which pairs may be one person.
 
@@ -152,8 +152,8 @@ def _costs(
     size, expected = tracks.size, _moved(tracks.points, steps)
     boxes = tracks.boxes + np.concatenate([steps, steps], axis=1)
     reach = np.minimum(REACH + REACH_PER_GAP * (passed - 1), FARTHEST)
-    scale = np.maximum(size[:, None], visible.size)
-    apart = visible.points - expected[:, None]
+    scale = np.maximum(size[:, None], detected.size)
+    apart = detected.points - expected[:, None]
     away = np.sqrt(np.einsum("tdpc,tdpc->tdp", apart, apart))
     common = np.where(np.isnan(away), 0.0, weights)
     # One landmark that went astray counts no more than the size of the person.
@@ -162,11 +162,11 @@ def _costs(
     distance = np.einsum("tdp,tdp->td", away, common) / np.maximum(total, 1e-12)
     if not total.all():
         middle = (
-            visible.boxes[:, :2] + visible.boxes[:, 2:] - boxes[:, None, :2] - boxes[:, None, 2:]
+            detected.boxes[:, :2] + detected.boxes[:, 2:] - boxes[:, None, :2] - boxes[:, None, 2:]
         ) / 2
         distance = np.where(total > 0, distance, np.sqrt((middle**2).sum(axis=2)))
     ratio = distance / (scale * reach[:, None])
-    return ratio + (1 - _overlap(boxes[:, None], visible.boxes)) / 2, ratio <= 1
+    return ratio + (1 - _overlap(boxes[:, None], detected.boxes)) / 2, ratio <= 1
 
 
 def _moved(points: Floats, steps: Floats) -> Floats:
@@ -177,10 +177,15 @@ def _moved(points: Floats, steps: Floats) -> Floats:
 
 
 def _go_on(
-    tracks: _Tracks, steps: Floats, passed: Integers, visible: _Tracks, who: Integers, own: Integers
+    tracks: _Tracks,
+    steps: Floats,
+    passed: Integers,
+    detected: _Tracks,
+    who: Integers,
+    own: Integers,
 ) -> None:
     """Let tracks `who` go on to their detections; landmarks that these lack move as expected."""
-    points = visible.points[own]
+    points = detected.points[own]
     moved = (points - tracks.points[who])[..., :2]
     known = ~np.isnan(moved[..., :1])
     count = known.sum(axis=1)
@@ -190,10 +195,10 @@ def _go_on(
     tracks.motion[who] = np.where(count > 0, motion, smooth)
     expected = _moved(tracks.points[who], steps[who])
     tracks.points[who] = np.where(np.isnan(points), expected, points)
-    tracks.boxes[who] = visible.boxes[own]
-    tracks.size[who] = np.maximum(visible.size[own], 0.95 * tracks.size[who])
-    tracks.frame[who] = visible.frame[own]
-    visible.number[own] = tracks.number[who]
+    tracks.boxes[who] = detected.boxes[own]
+    tracks.size[who] = np.maximum(detected.size[own], 0.95 * tracks.size[who])
+    tracks.frame[who] = detected.frame[own]
+    detected.number[own] = tracks.number[who]
 
 
 def assign(cost: Floats, allowed: Flags) -> Pairs:

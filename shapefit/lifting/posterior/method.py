@@ -26,7 +26,7 @@ from shapefit.convex.solver import Solution, Status
 from shapefit.convex.transforms import Transforms
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.procrustes import similarity_errors
-from shapefit.lifting.degeneracy import normalise_seen
+from shapefit.lifting.degeneracy import normalise_visible
 from shapefit.lifting.estimate import CORRELATION, ConvexProof, Estimate, fit_translation
 from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior.p_value import draw_table, find_p_values, moments_at
@@ -207,7 +207,7 @@ def find_start_distance(found: Estimate, problem: Problem, settings: Settings) -
     if part.camera is not None and t is not None:
         c, tz = part.camera.centre[..., None], t[far, 2][:, None]
         landmarks = c + (landmarks - c) * ((tz + found.shapes[far, 2]) / tz)[:, None]
-    norm, _ = normalise_seen(landmarks, part.weights)
+    norm, _ = normalise_visible(landmarks, part.weights)
     solved = settings.solve(replace(part, landmarks=norm.points, camera=None))
     apart[far] = np.fmin(apart[far], distance(solved.transforms, far))
     return apart

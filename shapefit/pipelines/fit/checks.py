@@ -1,11 +1,10 @@
 """Checks of the sample: error bars, the names of the landmarks, and their sides.
 
 Each may give a reason not to trust the file. A body seen with its sides exchanged looks like that
-body turned to face the
-other way, near and far exchanged. Seen from afar, and with a prior as symmetric as bodies are, both
-are exactly as likely. What tells them apart is perspective (feet are seen from above, what is
-nearer is larger), and that people walk forwards: sides are tried only where legs are seen and feet
-step.
+body turned to face the other way, near and far exchanged. Seen from afar, and with a prior as
+symmetric as bodies are, both are exactly as likely. What tells them apart is perspective (feet are
+seen from above, what is nearer is larger), and that people walk forwards: sides are tried only
+where legs are seen and feet step.
 """
 
 from __future__ import annotations
