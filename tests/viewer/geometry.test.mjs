@@ -135,6 +135,10 @@ test("long names differ where they are read", () => {
   assert.deepEqual(scene.short(["a/1", "a/2"]), ["a/1", "a/2"]);
   const ends = scene.short(["first_of_all_sedans_in_the_set/view_1", "last_of_all_sedans_in_the_set/view_2"]);
   assert.deepEqual(ends, ["first_of…_the_set/view_1", "last_of_…_the_set/view_2"]);
+  const cars = ["image171206072248672_car0000", "image180206032437542_car0001"];
+  assert.deepEqual(scene.short(cars), ["…71206072248672_car0000", "…80206032437542_car0001"]);
+  const alike = ["a sedan of the first kind, from the left", "b sedan of the other kind, from the left", "a sedan of the third kind, from the left"];
+  assert.deepEqual(scene.short(alike), alike); // both ends would not tell them apart
   assert.deepEqual(scene.short(["the only one, whose name is far too long"]), ["the only…is far too long"]);
 });
 

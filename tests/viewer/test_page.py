@@ -324,15 +324,17 @@ def test_the_colours_can_be_told_from_the_background():
     light, dark = re.findall(r":root {(.*?)}", palette, re.DOTALL)
     for style in (light, dark):
         colours = dict(re.findall(r"--([\w-]+): #(\w{6})", style))
-        assert len(colours) == 18
+        assert len(colours) == 20
         parts = np.array(
             [[int(c[i : i + 2], 16) / 255 for i in (0, 2, 4)] for c in colours.values()]
         )
         linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
         light_of = dict(zip(colours, linear @ [0.2126, 0.7152, 0.0722] + 0.05, strict=True))
-        for name in colours.keys() - {"background", "surface", "line", "mesh"}:
-            low, high = sorted([light_of[name], light_of["background"]])
-            assert high / low >= (4.5 if name in ("ink", "faint") else 3), name
+        for name in colours.keys() - {"background", "surface", "line", "mesh", "ground", "shadow"}:
+            for behind in ("background", "ground"):
+                low, high = sorted([light_of[name], light_of[behind]])
+                assert high / low >= (4.5 if name in ("ink", "faint") else 3), (name, behind)
+        assert light_of["shadow"] < light_of["ground"]
 
 
 def test_the_scripts_pass_their_own_tests(project):

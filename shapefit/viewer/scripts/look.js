@@ -114,12 +114,10 @@ const look = (() => {
     const pairs = data.edges.length ? data.edges : data.landmarks.map((_, j) => [j, j]);
     const lines = pairs.map(([a, b]) => [places[a], places[b]]).filter(([a, b]) => Number.isFinite(a[0] + b[0]));
     for (const width of [14, 9, 5]) {
-      context.globalAlpha = 0.07;
-      stroke(context, text("ink"), width, () => lines.forEach(([a, b]) => {
+      stroke(context, text("shadow"), width, () => lines.forEach(([a, b]) => {
         context.moveTo(a[0], a[1]);
         context.lineTo(b[0], b[1]);
       }));
-      context.globalAlpha = 1;
     }
   }
 

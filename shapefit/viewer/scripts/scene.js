@@ -108,16 +108,20 @@ const scene = (() => {
     return (frame) => words[numbers[frame]];
   }
 
-  /** Names that differ where they are read: those longer than `long` without the words that all begin with, then by both ends. */
+  /**
+   * Names that differ where they are read: those longer than `long` without the words that all begin with, or
+   * without the letters where there are no such words; what is too long still is shown by both ends that tell it apart.
+   */
   function short(names, long = LONG) {
     if (names.length > 1 && names.some(({ length }) => length > long)) {
       let same = 0;
       while (names.every((name) => same < name.length && name[same] === names[0][same])) same++;
       const words = [...names[0].slice(0, same).matchAll(/[/_ -]/g)].map(({ index }) => index + 1);
-      const kept = words.findLast((end) => names.every((name) => /[a-z]/i.test(name.slice(end)))) ?? 0;
+      const kept = words.findLast((end) => names.every((name) => /[a-z]/i.test(name.slice(end)))) ?? (long && names.every(({ length }) => length > same) ? same : 0);
       names = names.map((name) => (kept && long ? `…${name.slice(kept)}` : name.slice(kept)));
     }
-    return names.map((name) => (name.length <= LONG ? name : `${name.slice(0, 8)}…${name.slice(9 - LONG)}`));
+    const cut = names.map((name) => (name.length <= LONG ? name : `${name.slice(0, 8)}…${name.slice(9 - LONG)}`));
+    return new Set(cut).size < new Set(names).size ? names : cut;
   }
 
   /** The first frame after `from`, over all recordings and going round, in which `doubted` doubts some individual; null for none. */

@@ -66,14 +66,18 @@ const space = (() => {
     return projected;
   }
 
-  /** A grid on the ground around a place: of metres where the unit is one, else of round lengths. */
+  /** The ground around a place, with a grid: of metres where the unit is one, else of round lengths. */
   function drawGrid(context, project, middle, height, reach, unit) {
     const tint = `rgb(${look.mixed("background", "faint", 0.3)})`;
     const step = unit === "m" && reach > 1 ? Math.max(1, look.niceStep(reach / 10)) : look.niceStep(reach / 4);
     const cells = Math.max(1, Math.floor(reach / step));
     const [x, z] = [middle[0], middle[2]].map((at) => step * Math.round(at / step));
+    const half = step * cells;
+    context.beginPath();
+    for (const [right, down] of project([[-1, -1], [1, -1], [1, 1], [-1, 1]].flatMap(([u, v]) => [x + half * u, height, z + half * v]))) context.lineTo(right, down);
+    look.fill(context, look.text("ground"));
     for (let i = -cells; i <= cells; i++) {
-      const [at, half] = [step * i, step * cells];
+      const at = step * i;
       for (const [x0, z0, x1, z1] of [[at, -half, at, half], [-half, at, half, at]]) {
         const line = project([x + x0, height, z + z0, x + x1, height, z + z1]);
         look.stroke(context, tint, 1, () => line.forEach(([right, down]) => context.lineTo(right, down)));
@@ -100,7 +104,8 @@ const space = (() => {
       context.lineTo(frame[(i + 1) % 4][0], frame[(i + 1) % 4][1]);
     }));
     const far = away > NEAR * radius && data.space_unit === "m" ? `, ${away.toPrecision(2)} m away` : "";
-    look.write(context, `camera${far}`, Math.max(...frame.map(([x]) => x)), 14 + Math.max(...frame.map(([, y]) => y)), look.text("faint"), "right");
+    const right = Math.min(context.canvas.clientWidth - 8, Math.max(...frame.map(([x]) => x)));
+    look.write(context, `camera${far}`, right, 14 + Math.max(...frame.map(([, y]) => y)), look.text("faint"), "right");
   }
 
   /** Triangles of all meshes that face the viewer, the far ones first, each in one shade; `deep` px are depths from 0 to 1. */

@@ -131,7 +131,7 @@
     const short = (value) => (Math.abs(value) < 1e-3 && value !== 0 ? value.toExponential(1) : String(Number(value.toPrecision(3))));
     const known = layer.measures
       .filter((m) => (m.unit !== "°" || m.name === $("measure").value) && Number.isFinite(m.values[frame]))
-      .map((m) => `${m.name} ${short(m.values[frame])} ${m.unit}`.trim());
+      .map((m) => `${m.name} ${short(m.values[frame])}${m.unit === "°" ? "" : " "}${m.unit}`.trim());
     return [layer.word(frame), ...known].filter(Boolean).join(", ");
   }
 
@@ -285,7 +285,7 @@
 
   /* Controls. */
   /** A tick for a layer or an individual, which is taken out of a set or put into it. */
-  function choice(colour, text, checked, changed) {
+  function choice(colour, text, shorter, checked, changed) {
     const [row, box, patch, name] = ["label", "input", "i", "bdi"].map((tag) => document.createElement(tag));
     Object.assign(box, { type: "checkbox", checked });
     box.addEventListener("change", () => {
@@ -294,7 +294,7 @@
       change();
     });
     patch.style.background = `var(--${colour})`;
-    [name.textContent, row.title] = [scene.short([text])[0], text];
+    [name.textContent, row.title] = [shorter, text];
     row.append(box, patch, name);
     return row;
   }
@@ -302,10 +302,11 @@
   /** Ticks for several layers, and for several individuals; the one whose frames are shown stays. */
   function fillLayers() {
     const { tracks } = recording();
-    const layers = data.layers.length < 2 ? [] : data.layers.map((layer) => (
-      choice(look.colourOf(data, layer, 0), layer.name, view.shown.has(layer), (on) => view.shown[on ? "add" : "delete"](layer))));
+    const names = scene.short(data.layers.map(({ name }) => name));
+    const layers = data.layers.length < 2 ? [] : data.layers.map((layer, i) => (
+      choice(look.colourOf(data, layer, 0), layer.name, names[i], view.shown.has(layer), (on) => view.shown[on ? "add" : "delete"](layer))));
     const individuals = tracks.length < 2 ? [] : tracks.map(({ label, sequence }, track) => (
-      choice(look.colourOf(data, data.layers[0] ?? {}, track), label, !view.hidden.has(sequence), (on) => view.hidden[on ? "delete" : "add"](sequence))));
+      choice(look.colourOf(data, data.layers[0] ?? {}, track), label, label, !view.hidden.has(sequence), (on) => view.hidden[on ? "delete" : "add"](sequence))));
     $("layers").replaceChildren(...layers, ...individuals);
   }
 
