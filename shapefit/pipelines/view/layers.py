@@ -17,6 +17,7 @@ from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io.layout import METRES_PER_UNIT, UNKNOWN_UNIT
 from shapefit.io.records import concatenate
 from shapefit.io.writers.angles import ANGLE_SD, ANGLES, angle_columns, angle_names
+from shapefit.io.writers.metres import EXTRINSIC_ROTATION
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import REASONS
 from shapefit.pipelines.view.reading import POSE, Content, Inputs
@@ -163,12 +164,15 @@ def _result_layer(content: Content, seen: Floats | None, truth: Content | None) 
 
 def _angles(content: Content) -> Iterator[Measure]:
     """Yield the joint angles of a body with their standard deviations, in degrees."""
-    columns = angle_columns(content.records, None)
+    records = content.records
+    if content.kind == "result":  # no file states which axis of the world of its extrinsics is up
+        records = records.without([EXTRINSIC_ROTATION])
+    columns = angle_columns(records, None)
     if not columns:
         return
-    spread = replace(content, records=content.records.with_columns(columns))
+    spread = replace(content, records=records.with_columns(columns))
     values, sd = spread.per_frame(ANGLES), spread.per_frame(ANGLE_SD)
-    for number, name in enumerate(angle_names(content.records.landmark_names)):
+    for number, name in enumerate(angle_names(records.landmark_names)):
         if np.isfinite(values[:, number]).any():
             band = sd[:, number] if np.isfinite(sd[:, number]).any() else None
             yield Measure(name.replace("_", " "), values[:, number], "°", band)

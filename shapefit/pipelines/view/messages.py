@@ -10,6 +10,7 @@ from shapefit.arrays import Floats
 from shapefit.errors import counted, parse_json
 from shapefit.io.layout import METRES_FROM
 from shapefit.io.skeletons import joint_columns
+from shapefit.io.writers.metres import EXTRINSIC_ROTATION
 from shapefit.lifting.verdict import MIRRORED, REASONS
 from shapefit.pipelines.view.layers import AGAINST_TRUTH, EXPECTED, has_camera
 from shapefit.pipelines.view.reading import Content
@@ -66,7 +67,10 @@ def assumed(results: Sequence[Content], floors: Sequence[str], *, rigid: bool) -
         several = f"{len(floors)} videos have one"
         yield f"Floor from resting feet: {several if len(floors) > 1 else floors[0]}."
     elif not rigid:
-        yield "The floor is not known: up is up in the image, and each body has its own ground."
+        world = any(EXTRINSIC_ROTATION in result.records.columns for result in results)
+        why = " (which axis of the calibrated world is up is not stated)" if world else ""
+        up = f"up is up in the image{why}, and " if results else ""
+        yield f"The floor is not known: {up}each body has its own ground."
     if not results:
         return
     if not all(map(has_camera, results)):

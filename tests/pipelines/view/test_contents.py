@@ -10,6 +10,7 @@ import pytest
 from shapefit.config import ViewConfig
 from shapefit.evaluation import metrics
 from shapefit.geometry.floor import Floor
+from shapefit.geometry.rotations import rotation_about_axis
 from shapefit.io import ShapeSet, read_results, read_shapes, write_dictionary, write_shapes
 from shapefit.pipelines.view.layers import in_usual_units
 from shapefit.pipelines.view.run import make_page
@@ -233,8 +234,18 @@ def test_a_shape_that_may_be_mirrored_is_said_and_a_method_without_bars_has_no_v
 @pytest.mark.parametrize("y_axis", ["down", "up"])
 def test_up_is_that_of_the_image_whatever_the_extrinsics(desk, y_axis):
     """Nobody says that an axis of a calibration is up."""
-    result = desk.result(extras={"extrinsic_rotation": np.eye(3)[[1, 2, 0]]}, y_axis=y_axis)
-    page = make_page(ViewConfig(files={"r": (result,)}))[1]
+    names = ("lhip", "rhip", "lshoulder", "rshoulder", "nose")
+    world = {"extrinsic_rotation": rotation_about_axis(0, np.array(0.3))}
+    fields = {"shapes": desk.shapes(6), "y_axis": y_axis, "landmark_names": names}
+    page, plain = (
+        make_page(ViewConfig(files={"r": (result,)}))[1]
+        for extras in (world, {})
+        for result in [desk.result(extras=extras, **fields)]
+    )
+    assert any("which axis of the calibrated world" in line for line in page.assumed)
+    tilts = [{m.name: m.values for m in each.layers[0].measures} for each in (page, plain)]
+    assert "trunk tilt" in tilts[0], list(tilts[0])
+    np.testing.assert_array_equal(tilts[0]["trunk tilt"], tilts[1]["trunk tilt"])
     expected = np.diag([1.0, -1, -1] if y_axis == "down" else [1.0, 1, 1])
     np.testing.assert_array_equal(np.reshape(page.grounds[0].upright, (3, 3)), expected)
     assert page.grounds[0].floor is None
