@@ -213,8 +213,8 @@ shapefit info cam01_json/""",
         required=("files",),
         text="""Write one HTML page that shows results, to rotate and play, or a sheet of pictures.
 
-The page needs no network and no server: send it to a colleague. On the left are the landmarks in
-the image, on the right the shapes in 3D, and below them a strip that shows where to look.""",
+The page needs no network and no server: send it to a colleague. It shows 3D on the left, the image
+on the right, and below them joint angles and errors over time.""",
         options=f"""
 -o --output PAGE.html  HTML file to write, or PNG or SVG.
 {TRUTH}

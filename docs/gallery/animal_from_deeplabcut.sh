@@ -6,7 +6,7 @@ out=${1:-results/gallery/animal}
 mkdir -p "$out"
 
 # 3D poses of the animal, from markers or several cameras, teach its shape and how it moves.
-shapefit learn-dict sample_data/animal_train.h5 -o "$out/dog.h5" --set prior.components=1
+shapefit learn-dict sample_data/animal_train.h5 -o "$out/dog.h5" --prior
 
 # DeepLabCut's CSV as it is; landmarks with a likelihood below 0.6 count as hidden.
 shapefit fit sample_data/animal_walk.csv -d "$out/dog.h5" --min-confidence 0.6 -o "$out/walk.h5"

@@ -139,8 +139,7 @@ class ViewConfig(TruthConfig):
     keypoints: Text | None = None
     """Skeleton that names the landmarks of files without names, such as body_25b."""
     dictionary: OptionalDictionaryPath = None
-    """Dictionary with the edges and meshes to draw; by default, the one with which the result was
-    fitted, if it still exists."""
+    """Dictionary with the edges and meshes to draw."""
     images: Annotated[
         Path | None,
         PathField("a folder, or a path with {item} in it"),
