@@ -7,7 +7,11 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.constructor import DuplicateKeyError, RoundTripConstructor
+from ruamel.yaml.constructor import (
+    ConstructorError,
+    DuplicateKeyError,
+    RoundTripConstructor,
+)
 from ruamel.yaml.error import MarkedYAMLError, YAMLError, YAMLWarning
 
 from shapefit.config.model import Location
@@ -29,7 +33,12 @@ class _Constructor(RoundTripConstructor):
     def check_mapping_key(
         self, node: Any, key_node: Any, mapping: Any, key: Any, value: Any
     ) -> bool:
-        if key in mapping:
+        try:
+            repeated = key in mapping
+        except TypeError:  # a list or a mapping as key
+            fault = "found a key that is no text"
+            raise ConstructorError(None, node.start_mark, fault, key_node.start_mark) from None
+        if repeated:
             fault = f'found duplicate key "{key}"'
             raise DuplicateKeyError(None, node.start_mark, fault, key_node.start_mark)
         return True

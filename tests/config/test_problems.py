@@ -140,6 +140,7 @@ LAUGHS = "&a [x,x,x,x,x,x,x,x,x], " + ", ".join(
         ("lambda: !!int x\n", "c.yaml:1:1: not valid YAML: invalid literal for int()"),
         ("lambda: !foo x\n", "c.yaml:1:9: 'x' is no number, text, list or mapping that"),
         ("lambda: 1\nlambda: 2\n", 'c.yaml:2:1: not valid YAML: found duplicate key "lambda"'),
+        ("lambda: 1\n? k: [1, 2]\n", "c.yaml:2:3: not valid YAML: found a key that is no text"),
         (f"k: 1\nk: [{LAUGHS}]\n", 'c.yaml:2:1: not valid YAML: found duplicate key "k"'),
         ("a: \x00\n", "c.yaml:1:1: not valid YAML: "),
         (

@@ -70,6 +70,18 @@ def test_nested_datasets_are_carried(landmark_file, tmp_path, edit):
         assert file["camera/model"].asstr()[()] == "pinhole"
 
 
+def test_chunks_that_were_never_written_hold_the_fill_value(landmark_file):
+    sizes = {"shape": (50, 2), "chunks": (1, 1), "dtype": "f4"}
+    with h5py.File(landmark_file, "a") as file:
+        file.create_dataset("none", fillvalue=2.5, **sizes)
+        file.create_dataset("some", fillvalue=2.5, **sizes)[7, 1] = 3.0
+    with open_landmarks([landmark_file]) as source:
+        whole = source.whole().whole
+    assert whole["none"].dtype == np.float32
+    np.testing.assert_array_equal(whole["none"], np.full((50, 2), 2.5))
+    assert (whole["some"][7, 1], (whole["some"] == 2.5).sum()) == (3.0, 99)
+
+
 def test_other_types_of_numbers_and_texts_are_read(landmark_file, landmarks, edit):
     edit(
         landmark_file,
