@@ -19,6 +19,7 @@ def demo(project, tmp_path_factory):
     folder = tmp_path_factory.mktemp("pictures")
     makefile = (project / "Makefile").read_text("utf-8").replace("\\\n", "")
     (walk,) = re.findall(r"\$\(SHAPEFIT\) (fit sample_data/openpose .*)", makefile)
+    (folder / "sample_data").symlink_to(project / "sample_data")
     with contextlib.chdir(folder):
         assert run_command(walk.split()) == 0
     return folder / "results/demo"

@@ -31,7 +31,7 @@ DEMO, IMAGES = PROJECT / "results/demo", PROJECT / "docs/images"
 FLAGS = ("--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars")
 SIZE = {"width": 1280, "height": 720, "deviceScaleFactor": 2, "mobile": False}
 MOTIONLESS = {"features": [{"name": "prefers-reduced-motion", "value": "reduce"}]}
-DRAWN = "setTimeout(arguments[0], 300)"
+PAUSE = "setTimeout(arguments[0], 300)"
 """The words under the chart follow the picture after a moment."""
 RESULT, ITEM = "walk", "openpose/person 1/20"
 STEPS, SECONDS, TURN = 72, 3.6, 40.0
@@ -95,8 +95,7 @@ def photograph(demo: Path, images: Path) -> None:
     with page_of(demo / f"{RESULT}.h5") as driver:
         go = "shapefit.go(shapefit.data.items.indexOf(arguments[0]))"
         driver.execute_script(go, ITEM)
-        driver.execute_async_script(DRAWN)
-        driver.save_screenshot(str(images / f"{RESULT}.png"))
+        (images / f"{RESULT}.png").write_bytes(settled(driver))
         animate(driver, images / "hero.webp")
 
 
@@ -109,9 +108,8 @@ def illustrate_gallery(images: Path) -> None:
             if picture.suffix == ".h5":
                 with page_of(picture) as driver:
                     driver.execute_script("shapefit.go(20)")
-                    driver.execute_async_script(DRAWN)
                     picture = picture.with_suffix(".png")
-                    driver.save_screenshot(str(picture))
+                    picture.write_bytes(settled(driver))
             image = Image.open(picture).convert("RGB")
             image = image.resize((WIDTH, round(WIDTH * image.height / image.width)))
             image.save(images / f"{Path(script).stem}.webp", quality=90, method=6)
@@ -143,6 +141,15 @@ def page_of(result: Path, **keys: Any) -> Iterator[Any]:
             yield driver
     finally:
         driver.quit()
+
+
+def settled(driver: Any) -> bytes:
+    """Return a picture (PNG) of the page once it no longer changes."""
+    before, picture = b"", driver.get_screenshot_as_png()
+    while picture != before:
+        driver.execute_async_script(PAUSE)
+        before, picture = picture, driver.get_screenshot_as_png()
+    return picture
 
 
 def animate(driver: Any, target: Path) -> None:
