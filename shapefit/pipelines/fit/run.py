@@ -146,9 +146,9 @@ def lift_source(source: LandmarkSource, setup: Setup) -> Generator[Batch, None, 
 def read_images(source: LandmarkSource, setup: Setup) -> Iterator[LandmarkSet]:
     """Yield the images batch by batch: without distortion, with the landmarks of the dictionary."""
     if METHODS[setup.config.method].sequences:
-        from shapefit.pipelines.fit.sequences import whole_sequences
+        from shapefit.pipelines.fit.sequences import in_pieces, whole_sequences
 
-        batches = whole_sequences(source.batches(CHUNK))
+        batches = in_pieces(whole_sequences(source.batches(CHUNK)))
     else:
         batches = source.batches(whole_stretches(CHUNK), by_file=True)
     return map(setup.arrange, batches)

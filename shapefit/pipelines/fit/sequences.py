@@ -78,6 +78,21 @@ def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
         yield concatenate(held)
 
 
+def in_pieces(groups: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
+    """Divide groups of whole sequences into batches that are lifted by themselves.
+
+    A long sequence is refined in pieces anyway; lifted piece by piece, it takes the memory of one.
+    """
+    for group in groups:
+        start = stop = 0
+        for clip in split(group.sequences or ()):
+            if clip.stop - start > CONSTANTS.longest and stop > start:
+                yield group.take(slice(start, stop))
+                start = stop
+            stop = clip.stop
+        yield group.take(slice(start, stop))
+
+
 class Sides(NamedTuple):
     """Images whose left and right are put back, which (n,) these are, and where sides are unsure.
 

@@ -17,11 +17,14 @@ from shapefit.io import (
     read_shapes,
     write_dictionary,
 )
+from shapefit.lifting.sequences import clips
 from shapefit.pipelines import projection as projecting
 from shapefit.pipelines import verify
 from shapefit.pipelines.evaluate import run as evaluating
+from shapefit.pipelines.fit import sequences as fit_sequences
 from shapefit.pipelines.fit.sequences import (
     find_usual_lengths,
+    in_pieces,
     is_limb,
     read_bone_lengths,
     whole_sequences,
@@ -272,3 +275,16 @@ def test_ended_sequences_are_given_out_before_the_stream_ends():
         raise AssertionError("read too far")
 
     assert next(whole_sequences(stream())).sequences == ("a", "a")
+
+
+@pytest.mark.parametrize("names", ["", "aab", "aaaaaaaaab", "aaabbbbbbbbbcc", "abcdefgh"])
+def test_long_sequences_are_lifted_in_the_pieces_that_are_refined(names, monkeypatch):
+    limited = replace(clips.CONSTANTS, longest=4)
+    for module in (clips, fit_sequences):
+        monkeypatch.setattr(module, "CONSTANTS", limited)
+    whole = frames_of(names)
+    pieces = list(in_pieces([whole]))
+    assert [item for piece in pieces for item in piece.items] == list(whole.items)
+    ends = np.cumsum([len(piece) for piece in pieces])
+    assert set(ends) <= {clip.stop for clip in clips.split(tuple(names))} | {0}
+    assert all(len(piece) <= 4 for piece in pieces)

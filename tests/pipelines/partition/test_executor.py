@@ -245,7 +245,7 @@ def test_a_running_cluster(data, cluster, by):
     address = cluster.scheduler_address
     if by == "--scheduler-file":
         address = data / "scheduler.json"
-        address.write_text(json.dumps(cluster.scheduler.identity()))
+        address.write_text(json.dumps({"address": cluster.scheduler_address}))
     done = fit(data, f"by{by}/", by, address)
     assert done.returncode == 0, done.stderr
     same_bits(data, f"by{by}/")
