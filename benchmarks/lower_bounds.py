@@ -44,7 +44,7 @@ def oracle_rows(config: Mapping[str, Any]) -> list[list[str]]:
     visible = np.isfinite(found.extras["landmarks"]).all(axis=2).sum(axis=1)
     retained = np.flatnonzero(visible >= config.get("least_visible", 0))
     shown = np.array([row_of[name] for name in _names(found, config["match"])])[retained]
-    left_out = np.array(_names(found, fitted.get("omit")))[retained]
+    left_out = np.array(_names(found, fitted.get("leave_one_out")))[retained]
     rows = []
     for name, oracle in ORACLES.items():
         error = np.full(len(shown), np.nan)

@@ -1,7 +1,7 @@
 """Run one job as often as asked: a line on standard input each time, a line of JSON in return.
 
 Usage: python -P benchmarks/worker.py JOB INPUT.npz key=value...
-The option `clock` is one of CLOCKS. It runs in the environment that is measured, this version's or
+It runs in the environment that is measured, this version's or
 an older one's, so it knows only what all measured versions of shapefit share. The first line comes
 after a run that warms up.
 """
@@ -22,30 +22,29 @@ Run = Callable[[], Any]
 """What is timed; what it returns is looked at afterwards."""
 
 
-def solver(tolerance: float, threads: float) -> Any:
+def solver(tolerance: float) -> Any:
     """Return the solver of the convex program."""
     from shapefit.convex.solver import solve_newton
 
-    return partial(solve_newton, tolerance=tolerance, threads=int(threads))
+    return partial(solve_newton, tolerance=tolerance, threads=1)
 
 
-def newton(data: Arrays, tolerance: float, threads: float) -> Run:
+def newton(data: Arrays, tolerance: float) -> Run:
     """Solve the convex program; each image must be certified."""
-    return partial(solver(tolerance, threads), build(data))
+    return partial(solver(tolerance), build(data))
 
 
-def lift(data: Arrays, method: str, threads: float, tolerance: float = 1e-4, **further: Any) -> Run:
+def lift(data: Arrays, method: str, tolerance: float = 1e-4, **further: Any) -> Run:
     """Lift by one of the methods, from the convex program or the mean shape on."""
     from shapefit.lifting.methods import Settings, choose_method
 
     settings = Settings(
-        solve=solver(tolerance, threads), mean_shape=data["mean_shape"], threads=int(threads),
-        **further,
+        solve=solver(tolerance), mean_shape=data["mean_shape"], threads=1, **further
     )  # fmt: skip
     return partial(choose_method(method, settings), build(data))
 
 
-def posterior(data: Arrays, residual_variance: float, threads: float) -> Run:
+def posterior(data: Arrays, residual_variance: float) -> Run:
     """Find the posterior of each image under a prior of many components."""
     from shapefit.dictionary.mixture import Mixture
     from shapefit.lifting.methods import PosteriorOptions
@@ -54,10 +53,10 @@ def posterior(data: Arrays, residual_variance: float, threads: float) -> Run:
     renamed = hasattr(PosteriorOptions, "residual_variance")  # since 051afd75
     name = "residual_variance" if renamed else "misfit"
     options: Any = partial(PosteriorOptions, **{name: residual_variance})()  # type: ignore[arg-type]
-    return lift(data, "posterior", threads, 1e-3, needs=needs, options=options)
+    return lift(data, "posterior", 1e-3, needs=needs, options=options)
 
 
-def perspective(data: Arrays, threads: float) -> Run:
+def perspective(data: Arrays) -> Run:
     """Refine under the full projection of known cameras."""
     from shapefit.geometry.pinhole import Camera
     from shapefit.lifting.perspective.view import PerspectiveOptions, refine_perspective
@@ -67,11 +66,11 @@ def perspective(data: Arrays, threads: float) -> Run:
         refine_perspective, problem.landmarks, problem.weights, problem.atoms,
         Camera(data["focal"], data["centre"], float(data["sign"])), data["rotation"],
         data["prior"],
-        PerspectiveOptions(ridge=0.3, softness=0.1, max_rounds=200, threads=int(threads)),
+        PerspectiveOptions(ridge=0.3, softness=0.1, max_rounds=200, threads=1),
     )  # fmt: skip
 
 
-def ransac(data: Arrays, threads: float) -> Run:
+def ransac(data: Arrays) -> Run:
     """Find the landmarks that agree with a pose of the mean shape."""
     from shapefit.lifting.consensus import find_consensus
 
@@ -80,15 +79,8 @@ def ransac(data: Arrays, threads: float) -> Run:
     return partial(
         find_consensus, landmarks, weights, data["mean_shape"],
         np.arange(len(landmarks), dtype=np.uint64),
-        threshold=0.25, draws=500, max_rounds=100, threads=int(threads),
+        threshold=0.25, draws=500, max_rounds=100, threads=1,
     )  # fmt: skip
-
-
-def learn(data: Arrays, k: float) -> Run:
-    """Learn a dictionary; all cores, as learn-dict does."""
-    from shapefit.dictionary.learning import learn as rounds
-
-    return lambda: [*rounds(data["shapes"], int(k), 0.1, iterations=15)][-1].atoms
 
 
 def build(data: Arrays) -> Any:
@@ -108,11 +100,8 @@ def verdict(found: Any) -> dict[str, float]:
 
 
 JOBS: dict[str, Callable[..., Run]] = {
-    job.__name__: job for job in (newton, lift, posterior, perspective, ransac, learn)
+    job.__name__: job for job in (newton, lift, posterior, perspective, ransac)
 }
-
-CLOCKS = {"processor": time.process_time, "wall": time.perf_counter}
-"""Time of the processor, or that of the clock where threads are compared."""
 
 
 def number_or_name(text: str) -> float | str:
@@ -126,17 +115,15 @@ def number_or_name(text: str) -> float | str:
 def main() -> None:
     """Answer until standard input ends."""
     job, path, *options = sys.argv[1:]
-    told = {
-        key: number_or_name(value) for key, _, value in (text.partition("=") for text in options)
-    }
-    clock = CLOCKS[str(told.pop("clock", "processor"))]
-    run = JOBS[job](dict(np.load(path)), **told)
+    pairs = (text.partition("=") for text in options)
+    given = {key: number_or_name(value) for key, _, value in pairs}
+    run = JOBS[job](dict(np.load(path)), **given)
     run()
     print("ready", flush=True)
     for _ in sys.stdin:
-        began = clock()
+        began = time.process_time()
         found = run()
-        seconds = clock() - began
+        seconds = time.process_time() - began
         print(json.dumps({"seconds": seconds, **verdict(found)}), flush=True)
 
 

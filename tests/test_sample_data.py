@@ -1,9 +1,5 @@
-"""The sample data are what their page says, and what their scripts make."""
+"""The sample data are what their page says."""
 
-import subprocess
-import sys
-
-import h5py
 import numpy as np
 import pytest
 import trimesh
@@ -12,10 +8,6 @@ from shapefit.io import open_landmarks, read_shapes
 from shapefit.io.options import InputOptions
 from tests.io.files import load
 
-PEOPLE = (
-    *("people_train.h5", "people_test.h5"),
-    *("people_frames.csv", "people_views.csv", "one_person.csv"),
-)
 ROUNDING = 1e-5
 FOCAL_LENGTH, PRINCIPAL_POINT = 1600.0, np.array([640.0, 480.0])
 
@@ -28,20 +20,6 @@ def folder(project):
 @pytest.fixture(scope="module")
 def cars(folder):
     return read_shapes([folder / "cars.h5"])
-
-
-def test_the_script_makes_the_same_people_again(project, folder, tmp_path):
-    command = [sys.executable, "-m", "sample_data.make_people", str(tmp_path)]
-    subprocess.run(command, cwd=project, check=True)
-    assert {path.name for path in tmp_path.iterdir()} == set(PEOPLE)
-    for name in PEOPLE:
-        if name.endswith(".csv"):
-            assert (folder / name).read_bytes() == (tmp_path / name).read_bytes()
-            continue
-        with h5py.File(folder / name) as stored, h5py.File(tmp_path / name) as made:
-            assert stored.keys() == made.keys()
-            for dataset in stored:
-                np.testing.assert_array_equal(stored[dataset][:], made[dataset][:], err_msg=dataset)
 
 
 @pytest.mark.parametrize("name", ["train", "test"])
@@ -133,20 +111,12 @@ def test_views_are_pictures_of_the_cars_under_their_true_rotation(folder, cars):
         assert np.sqrt((pixels**2).mean()) < 1
 
 
-def test_two_people_walk_past_each_other(project, folder, tmp_path):
-    """Made again they are the same; joined over frames, each is one person who walks one way."""
-    command = [sys.executable, "-m", "sample_data.make_openpose", str(tmp_path)]
-    subprocess.run(command, cwd=project, check=True)
-    files = sorted((folder / "openpose").iterdir())
-    assert [path.name for path in files] == sorted(
-        p.name for p in (tmp_path / "openpose").iterdir()
-    )
-    for path in files:
-        assert path.read_bytes() == (tmp_path / "openpose" / path.name).read_bytes()
+def test_two_people_walk_past_each_other(folder):
+    """Joined over frames, each is one person who walks one way."""
     options = InputOptions(keypoints="body_25", track="nearest")
     with open_landmarks([folder / "openpose"], options) as source:
         (found,) = source.batches(1000)
-    assert len(found) == 2 * len(files) == 72
+    assert len(found) == 72
     hip = found.landmarks[:, 0, found.landmark_names.index("MidHip")]
     for number, direction in ((1, 1), (2, -1)):
         own = hip[[name == f"openpose/person {number}" for name in found.sequences]]

@@ -1,6 +1,6 @@
-"""Write docs/config.md from the schema and docs/commands.md from the help.
+"""Write docs/config.md from the schema, docs/commands.md from the help, and the core's stub.
 
-`python tools/generate.py` (`make docs`) writes them; a test checks that they are in step.
+`python tools/generate.py` (`make docs`) writes them; tests check that they are in step.
 """
 
 from __future__ import annotations
@@ -10,9 +10,11 @@ from copy import copy
 from pathlib import Path
 
 import click
+from nanobind.stubgen import StubGen
 from pydantic import BaseModel
 from shapefit.cli.main import commands
 
+from shapefit import core
 from shapefit.config import CONFIGS
 from shapefit.config.commands.input import LandmarksConfig, MetresConfig, TruthConfig
 from shapefit.config.reference import Row, rows
@@ -54,9 +56,34 @@ COMMON = tuple(
 """Options of every command, which the page lists once."""
 
 
+STUB = """\
+# ruff: noqa: E501
+# fmt: off
+\"\"\"Signatures of the extension module, written by tools/generate.py.\"\"\"
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+States = NDArray[np.uint64]
+
+STRETCH: int
+"""
+
+
 def pages() -> dict[Path, str]:
     """Return the text of each generated page."""
     return {DOCS / "config.md": config_page(), DOCS / "commands.md": commands_page()}
+
+
+def stub() -> str:
+    """Return the signatures of the compiled core, one line for each function."""
+    generator = StubGen(core._core, recursive=False)  # type: ignore[attr-defined]
+    generator.put(core._core)  # type: ignore[attr-defined]
+    functions = [line for line in generator.get().splitlines() if line.startswith("def ")]
+    return "\n".join([STUB, *functions, ""])
 
 
 def config_page() -> str:
@@ -108,8 +135,9 @@ def _help(context: click.Context) -> str:
 
 
 def main() -> None:
-    """Write the pages."""
-    for path, text in pages().items():
+    """Write the pages and the stub."""
+    stub_path = DOCS.parent / "shapefit/core/_core.pyi"
+    for path, text in (*pages().items(), (stub_path, stub())):
         path.write_text(text, encoding="utf-8")
 
 

@@ -2,17 +2,18 @@
 
     python tools/mutants.py --count 300 --seed 1 [--rooms shapefit/geometry cli] [--seconds 60]
 
-A mutant is one change of one expression (tools/changes.py). Its tests are the quick ones that run
-its lines, as coverage records once for a commit, those of its own folder first, the fastest first.
-What runs at import or in a fixture counts for the tests of its folder. A mutant survives when all
-of them pass, and where no test reaches it. All this happens in a checkout of HEAD of its own, so
-several may run at once.
+A mutant is one change of one expression: an operator, a constant, an order, a condition, a guard.
+Its tests are the quick ones that run its lines, as coverage records, those of its own folder first,
+the fastest first. What runs at import or in a fixture counts for the tests of its folder. A mutant
+survives when all of them pass, and where no test reaches it. All this happens in a checkout of HEAD
+of its own, so several may run at once.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
+import ast
+import copy
 import os
 import random
 import shutil
@@ -27,11 +28,10 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import coverage
-from changes import Mutant, mutants
 
 PROJECT = Path(__file__).resolve().parents[1]
 PYTEST = ("-P", "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not slow")
@@ -99,16 +99,7 @@ def run(place: Path, arguments: list[str], seconds: float | None = None) -> int 
 
 
 def record(place: Path, tests: list[str]) -> Reach:
-    """Return what the quick tests run; kept in build/reach for other runs on the same commit."""
-    retained = (
-        PROJECT
-        / "build/reach"
-        / f"{git('rev-parse', 'HEAD')} {' '.join(tests)}.json".replace("/", "-")
-    )
-    if retained.exists():
-        lines, *rest = json.loads(retained.read_text("utf-8"))
-        turned = {path: {int(n): some for n, some in of.items()} for path, of in lines.items()}
-        return Reach(turned, *rest)
+    """Return what the quick tests run."""
     settings, data, report = (
         place / ".venv" / name for name in ("coveragerc", "data", "tests.xml")
     )
@@ -123,12 +114,7 @@ def record(place: Path, tests: list[str]) -> Reach:
         str(Path(path).relative_to(place)): found.contexts_by_lineno(path)
         for path in found.measured_files()
     }
-    reach = Reach(lines, *passing(ElementTree.parse(report).iter("testcase")))
-    retained.parent.mkdir(parents=True, exist_ok=True)
-    partial = retained.with_suffix(f".{os.getpid()}")
-    partial.write_text(json.dumps(reach), encoding="utf-8")
-    partial.replace(retained)
-    return reach
+    return Reach(lines, *passing(ElementTree.parse(report).iter("testcase")))
 
 
 def passing(cases: Iterable[ElementTree.Element]) -> tuple[dict[str, str], dict[str, float]]:
@@ -187,6 +173,139 @@ def verdict(place: Path, mutant: Mutant, tests: list[str], seconds: float) -> st
         else "killed by the time that it takes"
         if code is None
         else "killed"
+    )
+
+
+PAIRS = (
+    *("Lt LtE", "GtE Gt", "Lt Gt", "Eq NotEq", "In NotIn", "Is IsNot", "Add Sub", "Mult Div"),
+    *("Mod FloorDiv", "BitAnd BitOr", "sum max", "min max", "any all", "mean median"),
+    *("argmin argmax", "minimum maximum", "zeros ones", "nansum nanmax"),
+)
+NAMES = dict(pair.split()[::step] for step in (-1, 1) for pair in PAIRS)
+"""Operators, functions and methods, and what is put in their place."""
+
+UNWRAPPED = {"sqrt", "abs", "exp", "log", "sorted", "clip"}
+"""Functions whose first argument is taken in their place."""
+
+UNCHANGED = (ast.Raise, ast.JoinedStr, ast.Import, ast.ImportFrom, ast.Assert, ast.pattern)
+NOT_RUN = {"annotation", "returns", "decorator_list", "type_params", "ctx"}
+
+
+class Mutant(NamedTuple):
+    """One change: its file, the lines of its statement up to it, what was there and what is, and
+    where that is in the bytes of the file.
+    """
+
+    path: Path
+    lines: range
+    before: str
+    after: str
+    place: slice
+
+    @property
+    def source(self) -> bytes:
+        """The source of the file with the change."""
+        source = self.path.read_bytes()
+        after = f"({self.after})".encode()
+        return source[: self.place.start] + after + source[self.place.stop :]
+
+
+def mutants(path: Path) -> Iterator[Mutant]:
+    """Yield every mutant of a file."""
+    source = path.read_bytes()
+    starts = [0, 0]
+    for line in source.splitlines(keepends=True):
+        starts.append(starts[-1] + len(line))
+    for node, parent, first in expressions(ast.parse(source)):
+        last = node.end_lineno or node.lineno
+        place = slice(
+            starts[node.lineno] + node.col_offset, starts[last] + (node.end_col_offset or 0)
+        )
+        for new in changes(node, parent):
+            yield Mutant(path, range(first, last + 1), ast.unparse(node), ast.unparse(new), place)
+
+
+def expressions(tree: ast.Module) -> Iterator[tuple[ast.expr, ast.AST, int]]:
+    """Yield the expressions that run and are no messages, with their parent and the line where
+    their statement begins.
+    """
+    waiting: list[tuple[ast.AST, int]] = [(tree, 1)]
+    while waiting:
+        parent, first = waiting.pop()
+        if isinstance(parent, ast.If) and ast.unparse(parent.test) == "TYPE_CHECKING":
+            continue
+        for field, value in ast.iter_fields(parent):
+            for child in value if isinstance(value, list) else [value]:
+                if field in NOT_RUN or isinstance(child, UNCHANGED):
+                    continue
+                if isinstance(child, ast.AST):
+                    waiting.append((child, child.lineno if isinstance(child, ast.stmt) else first))
+                if isinstance(child, ast.expr):
+                    yield child, parent, first
+
+
+def changes(node: ast.expr, parent: ast.AST) -> Iterator[ast.expr]:
+    """Yield what an expression could be in its place."""
+    if isinstance(parent, ast.If | ast.While | ast.IfExp) and node is parent.test:
+        yield ast.UnaryOp(ast.Not(), node)
+        ends = ast.Raise | ast.Return | ast.Continue | ast.Break
+        if isinstance(parent, ast.If) and isinstance(parent.body[-1], ends):
+            yield ast.Constant(False)  # the guard is gone
+    match node:
+        case ast.Compare(ops=[operator], comparators=[_]):
+            yield changed(node, ops=[exchanged(operator)])
+        case ast.BoolOp(op=operator, values=[first, *_]):
+            yield changed(node, op=ast.Or() if isinstance(operator, ast.And) else ast.And())
+            yield first
+        case ast.BinOp(left=left, right=right, op=operator) if type(operator).__name__ in NAMES:
+            if not is_text(left) and not is_text(right):
+                yield changed(node, op=exchanged(operator))
+                yield left
+        case ast.UnaryOp(op=ast.USub() | ast.Not(), operand=operand):
+            yield operand
+        case ast.Constant(value=bool(value)):
+            yield ast.Constant(not value)
+        case ast.Constant(value=int(value)):
+            yield ast.Constant(value + 1)
+        case ast.Constant(value=float(value)) if value != float("inf"):
+            yield ast.Constant(2 * value if value else 1.0)
+        case ast.Call():
+            yield from changes_of_call(node)
+
+
+def changes_of_call(node: ast.Call) -> Iterator[ast.expr]:
+    """Yield a call of another function, with two arguments swapped, without each keyword."""
+    match node.func:
+        case ast.Name(id=name) if name in NAMES:
+            yield changed(node, func=ast.Name(NAMES[name]))
+        case ast.Attribute(value=value, attr=name) if name in NAMES:
+            yield changed(node, func=ast.Attribute(value, NAMES[name]))
+        case ast.Name(id=name) | ast.Attribute(attr=name) if name in UNWRAPPED and node.args:
+            yield node.args[0]
+    match node.args:
+        case [first, second, *rest] if not any(isinstance(a, ast.Starred) for a in node.args):
+            yield changed(node, args=[second, first, *rest])
+    for index in range(len(node.keywords)):
+        yield changed(node, keywords=node.keywords[:index] + node.keywords[index + 1 :])
+
+
+def exchanged(operator: ast.operator | ast.cmpop) -> Any:
+    """Return the operator that takes the place of another."""
+    return getattr(ast, NAMES[type(operator).__name__])()
+
+
+def changed(node: ast.expr, **fields: Any) -> ast.expr:
+    """Return a copy of a node with other fields."""
+    new = copy.copy(node)
+    for name, value in fields.items():
+        setattr(new, name, value)
+    return new
+
+
+def is_text(node: ast.expr) -> bool:
+    """Whether an expression is plainly a string."""
+    return isinstance(node, ast.JoinedStr) or (
+        isinstance(node, ast.Constant) and isinstance(node.value, str)
     )
 
 

@@ -1,6 +1,6 @@
 # ruff: noqa: E501
 # fmt: off
-"""Signatures of the extension module, written by tools/core_stub.py."""
+"""Signatures of the extension module, written by tools/generate.py."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -5,7 +5,7 @@ import pytest
 
 from shapefit import core
 from shapefit.convex.transforms import Transforms
-from tools.core_stub import stub
+from tools.generate import stub
 
 N, K = 3, 2
 
