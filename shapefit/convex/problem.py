@@ -61,25 +61,23 @@ class Problem:
             # one memory layout, the one that kernels read
             values = np.require(getattr(self, name), np.float64, ("C", "W"))
             object.__setattr__(self, name, values)
-        n, two, p = self.landmarks.shape
-        k, three, q = self.atoms.shape
+        W, omega, B, lam = self.landmarks, self.weights, self.atoms, self.lam
+        n, two, p = W.shape
+        k, three, q = B.shape
         if two != 2 or three != 3 or p != q or k == 0:
             raise ValueError(
-                f"landmarks {self.landmarks.shape} and atoms {self.atoms.shape}"
-                " must be (n, 2, p) and (k, 3, p)"
+                f"landmarks {W.shape} and atoms {B.shape} must be (n, 2, p), (k, 3, p)"
             )
-        if self.weights.shape != (n, p) or self.lam.shape != (n,):
-            raise ValueError(
-                f"weights {self.weights.shape} and lam {self.lam.shape} must be ({n}, {p}), ({n},)"
-            )
-        if not (np.isfinite(self.weights).all() and (self.weights >= 0).all()):
-            raise ValueError("weights must be finite and >= 0")
-        if not (np.isfinite(self.lam).all() and (self.lam > 0).all()):
-            raise ValueError("lam must be finite and > 0")
-        if not np.isfinite(self.atoms).all():
-            raise ValueError("atoms must be finite")
-        if not self.beta > 0:
-            raise ValueError("beta must be > 0")
+        if omega.shape != (n, p) or lam.shape != (n,):
+            raise ValueError(f"weights {omega.shape}, lam {lam.shape} must be ({n}, {p}), ({n},)")
+        for holds, rule in (
+            (np.isfinite(omega).all() and (omega >= 0).all(), "weights must be finite and >= 0"),
+            (np.isfinite(lam).all() and (lam > 0).all(), "lam must be finite and > 0"),
+            (np.isfinite(B).all(), "atoms must be finite"),
+            (self.beta > 0, "beta must be > 0"),
+        ):
+            if not holds:
+                raise ValueError(rule)
 
     def take(self, images: NDArray[np.intp] | NDArray[np.bool_]) -> Problem:
         """Keep some of the images."""
@@ -96,12 +94,8 @@ class Problem:
     @property
     def arrays(self) -> dict[str, Any]:
         """What every kernel needs of it, by the names of its arguments."""
-        return {
-            "landmarks": self.landmarks,
-            "weights": self.weights,
-            "atoms": self.atoms,
-            "lam": self.lam,
-        }
+        names = ("landmarks", "weights", "atoms", "lam")
+        return {name: getattr(self, name) for name in names}
 
     def require_squared(self, method: str) -> None:
         """Raise ValueError, which names the method, unless the loss is the squared one."""
@@ -111,9 +105,7 @@ class Problem:
     @property
     def bound(self) -> float:
         """Bound on the entries of the dual Y: beta, 1 or none, by the loss."""
-        if self.loss is Loss.SPARSE_ERROR:
-            return self.beta
-        return 1.0 if self.loss is Loss.ABSOLUTE else np.inf
+        return {Loss.SPARSE_ERROR: self.beta, Loss.ABSOLUTE: 1.0}.get(self.loss, np.inf)
 
 
 def build_problem(
@@ -132,18 +124,10 @@ def build_problem(
     """
     W = landmarks if landmarks.ndim == 3 else landmarks[None]
     visible = np.all(np.isfinite(W), axis=1)
-    if weights is None:
-        weights = visible.astype(float)
-    weights = np.broadcast_to(weights, visible.shape)
+    omega = np.broadcast_to(visible.astype(float) if weights is None else weights, visible.shape)
     if loss is Loss.EXACT:
-        weights = np.where(weights > 0, 1.0, weights)
-    if not visible[weights > 0].all():
+        omega = np.where(omega > 0, 1.0, omega)
+    if not visible[omega > 0].all():
         raise ValueError("landmarks of positive weight must be finite")
-    return Problem(
-        np.where((weights > 0)[:, None, :], W, 0.0),
-        weights,
-        atoms,
-        np.broadcast_to(lam, (len(W),)),
-        loss,
-        beta,
-    )
+    W = np.where((omega > 0)[:, None, :], W, 0.0)
+    return Problem(W, omega, atoms, np.broadcast_to(lam, (len(W),)), loss, beta)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from shapefit import core
 from shapefit.arrays import Floats
 from shapefit.convex.problem import Loss, Problem
-from shapefit.convex.span import Reduced, reductions
+from shapefit.convex.span import is_worth_reducing, reduce_images
 from shapefit.convex.transforms import Transforms
 
 
@@ -72,11 +72,10 @@ def solve_newton(
     fewer than two visible landmarks is DEGENERATE. The method is written down in
     shapefit/core/convex/newton.hpp. Large shapes are solved in the span of the atoms, see `span`.
     """
-    parts = reductions(problem)
     solve = partial(
         solve_directly, tolerance=tolerance, max_iterations=max_iterations, threads=threads
     )
-    return solve(problem) if parts is None else solve_in_span(problem, parts, solve, threads)
+    return solve_in_span(problem, solve, threads) if is_worth_reducing(problem) else solve(problem)
 
 
 def solve_directly(
@@ -85,12 +84,11 @@ def solve_directly(
     """Solve every image with all of its landmarks."""
     n, _, p = problem.landmarks.shape
     k = len(problem.atoms)
-    first, count = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    first, count, steps, codes = np.zeros((4, n), np.int64)
     atom, blocks = np.empty(n * k, np.int64), np.empty((n * k, 2, 3))
     translation, dual = np.zeros((n, 2)), np.zeros((n, 2, p))
     errors = np.zeros((n, 2, 0 if problem.loss is Loss.SQUARED else p))
-    objective, gap, residual = np.zeros(n), np.zeros(n), np.zeros(n)
-    steps, codes = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    objective, gap, residual = np.zeros((3, n))
     core.solve_convex(
         **problem.arrays, delta=float(problem.loss.has_quadratic), bound=problem.bound,
         tolerance=tolerance, most_steps=max_iterations, threads=threads,
@@ -107,47 +105,35 @@ def solve_directly(
     return Solution(transforms, translation, dual, errors, objective, gap, residual, steps, status)
 
 
-def solve_in_span(
-    problem: Problem,
-    parts: Iterable[Reduced],
-    solve: Callable[[Problem], Solution],
-    threads: int,
-) -> Solution:
-    """Solve the reductions, and certify their solutions as those of the problem.
+def solve_in_span(problem: Problem, solve: Callable[[Problem], Solution], threads: int) -> Solution:
+    """Solve the images reduced to the span, and certify their solutions as those of the problem.
 
     The part of the landmarks that the atoms do not span joins the objective, never the gap's
     numerator: a reduction that is solved to the tolerance solves the problem to it.
     """
     n, _, p = problem.landmarks.shape
     dual, order, solved = np.zeros((n, 2, p)), [], []
-    for part in parts:
-        found = solve(part.problem)
-        dual[part.rows] = part.expand(found.dual, problem)
+    for part in reduce_images(problem):
+        solution = solve(part.problem)
+        dual[part.rows] = part.expand(solution.dual, problem)
         order.append(part.rows)
-        solved.append(found)
+        solved.append(solution)
     back = np.argsort(np.concatenate(order))
-    transforms = Transforms.joined([found.transforms for found in solved]).take(back)
-    status = [status for found in solved for status in found.status]
-    status = [status[row] for row in back.tolist()]
-    translation, objective = np.zeros((n, 2)), np.full(n, np.nan)
-    gap, residual = np.full(n, np.nan), np.full(n, np.nan)
+    transforms = Transforms.joined([solution.transforms for solution in solved]).take(back)
+    status = np.array([each for solution in solved for each in solution.status])[back]
+    translation = np.zeros((n, 2))
+    objective, gap, residual = np.full((3, n), np.nan)
     core.certify(
         **problem.arrays, **transforms.arrays, delta=1.0, bound=problem.bound,
         translation=translation, dual=dual, errors=np.zeros((n, 2, 0)),
         objective=objective, relative_gap=gap, residual=residual, threads=threads,
     )  # fmt: skip
-    lost = np.array([each is Status.DEGENERATE for each in status])
-    objective[lost] = gap[lost] = residual[lost] = np.nan
+    degenerate = status == Status.DEGENERATE
+    objective[degenerate] = gap[degenerate] = residual[degenerate] = np.nan
+    steps = np.concatenate([solution.iterations for solution in solved])[back]
+    errors = np.broadcast_to(0.0, dual.shape)
     return Solution(
-        transforms,
-        translation,
-        dual,
-        np.broadcast_to(0.0, dual.shape),
-        objective,
-        gap,
-        residual,
-        np.concatenate([found.iterations for found in solved])[back],
-        tuple(status),
+        transforms, translation, dual, errors, objective, gap, residual, steps, tuple(status)
     )
 
 

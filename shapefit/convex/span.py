@@ -49,32 +49,34 @@ class Reduced:
         """Return the dual (m, 2, p) of the images as given, for that (m, 2, r + 1) of these."""
         if self.basis is None:
             return dual
-        weights = given.weights[self.rows]
-        w = weighted(given.landmarks[self.rows], weights)
+        w = weighted(given.landmarks[self.rows], given.weights[self.rows])
         found: Floats = w + (dual - w @ self.basis) @ self.basis.T
         return found
 
 
-def reductions(problem: Problem) -> Iterator[Reduced] | None:
-    """Yield the images in parts of equal weights; None where that would not pay, or not be exact.
+def is_worth_reducing(problem: Problem) -> bool:
+    """Whether the span of the atoms is exact and pays."""
+    n, _, p = problem.landmarks.shape
+    small_rank = 3 * len(problem.atoms) + 1 <= WORTH * p
+    return problem.loss is Loss.SQUARED and p >= LARGE and small_rank and n > 0
+
+
+def reduce_images(problem: Problem) -> Iterator[Reduced]:
+    """Yield the images in parts of equal weights.
 
     How a stretch of images is parted does not depend on the others, so that no result depends on
     how images are batched; stretches of one set of weights stay together, for threads to share.
     """
-    n, _, p = problem.landmarks.shape
-    rank = 3 * len(problem.atoms)
-    if problem.loss is not Loss.SQUARED or p < LARGE or rank + 1 > WORTH * p or not n:
-        return None
-    return part_images(problem)
-
-
-def part_images(problem: Problem) -> Iterator[Reduced]:
-    """Yield the parts of a problem that is to be reduced."""
     together: list[NDArray[np.intp]] = []
     basis_of = lru_cache(maxsize=8)(lambda key: find_basis(problem.atoms, np.frombuffer(key)))
 
     def reduced(rows: NDArray[np.intp]) -> Reduced:
-        return reduce_images(problem, rows, basis_of(problem.weights[rows[0]].tobytes()))
+        weights = problem.weights[rows]
+        basis = basis_of(weights[0].tobytes())
+        w = weighted(problem.landmarks[rows], weights)
+        B = weighted(problem.atoms, np.broadcast_to(weights[0], problem.atoms.shape[::2]))
+        ones = np.ones((len(rows), basis.shape[1]))
+        return Reduced(rows, Problem(w @ basis, ones, B @ basis, problem.lam[rows]), basis)
 
     for start in range(0, len(problem.lam), core.STRETCH):
         rows = np.arange(start, min(start + core.STRETCH, len(problem.lam)))
@@ -94,20 +96,18 @@ def part_images(problem: Problem) -> Iterator[Reduced]:
 
 
 def find_basis(atoms: Floats, mask: Floats) -> Floats:
-    """Return U Z (p, r + 1) of the atoms (k, 3, p) for the weights (p,)."""
+    """Return U Z (p, r + 1) of the atoms (k, 3, p) for the weights (p,).
+
+    The rows of Z^T (r + 1, r) are orthonormal and orthogonal to 1: centring takes nothing off.
+    """
     B = weighted(atoms, np.broadcast_to(mask, (len(atoms), len(mask))))
     size, U = np.linalg.svd(B.reshape(-1, len(mask)), full_matrices=False)[1:]
     U = U[size > NEGLIGIBLE * size[0]]
-    return np.asarray(U.T @ centred_basis(len(U)), np.float64)
-
-
-def reduce_images(problem: Problem, rows: NDArray[np.intp], basis: Floats) -> Reduced:
-    """Return the images of these rows, which all have the same weights."""
-    weights = problem.weights[rows]
-    w = weighted(problem.landmarks[rows], weights)
-    B = weighted(problem.atoms, np.broadcast_to(weights[0], problem.atoms.shape[::2]))
-    ones = np.ones((len(rows), basis.shape[1]))
-    return Reduced(rows, Problem(w @ basis, ones, B @ basis, problem.lam[rows]), basis)
+    r = len(U)
+    h = np.full(r + 1, 1 / np.sqrt(r + 1))
+    h[-1] += 1
+    Z = np.eye(r + 1)[:r] - np.outer(h[:r], h) / h[-1]
+    return np.asarray(U.T @ Z, np.float64)
 
 
 def weighted(points: Floats, weights: Floats) -> Floats:
@@ -119,11 +119,3 @@ def weighted(points: Floats, weights: Floats) -> Floats:
     mean = (squares * points).sum(axis=-1, keepdims=True) / total
     found: Floats = weights[:, None] * (points - mean)
     return found
-
-
-def centred_basis(r: int) -> Floats:
-    """Return orthonormal rows (r, r + 1) that are orthogonal to 1: centring takes nothing off."""
-    h = np.full(r + 1, 1 / np.sqrt(r + 1))
-    h[-1] += 1
-    Z: Floats = np.eye(r + 1)[:r] - np.outer(h[:r], h) / h[-1]
-    return Z

@@ -10,6 +10,7 @@ What points do not show, turns of a bone about itself, has no angle here.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -31,108 +32,6 @@ class JointAngle(NamedTuple):
     measure: Callable[[Floats, Floats], Floats]
 
 
-def _dot(a: Floats, b: Floats) -> Floats:
-    product: Floats = (a * b).sum(axis=0)
-    return product
-
-
-def _cross(a: Floats, b: Floats) -> Floats:
-    return np.cross(a, b, axis=0)
-
-
-def _between(a: Floats, b: Floats) -> Floats:
-    """atan2(|a x b|, <a, b>) in [0, pi], of vectors (3, n)."""
-    across = _cross(a, b)
-    angle: Floats = np.arctan2(np.sqrt(_dot(across, across)), _dot(a, b))
-    return angle
-
-
-def _hinge(points: Floats, _: Floats) -> Floats:
-    """Return the angle by which the second bone leaves the direction of the first."""
-    above, joint, below = points
-    return _between(joint - above, below - joint)
-
-
-def _ankle(points: Floats, _: Floats) -> Floats:
-    """Return how far the foot is raised above the right angle to the shank."""
-    knee, ankle, heel, toe = points
-    angle: Floats = np.pi / 2 - _between(knee - ankle, toe - heel)
-    return angle
-
-
-def _arm(points: Floats, _: Floats) -> Floats:
-    return _flexion(points, 1.0)
-
-
-def _hip(points: Floats, _: Floats) -> Floats:
-    return _flexion(points, -1.0)
-
-
-def _flexion(points: Floats, head: float) -> Floats:
-    """atan2(d_x, -d_y) of the bone d from the fifth point to the sixth, in the axes of the trunk.
-
-    The points before are left and right of the line that the limb turns about, and of the other end
-    of the trunk. `head` is 1 where that line is the end towards the head, else -1. y is made
-    orthogonal to z, and x = y x z is forward.
-    """
-    left, right, other_left, other_right, start, end = points
-    z, limb = right - left, end - start
-    x = _cross(head * (left + right - other_left - other_right), z)
-    y = _cross(z, x)
-    along = _dot(limb, y) / np.sqrt(_dot(y, y))
-    forward = _dot(limb, x) / np.sqrt(_dot(x, x))
-    angle: Floats = np.arctan2(forward, -along)
-    return angle
-
-
-def _lean(points: Floats, up: Floats) -> Floats:
-    """Return the angle to the vertical of the line from the middle of two points to that of two."""
-    low_left, low_right, high_left, high_right = points
-    return _between(high_left + high_right - low_left - low_right, up)
-
-
-def _head(points: Floats, up: Floats) -> Floats:
-    left, right, head = points
-    return _between(2 * head - left - right, up)
-
-
-HIPS, SHOULDERS = ("lhip", "rhip"), ("lshoulder", "rshoulder")
-
-ANGLES = (
-    *(
-        angle
-        for side in "rl"
-        for angle in (
-            JointAngle(
-                f"hip_flexion_{side}", (*HIPS, *SHOULDERS, f"{side}hip", f"{side}knee"), _hip
-            ),
-            JointAngle(f"knee_angle_{side}", (f"{side}hip", f"{side}knee", f"{side}ankle"), _hinge),
-            JointAngle(
-                f"ankle_angle_{side}",
-                (f"{side}knee", f"{side}ankle", f"{side}heel", f"{side}toe"),
-                _ankle,
-            ),
-            JointAngle(
-                f"arm_flex_{side}",
-                (*SHOULDERS, *HIPS, f"{side}shoulder", f"{side}elbow"),
-                _arm,
-            ),
-            JointAngle(
-                f"elbow_flex_{side}", (f"{side}shoulder", f"{side}elbow", f"{side}wrist"), _hinge
-            ),
-        )
-    ),
-    JointAngle("trunk_tilt", (*HIPS, *SHOULDERS), _lean),
-    JointAngle("head_tilt", (*SHOULDERS, "head"), _head),
-)
-"""The angles, named as the coordinates of OpenSim's full-body models where these have them."""
-
-
-def known_angles(joints: Mapping[str, int] | Sequence[str]) -> tuple[JointAngle, ...]:
-    """Return the angles whose points are all among the joints."""
-    return tuple(angle for angle in ANGLES if set(angle.joints) <= set(joints))
-
-
 def measure_angles(
     shapes: Floats, up: Floats, joints: Mapping[str, int], covariance: Floats | None = None
 ) -> tuple[Floats, Floats]:
@@ -145,11 +44,11 @@ def measure_angles(
     (n, p, 3, 3) of each landmark where those of different landmarks are taken for independent; nan
     deviations without one. Angles of points that are not known are nan.
     """
-    found = known_angles(joints)
+    angles = known_angles(joints)
     n, _, p = shapes.shape
     upward = np.broadcast_to(np.asarray(up, np.float64), (n, 3)).T
-    values, deviations = np.full((n, len(found)), np.nan), np.full((n, len(found)), np.nan)
-    for number, angle in enumerate(found):
+    values, deviations = np.full((2, n, len(angles)), np.nan)
+    for number, angle in enumerate(angles):
         columns = [joints[joint] for joint in angle.joints]
         points = np.ascontiguousarray(shapes[:, :, columns].transpose(2, 1, 0), np.float64)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -169,10 +68,14 @@ def measure_angles(
     return np.degrees(values), np.degrees(deviations)
 
 
+def known_angles(joints: Mapping[str, int] | Sequence[str]) -> tuple[JointAngle, ...]:
+    """Return the angles whose points are all among the joints."""
+    return tuple(angle for angle in ANGLES if set(angle.joints) <= set(joints))
+
+
 def _slope(angle: JointAngle, points: Floats, up: Floats) -> Floats:
     """d angle / d points (m, 3, n), by central differences."""
-    spread = points - points.mean(axis=0)
-    step = STEP * np.sqrt((spread**2).mean(axis=(0, 1)))
+    step = STEP * np.sqrt(((points - points.mean(axis=0)) ** 2).mean(axis=(0, 1)))
     slope = np.empty_like(points)
     for place in np.ndindex(points.shape[:2]):
         ahead, behind = points.copy(), points.copy()
@@ -181,3 +84,79 @@ def _slope(angle: JointAngle, points: Floats, up: Floats) -> Floats:
         turn = angle.measure(ahead, up) - angle.measure(behind, up)
         slope[place] = ((turn + np.pi) % (2 * np.pi) - np.pi) / (2 * step)
     return slope
+
+
+def _dot(a: Floats, b: Floats) -> Floats:
+    product: Floats = (a * b).sum(axis=0)
+    return product
+
+
+def _between(a: Floats, b: Floats) -> Floats:
+    """atan2(|a x b|, <a, b>) in [0, pi], of vectors (3, n)."""
+    across = np.cross(a, b, axis=0)
+    angle: Floats = np.arctan2(np.sqrt(_dot(across, across)), _dot(a, b))
+    return angle
+
+
+def _hinge(points: Floats, _: Floats) -> Floats:
+    """Return the angle by which the second bone leaves the direction of the first."""
+    above, joint, below = points
+    return _between(joint - above, below - joint)
+
+
+def _ankle(points: Floats, _: Floats) -> Floats:
+    """Return how far the foot is raised above the right angle to the shank."""
+    knee, ankle, heel, toe = points
+    angle: Floats = np.pi / 2 - _between(knee - ankle, toe - heel)
+    return angle
+
+
+def _flexion(points: Floats, _: Floats, head: float) -> Floats:
+    """atan2(d_x, -d_y) of the bone d from the fifth point to the sixth, in the axes of the trunk.
+
+    The points before are left and right of the line that the limb turns about, and of the other end
+    of the trunk. `head` is 1 where that line is the end towards the head, else -1. y is made
+    orthogonal to z, and x = y x z is forward.
+    """
+    left, right, other_left, other_right, start, end = points
+    z, limb = right - left, end - start
+    x = np.cross(head * (left + right - other_left - other_right), z, axis=0)
+    y = np.cross(z, x, axis=0)
+    along = _dot(limb, y) / np.sqrt(_dot(y, y))
+    forward = _dot(limb, x) / np.sqrt(_dot(x, x))
+    angle: Floats = np.arctan2(forward, -along)
+    return angle
+
+
+def _tilt(points: Floats, up: Floats) -> Floats:
+    """Return the angle to the vertical of the line from the middle of the first two points to that
+    of the others.
+    """
+    return _between(2 * points[2:].mean(axis=0) - points[0] - points[1], up)
+
+
+HIPS, SHOULDERS = ("lhip", "rhip"), ("lshoulder", "rshoulder")
+
+
+def _of_side(side: str) -> tuple[JointAngle, ...]:
+    hip, knee, ankle, heel, toe, shoulder, elbow, wrist = (
+        f"{side}{joint}"
+        for joint in ("hip", "knee", "ankle", "heel", "toe", "shoulder", "elbow", "wrist")
+    )
+    arm, leg = partial(_flexion, head=1.0), partial(_flexion, head=-1.0)
+    return (
+        JointAngle(f"hip_flexion_{side}", (*HIPS, *SHOULDERS, hip, knee), leg),
+        JointAngle(f"knee_angle_{side}", (hip, knee, ankle), _hinge),
+        JointAngle(f"ankle_angle_{side}", (knee, ankle, heel, toe), _ankle),
+        JointAngle(f"arm_flex_{side}", (*SHOULDERS, *HIPS, shoulder, elbow), arm),
+        JointAngle(f"elbow_flex_{side}", (shoulder, elbow, wrist), _hinge),
+    )
+
+
+ANGLES = (
+    *_of_side("r"),
+    *_of_side("l"),
+    JointAngle("trunk_tilt", (*HIPS, *SHOULDERS), _tilt),
+    JointAngle("head_tilt", (*SHOULDERS, "head"), _tilt),
+)
+"""The angles, named as the coordinates of OpenSim's full-body models where these have them."""

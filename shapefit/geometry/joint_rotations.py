@@ -4,13 +4,11 @@
 
 where r is the direction of a bone at rest and l its length, G the rotation of a node in space, P
 that of its parent and L its own, which files of animation hold.
-
-The edges between landmarks are one tree of bones, whose nodes can each turn.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +24,12 @@ FRAMES = 200
 BRANCHES = 3
 """Bones at a landmark whose directions make a frame."""
 
+PRIOR = 0.02
+"""Weight of the parent's rotation beside bones, of 1 each, that may all lie in one line."""
+
+OPPOSITE = 1e-9
+"""1 + cosine of directions between which there is no shortest turn."""
+
 
 @dataclass(frozen=True)
 class Node:
@@ -39,64 +43,6 @@ class Node:
     joint: int
     above: int
     aims: tuple[int, ...]
-
-
-def find_tree(points: Floats, edges: Integers, root: int | None = None) -> tuple[Node, ...]:
-    """Return the tree of those bones that keep their lengths best: parents first, limb by limb.
-
-    points (f, 3, p), all known; edges (e, 2) come before other pairs of landmarks, which join only
-    what edges leave apart. The root is by default the landmark from which the fewest bones lead to
-    all others, of those where bones branch if there are any.
-    """
-    cost = 1 + _spread_of_distances(points)  # what is nearly 0 would be no edge to scipy
-    apart = np.ones_like(cost)
-    apart[edges[:, 0], edges[:, 1]] = apart[edges[:, 1], edges[:, 0]] = 0
-    tree = minimum_spanning_tree(np.triu(cost + cost.max() * apart, 1))
-    if root is None:
-        hops = shortest_path(tree, directed=False, unweighted=True)
-        branches = np.count_nonzero(hops == 1, axis=1) >= BRANCHES
-        root = int(np.where(branches | ~branches.any(), hops.sum(axis=1), np.inf).argmin())
-    order, above = breadth_first_order(tree, root, directed=False)
-    children: list[list[int]] = [[] for _ in above]
-    for landmark in sorted(order[1:].tolist()):
-        children[above[landmark]].append(landmark)
-    return tuple(_nodes(root, [tuple(each) for each in children]))
-
-
-def _spread_of_distances(points: Floats) -> Floats:
-    """Standard deviation (p, p) of the distance of two landmarks."""
-    rows = np.linspace(0, len(points) - 1, min(len(points), FRAMES)).astype(int)
-    distances = [cdist(each, each) for each in points[rows].swapaxes(1, 2)]
-    mean = sum(distances) / len(rows)
-    square = sum((each - mean) ** 2 for each in distances) / len(rows)
-    spread: Floats = np.sqrt(square)
-    return spread
-
-
-def _nodes(root: int, children: Sequence[tuple[int, ...]]) -> Iterator[Node]:
-    waiting = [Node(root, -1, children[root])]
-    count = 0
-    while waiting:
-        node = waiting.pop()
-        yield node
-        for child in reversed(node.aims):
-            alone = len(node.aims) == 1
-            joint, aims = (child, children[child]) if alone else (node.joint, (child,))
-            waiting.append(Node(joint, count, aims))
-        count += 1
-
-
-def find_bones(tree: Sequence[Node]) -> dict[int, int]:
-    """Return the landmark where each bone ends -> the one where it begins."""
-    ends = ((node.joint, tree[node.above].joint) for node in tree[1:])
-    return {end: start for end, start in ends if end != start}
-
-
-PRIOR = 0.02
-"""Weight of the parent's rotation beside bones, of 1 each, that may all lie in one line."""
-
-OPPOSITE = 1e-9
-"""1 + cosine of directions between which there is no shortest turn."""
 
 
 @dataclass(frozen=True)
@@ -115,13 +61,13 @@ class Rig:
 
 
 def find_rig(points: Floats, edges: Integers, root: int | None = None) -> Rig:
-    """Return the bones of points (f, 3, p), all known, and their rotations: `find_tree`."""
+    """Return the bones of points (f, 3, p), all known, and their rotations: see `find_tree`."""
     tree = find_tree(points, edges, root)
-    rest = find_rest(points, tree)
-    G = find_rotations(points, tree, rest)
+    rest = _find_rest(points, tree)
+    G = _find_rotations(points, tree, rest)
     above = [node.above for node in tree[1:]]
     L = np.concatenate([G[:1], G[above].swapaxes(-1, -2) @ G[1:]])
-    return Rig(tree, find_offsets(points, tree, rest), L, points[:, :, tree[0].joint], rest)
+    return Rig(tree, _find_offsets(points, tree, rest), L, points[:, :, tree[0].joint], rest)
 
 
 def in_pose(rig: Rig, directions: Mapping[int, Sequence[float]]) -> Rig:
@@ -132,17 +78,16 @@ def in_pose(rig: Rig, directions: Mapping[int, Sequence[float]]) -> Rig:
     a direction turn with their parent.
     """
     tree, T = rig.tree, np.empty((len(rig.tree), 3, 3))
-    placed = zip(tree, rig.offsets, strict=True)
-    bones = {node.joint: offset for node, offset in placed if offset.any()}
+    bones = {node.joint: o for node, o in zip(tree, rig.offsets, strict=True) if o.any()}
     for number, node in enumerate(tree):
         P = T[node.above] if node.above >= 0 else np.eye(3)
-        known = [end for end in node.aims if end in directions and end in bones]
-        ends = _directions(np.array([directions[end] for end in known]).reshape(-1, 3))
-        starts = _directions(np.array([bones[end] for end in known]).reshape(-1, 3))
-        if len(known) == len(node.aims) == 1:
+        aims = [end for end in node.aims if end in directions and end in bones]
+        ends = _unit(np.array([directions[end] for end in aims]).reshape(-1, 3))
+        starts = _unit(np.array([bones[end] for end in aims]).reshape(-1, 3))
+        if len(aims) == len(node.aims) == 1:
             T[number] = _shortest_turns(P @ starts[0], ends)[0] @ P
         else:
-            T[number] = nearest_rotation(ends.T @ starts + PRIOR * P) if known else P
+            T[number] = nearest_rotation(ends.T @ starts + PRIOR * P) if aims else P
     above = [node.above for node in tree[1:]]
     P = np.concatenate([np.eye(3)[None], T[above]])
     L = P[:, None] @ rig.rotations @ T[:, None].swapaxes(-1, -2)
@@ -158,32 +103,67 @@ def forward_kinematics(rig: Rig) -> Floats:
     return np.array(places)
 
 
-def find_rest(points: Floats, tree: Sequence[Node]) -> int:
+def find_tree(points: Floats, edges: Integers, root: int | None = None) -> tuple[Node, ...]:
+    """Return the tree of those bones that keep their lengths best: parents first, limb by limb.
+
+    points (f, 3, p), all known; edges (e, 2) come before other pairs of landmarks, which join only
+    what edges leave apart. The root is by default the landmark from which the fewest bones lead to
+    all others, of those where bones branch if there are any.
+    """
+    rows = np.linspace(0, len(points) - 1, min(len(points), FRAMES)).astype(int)
+    distances = np.stack([cdist(x, x) for x in points[rows].swapaxes(1, 2)])
+    cost = 1 + distances.std(axis=0)  # what is nearly 0 would be no edge to scipy
+    is_no_edge = np.ones_like(cost)
+    is_no_edge[edges[:, 0], edges[:, 1]] = is_no_edge[edges[:, 1], edges[:, 0]] = 0
+    tree = minimum_spanning_tree(np.triu(cost + cost.max() * is_no_edge, 1))
+    if root is None:
+        hops = shortest_path(tree, directed=False, unweighted=True)
+        branches = np.count_nonzero(hops == 1, axis=1) >= BRANCHES
+        root = int(np.where(branches | ~branches.any(), hops.sum(axis=1), np.inf).argmin())
+    order, above = breadth_first_order(tree, root, directed=False)
+    children: list[tuple[int, ...]] = [() for _ in above]
+    for landmark in sorted(order[1:].tolist()):
+        children[above[landmark]] += (landmark,)
+    nodes, waiting = [], [Node(root, -1, children[root])]
+    while waiting:
+        node = waiting.pop()
+        for child in reversed(node.aims):
+            alone = len(node.aims) == 1
+            joint, aims = (child, children[child]) if alone else (node.joint, (child,))
+            waiting.append(Node(joint, len(nodes), aims))
+        nodes.append(node)
+    return tuple(nodes)
+
+
+def find_bones(tree: Sequence[Node]) -> dict[int, int]:
+    """Return the landmark where each bone ends -> the one where it begins."""
+    ends = ((node.joint, tree[node.above].joint) for node in tree[1:])
+    return {end: start for end, start in ends if end != start}
+
+
+def _find_rest(points: Floats, tree: Sequence[Node]) -> int:
     """Return the frame of points (f, 3, p) whose joints are bent most like the median.
 
     How far a joint is bent shows in the distance of the landmarks on both sides of it.
     """
     before = find_bones(tree)
-    spans = [
-        points[:, :, end] - points[:, :, before[at]] for end, at in before.items() if at in before
-    ]
-    bends = np.linalg.norm(np.array(spans).reshape(len(spans), len(points), 3), axis=2)
-    away = np.abs(bends - np.median(bends, axis=1, keepdims=True)).sum(axis=0)
-    return int(away.argmin())
+    pairs = [(end, before[at]) for end, at in before.items() if at in before]
+    i, j = np.reshape(pairs, (-1, 2)).astype(int).T
+    bends = np.linalg.norm(points[:, :, i] - points[:, :, j], axis=1)
+    return int(np.abs(bends - np.median(bends, axis=0)).sum(axis=1).argmin())
 
 
-def find_offsets(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
+def _find_offsets(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
     """Return where nodes are from their parents at rest (m, 3): bones have their median lengths."""
     offsets = np.zeros((len(tree), 3))
     for number, node in enumerate(tree[1:], 1):
         bone = points[:, :, node.joint] - points[:, :, tree[node.above].joint]
         if bone.any():
-            length = np.median(np.linalg.norm(bone, axis=1))
-            offsets[number] = length * _directions(bone)[rest]
+            offsets[number] = np.median(np.linalg.norm(bone, axis=1)) * _unit(bone)[rest]
     return offsets
 
 
-def find_rotations(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
+def _find_rotations(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
     """Return the rotation G (m, f, 3, 3) in space of every node, the identity in the frame `rest`.
 
     A node with several bones has the least-squares rotation of their directions. One with a single
@@ -194,7 +174,7 @@ def find_rotations(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
     G = np.empty((len(tree), f, 3, 3))
     for number, node in enumerate(tree):
         P = G[node.above] if node.above >= 0 else np.tile(np.eye(3), (f, 1, 1))
-        bones = [_directions(points[:, :, end] - points[:, :, node.joint]) for end in node.aims]
+        bones = [_unit(points[:, :, end] - points[:, :, node.joint]) for end in node.aims]
         if not bones:
             G[number] = P
         elif len(bones) > 1:
@@ -202,14 +182,14 @@ def find_rotations(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
             G[number] = nearest_rotation(A + PRIOR * P)
         else:
             (end,) = node.aims
-            beyond = next(each.aims for each in tree if each.joint == end)
-            following = [_directions(points[:, :, j] - points[:, :, end]) for j in beyond]
-            Q = _aimed(_turned_back(P, bones[0]), [_turned_back(P, each) for each in following])
+            beyond = next(other.aims for other in tree if other.joint == end)
+            following = [_unit(points[:, :, j] - points[:, :, end]) for j in beyond]
+            Q = _aim(_turn_back(P, bones[0]), [_turn_back(P, bone) for bone in following])
             G[number] = P @ Q @ Q[rest].T
     return G
 
 
-def _aimed(bone: Floats, following: Sequence[Floats]) -> Floats:
+def _aim(bone: Floats, following: Sequence[Floats]) -> Floats:
     """Q (f, 3, 3) takes the mean direction to the directions (f, 3) of a bone.
 
     The turn about the bone is the angle of sum_k conj(mean b_k) b_k + w for the parts b_k, complex
@@ -217,14 +197,14 @@ def _aimed(bone: Floats, following: Sequence[Floats]) -> Floats:
     goes against its mean: so the turn goes with a knee, which bends one way, leaves a tail alone,
     which bends both ways, and never jumps from one side to the other.
     """
-    mean = _directions(bone.mean(axis=0))
+    mean = _unit(bone.mean(axis=0))
     Q = _shortest_turns(mean, bone)
     e1, e2, _ = np.linalg.svd(np.eye(3) - np.outer(mean, mean))[0].T
     if np.cross(e1, e2) @ mean < 0:
         e2 = -e2
     z, w = np.zeros(len(bone), dtype=complex), 0.0
-    for each in following:
-        turned = _turned_back(Q, each)
+    for other in following:
+        turned = _turn_back(Q, other)
         b = turned @ e1 + 1j * (turned @ e2)
         z += np.conj(b.mean()) * b
         w += b.var()
@@ -238,18 +218,18 @@ def _shortest_turns(start: Floats, ends: Floats) -> Floats:
     K = np.cross(np.cross(start, ends)[:, None, :], np.eye(3)).swapaxes(-1, -2)
     R = np.eye(3) + K + K @ K / np.maximum(1 + cosine, OPPOSITE)[:, None, None]
     across = np.eye(3)[np.abs(start).argmin()]
-    axis = _directions(across - (across @ start) * start)
+    axis = _unit(across - (across @ start) * start)
     R[1 + cosine < OPPOSITE] = 2 * np.outer(axis, axis) - np.eye(3)
     return R
 
 
-def _turned_back(R: Floats, vectors: Floats) -> Floats:
+def _turn_back(R: Floats, vectors: Floats) -> Floats:
     """R^T v for rotations (f, 3, 3) and vectors (f, 3)."""
     turned: Floats = (R.swapaxes(-1, -2) @ vectors[..., None])[..., 0]
     return turned
 
 
-def _directions(vectors: Floats) -> Floats:
+def _unit(vectors: Floats) -> Floats:
     """Return vectors (..., 3) of length 1; y where there is none."""
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     up = np.broadcast_to(np.array([0.0, 1.0, 0.0]), vectors.shape).copy()

@@ -21,8 +21,6 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.geometry.normalisation import Normalised
 
-Rows = NDArray[np.intp]
-
 CAMERA_MATRIX = "camera_matrix"
 """Dataset K (3, 3) or (n, 3, 3) of landmarks and of results."""
 
@@ -32,6 +30,10 @@ posterior does as well as with the true cameras of the man on the beam."""
 
 ASSUMED_FOCAL_SD = 0.2
 """Standard deviation of the logarithm of a focal length that is assumed: lenses of 0.8 to 1.5."""
+
+COEFFICIENTS = 8
+_STEPS = 60
+_EXACT = 1e-12
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class Camera:
     sign: float
     focal_sd: float = 0.0
 
-    def take(self, images: Rows) -> Camera:
+    def take(self, images: NDArray[np.intp]) -> Camera:
         """Keep some of the images."""
         return replace(self, focal=self.focal[images], centre=self.centre[images])
 
@@ -74,18 +76,10 @@ def depth_sign(y_axis: Literal["up", "down"] | None) -> float:
     return -1.0 if y_axis == "up" else 1.0
 
 
-KNOWN_COUNTS = (4, 5, 8)
-"""Numbers of coefficients that the model knows; more are its thin prism and tilt."""
-
-COEFFICIENTS = 8
-_STEPS = 60
-_EXACT = 1e-12
-
-
 def complete(coefficients: Sequence[float] | Floats) -> Floats:
     """Return coefficients (..., m), m = 4, 5 or 8, with those that are not given as 0 (..., 8)."""
     given = np.asarray(coefficients, dtype=np.float64)
-    if given.shape[-1] not in KNOWN_COUNTS:
+    if given.shape[-1] not in (4, 5, COEFFICIENTS):  # more are a thin prism and tilt
         raise ValueError(f"{given.shape[-1]} coefficients of distortion, not 4, 5 or 8")
     absent = np.zeros((*given.shape[:-1], COEFFICIENTS - given.shape[-1]))
     return np.concatenate([given, absent], axis=-1)
@@ -103,23 +97,24 @@ def undistort(points: Floats, coefficients: Floats) -> Floats:
     over. NaN where there are none: the model bends back before it gets there.
     """
     found = np.array(points, dtype=np.float64)
-    size = np.maximum(np.hypot(found[..., 0, :], found[..., 1, :]), _EXACT)
+    size = np.maximum(np.linalg.norm(found, axis=-2), _EXACT)
     with np.errstate(all="ignore"):
         for _ in range(_STEPS):
             reached, across, along, skew = _distorted(found, coefficients)
-            miss = np.asarray(points) - reached
-            step_x = along * miss[..., 0, :] - skew * miss[..., 1, :]
-            step_y = across * miss[..., 1, :] - skew * miss[..., 0, :]
-            step = np.stack([step_x, step_y], axis=-2) / (across * along - skew**2)[..., None, :]
-            longest = np.maximum(np.hypot(found[..., 0, :], found[..., 1, :]), size)
-            length = np.hypot(step[..., 0, :], step[..., 1, :])
+            x, y = np.moveaxis(points - reached, -2, 0)
+            step = np.stack([along * x - skew * y, across * y - skew * x], axis=-2)
+            step /= (across * along - skew**2)[..., None, :]
+            longest = np.maximum(np.linalg.norm(found, axis=-2), size)
+            length = np.linalg.norm(step, axis=-2)
             step *= np.minimum(1.0, 0.5 * longest / np.maximum(length, _EXACT))[..., None, :]
             found = found + step
             if not (length > _EXACT * longest).any():
                 break
-        reached, across, along, skew = _distorted(found, coefficients)
-        off = np.hypot(*np.moveaxis(np.asarray(points) - reached, -2, 0))
-        right = (off <= 1e-9 * size) & _unfolded(found, coefficients)
+        reached = _distorted(found, coefficients)[0]
+        right = np.linalg.norm(points - reached, axis=-2) <= 1e-9 * size
+        for share in np.linspace(0.0, 1.0, 17):  # nor does the lens bend back on the way there
+            _, across, along, skew = _distorted(share * found, coefficients)
+            right &= (across + along > 0) & (across * along > skew**2)
     return np.where(right[..., None, :], found, np.nan)
 
 
@@ -134,23 +129,9 @@ def _distorted(points: Floats, coefficients: Floats) -> tuple[Floats, Floats, Fl
     above, below = 1 + r2 * (k1 + r2 * (k2 + r2 * k3)), 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
     gain = above / below
     slope = (k1 + r2 * (2 * k2 + 3 * r2 * k3) - gain * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
-    moved = np.stack(
-        [
-            x * gain + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * gain + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-        ],
-        axis=-2,
-    )
+    moved_x = x * gain + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    moved_y = y * gain + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
     across = gain + 2 * slope * x * x + 2 * p1 * y + 6 * p2 * x
     along = gain + 2 * slope * y * y + 6 * p1 * y + 2 * p2 * x
     skew = 2 * slope * x * y + 2 * p1 * x + 2 * p2 * y
-    return moved, across, along, skew
-
-
-def _unfolded(points: Floats, coefficients: Floats) -> NDArray[np.bool_]:
-    """Whether the lens bends back nowhere between the axis and each point (..., p)."""
-    fine = np.ones(points.shape[:-2] + points.shape[-1:], dtype=bool)
-    for share in np.linspace(0.0, 1.0, 17):
-        _, across, along, skew = _distorted(share * points, coefficients)
-        fine &= (across + along > 0) & (across * along > skew**2)
-    return fine
+    return np.stack([moved_x, moved_y], axis=-2), across, along, skew

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Flags, Floats
 from shapefit.geometry.rotations import nearest_rotation
 
 Indices = NDArray[np.integer] | Sequence[int]
@@ -46,15 +46,6 @@ class Alignment:
     still: bool
 
 
-def coincide(points: Floats) -> NDArray[np.bool_]:
-    """Tell where all points of (..., d, p) are one point, up to rounding, or none; shape (...)."""
-    if points.shape[-1] == 0:
-        return np.ones(points.shape[:-2], dtype=np.bool_)
-    extent = np.ptp(points, axis=-1).max(axis=-1)
-    size = np.abs(points).max(axis=(-2, -1))
-    return extent <= 4 * np.finfo(np.float64).eps * size
-
-
 def rotation_onto(source: Floats, target: Floats) -> Floats:
     """argmin ||R source - target||_F over proper rotations R.
 
@@ -71,11 +62,9 @@ def rotation_onto(source: Floats, target: Floats) -> Floats:
 def similarity_transform(source: Floats, target: Floats) -> Similarity:
     """argmin ||s R source + t 1^T - target||_F over s >= 0, proper rotations R and t.
 
-    source and target (..., 3, p) with equal batch axes. The scale is the least-squares one,
-    <R source, target> / ||source||^2 of the centred points. Where the points of the source
-    coincide every s and R fit equally: s = 1 and R = I. Where those of the target coincide s = 0
-    and R = I. Points on one line get one of the best rotations. A nan makes its own transform nan
-    and leaves the others alone. Source: Umeyama 1991.
+    source and target (..., 3, p). s is the least-squares scale, <R source, target> / ||source||^2
+    of the centred points. Where the points of the source coincide s = 1 and R = I, where those of
+    the target do s = 0 and R = I. A nan makes its own transform nan. Source: Umeyama 1991.
     """
     source_middle = source.mean(axis=-1, keepdims=True)
     target_middle = target.mean(axis=-1, keepdims=True)
@@ -86,40 +75,47 @@ def similarity_transform(source: Floats, target: Floats) -> Similarity:
     return Similarity(scale, R, translation)
 
 
-def _scaled_rotation(X: Floats, Y: Floats) -> tuple[Floats, Floats]:
-    """argmin ||s R X - Y||_F of centred points (..., 3, p): R (..., 3, 3), s (1 where X = 0)."""
-    R = rotation_onto(X, Y)
-    size = (X**2).sum(axis=(-2, -1))
-    overlap = ((R @ X) * Y).sum(axis=(-2, -1))
-    return R, np.divide(overlap, size, out=np.ones_like(size), where=size != 0)
-
-
 def similarity_errors(estimate: Floats, truth: Floats, fewest: int = 3) -> Floats:
     """min over s, R, t of sum_j |s R e_j + t - x_j|^2; then the mean over j of that distance.
 
     estimate e and truth x (n, 3, p) -> (n,). Landmarks that are not finite on one side do not
     count; nan where fewer than `fewest` do.
     """
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(estimate + truth).all(axis=1))
+    known: Flags = np.asarray(np.isfinite(estimate + truth).all(axis=1))
     count = known.sum(axis=1)
     first = known.argmax(axis=1)[:, None, None] if known.size else np.zeros((len(truth), 1, 1), int)
-    e, x = (
-        np.where(known[:, None], points, np.take_along_axis(points, first, axis=2))
-        for points in (estimate, truth)
-    )
-    e, x = (
-        np.where(coincide(points)[:, None, None], 0.0, centred(points, known)) for points in (e, x)
-    )
+    centre = []
+    for points in (estimate, truth):
+        filled = np.where(known[:, None], points, np.take_along_axis(points, first, axis=2))
+        centre.append(np.where(coincide(filled)[:, None, None], 0.0, centred(filled, known)))
+    e, x = centre
     R, scale = _scaled_rotation(e, x)
     distance = np.sqrt(((scale[:, None, None] * (R @ e) - x) ** 2).sum(axis=1))
     return np.where(count >= fewest, distance.sum(axis=1) / np.maximum(count, 1), np.nan)
 
 
-def centred(points: Floats, known: NDArray[np.bool_]) -> Floats:
+def coincide(points: Floats) -> Flags:
+    """Tell where all points of (..., d, p) are one point, up to rounding, or none; shape (...)."""
+    if points.shape[-1] == 0:
+        return np.ones(points.shape[:-2], dtype=np.bool_)
+    extent = np.ptp(points, axis=-1).max(axis=-1)
+    size = np.abs(points).max(axis=(-2, -1))
+    return np.asarray(extent <= 4 * np.finfo(np.float64).eps * size)
+
+
+def centred(points: Floats, known: Flags) -> Floats:
     """Points (n, d, p) less the mean of those that are known (n, p); 0 where they are not."""
     points = np.where(known[:, None], points, 0.0)
     mean = points.sum(axis=-1, keepdims=True) / np.maximum(known.sum(axis=-1), 1)[:, None, None]
     return np.where(known[:, None], points - mean, 0.0)
+
+
+def _scaled_rotation(X: Floats, Y: Floats) -> tuple[Floats, Floats]:
+    """argmin ||s R X - Y||_F of centred points (..., 3, p): R (..., 3, 3), s (1 where X = 0)."""
+    R = rotation_onto(X, Y)
+    size = (X**2).sum(axis=(-2, -1))
+    overlap = ((R @ X) * Y).sum(axis=(-2, -1))
+    return R, np.divide(overlap, size, out=np.ones_like(size), where=size != 0)
 
 
 def generalised_procrustes(
@@ -131,17 +127,13 @@ def generalised_procrustes(
     """min sum_j ||(R_j S_j - mean) P||_F^2 over proper rotations R_j and the mean.
 
     shapes (n, 3, p), each centred and normalised already: scale and position stay as they are. P
-    keeps the given landmarks (None: all) and subtracts their centroid, so that a subset such as
-    the torso chooses the rotation by its own form while the whole shape is turned. Each round
-    turns every shape onto the mean and averages again, until the mean moves by at most
-    `tolerance` of its norm. The first mean is the first shape, and the answer is given in the
-    frame of the first shape (rotations[0] = I): it does not depend on how the other shapes were
-    turned before. Source: Gower 1975.
+    keeps the given landmarks (None: all) and subtracts their centroid. Each round turns every shape
+    onto the mean and averages again, until the mean moves by at most `tolerance` of its norm. The
+    first mean is the first shape, and the answer is given in its frame (rotations[0] = I).
+    Source: Gower 1975.
     """
     chosen = choose(shapes, landmarks)
-    mean = chosen[0]
-    still = False
-    rounds = 0
+    mean, still, rounds = chosen[0], False, 0
     while not still and rounds < max_rounds:
         rounds += 1
         R = rotation_onto(chosen, mean)
@@ -163,12 +155,10 @@ def mirror(shapes: Floats, mirror_index: Indices, lateral: int = 0) -> Floats:
     """F S P: negate the lateral coordinate and exchange each point with its partner.
 
     shapes (..., 3, p) in a frame whose plane of symmetry is `lateral` = 0 (x, y, z = 0, 1, 2);
-    mirror_index (p,): the partner of each point, itself for a point on the plane. A shape that is
-    symmetric comes back as it is. Mirroring turns the faces of a mesh inside out unless they map
-    onto faces. Raises ValueError where mirror_index is not its own inverse.
+    mirror_index (p,): the partner of each point, itself for a point on the plane. Raises ValueError
+    where mirror_index is not its own inverse.
     """
-    partners = _partners(mirror_index, shapes.shape[-1])
-    mirrored: Floats = shapes[..., partners]
+    mirrored: Floats = shapes[..., _partners(mirror_index, shapes.shape[-1])]
     mirrored[..., lateral, :] *= -1
     return mirrored
 
@@ -176,11 +166,10 @@ def mirror(shapes: Floats, mirror_index: Indices, lateral: int = 0) -> Floats:
 def lateral_axis(shapes: Floats, mirror_index: Indices) -> int:
     """argmax_a sum over points of (x_a - x_a of the partner)^2: where left and right lie apart.
 
-    shapes (..., 3, p) in frames that share their lateral axis -> 0, 1 or 2, as `lateral` of the
-    other functions. Raises ValueError as `mirror` does.
+    shapes (..., 3, p) in frames that share their lateral axis -> 0, 1 or 2. Raises as `mirror`.
     """
-    apart = shapes - shapes[..., _partners(mirror_index, shapes.shape[-1])]
-    return int((apart**2).sum(axis=-1).reshape(-1, 3).sum(axis=0).argmax())
+    difference = shapes - shapes[..., _partners(mirror_index, shapes.shape[-1])]
+    return int((difference**2).sum(axis=-1).reshape(-1, 3).sum(axis=0).argmax())
 
 
 def _partners(mirror_index: Indices, points: int) -> NDArray[np.intp]:

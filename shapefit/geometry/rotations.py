@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from shapefit.arrays import Floats
@@ -41,11 +39,27 @@ def random_rotations(n: int, rng: np.random.Generator) -> Floats:
 
 
 def rotation_about(axis: Floats, angles: Floats) -> Floats:
-    """R = I + sin(a) [u]_x + (1 - cos(a)) [u]_x^2 (Rodrigues); axis (3,), angles (n,) in rad."""
+    """R = I + sin(a) [u]_x + (1 - cos(a)) [u]_x^2 (Rodrigues); axis (3,), angles in rad.
+
+    angles (...) -> (..., 3, 3).
+    """
     x, y, z = np.asarray(axis, dtype=float) / np.linalg.norm(axis)
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     a = np.asarray(angles, dtype=float)[..., None, None]
     return np.eye(3) + np.sin(a) * K + (1 - np.cos(a)) * (K @ K)
+
+
+def rotation_about_axis(axis: int, angles: Floats) -> Floats:
+    """Return the rotations (..., 3, 3) by angles (...), in radians, about x, y or z (0, 1, 2)."""
+    return rotation_about(np.eye(3)[axis], angles)
+
+
+def exponential(turns: Floats) -> Floats:
+    """R = exp([omega]_x) of turns omega (..., 3), in radians: (..., 3, 3) (Rodrigues)."""
+    angle = np.linalg.norm(turns, axis=-1)[..., None, None]
+    K = np.cross(turns[..., None, :], np.eye(3)).swapaxes(-1, -2)
+    # np.sinc(x) = sin(pi x) / (pi x), finite at 0
+    return np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * K @ K
 
 
 def turn_up(up: Floats) -> Floats:
@@ -64,33 +78,3 @@ def rotation_angle(first: Floats, second: Floats) -> Floats:
     """
     distance = np.linalg.norm(first - second, axis=(-2, -1))
     return np.degrees(2 * np.arcsin(np.clip(distance / np.sqrt(8), 0, 1)))
-
-
-def rotation_about_axis(axis: int, angles: Floats) -> Floats:
-    """Return the rotations (n, 3, 3) by angles (n,), in radians, about x, y or z (0, 1, 2)."""
-    cosine, sine = np.cos(angles), np.sin(angles)
-    rotation = np.zeros((*angles.shape, 3, 3))
-    a, b = (axis + 1) % 3, (axis + 2) % 3
-    rotation[..., axis, axis] = 1.0
-    rotation[..., a, a] = rotation[..., b, b] = cosine
-    rotation[..., a, b], rotation[..., b, a] = -sine, sine
-    return rotation
-
-
-def rotation_about_axes(axes: Sequence[int], angles: Floats) -> Floats:
-    """R = R_1 R_2 ...: rotations (n, 3, 3) about these axes by angles (n, len(axes)) in radians.
-
-    The last one turns first.
-    """
-    rotation = np.broadcast_to(np.eye(3), (*angles.shape[:-1], 3, 3))
-    for place, axis in enumerate(axes):
-        rotation = rotation @ rotation_about_axis(axis, angles[..., place])
-    return rotation
-
-
-def exponential(turns: Floats) -> Floats:
-    """R = exp([omega]_x) of turns omega (..., 3), in radians: (..., 3, 3) (Rodrigues)."""
-    angle = np.linalg.norm(turns, axis=-1)[..., None, None]
-    K = np.cross(turns[..., None, :], np.eye(3)).swapaxes(-1, -2)
-    # np.sinc(x) = sin(pi x) / (pi x), finite at 0
-    return np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * K @ K

@@ -27,20 +27,13 @@ def find_consensus(
 ) -> NDArray[np.bool_]:
     """Landmarks (n, p) that agree with a weak perspective pose of the shape, the inliers.
 
-    landmarks (n, 2, p) in any unit, whatever where hidden; weights (n, p), 0 = hidden; shape
-    (3, p), such as the mean shape; seeds (n,). A landmark agrees where its
-    residual is at most threshold times the size of the posed shape, which is the scale of the
-    pose for a normalised one. Poses of `draws` random triples of an image compete, see
-    core/ransac/consensus.cpp; each that takes the lead is fitted to its inliers, and these are
-    judged again, `max_rounds` times at most. The draws of an image depend on its seed alone. An
-    image has no inliers where no triple determines a pose.
+    landmarks (n, 2, p) in any unit; weights (n, p), 0 = hidden; shape (3, p), such as the mean
+    shape; seeds (n,), on which alone the draws of an image depend. A landmark agrees where its
+    residual is at most threshold times the size of the posed shape. Poses of `draws` random triples
+    compete; each that takes the lead is fitted to its inliers, and these are judged again,
+    `max_rounds` times at most. An image has no inliers where no triple determines a pose.
     """
     n, _, p = landmarks.shape
-    if shape.shape != (3, p) or weights.shape != (n, p) or seeds.shape != (n,):
-        raise ValueError(
-            f"landmarks {landmarks.shape}, weights {weights.shape}, shape {shape.shape} and seeds"
-            f" {seeds.shape} must be (n, 2, p), (n, p), (3, p) and (n,)"
-        )
     visible = weights > 0
     square = weights**2
     mean = square.sum(axis=1, keepdims=True) / np.maximum(visible.sum(axis=1, keepdims=True), 1)

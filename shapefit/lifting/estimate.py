@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Solution, Status
 from shapefit.convex.transforms import Transforms
@@ -127,47 +127,40 @@ def fit_translation(
     T is the mean of W - S with the weights squared. S (n, 2, p); further rows do not count.
     """
     squares = problem.weights[:, None] ** 2
+    with np.errstate(invalid="ignore"):  # where nothing is seen
 
-    def centre(points: Floats) -> Floats:
-        with np.errstate(invalid="ignore"):  # where nothing is seen
+        def centre(points: Floats) -> Floats:
             return (squares * points).sum(axis=-1) / squares.sum(axis=-1)
 
-    def half_squares(points: Floats, centre: Floats) -> Floats:
-        return 0.5 * (squares * (points - centre[..., None]) ** 2).sum(axis=-1).sum(axis=-1)
-
-    left = problem.landmarks - projected[:, :2]
-    T = centre(left) if translation is None else np.array(translation, np.float64)
-    half_squared_residual, whole = (
-        half_squares(left, T),
-        half_squares(problem.landmarks, centre(problem.landmarks)),
-    )
-    residual = np.sqrt(
-        np.divide(half_squared_residual, whole, out=np.zeros_like(whole), where=whole != 0)
-    )
-    return Placement(T, half_squared_residual, residual)
+        left, W = problem.landmarks - projected[:, :2], problem.landmarks
+        T = centre(left) if translation is None else np.array(translation, np.float64)
+        half_squared_residual, whole = (
+            0.5 * (squares * (points - middle[..., None]) ** 2).sum(axis=-1).sum(axis=-1)
+            for points, middle in ((left, T), (W, centre(W)))
+        )
+    share = np.divide(half_squared_residual, whole, out=np.zeros_like(whole), where=whole != 0)
+    return Placement(T, half_squared_residual, np.sqrt(share))
 
 
-def replace_rows(some: Estimate, rows: NDArray[np.intp], whole: Estimate) -> Estimate:
-    """Whole estimate of n images, with those of the images `rows` (m,) replaced by some.
+def join_images(records: Sequence[Any], order: Integers) -> Any:
+    """Join records of images, one type, and take these of all their images, by number.
 
-    Raises ValueError where one has a field that the other lacks.
+    Arrays, tuples and transforms in them, and in records and mappings that they hold, have the
+    images first; all else, and the atoms of a problem, are those of the first record.
     """
-    changes: dict[str, Any] = {}
-    order = np.arange(len(whole.status))
-    order[rows] = len(order) + np.arange(len(rows))
-    for name in (each.name for each in fields(Estimate)):
-        old, new = getattr(whole, name), getattr(some, name)
-        if (old is None) != (new is None):
-            raise ValueError(f"{name} is in one of the estimates only")
-        if isinstance(old, np.ndarray):
-            changes[name] = np.concatenate([old, new])[order]
-        elif isinstance(old, Transforms):
-            changes[name] = Transforms.joined([old, new]).take(order)
-    if some.further.keys() != whole.further.keys():
-        raise ValueError("further datasets are in one of the estimates only")
-    changes["further"] = {
-        name: np.concatenate([values, some.further[name]])[order]
-        for name, values in whole.further.items()
-    }
-    status = (*whole.status, *some.status)
-    return replace(whole, status=tuple(status[row] for row in order.tolist()), **changes)
+    first = records[0]
+    if isinstance(first, np.ndarray):
+        return np.concatenate(records)[order]
+    if isinstance(first, Transforms):
+        return Transforms.joined(records).take(order)
+    if isinstance(first, tuple):
+        images = [image for record in records for image in record]
+        return tuple(images[row] for row in order.tolist())
+    if isinstance(first, Mapping):
+        return {key: join_images([record[key] for record in records], order) for key in first}
+    if is_dataclass(first):
+        names = [each.name for each in fields(first) if each.name != "atoms"]
+        parts = {name: [getattr(record, name) for record in records] for name in names}
+        joined = {name: join_images(part, order) for name, part in parts.items()}
+        return replace(first, **joined)  # type: ignore[type-var]
+    return first

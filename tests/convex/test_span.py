@@ -29,7 +29,7 @@ def planted(rng, rank: int | None = None, masks: int = 1):
 def test_the_optimum_is_that_of_all_landmarks(rng, monkeypatch, rank, masks):
     problem = planted(rng, rank, masks)
     found = solve_newton(problem, tolerance=1e-8)
-    parts = list(span.reductions(problem))
+    parts = list(span.reduce_images(problem))
     assert len(parts) == masks
     assert {part.basis.shape[1] for part in parts} == {(rank or 3 * K) + 1}
     monkeypatch.setattr(span, "LARGE", P + 1)
@@ -44,12 +44,13 @@ def test_the_optimum_is_that_of_all_landmarks(rng, monkeypatch, rank, masks):
 
 def test_only_what_is_exact_and_pays(rng):
     problem = planted(rng)
-    assert span.reductions(replace(problem, loss=Loss.SPARSE_ERROR)) is None
+    assert span.is_worth_reducing(problem)
+    assert not span.is_worth_reducing(replace(problem, loss=Loss.SPARSE_ERROR))
     each_its_own = replace(problem, weights=rng.random((N, P)))
-    (part,) = span.reductions(each_its_own)
+    (part,) = span.reduce_images(each_its_own)
     assert part.basis is None
     assert set(solve_newton(each_its_own).status) == {Status.OPTIMAL}
-    assert span.reductions(problem.take(np.arange(0))) is None
+    assert not span.is_worth_reducing(problem.take(np.arange(0)))
 
 
 def test_what_nobody_sees_is_degenerate(rng):

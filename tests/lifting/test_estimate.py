@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from shapefit.convex.solver import Status, solve_newton
-from shapefit.lifting.estimate import fit_translation, replace_rows
+from shapefit.convex.solver import solve_newton
+from shapefit.lifting.estimate import fit_translation, join_images
 from shapefit.lifting.methods import Settings, choose_method
 
 
@@ -51,39 +51,18 @@ def test_a_given_place_is_kept(scene, rng):
     np.testing.assert_allclose(placed.half_squared_residual, 0.5 * (left**2).sum(axis=(1, 2)))
 
 
-def test_some_images_are_replaced_and_the_others_are_not(run):
-    whole, other = run(0.1), run(1.0)
-    rows, rest = np.array([3, 1]), np.array([0, 2, 4])
-    some = {
-        field.name: getattr(other, field.name)[rows]
-        for field in fields(other)
-        if isinstance(getattr(other, field.name), np.ndarray)
-    }
-    status = (Status.ITERATION_LIMIT, Status.DEGENERATE)
-    both = replace_rows(replace(other, status=status, **some), rows, whole)
-    for name in some:
-        np.testing.assert_array_equal(getattr(both, name)[rows], getattr(other, name)[rows])
-        np.testing.assert_array_equal(getattr(both, name)[rest], getattr(whole, name)[rest])
-    assert (both.status[3], both.status[1]) == status
-    assert [both.status[i] for i in rest] == [whole.status[i] for i in rest]
-    assert (whole.objective[rows] != other.objective[rows]).all()
-
-
-def test_what_one_estimate_lacks_cannot_be_put(run):
-    with pytest.raises(ValueError, match="coefficients is in one of the estimates only"):
-        replace_rows(run(0.1, "mean-shape"), np.arange(5), run(0.1))
-
-
-def test_further_datasets_are_replaced_too(run):
-    whole = replace(run(0.1), further={"sd": np.zeros(5)})
-    rows = np.array([3, 1])
-    some = {
-        field.name: getattr(whole, field.name)[rows]
-        for field in fields(whole)
-        if isinstance(getattr(whole, field.name), np.ndarray)
-    }
-    part = replace(whole, status=whole.status[:2], further={"sd": np.array([1.0, 2.0])}, **some)
-    found = replace_rows(part, rows, whole)
-    np.testing.assert_array_equal(found.further["sd"], [0.0, 2.0, 0.0, 1.0, 0.0])
-    with pytest.raises(ValueError, match="further datasets are in one of the estimates only"):
-        replace_rows(replace(part, further={}), rows, whole)
+def test_images_of_two_estimates_are_joined_in_the_order_asked_for(run):
+    one, other = (replace(run(lam), further={"sd": np.full(5, lam)}) for lam in (0.1, 1.0))
+    order = np.array([7, 0, 5, 3])
+    both = join_images([one, other], order)
+    for field in fields(one):
+        first, second = getattr(one, field.name), getattr(other, field.name)
+        if isinstance(first, np.ndarray):
+            expected = np.stack([second[2], first[0], second[0], first[3]])
+            np.testing.assert_array_equal(getattr(both, field.name), expected)
+    assert both.status == (other.status[2], one.status[0], other.status[0], one.status[3])
+    np.testing.assert_array_equal(both.further["sd"], [1.0, 0.1, 1.0, 0.1])
+    np.testing.assert_array_equal(
+        both.transforms.dense()[[0, 1]],
+        [other.transforms.dense()[2], one.transforms.dense()[0]],
+    )

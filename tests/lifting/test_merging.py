@@ -126,28 +126,6 @@ def test_atoms_that_a_group_lacked_have_no_part(run, atoms):
     np.testing.assert_array_equal(merged.problem.landmarks[some], part.problem.landmarks)
 
 
-def test_images_must_be_there_once(run, atoms):
-    group = Group(run([0, 1]), np.array([0, 1]), np.arange(5))
-    for images in ([1, 2], [3, 4]):
-        with pytest.raises(ValueError, match="each image once"):
-            merge([group, Group(run(images), np.array(images), np.arange(5))], atoms)
-
-
-def test_what_cannot_be_joined_is_named(run, atoms):
-    first = Group(run([0]), np.array([0]), np.arange(5))
-    other = run([1])
-    broken = {
-        "estimate: tight: is not of one type": replace(
-            other, estimate=replace(other.estimate, tight=None)
-        ),
-        "problem: beta: differs": replace(other, problem=replace(other.problem, beta=0.7)),
-        r"scale: has the shape \(2,\) for 1 images": replace(other, scale=np.ones(2)),
-    }
-    for message, lifting in broken.items():
-        with pytest.raises(ValueError, match=message):
-            merge([first, Group(lifting, np.array([1]), np.arange(5))], atoms)
-
-
 def test_further_datasets_come_back_in_the_order_of_the_images(run, atoms):
     def with_further(group):
         values = {

@@ -9,19 +9,14 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit import core
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Status, read_statuses
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.methods import AlternationOptions, SearchOptions, Settings
-from shapefit.lifting.shared_rotation.methods import (
-    alternate_from_mean,
-    describe,
-    refine_convex,
-)
+from shapefit.lifting.shared_rotation.methods import alternate_from_mean, describe, refine_convex
 
 
 def find_global(problem: Problem, settings: Settings) -> Estimate:
@@ -29,26 +24,17 @@ def find_global(problem: Problem, settings: Settings) -> Estimate:
 
     So it is never above either of them. The iterations are cells; the gap is that to the bound.
     """
-    options: SearchOptions = settings.options
+    local = replace(settings, options=AlternationOptions())
+    ends = [refine_convex(problem, local), alternate_from_mean(problem, local)]
     found = find_optimum(
         problem,
-        find_starts(problem, settings),
+        np.stack([end.rotation for end in ends], axis=1),
         tolerance=settings.tolerance,
-        options=options,
+        options=settings.options,
         threads=settings.threads,
     )
     estimate = describe(problem, found.coefficients, found.rotation, found.cells, found.status)
     return replace(estimate, relative_gap=found.relative_gap)
-
-
-def find_starts(problem: Problem, settings: Settings) -> Floats:
-    """Rotations (n, 2, 3, 3) at which convex+refine and alternate end."""
-    local = replace(settings, options=AlternationOptions())
-    ends = [refine_convex(problem, local), alternate_from_mean(problem, local)]
-    return np.stack([end.rotation for end in ends], axis=1)
-
-
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -64,16 +50,15 @@ class GlobalOptimum:
     rotation: Floats
     objective: Floats
     bound: Floats
-    cells: Indices
-    vertices: Indices
+    cells: Integers
+    vertices: Integers
     status: tuple[Status, ...]
 
     @property
     def relative_gap(self) -> Floats:
         """(U - L) / U (n,), 0 where U = 0."""
-        gap = np.zeros_like(self.objective)
-        np.divide(self.objective - self.bound, self.objective, out=gap, where=self.objective > 0)
-        return gap
+        U, gap = self.objective, np.zeros_like(self.objective)
+        return np.divide(U - self.bound, U, out=gap, where=U > 0)
 
 
 def find_optimum(
@@ -94,8 +79,6 @@ def find_optimum(
     problem.require_squared("the search")
     options = options or SearchOptions()
     n, k = len(problem.landmarks), len(problem.atoms)
-    if starts is None:
-        starts = np.zeros((n, 0, 3, 3))
     codes = np.zeros(n, np.int64)
     found: dict[str, Any] = {
         "coefficients": np.zeros((n, k)),
@@ -105,7 +88,7 @@ def find_optimum(
     }
     core.find_optimum(
         **problem.arrays,
-        starts=np.ascontiguousarray(starts, dtype=np.float64),
+        starts=np.zeros((n, 0, 3, 3)) if starts is None else np.ascontiguousarray(starts, float),
         tolerance=tolerance,
         most_cells=options.max_cells,
         most_seconds=options.max_seconds,

@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Flags, Floats, Integers
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solver import Status, find_outliers
 from shapefit.convex.transforms import Transforms
 from shapefit.lifting.degeneracy import find_degenerate
-from shapefit.lifting.estimate import ConvexProof, Estimate, fit_translation, replace_rows
-from shapefit.lifting.methods import AlternationOptions, Settings
+from shapefit.lifting.estimate import ConvexProof, Estimate, fit_translation, join_images
+from shapefit.lifting.methods import Settings
 from shapefit.lifting.reconstruction import combine, is_active
 from shapefit.lifting.shared_rotation.pose import (
+    Pose,
     alternate,
     find_moments,
     find_pose,
@@ -28,73 +29,26 @@ from shapefit.lifting.shared_rotation.pose import (
 def refine_convex(problem: Problem, settings: Settings) -> Estimate:
     """Synchronise the convex solution to one rotation and alternate from there.
 
-    Over c >= 0, or, where `signed`, over all c (paper, Experiments, "Alternate+"). With a robust
-    loss the robust program finds the outliers, and the squared residuals of the other landmarks
-    are refined; the landmarks stay normalised by all that are seen.
-    """
-    options: AlternationOptions = settings.options
-    return _alternate_from_solution(problem, settings, signed=options.signed)
-
-
-def alternate_from_mean(problem: Problem, settings: Settings) -> Estimate:
-    """Alternate from the pose of the mean shape (paper, Experiments, "Alternate")."""
-    options: AlternationOptions = settings.options
-    views = spread_views(options.number_of_views)
-    pose = find_pose(problem, settings.mean_shape, views, threads=settings.threads)
-    starts = pose.rotation[:, None]
-    if options.views == "all":
-        _, D = find_moments(problem, settings.mean_shape)
-        starts = np.concatenate([starts, turn_in_plane(views, D)], axis=1)
-    return _alternate(problem, settings, starts, signed=options.signed)
-
-
-def pose_mean_shape(problem: Problem, settings: Settings) -> Estimate:
-    """Pose the mean shape: rotation, scale and translation and nothing else."""
-    options: AlternationOptions = settings.options
-    views = spread_views(options.number_of_views)
-    pose = find_pose(problem, settings.mean_shape, views, threads=settings.threads)
-    known = pose.size > 0
-    R = np.where(known[:, None, None], pose.rotation, 0.0)
-    shapes = pose.size[:, None, None] * (R @ settings.mean_shape)
-    placed = fit_translation(problem, shapes)
-    return Estimate(
-        shapes=shapes,
-        translation=placed.translation,
-        rotation=pose.rotation,
-        objective=placed.half_squared_residual,
-        residual=placed.residual,
-        iterations=np.zeros(len(shapes), np.int64),
-        status=tuple(Status.CONVERGED if found else Status.DEGENERATE for found in known.tolist()),
-    )
-
-
-def _alternate_from_solution(problem: Problem, settings: Settings, *, signed: bool) -> Estimate:
-    """Alternate from the synchronised convex solution, under a robust loss on its inliers only.
-
-    Without a robust loss the convex optimum bounds the objective from below, for c_i Rbar is a
-    transform of spectral norm |c_i|, and the gap is that to its dual. A robust optimum bounds no
-    squared residuals: then there is no gap.
+    Over c >= 0, or, where `signed`, over all c (paper, Experiments, "Alternate+"). The convex
+    optimum bounds the objective from below, for c_i Rbar is a transform of spectral norm |c_i|, and
+    the gap is that to its dual. With a robust loss the robust program finds the outliers, and the
+    squared residuals of the other landmarks are refined, which it does not bound; the landmarks
+    stay normalised by all that are seen.
     """
     solution = settings.solve(problem)
-    start = synchronise(solution.transforms, threads=settings.threads)[:, None]
+    starts = synchronise(solution.transforms, threads=settings.threads)[:, None]
     outliers = find_outliers(problem, solution)
     if outliers is None:
-        found = _alternate_or_restart(problem, settings, start, signed=signed)
-        bound = solution.objective * (1 - solution.relative_gap)
-        gap = np.divide(
-            found.objective - bound,
-            found.objective,
-            out=np.zeros_like(bound),
-            where=found.objective != 0,
-        )
+        found = _alternate_or_restart(problem, settings, starts)
+        objective = found.objective
+        bound, gap = solution.objective * (1 - solution.relative_gap), np.zeros_like(objective)
+        np.divide(objective - bound, objective, out=gap, where=objective != 0)
         found = replace(found, relative_gap=gap)
     else:
         outliers = believable(problem, outliers)
         weights = np.where(outliers, 0.0, problem.weights)
         inliers = replace(problem, weights=weights, loss=Loss.SQUARED)
-        found = replace(
-            _alternate_or_restart(inliers, settings, start, signed=signed), outliers=outliers
-        )
+        found = replace(_alternate_or_restart(inliers, settings, starts), outliers=outliers)
     failed, status = (Status.DEGENERATE, Status.NUMERICAL_FAILURE), found.status
     if any(each in solution.status for each in failed):  # rare, and slow to ask of each image
         both = zip(solution.status, status, strict=True)
@@ -107,36 +61,67 @@ def _alternate_from_solution(problem: Problem, settings: Settings, *, signed: bo
     )
 
 
-def _alternate_or_restart(
-    problem: Problem, settings: Settings, starts: Floats, *, signed: bool
-) -> Estimate:
+def alternate_from_mean(problem: Problem, settings: Settings) -> Estimate:
+    """Alternate from the pose of the mean shape (paper, Experiments, "Alternate")."""
+    starts = _pose_mean(problem, settings).rotation[:, None]
+    if settings.options.views == "all":
+        _, D = find_moments(problem, settings.mean_shape)
+        views = spread_views(settings.options.number_of_views)
+        starts = np.concatenate([starts, turn_in_plane(views, D)], axis=1)
+    return _alternate(problem, settings, starts)
+
+
+def pose_mean_shape(problem: Problem, settings: Settings) -> Estimate:
+    """Pose the mean shape: rotation, scale and translation and nothing else."""
+    pose = _pose_mean(problem, settings)
+    posed = pose.size > 0
+    R = np.where(posed[:, None, None], pose.rotation, 0.0)
+    shapes = pose.size[:, None, None] * (R @ settings.mean_shape)
+    placed = fit_translation(problem, shapes)
+    return Estimate(
+        shapes=shapes,
+        translation=placed.translation,
+        rotation=pose.rotation,
+        objective=placed.half_squared_residual,
+        residual=placed.residual,
+        iterations=np.zeros(len(shapes), np.int64),
+        status=tuple(Status.CONVERGED if fine else Status.DEGENERATE for fine in posed.tolist()),
+    )
+
+
+def _pose_mean(problem: Problem, settings: Settings) -> Pose:
+    views = spread_views(settings.options.number_of_views)
+    return find_pose(problem, settings.mean_shape, views, threads=settings.threads)
+
+
+def _alternate_or_restart(problem: Problem, settings: Settings, starts: Floats) -> Estimate:
     """Alternate; where no atom fits at the synchronised rotation, from the mean shape's pose too.
 
     Without coefficients there is no rotation to go on from, though another one may fit.
     """
-    found = _alternate(problem, settings, starts, signed=signed)
+    found = _alternate(problem, settings, starts)
     assert found.coefficients is not None
     empty = np.flatnonzero(~found.coefficients.any(axis=1))
     if not len(empty):
         return found
     part = problem.take(empty)
-    options: AlternationOptions = settings.options
-    views = spread_views(options.number_of_views)
-    pose = find_pose(part, settings.mean_shape, views, threads=settings.threads)
+    pose = _pose_mean(part, settings)
     posed = pose.size > 0  # degenerate images have none
-    again = _alternate(part.take(posed), settings, pose.rotation[posed, None], signed=signed)
-    rows = empty[posed]
+    again = _alternate(part.take(posed), settings, pose.rotation[posed, None])
+    rows, order = empty[posed], np.arange(len(problem.lam))
     again = replace(again, iterations=found.iterations[rows] + again.iterations)
-    return replace_rows(again, rows, found)
+    order[rows] = len(order) + np.arange(len(rows))
+    joined: Estimate = join_images([found, again], order)
+    return joined
 
 
-def _alternate(problem: Problem, settings: Settings, starts: Floats, *, signed: bool) -> Estimate:
+def _alternate(problem: Problem, settings: Settings, starts: Floats) -> Estimate:
     """Alternate from starts (n, s, 3, 3) and lay out what it finds."""
-    options: AlternationOptions = settings.options
+    options = settings.options
     found = alternate(
         problem,
         starts,
-        signed=signed,
+        signed=options.signed,
         tolerance=options.tolerance,
         max_rounds=options.max_rounds,
         threads=settings.threads,
@@ -148,7 +133,7 @@ def describe(
     problem: Problem,
     coefficients: Floats,
     rotation: Floats,
-    iterations: NDArray[np.int64],
+    iterations: Integers,
     status: tuple[Status, ...],
 ) -> Estimate:
     """Lay out shapes S = R sum_i c_i B_i for c (n, k) and R (n, 3, 3), nan where it is unknown."""
@@ -169,9 +154,10 @@ def describe(
     )
 
 
-def believable(problem: Problem, outliers: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def believable(problem: Problem, outliers: NDArray[np.bool_]) -> Flags:
     """Outliers (n, p), but none in an image where the others could not be lifted without them."""
     left = np.where(outliers, 0.0, problem.weights)
-    beyond = np.zeros(len(left), dtype=bool)
-    beyond[list(find_degenerate(problem.landmarks, left))] = True
-    return outliers & ~beyond[:, None]
+    lost = list(find_degenerate(problem.landmarks, left))
+    kept = outliers.copy()
+    kept[lost] = False
+    return kept

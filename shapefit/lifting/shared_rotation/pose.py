@@ -55,7 +55,7 @@ def turn_in_plane(views: Floats, landmarks_by_shape: Floats) -> Floats:
     """
     D, R = landmarks_by_shape[:, None], views  # rows of D beside those of every R
     sine = (D[:, :, 1] * R[:, 0]).sum(axis=-1) - (D[:, :, 0] * R[:, 1]).sum(axis=-1)
-    cosine = (D[:, :, 0] * R[:, 0]).sum(axis=-1) + (D[:, :, 1] * R[:, 1]).sum(axis=-1)
+    cosine = (D[:, :, :2] * R[:, :2]).sum(axis=-1).sum(axis=-1)
     length = np.hypot(sine, cosine)
     known = length > 0
     s = np.divide(sine, length, out=np.zeros_like(length), where=known)[..., None]
