@@ -6,7 +6,7 @@ import gc
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from .report import Report
-from .streams import tell
+from .report import Report, tell
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -29,11 +28,11 @@ TRACEBACK_VARIABLE = "SHAPEFIT_TRACEBACK"
 class Spec(NamedTuple):
     """A command: its texts, its argument, and the options that are keys of its config.
 
-    text       the help; its first line is the summary
-    inputs     the argument, a key of the config, and how the usage shows it
-    options    a line each: names, metavar (a flag has none; TYPES), help after two spaces
-    required   keys without which the command does nothing
     unit       what the progress bar counts
+    inputs     the argument, a key of the config, and how the usage shows it
+    required   keys without which the command does nothing
+    text       the help; its first line is the summary
+    options    a line each: names, metavar (a flag has none; TYPES), help after two spaces
     to_stdout  the last note of the pipeline is the result of the command, for stdout
     has_config whether its keys can stand in a YAML file
     following  the next command; {output} is the file that was written
@@ -266,25 +265,8 @@ NO_KEYS = ("open", "fail_untrusted", *OF_PARTS)
 """Options that are not keys of the config."""
 
 
-class Named(click.types.StringParamType):
-    """A text that the shell completes with installed names of a kind, or else with files."""
-
-    def __init__(self, kind: str) -> None:
-        self._kind = kind
-
-    def shell_complete(
-        self, ctx: click.Context, param: click.Parameter, incomplete: str
-    ) -> list[CompletionItem]:
-        """Offer the names that begin so; where none does, files."""
-        from click.shell_completion import CompletionItem
-
-        names = installed(self._kind, ctx.command.name or "")
-        matches = [CompletionItem(name) for name in names if name.startswith(incomplete)]
-        return matches or click.Path().shell_complete(ctx, param, incomplete)
-
-
-def installed(kind: str, command: str) -> Mapping[str, Any]:
-    """Return dictionaries, skeletons, methods, or configs of a command, by name."""
+def installed(kind: str, command: str) -> Iterable[str]:
+    """Return the names of dictionaries, skeletons, methods, or configs of a command."""
     from shapefit.config.paths import find_dictionaries, find_presets
     from shapefit.io.skeletons import installed_skeletons
     from shapefit.lifting.methods import METHODS
@@ -297,6 +279,17 @@ def installed(kind: str, command: str) -> Mapping[str, Any]:
         case "METHOD":
             return METHODS
     return find_presets(command)
+
+
+def complete(
+    kind: str, context: click.Context, option: click.Parameter, incomplete: str
+) -> list[CompletionItem]:
+    """Offer the shell installed names of a kind that begin so; where none does, files."""
+    from click.shell_completion import CompletionItem
+
+    names = installed(kind, context.command.name or "")
+    matches = [CompletionItem(name) for name in names if name.startswith(incomplete)]
+    return matches or click.Path().shell_complete(context, option, incomplete)
 
 
 def size(text: str) -> list[float]:
@@ -320,7 +313,6 @@ def number_or_word(text: str) -> object:
 TYPES: dict[str, Any] = {
     **dict.fromkeys(("NUMBER", "HZ", "METRES"), float),
     **dict.fromkeys(("FOCAL", "LAMBDA"), number_or_word),
-    **{kind: Named(kind) for kind in ("CONFIG", "DICT", "METHOD", "SKELETON")},
     "N": int,
     "COUNT": click.IntRange(min=1),
     "SCHEDULER.json": click.Path(exists=True, dir_okay=False, resolve_path=True, path_type=Path),
@@ -329,8 +321,11 @@ TYPES: dict[str, Any] = {
 }
 """Types of options by their metavar; others are texts."""
 
+COMPLETED = ("CONFIG", "DICT", "METHOD", "SKELETON")
+"""Metavars that stand for installed names."""
 
-def make_options(lines: str, **settings: Any) -> dict[str, click.Option]:
+
+def make_options(lines: str) -> dict[str, click.Option]:
     """Return the options of a table, by the keys of the config that they set.
 
     One that is `Repeatable.` gives a tuple; a flag is None where it is not given.
@@ -339,58 +334,39 @@ def make_options(lines: str, **settings: Any) -> dict[str, click.Option]:
     for line in filter(None, lines.splitlines()):
         declaration, _, text = line.partition("  ")
         *names, last = declaration.split()
-        metavar = None if last.startswith("-") else last
-        names += [last] if metavar is None else []
+        settings: dict[str, Any] = {"type": TYPES.get(last), "metavar": last}
+        settings["multiple"] = text.endswith("Repeatable.")
+        if last in COMPLETED:
+            settings["shell_complete"] = partial(complete, last)
+        if last.startswith("-"):
+            names += [last]
+            settings = {"is_flag": True, "default": None}
+            settings["flag_value"] = FLAGS.get(last.lstrip("-"), True)
         name = names[-1].lstrip("-").replace("-", "_")
-        kind = (
-            {"is_flag": True, "default": None, "flag_value": FLAGS.get(name, True)}
-            if metavar is None
-            else {
-                "type": TYPES.get(last),
-                "metavar": last,
-                "multiple": text.endswith("Repeatable."),
-            }
-        )
         options[KEYS.get(name, name)] = click.Option(
-            [*names, f"option_{name}"], help=text, **kind, **settings
+            [*names, f"option_{name}"], help=text, **settings
         )
-    return options  # fmt: skip
+    return options
 
 
 def make_command(spec: Spec) -> click.Command:
     """Return the click command of a row of the table."""
     inputs, metavar = spec.inputs
-    several = "..." in metavar
     common = make_options(OF_CONFIG.format(name=spec.name) * spec.has_config + OF_REPORT)
-    common["quiet"].is_eager = True
-    common["verbose"].callback = _not_both
-    common["traceback"].callback = _show_traceback
-    keys = make_options(spec.options)
+    argument = click.Argument(
+        [f"option_{inputs}"],
+        nargs=-1 if "..." in metavar else 1,
+        required=False,
+        metavar=metavar,
+    )
     return click.Command(
         spec.name,
         callback=partial(run_command, spec),
-        params=[
-            click.Argument(
-                [f"option_{inputs}"], nargs=-1 if several else 1, required=False, metavar=metavar
-            ),
-            *keys.values(),
-            *common.values(),
-        ],
+        params=[argument, *make_options(spec.options).values(), *common.values()],
         short_help=spec.text.partition("\n")[0],
         help=spec.text,
         epilog=_examples(spec.examples),
     )
-
-
-def _not_both(context: click.Context, _option: click.Parameter, verbose: bool) -> bool:
-    if verbose and context.params.get("option_quiet"):
-        raise click.UsageError("-q and -v exclude each other; give one of them", context)
-    return verbose
-
-
-def _show_traceback(_context: click.Context, _option: click.Parameter, wanted: bool) -> None:
-    if wanted:
-        os.environ[TRACEBACK_VARIABLE] = "1"
 
 
 def _examples(lines: str) -> str:
@@ -403,50 +379,46 @@ def run_command(spec: Spec, **options: Any) -> int:
     With --print-config the config is printed to stdout instead. Raises InputError on a wrong
     config, and click.UsageError where an argument is missing.
     """
+    given = {name.removeprefix("option_"): value for name, value in options.items()}
+    if given["traceback"]:
+        os.environ[TRACEBACK_VARIABLE] = "1"
+    if given["quiet"] and given["verbose"]:
+        raise click.UsageError("-q and -v exclude each other; give one of them")
     # No plug-in changes the schema, and looking for them in all installed packages takes long.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    given = {name.removeprefix("option_"): value for name, value in options.items()}
     names = {spec.inputs[0], *(o.name[7:] for o in make_options(spec.options).values())}
     arguments = {KEYS.get(name, name): given[name] for name in names.difference(NO_KEYS)}
     file, overrides, print_config = (given.get(name) for name in ("config", "set", "print_config"))
     if file is None and not print_config:
         check_required(spec, arguments, overrides or ())
+    config: Any = SimpleNamespace(**arguments)
     if spec.has_config:
         from shapefit.config import dump_config, load_config
 
-        config = load_config(
-            spec.name,
-            Path(file) if file else None,
-            overrides or (),
-            arguments,
-            name=partial(_name_of, spec),
-            stand_ins=dict.fromkeys((*spec.required, "output")) if print_config else None,
-        )
+        stand_ins = dict.fromkeys((*spec.required, "output")) if print_config else None
+        path = Path(file) if file else None
+        config = load_config(spec.name, path, overrides or (), arguments, stand_ins=stand_ins)
         if print_config:
             click.echo(dump_config(config), nl=False)
             return 0
         config = with_parts(config, {name: given.get(name) for name in OF_PARTS})
-    else:
-        config = SimpleNamespace(**arguments)
     output = getattr(config, "output", None)
     if given["json"] and output == Path("-"):
         raise click.UsageError("--json and the output both go to stdout; name a file as output")
     outcomes = run_pipeline(spec.name, config)
-    if not gc.isenabled():
-        gc.freeze()  # or the first look for cycles goes through all that was imported
-        gc.enable()
+    gc.freeze()  # or the first look for cycles goes through all that was imported
+    gc.enable()
     report = Report(
         spec.name,
         spec.unit,
-        given["quiet"],
-        given["verbose"],
-        spec.to_stdout,
-        given["json"],
+        quiet=given["quiet"],
+        verbose=given["verbose"],
+        to_stdout=spec.to_stdout,
+        as_json=given["json"],
         max_untrusted=given.get("fail_untrusted"),
+        read=read_names(spec, config) if spec.has_config else "",
         following=spec.following.format(output=getattr(output, "name", "")),
     )
-    if spec.has_config:
-        report.read = _names([path for key, path in config.inputs() if key == spec.inputs[0]])
     code = report.follow(outcomes)
     for path in report.written if given.get("open") else ():
         import webbrowser
@@ -459,7 +431,7 @@ def run_command(spec: Spec, **options: Any) -> int:
 def check_required(spec: Spec, arguments: Mapping[str, Any], overrides: Sequence[str]) -> None:
     """Raise click's error, with an example, where an argument that is needed is missing."""
     context = click.get_current_context()
-    parameters = {each.name: each for each in context.command.params}
+    parameters = {parameter.name: parameter for parameter in context.command.params}
     set_keys = {override.partition("=")[0].strip() for override in overrides}
     for key in spec.required:
         if not arguments[key] and key not in set_keys:
@@ -472,24 +444,19 @@ def with_parts(config: Any, options: Mapping[str, Any]) -> Any:
 
     Raises click.UsageError where the output is no folder, and for ways that exclude each other.
     """
-    how = {name: value for name, value in options.items() if value is not None}
-    if len(how.keys() & {"workers", "scheduler", "scheduler_file"}) > 1:
+    given = {name: value for name, value in options.items() if value is not None}
+    if len(given.keys() & {"workers", "scheduler", "scheduler_file"}) > 1:
         fault = "--workers, --scheduler and --scheduler-file exclude each other"
         raise click.UsageError(f"{fault}; give one of them")
-    if how and not hasattr(config.output, "manifest"):
-        flag = "--" + min(how).replace("_", "-")
+    if given and not hasattr(config.output, "manifest"):
+        flag = "--" + min(given).replace("_", "-")
         raise click.UsageError(f"{flag} needs a folder as output, for example -o results/")
-    return config.changed(output=replace(config.output, **how)) if how else config
+    return config.changed(output=replace(config.output, **given)) if given else config
 
 
-def _name_of(spec: Spec, key: str) -> str:
-    """Return what the command line calls a key: its option, or the argument."""
-    option = make_options(spec.options).get(key)
-    return option.opts[-1] if option else spec.inputs[1].strip("[].")
-
-
-def _names(paths: Sequence[Path]) -> str:
+def read_names(spec: Spec, config: Any) -> str:
     """Name the first inputs and count the others."""
+    paths = [path for key, path in config.inputs() if key == spec.inputs[0]]
     more = f" and {len(paths) - 3} more" if len(paths) > 3 else ""
     return ", ".join(path.name or str(path) for path in paths[:3]) + more
 
@@ -534,7 +501,9 @@ def run_pipeline(command: str, config: Any) -> Iterator[Outcome]:
 
     path = Path(config.dictionary)
     if not path.is_file():
-        path = Path(installed("DICT", command).get(config.dictionary, path))
+        from shapefit.config.paths import find_dictionaries
+
+        path = find_dictionaries().get(config.dictionary, path)
     return verify(Request(Path(config.result), path, tuple(map(Path, config.landmarks))))
 
 

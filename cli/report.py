@@ -16,8 +16,6 @@ import click
 
 from shapefit.errors import printable
 
-from .streams import tell
-
 if TYPE_CHECKING:
     from shapefit.pipelines.outcome import Counted, Failure, Outcome
 
@@ -31,15 +29,19 @@ SECONDS_BETWEEN_LINES = 10.0
 """Of the progress where standard error is no terminal."""
 
 
+def tell(text: str) -> None:
+    """Write a line for people to standard error; what is not printable is shown as escapes."""
+    click.echo(printable(text), err=True)
+
+
 @dataclass
 class Report:
     """The sum of a pipeline's outcomes; memory does not grow with the number of items.
 
-    A `quiet` one has no warnings and no summary; a `verbose` one lists everything. `read` names the
-    inputs, and `following` the next command, where the pipeline does not. With `to_stdout` the last
-    note is the result of the command, for standard output; with `as_json` everything goes there as
-    one object. With more than the share `max_untrusted` of items that are not trusted the exit code
-    is 1.
+    `read` names the inputs, and `following` the next command, where the pipeline does not. With
+    `to_stdout` the last note is the result of the command, for standard output; with `as_json`
+    everything goes there as one object. With more than the share `max_untrusted` of items that are
+    not trusted the exit code is 1.
     """
 
     command: str
@@ -77,19 +79,20 @@ class Report:
             shown = time.monotonic()
             for outcome in outcomes:
                 self.add(outcome)
-                note = "" if self.to_stdout else outcome.note
-                if outcome.line and not self.quiet:
-                    if bar is not None:
-                        bar.clear()
-                    tell(outcome.line)
                 if bar is not None:
-                    bar.total = bar.total if outcome.total is None else outcome.total
-                    bar.unit = f" {self.unit}"
-                    bar.set_postfix_str(printable(note), refresh=False)
+                    bar.total, bar.unit = self.total, f" {self.unit}"
+                    note = "" if self.to_stdout else printable(outcome.note)
+                    bar.set_postfix_str(note, refresh=False)
                     bar.update(outcome.done)
+                    if outcome.line:
+                        bar.clear()
+                        tell(outcome.line)
+                elif outcome.line and not self.quiet:
+                    tell(outcome.line)
                 elif not self.quiet and time.monotonic() - shown >= SECONDS_BETWEEN_LINES:
                     shown = time.monotonic()
-                    tell(self._progress(outcome.total, note))
+                    of = f"/{self.total:,}" if self.total and self.done <= self.total else ""
+                    tell(f"{self.command}: {self.done:,}{of} {self.unit}s, {self._seconds:.0f} s")
         if self.as_json:
             click.echo(json.dumps(self.values(), ensure_ascii=False, default=str))
             return self.exit_code
@@ -147,7 +150,7 @@ class Report:
             "warnings": [str(warning) for warning in self._warnings.values()],
             "summary": {label.lower(): text for label, text in self._rows().items() if text},
             "written": [str(path) for path in self.written],
-            "seconds": round(time.monotonic() - self._started, 3),
+            "seconds": round(self._seconds, 3),
             "data": self.data() if self.data else self.listing or None,
         }
 
@@ -189,7 +192,7 @@ class Report:
         """Yield the rows of the summary, aligned; what matters last comes last."""
         rows = self._rows()
         following, failed = rows.pop("Next"), f", {self.failed} failed" if self.failed else ""
-        rows["Result"] = f"{rows.pop('Result')}{failed}, {time.monotonic() - self._started:.1f} s"
+        rows["Result"] = f"{rows.pop('Result')}{failed}, {self._seconds:.1f} s"
         if self.to_stdout:
             rows = {}
         rows["Wrote"] = self._files()
@@ -201,6 +204,7 @@ class Report:
                 yield f"{'' if number else label:{LABEL}}{line}"
 
     def _files(self) -> str:
+        """Name the files that were written; many in one folder are counted."""
         folders = {path.parent for path in self.written}
         if len(self.written) > 1 and len(folders) == 1 and Path.cwd() not in folders:
             folder = _shown(folders.pop())
@@ -209,11 +213,9 @@ class Report:
             return f"{folder}/: {', '.join(path.name for path in self.written)}"
         return ", ".join(map(_shown, self.written))
 
-    def _progress(self, total: int | None, note: str) -> str:
-        reached = f"{self.done:,}" + (f"/{total:,}" if total and self.done <= total else "")
-        seconds = time.monotonic() - self._started
-        text = f"{self.command}: {reached} {self.unit}s, {seconds:.0f} s"
-        return f"{text}; {note}" if note else text
+    @property
+    def _seconds(self) -> float:
+        return time.monotonic() - self._started
 
 
 def _counted(number: int, noun: str) -> str:

@@ -9,12 +9,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from pydantic import BaseModel
 from ruamel.yaml import YAML
 
 from shapefit import __version__
 from shapefit.config import CONFIGS
-from shapefit.config.model import field_keys, submodel
+from shapefit.config.model import keys_of
 from shapefit.config.reference import meaning
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -46,19 +45,11 @@ def test_generated_pages_are_in_step():
         assert all(f"## `{command}`" in text for command in CONFIGS)
 
 
-def meanings(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str | None]]:
-    for key, field in field_keys(model).items():
-        yield prefix + key, meaning(model, key)
-        inner = submodel(field)
-        if inner is not None:
-            yield from meanings(inner, f"{prefix}{key}.")
-
-
 def test_every_key_is_described_by_a_sentence():
     described = [
-        (f"{command}: {key}", text or "")
+        (f"{command}: {'.'.join(way)}", meaning(key))
         for command, model in CONFIGS.items()
-        for key, text in meanings(model)
+        for way, key in keys_of(model).items()
     ]
     assert len(described) > 100
     assert [key for key, text in described if not text.endswith(".")] == []

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from shapefit import io
-from shapefit.api.display import stated_height
 from shapefit.api.records import Dictionary, Fit, Landmarks, Shapes
+from shapefit.api.tables import stated_height
 from shapefit.config.paths import find_dictionaries
 from shapefit.errors import input_error, listed
 from shapefit.io.formats import find_target_format
@@ -78,7 +78,7 @@ def write_results(path: File, result: Fit) -> None:
 
 def _input(options: Mapping[str, Any]) -> InputOptions:
     """Return how files are read; raises InputError for other options."""
-    known = vars(InputOptions())
-    for key in options.keys() - known.keys():
-        raise input_error(key, "does not say how files are read", f"use {listed(known)}")
+    keys = vars(InputOptions())
+    for key in options.keys() - keys.keys():
+        raise input_error(key, "does not say how files are read", f"use {listed(keys)}")
     return InputOptions(**options)

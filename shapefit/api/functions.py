@@ -15,7 +15,6 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shapefit.api.display import warn
 from shapefit.api.files import read_dictionary
 from shapefit.api.records import (
     Dictionary,
@@ -28,6 +27,7 @@ from shapefit.api.records import (
     shape_set,
     unnamed,
 )
+from shapefit.api.tables import warn
 from shapefit.config import (
     EvalConfig,
     FitConfig,
@@ -332,7 +332,7 @@ def config_of(
         command,
         None if config is None else Path(config),
         arguments=plain(given),
-        name=f"{function}.{{}}".format,
+        prefix=f"{function}.",
         stand_ins=files,
     )
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shapefit.api import display
+from shapefit.api import tables
 from shapefit.dictionary import model
 from shapefit.errors import InputError, counted, input_error, listed
 from shapefit.io.layout import (
@@ -184,18 +184,24 @@ class Fit(_Items):
     extras: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     attributes: Mapping[str, Any] = field(default_factory=dict)
 
+    to_metres = tables.to_metres
+    to_pandas = tables.to_pandas
+    metres = property(tables.to_metres)
+
     def __getitem__(self, rows: int | slice | ArrayLike) -> Fit:
         part = super().__getitem__(rows)
-        own = {item: self.failures[item] for item in part.items or () if item in self.failures}
-        return part.replaced(failures=own)
+        failures = {item: self.failures[item] for item in part.items or () if item in self.failures}
+        return part.replaced(failures=failures)
 
-    __repr__ = display.describe
-    _repr_html_ = display.embedded_page
-    view = display.open_page
-    plot = display.draw_shape
-    metres = property(display.as_metres)
-    to_metres = display.as_metres
-    to_pandas = display.as_table
+    def __repr__(self) -> str:
+        parts = [counted(len(self), "image"), counted(self.shapes.shape[1], "landmark")]
+        if "method" in self.attributes:
+            parts.append(f"method {self.attributes['method']}")
+        if self.failures:
+            parts.append(f"{len(self.failures)} failed")
+        if self.trusted is not None:
+            parts.append(f"{int(np.sum(self.trusted))} trusted")
+        return f"<shapefit.Fit: {', '.join(parts)}, in {self.unit}>"
 
 
 @dataclass(frozen=True, repr=False, eq=False)

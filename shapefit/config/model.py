@@ -1,30 +1,25 @@
-"""What every config has in common, and a walk through the fields of a schema."""
+"""What every config has in common, and the keys of a schema."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self, TypeVar
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar
 
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    PlainSerializer,
-    model_validator,
-)
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, model_validator
 from pydantic.fields import FieldInfo
 
 from shapefit.config.paths import STANDARD_STREAM, UNNAMED, OptionalPath, ResultFolder
 from shapefit.errors import path_text
 
-MAX_THREADS = 1024
-
 Location = tuple[str | int, ...]
 """The keys and list positions that lead to a value."""
+
+Value = TypeVar("Value")
+Mark = TypeVar("Mark")
 
 
 def _tuples(value: Any) -> Any:
@@ -41,9 +36,6 @@ class Hidden:
 
 HIDDEN = Hidden()
 
-Value = TypeVar("Value")
-Mark = TypeVar("Mark")
-
 
 class AutoField:
     """Annotation metadata: None inside is `auto` in YAML."""
@@ -59,11 +51,7 @@ Auto = Annotated[
 
 
 class ConfigModel(BaseModel):
-    """A frozen mapping of known keys; nothing is converted silently ("3" is not a number).
-
-    A section's default is its `model_construct`: to validate what is known to be valid would build
-    the schema of the section once more.
-    """
+    """A frozen mapping of fixed keys; nothing is converted silently ("3" is not a number)."""
 
     model_config = ConfigDict(
         frozen=True,
@@ -78,7 +66,7 @@ class ConfigModel(BaseModel):
 
 
 def section(model: type[ConfigModel]) -> Any:
-    """Return the field of a section, which by default has its own defaults."""
+    """Return the field of a section with its defaults, which need no validation."""
     return Field(default_factory=model.model_construct)
 
 
@@ -93,24 +81,19 @@ class CommandConfig(ConfigModel):
     """Folder that replaces `{data}` at the beginning of any other path."""
 
     @model_validator(mode="after")
-    def _names_its_output(self) -> Self:
-        """Name the output after the first input where it is not given."""
-        if self.OUTPUT and getattr(self, "output", None) == UNNAMED:
-            files = [path for _, path in self.inputs() if path != STANDARD_STREAM]
+    def _checks_its_output(self) -> Self:
+        """Name the output after the first input where it is not given; refuse to replace inputs."""
+        files = [path for _, path in self.inputs() if path != STANDARD_STREAM]
+        output = getattr(self, "output", None)
+        if self.OUTPUT and output == UNNAMED:
             stem = files[0].name.partition(".")[0] or "standard" if files else "standard"
             output = Path.cwd() / f"{stem}{self.OUTPUT}"
-            if any(output == path for path in files):
+            if output in files:
                 output = output.with_name(f"{stem}_result{output.suffix}")
             object.__setattr__(self, "output", output)
-        return self
-
-    @model_validator(mode="after")
-    def _keeps_its_inputs(self) -> Self:
-        """Refuse an output that would take the place of an input."""
-        output = getattr(self, "output", None) or STANDARD_STREAM
-        output = output.manifest if isinstance(output, ResultFolder) else output
-        for _, path in self.inputs():
-            if path != STANDARD_STREAM and os.path.realpath(path) == os.path.realpath(output):
+        target = output.manifest if isinstance(output, ResultFolder) else output
+        for path in files:
+            if target and os.path.realpath(path) == os.path.realpath(target):
                 raise ValueError(f"`output` would replace an input, {path}; name another file")
         return self
 
@@ -136,17 +119,16 @@ class CommandConfig(ConfigModel):
 
     def as_plain(self) -> dict[str, Any]:
         """Return the config as JSON has it; a path that is not UTF-8 has escapes (`path_text`)."""
-        values: dict[str, Any] = plain(self.model_dump(warnings=False), path_text)
+        values: dict[str, Any] = _plain(self.model_dump(warnings=False))
         return values
 
 
-def plain(value: Any, text: Callable[[Path], str]) -> Any:
-    """Return a value of a config as YAML or JSON has it, with `text` for each path."""
-    if isinstance(value, Path):
-        return text(value)
+def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {key: plain(inner, text) for key, inner in value.items()}
-    return [plain(item, text) for item in value] if isinstance(value, tuple | list) else value
+        return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(item) for item in value]
+    return path_text(value) if isinstance(value, Path) else value
 
 
 def _paths(value: Any) -> Iterator[Path]:
@@ -158,46 +140,33 @@ def _paths(value: Any) -> Iterator[Path]:
             yield from _paths(inner)
 
 
-def field_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
-    """Return the fields of a model under the keys that YAML uses for them."""
-    return {field.alias or name: field for name, field in model.model_fields.items()}
+class Key(NamedTuple):
+    """A key: the model that has it, its name and field there, and its model if it is a section."""
+
+    owner: type[BaseModel]
+    name: str
+    field: FieldInfo
+    section: type[BaseModel] | None
+
+    @property
+    def listed(self) -> bool:
+        """Whether pages and messages name the key."""
+        return self.mark(Hidden) is None
+
+    def mark(self, kind: type[Mark]) -> Mark | None:
+        """Return the annotation metadata of a type that the field has, if any."""
+        return next((entry for entry in self.field.metadata if isinstance(entry, kind)), None)
 
 
-def submodel(field: FieldInfo) -> type[BaseModel] | None:
-    """Return the model of a field that is a section, or None if it is not."""
-    kind = field.annotation
-    return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
-
-
-def all_fields(
-    model: type[BaseModel], above: tuple[str, ...] = ()
-) -> Iterator[tuple[tuple[str, ...], FieldInfo]]:
-    """Yield all fields of a model, sections before what is in them, each with its keys."""
-    for key, field in field_keys(model).items():
-        yield (*above, key), field
-        if (inner := submodel(field)) is not None:
-            yield from all_fields(inner, (*above, key))
-
-
-def field_at(
-    model: type[BaseModel], location: Location
-) -> tuple[type[BaseModel], Location, FieldInfo | None]:
-    """Return the field that `location` is or lies in (None if unknown), its owner and location."""
-    owner, field = model, None
-    for depth, key in enumerate(map(str, location), start=1):
-        field = field_keys(owner).get(key)
-        inner = None if field is None else submodel(field)
-        if inner is None or depth == len(location):
-            return owner, location[:depth], field
-        owner = inner
-    return owner, (), None
-
-
-def find_mark(field: FieldInfo, mark: type[Mark]) -> Mark | None:
-    """Return the annotation metadata of a type that a field has, if any."""
-    return next((entry for entry in field.metadata if isinstance(entry, mark)), None)
-
-
-def is_listed(field: FieldInfo) -> bool:
-    """Whether pages and messages list a key; those of experiments they do not."""
-    return find_mark(field, Hidden) is None
+@cache
+def keys_of(model: type[BaseModel]) -> dict[tuple[str, ...], Key]:
+    """Return all keys of a model by their ways, as YAML spells them; sections come first."""
+    keys: dict[tuple[str, ...], Key] = {}
+    for name, field in model.model_fields.items():
+        kind = field.annotation
+        way: tuple[str, ...] = (field.alias or name,)
+        section = kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
+        keys[way] = Key(model, name, field, section)
+        if section is not None:
+            keys |= {way + inner: key for inner, key in keys_of(section).items()}
+    return keys

@@ -5,14 +5,14 @@ from __future__ import annotations
 import glob
 import json
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, InstanceOf, PlainSerializer, PlainValidator
 
-from shapefit.errors import path_text
+from shapefit.errors import input_error, path_text
 
 STANDARD_STREAM = Path("-")
 
@@ -35,13 +35,10 @@ DICTIONARIES = PACKAGE / "data"
 
 @dataclass(frozen=True)
 class ResultFolder:
-    """A folder as output: one result file per part, the manifest of them, and how parts are done.
+    """A folder as output: one result file for `partition` images each, and a manifest of them.
 
-    partition      images per part
-    workers        processes of this machine that do the parts
-    scheduler      address of a running Dask scheduler, or scheduler_file, where it left its address
-    dry_run        only list the parts
-    replace        replace other results in the folder
+    `workers` processes of this machine do the parts, or a running Dask scheduler; `dry_run` only
+    lists them, and `replace` replaces other results in the folder.
     """
 
     path: Path
@@ -54,7 +51,7 @@ class ResultFolder:
 
     @property
     def manifest(self) -> Path:
-        """The list of the parts that are done."""
+        """The list of the parts."""
         return self.path / MANIFEST
 
 
@@ -100,18 +97,9 @@ def absolute_path(value: Any) -> Path:
     if not isinstance(value, str | Path) or not text or "\0" in text:
         raise ValueError(f"expected a path, found {value!r}")
     if DATA in text:
-        fault = f"{text!r}: {DATA} begins a path and stands for the folder `data`"
-        raise ValueError(f"{fault}; set that in the config or with --set data=FOLDER")
+        raise ValueError(f"{text!r} begins with the folder `data`; give --set data=FOLDER")
     path = Path(text)
     return path if path == STANDARD_STREAM else Path(os.path.abspath(os.path.expanduser(path)))
-
-
-def output_path(value: Any) -> Path | ResultFolder:
-    """Return the path of an output: a folder where it ends in /, UNNAMED for None."""
-    if value is None or isinstance(value, ResultFolder):
-        return UNNAMED if value is None else value
-    path = absolute_path(value)
-    return ResultFolder(path) if str(value).endswith("/") else path
 
 
 def expand_path(value: Any) -> tuple[Path, ...]:
@@ -121,10 +109,8 @@ def expand_path(value: Any) -> tuple[Path, ...]:
     files may be one recording; but not for a glob. A folder of results stands for its results.
     """
     path = absolute_path(value)
-    if os.path.isdir(path):
-        return result_parts(path) or (path,)
     if path == STANDARD_STREAM or os.path.exists(path):
-        return (path,)
+        return result_parts(path) or (path,)
     if not glob.has_magic(str(path)):
         raise ValueError(f"no file {path}; check the spelling")
     folder, parts = Path(path.parts[0]), path.parts[1:]
@@ -140,41 +126,32 @@ def expand_path(value: Any) -> tuple[Path, ...]:
 def result_parts(folder: Path) -> tuple[Path, ...]:
     """Return the results in a folder that `fit` wrote part by part, in the order of their numbers.
 
-    There are none for any other folder. Raises ValueError as `manifest_lines`.
+    There are none for anything else. Raises InputError as `manifest_lines`.
     """
     _, *parts = manifest_lines(folder) or [{}]
     done = {part["file"]: part["status"] == DONE for part in parts}
     names = sorted((name for name in done if done[name]), key=lambda name: (len(name), name))
-    paths = tuple(folder / name for name in names)
-    check_regular(*paths)
-    return paths
+    return tuple(folder / name for name in names)
 
 
 def manifest_lines(folder: Path) -> list[dict[str, Any]] | None:
     """Return the lines of the manifest of a folder: the run, then a part each, the last one counts.
 
-    A line without an end is left out. None where there is no manifest. Raises ValueError where a
+    A line without an end is left out. None where there is no manifest. Raises InputError where a
     file of that name is something else.
     """
     path = folder / MANIFEST
-    if not path.exists():
+    if not path.is_file():
         return None
-    check_regular(path)
     try:
         run, *parts = map(json.loads, path.read_bytes().split(b"\n")[:-1])
-        outside = [part["file"] for part in parts if PurePath(part["file"]).name != part["file"]]
-        if "shapefit" not in run or outside:
-            raise ValueError(f"names {outside[0]}" if outside else "its first line is another")
+        if "shapefit" not in run or any(
+            PurePath(part["file"]).name != part["file"] for part in parts
+        ):
+            raise ValueError("its lines are others")
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise ValueError(f"{path} is not a manifest of results ({error}); fit again") from None
+        raise input_error(path, f"is not a manifest of results ({error})", "fit again") from None
     return [run, *parts]
-
-
-def check_regular(*paths: Path) -> None:
-    """Raise ValueError for what is there and no regular file: a pipe would be waited for."""
-    for path in paths:
-        if path.exists() and not path.is_file():
-            raise ValueError(f"{path} is not a regular file; remove it and fit again")
 
 
 def expand_one(value: Any) -> Path:
@@ -182,7 +159,7 @@ def expand_one(value: Any) -> Path:
     files = expand_path(value)
     if len(files) > 1:
         raise ValueError(f"{value} matches {len(files)} files; name one")
-    if files[0] != STANDARD_STREAM and files[0].is_dir():
+    if files[0].is_dir():
         raise ValueError(f"{files[0]} is a folder; name a file in it")
     return files[0]
 
@@ -209,34 +186,40 @@ def find_presets(command: str) -> dict[str, Path]:
     return dict(sorted(files.items()))
 
 
-def find_dictionary(value: Any) -> Path:
-    """Return the file of a dictionary: the one at a path, or the installed one of that name.
+def expand_named(value: Any) -> tuple[Path, ...]:
+    """Return the files that a path or glob names, or the installed dictionary of that name.
 
-    A file wins over an installed dictionary, a folder does not. Raises ValueError where there is
-    neither.
+    A file wins over an installed dictionary, a folder does not. Raises ValueError.
     """
     path, installed = absolute_path(value), find_dictionaries()
-    if (path.exists() and not path.is_dir()) or not path.name.isidentifier():
-        return expand_one(value)
-    if str(value) not in installed:
+    if str(value) in installed and not path.is_file():
+        return (installed[str(value)],)
+    if str(value).isidentifier() and not path.exists():
         fault = f"no file {path}, and no installed dictionary {path.name!r}"
         raise ValueError(f"{fault}; installed: {', '.join(installed)}")
-    return installed[str(value)]
+    return expand_path(value)
 
 
-def expand_named(value: Any) -> tuple[Path, ...]:
-    """Return the files that a path or glob names, or the installed dictionary of that name."""
-    is_name = str(value) in find_dictionaries() and not absolute_path(value).exists()
-    return (find_dictionary(value),) if is_name else expand_path(value)
+def find_dictionary(value: Any) -> Path:
+    """Return the file of a dictionary: the one at a path, or the installed one of that name."""
+    (path, *_) = expand_named(value)
+    return expand_one(path)
+
+
+def _output(value: Any) -> Path | ResultFolder:
+    """Return the path of an output: a folder where it ends in /, UNNAMED for None."""
+    if value is None or isinstance(value, ResultFolder):
+        return UNNAMED if value is None else value
+    path = absolute_path(value)
+    return ResultFolder(path) if str(value).endswith("/") else path
 
 
 def _named(value: Any) -> Any:
     """Name each file of a list after itself; a mapping has its names already."""
-    patterns = value if isinstance(value, list | tuple | Mapping) else [value]
-    if isinstance(patterns, Mapping) and patterns:
-        return dict(patterns)
+    if isinstance(value, Mapping) and value:
+        return dict(value)
     named: dict[str, Path] = {}
-    for pattern in _not_empty(patterns):
+    for pattern in _not_empty(value if isinstance(value, list | tuple | Mapping) else [value]):
         folder = absolute_path(pattern)
         for path in (folder,) if folder.is_dir() else expand_path(pattern):
             name = path_text(path.stem)
@@ -256,9 +239,9 @@ def _as_tuple(value: Any) -> tuple[Any, ...]:
     return tuple(value) if isinstance(value, list | tuple) else (value,)
 
 
-def _joined(expanded: Iterable[tuple[Path, ...]]) -> tuple[Path, ...]:
+def _joined(files: tuple[tuple[Path, ...], ...]) -> tuple[Path, ...]:
     """Join what several paths name, each file once."""
-    return tuple(dict.fromkeys(path for files in expanded for path in files))
+    return tuple(dict.fromkeys(path for paths in files for path in paths))
 
 
 def unless_none(read: Callable[[Any], Any]) -> BeforeValidator:
@@ -267,32 +250,30 @@ def unless_none(read: Callable[[Any], Any]) -> BeforeValidator:
 
 
 # The kinds of fields. Each item of a list becomes the tuple of the files that it names (so that a
-# wrong item is reported at its own place), and the tuples are joined last.
+# wrong item is reported at its place), and the tuples are joined last.
 
-_PATHS = PathField("a path or glob, or a list of them")
+_PATH = PathField("a path")
 _DICTIONARY = PathField("a path, or the name of an installed dictionary", takes_names=True)
 
 OutputPath = Annotated[
-    Path,
-    PathField("a path"),
-    BeforeValidator(lambda value: UNNAMED if value is None else absolute_path(value)),
+    Path, _PATH, BeforeValidator(lambda v: UNNAMED if v is None else absolute_path(v))
 ]
 
-OptionalPath = Annotated[Path | None, PathField("a path"), unless_none(absolute_path)]
+OptionalPath = Annotated[Path | None, _PATH, unless_none(absolute_path)]
 
-OptionalInputPath = Annotated[Path | None, PathField("a path"), unless_none(expand_one)]
+OptionalInputPath = Annotated[Path | None, _PATH, unless_none(expand_one)]
 
 OutputOrFolder = Annotated[
     Path | InstanceOf[ResultFolder],
-    PathField("a path"),
-    BeforeValidator(output_path),
+    _PATH,
+    BeforeValidator(_output),
     PlainSerializer(lambda out: f"{path_text(out.path)}/" if hasattr(out, "manifest") else out),
 ]
 """A file to write, or a folder: `FOLDER/`."""
 
 OptionalInputPaths = Annotated[
     tuple[Annotated[Path, PlainValidator(expand_path)], ...],
-    _PATHS,
+    PathField("a path or glob, or a list of them"),
     BeforeValidator(_as_tuple),
     AfterValidator(_joined),
 ]

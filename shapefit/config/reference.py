@@ -5,8 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import json
-import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -15,15 +14,14 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
 
 from pydantic import BaseModel
-from pydantic.fields import FieldInfo
 
 from shapefit.config.commands import CONFIGS
-from shapefit.config.model import AutoField, field_keys, find_mark, is_listed, submodel
+from shapefit.config.model import AutoField, Key, keys_of
 from shapefit.config.paths import Description
 from shapefit.errors import input_error, listed
 
-_WORDS = {int: "a whole number", float: "a number", str: "a text"}
-_BOUNDS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
+WORDS = {int: "a whole number", float: "a number", str: "a text"}
+BOUNDS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
 
 
 class Row(NamedTuple):
@@ -57,56 +55,52 @@ def keys_text(command: str, section: str = "", width: int = 80) -> str:
     return "\n".join(lines) + "\n"
 
 
-def rows(model: type[BaseModel], prefix: str = "") -> Iterator[Row]:
+def rows(model: type[BaseModel]) -> Iterator[Row]:
     """Yield a row for each listed key of a model, those of sections as `a.b`."""
-    for key, field in field_keys(model).items():
-        inner = submodel(field)
-        if inner is not None:
-            yield from rows(inner, f"{prefix}{key}.")
-        elif is_listed(field) and key != "data":
-            yield Row(prefix + key, expects(field), _default(field), meaning(model, key))
+    for way, key in keys_of(model).items():
+        if key.section is None and key.listed and way != ("data",):
+            yield Row(".".join(way), expects(key), _default(key), meaning(key))
 
 
-def _default(field: FieldInfo) -> str:
-    if field.is_required():
+def _default(key: Key) -> str:
+    if key.field.is_required():
         return "required"
-    default = field.get_default(call_default_factory=True)
+    default = key.field.get_default(call_default_factory=True)
     if isinstance(default, Path):
         return default.stem or "by the input"
     if default is None:
-        return "auto" if find_mark(field, AutoField) else "none"
+        return "auto" if key.mark(AutoField) else "none"
     return json.dumps(default)
 
 
-def expects(field: FieldInfo) -> str:
-    """Return what a field expects, such as `a whole number >= 1`."""
-    if inner := submodel(field):
-        keys = [key for key, inside in field_keys(inner).items() if is_listed(inside)]
-        return f"a mapping with the keys {', '.join(keys)}"
-    if description := find_mark(field, Description):
+def expects(key: Key) -> str:
+    """Return what a key expects, such as `a whole number >= 1`."""
+    if key.section is not None:
+        names = [way[0] for way, inner in keys_of(key.section).items() if inner.listed]
+        return f"a mapping with the keys {', '.join(names)}"
+    if description := key.mark(Description):
         return description.phrase
-    return _kind(field.annotation, field.metadata)
+    return _words(key.field.annotation, key.field.metadata)
 
 
-def _kind(annotation: Any, metadata: Iterable[Any] = ()) -> str:
+def _words(annotation: Any, metadata: Sequence[Any] = ()) -> str:
     """Return the words for a type and its bounds."""
     auto = ["auto"] if any(isinstance(entry, AutoField) for entry in metadata) else []
-    entries = [entry for each in metadata for entry in getattr(each, "metadata", (each,))]
+    flat = [inner for entry in metadata for inner in getattr(entry, "metadata", (entry,))]
     bounds = [
-        f"{sign} {getattr(entry, bound)}"
-        for entry in entries
-        for bound, sign in _BOUNDS.items()
-        if hasattr(entry, bound)
+        f"{sign} {getattr(entry, name)}"
+        for entry in flat
+        for name, sign in BOUNDS.items()
+        if hasattr(entry, name)
     ]
-    words = listed(dict.fromkeys([*_alternatives(annotation), *auto]))
-    return f"{words} {' and '.join(bounds)}".rstrip()
+    return f"{listed([*_alternatives(annotation), *auto])} {' and '.join(bounds)}".rstrip()
 
 
 def _alternatives(annotation: Any) -> Iterator[str]:
     """Yield the words for each type of a union, and each value of a literal."""
     origin, arguments = get_origin(annotation), get_args(annotation)
     if origin is Annotated:
-        yield _kind(arguments[0], arguments[1:])
+        yield _words(arguments[0], arguments[1:])
     elif origin in (Union, UnionType):
         for kind in arguments:
             yield from _alternatives(kind)
@@ -120,37 +114,34 @@ def _alternatives(annotation: Any) -> Iterator[str]:
     elif annotation is bool:
         yield from ("true", "false")
     elif annotation is not NoneType:
-        yield _WORDS[annotation]
+        yield WORDS[annotation]
 
 
 def _plural(annotation: Any) -> str:
-    return re.sub("^a (whole number|number|text)", r"\1s", _kind(annotation))
+    text = _words(annotation)
+    for word in ("whole number", "number", "text"):
+        if text.startswith(f"a {word}"):
+            return f"{word}s{text.removeprefix(f'a {word}')}"
+    return text
 
 
-def meaning(model: type[BaseModel], key: str) -> str:
+def meaning(key: Key) -> str:
     """Return what a key means: the text below its field, or that of its section."""
-    name, field = next((n, f) for n, f in model.model_fields.items() if key == (f.alias or n))
-    inner = submodel(field)
-    text = field.description or _docstrings(model).get(name) or (inner.__doc__ if inner else "")
-    return " ".join((text or "").split())
+    text = key.field.description or _docstrings(key.owner).get(key.name)
+    return " ".join((text or str(key.section and key.section.__doc__)).split())
 
 
 @cache
 def _docstrings(model: type[BaseModel]) -> dict[str, str]:
     """Return the texts below the fields of a model and of its bases, by field.
 
-    pydantic's `use_attribute_docstrings` finds the same, at every start: 30 ms for `fit`.
+    pydantic's `use_attribute_docstrings` reads the same, at every start: 30 ms for `fit`.
     """
     texts: dict[str, str] = {}
     for kind in reversed(model.__mro__):
         if kind.__module__.startswith("shapefit."):
-            (body,) = ast.parse(dedent(inspect.getsource(kind))).body
-            assert isinstance(body, ast.ClassDef)
-            for field, text in pairwise(body.body):
-                match field, text:
-                    case (
-                        ast.AnnAssign(target=ast.Name(id=name)),
-                        ast.Expr(value=ast.Constant(value=str(about))),
-                    ):
-                        texts[name] = about
+            (definition,) = ast.parse(dedent(inspect.getsource(kind))).body
+            for node, text in pairwise(definition.body):  # type: ignore[attr-defined]
+                if isinstance(node, ast.AnnAssign) and isinstance(text, ast.Expr):
+                    texts[node.target.id] = text.value.value  # type: ignore[attr-defined, union-attr]
     return texts

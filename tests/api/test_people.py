@@ -81,26 +81,6 @@ def test_a_fit_is_one_line_and_has_parts(found):
     assert len(found[found.trusted]) == int(found.trusted.sum())
 
 
-def test_the_page_is_that_of_the_command_without_scripts_of_ours(found, tmp_path, monkeypatch):
-    opened = []
-    monkeypatch.setattr("webbrowser.open", opened.append)
-    page = found[:3].view(tmp_path / "page.html")
-    assert opened == [page.resolve().as_uri()]
-    assert found.items[1] in page.read_text(encoding="utf-8")
-    html = found[:3]._repr_html_()
-    assert html.startswith('<iframe sandbox="allow-scripts"')
-    assert "<script" not in html
-
-
-def test_a_shape_is_drawn(found):
-    pytest.importorskip("matplotlib").use("agg")
-    axes = found.plot(3)
-    assert axes.get_title() == found.items[3]
-    bones = axes.collections[0]._segments3d
-    ends = found.shapes[3][found.extras["edges"]]  # y down: up is z of the axes
-    np.testing.assert_allclose(bones, ends[..., [0, 2, 1]] * [1, 1, -1])
-
-
 def test_joints_in_metres_are_those_that_convert_writes(found, tmp_path):
     shapefit.write_results(tmp_path / "fit.h5", found)
     files = {"files": [str(tmp_path / "fit.h5")], "output": str(tmp_path / "x.metres.csv")}

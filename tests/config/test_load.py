@@ -11,9 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from shapefit.config import CONFIGS, dump_config, load_config
+from shapefit.config.loader import read_yaml
 from shapefit.config.paths import DICTIONARIES, find_presets, presets_folder
 from shapefit.config.reference import rows
-from shapefit.config.yaml12 import read_yaml
 from shapefit.errors import InputError
 
 PRINTABLE = st.text(st.characters(exclude_categories=["C", "Zl", "Zp"]), min_size=1)
@@ -65,12 +65,12 @@ def test_yaml_is_1_2(folder):
     ],
 )
 def test_numbers_are_those_of_the_core_schema(text, value):
-    read, _ = read_yaml(f"- {text}\n", lambda _line, _column: "here")
+    read, _ = read_yaml(f"- {text}\n", "here")
     assert [(type(found), found) for found in read] == [(type(value), value)]
 
 
 def test_an_alias_stands_for_what_it_names():
-    read, _ = read_yaml("- &one [1]\n- [*one, *one]\n", lambda _line, _column: "here")
+    read, _ = read_yaml("- &one [1]\n- [*one, *one]\n", "here")
     assert read == [[1], [[1], [1]]]
 
 
@@ -245,27 +245,6 @@ def test_a_config_can_come_from_standard_input(folder, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(text + b"threads: -1\n")))
     with pytest.raises(InputError, match="standard input:5:10: expected a whole number"):
         load_config("fit", Path("-"))
-    monkeypatch.setattr("sys.stdin", None)
-    with pytest.raises(InputError, match="standard input: is closed"):
-        load_config("fit", Path("-"))
-
-
-@pytest.mark.parametrize(
-    ("command", "path", "arguments", "readers"),
-    [
-        ("fit", "-", {"landmarks": "-", "dictionary": "a.h5"}, "the config and `landmarks`"),
-        ("fit", None, {"landmarks": "-", "dictionary": "-"}, "`landmarks` and `dictionary`"),
-        ("eval", "-", {"results": "a.h5", "truth": ("b.h5", "-")}, "the config and `truth`"),
-        ("eval", None, {"results": {"x": "-"}, "truth": "-"}, "`results` and `truth`"),
-    ],
-)
-def test_standard_input_is_read_once(folder, monkeypatch, command, path, arguments, readers):
-    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(b"output: out\n")))
-    with pytest.raises(InputError) as caught:
-        load_config(command, path and Path(path), ["output=out"], arguments)
-    assert caught.value.problems == (
-        f"standard input: {readers} would both read it; name a file for one of them",
-    )
 
 
 def test_a_bare_dash_is_a_stream(folder):

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from random import Random
 from typing import Any, Literal, get_args, get_origin
 
 import numpy as np
-from pydantic import BaseModel
 from shapefit.cli.main import run
 
 from shapefit.config import CONFIGS
-from shapefit.config.model import field_keys, submodel
+from shapefit.config.model import keys_of
 from shapefit.io import read_shapes, write_shapes
 from shapefit.io.records import ShapeSet
 from tests.io.readers import detector_files, tracker_files
@@ -237,15 +236,12 @@ YAML_VALUES = (
 )
 
 
-def _dotted(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for key, field in field_keys(model).items():
-        yield prefix + key, field.annotation
-        inner = submodel(field)
-        if inner is not None:
-            yield from _dotted(inner, f"{prefix}{key}.")
-
-
-KEYS = {command: list(_dotted(CONFIGS[command])) for command in COMMANDS}
+KEYS = {
+    command: [
+        (".".join(way), key.field.annotation) for way, key in keys_of(CONFIGS[command]).items()
+    ]
+    for command in COMMANDS
+}
 
 
 def _right_value(rng: Random, annotation: Any) -> str:

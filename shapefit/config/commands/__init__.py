@@ -6,44 +6,30 @@ from collections.abc import Iterator, Mapping
 
 from shapefit.config.model import CommandConfig
 
-NAMES = {
-    "learn-dict": "LearnDictConfig",
-    "project": "ProjectConfig",
-    "fit": "FitConfig",
-    "eval": "EvalConfig",
-    "convert": "ConvertConfig",
-    "info": "InfoConfig",
-    "view": "ViewConfig",
-}
-"""Command -> the name of its config."""
+COMMANDS = ("learn-dict", "project", "fit", "eval", "convert", "info", "view")
 
 
 class _Configs(Mapping[str, type[CommandConfig]]):
     """Command -> its config."""
 
     def __getitem__(self, command: str) -> type[CommandConfig]:
-        match command:
-            case "fit":
-                from shapefit.config.commands.fit import FitConfig
+        if command == "fit":
+            from shapefit.config.commands.fit import FitConfig
 
-                return FitConfig
-            case "learn-dict":
-                from shapefit.config.commands.learn_dict import LearnDictConfig
+            return FitConfig
+        if command == "learn-dict":
+            from shapefit.config.commands.learn_dict import LearnDictConfig
 
-                return LearnDictConfig
-            case "eval":
-                from shapefit.config.commands.evaluate import EvalConfig
+            return LearnDictConfig
+        from shapefit.config.commands.others import OTHERS
 
-                return EvalConfig
-        from shapefit.config.commands.files import FILES
-
-        return FILES[command]
+        return OTHERS[command]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(NAMES)
+        return iter(COMMANDS)
 
     def __len__(self) -> int:
-        return len(NAMES)
+        return len(COMMANDS)
 
 
 CONFIGS = _Configs()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from pydantic import BeforeValidator, Field, model_validator
 
 from shapefit.config.commands.input import MetresConfig, NotNegative, Positive, Text
-from shapefit.config.model import HIDDEN, MAX_THREADS, Auto, ConfigModel, FromLists, section
+from shapefit.config.model import HIDDEN, Auto, ConfigModel, FromLists, section
 from shapefit.config.paths import (
     UNNAMED,
     Description,
@@ -35,31 +35,29 @@ else:
     MethodName = Literal[(AUTO, *METHODS)]
     Part = Literal["head", "hips", "shoulders"]
 
-Threads = Annotated[int, Field(ge=0, le=MAX_THREADS)]
-
 
 class CameraConfig(ConfigModel):
     """The camera of the images; the section is printed with every fit."""
 
     focal: Positive | Literal["auto", "none", "files"] = "auto"
-    """Focal length of all images in pixels; files: as in the `camera_matrix` of the landmarks;
-    none: weak perspective; auto: methods with a prior take the calibration, else the camera matrix
-    of the files, else 1.1 times the longer side of the image if its size is known, else weak
-    perspective. Other methods take weak perspective."""
+    """Focal length in pixels; files: as in the `camera_matrix` of the landmarks; none: weak
+    perspective, which is also auto for methods without a prior. For others auto is the calibration,
+    else the camera matrix of the files, else 1.1 times the longer side of the image if its size is
+    known, else none."""
     focal_sd: Annotated[float, Field(ge=0), HIDDEN] = 0.0
     """Standard deviation of the logarithm of `focal`: 0.2 where it is assumed."""
     principal_point: Annotated[tuple[float, float] | None, FromLists] = None
-    """Where the optical axis meets the image, in pixels; by default as the camera matrix states it,
-    else the centre of the image."""
+    """Where the optical axis meets the image, in pixels; by default that of the camera matrix, else
+    the centre of the image."""
     calibration: OptionalInputPath = None
     """File with calibrated cameras (TOML of anipose, Pose2Sim, caliscope or FreeMoCap, or OpenCV's
-    YAML or JSON): focal length, principal point, lens distortion and place."""
+    YAML or JSON)."""
     name: Annotated[
         Text | None,
         BeforeValidator(lambda value: str(value) if type(value) is int else value),  # a port
     ] = None
-    """The camera of the calibration that took the images: its section, name or port; not needed if
-    the calibration has one camera."""
+    """The camera of the calibration that took the images, by section, name or port; not needed if
+    there is one."""
 
     @property
     def model(self) -> str:
@@ -90,13 +88,10 @@ class PriorConfig(ConfigModel):
     scale: Auto[Positive] = None
     """Factor on the covariances of the prior; auto: 1, 2, 4 or 8, whichever makes the first images
     most likely."""
-    residual_variance: Auto[Positive] = Field(
-        default=None,
-        description="Variance of a landmark's coordinate that neither prior nor camera explains, "
-        "in the unit of normalised shapes; `noise` adds to it. auto: the dictionary's value, or "
-        f"{PosteriorOptions.residual_variance}, times 1, 2, 4 or 8, whichever makes the first "
-        "images most likely.",
-    )
+    residual_variance: Auto[Positive] = None
+    """Variance of a landmark's coordinate that neither prior nor camera explains, in the unit of
+    normalised shapes; `noise` adds to it. auto: the dictionary's value, times 1, 2, 4 or 8,
+    whichever makes the first images most likely."""
     calibration: OptionalInputPath = None
     """error_bars.json of a report of eval, whose factors scale the error bars."""
     bar_scale: Annotated[Positive, HIDDEN] = PosteriorOptions.bar_scale
@@ -134,8 +129,7 @@ class FitConfig(MetresConfig):
     """Dictionary file that learn-dict wrote, or the name of an installed one."""
     output: OutputOrFolder = UNNAMED
     """Result file: HDF5, CSV (.csv, or - for stdout), TRC, C3D or BVH by its ending
-    (docs/export.md); FOLDER/ for one file per part; by default NAME.h5 in the working directory,
-    after the first input."""
+    (docs/export.md); FOLDER/ for one file per part; by default NAME.h5 in the working directory."""
     method: MethodName = Field(
         default=AUTO,
         description=f"How to lift: {summarise()}. auto: with a prior sequences for videos and "
@@ -146,8 +140,8 @@ class FitConfig(MetresConfig):
     """Weight of the sum of spectral norms, for normalised landmarks and atoms; auto derives it from
     `noise`."""
     noise: NotNegative | None = None
-    """Standard deviation of a landmark's coordinate, in pixels; 0 for projected motion capture.
-    `lambda: auto` needs it; with a prior it adds to `prior.residual_variance`."""
+    """Standard deviation of a landmark's coordinate in pixels. `lambda: auto` needs it; it adds to
+    `prior.residual_variance`."""
     outliers: Literal["none", "ransac", "sparse-error", "l1"] = "none"
     """How methods without a prior treat wrong landmarks: ransac rejects them before the fit;
     sparse-error and l1 are robust losses of the convex program."""
@@ -158,21 +152,21 @@ class FitConfig(MetresConfig):
     and 0.01 for global."""
     prior: PriorConfig = section(PriorConfig)
     bone_lengths: OptionalInputPath = None
-    """Known lengths of the bones, for sequences: shapes of the body, whose mean lengths are taken,
-    or CSV with the header `from,to,length`, in any unit; by default estimated."""
+    """Lengths of the bones, for sequences: shapes of the body, whose mean lengths are taken, or CSV
+    with the header `from,to,length`, in any unit; by default estimated."""
     skeleton: Annotated[
         Auto[dict[Part, Positive]],
         Description("a mapping of head, hips and shoulders to factors > 0, or auto"),
     ] = None
     """How the skeleton of a detector of people differs from the dictionary's, as {head: 1.5, hips:
-    1.15, shoulders: 1}: factors on the height of the head above the shoulders and on the distances
-    of hips and shoulders; auto: estimated from the first images."""
+    1.15, shoulders: 1}: factors on the height of the head and on the distances of hips and
+    shoulders; auto: estimated from the first images."""
     leave_one_out: Text | None = None
-    """Dataset of the landmarks that names, for each image, the training shape whose atoms its fit
-    must not use (dictionaries of exemplars); `item` if images are named after training shapes."""
+    """Dataset of the landmarks that names, for each image, the training shape (exemplar) that its
+    fit must not use; `item` if images are named after training shapes."""
     save: SaveConfig = section(SaveConfig)
     export: ExportConfig = section(ExportConfig)
-    threads: Threads = 0
+    threads: Annotated[int, Field(ge=0, le=1024)] = 0
     """Threads to solve with; 0 is one per core."""
     signed: Annotated[bool, HIDDEN] = False
     """Coefficients of either sign, for methods that alternate between shape and rotation."""

@@ -15,11 +15,6 @@ Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=1)]
 
-Height = Annotated[
-    float | None, Field(gt=0, le=3), Description("a height in metres, at most 3, such as 1.78")
-]
-"""Of a body or object; one in centimetres would make a giant."""
-
 
 class LandmarksConfig(CommandConfig):
     """How files of 2D landmarks are read."""
@@ -34,14 +29,12 @@ class LandmarksConfig(CommandConfig):
     """Skeleton that names the landmarks of files without names, such as body_25b or coco_17
     (docs/formats.md); numbered: 0, 1 and so on."""
     min_confidence: Auto[NotNegative] = None
-    """Hide landmarks whose confidence is below this; auto: 0.1 for a fit with a prior, otherwise
-    0."""
+    """Hide less confident landmarks; auto: 0.1 for a fit with a prior, otherwise 0."""
     y_axis: Literal["down", "up"] | None = None
-    """Direction of y in the images; by default that of the format, and down (pixels) where it has
-    none."""
+    """Direction of y in the images; by default that of the format, or down (pixels)."""
     image_size: Annotated[tuple[Positive, Positive] | None, FromLists] = None
-    """Width and height of the images in pixels; by default as the files state it. The camera needs
-    it, and so do coordinates that are fractions of it (MediaPipe, YOLO)."""
+    """Width and height of the images in pixels; by default as the files state it. The camera and
+    coordinates that are fractions of it (MediaPipe, YOLO) need it."""
 
 
 class MetresConfig(LandmarksConfig):
@@ -49,9 +42,11 @@ class MetresConfig(LandmarksConfig):
 
     frame_rate: Positive | None = None
     """Frames per second of the files, before `every`; by default, as they state it."""
-    height: Height = None
-    """Height of the body or object in metres, for outputs in metres (docs/export.md); by default
-    that of the training shapes."""
+    height: Annotated[
+        float | None, Field(gt=0, le=3), Description("a height in metres, at most 3, such as 1.78")
+    ] = None
+    """Height of the body or object, for outputs in metres (docs/export.md); by default that of the
+    training shapes."""
     markers: Literal["joints", "input"] = "joints"
     """Markers of a TRC file: joints, or input for the landmarks of the detector by their names."""
 
@@ -60,7 +55,7 @@ class TruthConfig(CommandConfig):
     """How results are compared with the truth."""
 
     match: Text = "item"
-    """What identifies the true shape of an image: `item`; `frame`, its frame and sequence; or the
-    name of a dataset of the result that holds items of the truth."""
+    """What identifies the true shape of an image: `item`; `frame`, its frame and sequence; or a
+    dataset of the result that holds items of the truth."""
     rename: Mapping[str, str] = Field(default_factory=dict)
     """Landmarks of the truth to rename: name in its files -> name in the results."""

@@ -9,15 +9,7 @@ from pydantic import BeforeValidator, Field
 
 from shapefit.config.commands.input import Count, LandmarksConfig, Text
 from shapefit.config.model import HIDDEN, ConfigModel, FromLists, section
-from shapefit.config.paths import (
-    UNNAMED,
-    Description,
-    InputPaths,
-    OutputPath,
-)
-
-MAX_ROUNDS = 1_000_000
-"""Of coding; more would never end."""
+from shapefit.config.paths import UNNAMED, Description, InputPaths, OutputPath
 
 _ALIGN = "`all`, `none`, or a list of at least three different landmark names"
 
@@ -25,14 +17,9 @@ _ALIGN = "`all`, `none`, or a list of at least three different landmark names"
 def _landmark_choice(value: Any) -> Any:
     if value in ("all", "none"):
         return value
-    if not isinstance(value, list | tuple) or not all(isinstance(name, str) for name in value):
+    if not isinstance(value, list | tuple) or len({*map(str, value)}) < max(3, len(value)):
         raise ValueError(f"expected {_ALIGN}, found {value!r}")
-    if len(value) < 3 or len(set(value)) < len(value):
-        raise ValueError(f"expected {_ALIGN}, found {list(value)}")
     return tuple(value)
-
-
-Share = Annotated[float, Field(gt=0, lt=1)]
 
 
 class PriorConfig(ConfigModel):
@@ -67,15 +54,14 @@ class LearnDictConfig(LandmarksConfig):
     landmarks: Annotated[tuple[str, ...] | None, FromLists] = Field(default=None, min_length=1)
     """Landmarks to keep, in this order, by their names after `rename`; by default, all."""
     method: Literal["sparse-coding", "exemplars", "pca-bases"] = "sparse-coding"
-    """How to learn: non-negative sparse coding with bounded atoms; exemplars, which makes every
-    training shape an atom; or the principal components of each sequence, bases of either sign for
-    matching pursuit."""
+    """Non-negative sparse coding with bounded atoms; exemplars, which makes every training shape an
+    atom; or principal components of each sequence, for matching pursuit."""
     every: Annotated[
         Count | Annotated[Mapping[str, Count], Field(min_length=1)],
         Description("a whole number >= 1, or a mapping of globs on sequence names to such numbers"),
     ] = 1
-    """Keep every n-th shape of each sequence, starting with its first; in a mapping such as {13_*:
-    18, "*": 2} the first glob that fits a sequence counts."""
+    """Keep every n-th shape of each sequence; in a mapping such as {13_*: 18, "*": 2} the first
+    glob that fits a sequence counts."""
     align: Annotated[
         Literal["all", "none"] | tuple[str, ...],
         Description(_ALIGN),
@@ -85,9 +71,8 @@ class LearnDictConfig(LandmarksConfig):
     mirror: Annotated[
         dict[str, str] | bool, Description("true, false, or a mapping of landmark names")
     ] = False
-    """The partner of each landmark on one side, such as rhip: lhip; others lie on the plane of
-    symmetry. true takes the pairs that the shapes state. The mirror images of the shapes, without
-    meshes, become training shapes, too."""
+    """The partner of each landmark on one side, such as rhip: lhip, or true for the pairs that the
+    shapes state. Mirror images of the shapes, without meshes, become training shapes, too."""
     k: Count = 64
     """Number of atoms; at most the number of shapes (sparse-coding only)."""
     flip: bool | None = None
@@ -96,7 +81,7 @@ class LearnDictConfig(LandmarksConfig):
     prior: PriorConfig = section(PriorConfig)
     beta: Annotated[float, Field(ge=0), HIDDEN] = 0.1
     """Weight of the sparsity of the coefficients."""
-    iterations: Annotated[int, Field(ge=1, le=MAX_ROUNDS), HIDDEN] = 15
+    iterations: Annotated[Count, HIDDEN] = 15
     """Rounds of coding all shapes and updating all atoms."""
-    bases: Annotated[Share | Count, HIDDEN] = 0.99
+    bases: Annotated[Annotated[float, Field(gt=0, lt=1)] | Count, HIDDEN] = 0.99
     """Bases of each sequence (pca-bases): their number, or the share of variance they explain."""

@@ -16,7 +16,7 @@ from typing import Any
 
 from shapefit import __version__
 from shapefit.config.paths import DONE, MANIFEST, manifest_lines
-from shapefit.errors import InputError, counted, input_error
+from shapefit.errors import counted, input_error
 from shapefit.io.atomic import append_bytes, atomic_path, check_folder
 from shapefit.io.inputs import in_words
 
@@ -67,10 +67,7 @@ def read_manifest(folder: Path) -> Manifest | None:
 
     Raises InputError where it is something else, or cannot be read.
     """
-    try:
-        lines = manifest_lines(folder)
-    except ValueError as error:
-        raise InputError([str(error)]) from None
+    lines = manifest_lines(folder)
     if lines is None:
         return None
     run, *parts = lines

@@ -1,10 +1,11 @@
-"""The configs of the commands beside the chain: `project`, `convert`, `info` and `view`."""
+"""The configs of `project`, `eval`, `convert`, `info` and `view`."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from operator import mul
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field
 
@@ -16,7 +17,7 @@ from shapefit.config.commands.input import (
     Text,
     TruthConfig,
 )
-from shapefit.config.model import CommandConfig, ConfigModel, FromLists, section
+from shapefit.config.model import HIDDEN, CommandConfig, ConfigModel, FromLists, section
 from shapefit.config.paths import (
     UNNAMED,
     Description,
@@ -31,6 +32,12 @@ from shapefit.config.paths import (
     absolute_path,
     unless_none,
 )
+from shapefit.evaluation.metrics import METRICS
+
+if TYPE_CHECKING:
+    AnyMetric = str
+else:
+    AnyMetric = Literal[tuple(METRICS)]
 
 Row = tuple[float, float, float]
 
@@ -40,9 +47,8 @@ def _rotation(view: Any) -> Any:
     if not isinstance(view, str):
         a, b, c = view
         products = [sum(map(mul, x, y)) for x in view for y in view]
-        away = [abs(x - (i % 4 == 0)) for i, x in enumerate(products)]
         determinant = sum(a[i] * (b[i - 2] * c[i - 1] - b[i - 1] * c[i - 2]) for i in range(3))
-        if max(away) > 1e-6 or determinant < 0:
+        if determinant < 0 or max(abs(x - (i % 4 == 0)) for i, x in enumerate(products)) > 1e-6:
             raise ValueError("expected a rotation (orthonormal rows, determinant +1)")
     return view
 
@@ -56,9 +62,8 @@ class CameraConfig(ConfigModel):
         FromLists,
         AfterValidator(_rotation),
     ] = "turntable"
-    """One full turn per sequence about the y axis, a random rotation per image, or one
-    rotation for all, from object to camera frame (x and y as in the landmarks): three rows,
-    orthonormal, determinant +1."""
+    """One full turn per sequence about the y axis, a random rotation per image, or one rotation for
+    all, from object to camera frame (x and y as in the landmarks)."""
     scale: Positive | None = None
     """Pixels per unit of the shape, for a weak-perspective camera; without it the camera is
     orthographic and landmarks have the unit of the shapes."""
@@ -73,17 +78,47 @@ class ProjectConfig(CommandConfig):
     shapes: InputPaths
     """Files of 3D shapes (- is stdin, CSV)."""
     output: OutputPath = UNNAMED
-    """Landmark file to write: HDF5, or tidy CSV if it ends in .csv or is - (stdout); by default
-    NAME_landmarks.h5 in the working directory."""
+    """Landmark file to write: HDF5, or CSV (.csv, or - for stdout); by default NAME_landmarks.h5 in
+    the working directory."""
     camera: CameraConfig = section(CameraConfig)
     y_axis: Literal["down", "up"] = "down"
-    """Where y points in the landmarks that are written: down, as pixels are counted, or up."""
+    """Direction of y in the landmarks that are written: down, as pixels are counted, or up."""
     noise: NotNegative = 0.0
     """Standard deviation of Gaussian noise on each coordinate, in the unit of the landmarks."""
     hidden: float = Field(default=0.0, ge=0, lt=1)
     """Share of landmarks hidden, different ones in each image; at least three remain visible."""
     seed: int = Field(default=0, ge=0)
     """Seed of every random choice."""
+
+
+class EvalConfig(TruthConfig):
+    """Compare results with the truth."""
+
+    COMMAND = "eval"
+    OUTPUT = "_report"
+
+    results: NamedFiles
+    """Result files to compare, each with the name of its row; files in a list are named after the
+    file, without folder and suffix."""
+    truth: InputPaths
+    """Files of the true 3D shapes."""
+    output: OutputPath = UNNAMED
+    """Folder to write the report to; by default NAME_report in the working directory."""
+    groups: Mapping[str, str] = Field(default_factory=dict)
+    """Groups of sequences to average over: name -> glob on sequence names."""
+    metrics: Annotated[tuple[AnyMetric, ...], FromLists] = Field(
+        default=tuple(name for name, metric in METRICS.items() if not metric.of_labels),
+        min_length=1,
+    )
+    """Errors to measure; those of the outlier labels only where they are named."""
+    least_visible: Annotated[int, Field(ge=0), HIDDEN] = 0
+    """Minimum number of visible landmarks of an image; others are counted in a warning."""
+    truth_frame: Literal["object", "camera", "line-of-sight"] = "object"
+    """Frame of the true shapes: `object`, which the dataset `true_rotation` of the result turns
+    into the camera frame; `camera` (x and y as in the image); or `line-of-sight`, the camera frame
+    turned to look straight at each shape that was fitted without a camera."""
+    plots: bool | Literal["auto"] = "auto"
+    """Also draw the errors, sorted, by method (PNG); auto: where matplotlib is installed."""
 
 
 class ConvertConfig(MetresConfig):
@@ -97,19 +132,17 @@ class ConvertConfig(MetresConfig):
     output: OutputPath
     """File to write, or the folder of meshes; - is stdout (CSV)."""
     dictionary: OptionalDictionaryPath = None
-    """Dictionary that a result was fitted with, for meshes: its meshes or edges are written."""
+    """Dictionary that a result was fitted with: its meshes or edges are written."""
     to: Text = "auto"
     """Format to write (docs/export.md); auto: as the name of the output says, HDF5 without an
     ending. obj, ply and glb write a mesh of each image of a result into the folder `output`."""
     every: Count = 1
-    """Take every n-th item of each sequence, the first one first; of all items where there are no
-    sequences."""
+    """Take every n-th item of each sequence, the first one first."""
     unit: Text | None = None
     """Unit of shapes whose files do not state it (m, cm, mm, ...), for outputs in metres."""
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
-    """Axis that points up, of the shapes or of the world of the camera, for outputs in metres: it
-    becomes y. By default shapes keep their axes, and the world's is the one nearest to up in the
-    image."""
+    """Axis of the shapes, or of the world of the camera, that points up and becomes y in metres. By
+    default shapes keep their axes, and the world's is the one nearest to up in the image."""
 
 
 class InfoConfig(CommandConfig):
@@ -145,9 +178,8 @@ class ViewConfig(TruthConfig):
         PathField("a folder, or a path with {item} in it"),
         unless_none(absolute_path),
     ] = None
-    """Images under the landmarks, PNG or JPEG: a folder, whose files are named after the items or
-    are the numbered frames of a video, or a path in which `{item}` stands for the item. They are
-    made smaller and embedded."""
+    """PNG or JPEG images under the landmarks: a folder, whose files are named after the items or
+    are the numbered frames of a video, or a path in which `{item}` stands for the item."""
     items: Annotated[tuple[str, ...], FromLists] = ("*",)
     """Items to show: names or globs."""
     frame_rate: Positive | None = None
@@ -157,6 +189,7 @@ class ViewConfig(TruthConfig):
     working directory, after the first file."""
 
 
-FILES: dict[str, type[CommandConfig]] = {
-    config.COMMAND: config for config in (ProjectConfig, ConvertConfig, InfoConfig, ViewConfig)
+OTHERS: dict[str, type[CommandConfig]] = {
+    config.COMMAND: config
+    for config in (ProjectConfig, EvalConfig, ConvertConfig, InfoConfig, ViewConfig)
 }

@@ -1,0 +1,95 @@
+"""A fit as tables: joints in metres, and a table of pandas."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit.io.options import OutputOptions
+from shapefit.io.writers.motion import find_motions
+from shapefit.io.writers.tables import METRES, metres_columns
+from shapefit.pipelines.outcome import Note
+
+if TYPE_CHECKING:
+    from shapefit.api.records import Fit
+    from shapefit.geometry.cameras import Up
+
+
+def to_metres(
+    fit: Fit,
+    *,
+    height: float | None = None,
+    unit: str | None = None,
+    up: Up | None = None,
+) -> np.recarray[Any, Any]:
+    """Return joints in metres: a row per frame and landmark, as `convert -o x.metres.csv` writes.
+
+    Columns: frame, time (s, or frames without a frame rate), landmark, x, y, z, sd of the distance
+    to the point, trusted, sequence; nan in gaps. height of the body in metres, by default that of
+    the fit; unit and up as of `convert`. Raises InputError where nothing says how large the shapes
+    are.
+    """
+    height = stated_height(fit) if height is None else height
+    options = OutputOptions(height=height, unit=unit, up=up)
+    motions = find_motions(fit.record(), options, "Fit.to_metres")
+    warn(dict.fromkeys(text for motion in motions for text in motion.warnings))
+    parts = []
+    for motion in motions:
+        columns = metres_columns(motion)
+        columns["trusted"] = [answer == "true" for answer in columns["trusted"]]
+        parts.append([*columns.values(), [motion.name] * len(columns["x"])])
+    arrays = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    kinds = [(name, a.dtype) for name, a in zip([*METRES, "sequence"], arrays, strict=True)]
+    return np.rec.fromarrays(arrays, dtype=kinds)
+
+
+def stated_height(fit: Fit) -> float | None:
+    """Return the height in metres that a fit was given."""
+    height: float | None = json.loads(str(fit.attributes.get("config", "{}"))).get("height")
+    return height
+
+
+def to_pandas(fit: Fit) -> Any:
+    """Return a pandas.DataFrame with a row per landmark and image: item, landmark, x, y, z, more.
+
+    time is in s where the frame rate is known, else in frames.
+    """
+    import pandas  # type: ignore[import-untyped]
+
+    n, p = len(fit), fit.shapes.shape[1]
+    columns: dict[str, Any] = {
+        "item": np.repeat(np.array(fit.items, dtype=object), p),
+        "landmark": np.tile(np.array(fit.landmark_names, dtype=object), n),
+    }
+    columns |= dict(zip("xyz", fit.shapes.reshape(n * p, 3).T, strict=True))
+    if fit.shape_sd is not None:
+        names = ("sd_x", "sd_y", "sd_z")
+        columns |= dict(zip(names, fit.shape_sd.reshape(n * p, 3).T, strict=True))
+    frames = _frames(fit)
+    per_image: dict[str, Any] = {"frame": frames, "time": frames / (fit.frame_rate or 1)}
+    per_image |= {"sequence": fit.sequences, "trusted": fit.trusted, "reasons": fit.reasons}
+    columns |= {name: np.repeat(v, p) for name, v in per_image.items() if v is not None}
+    return pandas.DataFrame(columns)
+
+
+def _frames(fit: Fit) -> NDArray[np.int64]:
+    """Return the frame of each image (n,): its dataset, or its number within its sequence."""
+    if "frame" in fit.extras:
+        return np.asarray(fit.extras["frame"], np.int64)
+    names = np.array(fit.sequences or ("",) * len(fit))
+    frames = np.zeros(len(fit), np.int64)
+    for name in np.unique(names):
+        frames[names == name] = np.arange((names == name).sum())
+    return frames
+
+
+def warn(messages: Iterable[object], level: int = 3) -> None:
+    """Issue a Python warning for each message, at the caller of the function; notes are none."""
+    for message in messages:
+        if not isinstance(message, Note):
+            warnings.warn(str(message), stacklevel=level)
