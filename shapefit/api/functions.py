@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,18 +23,11 @@ from shapefit.api.records import (
     Names,
     Shapes,
     landmark_set,
-    result_set,
-    shape_set,
+    shapes_of,
     unnamed,
 )
 from shapefit.api.tables import warn
-from shapefit.config import (
-    EvalConfig,
-    FitConfig,
-    LearnDictConfig,
-    load_config,
-)
-from shapefit.config.model import CommandConfig
+from shapefit.config import FitConfig, load_config
 from shapefit.dictionary import model
 from shapefit.errors import counted, input_error
 from shapefit.evaluation.summaries import Summary, group_sequences, summarise
@@ -76,15 +69,11 @@ EVALUATE = {
 }
 """What stands for the files of the commands in messages."""
 
+IN_BOTH = ("shapes", "landmark_names", "items", "sequences", "unit", "frame_rate", "extras")
+"""Fields of Shapes that a Fit has, too."""
+
 BARS = ("shape_sd", "shape_correlation", "shape_covariance", "p_value")
 """What the calibration of a report judges beside the errors."""
-
-Config = TypeVar("Config", bound=CommandConfig)
-
-
-def default(model: type[CommandConfig], name: str) -> Any:
-    """Return the default of a key of a command."""
-    return model.model_fields[name].get_default(call_default_factory=True)
 
 
 def fit(
@@ -117,7 +106,9 @@ def fit(
     given = {"lambda": lam, "method": method, "camera": section, "keypoints": keypoints}
     read: FitConfig = config_of("fit", given | options, FIT, config)
     atoms = _dictionary(dictionary)
-    images = _with_weights(_images(landmarks, read, atoms.marked(()).landmark_names), weights)
+    images = _images(landmarks, read, atoms.marked(()).landmark_names)
+    if weights is not None:
+        images = Landmarks.of(images).replaced(confidence=weights).record()
     if matrices is not None:
         images = images.with_columns({CAMERA_MATRIX: matrices})
     wanted, _ = choose_method(read, atoms, lambda: are_long(images.sequences))
@@ -196,20 +187,10 @@ def _camera(
     return plain(section | {"focal": "files"}), np.asarray(focal)
 
 
-def _with_weights(images: LandmarkSet, weights: ArrayLike | None) -> LandmarkSet:
-    if weights is None:
-        return images
-    values = np.asarray(weights, dtype=np.float64)
-    expected = (len(images), len(images.landmark_names))
-    if values.shape != expected:
-        raise input_error("weights", f"has the shape {values.shape}", f"it must be {expected}")
-    return images.replaced(confidence=values)
-
-
 def learn(
     shapes: Shapes | ArrayLike,
-    k: int = default(LearnDictConfig, "k"),
-    beta: float = default(LearnDictConfig, "beta"),
+    k: int | None = None,
+    beta: float | None = None,
     **options: Any,
 ) -> Dictionary:
     """Learn a dictionary from 3D shapes; equal bit for bit to what `learn-dict` writes.
@@ -218,13 +199,12 @@ def learn(
     keys of the command, such as `method="exemplars"` (docs/config.md). Shapes that cannot be used,
     and what else the command warns of, are Python warnings. Raises InputError.
     """
-    own = {"k": k, "beta": beta}
-    # Those of another method do not know these keys: their defaults count as not given.
-    given = {key: value for key, value in own.items() if value != default(LearnDictConfig, key)}
-    config = config_of("learn-dict", given | options, LEARN)
-    given_set = source_of(shape_set(shapes), "shapes", config.rename).whole()
-    making = learn_from_shapes(given_set, config, {})
+    # Other methods do not have these keys: their defaults count as not given.
+    coding = {key: value for key, value in {"k": k, "beta": beta}.items() if value is not None}
+    config = config_of("learn-dict", coding | options, LEARN)
+    training = source_of(shapes_of(shapes).record(), "shapes", config.rename).whole()
     outcomes: list[Outcome] = []
+    making = learn_from_shapes(training, config, {})
     while True:
         try:
             outcomes.append(next(making))
@@ -275,8 +255,8 @@ class Evaluation:
 def evaluate(
     result: Fit | Shapes | ArrayLike,
     truth: Shapes | ArrayLike,
-    metrics: Sequence[str] = default(EvalConfig, "metrics"),
-    match: str = default(EvalConfig, "match"),
+    metrics: Sequence[str] | None = None,
+    match: str | None = None,
     **options: Any,
 ) -> Evaluation:
     """Compare a fit with the true shapes; errors and sums equal those that `eval` writes.
@@ -291,17 +271,18 @@ def evaluate(
     if beyond := options.keys() - {"groups", "least_visible", "rename"}:
         fix = "use `groups`, `least_visible` or `rename`, or the command line"
         raise input_error(f"evaluate.{min(beyond)}", "is a key of reports only", fix)
-    names = result.landmark_names if isinstance(result, Fit | Shapes) else None
-    true_set = shape_set(truth, names)
-    true = source_of(true_set, "truth", config.rename, gaps=True).whole()
-    record = result_set(result, true.landmark_names)
-    if not isinstance(truth, Shapes) or truth.items is None:
+    found, true = shapes_of(result), shapes_of(truth)
+    shapes = source_of(true.record(found.landmark_names), "truth", config.rename, gaps=True).whole()
+    values = {name: getattr(found, name) for name in IN_BOTH}
+    estimate = found if isinstance(found, Fit) else Fit(**values)
+    record = estimate.record(shapes.landmark_names)
+    if true.items is None:
         if len(true) != len(record):
             fault = f"has {len(true)} shapes for {len(record)} images"
             raise input_error("truth", fault, "give one for each, or name them: Shapes(..., items)")
-        true = true.replaced(items=record.items)
+        shapes = shapes.replaced(items=record.items)
     record = record.without(BARS)
-    measured = measure(Path("result"), record, Truth(true, keys_of([true])), config)
+    measured = measure(Path("result"), record, Truth(shapes, keys_of([shapes])), config)
     grouping, ungrouped = group_sequences(config.groups, measured.sequences)
     warn((*measured.warnings, *ungrouped))
     return Evaluation(

@@ -43,11 +43,11 @@ class _Items:
     @classmethod
     def of(cls, record: Any, **further: Any) -> Self:
         """Return a record of the package with one landmark per row."""
-        layout, names = record.LAYOUT, {each.name for each in fields(cls)}  # type: ignore[arg-type]
-        columns = {name: _turned(name, value, layout) for name, value in record.columns.items()}
-        own = {name: getattr(record, name) for name in names.intersection(NOT_COLUMNS)}
-        own |= {name: columns.pop(name) for name in names & columns.keys()}
-        return cls(**own, **further, extras=columns)  # type: ignore[call-arg]
+        names = {field.name for field in fields(cls)}  # type: ignore[arg-type]
+        columns = _transposed(record.columns, record.LAYOUT)
+        values = {name: getattr(record, name) for name in names.intersection(NOT_COLUMNS)}
+        values |= {name: columns.pop(name) for name in names & columns.keys()}
+        return cls(**values, **further, extras=columns)  # type: ignore[call-arg]
 
     def record(self, names: Names | None = None) -> Any:
         """Return the record of the package; `names` where the landmarks have none.
@@ -56,28 +56,24 @@ class _Items:
         """
         layout, values = self.RECORD.LAYOUT, vars(self)
         columns = {
-            name: _turned(name, values[name], layout)
+            name: values[name]
             for name in layout.all.keys() & values.keys() - set(NOT_COLUMNS)
             if values[name] is not None
         }
-        n, p = len(columns[layout.points]), columns[layout.points].shape[-1]
-        own = {name: values[name] for name in NOT_COLUMNS if values.get(name) is not None}
-        given = own.get("landmark_names", names or tuple(map(str, range(p))))
-        if len(given) != p:
-            raise unnamed(layout.points, p, given)
-        own |= {"landmark_names": given, "items": own.get("items", tuple(map(str, range(n))))}
+        n, p = columns[layout.points].shape[:2]
+        given = {name: values[name] for name in NOT_COLUMNS if values.get(name) is not None}
+        given.setdefault("items", tuple(map(str, range(n))))
+        given.setdefault("landmark_names", names or tuple(map(str, range(p))))
+        if len(given["landmark_names"]) != p:
+            raise unnamed(layout.points, p, given["landmark_names"])
         free = free_names(self.extras, {"item", "sequence", "landmark_names", *columns})
-        extras = {
-            free[name]: _turned(name, np.asarray(value), layout)
-            for name, value in self.extras.items()
-        }
-        per_item = {
-            name: value
-            for name, value in extras.items()
-            if value.shape[:1] == (n,) and layout.is_per_item(name, value.ndim)
-        }
-        whole = {name: value for name, value in extras.items() if name not in per_item}
-        return self.RECORD(**own, columns=columns | per_item, whole=whole)
+        whole: dict[str, Any] = {}
+        for name, value in self.extras.items():
+            array = np.asarray(value)
+            per_item = array.shape[:1] == (n,) and layout.is_per_item(free[name], array.ndim)
+            (columns if per_item else whole)[free[name]] = array
+        columns, whole = _transposed(columns, layout), _transposed(whole, layout)
+        return self.RECORD(**given, columns=columns, whole=whole)
 
     def __len__(self) -> int:
         return len(getattr(self, self.RECORD.LAYOUT.points))
@@ -228,9 +224,8 @@ class Dictionary:
 
     def __post_init__(self) -> None:
         values = _checked(vars(self), DICTIONARY, "dictionary.")
-        _, p, _ = values["atoms"].shape
         if values["landmark_names"] is None:
-            values["landmark_names"] = tuple(map(str, range(p)))
+            values["landmark_names"] = tuple(map(str, range(values["atoms"].shape[1])))
         if values["mean_shape"] is None:
             values["mean_shape"] = values["atoms"].mean(axis=0)
         self.__dict__.update(values)
@@ -238,21 +233,15 @@ class Dictionary:
     @classmethod
     def of(cls, dictionary: model.Dictionary) -> Dictionary:
         """Return a dictionary of the package with one landmark per row."""
-        values = {
-            each.name: _turned(each.name, getattr(dictionary, each.name), DICTIONARY)
-            for each in fields(dictionary)
-        }
-        own = {each.name: values.pop(each.name) for each in fields(cls) if each.name in values}
-        return cls(**own, learned=values)
+        values = {field.name: getattr(dictionary, field.name) for field in fields(dictionary)}
+        learned = _transposed(values, DICTIONARY)
+        names = {field.name for field in fields(cls)}
+        return cls(**{name: learned.pop(name) for name in names & learned.keys()}, learned=learned)
 
     def model(self) -> model.Dictionary:
         """Return the dictionary of the package."""
-        values = {
-            name: _turned(name, value, DICTIONARY)
-            for name, value in vars(self).items()
-            if name != "learned"
-        }
-        return model.Dictionary(**values, **self.learned)
+        values = {name: value for name, value in vars(self).items() if name != "learned"}
+        return model.Dictionary(**_transposed(values, DICTIONARY), **self.learned)
 
     def __repr__(self) -> str:
         k, p, _ = self.atoms.shape
@@ -262,13 +251,6 @@ class Dictionary:
     def replaced(self, **changes: Any) -> Dictionary:
         """Return the same with other fields."""
         return replace(self, **changes)
-
-
-def shape_set(given: Shapes | ArrayLike, names: Names | None = None) -> ShapeSet:
-    """Return shapes as the package has them; `names` where the shapes do not name landmarks."""
-    shapes = given if isinstance(given, Shapes) else Shapes(given)
-    record: ShapeSet = shapes.record(names)
-    return record
 
 
 def landmark_set(given: Landmarks | ArrayLike, names: Names | None = None) -> LandmarkSet:
@@ -281,14 +263,9 @@ def landmark_set(given: Landmarks | ArrayLike, names: Names | None = None) -> La
     return record
 
 
-def result_set(given: Fit | Shapes | ArrayLike, names: Names | None = None) -> ResultSet:
-    """Return a fit, or shapes that come from elsewhere, as the package has results."""
-    if not isinstance(given, Fit):
-        shapes = given if isinstance(given, Shapes) else Shapes(given)
-        own = ("shapes", "landmark_names", "items", "sequences", "unit", "frame_rate", "extras")
-        given = Fit(**{name: getattr(shapes, name) for name in own})
-    record: ResultSet = given.record(names)
-    return record
+def shapes_of(given: Fit | Shapes | ArrayLike) -> Fit | Shapes:
+    """Return shapes that may be an array."""
+    return given if isinstance(given, Fit | Shapes) else Shapes(given)
 
 
 def unnamed(place: str, p: int, names: Names) -> InputError:
@@ -300,12 +277,15 @@ def unnamed(place: str, p: int, names: Names) -> InputError:
     return input_error(place, f"has {p} landmarks without names, not {len(names)}", fix)
 
 
-def _turned(name: str, value: Any, layout: Layout) -> Any:
-    """Return a value with one landmark per row for one per column, and the other way round."""
-    column = layout.datasets.get(name)
-    if column is None or not column.points or value is None:
-        return value
-    return np.ascontiguousarray(np.swapaxes(value, -1, -2))
+def _transposed(columns: Mapping[str, Any], layout: Layout) -> dict[str, Any]:
+    """Return columns with one landmark per row for one per column, and the other way round."""
+    points = {name for name, column in layout.datasets.items() if column.points}
+    return {
+        name: np.ascontiguousarray(np.swapaxes(values, -1, -2))
+        if name in points and values is not None
+        else values
+        for name, values in columns.items()
+    }
 
 
 def _checked(given: Mapping[str, Any], layout: Layout, place: str = "") -> dict[str, Any]:
@@ -317,23 +297,22 @@ def _checked(given: Mapping[str, Any], layout: Layout, place: str = "") -> dict[
     # The points say how many items and landmarks there are, and the rest must agree.
     for key, column in sorted(layout.datasets.items(), key=lambda item: not item[1].points):
         name = FIELDS.get(key, key)
-        value = values.get(name)
-        if value is None or column.kind == "label":
+        if values.get(name) is None or column.kind == "label":
             continue
         where = f"{place}{name}" if place or name == layout.points else f"{layout.points}.{name}"
-        if column.kind == "text":
-            value = tuple(map(str, value))
-            shape: tuple[int, ...] = (len(value),)
-        else:
-            try:
-                value = np.asarray(value, np.int64 if column.kind == "index" else np.float64)
-            except (TypeError, ValueError):
-                raise input_error(where, "is no array of numbers", "give numbers") from None
-            shape = value.shape
+        try:
+            if column.kind == "text":
+                values[name] = tuple(map(str, values[name]))
+                shape: tuple[int, ...] = (len(values[name]),)
+            else:
+                kind = np.int64 if column.kind == "index" else np.float64
+                values[name] = np.asarray(values[name], kind)
+                shape = values[name].shape
+        except (TypeError, ValueError):
+            raise input_error(where, "is no array of numbers", "give numbers") from None
         expected = tuple(sizes.get(str(axis), axis) for axis in column.axes)
         if not fit_axes(column.axes, shape, sizes):
             axes = f"({', '.join(map(str, expected))}{',' * (len(expected) == 1)})"
             row = ", one landmark per row" if column.points else ""
             raise input_error(where, f"has the shape {shape}", f"it must be {axes}{row}")
-        values[name] = value
     return values

@@ -134,7 +134,7 @@ def test_what_the_command_warns_of_is_a_warning(people, views):
         ({"camera": {"name": "left"}}, r"fit\.camera\.name: `name` names a camera"),
         (
             {"weights": np.ones((2, 15))},
-            r"weights: has the shape \(2, 15\); it must be \(150, 15\)",
+            r"confidence: has the shape \(2, 15\); it must be \(150, 15\)",
         ),
         ({"weights": np.full((150, 15), -1)}, r"^landmarks\.confidence\[0\]: landmark 'pelvis' is"),
         ({"leave_one_out": "model"}, "the atoms of the dictionary have no items"),

@@ -48,7 +48,7 @@ def test_images_together_are_those_alone(program):
 
 def test_what_does_not_fit_is_refused(program):
     W, B = program
-    with pytest.raises(ValueError, match=r"must be \(n, 2, p\) and \(k, 3, p\)"):
+    with pytest.raises(ValueError, match=r"must be \(n, 2, p\), \(k, 3, p\)"):
         shapefit.solve(W[:, :5], B, 0.1)
     with pytest.raises(ValueError, match="'huge' is not a valid Loss"):
         shapefit.solve(W, B, 0.1, loss="huge")
