@@ -6,7 +6,7 @@ import gc
 import json
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -18,8 +18,6 @@ import click
 from .report import Report, tell
 
 if TYPE_CHECKING:
-    from click.shell_completion import CompletionItem
-
     from shapefit.pipelines.outcome import Outcome
 
 TRACEBACK_VARIABLE = "SHAPEFIT_TRACEBACK"
@@ -97,7 +95,6 @@ any format that can be read (docs/formats.md). Globs work.""",
         examples="""
 shapefit learn-dict train.h5 -o dict.h5 --prior
 shapefit learn-dict 'train/*.h5' -o dict.h5 --every 3 --set k=128
-shapefit learn-dict models.h5 -o cars.h5 --method exemplars
 shapefit learn-dict tracked.csv -o animal.h5""",
     ),
     Spec(
@@ -116,7 +113,6 @@ stdin (CSV).""",
 --seed N  Seed of random choices.""",
         examples="""
 shapefit project test.h5 -o views.h5
-shapefit project test.h5 -o views.h5 --noise 0.01 --set hidden=0.2
 shapefit project test.h5 -o - --set camera.view=random > views.csv""",
     ),
     Spec(
@@ -184,7 +180,6 @@ INPUTs are files of any format that can be read, or folders with one file per fr
 --every N  Take every n-th frame.""",
         examples="""
 shapefit convert mouseDLC.csv -o mouse.h5
-shapefit convert cam01_json/ -o man.h5 --keypoints body_25b
 shapefit convert labels.slp -o - --individual mouse1 > mouse1.csv
 shapefit convert result.h5 -d cars.h5 -o meshes/ --to ply""",
     ),
@@ -202,7 +197,6 @@ FILEs are of any format that can be read, or folders with one file per frame."""
 --format FORMAT  Format of the files.""",
         examples="""
 shapefit info
-shapefit info mouseDLC.h5
 shapefit info cam01_json/""",
     ),
     Spec(
@@ -265,33 +259,6 @@ NO_KEYS = ("open", "fail_untrusted", *OF_PARTS)
 """Options that are not keys of the config."""
 
 
-def installed(kind: str, command: str) -> Iterable[str]:
-    """Return the names of dictionaries, skeletons, methods, or configs of a command."""
-    from shapefit.config.paths import find_dictionaries, find_presets
-    from shapefit.io.skeletons import installed_skeletons
-    from shapefit.lifting.methods import METHODS
-
-    match kind:
-        case "DICT":
-            return find_dictionaries()
-        case "SKELETON":
-            return installed_skeletons()
-        case "METHOD":
-            return METHODS
-    return find_presets(command)
-
-
-def complete(
-    kind: str, context: click.Context, option: click.Parameter, incomplete: str
-) -> list[CompletionItem]:
-    """Offer the shell installed names of a kind that begin so; where none does, files."""
-    from click.shell_completion import CompletionItem
-
-    names = installed(kind, context.command.name or "")
-    matches = [CompletionItem(name) for name in names if name.startswith(incomplete)]
-    return matches or click.Path().shell_complete(context, option, incomplete)
-
-
 def size(text: str) -> list[float]:
     """Return the width and height of a text such as 1920x1080."""
     try:
@@ -313,6 +280,7 @@ def number_or_word(text: str) -> object:
 TYPES: dict[str, Any] = {
     **dict.fromkeys(("NUMBER", "HZ", "METRES"), float),
     **dict.fromkeys(("FOCAL", "LAMBDA"), number_or_word),
+    **dict.fromkeys(("CONFIG", "DICT"), click.Path(allow_dash=True)),
     "N": int,
     "COUNT": click.IntRange(min=1),
     "SCHEDULER.json": click.Path(exists=True, dir_okay=False, resolve_path=True, path_type=Path),
@@ -320,10 +288,6 @@ TYPES: dict[str, Any] = {
     "WxH": size,
 }
 """Types of options by their metavar; others are texts."""
-
-COMPLETED = ("CONFIG", "DICT", "METHOD", "SKELETON")
-"""Metavars that stand for installed names."""
-
 
 def make_options(lines: str) -> dict[str, click.Option]:
     """Return the options of a table, by the keys of the config that they set.
@@ -336,8 +300,6 @@ def make_options(lines: str) -> dict[str, click.Option]:
         *names, last = declaration.split()
         settings: dict[str, Any] = {"type": TYPES.get(last), "metavar": last}
         settings["multiple"] = text.endswith("Repeatable.")
-        if last in COMPLETED:
-            settings["shell_complete"] = partial(complete, last)
         if last.startswith("-"):
             names += [last]
             settings = {"is_flag": True, "default": None}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 from collections.abc import Iterable, Sequence
 from os import PathLike
@@ -30,46 +29,14 @@ def input_error(place: str | PathLike[str], found: str, fix: str) -> InputError:
     return InputError(f"{place}: {found}; {fix}")
 
 
-MOST_JSON = 1 << 26
-"""Characters of a JSON text that a file of ours may hold."""
-
-
 def parse_json(text: object) -> dict[str, Any]:
     """Return the object of a JSON text, nested 1,000 deep at most. Raises ValueError for others."""
     import orjson
 
-    whole = str(text)
-    if len(whole) > MOST_JSON:
-        raise ValueError(f"is longer than {MOST_JSON} characters")
-    found = orjson.loads(whole)
-    if not isinstance(found, dict):
+    value = orjson.loads(str(text))
+    if not isinstance(value, dict):
         raise ValueError("is no JSON object")
-    return found
-
-
-NO_MEMORY = (
-    "cannot allocate memory",
-    "failed to map segment",
-    "can't start new thread",
-    "resource temporarily unavailable",
-    "unable to allocate",
-    "memory allocation failed",
-)
-"""Words of what libraries raise where there is no memory for them, or for a thread."""
-
-
-def lacks_memory(error: BaseException | None) -> bool:
-    """Whether an error, or one that it came from, says that there was not enough memory."""
-    depth = 0
-    while error is not None and depth < 10:
-        said = str(error).lower()
-        if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
-            return True
-        library = isinstance(error, ImportError | OSError | RuntimeError)
-        if library and any(words in said for words in NO_MEMORY):
-            return True
-        error, depth = error.__cause__ or error.__context__, depth + 1
-    return False
+    return value
 
 
 def path_text(path: str | PathLike[str]) -> str:
