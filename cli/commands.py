@@ -289,6 +289,7 @@ TYPES: dict[str, Any] = {
 }
 """Types of options by their metavar; others are texts."""
 
+
 def make_options(lines: str) -> dict[str, click.Option]:
     """Return the options of a table, by the keys of the config that they set.
 
