@@ -22,12 +22,12 @@ any further landmark is a row of weights of the joints times A^-1.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import Flags, Floats, Integers
 from shapefit.geometry.pinhole import project
 from shapefit.lifting.estimate import CORRELATION
 from shapefit.lifting.lift import Lifting
@@ -39,71 +39,7 @@ PAIRS = ((0, 1), (0, 2), (1, 2))
 """Coordinates of a landmark, in the order of the correlations."""
 
 
-def place_dependents(
-    lifting: Lifting,
-    landmarks: Floats,
-    shown: NDArray[np.bool_],
-    depends_on: Integers,
-    residual_variance: float,
-) -> Lifting:
-    """Return a lifting with covariances whose dependent landmarks are where images say.
-
-    landmarks (n, 2, p) as observed, which of them (n, p) are; depends_on (p,), the landmark that
-    each depends on, -1 for none; residual_variance, that of landmarks in the unit of shapes.
-    """
-    found, p = lifting.estimate, len(depends_on)
-    assert found.covariance is not None, "the plan asks for it"
-    a, b = np.flatnonzero(depends_on >= 0), depends_on[depends_on >= 0]
-    every, o = np.concatenate([a, p + a, 2 * p + a]), np.concatenate([a, p + a])
-    rest = np.setdiff1d(np.arange(3 * p), every)
-    away = (landmarks - lifting.landmarks_fitted) / lifting.scale[:, None, None]
-    visible = np.tile(shown[:, a] & shown[:, b], 2)
-    r = np.where(visible, (away[..., a] - away[..., b]).reshape(visible.shape), 0.0)
-    R = noise_of_differences(visible, np.concatenate([b, p + b]), residual_variance)
-    C = found.covariance
-    known = C[:, rest][:, :, rest] + 1e-6 * np.eye(len(rest))
-    across = C[:, every][:, :, rest]
-    own = C[:, every][:, :, every] - across @ np.linalg.solve(known, across.swapaxes(1, 2))
-    q = len(o)
-    K = own[:, :, :q] @ np.linalg.inv(own[:, :q, :q] + R)
-    T = np.tile(np.eye(3 * p), (len(C), 1, 1))
-    for column, (landmark, other) in enumerate(zip(o, np.concatenate([b, p + b]), strict=True)):
-        T[:, every, landmark] -= K[..., column]
-        T[:, every, other] += K[..., column]
-    C = T @ C @ T.swapaxes(1, 2)
-    C[:, every[:, None], every] += K @ R @ K.swapaxes(1, 2)
-    step = np.zeros((len(C), 3, p))
-    step[..., a] = (K @ r[..., None]).reshape(len(C), 3, -1)
-    shapes = lifting.shapes + lifting.scale[:, None, None] * step
-    fitted, view = shapes[:, :2], lifting.perspective
-    if view is not None:
-        about = shapes.copy()
-        about[:, :2] -= lifting.translation[..., None]
-        about /= lifting.scale[:, None, None]
-        fitted = project(view.camera, about + view.translation[..., None])
-    return replace(
-        lifting,
-        shapes=shapes,
-        landmarks_fitted=fitted,
-        estimate=replace(found, shapes=found.shapes + step, covariance=C),
-    )
-
-
-def noise_of_differences(
-    visible: NDArray[np.bool_], shared: Integers, residual_variance: float
-) -> Floats:
-    """R (n, q, q): of differences between landmarks and others; equal `shared` (q,) have the same.
-
-    seen (n, q), which differences the images show; the others have the variance UNSEEN.
-    """
-    both = visible[:, :, None] & visible[:, None] & (shared[:, None] == shared)
-    own = np.where(visible, residual_variance, UNSEEN)
-    R: Floats = own[:, :, None] * np.eye(len(shared)) + np.where(both, residual_variance, 0.0)
-    return R
-
-
-@dataclass(frozen=True)
-class Points:
+class Points(NamedTuple):
     """points (n, 3, q), their standard deviations (n, 3, q), correlations (n, 3, q) of x with y, x
     with z, and y with z; None where the landmarks have no covariance.
     """
@@ -113,12 +49,59 @@ class Points:
     correlation: Floats | None
 
 
+def place_dependents(
+    lifting: Lifting,
+    landmarks: Floats,
+    shown: Flags,
+    depends_on: Integers,
+    residual_variance: float,
+) -> Lifting:
+    """Return a lifting with covariances whose dependent landmarks are where images say.
+
+    landmarks (n, 2, p) as observed, which of them (n, p) are; depends_on (p,), the landmark that
+    each depends on, -1 for none; residual_variance, that of landmarks in the unit of shapes.
+    """
+    C, p, scale = lifting.estimate.covariance, len(depends_on), lifting.scale[:, None, None]
+    assert C is not None, "the plan asks for it"
+    a, b = np.flatnonzero(depends_on >= 0), depends_on[depends_on >= 0]
+    every, o = np.concatenate([a, p + a, 2 * p + a]), np.concatenate([a, p + a])
+    on, q = np.concatenate([b, p + b]), len(o)
+    rest = np.setdiff1d(np.arange(3 * p), every)
+    residual = (landmarks - lifting.landmarks_fitted) / scale
+    visible = np.tile(shown[:, a] & shown[:, b], 2)
+    r = np.where(visible, (residual[..., a] - residual[..., b]).reshape(visible.shape), 0.0)
+    # of differences: those on one landmark share its noise, and what is not shown has much
+    shared = visible[:, :, None] & visible[:, None] & (on[:, None] == on)
+    R = np.where(visible, residual_variance, UNSEEN)[:, :, None] * np.eye(q)
+    R += np.where(shared, residual_variance, 0.0)
+    given = C[:, rest][:, :, rest] + 1e-6 * np.eye(len(rest))
+    across = C[:, every][:, :, rest]
+    own = C[:, every][:, :, every] - across @ np.linalg.solve(given, across.swapaxes(1, 2))
+    K = own[:, :, :q] @ np.linalg.inv(own[:, :q, :q] + R)
+    T = np.tile(np.eye(3 * p), (len(C), 1, 1))
+    for column, (landmark, other) in enumerate(zip(o, on, strict=True)):
+        T[:, every, landmark] -= K[..., column]
+        T[:, every, other] += K[..., column]
+    C = T @ C @ T.swapaxes(1, 2)
+    C[:, every[:, None], every] += K @ R @ K.swapaxes(1, 2)
+    step = np.zeros((len(C), 3, p))
+    step[..., a] = (K @ r[..., None]).reshape(len(C), 3, -1)
+    shapes = lifting.shapes + scale * step
+    fitted, view = shapes[:, :2], lifting.perspective
+    if view is not None:
+        about = shapes.copy()
+        about[:, :2] -= lifting.translation[..., None]
+        fitted = project(view.camera, about / scale + view.translation[..., None])
+    estimate = replace(lifting.estimate, shapes=lifting.estimate.shapes + step, covariance=C)
+    return replace(lifting, shapes=shapes, landmarks_fitted=fitted, estimate=estimate)
+
+
 def see_rows(
-    rows: Floats, shapes: Floats, covariance: Floats | None, apart: Floats | float = 0.0
+    rows: Floats, shapes: Floats, covariance: Floats | None, sd: Floats | float = 0.0
 ) -> Points:
     """Combine the landmarks of shapes (n, 3, p) by rows of weights (q, p), covariances likewise.
 
-    They have a variance of their own besides, that of the standard deviations `apart` (q,).
+    They have a variance of their own besides, that of the standard deviations `sd` (q,).
     """
     points = shapes @ rows.T
     if covariance is None:
@@ -126,15 +109,15 @@ def see_rows(
     n, p = len(shapes), rows.shape[1]
     blocks = covariance.reshape(n, 3, p, 3, p)
 
-    def of(a: int, b: int) -> Floats:
-        found: Floats = np.einsum("qi,nij,qj->nq", rows, blocks[:, a, :, b], rows, optimize=True)
-        return found
+    def combined(a: int, b: int) -> Floats:
+        block: Floats = np.einsum("qi,nij,qj->nq", rows, blocks[:, a, :, b], rows, optimize=True)
+        return block
 
-    variance = np.maximum(np.stack([of(a, a) for a in range(3)], axis=1), 0.0)
-    deviation: Floats = np.sqrt(variance + np.square(apart))
+    variance = np.maximum(np.stack([combined(a, a) for a in range(3)], axis=1), 0.0)
+    deviation: Floats = np.sqrt(variance + np.square(sd))
     with np.errstate(divide="ignore", invalid="ignore"):
         correlation = np.stack(
-            [of(a, b) / (deviation[:, a] * deviation[:, b]) for a, b in PAIRS], axis=1
+            [combined(a, b) / (deviation[:, a] * deviation[:, b]) for a, b in PAIRS], axis=1
         )
     return Points(points, deviation, np.nan_to_num(correlation))
 
@@ -145,23 +128,19 @@ def as_joints(lifting: Lifting, A: Floats, keep_covariance: bool) -> Lifting:
     The landmarks fitted stay those of y. Shapes stay about the middle that those of y have.
     """
     back = np.asarray(np.linalg.inv(A), dtype=np.float64)
-    found = lifting.estimate
-    joints = see_rows(back, found.shapes, found.covariance)
-    whole = found.covariance
-    if whole is not None:
+    estimate = lifting.estimate
+    joints = see_rows(back, estimate.shapes, estimate.covariance)
+    covariance, further = None, dict(estimate.further)
+    if estimate.covariance is not None and keep_covariance:
         every = np.kron(np.eye(3), back)
-        whole = every @ whole @ every.T if keep_covariance else None
-    further = dict(found.further)
+        covariance = every @ estimate.covariance @ every.T
     if joints.correlation is not None:
         further[CORRELATION] = joints.correlation.swapaxes(1, 2).astype(np.float32)
-    return replace(
-        lifting,
-        shapes=lifting.shapes @ back.T,
-        estimate=replace(
-            found,
-            shapes=joints.points,
-            deviation=joints.deviation if joints.deviation is not None else found.deviation,
-            covariance=whole,
-            further=further,
-        ),
+    estimate = replace(
+        estimate,
+        shapes=joints.points,
+        deviation=joints.deviation if joints.deviation is not None else estimate.deviation,
+        covariance=covariance,
+        further=further,
     )
+    return replace(lifting, shapes=lifting.shapes @ back.T, estimate=estimate)

@@ -122,12 +122,10 @@ def lift(
         problem = replace(problem, camera=near)
     found = estimator(replace(problem, noise=noise))
     for status, reason in REASONS.items():
-        if status not in found.status:
-            continue
-        ended = np.fromiter((each is status for each in found.status), bool, len(fine))
-        failures |= dict.fromkeys(np.flatnonzero(ended & fine).tolist(), reason)
-        fine &= ~ended
-
+        if status in found.status:
+            ended = np.fromiter((each is status for each in found.status), bool, len(fine))
+            failures |= dict.fromkeys(np.flatnonzero(ended & fine).tolist(), reason)
+            fine &= ~ended
     scale = np.where(fine, norm.scale, np.nan)
     translation = scale[:, None] * found.translation + norm.centroid
     view, t = None, found.camera_translation
@@ -136,20 +134,10 @@ def lift(
         scale = np.sqrt(camera.focal.prod(axis=1)) / (camera.sign * view.translation[:, 2])
     shapes = scale[:, None, None] * found.shapes
     shapes[:, :2] += translation[:, :, None]
-    return Lifting(
-        shapes=shapes,
-        landmarks_fitted=(
-            shapes[:, :2]
-            if view is None
-            else project(view.camera, found.shapes + view.translation[..., None])
-        ),
-        translation=translation,
-        scale=scale,
-        problem=problem,
-        estimate=found,
-        failures=failures,
-        perspective=view,
-    )
+    fitted = shapes[:, :2]
+    if view is not None:
+        fitted = project(view.camera, found.shapes + view.translation[..., None])
+    return Lifting(shapes, fitted, translation, scale, problem, found, failures, view)
 
 
 def find_noise(
@@ -205,22 +193,23 @@ def fail_nonfinite(lifting: Lifting) -> Lifting:
 
     They end with NUMERICAL_FAILURE and without a shape (nan), whatever the solver says of them.
     """
-    whole = np.isfinite(lifting.shapes).all(axis=(1, 2))
-    broken = [i for i in np.flatnonzero(~whole).tolist() if i not in lifting.failures]
+    broken = np.flatnonzero(~np.isfinite(lifting.shapes).all(axis=(1, 2))).tolist()
+    broken = [image for image in broken if image not in lifting.failures]
     if not broken:
         return lifting
+    arrays = (lifting.shapes, lifting.landmarks_fitted, lifting.translation, lifting.scale)
+    shapes, fitted, translation, scale = copies = [values.copy() for values in arrays]
     status = list(lifting.estimate.status)
-    changed = {
-        name: getattr(lifting, name).copy()
-        for name in ("shapes", "landmarks_fitted", "translation", "scale")
-    }
     for image in broken:
         status[image] = Status.NUMERICAL_FAILURE
-        for values in changed.values():
+        for values in copies:
             values[image] = np.nan
     return replace(
         lifting,
-        **changed,
+        shapes=shapes,
+        landmarks_fitted=fitted,
+        translation=translation,
+        scale=scale,
         estimate=replace(lifting.estimate, status=tuple(status)),
         failures={**lifting.failures, **dict.fromkeys(broken, NOT_FINITE)},
     )

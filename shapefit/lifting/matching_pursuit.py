@@ -70,9 +70,7 @@ def pursue(
     comes to rest; with c_0 = 1 it would leave a single atom no more than two coefficients.
     """
     problem.require_squared("matching pursuit")
-    n, k, _, p = len(problem.landmarks), *problem.atoms.shape
-    if mean_shape.shape != (3, p):
-        raise ValueError(f"mean_shape {mean_shape.shape} must be (3, {p})")
+    n, k = len(problem.landmarks), len(problem.atoms)
     shapes = np.concatenate([mean_shape[None], problem.atoms])
     limbs = find_limbs(shapes, edges)
     coefficients, camera = np.zeros((n, 1 + k)), np.full((n, 2, 3), np.nan)
@@ -90,23 +88,19 @@ def pursue(
                 continue
             w = weighted(problem.landmarks[rows], problem.weights[rows])
             with np.errstate(over="ignore"):
-                known = np.isfinite((w**2).sum(axis=(1, 2))) & finite
-            status[rows[~known]] = Status.NUMERICAL_FAILURE
-            rows = rows[known]
+                fine = np.isfinite((w**2).sum(axis=(1, 2))) & finite
+            status[rows[~fine]] = Status.NUMERICAL_FAILURE
+            rows = rows[fine]
             if not len(rows):
                 continue
-            chase = Chase(w[known], weighted_shapes(shapes, mask), limbs)
+            seen = weighted(shapes, np.broadcast_to(mask, (len(shapes), len(mask))))
+            chase = Chase(w[fine], seen, limbs)
             chase.run(goal, change, most_atoms, most_rounds)
-            coefficients[rows], camera[rows] = chase.coefficients(), chase.M
-            error[rows], rounds[rows] = chase.error, chase.rounds
+            coefficients[rows] = np.einsum("nm,nms->ns", chase.y, chase.T)
+            camera[rows], error[rows], rounds[rows] = chase.M, chase.error, chase.rounds
             solved = (chase.error <= goal).tolist()
             status[rows] = [Status.CONVERGED if one else Status.ITERATION_LIMIT for one in solved]
     return Pursuit(coefficients[:, 1:], coefficients[:, 0], camera, error, rounds, tuple(status))
-
-
-def weighted_shapes(shapes: Floats, mask: Floats) -> Floats:
-    """Shapes (s, 3, p) as images of these weights (p,) see them: centred and weighted."""
-    return weighted(shapes, np.broadcast_to(mask, (len(shapes), len(mask))))
 
 
 INDEPENDENT = 1e-8
@@ -154,10 +148,6 @@ class Chase:
                 self.aim(rows)
                 self.rounds[rows] += 1
                 rows = rows[~(np.abs(before - self.error[rows]) < change)]
-
-    def coefficients(self) -> Floats:
-        """Return c (n, s) of the shapes."""
-        return np.einsum("nm,nms->ns", self.y, self.T)
 
     def choose(self, rows: NDArray[np.intp]) -> NDArray[np.intp]:
         """Add the free atom of the largest |<w - M S, M B_i>| whose limbs are no mixture.
@@ -256,8 +246,8 @@ def minimise_on_sphere(
 ) -> tuple[Floats, Floats]:
     """argmin y^T G y - 2 g^T y over ||y|| = radius, of two the one nearer to `before`; multipliers.
 
-    G (n, m, m) symmetric, g and before (n, m). It is where (G + multiplier I) y = g and that matrix
-    is positive semidefinite: at the largest root of
+    G (n, m, m) symmetric, g and before (n, m). (G + multiplier I) y = g, that matrix positive
+    semidefinite: at the largest root of
 
         sum_i (t_i / (mu_i + multiplier))^2 = radius^2,      G = V diag(mu) V^T, t = V^T g.
 
@@ -304,16 +294,15 @@ def find_limbs(shapes: Floats, edges: NDArray[np.int64] | None) -> Floats:
     return np.ascontiguousarray(limbs.reshape(len(shapes), -1))
 
 
-def matching_pursuit(
-    problem: Problem, mean_shape: Floats, edges: NDArray[np.int64] | None
-) -> Estimate:
-    """Pursue, and see the shape with the rotation nearest to the camera.
+def lift_by_pursuit(problem: Problem, settings: Settings) -> Estimate:
+    """Pursue the landmarks with PCA bases (Ramakrishna, Kanade, Sheikh, ECCV 2012).
 
-    M = U diag(s) V^T gives the two rows U V^T of the rotation and the scale (s_1 + s_2) / 2, which
-    the coefficients take up. The objective is the squared error with M itself; the residual
-    belongs to the rotated shape, as with every method.
+    The shape has the rotation nearest to the camera: M = U diag(s) V^T gives the two rows U V^T of
+    the rotation and the scale (s_1 + s_2) / 2, which the coefficients take up. The objective is the
+    squared error with M itself; the residual belongs to the rotated shape, as with every method.
     """
-    found = pursue(problem, mean_shape, edges)
+    mean_shape = settings.mean_shape
+    found = pursue(problem, mean_shape, settings.needs.get("edges"))
     known = np.isfinite(found.camera).all(axis=(1, 2), keepdims=True)
     M = np.where(known, found.camera, 0.0)
     rotation = complete_rotation(M)
@@ -333,9 +322,3 @@ def matching_pursuit(
         coefficients=c,
         active_atoms=np.count_nonzero(c, axis=1),
     )
-
-
-def lift_by_pursuit(problem: Problem, settings: Settings) -> Estimate:
-    """Pursue the landmarks with PCA bases (Ramakrishna, Kanade, Sheikh, ECCV 2012)."""
-    edges = settings.needs.get("edges")
-    return matching_pursuit(problem, settings.mean_shape, edges)

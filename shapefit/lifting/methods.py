@@ -32,32 +32,18 @@ ATOMS = ("sparse-coding", "exemplars")
 """How dictionaries are learned whose shapes are sums without sign."""
 
 
-DEFAULT_VIEWS = 6
-"""Views from which the pose of the mean shape is sought."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class AlternationOptions:
     """How the methods that share one rotation search.
 
     signed        coefficients of either sign
-    views         where the pose of the mean shape is sought, by alternate and mean-shape, and by
-                  convex+refine in images where no atom fits at first: from as many views, spread
-                  evenly; 1 is along the z axis of the dictionary; all: from 6, and alternate starts
-                  from each of them too, and keeps the best
     tolerance     alternation stops when a round lowers the objective by at most this share
     max_rounds    and after this many rounds
     """
 
     signed: bool = False
-    views: int | Literal["all"] = DEFAULT_VIEWS
     tolerance: float = 1e-6
     max_rounds: int = 500
-
-    @property
-    def number_of_views(self) -> int:
-        """From how many views the pose of the mean shape is sought."""
-        return DEFAULT_VIEWS if self.views == "all" else self.views
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -25,7 +25,6 @@ from shapefit.lifting.posterior import posterior
 N, K, P = 10, 8, 12
 FAR = 2.0**38
 FINE = AlternationOptions(tolerance=1e-14, max_rounds=5000)
-UNTIL_THE_END = replace(FINE, views="all")
 
 METHODS: dict[str, tuple[str, Loss, object]] = {
     "convex": ("convex", Loss.SQUARED, None),
@@ -33,7 +32,7 @@ METHODS: dict[str, tuple[str, Loss, object]] = {
     "l1": ("convex", Loss.ABSOLUTE, None),
     "sparse-error": ("convex", Loss.SPARSE_ERROR, None),
     "convex+refine": ("convex+refine", Loss.SQUARED, FINE),
-    "alternate": ("alternate", Loss.SQUARED, UNTIL_THE_END),
+    "alternate": ("alternate", Loss.SQUARED, FINE),
     "mean-shape": ("mean-shape", Loss.SQUARED, FINE),
     "global": ("global", Loss.SQUARED, None),
     "pmp": ("pmp", Loss.SQUARED, None),

@@ -116,20 +116,6 @@ def test_a_tight_convex_solution_of_one_rotation_is_kept_and_certified(rng, sett
     assert found.relative_gap[0] < 1e-6
 
 
-@pytest.mark.parametrize("signed", [False, True])
-def test_more_starts_are_never_worse(scene, settings, signed):
-    problem = scene.problem(0.1)
-    one, many = (
-        choose_method("alternate", replace(settings, options=options))(problem)
-        for options in (
-            AlternationOptions(signed=signed),
-            AlternationOptions(signed=signed, views="all"),
-        )
-    )
-    assert (many.objective <= one.objective * (1 + 1e-12)).all()
-    assert (many.iterations > one.iterations).all()
-
-
 def test_the_mean_shape_is_posed_and_nothing_else(scene, settings):
     found = choose_method("mean-shape", settings)(scene.problem(0.1))
     size = np.linalg.norm(found.shapes, axis=(1, 2)) / np.linalg.norm(scene.mean_shape)
@@ -224,25 +210,15 @@ def test_on_motion_capture_every_method_beats_the_mean_shape(mocap):
     W, atoms, mean, truth = mocap
     settings = Settings(solve=solve_newton, mean_shape=mean)
     errors, objectives = {}, {}
-    for name, changes in {
-        **{name: {} for name in NAMES},
-        "one view": {"views": 1},
-        "multi-start": {"views": "all"},
-    }.items():
-        method = choose_method(
-            name if name in NAMES else "alternate",
-            replace(settings, options=AlternationOptions(**changes)),
-        )
+    for name in NAMES:
+        method = choose_method(name, settings)
         found = lift(W, np.ones((len(W), 15)), atoms, Program(0.1), method)
         fitted = similarity_transform(found.shapes, truth).apply(found.shapes)
         errors[name] = np.linalg.norm(fitted - truth, axis=1).mean()
         objectives[name] = found.estimate.objective.mean()
     floor = errors.pop("mean-shape")
     assert max(errors.values()) < 0.8 * floor
-    assert errors["alternate"] < 0.97 * errors["one view"]
-    assert objectives["convex"] < objectives["multi-start"] < objectives["alternate"]
-    assert objectives["multi-start"] <= objectives["convex+refine"] * 1.001
-    assert objectives["alternate"] < objectives["one view"]
+    assert objectives["convex"] < objectives["convex+refine"]
 
 
 @pytest.mark.parametrize("loss", [Loss.ABSOLUTE, Loss.SPARSE_ERROR])

@@ -5,7 +5,6 @@ The refinement starts from where another method left the shape, placed in depth.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,13 +18,10 @@ from shapefit.convex.transforms import Transforms
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, project
-from shapefit.lifting.estimate import Estimate, fit_translation
+from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
-from shapefit.lifting.methods import DEFAULT_VIEWS
 from shapefit.lifting.reconstruction import combine, is_active
-from shapefit.lifting.shared_rotation.pose import find_pose, spread_views
-
-Rows = NDArray[np.intp]
+from shapefit.lifting.shared_rotation.pose import find_pose
 
 REASONS = {
     Status.DEGENERATE: "landmarks start behind the camera: with so short a focal length it would "
@@ -33,7 +29,7 @@ REASONS = {
     "landmarks",
     Status.NUMERICAL_FAILURE: "numerical failure in the refinement under perspective",
 }
-"""Why a refinement has no result."""
+"""Endings of a refinement without a result, and why."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,119 +40,6 @@ class PerspectiveOptions:
     softness: float = 0.1
     max_rounds: int = 1000
     threads: int = 0
-
-
-def refine_view(
-    lifting: Lifting,
-    landmarks: Floats,
-    camera: Camera,
-    dictionary: Dictionary,
-    options: PerspectiveOptions,
-    *,
-    views: int = DEFAULT_VIEWS,
-) -> Lifting:
-    """Refine rotation, translation and coefficients of n images under the full projection.
-
-    landmarks (n, 2, p) and camera in the unit of the images. Landmarks of weight 0 in the problem
-    stay left out; what a robust loss labelled is seen, for labels are at their worst where the
-    pose is off, and the softness forgives them. Images without a shape stay without. It starts
-    from the rotation of the estimate, or where that has none from the mean shape, posed from so
-    many views. Shapes keep the unit of the landmarks, at the size that the object's origin has in
-    the image: scale = focal / depth there, the geometric mean of both axes.
-    """
-    rows = np.flatnonzero(np.isfinite(lifting.scale))
-    old, whole = lifting.estimate, lifting.problem
-    norm = normalise(landmarks[rows], whole.weights[rows] > 0)
-    part = Problem(norm.points, whole.weights[rows], dictionary.atoms, whole.lam[rows])
-    visible = camera.take(rows)
-    nearby = visible.normalised_as(norm)
-    found = refine_perspective(
-        part.landmarks,
-        part.weights,
-        part.atoms,
-        nearby,
-        find_rotations(old.rotation[rows], part, dictionary.mean_shape, views, options.threads),
-        mean_coefficients(dictionary.atoms, dictionary.mean_shape),
-        options,
-    )
-    n = len(landmarks)
-    c, R, t = found.coefficients, found.rotation, found.translation
-    S = combine(c, dictionary.atoms, R)
-    depth = camera.sign * t[:, 2]
-    scale = np.sqrt(visible.focal.prod(axis=1)) / depth
-    origin = visible.centre + visible.focal * t[:, :2] / depth[:, None]
-    shapes = scale[:, None, None] * S
-    shapes[:, :2] += origin[..., None]
-    projected = project(nearby, S + t[..., None])
-    pixels = norm.scale[:, None, None] * projected + norm.centroid[..., None]
-    # what is hidden may lie behind the camera, and counts for nothing
-    shown = np.where(part.weights[:, None] > 0, projected, 0.0)
-    residual = fit_translation(part, shown, np.zeros((len(rows), 2))).residual
-
-    def spread(values: Floats, rest: float = np.nan) -> Floats:
-        """Put values of the refined images in their rows."""
-        every = np.full((n, *values.shape[1:]), rest)
-        every[rows] = values
-        return every
-
-    iterations = old.iterations.copy()
-    iterations[rows] += found.rounds
-    estimate = replace(
-        old,
-        shapes=spread(S),
-        translation=spread((origin - norm.centroid) / norm.scale[:, None]),
-        rotation=spread(R),
-        objective=spread(found.objective),
-        residual=spread(residual),
-        iterations=iterations,
-        status=merge_status(old, found.status, rows),
-        coefficients=spread(c, 0.0),
-        active_atoms=is_active(spread(c, 0.0)).sum(axis=1),
-        transforms=Transforms.with_one_rotation(spread(c, 0.0), spread(R)),
-        relative_gap=None,
-        tight=None,
-    )
-    reasons = {
-        row: REASONS[status]
-        for row, status in zip(rows.tolist(), found.status, strict=True)
-        if status in REASONS
-    }
-    return Lifting(
-        shapes=spread(shapes),
-        landmarks_fitted=spread(pixels),
-        translation=spread(origin),
-        scale=spread(scale),
-        problem=whole,
-        estimate=estimate,
-        failures={**lifting.failures, **reasons},
-        perspective=PerspectiveView(spread(t), camera),
-    )
-
-
-def find_rotations(
-    known: Floats, problem: Problem, mean_shape: Floats, views: int, threads: int
-) -> Floats:
-    """Rotations (m, 3, 3) as known; where they are nan, those of the posed mean shape (3, p)."""
-    unknown = np.flatnonzero(~np.isfinite(known).all(axis=(1, 2)))
-    if not len(unknown):
-        return known
-    pose = find_pose(problem.take(unknown), mean_shape, spread_views(views), threads=threads)
-    posed = pose.size > 0
-    R = known.copy()
-    R[unknown] = np.where(posed[:, None, None], pose.rotation, np.eye(3))
-    return R
-
-
-def merge_status(old: Estimate, refined: Sequence[Status], rows: Rows) -> tuple[Status, ...]:
-    """Status of each image: that of its refinement, or, where there was none, its old one."""
-    status = list(old.status)
-    for row, new in zip(rows.tolist(), refined, strict=True):
-        status[row] = new
-    return tuple(status)
-
-
-FAILED = (Status.DEGENERATE, Status.NUMERICAL_FAILURE)
-"""How a refinement without a result ends."""
 
 
 @dataclass(frozen=True)
@@ -174,6 +57,97 @@ class Refined:
     objective: Floats
     rounds: NDArray[np.int64]
     status: tuple[Status, ...]
+
+
+def refine_view(
+    lifting: Lifting,
+    landmarks: Floats,
+    camera: Camera,
+    dictionary: Dictionary,
+    options: PerspectiveOptions,
+) -> Lifting:
+    """Refine rotation, translation and coefficients of n images under the full projection.
+
+    landmarks (n, 2, p) and camera in the unit of the images. Landmarks of weight 0 in the problem
+    stay left out; what a robust loss labelled is seen, for labels are at their worst where the
+    pose is off, and the softness forgives them. Images without a shape stay without. It starts
+    from the rotation of the estimate, or where that has none from the mean shape, posed.
+    Shapes keep the unit of the landmarks, at the size that the object's origin has in
+    the image: scale = focal / depth there, the geometric mean of both axes.
+    """
+    rows = np.flatnonzero(np.isfinite(lifting.scale))
+    old, whole, n = lifting.estimate, lifting.problem, len(landmarks)
+    norm = normalise(landmarks[rows], whole.weights[rows] > 0)
+    part = Problem(norm.points, whole.weights[rows], dictionary.atoms, whole.lam[rows])
+    in_unit = camera.take(rows)
+    nearby = in_unit.normalised_as(norm)
+    starts = find_rotations(old.rotation[rows], part, dictionary.mean_shape, options.threads)
+    prior = mean_coefficients(dictionary.atoms, dictionary.mean_shape)
+    found = refine_perspective(
+        part.landmarks, part.weights, part.atoms, nearby, starts, prior, options
+    )
+    c, R, t = found.coefficients, found.rotation, found.translation
+    S = combine(c, dictionary.atoms, R)
+    depth = camera.sign * t[:, 2]
+    scale = np.sqrt(in_unit.focal.prod(axis=1)) / depth
+    origin = in_unit.centre + in_unit.focal * t[:, :2] / depth[:, None]
+    shapes = scale[:, None, None] * S
+    shapes[:, :2] += origin[..., None]
+    projected = project(nearby, S + t[..., None])
+    # what is hidden may lie behind the camera, and counts for nothing
+    shown = np.where(part.weights[:, None] > 0, projected, 0.0)
+
+    def among_all(values: Floats, rest: float = np.nan) -> Floats:
+        """Put values of the refined images in their rows."""
+        every = np.full((n, *values.shape[1:]), rest)
+        every[rows] = values
+        return every
+
+    iterations, status = old.iterations.copy(), list(old.status)
+    iterations[rows] += found.rounds
+    failures = dict(lifting.failures)
+    for row, ending in zip(rows.tolist(), found.status, strict=True):
+        status[row] = ending
+        if ending in REASONS:
+            failures[row] = REASONS[ending]
+    estimate = replace(
+        old,
+        shapes=among_all(S),
+        translation=among_all((origin - norm.centroid) / norm.scale[:, None]),
+        rotation=among_all(R),
+        objective=among_all(found.objective),
+        residual=among_all(fit_translation(part, shown, np.zeros((len(rows), 2))).residual),
+        iterations=iterations,
+        status=tuple(status),
+        coefficients=among_all(c, 0.0),
+        active_atoms=is_active(among_all(c, 0.0)).sum(axis=1),
+        transforms=Transforms.with_one_rotation(among_all(c, 0.0), among_all(R)),
+        relative_gap=None,
+        tight=None,
+    )
+    return Lifting(
+        shapes=among_all(shapes),
+        landmarks_fitted=among_all(
+            norm.scale[:, None, None] * projected + norm.centroid[..., None]
+        ),
+        translation=among_all(origin),
+        scale=among_all(scale),
+        problem=whole,
+        estimate=estimate,
+        failures=failures,
+        perspective=PerspectiveView(among_all(t), camera),
+    )
+
+
+def find_rotations(known: Floats, problem: Problem, mean_shape: Floats, threads: int) -> Floats:
+    """Rotations (m, 3, 3) as known; where they are nan, those of the posed mean shape (3, p)."""
+    unknown = np.flatnonzero(~np.isfinite(known).all(axis=(1, 2)))
+    if not len(unknown):
+        return known
+    pose = find_pose(problem.take(unknown), mean_shape, threads=threads)
+    R = known.copy()
+    R[unknown] = np.where((pose.size > 0)[:, None, None], pose.rotation, np.eye(3))
+    return R
 
 
 def refine_perspective(
@@ -218,9 +192,10 @@ def refine_perspective(
         status=codes,
         threads=options.threads,
     )
-    failed = np.isin(codes, [list(Status).index(status) for status in FAILED])
+    status = read_statuses(codes)
+    failed = [ending in REASONS for ending in status]
     R[failed], t[failed], c[failed] = np.nan, np.nan, np.nan
-    return Refined(R, t, c, objective, rounds, read_statuses(codes))
+    return Refined(R, t, c, objective, rounds, status)
 
 
 def place_in_depth(
@@ -238,14 +213,15 @@ def place_in_depth(
     rays = (W - camera.centre[..., None]) / camera.focal[..., None]
     ray = (visible - camera.centre) / camera.focal
     flat = X[:, :2] - middle[:, :2, None]
-    spread = np.einsum("nap,nap,np->n", flat, flat, share)
-    overlap = np.einsum("nap,nap,np->n", flat, rays - ray[..., None], share)
-    # a rotation that fits not at all must not put the shape at infinity
-    least = 0.1 * np.sqrt(
-        spread * np.einsum("nap,nap,np->n", *(2 * (rays - ray[..., None],)), share)
+    centred = rays - ray[..., None]
+    size, overlap, extent = (
+        np.einsum("nap,nap,np->n", one, other, share)
+        for one, other in ((flat, flat), (flat, centred), (centred, centred))
     )
+    # a rotation that fits not at all must not put the shape at infinity
+    least = 0.1 * np.sqrt(size * extent)
     with np.errstate(divide="ignore", invalid="ignore"):  # landmarks that are all in one place
-        depth = spread / np.maximum(overlap, least)
+        depth = size / np.maximum(overlap, least)
     t = np.empty((len(W), 3))
     t[:, :2] = ray * depth[:, None] - middle[:, :2]
     t[:, 2] = camera.sign * depth - middle[:, 2]

@@ -49,9 +49,6 @@ NEARLY_EXACT = 3e-3
 COARSE = 1e-2
 """Residual variance with which their views are first sought."""
 
-VIEWS = 6
-"""From which the mean shape is posed where the convex program finds no rotation."""
-
 MOSTLY = 0.5
 """Inlier probability from which a landmark counts as an inlier."""
 
@@ -239,10 +236,7 @@ def find_starts(problem: Problem, solution: Solution, settings: Settings) -> Flo
     empty = np.flatnonzero(M.count == 0)
     if len(empty):
         part = problem.take(empty)
-        views = spread_views(VIEWS)
-        rotation[empty] = find_pose(
-            part, settings.mean_shape, views, threads=settings.threads
-        ).rotation
+        rotation[empty] = find_pose(part, settings.mean_shape, threads=settings.threads).rotation
     if settings.options.views == 0:
         return rotation[:, None]
     _, by_shape = find_moments(problem, settings.mean_shape)

@@ -15,15 +15,7 @@ from shapefit.lifting.degeneracy import find_degenerate
 from shapefit.lifting.estimate import ConvexProof, Estimate, fit_translation, join_images
 from shapefit.lifting.methods import Settings
 from shapefit.lifting.reconstruction import combine, is_active
-from shapefit.lifting.shared_rotation.pose import (
-    Pose,
-    alternate,
-    find_moments,
-    find_pose,
-    spread_views,
-    synchronise,
-    turn_in_plane,
-)
+from shapefit.lifting.shared_rotation.pose import alternate, find_pose, synchronise
 
 
 def refine_convex(problem: Problem, settings: Settings) -> Estimate:
@@ -63,17 +55,13 @@ def refine_convex(problem: Problem, settings: Settings) -> Estimate:
 
 def alternate_from_mean(problem: Problem, settings: Settings) -> Estimate:
     """Alternate from the pose of the mean shape (paper, Experiments, "Alternate")."""
-    starts = _pose_mean(problem, settings).rotation[:, None]
-    if settings.options.views == "all":
-        _, D = find_moments(problem, settings.mean_shape)
-        views = spread_views(settings.options.number_of_views)
-        starts = np.concatenate([starts, turn_in_plane(views, D)], axis=1)
-    return _alternate(problem, settings, starts)
+    pose = find_pose(problem, settings.mean_shape, threads=settings.threads)
+    return _alternate(problem, settings, pose.rotation[:, None])
 
 
 def pose_mean_shape(problem: Problem, settings: Settings) -> Estimate:
     """Pose the mean shape: rotation, scale and translation and nothing else."""
-    pose = _pose_mean(problem, settings)
+    pose = find_pose(problem, settings.mean_shape, threads=settings.threads)
     posed = pose.size > 0
     R = np.where(posed[:, None, None], pose.rotation, 0.0)
     shapes = pose.size[:, None, None] * (R @ settings.mean_shape)
@@ -89,11 +77,6 @@ def pose_mean_shape(problem: Problem, settings: Settings) -> Estimate:
     )
 
 
-def _pose_mean(problem: Problem, settings: Settings) -> Pose:
-    views = spread_views(settings.options.number_of_views)
-    return find_pose(problem, settings.mean_shape, views, threads=settings.threads)
-
-
 def _alternate_or_restart(problem: Problem, settings: Settings, starts: Floats) -> Estimate:
     """Alternate; where no atom fits at the synchronised rotation, from the mean shape's pose too.
 
@@ -105,7 +88,7 @@ def _alternate_or_restart(problem: Problem, settings: Settings, starts: Floats) 
     if not len(empty):
         return found
     part = problem.take(empty)
-    pose = _pose_mean(part, settings)
+    pose = find_pose(part, settings.mean_shape, threads=settings.threads)
     posed = pose.size > 0  # degenerate images have none
     again = _alternate(part.take(posed), settings, pose.rotation[posed, None])
     rows, order = empty[posed], np.arange(len(problem.lam))

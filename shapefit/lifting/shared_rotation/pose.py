@@ -19,6 +19,9 @@ from shapefit.convex.transforms import Transforms
 from shapefit.geometry.rotations import rotation_about
 from shapefit.lifting.methods import AlternationOptions
 
+VIEWS = 6
+"""Views, spread evenly, from which the pose of the mean shape is sought."""
+
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
 
@@ -79,15 +82,17 @@ def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
     return P, D
 
 
-def find_pose(problem: Problem, shape: Floats, views: Floats, *, threads: int = 0) -> Pose:
+def find_pose(
+    problem: Problem, shape: Floats, views: Floats | None = None, *, threads: int = 0
+) -> Pose:
     """argmin ||Omega o (W - s Rbar S - T 1^T)||_F^2 over rotations, s >= 0 and T.
 
-    shape S (3, p); views (v, 3, 3). Each view is turned in the plane as far as it can be, and a
-    trust region starts from there; the best local minimum counts.
+    shape S (3, p); views (v, 3, 3), None for VIEWS of them. Each is turned in the plane as far as it
+    can be, and a trust region starts from there; the best local minimum counts.
     """
     P, D = find_moments(problem, shape)
     rotation, size = np.full((len(P), 3, 3), np.nan), np.zeros(len(P))
-    starts = turn_in_plane(views, D)
+    starts = turn_in_plane(spread_views(VIEWS) if views is None else views, D)
     core.find_pose(
         shape_moments=P,
         landmarks_by_shape=D,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from shapefit.convex.solver import Status
+from shapefit.convex.solver import Status, solve_newton
 from shapefit.dictionary.learning import principal_components
 from shapefit.geometry.cameras import project, turntable
 from shapefit.geometry.normalisation import normalise
@@ -14,11 +14,17 @@ from shapefit.geometry.procrustes import generalised_procrustes, similarity_tran
 from shapefit.io import read_shapes
 from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.lift import Program, lift
-from shapefit.lifting.matching_pursuit import matching_pursuit
+from shapefit.lifting.matching_pursuit import lift_by_pursuit
+from shapefit.lifting.methods import Settings
+
+
+def method(mean, edges):
+    settings = Settings(solve=solve_newton, mean_shape=mean, needs={"edges": edges})
+    return partial(lift_by_pursuit, settings=settings)
 
 
 def estimate(scene):
-    return matching_pursuit(scene.problem, scene.mean, scene.edges)
+    return method(scene.mean, scene.edges)(scene.problem)
 
 
 class TestEstimate:
@@ -58,8 +64,8 @@ def test_lifted_shapes_lie_where_the_true_ones_do(make_scene):
     scene = make_scene(active=0, hidden=0.2)
     shapes = 40 * scene.shapes
     shapes[:, :2] += 300
-    method = partial(matching_pursuit, mean_shape=scene.mean, edges=scene.edges)
-    found = lift(shapes[:, :2], scene.weights, scene.bases, Program(lam=0.1), method)
+    pursue = method(scene.mean, scene.edges)
+    found = lift(shapes[:, :2], scene.weights, scene.bases, Program(lam=0.1), pursue)
     assert not found.failures
     np.testing.assert_allclose(found.shapes, shapes, atol=1e-9)
 
@@ -82,9 +88,8 @@ def test_motion_capture_comes_near_the_published_error(real_data: Path):
     sequence = np.searchsorted(names, test.sequences)
     turns = (np.arange(len(test)) - first[sequence]) / counts[sequence]
     landmarks = project(test.shapes, turntable(turns, "y"))[::40]
-    method = partial(matching_pursuit, mean_shape=mean, edges=training.edges)
     ones = np.ones((len(landmarks), 15))
-    found = lift(landmarks, ones, bases, Program(lam=0.1), method)
+    found = lift(landmarks, ones, bases, Program(lam=0.1), method(mean, training.edges))
     truth = normalise(test.shapes[::40]).points
     moved = similarity_transform(found.shapes, truth).apply(found.shapes)
     errors = np.linalg.norm(moved - truth, axis=1).mean(axis=1)

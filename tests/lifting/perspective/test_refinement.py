@@ -12,7 +12,7 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
 from shapefit.lifting.perspective.view import (
-    FAILED,
+    REASONS,
     PerspectiveOptions,
     mean_coefficients,
     place_in_depth,
@@ -188,7 +188,7 @@ def test_a_visible_landmark_without_a_place_fails_its_image_alone(noisy, atoms, 
     landmarks = noisy.landmarks.copy()
     landmarks[2, 0, 5] = np.nan
     found, clean = refine(noisy, atoms, prior, landmarks=landmarks), refine(noisy, atoms, prior)
-    assert found.status[2] in FAILED
+    assert found.status[2] in REASONS
     assert np.isnan(found.coefficients[2]).all()
     others = np.arange(8) != 2
     np.testing.assert_array_equal(found.coefficients[others], clean.coefficients[others])

@@ -53,7 +53,7 @@ def view(landmarks, weights, dictionary, camera, method="convex+refine", options
     settings = Settings(solve=solve_newton, mean_shape=dictionary.mean_shape)
     estimator = choose_method(method, settings)
     first = lift(landmarks, weights, dictionary.atoms, Program(lam=0.3), estimator)
-    return first, refine_view(first, landmarks, camera, dictionary, options, views=6)
+    return first, refine_view(first, landmarks, camera, dictionary, options)
 
 
 @pytest.mark.parametrize("method", ["convex", "convex+refine", "alternate", "mean-shape"])
@@ -145,15 +145,14 @@ def test_far_away_it_is_the_weak_perspective_camera(dictionary, rotations, rng):
     np.testing.assert_allclose(found.shapes[:, :2], found.landmarks_fitted, rtol=1e-4, atol=1e-2)
 
 
-def test_an_unknown_rotation_is_sought_from_as_many_views_as_asked_for(dictionary, rng):
+def test_an_unknown_rotation_is_that_of_the_posed_mean_shape(dictionary, rng):
     problem = build_problem(rng.standard_normal((30, 2, P)), dictionary.atoms, 0.1)
     mean = dictionary.mean_shape
     known = np.where(np.arange(30)[:, None, None] < 5, np.eye(3), np.nan)
-    one, many = (find_rotations(known, problem, mean, views, 0) for views in (1, 6))
-    np.testing.assert_array_equal(many[:5], known[:5])
+    found = find_rotations(known, problem, mean, 0)
+    np.testing.assert_array_equal(found[:5], known[:5])
     best = find_pose(problem.take(np.arange(5, 30)), mean, spread_views(6)).rotation
-    np.testing.assert_array_equal(many[5:], best)
-    assert rotation_angle(one, many).max() > 10  # where one view ends in another minimum
+    np.testing.assert_array_equal(found[5:], best)
 
 
 def test_the_estimate_is_in_normalised_units_and_counts_its_own_atoms(
