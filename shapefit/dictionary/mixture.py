@@ -98,11 +98,10 @@ def learn_mixture(
     *,
     shrinkage: float,
     floor: float,
-    weights: Floats | None = None,
     max_rounds: int = 30,
     tolerance: float = 1e-4,
 ) -> LearnedMixture:
-    """Learn from shapes (n, 3, p), normalised and aligned, with weights (n,) >= 0, None for 1.
+    """Learn from shapes (n, 3, p), normalised and aligned.
 
     shrinkage in [0, 1): the share of G in the covariance of a component of average size;
     floor > 0: variance of every coordinate beyond that of the shapes. The start is k-means with
@@ -111,42 +110,26 @@ def learn_mixture(
     belongs to any more are left out. Raises ValueError for more components than shapes.
     """
     X = np.ascontiguousarray(shapes.reshape(len(shapes), -1))
-    w = np.ones(len(X)) if weights is None else np.asarray(weights, np.float64)
-    w = w * (len(X) / w.sum())
-    if not 1 <= components <= len(X):
-        raise ValueError(f"components must be within 1..{len(X)}, is {components}")
-    G = pulled_to(X, w, floor)
-    kappa = pull_of(shrinkage, len(X), components)
-    share = np.eye(components)[kmeans(X, components, w)]
-    mixture = maximise(X, share * w[:, None], G, kappa, floor)
+    n, d = X.shape
+    if not 1 <= components <= n:
+        raise ValueError(f"components must be within 1..{n}, is {components}")
+    ones = np.ones(n)
+    G = _scatter(X, ones, ones @ X / n) / n + floor * np.eye(d)
+    kappa = shrinkage / (1 - shrinkage) * n / components
+    mixture = maximise(X, np.eye(components)[kmeans(X, components)], G, kappa, floor)
     trace: list[float] = []
     for _ in range(max_rounds):
         density = expected_log_density(X, mixture, floor)
         top = density.max(axis=1, keepdims=True)
-        total = np.log(np.exp(density - top).sum(axis=1)) + top[:, 0]
-        trace.append(float(w @ total) + log_prior(mixture, G, kappa))
-        if len(trace) > 1 and trace[-1] - trace[-2] <= tolerance * len(X):
+        log_sum = top[:, 0] + np.log(np.exp(density - top).sum(axis=1))
+        trace.append(float(log_sum.sum()) + log_prior(mixture, G, kappa))
+        if len(trace) > 1 and trace[-1] - trace[-2] <= tolerance * n:
             break
-        share = np.exp(density - total[:, None])
-        mixture = maximise(X, share * w[:, None], G, kappa, floor)
-    return LearnedMixture(alive(mixture, len(X)), np.array(trace))
-
-
-def pulled_to(X: Floats, w: Floats, floor: float) -> Floats:
-    """G (d, d), the covariance of all shapes X (n, d) with weights w (n,) and of e together."""
-    return _scatter(X, w, w @ X / w.sum()) / w.sum() + floor * np.eye(X.shape[1])
-
-
-def pull_of(shrinkage: float, shapes: float, components: int) -> float:
-    """kappa, of which G has the share `shrinkage` in a component of average size."""
-    return shrinkage / (1 - shrinkage) * shapes / components
-
-
-def alive(mixture: Mixture, n: int) -> Mixture:
-    """Return the mixture of n shapes without the components that none of them belongs to."""
+        mixture = maximise(X, np.exp(density - log_sum[:, None]), G, kappa, floor)
     retained = mixture.weights * n > LEAST_SHAPES
     weights = mixture.weights[retained]
-    return Mixture(weights / weights.sum(), mixture.means[retained], mixture.covariances[retained])
+    alive = Mixture(weights / weights.sum(), mixture.means[retained], mixture.covariances[retained])
+    return LearnedMixture(alive, np.array(trace))
 
 
 def maximise(X: Floats, share: Floats, G: Floats, kappa: float, floor: float) -> Mixture:
@@ -176,27 +159,25 @@ def log_prior(mixture: Mixture, G: Floats, kappa: float) -> float:
     return float(-0.5 * kappa * (log_size + pulled.trace(axis1=1, axis2=2)).sum())
 
 
-def kmeans(X: Floats, k: int, w: Floats) -> NDArray[np.intp]:
+def kmeans(X: Floats, k: int) -> NDArray[np.intp]:
     """Nearest centre (n,) of X (n, d) after some rounds of Lloyd's from the seeds of k-means++."""
-    rng = np.random.default_rng(0)
-    centres = X[[rng.choice(len(X), p=w / w.sum())]]
+    rng, n = np.random.default_rng(0), len(X)
+    centres = X[[rng.choice(n, p=np.ones(n) / n)]]
     nearest = ((X - centres[0]) ** 2).sum(axis=1)
     for _ in range(k - 1):
-        pull = w * nearest
-        chance = pull / pull.sum() if pull.sum() > 0 else w / w.sum()
-        centres = np.concatenate([centres, X[[rng.choice(len(X), p=chance)]]])
+        chance = nearest / nearest.sum() if nearest.sum() > 0 else np.ones(n) / n
+        centres = np.concatenate([centres, X[[rng.choice(n, p=chance)]]])
         nearest = np.minimum(nearest, ((X - centres[-1]) ** 2).sum(axis=1))
-    label = np.zeros(len(X), np.intp)
+    label = np.zeros(n, np.intp)
     for _ in range(KMEANS_ROUNDS):
         before = label
-        distance = (centres**2).sum(axis=1) - 2 * X @ centres.T
-        label = distance.argmin(axis=1)
+        label = ((centres**2).sum(axis=1) - 2 * X @ centres.T).argmin(axis=1)
         if (label == before).all():
             break
         for i in range(k):
             inside = label == i
-            if w[inside].sum() > 0:
-                centres[i] = w[inside] @ X[inside] / w[inside].sum()
+            if inside.any():
+                centres[i] = np.ones(inside.sum()) @ X[inside] / inside.sum()
     return label
 
 

@@ -124,7 +124,8 @@ def find_tree(points: Floats, edges: Integers, root: int | None = None) -> tuple
     children: list[tuple[int, ...]] = [() for _ in above]
     for landmark in sorted(order[1:].tolist()):
         children[above[landmark]] += (landmark,)
-    nodes, waiting = [], [Node(root, -1, children[root])]
+    nodes: list[Node] = []
+    waiting = [Node(root, -1, children[root])]
     while waiting:
         node = waiting.pop()
         for child in reversed(node.aims):

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field
 
-from shapefit.config.commands.input import Count, LandmarksConfig, Text
+from shapefit.config.commands.input import Count, LandmarksConfig
 from shapefit.config.model import HIDDEN, ConfigModel, FromLists, section
 from shapefit.config.paths import UNNAMED, Description, InputPaths, OutputPath
 
@@ -33,8 +33,6 @@ class PriorConfig(ConfigModel):
     exchange: float = Field(default=0.0, ge=0, le=1)
     """Share of the shapes that take limbs, the chains of bones with a free end, from other shapes:
     other poses."""
-    weights: Text | None = None
-    """Dataset of the shapes that holds the weight of each."""
     shrinkage: Annotated[float, Field(ge=0, lt=1), HIDDEN] = 0.3
     """Share of the covariance of all shapes in that of a component of average size."""
     floor: Annotated[float, Field(gt=0), HIDDEN] = 0.01

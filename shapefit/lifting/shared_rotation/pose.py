@@ -87,8 +87,8 @@ def find_pose(
 ) -> Pose:
     """argmin ||Omega o (W - s Rbar S - T 1^T)||_F^2 over rotations, s >= 0 and T.
 
-    shape S (3, p); views (v, 3, 3), None for VIEWS of them. Each is turned in the plane as far as it
-    can be, and a trust region starts from there; the best local minimum counts.
+    shape S (3, p); views (v, 3, 3), None for VIEWS of them. Each is turned in the plane as far as
+    it can be, and a trust region starts from there; the best local minimum counts.
     """
     P, D = find_moments(problem, shape)
     rotation, size = np.full((len(P), 3, 3), np.nan), np.zeros(len(P))

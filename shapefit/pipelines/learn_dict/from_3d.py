@@ -167,8 +167,8 @@ def describe(summary: Summary) -> str:
 def learn_prior(training: TrainingShapes, config: LearnDictConfig) -> Mixture:
     """Learn the mixture over the aligned shapes, varied as the section `prior` says.
 
-    Raises InputError for more components than shapes, weights that are none, and bones that are no
-    tree where they are to vary.
+    Raises InputError for more components than shapes, and bones that are no tree where they are to
+    vary.
     """
     prior, number = config.prior, len(training)
     components = number_of_components(number, prior)
@@ -176,16 +176,14 @@ def learn_prior(training: TrainingShapes, config: LearnDictConfig) -> Mixture:
         there = counted(number, "shape")
         found = f"{components} components are more than the {there} to learn from"
         raise input_error("prior.components", found, "lower it, or give more shapes")
-    copies = number_of_copies(number, prior)
     shapes = training.alignment.shapes
     if prior.bone_scale or prior.exchange:
-        shapes = vary_shapes(training, config, copies)
+        shapes = vary_shapes(training, config, number_of_copies(number, prior))
     return learn_mixture(
         shapes,
         components,
         shrinkage=prior.shrinkage,
         floor=prior.floor,
-        weights=np.tile(find_weights(training, prior.weights), copies),
         max_rounds=MOST_ROUNDS,
     ).mixture
 
@@ -234,18 +232,3 @@ def vary_shapes(training: TrainingShapes, config: LearnDictConfig, copies: int) 
     turn = rotation_onto(choose(varied, chosen), choose(training.alignment.mean, chosen))
     turned: Floats = turn @ varied
     return turned
-
-
-def find_weights(training: TrainingShapes, name: str | None) -> Floats:
-    """Return the weight (n,) of each shape: 1, or as the dataset of that name says."""
-    if name is None:
-        return np.ones(len(training))
-    place = f"prior.weights: {name}"
-    values = training.original.per_item.get(name)
-    if values is None:
-        raise input_error(place, "the shapes have no such dataset", "name one with their weights")
-    weights = np.asarray(values)
-    fine = weights.shape == (len(training),) and weights.dtype.kind in "fiu"
-    if not fine or not (np.isfinite(weights) & (weights >= 0)).all() or not weights.any():
-        raise input_error(place, "holds no weights", "give each shape a number >= 0, not all 0")
-    return weights.astype(np.float64)

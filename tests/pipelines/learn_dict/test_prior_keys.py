@@ -1,56 +1,32 @@
-"""The section `prior` of `learn-dict`: weights of shapes, and what it cannot learn from."""
+"""The section `prior` of `learn-dict`: what it cannot learn from."""
 
 import json
 
-import numpy as np
 import pytest
 
 from shapefit.errors import InputError
 from shapefit.io.records import ShapeSet
 
 PLAIN = {"method": "exemplars"}
-WEIGHTS = {
-    "ones": np.ones(8),
-    "negative": np.full(8, -1.0),
-    "none": np.zeros(8),
-    "twice": np.array([2.0, 1, 1, 1, 1, 1, 1, 0]),
-}
 
 
 @pytest.fixture
 def shapes(rng):
     points = rng.normal(size=(8, 3, 5))
     items = tuple(f"walk/{number}" for number in range(8))
-    return ShapeSet(points, tuple("abcde"), items, columns=WEIGHTS)
+    return ShapeSet(points, tuple("abcde"), items)
 
 
 @pytest.mark.parametrize(
     ("prior", "told"),
     [
         ({"components": 9}, "prior.components: 9 components are more than the 8 shapes to learn"),
-        ({"components": 1, "weights": "no"}, "prior.weights: no: the shapes have no such dataset"),
-        ({"components": 1, "weights": "negative"}, "prior.weights: negative: holds no weights"),
-        ({"components": 1, "weights": "none"}, "prior.weights: none: holds no weights"),
         ({"components": 1, "bone_scale": 0.1}, "prior: the shapes have no edges"),
     ],
 )
 def test_what_is_refused(make, shapes, prior, told):
     with pytest.raises(InputError, match=told):
         make(shapes, prior=prior, **PLAIN)
-
-
-def test_a_shape_of_weight_two_counts_as_two(make, shapes):
-    """And one of weight 0 not at all."""
-    rows = [0, 0, 1, 2, 3, 4, 5, 6]
-    twice = shapes.take(rows).replaced(items=shapes.items)
-    keys = {**PLAIN, "align": "none"}
-    weighted, _ = make(shapes, prior={"components": 1, "weights": "twice"}, **keys)
-    repeated, _ = make(twice, prior={"components": 1}, **keys)
-    assert weighted.prior is not None
-    np.testing.assert_allclose(weighted.prior.means, repeated.prior.means, rtol=1e-6)
-    assert not np.allclose(
-        weighted.prior.means, make(shapes, prior={"components": 1}, **keys)[0].prior.means
-    )
 
 
 @pytest.mark.parametrize(("number", "components"), [(20, 1), (320, 2)])
