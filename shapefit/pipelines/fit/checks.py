@@ -1,10 +1,7 @@
-"""Checks of the sample: error bars, the names of the landmarks, and their sides.
+"""Checks of the sample: error bars, and the names of the landmarks.
 
-Each may give a reason not to trust the file. A body seen with its sides exchanged looks like that
-body turned to face the other way, near and far exchanged. Seen from afar, and with a prior as
-symmetric as bodies are, both are exactly as likely. What tells them apart is perspective (feet are
-seen from above, what is nearer is larger), and that people walk forwards: sides are tried only
-where legs are seen and feet step.
+Each may give a reason not to trust the file. Left and right exchanged in all frames cannot be
+decided: a body seen so looks like that body turned to face the other way.
 """
 
 from __future__ import annotations
@@ -15,23 +12,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from shapefit.arrays import Floats
 from shapefit.dictionary.from_2d.model import evenly
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
-from shapefit.geometry.pinhole import depth_sign
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.verdict import (
     LIMITS,
-    NOT_OF_THE_CLASS,
     P_VALUE,
     START_DISTANCE,
     contradicts,
     median_distance,
 )
 from shapefit.pipelines.fit.lift import Lifter, lift_images, settings_of, with_p_values
-from shapefit.pipelines.fit.sample import FEWEST, Sample, mean_gain
+from shapefit.pipelines.fit.sample import FEWEST, Sample
 from shapefit.pipelines.joints import LandmarkMap, match_names
 
 CALIBRATED = 60
@@ -44,40 +38,20 @@ that share is named. Where names are right a few images in a hundred are doubtfu
 FEWEST_NAMES = 4
 """Landmarks of the dictionary that names must give; with fewer there is nothing to lift."""
 
-LEGS = tuple(f"{side}{joint}" for joint in ("hip", "knee", "ankle") for side in "lr")
-TRUNK = ("lhip", "rhip", "lshoulder", "rshoulder")
-
-SEEN, STRIDE = 0.5, 0.15
-"""Share of the images in which each joint of the legs must be seen. Standard deviation of how far
-one ankle is ahead of the other, in lengths of a leg, from which feet step: 0.25 and more for people
-who walk, below 0.1 for those who stand or sit."""
-
-GROWTH, SIDES_GAIN = 0.02, 1.0
-"""Growth of a body in the image over a step that counts as one nat against names under which it
-walks backwards; nats an image by which exchanged sides must be likelier, and by two standard
-errors. Over 55 clips of five bodies the right names were never less likely by more than 0.43 on
-average over a clip; exchanged names of three bodies are noticed."""
-
-
-class Reason(NamedTuple):
-    """Why no image of a file is trusted, in a few words, and the warning about it."""
-
-    reason: str
-    warning: str
-
 
 class Bars(NamedTuple):
     """Error bars of a file, by a sample.
 
     growth     (p,) factors on the covariances of its landmarks, empty for none
     numbers    what is stored with the result, by name
-    line       that says so, and a reason where the sample contradicts the dictionary
+    line       that says so
+    warning    where the sample contradicts the dictionary, else ""
     """
 
     growth: tuple[float, ...] = ()
     numbers: Mapping[str, float] = {}
     line: str = ""
-    reason: Reason | None = None
+    warning: str = ""
 
 
 def calibrate_bars(sample: Sample, lifting: Lifting, lifter: Lifter, bar_scale: float) -> Bars:
@@ -105,16 +79,16 @@ def calibrate_bars(sample: Sample, lifting: Lifting, lifter: Lifter, bar_scale: 
     line = f"of landmarks hidden in turn, {calibration.inside:.0%} lie in their 90% regions"
     if np.isfinite(distance):
         line += f"; median distance from the convex shape {distance:.2f}"
-    reason = None
+    warning = ""
     if contradicts(calibration.kappa, distance):
         fix = "are the names of the landmarks right, and does the dictionary have such shapes?"
-        reason = no_trust(f"{line}; {fix}")
-    return Bars(tuple(calibration.growth(bar_scale).tolist()), numbers, line, reason)
+        warning = no_trust(f"{line}; {fix}")
+    return Bars(tuple(calibration.growth(bar_scale).tolist()), numbers, line, warning)
 
 
-def no_trust(why: str) -> Reason:
-    """Return why a file that contradicts the dictionary is not trusted."""
-    return Reason(NOT_OF_THE_CLASS, f"no shape of this file is to be trusted: {why}")
+def no_trust(why: str) -> str:
+    """Return the warning of a file that contradicts the dictionary."""
+    return f"no shape of this file is to be trusted: {why}"
 
 
 def check_skeleton(
@@ -123,18 +97,18 @@ def check_skeleton(
     lifter: Lifter,
     dictionary: Dictionary,
     theta: Mapping[str, float],
-) -> Reason | None:
-    """Question names where many images are doubtful, but not by the names of another skeleton.
+) -> str:
+    """Return a warning where many images are doubtful, but not by the names of another skeleton.
 
     dictionary and theta: that of all files, and the usual skeleton.
     """
     share = doubtful_share(lifting)
     if len(sample) < FEWEST or not share > DOUBTFUL:
-        return None
+        return ""
     shares = try_skeletons(sample, lifter, dictionary, theta)
     best = min(shares, key=lambda name: shares[name], default="")
     if not best or not shares[best] < share / 2:
-        return None
+        return ""
     return no_trust(
         f"{share:.0%} of a sample of {len(sample)} images contradict the names of their landmarks, "
         f"{shares[best]:.0%} those of {best}: is it {best}? Set `keypoints: {best}`"
@@ -170,59 +144,3 @@ def try_skeletons(
             lifting = with_p_values(lift_images(images, as_other), as_other)
             shares[other.name] = doubtful_share(lifting)
     return shares
-
-
-def check_sides(sample: Sample, lifting: Lifting, lifter: Lifter) -> Reason | None:
-    """Question sides where images are clearly likelier with left and right exchanged."""
-    partner, images = lifter.dictionary.mirror_index, sample.images
-    columns = {name: j for j, name in enumerate(lifter.dictionary.landmark_names)}
-    if partner is None or not feet_step(sample, lifting.shapes, columns):
-        return None
-    from shapefit.pipelines.fit.sequences import exchange_sides
-
-    exchanged = exchange_sides(images, partner, np.ones(len(images), dtype=bool))
-    as_named, other = (lift_images(each, lifter, dependent=True) for each in (images, exchanged))
-    evidence = (each.estimate.further["log_evidence"] for each in (as_named, other))
-    gain, error, count = mean_gain(*evidence)
-    walking = walks_backwards(sample, as_named.shapes, columns) / GROWTH
-    if count < FEWEST or not gain + walking > max(SIDES_GAIN, 2 * error):
-        return None
-    return Reason(
-        "left and right exchanged",
-        f"left and right may be exchanged: with the names of the sides exchanged, a sample of "
-        f"{count} images is likelier by {gain + walking:.1f} nats an image (perspective "
-        f"{gain:+.1f}, walking forwards {walking:+.1f}); look at some results, "
-        "and exchange the names by `rename` if they face the wrong way",
-    )
-
-
-def feet_step(sample: Sample, shapes: Floats, columns: Mapping[str, int]) -> bool:
-    """Whether legs are seen in the sample, and one foot passes the other."""
-    if not {*LEGS, *TRUNK} <= set(columns) or len(sample) < FEWEST:
-        return False
-    visible = sample.images.visible()[:, [columns[name] for name in LEGS]]
-    lhip, rhip, _, _, lankle, rankle = (shapes[:, :, columns[name]] for name in LEGS)
-    leg = np.linalg.norm(lankle - lhip, axis=1) + np.linalg.norm(rankle - rhip, axis=1)
-    ahead = 2 * ((lankle - rankle) * facing(shapes, columns)).sum(axis=1) / leg
-    return bool((visible.mean(axis=0) >= SEEN).all() and np.nanstd(ahead) > STRIDE)
-
-
-def facing(shapes: Floats, columns: Mapping[str, int]) -> Floats:
-    """Return unit vectors (n, 3) of where bodies face, from hips and shoulders."""
-    lhip, rhip, lshoulder, rshoulder = (shapes[:, :, columns[name]] for name in TRUNK)
-    forward = np.cross(lhip - rhip + lshoulder - rshoulder, lshoulder + rshoulder - lhip - rhip)
-    unit: Floats = forward / np.linalg.norm(forward, axis=1, keepdims=True)
-    return unit
-
-
-def walks_backwards(sample: Sample, shapes: Floats, columns: Mapping[str, int]) -> float:
-    """mean over pairs of (log s' - log s) (f_z + f_z') / 2: how much bodies walk backwards.
-
-    s is the size of a body in the image, s' a step later; f the direction in which it faces, away
-    from the camera where f_z > 0. 0 without pairs.
-    """
-    away = depth_sign(sample.images.y_axis or "down") * facing(shapes, columns)[:, 2]
-    size = np.log(np.linalg.norm(shapes - shapes.mean(axis=2, keepdims=True), axis=(1, 2)))
-    before, after = sample.pairs.T
-    moved = (size[after] - size[before]) * (away[before] + away[after]) / 2
-    return float(np.nanmean(moved)) if np.isfinite(moved).any() else 0.0

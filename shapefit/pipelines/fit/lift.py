@@ -211,11 +211,11 @@ def lift_landmarks(images: LandmarkSet, lifter: Lifter, *, p_values: bool = True
     return fail_nonfinite(lifting)
 
 
-def lift_images(images: LandmarkSet, lifter: Lifter, *, dependent: bool = False) -> Lifting:
-    """Lift images one by one; dependent landmarks, as those of feet, count only if asked for."""
+def lift_images(images: LandmarkSet, lifter: Lifter) -> Lifting:
+    """Lift images one by one; with a prior, landmarks that depend on another one do not count."""
     method, dictionary = lifter.row, lifter.dictionary
     visible = weights = weigh(images, lifter)
-    if method.has_prior and not dependent:
+    if method.has_prior:
         visible = weights = np.where(dictionary.depends_on >= 0, 0.0, weights)
     searches = lifter.outlier_threshold is not None
     if searches:

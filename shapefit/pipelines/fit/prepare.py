@@ -24,8 +24,9 @@ from shapefit.io import LandmarkSet, open_landmarks
 from shapefit.io.formats import HDF5, FileFormat, find_target_format
 from shapefit.io.options import InputOptions, input_options
 from shapefit.lifting.methods import AUTO, METHODS, find_conflict
+from shapefit.lifting.verdict import NOT_OF_THE_CLASS
 from shapefit.pipelines.fit.camera import choose_camera, find_calibrated, undistorted
-from shapefit.pipelines.fit.checks import calibrate_bars, check_sides, check_skeleton
+from shapefit.pipelines.fit.checks import calibrate_bars, check_skeleton
 from shapefit.pipelines.fit.lift import Lifter, check_items, check_needs, lifter_of, weigh
 from shapefit.pipelines.fit.sample import choose_scale, choose_skeleton, draw_sample
 from shapefit.pipelines.joints import LandmarkMap, Matched, match_names
@@ -201,7 +202,7 @@ def estimate(
 ) -> Estimates:
     """Estimate the camera and, for methods with a prior, skeleton and prior scale by evidence.
 
-    Of one sample of the first images, which also tells whether names and sides are right.
+    Of one sample of the first images, which also tells whether names are right.
     """
     learned_from = matched.dictionary.provenance.get(LEARNED_FROM) is not None
     camera, of_camera = choose_camera(config, images, from_landmarks=learned_from)
@@ -219,10 +220,9 @@ def estimate(
     mapped = LandmarkMap.of(matched, skeleton, prior=True)
     lifter = replace(lifter, dictionary=mapped.apply(matched.dictionary))
     as_learned = sample.lift(lifter)
-    reason = check_skeleton(sample, as_learned, lifter, dictionary, mapped.theta)
-    reason = reason or check_sides(sample, as_learned, lifter)
+    warning = check_skeleton(sample, as_learned, lifter, dictionary, mapped.theta)
     # a wide prior would take wrong names for poses that it lacks
-    open_keys = () if reason else tuple(k for k in SCALES if getattr(config.prior, k) is None)
+    open_keys = () if warning else tuple(k for k in SCALES if getattr(config.prior, k) is None)
     scale, of_scale = choose_scale(open_keys, sample, as_learned, lifter)
     scaled = replace(
         lifter, prior_scale=scale["scale"], residual_variance=scale["residual_variance"]
@@ -230,13 +230,13 @@ def estimate(
     same = (lifter.prior_scale, lifter.variance) == (scaled.prior_scale, scaled.variance)
     lifting = as_learned if same else sample.lift(scaled)
     calibrated = calibrate_bars(sample, lifting, scaled, bar_scale)
-    reason = reason or calibrated.reason
+    warning = warning or calibrated.warning
     lines = (f"camera: {of_camera}", of_skeleton, of_scale, of_report, calibrated.line)
     return Estimates(
         {"camera": camera, "prior": {**bars, **scale}, "skeleton": skeleton},
         tuple(filter(None, lines)),
-        () if reason is None else (reason.warning,),
-        "" if reason is None else reason.reason,
+        (warning,) if warning else (),
+        NOT_OF_THE_CLASS if warning else "",
         calibrated.growth,
         calibrated.numbers,
     )

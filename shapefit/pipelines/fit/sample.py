@@ -20,7 +20,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.dictionary.from_2d.model import evenly
@@ -37,7 +36,7 @@ FEWEST_SEEN = 5
 """Landmarks of an image of the sample; four fit almost any shape."""
 
 STEP, RATE = 0.5, 24.0
-"""Seconds over which a body is seen to come nearer; frames per second where no file states it."""
+"""Seconds between the two images of a pair; frames per second where no file states it."""
 
 STEPS = (-0.2, -0.1, 0.0, 0.1, 0.2)
 """Of the logarithm of a parameter, tried about its mean, and half of them about the best."""
@@ -57,13 +56,11 @@ Pair = tuple[float, float]
 class Sample:
     """Images spread over the first ones, of those that show enough landmarks.
 
-    in_file, with the landmarks of the files, undistorted; images, with those of the dictionary;
-    pairs (q, 2) of images that follow one another by STEP seconds in a sequence.
+    in_file, with the landmarks of the files, undistorted; images, with those of the dictionary.
     """
 
     in_file: LandmarkSet
     images: LandmarkSet
-    pairs: NDArray[np.intp]
 
     def __len__(self) -> int:
         return len(self.images)
@@ -74,20 +71,15 @@ class Sample:
 
 
 def draw_sample(images: LandmarkSet, matched: Matched) -> Sample:
-    """Draw images that are spread over all and, where there are sequences, those a step later."""
+    """Draw images that are spread over all; of long sequences pairs that are a step apart."""
     images = images.take(np.flatnonzero(images.visible().sum(axis=1) >= FEWEST_SEEN))
-    n, step = len(images), max(1, round(STEP * (images.frame_rate or RATE)))
-    rows, pairs = evenly(n, LARGEST), np.empty((0, 2), np.intp)
-    if images.sequences is not None:
-        if n > LARGEST:
-            rows = evenly(n, LARGEST // 2)
-            rows = np.union1d(rows, rows[rows + step < n] + step)
-        names = np.array(images.sequences, dtype=object)[rows]
-        later = np.minimum(np.searchsorted(rows, rows + step), len(rows) - 1)
-        follows = (rows[later] == rows + step) & (names[later] == names)
-        pairs = np.stack([np.flatnonzero(follows), later[follows]], axis=1)
+    n, rows = len(images), evenly(len(images), LARGEST)
+    if images.sequences is not None and n > LARGEST:
+        step = max(1, round(STEP * (images.frame_rate or RATE)))
+        rows = evenly(n, LARGEST // 2)
+        rows = np.union1d(rows, rows[rows + step < n] + step)
     in_file = images.take(rows)
-    return Sample(in_file, matched.arrange(in_file, "landmarks"), pairs)
+    return Sample(in_file, matched.arrange(in_file, "landmarks"))
 
 
 def choose_skeleton(

@@ -1,4 +1,4 @@
-"""Wrong in every image: another skeleton, left and right exchanged, axes exchanged or turned."""
+"""Wrong in every image: another skeleton, axes exchanged or turned."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,6 @@ from shapefit.config.paths import find_dictionaries
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io import LandmarkSet, read_dictionary
 from shapefit.io.skeletons import THETA, installed_skeletons, people_parts
-from shapefit.pipelines.fit.checks import facing
 from tests.io.files import save
 from tests.pipelines.fitted import fit_file
 
@@ -80,16 +79,6 @@ def warnings_of(tmp_path, dictionary):
     return warn
 
 
-def exchanged(images):
-    """Return the images with the names of left and right exchanged."""
-    other = {"L": "R", "R": "L"}
-    names = [
-        other[name[0]] + name[1:] if name[0] in other and name[1].isupper() else name
-        for name in images.landmark_names
-    ]
-    return images.replaced(landmark_names=tuple(names))
-
-
 @pytest.mark.parametrize(("meant", "said"), [("body_25b", "body_25"), ("body_25", "body_25b")])
 def test_another_skeleton_of_as_many_landmarks_is_named(warnings_of, poses, meant, said):
     images = film(poses, meant)
@@ -98,27 +87,6 @@ def test_another_skeleton_of_as_many_landmarks_is_named(warnings_of, poses, mean
     (warning,) = [each for each in warnings_of(wrong) if "is it" in each]
     assert warning.startswith("no shape of this file is to be trusted")
     assert f"is it {meant}? Set `keypoints: {meant}`" in warning
-
-
-def test_sides_that_are_exchanged_in_every_image_are_noticed(warnings_of, poses):
-    images = film(poses, "body_25")
-    assert not warnings_of(images)
-    (warning,) = warnings_of(exchanged(images))
-    assert warning.startswith("left and right may be exchanged")
-
-
-@pytest.mark.parametrize("why", ["legs are not seen", "feet do not step"])
-def test_sides_are_not_tried_without_legs_that_step(warnings_of, poses, why):
-    """As of a man who sits at a desk, who was accused."""
-    images = exchanged(film((poses[0][:1].repeat(N, axis=0), poses[1]), "body_25"))
-    if why == "legs are not seen":
-        images = exchanged(film(poses, "body_25"))
-        landmarks = images.landmarks.copy()
-        below = [any(part in name for part in ("Knee", "Ankle", "Heel", "Toe"))
-                 for name in images.landmark_names]  # fmt: skip
-        landmarks[..., below] = np.nan
-        images = images.replaced(landmarks=landmarks)
-    assert not [each for each in warnings_of(images) if "exchanged" in each]
 
 
 @pytest.mark.parametrize(
@@ -137,40 +105,3 @@ def test_axes_that_are_exchanged_or_turned_are_named_once(warnings_of, poses, tu
     found = [each for each in warnings_of(images.replaced(landmarks=turned)) if "people" in each]
     assert len(found) == (said is not None)
     assert not found or said in found[0]
-
-
-def test_people_who_walk_backwards_have_their_sides_exchanged(warnings_of, poses):
-    """Seen by weak perspective, where motion alone tells: six clips of bodies that come nearer."""
-    shapes, joints = poses
-    rng = np.random.default_rng(5)
-    count, frames = 6, 20
-    sides = [joints.index(name) for name in ("lhip", "rhip", "lshoulder", "rshoulder")]
-    found, sequences = [], []
-    partner = read_dictionary(find_dictionaries()["people"]).mirror_index
-    at = {name: j for j, name in enumerate(joints)}
-    apart = shapes[:, :, at["lankle"]] - shapes[:, :, at["rankle"]]
-    strides = np.abs((apart * facing(shapes, at)).sum(axis=1))
-    for clip in np.argsort(strides)[-count:]:
-        lhip, rhip, lshoulder, rshoulder = (shapes[clip][:, side] for side in sides)
-        forward = np.cross(lhip - rhip + lshoulder - rshoulder, lshoulder + rshoulder - lhip - rhip)
-        yaw = np.arctan2(forward[0], forward[2]) + rng.uniform(-0.6, 0.6)
-        ahead = rotation_about(np.array([0.0, 1.0, 0.0]), -yaw) @ shapes[clip]
-        growing = 100 * np.exp(0.004 * np.arange(frames))
-        mirrored = np.diag([-1.0, 1.0, 1.0]) @ ahead[:, partner]  # the other foot is ahead
-        steps = np.where((np.arange(frames) // 5 % 2)[:, None, None], mirrored, ahead)
-        found.append(growing[:, None, None] * (np.diag([1.0, -1.0]) @ steps[:, :2]) + 400)
-        sequences += [f"clip{clip}"] * frames
-    landmarks = np.concatenate(found)
-    images = LandmarkSet(
-        landmarks=landmarks + 0.5 * rng.standard_normal(landmarks.shape),
-        landmark_names=joints,
-        items=tuple(f"image{i}" for i in range(len(landmarks))),
-        sequences=tuple(sequences),
-        unit="px",
-        y_axis="down",
-    )
-    assert not [each for each in warnings_of(images) if "exchanged" in each]
-    other = {"l": "r", "r": "l"}
-    names = [other[name[0]] + name[1:] if name[0] in other else name for name in joints]
-    wrong = images.replaced(landmark_names=tuple(names))
-    assert [each for each in warnings_of(wrong) if "exchanged" in each]
