@@ -121,7 +121,7 @@ def fit(
         of_dictionary = warn_of_dictionary(setup.config, setup.dictionary)
         messages: dict[str, str | Counted] = {}
         add_up(messages, (*setup.estimates.warnings, *of_dictionary))
-        reasons = setup.matched.warnings(names)
+        reasons = setup.matched.warnings()
         for batch in lift_source(source, setup):
             counts.add(batch.images, batch.record, setup)
             outcome = outcome_of(batch.images, batch.lifting, batch.record, setup)

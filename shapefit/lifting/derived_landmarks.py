@@ -122,7 +122,7 @@ def see_rows(
     return Points(points, deviation, np.nan_to_num(correlation))
 
 
-def as_joints(lifting: Lifting, A: Floats, keep_covariance: bool) -> Lifting:
+def as_joints(lifting: Lifting, A: Floats) -> Lifting:
     """Return a lifting of landmarks y = A x with the joints x as its shapes, and their error bars.
 
     The landmarks fitted stay those of y. Shapes stay about the middle that those of y have.
@@ -131,7 +131,7 @@ def as_joints(lifting: Lifting, A: Floats, keep_covariance: bool) -> Lifting:
     estimate = lifting.estimate
     joints = see_rows(back, estimate.shapes, estimate.covariance)
     covariance, further = None, dict(estimate.further)
-    if estimate.covariance is not None and keep_covariance:
+    if estimate.covariance is not None:
         every = np.kron(np.eye(3), back)
         covariance = every @ estimate.covariance @ every.T
     if joints.correlation is not None:

@@ -2,12 +2,11 @@
 
 Landmark y_j of a detector stands for joint j, and lies where A says; joints that no landmark stands
 for are their own. The fit works on y, whose prior is that of x seen through A; its joints, and all
-landmarks of the detector, are then rows of weights of what it found.
+landmarks of the detector, are then rows of weights of its result.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
@@ -15,12 +14,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import Flags, Floats, Integers
 from shapefit.dictionary.model import WHERE_MARKED, Dictionary, mapped
 from shapefit.errors import abbreviate, counted, input_error
 from shapefit.io import LandmarkSet
 from shapefit.io.layout import INPUT_CORRELATION, INPUT_NAMES, INPUT_SD, INPUT_SHAPES
-from shapefit.io.names import match_landmarks, nearest_names
 from shapefit.io.skeletons import PEOPLE, THETA, Part, people_joints, people_parts
 from shapefit.lifting.derived_landmarks import as_joints, place_dependents, see_rows
 from shapefit.lifting.lift import Lifting
@@ -38,9 +36,6 @@ PEOPLE_ALONE = {f"{side}{joint}" for side in "lr" for joint in ("wrist", "ankle"
 
 FEWEST_LANDMARKS = 3
 """Of a file that the dictionary must have, so that it can do without the others."""
-
-LISTED, COMPARED = 10, 200
-"""Names that a message lists, and that are compared with others for the likely pairs."""
 
 
 @dataclass(frozen=True)
@@ -61,19 +56,12 @@ class Matched:
         named = named_as_joints(images, self.joints, place)
         return named.arrange(self.dictionary.landmark_names, place, omit=bool(self.unknown))
 
-    def warnings(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Name landmarks that are left out, with the names that they may mean.
-
-        Those of a known skeleton are expected.
-        """
-        known = self.dictionary.landmark_names
-        unknown = [name for name in names if name not in set(known)]
-        if self.joints.names or not unknown:
+    def warnings(self) -> tuple[str, ...]:
+        """Name landmarks that are left out; those of a known skeleton are expected."""
+        if self.joints.names or not self.unknown:
             return ()
-        pairs = likely_pairs(unknown[:COMPARED], [name for name in known if name not in set(names)])
-        hint = f"; if they are the same: {as_rename(pairs)}" if pairs else ""
-        found = f"{counted(len(unknown), 'landmark')} left out, which the dictionary lacks"
-        return (f"{found} ({abbreviate(unknown)}){hint}",)
+        found = f"{counted(len(self.unknown), 'landmark')} left out, which the dictionary lacks"
+        return (f"{found} ({abbreviate(self.unknown)})",)
 
     def describe(self, names: Sequence[str]) -> str:
         """Say how many landmarks stand for joints of the dictionary; nothing where none do."""
@@ -86,7 +74,7 @@ def match_names(
 ) -> Matched:
     """Match the landmarks of files to those of a dictionary by their names.
 
-    Raises InputError as `check_enough`.
+    Raises InputError where fewer than three landmarks are the dictionary's, and others are not.
     """
     joints = find_joints(names, dictionary.landmark_names, in_place=in_place)
     if WHERE_MARKED in dictionary.provenance:
@@ -94,9 +82,17 @@ def match_names(
         known = dictionary.landmark_names
         parts = {name: part for name, part in joints.parts.items() if joints_of(part) <= {*known}}
         joints = Joints(known, parts, find_markers(parts, names, known))
-    renamed, known = [joints.names.get(name, name) for name in names], dictionary.landmark_names
-    unknown = [name for name in renamed if name not in set(known)]
-    check_enough(renamed, known, place)
+    known = dictionary.landmark_names
+    unknown = [name for name in names if joints.names.get(name, name) not in set(known)]
+    matching = len(names) - len(unknown)
+    if unknown and matching < FEWEST_LANDMARKS:
+        found = (
+            f"{matching or 'none'} of the {counted(len(names), 'landmark')} "
+            f"{'are' if matching > 1 else 'is'} in the dictionary, at least {FEWEST_LANDMARKS} "
+            f"must be (files: {abbreviate(names, 10)}; dictionary: {abbreviate(known, 10)})"
+        )
+        fix = "give a dictionary of such objects, or name landmarks alike: "
+        raise input_error(place, found, fix + "`rename: {FILE: DICTIONARY}`")
     return Matched(dictionary, joints, unknown)
 
 
@@ -194,7 +190,7 @@ def named_as_joints(images: LandmarkSet, joints: Joints, place: str) -> Landmark
     landmarks, confidence, weights = images.landmarks, images.confidence, images.weights()
     for several in (several for several in joints.markers.values() if len(several) > 1):
         columns = [images.landmark_names.index(name) for name in several]
-        visible: NDArray[np.bool_] = np.asarray(weights[:, columns] > 0)
+        visible: Flags = np.asarray(weights[:, columns] > 0)
         count = np.maximum(visible.sum(axis=1), 1)
         of_seen = (
             np.where(visible[:, None], landmarks[..., columns], 0.0).sum(axis=2) / count[:, None]
@@ -212,15 +208,13 @@ def named_as_joints(images: LandmarkSet, joints: Joints, place: str) -> Landmark
 class LandmarkMap:
     """Landmarks y = A(theta) x of the joints x of a dictionary.
 
-    active, whether they may differ from the joints; keep_covariance: that of all joints is wanted
-    in the result; depends_on, the landmark that each (p,) depends on, -1 for none, None where none
-    does; residual_variance of those.
+    active, whether they may differ from the joints; depends_on, the landmark that each (p,) depends
+    on, -1 for none, None where none does; residual_variance of those.
     """
 
     joints: Joints
     theta: Mapping[str, float]
     active: bool
-    keep_covariance: bool = False
     depends_on: Integers | None = None
     residual_variance: float = 0.0
 
@@ -230,7 +224,7 @@ class LandmarkMap:
         dictionary, joints = matched.dictionary, matched.joints
         dependents = dictionary.depends_on if dictionary.provenance.get(WHERE_MARKED) else None
         active = prior and bool(joints.markers or dependents is not None)
-        return cls(joints, {**MEANS, **(skeleton or {})}, active, prior, dependents)
+        return cls(joints, {**MEANS, **(skeleton or {})}, active, dependents)
 
     @property
     def moves(self) -> bool:
@@ -244,7 +238,7 @@ class LandmarkMap:
         return mapped(dictionary, self.joints.matrix(self.theta), self.joints.deviations())
 
     def back(
-        self, lifting: Lifting, landmarks: Floats, visible: NDArray[np.bool_]
+        self, lifting: Lifting, landmarks: Floats, visible: Flags
     ) -> tuple[Lifting, dict[str, NDArray[Any]]]:
         """Return the lifting of the joints, and all landmarks of the files as datasets.
 
@@ -256,7 +250,7 @@ class LandmarkMap:
             variance = self.residual_variance
             lifting = place_dependents(lifting, landmarks, visible, self.depends_on, variance)
         A, names = self.joints.matrix(self.theta), tuple(self.joints.parts)
-        joints = as_joints(lifting, A, self.keep_covariance)
+        joints = as_joints(lifting, A)
         if not names:
             return joints, {}
         rows = self.joints.rows(names, self.theta) @ np.linalg.inv(A)
@@ -270,61 +264,3 @@ class LandmarkMap:
             datasets[INPUT_SD] = sd.swapaxes(1, 2)
             datasets[INPUT_CORRELATION] = shown.correlation.swapaxes(1, 2).astype(np.float32)
         return joints, datasets
-
-
-def check_enough(names: Sequence[str], known: Sequence[str], place: str) -> None:
-    """Raise InputError where fewer than three landmarks are the dictionary's, and others are not.
-
-    The error has the first names of both, and the pairs that look alike where these are enough.
-    """
-    matching = [name for name in names if name in set(known)]
-    if len(matching) >= FEWEST_LANDMARKS or len(matching) == len(names):
-        return
-    if {name.strip() for name in names} & set(known) - set(matching):
-        match_landmarks(known, names, place)  # which names spaces around names
-    of_joint: dict[str, str] = {}
-    for name, joint in people_joints(names).items():
-        if joint in of_joint:
-            found = f"{of_joint[joint]} and {name} are one joint of people"
-            fix = "give the files of each skeleton in a separate call"
-            raise input_error(place, f"landmarks of several skeletons: {found}", fix)
-        of_joint[joint] = name
-    found = (
-        f"{len(matching) or 'none'} of the {counted(len(names), 'landmark')} "
-        f"{'are' if len(matching) > 1 else 'is'} in the dictionary, "
-        f"at least {FEWEST_LANDMARKS} must be (files: {abbreviate(names, LISTED)}; dictionary: "
-        f"{abbreviate(known, LISTED)})"
-    )
-    pairs = likely_pairs(
-        [name for name in names if name not in matching][:COMPARED],
-        [name for name in known if name not in matching][:COMPARED],
-    )
-    fix = "give a dictionary of such objects, or name landmarks alike: `rename: {FILE: DICTIONARY}`"
-    if len(matching) + len(pairs) >= FEWEST_LANDMARKS:
-        fix = f"name them alike: {as_rename(pairs)}"
-    raise input_error(place, found, fix)
-
-
-def likely_pairs(unknown: Sequence[str], known: Sequence[str]) -> dict[str, str]:
-    """Return the names that look most alike, not of opposite sides: file's -> dictionary's."""
-    pairs: dict[str, str] = {}
-    for name in unknown:
-        near = [
-            other for other in nearest_names(name, known) if {side(name), side(other)} != {*"lr"}
-        ]
-        pairs |= {name: near[0]} if near else {}
-    return pairs
-
-
-def side(name: str) -> str:
-    """Return l or r where a name is of a left or a right landmark, else an empty text."""
-    match = _SIDE.search(name.lower())
-    return "" if match is None else match[match.lastindex or 0]
-
-
-_SIDE = re.compile(r"(?:^|[^a-z])(?:(l)(?:eft)?|(r)(?:ight)?)(?:$|[^a-z])|^(?:(l)|(r))")
-
-
-def as_rename(pairs: Mapping[str, str]) -> str:
-    """Return the first pairs as the key `rename`."""
-    return f"`rename: {{{', '.join(f'{name}: {pairs[name]}' for name in list(pairs)[:5])}}}`"

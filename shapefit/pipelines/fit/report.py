@@ -244,7 +244,7 @@ def final_outcome(
     config, head = setup.config, source.head
     warnings: list[str | Counted] = [*setup.estimates.warnings]
     warnings += [*nothing_in(source.count, "images"), *source.notes]
-    warnings += setup.matched.warnings(head.landmark_names)
+    warnings += setup.matched.warnings()
     warnings += warn_of_lens(head.further, setup.camera)
     warnings += warn_of_dictionary(config, setup.dictionary)
     if not output_format(config).points_only:
