@@ -320,8 +320,6 @@ def find_conflict(fit: Any) -> str | None:
         found, fix = "has no perspective camera", "leave out `camera.focal`"
     elif of_prior and not method.has_prior:
         found, fix = f"has no prior; `{of_prior[0]}` needs one", f"use {priors}, or leave it out"
-    elif fit.bone_lengths is not None and not method.sequences:
-        found, fix = "lifts single images; `bone_lengths` needs sequences", "leave it out"
     else:
         return None
     return f"the method {name} {found}; {fix}"

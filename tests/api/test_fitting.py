@@ -194,7 +194,6 @@ CONFIGS = {
     "calibration": "{camera: {calibration: rig/cameras.toml, name: left}, method: convex+refine}",
     "names": "rename: {rwrist: unused}",
     "prior": "{method: posterior, prior: {scale: 2, residual_variance: 0.02}}",
-    "lengths": "{method: sequences, frame_rate: 24, bone_lengths: rig/lengths.csv}",
     "installed": "",
 }
 """A config of every kind: what a file beside it gives counts in Python, too."""
@@ -214,7 +213,6 @@ translation = [0.0, 0.0, 0.0]
 def test_a_config_file_is_read_as_the_command_reads_it(tmp_path, people, views, name):
     (tmp_path / "rig").mkdir()
     (tmp_path / "rig/cameras.toml").write_text(TOML)
-    (tmp_path / "rig/lengths.csv").write_text("from,to,length\npelvis,rhip,0.1\nrhip,rknee,0.4\n")
     text = f"# {name}\n{CONFIGS[name]}\n"
     others = "landmarks: nowhere.h5\ndictionary: nowhere.h5\noutput: r.h5\n"
     (tmp_path / "mine.yaml").write_text(text + (others if "{" not in text[:20] else ""))

@@ -88,7 +88,6 @@ fit | method: alternate; outliers: l1 | 5:11 | the method alternate does not sup
 fit | method: pmp; camera: {focal: 2} | 5:17 | the method pmp has no perspective camera; leave out `camera.focal`
 fit | method: posterior; leave_one_out: model | 5:16 | the method posterior has a prior that was learned from all shapes; `leave_one_out`
 fit | method: convex; prior: {scale: 2} | 5:16 | the method convex has no prior; `prior.scale` needs one; use `method: posterior` or `method: sequences`
-fit | method: posterior; bone_lengths: a.h5 | 5:15 | the method posterior lifts single images; `bone_lengths` needs sequences
 fit | camera: {principal_point: [1, 2]} | 4:27 | `principal_point` needs a focal length
 fit | camera: {focal: 2, calibration: a.h5} | 4:17 | `focal` and `calibration` both give the focal length
 fit | lambda: auto | 4:9 | `lambda: auto` needs `noise`

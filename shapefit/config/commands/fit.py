@@ -151,9 +151,6 @@ class FitConfig(MetresConfig):
     """Relative duality gap at which an image is solved; auto: 1e-6, 1e-3 for methods with a prior,
     and 0.01 for global."""
     prior: PriorConfig = section(PriorConfig)
-    bone_lengths: OptionalInputPath = None
-    """Lengths of the bones, for sequences: shapes of the body, whose mean lengths are taken, or CSV
-    with the header `from,to,length`, in any unit; by default estimated."""
     skeleton: Annotated[
         Auto[dict[Part, Positive]],
         Description("a mapping of head, hips and shoulders to factors > 0, or auto"),

@@ -63,8 +63,7 @@ class Lifter:
     `residual_variance` is that of the dictionary where None is given here; noise is the standard
     deviation of a landmark's coordinate; growth and covariances of the result, see
     PosteriorOptions. tolerance None is that of the method. leave_one_out names the dataset of the
-    atoms that the fit of an image does without; bone_lengths (e,) are those of the edges, where
-    they are known; threads 0 is one per core.
+    atoms that the fit of an image does without; threads 0 is one per core.
     """
 
     method: str
@@ -82,7 +81,6 @@ class Lifter:
     outlier_threshold: float | None = None
     leave_one_out: str | None = None
     frame_rate: float | None = None
-    bone_lengths: Floats | None = None
     threads: int = 0
 
     @property
@@ -99,7 +97,7 @@ class Lifter:
         return float(learned[0])
 
 
-def lifter_of(config: FitConfig, dictionary: Dictionary, lengths: Floats | None = None) -> Lifter:
+def lifter_of(config: FitConfig, dictionary: Dictionary) -> Lifter:
     """Return what lifts landmarks of a dictionary as a config says."""
     threshold = config.outlier_threshold or RANSAC_THRESHOLD
     return Lifter(
@@ -125,7 +123,6 @@ def lifter_of(config: FitConfig, dictionary: Dictionary, lengths: Floats | None 
         outlier_threshold=threshold if config.searches_outliers else None,
         leave_one_out=config.leave_one_out,
         frame_rate=config.frame_rate,
-        bone_lengths=lengths,
         threads=config.threads,
     )
 

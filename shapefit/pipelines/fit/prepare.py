@@ -121,14 +121,10 @@ def prepare(
         estimates = estimate(config, dictionary, matched, undistorted(first(), camera))
     config = config.changed(**estimates.values)
     mapped = LandmarkMap.of(matched, config.skeleton, prior=method.has_prior)
-    observed, lengths = mapped.apply(matched.dictionary), None
-    if method.sequences and config.bone_lengths is not None:
-        from shapefit.pipelines.fit.sequences import read_bone_lengths
-
-        lengths = read_bone_lengths(config.bone_lengths, observed)
+    observed = mapped.apply(matched.dictionary)
     if config.leave_one_out is not None:
         check_items(observed)
-    lifter = lifter_of(config, observed, lengths)
+    lifter = lifter_of(config, observed)
     # with a prior covariances serve the expected error, and the error bars of joints
     options = replace(
         lifter.posterior,

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Floats, Integers
+from shapefit.arrays import Flags, Integers
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
-from shapefit.io import LandmarkSet, read_shapes
+from shapefit.io import LandmarkSet
 from shapefit.io.layout import LANDMARK_COVARIANCE
 from shapefit.io.records import concatenate
 from shapefit.lifting.lift import Lifting
@@ -31,17 +29,14 @@ USUAL = 0.02
 """Second difference of a coordinate from image to image where the dictionary knows none, in units
 of the size of the body: that of subject 86 at 24 Hz."""
 
-RIGID, MEASURED = 0.005, 0.01
-"""Deviation of a bone from its length that no data are more exact than, in the same units; relative
-deviation of lengths that were measured on the body."""
+RIGID = 0.005
+"""Deviation of a bone from its length that no data are more exact than, in the same units."""
 
 RATE = 24.0
 """Frames a second where no file states it."""
 
 LIMBS = ({"hip", "knee"}, {"knee", "ankle"}, {"shoulder", "elbow"}, {"elbow", "wrist"})
 """Joints of people, but for their sides, between which limbs are."""
-
-HEADER = ["from", "to", "length"]
 
 
 def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
@@ -142,7 +137,7 @@ def refine_sequences(lifting: Lifting, images: LandmarkSet, lifter: Lifter) -> L
     refine = partial(
         refine_lifting,
         sequences=images.sequences or (),
-        motion=find_motion(dictionary, lifter.frame_rate or images.frame_rate, lifter.bone_lengths),
+        motion=find_motion(dictionary, lifter.frame_rate or images.frame_rate),
         residual_variance=lifter.variance,
         noise=lifter.noise,
         bar_scale=scale_of_bars(bars.bar_scale, bars.growth, len(dictionary.landmark_names)),
@@ -151,7 +146,7 @@ def refine_sequences(lifting: Lifting, images: LandmarkSet, lifter: Lifter) -> L
     return refine_through_camera(lifting, images.landmarks, refine)
 
 
-def find_motion(dictionary: Dictionary, rate: float | None, lengths: Floats | None) -> Motion:
+def find_motion(dictionary: Dictionary, rate: float | None) -> Motion:
     """Return the motion between images at a frame rate, or at that of the training shapes.
 
     Of a body whose velocity wanders, second differences grow with the 3/2th power of the time
@@ -165,8 +160,6 @@ def find_motion(dictionary: Dictionary, rate: float | None, lengths: Floats | No
         acceleration = acceleration * (dictionary.frame_rate / rate) ** 1.5
     tolerance = np.full(len(edges), USUAL) if tolerance is None else tolerance
     known = find_usual_lengths(dictionary)
-    if lengths is not None:
-        known = Lengths(lengths, np.diag(np.isfinite(lengths) / MEASURED**2), measured=True)
     lag = CONSTANTS.memory * (rate or dictionary.frame_rate or RATE)
     return Motion(edges, acceleration, np.maximum(tolerance, RIGID), known, max(1, round(lag)))
 
@@ -195,48 +188,3 @@ def find_usual_lengths(dictionary: Dictionary) -> Lengths | None:
 def is_limb(names: Sequence[str], edge: NDArray[np.integer]) -> bool:
     """Whether an edge is a thigh, a shank, an upper or a lower arm of people."""
     return {names[end][1:] for end in edge.tolist()} in LIMBS
-
-
-def read_bone_lengths(path: Path, dictionary: Dictionary) -> Floats:
-    """Return the known lengths (e,) of the bones of the dictionary, nan where unknown.
-
-    Of a CSV file `from,to,length`, or the means of shapes. Raises InputError for a file that cannot
-    be read or holds no length of a bone, and for a dictionary without edges.
-    """
-    if dictionary.edges is None:
-        fix = "learn the dictionary from shapes with edges, or leave out `bone_lengths`"
-        raise input_error(path, "the dictionary has no bones, so that lengths say nothing", fix)
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        is_table = file.readline().strip().split(",") == HEADER
-        lengths = read_table(path, csv.reader(file)) if is_table else {}
-    bones = [frozenset(dictionary.landmark_names[end] for end in edge) for edge in dictionary.edges]
-    if not is_table:
-        shapes = read_shapes([path], gaps=True)
-        points = dict(zip(shapes.landmark_names, shapes.shapes.transpose(2, 0, 1), strict=True))
-        for bone in (bone for bone in bones if bone <= points.keys()):
-            one, other = (points[name] for name in sorted(bone))
-            length = np.linalg.norm(one - other, axis=1)
-            if np.isfinite(length).any():
-                lengths[bone] = float(np.nanmean(length))
-    known = np.array([lengths.get(bone, np.nan) for bone in bones])
-    if not np.isfinite(known).any():
-        first = " - ".join(dictionary.landmark_names[end] for end in dictionary.edges[0])
-        fix = f"name bones as the dictionary does, as {first}"
-        raise input_error(path, "has no length of a bone of the dictionary", fix)
-    return known
-
-
-def read_table(path: Path, rows: Iterable[list[str]]) -> dict[frozenset[str], float]:
-    """Return the lengths in rows of `from,to,length`, of line 2 on. Raises InputError by line."""
-    lengths: dict[frozenset[str], float] = {}
-    for line, row in enumerate(rows, 2):
-        try:
-            one, other, text = row
-            length = float(text)
-        except ValueError:
-            length = np.nan
-        if not 0 < length < np.inf:
-            found = f"is no length of a bone: {','.join(row)}"
-            raise input_error(f"{path}:{line}", found, "write from,to,length with a length > 0")
-        lengths[frozenset((one, other))] = length
-    return lengths

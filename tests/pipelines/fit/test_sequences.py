@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from shapefit.config import EvalConfig, FitConfig, LearnDictConfig, ProjectConfig
+from shapefit.config import EvalConfig, LearnDictConfig, ProjectConfig
 from shapefit.errors import InputError
 from shapefit.evaluation.metrics import similarity
 from shapefit.geometry.rotations import rotation_about
@@ -26,7 +26,6 @@ from shapefit.pipelines.fit.sequences import (
     find_usual_lengths,
     in_pieces,
     is_limb,
-    read_bone_lengths,
     whole_sequences,
 )
 from shapefit.pipelines.learn_dict import run as learning
@@ -75,10 +74,6 @@ def test_without_edges_sequences_go_by_steady_motion(people, tmp_path):
         return np.abs(np.diff(shapes[:, 2], n=2, axis=0)).mean()
 
     assert haste(whole.shapes) < haste(single.shapes)
-    lengths = tmp_path / "lengths.csv"
-    lengths.write_text("from,to,length\na,b,1\n", encoding="utf-8")
-    with pytest.raises(InputError, match="the dictionary has no bones"):
-        fitted(tmp_path, people / "views.h5", bone_lengths=lengths)
 
 
 def test_error_bars_keep_what_frames_have_in_common(people):
@@ -130,29 +125,6 @@ def test_sequences_out_of_order_are_an_error(people, tmp_path):
     mixed = images.replaced(sequences=("a", "a", "b", "b", "a", "a"))
     with pytest.raises(InputError, match="the sequence 'a' goes on after others"):
         fitted(people, written(tmp_path / "mixed.h5", mixed))
-
-
-def test_known_lengths_come_from_shapes_or_a_table(people, project, tmp_path):
-    dictionary = read_dictionary(people / "dictionary.h5")
-
-    def lengths(path):
-        config = FitConfig(
-            landmarks=(people / "views.h5",), dictionary=people / "dictionary.h5",
-            output=tmp_path / "x.h5", method="sequences", bone_lengths=path,
-        )  # fmt: skip
-        return read_bone_lengths(config.bone_lengths, dictionary)
-
-    names, edges = dictionary.landmark_names, dictionary.edges
-    from_shapes = lengths(project / "sample_data/people_test.h5")
-    assert (from_shapes > 0).all()
-    table = tmp_path / "lengths.csv"
-    rows = [f"{names[j]},{names[i]},{n}" for n, (i, j) in enumerate(edges[:3], 1)]
-    table.write_text("\n".join(["from,to,length", *rows]))
-    assert lengths(table)[:3].tolist() == [1, 2, 3]
-    assert np.isnan(lengths(table)[3:]).all()
-    table.write_text("from,to,length\nhead,neck,long\n")
-    with pytest.raises(InputError, match=r"lengths\.csv:2: is no length"):
-        lengths(table)
 
 
 def test_a_sequence_before_a_camera(people, project, tmp_path):
