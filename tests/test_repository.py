@@ -110,17 +110,6 @@ def test_every_place_names_the_same_version_and_the_same_needs():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("system", ["linux", "macos", "windows"])
-def test_wheels_for_two_interfaces_serve_all_pythons(system: str):
-    """3.11 has a wheel of its own; that of 3.12, in the stable ABI, serves all later versions."""
-    command = [sys.executable, "-m", "cibuildwheel", "--print-build-identifiers"]
-    done = subprocess.run(
-        [*command, "--platform", system, str(PROJECT)], capture_output=True, text=True, check=True
-    )
-    assert {name.split("-")[0] for name in done.stdout.split()} == {"cp311", "cp312"}
-
-
-@pytest.mark.slow
 def test_no_link_of_the_site_leads_nowhere():
     """The builder is strict: a page, an anchor or a picture that is absent ends it."""
     site = [sys.executable, str(PROJECT / "tools/site.py")]

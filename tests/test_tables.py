@@ -110,44 +110,6 @@ def test_a_method_is_a_file_and_an_entry(folder):
     assert max(errors) < 1e-6
 
 
-WORST = '''
-"""The metric `worst`: the largest distance in the image of the landmarks that were visited."""
-
-import numpy as np
-
-
-def worst(fitted, observed, visited):
-    distance = np.linalg.norm(fitted - observed, axis=1)
-    return np.where(visited, distance, 0.0).max(axis=1)
-'''
-
-WORST_ENTRY = """
-from shapefit.evaluation.metrics import FITTED, LANDMARKS, METRICS, Dataset, Metric
-from toy import worst
-visited = Dataset("visited", ("p",), labels=True)
-METRICS["worst"] = Metric(worst, (FITTED, LANDMARKS, visited), "steps", "Worst landmark")
-"""
-
-
-def test_a_metric_is_a_function_and_an_entry(folder):
-    toy = Toy(folder, WORST, WORST_ENTRY)
-    visited = np.ones((5, 6), np.int8)
-    visited[:, 2:] = 0
-    with h5py.File(folder / "views.h5", "a") as views:
-        views["visited"] = visited
-    done = toy.run(
-        "fit views.h5 -d dictionary.h5 -o result.h5",
-        "fit views.h5 -d dictionary.h5 -o truth.csv",
-        "eval result.h5 --truth truth.csv -o report",
-        "eval result.h5 --truth truth.csv -o report --set metrics=[wort]",
-    )
-    assert "found 'wort'; did you mean 'worst'?" in done.stderr
-    assert "worst (steps)" in (folder / "report/report.md").read_text(encoding="utf-8")
-    with h5py.File(folder / "result.h5") as result:
-        left = np.linalg.norm(result["shapes"][..., :2] - result["landmarks"][:], axis=2)
-    np.testing.assert_allclose(errors_of(folder, "worst"), left[:, :2].max(axis=1))
-
-
 POINTS = '''
 """A text file of landmarks: the word POINTS and the names, then one image a line."""
 

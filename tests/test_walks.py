@@ -38,30 +38,6 @@ def folder(project, tmp_path):
     return tmp_path
 
 
-def check_student(folder: Path, name: str) -> None:
-    """Fail unless a TRC in metres, its angles and a page are there, as of somebody who walks."""
-    motion = shapefit.read_shapes(folder / f"{name}.trc")
-    assert (motion.unit, motion.frame_rate) == ("m", 25)
-    at = dict(zip(motion.landmark_names, motion.shapes.swapaxes(0, 1), strict=True))
-    assert 1.1 < np.median(at["head"][:, 1] - at["lankle"][:, 1]) < 1.9
-    angles = rows_of(folder / f"{name}_angles.csv")
-    assert len(angles) == len(motion)
-    assert all(0 <= float(row["knee_angle_r"]) < 100 for row in angles)
-    assert all(0 < float(row["knee_angle_r_sd"]) < 60 for row in angles)
-
-
-def test_a_student_gets_metres_angles_and_a_page_from_two_commands(folder):
-    fit = "fit cam01 -d people --set keypoints=body_25 --set frame_rate=25"
-    _, told = walk(folder, f"{fit} -o walk.trc")
-    for said in ("expected error about", "need --image-size", "Wrote   walk_person_1.trc"):
-        assert said in told
-    walk(folder, "view walk_person_1.trc walk_person_2.trc -o walk.html")
-    for person in (1, 2):
-        check_student(folder, f"walk_person_{person}")
-        assert len(rows_of(folder / f"walk_person_{person}_angles.csv")) == 10
-    assert "walk_person_2" in (folder / "walk.html").read_text(encoding="utf-8")
-
-
 def test_a_neuroscientist_lifts_an_animal_of_deeplabcut(folder):
     told, _ = walk(folder, "info data/animal_walk.csv")
     assert "a DeepLabCut or Lightning Pose CSV" in told

@@ -12,15 +12,6 @@ from shapefit.pipelines.fit.run import run
 
 from .conftest import run_command, same_file
 
-OPTIONS = {
-    "sparse-error": {"outliers": "sparse-error", "outlier_threshold": 0.2},
-    "noise": {"lam": "auto", "noise": 3.0},
-    "proof": {"save": {"proof": False}},
-    "ransac": {"outliers": "ransac"},
-    "perspective": {"camera": {"focal": 900.0, "principal_point": [0, 0]}},
-    "one thread": {"threads": 1, "tolerance": 1e-4},
-}
-
 
 def both(tmp_path, landmarks, dictionary, **options):
     """Fit by the command and by the function; the files of both."""
@@ -45,13 +36,6 @@ def test_every_method_finds_what_the_command_finds(tmp_path, people, views, meth
     same_file(command, function)
     assert len(found) == 150
     assert found.attributes["method"] == method
-
-
-@pytest.mark.parametrize("name", OPTIONS)
-@pytest.mark.filterwarnings("ignore::UserWarning")
-def test_every_option_does_what_it_does_in_the_command(tmp_path, people, views, name):
-    command, function, _ = both(tmp_path, views, people["sparse-coding"], **OPTIONS[name])
-    same_file(command, function)
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")

@@ -25,53 +25,9 @@ def shapefit(*arguments: object, folder: Path, text: str = "") -> SimpleNamespac
     return result
 
 
-@pytest.fixture(scope="module")
-def demo(project, tmp_path_factory):
-    """The chain with configs/demo and a small dictionary; what eval printed, and the folder."""
-    folder, configs = tmp_path_factory.mktemp("demo"), project / "configs/demo"
-    shapefit(
-        "learn-dict", "-c", configs / "learn-dict.yaml", *SMALL, "--set", "every=8",
-        "-o", "dict.h5", folder=folder,
-    )  # fmt: skip
-    shapefit("project", "-c", configs / "project.yaml", "-o", "views.h5", folder=folder)
-    shapefit(
-        "fit", "-c", configs / "fit.yaml", "views.h5", "-d", "dict.h5", "-o", "result.h5",
-        folder=folder,
-    )  # fmt: skip
-    shown = shapefit(
-        "eval", "-c", configs / "eval.yaml", "result.h5", "-o", "report", "--set", "plots=false",
-        folder=folder,
-    )  # fmt: skip
-    return folder, shown.stdout
-
-
 def rows(path: Path) -> list[dict[str, str]]:
     with path.open(newline="", encoding="utf-8") as file:
         return list(csv.DictReader(file))
-
-
-def test_the_demo_lifts_people(demo):
-    folder, table = demo
-    assert "error aligned" in table
-    assert (folder / "report/report.md").read_text(encoding="utf-8").startswith("# Errors")
-    error, *_ = (
-        float(row["mean"])
-        for row in rows(folder / "report/report.csv")
-        if (row["metric"], row["unit"], row["sequence"]) == ("similarity", "normalised", "")
-    )
-    flat = 1.0  # the error of a shape without any depth is about the spread of the depths
-    assert 0 < error < flat / 2
-
-
-def test_a_wrong_name_leaves_the_old_result(demo):
-    folder, _ = demo
-    before = (folder / "result.h5").read_bytes()
-    wrong = "item,landmark,x,y\na,pelviss,1,2\na,rhip,2,1\na,lhip,0,0\n"
-    result = run_in(folder, "fit", "-d", "dict.h5", "-o", "result.h5", "-", text=wrong)
-    assert result.returncode == 2
-    assert "pelviss" in result.stderr
-    assert "pelvis" in result.stderr.replace("pelviss", "")
-    assert (folder / "result.h5").read_bytes() == before
 
 
 RESIDUAL_VARIANCE, SIZE, N, P = 0.005, 30.0, 400, 9

@@ -181,42 +181,6 @@ def test_a_full_disk_behind_standard_output_is_no_internal_error(fitted, command
     assert "free some" in told
 
 
-EACH_SIZE = """
-import os, resource, sys
-from pathlib import Path
-import numpy as np
-from shapefit.cli.main import run
-
-target, sizes = Path(sys.argv[1]), int(sys.argv[2])
-
-def write():
-    return run([*sys.argv[3:], "-o", str(target)])
-
-def code(limit):
-    if os.fork() == 0:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
-        sys.exit(write())
-    return os.waitstatus_to_exitcode(os.wait()[1])
-
-assert write() == 0  # and what the children need is imported
-whole = target.stat().st_size
-for limit in np.linspace(0, whole - 1, sizes).astype(int).tolist():
-    target.write_text("old")
-    kept = lambda: target.read_text() == "old" and os.listdir(target.parent) == [target.name]
-    print(code(limit), kept())
-"""
-
-
-def test_many_sizes_of_the_disk(tmp_path, project):
-    """A dictionary with meshes."""
-    cars = project / "sample_data/cars.h5"
-    learn = ["learn-dict", "--set", "method=exemplars", cars]
-    command = [sys.executable, "-c", EACH_SIZE, tmp_path / "dict.h5", "30", *learn]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-    assert done.stdout.splitlines() == 30 * ["2 True"], done.stderr
-    assert done.stderr.count("free some space") == 30
-
-
 @pytest.mark.slow
 def test_every_command_works_in_a_folder_that_is_not_utf8(tmp_path, project):
     folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9"))

@@ -68,15 +68,6 @@ def test_a_fit_of_csv_imports_what_it_needs_and_no_more(of_a_fit):
     assert of_a_fit >= set(NEEDED.split())
 
 
-def test_verify_reads_no_config(of_a_fit, tmp_path_factory):
-    folder = next(tmp_path_factory.getbasetemp().glob("start-up*"))
-    files = (folder / "one.csv", "-d", folder / "dictionary.h5")
-    imported("fit", *files, "-o", folder / "one.h5")
-    modules = imported("verify", folder / "one.h5", *files[1:])
-    assert "shapefit.verification.certificate" in modules
-    assert not {"pydantic", "ruamel", "scipy", "shapefit.config"} & modules
-
-
 def test_no_cycles_are_looked_for_in_what_was_imported():
     script = (
         "import gc, sys; gc.disable()\n"

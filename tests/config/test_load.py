@@ -7,7 +7,6 @@ import os
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from shapefit.config import CONFIGS, dump_config, load_config
@@ -137,14 +136,6 @@ def test_globs_are_sorted_and_name_each_file_once(folder, shapes, names):
     assert found == tuple(folder / name for name in ([names] if "[2]" in names else names.split()))
 
 
-def test_a_home_that_does_not_exist_is_a_name(folder):
-    home = folder / "configs" / "~nobody.here"
-    home.mkdir()
-    (home / "x.h5").touch()
-    text = "data: ~nobody.here\nshapes: [~nobody.here/x.h5, '{data}/x.h5']\noutput: d.h5\n"
-    assert load_config("learn-dict", write(folder, text)).shapes == (home / "x.h5",)
-
-
 def test_data_stands_for_a_folder(folder):
     text = "data: ../far\nshapes: ['{data}/x.h5', '{data}/deep/*.h5']\noutput: d.h5\n"
     (folder / "other/deep").mkdir(parents=True)
@@ -177,26 +168,6 @@ def test_json_holds_every_key_under_its_yaml_name(folder):
         "auto",
     )
     assert values["landmarks"] == [str(folder / "configs/a.h5")]
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
-@given(
-    lam=st.floats(min_value=0, exclude_min=True, allow_infinity=False) | st.just("auto"),
-    scale=st.floats(min_value=0, exclude_min=True, allow_infinity=False) | st.none(),
-    threads=st.integers(0, 1024),
-    groups=st.dictionaries(PRINTABLE, st.text("*?[]a_ 1:#-'")),
-    match=PRINTABLE,
-)
-def test_a_printed_config_of_any_values_loads_again(folder, lam, scale, threads, groups, match):
-    fit = {"landmarks": ["a.h5", "-"], "dictionary": "b.h5", "output": "-", "noise": 1.0}
-    given = {
-        "fit": fit
-        | {"lambda": lam, "threads": threads, "method": "posterior", "prior": {"scale": scale}},
-        "eval": EVAL | {"results": {"no": "a.h5"}, "groups": groups, "match": match},
-    }
-    for command, keys in given.items():
-        config = CONFIGS[command](**keys)
-        assert load_config(command, write(folder, dump_config(config))) == config
 
 
 @pytest.mark.parametrize(
