@@ -43,11 +43,11 @@ from shapefit.io.atomic import atomic_path
 from shapefit.io.options import AS_KNOWN
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.io.skeletons import (
-    PARTS,
     PEOPLE,
     THETA,
     installed_skeletons,
     part_names,
+    parts_of_the_body,
     people_joints,
 )
 from shapefit.io.writers.motion import find_floors
@@ -231,7 +231,7 @@ def landmark_rows(
     names: Sequence[str], joints: Sequence[str], theta: Mapping[str, float]
 ) -> tuple[Floats, list[int]]:
     """Return the weights (m, p) of the joints in landmarks, and the joints that these stand for."""
-    parts = [PARTS[part] for part in part_names(names).values()]
+    parts = [parts_of_the_body()[part] for part in part_names(names).values()]
     if set(names) <= set(joints):  # the joints themselves
         theta = dict.fromkeys(theta, 1.0)
     rows = np.zeros((len(names), len(joints)))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from shapefit.arrays import Flags, Floats, Integers
+from shapefit.arrays import Flags, Floats
 from shapefit.errors import InputError, counted, input_error
 from shapefit.geometry.normalisation import LARGEST
 from shapefit.io.layout import LANDMARKS, SHAPES, Layout
@@ -69,8 +69,11 @@ def check_magnitudes(
     place: str, points: Floats, items: Sequence[str], landmarks: Sequence[str]
 ) -> None:
     """Raise InputError for points (n, 3, p) whose squares would overflow; nan is no such point."""
+
+    def where(row: int) -> str:
+        return f"{place}: item '{items[row]}', "
+
     fix = f"correct it, or use a larger unit: the limit is {LARGEST:g}"
-    where = lambda row: f"{place}: item '{items[row]}', "  # noqa: E731
     check_points(points, np.abs(points) > LARGEST, where, landmarks, fix)
 
 
@@ -101,19 +104,18 @@ def check_values(
 ) -> None:
     """Raise InputError for values of items from `start` on that cannot be computed with.
 
-    fields are those of records, names those of the landmarks; with `gaps` a landmark of a shape may
-    be unknown. Results may hold NaN in items that failed.
+    fields are columns of records, names those of the landmarks; with `gaps` a landmark of a shape
+    may be unknown. Results may hold NaN in items that failed.
     """
     if form is LANDMARKS:
         points, weights = fields["landmarks"], fields.get("confidence")
-        where = lambda row: f"{place('landmarks', start + row)}: "  # noqa: E731
-        fix = "write NaN where the landmark is unseen"
-        check_points(points, np.isinf(points), where, names, fix)
+        checks = [("landmarks", points, np.isinf(points), "write NaN where the landmark is unseen")]
         if weights is not None:
-            unfit = ~(np.isfinite(weights) & (weights >= 0))
-            where = lambda row: f"{place('confidence', start + row)}: "  # noqa: E731
-            fix = "write 0 (hidden) or a positive number"
-            check_points(weights[:, None], unfit[:, None], where, names, fix)
+            unfit, fix = ~((weights >= 0) & (weights < np.inf)), "write 0 (hidden) or a positive"
+            checks.append(("confidence", weights[:, None], unfit[:, None], f"{fix} number"))
+        for name, values, bad, fix in checks:
+            where = lambda row, name=name: f"{place(name, start + row)}: "  # noqa: E731
+            check_points(values, bad, where, names, fix)
     if form is SHAPES:
         check_finite(place, "shapes", fields["shapes"], names, start=start, gaps=gaps)
         check_mesh(place, fields, len(names), start)
@@ -127,7 +129,7 @@ def check_mesh(place: Place, fields: Mapping[str, Any], p: int, start: int = 0) 
         check_finite(place, "mesh_vertices", vertices, start=start)
         sizes["mesh_faces"] = vertices.shape[-1]
     for name, size in sizes.items():
-        indices: Integers | None = fields.get(name)
+        indices = fields.get(name)
         if indices is not None and len(wrong := np.argwhere((indices < 0) | (indices >= size))):
             row = int(wrong[0, 0])
             found = f"holds the indices {tuple(indices[row].tolist())}"

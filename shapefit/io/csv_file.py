@@ -20,7 +20,7 @@ import numpy as np
 from shapefit import core
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import InputError, input_error
-from shapefit.io.atomic import output_bytes, storage_errors
+from shapefit.io.atomic import atomic_path, storage_errors
 from shapefit.io.checks import input_problems
 from shapefit.io.inputs import (
     BLOCK_BYTES,
@@ -35,7 +35,7 @@ from shapefit.io.options import RecordWriter, Summary
 from shapefit.io.records import LandmarkSet, Records, ResultSet
 from shapefit.io.tidy_table import Block, Rows, check_columns, read_tidy, table_columns
 
-Write = Callable[[bytes | memoryview], None]
+Write = Callable[[bytes | memoryview], object]
 
 ROWS = 1 << 12
 """Rows that the csv module reads, and that are written, at a time: more leave the cache of the
@@ -248,8 +248,14 @@ IN_QUOTES = ('"', ",", "\r", "\n")
 @contextmanager
 def csv_output(target: Path) -> Iterator[CsvWriter]:
     """Give a writer to standard output, for `-`, or to a file that appears on a clean exit."""
-    with _standard_output() if is_stream(target) else output_bytes(target) as write:
-        writer = CsvWriter(write)
+    if is_stream(target):
+        with _standard_output() as write:
+            writer = CsvWriter(write)
+            yield writer
+            writer.check_begun()
+        return
+    with atomic_path(target) as path, path.open("wb") as file:
+        writer = CsvWriter(file.write)
         yield writer
         writer.check_begun()
 

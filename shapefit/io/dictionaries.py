@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +13,13 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.geometry.procrustes import coincide
-from shapefit.io.checks import Place, check_finite, check_mesh, input_problems, place_in_memory
+from shapefit.io.checks import Place, check_finite, check_mesh, place_in_memory
 from shapefit.io.formats import HDF5, check_holds, own_format, record_writer
 from shapefit.io.layout import DICTIONARY, FIELDS
 
 AGAIN = "make the dictionary again"
-
-POSITIVE = {"acceleration": "acceleration", "bone_tolerance": "deviation", "edge_length": "length"}
-"""Datasets whose numbers are not negative, and what they are."""
+NO_COVARIANCE = "is no covariance: not symmetric, or not positive definite"
+PRIOR = ("prior_weights", "prior_means", "prior_covariances")
 
 
 def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
@@ -32,67 +31,15 @@ def read_dictionary(path: Path, *, old: bool = False) -> Dictionary:
     from shapefit.io.hdf5_records import Hdf5Reader
 
     with Hdf5Reader(path, DICTIONARY, old=old) as reader:
-        fields, place = reader.fields(), reader.place
-        check_dictionary(fields, place)
-        for name, kind in POSITIVE.items():
-            values = fields[name]
-            if values is not None and not (np.isfinite(values).all() and (values >= 0).all()):
-                raise input_error(place(name, None), f"holds what is no {kind}", AGAIN)
-        if (C := fields["edge_covariance"]) is not None and C.size:
-            _check_covariance(place, "edge_covariance", C)
-        if (table := fields["p_value_table"]) is not None and not is_table(table):
-            raise input_error(place("p_value_table", None), "holds no moments of a prior", AGAIN)
+        fields, stated = reader.fields(), reader.stated
+        check_dictionary(fields, reader.place)
+        fields["prior"] = _take_prior(fields, reader.place)
         if fields["objective_trace"] is None:
             fields["objective_trace"] = np.empty(0)
-        fields["prior"] = _take_prior(fields, place)
-        stated = reader.stated
         provenance = {name: str(value) for name, value in reader.attributes.items()}
         return Dictionary(
             **fields, unit=stated["unit"], frame_rate=stated["frame_rate"], provenance=provenance
         )
-
-
-def is_table(table: Floats) -> bool:
-    """Whether rows (t, 4) hold scales, numbers of landmarks, excesses and shares of variance."""
-    return len(table) > 0 and bool(np.isfinite(table).all() and (table[:, [0, 1, 3]] > 0).all())
-
-
-def _take_prior(fields: dict[str, Any], place: Place) -> Mixture | None:
-    """Take the parts of the prior out of the fields; None without one."""
-    names = ("prior_weights", "prior_means", "prior_covariances")
-    parts = [fields.pop(name) for name in names]
-    absent = [name for name, part in zip(names, parts, strict=True) if part is None]
-    if len(absent) == len(names):
-        return None
-    if absent:
-        raise input_error(place(absent[0], None), "is missing; the file has a prior", AGAIN)
-    weights, means, covariances = parts
-    fine = np.isfinite(weights).all() and (weights > 0).all() and abs(weights.sum() - 1) < 1e-6
-    if not fine:
-        found = "are no shares that add up to 1"
-        raise input_error(place("prior_weights", None), found, AGAIN)
-    if not np.isfinite(means).all():
-        raise input_error(place("prior_means", None), "holds what is no number", AGAIN)
-    mixture = Mixture.of_landmarks(weights, means, covariances)
-    _check_covariance(place, "prior_covariances", mixture.covariances)
-    return mixture
-
-
-def _check_covariance(place: Place, name: str, C: Floats) -> None:
-    """Raise InputError for a matrix (..., e, e) that is no covariance."""
-    symmetric = np.isfinite(C).all() and np.allclose(C, C.swapaxes(-1, -2), rtol=0, atol=1e-9)
-    if not symmetric or not is_positive_definite(C):
-        found = "is no covariance: not symmetric, or not positive definite"
-        raise input_error(place(name, None), found, AGAIN)
-
-
-def is_positive_definite(C: Floats) -> bool:
-    """Whether matrices (..., e, e) have Cholesky factors: ten times as fast as eigenvalues."""
-    try:
-        np.linalg.cholesky(C)
-    except np.linalg.LinAlgError:
-        return False
-    return True
 
 
 def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
@@ -103,25 +50,62 @@ def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
         raise input_error(place("atoms", None), found, "a dictionary needs atoms and landmarks")
     check_finite(place, "atoms", atoms, names)
     check_finite(place, "mean_shape", mean[None], names)
-    if coincide(mean):
-        found = "all its landmarks are at one point"
-        raise input_error(place("mean_shape", None), found, "learn the dictionary again")
-    if (scale := fields["atom_scale"]) is not None:
-        wrong = np.flatnonzero(~(np.isfinite(scale) & (scale > 0)))
-        fix = "write a positive number"
-        problems = [f"{place('atom_scale', row)}: is {scale[row]}; {fix}" for row in wrong]
-        if problems:
-            raise input_problems(problems)
-    unnamed = [row for row, item in enumerate(fields["atom_items"] or ()) if not item]
-    if unnamed:
-        raise input_problems(
-            [f"{place('atom_item', n)}: is empty; name every item" for n in unnamed]
-        )
     check_mesh(place, fields, len(names))
+    for name, found in _faults(fields):
+        raise input_error(place(name, None), found, AGAIN)
+
+
+def _faults(fields: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield the datasets whose values are of no use, and why."""
+    if coincide(fields["mean_shape"]):
+        yield "mean_shape", "all its landmarks are at one point"
+    for name in ("acceleration", "bone_tolerance", "edge_length", "atom_scale"):
+        if (values := fields.get(name)) is not None:
+            least = np.nextafter(0, 1) if name == "atom_scale" else 0
+            if not ((values >= least) & (values < np.inf)).all():
+                yield name, "holds numbers that cannot be"
+    if "" in (fields["atom_items"] or ()):
+        yield "atom_item", "an item has no name"
     if (index := fields["mirror_index"]) is not None:
         points = np.arange(len(index))
-        if ((index < 0) | (index >= len(index))).any() or (index[index] != points).any():
-            raise input_error(place("mirror_index", None), "does not pair the landmarks", AGAIN)
+        if not (np.isin(index, points).all() and (index[index] == points).all()):
+            yield "mirror_index", "does not pair the landmarks"
+    if (C := fields.get("edge_covariance")) is not None and C.size:
+        if not _is_covariance(C):
+            yield "edge_covariance", NO_COVARIANCE
+    if (table := fields.get("p_value_table")) is not None:
+        if not (len(table) and np.isfinite(table).all() and (table[:, [0, 1, 3]] > 0).all()):
+            yield "p_value_table", "holds no moments of a prior"
+
+
+def _take_prior(fields: dict[str, Any], place: Place) -> Mixture | None:
+    """Take the parts of the prior out of the fields; None without one."""
+    parts = [fields.pop(name) for name in PRIOR]
+    absent = [name for name, part in zip(PRIOR, parts, strict=True) if part is None]
+    if len(absent) == len(PRIOR):
+        return None
+    if absent:
+        raise input_error(place(absent[0], None), "is missing; the file has a prior", AGAIN)
+    weights, means, covariances = parts
+    if not ((weights > 0).all() and abs(weights.sum() - 1) < 1e-6):
+        raise input_error(place(PRIOR[0], None), "are no shares that add up to 1", AGAIN)
+    if not np.isfinite(means).all():
+        raise input_error(place(PRIOR[1], None), "holds what is no number", AGAIN)
+    mixture = Mixture.of_landmarks(weights, means, covariances)
+    if not _is_covariance(mixture.covariances):
+        raise input_error(place(PRIOR[2], None), NO_COVARIANCE, AGAIN)
+    return mixture
+
+
+def _is_covariance(C: Floats) -> bool:
+    """Whether matrices (..., e, e) are symmetric and positive definite."""
+    if not (np.isfinite(C).all() and np.allclose(C, C.swapaxes(-1, -2), rtol=0, atol=1e-9)):
+        return False
+    try:
+        np.linalg.cholesky(C)  # ten times as fast as eigenvalues
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def check_given_dictionary(dictionary: Dictionary, name: str) -> None:

@@ -15,9 +15,7 @@ from shapefit.errors import input_error
 
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 GZIP_SIGNATURE = b"\x1f\x8b"
-
 BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-"""With which some programs begin text in UTF-8."""
 
 BLOCK_BYTES = 1 << 16
 """Of text that are read at a time; larger blocks leave the processor's cache and take longer."""
@@ -27,6 +25,11 @@ LARGEST_BYTES = 1 << 30
 
 MEMORY_FACTOR = 14
 """Memory that parsed JSON takes, as a multiple of the file (numbers of some ten digits)."""
+
+ALWAYS_FITS = 1 << 26
+"""Bytes that nobody needs to ask for."""
+
+MACHINE, GROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 
 
 def is_stream(path: Path) -> bool:
@@ -68,18 +71,6 @@ def require_file(path: Path) -> None:
         raise input_error(path, "is empty (0 bytes)", "make or copy the file again")
 
 
-@contextmanager
-def _open_text(path: Path) -> Iterator[IO[bytes]]:
-    """Open the bytes of a file of text, also of one that gzip made smaller."""
-    packed = begins_with(path, GZIP_SIGNATURE)
-    with cast(IO[bytes], gzip.open(path)) if packed else path.open("rb") as file:
-        try:
-            yield file
-        except (gzip.BadGzipFile, EOFError, zlib.error) as error:
-            fix = "the file may be cut off or damaged: copy or make it again"
-            raise input_error(path, f"cannot be unpacked ({error})", fix) from error
-
-
 def read_text_blocks(path: Path) -> Iterator[bytes]:
     """Yield the bytes of standard input, a pipe or a file, block by block.
 
@@ -103,23 +94,24 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
 def read_whole(path: Path) -> bytes:
     """Return the bytes of a file of text. Raises InputError where it is too large for that."""
     with _open_text(path) as file:
-        packed = isinstance(file, gzip.GzipFile)
-        size = 0 if packed else os.fstat(file.fileno()).st_size
-        while packed and size <= LARGEST_BYTES and (block := file.read(BLOCK_BYTES)):
-            size += len(block)
-        if size > LARGEST_BYTES:
-            found = f"{'more than ' * packed}{in_words(size)} of text, and it is read whole"
-            fix = f"divide it into files of less than {in_words(LARGEST_BYTES)}"
-            raise input_error(path, found, fix)
-        check_fits(str(path), MEMORY_FACTOR * size, "what it holds")
-        file.seek(0)
-        return file.read()
+        text = file.read(LARGEST_BYTES + 1)
+    if len(text) > LARGEST_BYTES:
+        found = f"holds more than {in_words(LARGEST_BYTES)} of text, and it is read whole"
+        raise input_error(path, found, "divide it into smaller files")
+    check_fits(str(path), MEMORY_FACTOR * len(text), "what it holds")
+    return text
 
 
-ALWAYS_FITS = 1 << 26
-"""Bytes that nobody needs to ask for."""
-
-MACHINE, GROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
+@contextmanager
+def _open_text(path: Path) -> Iterator[IO[bytes]]:
+    """Open the bytes of a file of text, also of one that gzip made smaller."""
+    packed = begins_with(path, GZIP_SIGNATURE)
+    with cast(IO[bytes], gzip.open(path)) if packed else path.open("rb") as file:
+        try:
+            yield file
+        except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+            fix = "the file may be cut off or damaged: copy or make it again"
+            raise input_error(path, f"cannot be unpacked ({error})", fix) from error
 
 
 def check_fits(
@@ -129,10 +121,7 @@ def check_fits(
     fix: str = "divide the file, or use a machine with more memory",
 ) -> None:
     """Raise InputError at `place` where `size` bytes are more than the memory that is free."""
-    if size <= ALWAYS_FITS:
-        return
-    free = free_memory()
-    if free is not None and size > free:
+    if size > ALWAYS_FITS and (free := free_memory()) is not None and size > free:
         taken = f"{found} takes {in_words(size)} of memory, and {in_words(free)} are free"
         raise input_error(place, taken, fix)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from shapefit.arrays import Floats
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import ResultSet
-from shapefit.io.atomic import StagedFiles, check_folder, file_stem, staged_files
+from shapefit.io.atomic import check_folder, file_stem, staged_files
 from shapefit.io.inputs import is_stream
 from shapefit.meshes.dense import metric_scale, object_frame
 from shapefit.meshes.export import MeshFormat, mesh_file, tubes
@@ -30,9 +29,13 @@ LARGEST = 1e38
 class MeshWriter:
     """Writes the mesh of each image of a result that has a shape."""
 
-    def __init__(self, dictionary: Dictionary, to: MeshFormat, files: StagedFiles) -> None:
-        """Take what `check_dictionary` and `check_mesh_folder` let through."""
-        self._dictionary, self._format, self._files = dictionary, to, files
+    def __init__(self, dictionary: Dictionary, to: MeshFormat, folder: Path, staging: Path) -> None:
+        """Take what `check_dictionary` and `check_mesh_folder` let through.
+
+        Files are written in `staging`, from where they move into the folder.
+        """
+        self._dictionary, self._format = dictionary, to
+        self._folder, self._staging = folder, staging
         self._count = self._missing = self._too_large = 0
 
     def add(self, result: ResultSet) -> None:
@@ -52,14 +55,15 @@ class MeshWriter:
                     vertices, faces = tubes(points, self._dictionary.edges)
                 content = mesh_file(vertices, faces, self._format)
                 stem = file_stem(item)
-                name = stem.with_name(f"{stem.name}.{self._format}")
-                self._files.write(name, partial(Path.write_bytes, data=content), item)
+                path = self._staging / stem.with_name(f"{stem.name}.{self._format}")
+                path.parent.mkdir(parents=True, exist_ok=True)
+                path.write_bytes(content)
                 self._count += 1
 
     @property
     def written(self) -> tuple[Path, ...]:
         """The folder, if there is a file in it."""
-        return (self._files.folder,) if self._count else ()
+        return (self._folder,) if self._count else ()
 
     @property
     def note(self) -> str:
@@ -80,8 +84,8 @@ class MeshWriter:
 @contextmanager
 def mesh_writer(dictionary: Dictionary, folder: Path, to: MeshFormat) -> Iterator[MeshWriter]:
     """Give a writer of meshes to a folder; the files appear together on a clean exit."""
-    with staged_files(folder) as files:
-        yield MeshWriter(dictionary, to, files)
+    with staged_files(folder) as staging:
+        yield MeshWriter(dictionary, to, folder, staging)
 
 
 def check_dictionary(dictionary: Dictionary, place: str | Path, *, mixes_atoms: bool) -> None:

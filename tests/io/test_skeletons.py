@@ -5,19 +5,19 @@ import pytest
 
 from shapefit.io.skeletons import (
     FURTHER,
-    PARTS,
     PEOPLE,
     THETA,
     Skeleton,
     installed_skeletons,
     part_names,
+    parts_of_the_body,
     people_joints,
     skeletons_of_size,
 )
 from tests.io.files import mirror_pairs
 
 JOINTS = (*PEOPLE, *FURTHER)
-SKELETONS = installed_skeletons()
+SKELETONS, PARTS = installed_skeletons(), parts_of_the_body()
 UNPAIRED = {"nose", "neck", "head", "midhip", "hip", "spine", "thorax"}
 
 

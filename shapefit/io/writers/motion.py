@@ -355,7 +355,8 @@ def motion_output(
         else:
             with staged_files(Path(os.path.realpath(target)).parent) as staged:
                 for name, fill in files.items():
-                    staged.write(name, fill, name.stem, sync=True)
+                    (staged / name).parent.mkdir(parents=True, exist_ok=True)
+                    fill(staged / name)
         placed = [*dict.fromkeys(f"in {unit} by {each.size}, {each.axes}" for each in motions)]
         if len(placed) > MOST_DESCRIBED:
             others = len(placed) - MOST_DESCRIBED

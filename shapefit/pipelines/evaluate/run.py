@@ -57,8 +57,8 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     inputs, warnings = digests(config.truth), dict.fromkeys(gaps)
     methods: dict[str, list[Measured]] = {name: [] for name in config.results}
     with staged_files(config.output) as folder:
-        with folder.opened("per_image.csv") as write:
-            write(f"{','.join(report.PER_IMAGE)}\n".encode())
+        with (folder / "per_image.csv").open("wb") as file_of_images:
+            file_of_images.write(f"{','.join(report.PER_IMAGE)}\n".encode())
             for name, file in ((key, file) for key in methods for file in config.results[key]):
                 results = with_shapes_of(read_any(file), truth.shapes.landmark_names)
                 measured = measure(file, results, truth, config)
@@ -67,7 +67,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
                 for rows in report.per_image_rows(
                     name, measured.sequences, measured.items, with_shares(measured)
                 ):
-                    write(rows)
+                    file_of_images.write(rows)
                 training = seen_in_training(name, results.attributes, inputs)
                 new = [w for w in (*training, *measured.warnings) if w not in warnings]
                 warnings |= dict.fromkeys(new)
@@ -83,8 +83,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
         summed, ungrouped = sum_up(config, joined, [*warnings], inputs)
         contents = _contents(summed, joined, draws=config.plots is not False and can_draw())
         for name, content in contents.items():
-            with folder.opened(name) as write:
-                write(content)
+            (folder / name).write_bytes(content)
     if config.plots == "auto" and PLOT not in contents:
         ungrouped.append(f"no plots: {MISSING}; {INSTALL}, or set `plots: false`")
     yield Outcome(

@@ -17,7 +17,7 @@ from typing import Any
 from shapefit import __version__
 from shapefit.config.paths import DONE, MANIFEST, manifest_lines
 from shapefit.errors import counted, input_error
-from shapefit.io.atomic import append_bytes, atomic_path, check_folder
+from shapefit.io.atomic import atomic_path, check_folder, storage_errors
 from shapefit.io.inputs import in_words
 
 LOCK = ".lock"
@@ -54,7 +54,8 @@ class Manifest:
     def add(self, entry: Entry) -> None:
         """Add the line of a part."""
         self.parts[entry["file"]] = entry
-        append_bytes(self.path, as_line(entry))
+        with storage_errors(self.path, None), self.path.open("ab", buffering=0) as file:
+            file.write(as_line(entry))
 
 
 def as_line(entry: Mapping[str, Any]) -> bytes:

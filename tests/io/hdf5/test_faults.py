@@ -197,12 +197,12 @@ FAULTS = [
     ("dictionary", {"mesh_vertices": point([1.0, np.inf, 2.0], 6, 5)},
      [f"mesh_vertices[6]: vertex 5 is (1.0, inf, 2.0); {FINITE}"]),
     *(("dictionary", {"atom_scale": point(value, 2)},
-       [f"atom_scale[2]: is {value}; write a positive number"])
+       ["atom_scale: holds numbers that cannot be; make the dictionary again"])
       for value in (0.0, -1.0, np.nan, np.inf)),
     ("dictionary", {"atom_scale": np.ones(6), "atom_item": ["x"] * 8},
      ["atom_scale: has the shape (6,); store numbers (atoms), here (7)",
       "atom_item: has the shape (8,); store UTF-8 text (atoms), here (7)"]),
-    ("dictionary", {"atom_item": [*"abcde", "", "g"]}, ["atom_item[5]: is empty; name every item"]),
+    ("dictionary", {"atom_item": [*"abcde", "", "g"]}, ["atom_item: an item has no name; make the dictionary again"]),
     *((kind, {"item": ["a", "b", "c", "b", "b"]},
        [f"item[{row}]: item 'b' is also at {{path}}:/item[{other}]; give every item a unique name"
         for row, other in ((3, 1), (4, 3))])
