@@ -70,12 +70,13 @@ def _faults(fields: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         points = np.arange(len(index))
         if not (np.isin(index, points).all() and (index[index] == points).all()):
             yield "mirror_index", "does not pair the landmarks"
-    if (C := fields.get("edge_covariance")) is not None and C.size:
-        if not _is_covariance(C):
-            yield "edge_covariance", NO_COVARIANCE
-    if (table := fields.get("p_value_table")) is not None:
-        if not (len(table) and np.isfinite(table).all() and (table[:, [0, 1, 3]] > 0).all()):
-            yield "p_value_table", "holds no moments of a prior"
+    if (C := fields.get("edge_covariance")) is not None and C.size and not _is_covariance(C):
+        yield "edge_covariance", NO_COVARIANCE
+    table = fields.get("p_value_table")
+    if table is not None and not (
+        len(table) and np.isfinite(table).all() and (table[:, [0, 1, 3]] > 0).all()
+    ):
+        yield "p_value_table", "holds no moments of a prior"
 
 
 def _take_prior(fields: dict[str, Any], place: Place) -> Mixture | None:

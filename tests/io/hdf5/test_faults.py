@@ -202,7 +202,8 @@ FAULTS = [
     ("dictionary", {"atom_scale": np.ones(6), "atom_item": ["x"] * 8},
      ["atom_scale: has the shape (6,); store numbers (atoms), here (7)",
       "atom_item: has the shape (8,); store UTF-8 text (atoms), here (7)"]),
-    ("dictionary", {"atom_item": [*"abcde", "", "g"]}, ["atom_item: an item has no name; make the dictionary again"]),
+    ("dictionary", {"atom_item": [*"abcde", "", "g"]},
+     ["atom_item: an item has no name; make the dictionary again"]),
     *((kind, {"item": ["a", "b", "c", "b", "b"]},
        [f"item[{row}]: item 'b' is also at {{path}}:/item[{other}]; give every item a unique name"
         for row, other in ((3, 1), (4, 3))])

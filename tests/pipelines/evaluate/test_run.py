@@ -1,9 +1,7 @@
 """What an evaluation writes: tables, page, plot, warnings; and what stops it."""
 
-import errno
 import json
 import sys
-from contextlib import contextmanager
 from itertools import pairwise
 
 import numpy as np
@@ -13,7 +11,7 @@ from shapefit.config import EvalConfig
 from shapefit.errors import InputError
 from shapefit.evaluation import metrics
 from shapefit.evaluation.report import MOST_LISTED
-from shapefit.io import atomic, write_shapes
+from shapefit.io import write_shapes
 from shapefit.pipelines.evaluate import run as evaluate
 from tests.pipelines.told import texts
 
@@ -176,19 +174,3 @@ def test_nothing_to_measure_is_an_error_and_leaves_no_folder(desk, results):
     with pytest.raises(InputError, match="metrics: no image has anything to judge in recall"):
         desk.run(metrics=["recall"])
     assert not desk.config.output.exists()
-
-
-def test_a_full_disk_is_reported_and_replaces_nothing(desk, monkeypatch):
-    desk.run()
-    old = {path.name: path.read_bytes() for path in desk.config.output.iterdir()}
-
-    @contextmanager
-    def fill(path, target):
-        with atomic.storage_errors(target):
-            raise OSError(errno.ENOSPC, "No space left on device")
-        yield
-
-    monkeypatch.setattr(atomic, "_opened", fill)
-    with pytest.raises(InputError, match=r"report/per_image.csv: cannot be written: No space left"):
-        desk.run(metrics=["similarity"])
-    assert {path.name: path.read_bytes() for path in desk.config.output.iterdir()} == old
