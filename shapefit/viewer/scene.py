@@ -75,7 +75,7 @@ class Layer:
     fitted (n, 2, p) landmarks in the image. camera (n, 4) focal lengths and principal point that
     take points to the image: x f / |z| + c in perspective, else x f + c. sd (n, 3, p) standard
     deviations in space; pose (n, 13) rotation, scale, translation that carry a mesh into it; status
-    is a word for frames that have one; doubts are reasons not to trust a shape, "" for none.
+    is a word for frames that have one; reasons say why a shape is not trusted, "" for none.
     """
 
     name: str
@@ -88,7 +88,7 @@ class Layer:
     perspective: bool = False
     blend: Blend | None = None
     status: Words | None = None
-    doubts: Words | None = None
+    reasons: Words | None = None
     measures: tuple[Measure, ...] = ()
 
 

@@ -92,7 +92,7 @@ test("a recording has a row of frames for each individual, by their times", () =
 });
 
 test("the next doubtful frame is sought over all individuals and recordings, going round", () => {
-  const next = (from, ...doubted) => scene.nextDoubtful(couple(), from, (frame) => doubted.includes(frame));
+  const next = (from, ...untrusted) => scene.nextUntrusted(couple(), from, (frame) => untrusted.includes(frame));
   assert.equal(next(0, 3), 3);
   assert.equal(next(2, 3), 3); // going round: this moment again, last of all
   assert.equal(next(0, 5, 4), 4);

@@ -150,7 +150,7 @@ def _result_layer(content: Content, seen: Floats | None, truth: Content | None) 
         camera=camera,
         perspective=in_camera,
         status=Words.of(status),
-        doubts=Words.of(content.per_frame(REASONS)),
+        reasons=Words.of(content.per_frame(REASONS)),
         measures=(*_angles(content), *_errors(content, seen, truth)),
     )
     if set(POSE) <= content.records.per_item.keys():

@@ -31,7 +31,7 @@ const chart = (() => {
     const length = rows[0].values.length;
     const base = height - BELOW - MARK * rows.length;
     const [low, high] = rangeOf(rows);
-    const [faint, line, doubt] = ["faint", "line", "doubt"].map(look.text);
+    const [faint, line, untrusted] = ["faint", "line", "untrusted"].map(look.text);
     const x = (i) => LEFT + ((width - LEFT - RIGHT) * (i + 0.5)) / length;
     const y = (value) => base - ((base - TOP) * (Math.max(low, Math.min(high, value)) - low)) / (high - low);
     const write = (words, at, down, align) => {
@@ -64,7 +64,7 @@ const chart = (() => {
       const wide = Math.max(1, (width - LEFT - RIGHT) / length);
       states.forEach((state, i) => {
         if (state !== "doubtful" && state !== "none") return;
-        context.fillStyle = state === "doubtful" ? doubt : line;
+        context.fillStyle = state === "doubtful" ? untrusted : line;
         context.fillRect(x(i) - wide / 2, base + 2 + MARK * row, wide, MARK - 1);
       });
     });

@@ -139,7 +139,7 @@ const look = (() => {
   }
 
   function cross(context, x, y) {
-    stroke(context, text("doubt"), 3, () => [-5, 5].forEach((side) => {
+    stroke(context, text("untrusted"), 3, () => [-5, 5].forEach((side) => {
       context.moveTo(x - 5, y - side);
       context.lineTo(x + 5, y + side);
     }));

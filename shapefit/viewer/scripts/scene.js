@@ -89,7 +89,7 @@ const scene = (() => {
       has: (frame) => points(frame).some(Number.isFinite),
       measures: layer.measures.map((measure) => ({ ...measure, values: blocks.numbers(measure.values), sd: measure.sd && blocks.numbers(measure.sd) })),
       word: layer.status ? openWords(layer.status) : () => "",
-      doubt: layer.doubts ? openWords(layer.doubts) : null,
+      reason: layer.reasons ? openWords(layer.reasons) : null,
     };
   }
 
@@ -124,12 +124,12 @@ const scene = (() => {
     return new Set(cut).size < new Set(names).size ? names : cut;
   }
 
-  /** The first frame after `from`, over all recordings and going round, in which `doubted` doubts some individual; null for none. */
-  function nextDoubtful(data, from, doubted) {
+  /** The first frame after `from`, over all recordings and going round, in which `isUntrusted` holds; null for none. */
+  function nextUntrusted(data, from, isUntrusted) {
     const moments = data.recordings.flatMap((recording) => Array.from({ length: recording.length }, (_, time) => framesAt(recording, time)));
     const next = 1 + moments.findIndex((frames) => frames.includes(from));
-    return [...moments.slice(next), ...moments.slice(0, next)].flat().find(doubted) ?? null;
+    return [...moments.slice(next), ...moments.slice(0, next)].flat().find(isUntrusted) ?? null;
   }
 
-  return { open, framesAt, short, nextDoubtful };
+  return { open, framesAt, short, nextUntrusted };
 })();

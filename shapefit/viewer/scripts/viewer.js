@@ -75,7 +75,7 @@
     return { values, unit };
   }
 
-  const stateOf = (layer, frame) => (!layer.has(frame) ? "none" : layer.doubt?.(frame) ? "doubtful" : "trusted");
+  const stateOf = (layer, frame) => (!layer.has(frame) ? "none" : layer.reason?.(frame) ? "doubtful" : "trusted");
 
   /* Frames. */
   function go(frame) {
@@ -117,10 +117,10 @@
       const name = tracks.length > 1 ? tracks.find(({ sequence }) => sequence === data.sequenceOf(frame)).label : layers.length > 1 ? layer.name : "";
       return name && text ? `${name}: ${text}` : text;
     };
-    const doubts = layers.flatMap((layer) => frames.map((frame) => named(layer, frame, layer.doubt?.(frame)))).filter(Boolean);
-    $("badge").hidden = !layers.some((layer) => layer.doubt);
-    $("badge").className = doubts.length ? "doubtful" : "";
-    $("badge").textContent = doubts.length ? `doubtful: ${doubts.join("; ")}` : "trusted";
+    const reasons = layers.flatMap((layer) => frames.map((frame) => named(layer, frame, layer.reason?.(frame)))).filter(Boolean);
+    $("badge").hidden = !layers.some((layer) => layer.reason);
+    $("badge").className = reasons.length ? "doubtful" : "";
+    $("badge").textContent = reasons.length ? `doubtful: ${reasons.join("; ")}` : "trusted";
     const own = layers.map((layer) => named(layer, view.frame, describe(layer, view.frame))).filter(Boolean);
     $("told").textContent = [data.items[view.frame], `${data.video ? "frame" : "image"} ${time() + 1} of ${length}`, ...own].join(" · ");
     $("list").value = data.video ? tracks[0].start : view.frame;
@@ -163,8 +163,8 @@
   const jumpSequence = (step) => jump(data.sequences[clamp(data.sequenceOf(view.frame) + step, 0, data.sequences.length - 1)].start);
 
   function jumpDoubtful() {
-    const doubted = (frame) => visible(frame) && shown().some((layer) => layer.doubt?.(frame));
-    jump(scene.nextDoubtful(data, view.frame, doubted) ?? view.frame);
+    const isUntrusted = (frame) => visible(frame) && shown().some((layer) => layer.reason?.(frame));
+    jump(scene.nextUntrusted(data, view.frame, isUntrusted) ?? view.frame);
   }
 
   /* The camera. */
@@ -328,7 +328,7 @@
     const results = data.layers.filter((layer) => layer.role === "result");
     const has = {
       play: data.video, speed: data.video, time: data.count > 1, "measure-label": measures.length,
-      doubtful: results.some((layer) => layer.doubt),
+      doubtful: results.some((layer) => layer.reason),
       flat: data.flat, solid: data.layers.length, sides: data.sides && !data.layers[0]?.faces,
       "mesh-choice": results.some((layer) => layer.faces), "upright-choice": !data.video && results.some((layer) => layer.pose(0)),
       "key-observed": data.seen(0), "key-hidden": results.length && data.seen(0), "key-residual": results.length && data.seen(0),
@@ -336,7 +336,7 @@
     };
     for (const [id, there] of Object.entries(has)) $(id).hidden = !there;
     $("upright").checked = view.upright;
-    $("doubtful").disabled = !results.some((layer) => layer.doubts?.words.some(Boolean));
+    $("doubtful").disabled = !results.some((layer) => layer.reasons?.words.some(Boolean));
   }
 
   const on = (id, event, act) => $(id).addEventListener(event, act);
