@@ -24,11 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.coverage import read_images, write_images
-from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, judge
+from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, evaluate_class
 from shapefit.dictionary.from_2d.learning import learn
 from shapefit.evaluation.metrics import similarity
 from shapefit.evaluation.report import markdown_table
-from shapefit.geometry.normalisation import spread
+from shapefit.geometry.normalisation import std
 from shapefit.geometry.rotations import rotation_about_axis
 from shapefit.io import LandmarkSet, read_results, read_shapes
 from shapefit.io.records import concatenate
@@ -77,7 +77,7 @@ def e3d(found: Floats, truth: Floats) -> Floats:
 
 def normalised(found: Floats, truth: Floats) -> Floats:
     """Similarity error over the size of the truth (n,)."""
-    return similarity(found, truth) / spread(truth)
+    return similarity(found, truth) / std(truth)
 
 
 def millimetres(found: Floats, truth: Floats) -> Floats:
@@ -204,7 +204,7 @@ CASES = (
 
 
 def measure(case: Case, data: Path, learned: dict[Path, float]) -> tuple[str, ...]:
-    """Learn, fit, judge; return the row of the table. learned: dictionary -> seconds, so far."""
+    """Learn, fit, evaluate; return the row of the table. learned: dictionary -> seconds, so far."""
     folder = FOLDER / case.name
     folder.mkdir(parents=True, exist_ok=True)
     dictionary = FOLDER / f"{case.source or case.name}.h5"
@@ -241,10 +241,10 @@ def film(data: Path, number: int, turn: int) -> str:
         )
         given = images_of(images)
         *_, state = learn(given)
-        size = spread(X[:, :2]).mean() / spread(given.landmarks).mean()
+        size = std(X[:, :2]).mean() / std(given.landmarks).mean()
         signs = [np.array([[1.0], [1.0], [sign]]) for sign in (1.0, -1.0)]
         errors.append(min(float(e3d(size * sign * state.in_camera, X).mean()) for sign in signs))
-        verdicts.append({ALIKE: "r", DOUBTFUL: "d"}.get(judge(given, state).verdict, "l"))
+        verdicts.append({ALIKE: "r", DOUBTFUL: "d"}.get(evaluate_class(given, state).verdict, "l"))
     return f"{np.mean(errors):.2f} {''.join(verdicts)}"
 
 

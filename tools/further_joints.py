@@ -118,7 +118,7 @@ def training_shapes(given: ShapeSet, dictionary: Dictionary) -> Floats:
         shapes,
         find_skeleton(np.array(bones), len(names)),
         copies=FEWEST_COPIES,
-        stretch=prior["bone_scale"],
+        bone_scale=prior["bone_scale"],
         exchange=prior["exchange"],
         partners=np.array(partners),
     )

@@ -83,7 +83,7 @@ class Transforms:
         first, count = starts_of(self.count)[images], self.count[images]
         return Transforms.gathered(first, count, self.atom, self.blocks, self.k)
 
-    def spread(self, values: Floats) -> Floats:
+    def scatter(self, values: Floats) -> Floats:
         """Return values (a, ...) at their images and atoms, and 0 elsewhere: (n, k, ...)."""
         full = np.zeros((len(self.count), self.k, *values.shape[1:]))
         full[self.image, self.atom] = values
@@ -91,7 +91,7 @@ class Transforms:
 
     def dense(self) -> Floats:
         """Return M (n, k, 2, 3)."""
-        return self.spread(self.blocks)
+        return self.scatter(self.blocks)
 
 
 def starts_of(count: Indices) -> Indices:
@@ -105,8 +105,8 @@ def sum_and_difference(Q: Floats) -> tuple[Floats, Floats, Floats]:
     product = np.linalg.norm(np.cross(first, second), axis=-1)
     A11, A22 = (first**2).sum(axis=-1), (second**2).sum(axis=-1)
     total = np.sqrt(A11 + A22 + 2 * product)
-    spread = np.hypot(A11 - A22, 2 * (first * second).sum(axis=-1))
-    return total, np.divide(spread, total, out=np.zeros_like(total), where=total > 0), product
+    difference = np.hypot(A11 - A22, 2 * (first * second).sum(axis=-1))
+    return total, np.divide(difference, total, out=np.zeros_like(total), where=total > 0), product
 
 
 def nuclear_norm(Q: Floats) -> Floats:

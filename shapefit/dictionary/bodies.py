@@ -13,7 +13,7 @@ import numpy as np
 
 from shapefit.arrays import Floats, Integers
 from shapefit.dictionary.model import Dictionary
-from shapefit.geometry.normalisation import metres_in, normalise, spread
+from shapefit.geometry.normalisation import metres_in, normalise, std
 
 FEWEST = 100
 """Second differences from which a mean square is taken."""
@@ -25,7 +25,7 @@ ALIKE = 0.02
 """Root mean square difference of the logarithms of lengths within which two sequences show one
 body: motion capture finds those of a body again within 0.015."""
 
-SPREAD, WORTH = 0.06, 5.0
+LENGTH_STD, WORTH = 0.06, 5.0
 """s and m. Ten bodies of motion capture have bones that are longer or shorter by 4.5% beside their
 size, and a body differs from another by 1.4 times that."""
 
@@ -89,7 +89,7 @@ def find_edge_covariance(lengths: Floats, of_shapes: Floats | None = None) -> Fl
             bodies.append(each)
     away = np.array(bodies) - np.mean(bodies, axis=0)
     e = logs.shape[1]
-    found: Floats = away.T @ away + WORTH * SPREAD**2 * np.eye(e)
+    found: Floats = away.T @ away + WORTH * LENGTH_STD**2 * np.eye(e)
     found /= len(bodies) - 1 + WORTH
     if of_shapes is not None:
         each = np.log(np.where(there, of_shapes, 1.0))
@@ -124,8 +124,8 @@ def metres_per_unit(shapes: Floats, dictionary: Dictionary) -> Floats | None:
         size = float(dictionary.edge_length.sum())
     else:
         assert dictionary.atom_scale is not None
-        extent = spread(shapes)
-        size = float((dictionary.atom_scale * spread(dictionary.atoms)).mean())
+        extent = std(shapes)
+        size = float((dictionary.atom_scale * std(dictionary.atoms)).mean())
     return np.divide(
         metres * size, extent, out=np.full(len(shapes), np.nan), where=np.asarray(extent > 0)
     )
@@ -192,7 +192,7 @@ def vary(
     skeleton: Skeleton,
     *,
     copies: int,
-    stretch: float,
+    bone_scale: float,
     exchange: float,
     partners: Integers | None = None,
 ) -> Floats:
@@ -216,7 +216,7 @@ def vary(
             rows = np.flatnonzero(exchanged)
             for j in limb:
                 bones[rows, :, j] = given[donors[rows], :, j]
-        lengths = np.exp(stretch * rng.standard_normal((n, p)))[:, twin]
+        lengths = np.exp(bone_scale * rng.standard_normal((n, p)))[:, twin]
         bones *= lengths[:, None]
         built = shapes.copy()
         for j in order:

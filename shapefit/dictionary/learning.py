@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.dictionary.coding import duality_gaps, flat, objectives, sparse_code
-from shapefit.geometry.normalisation import spread
+from shapefit.geometry.normalisation import std
 
 BOUND = 1.0
 """The largest norm of an atom."""
@@ -205,7 +205,7 @@ def scale_of_atoms(atoms: Floats, use: Floats, measured: Floats, mean: float) ->
     """
     size = np.full(len(atoms), mean)
     np.divide(measured, use, out=size, where=use > 0)
-    sizes: Floats = size / spread(atoms)
+    sizes: Floats = size / std(atoms)
     return sizes
 
 
@@ -225,8 +225,8 @@ def principal_components(shapes: Floats, bases: float = 0.99) -> Floats:
     rank = int((s > rounding).sum())
     number = int(bases)
     if bases < 1:
-        held = np.cumsum(s[:rank] ** 2)
-        number = int((held < bases * held[-1]).sum()) + 1 if rank else 0
+        explained = np.cumsum(s[:rank] ** 2)
+        number = int((explained < bases * explained[-1]).sum()) + 1 if rank else 0
     retained = directions[: min(number, rank)]
     largest = np.take_along_axis(retained, np.abs(retained).argmax(axis=1)[:, None], axis=1)
     return (retained * np.sign(largest)).reshape(-1, *shapes.shape[1:])

@@ -189,8 +189,8 @@ class Dictionary:
         )
 
 
-def mapped(dictionary: Dictionary, A: Floats, apart: Floats) -> Dictionary:
-    """Return the dictionary of the landmarks y = A x + e, e with the deviations `apart` (p,).
+def mapped(dictionary: Dictionary, A: Floats, residual: Floats) -> Dictionary:
+    """Return the dictionary of the landmarks y = A x + e, e with the deviations `residual` (p,).
 
         p(y) = sum_k pi_k N(y; A mu_k, A C_k A^T + V),  atoms A B_i
 
@@ -198,7 +198,7 @@ def mapped(dictionary: Dictionary, A: Floats, apart: Floats) -> Dictionary:
     joint j: edges, motion and names stay as they are; edges get longer as
     their root mean square lengths do.
     """
-    variance = np.tile(apart**2, 3)
+    variance = np.tile(residual**2, 3)
     prior, length = dictionary.prior, dictionary.edge_length
     if prior is not None:
         before = prior

@@ -55,7 +55,7 @@ class Coverage:
 
     method: str
     group: str
-    judged: int
+    counted: int
     inside: tuple[float, ...]
     median_width: Mapping[str, float]
 
@@ -97,9 +97,9 @@ def find_squares(
         z[:, :2] /= np.sqrt(np.maximum(1 - leverage, SMALLEST))
         square = mahalanobis(z, correlation)
         width = np.sqrt(QUANTILE * (sd**2).mean(axis=1)) / scale[:, None]
-    judged = visible & (visible.sum(axis=1) >= FEWEST_LANDMARKS)[:, None] & (scale > 0)[:, None]
-    judged &= np.isfinite(width) & ~np.isnan(square)
-    return np.where(judged, square, np.nan), np.where(judged, width, np.nan)
+    counted = visible & (visible.sum(axis=1) >= FEWEST_LANDMARKS)[:, None] & (scale > 0)[:, None]
+    counted &= np.isfinite(width) & ~np.isnan(square)
+    return np.where(counted, square, np.nan), np.where(counted, width, np.nan)
 
 
 def mahalanobis(z: Floats, correlation: Floats | None) -> Floats:
@@ -143,11 +143,11 @@ def cover(method: str, bars: ErrorBars, groups: Mapping[str, Flags]) -> Iterator
     """Sum up the error bars of the images (n,) of each group that has any."""
     for group, members in groups.items():
         square = bars.square[members]
-        judged = int((~np.isnan(square)).sum())
-        if judged:
-            inside = tuple(int((square <= q).sum()) / judged for q in QUANTILES.values())
+        counted = int((~np.isnan(square)).sum())
+        if counted:
+            inside = tuple(int((square <= q).sum()) / counted for q in QUANTILES.values())
             widths = {unit: _median(values[members]) for unit, values in bars.width.items()}
-            yield Coverage(method, group, judged, inside, widths)
+            yield Coverage(method, group, counted, inside, widths)
 
 
 def _median(widths: Floats) -> float:

@@ -116,9 +116,9 @@ def report_csv(report: Report) -> str:
     for c in report.coverage:
         for level, share in zip(QUANTILES, c.inside, strict=True):
             name = f"inside_{100 * level:.0f}"
-            rows.append((c.method, name, c.group, None, c.judged, share, None, None, SHARE))
+            rows.append((c.method, name, c.group, None, c.counted, share, None, None, SHARE))
         for unit, width in c.median_width.items():
-            rows.append((c.method, "width", c.group, None, c.judged, None, width, None, unit))
+            rows.append((c.method, "width", c.group, None, c.counted, None, width, None, unit))
     return table_text(SUMMARY, rows)
 
 
@@ -193,7 +193,7 @@ def _error_bars(report: Report) -> str:
         {
             **({} if c.group == ALL else {"group": c.group}),
             "method": c.method,
-            "landmarks": str(c.judged),
+            "landmarks": str(c.counted),
             **dict(zip(_SHARES, (f"{100 * share:.1f} %" for share in c.inside), strict=True)),
             **{f"median width ({u})": number(c.median_width.get(u), d) for u, d in digits.items()},
             **({"expected / error": number(ratios.get((c.method, c.group)), 2)} if ratios else {}),

@@ -205,8 +205,8 @@ def _rests(
     moved = (foot[late] - foot[early]) * rate / np.maximum(late - early, 1)[:, None]
     ray = foot / np.linalg.norm(foot, axis=1, keepdims=True)
     moved = moved - (1 - ALONG) * (moved * ray).sum(axis=1, keepdims=True) * ray
-    still = np.linalg.norm(moved, axis=1) < slow
-    return np.asarray(still & (np.linalg.norm(hip - ankle, axis=1) > STRAIGHT * leg))
+    at_rest = np.linalg.norm(moved, axis=1) < slow
+    return np.asarray(at_rest & (np.linalg.norm(hip - ankle, axis=1) > STRAIGHT * leg))
 
 
 def _runs(rest: NDArray[np.bool_], fewest: float) -> Iterator[tuple[int, int]]:

@@ -48,12 +48,12 @@ def centroid(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats
     return np.divide(total, count, out=np.full(total.shape, np.nan), where=count > 0)
 
 
-def spread(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats:
+def std(points: Floats, visible: NDArray[np.bool_] | None = None) -> Floats:
     """Mean over coordinates of the population standard deviation of the visible points.
 
     Infinite where points are too far apart for their squares.
     """
-    return _spread_of(points - centroid(points, visible)[..., None], visible)
+    return _std(points - centroid(points, visible)[..., None], visible)
 
 
 def normalise(points: Floats, visible: NDArray[np.bool_] | None = None) -> Normalised:
@@ -65,7 +65,7 @@ def normalise(points: Floats, visible: NDArray[np.bool_] | None = None) -> Norma
     """
     middle = centroid(points, visible)
     centred = points - middle[..., None]
-    scale = _spread_of(centred, visible)
+    scale = _std(centred, visible)
     with np.errstate(divide="ignore", invalid="ignore"):
         out = centred / scale[..., None, None]
     if visible is not None:
@@ -87,7 +87,7 @@ def as_metres(unit: str) -> tuple[float, str]:
     return (1.0, unit.strip()) if metres is None else (metres, "m")
 
 
-def _spread_of(centred: Floats, visible: NDArray[np.bool_] | None) -> Floats:
+def _std(centred: Floats, visible: NDArray[np.bool_] | None) -> Floats:
     with np.errstate(over="ignore"):
         if visible is None:
             return np.sqrt((centred**2).mean(axis=-1)).mean(axis=-1)

@@ -43,7 +43,7 @@ class Alignment:
     mean: Floats
     rotations: Floats
     rounds: int
-    still: bool
+    converged: bool
 
 
 def rotation_onto(source: Floats, target: Floats) -> Floats:
@@ -133,16 +133,16 @@ def generalised_procrustes(
     Source: Gower 1975.
     """
     chosen = choose(shapes, landmarks)
-    mean, still, rounds = chosen[0], False, 0
-    while not still and rounds < max_rounds:
+    mean, converged, rounds = chosen[0], False, 0
+    while not converged and rounds < max_rounds:
         rounds += 1
         R = rotation_onto(chosen, mean)
         previous, mean = mean, np.einsum("jab,jbp->ap", R, chosen) / len(chosen)
-        still = bool(np.linalg.norm(mean - previous) <= tolerance * np.linalg.norm(previous))
+        converged = bool(np.linalg.norm(mean - previous) <= tolerance * np.linalg.norm(previous))
     R = R[0].T @ R
     R[0] = np.eye(3)
     aligned = R @ shapes
-    return Alignment(aligned, aligned.mean(axis=0), R, rounds, still)
+    return Alignment(aligned, aligned.mean(axis=0), R, rounds, converged)
 
 
 def choose(shapes: Floats, landmarks: Sequence[int] | None) -> Floats:

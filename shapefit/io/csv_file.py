@@ -98,7 +98,7 @@ def _open(path: Path, kind: str) -> tuple[Sequence[str], Iterator[Block]]:
     columns = [column.strip() for column in header]
     required, optional = table_columns(kind)
     if not {*required, *optional} & set(columns):
-        raise _strange_header(first.strip(), columns, required, f"{name}:1")
+        raise _header_error(first.strip(), columns, required, f"{name}:1")
     check_columns(columns, kind, f"{name}:1")
 
     def blocks() -> Iterator[Block]:
@@ -129,7 +129,7 @@ def _parts(
             yield lines, list(zip(*(row for _, row in part), strict=True))
 
 
-def _strange_header(
+def _header_error(
     first: str, columns: Sequence[str], required: Sequence[str], place: str
 ) -> InputError:
     """Return the error for a header none of whose columns is known."""
@@ -389,8 +389,8 @@ def rows_of(
     own = [c.starts[:-1] + end for c, end in zip(columns, ends[:-1], strict=True)]
     starts = np.concatenate([*own, ends[-1:]])
     texts = np.column_stack([c.rows + first for c, first in zip(columns, firsts[:-1], strict=True)])
-    room = int(np.diff(starts)[texts].sum()) + texts.size + NUMBER * numbers.size
-    rows = np.empty(room // 8 + 1, np.uint64)
+    capacity = int(np.diff(starts)[texts].sum()) + texts.size + NUMBER * numbers.size
+    rows = np.empty(capacity // 8 + 1, np.uint64)
     size = core.write_csv_rows(
         letters=np.frombuffer(letters.ljust(len(letters) // 8 * 8 + 8), np.uint64),
         starts=starts.astype(np.int64, copy=False),

@@ -85,6 +85,7 @@ RENAMED = {
     "belief": "inlier_probability",
     "doubt": "reasons",
     "edge_give": "bone_tolerance",
+    "left_out": "omitted",
     "misfit": "residual_variance",
     "plausibility": "p_value",
 }
@@ -219,7 +220,7 @@ RESULTS = Layout(
         **_columns(("n", "r", "r"), "shape_covariance"),
         **_columns(("n", "i", 3), INPUT_SHAPES, INPUT_SD, INPUT_CORRELATION),
         **_columns(("p", "p"), "landmark_map"),
-        **{name: Column(("n",), "text") for name in ("reasons", "left_out")},
+        **{name: Column(("n",), "text") for name in ("reasons", "omitted")},
         INPUT_NAMES: Column(("i",), "text"),
     },
 )

@@ -272,16 +272,16 @@ class Source(Generic[Record]):
 
     def _batches(self, size: int, by_file: bool) -> Iterator[Record]:
         parts: list[Record] = []
-        room = size
+        remaining = size
         for file in self._files:
             start = 0
             while start < file.count:
-                stop = min(start + room, file.count)
+                stop = min(start + remaining, file.count)
                 parts.append(align_to(file.read(slice(start, stop)), self.head, file.name))
-                room, start = room - (stop - start), stop
-                if room == 0 or (by_file and stop == file.count):
+                remaining, start = remaining - (stop - start), stop
+                if remaining == 0 or (by_file and stop == file.count):
                     yield concatenate(parts)
-                    parts, room = [], size
+                    parts, remaining = [], size
         if parts or not self.count:
             yield concatenate(parts) if parts else self.head
 
@@ -372,8 +372,8 @@ def _open_all(
     Raises InputError for an individual of files that are ours, unless the caller `selects` it.
     """
     groups = _groups(paths, options)
-    foreign = any(one.read_poses for one, _ in groups)
-    if options.individual is not None and not selects and not foreign:
+    third_party = any(one.read_poses for one, _ in groups)
+    if options.individual is not None and not selects and not third_party:
         fix = "write that individual to a file by `shapefit convert`, and use this"
         raise input_error(paths[0], "`individual` is for files of other tools", fix)
     most = MAX_IN_MEMORY // len(groups) if form is LANDMARKS else 0
@@ -381,7 +381,7 @@ def _open_all(
     files = [_open(form, *group, options, **how) for group in groups]
     rename, retained = options.rename, options.landmarks
     check_renamed(rename, [(file.name, file.head.landmark_names) for file in files])
-    if foreign and form is LANDMARKS:
+    if third_party and form is LANDMARKS:
         from shapefit.io.detect import warn_of_mixture
 
         files[0] = replace(files[0], notes=files[0].notes + warn_of_mixture(groups))

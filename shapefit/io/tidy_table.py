@@ -245,8 +245,8 @@ class _Table:
             self._note("sequence", cells, lines, wrong, "give all rows of an item one sequence")
         columns = []
         for axis in self._axes:
-            values, strange = read_numbers(cells[axis])
-            wrong = strange | (~np.isfinite(values) if self._finite else np.isinf(values))
+            values, invalid = read_numbers(cells[axis])
+            wrong = invalid | (~np.isfinite(values) if self._finite else np.isinf(values))
             self._note(axis, cells, lines, wrong, self._fix)
             columns.append(values)
         missing = np.isnan(columns).any(axis=0)
@@ -373,7 +373,7 @@ def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
 
     Spaces around them do not count; an empty cell, and what is no number, is NaN.
     """
-    strange = np.zeros(len(cells), bool)
+    invalid = np.zeros(len(cells), bool)
     filled = [cell or "null" for cell in cells] if "" in cells else cells
     try:
         values = orjson.loads(f"[{','.join(filled)}]")  # four times as fast as float()
@@ -382,14 +382,14 @@ def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
     if len(values) == len(cells):
         kinds = set(map(type, values))
         if kinds <= {float, int}:
-            return np.fromiter(values, np.float64, len(values)), strange
+            return np.fromiter(values, np.float64, len(values)), invalid
         if kinds <= {float, int, type(None)} and values.count(None) == cells.count(""):
-            return np.array(values, np.float64), strange
+            return np.array(values, np.float64), invalid
     numbers = np.full(len(cells), math.nan)
     for row, cell in enumerate(map(str.strip, cells)):
         try:
-            strange[row] = "_" in cell or not cell.isascii()  # which float() alone would take
-            numbers[row] = math.nan if strange[row] else float(cell or "nan")
+            invalid[row] = "_" in cell or not cell.isascii()  # which float() alone would take
+            numbers[row] = math.nan if invalid[row] else float(cell or "nan")
         except ValueError:
-            strange[row] = True
-    return numbers, strange
+            invalid[row] = True
+    return numbers, invalid

@@ -93,8 +93,8 @@ def pursue(
             rows = rows[fine]
             if not len(rows):
                 continue
-            seen = weighted(shapes, np.broadcast_to(mask, (len(shapes), len(mask))))
-            chase = Chase(w[fine], seen, limbs)
+            weighted_shapes = weighted(shapes, np.broadcast_to(mask, (len(shapes), len(mask))))
+            chase = Chase(w[fine], weighted_shapes, limbs)
             chase.run(goal, change, most_atoms, most_rounds)
             coefficients[rows] = np.einsum("nm,nms->ns", chase.y, chase.T)
             camera[rows], error[rows], rounds[rows] = chase.M, chase.error, chase.rounds

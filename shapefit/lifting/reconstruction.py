@@ -77,7 +77,7 @@ def reconstruct(M: Transforms, atoms: Floats, *, threads: int = 0) -> Reconstruc
         **M.arrays, atoms=atoms, threads=threads,
         sizes=sizes, shapes=shapes, rotation=rotation, active=active, tight=tight,
     )  # fmt: skip
-    return Reconstruction(shapes, M.spread(sizes), rotation, active, tight)
+    return Reconstruction(shapes, M.scatter(sizes), rotation, active, tight)
 
 
 def combine(coefficients: Floats, atoms: Floats, rotation: Floats | None = None) -> Floats:

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats, median
 from shapefit.convex.solver import Status
-from shapefit.geometry.normalisation import spread
+from shapefit.geometry.normalisation import std
 from shapefit.lifting.estimate import CORRELATION, Estimate
 from shapefit.lifting.posterior.p_value import VIEWED
 
@@ -72,7 +72,7 @@ class Limits:
     min_p_value: float = 0.05
     max_error: float = 1 / 3
     max_distance: float = 0.5
-    fewest_seen: int = 10
+    fewest_visible: int = 10
     max_kappa: float = 2.5
     fewest_images: int = 20
 
@@ -110,14 +110,14 @@ def find_reasons(
     failed = ~np.isfinite(shapes).all(axis=(1, 2))
     stopped = np.array([each is Status.ITERATION_LIMIT for each in status], dtype=bool)
     with np.errstate(invalid="ignore"):
-        far = (start_distance > LIMITS.max_distance) & (visible >= LIMITS.fewest_seen)
+        far = (start_distance > LIMITS.max_distance) & (visible >= LIMITS.fewest_visible)
         rules = (
             (failed, NO_SHAPE),
             (2 * visible <= VIEWED, TOO_FEW),
             (p_value < LIMITS.min_p_value, IMPLAUSIBLE),
             (far, FAR),
             (np.full(len(shapes), depth_ambiguity), MIRRORED),
-            (expected > LIMITS.max_error * spread(shapes), WIDE),
+            (expected > LIMITS.max_error * std(shapes), WIDE),
             (np.isnan(np.zeros(len(shapes)) if sides is None else sides), UNSURE_SIDES),
             (stopped, NOT_OPTIMAL),
         )
@@ -141,7 +141,7 @@ def median_distance(start_distance: Floats, visible: NDArray[np.integer]) -> flo
 
     nan where these are fewer than `fewest_images`.
     """
-    known = start_distance[np.isfinite(start_distance) & (visible >= LIMITS.fewest_seen)]
+    known = start_distance[np.isfinite(start_distance) & (visible >= LIMITS.fewest_visible)]
     return median(known) if len(known) >= LIMITS.fewest_images else float("nan")
 
 

@@ -85,8 +85,8 @@ def _capsule() -> tuple[Floats, Floats, Integers]:
     """
     from trimesh.creation import capsule
 
-    solid = capsule(height=1.0, radius=1.0, count=[4, SIDES])
-    ends = (solid.vertices[:, 2] > solid.vertices[:, 2].mean()).astype(float)
-    corners = solid.vertices - solid.vertices.mean(axis=0)
+    tube = capsule(height=1.0, radius=1.0, count=[4, SIDES])
+    ends = (tube.vertices[:, 2] > tube.vertices[:, 2].mean()).astype(float)
+    corners = tube.vertices - tube.vertices.mean(axis=0)
     corners[:, 2] -= ends - 0.5
-    return ends, corners, np.asarray(solid.faces)
+    return ends, corners, np.asarray(tube.faces)

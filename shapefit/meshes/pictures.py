@@ -30,7 +30,7 @@ class View(NamedTuple):
 
 OTHER_SIDE = View(60, 15)
 # Okabe and Ito 2008: told apart with every common form of colour blindness.
-SEEN, HIDDEN, OUTLIER, BAR = "#0072B2", "#555555", "#D55E00", "#E69F00"
+VISIBLE, HIDDEN, OUTLIER, BAR = "#0072B2", "#555555", "#D55E00", "#E69F00"
 INK, BODY, PALE = "#333333", "#8FB1E3", "#E3EBF7"
 FAINTNESS = 0.22
 """Opacity of an error bar."""
@@ -95,7 +95,7 @@ def contact_sheet(images: Sequence[FittedImage], model: Model) -> Figure:
         flat.set_title(shortened(image.title), fontsize=7, loc="left", pad=2, parse_math=False)
         if image.fitted:
             solid = figure.add_subplot(rows, across, 2 + 2 * number, projection="3d")
-            draw_solid(solid, image, model, OTHER_SIDE)
+            draw_shape(solid, image, model, OTHER_SIDE)
     add_legend(figure)
     return figure
 
@@ -142,7 +142,7 @@ def draw_image(axes: Axes, image: FittedImage, model: Model, mark: float = 3.0) 
         )  # fmt: skip
     if (~hidden & ~wrong).any():
         axes.plot(
-            *image.landmarks[:, ~wrong], **look, marker="o", color=SEEN, markeredgewidth=0,
+            *image.landmarks[:, ~wrong], **look, marker="o", color=VISIBLE, markeredgewidth=0,
             label="seen",
         )  # fmt: skip
     if (~hidden & wrong).any():
@@ -160,7 +160,7 @@ def draw_image(axes: Axes, image: FittedImage, model: Model, mark: float = 3.0) 
     axes.set_axis_off()
 
 
-def draw_solid(axes: Axes3D, image: FittedImage, model: Model, view: View) -> None:
+def draw_shape(axes: Axes3D, image: FittedImage, model: Model, view: View) -> None:
     """Draw the mesh, else the edges, else the points of a shape, in 3D axes, and its error bars."""
     from matplotlib.colors import LightSource
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
@@ -182,10 +182,10 @@ def draw_solid(axes: Axes3D, image: FittedImage, model: Model, view: View) -> No
         axes.add_collection3d(mesh).set_rasterized(True)
     elif model.edges is not None:
         axes.add_collection3d(
-            Line3DCollection(list(points.T[model.edges]), colors=SEEN, linewidths=1.5)
+            Line3DCollection(list(points.T[model.edges]), colors=VISIBLE, linewidths=1.5)
         )
     else:
-        axes.plot(*points, linestyle="", marker="o", markersize=2.5, color=SEEN)
+        axes.plot(*points, linestyle="", marker="o", markersize=2.5, color=VISIBLE)
     if image.sd is not None and np.isfinite(image.sd).any():
         bars = frame[:, None, :] * image.sd.T[None]  # (3, p, 3): one standard deviation an axis
         ends = np.stack([points[:, :, None] - bars, points[:, :, None] + bars], axis=-1)

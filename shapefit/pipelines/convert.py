@@ -76,8 +76,9 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
             yield Outcome(done=len(chunk), total=count, unit=_unit(kind))
         warnings = source.notes + nothing_in(count, _unit(kind) + "s")
         yield Outcome(total=count, warnings=warnings)
-    said = writer.summary
-    yield Outcome(warnings=said.warnings, note=said.note, written=said.written or (config.output,))
+    summary = writer.summary
+    written = summary.written or (config.output,)
+    yield Outcome(warnings=summary.warnings, note=summary.note, written=written)
 
 
 def rewrite_dictionary(config: ConvertConfig, target: FileFormat) -> Outcome:

@@ -64,7 +64,7 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
         if is_stream(path):
             found = "standard input can be read only once"
             raise input_error("-", found, "save it to a file and name that")
-    told: list[list[Line]] = []
+    descriptions: list[list[Line]] = []
     notes: tuple[str, ...] = ()
     failures: list[Failure] = []
     problems: list[str] = []
@@ -85,7 +85,7 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
             except InputError as error:
                 fail(part, error)
         if first:
-            told.append(_of_folder(folder, manifest, first))
+            descriptions.append(_of_folder(folder, manifest, first))
     for path in config.files:
         if path.parent in folders:
             continue
@@ -97,20 +97,20 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
             known.append(path)
     for form, paths in group_inputs(known, options):
         try:
-            lines, warnings = _told(form, paths, options)
+            lines, warnings = _describe(form, paths, options)
         except InputError as error:
             fail(paths[0], error)
         else:
-            told.append(lines)
+            descriptions.append(lines)
             notes += warnings
-    if not told:
+    if not descriptions:
         raise InputError(problems)
     yield Outcome(
         done=len(config.files),
         failures=tuple(failures),
         warnings=notes,
-        note="\n\n".join(map(_as_text, told)),
-        data=lambda: [{key or "name": text for key, text in lines} for lines in told],
+        note="\n\n".join(map(_as_text, descriptions)),
+        data=lambda: [{key or "name": text for key, text in lines} for lines in descriptions],
     )
 
 
@@ -130,7 +130,7 @@ def _as_text(lines: Sequence[Line]) -> str:
     return "\n".join([title, *(f"  {name + ':':<13} {text}" for name, text in others)])
 
 
-def _told(
+def _describe(
     known: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[list[Line], tuple[str, ...]]:
     """Return what is said of one input, and warnings about it."""

@@ -145,7 +145,7 @@ class ChosenItems:
         return tuple(f"{self._key}: no item has this name or matches '{p}'" for p in unused)
 
 
-def spread(wanted: int, count: int) -> tuple[int, ...]:
+def subsample(wanted: int, count: int) -> tuple[int, ...]:
     """Return the middle of each of as many equal parts of 0..count - 1 as wanted."""
     parts = min(wanted, count)
     return tuple((2 * part + 1) * count // (2 * parts) for part in range(parts))

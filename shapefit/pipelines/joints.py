@@ -192,11 +192,9 @@ def named_as_joints(images: LandmarkSet, joints: Joints, place: str) -> Landmark
         columns = [images.landmark_names.index(name) for name in several]
         visible: Flags = np.asarray(weights[:, columns] > 0)
         count = np.maximum(visible.sum(axis=1), 1)
-        of_seen = (
-            np.where(visible[:, None], landmarks[..., columns], 0.0).sum(axis=2) / count[:, None]
-        )
+        mean = np.where(visible[:, None], landmarks[..., columns], 0.0).sum(axis=2) / count[:, None]
         landmarks = landmarks.copy()
-        landmarks[..., columns[0]] = np.where(visible.any(axis=1, keepdims=True), of_seen, np.nan)
+        landmarks[..., columns[0]] = np.where(visible.any(axis=1, keepdims=True), mean, np.nan)
         if confidence is not None:
             confidence = confidence.copy()
             confidence[:, columns[0]] = weights[:, columns].sum(axis=1) / count

@@ -27,8 +27,10 @@ class Failure:
 def unread(path: Path, error: InputError) -> Failure:
     """Return the failure of a file that cannot be read, with its reason."""
     here = re.compile(f"{re.escape(str(path))}:(?: |(\\d+: ))")  # `a.csv: found`, `a.csv:2: found`
-    told = (here.sub(lambda at: f"line {at[1]}" if at[1] else "", each) for each in error.problems)
-    return Failure(str(path), "; ".join(told))
+    problems = (
+        here.sub(lambda at: f"line {at[1]}" if at[1] else "", problem) for problem in error.problems
+    )
+    return Failure(str(path), "; ".join(problems))
 
 
 @dataclass(frozen=True)

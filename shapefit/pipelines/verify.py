@@ -109,7 +109,7 @@ class Statement:
         names = ALWAYS.split()
         names += OF_ERROR_BARS.split() * self.has_prior
         names += ["residual", "tight"] * (self.method == "convex" and "focal" not in columns)
-        names += ["left_out"] * self.omit
+        names += ["omitted"] * self.omit
         if METHODS[self.method].mixes_atoms:
             names += ["coefficients", "active_atoms"]
         if "focal" in columns:
@@ -173,8 +173,8 @@ def find_parts(result: Path) -> tuple[list[Part], tuple[Failure, ...], int]:
         found = f"is not a manifest of results ({type(error).__name__}: {error})"
         raise input_error(manifest.path, found, "fit again") from None
     there = {path.name for path in result.iterdir()} - manifest.done.keys()
-    strange = sorted(name for name in there if name.startswith("part-"))
-    wrong += [Failure(name, "is not in the manifest") for name in strange]
+    unlisted = sorted(name for name in there if name.startswith("part-"))
+    wrong += [Failure(name, "is not in the manifest") for name in unlisted]
     if not manifest.done:
         wrong.append(Failure("manifest", "lists no part"))
     return parts, tuple(wrong), images
@@ -345,14 +345,14 @@ def false_of_file(
     head: ResultSet, fit: Statement, dictionary: Dictionary, missing: Sequence[str]
 ) -> Wrong:
     """Return datasets and attributes that such a fit writes and are not there, or the reverse."""
-    said, columns = head.attributes, columns_of(head)
+    attributes_of_file, columns = head.attributes, columns_of(head)
     wrong = [(name, "is missing, and every such fit writes it") for name in missing]
-    attributes = [name for name in ("config_digest", "inputs") if name not in said]
+    attributes = [name for name in ("config_digest", "inputs") if name not in attributes_of_file]
     wrong += [(name, "is missing, and every fit writes it") for name in attributes]
-    own = hashlib.sha256(str(said["config"]).encode()).hexdigest()
-    if said.get("config_digest", own) != own:
+    own = hashlib.sha256(str(attributes_of_file["config"]).encode()).hexdigest()
+    if attributes_of_file.get("config_digest", own) != own:
         wrong.append(("config", "is not that of the fit, by its digest"))
-    if said.get("method") != fit.method:
+    if attributes_of_file.get("method") != fit.method:
         wrong.append(("method", "is not that of the config"))
     if not fit.has_prior:
         bars = [name for name in INVENTED.split() if name in columns]

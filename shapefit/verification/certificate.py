@@ -134,8 +134,8 @@ def read_images(columns: Columns, program: Program) -> Images:
         weights = np.where(columns["outliers"] != 0, 0.0, weights)
     found = normalise(landmarks, np.asarray(weights > 0))
     retained = None
-    if "left_out" in columns and program.atom_items is not None:
-        retained = columns["left_out"].astype(str)[:, None] != np.array(
+    if "omitted" in columns and program.atom_items is not None:
+        retained = columns["omitted"].astype(str)[:, None] != np.array(
             program.atom_items, dtype=str
         )
     lam = columns["lambda"]

@@ -15,7 +15,7 @@ from shapefit.dictionary.learning import (
     summarise,
     update_atoms,
 )
-from shapefit.geometry.normalisation import normalise, spread
+from shapefit.geometry.normalisation import normalise, std
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.meshes.dense import metric_scale
 
@@ -213,7 +213,7 @@ def test_of_a_small_state():
     assert found.relative_error == pytest.approx(5 / np.sqrt(46))
     assert found.objective == pytest.approx(25 + 0.1 * 7)
     assert found.largest_gap is not None
-    # The spread of each atom is 1/3; the second is used twice by the first shape, four times by
+    # The std of each atom is 1/3; the second is used twice by the first shape, four times by
     # the other; nobody uses the third.
     np.testing.assert_allclose(found.atom_scale, [3, 3 * (2 + 12) / 6, 6])
 
@@ -229,7 +229,7 @@ def test_grown_atoms_lie_between_the_smallest_and_the_largest_shape(seed):
     atoms = rng.standard_normal((4, 3, 6))
     use = np.maximum(rng.standard_normal((9, 4)), 0)
     scale = rng.uniform(0.1, 10, 9)
-    sizes = sizes_of(atoms, use, scale) * spread(atoms)
+    sizes = sizes_of(atoms, use, scale) * std(atoms)
     assert (sizes >= scale.min() * (1 - 1e-12)).all()
     assert (sizes <= scale.max() * (1 + 1e-12)).all()
 
@@ -239,7 +239,7 @@ def test_shapes_of_one_size_are_measured_right_in_whichever_unit(shapes):
     *_, learned = learn(shapes[:20], 12, 0.0, iterations=10)
     sizes = sizes_of(learned.atoms, learned.coefficients, np.full(20, 2.5))
     rebuilt = np.tensordot(learned.coefficients, learned.atoms, axes=1)
-    length = metric_scale(learned.atoms, learned.coefficients, sizes) * spread(rebuilt)
+    length = metric_scale(learned.atoms, learned.coefficients, sizes) * std(rebuilt)
     np.testing.assert_allclose(length, 2.5, rtol=0.05)
     in_mm = sizes_of(learned.atoms, learned.coefficients, np.full(20, 2500.0))
     np.testing.assert_allclose(in_mm, 1000 * sizes, rtol=1e-12)

@@ -29,7 +29,7 @@ def test_stretching_keeps_directions_and_partners_alike():
     shapes = np.random.default_rng(0).normal(size=(50, 3, 8))
     partners = np.array([0, 4, 5, 6, 1, 2, 3, 7])
     varied = vary(
-        shapes, find_skeleton(EDGES, 8), copies=1, stretch=0.2, exchange=0.0, partners=partners
+        shapes, find_skeleton(EDGES, 8), copies=1, bone_scale=0.2, exchange=0.0, partners=partners
     )
     factor = lengths(varied) / lengths(shapes)
     assert factor[:, :3] == pytest.approx(factor[:, 3:6])
@@ -41,7 +41,7 @@ def test_stretching_keeps_directions_and_partners_alike():
 
 def test_exchanged_limbs_come_from_other_shapes_whole():
     shapes = np.random.default_rng(0).normal(size=(30, 3, 8))
-    varied = vary(shapes, find_skeleton(EDGES, 8), copies=1, stretch=0.0, exchange=1.0)
+    varied = vary(shapes, find_skeleton(EDGES, 8), copies=1, bone_scale=0.0, exchange=1.0)
     assert varied[:, :, [0, 1, 4, 7]] == pytest.approx(shapes[:, :, [0, 1, 4, 7]])
     limb = (varied[:, :, [2, 3]] - varied[:, :, [1, 1]]).reshape(30, -1)
     given = (shapes[:, :, [2, 3]] - shapes[:, :, [1, 1]]).reshape(30, -1)

@@ -134,10 +134,10 @@ def test_groups_and_files_are_summed_up():
     groups = {"13": np.array([True, True, False]), "14": np.array([False, False, True])}
     groups["15"] = np.zeros(3, bool)
     first, second = cover("m", bars, groups)
-    assert (first.group, first.judged) == ("13", 3)
+    assert (first.group, first.counted) == ("13", 3)
     assert first.inside == pytest.approx((1 / 3, 1.0))
     assert first.median_width["normalised"] == pytest.approx(2.0, rel=1 / 8192)
-    assert (second.judged, second.inside) == (2, (0.5, 0.5))
+    assert (second.counted, second.inside) == (2, (0.5, 0.5))
     parts = [
         ErrorBars(bars.square[:2], {"normalised": width["normalised"][:2]}),
         None,
@@ -147,7 +147,7 @@ def test_groups_and_files_are_summed_up():
     assert np.isnan(whole.square[2:6]).all()
     groups = {name: np.insert(members, [2] * 4, False) for name, members in groups.items()}
     same, other = cover("m", whole, groups)
-    assert (same, other.judged) == (first, 1)
+    assert (same, other.counted) == (first, 1)
     assert join_bars([None], [3]) is None
 
 

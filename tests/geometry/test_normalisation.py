@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.geometry.normalisation import centroid, normalise, spread
+from shapefit.geometry.normalisation import centroid, normalise, std
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def visible(rng):
 
 
 def test_hand_computed():
-    # x is 1, 3 (mean 2, deviation 1), y is -3, 3 (mean 0, deviation 3): the spread is 2.
+    # x is 1, 3 (mean 2, deviation 1), y is -3, 3 (mean 0, deviation 3): the std is 2.
     corners = np.array([[1.0, 3], [-3, 3]])
     result = normalise(corners)
     np.testing.assert_array_equal(result.centroid, [2, 0])
@@ -30,7 +30,7 @@ def test_hand_computed():
 def test_normalised_points_have_centroid_0_and_spread_1(points):
     normalised = normalise(points).points
     np.testing.assert_allclose(centroid(normalised), 0, atol=1e-14)
-    np.testing.assert_allclose(spread(normalised), 1, rtol=1e-14)
+    np.testing.assert_allclose(std(normalised), 1, rtol=1e-14)
 
 
 def test_place_and_size_do_not_matter(points, visible):
@@ -66,5 +66,5 @@ def test_points_that_coincide_have_scale_0_and_no_normalised_points():
 
 def test_points_too_far_apart_for_their_squares_are_infinitely_spread():
     points = np.array([[0.0, 1e300, 2.0], [0.0, 1.0, 5.0]])
-    assert spread(points) == np.inf
-    assert spread(points, np.array([True, False, True])) == pytest.approx(1.75)
+    assert std(points) == np.inf
+    assert std(points, np.array([True, False, True])) == pytest.approx(1.75)

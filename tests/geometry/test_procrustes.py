@@ -158,7 +158,7 @@ class TestGeneralisedProcrustes:
     def test_certificate(self, shapes):
         # Each shape already lies as well on the mean as a rotation can bring it.
         found = generalised_procrustes(shapes)
-        assert found.still
+        assert found.converged
         more = rotation_onto(found.shapes, found.mean)
         np.testing.assert_allclose(more, np.broadcast_to(np.eye(3), more.shape), atol=1e-7)
 
@@ -180,5 +180,5 @@ class TestGeneralisedProcrustes:
 
     def test_says_when_the_mean_was_not_still(self, shapes):
         found = generalised_procrustes(shapes, max_rounds=1)
-        assert not found.still
+        assert not found.converged
         assert found.rounds == 1

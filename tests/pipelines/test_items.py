@@ -1,9 +1,9 @@
-"""Which items a config key chooses, and which are spread over all."""
+"""Which items a config key chooses, and which are subsample over all."""
 
 import pytest
 
 from shapefit.errors import InputError
-from shapefit.pipelines.items import ChosenItems, Keys, find_truth, spread
+from shapefit.pipelines.items import ChosenItems, Keys, find_truth, subsample
 
 ITEMS = ("a1", "a[1]", "a2", "b/1", "b/2", "A1")
 
@@ -31,7 +31,7 @@ def test_items_are_chosen_by_their_names_and_by_globs(patterns, expected):
     [(0, 9, ()), (1, 9, (4,)), (3, 9, (1, 4, 7)), (9, 3, (0, 1, 2)), (4, 0, ())],
 )
 def test_spread(wanted, count, places):
-    assert spread(wanted, count) == places
+    assert subsample(wanted, count) == places
 
 
 def rows(match, own, truth):

@@ -18,7 +18,7 @@ from shapefit.dictionary.from_2d.learning import (
     improve,
     predict,
 )
-from shapefit.dictionary.from_2d.model import Floats, Images, Views, evenly, expect, hide
+from shapefit.dictionary.from_2d.model import Floats, Images, Views, evenly, hide, posterior_mean
 from shapefit.geometry.rotations import rotation_about_axis
 
 SAMPLE, ROUNDS, RANK, MEANS = 200, 15, 9, 10
@@ -56,8 +56,8 @@ class Judgement:
     """Root mean square errors of hidden landmarks, in the size of the shapes; and the verdict.
 
     gain is the log evidence a landmark of the model beyond that of the flat one; turn is the angle
-    between the outermost directions of view, in degrees, seen from the shape. apart is how far the
-    shapes are from those that each half of the images has by itself, mean ||X - X'|| / ||X||.
+    between the outermost directions of view, in degrees, from the shape. half_distance is how far
+    the shapes are from those that each half of the images has by itself, mean ||X - X'|| / ||X||.
     """
 
     learned: float
@@ -65,7 +65,7 @@ class Judgement:
     flat: float
     gain: float
     turn: float
-    apart: float
+    half_distance: float
     verdict: str
 
     @property
@@ -80,7 +80,7 @@ ALIKE = "views too alike: depth is not determined"
 UNLIKE = "nothing in common: hidden landmarks are not predicted"
 
 
-def judge(images: Images, state: State) -> Judgement:
+def evaluate_class(images: Images, state: State) -> Judgement:
     """Judge whether depth was learned, by hiding landmarks of a sample of the images."""
     some = images.hiding(state.outliers)[evenly(len(images), SAMPLE)]
     hidden = hide(some.weights > 0)
@@ -97,18 +97,18 @@ def judge(images: Images, state: State) -> Judgement:
     *_, learned = improve(known, rigid, ROUNDS)
 
     def error(of: State) -> float:
-        apart = (predict(known, of) - some.landmarks)[hidden[:, None].repeat(2, axis=1)]
-        return float(np.sqrt((apart**2).mean())) if apart.size else float("nan")
+        residual = (predict(known, of) - some.landmarks)[hidden[:, None].repeat(2, axis=1)]
+        return float(np.sqrt((residual**2).mean())) if residual.size else float("nan")
 
     forward = state.views.rotation[:, 2]
-    apart = halves_distance(known, learned)
+    half_distance = halves_distance(known, learned)
     closest = np.abs(forward @ forward[evenly(len(forward), SAMPLE)].T).min()
     gain = (learned.objective - price_of_views(known, learned, TURNS) - evidence_of_flat) / (n * p)
     size = np.linalg.svd(state.model.mean, compute_uv=False)
     deep = gain > GAIN
     deforms = np.sqrt(learned.model.covariance.trace()) / np.linalg.norm(learned.model.mean)
     missed = error(learned)
-    same = apart < max(SAME * deforms, CLOSE)
+    same = half_distance < max(SAME * deforms, CLOSE)
     doubtful = deep or same or gain > REST
     verdict = LEARNED if deep and same else DOUBTFUL if doubtful else ALIKE
     if size[2] <= THIN * size[0]:
@@ -119,7 +119,7 @@ def judge(images: Images, state: State) -> Judgement:
         flat=error(flat),
         gain=gain,
         turn=float(np.degrees(np.arccos(min(closest, 1.0)))),
-        apart=apart,
+        half_distance=half_distance,
         verdict=UNLIKE if missed > BLIND else verdict,
     )
 
@@ -175,7 +175,7 @@ def price_of_views(images: Images, state: State, axes: slice) -> float:
     By Laplace's method for a uniform prior over the d axes; H is the information of a rotation
     about them, S = 8 pi^2 the size of all rotations, or 2 pi of those about one axis.
     """
-    H = expect(images, state.views, state.model).information[:, axes, axes]
+    H = posterior_mean(images, state.views, state.model).information[:, axes, axes]
     d = H.shape[1]
     size = 8 * np.pi**2 if d > 1 else 2 * np.pi
     log_det = np.linalg.slogdet(H + 1e-9 * np.eye(d))[1]

@@ -31,10 +31,10 @@ from shapefit.dictionary.from_2d.model import (
     change_inliers,
     choose,
     evenly,
-    expect,
     hide,
-    maximise,
+    posterior_mean,
     scatter,
+    split_ppca,
 )
 from shapefit.geometry.rotations import complete_rotation
 
@@ -53,7 +53,7 @@ CLEARLY = 0.85
 TRIAL, TRIAL_IMAGES = 10, 200
 """Rounds and images by which starts are judged."""
 
-MOST_ROUNDS, STILL = 35, 1e-3
+MOST_ROUNDS, LEAST_GAIN = 35, 1e-3
 """Rounds end where one raises the objective by less than this for each coordinate."""
 
 IMAGES_PER_MODE = 4
@@ -62,7 +62,7 @@ IMAGES_PER_MODE = 4
 EXACT = 5e-4
 """Noise, in the size of the shapes, below which landmarks count as exact."""
 
-SPREAD, SCALE = 0.1, 0.01
+SIZE_STD, SCALE = 0.1, 0.01
 """First deviation of log s, and that of the images that its prior stands for."""
 
 BLOCK = 256
@@ -137,21 +137,21 @@ def run_trial(images: Images, W: Floats, views: Views) -> State:
     """Return the state after the rounds by which a start is judged."""
     state = first_state(images, W, views)
     for k in range(TRIAL):
-        state = learn_round(images, state, still=k < HOLD)
+        state = learn_round(images, state, hold=k < HOLD)
     return state
 
 
 def hidden_error(images: Images, hidden: Mask, state: State) -> float:
     """Median distance of the hidden landmarks (n, p) from where the model has them."""
-    apart = np.linalg.norm(
+    distance = np.linalg.norm(
         predict(images.hiding(hidden | state.outliers), state) - images.landmarks, axis=1
     )
-    return float(np.median(apart[hidden])) if hidden.any() else 0.0
+    return float(np.median(distance[hidden])) if hidden.any() else 0.0
 
 
 def predict(images: Images, state: State) -> Floats:
     """Return where the model has all landmarks (n, 2, p), hidden ones too."""
-    found = expect(images, state.views, state.model)
+    found = posterior_mean(images, state.views, state.model)
     shapes = replace(state, shapes=found.shapes).in_camera
     placed: Floats = shapes[:, :2] + found.translation[:, :, None]
     return placed
@@ -166,10 +166,10 @@ def improve(
     """
     coordinates = 2 * int((images.weights > 0).sum())
     for k in range(rounds):
-        before, state = state, learn_round(images, state, still=k < HOLD or not turning)
+        before, state = state, learn_round(images, state, hold=k < HOLD or not turning)
         yield state
         gain = (state.objective - before.objective) / coordinates
-        if k > HOLD and (gain < STILL or state.model.noise < EXACT**2):
+        if k > HOLD and (gain < LEAST_GAIN or state.model.noise < EXACT**2):
             return
 
 
@@ -181,12 +181,12 @@ def first_state(images: Images, W: Floats, views: Views) -> State:
     mean = mean - mean.mean(axis=1, keepdims=True)
     left = max(float(((W - A @ mean) ** 2).mean()), EXACT**2)
     size = sequence_means(views.log_scale, images.sequence)
-    model = Gaussian(mean, np.zeros((3, p, 0)), left, left / 2, size, SPREAD**2)
+    model = Gaussian(mean, np.zeros((3, p, 0)), left, left / 2, size, SIZE_STD**2)
     outliers = np.zeros((n, p), bool) if images.outliers is None else images.outliers
     return State(views, model, np.full(n, 0.1), np.broadcast_to(mean, (n, 3, p)), outliers)
 
 
-def learn_round(images: Images, state: State, *, still: bool) -> State:
+def learn_round(images: Images, state: State, *, hold: bool) -> State:
     """Take one round: a step of each view unless `still`, expectation, and maximisation."""
     n, p = images.weights.shape
     model, damping, doubting = state.model, state.damping.copy(), images.outliers is not None
@@ -196,15 +196,15 @@ def learn_round(images: Images, state: State, *, still: bool) -> State:
     for at in range(0, n, BLOCK):
         rows = slice(at, at + BLOCK)
         block, views = replace(images[rows], outliers=outliers[rows]), state.views[rows]
-        found = expect(block, views, model)
-        if doubting or not still:
+        found = posterior_mean(block, views, model)
+        if doubting or not hold:
             doubted = change_inliers(block, found.flip_gain) if doubting else outliers[rows]
-            climbed = views if still else ascent(views, found, damping[rows])
-            then = expect(replace(block, outliers=doubted), climbed, model)
+            climbed = views if hold else ascent(views, found, damping[rows])
+            then = posterior_mean(replace(block, outliers=doubted), climbed, model)
             better = then.log_density > found.log_density
             found, views = choose(better, then, found), choose(better, climbed, views)
             outliers[rows] = np.where(better[:, None], doubted, outliers[rows])
-        if not still:
+        if not hold:
             damping[rows] = np.clip(np.where(better, 0.3, 10.0) * damping[rows], 1e-3, 1e3)
         rotation[rows], log_scale[rows], shapes[rows] = (
             views.rotation,
@@ -215,21 +215,21 @@ def learn_round(images: Images, state: State, *, still: bool) -> State:
         covariance += scatter(found, views, model)
         residual_variance += float(found.residual_variance.sum())
     mean = shapes.mean(axis=0)
-    apart = (shapes - mean).reshape(n, 3 * p)
+    deviation = (shapes - mean).reshape(n, 3 * p)
     noise = residual_variance / (2 * int(((images.weights > 0) & ~outliers).sum()))
     size = sequence_means(log_scale, images.sequence)
-    spread = float((((log_scale - size[images.sequence]) ** 2).mean() + SCALE**2) / 2)
+    size_variance = float((((log_scale - size[images.sequence]) ** 2).mean() + SCALE**2) / 2)
     following = replace(
-        maximise(
+        split_ppca(
             mean,
-            (covariance + apart.T @ apart) / n,
+            (covariance + deviation.T @ deviation) / n,
             most=min(MOST_MODES, max(n // IMAGES_PER_MODE, 1)),
         ),
         noise=max(noise, COOLING * model.noise),
         log_size=size,
-        spread=spread,
+        size_variance=size_variance,
     )
-    prior = -0.5 * n * (np.log(model.spread) + SCALE**2 / model.spread)
+    prior = -0.5 * n * (np.log(model.size_variance) + SCALE**2 / model.size_variance)
     return State(
         Views(rotation, log_scale),
         following,
@@ -259,8 +259,8 @@ def complete(images: Images, rank: int, *, doubting: bool = False) -> tuple[Floa
         leading = np.linalg.eigh(flat.T @ flat)[1][:, -min(3 + k // 3, rank) :]
         placed = (flat @ leading @ leading.T).reshape(W.shape)
         if doubting:
-            apart = np.linalg.norm(w - middle - placed, axis=1)
-            near = apart < FAR * max(float(np.median(apart[there])), NEAR)
+            residual = np.linalg.norm(w - middle - placed, axis=1)
+            near = residual < FAR * max(float(np.median(residual[there])), NEAR)
             rare = (there & ~near).sum(axis=1) > MOST * there.sum(axis=1)
             visible = there & (near | rare[:, None])
     return filled(w, visible, placed)[0], there & ~visible

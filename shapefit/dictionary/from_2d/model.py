@@ -116,7 +116,7 @@ class Gaussian:
     rest: float
     noise: float
     log_size: Floats
-    spread: float
+    size_variance: float
 
     @property
     def covariance(self) -> Floats:
@@ -149,7 +149,7 @@ class Expected:
     residual_variance: Floats
 
 
-def expect(images: Images, views: Views, model: Gaussian) -> Expected:
+def posterior_mean(images: Images, views: Views, model: Gaussian) -> Expected:
     """Expectation step: shapes given their images, and the slope of the log density by the views.
 
     The gradient is that of the expected log density of image and shape together (Fisher's
@@ -177,8 +177,8 @@ def expect(images: Images, views: Views, model: Gaussian) -> Expected:
     M[:, np.arange(q), np.arange(q)] += 1.0
     M[:, [q, q + 1], [q, q + 1]] += FLAT
     inverse = np.linalg.inv(M)
-    pull = (uB.transpose(0, 2, 1) @ r.reshape(n, -1, 1))[..., 0]
-    z = (inverse @ pull[..., None])[..., 0]
+    linear_term = (uB.transpose(0, 2, 1) @ r.reshape(n, -1, 1))[..., 0]
+    z = (inverse @ linear_term[..., None])[..., 0]
     left = r - np.einsum("nkq,nq->nk", flat, z).reshape(n, p, 2)
     alpha = u[:, :, None] * left
     log_density = -0.5 * (
@@ -211,10 +211,11 @@ def expect(images: Images, views: Views, model: Gaussian) -> Expected:
     JB = J @ uB
     uJ = J * np.repeat(u, 2, axis=1)[:, None]
     information = J @ uJ.transpose(0, 2, 1) - JB @ inverse @ JB.transpose(0, 2, 1)
-    apart = views.log_scale - model.log_size[images.sequence]
-    log_density -= 0.5 * (apart**2 / model.spread + np.log(2 * np.pi * model.spread))
-    gradient[:, 3] -= apart / model.spread
-    information[:, 3, 3] += 1 / model.spread
+    deviation = views.log_scale - model.log_size[images.sequence]
+    variance = model.size_variance
+    log_density -= 0.5 * (deviation**2 / variance + np.log(2 * np.pi * variance))
+    gradient[:, 3] -= deviation / model.size_variance
+    information[:, 3, 3] += 1 / model.size_variance
     share = np.where(visible, 1 - gain, 0.0)
     flip_gain = np.where(there, flip_gain_of(left, H, v, visible), -np.inf)
     of_view = np.einsum("npcc->np", BK) * v
@@ -290,7 +291,7 @@ def ascent(views: Views, found: Expected, damping: Floats) -> Views:
     return Views(exponential(step[:, :3]) @ views.rotation, views.log_scale + step[:, 3])
 
 
-def maximise(mean: Floats, covariance: Floats, left: int = 1, most: int = MOST_MODES) -> Gaussian:
+def split_ppca(mean: Floats, covariance: Floats, left: int = 1, most: int = MOST_MODES) -> Gaussian:
     """Split a covariance (3p, 3p) about the mean (3, p) into leading modes and a rest rho.
 
     The likeliest split: rho is the mean of the eigenvalues that are left (Tipping and Bishop 1999).

@@ -110,16 +110,16 @@ def _read_content(path: Path) -> Any:
         raise ValueError(" ".join(str(error).split())) from error
 
 
-def _sections(name: str, value: Any, seen: set[int]) -> Iterator[tuple[str, dict[str, Any]]]:
+def _sections(name: str, value: Any, visited: set[int]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Yield the mappings with a camera matrix, each once, and their names or numbers."""
-    if id(value) in seen or not isinstance(value, dict | list):
+    if id(value) in visited or not isinstance(value, dict | list):
         return
-    seen.add(id(value))
+    visited.add(id(value))
     if isinstance(value, dict) and _field(value, "matrix") is not None:
         yield name, value
         return
     for key, within in value.items() if isinstance(value, dict) else enumerate(value):
-        yield from _sections(str(key), within, seen)
+        yield from _sections(str(key), within, visited)
 
 
 def _field(table: Mapping[str, Any], field: str) -> Any:

@@ -59,23 +59,23 @@ def read_image_files(paths: tuple[Path, ...]) -> Poses:
     """
     files, images = find_images(paths, ".json")
     detections: list[Detection] = []
-    strange: list[str] = []
+    without_people: list[str] = []
     further = 0
     for number, file in enumerate(files):
         contents = read_json(file)
         people = contents if isinstance(contents, list) else _people_of(contents)
         if people is None:
-            strange.append(file.name)
+            without_people.append(file.name)
         else:
             detections += _detections(people, number, file, needed=people is contents)
             further += sum(any(person.get(key) for key in OTHERS) for person in people)
     notes: tuple[str, ...] = ()
-    if strange:
-        left = f"{counted(len(strange), 'file')} without people left out ({abbreviate(strange)})"
-        notes += (left,)
+    if without_people:
+        files_left = f"{counted(len(without_people), 'file')} without people left out"
+        notes += (f"{files_left} ({abbreviate(without_people)})",)
     if further:
         notes += (f"hands and faces left out, of {counted(further, 'detection')}",)
-    return as_poses(images, detections, notes=notes, frame_count=len(files) - len(strange))
+    return as_poses(images, detections, notes=notes, frame_count=len(files) - len(without_people))
 
 
 def read_yolo(paths: tuple[Path, ...]) -> Poses:

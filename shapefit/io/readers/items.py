@@ -67,10 +67,10 @@ def _read_kind(known: FileFormat, paths: tuple[Path, ...], kind: str) -> Poses:
     return poses
 
 
-MAX_KEPT = 1 << 27
+MAX_CACHED = 1 << 27
 """Bytes of poses that were read to tell what files hold, and are kept until they are read again."""
 
-_kept: dict[tuple[Path, ...], tuple[object, Poses]] = {}
+_cached: dict[tuple[Path, ...], tuple[object, Poses]] = {}
 """Files -> their format and state when they were read, and what they hold."""
 
 
@@ -85,7 +85,7 @@ def read_poses(known: FileFormat, paths: tuple[Path, ...], *, keep: bool = False
     files = [f for path in paths for f in (sorted(path.iterdir()) if path.is_dir() else [path])]
     stats = [(file, file.lstat()) for file in files]
     state = known.title, [(file, stat.st_size, stat.st_mtime_ns) for file, stat in stats]
-    before, poses = _kept.pop(paths, (None, None))
+    before, poses = _cached.pop(paths, (None, None))
     if poses is None or before != state:
         running = gc.isenabled()
         gc.disable()
@@ -96,9 +96,9 @@ def read_poses(known: FileFormat, paths: tuple[Path, ...], *, keep: bool = False
             if running:
                 gc.enable()
     assert poses is not None
-    retained = sum(other.points.nbytes for _, other in _kept.values())
-    if keep and retained + poses.points.nbytes <= MAX_KEPT:
-        _kept[paths] = state, poses
+    retained = sum(other.points.nbytes for _, other in _cached.values())
+    if keep and retained + poses.points.nbytes <= MAX_CACHED:
+        _cached[paths] = state, poses
     return poses
 
 
@@ -303,8 +303,8 @@ def _without_gaps(shapes: ShapeSet, notes: Notes, name: str) -> tuple[ShapeSet, 
         notes += (f"{name}: {counted(len(lost), 'landmark')} {text} ({abbreviate(lost)})",)
         shapes = _columns(shapes, np.flatnonzero(often))
     if not rows.all():
-        gone = counted(int((~rows).sum()), "shape")
-        notes += (f"{name}: {gone} left out, in which a landmark is unknown",)
+        omitted = counted(int((~rows).sum()), "shape")
+        notes += (f"{name}: {omitted} left out, in which a landmark is unknown",)
     return shapes.take(rows), notes
 
 

@@ -12,10 +12,10 @@ from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
 
 _NOT_JSON = re.compile(rb"\b(?:NaN|-?Infinity)\b")
 
-MOST_KEPT = 1 << 27
+MAX_CACHED = 1 << 27
 """Bytes of a JSON file whose content is kept from its recognition until it is read."""
 
-_kept: tuple[Any, Any] = (None, None)
+_cached: tuple[Any, Any] = (None, None)
 
 
 def read_json(path: Path, *, keep: bool = False) -> Any:
@@ -23,13 +23,13 @@ def read_json(path: Path, *, keep: bool = False) -> Any:
 
     Raises InputError for a file that is too large or damaged, naming the line.
     """
-    global _kept
+    global _cached
     state = os.stat(path)
     key = (str(path), state.st_mtime_ns, state.st_size)
-    before, content = _kept
+    before, content = _cached
     if before != key:
         content = _parse(path)
-    _kept = (key, content) if keep and state.st_size <= MOST_KEPT else (None, None)
+    _cached = (key, content) if keep and state.st_size <= MAX_CACHED else (None, None)
     return content
 
 

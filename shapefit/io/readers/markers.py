@@ -268,13 +268,13 @@ def _of_markers(
     if len(set(markers)) < len(names):
         subjects, markers = [], [("", name) for name in names]
     landmarks = list(dict.fromkeys(name for _, name in markers))
-    spread = np.full((len(points), max(len(subjects), 1), len(landmarks), 3), np.nan)
+    per_subject = np.full((len(points), max(len(subjects), 1), len(landmarks), 3), np.nan)
     for marker, (subject, name) in enumerate(markers):
         who = subjects.index(subject) if subjects else 0
-        spread[:, who, landmarks.index(name)] = points[:, marker]
+        per_subject[:, who, landmarks.index(name)] = points[:, marker]
     return of_frames(
         path,
-        spread,
+        per_subject,
         labels=frames,
         video=path.stem,
         landmark_names=tuple(landmarks),

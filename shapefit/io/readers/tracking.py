@@ -153,8 +153,8 @@ def _costs(
     boxes = tracks.boxes + np.concatenate([steps, steps], axis=1)
     reach = np.minimum(REACH + REACH_PER_GAP * (passed - 1), FARTHEST)
     scale = np.maximum(size[:, None], detected.size)
-    apart = detected.points - expected[:, None]
-    away = np.sqrt(np.einsum("tdpc,tdpc->tdp", apart, apart))
+    offset = detected.points - expected[:, None]
+    away = np.sqrt(np.einsum("tdpc,tdpc->tdp", offset, offset))
     common = np.where(np.isnan(away), 0.0, weights)
     # One landmark that went astray counts no more than the size of the person.
     away = np.fmin(away, scale[..., None])

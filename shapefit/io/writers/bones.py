@@ -71,8 +71,8 @@ def fit_rigs(motions: Sequence[Motion], place: str) -> tuple[list[Motion], str]:
     found = [_fit_rig(motion, place) for motion in motions]
     away = [MILLIMETRES * _distances(motion) for motion in found]
     mean, most = np.mean([each.mean() for each in away]), max(each.max() for each in away)
-    said = f"joints {_number(mean)} mm from the landmarks on average, {_number(most)} at most"
-    return found, f"bones of one length, {said}"
+    accuracy = f"joints {_number(mean)} mm from the landmarks on average, {_number(most)} at most"
+    return found, f"bones of one length, {accuracy}"
 
 
 def _fit_rig(motion: Motion, place: str) -> Motion:

@@ -46,15 +46,15 @@ def find_stature(shapes: Floats, names: Sequence[str]) -> Floats | None:
     def at(joint: str) -> Floats:
         return shapes[:, :, column[joint]]
 
-    def apart(a: Floats, b: Floats) -> Floats:
-        distance: Floats = np.linalg.norm(a - b, axis=1)
-        return distance
+    def length(a: Floats, b: Floats) -> Floats:
+        lengths: Floats = np.linalg.norm(a - b, axis=1)
+        return lengths
 
     legs = sum(
-        apart(at(f"{side}ankle"), at(f"{side}knee")) + apart(at(f"{side}knee"), at(f"{side}hip"))
+        length(at(f"{side}ankle"), at(f"{side}knee")) + length(at(f"{side}knee"), at(f"{side}hip"))
         for side in "lr"
     )
-    trunk = apart(at("lhip") + at("rhip"), at("lshoulder") + at("rshoulder"))
+    trunk = length(at("lhip") + at("rhip"), at("lshoulder") + at("rshoulder"))
     stature: Floats = (legs + trunk) / 2 / ANKLE_TO_SHOULDER
     return stature
 

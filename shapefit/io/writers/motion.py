@@ -49,7 +49,7 @@ from shapefit.io.writers.metres import (
 )
 from shapefit.lifting.verdict import P_VALUE, REASONS
 
-KEPT = {
+RETAINED = {
     *("shapes", "translation", "scale", "shape_sd"),
     *(EDGES, METRES_PER_UNIT, CAMERA_TRANSLATION, EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION),
     *(FRAME, REASONS, P_VALUE, ANGLES, ANGLE_SD, "focal", "principal_point", "landmarks"),
@@ -179,7 +179,7 @@ def find_floors(records: Shapes3D, options: OutputOptions, place: str) -> dict[s
         if (reasons := track.columns.get(REASONS)) is not None:
             points[reasons != ""] = np.nan
         for ankle in (joint_columns(names)[f"{side}ankle"] for side in "lr"):
-            points[~_seen_about(track, ankle, rate), :, ankle] = np.nan
+            points[~_visible_around(track, ankle, rate), :, ankle] = np.nan
         stature = find_stature(points, names)
         assert stature is not None
         if np.isfinite(stature).any():
@@ -190,7 +190,7 @@ def find_floors(records: Shapes3D, options: OutputOptions, place: str) -> dict[s
     return {name: floor for name, floor in found.items() if floor is not None}
 
 
-def _seen_about(records: Shapes3D, column: int, rate: float) -> NDArray[np.bool_]:
+def _visible_around(records: Shapes3D, column: int, rate: float) -> NDArray[np.bool_]:
     """Whether a landmark (n,) was seen in the image or in one within a quarter of a second.
 
     Feet that the model gives where an image ends at the hips stand nowhere.
@@ -228,9 +228,9 @@ def _motion(
 
     def by_frame(values: Floats) -> Floats:
         """Return values of the items (n, ...) for each frame (f, ...), nan in gaps."""
-        spread = np.full((length, *values.shape[1:]), np.nan)
-        spread[frames - first] = values
-        return spread
+        per_frame = np.full((length, *values.shape[1:]), np.nan)
+        per_frame[frames - first] = values
+        return per_frame
 
     trusted, reasons = [""] * length, records.columns.get(REASONS)
     for frame, reason in zip(frames.tolist(), () if reasons is None else reasons, strict=False):
@@ -285,10 +285,10 @@ def _describe_markers(records: Shapes3D) -> str:
     following = [name for name in own if name not in fitted]
     skeletons = (set(each.landmark_names) for each in installed_skeletons().values())
     whole = next((each for each in skeletons if set(own) <= each), set(own))
-    said = f"{counted(len(own), 'marker')} of the files"
-    said += f"; {abbreviate(following)} estimated by the model alone" if following else ""
+    note = f"{counted(len(own), 'marker')} of the files"
+    note += f"; {abbreviate(following)} estimated by the model alone" if following else ""
     missing = sorted(whole - set(own))
-    return said + (f"; {abbreviate(missing)} not marked, or not determined" if missing else "")
+    return note + (f"; {abbreviate(missing)} not marked, or not determined" if missing else "")
 
 
 Write = Callable[[Path, Motion], None]
@@ -318,7 +318,7 @@ class MotionWriter(RecordWriter[Shapes3D]):
         self.begun = True
         measured = angle_columns(record, self._options.up) if self._angles else {}
         own = record.with_columns(measured)
-        self.parts.append(own.without(own.columns.keys() - KEPT))  # type: ignore[arg-type]
+        self.parts.append(own.without(own.columns.keys() - RETAINED))  # type: ignore[arg-type]
 
 
 def motion_output(

@@ -33,9 +33,9 @@ from shapefit.lifting.posterior.p_value import draw_table, find_p_values, moment
 from shapefit.lifting.posterior.posterior import Outliers, Posterior, find_posterior
 from shapefit.lifting.reconstruction import reconstruct
 from shapefit.lifting.shared_rotation.pose import (
+    even_views,
     find_moments,
     find_pose,
-    spread_views,
     turn_in_plane,
 )
 from shapefit.lifting.verdict import LIMITS, START_DISTANCE
@@ -86,11 +86,11 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
             status
             if status in FAILED
             else Status.NUMERICAL_FAILURE
-            if gone
+            if hopeless
             else Status.CONVERGED
             if stationary
             else Status.ITERATION_LIMIT
-            for status, gone, stationary in zip(
+            for status, hopeless, stationary in zip(
                 solution.status, lost.tolist(), found.stationary.tolist(), strict=True
             )
         ),
@@ -193,11 +193,11 @@ def find_start_distance(found: Estimate, problem: Problem, settings: Settings) -
         shown = inliers[rows] & (M.count > 0)[:, None]
         return relative_distance(np.where(shown[:, None], start, np.nan), found.shapes[rows])
 
-    apart = distance(M, np.arange(len(inliers)))
+    start_distance = distance(M, np.arange(len(inliers)))
     again = camera is not None or (inliers != (problem.weights > 0)).any(axis=1)
-    far = np.flatnonzero((apart > LIMITS.max_distance) & again)
+    far = np.flatnonzero((start_distance > LIMITS.max_distance) & again)
     if not len(far):
-        return apart
+        return start_distance
     part = problem.take(far)
     part.weights[~inliers[far]] = 0.0
     landmarks = part.landmarks
@@ -206,8 +206,8 @@ def find_start_distance(found: Estimate, problem: Problem, settings: Settings) -
         landmarks = c + (landmarks - c) * ((tz + found.shapes[far, 2]) / tz)[:, None]
     norm, _ = normalise_visible(landmarks, part.weights)
     solved = settings.solve(replace(part, landmarks=norm.points, camera=None))
-    apart[far] = np.fmin(apart[far], distance(solved.transforms, far))
-    return apart
+    start_distance[far] = np.fmin(start_distance[far], distance(solved.transforms, far))
+    return start_distance
 
 
 def relative_distance(estimate: Floats, shapes: Floats) -> Floats:
@@ -216,13 +216,13 @@ def relative_distance(estimate: Floats, shapes: Floats) -> Floats:
     e, x (n, 3, p), nan where a landmark of e does not count; the size is the mean over coordinates
     of the standard deviation of those x_j that count. (n,), nan where fewer than three do.
     """
-    apart = similarity_errors(estimate, shapes)
+    errors = similarity_errors(estimate, shapes)
     known = np.isfinite(estimate)
     count = np.maximum(known.sum(axis=2), 1)
     mean = np.where(known, shapes, 0.0).sum(axis=2) / count
     away = np.where(known, shapes - mean[..., None], 0.0)
     size = np.sqrt((away**2).sum(axis=2) / count).mean(axis=1)
-    return np.divide(apart, size, out=np.full_like(apart, np.nan), where=size > 0)
+    return np.divide(errors, size, out=np.full_like(errors, np.nan), where=size > 0)
 
 
 def find_starts(problem: Problem, solution: Solution, settings: Settings) -> Floats:
@@ -240,7 +240,7 @@ def find_starts(problem: Problem, solution: Solution, settings: Settings) -> Flo
     if settings.options.views == 0:
         return rotation[:, None]
     _, by_shape = find_moments(problem, settings.mean_shape)
-    turned = turn_in_plane(spread_views(settings.options.views), by_shape)
+    turned = turn_in_plane(even_views(settings.options.views), by_shape)
     return np.concatenate([rotation[:, None], turned], axis=1)
 
 

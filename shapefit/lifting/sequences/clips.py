@@ -373,8 +373,8 @@ def smooth_in_time(means: Floats, deviations: Floats, acceleration: Floats) -> F
         for j in range(p):
             bands = fixed / acceleration[j] ** 2
             bands[0] += weight[:, axis, j]
-            pull = weight[:, axis, j] * means[:, axis, j]
-            smoothed[:, axis, j] = solveh_banded(bands, pull, lower=True)
+            linear_term = weight[:, axis, j] * means[:, axis, j]
+            smoothed[:, axis, j] = solveh_banded(bands, linear_term, lower=True)
     return smoothed
 
 

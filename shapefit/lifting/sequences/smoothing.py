@@ -163,7 +163,7 @@ def smooth(
     t, _, p = visible.start.shape
     points = visible.start.reshape(t, 3 * p).copy()
     lengths = first_lengths(visible.start, model)
-    hold, known = held_lengths(model, lengths)
+    hold, known = fixed_lengths(model, lengths)
     end = np.empty(2)
     deviation, correlation = np.empty((2, t, 3 * p))
     covariance = np.empty((t if covariances else 0, 3 * p, 3 * p))
@@ -206,7 +206,7 @@ def further_weight(visible: Observations, noise: float) -> Floats:
     return weight
 
 
-def held_lengths(model: Model, lengths: Floats) -> tuple[Floats, Floats]:
+def fixed_lengths(model: Model, lengths: Floats) -> tuple[Floats, Floats]:
     """Weights H = Q / (g k)(g k)^T (e, e) and lengths g k (e,) of known bones; 0 of the others."""
     e = len(model.bones)
     known, shorter = np.zeros((2, e))

@@ -141,6 +141,6 @@ def believable(problem: Problem, outliers: NDArray[np.bool_]) -> Flags:
     """Outliers (n, p), but none in an image where the others could not be lifted without them."""
     left = np.where(outliers, 0.0, problem.weights)
     lost = list(find_degenerate(problem.landmarks, left))
-    kept = outliers.copy()
-    kept[lost] = False
-    return kept
+    remaining = outliers.copy()
+    remaining[lost] = False
+    return remaining

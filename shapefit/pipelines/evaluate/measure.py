@@ -49,7 +49,7 @@ from shapefit.pipelines.items import (
     find_truth,
     keys_of,
     named_items,
-    spread,
+    subsample,
 )
 
 BOX_UNIT = "box"
@@ -327,7 +327,7 @@ def _meaningful(
     Shapes that fit the truth with a small rotation, while their stated rotations (n, 3, 3) are far
     from the true ones, come from a dictionary with another frame than the truth.
     """
-    some = list(spread(SAMPLE, len(estimate)))
+    some = list(subsample(SAMPLE, len(estimate)))
     e, x, reasons = estimate[some], true[some], list[str]()
     with np.errstate(all="ignore"):
         error, mirrored = (
@@ -494,8 +494,8 @@ def with_shapes_of(results: ResultSet, names: Sequence[str]) -> ResultSet:
     if len(set(own) & set(names)) <= len(set(results.landmark_names) & set(names)):
         return results
     sd, correlation = results.per_item.get(INPUT_SD), results.per_item.get(INPUT_CORRELATION)
-    apart = results.without((*WITH_JOINTS, CORRELATION.name, "landmarks_fitted", "dual"))
-    shown = apart.replaced(
+    bare = results.without((*WITH_JOINTS, CORRELATION.name, "landmarks_fitted", "dual"))
+    shown = bare.replaced(
         shapes=np.swapaxes(columns[INPUT_SHAPES], 1, 2),
         shape_sd=None if sd is None else np.swapaxes(sd, 1, 2),
         landmark_names=own,

@@ -68,7 +68,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
                     name, measured.sequences, measured.items, with_shares(measured)
                 ):
                     file_of_images.write(rows)
-                training = seen_in_training(name, results.attributes, inputs)
+                training = used_in_training(name, results.attributes, inputs)
                 new = [w for w in (*training, *measured.warnings) if w not in warnings]
                 warnings |= dict.fromkeys(new)
                 failed = measured.failures.items()
@@ -191,7 +191,7 @@ def _mean_objective(objective: Floats | None) -> float | None:
     return float(finite.mean()) if len(finite) else None
 
 
-def seen_in_training(
+def used_in_training(
     method: str, attributes: Mapping[str, object], truth: Mapping[str, str]
 ) -> list[str]:
     """Warn where a file of the truth is one that the dictionary learned from, by their digests.

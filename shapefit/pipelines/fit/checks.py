@@ -119,7 +119,7 @@ def doubtful_share(lifting: Lifting) -> float:
     """Return the share of images with a low p-value or far from their convex shape."""
     further = lifting.estimate.further
     visible = np.isfinite(further["inlier_probability"]).sum(axis=1)
-    far = (further[START_DISTANCE] > LIMITS.max_distance) & (visible >= LIMITS.fewest_seen)
+    far = (further[START_DISTANCE] > LIMITS.max_distance) & (visible >= LIMITS.fewest_visible)
     doubtful = (further[P_VALUE] < LIMITS.min_p_value) | far
     return float(doubtful.mean()) if len(doubtful) else float("nan")
 

@@ -197,7 +197,7 @@ def lift_landmarks(images: LandmarkSet, lifter: Lifter, *, p_values: bool = True
 
     Raises InputError where the images lack what the lifter names.
     """
-    lift_all = lift_images if lifter.leave_one_out is None else lift_left_out
+    lift_all = lift_images if lifter.leave_one_out is None else lift_omitting
     lifting = lift_all(images, lifter)
     if lifter.row.has_prior and p_values:
         lifting = with_p_values(lifting, lifter)
@@ -335,7 +335,7 @@ def find_inliers(
     }
 
 
-def lift_left_out(images: LandmarkSet, lifter: Lifter) -> Lifting:
+def lift_omitting(images: LandmarkSet, lifter: Lifter) -> Lifting:
     """Lift each image without the atoms of the item that the dataset `leave_one_out` names.
 
     Images of an item that the dictionary does not have are lifted with all atoms. The lifting has
@@ -345,7 +345,7 @@ def lift_left_out(images: LandmarkSet, lifter: Lifter) -> Lifting:
     from shapefit.lifting.merging import Group, merge
 
     dictionary = lifter.dictionary
-    items = find_left_out(images, lifter)
+    items = find_omitted(images, lifter)
 
     def lift_group(rows: NDArray[np.intp], threads: int = 1) -> Group:
         item = str(items[rows[0]])
@@ -363,7 +363,7 @@ def lift_left_out(images: LandmarkSet, lifter: Lifter) -> Lifting:
     return merge(lifted, dictionary.atoms) if lifted else lift_images(images, lifter)
 
 
-def find_left_out(images: LandmarkSet, lifter: Lifter) -> NDArray[np.str_]:
+def find_omitted(images: LandmarkSet, lifter: Lifter) -> NDArray[np.str_]:
     """Return the item (n,) whose atoms the fit of each image does without, '' for none."""
     items, in_dictionary = find_items(images, lifter)
     items[~in_dictionary] = ""

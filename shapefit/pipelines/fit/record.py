@@ -32,7 +32,7 @@ from shapefit.lifting.verdict import (
     expected_error,
     find_reasons,
 )
-from shapefit.pipelines.fit.lift import find_left_out
+from shapefit.pipelines.fit.lift import find_omitted
 
 if TYPE_CHECKING:
     from shapefit.pipelines.fit.prepare import Setup
@@ -81,7 +81,7 @@ def as_result(
     if setup.config.save.covariance:
         datasets["shape_covariance"] = by_landmark(scaled.covariance)
     if setup.config.leave_one_out is not None:
-        datasets["left_out"] = find_left_out(images, setup.lifter).astype(object)
+        datasets["omitted"] = find_omitted(images, setup.lifter).astype(object)
     if lifting.perspective is not None:
         datasets |= perspective_datasets(lifting.perspective, estimate.coefficients, dictionary)
     if setup.config.saves_proof:

@@ -32,7 +32,7 @@ from shapefit.pipelines.joints import MEANS, LandmarkMap, Matched
 LARGEST, FEW, FEWEST = 96, 24, 10
 """Images of a sample, of a first look at it, and images of which fewer say nothing."""
 
-FEWEST_SEEN = 5
+FEWEST_VISIBLE = 5
 """Landmarks of an image of the sample; four fit almost any shape."""
 
 STEP, RATE = 0.5, 24.0
@@ -72,7 +72,7 @@ class Sample:
 
 def draw_sample(images: LandmarkSet, matched: Matched) -> Sample:
     """Draw images that are spread over all; of long sequences pairs that are a step apart."""
-    images = images.take(np.flatnonzero(images.visible().sum(axis=1) >= FEWEST_SEEN))
+    images = images.take(np.flatnonzero(images.visible().sum(axis=1) >= FEWEST_VISIBLE))
     n, rows = len(images), evenly(len(images), LARGEST)
     if images.sequences is not None and n > LARGEST:
         step = max(1, round(STEP * (images.frame_rate or RATE)))

@@ -47,7 +47,7 @@ def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
     """
     begun: set[str] = set()
     last: str | None = None
-    held: list[LandmarkSet] = []
+    pending: list[LandmarkSet] = []
     for chunk in chunks:
         names = chunk.sequences
         if names is None:
@@ -61,16 +61,16 @@ def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
                 found += f"'{chunk.items[row]}'"
                 raise input_error("sequence", found, "put its images together, in order of time")
             begun.add(names[row])
-        if held and starts[:1] == [0]:
-            yield concatenate(held)
-            held = []
+        if pending and starts[:1] == [0]:
+            yield concatenate(pending)
+            pending = []
         if starts and starts[-1]:
-            yield concatenate([*held, chunk.take(slice(0, starts[-1]))])
-            held = []
-        held.append(chunk.take(slice(starts[-1] if starts else 0, None)))
+            yield concatenate([*pending, chunk.take(slice(0, starts[-1]))])
+            pending = []
+        pending.append(chunk.take(slice(starts[-1] if starts else 0, None)))
         last = names[-1] if names else last
-    if held:
-        yield concatenate(held)
+    if pending:
+        yield concatenate(pending)
 
 
 def in_pieces(groups: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:

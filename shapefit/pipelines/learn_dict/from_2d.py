@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.config import LearnDictConfig
 from shapefit.config.commands.learn_dict import PriorConfig
-from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, UNLIKE, Judgement, judge
+from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, UNLIKE, Judgement, evaluate_class
 from shapefit.dictionary.from_2d.learning import State, learn
 from shapefit.dictionary.from_2d.model import Images, evenly, hide
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import DEPTH_AMBIGUITY, LEARNED_FROM, OPEN, VERDICT, Dictionary
 from shapefit.errors import InputError, counted, input_error
-from shapefit.geometry.normalisation import normalise, spread
+from shapefit.geometry.normalisation import normalise, std
 from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.geometry.procrustes import rotation_onto
 from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet, digests
@@ -38,7 +38,7 @@ from shapefit.pipelines.outcome import Outcome
 FEWEST_IMAGES = 20
 """Images from which depth can be learned at all."""
 
-FEWEST_SEEN = 4
+FEWEST_VISIBLE = 4
 """Landmarks that an image must show: any three fit any shape."""
 
 FAR_OUT = 4.0
@@ -104,15 +104,15 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
         per = state.objective / (2 * int((images.weights > 0).sum()))
         yield Outcome(done=1, unit="round", note=f"evidence {per:.3f} a coordinate")
     assert state is not None
-    judgement = judge(images, state)
-    size = float(np.median(spread(some.landmarks, some.visible())))
-    said = describe(judgement, size)
+    judgement = evaluate_class(images, state)
+    size = float(np.median(std(some.landmarks, some.visible())))
+    evidence = describe(judgement, size)
     if not judgement.fine:
-        raise input_error(place, f"{judgement.verdict} ({said})", FIX[judgement.verdict])
+        raise input_error(place, f"{judgement.verdict} ({evidence})", FIX[judgement.verdict])
     sided = config.flip is not None or CAMERA_MATRIX in some.columns
     outliers = f"{int(state.outliers.sum())} of {counted(int(some.visible().sum()), 'landmark')}"
     yield Outcome(
-        line=f"{counted(len(some), 'image')}: {judgement.verdict}; {said}; {outliers} outliers "
+        line=f"{counted(len(some), 'image')}: {judgement.verdict}; {evidence}; {outliers} outliers "
         "set aside",
         warnings=tuple(find_reasons(judgement, sided)),
     )
@@ -131,19 +131,19 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     verdict = "doubtful" if judgement.verdict == DOUBTFUL else "learned"
     known = {LEARNED_FROM: "landmarks", VERDICT: verdict}
     made = replace(made, provenance={**made.provenance, **known})
-    return (yield from decide_near_and_far(some, made, config.flip))
+    return (yield from resolve_depth(some, made, config.flip))
 
 
 def are_usable(given: LandmarkSet) -> NDArray[np.bool_]:
     """Whether each image (n,) shows enough landmarks, and not all at one point."""
     visible = given.visible()
-    apart: NDArray[np.bool_] = spread(np.where(visible[:, None], given.landmarks, 0.0), visible) > 0
-    return apart & (visible.sum(axis=1) >= FEWEST_SEEN)
+    distinct: NDArray[np.bool_] = std(np.where(visible[:, None], given.landmarks, 0.0), visible) > 0
+    return distinct & (visible.sum(axis=1) >= FEWEST_VISIBLE)
 
 
 def too_few(usable: int, given: int, place: str) -> InputError:
     """Return the error that says that these images are not enough."""
-    found = f"too few images: {usable} of {given} show {FEWEST_SEEN} landmarks or more"
+    found = f"too few images: {usable} of {given} show {FEWEST_VISIBLE} landmarks or more"
     return input_error(place, found, f"give {FEWEST_IMAGES} at least, of different views")
 
 
@@ -154,9 +154,9 @@ def images_of(given: LandmarkSet) -> Images:
     """
     w, visible = given.landmarks, given.visible()
     middle = np.nanmedian(np.where(visible[:, None], w, np.nan), axis=2, keepdims=True)
-    apart = np.where(visible, np.linalg.norm(w - middle, axis=1), np.nan)
-    reach = FAR_OUT * np.nanmedian(apart, axis=1, keepdims=True)
-    normalised = normalise(w, visible & ((apart <= reach) | (reach == 0)))
+    distance = np.where(visible, np.linalg.norm(w - middle, axis=1), np.nan)
+    reach = FAR_OUT * np.nanmedian(distance, axis=1, keepdims=True)
+    normalised = normalise(w, visible & ((distance <= reach) | (reach == 0)))
     size = normalised.scale
     sequence = np.zeros(len(given), np.intp)
     if given.sequences is not None:
@@ -177,7 +177,7 @@ def describe(found: Judgement, size: float) -> str:
         f"{found.learned:.3f} of the size of a shape (rigid "
         f"{found.rigid:.3f}, flat {found.flat:.3f}), evidence of depth {found.gain:.2f} per "
         f"landmark, views up to {found.turn:.0f} degrees apart, each half of the images by itself "
-        f"{found.apart:.3f} off"
+        f"{found.half_distance:.3f} off"
     )
 
 
@@ -185,8 +185,9 @@ def find_reasons(found: Judgement, sided: bool) -> Iterator[str]:
     """Say what may be wrong with shapes that were learned; sided: near and far are known."""
     if found.verdict == DOUBTFUL:
         yield (
-            f"depth is doubtful: each half of the images by itself gives shapes {found.apart:.2f} "
-            "of their size apart, which is much of what shapes differ: give poses from more sides"
+            "depth is doubtful: each half of the images by itself gives shapes "
+            f"{found.half_distance:.2f} of their size apart, which is much "
+            "of what shapes differ: give poses from more sides"
         )
     if not sided:
         yield MIRRORED
@@ -207,8 +208,8 @@ def learn_mixtures(
     """
 
     def learned(shapes: ShapeSet, components: int, rounds: int, *, varied: bool) -> Learning:
-        still = {} if varied else {"stretch": 0.0, "exchange": 0.0}
-        changed = config.changed(prior={"components": components, **still}, iterations=rounds)
+        unchanged = {} if varied else {"bone_scale": 0.0, "exchange": 0.0}
+        changed = config.changed(prior={"components": components, **unchanged}, iterations=rounds)
         return learn_from_shapes(shapes, changed, inputs)
 
     method = "posterior" if images.sequences is None else "sequences"
@@ -262,18 +263,18 @@ def gaussian_prior(state: State, mean: Floats, *, flipped: bool) -> dict[str, An
     }
 
 
-def decide_near_and_far(
+def resolve_depth(
     images: LandmarkSet, made: Dictionary, flip: bool | None
 ) -> Generator[Outcome, None, Dictionary]:
     """Return the dictionary, or its mirror image where cameras see that one.
 
     Its provenance says what has decided; the key `flip` goes before cameras.
     """
-    told = OPEN if flip is None else "stated by `flip`"
+    decided_by = OPEN if flip is None else "stated by `flip`"
     if flip is None and CAMERA_MATRIX in images.columns:
         gain, deviation = evidence_of_mirror(images, made)
         if abs(gain) >= SURE * deviation:
-            told = "told by perspective"
+            decided_by = "told by perspective"
             made = mirror_image(made) if gain > 0 else made
             yield Outcome(
                 line=f"perspective: near and far {'exchanged' if gain > 0 else 'kept'}, log "
@@ -281,7 +282,7 @@ def decide_near_and_far(
             )
         else:
             yield Outcome(warnings=(MIRRORED,))
-    return replace(made, provenance={**made.provenance, DEPTH_AMBIGUITY: told})
+    return replace(made, provenance={**made.provenance, DEPTH_AMBIGUITY: decided_by})
 
 
 def mirror_image(made: Dictionary) -> Dictionary:
@@ -319,9 +320,9 @@ def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> float:
     hidden = hide(some.visible())
     known = some.replaced(landmarks=np.where(hidden[:, None], np.nan, some.landmarks))
     found = lift_by(known, dictionary, "posterior")
-    size = spread(some.landmarks, some.visible())[:, None]
-    apart = np.linalg.norm(found.shapes[:, :2] - some.landmarks, axis=1) / size
-    return float(np.nanmedian(apart[hidden]))
+    size = std(some.landmarks, some.visible())[:, None]
+    residual = np.linalg.norm(found.shapes[:, :2] - some.landmarks, axis=1) / size
+    return float(np.nanmedian(residual[hidden]))
 
 
 def lift_by(

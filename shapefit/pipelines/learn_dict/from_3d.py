@@ -213,13 +213,13 @@ def vary_shapes(training: TrainingShapes, config: LearnDictConfig, copies: int) 
             raise ValueError("the shapes have no edges")
         skeleton = find_skeleton(edges, points)
     except ValueError as error:
-        fix = "give shapes whose `edges` are bones, or leave out `stretch` and `exchange`"
+        fix = "give shapes whose `edges` are bones, or leave out `bone_scale` and `exchange`"
         raise input_error("prior", str(error), fix) from None
     varied = vary(
         training.alignment.shapes,
         skeleton,
         copies=copies,
-        stretch=config.prior.bone_scale,
+        bone_scale=config.prior.bone_scale,
         exchange=config.prior.exchange,
         partners=training.dictionary.mirror_index,
     )

@@ -98,14 +98,14 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
 
 def separate(shapes: ShapeSet) -> tuple[ShapeSet, tuple[Failure, ...]]:
     """Return the shapes that can be normalised, and the others as failures."""
-    apart = ~coincide(shapes.shapes)
+    distinct = ~coincide(shapes.shapes)
     extent = np.ptp(shapes.shapes, axis=-1).max(axis=-1, initial=0.0)
-    usable = apart & np.isfinite(extent) & (extent >= SMALLEST)
+    usable = distinct & np.isfinite(extent) & (extent >= SMALLEST)
 
     def reason(i: int) -> str:
         if not np.isfinite(extent[i]):
             return "a coordinate is not finite"
-        if not apart[i]:
+        if not distinct[i]:
             return "all its landmarks are at one point"
         return f"its landmarks are too close together, within {extent[i]:.2g}: use a smaller unit"
 
@@ -185,7 +185,7 @@ def align(points: Floats, names: tuple[str, ...], config: LearnDictConfig) -> Al
     """Turn normalised shapes (n, 3, p) onto their mean, or leave them in their common frame."""
     if config.align == "none":
         unturned = np.tile(np.eye(3), (len(points), 1, 1))
-        return Alignment(points, points.mean(axis=0), unturned, rounds=0, still=True)
+        return Alignment(points, points.mean(axis=0), unturned, rounds=0, converged=True)
     return generalised_procrustes(points, aligned_landmarks(names, config))
 
 
@@ -227,7 +227,7 @@ def find_warnings(
     if config.method == "sparse-coding" and number_of_atoms(len(shapes), config) < config.k:
         there = counted(len(shapes), "shape")
         yield Note(f"{len(shapes)} atoms in place of {config.k}: there are {there}")
-    if not alignment.still:
+    if not alignment.converged:
         yield f"the mean of the aligned shapes was still moving after {alignment.rounds} rounds"
     if given.mesh_vertices is not None and shapes.mesh_vertices is None:
         yield (

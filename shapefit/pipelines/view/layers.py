@@ -32,12 +32,12 @@ EXPECTED, AGAINST_TRUTH = "expected error", "error against the truth"
 SMALL = 0.01
 """Metres below which lengths are given in millimetres."""
 SOLVED = (Status.OPTIMAL.value, Status.CONVERGED.value)
-STILL = np.r_[np.eye(3).ravel(), 1.0, 0.0, 0.0, 0.0]
+IDENTITY_POSE = np.r_[np.eye(3).ravel(), 1.0, 0.0, 0.0, 0.0]
 """The pose of a mesh that stays where it is."""
 
 
 def make_layers(
-    inputs: Inputs, seen: Floats | None, notes: list[str]
+    inputs: Inputs, observed: Floats | None, notes: list[str]
 ) -> tuple[list[Layer], list[MeshSet], str]:
     """Return the layers, those of results first and the truth last, their meshes and the unit.
 
@@ -52,13 +52,13 @@ def make_layers(
     layers: list[Layer] = []
     meshes: list[MeshSet] = []
     for content in results:
-        layer = _result_layer(content, seen, truth)
-        solid: Layer | None = layer
+        layer = _result_layer(content, observed, truth)
+        meshed: Layer | None = layer
         if dictionary is not None and dictionary.mesh_vertices is not None:
-            solid = _with_mesh_of_atoms(layer, content, dictionary, meshes)
-        if solid is None:
+            meshed = _with_mesh_of_atoms(layer, content, dictionary, meshes)
+        if meshed is None:
             notes.append(f"{content.name} has no mesh: it mixes no atoms of this dictionary.")
-        layers.append(solid or layer)
+        layers.append(meshed or layer)
     for content in others:
         role: Literal["truth", "shapes"] = "truth" if content is truth else "shapes"
         angles = () if content is truth else tuple(_angles(content))
@@ -70,16 +70,16 @@ def make_layers(
     in_camera, in_metres = _space(guide)
     there = [_space(content) == _space(guide) for content in results] + [False] * len(others)
     target = first_known([each.points for each, stays in zip(layers, there, strict=True) if stays])
-    shown, moved, strange = [], [], []
+    shown, moved, unmatched = [], [], []
     for layer, stays in zip(layers, there, strict=True):
         placed = layer if stays else _aligned(layer, target)
         fits = stays or np.isfinite(placed.points).any()
         shown += [placed] if fits else []
         moved += [layer.name] if fits and not stays else []
-        strange += [] if fits else [layer.name]
-    if strange:
+        unmatched += [] if fits else [layer.name]
+    if unmatched:
         few = "has fewer than 3 landmarks of the same names"
-        notes.append(f"Not shown, as {guide.name} {few}: {', '.join(strange)}.")
+        notes.append(f"Not shown, as {guide.name} {few}: {', '.join(unmatched)}.")
     if moved:
         notes.append(f"Note: {', '.join(moved)} aligned to {guide.name} for display.")
     return shown, meshes, "m" if in_metres else "" if in_camera else guide.records.unit
@@ -120,7 +120,7 @@ def _space(content: Content) -> tuple[bool, bool]:
     return has_camera(content), metres is not None and bool(np.isfinite(metres).any())
 
 
-def _result_layer(content: Content, seen: Floats | None, truth: Content | None) -> Layer:
+def _result_layer(content: Content, observed: Floats | None, truth: Content | None) -> Layer:
     """Return a result in space: X = factor (S - start) + end for its shapes S."""
     n = len(content.rows)
     in_camera, in_metres = _space(content)
@@ -151,7 +151,7 @@ def _result_layer(content: Content, seen: Floats | None, truth: Content | None) 
         perspective=in_camera,
         status=Words.of(status),
         reasons=Words.of(content.per_frame(REASONS)),
-        measures=(*_angles(content), *_errors(content, seen, truth)),
+        measures=(*_angles(content), *_errors(content, observed, truth)),
     )
     if set(POSE) <= content.records.per_item.keys():
         R = content.per_frame("rotation").reshape(n, 9)
@@ -170,15 +170,15 @@ def _angles(content: Content) -> Iterator[Measure]:
     columns = angle_columns(records, None)
     if not columns:
         return
-    spread = replace(content, records=records.with_columns(columns))
-    values, sd = spread.per_frame(ANGLES), spread.per_frame(ANGLE_SD)
+    with_angles = replace(content, records=records.with_columns(columns))
+    values, sd = with_angles.per_frame(ANGLES), with_angles.per_frame(ANGLE_SD)
     for number, name in enumerate(angle_names(records.landmark_names)):
         if np.isfinite(values[:, number]).any():
             band = sd[:, number] if np.isfinite(sd[:, number]).any() else None
             yield Measure(name.replace("_", " "), values[:, number], "°", band)
 
 
-def _errors(content: Content, seen: Floats | None, truth: Content | None) -> Iterator[Measure]:
+def _errors(content: Content, observed: Floats | None, truth: Content | None) -> Iterator[Measure]:
     """Yield errors of each frame: those in space in metres, or else in the unit of the truth."""
     unit, expected = content.records.unit, content.per_frame("expected_error")
     factor: Any
@@ -196,9 +196,9 @@ def _errors(content: Content, seen: Floats | None, truth: Content | None) -> Ite
     if p_value is not None:
         yield Measure("p-value", p_value)
     fitted = content.per_landmark("landmarks_fitted")
-    if seen is not None and (fitted is not None or not has_camera(content)):
+    if observed is not None and (fitted is not None or not has_camera(content)):
         flat = content.points[:, :2] if fitted is None else fitted
-        yield Measure("distance in the image", metrics.reprojection(flat, seen), unit)
+        yield Measure("distance in the image", metrics.reprojection(flat, observed), unit)
 
 
 def in_usual_units(layers: Sequence[Layer]) -> tuple[list[Layer], tuple[str, float]]:
@@ -251,7 +251,7 @@ def _with_mesh_of_shapes(
         return layer
     meshes.append(MeshSet(vertices, faces))
     weights = np.eye(len(vertices))[content.rows] * (content.rows >= 0)[:, None]
-    pose = np.tile(STILL, (len(content.rows), 1))
+    pose = np.tile(IDENTITY_POSE, (len(content.rows), 1))
     return replace(layer, pose=pose, blend=Blend.of(len(meshes) - 1, weights))
 
 

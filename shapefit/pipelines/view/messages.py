@@ -98,12 +98,12 @@ def _config(result: Content) -> dict[str, object]:
     return {name: value for name, value in config.items() if value is not None}
 
 
-def missing(layers: Sequence[Layer], seen: Floats | None, *, has_edges: bool) -> Iterator[str]:
+def missing(layers: Sequence[Layer], observed: Floats | None, *, has_edges: bool) -> Iterator[str]:
     """Yield what the page lacks, and where to get it."""
     if not layers:
         yield "There are only landmarks here, and nothing in 3D."
     results = [layer for layer in layers if layer.role == "result"]
-    if results and seen is None:
+    if results and observed is None:
         yield "The results hold no observed landmarks; add the landmark file to see them."
     if not has_edges and not any(layer.blend for layer in layers):
         yield "No edges are known, so landmarks are points; -d DICT.h5 or --truth may have them."

@@ -82,9 +82,9 @@ class Content:
         if values is None:
             return None
         is_text = values.dtype.kind in "OSU"
-        spread = np.array(values[self.rows], object if is_text else np.float64)
-        spread[self.rows < 0] = "" if is_text else np.nan
-        return spread
+        per_frame = np.array(values[self.rows], object if is_text else np.float64)
+        per_frame[self.rows < 0] = "" if is_text else np.nan
+        return per_frame
 
     def per_landmark(self, dataset: str) -> Any:
         """Return a dataset whose last axis is that of landmarks as (n, ..., p)."""

@@ -14,7 +14,7 @@ from shapefit.errors import input_error
 from shapefit.evaluation.plots import check_can_draw, save
 from shapefit.io.atomic import atomic_path
 from shapefit.meshes.pictures import FittedImage, Model, contact_sheet
-from shapefit.pipelines.items import spread
+from shapefit.pipelines.items import subsample
 from shapefit.pipelines.outcome import Outcome
 from shapefit.pipelines.view.reading import read_inputs
 from shapefit.pipelines.view.scene import assemble
@@ -35,7 +35,7 @@ def write_sheet(config: ViewConfig, output: Path) -> Outcome:
     faces = None if layer.blend is None else scene.meshes[layer.blend.mesh_set].faces
     edges = np.asarray(scene.edges, np.int64).reshape(-1, 2)
     model = Model("down" if scene.y_down else "up", faces, edges)
-    images = [fitted_image(scene, row) for row in spread(MOST_IMAGES, len(scene.items))]
+    images = [fitted_image(scene, row) for row in subsample(MOST_IMAGES, len(scene.items))]
     figure = contact_sheet(images, model)
     with atomic_path(output) as temporary:
         partial(save, figure, file_format=output.suffix.lower()[1:])(temporary)

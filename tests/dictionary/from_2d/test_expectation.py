@@ -10,9 +10,9 @@ from shapefit.dictionary.from_2d.model import (
     Views,
     ascent,
     change_inliers,
-    expect,
-    maximise,
+    posterior_mean,
     scatter,
+    split_ppca,
 )
 from shapefit.geometry.rotations import exponential
 
@@ -56,7 +56,7 @@ def dense(made, i):
 
 
 def test_shapes_covariances_and_noise_are_those_of_the_joint_gaussian(planted):
-    found = expect(planted.images, planted.views, planted.model)
+    found = posterior_mean(planted.images, planted.views, planted.model)
     exact = [dense(planted, i) for i in range(4)]
     for i, (mean, _, _, residual_variance) in enumerate(exact):
         np.testing.assert_allclose(found.shapes[i].ravel(), mean, atol=1e-5)
@@ -66,8 +66,8 @@ def test_shapes_covariances_and_noise_are_those_of_the_joint_gaussian(planted):
 
 
 def test_log_density_is_that_of_the_landmarks_up_to_the_wide_translation(planted):
-    found = expect(planted.images, planted.views, planted.model)
-    spread = planted.model.spread
+    found = posterior_mean(planted.images, planted.views, planted.model)
+    spread = planted.model.size_variance
     of_scale = -0.5 * (planted.views.log_scale**2 / spread + np.log(2 * np.pi * spread))
     exact = np.array([dense(planted, i)[2] for i in range(4)])
     flat = np.log(WIDE)  # of both coordinates: 2 / 2 log WIDE
@@ -78,21 +78,21 @@ def test_doubt_is_what_the_density_gains_where_one_belief_changes(planted):
     outliers = np.zeros(planted.images.weights.shape, bool)
     outliers[:, 1] = planted.images.weights[:, 1] > 0
     images = replace(planted.images, outliers=outliers)
-    found = expect(images, planted.views, planted.model)
+    found = posterior_mean(images, planted.views, planted.model)
     for i, j in np.argwhere(planted.images.weights > 0):
         changed = outliers.copy()
         changed[i, j] ^= True
-        then = expect(replace(images, outliers=changed), planted.views, planted.model)
+        then = posterior_mean(replace(images, outliers=changed), planted.views, planted.model)
         gain = then.log_density[i] - found.log_density[i]
         assert found.flip_gain[i, j] == pytest.approx(gain, rel=1e-6, abs=1e-6)
     assert np.isneginf(found.flip_gain[planted.images.weights == 0]).all()
-    hidden = expect(planted.images.hiding(outliers), planted.views, planted.model)
+    hidden = posterior_mean(planted.images.hiding(outliers), planted.views, planted.model)
     odds = np.log(0.02 / 0.98 * 0.05)  # one in fifty, anywhere in 20 units of area
     assert found.log_density - hidden.log_density == pytest.approx(odds * outliers.sum(axis=1))
 
 
 def test_gradient_is_that_of_the_log_density(planted):
-    found = expect(planted.images, planted.views, planted.model)
+    found = posterior_mean(planted.images, planted.views, planted.model)
     h = 1e-5
     for direction in range(4):
         step = np.zeros((4, 4))
@@ -101,7 +101,7 @@ def test_gradient_is_that_of_the_log_density(planted):
         def moved(sign, step=step):
             turned = exponential(sign * step[:, :3]) @ planted.views.rotation
             views = Views(turned, planted.views.log_scale + sign * step[:, 3])
-            return expect(planted.images, views, planted.model).log_density
+            return posterior_mean(planted.images, views, planted.model).log_density
 
         slope = (moved(1) - moved(-1)) / (2 * h)
         np.testing.assert_allclose(found.gradient[:, direction], slope, rtol=1e-4, atol=1e-4)
@@ -112,17 +112,17 @@ def test_climbing_ends_where_the_truth_is(plant):
     off = Views(exponential(np.full((20, 3), 0.1)) @ made.views.rotation, np.full(20, 0.1))
     views = off
     for _ in range(20):
-        views = ascent(views, expect(made.images, views, made.model), np.full(20, 1e-3))
+        views = ascent(views, posterior_mean(made.images, views, made.model), np.full(20, 1e-3))
     apart = np.linalg.norm(views.rotation - made.views.rotation, axis=(1, 2))
     assert np.median(apart) < 0.1 * np.median(
         np.linalg.norm(off.rotation - made.views.rotation, axis=(1, 2))
     )
-    assert np.abs(expect(made.images, views, made.model).gradient).max() < 1.0
+    assert np.abs(posterior_mean(made.images, views, made.model).gradient).max() < 1.0
 
 
 @pytest.mark.parametrize("factor", [1e-3, 1e3])
 def test_a_step_is_damped_by_the_mean_information_and_no_longer_than_the_longest(planted, factor):
-    found = expect(planted.images, planted.views, planted.model)
+    found = posterior_mean(planted.images, planted.views, planted.model)
     damping = np.array([0.01, 0.1, 1.0, 10.0])
     gradient = factor * found.gradient
     climbed = ascent(planted.views, replace(found, gradient=gradient), damping)
@@ -148,7 +148,7 @@ def test_the_rest_of_a_covariance_is_the_mean_of_the_eigenvalues_that_are_left(r
     centred = np.kron(np.eye(3), np.linalg.svd(np.ones((1, p)))[2][1:].T)  # (12, 9)
     axes = centred @ np.linalg.qr(rng.standard_normal((9, 9)))[0]
     covariance = (axes * np.arange(1.0, 10)) @ axes.T
-    found = maximise(np.zeros((3, p)), covariance, most=4)
+    found = split_ppca(np.zeros((3, p)), covariance, most=4)
     assert found.rest == pytest.approx(np.mean([1, 2, 3, 4, 5]))
     V = found.modes.reshape(3 * p, 4)
     expected = (axes[:, 5:] * (np.arange(6.0, 10) - 3)) @ axes[:, 5:].T

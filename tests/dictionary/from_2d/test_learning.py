@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 import pytest
 
-from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, LEARNED, UNLIKE, judge
+from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, LEARNED, UNLIKE, evaluate_class
 from shapefit.dictionary.from_2d.learning import (
     EXACT,
     HOLD,
@@ -55,11 +55,11 @@ def test_hidden_landmarks_of_few_factors_are_completed(plant):
 def test_depth_is_judged_determined_where_views_turn_only(plant):
     made = plant(80, noise=0.01)
     *_, state = learn(made.images)
-    assert judge(made.images, state).fine
+    assert evaluate_class(made.images, state).fine
     object_frame = np.swapaxes(made.views.rotation, 1, 2) @ made.shapes
     front = replace(made.images, landmarks=object_frame[:, :2])
     *_, state = learn(front)
-    assert judge(front, state).verdict == ALIKE
+    assert evaluate_class(front, state).verdict == ALIKE
 
 
 @pytest.mark.parametrize(("turn", "learned"), [(150, False), (1500, True)])
@@ -73,10 +73,10 @@ def test_halves_disagree_where_each_pose_is_seen_from_one_side(rng, turn, learne
     shapes = rotation_about_axis(1, np.radians(np.linspace(0, turn, n))) @ shapes
     images = Images(shapes[:, :2], np.ones((n, p)), np.zeros(n, np.intp))
     *_, state = learn(images)
-    found = judge(images, state)
+    found = evaluate_class(images, state)
     assert (found.verdict == LEARNED) == learned
-    assert relative_error(state.in_camera, shapes) < found.apart
-    assert (found.apart < 0.1) == learned
+    assert relative_error(state.in_camera, shapes) < found.half_distance
+    assert (found.half_distance < 0.1) == learned
 
 
 P, NOISE = 14, 0.03
@@ -134,7 +134,7 @@ def test_verdicts(rng, name):
     landmarks = X[:, :2] + NOISE * rng.standard_normal((len(X), 2, P))
     images = Images(landmarks, np.ones((len(X), P)), np.zeros(len(X), np.intp))
     *_, state = learn(images)
-    assert judge(images, state).verdict in verdicts
+    assert evaluate_class(images, state).verdict in verdicts
 
 
 def spoil(images, share, rng):
@@ -180,15 +180,15 @@ def test_a_round_gives_the_spread_of_sizes_its_likeliest_value(plant):
     made = plant(50, noise=0.01)
     W, _ = complete(made.images, 5)
     state = first_state(made.images, W, find_views(W, (5,))[0])
-    found = learn_round(made.images, state, still=True).model
+    found = learn_round(made.images, state, hold=True).model
     apart = state.views.log_scale - state.views.log_scale.mean()
 
     def objective(spread):
         of_sizes = -0.5 * np.sum(np.log(spread) + apart**2 / spread)
         return of_sizes - 0.5 * len(apart) * (np.log(spread) + SCALE**2 / spread)
 
-    best = objective(found.spread)
-    assert best > max(objective(found.spread * factor) for factor in (0.99, 1.01))
+    best = objective(found.size_variance)
+    assert best > max(objective(found.size_variance * factor) for factor in (0.99, 1.01))
 
 
 def test_hidden_landmarks_are_placed_about_the_middle_of_those_that_are_seen(rng):

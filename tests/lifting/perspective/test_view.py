@@ -17,7 +17,7 @@ from shapefit.lifting.perspective.view import (
     place_in_depth,
     refine_view,
 )
-from shapefit.lifting.shared_rotation.pose import find_pose, spread_views
+from shapefit.lifting.shared_rotation.pose import even_views, find_pose
 
 N, K, P = 6, 5, 14
 OPTIONS = PerspectiveOptions(ridge=1e-3, softness=0.1, max_rounds=500)
@@ -151,7 +151,7 @@ def test_an_unknown_rotation_is_that_of_the_posed_mean_shape(dictionary, rng):
     known = np.where(np.arange(30)[:, None, None] < 5, np.eye(3), np.nan)
     found = find_rotations(known, problem, mean, 0)
     np.testing.assert_array_equal(found[:5], known[:5])
-    best = find_pose(problem.take(np.arange(5, 30)), mean, spread_views(6)).rotation
+    best = find_pose(problem.take(np.arange(5, 30)), mean, even_views(6)).rotation
     np.testing.assert_array_equal(found[5:], best)
 
 

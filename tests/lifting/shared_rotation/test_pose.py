@@ -9,8 +9,8 @@ from shapefit import core
 from shapefit.convex.problem import build_problem
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting.shared_rotation.pose import (
+    even_views,
     find_pose,
-    spread_views,
 )
 
 
@@ -38,7 +38,7 @@ def test_planted_poses_come_back(shape, rng, flat):
     R, size = random_rotations(200, rng), rng.uniform(0.2, 4, 200)
     T = rng.standard_normal((200, 2))
     problem = build_problem(posed(shape, R, size, T), shape[None], 1.0)
-    found = find_pose(problem, shape, spread_views(6))
+    found = find_pose(problem, shape, even_views(6))
     np.testing.assert_allclose(found.size, size, rtol=1e-7)
     np.testing.assert_allclose(misfits(problem, shape, found), 0.0, atol=1e-12)
     if flat:
@@ -60,7 +60,7 @@ def test_hidden_and_weighted_landmarks(shape, rng):
     weights[:, 6:] = 0.0
     landmarks[..., 6:] = rng.standard_normal((30, 2, 4)) * 100
     problem = build_problem(landmarks, shape[None], 1.0, weights=weights)
-    found = find_pose(problem, shape, spread_views(6))
+    found = find_pose(problem, shape, even_views(6))
     np.testing.assert_allclose(found.rotation, R, atol=1e-6)
     np.testing.assert_allclose(found.size, size, rtol=1e-7)
 
@@ -71,7 +71,7 @@ def test_scipy_finds_no_better_pose_from_many_starts(shape, rng):
         shape, random_rotations(n, rng), np.ones(n), np.zeros((n, 2)), noise=0.8, rng=rng
     )
     problem = build_problem(landmarks, shape[None], 1.0, weights=rng.uniform(0.5, 2, (n, 10)))
-    found = find_pose(problem, shape, spread_views(6))
+    found = find_pose(problem, shape, even_views(6))
     ours = misfits(problem, shape, found)
 
     def residual_square(x, image):
@@ -93,16 +93,14 @@ def test_one_view_finds_a_local_minimum_only(shape, rng):
         shape, random_rotations(200, rng), np.ones(200), np.zeros((200, 2)), noise=0.3, rng=rng
     )
     problem = build_problem(landmarks, shape[None], 1.0)
-    one, many = (
-        misfits(problem, shape, find_pose(problem, shape, spread_views(v))) for v in (1, 6)
-    )
+    one, many = (misfits(problem, shape, find_pose(problem, shape, even_views(v))) for v in (1, 6))
     assert (one >= many * (1 - 1e-9)).all()
     assert (one > many * 1.01).any()
 
 
 @pytest.mark.parametrize("count", [1, 2, 6, 24])
 def test_views_are_spread_over_the_sphere(count, rng):
-    views = spread_views(count)
+    views = even_views(count)
     np.testing.assert_array_equal(views[0], np.eye(3))
     np.testing.assert_allclose(
         views @ views.swapaxes(1, 2), np.broadcast_to(np.eye(3), views.shape), atol=1e-14
@@ -118,7 +116,7 @@ def test_without_landmarks_there_is_no_pose(shape):
     weights = np.ones((2, 10))
     weights[0] = 0.0
     problem = build_problem(np.stack([shape[:2], shape[:2]]), shape[None], 1.0, weights=weights)
-    found = find_pose(problem, shape, spread_views(6))
+    found = find_pose(problem, shape, even_views(6))
     np.testing.assert_array_equal(np.isnan(found.rotation).all(axis=(1, 2)), [True, False])
     np.testing.assert_allclose(found.size, [0, 1], atol=1e-9)
 

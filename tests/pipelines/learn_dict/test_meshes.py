@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from shapefit.dictionary.learning import learn
-from shapefit.geometry.normalisation import normalise, spread
+from shapefit.geometry.normalisation import normalise, std
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.io import ShapeSet, read_shapes
 from shapefit.meshes.dense import carry_mesh, mesh_of_atoms
@@ -62,7 +62,7 @@ def test_learned_atoms_have_sizes_in_the_unit_of_the_shapes(make, models):
     assert dictionary.atom_items is None
     normalised = normalise(models.shapes)
     *_, learned = learn(generalised_procrustes(normalised.points).shapes, 4, 0.1, iterations=5)
-    grown = dictionary.atom_scale * spread(dictionary.atoms)
+    grown = dictionary.atom_scale * std(dictionary.atoms)
     share = learned.coefficients / learned.coefficients.sum(axis=0)
     np.testing.assert_allclose(grown, share.T @ normalised.scale, rtol=1e-12)
     larger, _ = make(models.replaced(shapes=1000 * models.shapes), **LEARNED)

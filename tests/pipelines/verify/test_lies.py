@@ -79,7 +79,7 @@ def withhold_shape(file):
 
 def hide_a_model(file):
     with_atoms = file["transform_atom"][int(file["transform_count"][:IMAGE].sum())]
-    file["left_out"][IMAGE] = f"car{with_atoms}"
+    file["omitted"][IMAGE] = f"car{with_atoms}"
 
 
 LIES = {
@@ -171,9 +171,9 @@ def test_the_atoms_of_a_left_out_item_are_not_used(fitted, changed, verify, dict
         with h5py.File(dictionaries["cars"]) as own:
             names = own["atom_item"].asstr()[()].tolist()
         row = int(file["transform_count"][:IMAGE].sum())
-        file["transform_atom"][row] = names.index(file["left_out"].asstr()[IMAGE])
+        file["transform_atom"][row] = names.index(file["omitted"].asstr()[IMAGE])
 
-    for lie in (use, everywhere("left_out", np.zeros_like)):
+    for lie in (use, everywhere("omitted", np.zeros_like)):
         kind, keys = CASES["left out"]
         assert verify(changed(fitted(kind, **keys), lie), dictionaries[kind]).failures
 
