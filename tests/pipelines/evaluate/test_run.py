@@ -77,7 +77,7 @@ def test_error_bars_have_their_tables_and_the_factors_that_make_them_true(desk, 
     assert row["images"] == "25"
     assert not desk.errors(method="convex", metric="inside_90")
     document = json.loads(desk.text("report.json"))
-    assert document["calibration"][0]["judged"] == 25
+    assert document["calibration"][0]["counted"] == 25
     assert f"90% bars hold {100 * float(row['mean']):.0f}%" in last.note
     (factors,) = json.loads(desk.text("error_bars.json")).values()
     desk.write("p.h5", with_bars.replaced(shape_sd=factors["90%"] * with_bars.shape_sd))
