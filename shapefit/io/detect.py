@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-import struct
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cached_property, partial
 from itertools import islice
@@ -35,8 +34,7 @@ from shapefit.io.inputs import (
 )
 from shapefit.io.options import InputOptions
 from shapefit.io.readers import deeplabcut, detections, markers, motion, tables, trackers
-from shapefit.io.readers.columns import anipose_landmarks, decode, parse_header
-from shapefit.io.readers.json_file import read_json
+from shapefit.io.readers.text import decode, read_json
 from shapefit.threads import on_threads
 
 FIRST_FILES = 20
@@ -63,8 +61,10 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
     if name != "auto":
         chosen = named_format(name, FORMATS)
         if path.is_dir() and not chosen.folders:
-            found = f"it is a folder, and {chosen.title} is a file"
-            raise input_error(path, found, f"name the files in it: '{path}/*{chosen.suffixes[0]}'")
+            problem = f"it is a folder, and {chosen.title} is a file"
+            raise input_error(
+                path, problem, f"name the files in it: '{path}/*{chosen.suffixes[0]}'"
+            )
         return chosen
     if path.is_dir():
         return _detect_folder(path)
@@ -91,34 +91,38 @@ def detect_format(path: Path, name: str = "auto") -> FileFormat:
 def _detect_folder(path: Path) -> FileFormat:
     """Return the format of a folder whose files are one recording."""
     folders = [one for one in FORMATS.values() if one.folders]
+    names = sorted(os.listdir(path))
     for one in folders:
-        if one.recognise(Head(path)):
+        own = [path / name for name in names if name.lower().endswith(one.suffixes)]
+        readable = (p for p in own[:FIRST_FILES] if p.is_file() and os.access(p, os.R_OK))
+        if any(one.recognise(Head(file)) for file in readable):
             return one
-    looked = f", and holds none of these: {listed(one.title for one in folders)}"
-    inner = sorted(str(entry) for entry in path.iterdir() if entry.is_dir())
+    inner = [str(path / name) for name in names if (path / name).is_dir()]
     fix = f"name the files in it, e.g. '{path}/*.h5'"
     fix = f"name the folders in it: {abbreviate(inner, 3)}" if inner else fix
-    raise input_error(path, f"it is a folder{looked}", fix)
+    kinds = listed(one.title for one in folders)
+    raise input_error(path, f"it is a folder, and holds none of these: {kinds}", fix)
 
 
 def _refuse_unknown(head: Head) -> None:
     """Raise InputError for a file of no format, unless it may be a table of text."""
     if CALIBRATION.search(head.text):
-        found = "is a calibration of cameras, not landmarks"
-        raise input_error(head.path, found, "give it as --calibration")
+        problem = "is a calibration of cameras, not landmarks"
+        raise input_error(head.path, problem, "give it as --calibration")
     if not _is_text(head.bytes):
         fix = "give the landmarks that a detector found in a video or images, not compressed"
         raise input_error(head.path, "is neither text nor of a known format", fix)
     if not head.may_be_json:
         return
-    read_json(head.path)  # tells of damage
-    kind = "an object" if isinstance(head.json, dict) else "a list of objects"
-    names = f"with {abbreviate(sorted(head.keys))}" if head.keys else "without names"
+    content = read_json(head.path)  # tells of damage
+    first = content[0] if isinstance(content, list) and content else content
+    keys = f"with {abbreviate(sorted(first))}" if isinstance(first, dict) else "without names"
+    kind = "an object" if isinstance(content, dict) else "a list of objects"
     fix = (
         "give what OpenPose (version, people), AlphaPose, MMPose (instances) or MediaPipe write, "
         "COCO annotations (images, annotations, categories) or COCO results (image_id, keypoints)"
     )
-    raise input_error(head.path, f"is JSON of no known kind, {kind} {names}", fix)
+    raise input_error(head.path, f"is JSON of no known kind, {kind} {keys}", fix)
 
 
 def group_inputs(
@@ -139,17 +143,16 @@ def warn_of_mixture(groups: Sequence[tuple[FileFormat, tuple[Path, ...]]]) -> tu
     counts = Counter(one.title for one, _ in groups)
     if len(counts) < 2 or all(one.read_poses is None for one, _ in groups):
         return ()
-    found = listed((f"{title} ({number})" for title, number in counts.items()), "and")
-    return (f"several formats in one call: {found}; landmarks are matched by their names",)
+    kinds = listed((f"{title} ({number})" for title, number in counts.items()), "and")
+    return (f"several formats in one call: {kinds}; landmarks are matched by their names",)
 
 
 class Head:
-    """What decides the format of a file, or of a folder; each part is looked at once."""
+    """What decides the format of a file; each part is looked at once."""
 
     def __init__(self, path: Path) -> None:
-        """Read the first bytes; those of a folder are none. Raises what reading raises."""
-        self.path, self.is_folder = path, path.is_dir()
-        self.bytes = b"" if self.is_folder else read_head(path, HEAD_BYTES)
+        """Read the first bytes. Raises what reading raises."""
+        self.path, self.bytes = path, read_head(path, HEAD_BYTES)
         if self.bytes.startswith(GZIP_SIGNATURE):
             with suppress(zlib.error):
                 text = zlib.decompressobj(GZIP_BITS).decompress(self.bytes, HEAD_BYTES)
@@ -157,7 +160,7 @@ class Head:
         self.text = self.bytes.removeprefix(BYTE_ORDER_MARK)
         self.lines = self.text.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
         cells = self.lines[0].decode("utf-8", "replace").split(",")
-        self.columns = frozenset(cell.strip(' "\t') for cell in cells)
+        self.columns = tuple(cell.strip(' "\t') for cell in cells)
         self.may_be_json = self.text.lstrip()[:1] in (b"{", b"[")
 
     def named(self, *endings: str) -> bool:
@@ -172,6 +175,8 @@ class Head:
         """
         from shapefit.io.hdf5_file import open_hdf5
 
+        if not self.bytes.startswith(HDF5_SIGNATURE):
+            return frozenset()
         try:
             with open_hdf5(self.path) as file:
                 names = {*file, *(f"@{name}" for name in file.attrs)}
@@ -191,28 +196,20 @@ class Head:
         except InputError:
             return None
 
-    @property
-    def objects(self) -> list[dict[str, Any]]:
-        """The first objects in a JSON list."""
-        entries = self.json[:FIRST_FILES] if isinstance(self.json, list) else []
-        return [entry for entry in entries if isinstance(entry, dict)]
-
-    @cached_property
-    def keys(self) -> frozenset[str]:
-        """The keys of a JSON object, or those of the first objects in a JSON list."""
-        objects = [self.json] if isinstance(self.json, dict) else self.objects
-        return frozenset(key for one in objects for key in one)
-
     @cached_property
     def json_format(self) -> str:
         """The name of the format that JSON is in, by its keys; empty for none."""
         if isinstance(self.json, dict):
             return _format_of_object(self.json)
-        return _format_of_list(self.objects, self.keys, self.json) if self.json is not None else ""
+        return _format_of_list(self.json) if isinstance(self.json, list) else ""
+
+
+def _is_text(data: bytes) -> bool:
+    """Whether bytes are the beginning of a text in UTF-8, UTF-16 with a mark, or Latin-1."""
+    return data.startswith((b"\xff\xfe", b"\xfe\xff")) or not CONTROL & {*data}
 
 
 def _format_of_object(content: dict[str, Any]) -> str:
-    """Return the format of a JSON object."""
     keys, people = content.keys(), {"people", "bodies"}
     first = next(iter(content.values()), None)
     if isinstance(first, dict) and people & first.keys():
@@ -225,25 +222,26 @@ def _format_of_object(content: dict[str, Any]) -> str:
         return "mmpose-video"
     if people & keys or (keys and keys <= {"version", "part_candidates"}):
         return "openpose"  # and AlphaPose's `cmu`
-    return _format_of_points(content)
+    return _format_of_points(content, first)
 
 
-def _format_of_list(objects: list[dict[str, Any]], keys: frozenset[str], content: Any) -> str:
-    """Return the format of a JSON list that begins with these objects, which have these keys."""
+def _format_of_list(content: list[Any]) -> str:
+    objects = [entry for entry in content[:FIRST_FILES] if isinstance(entry, dict)]
+    keys = {key for one in objects for key in one}
     points = objects[0].get("keypoints") if objects else None
     point = points[0] if isinstance(points, list) and points else None
     if objects and ({"image_id", "keypoints"} <= keys or isinstance(point, int | float)):
         return "coco-results"
-    images = objects and "keypoints" in keys and "instances" not in keys
-    if content == [] or (images and ("keypoint_scores" in keys or isinstance(point, list))):
+    if "instances" in keys:
+        return "mmpose-video"
+    scored = "keypoint_scores" in keys or isinstance(point, list)
+    if content == [] or ("keypoints" in keys and scored):
         return "mmpose-images"
-    return "mmpose-video" if "instances" in keys else _format_of_points(content)
+    return _format_of_points(content, next(iter(content), None))
 
 
-def _format_of_points(content: Any) -> str:
+def _format_of_points(content: Any, frame: Any) -> str:
     """Return the format of JSON that has x and y of landmarks, by their names or in a list."""
-    frames = content.values() if isinstance(content, dict) else content
-    frame = next(iter(frames), None) if isinstance(content, dict | list) else None
     points = list(frame.values()) if isinstance(frame, dict) else []
     if points and all(map(_is_point, points)):
         return "named-points"
@@ -266,55 +264,15 @@ def _has_points(value: Any, depth: int) -> bool:
     return any(_has_points(one, depth - 1) for one in within)
 
 
-Recogniser = Callable[[Head], bool]
-
-
-def _json(name: str, *, folder: bool = False) -> Recogniser:
-    """Return whether a file, or one of the first in a folder, is JSON of a format."""
-    return _in_folder(".json", lambda head: head.json_format == name, folder)
-
-
-def _in_folder(ending: str, recogniser: Recogniser, folder: bool = True) -> Recogniser:
-    def any_is(head: Head) -> bool:
-        if not head.is_folder:
-            return recogniser(head)
-        return folder and any(map(recogniser, _first_files(head.path, ending)))
-
-    return any_is
-
-
-def _first_files(folder: Path, ending: str) -> Iterator[Head]:
-    names = sorted(name for name in os.listdir(folder) if name.lower().endswith(ending))
-    for path in (folder / name for name in names[:FIRST_FILES]):
-        if path.is_file() and os.access(path, os.R_OK):
-            yield Head(path)
-
-
-def _hdf5(recogniser: Callable[[frozenset[str]], bool]) -> Recogniser:
-    """Return whether the names in an HDF5 file, see `Head.hdf5`, are of a format."""
-    return lambda head: head.bytes.startswith(HDF5_SIGNATURE) and recogniser(head.hdf5)
-
-
-def _is_nwb(names: frozenset[str]) -> bool:
-    return "@nwb_version" in names or any(name.startswith("processing/") for name in names)
-
-
 def is_deeplabcut_csv(head: Head) -> bool:
     """Whether the first cell is `scorer`, and one of the next lines begins `bodyparts`.
 
     A first line can be longer than what is seen of the file; then the first cell decides.
     """
-    lines = head.lines[:-1] or head.lines
-    firsts = [line.split(b",", 1)[0].strip(b' "') for line in lines]
+    firsts = [line.split(b",", 1)[0].strip(b' "') for line in head.lines[:-1] or head.lines]
     if firsts[0] == b"scorer" and b"," in head.lines[0]:
         return len(firsts) < 3 or b"bodyparts" in firsts[1:3]
     return firsts[0] in (b"bodyparts", b"individuals") and b"coords" in firsts[1:3]
-
-
-def is_caliscope(head: Head) -> bool:
-    """Whether columns are those of caliscope's points in images."""
-    needed = {"frame_index", "point_id", "img_loc_x", "img_loc_y"}
-    return needed <= head.columns and bool(head.columns & {"port", "cam_id"})
 
 
 def is_vicon(head: Head) -> bool:
@@ -338,22 +296,20 @@ def is_yolo(head: Head) -> bool:
     """Whether a .txt file begins with a line of a class, a box and landmarks, all fractions."""
     cells = next((c for line in head.lines[:10] if (c := line.partition(b"#")[0].split())), [])
     try:
-        first, *numbers = map(float, cells)
+        first, *numbers = map(float, cells if head.named(".txt") else ())
     except ValueError:
         return False
     box, point = numbers[:4], numbers[4:6]
     placed = len(point) == 2 and all(-1 <= value <= 2 for value in point)
-    fractions = all(0 <= value <= 1 for value in box)
-    return head.named(".txt") and first.is_integer() and first >= 0 and placed and fractions
+    return first.is_integer() and first >= 0 and placed and all(0 <= value <= 1 for value in box)
 
 
 def is_table(head: Head) -> bool:
     """Whether the first line names columns of landmarks, in another layout than ours."""
-    if not head.named(".csv", ".tsv", ".txt") or anipose_landmarks(head.columns):
-        return False
     line = decode(head.bytes).replace("\r", "\n").partition("\n")[0]
-    ours = {"item", "landmark"} <= {cell.strip(' "\t') for cell in line.split(",")}
-    return "\0" not in line and not ours and parse_header(line) is not None
+    ours = {"item", "landmark"} <= {*head.columns}
+    table = head.named(".csv", ".tsv", ".txt") and "\0" not in line and not ours
+    return table and tables.parse_header(line) is not None
 
 
 def is_acclaim(head: Head) -> bool:
@@ -362,20 +318,20 @@ def is_acclaim(head: Head) -> bool:
     return head.named(".asf", ".amc") and b"\0" not in head.bytes and lines
 
 
-def is_c3d(head: Head) -> bool:
-    """Whether a file begins with the block of its parameters, 0x50, and numbers that agree."""
-    data = head.bytes
-    if len(data) < 512 or data[1] != 0x50 or data[0] == 0:
-        return False
-    points, _, first, last = struct.unpack("<HHHH", data[2:10])
-    start = struct.unpack("<H", data[16:18])[0]
-    agree = 0 < points < 1024 and 0 < first <= last and 1 < start < 1024 and data[0] < 8
-    return head.named(".c3d") or agree
+Recogniser = Callable[[Head], bool]
 
 
-def _is_text(data: bytes) -> bool:
-    """Whether bytes are the beginning of a text in UTF-8, UTF-16 with a mark, or Latin-1."""
-    return data.startswith((b"\xff\xfe", b"\xfe\xff")) or not CONTROL & {*data}
+def _json(name: str) -> Recogniser:
+    return lambda head: head.json_format == name
+
+
+def _columns(*names: str) -> Recogniser:
+    return lambda head: {*names} <= {*head.columns}
+
+
+def _hdf5(*names: str) -> Recogniser:
+    """Return whether an HDF5 file has these names, see `Head.hdf5`."""
+    return lambda head: {*names} <= head.hdf5
 
 
 IMAGES, SHAPES, EITHER = ("landmarks",), ("shapes",), ("landmarks", "shapes")
@@ -384,101 +340,78 @@ IMAGES, SHAPES, EITHER = ("landmarks",), ("shapes",), ("landmarks", "shapes")
 FORMATS: dict[str, FileFormat] = {
     **OWN,
     "deeplabcut-csv": FileFormat(
-        "a DeepLabCut or Lightning Pose CSV", (".csv",), EITHER, is_deeplabcut_csv,
-        deeplabcut.read_csv,
-    ),
+        "a DeepLabCut or Lightning Pose CSV", (".csv",), EITHER,
+        is_deeplabcut_csv, deeplabcut.read_csv),
     "deeplabcut-h5": FileFormat(
         "a DeepLabCut HDF5 file", (".h5", ".hdf5"), EITHER,
-        _hdf5(lambda names: any(name.endswith("@pandas_type") for name in names)),
-        deeplabcut.read_hdf5,
-    ),
+        lambda head: any(name.endswith("@pandas_type") for name in head.hdf5),
+        deeplabcut.read_hdf5),
     "jabs-h5": FileFormat(
-        "a JABS pose file", (".h5",), IMAGES, _hdf5(lambda names: "poseest/points" in names),
-        trackers.read_jabs,
-    ),
+        "a JABS pose file", (".h5",), IMAGES, _hdf5("poseest/points"), trackers.read_jabs),
     "movement-netcdf": FileFormat(
-        "a movement netCDF file", (".nc", ".nc4"), EITHER, _hdf5(lambda names: "@ds_type" in names),
-        trackers.read_movement,
-    ),
+        "a movement netCDF file", (".nc", ".nc4"), EITHER, _hdf5("@ds_type"),
+        trackers.read_movement),
     "nwb-ndx-pose": FileFormat(
-        "an NWB file", (".nwb",), EITHER, _hdf5(_is_nwb), trackers.read_nwb,
-    ),
+        "an NWB file", (".nwb",), EITHER, _hdf5("@nwb_version"), trackers.read_nwb),
     "sleap-analysis-h5": FileFormat(
-        "a SLEAP analysis file", (".h5", ".hdf5"), IMAGES,
-        _hdf5(lambda names: {"tracks", "node_names"} <= names), trackers.read_sleap_analysis,
-    ),
+        "a SLEAP analysis file", (".h5", ".hdf5"), IMAGES, _hdf5("tracks", "node_names"),
+        trackers.read_sleap_analysis),
     "sleap-slp": FileFormat(
         "a SLEAP .slp file", (".slp",), IMAGES,
-        _hdf5(lambda names: {"metadata@format_id", "frames", "instances"} <= names),
-        trackers.read_slp,
-    ),
+        _hdf5("metadata@format_id", "frames", "instances"), trackers.read_slp),
     "alphapose-json": FileFormat(
         "an AlphaPose file of all images", (".json",), IMAGES, _json("alphapose-json"),
-        detections.read_alphapose,
-    ),
+        detections.read_alphapose),
     "caliscope-csv": FileFormat(
-        "a caliscope CSV", (".csv",), IMAGES, is_caliscope, tables.read_caliscope,
-    ),
+        "a caliscope CSV", (".csv",), IMAGES,
+        _columns("frame_index", "point_id", "img_loc_x", "img_loc_y"), tables.read_caliscope),
     "coco-annotations": FileFormat(
         "a file of COCO annotations", (".json",), IMAGES, _json("coco-annotations"),
-        detections.read_coco_annotations,
-    ),
+        detections.read_coco_annotations),
     "coco-results": FileFormat(
         "a file of COCO results", (".json",), IMAGES, _json("coco-results"),
-        detections.read_coco_results,
-    ),
+        detections.read_coco_results),
     "mmpose-images": FileFormat(
-        "a set of MMPose files", (".json",), IMAGES, _json("mmpose-images", folder=True),
-        detections.read_image_files, together=True, folders=True,
-    ),
+        "a set of MMPose files", (".json",), IMAGES, _json("mmpose-images"),
+        detections.read_image_files, together=True, folders=True),
     "mmpose-video": FileFormat(
-        "an MMPose file", (".json",), IMAGES, _json("mmpose-video"), detections.read_mmpose_video,
-    ),
+        "an MMPose file", (".json",), IMAGES, _json("mmpose-video"), detections.read_mmpose_video),
     "openpose": FileFormat(
-        "a set of OpenPose files", (".json",), IMAGES, _json("openpose", folder=True),
-        detections.read_image_files, together=True, folders=True,
-    ),
+        "a set of OpenPose files", (".json",), IMAGES, _json("openpose"),
+        detections.read_image_files, together=True, folders=True),
     "ultralytics-txt": FileFormat(
-        "a set of YOLO pose labels", (".txt",), IMAGES, _in_folder(".txt", is_yolo),
-        detections.read_yolo, together=True, folders=True,
-    ),
+        "a set of YOLO pose labels", (".txt",), IMAGES, is_yolo, detections.read_yolo,
+        together=True, folders=True),
     "acclaim": FileFormat(
         "an ASF/AMC motion", (".amc", ".asf"), SHAPES, is_acclaim, motion.read_acclaim,
-        together=True,
-    ),
+        together=True),
     "anipose-csv": FileFormat(
         "an anipose 3D CSV", (".csv",), SHAPES,
-        lambda head: bool(anipose_landmarks(head.columns)), markers.read_anipose,
-    ),
+        lambda head: bool(markers.anipose_landmarks(head.columns)), markers.read_anipose),
     "bvh": FileFormat(
         "a BVH motion", (".bvh",), SHAPES,
         lambda head: head.text.upper().split(maxsplit=2)[:2] == [b"HIERARCHY", b"ROOT"],
-        motion.read_bvh,
-    ),
-    "c3d": FileFormat("a C3D file", (".c3d",), SHAPES, is_c3d, markers.read_c3d),
+        motion.read_bvh),
+    "c3d": FileFormat(
+        "a C3D file", (".c3d",), SHAPES,
+        lambda head: head.named(".c3d") and head.bytes[1:2] == b"\x50", markers.read_c3d),
     "trc": FileFormat(
         "a TRC file", (".trc",), SHAPES,
-        lambda head: head.text.lstrip()[:12].lower() == b"pathfiletype", markers.read_trc,
-    ),
+        lambda head: head.text.lstrip()[:12].lower() == b"pathfiletype", markers.read_trc),
     "vicon-csv": FileFormat(
-        "a Vicon Nexus CSV of trajectories", (".csv",), SHAPES, is_vicon, markers.read_vicon,
-    ),
+        "a Vicon Nexus CSV of trajectories", (".csv",), SHAPES, is_vicon, markers.read_vicon),
     "table": FileFormat(
         "a table of landmarks", (".csv", ".tsv", ".txt"), EITHER, is_table, tables.read_any_table,
-        states_y_axis=False,
-    ),
+        states_y_axis=False),
     "arrays": FileFormat(
         "an array of landmarks", (".npy", ".npz"), IMAGES, is_array, tables.read_array,
-        states_y_axis=False,
-    ),
+        states_y_axis=False),
     "named-points": FileFormat(
         "JSON of points by frame and landmark", (".json",), IMAGES, _json("named-points"),
-        detections.read_named_points,
-    ),
+        detections.read_named_points),
     "mediapipe": FileFormat(
         "a file of MediaPipe's landmarks", (".json",), IMAGES, _json("mediapipe"),
-        detections.read_mediapipe,
-    ),
+        detections.read_mediapipe),
 }
 # fmt: on
 """Those of the package come first; the others are asked in this order."""

@@ -92,13 +92,14 @@ HEAD_BYTES = 4096
 """Of a file that decide its format, where it is neither JSON nor HDF5."""
 
 ITEMS = ("landmarks", "shapes", "result")
+ALL = (*ITEMS, "dictionary")
 
 HDF5 = FileFormat(
     "an HDF5 file",
     (".h5", ".hdf5", ".hdf", ".he5"),
-    (*ITEMS, "dictionary"),
+    ALL,
     write=_write_hdf5,
-    writes=(*ITEMS, "dictionary"),
+    writes=ALL,
     points_only=False,
 )
 
@@ -108,25 +109,23 @@ CSV = FileFormat(
 
 OWN = {"hdf5": HDF5, "csv": CSV}
 
-
-def _motion(name: str, title: str, suffix: str, *, angles: bool = False) -> FileFormat:
-    return FileFormat(
+WRITTEN = {
+    name: FileFormat(
         title,
         (suffix,),
         write=partial(_write_motion, name),
         writes=("shapes", "result"),
         in_metres=True,
-        angles=angles,
+        angles=name in ("trc", "mot", "angles"),
     )
-
-
-WRITTEN = {
-    "bvh": _motion("bvh", "a BVH file", ".bvh"),
-    "c3d": _motion("c3d", "a C3D file", ".c3d"),
-    "trc": _motion("trc", "a TRC file", ".trc", angles=True),
-    "mot": _motion("mot", "a MOT file", ".mot", angles=True),
-    "metres": _motion("metres", "a table in metres", ".metres.csv"),
-    "angles": _motion("angles", "a table of joint angles", ".angles.csv", angles=True),
+    for name, title, suffix in (
+        ("bvh", "a BVH file", ".bvh"),
+        ("c3d", "a C3D file", ".c3d"),
+        ("trc", "a TRC file", ".trc"),
+        ("mot", "a MOT file", ".mot"),
+        ("metres", "a table in metres", ".metres.csv"),
+        ("angles", "a table of joint angles", ".angles.csv"),
+    )
 }
 """Formats that are written for other tools."""
 
@@ -183,9 +182,9 @@ def check_holds(path: Path, kind: str, file_format: FileFormat) -> None:
     """Raise InputError unless a file is in one of our formats that can hold records of a kind."""
     if file_format.read_poses is not None or kind not in file_format.records:
         able = [own.title for own in OWN.values() if kind in own.records]
-        found = f"is {file_format.title}, not {listed(able)}"
-        found = found if path.is_file() else "is not a file on a disk"
-        raise input_error(source_name(path), found, f"give a shapefit-{kind} file")
+        problem = f"is {file_format.title}, not {listed(able)}"
+        problem = problem if path.is_file() else "is not a file on a disk"
+        raise input_error(source_name(path), problem, f"give a shapefit-{kind} file")
 
 
 def landmark_writer(target: Path) -> AbstractContextManager[RecordWriter[LandmarkSet]]:
@@ -216,15 +215,15 @@ def record_writer(
     """
     file_format = check_target_format(target, form.kind, to)
     if is_stream(target) and file_format is not CSV:
-        found = "files of this format cannot go to standard output"
-        raise input_error("output", found, "name a file")
+        problem = "files of this format cannot go to standard output"
+        raise input_error("output", problem, "name a file")
     assert file_format.write is not None
     if file_format.in_metres:
         return file_format.write(target, form, options)
     if options.given:
-        found = f"{file_format.title} keeps the unit and the axes of what is written"
+        problem = f"{file_format.title} keeps the unit and the axes of what is written"
         fix = "leave it out, or end the name in .metres.csv, .trc or .c3d"
-        raise input_error(options.given[0], found, fix)
+        raise input_error(options.given[0], problem, fix)
     return file_format.write(target, form)
 
 
@@ -241,8 +240,8 @@ def find_target_format(path: Path, name: str = "auto") -> FileFormat:
     if fitting := [suffix for suffix in endings if path.name.lower().endswith(suffix)]:
         return endings[max(fitting, key=len)]
     if path.suffix:
-        found = f"no format that is written ends in {path.suffix}"
-        raise input_error(path, found, f"end the name in {listed(endings)}")
+        problem = f"no format that is written ends in {path.suffix}"
+        raise input_error(path, problem, f"end the name in {listed(endings)}")
     return HDF5
 
 

@@ -19,8 +19,8 @@ from shapefit.errors import input_error, listed
 from shapefit.geometry.pinhole import COEFFICIENTS, complete
 from shapefit.geometry.rotations import rotation_about
 from shapefit.io.inputs import require_file
-from shapefit.io.readers.json_file import read_json
 from shapefit.io.readers.poses import parsing, require
+from shapefit.io.readers.text import read_json
 
 KEYS = {
     "matrix": "matrix camera_matrix cameramatrix intrinsic_matrix mtx k",

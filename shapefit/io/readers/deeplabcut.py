@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import pickle
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.errors import InputError, abbreviate, input_error, listed, printable
-from shapefit.io.inputs import is_stream
+from shapefit.errors import abbreviate, input_error, listed, printable
 from shapefit.io.readers.poses import (
-    Edges,
     FormatError,
     Poses,
-    find_yaml,
     image_labels,
     number_labels,
     of_frames,
     parsing,
     require,
 )
-from shapefit.io.readers.tables import Table, read_text, split_rows
-from shapefit.io.readers.trackers import TrackerFile, as_text
+from shapefit.io.readers.text import Table, read_text, split_rows
+from shapefit.io.readers.trackers import TrackerFile, as_text, open_tracker
 from shapefit.io.tidy_table import read_numbers
 
 HEADER = ("scorer", "individuals", "bodyparts", "coords")
@@ -51,9 +47,7 @@ def read_csv(paths: tuple[Path, ...]) -> Poses:
             break
         header[cells[0]] = cells
     with parsing(f"{path}:1", SAVE):
-        for name in ("bodyparts", "coords"):
-            require(name in header, f"there is no line {name!r}")
-        levels = [header[name] for name in HEADER[1:] if name in header]
+        levels = [header[name] for name in HEADER[1:] if name != "individuals" or name in header]
         sizes = sorted({*map(len, levels)})
         require(len(sizes) == 1, f"the lines of names have {' and '.join(map(str, sizes))} cells")
     named = [column for column, name in enumerate(header["coords"]) if column and name]
@@ -70,11 +64,12 @@ def read_csv(paths: tuple[Path, ...]) -> Poses:
         if (wrong := ~np.isfinite(values[:, 0])).any():
             problem = "does not say its frame, and others are numbers"
             raise input_error(f"{path}:{lines[wrong][0]}", problem, "number the frames")
-        labels, values = number_labels(str(path), values[:, 0]), values[:, 1:]
+        labels, values = number_labels(values[:, 0]), values[:, 1:]
     else:
         values, parts, _ = table.read(named, range(named[0] if named else 1))
         labels = image_labels(["/".join(filter(None, row)) for row in zip(*parts, strict=True)])
-    return _of_columns(path, f"{path}:1", columns, values, labels)
+    with parsing(f"{path}:1", SAVE):
+        return _of_columns(path, columns, values, labels)
 
 
 KEYS = ("df_with_missing", "tracks")
@@ -90,8 +85,8 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
     """
     path = paths[0]
     blocks: list[tuple[Columns, NDArray[Any]]] = []
-    with TrackerFile(path) as file:
-        tables = [name for name in file.groups("/") if file.text("pandas_type", name)]
+    with open_tracker(path) as file:
+        tables = [name for name in file.root if file.text("pandas_type", name)]
         tables = [name for name in KEYS if name in tables] or tables
         if len(tables) != 1:
             texts = listed(map(printable, tables), "and") if tables else "none"
@@ -99,35 +94,34 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
             raise input_error(path, f"holds the tables {texts} of pandas", fix)
         key = tables[0]
         if file.is_dataset(f"{key}/table"):
-            rows = file.table(f"{key}/table", "index")
+            rows = file.table(f"{key}/table")
             index = rows["index"]
-            require(index.ndim == 1, "its index is no number")
             for field in [name for name in rows.dtype.names if name != "index"]:
                 names = _unpickle_names(file.attribute(f"{field}_kind", f"{key}/table"))
                 blocks.append((names, rows[field].reshape(len(rows), -1)))
         else:
             while file.is_dataset(block := f"{key}/block{len(blocks)}_values"):
-                values = file.rows(block)
+                values = file.table(block)
                 values = values if file.attribute("transposed", block) else values.T
                 blocks.append((_levels(file, block.replace("_values", "_items")), values))
-            index = _levels(file, f"{key}/axis1") or np.ravel(file.rows(f"{key}/axis1"))
-        require(blocks, "has no columns")
+            index = _levels(file, f"{key}/axis1") or np.ravel(file.table(f"{key}/axis1"))
         for names, values in blocks:
-            require(
-                values.dtype.kind in "biuf", "holds pickled values, not numbers; save it as CSV"
-            )
+            numeric = values.dtype.kind in "biuf"
+            require(numeric, "holds pickled values, not numbers; save it as CSV")
             fits = values.shape[1:] == (len(names),)
             require(fits, f"has the shape {values.shape} for {len(names)} columns")
         if isinstance(index, list):
             labels = image_labels(["/".join(filter(None, row)) for row in index])
         elif index.dtype.kind in "iuf":
-            labels = number_labels(file.place(key), index)
+            labels = number_labels(index)
         else:
             labels = image_labels([*map(as_text, index.tolist())])
+        file.last = key
         values = np.column_stack([values for _, values in blocks]).astype(np.float64)
         require(len(labels) == len(values), f"names {len(labels)} of {len(values)} frames")
-    columns = [column for names, _ in blocks for column in names]
-    return _of_columns(path, file.place(key), columns, values, labels)
+        return _of_columns(
+            path, [column for names, _ in blocks for column in names], values, labels
+        )
 
 
 class NameUnpickler(pickle._Unpickler):
@@ -156,10 +150,9 @@ def _levels(file: TrackerFile, start: str) -> Columns:
     """Return the names that levels and codes stand for, one tuple each; a code of -1 is no name."""
     levels: list[list[str]] = []
     while file.is_dataset(place := f"{start}_level{len(levels)}"):
-        names = [*map(as_text, np.ravel(file.rows(place)).tolist()), ""]
-        codes = np.ravel(file.rows(f"{start}_label{len(levels)}"))
-        proper = codes.dtype.kind in "iu" and ((codes >= -1) & (codes < len(names) - 1)).all()
-        require(proper, "are no codes")
+        names = [*map(as_text, np.ravel(file.table(place)).tolist()), ""]
+        codes = np.ravel(file.table(f"{start}_label{len(levels)}"))
+        require(codes.dtype.kind in "iu" and codes.min(initial=-1) >= -1, "are no codes")
         levels.append([names[code] for code in codes.tolist()])
     return list(zip(*levels, strict=True))
 
@@ -167,42 +160,34 @@ def _levels(file: TrackerFile, start: str) -> Columns:
 COORDINATES = ("x", "y", "z", "likelihood")
 
 
-def _of_columns(
-    path: Path, place: str, columns: Columns, values: Floats, labels: Sequence[str]
-) -> Poses:
+def _of_columns(path: Path, columns: Columns, values: Floats, labels: Sequence[str]) -> Poses:
     """Return the poses of rows (n, columns), each individual a pose of the frame.
 
-    Columns are named (scorer, [individual,] body part, coordinate), in the file at `place`.
-    Individuals and landmarks stand in order of appearance; a landmark that only some individuals
-    have is missing for the others. Columns of other coordinates are left out, with a note. Raises
-    InputError for columns that are there twice, and for those of a landmark without the others.
+    Columns are named (scorer, [individual,] body part, coordinate). Individuals and landmarks stand
+    in order of appearance; a landmark that only some individuals have is missing for the others.
+    Columns of other coordinates are left out, with a note. Raises FormatError for columns that are
+    there twice, and for those of a landmark without the others.
     """
     depths = {len(column) for column in columns}
-    number: dict[tuple[str, str], dict[str, int]] = {}
-    with parsing(place, f"{SAVE}, with the columns of one scorer, x and y for each body part"):
-        require(columns, "has no columns of coordinates")
-        require(depths in ({3}, {4}), f"its columns have {abbreviate([*map(str, depths)])} names")
-        for column, names in enumerate(columns):
-            who = names[1] if len(names) == 4 else ""
-            axes_of = number.setdefault((who, names[-2]), {})
-            twice = f"{names[-1]} of {f'{who} {names[-2]}'.strip()} is there twice"
-            require(names[-1] not in axes_of, twice)
-            axes_of[names[-1]] = column
-        others = dict.fromkeys(printable(c[-1]) for c in columns if c[-1] not in COORDINATES)
-        axes = [axis for axis in COORDINATES if any(axis in own for own in number.values())]
-        require(axes[:2] == ["x", "y"], f"has no columns x and y ({abbreviate([*others])})")
-        number = {key: own for key, own in number.items() if own.keys() & {*axes}}
-        for (_, landmark), own in number.items():
-            lost = [axis for axis in axes if axis not in own]
-            require(not lost, f"{landmark} has no column {''.join(lost[:1])}")
-    individuals, landmarks = (tuple(dict.fromkeys(key[at] for key in number)) for at in (0, 1))
-    points = np.full((len(values), len(individuals), len(landmarks), len(axes)), np.nan)
-    for (who, landmark), own in number.items():
-        columns_of = [own[axis] for axis in axes]
-        points[:, individuals.index(who), landmarks.index(landmark)] = values[:, columns_of]
-    confidence = None
+    require(depths in ({3}, {4}), "has no columns of coordinates, or of different depths")
+    keys = [(column[1] if len(column) == 4 else "", *column[-2:]) for column in columns]
+    place = {key: number for number, key in enumerate(keys)}
+    require(len(place) == len(keys), "has a column twice; save the columns of one scorer")
+    others = [*dict.fromkeys(printable(axis) for *_, axis in keys if axis not in COORDINATES)]
+    keys = [key for key in keys if key[-1] in COORDINATES]
+    axes = [axis for axis in COORDINATES if any(axis == key[-1] for key in keys)]
+    require(axes[:2] == ["x", "y"], f"has no columns x and y ({abbreviate(others)})")
+    lost = [(*key[:2], axis) for key in keys for axis in axes if (*key[:2], axis) not in place]
+    require(not lost, f"has no column {' '.join(filter(None, (lost or [()])[0]))}")
+    individuals, landmarks = (tuple(dict.fromkeys(key[at] for key in keys)) for at in (0, 1))
+    # (n, columns, NaN) -> (n, individual, landmark, axis)
+    cells = np.column_stack([values, np.full(len(values), np.nan)])[
+        :,
+        [[[place.get((i, p, axis), -1) for axis in axes] for p in landmarks] for i in individuals],
+    ]
+    points, confidence = cells, None
     if "likelihood" in axes:
-        points, confidence = points[..., :-1], points[..., -1]
+        points, confidence = cells[..., :-1], cells[..., -1]
         points[confidence < 0] = np.nan  # what newer versions write for animals not found
     return of_frames(
         path,
@@ -211,28 +196,5 @@ def _of_columns(
         labels,
         landmark_names=landmarks,
         individuals=individuals if depths == {4} else None,
-        notes=(f"columns left out: {abbreviate([*others])}",) if others else (),
-        edges=_skeleton_edges(path, landmarks),
+        notes=(f"columns left out: {abbreviate(others)}",) if others else (),
     )
-
-
-def _skeleton_edges(path: Path, names: Sequence[str]) -> Edges:
-    """Return the edges of `skeleton` in the config.yaml of the project between these landmarks.
-
-    It lists pairs of names, or chains of them. A pair with a name that the table has not is left
-    out; a file that is no YAML, or not of DeepLabCut, gives none.
-    """
-    if is_stream(path):
-        return ()
-    try:  # predictions lie in a folder of the project, labels in a folder of that
-        _, content = find_yaml(path.parent, "config.yaml", 2) or (None, None)
-    except (InputError, OSError):
-        return ()
-    chains = content.get("skeleton") if isinstance(content, dict) else None
-    chains = (
-        [chain for chain in chains if isinstance(chain, list)] if isinstance(chains, list) else []
-    )
-    place = {name: number for number, name in enumerate(names)}
-    pairs = [pair for chain in chains for pair in pairwise(map(str, chain))]
-    edges = ((place[a], place[b]) for a, b in pairs if a != b and {a, b} <= place.keys())
-    return tuple(dict.fromkeys(edges))

@@ -7,6 +7,7 @@ rule without an identity over frames. They differ in where the people of a frame
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -17,23 +18,21 @@ import numpy as np
 from shapefit.errors import abbreviate, counted, input_error, listed
 from shapefit.io.inputs import read_whole
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.readers.columns import decode
-from shapefit.io.readers.images import Images, find_images, name_images, number_images
-from shapefit.io.readers.json_file import read_json
 from shapefit.io.readers.poses import (
     FRACTION,
-    Edges,
+    LAST_NUMBER,
     Poses,
     are_fractions,
+    are_series,
     check_names,
     edges_of,
-    find_yaml,
     parsing,
     require,
-    to_numbers,
     video_name,
 )
+from shapefit.io.readers.text import decode, read_json
 from shapefit.io.skeletons import skeletons_of_size
+from shapefit.io.tidy_table import read_numbers
 
 CHECK = "check what wrote the file"
 
@@ -46,9 +45,20 @@ class Detection(NamedTuple):
     who: Any = None
 
 
-# One file per image.
+class Images(NamedTuple):
+    """The images of a recording, in order: their labels, videos, and positions in these (n).
 
-OTHERS = ("face_keypoints_2d", "hand_left_keypoints_2d", "hand_right_keypoints_2d")
+    name is for messages; `unordered` images are, as far as names say, no frames of a video.
+    """
+
+    name: str
+    labels: Sequence[str]
+    videos: Sequence[str]
+    frames: Sequence[int]
+    unordered: bool = False
+
+
+# One file per image.
 
 
 def read_image_files(paths: tuple[Path, ...]) -> Poses:
@@ -57,7 +67,7 @@ def read_image_files(paths: tuple[Path, ...]) -> Poses:
     A landmark of confidence 0 is missing. A person is a number from frame to frame only where
     `person_id` is not -1. Pose2Sim, Sports2D and RTMLib write OpenPose's files, too.
     """
-    files, images = find_images(paths, ".json")
+    files, images = _find_images(paths, ".json")
     detections: list[Detection] = []
     without_people: list[str] = []
     further = 0
@@ -68,14 +78,19 @@ def read_image_files(paths: tuple[Path, ...]) -> Poses:
             without_people.append(file.name)
         else:
             detections += _detections(people, number, file, needed=people is contents)
-            further += sum(any(person.get(key) for key in OTHERS) for person in people)
+            hands = ("face_keypoints_2d", "hand_left_keypoints_2d", "hand_right_keypoints_2d")
+            further += sum(any(person.get(key) for key in hands) for person in people)
     notes: tuple[str, ...] = ()
     if without_people:
         files_left = f"{counted(len(without_people), 'file')} without people left out"
         notes += (f"{files_left} ({abbreviate(without_people)})",)
     if further:
         notes += (f"hands and faces left out, of {counted(further, 'detection')}",)
-    return as_poses(images, detections, notes=notes, frame_count=len(files) - len(without_people))
+    return _as_poses(images, detections, notes=notes, frame_count=len(files) - len(without_people))
+
+
+BOX, DATA = 5, "data.yaml"
+"""Numbers of a line of YOLO before its landmarks, and the file that says what they are."""
 
 
 def read_yolo(paths: tuple[Path, ...]) -> Poses:
@@ -86,16 +101,20 @@ def read_yolo(paths: tuple[Path, ...]) -> Poses:
     landmarks there are, and whether v is given: 0 is missing, 1 and 2 are placed, fractions are
     confidences. Without v, a landmark at 0, 0 is missing.
     """
-    files, images = find_images(paths, ".txt", but="classes.txt")
+    files, images = _find_images(paths, ".txt", but="classes.txt")
     rows: list[tuple[int, list[float]]] = []
     for number, file in enumerate(files):
         for line, text in enumerate(decode(read_whole(file)).splitlines(), start=1):
             with parsing(f"{file}:{line}", "give labels of poses"):
                 if cells := text.partition("#")[0].split():
-                    rows.append((number, to_numbers(cells)))
-    layout = _read_layout(paths[0] if paths[0].is_dir() else paths[0].parent)
-    layout = layout or _guess_layout([row for _, row in rows], images.name)
-    count, step = layout.landmarks, layout.step
+                    values, wrong = read_numbers(cells)
+                    require(not wrong.any(), f"{cells[int(wrong.argmax())][:40]!r} is no number")
+                    rows.append((number, values.tolist()))
+    data = _read_data_yaml(paths[0] if paths[0].is_dir() else paths[0].parent)
+    shape: Any = data.get("kpt_shape")
+    with parsing(images.name, f"put the {DATA} of the data set beside the labels"):
+        count, step = _guess_shape([row for _, row in rows]) if shape is None else shape
+        require(count in range(10_000) and step in (2, 3), f"kpt_shape is {shape}")
     width = BOX + count * step
     detections = []
     for number, row in rows:
@@ -107,63 +126,101 @@ def read_yolo(paths: tuple[Path, ...]) -> Poses:
             points = zip(numbers[::2], numbers[1::2], strict=True)
             numbers = [value for x, y in points for value in (x, y, float(x > 0 or y > 0))]
         detections.append(Detection(numbers, number, row[-1] if len(row) == width + 2 else None))
-    usual = None if layout.people and count == 17 else tuple(map(str, range(count)))
-    return as_poses(
+    names: Any = data.get("kpt_names")
+    classes = data.get("names")
+    if isinstance(names, dict):  # a list for each class, of which the first is taken
+        names = next(iter(names.values()), None)
+    named = isinstance(names, list) and len(names) == len({*map(str, names)}) == count
+    people = (list(classes.values()) if isinstance(classes, dict) else classes) == ["person"]
+    usual = None if count == 17 and (people or shape is None) else tuple(map(str, range(count)))
+    return _as_poses(
         images,
         detections,
         scored=any({*one.numbers[2::3]} - {0, 1, 2} for one in detections),
         unit=FRACTION,
-        landmark_names=layout.names or usual,
-        edges=layout.edges,
+        landmark_names=tuple(map(str, names)) if named else usual,
+        edges=edges_of(data.get("skeleton"), count),
     )
 
 
-BOX, DATA = 5, "data.yaml"
-"""Numbers of a line of YOLO before its landmarks, and the file that says what they are."""
+def _read_data_yaml(folder: Path) -> dict[str, Any]:
+    """Return the nearest data.yaml in this folder or three above it, {} without; or InputError."""
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import YAMLError
+
+    folder = folder.resolve()
+    paths = (place / DATA for place in (folder, *folder.parents[:3]))
+    path = next((path for path in paths if path.is_file()), None)
+    try:
+        content = YAML(typ="safe", pure=True).load(path) if path else {}
+    except (YAMLError, RecursionError, ValueError) as error:
+        text = " ".join(str(error).split())[:80]
+        raise input_error(path or folder, f"is no YAML ({text})", "correct it") from error
+    return content if isinstance(content, dict) else {}
 
 
-class Layout(NamedTuple):
-    """Landmarks of a line, numbers of each, and what data.yaml calls landmarks and classes."""
-
-    landmarks: int
-    step: int
-    names: tuple[str, ...] | None = None
-    people: bool = False
-    edges: Edges = ()
-
-
-def _read_layout(folder: Path) -> Layout | None:
-    """Return what the nearest data.yaml in this folder or three above it states."""
-    path, content = find_yaml(folder, DATA, 3) or (folder, None)
-    if not isinstance(content, dict) or (shape := content.get("kpt_shape")) is None:
-        return None
-    whole = isinstance(shape, list) and len(shape) == 2 and all(type(n) is int for n in shape)
-    if not whole or not 0 < shape[0] < 10_000 or shape[1] not in (2, 3):
-        raise input_error(path, f"kpt_shape is {shape}", "give [landmarks, 2] or [landmarks, 3]")
-    names: Any = content.get("kpt_names")
-    classes = content.get("names")
-    if isinstance(names, dict):  # a list for each class, of which the first is taken
-        names = next(iter(names.values()), None)
-    named = isinstance(names, list) and len(names) == len({*map(str, names)}) == shape[0]
-    people = (list(classes.values()) if isinstance(classes, dict) else classes) == ["person"]
-    texts = tuple(map(str, names)) if named else None
-    return Layout(shape[0], shape[1], texts, people, edges_of(content.get("skeleton"), shape[0]))
-
-
-def _guess_layout(rows: list[list[float]], name: str) -> Layout:
-    """Return the layout that lines have where no data.yaml states it."""
-    if not rows:
-        return Layout(0, 3)
-    smallest = min(len(row) - BOX for row in rows)
-    threes = [m for m in (smallest, smallest - 1, smallest - 2) if m > 0 and m % 3 == 0]
-    for length in threes:
+def _guess_shape(rows: list[list[float]]) -> tuple[int, int]:
+    """Return the landmarks of lines, and the numbers of each, where no data.yaml states it."""
+    smallest = min((len(row) - BOX for row in rows), default=0)
+    for length in (smallest, smallest - 1, smallest - 2):
         marks = {v for row in rows for v in row[BOX + 2 : BOX + length : 3]}
-        if marks <= {0, 1, 2} or length == 51:
-            return Layout(length // 3, 3, people=length == 51)
-    if smallest % 2 == 0 and smallest % 3:
-        return Layout(smallest // 2, 2)
+        if length > 0 and length % 3 == 0 and (marks <= {0, 1, 2} or length == 51):
+            return length // 3, 3
     problem = f"lines of {smallest} numbers after the box, and no {DATA} with kpt_shape beside them"
-    raise input_error(name, problem, f"put the {DATA} of the data set beside the labels")
+    require(not rows or (smallest % 2 == 0 and smallest % 3), problem)
+    return smallest // 2, 2
+
+
+def _find_images(
+    paths: Sequence[Path], suffix: str, but: str = ""
+) -> tuple[Sequence[Path], Images]:
+    """Return the files of a folder that is given as a whole, but for one, or these files, in order.
+
+    The last number in a name is that of the frame. Names that differ in more than this number are
+    of several videos, unless one of these would have a single frame: then each name is that of an
+    image. Raises InputError for two files of one frame, and for links that lead nowhere, pipes and
+    devices in a folder, which cannot be read whole.
+    """
+    folder, files = paths[0].parent, list(paths)
+    if paths[0].is_dir():
+        folder = paths[0]
+        files = [f for f in folder.iterdir() if f.name.lower().endswith(suffix) and f.name != but]
+        files = [file for file in files if not file.is_dir()]
+    for file in files:
+        if not file.is_file():
+            problem = "leads to no file" if file.is_symlink() else "is not a regular file"
+            raise input_error(file, problem, "remove it, or name the files themselves")
+    name, video = str(paths[0] if len(files) == 1 else folder), folder.resolve().name
+    files.sort(
+        key=lambda file: [  # 9 stands before 10
+            (False, int(piece), "") if piece.isdigit() else (True, 0, piece)
+            for piece in re.split(r"([0-9]+)", file.name)
+        ]
+    )
+    stems = [file.name.rpartition(".")[0] or file.name for file in files]
+    series: dict[tuple[str, str], dict[int, Path]] = {}
+    for file, stem in sorted(zip(files, stems, strict=True), key=lambda pair: pair[0].name):
+        if match := LAST_NUMBER.match(stem):
+            numbered = series.setdefault((match[1], match[3]), {})
+            if (other := numbered.setdefault(int(match[2]), file)) is not file:
+                problem = f"two files of frame {int(match[2])}, {other.name} and {file.name}"
+                raise input_error(folder, problem, "remove or rename one of them")
+    counts = [len(numbered) for numbered in series.values()]
+    if sum(counts) < len(files) or (len(counts) > 1 and 1 in counts):
+        unordered = not all(map(str.isdigit, stems))
+        return files, Images(name, stems, [video] * len(files), range(len(files)), unordered)
+    names = [video]
+    if len(series) > 1:  # what files have before the number, where that differs
+        names = [before.rstrip("._- ") for before, _ in series]
+        if len({*names, ""}) <= len(series):
+            names = [before + after for before, after in series]
+    rows = [
+        (numbered[number], str(number), name, number - min(numbered))
+        for name, numbered in zip(names, series.values(), strict=True)
+        for number in sorted(numbered)
+    ]
+    files, labels, videos, frames = map(list, zip(*rows, strict=True)) if rows else ([], [], [], [])
+    return files, Images(name, labels, videos or [video], frames)
 
 
 # One file of all images.
@@ -178,8 +235,8 @@ def read_alphapose(paths: tuple[Path, ...]) -> Poses:
     detections: list[Detection] = []
     for number, (image, frame) in enumerate(contents.items()):
         detections += _detections(_people_of(frame), number, f"{paths[0]}: {image}")
-    images = name_images(paths[0], [*contents])._replace(unordered=False)
-    return as_poses(images, detections, alphapose=True)
+    images = _name_images(paths[0], [*contents])._replace(unordered=False)
+    return _as_poses(images, detections, alphapose=True)
 
 
 def read_coco_results(paths: tuple[Path, ...]) -> Poses:
@@ -197,8 +254,8 @@ def read_coco_results(paths: tuple[Path, ...]) -> Poses:
             image = numbers.setdefault(_identifier(entry["image_id"]), len(numbers))
         detections += _detections([entry], image, place)
     names = all(isinstance(image, str) for image in numbers)
-    images = name_images(paths[0], [*numbers])
-    return as_poses(images, detections, missing="at origin", alphapose=names)
+    images = _name_images(paths[0], [*numbers])
+    return _as_poses(images, detections, missing="at origin", alphapose=names)
 
 
 def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
@@ -209,13 +266,15 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     """
     path, contents = paths[0], read_json(paths[0])
     names_of: dict[Any, list[str]] = {}
+    lines: list[tuple[str, str]] = []
     for number, category in enumerate(contents.get("categories", ())):
         with parsing(f"{path}:categories[{number}]", "give each landmark a name of its own"):
             names_of[_identifier(category["id"])] = names = [*(category.get("keypoints") or [])]
             check_names(names, "landmark")
-    place: dict[str, int] = {}
-    for names in names_of.values():
-        place |= {name: len(place) + n for n, name in enumerate(x for x in names if x not in place)}
+            pairs = edges_of(category.get("skeleton"), len(names) + 1)  # counted from 1
+            lines += [(names[a - 1], names[b - 1]) for a, b in pairs if a and b]
+    every = dict.fromkeys(name for names in names_of.values() for name in names)
+    place = {name: number for number, name in enumerate(every)}
     called: dict[Any, Any] = {}
     for number, image in enumerate(contents.get("images", ())):
         with parsing(f"{path}:images[{number}]", CHECK):
@@ -248,17 +307,12 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
         notes += (f"{counted(without, 'annotation')} without keypoints left out",)
     if unlisted := len(order) - len(called):
         notes += (f"{counted(unlisted, 'image')} of annotations not listed among the images",)
-    edges: dict[tuple[int, int], None] = {}
-    for category in contents.get("categories", ()):  # which count landmarks from 1
-        names = names_of[category["id"]]
-        lines = edges_of(category.get("skeleton"), len(names) + 1)
-        edges |= {(place[names[a - 1]], place[names[b - 1]]): None for a, b in lines if a and b}
-    return as_poses(
-        name_images(path, [called.get(image, image) for image in order]),
+    return _as_poses(
+        _name_images(path, [called.get(image, image) for image in order]),
         detections,
         scored=False,
         landmark_names=tuple(place) or None,
-        edges=tuple(edges),
+        edges=tuple(dict.fromkeys((place[a], place[b]) for a, b in lines)),
         notes=notes,
     )
 
@@ -295,8 +349,21 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     named = isinstance(texts, list) and all(isinstance(name, str) for name in texts)
     names = tuple(texts) if named and len(texts) == len({*texts}) == count else None
     edges = edges_of(meta.get("skeleton_links"), count) if names else ()
-    images = number_images(path, path.name.partition(".")[0], labels)
-    return as_poses(images, detections, landmark_names=names, edges=edges)
+    images = _number_images(path, path.name.partition(".")[0], labels)
+    return _as_poses(images, detections, landmark_names=names, edges=edges)
+
+
+def _number_images(path: Path, video: str, labels: Sequence[str]) -> Images:
+    """Return the frames of a file of one video."""
+    return Images(str(path), labels, [video] * max(len(labels), 1), range(len(labels)))
+
+
+def _name_images(path: Path, names: Sequence[Any]) -> Images:
+    """Return the images of a file, called without folder and ending where that tells them apart."""
+    stems = [Path(name).stem if isinstance(name, str) else str(name) for name in names]
+    labels = stems if len({*stems}) == len(stems) else [*map(str, names)]
+    images = _number_images(path, path.name.partition(".")[0], labels)
+    return images._replace(unordered=not are_series(labels))
 
 
 BODIES = (
@@ -382,8 +449,8 @@ def _of_points(
         rows = ((point.get("x"), point.get("y"), _first(point, SCORES, 1.0)) for point in body)
         numbers = [math.nan if value is None else value for row in rows for value in row]
         detections.append(Detection(numbers, number))
-    images = number_images(path, video_name(path), labels)
-    return as_poses(images, detections, missing="unplaced", unit=None, landmark_names=names)
+    images = _number_images(path, video_name(path), labels)
+    return _as_poses(images, detections, missing="unplaced", unit=None, landmark_names=names)
 
 
 # What all have in common.
@@ -425,8 +492,6 @@ def _detections(
             if points and isinstance(points[0], list):
                 scores = person.get("keypoint_scores")
                 scores = [1.0] * len(points) if scores is None else scores
-                paired = {*map(len, points)} == {2} and len(scores) == len(points)
-                require(paired, "keypoints that are not x and y with a score each")
                 scored = zip(points, scores, strict=True)
                 points = [number for (x, y), score in scored for number in (x, y, score)]
             if len(points) % 3:
@@ -435,7 +500,7 @@ def _detections(
     return detections
 
 
-def as_poses(
+def _as_poses(
     images: Images,
     detections: Sequence[Detection],
     *,
@@ -484,13 +549,13 @@ def as_poses(
         fractions = are_fractions(points[np.isfinite(values).all(axis=2)])
         unit = FRACTION if fractions else UNKNOWN_UNIT
         fields["size_needed"] = fractions
-    frame = np.array([images.frames[one.image] for one in detections], np.int64)
     who = [_identity(one.who) for one in detections]
     times = Counter((one.image, name) for one, name in zip(detections, who, strict=True) if name)
     if doubles := sum(number > 1 for number in times.values()):
         # Some tools number the people of each frame anew.
         notes += (f"numbers of people are not used, as {doubles} of them occur twice in a frame",)
         who = [""] * len(who)
+    frame = np.array([images.frames[one.image] for one in detections], np.int64)
     videos = [images.videos[one.image] for one in detections]
     usual = None if fields.get("landmark_names") else skeletons_of_size(width // 3)
     poses = Poses(

@@ -103,38 +103,30 @@ def read_poses(known: FileFormat, paths: tuple[Path, ...], *, keep: bool = False
 
 
 def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Notes]:
-    """Return 2D poses as images, and notes."""
-    poses = _in_pixels(poses, options)
+    """Return 2D poses as images, and notes.
+
+    Fractions of the image are pixels where `image_size` is given. Raises InputError where they are
+    useless without.
+    """
+    if poses.unit == FRACTION and options.image_size is not None:
+        poses = replace(poses, points=poses.points * options.image_size, unit="px")
+    elif poses.unit == FRACTION:
+        if poses.size_needed:
+            raise size_needed(poses.name)
+        note = f"{FRACTIONS}, so figures are squeezed where it is not square; {SIZE_FIX}"
+        poses = replace(poses, notes=(*poses.notes, note))
     fields, notes = _fields(poses, options)
     edges = {EDGES: np.array(poses.edges, np.int64)} if poses.edges else {}
     return LandmarkSet(**fields, y_axis=options.y_axis, whole=edges), notes
 
 
+FRACTIONS = "x and y are fractions of the width and height of the image"
 SIZE_FIX = "give the size of the images in pixels: `image_size=[1920,1080]`"
-
-SQUEEZED = (
-    "x and y are fractions of the width and the height of the image, so that figures are squeezed "
-    "where it is not square"
-)
 
 
 def size_needed(name: str) -> InputError:
     """Return the error for fractions of images whose size is not known."""
-    return input_error(name, "x and y are fractions of the width and height of the image", SIZE_FIX)
-
-
-def _in_pixels(poses: Poses, options: InputOptions) -> Poses:
-    """Return poses whose fractions of the image are pixels, where its size is given.
-
-    Raises InputError where they are useless without; else a note says so.
-    """
-    if poses.unit != FRACTION:
-        return poses
-    if options.image_size is not None:
-        return replace(poses, points=poses.points * options.image_size, unit="px")
-    if poses.size_needed:
-        raise size_needed(poses.name)
-    return replace(poses, notes=(*poses.notes, f"{SQUEEZED}; {SIZE_FIX}"))
+    return input_error(name, FRACTIONS, SIZE_FIX)
 
 
 def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]:
@@ -166,9 +158,9 @@ def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...
     """Return the names of the landmarks, and notes of what was assumed.
 
     They are those of the file. Where it has none, they are those of the skeleton `keypoints`, of
-    the one that its format implies, or their numbers where no known skeleton has as many, or
-    `keypoints` is `numbered`. Raises InputError for an unknown skeleton, one of another number of
-    landmarks, and where some have as many as the file and `keypoints` names none.
+    the one that its format implies, or their numbers where no skeleton has as many, or `keypoints`
+    is `numbered`. Raises InputError for an unknown skeleton, one of another number of landmarks,
+    and where some have as many as the file and `keypoints` names none.
     """
     wanted, skeletons = options.keypoints, installed_skeletons()
     if wanted is not None and wanted not in (*skeletons, NUMBERED):
@@ -198,10 +190,6 @@ def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...
     )
 
 
-UNTRACKED = "untracked"
-"""In place of the individual, for those without identity beside others that have one."""
-
-
 def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[str]]:
     """Return the poses that the options select, one sequence after the other; items; sequences.
 
@@ -224,7 +212,7 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
         fix = f"name one of {abbreviate(people)}" if people else fix
         raise input_error(poses.name, f"has no individual {wanted!r}", fix)
     poses, rows = _hide(poses, options.min_confidence)
-    items, sequences = _name_items(poses, f"{UNTRACKED}/" if named else "")
+    items, sequences = _name_items(poses, named)
     if wanted is not None:
         rows = rows & np.array([who == wanted for who in poses.individual or ()])
     retained = np.flatnonzero(rows).tolist()
@@ -261,22 +249,22 @@ def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:
     return replace(poses, points=points, confidence=confidence, notes=notes), rows
 
 
-def _name_items(poses: Poses, untracked: str) -> tuple[list[str], list[str]]:
-    """Return the item and the sequence of each pose; those without identity are numbered."""
-    videos = poses.videos
+def _name_items(poses: Poses, named: bool) -> tuple[list[str], list[str]]:
+    """Return the item and the sequence of each pose; those without identity are numbered.
+
+    Beside individuals that are `named` by the file they are `untracked`.
+    """
     if poses.individual is None:
-        rows = zip(videos, poses.label, strict=True)
-        return [f"{video}/{label}" for video, label in rows], list(videos)
+        rows = zip(poses.videos, poses.label, strict=True)
+        return [f"{video}/{label}" for video, label in rows], list(poses.videos)
     items: list[str] = []
     sequences: list[str] = []
-    numbers = Counter[tuple[str, str]]()
-    for video, who, label in zip(videos, poses.individual, poses.label, strict=True):
+    numbers = Counter[str]()
+    for video, who, label in zip(poses.videos, poses.individual, poses.label, strict=True):
         sequences.append(f"{video}/{who}" if who else "")
-        if who:
-            items.append(f"{video}/{who}/{label}")
-        else:
-            items.append(f"{video}/{untracked}{label}/{numbers[video, label]}")
-            numbers[video, label] += 1
+        item = f"{video}/{who}/{label}" if who else f"{video}/{'untracked/' * named}{label}"
+        items.append(item if who else f"{item}/{numbers[item]}")
+        numbers[item] += 1
     return items, sequences
 
 

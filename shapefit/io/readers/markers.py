@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -16,9 +16,8 @@ from shapefit.errors import abbreviate, counted, input_error
 from shapefit.geometry.normalisation import as_metres
 from shapefit.io.inputs import check_fits
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.readers.columns import anipose_landmarks
 from shapefit.io.readers.poses import Poses, make_unique, of_frames, parsing, require
-from shapefit.io.readers.tables import Table, read_text, split_rows
+from shapefit.io.readers.text import Table, decode, read_text, split_rows
 
 HEAD_LINES = 12
 """Within which the names of TRC markers stand; five as a rule, more with empty lines between."""
@@ -28,18 +27,18 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
     """Return the markers of a TRC file.
 
     A point is missing where a coordinate is empty or nan, and where all three are exactly 0.
-    Raises InputError for a header without markers, and for frames that are no numbers.
+    Raises InputError for a header without markers, and for cells that are no numbers.
     """
     path = paths[0]
     text = read_text(path)
     head = text.split("\n")[:HEAD_LINES]
-    firsts = [line.replace(",", "\t").split("\t")[0].strip().lower() for line in head]
+    delimiter = "\t" if "\t" in text else ","
+    cells = [[cell.strip() for cell in line.split(delimiter)] for line in (*head, "")]
+    firsts = [row[0].lower() for row in cells]
     last = next((n for n, first in enumerate(firsts) if first in ("frame#", "frame")), None)
     if last is None:
         fix = "give a TRC file whose fourth line is `Frame#  Time  NAME ...`"
         raise input_error(path, "has no line with the names of markers", fix)
-    delimiter = "\t" if "\t" in head[last] else ","
-    cells = [[cell.strip() for cell in line.split(delimiter)] for line in (*head, "")]
     about: dict[str, str] = {}
     if "datarate" in firsts:
         at = firsts.index("datarate")
@@ -65,12 +64,11 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
     factor, unit = as_metres(about.get("units", ""))
     points = factor * values.reshape(len(rows), len(names), 3)
     origin = np.asarray((points == 0).all(axis=2))
-    counts = {
-        "frames are announced in the header, but not there": int(
-            _positive(about.get("numframes")) - len(rows)
-        ),
-        "points at exactly 0, 0, 0 taken for missing": int(origin.sum()),
-    }
+    lost = int(_positive(about.get("numframes")) - len(rows))
+    if lost > 0:
+        notes += (f"{lost} frames are announced in the header, but not there",)
+    if origin.any():
+        notes += (f"{int(origin.sum())} points at exactly 0, 0, 0 taken for missing",)
     return of_frames(
         path,
         np.where(origin[..., None], np.nan, points),
@@ -79,7 +77,7 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
         landmark_names=names,
         frame_rate=_positive(about.get("datarate")) or None,
         unit=unit or UNKNOWN_UNIT,
-        notes=notes + tuple(f"{number} {what}" for what, number in counts.items() if number > 0),
+        notes=notes,
     )
 
 
@@ -92,11 +90,22 @@ def _positive(cell: str | None) -> float:
     return max(value, 0.0) if np.isfinite(value) else 0.0
 
 
+def anipose_landmarks(columns: Sequence[str]) -> tuple[str, ...]:
+    """Return the landmarks that have x, y, z and what anipose says of them, in order."""
+    names = {*columns}
+    return tuple(
+        stem
+        for stem in dict.fromkeys(name[:-2] for name in columns if name.endswith("_x"))
+        if stem
+        and {f"{stem}_y", f"{stem}_z"} <= names
+        and names & {f"{stem}_ncams", f"{stem}_error", f"{stem}_score"}
+    )
+
+
 def read_anipose(paths: tuple[Path, ...]) -> Poses:
     """Read the 3D points that anipose writes: x, y, z, error, cameras and score of each landmark.
 
-    They are in the unit of anipose; the score is their confidence. Raises InputError for rows of
-    another width, and cells that are no numbers.
+    They are in the unit of anipose; the score is their confidence.
     """
     path = paths[0]
     rows = split_rows(path, read_text(path))
@@ -160,8 +169,6 @@ EXPANDS = 16
 COMPUTED = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS")
 """Lists of labels under POINT that are no points: what a model computed is stored beside them."""
 
-WHOLE = "give a whole C3D file"
-
 
 def read_c3d(paths: tuple[Path, ...]) -> Poses:
     """Return the markers of a C3D file, in metres where it names its unit.
@@ -171,9 +178,9 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
     in the header. Raises InputError where ezc3d is not installed or cannot read the file.
     """
     path = paths[0]
-    _check_whole(path)
     check_fits(str(path), EXPANDS * path.stat().st_size, "what it holds")
     try:
+        _check_length(path)
         file = import_module("ezc3d").c3d(os.fspath(path))
     except ImportError as error:
         problem = "is a C3D file, which ezc3d reads, and that is not installed"
@@ -181,17 +188,23 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
     except MemoryError:
         raise
     except Exception as error:  # ezc3d has many kinds of error for damaged files
-        raise input_error(path, f"cannot be read by ezc3d ({error})", WHOLE) from error
-    parameters: Mapping[str, Any] = file["parameters"].get("POINT", {})
+        raise input_error(path, f"cannot be read as C3D ({error})", "give a whole file") from error
+    about: Any = file["parameters"].get("POINT", {})
+
+    def texts(name: str) -> list[str]:  # ezc3d leaves what is not UTF-8 as bytes
+        values = (str(text) for text in about.get(name, {}).get("value", ()))
+        data = [text.encode("utf-8", "surrogateescape") for text in values]
+        return [decode(text).strip() for text in data]
+
     # (4, p, n) -> (n, p, 3)
     points = np.asarray(file["data"]["points"], np.float64)[:3].transpose(2, 1, 0)
     residual = np.asarray(file["data"]["meta_points"]["residuals"])[0].T
     points = np.where((residual >= 0)[..., None], points, np.nan)
-    factor, unit = as_metres((_texts(parameters, "UNITS") or [""])[0])
-    more = (f"LABELS{number}" for number in range(2, len(parameters)))  # beyond 255
-    labels = [label for name in ("LABELS", *more) for label in _texts(parameters, name)]
+    factor, unit = as_metres((texts("UNITS") or [""])[0])
+    more = (f"LABELS{number}" for number in range(2, len(about)))  # beyond 255
+    labels = [label for name in ("LABELS", *more) for label in texts(name)]
     labels = (labels + [""] * points.shape[1])[: points.shape[1]]
-    computed = {label for name in COMPUTED for label in _texts(parameters, name)}
+    computed = {label for name in COMPUTED for label in texts(name)}
     left = [label for label in labels if label in computed]
     notes: tuple[str, ...] = ()
     if left:
@@ -200,7 +213,7 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
     if len(points) == MAX_FRAMES:
         notes += (f"has {MAX_FRAMES} frames, as many as its header can count; it may hold more",)
     start = int(file["header"]["points"]["first_frame"])
-    (rate,) = np.ravel(parameters.get("RATE", {}).get("value", ()))[:1] or [0.0]
+    (rate,) = np.ravel(about.get("RATE", {}).get("value", ()))[:1] or [0.0]
     markers = [place for place, label in enumerate(labels) if label not in computed]
     return _of_markers(
         path,
@@ -213,32 +226,18 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
     )
 
 
-def _check_whole(path: Path) -> None:
-    """Raise InputError for a file shorter than its own header says, which ezc3d may not survive."""
-    size = path.stat().st_size
-    with parsing(path, WHOLE), path.open("rb") as file:
+def _check_length(path: Path) -> None:
+    """Raise ValueError for a file shorter than its header says, which ezc3d may not survive."""
+    with path.open("rb") as file:
         head = file.read(512)  # a block, in which C3D counts
         points, analog, first, last = struct.unpack("<HHHH", head[2:10])
         scale, start = struct.unpack("<fH", head[12:18])
-        file.seek(512 * (head[0] - 1))
-        section = file.read(4)
-        require(len(section) == 4, "is cut off before its parameters")
-        frames, number_bytes = max(last - first + 1, 0), 4 if scale < 0 else 2
-        needed = 512 * max(start - 1, 0) + frames * (4 * points + analog) * number_bytes
-        intel = section[3] == 84  # little end first, as all of today's are
-        require(not intel or size >= needed, f"has {size} bytes, and its header announces {needed}")
-
-
-def _texts(parameters: Mapping[str, Any], name: str) -> list[str]:
-    """Return texts; where they are not UTF-8, which ezc3d leaves as bytes, they are Latin-1."""
-    texts = []
-    for text in parameters.get(name, {}).get("value", ()):
-        data = str(text).encode("utf-8", "surrogateescape")
-        try:
-            texts.append(data.decode().strip())
-        except UnicodeDecodeError:
-            texts.append(data.decode("latin-1").strip())
-    return texts
+        file.seek(512 * (head[0] - 1) + 3)
+        intel = file.read(1) == b"\x54"  # little end first, as all of today's are
+    frames, number_bytes = max(last - first + 1, 0), 4 if scale < 0 else 2
+    needed = 512 * max(start - 1, 0) + frames * (4 * points + analog) * number_bytes
+    if intel and path.stat().st_size < needed:
+        raise ValueError(f"{path.stat().st_size} bytes of {needed}")
 
 
 # What Vicon's CSV and C3D share: labels `subject:name`.

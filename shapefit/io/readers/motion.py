@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.errors import abbreviate, counted, input_error, listed
+from shapefit.errors import input_error, listed
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import Poses, check_names, make_unique, of_frames, parsing, require
-from shapefit.io.readers.tables import Table, read_text, split_rows
+from shapefit.io.readers.text import Table, read_text, split_rows
 from shapefit.io.tidy_table import read_numbers
 
 Channel = tuple[bool, int]
@@ -83,6 +83,16 @@ def _floats(words: Sequence[str], count: int) -> list[float]:
     return values.tolist()
 
 
+CHANNELS = {"rotation": True, "position": False, "r": True, "t": False}
+
+
+def _channel(axis: str, kind: str) -> Channel:
+    """Return a channel of BVH, as Xrotation, or of ASF, as rx."""
+    known = axis.lower() in tuple("xyz") and kind.lower() in CHANNELS
+    require(known, f"there is no channel {axis + kind!r}, as Xrotation, Yposition, rx or ty")
+    return CHANNELS[kind.lower()], "xyz".index(axis.lower())
+
+
 # BVH
 
 
@@ -96,8 +106,9 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
     joints, ends, lines, frames, seconds = _read_hierarchy(path, text)
     rows = [row for row in split_rows(path, text, None) if row[0] > lines]
     channels = [joint.name for joint in joints for _ in joint.channels]
-    table = Table(path, rows, channels, None)
-    motion, _, _ = table.read(range(len(channels)), finite=True, empty=False)
+    motion, _, at = Table(path, rows, channels, None).read(range(len(channels)), finite=True)
+    if (empty := np.isnan(motion).any(axis=1)).any():
+        raise input_error(f"{path}:{at[empty][0]}", "a channel is no number", "correct it")
     order = sorted(range(len(joints)), key=lambda number: number in ends)
     names, notes = make_unique([joints[number].name for number in order])
     if len(motion) < frames:
@@ -161,21 +172,10 @@ def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], set[int], int, 
     raise input_error(path, "has no motion, or is cut off before it", "give a complete BVH file")
 
 
-CHANNELS = {"rotation": True, "position": False, "r": True, "t": False}
-
-
-def _channel(axis: str, kind: str) -> Channel:
-    """Return a channel of BVH, as Xrotation, or of ASF, as rx."""
-    known = axis.lower() in tuple("xyz") and kind.lower() in CHANNELS
-    require(known, f"there is no channel {axis + kind!r}, as Xrotation, Yposition, rx or ty")
-    return CHANNELS[kind.lower()], "xyz".index(axis.lower())
-
-
 # ASF/AMC, of Acclaim
 
 INCH = 0.0254
-WHOLE_SKELETON = "give a whole ASF file"
-SAME_BONES = "give a whole file, in which every frame lists the same bones, and its own ASF file"
+WHOLE = "give whole files, in which every frame lists the bones of the skeleton"
 
 
 class Skeleton(NamedTuple):
@@ -236,7 +236,7 @@ def _find_skeleton(motion: Path, given: list[Path]) -> Path:
 
 
 def _read_skeleton(path: Path) -> Skeleton:
-    """Read an ASF file. Raises InputError, naming the line, for what is no skeleton.
+    """Read an ASF file. Raises InputError for what is no skeleton.
 
     Lengths are in inches / `length`, as the motion capture database of CMU has them (0.45), and
     given out in metres; with `length 1` their unit is unknown.
@@ -266,13 +266,21 @@ def _read_skeleton(path: Path) -> Skeleton:
     degrees = not units.get("angle", "deg").startswith("rad")
     bones = []
     for place, block in blocks:
-        with parsing(place, WHOLE_SKELETON):
+        with parsing(place, WHOLE):
             bones.append(_bone(block, degrees))
-    _link(bones, links, path)
-    with parsing(path, WHOLE_SKELETON):
+    with parsing(path, WHOLE):
         require(len(bones) > 1, "has no bones")
+        check_names([bone.name for bone in bones], "bone")
         (length,) = _floats([units.get("length", "1")], 1)
         require(length > 0, f"has the unit of length {length:g}")
+        index = {bone.name: number for number, bone in enumerate(bones)}
+        pairs = [(index[above], index[name]) for _, (above, *below) in links for name in below]
+        for above, child in pairs:
+            bones[child].parent = above
+        children = sorted(child for _, child in pairs)
+        reached = len(_parents_first([bone.parent for bone in bones])) == len(bones)
+        whole = reached and children == [*range(1, len(bones))]
+        require(whole, "the hierarchy does not reach every bone once")
     scale, unit = (1.0, UNKNOWN_UNIT) if length == 1 else (INCH / length, "m")
     return Skeleton(bones, unit, scale, degrees)
 
@@ -294,26 +302,6 @@ def _bone(block: dict[str, list[str]], degrees: bool) -> Joint:
     return Joint(block["name"][0], -1, before, after, axes, channels)
 
 
-def _link(bones: list[Joint], links: Sequence[tuple[int, list[str]]], path: Path) -> None:
-    """Give each bone its parent. Raises InputError where they are no tree."""
-    index = {bone.name: number for number, bone in enumerate(bones)}
-    parents = [-1] + [len(bones)] * (len(bones) - 1)
-    twice = set()
-    for line, words in links:
-        with parsing(f"{path}:{line}", "name bones that are there"):
-            above, *below = (index[word] for word in words)
-        for number in below:
-            if parents[number] != len(bones):
-                twice.add(number)
-            else:
-                parents[number] = bones[number].parent = above
-    lost = {*range(len(bones))} - {*_parents_first(parents)} | twice
-    with parsing(path, f"correct it, or {WHOLE_SKELETON}"):
-        check_names([bone.name for bone in bones], "bone")
-        names = abbreviate([bones[number].name for number in sorted(lost)])
-        require(not lost, f"the hierarchy does not reach every bone once ({names})")
-
-
 def _read_motion(path: Path, skeleton: Skeleton) -> tuple[list[str], Floats]:
     """Return the labels of the frames of a motion, and the ends (n, bones, 3) of all bones.
 
@@ -325,31 +313,25 @@ def _read_motion(path: Path, skeleton: Skeleton) -> tuple[list[str], Floats]:
     count = {bone.name: len(bone.channels) for bone in skeleton.bones}
     labels: list[str] = []
     rows: list[tuple[int, list[str]]] = []
-    sizes: list[int] = []
+    size = 0
     for line, words in enumerate(map(str.split, lines), 1):
         if not words or words[0][0] in "#:":
             continue
         if len(words) == 1 and words[0].isdigit():
+            size = len(rows) if len(labels) == 1 else size
             labels.append(words[0])
-            sizes.append(len(rows))
-            continue
-        if not labels:
-            problem = f"{lines[line - 1].strip()[:40]!r} stands before the first frame"
-            raise input_error(f"{path}:{line}", problem, "number every frame")
-        rows.append((line, words))
+        else:
+            rows.append((line, words))
     if not rows:
         return [], np.empty((0, len(skeleton.bones), 3))
-    size = sizes[1] if len(sizes) > 1 else len(rows)
+    size = size or len(rows)
     order = [words[0] for _, words in rows[:size]]
     for (line, (name, *cells)), wanted in zip(rows, order * len(labels), strict=False):
         if name != wanted or len(cells) != count.get(name):
-            with parsing(f"{path}:{line}", SAME_BONES):
-                require(name == wanted, f"{name!r} stands where other frames have {wanted!r}")
-                require(name in count, f"the skeleton has no bone {name!r}")
-                given = f"{counted(len(cells), 'number')} for the {count[name]}"
-                require(False, f"{given} degrees of freedom of {name}")
+            problem = f"{len(cells)} numbers of {name!r}, not {count.get(wanted, 0)} of {wanted!r}"
+            raise input_error(f"{path}:{line}", problem, WHOLE)
     if len(rows) != size * len(labels):
-        raise input_error(path, "the last frame lacks bones, or has too many", SAME_BONES)
+        raise input_error(path, "a frame lacks bones, its number, or has too many", WHOLE)
     values, _ = read_numbers([cell for _, words in rows for cell in words[:0:-1]])
     if (wrong := ~np.isfinite(values)).any():
         places = [(line, cell) for line, words in rows for cell in words[:0:-1]]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import count
@@ -16,7 +17,6 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, counted, input_error, printable
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.tidy_table import read_numbers
 
 FRACTION = "fraction of the image"
 """Unit of coordinates that are divided by the width and the height of the image."""
@@ -77,7 +77,9 @@ class Poses:
             check_names(self.landmark_names or (), "landmark")
             names = p if self.landmark_names is None else len(self.landmark_names)
             require(names == p or not n, f"has {p} landmarks, and names {names}")
-            for field in PER_POSE[1:]:
+            scored = self.confidence is None or self.confidence.shape == (n, p)
+            require(scored, f"has other confidences than its {n} poses of {p} landmarks")
+            for field in PER_POSE[2:]:
                 values = getattr(self, field)
                 fits = values is None or isinstance(values, str) or len(values) == n
                 require(fits, f"has another number of {field}s than its {n} poses")
@@ -86,9 +88,8 @@ class Poses:
             if self.confidence is not None:
                 missing &= ~(self.confidence > 0)
                 missing |= (self.points == 0).all(axis=2) & (self.confidence == 0)
-            if missing.any():
-                points = np.where(missing[..., None], np.nan, self.points)
-                object.__setattr__(self, "points", points)
+            points = np.where(missing[..., None], np.nan, self.points)
+            object.__setattr__(self, "points", points)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -116,7 +117,7 @@ class Poses:
     def take(self, rows: NDArray[Any]) -> Poses:
         """Return some of the poses, by a mask or by numbers."""
         numbers = np.arange(len(self))[rows]
-        changes = {}
+        changes: dict[str, Any] = {}
         for field in PER_POSE:
             values = getattr(self, field)
             if isinstance(values, np.ndarray):
@@ -145,18 +146,22 @@ def of_frames(
     """
     n, p, d = len(points), *points.shape[-2:]
     many = points.shape[1] if points.ndim == 4 else 1
-    labels = [str(number) for number in range(n)] if labels is None else labels
-    if isinstance(individuals, tuple | list):
-        with parsing(path, "give each individual a name of its own"):
+    labels = [*map(str, range(n))] if labels is None else labels
+    with parsing(path, "give each individual a name of its own, each point its confidence"):
+        if isinstance(individuals, tuple | list):
             check_names(individuals, "individual")
             require(len(individuals) == many, f"names {len(individuals)} of {many} individuals")
+        if confidence is not None:
+            shape = f"has the shape {confidence.shape}, and points {points.shape}"
+            require(confidence.shape == points.shape[:-1], f"the confidence {shape}")
+            confidence = confidence.reshape(n * many, p)
     if individuals is not None:
         individuals = np.broadcast_to(np.array(individuals, object), (n, many)).ravel().tolist()
     defaults: dict[str, Any] = {
         "name": str(path),
         "video": video_name(path),
         "points": points.reshape(n * many, p, d),
-        "confidence": None if confidence is None else confidence.reshape(n * many, p),
+        "confidence": confidence,
         "frame": np.repeat(np.arange(n), many),
         "label": [label for label in labels for _ in range(many)],
         "individual": individuals,
@@ -176,39 +181,24 @@ class FormatError(ValueError):
     """What a file should not hold, in words; `parsing` names the file."""
 
 
-PARSE_ERRORS = (LookupError, TypeError, ValueError, AttributeError, OverflowError)
-"""What a reader stumbles over in a file that is not as it expects."""
-
-
 @contextmanager
-def parsing(place: str | Path, fix: str) -> Iterator[None]:
+def parsing(place: str | Path | Callable[[], str], fix: str) -> Iterator[None]:
     """Turn whatever a reader stumbles over here into the InputError that names the place."""
     try:
         yield
-    except PARSE_ERRORS as error:
-        raise input_error(place, message(error), fix) from error
-
-
-def message(error: BaseException) -> str:
-    """Return what an error says, on one line."""
-    text = printable(str(error).strip().partition("\n")[0][:160])
-    if isinstance(error, FormatError):
-        return text
-    missing = isinstance(error, KeyError)
-    return f"there is no {text}" if missing else f"is not as its format says ({text})"
+    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
+        text = printable(str(error).strip().partition("\n")[0][:160])
+        if isinstance(error, KeyError):
+            text = f"there is no {text}"
+        elif not isinstance(error, FormatError):
+            text = f"is not as its format says ({text})"
+        raise input_error(place() if callable(place) else place, text, fix) from error
 
 
 def require(condition: object, problem: str) -> None:
     """Raise FormatError with the problem, unless a condition holds."""
     if not condition:
         raise FormatError(problem)
-
-
-def to_numbers(words: Sequence[str]) -> list[float]:
-    """Return words as numbers. Raises FormatError for the first that is none."""
-    values, wrong = read_numbers(words)
-    require(not wrong.any(), f"{words[int(wrong.argmax())][:40]!r} is no number")
-    return values.tolist()
 
 
 def check_names(names: Sequence[str], what: str) -> None:
@@ -247,15 +237,28 @@ def file_name(path: str) -> str:
     return PureWindowsPath(path).name if "\\" in path else PurePosixPath(path).name
 
 
-def number_labels(place: str, values: NDArray[Any]) -> list[str]:
+LAST_NUMBER = re.compile(r"^(.*?)([0-9]{1,18})([^0-9]*)$", re.DOTALL)
+
+
+def are_series(names: Sequence[str]) -> bool:
+    """Whether names differ in one number, by which they can be the frames of a video.
+
+    Then there are less than 100 numbers from the least to the largest for each name.
+    """
+    matches = [match for name in names if (match := LAST_NUMBER.match(name))]
+    numbers = {int(match[2]) for match in matches}
+    if len({(m[1], m[3]) for m in matches}) > 1 or len(numbers) < len(names):
+        return False
+    return not numbers or max(numbers) - min(numbers) < 100 * len(numbers)
+
+
+def number_labels(values: NDArray[Any]) -> list[str]:
     """Return numbers or times of frames, in seconds, as text, to the microsecond.
 
-    Raises InputError where one is no number.
+    Raises FormatError where one is no number.
     """
-    wrong = ~np.isfinite(values)
-    if wrong.any():
-        problem = f"entry {int(np.argmax(wrong))} is {values[wrong][0]}, which is no frame"
-        raise input_error(place, problem, "number the frames")
+    for row in np.flatnonzero(~np.isfinite(values))[:1].tolist():
+        raise FormatError(f"entry {row} is no frame; number the frames")
     return [
         str(int(value)) if value == int(value) else f"{value:.6f}".rstrip("0").rstrip(".")
         for value in values.tolist()
@@ -291,23 +294,3 @@ def edges_of(lines: Any, landmarks: int) -> Edges:
         and len(line) == 2
         and all(type(end) is int and 0 <= end < landmarks for end in line)
     )
-
-
-def find_yaml(folder: Path, name: str, levels: int) -> tuple[Path, Any] | None:
-    """Return the nearest file of this name in a folder or so many above it, and its content.
-
-    Raises InputError for what is no YAML.
-    """
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
-
-    folder = folder.resolve()
-    paths = (place / name for place in (folder, *folder.parents[:levels]))
-    path = next((path for path in paths if path.is_file()), None)
-    if path is None:
-        return None
-    try:
-        return path, YAML(typ="safe", pure=True).load(path)
-    except (YAMLError, RecursionError, ValueError) as error:
-        text = " ".join(str(error).split())[:80]
-        raise input_error(path, f"is no YAML ({text})", "correct it") from error

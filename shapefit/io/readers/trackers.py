@@ -4,28 +4,25 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from math import prod
+from contextlib import contextmanager
 from pathlib import Path
 from re import sub
 from typing import Any, NamedTuple
 
 import h5py
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import input_error, printable
-from shapefit.io.hdf5_file import Hdf5File, Stored
+from shapefit.io.hdf5_file import DAMAGED, Hdf5File
 from shapefit.io.readers.poses import (
-    PARSE_ERRORS,
     Edges,
     Poses,
-    check_names,
     file_name,
     make_unique,
-    message,
     number_labels,
     of_frames,
+    parsing,
     require,
     video_name,
 )
@@ -34,77 +31,55 @@ REPEATED = "{} ({})"
 """What a name that is there already is called."""
 
 
-class TrackerFile(Hdf5File):
-    """An open HDF5 file of another tool.
+@contextmanager
+def open_tracker(path: Path) -> Iterator[TrackerFile]:
+    """Open an HDF5 file of another tool; errors are reported of the dataset that was read last."""
+    with TrackerFile(path) as file, parsing(lambda: file.place(file.last), DAMAGED):
+        yield file
 
-    An error while it is open is reported of the dataset that was read last.
-    """
+
+class TrackerFile(Hdf5File):
+    """An open HDF5 file of another tool."""
 
     last = ""
 
-    def __exit__(self, *raised: object) -> None:
-        super().__exit__()
-        if isinstance(error := raised[1], PARSE_ERRORS):
-            raise self.fault(self.last, message(error)) from error
-
-    def stored(self, name: str) -> Stored:
-        """Return a dataset, which errors name from now on."""
+    def numbers(self, name: str) -> Floats:
+        """Return a dataset as numbers."""
         self.last = name
-        return super().stored(name)
+        values = self.rows(name)
+        require(np.asarray(values).dtype.kind in "biuf", "holds no numbers")
+        return np.asarray(values, np.float64)
 
-    def groups(self, group: str, levels: int = 1) -> Iterator[str]:
-        """Yield the groups below a group that is there, so many levels deep."""
-        with self.damage(group):
-            nodes = self.root.get(group, {})
-            names = [name for name in nodes if isinstance(nodes.get(name), h5py.Group)]
-        for name in names:
-            yield (below := f"{group}/{name}".strip("/"))
-            if levels > 1:
-                yield from self.groups(below, levels - 1)
+    def table(self, name: str) -> Any:
+        """Return a table of named columns as it stands in the file."""
+        self.last = name
+        return self.rows(name)
 
-    def numbers(self, name: str, *wanted: int | None) -> Floats:
-        """Return a dataset as numbers, of the wanted shape if one is given; None is any length."""
-        shape = self.stored(name).shape
-        fits = [length in (None, size) for length, size in zip(wanted, shape, strict=False)]
-        text = str(wanted).replace("None", "any")
-        fitting = not wanted or (len(wanted) == len(shape) and all(fits))
-        require(fitting, f"has the shape {shape}, not {text}")
-        require(self.stored(name).dataset.dtype.kind in "biuf", "holds no numbers")
-        return np.asarray(self.rows(name), np.float64)
+    def texts(self, name: str) -> tuple[str, ...]:
+        """Return a dataset of names; () where it is absent or empty, as SLEAP writes numbers."""
+        self.last = name
+        if not self.is_dataset(name) or self.stored(name).dataset.size == 0:
+            return ()
+        require(self.stored(name).text, "holds no text")
+        with self.damage(name):
+            return tuple(map(as_text, np.ravel(self.stored(name).dataset[()])))
+
+    def text(self, attribute: str, node: str = "/") -> str:
+        """Return an attribute as text; "" for none."""
+        return as_text(self.attribute(attribute, node) or "")
 
     def number(self, attribute: str, node: str) -> float:
         """Return an attribute that is a number; 0 for none."""
         value = self.attribute(attribute, node)
         return float(value) if isinstance(value, int | float) and np.isfinite(value) else 0.0
 
-    def text(self, attribute: str, node: str = "/") -> str:
-        """Return an attribute as text; "" for none."""
-        return as_text(self.attribute(attribute, node) or "")
-
-    def table(self, name: str, *columns: str) -> Any:
-        """Return a table of these columns, and maybe others, as it stands in the file."""
-        stored = self.stored(name)
-        lost = {*columns} - {*(stored.dataset.dtype.names or ())}
-        require(not lost and len(stored.shape) == 1, f"is no table of {', '.join(columns)}")
-        return self.rows(name)
-
-    def texts(self, name: str) -> tuple[str, ...]:
-        """Return a dataset of names."""
-        stored = self.stored(name)
-        require(prod(stored.shape) <= 1_000_000, f"holds {stored.shape} names")
-        if not stored.text:  # SLEAP writes lists without entries as numbers
-            require(stored.dataset.size == 0, "holds no text")
-            return ()
-        with self.damage(name):
-            return tuple(map(as_text, np.ravel(stored.dataset[()])))
-
     def edges(self, name: str, count: int) -> Edges:
         """Return the pairs of landmarks in a dataset (e, 2); none where it is absent or empty."""
         if not self.is_dataset(name) or 0 in self.stored(name).shape:
             return ()
-        pairs = self.numbers(name, None, 2)
-        there = ((pairs >= 0) & (pairs < count)).all()
-        require(there, "points at landmarks that are not there")
+        pairs = self.numbers(name)
+        fits = pairs.ndim == 2 and pairs.shape[1] == 2 and ((pairs >= 0) & (pairs < count)).all()
+        require(fits, "points at landmarks that are not there")
         return tuple((int(a), int(b)) for a, b in pairs)
 
 
@@ -128,29 +103,28 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
     are its instances.
     """
     path = paths[0]
-    with TrackerFile(path) as file:
+    with open_tracker(path) as file:
         nodes = file.texts("node_names")
         occupied = file.is_dataset("track_occupancy") and file.stored("track_occupancy").shape
-        tracks = file.numbers("tracks", None, None, None, None)
+        tracks = file.numbers("tracks")
 
         def agreement(order: tuple[str, ...]) -> tuple[bool, bool]:
             size = dict(zip(order, tracks.shape, strict=True))
             named = (size["xy"], size["node"]) == (2, len(nodes))
             return named, (size["frame"], size["track"]) == occupied
 
-        axes = _axes(file, "tracks", max(SLEAP_ORDER, FRAMES_FIRST, key=agreement))
+        axes = _dims(file, "tracks", max(SLEAP_ORDER, FRAMES_FIRST, key=agreement))
         # any order -> (frame, track, node, xy)
         points = tracks.transpose([axes.index(axis) for axis in FRAMES_FIRST])
         fits = points.shape[2:] == (len(nodes), 2)
         require(fits, f"has the shape {tracks.shape} for {len(nodes)} nodes")
         confidence = None
         if file.is_dataset("point_scores"):
-            order = _axes(file, "point_scores", tuple(axis for axis in axes if axis != "xy"))
-            sizes = [tracks.shape[axes.index(axis)] for axis in order]
-            scores = file.numbers("point_scores", *sizes)
+            order = _dims(file, "point_scores", tuple(axis for axis in axes if axis != "xy"))
+            scores = file.numbers("point_scores")
             confidence = scores.transpose([order.index(axis) for axis in FRAMES_FIRST[:3]])
         edges = file.edges("edge_inds", len(nodes))
-        names = file.texts("track_names") if file.is_dataset("track_names") else ()
+        names = file.texts("track_names")
     many = points.shape[1]
     names = tuple(name or f"track_{n}" for n, name in enumerate(names or ("",) * many))
     return of_frames(
@@ -164,7 +138,7 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
     )
 
 
-def _axes(file: TrackerFile, name: str, default: tuple[str, ...]) -> tuple[str, ...]:
+def _dims(file: TrackerFile, name: str, default: tuple[str, ...]) -> tuple[str, ...]:
     """Return the axes that the attribute `dims` of a dataset names, or else the default."""
     stated = file.attribute("dims", name)
     if stated is None:
@@ -176,11 +150,6 @@ def _axes(file: TrackerFile, name: str, default: tuple[str, ...]) -> tuple[str, 
 
 
 USER, PREDICTED = 0, 1
-FRAME_COLUMNS = ("video", "frame_idx", "instance_id_start", "instance_id_end")
-INSTANCE_COLUMNS = (
-    *("instance_id", "instance_type", "skeleton", "track", "from_predicted"),
-    *("point_id_start", "point_id_end"),
-)
 
 
 def read_slp(paths: tuple[Path, ...]) -> Poses:
@@ -191,72 +160,101 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
     pixel was at 0.5.
     """
     path = paths[0]
-    with TrackerFile(path) as file:
+    with open_tracker(path) as file:
         tracks, videos = (
-            [json.loads(text) for text in file.texts(name)] if file.is_dataset(name) else []
+            [json.loads(text) for text in file.texts(name)]
             for name in ("tracks_json", "videos_json")
         )
+        shift = 0.0 if file.number("format_id", "metadata") >= 1.1 else 0.5
         names, skeletons, edges = _read_skeletons(file)
-        sizes = np.array([len(places) for places in skeletons])
-        limits = {"instance_type": 2, "skeleton": len(sizes), "video": max(len(videos), 1)}
-        instances, labelled = _read_instances(file, limits | {"track": len(tracks)})
-        lengths = instances["point_id_end"] - instances["point_id_start"]
-        same = (lengths == sizes[instances["skeleton"]]).all()
-        require(same, "has another number of points than its skeleton")
-        replaced = _replaced(instances)
-        instances = {column: values[~replaced] for column, values in instances.items()}
-        version = file.number("format_id", "metadata")
-        points = np.full((len(instances["track"]), len(names), 2), np.nan)
-        confidence = np.full(points.shape[:2], np.nan)
-        for kind, table in ((USER, "points"), (PREDICTED, "pred_points")):
-            for number, places in enumerate(skeletons):
-                own = (instances["instance_type"] == kind) & (instances["skeleton"] == number)
-                if not own.any():
-                    continue
-                cells = file.table(table, "visible", "x", "y", *["score"] * kind)
-                first = instances["point_id_start"][own]
-                require(first.min() >= 0, "has other points than those that `instances` points at")
-                rows = cells[first[:, None] + np.arange(len(places))]
-                xy = np.stack([rows["x"], rows["y"]], axis=-1).astype(np.float64)
-                xy -= 0.5 if version < 1.1 else 0.0
-                visible = rows["visible"].astype(bool)[..., None]
-                points[np.ix_(own, places)] = np.where(visible, xy, np.nan)
-                if kind == PREDICTED:
-                    confidence[np.ix_(own, places)] = rows["score"]
-    individuals = (*make_unique([str(track[1]) for track in tracks], REPEATED)[0], "")  # -1: none
-    video_names, _ = make_unique([_video(video) for video in videos], REPEATED)
-    several, lost = len(videos) > 1, int(replaced.sum())
-    return Poses(
+        frames, instances, owner = _read_instances(file)
+        video, frame = frames["video"][owner].astype(int), frames["frame_idx"][owner].astype(int)
+        track, kind, skeleton = (
+            instances[name].astype(int) for name in ("track", "instance_type", "skeleton")
+        )
+        counts = len(tracks), 2, len(skeletons), len(videos) or 1
+        for values, count in zip((track, kind, skeleton, video), counts, strict=True):
+            there = (values >= -(values is track)) & (values < count)
+            require(there.all(), "has tracks, types, skeletons or videos that are not there")
+        points = np.full((len(instances), len(names), 3), np.nan)
+        for number, places in enumerate(skeletons):
+            for n, table in enumerate(("points", "pred_points")):
+                own = (skeleton == number) & (kind == n)
+                start = instances["point_id_start"][own].astype(np.int64)
+                size = instances["point_id_end"][own].astype(np.int64) - start
+                fits = (size == len(places)).all() and start.min(initial=0) >= 0
+                require(fits, "has another number of points than its skeleton")
+                if own.any():
+                    cells = file.table(table)[start[:, None] + np.arange(len(places))]
+                    xy = [np.where(cells["visible"], cells[axis] - shift, np.nan) for axis in "xy"]
+                    score = cells["score"] if n == PREDICTED else np.full(cells.shape, np.nan)
+                    points[np.ix_(own, places)] = np.stack([*xy, score], axis=-1)
+        individuals = (*make_unique([str(each[1]) for each in tracks], REPEATED)[0], "")  # -1: none
+        who = [individuals[number] for number in track.tolist()]
+        video_names, _ = make_unique([_video(each) for each in videos], REPEATED)
+        names_of = [video_names[n] for n in video] if len(videos) > 1 else video_name(path)
+    replaced = _replaced(
+        instances, [*zip(video.tolist(), frame.tolist(), track.tolist(), strict=True)]
+    )
+    confidence = points[~replaced, :, 2]
+    lost = int(replaced.sum())
+    poses = Poses(
         name=str(path),
-        video=[video_names[n] for n in instances["video"]] if several else video_name(path),
-        points=points,
-        confidence=None if np.isnan(confidence).all() else confidence,
-        frame=instances["frame_idx"],
-        label=[*map(str, instances["frame_idx"].tolist())],
-        individual=[individuals[number] for number in instances["track"].tolist()],
+        video=names_of,
+        points=points[..., :2],
+        frame=frame,
+        label=[*map(str, frame.tolist())],
+        individual=who,
         landmark_names=names,
-        frame_count=labelled,
+        frame_count=len(frames),
         unit="px",
         edges=edges,
         notes=(f"{lost} predicted instances replaced by those that a user placed",) * bool(lost),
+        confidence=None if np.isnan(confidence).all() else points[..., 2],
     )
+    return poses.take(~replaced)
 
 
-def _read_skeletons(
-    file: TrackerFile,
-) -> tuple[tuple[str, ...], list[NDArray[np.intp]], Edges]:
+def _read_instances(file: TrackerFile) -> tuple[Any, Any, Integers]:
+    """Return frames and instances, sorted by video and frame, and the frame of each instance."""
+    frames, instances = file.table("frames"), file.table("instances")
+    file.last = "frames"
+    frames = frames[np.lexsort((frames["frame_idx"], frames["video"]))]
+    start, end = (frames[f"instance_id_{name}"].astype(np.int64) for name in ("start", "end"))
+    there = (start >= 0) & (end >= start) & (end <= len(instances))
+    require(there.all(), "points at instances that are not there")
+    count = end - start
+    owner = np.repeat(np.arange(len(frames)), count)
+    rows = np.arange(len(owner)) + (start - np.cumsum(count) + count)[owner]
+    file.last = "instances"
+    return frames, instances[rows], owner
+
+
+def _replaced(instances: Any, keys: Sequence[tuple[int, int, int]]) -> Flags:
+    """Whether each instance is a predicted one for which a user placed another.
+
+    keys are their video, frame and track.
+    """
+    user: Flags = instances["instance_type"] == USER
+    placed = {key for key, own in zip(keys, user.tolist(), strict=True) if own and key[2] >= 0}
+    origins = instances["from_predicted"][user & (instances["from_predicted"] >= 0)]
+    same_track = np.array([key in placed for key in keys], bool)
+    return ~user & (same_track | np.isin(instances["instance_id"], origins))
+
+
+def _read_skeletons(file: TrackerFile) -> tuple[tuple[str, ...], list[list[int]], Edges]:
     """Return the landmarks of all skeletons, the places of the nodes of each, and all edges.
 
     The type of a link, 1 for bones and 2 for symmetries, is stated in full the first time, later
     by its place among those.
     """
+    file.last = "metadata"
     about = json.loads(file.text("json", "metadata") or "{}")
     nodes = [str(node["name"]) for node in about["nodes"]]
     skeletons, pairs = [], []
     for skeleton in about["skeletons"]:
         graph = skeleton.get("nx_graph", skeleton)
         skeletons.append([nodes[node["id"]] for node in graph["nodes"]])
-        check_names(skeletons[-1], "node of a skeleton")
         types: list[int] = []
         for link in graph.get("links", ()):
             kind = link.get("type") or {}
@@ -269,42 +267,7 @@ def _read_skeletons(
     place = {n: i for i, n in enumerate(dict.fromkeys(n for own in skeletons for n in own))}
     require(place, "has no skeleton with nodes")
     edges = dict.fromkeys((place[a], place[b]) for a, b in pairs if {a, b} <= place.keys())
-    places = [np.array([place[name] for name in own], np.intp) for own in skeletons]
-    return tuple(place), places, tuple(edges)
-
-
-def _read_instances(file: TrackerFile, limits: dict[str, int]) -> tuple[dict[str, Integers], int]:
-    """Return columns of all instances, sorted by video and frame, and the number of frames.
-
-    limits: how many there are of what a column numbers.
-    """
-    frames = file.table("frames", *FRAME_COLUMNS)
-    table = file.table("instances", *INSTANCE_COLUMNS)
-    frames = frames[np.lexsort((frames["frame_idx"], frames["video"]))]
-    start, end = (frames[f"instance_id_{name}"].astype(np.int64) for name in ("start", "end"))
-    there = (start >= 0) & (end >= start) & (end <= len(table))
-    require(there.all(), "has other instances than those that `frames` points at")
-    owner = np.repeat(np.arange(len(frames)), end - start)
-    first = np.cumsum(end - start) - (end - start)
-    rows = np.arange(len(owner)) + (start - first)[owner]
-    columns = {name: table[name][rows].astype(np.int64) for name in INSTANCE_COLUMNS}
-    columns |= {name: frames[name][owner].astype(np.int64) for name in ("frame_idx", "video")}
-    for name, count in limits.items():
-        values, lowest = columns[name], -1 if name == "track" else 0
-        wrong = values[(values < lowest) | (values >= count)]
-        require(not wrong.size, f"has the {name} {wrong[:1].sum()} of {count}")
-    return columns, len(frames)
-
-
-def _replaced(instances: dict[str, Integers]) -> Flags:
-    """Whether each instance is a predicted one for which a user placed another."""
-    user: Flags = instances["instance_type"] == USER
-    columns = (instances[name].tolist() for name in ("video", "frame_idx", "track"))
-    keys = list(zip(*columns, strict=True))
-    placed = {key for key, own in zip(keys, user.tolist(), strict=True) if own and key[2] >= 0}
-    origins = instances["from_predicted"][user & (instances["from_predicted"] >= 0)]
-    same_track = np.array([key in placed for key in keys], bool)
-    return ~user & (same_track | np.isin(instances["instance_id"], origins))
+    return tuple(place), [[place[name] for name in own] for own in skeletons], tuple(edges)
 
 
 def _video(video: Any) -> str:
@@ -335,21 +298,24 @@ def read_jabs(paths: tuple[Path, ...]) -> Poses:
     0 where there is none.
     """
     path = paths[0]
-    with TrackerFile(path) as file:
+    with open_tracker(path) as file:
         points = file.numbers("poseest/points")[..., ::-1]
         require(points.ndim in (3, 4) and points.shape[-1] == 2, f"has the shape {points.shape}")
         frames, *many = points.shape[:-2]
         ids, absent = np.zeros((frames, 1)), np.zeros((frames, 1), bool)
         version = np.ravel(file.attribute("version", "poseest") or 2)[0]
         if many and version > 3:
-            ids = file.numbers("poseest/instance_embed_id", frames, *many)
+            ids = file.numbers("poseest/instance_embed_id")
             absent = ids <= 0
         elif many:
-            ids = file.numbers("poseest/instance_track_id", frames, *many)
-            absent = np.arange(*many) >= file.numbers("poseest/instance_count", frames)[:, None]
+            ids = file.numbers("poseest/instance_track_id")
+            counts = file.numbers("poseest/instance_count")
+            absent = np.arange(*many) >= counts[:, None]
+        require(ids.shape == absent.shape == (frames, *(many or [1])), "is of other instances")
         confidence = np.ones(points.shape[:-1])
         if file.is_dataset("poseest/confidence"):
-            confidence = file.numbers("poseest/confidence", *points.shape[:-1])
+            confidence = file.numbers("poseest/confidence")
+            require(confidence.shape == points.shape[:-1], f"has the shape {confidence.shape}")
     visible = confidence > 0
     lost = int((visible.any(axis=-1).reshape(absent.shape) & absent).sum())
     named = points.shape[-2] == len(MOUSE)
@@ -376,29 +342,26 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
     `individual`; one individual or keypoint that was picked out has no axis.
     """
     path = paths[0]
-    with TrackerFile(path) as file:
+    with open_tracker(path) as file:
         if (kind := file.text("ds_type")) != "poses":
             problem = f"holds {printable(kind) or 'data of no stated type'}, not poses"
             fix = "give a data set of poses; bounding boxes have no landmarks"
             raise input_error(path, problem, fix)
         points = _arranged(file, "position", AXES)
-        confidence = None
-        if file.is_dataset("confidence"):
-            confidence = _arranged(file, "confidence", AXES[:3])
-            fits = confidence.shape == points.shape[:3]
-            require(fits, f"has the shape {confidence.shape}, and position {points.shape}")
+        scored = file.is_dataset("confidence")
+        confidence = _arranged(file, "confidence", AXES[:3]) if scored else None
         labels = None
         if file.is_dataset("time"):
-            labels = number_labels(file.place("time"), file.numbers("time", len(points)))
+            labels = number_labels(file.numbers("time"))
+            require(len(labels) == len(points), f"has {len(labels)} of {len(points)} frames")
         names: dict[str, tuple[str, ...]] = {}
         for axis, size in zip(AXES[1:], points.shape[1:], strict=True):
-            there = [name for name in (axis, f"{axis}s") if file.is_dataset(name)]
-            texts = there and file.stored(there[0]).text
             numbered = tuple(f"{axis}_{number}" for number in range(size))
-            names[axis] = file.texts(there[0]) if texts else numbered
-            require(len(names[axis]) == size, f"names {len(names[axis])}, and there are {size}")
+            dataset = next((name for name in (axis, f"{axis}s") if file.is_dataset(name)), "")
+            names[axis] = file.texts(dataset) if dataset and file.stored(dataset).text else numbered
         space = names["space"]
         require(space in (("x", "y"), ("x", "y", "z")), f"names the coordinates {', '.join(space)}")
+        require(len(space) == points.shape[3], "has another number of coordinates")
         rate = file.number("fps", "/")
     return of_frames(
         path,
@@ -413,15 +376,15 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
 
 def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
     """Return a dataset with the wanted axes in order; an animal or point picked out is 1 long."""
-    dataset = file.stored(name).dataset
+    values = file.numbers(name)
     with file.damage(name):  # h5py's own `dims` can abort the process on damaged files
-        scales = dataset.attrs["DIMENSION_LIST"]
+        scales = file.stored(name).dataset.attrs["DIMENSION_LIST"]
         names = [as_text(h5py.h5r.get_name(own[0], file.root.id) or b"") for own in scales]
     axes = [axis.strip("/").removesuffix("s") for axis in names]
     retained = [axis for axis in wanted if axis in axes]
     needed = {"time", *wanted[3:]} <= {*axes}
     require(needed and sorted(retained) == sorted(axes), f"has the axes {', '.join(axes)}")
-    values = file.numbers(name).transpose([axes.index(axis) for axis in retained])
+    values = values.transpose([axes.index(axis) for axis in retained])
     sizes = dict(zip(retained, values.shape, strict=True))
     return values.reshape([sizes.get(axis, 1) for axis in wanted])
 
@@ -455,8 +418,8 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
     animals of the same names are several videos.
     """
     path = paths[0]
-    with TrackerFile(path) as file:
-        groups = tuple(file.groups("processing", 5))  # modules, animals and their series
+    with open_tracker(path) as file:
+        groups = [*_groups(file, "processing", 5)]  # modules, animals and their series
         kinds = {name: file.text("neurodata_type", name) for name in groups}
         series = [
             _read_series(file, name)
@@ -468,9 +431,8 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
             problem = "holds no PoseEstimation (ndx-pose), so no landmarks"
             raise input_error(path, problem, "give a file of estimated poses")
         names, edges = _skeletons_of(file, groups, series)
-    dimensions = {one.points.shape[1] for one in series}
-    if len(dimensions) > 1:
-        raise input_error(path, "holds 2D and 3D series", "save them in files of their own")
+        dimensions = {one.points.shape[1] for one in series}
+        require(len(dimensions) == 1, "holds 2D and 3D series; save them in files of their own")
     people = [*dict.fromkeys(one.animal for one in series)]
     several = len(people) < len({(one.module, one.animal) for one in series})
     videos, labels, times = [], [], []
@@ -488,7 +450,7 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
             present[at, who] = True
         frame, individual = np.nonzero(present)
         parts.append((cells[present], frame, individual))
-        texts = number_labels(str(path), times[-1])
+        texts = number_labels(times[-1])
         labels += [texts[number] for number in frame.tolist()]
         videos += [module] * len(frame)
     cells, frame, individual = map(np.concatenate, zip(*parts, strict=True))
@@ -509,24 +471,35 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
     )
 
 
+def _groups(file: TrackerFile, group: str, levels: int) -> Iterator[str]:
+    """Yield the groups below a group, so many levels deep."""
+    with file.damage(group):
+        nodes = file.root.get(group, {})
+        names = [name for name in nodes if isinstance(nodes.get(name), h5py.Group)]
+    for name in names if levels else ():
+        yield f"{group}/{name}"
+        yield from _groups(file, f"{group}/{name}", levels - 1)
+
+
 def _read_series(file: TrackerFile, group: str) -> Series:
     module, animal, landmark = group.split("/")[-3:]
     data, scores, start = (f"{group}/{name}" for name in ("data", "confidence", "starting_time"))
-    points = file.numbers(data, None, None)
-    count, axes = points.shape
-    require(axes in (2, 3), f"has {axes} coordinates")
+    points = file.numbers(data)
+    require(points.ndim == 2 and points.shape[1] in (2, 3), f"has the shape {points.shape}")
+    count = len(points)
     points = points * (file.number("conversion", data) or 1.0) + file.number("offset", data)
     unit = (file.text("unit", data) or "pixels").lower()
-    confidence = file.numbers(scores, count) if file.is_dataset(scores) else np.full(count, np.nan)
+    confidence = file.numbers(scores) if file.is_dataset(scores) else np.full(count, np.nan)
     rate = None
     if file.is_dataset(start):
         rate = max(file.number("rate", start), 0.0) or None
         times = file.numbers(start).reshape(()) + np.arange(count) / (rate or 1.0)
-        require(np.isfinite(times).all(), "is no number; store the time of the first point")
     else:
-        times = file.numbers(f"{group}/timestamps", count)
-        rising = np.isfinite(times).all() and (np.diff(times) > 0).all()
-        require(rising, "does not increase; give each point a time of its own, in their order")
+        times = file.numbers(f"{group}/timestamps")
+    rising = np.isfinite(times).all() and (np.diff(times) > 0).all()
+    require(rising, "does not increase; give each point a time of its own, in their order")
+    fits = times.shape == confidence.shape == (count,)
+    require(fits, f"is not of the {count} points of the series")
     return Series(module, animal, landmark, points, confidence, times, rate, unit)
 
 
@@ -539,7 +512,7 @@ def _skeletons_of(
     """
     names: dict[str, None] = {}
     pairs: dict[tuple[str, str], None] = {}
-    nodes = {g: file.texts(f"{g}/nodes") for g in groups if file.is_dataset(f"{g}/nodes")}
+    nodes = {group: file.texts(f"{group}/nodes") for group in groups}
     for module, animal in dict.fromkeys((one.module, one.animal) for one in series):
         own = {one.landmark: None for one in series if (one.module, one.animal) == (module, animal)}
         near = sorted(nodes, key=lambda name: f"/{module}/{animal}/" not in f"{name}/")

@@ -258,4 +258,4 @@ def detect_format_of(path, text):
 
 def test_numbers_of_frames_have_no_bare_point():
     values = np.array([0.0, 1e-9, 2e-9, 0.5, 2.0, 1 / 3])
-    assert number_labels("times", values) == ["0", "0", "0", "0.5", "2", "0.333333"]
+    assert number_labels(values) == ["0", "0", "0", "0.5", "2", "0.333333"]

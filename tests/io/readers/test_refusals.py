@@ -69,12 +69,12 @@ REFUSED = [
     (
         "v.json",
         [{"instances": [{"keypoints": [[1, 2, 3]]}]}],
-        "not x and y with a score",
+        r"\[0\]: is not as its format",
     ),
     (
         "v.json",
         [{"instances": [{"keypoints": [[1, 2]], "keypoint_scores": []}]}],
-        r"\[0\]: keypoints that are not",
+        r"\[0\]: is not as its format",
     ),
     ("v.json", {"meta_info": {}}, "v.json: there is no 'instance_info'; give an MMPose"),
     # caliscope
@@ -86,7 +86,7 @@ REFUSED = [
     ("a.txt", ("0 .5 .5 .1 .1 .2 .5 .3 .3 .1 .3", None), "no data.yaml with kpt_shape"),
     ("a.txt", (YOLO, "kpt_shape: [2, 3]"), "a line of 8 numbers, and 2 landmarks"),
     ("a.txt", (YOLO + "\n0 .5 x", None), "a.txt:2: 'x' is no number"),
-    ("a.txt", (YOLO, "kpt_shape: [2, 9]"), r"data.yaml: kpt_shape is \[2, 9\]"),
+    ("a.txt", (YOLO, "kpt_shape: [2, 9]"), r"kpt_shape is \[2, 9\]; .*data.yaml"),
     ("a.txt", (YOLO, "{"), "data.yaml: is no YAML"),
     (
         "a.txt",
@@ -95,33 +95,33 @@ REFUSED = [
     ),
     # DeepLabCut
     ("t.csv", DLC + "0,1,2,3,4\n0,1,2,3,4\n", "t/0 occurs more than once"),
-    ("t.csv", DLC + "0,1,2,3,4\n1,1,2,3\n", ":5: has 4 cells for 5 columns"),
+    ("t.csv", DLC + "0,1,2,3,4\n1,1,2,3\n", ":5: has 4 cells, not 5"),
     ("t.csv", DLC + "0,1,2,3,4\n1,1,2,three,4\n", r":5: 'three' is no number \(column b/x\)"),
     ("t.csv", DLC + "0,1,2,3,4\none,1,2,3,4\n", ":5: 'one' is no number"),
     ("t.csv", DLC + "0,1,2,3,4\n,1,2,3,4\n", ":5: does not say its frame"),
-    ("t.csv", DLC + '0,1,2,3,"4\n', ":4: a quote is never closed"),
-    ("t.csv", DLC.replace("b,b", "a,a") + "0,1,2,3,4\n", "x of a is there twice"),
-    ("t.csv", DLC.replace("x,y\n", "x,w\n") + "0,1,2,3,4\n", "b has no column y"),
+    ("t.csv", DLC + '0,1,2,3,"4\n', r":4: has a bad cell \(unexpected end"),
+    ("t.csv", DLC.replace("b,b", "a,a") + "0,1,2,3,4\n", "has a column twice"),
+    ("t.csv", DLC.replace("x,y\n", "x,w\n") + "0,1,2,3,4\n", "has no column b y"),
     (
         "t.csv",
         "scorer,n,n,n,n,n\nbodyparts,a,a,a,b,b\ncoords,x,y,likelihood,x,y\n0,1,2,1,3,4\n",
-        "b has no column likelihood",
+        "has no column b likelihood",
     ),
     ("t.csv", DLC.replace("x,y,x,y", "l,angle,l,angle"), r"no columns x and y \(l, angle\)"),
-    ("t.csv", DLC.replace("coords", "scorer"), "there is no line 'coords'"),
-    ("t.csv", "scorer,n\n", "there is no line 'bodyparts'"),
+    ("t.csv", DLC.replace("coords", "scorer"), "there is no 'coords'"),
+    ("t.csv", "scorer,n\n", "there is no 'bodyparts'"),
     ("t.csv", "scorer,n\nbodyparts,\ncoords,\n", "has no columns of coordinates"),
     ("t.csv", DLC.replace(",a,a", ",a"), "the lines of names have 4 and 5 cells"),
     # tables of no known tool: the error shows what was understood
     (
         "t.csv",
         "frame;joint;x;y\n0;a;1;2\n0;b;3;oops\n",
-        r"csv:3: 'oops' is no number \(column y\).*understood so far: frame 0, landmark a",
+        r"csv:3: 'oops' is no number \(column y\).*understood so far: frame in frame, landmark",
     ),
     ("t.csv", "frame,joint,x,y\n0,a,1,2\n0,a,3,4\n", "csv:3: 'a' of 0 is also in line 2"),
-    ("t.csv", "frame,joint,x,y\nlast,a,1,2\n", "the frame 'last' is no whole number"),
+    ("t.csv", "frame,joint,x,y\nlast,a,1,2\n", "'last' is no whole number.*call the column `item`"),
     ("t.csv", "frame,joint,x,y,score\n0,a,1,2,-1\n", "has a confidence of -1"),
-    ("t.csv", WIDE + "1,2,3\n", r"csv:4: has 3 cells for 5 columns"),
+    ("t.csv", WIDE + "1,2,3\n", "csv:4: has 3 cells, not 5"),
     (
         "t.csv",
         WIDE + "1,\0,3,4,5\n",
@@ -129,7 +129,7 @@ REFUSED = [
     ),
     # arrays
     ("a.npy", np.zeros((3, 4)), r"an array of float64 and the shape \(1, 3, 4\)"),
-    ("a.npy", np.ones((3, 4, 3)) * 7, r"third numbers run from 7 to 7.*the first rows are 7 7 7"),
+    ("a.npy", np.ones((3, 4, 3)) * 7, "third numbers run from 7 to 7, so are they"),
     ("a.npy", np.ones((3, 4, 3)) * 1.5, r"third numbers run from 1.5 to 1.5, so are they"),
     ("a.npy", np.array([{"a": 1}], dtype=object), "without objects"),
 ]

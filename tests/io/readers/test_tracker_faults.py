@@ -159,18 +159,6 @@ def instances(column, rows, value, of="instances"):
     return change
 
 
-def two_numbers_a_frame(file):
-    group, name = file["df_with_missing"], "table"
-    old, said = group[name][:], dict(group[name].attrs)
-    kinds = [(field, old.dtype[field]) for field in old.dtype.names if field != "index"]
-    table = np.zeros(len(old), [("index", "<i8", (2,)), *kinds])
-    for field, _ in kinds:
-        table[field] = old[field]
-    del group[name]
-    group[name] = table
-    group[name].attrs.update(said)
-
-
 def no_start(file):
     file["processing/behavior/animal0/point1/starting_time"][()] = np.nan
 
@@ -192,14 +180,17 @@ def no_poses(file):
         ("poses.nc", bounding_boxes, "holds bboxes, not poses"),
         ("tracks.analysis.h5", never_written, "the file holds 0 bytes; write its values"),
         ("tracks.analysis.h5", more_than_memory_holds, "tracks"),
-        ("table.h5", two_numbers_a_frame, "df_with_missing/table: its index is no number"),
-        ("labels.slp", instances("instance_id_end", 1, 99, "frames"), "that `frames` points at"),
+        (
+            "labels.slp",
+            instances("instance_id_end", 1, 99, "frames"),
+            ":/frames: points at instances that are not",
+        ),
         ("labels.slp", instances("track", 2, 0), "labels/animal0/0 occurs more than once"),
-        ("labels.slp", instances("track", 1, 7), ":/instances: has the track 7 of 2"),
-        ("labels.slp", instances("skeleton", 1, 3), ":/instances: has the skeleton 3 of 1"),
-        ("labels.slp", instances("instance_type", 1, 9), "has the instance_type 9 of 2"),
+        ("labels.slp", instances("track", 1, 7), ":/instances: has tracks, types"),
+        ("labels.slp", instances("skeleton", 1, 3), ":/instances: has tracks, types"),
+        ("labels.slp", instances("instance_type", 1, 9), ":/instances: has tracks, types"),
         ("labels.slp", instances("point_id_end", 1, 3), "another number of points than its"),
-        ("poses.nwb", no_start, "point1/starting_time: is no number; store the time"),
+        ("poses.nwb", no_start, "point1/starting_time: does not increase; give each"),
         ("poses.nwb", falling_times, "timestamps: does not increase"),
         ("poses.nwb", no_poses, "holds no PoseEstimation"),
     ],

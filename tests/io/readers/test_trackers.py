@@ -53,21 +53,6 @@ def test_points_confidence_and_names(tmp_path, points, confidence, read, name, m
     assert (found.unit, found.y_axis) == ("px", "down")
 
 
-@pytest.mark.parametrize("name", ["table.csv", "table.h5", "fixed.h5"])
-def test_edges_of_a_deeplabcut_project(tmp_path, points, confidence, read, name):
-    """Pairs and chains of `skeleton`, without the names that the table has not."""
-    place = tmp_path / "labeled-data/walk" / name
-    place.parent.mkdir(parents=True)
-    WRITERS[name](place, points, confidence)
-    assert "edges" not in read(place).further
-    project = tmp_path / "config.yaml"
-    project.write_text("skeleton:\n- [point0, point2]\n- - point2\n  - point1\n  - tail\n- [3]\n")
-    np.testing.assert_array_equal(read(place).columns["edges"], [[0, 2], [2, 1]])
-    for text in ("skeleton: [", "skeleton: 3", "- skeleton", "scorer: me"):
-        project.write_text(text)
-        assert "edges" not in read(place).further
-
-
 @pytest.mark.parametrize("name", ["table.csv", "table.h5", "fixed.h5", "poses.nc", "poses.nwb"])
 def test_three_dimensions_are_shapes(tmp_path, rng, confidence, name, problem):
     points = rng.normal(size=(7, 2, 4, 3))
