@@ -146,7 +146,7 @@ class Report:
             "done": self.done,
             "failed": self.failed,
             "untrusted": {reason.text: reason.number for reason in self._untrusted.values()},
-            "failures": [{"item": each.item, "reason": each.reason} for each in self._failures],
+            "failures": [{"item": f.item, "reason": f.reason} for f in self._failures],
             "warnings": [str(warning) for warning in self._warnings.values()],
             "summary": {label.lower(): text for label, text in self._rows().items() if text},
             "written": [str(path) for path in self.written],

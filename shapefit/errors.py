@@ -11,7 +11,7 @@ from typing import Any
 class InputError(Exception):
     """A file, config or argument is wrong; the command ends with exit code 2.
 
-    `problems` holds one line a problem, each naming the place, what was found, and the fix.
+    `problems` holds one line a problem, with the place, the fault and the fix.
     """
 
     def __init__(self, problems: str | Iterable[str]) -> None:
@@ -21,12 +21,12 @@ class InputError(Exception):
         super().__init__("\n".join(self.problems))
 
 
-def input_error(place: str | PathLike[str], found: str, fix: str) -> InputError:
-    """Build the one-line error `place: found; fix`.
+def input_error(place: str | PathLike[str], fault: str, fix: str) -> InputError:
+    """Build the one-line error `place: fault; fix`.
 
     `place` is a file, `file:line`, `file:line:column` or `file:/dataset`.
     """
-    return InputError(f"{place}: {found}; {fix}")
+    return InputError(f"{place}: {fault}; {fix}")
 
 
 def parse_json(text: object) -> dict[str, Any]:
@@ -65,6 +65,7 @@ def abbreviate(names: Sequence[str], most: int = 5) -> str:
 
 
 def _escape(letter: str) -> str:
+    """Return a letter that is not printable as an escape of Python."""
     if "\udc80" <= letter <= "\udcff":  # a byte that is not UTF-8, as Python names files
         return f"\\x{ord(letter) - 0xDC00:02x}"
     return letter.encode("unicode_escape").decode()

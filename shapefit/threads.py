@@ -27,15 +27,15 @@ def on_threads(
     Context variables (copies and options of stores) are those of this thread. Work gains from
     threads where it waits for a disk or a store, or releases the GIL.
     """
-    known = list(parts)
-    workers = min(threads or os.cpu_count() or 1, len(known))
+    tasks = list(parts)
+    workers = min(threads or os.cpu_count() or 1, len(tasks))
     if workers <= 1:
-        return [work(part) for part in known]
+        return [work(part) for part in tasks]
     from concurrent.futures import ThreadPoolExecutor
 
-    own = [copy_context() for _ in known]
+    contexts = [copy_context() for _ in tasks]
     with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(lambda context, part: context.run(work, part), own, known))
+        return list(pool.map(lambda context, part: context.run(work, part), contexts, tasks))
 
 
 def side_by_side(

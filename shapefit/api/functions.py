@@ -271,10 +271,11 @@ def evaluate(
     if beyond := options.keys() - {"groups", "least_visible", "rename"}:
         fix = "use `groups`, `least_visible` or `rename`, or the command line"
         raise input_error(f"evaluate.{min(beyond)}", "is a key of reports only", fix)
-    found, true = shapes_of(result), shapes_of(truth)
-    shapes = source_of(true.record(found.landmark_names), "truth", config.rename, gaps=True).whole()
-    values = {name: getattr(found, name) for name in IN_BOTH}
-    estimate = found if isinstance(found, Fit) else Fit(**values)
+    estimated, true = shapes_of(result), shapes_of(truth)
+    names = estimated.landmark_names
+    shapes = source_of(true.record(names), "truth", config.rename, gaps=True).whole()
+    values = {name: getattr(estimated, name) for name in IN_BOTH}
+    estimate = estimated if isinstance(estimated, Fit) else Fit(**values)
     record = estimate.record(shapes.landmark_names)
     if true.items is None:
         if len(true) != len(record):
@@ -321,7 +322,7 @@ def config_of(
 def plain(value: Any) -> Any:
     """Return a value as YAML would have it: no numbers or arrays of NumPy, no tuples, no paths."""
 
-    def other(each: Any) -> Any:
-        return each.tolist() if isinstance(each, np.ndarray | np.generic) else str(each)
+    def as_text_or_numbers(part: Any) -> Any:
+        return part.tolist() if isinstance(part, np.ndarray | np.generic) else str(part)
 
-    return json.loads(json.dumps(value, default=other))
+    return json.loads(json.dumps(value, default=as_text_or_numbers))

@@ -70,7 +70,7 @@ def solve(
         problem, tolerance=tolerance, max_iterations=max_iterations, threads=threads
     )
     only = 0 if W.ndim == 2 else slice(None)
-    status = tuple(each.value for each in solution.status)
+    status = tuple(code.value for code in solution.status)
     return Optimum(
         solution.transforms.dense()[only],
         solution.translation[only],

@@ -268,13 +268,13 @@ def shapes_of(given: Fit | Shapes | ArrayLike) -> Fit | Shapes:
     return given if isinstance(given, Fit | Shapes) else Shapes(given)
 
 
-def unnamed(place: str, p: int, names: Names) -> InputError:
+def unnamed(dataset: str, p: int, names: Names) -> InputError:
     """Return the error of p landmarks without names that are not as many as these."""
     skeletons = skeletons_of_size(p)
-    fix = f"name them: {place.title()}({place}, landmark_names=[...])"
-    if skeletons and place == LANDMARKS.points:
+    fix = f"name them: {dataset.title()}({dataset}, landmark_names=[...])"
+    if skeletons and dataset == LANDMARKS.points:
         fix = f"name them, as in {listed(f'`keypoints={name}`' for name in skeletons)}"
-    return input_error(place, f"has {p} landmarks without names, not {len(names)}", fix)
+    return input_error(dataset, f"has {p} landmarks without names, not {len(names)}", fix)
 
 
 def _transposed(columns: Mapping[str, Any], layout: Layout) -> dict[str, Any]:
@@ -288,7 +288,7 @@ def _transposed(columns: Mapping[str, Any], layout: Layout) -> dict[str, Any]:
     }
 
 
-def _checked(given: Mapping[str, Any], layout: Layout, place: str = "") -> dict[str, Any]:
+def _checked(given: Mapping[str, Any], layout: Layout, prefix: str = "") -> dict[str, Any]:
     """Return fields as arrays, and names as tuples.
 
     Raises InputError for arrays that are no numbers or whose axes disagree.
@@ -299,7 +299,7 @@ def _checked(given: Mapping[str, Any], layout: Layout, place: str = "") -> dict[
         name = FIELDS.get(key, key)
         if values.get(name) is None or column.kind == "label":
             continue
-        where = f"{place}{name}" if place or name == layout.points else f"{layout.points}.{name}"
+        where = f"{prefix}{name}" if prefix or name == layout.points else f"{layout.points}.{name}"
         try:
             if column.kind == "text":
                 values[name] = tuple(map(str, values[name]))

@@ -111,7 +111,7 @@ def read_yaml(text: str, name: str, *, with_lines: bool = True) -> tuple[Any, Pl
 
     yaml, places = YAML(typ="safe", pure=True), Places()
 
-    def place(mark: Any) -> str:
+    def position(mark: Any) -> str:
         return f"{name}:{mark.line + 1}:{mark.column + 1}" if with_lines else name
 
     def plain(node: Any, location: Location, at: tuple[str, str]) -> Any:
@@ -124,7 +124,7 @@ def read_yaml(text: str, name: str, *, with_lines: bool = True) -> tuple[Any, Pl
         for number, entry in enumerate(node.value):
             key, inner = (entry, entry) if kind == "seq" else entry
             step = number if kind == "seq" else str(key.value)
-            of_key, of_value = place(key.start_mark), place(inner.start_mark)
+            of_key, of_value = position(key.start_mark), position(inner.start_mark)
             if step in items:
                 raise InputError(f"{of_key}: not valid YAML: found duplicate key {step!r}")
             is_empty = inner.value == "" and inner.style is None  # its mark is on another line
@@ -138,7 +138,7 @@ def read_yaml(text: str, name: str, *, with_lines: bool = True) -> tuple[Any, Pl
         return (None if root is None else plain(root, (), (first, first))), places
     except MarkedYAMLError as error:
         mark, problem = error.problem_mark or error.context_mark, error.problem or error.context
-        first = place(mark) if mark else first
+        first = position(mark) if mark else first
     except (YAMLError, ValueError) as error:
         problem = str(error).splitlines()[0]
     except RecursionError:
@@ -196,19 +196,19 @@ def _given(
 
 
 def _put(
-    values: dict[str, Any], places: Places, keys: tuple[str, ...], value: Any, place: str
+    values: dict[str, Any], places: Places, keys: tuple[str, ...], value: Any, origin: str
 ) -> None:
-    """Set a value, in the place of what is there."""
+    """Set a value, in the place of the old one; `origin` names its argument."""
     for depth, key in enumerate(keys[:-1], start=1):
         values = values.setdefault(key, {})
         if not isinstance(values, dict):
             fault = f"{'.'.join(keys[:depth])} is {_shown(values)} and has no keys"
-            raise InputError(f"{place}: {fault}")
-        places.setdefault(keys[:depth], (place, place))
+            raise InputError(f"{origin}: {fault}")
+        places.setdefault(keys[:depth], (origin, origin))
     values[keys[-1]] = value
     for location in [other for other in places if other[: len(keys)] == keys]:
         del places[location]
-    places[keys] = (place, place)
+    places[keys] = (origin, origin)
 
 
 def _paths(
@@ -230,10 +230,10 @@ def _describe(schema: Schema, error: Any, values: Mapping[str, Any], places: Pla
 
     location, kind = error["loc"], error["type"]
     keys, depths = keys_of(schema), range(len(location), -1, -1)
-    placed = next(location[:depth] for depth in depths if location[:depth] in places)
+    located = next(location[:depth] for depth in depths if location[:depth] in places)
     of_key: Any = next((location[:depth] for depth in depths if location[:depth] in keys), ())
     key = keys.get(of_key)
-    at_key, at_value = places[placed]
+    at_key, at_value = places[located]
     if kind == "extra_forbidden":
         *above, last = map(str, location)
         here = {way[-1]: k for way, k in keys.items() if way[:-1] == tuple(above)}
@@ -251,12 +251,12 @@ def _describe(schema: Schema, error: Any, values: Mapping[str, Any], places: Pla
         ways_to = ((*location, *name.split(".")) for name in names)
         return f"{next((places[w][1] for w in ways_to if w in places), at_value)}: {message}"
     value: Any = values
-    if key is None or (len(placed) > len(of_key) and not key.mark(Description)):
+    if key is None or (len(located) > len(of_key) and not key.mark(Description)):
         wanted = error["msg"].removeprefix("Input should be ")
     else:
-        wanted, placed = expects(key), of_key
+        wanted, located = expects(key), of_key
         at_value = places.get(of_key, (at_value, at_value))[1]
-    for step in placed:
+    for step in located:
         value = value[step]
     choices = str(error.get("ctx", {}).get("expected", "")).split("'")[1::2]
     near = _nearest(str(value), dict(zip(choices, choices, strict=True)))

@@ -75,9 +75,9 @@ def in_folder(value: Any, folder: Path, field: PathField) -> Any:
     def anchor(path: str) -> str:
         if path in ("", "-") or path.startswith(DATA):
             return path
-        anchored = os.path.join(folder, os.path.expanduser(path))
-        is_name = field.takes_names and not os.path.exists(anchored)
-        return str(find_dictionaries().get(path, anchored)) if is_name else anchored
+        joined = os.path.join(folder, os.path.expanduser(path))
+        is_name = field.takes_names and not os.path.exists(joined)
+        return str(find_dictionaries().get(path, joined)) if is_name else joined
 
     return change_texts(value, anchor)
 

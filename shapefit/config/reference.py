@@ -118,6 +118,7 @@ def _alternatives(annotation: Any) -> Iterator[str]:
 
 
 def _plural(annotation: Any) -> str:
+    """Return the words for several values of a type: `numbers > 0` for `a number > 0`."""
     text = _words(annotation)
     for word in ("whole number", "number", "text"):
         if text.startswith(f"a {word}"):
