@@ -14,15 +14,11 @@ from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
 
 QUANTILES = {0.5: 2.3659738843753377, 0.9: 6.251388631170325}
 """Nominal share of the truth -> squared Mahalanobis radius: quantiles of chi^2 with 3 degrees."""
-
 WIDTH_OF = 0.9
 """The ellipsoid whose width is reported, and that an image's share is of."""
-
 QUANTILE = QUANTILES[WIDTH_OF]
-
 FARTHEST = math.exp(5)
 """Squared Mahalanobis distance beyond which no factor makes error bars true."""
-
 SMALLEST = 1e-12
 """Share of a variance that is left where correlations leave none."""
 
@@ -49,7 +45,7 @@ class ErrorBars(NamedTuple):
 class Coverage:
     """How often the truth of the landmarks of a group is inside the error bars.
 
-    judged landmarks; inside, the share of each of `QUANTILES`; the median width by unit. Every
+    counted landmarks; inside, the share of each of `QUANTILES`; the median width by unit. Every
     image of the group has the same weight.
     """
 
@@ -119,14 +115,11 @@ def mahalanobis(z: Floats, correlation: Floats | None) -> Floats:
 
 
 def join_bars(parts: Sequence[ErrorBars | None], images: Sequence[int]) -> ErrorBars | None:
-    """Return the error bars of several files of one method, None where none has any.
-
-    images: how many each file has.
-    """
+    """Return the error bars of files of one method, with so many images; None where none has any."""
     some = [part for part in parts if part is not None]
     if not some:
         return None
-    most, units = max(part.square.shape[1] for part in some), [*some[0].width]
+    most = max(part.square.shape[1] for part in some)
 
     def joined(arrays: Iterable[Floats | None]) -> Floats:
         whole = np.full((sum(images), most), np.nan)
@@ -135,7 +128,7 @@ def join_bars(parts: Sequence[ErrorBars | None], images: Sequence[int]) -> Error
                 whole[end - count : end, : values.shape[1]] = values
         return whole
 
-    widths = {u: joined(part and part.width[u] for part in parts) for u in units}
+    widths = {unit: joined(part and part.width[unit] for part in parts) for unit in some[0].width}
     return ErrorBars(joined(part and part.square for part in parts), widths)
 
 
@@ -146,22 +139,8 @@ def cover(method: str, bars: ErrorBars, groups: Mapping[str, Flags]) -> Iterator
         counted = int((~np.isnan(square)).sum())
         if counted:
             inside = tuple(int((square <= q).sum()) / counted for q in QUANTILES.values())
-            widths = {unit: _median(values[members]) for unit, values in bars.width.items()}
+            widths = {unit: float(np.nanmedian(w[members])) for unit, w in bars.width.items()}
             yield Coverage(method, group, counted, inside, widths)
-
-
-def _median(widths: Floats) -> float:
-    """Median of the widths that are not nan; nan of none.
-
-    The two in the middle are cut to 12 bits behind the point, so that it is the same on every
-    machine: the last bits of a width are not.
-    """
-    finite = widths[~np.isnan(widths)]
-    if not len(finite):
-        return math.nan
-    places = [(len(finite) - 1) // 2, len(finite) // 2]
-    middle = np.partition(finite, places)[places].view(np.int64) >> 40
-    return float(((middle << 40) + (1 << 39)).view(np.float64).mean())
 
 
 def bar_scale_factors(bars: ErrorBars) -> dict[str, float | None]:
@@ -175,8 +154,8 @@ def bar_scale_factors(bars: ErrorBars) -> dict[str, float | None]:
     factors: dict[str, float | None] = {}
     for level, q in QUANTILES.items():
         rank = math.ceil((len(squares) + 1) * level)
-        there = rank <= len(squares) and squares[rank - 1] <= FARTHEST
+        exists = rank <= len(squares) and squares[rank - 1] <= FARTHEST
         # A little more, so that rounding leaves none of them out.
-        factor = math.sqrt(squares[rank - 1] / q) * (1 + 1e-9) if there else None
+        factor = math.sqrt(squares[rank - 1] / q) * (1 + 1e-9) if exists else None
         factors[f"{100 * level:.0f}%"] = factor
     return factors

@@ -1,7 +1,7 @@
 """The metrics: errors of estimated shapes and landmarks, one number per image; and their table.
 
-All functions take whole sets of images and ignore, image by image, the landmarks that are nan on
-either side. An image with too few landmarks left has the error nan: it failed.
+Functions take whole sets of images and ignore landmarks that are nan on either side. An image with
+too few landmarks left has the error nan: it failed.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from shapefit.geometry.rotations import rotation_angle
 
 FEWEST_LANDMARKS = 3
 """A similarity or a camera makes any two points coincide, so fewer say nothing."""
-
-SOME = 1 << 10
+BLOCK = 1 << 10
 """Images that are measured together: their arrays fit into the cache of the processor."""
 
 
@@ -66,6 +65,18 @@ def reprojection(fitted: Floats, observed: Floats) -> Floats:
     return np.sqrt(_mean_over_visible(squares, visible, fewest=1))
 
 
+def precision(labelled: Flags, corrupted: Flags) -> Floats:
+    """|labelled and corrupted| / |labelled| of each image (n,); nan where nothing is labelled."""
+    count = labelled.sum(axis=-1)
+    nothing = np.full(len(count), np.nan)
+    return np.divide((labelled & corrupted).sum(axis=-1), count, out=nothing, where=count > 0)
+
+
+def recall(labelled: Flags, corrupted: Flags) -> Floats:
+    """|labelled and corrupted| / |corrupted| of each image (n,); nan where nothing is corrupted."""
+    return precision(corrupted, labelled)
+
+
 def box_diagonal(observed: Floats, boxes: Floats | None = None) -> Floats:
     """Diagonal (n,) of the boxes (n, 4), x y w h, else of those around visible landmarks (n, 2, p).
 
@@ -91,10 +102,10 @@ def truth_scale(estimate: Floats, truth: Floats) -> Floats:
     visible = visible_in_both(estimate, truth)
     x = centred(truth, visible)
     size = np.abs(np.where(visible[:, None], truth, 0.0)).max(axis=(1, 2), initial=0.0)
-    distinct = np.ptp(x, axis=-1).max(axis=-1, initial=0.0) > 4 * np.finfo(float).eps * size
+    extended = np.ptp(x, axis=-1).max(axis=-1, initial=0.0) > 4 * np.finfo(float).eps * size
     with np.errstate(invalid="ignore"):  # where no landmark is judged
-        scale = np.sqrt((x**2).sum(axis=-1) / visible.sum(axis=-1)[:, None]).mean(axis=-1)
-    return np.where(distinct, scale, np.nan)
+        spread = np.sqrt((x**2).sum(axis=-1) / visible.sum(axis=-1)[:, None]).mean(axis=-1)
+    return np.where(extended, spread, np.nan)
 
 
 def visible_in_both(first: Floats, second: Floats) -> Flags:
@@ -110,39 +121,21 @@ def _mean_over_visible(values: Floats, visible: Flags, fewest: int) -> Floats:
     return np.divide(total, count, out=np.full(len(values), np.nan), where=count >= fewest)
 
 
-def precision(labelled: Flags, corrupted: Flags) -> Floats:
-    """|labelled and corrupted| / |labelled| of each image (n,); nan where nothing is labelled."""
-    count = labelled.sum(axis=-1)
-    nothing = np.full(len(count), np.nan)
-    return np.divide((labelled & corrupted).sum(axis=-1), count, out=nothing, where=count > 0)
-
-
-def recall(labelled: Flags, corrupted: Flags) -> Floats:
-    """|labelled and corrupted| / |corrupted| of each image (n,); nan where nothing is corrupted."""
-    return precision(corrupted, labelled)
-
-
 def in_blocks(measure: Callable[..., Any], *arrays: NDArray[Any] | None) -> Any:
-    """Return measure(*arrays), an array (n, ...) or a tuple of them, computed in blocks of images.
-
-    The first axis of the arrays is that of the images.
-    """
+    """Return measure(*arrays), an array (n, ...) or a tuple of them, in blocks of n images."""
     count = next(len(array) for array in arrays if array is not None)
     parts = [
-        measure(*(None if array is None else array[row : row + SOME] for array in arrays))
-        for row in range(0, count, SOME)
+        measure(*(None if array is None else array[row : row + BLOCK] for array in arrays))
+        for row in range(0, count, BLOCK)
     ]
     if isinstance(parts[0], tuple):
         return tuple(map(np.concatenate, zip(*parts, strict=True)))
     return np.concatenate(parts)
 
 
-LENGTH = "length"
-"""Unit of a metric in the unit of the truth; it is given normalised by the true shape, too."""
-IMAGE = "image"
-"""Unit of a metric in the unit of the landmarks; it is given as a share of the box, too."""
-SHARE = "share"
-"""Unit of a share of landmarks."""
+LENGTH, IMAGE, SHARE = "length", "image", "share"
+"""Units of metrics: that of the truth, and normalised by the true shape; that of the landmarks, and
+as a share of the box; a share of landmarks."""
 
 
 class Dataset(NamedTuple):
@@ -159,8 +152,7 @@ class Dataset(NamedTuple):
 
 ESTIMATE, TRUTH = Dataset("estimate", ("p", 3)), Dataset("truth", ("p", 3))
 """The shapes that are compared, with the landmarks of both: every evaluation has them."""
-LANDMARKS = Dataset("landmarks", ("p", 2))
-FITTED = Dataset("landmarks_fitted", ("p", 2))
+LANDMARKS, FITTED = Dataset("landmarks", ("p", 2)), Dataset("landmarks_fitted", ("p", 2))
 BOX = Dataset("bounding_box", (4,))
 ROTATION, TRUE_ROTATION = Dataset("rotation", (3, 3)), Dataset("true_rotation", (3, 3))
 DEVIATION, CORRELATION = Dataset("shape_sd", ("p", 3)), Dataset("shape_correlation", ("p", 3))
@@ -174,9 +166,8 @@ class Metric(NamedTuple):
 
     function takes the arrays of `needs` in their order and returns (n,), nan where an image cannot
     be measured; unit is LENGTH, IMAGE, or a unit such as deg; title is that of a plot. A metric
-    `of_labels` measures labels of landmarks, which only some fits give: it must be asked for by
-    name. Where one is `optional`, its datasets may be absent without a warning; for both nan is no
-    failure.
+    `of_labels` must be asked for by name. Where one is `optional`, its datasets may be absent
+    without a warning; for both nan is no failure.
     """
 
     function: Callable[..., Floats]

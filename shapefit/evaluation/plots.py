@@ -1,80 +1,70 @@
-"""The errors of all images, sorted, a line for each method; figures as files."""
+"""The errors of all images, sorted, a line for each method: an SVG, written without a library."""
 
 from __future__ import annotations
 
-import sys
-import warnings
+import math
 from collections.abc import Mapping
-from importlib.util import find_spec
-from io import BytesIO
-from pathlib import Path
-from typing import TYPE_CHECKING
+from html import escape
 
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.errors import input_error
 from shapefit.evaluation.metrics import SHARE
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-DPI = 150
 
 # Okabe and Ito 2008: distinguishable with every common form of colour blindness.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000", "#F0E442")
 POINTS = 1000
 """Of a line, at most."""
-
-MISSING = "matplotlib is not installed"
-INSTALL = "install it with `pip install matplotlib`"
-
-
-def can_draw() -> bool:
-    """Whether matplotlib is installed; it is not imported."""
-    name = "matplotlib"
-    return sys.modules[name] is not None if name in sys.modules else find_spec(name) is not None
+WIDTH, HEIGHT, LEFT, TOP, LINE = 640, 400, 70, 40, 20
+"""Pixels of the axes and their place, and of a line of the legend."""
 
 
-def check_can_draw(key: str) -> None:
-    """Raise InputError at `key` where matplotlib is not installed."""
-    if not can_draw():
-        raise input_error(key, MISSING, f"{INSTALL}, or leave `{key}` out")
-
-
-def save(figure: Figure, path: Path | BytesIO, file_format: str) -> None:
-    """Write the figure as png or svg; the same figure gives the same bytes."""
-    import matplotlib
-
-    metadata = {"Date": None} if file_format == "svg" else {"Software": None}
-    with matplotlib.rc_context({"svg.hashsalt": "shapefit"}), warnings.catch_warnings():
-        # A letter that the font lacks, as some names have, is drawn as a box.
-        warnings.filterwarnings("ignore", "Glyph .* missing from ")
-        figure.savefig(path, format=file_format, dpi=DPI, metadata=metadata)
-
-
-def draw_errors(title: str, unit: str, errors: Mapping[str, Floats]) -> Figure:
+def draw_errors(title: str, unit: str, errors: Mapping[str, Floats]) -> str:
     """Draw errors (n,) by method, nan = failed, sorted over the share of the images.
 
     Where images failed the line of their method ends early.
     """
-    from matplotlib.figure import Figure
+    finite = {name: np.sort(values[~np.isnan(values)]) for name, values in errors.items()}
+    largest = max((values[-1] for values in finite.values() if len(values)), default=0.0) or 1.0
+    label = unit if unit == SHARE else f"error ({unit})"
+    parts = [f'<text x="{LEFT}" y="{TOP - 14}" font-size="16">{escape(title)}</text>']
+    for value in _ticks(largest):
+        y = TOP + HEIGHT * (1 - value / largest)
+        parts.append(f'<path d="M{LEFT} {y:.1f}h{WIDTH}" stroke="#ddd"/>')
+        parts.append(_text(LEFT - 6, y + 4, f"{value:.6g}", "end"))
+    for share in range(0, 101, 20):
+        x = LEFT + WIDTH * share / 100
+        parts.append(f'<path d="M{x:.1f} {TOP}v{HEIGHT}" stroke="#ddd"/>')
+        parts.append(_text(x, TOP + HEIGHT + 18, str(share)))
+    parts.append(_text(LEFT + WIDTH / 2, TOP + HEIGHT + 38, "images (%), sorted by error"))
+    middle = TOP + HEIGHT / 2
+    turned = f'<g transform="rotate(-90 18 {middle})">{_text(18, middle, escape(label))}</g>'
+    parts.append(turned)
+    below = TOP + HEIGHT + 60
+    for number, (name, values) in enumerate(finite.items()):
+        colour, y = COLOURS[number % len(COLOURS)], below + LINE * number
+        every = np.unique(np.linspace(0, len(values) - 1, POINTS).astype(int))[: len(values)]
+        x = LEFT + WIDTH * (every + 0.5) / max(len(errors[name]), 1)
+        height = TOP + HEIGHT * (1 - values[every] / largest)
+        line = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, height, strict=True))
+        parts.append(
+            f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="1.8"/>'
+        )
+        parts.append(f'<path d="M{LEFT} {y}h24" stroke="{colour}" stroke-width="3"/>')
+        parts.append(_text(LEFT + 32, y + 4, escape(name), "start"))
+    box = WIDTH + LEFT + 20, below + LINE * len(errors)
+    head = f'<svg xmlns="http://www.w3.org/2000/svg" width="{box[0]}" height="{box[1]}"'
+    style = 'font-family="sans-serif" font-size="12" fill="#333"'
+    back = '<rect width="100%" height="100%" fill="#fff"/>'
+    return "\n".join([f"{head} {style}>", back, *parts, "</svg>\n"])
 
-    figure = Figure(figsize=(6.0, 4.2), layout="constrained")
-    axis = figure.subplots()
-    for index, (method, values) in enumerate(errors.items()):
-        finite = np.sort(values[~np.isnan(values)])
-        share = 100 * (np.arange(len(finite)) + 0.5) / max(len(values), 1)
-        shown = np.unique(np.linspace(0, max(len(finite) - 1, 0), POINTS).astype(int))
-        shown = shown[: len(finite)]
-        colour = COLOURS[index % len(COLOURS)]
-        axis.plot(share[shown], finite[shown], color=colour, label=method)
-    axis.set(xlim=(0, 100), xlabel="images (%), sorted by error", ylim=(0, None))
-    axis.set_ylabel(unit if unit == SHARE else f"error ({unit})")
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.grid(color="#DDDDDD")
-    axis.set_title(title, loc="left")
-    if len(errors) > 1:
-        columns = min(4, len(errors))
-        figure.legend(loc="outside lower center", ncols=columns, fontsize=8, frameon=False)
-    return figure
+
+def _ticks(largest: float) -> Floats:
+    """Return round numbers from 0 to the largest, five to ten of them."""
+    power = 10.0 ** math.floor(math.log10(largest))
+    step = next(power * part for part in (0.1, 0.2, 0.5, 1) if largest / (power * part) <= 10)
+    return step * np.arange(int(largest / step * (1 + 1e-9)) + 1)
+
+
+def _text(x: float, y: float, text: str, anchor: str = "middle") -> str:
+    return f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{text}</text>'

@@ -7,7 +7,8 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from types import SimpleNamespace
+from io import StringIO
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -18,8 +19,6 @@ from shapefit.evaluation.calibration import QUANTILES, WIDTH_OF, Coverage
 from shapefit.evaluation.metrics import SHARE
 from shapefit.evaluation.summaries import ALL, NORMALISED, Kind, Summary
 
-MOST_LISTED = 10_000
-"""Failed images of a method that are listed with their reasons; more are counted."""
 MOST_SHOWN = 10
 """Failed images of a method that the page lists."""
 ABSENT = "–"
@@ -47,14 +46,13 @@ _BARS = (
 class Method:
     """One method: where its results are, how many images, how many failed, and why.
 
-    `failures` maps some of the failed items to the reason; the mean objective is that of the images
-    that have one, None where not all files tell.
+    `failures` maps the failed items to the reason; the mean objective is that of the images that
+    have one, None where not all files state it.
     """
 
     name: str
     files: tuple[str, ...]
     images: int
-    failed: int = 0
     failures: Mapping[str, str] = field(default_factory=dict)
     mean_objective: float | None = None
 
@@ -83,28 +81,20 @@ def per_image_rows(
 
     An infinite error does not count and has no line.
     """
-    names = [",".join(pair) for pair in zip(_cells(sequences), _cells(items), strict=True)]
-    for (metric, unit), values in errors.items():
-        before, between = f"{_cells([method])[0]},", f",{_cells([metric])[0]},"
-        after = f",{_cells([unit])[0]}"
-        counts = np.flatnonzero(~np.isinf(values))
-        lacking = np.flatnonzero(np.isnan(values[counts]))
-        chosen = names if len(counts) == len(names) else [names[row] for row in counts.tolist()]
-        texts = list(map(repr, values[counts].tolist()))
-        for row in lacking.tolist():
-            texts[row] = ""
-        # Joined, not formatted, which takes twice as long.
-        lines = f"{after}\n{before}".join(map(between.join, zip(chosen, texts, strict=True)))
-        if lines:
-            yield f"{before}{lines}{after}\n".encode("utf-8", "surrogateescape")
-
-
-def _cells(texts: Sequence[str]) -> list[str]:
-    """Return cells of CSV, in quotes where they need them."""
     special = re.compile('[,"\r\n]').search
-    if not special("".join(texts)):
-        return list(texts)
-    return ['"{}"'.format(text.replace('"', '""')) if special(text) else text for text in texts]
+
+    def cell(text: str) -> str:
+        return '"{}"'.format(text.replace('"', '""')) if special(text) else text
+
+    names = [f"{cell(a)},{cell(b)}" for a, b in zip(sequences, items, strict=True)]
+    for (metric, unit), values in errors.items():
+        before, between, after = f"{cell(method)},", f",{cell(metric)},", f",{cell(unit)}\n"
+        counts = ~np.isinf(values)
+        texts = ["" if value != value else repr(value) for value in values[counts].tolist()]
+        pairs = zip(compress(names, counts.tolist()), texts, strict=True)
+        # Joined, not formatted, which takes twice as long.
+        if lines := f"{after}{before}".join(map(between.join, pairs)):
+            yield f"{before}{lines}{after}".encode("utf-8", "surrogateescape")
 
 
 def report_csv(report: Report) -> str:
@@ -119,27 +109,22 @@ def report_csv(report: Report) -> str:
             rows.append((c.method, name, c.group, None, c.counted, share, None, None, SHARE))
         for unit, width in c.median_width.items():
             rows.append((c.method, "width", c.group, None, c.counted, None, width, None, unit))
-    return table_text(SUMMARY, rows)
-
-
-def table_text(columns: Sequence[str], rows: Iterable[Iterable[Any]]) -> str:
-    """Return a header and rows as CSV; None and nan become empty cells."""
-    lines: list[str] = []
-    # A writer that ends its lines in CR LF puts cells with a CR in quotes, others do not.
-    table = csv.writer(SimpleNamespace(write=lambda line: lines.append(f"{line[:-2]}\n")))
-    table.writerow(columns)
+    text = StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(SUMMARY)
     table.writerows([value if value == value else None for value in row] for row in rows)
-    return "".join(lines)
+    return text.getvalue()
 
 
 def report_json(report: Report) -> str:
     """All numbers of the report as JSON; null stands for a number that does not exist."""
 
-    def failures(method: Method) -> list[dict[str, str]]:
-        return [{"item": item, "reason": why} for item, why in method.failures.items()]
+    def method_json(method: Method) -> dict[str, Any]:
+        failures = [{"item": item, "reason": why} for item, why in method.failures.items()]
+        return {**vars(method), "failed": len(failures), "failures": failures}
 
     document = {
-        "methods": [{**vars(method), "failures": failures(method)} for method in report.methods],
+        "methods": [method_json(method) for method in report.methods],
         "summaries": report.summaries,
         "calibration": report.coverage,
         "factors": report.factors,
@@ -173,14 +158,13 @@ def _error_table(report: Report) -> str:
     digits = {kind: decimals_of(values) for kind, values in columns.items()}
     rows: dict[tuple[str, str], dict[str, str]] = {}
     for s in sorted(summaries, key=lambda s: groups.index(s.group)):
-        row = rows.get((s.group, s.method))
-        if row is None:
-            row = {} if s.group == ALL else {"group": s.group}
+        row = rows.setdefault((s.group, s.method), {} if s.group == ALL else {"group": s.group})
+        if "method" not in row:
             row |= {"method": s.method, "images": str(s.images), "failed": str(s.failed)}
             row |= {f"{metric} ({unit})": ABSENT for metric, unit in columns}
-            rows[s.group, s.method] = row
-        both = [number(value, digits[s.metric, s.unit]) for value in (s.mean, s.median)]
-        row[f"{s.metric} ({s.unit})"] = " / ".join(both) if both != [ABSENT] * 2 else ABSENT
+        if not math.isnan(s.mean):
+            both = (number(value, digits[s.metric, s.unit]) for value in (s.mean, s.median))
+            row[f"{s.metric} ({s.unit})"] = " / ".join(both)
     return _table(rows.values())
 
 
@@ -219,13 +203,10 @@ def expected_ratios(summaries: Iterable[Summary]) -> dict[tuple[str, str], float
 def _failed(methods: Iterable[Method]) -> list[str]:
     lines = []
     for method in methods:
-        shown = list(method.failures.items())[:MOST_SHOWN]
-        lines += [f"{method.name}, {item}: {why}" for item, why in shown]
-        if method.failed > len(shown):
-            complete = method.failed == len(method.failures)
-            listed = "all" if complete else f"the first {len(method.failures):,}"
-            more = method.failed - len(shown)
-            lines.append(f"{method.name}: {more} more, {listed} listed in report.json")
+        failures = [f"{method.name}, {item}: {why}" for item, why in method.failures.items()]
+        lines += failures[:MOST_SHOWN]
+        if more := len(failures) - MOST_SHOWN if len(failures) > MOST_SHOWN else 0:
+            lines.append(f"{method.name}: {more} more, all listed in report.json")
     return lines
 
 
@@ -251,8 +232,11 @@ def short_lines(report: Report) -> list[str]:
             parts.append(f"expected / error {ratio:.2f}")
         where = "" if group == ALL else f"{group}  "
         lines.append(f"{method.ljust(wide)}  {where}{'; '.join(parts)}")
-    failed = [m for m in report.methods if m.failed]
-    return lines + [f"{m.name.ljust(wide)}  failed: {m.failed} of {m.images}" for m in failed]
+    return lines + [
+        f"{m.name.ljust(wide)}  failed: {len(m.failures)} of {m.images}"
+        for m in report.methods
+        if m.failures
+    ]
 
 
 def _in_short(summaries: Sequence[Summary], metric: str) -> str:

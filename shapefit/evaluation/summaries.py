@@ -7,14 +7,12 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
 from shapefit.errors import abbreviate, input_error
 
 ALL = "all"
 """Name of the one group, and of the one sequence, where none are named."""
-
 NORMALISED = "normalised"
 """Unit of errors against the truth scaled to unit standard deviation."""
 
@@ -75,14 +73,8 @@ def group_sequences(
 
 def members_of(sequences: Sequence[str], grouping: Mapping[str, Sequence[str]]) -> dict[str, Flags]:
     """Return which of n images, of these sequences (n,), are in each group (n,)."""
-    names, codes = codes_of(sequences)
-    return {group: np.isin(names, list(members))[codes] for group, members in grouping.items()}
-
-
-def codes_of(names: Sequence[str]) -> tuple[list[str], NDArray[np.intp]]:
-    """Return each name once, in order of appearance, and the place of each of n among them."""
-    places = {name: place for place, name in enumerate(dict.fromkeys(names))}
-    return [*places], np.fromiter(map(places.__getitem__, names), np.intp, len(names))
+    names = np.array(sequences, dtype=str)
+    return {group: np.isin(names, list(members)) for group, members in grouping.items()}
 
 
 def summarise(
@@ -96,9 +88,12 @@ def summarise(
     nan is a failed image; an infinite error does not count. A sequence or group without an image
     that counts is left out.
     """
-    names, codes = codes_of(sequences)
+    names, codes = np.unique(np.array(sequences, dtype=str), return_inverse=True)
+    order = np.argsort(codes, kind="stable")
+    starts = np.searchsorted(codes[order], np.arange(1, len(names)))
     for (metric, unit), values in errors.items():
-        rows = dict(zip(names, statistics_of(values, codes, len(names)).tolist(), strict=True))
+        parts = np.split(values[order], starts)
+        rows = {name: _statistics(part) for name, part in zip(names.tolist(), parts, strict=True)}
         for group, members in grouping.items():
             inside = {name: rows[name] for name in members if name in rows and any(rows[name][:2])}
             if not inside:
@@ -106,31 +101,17 @@ def summarise(
             table = np.array(list(inside.values()))
             fitted = table[table[:, 0] > 0, 2:]
             mean = fitted.mean(axis=0) if len(fitted) else np.full(3, np.nan)
-            whole = [*table[:, :2].sum(axis=0), *mean]
-            for name, row in ((None, whole), *inside.items()):
-                count, failed, *numbers = map(float, row)
-                yield Summary(method, metric, unit, group, name, int(count), int(failed), *numbers)
+            whole = (*table[:, :2].sum(axis=0), *mean)
+            for name, (count, failed, *numbers) in ((None, whole), *inside.items()):
+                counts = int(count), int(failed)
+                yield Summary(method, metric, unit, group, name, *counts, *map(float, numbers))
 
 
-def statistics_of(values: Floats, codes: NDArray[np.intp], count: int) -> Floats:
-    """Return (count, 5) of values (n,) by their codes: known, nan, mean, median, 90th percentile.
-
-    Infinite values do not count.
-    """
-    failed = np.bincount(codes[np.isnan(values)], minlength=count)
-    fine = np.isfinite(values)
-    values, codes = values[fine], codes[fine]
-    order = np.lexsort((values, codes))
-    values, sizes = values[order], np.bincount(codes, minlength=count)
-    starts = np.cumsum(sizes) - sizes
-    table = np.full((count, 5), np.nan)
-    table[:, 0], table[:, 1] = sizes, failed
-    some = np.flatnonzero(sizes)
-    if len(some):
-        table[some, 2] = np.add.reduceat(values, starts[some]) / sizes[some]
-        for column, share in ((3, 0.5), (4, 0.9)):
-            place = starts[some] + share * (sizes[some] - 1)
-            low = np.floor(place).astype(np.intp)
-            high = np.ceil(place).astype(np.intp)
-            table[some, column] = values[low] + (place - low) * (values[high] - values[low])
-    return table
+def _statistics(values: Floats) -> tuple[float, ...]:
+    """Return how many errors are finite and nan, and mean, median and 90th percentile of them."""
+    finite = np.sort(values[np.isfinite(values)])
+    numbers = (np.nan,) * 3
+    if n := len(finite):
+        places = np.array([0.5, 0.9]) * (n - 1)
+        numbers = (finite.mean(), *np.interp(places, np.arange(n), finite))
+    return n, int(np.isnan(values).sum()), *numbers

@@ -1,19 +1,22 @@
-"""Pictures of fitted images: landmarks over the fitted model, and the model in 3D from two sides.
+"""Pictures of fitted images: landmarks over the fitted model, and the model in 3D from another side.
 
-Functions take arrays and give figures, which need no screen; `shapefit.evaluation.plots.save`
-writes them as PNG or SVG.
+Functions take arrays and give figures, which need no screen; `save` writes them as PNG or SVG.
 """
 
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from shapefit.arrays import Flags, Floats, Integers
+from shapefit.errors import input_error
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -34,8 +37,8 @@ VISIBLE, HIDDEN, OUTLIER, BAR = "#0072B2", "#555555", "#D55E00", "#E69F00"
 INK, BODY, PALE = "#333333", "#8FB1E3", "#E3EBF7"
 FAINTNESS = 0.22
 """Opacity of an error bar."""
-SIZE = 1.6
-"""Width of a panel in inches."""
+SIZE, MARK, DPI = 1.6, 2.4, 150
+"""Width of a panel in inches, size of a landmark in points, dots per inch."""
 PAIRS_IN_A_ROW = 4
 LETTERS = 40
 """Letters of a title that fit above an image."""
@@ -59,10 +62,9 @@ class FittedImage:
     """The landmarks of an image and the shape fitted to them.
 
     landmarks (2, p), nan = hidden; shape (3, p) and mesh (3, q) in the camera frame and the unit of
-    the landmarks, nan where the fit failed; projected (2, p) and projected_mesh (2, q):
-    where the camera sees them. outliers (p,): the landmarks judged to be wrong; sd (3, p) standard
-    deviations of the
-    shape; rotation (3, 3) from the object frame, whose y axis then stands upright in 3D.
+    the landmarks, nan where the fit failed; projected (2, p) and projected_mesh (2, q): where the
+    camera sees them. outliers (p,): the landmarks judged to be wrong; sd (3, p) standard deviations
+    of the shape; rotation (3, 3) from the object frame, whose y axis then stands upright in 3D.
     """
 
     title: str
@@ -81,6 +83,24 @@ class FittedImage:
         return bool(np.isfinite(self.shape).all())
 
 
+def check_can_draw(key: str) -> None:
+    """Raise InputError at `key` where matplotlib is not installed."""
+    if find_spec("matplotlib") is None:
+        fix = "install it with `pip install matplotlib`"
+        raise input_error(key, "matplotlib is not installed", fix)
+
+
+def save(figure: Figure, path: Path, file_format: str) -> None:
+    """Write the figure as png or svg; the same figure gives the same bytes."""
+    import matplotlib
+
+    metadata = {"Date": None} if file_format == "svg" else {"Software": None}
+    with matplotlib.rc_context({"svg.hashsalt": "shapefit"}), warnings.catch_warnings():
+        # A letter that the font lacks, as some names have, is drawn as a box.
+        warnings.filterwarnings("ignore", "Glyph .* missing from ")
+        figure.savefig(path, format=file_format, dpi=DPI, metadata=metadata)
+
+
 def contact_sheet(images: Sequence[FittedImage], model: Model) -> Figure:
     """Draw each image small: landmarks over the fitted model, and the model from another side."""
     from matplotlib.figure import Figure
@@ -89,18 +109,23 @@ def contact_sheet(images: Sequence[FittedImage], model: Model) -> Figure:
     across, rows = 2 * pairs, math.ceil(len(images) / pairs)
     figure = Figure(figsize=(across * SIZE, rows * SIZE + 0.3))
     figure.subplots_adjust(0.01, 0.3 / (rows * SIZE + 0.3), 0.99, 1 - 0.1 / rows, 0.02, 0.12)
+    drawn: dict[str, Any] = {}
     for number, image in enumerate(images):
         flat = figure.add_subplot(rows, across, 1 + 2 * number)
-        draw_image(flat, image, model, mark=1.5 * SIZE)
+        draw_image(flat, image, model)
         flat.set_title(shortened(image.title), fontsize=7, loc="left", pad=2, parse_math=False)
+        handles, labels = flat.get_legend_handles_labels()
+        drawn |= dict(zip(labels, handles, strict=True))
         if image.fitted:
             solid = figure.add_subplot(rows, across, 2 + 2 * number, projection="3d")
             draw_shape(solid, image, model, OTHER_SIDE)
-    add_legend(figure)
+    figure.legend(
+        drawn.values(), drawn.keys(), loc="lower center", ncols=5, frameon=False, fontsize=7
+    )
     return figure
 
 
-def draw_image(axes: Axes, image: FittedImage, model: Model, mark: float = 3.0) -> None:
+def draw_image(axes: Axes, image: FittedImage, model: Model) -> None:
     """Draw the landmarks over the fitted model, as the camera sees them."""
     from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
 
@@ -110,14 +135,12 @@ def draw_image(axes: Axes, image: FittedImage, model: Model, mark: float = 3.0) 
     shown = [image.landmarks, projected]
     if image.fitted and image.projected_mesh is not None and model.faces is not None:
         shown.append(image.projected_mesh)
-        triangles = image.projected_mesh.T[model.faces]
-        axes.add_collection(
-            PolyCollection(list(triangles), facecolors=PALE, edgecolors=PALE, linewidths=0.4)
-        ).set_rasterized(True)
+        triangles = list(image.projected_mesh.T[model.faces])
+        mesh = PolyCollection(triangles, facecolors=PALE, edgecolors=PALE, linewidths=0.4)
+        axes.add_collection(mesh).set_rasterized(True)
     elif image.fitted and model.edges is not None:
-        axes.add_collection(
-            LineCollection(list(projected.T[model.edges]), colors=BODY, linewidths=1.5)
-        )
+        bones = list(projected.T[model.edges])
+        axes.add_collection(LineCollection(bones, colors=BODY, linewidths=1.5))
     if image.fitted and image.sd is not None:
         known = np.isfinite(image.sd).all(axis=0)
         width, height = 2 * image.sd[:2, known]
@@ -130,26 +153,25 @@ def draw_image(axes: Axes, image: FittedImage, model: Model, mark: float = 3.0) 
         axes.plot([], [], "o", color=BAR, alpha=2 * FAINTNESS, label="one standard deviation")
     lines = np.stack([image.landmarks.T, projected.T], axis=1)
     lines = lines[np.isfinite(lines).all(axis=(1, 2))]
-    look: dict[str, Any] = {"linestyle": "", "markersize": mark}
     if len(lines):
-        axes.add_collection(
-            LineCollection(list(lines), colors=INK, linewidths=0.8, label="to the model")
-        )
-    if image.fitted and hidden.any():
-        axes.plot(
-            *projected[:, hidden], **look, marker="o", color=HIDDEN, markerfacecolor="white",
-            markeredgewidth=0.25 * mark, label="hidden, from the model",
-        )  # fmt: skip
-    if (~hidden & ~wrong).any():
-        axes.plot(
-            *image.landmarks[:, ~wrong], **look, marker="o", color=VISIBLE, markeredgewidth=0,
-            label="seen",
-        )  # fmt: skip
-    if (~hidden & wrong).any():
-        axes.plot(
-            *image.landmarks[:, wrong], **look | {"markersize": 2 * mark}, marker="X",
-            color=OUTLIER, markeredgecolor="white", markeredgewidth=0.4, label="judged outlier",
-        )  # fmt: skip
+        residuals = LineCollection(list(lines), colors=INK, linewidths=0.8, label="to the model")
+        axes.add_collection(residuals)
+    for points, label, look in (
+        (
+            projected[:, hidden],
+            "hidden, from the model",
+            {"color": HIDDEN, "markerfacecolor": "white", "markeredgewidth": 0.25 * MARK},
+        ),
+        (image.landmarks[:, ~wrong], "seen", {"color": VISIBLE, "markeredgewidth": 0}),
+        (
+            image.landmarks[:, wrong],
+            "judged outlier",
+            {"color": OUTLIER, "marker": "X", "markersize": 2 * MARK, "markeredgewidth": 0.4},
+        ),
+    ):
+        if np.isfinite(points).any():
+            style: dict[str, Any] = {"marker": "o", "markersize": MARK, "linestyle": ""} | look
+            axes.plot(*points, label=label, **style)
     if not image.fitted:
         axes.text(0.5, 0.5, "no shape", ha="center", fontsize=7, transform=axes.transAxes)
     every = np.concatenate(shown, axis=1)
@@ -170,28 +192,19 @@ def draw_shape(axes: Axes3D, image: FittedImage, model: Model, view: View) -> No
     if image.mesh is not None and model.faces is not None:
         solid = frame @ image.mesh
         light = LightSource(azdeg=-45 - view.turn, altdeg=45)
-        triangles = solid.T[model.faces]
-        mesh = Poly3DCollection(
-            list(triangles),
-            facecolors=BODY,
-            edgecolors=BODY,
-            linewidths=0.3,
-            shade=True,
-            lightsource=light,
-        )
+        look = {"facecolors": BODY, "edgecolors": BODY, "linewidths": 0.3}
+        mesh = Poly3DCollection(list(solid.T[model.faces]), shade=True, lightsource=light, **look)
         axes.add_collection3d(mesh).set_rasterized(True)
     elif model.edges is not None:
-        axes.add_collection3d(
-            Line3DCollection(list(points.T[model.edges]), colors=VISIBLE, linewidths=1.5)
-        )
+        bones = list(points.T[model.edges])
+        axes.add_collection3d(Line3DCollection(bones, colors=VISIBLE, linewidths=1.5))
     else:
         axes.plot(*points, linestyle="", marker="o", markersize=2.5, color=VISIBLE)
     if image.sd is not None and np.isfinite(image.sd).any():
         bars = frame[:, None, :] * image.sd.T[None]  # (3, p, 3): one standard deviation an axis
         ends = np.stack([points[:, :, None] - bars, points[:, :, None] + bars], axis=-1)
-        axes.add_collection3d(
-            Line3DCollection(list(ends.reshape(3, -1, 2).transpose(1, 2, 0)), colors=BAR, alpha=0.7)
-        )
+        lines = list(ends.reshape(3, -1, 2).transpose(1, 2, 0))
+        axes.add_collection3d(Line3DCollection(lines, colors=BAR, alpha=0.7))
     low, high = _limits(solid)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect((1, 1, 1), zoom=1.75)
@@ -216,22 +229,8 @@ def standing(y_axis: Literal["up", "down"], rotation: Floats | None = None) -> F
     return np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]) @ toward
 
 
-def add_legend(figure: Figure) -> None:
-    """Explain the marks that are drawn, below the panels."""
-    drawn: dict[str, Any] = {}
-    for axes in figure.axes:
-        handles, labels = axes.get_legend_handles_labels()
-        drawn |= dict(zip(labels, handles, strict=True))
-    figure.legend(
-        drawn.values(), drawn.keys(), loc="lower center", ncols=5, frameon=False, fontsize=7
-    )
-
-
 def shortened(title: str) -> str:
-    """Return a title in one line of few letters, most of them from its end, where images differ.
-
-    What cannot be printed is written as in Python.
-    """
+    """Return a title in one line of few letters, most of them from its end, where images differ."""
     line = "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in title)
     head = LETTERS // 3
     return line if len(line) <= LETTERS else f"{line[:head]}…{line[head + 1 - LETTERS :]}"

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from mpl_toolkits.mplot3d import proj3d
 
-from shapefit.evaluation.plots import save
 from shapefit.geometry.rotations import rotation_about
 from shapefit.meshes.pictures import (
     PAIRS_IN_A_ROW,
     FittedImage,
     Model,
     contact_sheet,
+    save,
     shortened,
     standing,
 )

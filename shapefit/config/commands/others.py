@@ -113,12 +113,11 @@ class EvalConfig(TruthConfig):
     """Errors to measure; those of the outlier labels only where they are named."""
     least_visible: Annotated[int, Field(ge=0), HIDDEN] = 0
     """Minimum number of visible landmarks of an image; others are counted in a warning."""
-    truth_frame: Literal["object", "camera", "line-of-sight"] = "object"
+    truth_frame: Literal["object", "camera"] = "object"
     """Frame of the true shapes: `object`, which the dataset `true_rotation` of the result turns
-    into the camera frame; `camera` (x and y as in the image); or `line-of-sight`, the camera frame
-    turned to look straight at each shape that was fitted without a camera."""
-    plots: bool | Literal["auto"] = "auto"
-    """Also draw the errors, sorted, by method (PNG); auto: where matplotlib is installed."""
+    into the camera frame; or `camera` (x and y as in the image)."""
+    plots: bool = True
+    """Also draw the errors, sorted, by method (SVG)."""
 
 
 class ConvertConfig(MetresConfig):

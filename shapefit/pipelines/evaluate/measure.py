@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,44 +13,16 @@ from numpy.typing import NDArray
 from shapefit.arrays import Flags, Floats
 from shapefit.config import EvalConfig
 from shapefit.errors import InputError, abbreviate, input_error, listed
+from shapefit.evaluation import metrics as m
 from shapefit.evaluation.calibration import ErrorBars, find_squares, join_bars
-from shapefit.evaluation.metrics import (
-    BOX,
-    CORRELATION,
-    DEVIATION,
-    ESTIMATE,
-    FEWEST_LANDMARKS,
-    FITTED,
-    IMAGE,
-    LANDMARKS,
-    LENGTH,
-    METRICS,
-    ROTATION,
-    TRUE_ROTATION,
-    TRUTH,
-    Dataset,
-    box_diagonal,
-    in_blocks,
-    similarity,
-    truth_scale,
-    visible_in_both,
-)
+from shapefit.evaluation.metrics import FEWEST_LANDMARKS, METRICS, Dataset, in_blocks, similarity
 from shapefit.evaluation.summaries import ALL, NORMALISED, Kind
-from shapefit.geometry.normalisation import centroid
-from shapefit.geometry.procrustes import coincide, similarity_transform
+from shapefit.geometry.procrustes import similarity_transform
 from shapefit.geometry.rotations import rotation_angle
 from shapefit.io.layout import INPUT_CORRELATION, INPUT_NAMES, INPUT_SD, INPUT_SHAPES, RESULTS
 from shapefit.io.names import match_landmarks
 from shapefit.io.records import ResultSet, ShapeSet
-from shapefit.pipelines.items import (
-    BY_FRAME,
-    BY_ITEM,
-    Keys,
-    find_truth,
-    keys_of,
-    named_items,
-    subsample,
-)
+from shapefit.pipelines import items
 
 BOX_UNIT = "box"
 """Unit of distances in an image as shares of the diagonal of the object's box."""
@@ -71,7 +43,7 @@ class Truth(NamedTuple):
     """The true shapes, and what images are matched with them by."""
 
     shapes: ShapeSet
-    keys: Keys
+    keys: items.Keys
 
 
 @dataclass(frozen=True)
@@ -97,18 +69,18 @@ class Measured:
 def join(files: Sequence[Measured]) -> Measured:
     """Return the files of one method as one; images do not count in metrics that a file lacks."""
 
-    def joined(kind: Kind) -> Floats:
-        return np.concatenate([f.errors.get(kind, np.full(len(f.items), np.inf)) for f in files])
-
     def all_of(name: str) -> tuple[Any, ...]:
-        return tuple(each for f in files for each in getattr(f, name))
+        return tuple(each for file in files for each in getattr(file, name))
+
+    def errors(kind: Kind) -> Floats:
+        return np.concatenate([f.errors.get(kind, np.full(len(f.items), np.inf)) for f in files])
 
     objectives = [f.objective for f in files if f.objective is not None]
     return Measured(
         files=all_of("files"),
         items=all_of("items"),
         sequences=all_of("sequences"),
-        errors={kind: joined(kind) for kind in dict.fromkeys(all_of("errors"))},
+        errors={kind: errors(kind) for kind in dict.fromkeys(all_of("errors"))},
         failures={item: why for f in files for item, why in f.failures.items()},
         warnings=all_of("warnings"),
         bars=join_bars([f.bars for f in files], [len(f.items) for f in files]),
@@ -126,34 +98,36 @@ def measure(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) ->
     """
     if not len(results):
         raise input_error(file, "holds no images", "check the run that wrote it")
-    results, too_few = _with_visible(file, results, config.least_visible)
-    match, rows, wanted = _match(file, results, truth, config.match)
+    results, left_out = _with_visible(file, results, config.least_visible)
+    rows, wanted, by_frame = _match(file, results, truth, config.match)
     names = common_landmarks(file, results.landmark_names, truth.shapes.landmark_names)
     columns = match_landmarks(results.landmark_names, names)
     # `take` gives them in the order of the core, an index gives them landmark by landmark.
     estimate = results.shapes.take(columns, axis=2)
     true = truth.shapes.shapes[rows].take(match_landmarks(truth.shapes.landmark_names, names), 2)
     true[rows < 0] = np.nan
-    others = list[str]()
-    if match == BY_FRAME:
+    notes: list[str] = []
+    for side, records in (("results", results), ("truth", truth.shapes)):
+        if alone := [name for name in records.landmark_names if name not in set(names)]:
+            notes.append(f"landmarks in the {side} alone are left out: {abbreviate(alone)}")
+    if by_frame and results.sequences is not None:
         retained, others = _one_individual(results.sequences, rows, estimate, true)
-    if others:
-        results, rows, estimate, true = (
-            results.take(retained),
-            rows[retained],
-            estimate[retained],
-            true[retained],
-        )
+        notes += others
+        results, rows = results.take(retained), rows[retained]
+        estimate, true = estimate[retained], true[retained]
         wanted = [wanted[row] for row in retained.tolist()]
-    rotation = _true_rotation(file, results, true, config.truth_frame)
-    arrays = {ESTIMATE: estimate, TRUTH: true, TRUE_ROTATION: rotation}
-    common = in_blocks(visible_in_both, estimate, true)
+    rotation = np.tile(np.eye(3), (len(results), 1, 1))
+    if config.truth_frame == "object":
+        rotation = find_dataset(file, results, m.TRUE_ROTATION)  # type: ignore[assignment]
+    arrays = {m.ESTIMATE: estimate, m.TRUTH: true, m.TRUE_ROTATION: rotation}
+    common = in_blocks(m.visible_in_both, estimate, true)
     with np.errstate(all="ignore"):  # overflow is not an error to report
-        scale = in_blocks(truth_scale, estimate, true)
-    metrics, reasons = _meaningful(config.metrics, estimate, true, rotation, results.rotation)
+        scale = in_blocks(m.truth_scale, estimate, true)
+    metrics, doubts = _meaningful(config.metrics, arrays, results.rotation)
     units = (truth.shapes.unit, results.unit)
-    errors, unmeasured = _errors(file, results, metrics, arrays, scale, units)
-    bars, no_bars = _error_bars(file, results, columns, arrays, scale, units[0])
+    errors, skipped = _errors(file, results, metrics, arrays, scale, units)
+    bars, unjudged = _error_bars(file, results, columns, arrays, scale, units[0])
+    notes += [*skipped, *doubts, *unjudged]
     for values in errors.values():
         values[~common.any(axis=-1)] = np.nan
     failures = _failures(results, wanted, rows, common, errors)
@@ -161,94 +135,87 @@ def measure(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) ->
     for (metric, _), values in errors.items():
         if METRICS[metric].may_lack:
             values[np.isnan(values) & lifted] = np.inf
-    about = [*_ignored(results, truth.shapes, names), *unmeasured, *others, *reasons]
     if partial := int((common.any(axis=-1) & ~common.all(axis=-1)).sum()):
         lack = f"{partial} images lack some of the {len(names)} landmarks, there or in the truth"
-        about.append(f"{lack}; judged on the others")
+        notes.append(f"{lack}; judged on the others")
+    sequences = results.sequences
+    if sequences is None and truth.shapes.sequences is not None:
+        known = truth.shapes.sequences
+        sequences = tuple(known[row] or ALL if row >= 0 else "" for row in rows)
+    elif sequences is not None:
+        sequences = tuple(sequence or ALL for sequence in sequences)
     return Measured(
         files=(file,),
         items=results.items,
-        sequences=_sequences(results, truth.shapes, rows),
+        sequences=sequences or (ALL,) * len(results),
         errors=errors,
         failures=failures,
-        warnings=(*too_few, *(f"{file}: {text}" for text in [*about, *no_bars])),
+        # Results of the same images have one warning of those left out together.
+        warnings=(*left_out, *(f"{file}: {text}" for text in notes)),
         bars=bars,
         objective=results.objective,
     )
 
 
-def _with_visible(file: Path, results: ResultSet, least: int) -> tuple[ResultSet, tuple[str, ...]]:
+def _with_visible(file: Path, results: ResultSet, least: int) -> tuple[ResultSet, list[str]]:
     """Return the images with at least so many observed landmarks, and a warning about the others.
 
-    Raises InputError where the file has no observed landmarks, or no such image.
+    Raises InputError where there is no such image.
     """
     if not least:
-        return results, ()
-    observed = find_dataset(file, results, LANDMARKS)
-    if observed is None:
-        fix = "fit to a file that ends in .h5, or leave out `least_visible`"
-        found = "has no dataset 'landmarks', which `least_visible` counts in"
-        raise input_error(file, found, fix)
-    count = visible_in_both(observed, observed).sum(axis=-1)
-    if (most := max(count, default=0)) < least:
-        found = f"none of its {len(count)} images has {least} observed landmarks"
-        raise input_error(file, found, f"set `least_visible` to {most} or less")
+        return results, []
+    observed = find_dataset(file, results, m.LANDMARKS)
+    count = np.zeros(len(results), int)
+    if observed is not None:
+        count = m.visible_in_both(observed, observed).sum(axis=-1)
     enough = np.flatnonzero(count >= least)
-    # Without the name of the file: results of the same images have one warning together.
-    few = f"{len(count) - len(enough)} of {len(count)} images left out: fewer than {least} observed"
-    warnings = (f"{few} landmarks",) if len(enough) < len(count) else ()
-    return results.take(enough), warnings
+    if not len(enough):
+        found = f"none of its {len(count)} images has {least} observed `landmarks`"
+        raise input_error(file, found, f"set `least_visible` to {count.max()} or less")
+    few = len(count) - len(enough)
+    text = f"{few} of {len(count)} images left out: fewer than {least} observed landmarks"
+    return results.take(enough), [text] if few else []
 
 
 def _match(
     file: Path, results: ResultSet, truth: Truth, match: str
-) -> tuple[str, Indices, list[str]]:
-    """Return how images are matched, the true shape (n,) of each, -1 for none, and its name (n,).
+) -> tuple[Indices, list[str], bool]:
+    """Return the true shape (n,) of each image, -1 for none, its name (n,), and if by frame.
 
     By frame where that is asked for, or where results of other tools, which have no status, share
     no item with the truth.
     """
     if not len(truth.shapes):
         raise input_error("truth", "holds no shapes", f"give the truth of the images of {file}")
-    keys = keys_of([results])
-    if match not in (BY_ITEM, BY_FRAME):
-        keys = replace(keys, items=named_items(results, match, file, "match"))
-    try:
-        rows = find_truth(file, match, keys, truth.keys)
-    except InputError:
-        if match != BY_ITEM or results.status is not None:
-            raise
-        match, rows = BY_FRAME, find_truth(file, BY_FRAME, keys, truth.keys)
-    if match == BY_FRAME:
-        return match, rows, [f"frame '{frame}'" for frame in keys.by_frame()[1]]
-    return match, rows, [f"item '{item}'" for item in keys.items]
+    keys = items.keys_of([results])
+    if match not in (items.BY_ITEM, items.BY_FRAME):
+        keys = replace(keys, items=items.named_items(results, match, file, "match"))
+    if match != items.BY_FRAME:
+        try:
+            rows = items.find_truth(file, match, keys, truth.keys)
+            return rows, [f"item '{item}'" for item in keys.items], False
+        except InputError:
+            if match != items.BY_ITEM or results.status is not None:
+                raise
+    rows = items.find_truth(file, items.BY_FRAME, keys, truth.keys)
+    return rows, [f"frame '{frame}'" for frame in keys.by_frame()[1]], True
 
 
 def _one_individual(
-    sequences: Sequence[str] | None, rows: Indices, estimate: Floats, true: Floats
+    sequences: Sequence[str], rows: Indices, estimate: Floats, true: Floats
 ) -> tuple[Indices, list[str]]:
-    """Return the images whose true shape no sequence with a smaller median error has; a warning.
-
-    Images of one sequence, and of results without sequences, may have the same true shape.
-    """
-    everyone = np.arange(len(rows))
-    if sequences is None or len(np.unique(rows[rows >= 0])) == (rows >= 0).sum():
-        return everyone, []
-    error, names = in_blocks(similarity, estimate, true), np.array(sequences, str)
-    medians = {
-        str(name): float(np.nanmedian([np.inf, *error[names == name]])) for name in np.unique(names)
-    }
-    best, *others = sorted(medians, key=medians.__getitem__)
-    taken, ignored = set(rows[names == best].tolist()) - {-1}, np.zeros(len(rows), np.bool_)
-    for name in others:
-        ignored |= (names == name) & np.isin(rows, list(taken))
-        taken |= set(rows[names == name].tolist()) - {-1}
-    if not ignored.any():
-        return everyone, []
-    who = [name for name in others if ignored[names == name].any()]
-    return everyone[~ignored], [
-        f"{abbreviate(who)} left out: {best} fits the same true shapes better"
-    ]
+    """Return the images whose true shape no sequence with a smaller median error has; a warning."""
+    left, names = np.zeros(len(rows), np.bool_), np.array(sequences, str)
+    taken = np.array([], np.intp)
+    if len(np.unique(rows[rows >= 0])) < (rows >= 0).sum():
+        error = in_blocks(similarity, estimate, true)
+        medians = {name: np.nanmedian([np.inf, *error[names == name]]) for name in np.unique(names)}
+        for name in sorted(medians, key=medians.__getitem__):
+            left |= (names == name) & np.isin(rows, taken)
+            taken = np.union1d(taken, rows[(names == name) & (rows >= 0)])
+    who = abbreviate(np.unique(names[left]).tolist())
+    text = f"{who} left out: another individual fits the same true shapes better"
+    return np.flatnonzero(~left), [text] if left.any() else []
 
 
 def common_landmarks(file: Path, own: Sequence[str], true: Sequence[str]) -> tuple[str, ...]:
@@ -259,11 +226,8 @@ def common_landmarks(file: Path, own: Sequence[str], true: Sequence[str]) -> tup
     common = tuple(name for name in own if name in set(true))
     if len(common) < FEWEST_LANDMARKS:
         found = f"the truth has {len(common)} of its landmarks ({abbreviate(own)})"
-        fix = (
-            f"at least {FEWEST_LANDMARKS} must have the names that they have in the truth "
-            f"({abbreviate(true)})"
-        )
-        raise input_error(file, found, fix)
+        fix = f"at least {FEWEST_LANDMARKS} must have the names that they have in the truth"
+        raise input_error(file, found, f"{fix} ({abbreviate(true)})")
     return common
 
 
@@ -273,89 +237,63 @@ def find_dataset(file: Path, results: ResultSet, wanted: Dataset) -> NDArray[Any
     Raises InputError where the dataset has another shape than the metric expects.
     """
     data = results.columns.get(wanted.name)
-    if data is None and wanted is FITTED and results.scale is not None:
+    if data is None and wanted is m.FITTED and results.scale is not None:
         # Without a camera the landmarks fitted are x and y of the shapes.
         return None if "focal" in results.columns else results.shapes[:, :2]
     if data is None or wanted.name in RESULTS.datasets:
         return data
     p = len(results.landmark_names)
     expected = (len(results), *(p if size == "p" else size for size in wanted.shape))
-    if data.shape != expected:
-        found = f"has the shape {data.shape}"
-        raise input_error(f"{file}:/{wanted.name}", found, f"its shape must be {expected}")
+    if data.shape != expected or data.dtype.kind not in "biuf":
+        found = f"has the shape {data.shape} of {data.dtype}"
+        raise input_error(f"{file}:/{wanted.name}", found, f"give numbers of the shape {expected}")
     if wanted.labels:
         return np.asarray(data, dtype=np.bool_)
-    if data.dtype.kind not in "biuf":
-        raise input_error(f"{file}:/{wanted.name}", f"holds {data.dtype}", "it must hold numbers")
     numbers = np.asarray(data, dtype=np.float64)
     # Carried datasets come as they are in the file, one landmark per row.
     return np.swapaxes(numbers, 1, 2) if numbers.ndim == 3 and wanted.shape[0] == "p" else numbers
 
 
-def _true_rotation(file: Path, results: ResultSet, true: Floats, frame: str) -> Floats | None:
-    """Rotation (n, 3, 3) from the frame of the truth (n, 3, p) to that of the camera.
-
-    None where the results should state it and do not. `line-of-sight` takes the centroid of the
-    truth onto the optical axis by the smallest rotation, for images fitted without a camera.
-    """
-    if frame == "object":
-        return find_dataset(file, results, TRUE_ROTATION)
-    none = np.tile(np.eye(3), (len(results), 1, 1))
-    if frame == "camera":
-        return none
-    ray = centroid(true, visible_in_both(true, true))
-    length = np.linalg.norm(ray, axis=1)
-    turned = (length > 0) & np.isfinite(length)
-    if "focal" in results.columns:
-        turned &= ~np.isfinite(results.columns["focal"]).all(axis=1)
-    x, y, z = np.where(turned[:, None], ray, [0.0, 0.0, 1.0]).T / np.where(turned, length, 1)
-    depth, zero = np.where(z < 0, -1.0, 1.0), np.zeros(len(ray))
-    K = np.stack([zero, zero, -depth * x, zero, zero, -depth * y, depth * x, depth * y, zero])
-    K = K.T.reshape(-1, 3, 3)
-    return np.asarray(none + K + K @ K / (1 + np.abs(z))[:, None, None])
-
-
 def _meaningful(
-    metrics: Sequence[str],
-    estimate: Floats,
-    true: Floats,
-    rotation: Floats | None,
-    stated: Floats | None,
+    metrics: Sequence[str], arrays: Arrays, stated: Floats | None
 ) -> tuple[tuple[str, ...], list[str]]:
     """Return the metrics without `rotation` where it means nothing, and what is wrong.
 
     Shapes that fit the truth with a small rotation, while their stated rotations (n, 3, 3) are far
     from the true ones, come from a dictionary with another frame than the truth.
     """
-    some = list(subsample(SAMPLE, len(estimate)))
-    e, x, reasons = estimate[some], true[some], list[str]()
+    estimate: Any = arrays[m.ESTIMATE]
+    some = list(items.subsample(SAMPLE, len(estimate)))
+    e, x, R, S = (
+        None if array is None else array[some]
+        for array in (estimate, arrays[m.TRUTH], arrays[m.TRUE_ROTATION], stated)
+    )
+    reasons: list[str] = []
     with np.errstate(all="ignore"):
         error, mirrored = (
-            float(np.median(np.nan_to_num(similarity(e, sign * x), nan=np.inf)))
-            for sign in (np.ones((3, 1)), np.array([[-1.0], [1.0], [1.0]]))
+            float(np.median(np.nan_to_num(similarity(e, x * [[sign], [1.0], [1.0]]), nan=np.inf)))
+            for sign in (1.0, -1.0)
         )
     if mirrored < MIRRORED * error < np.inf:
         reasons.append(
             f"the shapes fit the truth better when it is mirrored ({mirrored:.3g} for {error:.3g})"
             "; is it left-handed? Change the sign of one of its axes"
         )
-    if "rotation" not in metrics or rotation is None or stated is None:
+    if "rotation" not in metrics or R is None or S is None:
         return tuple(metrics), reasons
-    R, S = rotation[some], stated[some]
     whole = np.isfinite(np.concatenate([e, x, R, S], axis=2)).all(axis=(1, 2))
     whole &= (np.abs(S) < 2).all(axis=(1, 2))  # entries are at most 1
-    if not whole.any():
-        return tuple(metrics), reasons
-    turn = similarity_transform(e[whole], R[whole] @ x[whole]).rotation
-    shapes = float(np.median(rotation_angle(turn, np.eye(3))))
-    angle = float(np.median(rotation_angle(R[whole], S[whole])))
-    if angle <= 2 * shapes + FRAMES_DIFFER:
-        return tuple(metrics), reasons
-    reasons.append(
-        f"no rotation: those of the results are {angle:.0f} degrees off and their shapes "
-        f"{shapes:.0f}, so that dictionary and truth have different frames"
-    )
-    return tuple(metric for metric in metrics if metric != "rotation"), reasons
+    if whole.any():
+        turn = similarity_transform(e[whole], R[whole] @ x[whole]).rotation
+        shapes = float(np.median(rotation_angle(turn, np.eye(3))))
+        angle = float(np.median(rotation_angle(R[whole], S[whole])))
+        if angle > 2 * shapes + FRAMES_DIFFER:
+            reasons.append(
+                f"no rotation: those of the results are {angle:.0f} degrees off and their shapes "
+                f"{shapes:.0f}, so that dictionary and truth have different frames"
+            )
+            metrics = [metric for metric in metrics if metric != "rotation"]
+    return tuple(metrics), reasons
 
 
 def _errors(
@@ -375,7 +313,7 @@ def _errors(
     skipped: dict[str, str] = {}
     for name in metrics:
         metric = METRICS[name]
-        needs = [*metric.needs, *((LANDMARKS, BOX) if metric.unit == IMAGE else ())]
+        needs = [*metric.needs, *((m.LANDMARKS, m.BOX) if metric.unit == m.IMAGE else ())]
         data = {d: arrays[d] if d in arrays else find_dataset(file, results, d) for d in needs}
         lacking = [f"`{d.name}`" for d in metric.needs if data[d] is None]
         if lacking:
@@ -385,11 +323,11 @@ def _errors(
         with np.errstate(all="ignore"):
             error: Floats = in_blocks(metric.function, *(data[d] for d in metric.needs))
             by_unit = {metric.unit: error}
-            if metric.unit == LENGTH:  # once, where the unit of the truth is `normalised`
+            if metric.unit == m.LENGTH:  # once, where the unit of the truth is `normalised`
                 by_unit = {NORMALISED: error, units[0]: error} | {NORMALISED: error / scale}
-            elif metric.unit == IMAGE:
-                observed: Any = data[LANDMARKS]
-                by_unit = {units[1]: error, BOX_UNIT: error / box_diagonal(observed, data[BOX])}
+            elif metric.unit == m.IMAGE:
+                box = m.box_diagonal(data[m.LANDMARKS], data[m.BOX])  # type: ignore[arg-type]
+                by_unit = {units[1]: error, BOX_UNIT: error / box}
         for unit, values in by_unit.items():
             errors[name, unit] = np.where(np.isfinite(values), values, np.nan)
     if not errors:
@@ -412,40 +350,21 @@ def _error_bars(
 
     And a warning where there are some, but no rotation of the truth to the camera.
     """
-    deviation = find_dataset(file, results, DEVIATION)
+    deviation = find_dataset(file, results, m.DEVIATION)
     if deviation is None:
         return None, []
-    if arrays[TRUE_ROTATION] is None:
-        lacking = f"without the dataset `{TRUE_ROTATION.name}` or a `truth_frame`"
+    if arrays[m.TRUE_ROTATION] is None:
+        lacking = f"without the dataset `{m.TRUE_ROTATION.name}` or a `truth_frame`"
         return None, [f"the error bars are not judged, {lacking}"]
-    correlation = find_dataset(file, results, CORRELATION)
+    correlation = find_dataset(file, results, m.CORRELATION)
     with np.errstate(all="ignore"):
         square, width = in_blocks(
             find_squares,
-            *(arrays[ESTIMATE], arrays[TRUTH], arrays[TRUE_ROTATION]),
+            *(arrays[m.ESTIMATE], arrays[m.TRUTH], arrays[m.TRUE_ROTATION]),
             deviation.take(columns, axis=2),
             None if correlation is None else correlation.take(columns, axis=2),
         )
         return ErrorBars(square, {NORMALISED: width / scale[:, None], unit: width}), []
-
-
-def _ignored(results: ResultSet, truth: ShapeSet, common: Sequence[str]) -> Iterator[str]:
-    """Say which landmarks are on one side alone."""
-    for side, records in (("results", results), ("truth", truth)):
-        if alone := [name for name in records.landmark_names if name not in set(common)]:
-            yield f"landmarks in the {side} alone are left out: {abbreviate(alone)}"
-
-
-def _sequences(results: ResultSet, truth: ShapeSet, rows: Indices) -> tuple[str, ...]:
-    """Sequence of each image: of the results, else of the truth, else one for all.
-
-    One without a name is called `all` too; the empty text stands for an image without truth.
-    """
-    if results.sequences is not None:
-        return tuple(sequence or ALL for sequence in results.sequences)
-    if truth.sequences is not None:
-        return tuple(truth.sequences[row] or ALL if row >= 0 else "" for row in rows)
-    return (ALL,) * len(results)
 
 
 def _failures(
@@ -469,12 +388,8 @@ def _failures(
             return f"the results hold no shape{status}"
         if common[i].sum() < FEWEST_LANDMARKS:
             return f"only {common[i].sum()} landmarks are known on both sides"
-        lost = [kind for kind, values in certain.items() if np.isnan(values[i])]
-        empty = np.isfinite(results.shapes[i]).all() and coincide(results.shapes[i])
-        if empty and all(ROTATION in METRICS[metric].needs for metric, _ in lost):
-            return "no rotation (deg): the shape is empty, with all its landmarks at one point"
-        kinds = ", ".join(f"{metric} ({unit})" for metric, unit in lost)
-        return f"a value needed for {kinds} is nan, or true landmarks are all at one point"
+        lost = [f"{metric} ({unit})" for (metric, unit), v in certain.items() if np.isnan(v[i])]
+        return f"a value needed for {', '.join(lost)} is nan, or all landmarks are at one point"
 
     failed = ~common.any(axis=-1)
     for values in certain.values():
@@ -494,10 +409,10 @@ def with_shapes_of(results: ResultSet, names: Sequence[str]) -> ResultSet:
     if len(set(own) & set(names)) <= len(set(results.landmark_names) & set(names)):
         return results
     sd, correlation = results.per_item.get(INPUT_SD), results.per_item.get(INPUT_CORRELATION)
-    bare = results.without((*WITH_JOINTS, CORRELATION.name, "landmarks_fitted", "dual"))
-    shown = bare.replaced(
+    without = (*WITH_JOINTS, m.CORRELATION.name, "landmarks_fitted", "dual")
+    shown = results.without(without).replaced(
         shapes=np.swapaxes(columns[INPUT_SHAPES], 1, 2),
         shape_sd=None if sd is None else np.swapaxes(sd, 1, 2),
         landmark_names=own,
     )
-    return shown if correlation is None else shown.with_columns({CORRELATION.name: correlation})
+    return shown if correlation is None else shown.with_columns({m.CORRELATION.name: correlation})

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from io import BytesIO
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -17,24 +15,29 @@ from shapefit.config import EvalConfig
 from shapefit.errors import counted, input_error, listed, parse_json, path_text, printable
 from shapefit.evaluation import calibration, report
 from shapefit.evaluation.metrics import METRICS, SHARE
-from shapefit.evaluation.plots import INSTALL, MISSING, can_draw, check_can_draw
-from shapefit.evaluation.report import MOST_LISTED, Method, Report
+from shapefit.evaluation.plots import draw_errors
+from shapefit.evaluation.report import Method, Report
 from shapefit.evaluation.summaries import NORMALISED, group_sequences, members_of, summarise
 from shapefit.geometry.normalisation import LARGEST
-from shapefit.io import open_shapes, read_results
+from shapefit.io import open_shapes
 from shapefit.io.atomic import check_folder, digests, staged_files
 from shapefit.io.detect import detect_format
 from shapefit.io.formats import check_holds
 from shapefit.io.layout import FRAME
+from shapefit.io.listing import OPTIONAL
 from shapefit.io.options import input_options
 from shapefit.io.records import ResultSet
+from shapefit.io.source import open_results
 from shapefit.pipelines.evaluate.measure import Measured, Truth, join, measure, with_shapes_of
 from shapefit.pipelines.items import keys_of
 from shapefit.pipelines.outcome import Failure, Outcome
 
 ERROR_BARS = "error_bars.json"
 """File of the report that `prior.calibration` of fit takes."""
-PLOT = "errors.png"
+PLOT = "errors.svg"
+READ = {"status", "objective", "scale", "shape_sd"}
+READ |= {dataset.name for metric in METRICS.values() for dataset in metric.needs}
+"""Datasets of results that are read, beside those that every result has."""
 INSIDE = f"inside_{100 * calibration.WIDTH_OF:.0f}"
 """What the share of the landmarks of an image that are inside their error bars is called."""
 
@@ -46,46 +49,52 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
     lines as its note. The true shapes, one result file at a time and the errors of all images are
     in memory. The folder has nothing new before all is written. Raises InputError for files that
     cannot be read or compared, images that leave every metric undefined, groups that no sequence
-    belongs to, an output folder that cannot be written, and plots that are asked for without
-    matplotlib.
+    belongs to, and an output folder that cannot be written.
     """
-    if config.plots is True:
-        check_can_draw("plots")
     check_folder(config.output)
     truth, gaps = read_truth(config)
     yield Outcome(warnings=gaps)
     inputs, warnings = digests(config.truth), dict.fromkeys(gaps)
     methods: dict[str, list[Measured]] = {name: [] for name in config.results}
     with staged_files(config.output) as folder:
-        with (folder / "per_image.csv").open("wb") as file_of_images:
-            file_of_images.write(f"{','.join(report.PER_IMAGE)}\n".encode())
+        with (folder / "per_image.csv").open("wb") as per_image:
+            per_image.write(f"{','.join(report.PER_IMAGE)}\n".encode())
             for name, file in ((key, file) for key in methods for file in config.results[key]):
                 results = with_shapes_of(read_any(file), truth.shapes.landmark_names)
                 measured = measure(file, results, truth, config)
                 _check_distinct(measured, methods[name])
                 methods[name].append(measured)
+                errors = dict(measured.errors)
+                if measured.bars is not None:
+                    shares = measured.bars.shares()
+                    errors[INSIDE, SHARE] = np.where(np.isnan(shares), np.inf, shares)
                 for rows in report.per_image_rows(
-                    name, measured.sequences, measured.items, with_shares(measured)
+                    name, measured.sequences, measured.items, errors
                 ):
-                    file_of_images.write(rows)
+                    per_image.write(rows)
                 training = used_in_training(name, results.attributes, inputs)
                 new = [w for w in (*training, *measured.warnings) if w not in warnings]
                 warnings |= dict.fromkeys(new)
-                failed = measured.failures.items()
                 yield Outcome(
                     done=len(measured.items),
-                    failures=tuple(Failure(item, f"{name}: {why}") for item, why in failed),
+                    failures=tuple(
+                        Failure(item, f"{name}: {why}") for item, why in measured.failures.items()
+                    ),
                     warnings=tuple(new),
                     note=name,
                 )
         inputs |= digests(file for files in config.results.values() for file in files)
         joined = {name: join(files) for name, files in methods.items()}
         summed, ungrouped = sum_up(config, joined, [*warnings], inputs)
-        contents = _contents(summed, joined, draws=config.plots is not False and can_draw())
+        contents = {"report.csv": report.report_csv(summed)}
+        contents["report.json"] = report.report_json(summed)
+        if summed.factors:
+            contents[ERROR_BARS] = json.dumps(summed.factors)
+        contents["report.md"] = report.report_markdown(summed, PLOT if config.plots else "")
+        if config.plots:
+            contents[PLOT] = _plot(summed, joined)
         for name, content in contents.items():
-            (folder / name).write_bytes(content)
-    if config.plots == "auto" and PLOT not in contents:
-        ungrouped.append(f"no plots: {MISSING}; {INSTALL}, or set `plots: false`")
+            (folder / name).write_bytes(content.encode("utf-8", "xmlcharrefreplace"))
     yield Outcome(
         warnings=tuple(ungrouped),
         note="\n".join(report.short_lines(summed)),
@@ -98,11 +107,11 @@ def read_truth(config: EvalConfig) -> tuple[Truth, tuple[str, ...]]:
     """Read the true shapes; return them and a warning about what they lack."""
     with open_shapes(config.truth, input_options(config), gaps=True) as source:
         shapes = source.whole()
-    truth = Truth(shapes, keys_of([shapes]))
     unknown = np.isnan(shapes.shapes.sum(axis=1))
     lacking = int(np.count_nonzero(unknown.any(axis=1)))
     number = f"{counted(int(unknown.sum()), 'landmark')} of {counted(lacking, 'shape')}"
-    return truth, (f"the truth lacks {number} (NaN): left out",) if lacking else ()
+    gaps = (f"the truth lacks {number} (NaN): left out",) if lacking else ()
+    return Truth(shapes, keys_of([shapes])), gaps
 
 
 def read_any(file: Path) -> ResultSet:
@@ -110,7 +119,8 @@ def read_any(file: Path) -> ResultSet:
     known = detect_format(file)
     if known.read_poses is None:
         check_holds(file, "result", known)
-        return read_results(file)
+        with open_results([file], OPTIONAL - READ) as results:
+            return results.whole()
     with open_shapes([file], gaps=True) as source:
         shapes = source.whole()
     return ResultSet(
@@ -124,14 +134,6 @@ def read_any(file: Path) -> ResultSet:
     )
 
 
-def with_shares(measured: Measured) -> dict[tuple[str, str], Any]:
-    """Return the errors (n,), and the shares of landmarks inside the 90% error bars of images."""
-    if measured.bars is None:
-        return dict(measured.errors)
-    shares = measured.bars.shares()
-    return {**measured.errors, (INSIDE, SHARE): np.where(np.isnan(shares), np.inf, shares)}
-
-
 def sum_up(
     config: EvalConfig,
     methods: Mapping[str, Measured],
@@ -142,11 +144,7 @@ def sum_up(
 
     Raises InputError where nothing was measured, and where no sequence is in any group.
     """
-    if not any(
-        np.isfinite(v).any() or np.isnan(v).any()
-        for m in methods.values()
-        for v in m.errors.values()
-    ):
+    if all(np.isinf(v).all() for each in methods.values() for v in each.errors.values()):
         nothing = f"no image has anything to judge in {', '.join(config.metrics)}"
         raise input_error("metrics", nothing, "add `similarity`, which every shape has")
     sequences = (name for measured in methods.values() for name in measured.sequences)
@@ -158,8 +156,7 @@ def sum_up(
                 name=name,
                 files=tuple(map(path_text, measured.files)),
                 images=len(measured.items),
-                failed=len(measured.failures),
-                failures=dict(islice(measured.failures.items(), MOST_LISTED)),
+                failures=measured.failures,
                 mean_objective=_mean_objective(measured.objective),
             )
             for name, measured in methods.items()
@@ -192,22 +189,20 @@ def _mean_objective(objective: Floats | None) -> float | None:
 
 
 def used_in_training(
-    method: str, attributes: Mapping[str, object], truth: Mapping[str, str]
+    method: str, attributes: Mapping[str, Any], truth: Mapping[str, str]
 ) -> list[str]:
     """Warn where a file of the truth is one that the dictionary learned from, by their digests.
 
     A fit with `leave_one_out` ignores, in each image, the atoms of the shape that it shows.
     """
-
-    def stated(name: str) -> Mapping[str, Any]:
-        try:
-            return parse_json(attributes.get(name, "{}"))
-        except ValueError:
-            return {}
-
-    training = stated("training_inputs").values()
-    same = [file for file, digest in truth.items() if digest in training]
-    if not same or stated("config").get("leave_one_out"):
+    try:
+        training, config = (
+            parse_json(attributes.get(name, "{}")) for name in ("training_inputs", "config")
+        )
+    except ValueError:
+        return []
+    same = [file for file, digest in truth.items() if digest in training.values()]
+    if not same or config.get("leave_one_out"):
         return []
     return [
         f"{method}: the dictionary was learned from the truth, {listed(same, 'and')}, so these are "
@@ -217,31 +212,18 @@ def used_in_training(
 
 def _check_distinct(measured: Measured, before: Sequence[Measured]) -> None:
     """Raise InputError where an earlier file of the method has the same item."""
-    items = set(measured.items) if before else set()
     for other in before:
-        if same := items.intersection(other.items):
-            item = next(item for item in measured.items if item in same)
-            found = f"has the item '{item}', which {other.files[0]} has too"
+        if same := set(measured.items).intersection(other.items):
+            found = f"has the item '{min(same)}', which {other.files[0]} has too"
             fix = "give each file a unique name in `results`, or leave one out"
             raise input_error(measured.files[0], found, fix)
 
 
-def _contents(summed: Report, methods: Mapping[str, Measured], *, draws: bool) -> dict[str, bytes]:
-    """Return the files of the report by name; the plot has the first metric that is an error."""
-    texts = {"report.csv": report.report_csv(summed), "report.json": report.report_json(summed)}
-    if summed.factors:
-        texts[ERROR_BARS] = json.dumps(summed.factors)
-    texts["report.md"] = report.report_markdown(summed, PLOT if draws else "")
-    contents = {name: text.encode("utf-8", "xmlcharrefreplace") for name, text in texts.items()}
-    if draws:
-        from shapefit.evaluation.plots import draw_errors, save
-
-        kinds = [(s.metric, s.unit) for s in summed.summaries]
-        kind = next((k for k in kinds if not METRICS[k[0]].of_labels), kinds[0])
-        kind = (kind[0], NORMALISED) if (kind[0], NORMALISED) in kinds else kind
-        errors = {name: m.errors[kind] for name, m in methods.items() if kind in m.errors}
-        errors = {name: values[~np.isinf(values)] for name, values in errors.items()}
-        drawing = BytesIO()
-        save(draw_errors(METRICS[kind[0]].title, kind[1], errors), drawing, "png")
-        contents[PLOT] = drawing.getvalue()
-    return contents
+def _plot(summed: Report, methods: Mapping[str, Measured]) -> str:
+    """Draw the first metric that is an error, normalised if it is a length."""
+    kinds = [(s.metric, s.unit) for s in summed.summaries]
+    metric, unit = next((k for k in kinds if not METRICS[k[0]].of_labels), kinds[0])
+    unit = NORMALISED if (metric, NORMALISED) in kinds else unit
+    errors = {name: m.errors.get((metric, unit)) for name, m in methods.items()}
+    finite = {name: v[~np.isinf(v)] for name, v in errors.items() if v is not None}
+    return draw_errors(METRICS[metric].title, unit, finite)
