@@ -113,7 +113,7 @@ def _mocap(report: Mapping[str, Any]) -> list[str]:
         "deviation. All metrics, and the counts of images: [mocap/report.md](mocap/report.md).",
         "\n".join(f"- {caveat}" for caveat in quoted("mocap")["caveats"]),
         "### Spread over images (fig. boxplot-human)",
-        "![Errors of all images, sorted](mocap/errors.png)",
+        "![Errors of all images, sorted](mocap/errors.svg)",
         f"Mean objectives here: {of_one_program}. The paper's box plot and objectives are of "
         "subject 15, which is not in these data; medians read off it: *Convex 0.180, Alternate "
         "0.267, Alternate+ 0.229*; mean objectives: *Alternate 0.24, Alternate+ 0.17*.",

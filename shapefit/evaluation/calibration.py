@@ -115,7 +115,7 @@ def mahalanobis(z: Floats, correlation: Floats | None) -> Floats:
 
 
 def join_bars(parts: Sequence[ErrorBars | None], images: Sequence[int]) -> ErrorBars | None:
-    """Return the error bars of files of one method, with so many images; None where none has any."""
+    """Return the error bars of files of one method with so many images; None where none has any."""
     some = [part for part in parts if part is not None]
     if not some:
         return None

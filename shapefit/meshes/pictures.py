@@ -1,4 +1,4 @@
-"""Pictures of fitted images: landmarks over the fitted model, and the model in 3D from another side.
+"""Pictures of fitted images: landmarks over the fitted model, and the model in 3D from beside it.
 
 Functions take arrays and give figures, which need no screen; `save` writes them as PNG or SVG.
 """

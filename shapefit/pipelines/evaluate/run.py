@@ -68,9 +68,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
                 if measured.bars is not None:
                     shares = measured.bars.shares()
                     errors[INSIDE, SHARE] = np.where(np.isnan(shares), np.inf, shares)
-                for rows in report.per_image_rows(
-                    name, measured.sequences, measured.items, errors
-                ):
+                for rows in report.per_image_rows(name, measured.sequences, measured.items, errors):
                     per_image.write(rows)
                 training = used_in_training(name, results.attributes, inputs)
                 new = [w for w in (*training, *measured.warnings) if w not in warnings]

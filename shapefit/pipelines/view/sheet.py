@@ -11,8 +11,8 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.config import ViewConfig
 from shapefit.errors import input_error
-from shapefit.meshes.pictures import FittedImage, Model, check_can_draw, contact_sheet, save
 from shapefit.io.atomic import atomic_path
+from shapefit.meshes.pictures import FittedImage, Model, check_can_draw, contact_sheet, save
 from shapefit.pipelines.items import subsample
 from shapefit.pipelines.outcome import Outcome
 from shapefit.pipelines.view.reading import read_inputs

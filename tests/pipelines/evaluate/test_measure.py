@@ -214,7 +214,10 @@ def test_one_individual_is_measured_against_one_truth(truth, rng, who, match):
     assert found.failures == {}
     expected = metrics.similarity(shapes["man"], truth.shapes)
     np.testing.assert_allclose(found.errors["similarity", "m"], expected)
-    assert "bystander left out: another individual fits the same true shapes better" in found.warnings[0]
+    assert (
+        "bystander left out: another individual fits the same true shapes better"
+        in found.warnings[0]
+    )
     # Two people of the truth by the same names are both measured.
     two = ShapeSet(**walk_of(np.concatenate([truth.shapes] * 2), **counts))
     assert len(measured(results, two, match, SHAPES).items) == 2 * N
