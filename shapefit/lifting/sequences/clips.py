@@ -9,7 +9,10 @@ landmark in all frames does not average out either:
 for the covariance S_t of a landmark that smoothing gives, P_t of the image alone, and the deviation
 sigma with which the landmarks were taken.
 
-A sequence that would move its images too far (`CONSTANTS.farthest`) is only smoothed in time.
+A body that walks towards the camera grows in its image, and so do its bones. So a sequence is
+inferred twice: in one unit, and in units that follow the smoothed scales of the images. What agrees
+better with the images, by the energy of the objective, is taken. A sequence that would move its
+images too far (`CONSTANTS.farthest`) is inferred without bones, and keeps the error bars of these.
 """
 
 from __future__ import annotations
@@ -36,6 +39,7 @@ from shapefit.lifting.sequences.smoothing import (
     Lengths,
     Model,
     Observations,
+    Smoothed,
     observe,
     smooth,
 )
@@ -49,6 +53,9 @@ nan for images that are not refined."""
 FEWEST = 3
 """Frames of a sequence: fewer have no acceleration and stay what their images say."""
 
+GAP = 1e-6
+"""Weight of an interpolated scale beside that of an image: it decides within long gaps alone."""
+
 PAIRS = ((0, 1), (0, 2), (1, 2))
 """Coordinates of a landmark, in the order of the correlations."""
 
@@ -59,14 +66,14 @@ class Motion:
 
     bones (e, 2) keep their lengths but for deviations of give (e,); acceleration (p,), the root of
     the mean square of the second difference of a coordinate from frame to frame; known, what is
-    known of the lengths; lag, frames in `CONSTANTS.memory`.
+    known of the lengths; rate, images a second.
     """
 
     bones: Indices
     acceleration: Floats
     give: Floats
     known: Lengths | None = None
-    lag: int = 1
+    rate: float = 24.0
 
 
 @dataclass(frozen=True)
@@ -257,31 +264,70 @@ def refine_clip(
     clips: Clips, clip: slice, there: Flags, finite: Flags, motion: Motion, found: Refined
 ) -> None:
     """Refine one sequence from the images that are `there` (t,); write down the finite ones."""
-    unit = median(clips.scale[clip][there])
-    visible = in_unit(clips, clip, unit)
-    scale = find_acceleration_scale(visible, motion.acceleration, motion.lag)
-    acceleration = motion.acceleration * scale
+    size = median(clips.scale[clip][there])
     sigma = float(np.sqrt(clips.residual_variance))
     if clips.noise is not None:
-        sigma = min(max(clips.noise / unit, CONSTANTS.least_noise), sigma)
-    known = weigh_lengths(motion.known, int(there.sum()) * sigma**2 / clips.residual_variance)
-    model = Model(motion.bones, acceleration**-2, motion.give, known)
-    smoothed = smooth(visible, model, sigma, covariances=found.covariance is not None)
+        sigma = min(max(clips.noise / size, CONSTANTS.least_noise), sigma)
+    frames = int(there.sum()) * sigma**2 / clips.residual_variance
+    known, covariances = weigh_lengths(motion.known, frames), found.covariance is not None
+
+    def infer(visible: Observations, rigid: bool = True) -> Smoothed:
+        lag = max(1, round(CONSTANTS.memory * motion.rate))
+        scale = find_acceleration_scale(visible, motion.acceleration, lag)
+        stiffness = (motion.acceleration * scale) ** -2
+        model = Model(motion.bones, stiffness, motion.give, known)
+        if not rigid:
+            model = Model(motion.bones[:0], stiffness, motion.give[:0])
+        return smooth(visible, model, sigma, covariances=covariances)
+
     rows = np.arange(clip.start, clip.stop)[finite]
+    visible = in_unit(clips, clip, size)
+    unit, smoothed = np.full(len(there), size), infer(visible)
+    if there.sum() >= FEWEST:
+        scale = (clips.scale * clips.modes.scale[:, 0])[clip]
+        growth = find_growth(scale, there, CONSTANTS.steady * motion.rate)
+        visible = visible.grown(growth)
+        other = infer(visible)
+        if other.energy < smoothed.energy:
+            unit, smoothed = size * growth, other
+        moved = unit[:, None, None] * smoothed.points - clips.points[clip]
+        square = ((moved / clips.deviation[clip])[there] ** 2).mean(axis=(1, 2))
+        if median(square) > CONSTANTS.farthest:
+            steady = infer(visible, rigid=False).points
+            found.points[rows] = ((size * growth)[:, None, None] * steady)[finite]
+            return
+    u = unit[finite][:, None, None]
     found.converged[rows] = smoothed.converged
-    sd = np.full_like(visible.start, np.inf)
-    sd[there] = clips.deviation[clip][there] / unit
-    moved = (smoothed.points - visible.start) / sd
-    if median((moved[there] ** 2).mean(axis=(1, 2))) > CONSTANTS.farthest:
-        found.points[rows] = unit * smooth_in_time(visible.start, sd, acceleration)[finite]
-        return
-    found.points[rows] = unit * smoothed.points[finite]
-    found.deviation[rows] = unit * smoothed.deviation[finite]
+    found.points[rows] = u * smoothed.points[finite]
+    found.deviation[rows] = u * smoothed.deviation[finite]
     found.correlation[rows] = smoothed.correlation[finite]
-    found.noise[rows] = unit * sigma
+    found.noise[rows] = size * sigma
     if found.covariance is not None:
         assert smoothed.covariance is not None
-        found.covariance[rows] = unit**2 * smoothed.covariance[finite]
+        found.covariance[rows] = u**2 * smoothed.covariance[finite]
+
+
+def find_growth(scale: Floats, there: Flags, width: float) -> Floats:
+    """Smoothed scales (t,) of the images that are `there` (t,), beside their geometric mean.
+
+    By lines through the logarithms within a Gaussian window of so many frames about each
+    (local linear regression).
+    """
+    known = np.flatnonzero(there)
+    level = np.interp(np.arange(len(scale)), known, np.log(scale[known]))
+    weight = np.where(there, 1.0, GAP)
+    reach = min(int(4 * width) + 1, len(scale) - 1)
+    k = np.arange(-reach, reach + 1)
+    window = np.exp(-0.5 * (k / width) ** 2)
+
+    def total(x: Floats, power: int) -> Floats:
+        return np.convolve(x, window * (-k) ** power)[reach : len(x) + reach]
+
+    S0, S1, S2 = (total(weight, power) for power in range(3))
+    T0, T1 = (total(weight * level, power) for power in range(2))
+    line = (S2 * T0 - S1 * T1) / (S0 * S2 - S1**2)
+    growth: Floats = np.exp(line - line[known].mean())
+    return growth
 
 
 def weigh_lengths(known: Lengths | None, frames: float) -> Lengths | None:
@@ -351,31 +397,6 @@ def median_variance(values: Floats) -> Floats:
     low, high = np.maximum(count - 1, 0) // 2, np.minimum(count // 2, len(sizes) - 1)
     middle = (sizes[low, columns] + sizes[high, columns]) / 2
     return np.where(count > 0, (middle / 0.6745) ** 2, np.nan)
-
-
-def smooth_in_time(means: Floats, deviations: Floats, acceleration: Floats) -> Floats:
-    """Posterior means of single images m (t, 3, p) that do not jitter from frame to frame.
-
-        argmin_y  sum_t (y_t - m_t)^2 / sd_t^2  +  sum_t (y_(t-1) - 2 y_t + y_(t+1))^2 / a^2
-
-    for standard deviations sd (t, 3, p), inf where nothing is known, and accelerations a (p,).
-    """
-    from scipy.linalg import solveh_banded  # which few sequences need
-
-    t, _, p = means.shape
-    weight = 1 / deviations**2
-    fixed = np.zeros((3, t))
-    for a, left in enumerate((1.0, -2.0, 1.0) if t > 2 else ()):
-        for b, right in enumerate((1.0, -2.0, 1.0)[: a + 1]):
-            fixed[a - b, b : b + t - 2] += left * right
-    smoothed = np.empty_like(means)
-    for axis in range(3):
-        for j in range(p):
-            bands = fixed / acceleration[j] ** 2
-            bands[0] += weight[:, axis, j]
-            linear_term = weight[:, axis, j] * means[:, axis, j]
-            smoothed[:, axis, j] = solveh_banded(bands, linear_term, lower=True)
-    return smoothed
 
 
 def add_common_error(

@@ -160,8 +160,8 @@ def find_motion(dictionary: Dictionary, rate: float | None) -> Motion:
         acceleration = acceleration * (dictionary.frame_rate / rate) ** 1.5
     tolerance = np.full(len(edges), USUAL) if tolerance is None else tolerance
     known = find_usual_lengths(dictionary)
-    lag = CONSTANTS.memory * (rate or dictionary.frame_rate or RATE)
-    return Motion(edges, acceleration, np.maximum(tolerance, RIGID), known, max(1, round(lag)))
+    rate = rate or dictionary.frame_rate or RATE
+    return Motion(edges, acceleration, np.maximum(tolerance, RIGID), known, rate)
 
 
 def find_usual_lengths(dictionary: Dictionary) -> Lengths | None:

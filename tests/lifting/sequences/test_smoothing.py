@@ -10,7 +10,7 @@ from shapefit.arrays import median
 from shapefit.lifting.sequences import smoothing
 from shapefit.lifting.sequences.clips import (
     find_acceleration_scale,
-    smooth_in_time,
+    find_growth,
     weigh_lengths,
 )
 from shapefit.lifting.sequences.smoothing import (
@@ -23,7 +23,7 @@ from shapefit.lifting.sequences.smoothing import (
     observe,
     smooth,
 )
-from tests.lifting.sequences.objective import Objective, second_difference
+from tests.lifting.sequences.objective import Objective
 
 
 def error(points, truth):
@@ -280,18 +280,30 @@ def test_frames_without_modes_lie_between_their_neighbours(images, body):
         fill(visible.start, np.zeros(len(visible), dtype=bool))
 
 
-def test_smoothing_in_time_is_the_dense_least_squares(rng):
-    means, sd = rng.standard_normal((12, 3, 2)), rng.uniform(0.5, 2, (12, 3, 2))
-    sd[4] = np.inf
-    got = smooth_in_time(means, sd, np.array([0.3, 0.7]))
-    D = second_difference(12)
-    for axis in range(3):
-        for j, a in enumerate((0.3, 0.7)):
-            weight = np.diag(sd[:, axis, j] ** -2.0)
-            expected = np.linalg.solve(weight + D.T @ D / a**2, weight @ means[:, axis, j])
-            np.testing.assert_allclose(got[:, axis, j], expected, atol=1e-9)
-    copies = np.repeat(means[:1], 12, axis=0)
-    np.testing.assert_allclose(smooth_in_time(copies, sd, np.array([0.3, 0.7])), copies, atol=1e-9)
+@pytest.mark.parametrize("width", [2.0, 30.0])
+def test_growth_is_a_line_through_what_is_near(rng, width):
+    """Weighted least squares about each frame; what is a line stays one, without its mean."""
+    level, there = rng.standard_normal(20), np.ones(20, dtype=bool)
+    t = np.arange(20)
+    expected = [np.polyfit(t - k, level, 1, w=np.exp(-0.25 * ((t - k) / width) ** 2))[1] for k in t]
+    found = np.log(find_growth(np.exp(level), there, width))
+    np.testing.assert_allclose(found, expected - np.mean(expected), atol=2e-3)
+    there[[0, 7, 8]] = False
+    nearer = np.where(there, np.exp(0.1 * t), np.nan)
+    line = 0.1 * (t - t[there].mean())
+    np.testing.assert_allclose(np.log(find_growth(nearer, there, width))[1:], line[1:], atol=1e-4)
+
+
+def test_a_unit_of_each_frame_is_that_of_images_observed_in_it(images, body, rng):
+    growth = np.exp(rng.uniform(-0.2, 0.2, len(body)))
+    g = growth[:, None, None]
+    visible = images(body, noise=0.02)
+    covariance = np.linalg.inv(visible.precision)
+    found = replace(visible, precision=visible.precision.copy()).grown(growth)
+    np.testing.assert_allclose(found.start * g, visible.start)
+    np.testing.assert_allclose(found.mean * g, visible.mean)
+    np.testing.assert_allclose(np.linalg.inv(found.precision), covariance / g[..., None] ** 2)
+    np.testing.assert_allclose(found.log_det, np.linalg.slogdet(covariance / g[..., None] ** 2)[1])
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 6])

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+import shapefit
 from shapefit.config import EvalConfig, LearnDictConfig, ProjectConfig
 from shapefit.errors import InputError
 from shapefit.evaluation.metrics import similarity
@@ -179,7 +180,7 @@ def judged(people, project, tmp_path):
 @pytest.mark.parametrize("method", ["posterior", "sequences"])
 def test_bars_too_narrow_become_true_by_a_report(judged, tmp_path, method):
     narrow, inside = judged(method, bar_scale=0.05)
-    assert inside == pytest.approx(0.9, abs=0.03)  # by hidden landmarks alone
+    assert inside == pytest.approx(0.9, abs=0.05)  # by hidden landmarks alone
     path = (tmp_path / "report/error_bars.json").rename(tmp_path / "rig.json")
     wide, inside = judged(method, bar_scale=0.05, calibration=path)
     factor = json.loads(path.read_text(encoding="utf-8"))[method]["90%"]
@@ -260,3 +261,21 @@ def test_long_sequences_are_lifted_in_the_pieces_that_are_refined(names, monkeyp
     ends = np.cumsum([len(piece) for piece in pieces])
     assert set(ends) <= {clip.stop for clip in clips.split(tuple(names))} | {0}
     assert all(len(piece) <= 4 for piece in pieces)
+
+
+def test_a_dog_that_walks_in_a_curve_is_no_worse_than_its_images(project):
+    """Its scale in the image changes by a third."""
+    folder = project / "sample_data"
+    truth = shapefit.read_shapes(folder / "animal_truth.h5")
+    images = shapefit.read_landmarks(folder / "animal_walk.csv")
+    dog = shapefit.learn(
+        shapefit.read_shapes(folder / "animal_train.h5"), prior={"components": "auto"}
+    )
+    keys = {"min_confidence": 0.6, "frame_rate": 25, "image_size": (1280, 720)}
+    single, whole = (
+        shapefit.evaluate(shapefit.fit(images, dog, method=method, **keys), truth).mean(
+            "similarity"
+        )
+        for method in ("posterior", "sequences")
+    )
+    assert whole < single
