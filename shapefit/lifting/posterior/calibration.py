@@ -43,7 +43,8 @@ images has no part in the kappa of the file."""
 class Calibration:
     """What the hidden landmarks of a sample show of the error bars of its file.
 
-    kappa, of all landmarks together, and by_landmark (p,), nan where too few were hidden;
+    kappa, of all landmarks together, and by_landmark (p,), nan where too few were hidden and where
+    the landmark is mostly an outlier: what the detector marks is not what the posterior places;
     inside, the share of hidden landmarks inside their 90% regions as they are stated; predictions,
     how many were hidden. nan where none was.
     """
@@ -87,7 +88,7 @@ def calibrate(
     )
     return Calibration(
         kappa=float(np.quantile(pooled, LEVEL)) / QUANTILE,
-        by_landmark=by_landmark,
+        by_landmark=np.where(outliers, np.nan, by_landmark),
         inside=float((pooled <= bar_scale * QUANTILE).mean()),
         predictions=len(pooled),
     )

@@ -116,7 +116,6 @@ def test_a_landmark_that_is_mostly_wrong_is_named(planted, tmp_path):
     assert "in which point3 contradicts" in told
 
 
-@pytest.mark.xfail(reason="the growth of its own bars enters the mean expected error", strict=False)
 def test_frames_with_a_landmark_that_is_mostly_wrong_stay_trusted(planted, tmp_path):
     images, _ = planted[2](1, RESIDUAL_VARIANCE, wrong=3, error=1.5)
     result, _ = fit_images(tmp_path, images, planted[0], **KEYS)
