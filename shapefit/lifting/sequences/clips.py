@@ -229,9 +229,8 @@ def refine_clips(
         scale=np.where(known, clips.scale, np.nan),
         points=np.where(known[:, None, None], clips.points, np.nan),
     )
-    fewest = 1 if motion.known is not None and motion.known.measured else FEWEST
     there = np.concatenate([[0], np.cumsum(known)])
-    long = [clip for clip in split(sequences) if there[clip.stop] - there[clip.start] >= fewest]
+    long = [clip for clip in split(sequences) if there[clip.stop] - there[clip.start] >= FEWEST]
 
     def refine(clip: slice) -> None:
         refine_clip(clips, clip, known[clip], finite[clip], motion, found)
@@ -283,19 +282,18 @@ def refine_clip(
     rows = np.arange(clip.start, clip.stop)[finite]
     visible = in_unit(clips, clip, size)
     unit, smoothed = np.full(len(there), size), infer(visible)
-    if there.sum() >= FEWEST:
-        scale = (clips.scale * clips.modes.scale[:, 0])[clip]
-        growth = find_growth(scale, there, CONSTANTS.steady * motion.rate)
-        visible = visible.grown(growth)
-        other = infer(visible)
-        if other.energy < smoothed.energy:
-            unit, smoothed = size * growth, other
-        moved = unit[:, None, None] * smoothed.points - clips.points[clip]
-        square = ((moved / clips.deviation[clip])[there] ** 2).mean(axis=(1, 2))
-        if median(square) > CONSTANTS.farthest:
-            steady = infer(visible, rigid=False).points
-            found.points[rows] = ((size * growth)[:, None, None] * steady)[finite]
-            return
+    scale = (clips.scale * clips.modes.scale[:, 0])[clip]
+    growth = find_growth(scale, there, CONSTANTS.steady * motion.rate)
+    visible = visible.grown(growth)
+    other = infer(visible)
+    if other.energy < smoothed.energy:
+        unit, smoothed = size * growth, other
+    moved = unit[:, None, None] * smoothed.points - clips.points[clip]
+    square = ((moved / clips.deviation[clip])[there] ** 2).mean(axis=(1, 2))
+    if median(square) > CONSTANTS.farthest:
+        steady = infer(visible, rigid=False).points
+        found.points[rows] = ((size * growth)[:, None, None] * steady)[finite]
+        return
     u = unit[finite][:, None, None]
     found.converged[rows] = smoothed.converged
     found.points[rows] = u * smoothed.points[finite]

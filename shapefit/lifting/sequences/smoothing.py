@@ -89,12 +89,11 @@ class Lengths(NamedTuple):
     """What is known of the lengths of bones beforehand, but for the size of the body.
 
     usual k (e,), in any unit, nan where a bone's is unknown; precision Q (e, e) of the logarithms,
-    0 there; whether they were measured on the body itself, or on others of its kind.
+    0 there.
     """
 
     usual: Floats
     precision: Floats
-    measured: bool
 
 
 @dataclass(frozen=True)
@@ -178,7 +177,7 @@ def smooth(
     """Minimise the objective above from the images, for landmarks of the deviation `noise`."""
     t, _, p = visible.start.shape
     points = visible.start.reshape(t, 3 * p).copy()
-    lengths = first_lengths(visible.start, model)
+    lengths = mean_lengths(visible.start, model.bones)
     hold, known = fixed_lengths(model, lengths)
     end = np.empty(2)
     deviation, correlation = np.empty((2, t, 3 * p))
@@ -235,14 +234,11 @@ def fixed_lengths(model: Model, lengths: Floats) -> tuple[Floats, Floats]:
     return model.known.precision * np.outer(shorter, shorter), known
 
 
-def first_lengths(points: Floats, model: Model) -> Floats:
-    """Mean lengths (e,) of the bones of points (t, 3, p), or those measured on the body."""
-    i, j = model.bones.T
+def mean_lengths(points: Floats, bones: Indices) -> Floats:
+    """Mean lengths (e,) of the bones (e, 2) of points (t, 3, p)."""
+    i, j = bones.T
     mean: Floats = np.linalg.norm(points[:, :, i] - points[:, :, j], axis=1).mean(axis=0)
-    if model.known is None or not model.known.measured:
-        return mean
-    usual = model.known.usual
-    return np.where(np.isfinite(usual), usual * fit_scale(mean, usual), mean)
+    return mean
 
 
 def fit_scale(lengths: Floats, known: Floats) -> float:

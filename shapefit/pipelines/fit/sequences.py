@@ -182,7 +182,7 @@ def find_usual_lengths(dictionary: Dictionary) -> Lengths | None:
     Q, lengths = np.zeros_like(covariance), np.full(len(usual), np.nan)
     Q[np.ix_(rows, rows)] = P - np.outer(whole, whole) / whole.sum()
     lengths[rows] = usual[rows]
-    return Lengths(lengths, Q, measured=False)
+    return Lengths(lengths, Q)
 
 
 def is_limb(names: Sequence[str], edge: NDArray[np.integer]) -> bool:

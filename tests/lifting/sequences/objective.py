@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from shapefit.lifting.sequences.smoothing import first_lengths, fixed_lengths, further_weight
+from shapefit.lifting.sequences.smoothing import fixed_lengths, further_weight, mean_lengths
 
 
 def second_difference(t):
@@ -20,7 +20,7 @@ class Objective:
         self.weight = further_weight(visible, noise)
         self.w = np.nan_to_num(visible.landmarks).reshape(len(visible), -1)
         D = second_difference(len(visible))
-        self.hold, self.known = fixed_lengths(model, first_lengths(visible.start, model))
+        self.hold, self.known = fixed_lengths(model, mean_lengths(visible.start, model.bones))
         self.motion = np.kron(D.T @ D, np.diag(np.tile(model.stiffness, 3)))
 
     def energy(self, y, lengths):

@@ -55,15 +55,15 @@ def test_a_step_is_that_of_the_dense_system(images, body, model, frames, case):
     """The first step, damped, half a unit at most."""
     visible = images(body[:frames], noise=0.02, depth=0.1)
     if case == "known lengths":
-        longer = smoothing.first_lengths(body, model) * [1.3, 1, 0.8, np.nan]
+        longer = smoothing.mean_lengths(body, model.bones) * [1.3, 1, 0.8, np.nan]
         known = np.diag([1.0, 1, 1, 0]) - 0.2 * np.outer([1, 1, 1, 0], [1, 1, 1, 0])
-        model = replace(model, known=Lengths(longer, known / 0.002**2, measured=True))
+        model = replace(model, known=Lengths(longer, known / 0.002**2))
     if case == "far":
         visible = replace(visible, start=visible.start + 2)
     found = smooth(visible, model, 0.1, max_rounds=1)
     judge, e = Objective(visible, model, 0.1), len(model.bones)
     y = visible.start.reshape(frames, -1)
-    lengths = smoothing.first_lengths(visible.start, model)
+    lengths = smoothing.mean_lengths(visible.start, model.bones)
     assert smooth(visible, model, 0.1, max_rounds=0).energy == pytest.approx(
         judge.energy(y, lengths)
     )
@@ -95,7 +95,7 @@ def test_the_end_is_a_minimum_of_the_dense_objective(images, body, model, monkey
     assert not smooth(visible, model, 0.02, max_rounds=2).converged
     assert found.energy == pytest.approx(judge.energy(y, found.lengths))
     first = judge.gradient(
-        visible.start.reshape(y.shape), smoothing.first_lengths(visible.start, model)
+        visible.start.reshape(y.shape), smoothing.mean_lengths(visible.start, model.bones)
     )
     assert np.abs(judge.gradient(y, found.lengths)).max() < 1e-4 * np.abs(first).max()
     for seed in range(5):
@@ -115,7 +115,7 @@ def test_a_rigid_body_is_found_where_single_images_are_far_off(images, body, mod
 def test_known_lengths_up_to_scale_are_kept(images, body, model):
     true = np.linalg.norm(body[0, :, model.bones[:, 0]] - body[0, :, model.bones[:, 1]], axis=1)
     visible = images(body, noise=0.002)
-    exact = Lengths(40 * true, np.eye(4) / 0.01**2, measured=True)
+    exact = Lengths(40 * true, np.eye(4) / 0.01**2)
     found = smooth(visible, replace(model, known=exact), 0.003, max_rounds=50)
     ratio = found.lengths / true
     np.testing.assert_allclose(ratio / ratio.mean(), 1, atol=0.03)
@@ -317,7 +317,7 @@ def test_errors_that_images_share_do_not_outweigh_known_lengths(images, body, mo
     monkeypatch.setattr(smoothing, "TOLERANCE", 1e-9)
     i, j = model.bones.T
     true = np.linalg.norm(body[0, :, i] - body[0, :, j], axis=1)
-    usual = Lengths(true, np.eye(4) / 0.03**2, measured=False)
+    usual = Lengths(true, np.eye(4) / 0.03**2)
     short = body[:1].copy()
     short[..., 4] = 0.6 * short[..., 4] + 0.4 * short[..., 1]
     off = {}

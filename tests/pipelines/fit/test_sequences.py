@@ -214,7 +214,6 @@ def test_lengths_of_other_bodies_leave_the_size_free(people, rng):
     np.testing.assert_array_equal(known.precision[~np.array(limbs)], 0)
     assert np.linalg.eigvalsh(known.precision[np.ix_(limbs, limbs)])[1] > 1e-3
     np.testing.assert_array_equal(known.usual, np.where(limbs, dictionary.edge_length, np.nan))
-    assert not known.measured
     assert find_usual_lengths(replace(dictionary, edge_covariance=None)) is None
 
 
