@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import Flags, Floats, Integers
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import metres_in, normalise, std
 
@@ -55,8 +55,8 @@ def find_bone_tolerance(shapes: Floats, edges: Integers, sequences: Sequence[str
     bones and each sequence shows one body.
     """
     lengths, mean, of = find_lengths(shapes, edges, sequences)
-    found: Floats = np.sqrt(((lengths - mean[of]) ** 2).mean(axis=0))
-    return found / np.median(normalise(shapes).scale)
+    tolerance: Floats = np.sqrt(((lengths - mean[of]) ** 2).mean(axis=0))
+    return tolerance / np.median(normalise(shapes).scale)
 
 
 def find_lengths(
@@ -79,23 +79,21 @@ def find_edge_covariance(lengths: Floats, of_shapes: Floats | None = None) -> Fl
     others: the spread s counts as much as m further ones would. Where nothing says which shapes are
     of one body they count as one, and S grows by the covariance of log l `of_shapes` (n, e).
     """
-    there = (lengths > 0).all(axis=0)
+    measured: Flags = np.asarray((lengths > 0).all(axis=0))
     if of_shapes is not None:
-        there &= (of_shapes > 0).all(axis=0)
-    logs = np.log(np.where(there, lengths, 1.0))
+        measured &= (of_shapes > 0).all(axis=0)
     bodies: list[Floats] = []
-    for each in logs:
-        if all(np.sqrt(((each - body) ** 2).mean()) > ALIKE for body in bodies):
-            bodies.append(each)
-    away = np.array(bodies) - np.mean(bodies, axis=0)
-    e = logs.shape[1]
-    found: Floats = away.T @ away + WORTH * LENGTH_STD**2 * np.eye(e)
-    found /= len(bodies) - 1 + WORTH
+    for log in np.log(np.where(measured, lengths, 1.0)):
+        if all(np.sqrt(((log - body) ** 2).mean()) > ALIKE for body in bodies):
+            bodies.append(log)
+    d = np.array(bodies) - np.mean(bodies, axis=0)
+    S: Floats = d.T @ d + WORTH * SPREAD**2 * np.eye(len(measured))
+    S /= len(bodies) - 1 + WORTH
     if of_shapes is not None:
-        each = np.log(np.where(there, of_shapes, 1.0))
-        each -= each.mean(axis=0)
-        found += each.T @ each / len(each)
-    return found
+        logs = np.log(np.where(measured, of_shapes, 1.0))
+        logs -= logs.mean(axis=0)
+        S += logs.T @ logs / len(logs)
+    return S
 
 
 def find_edge_length(shapes: Floats, edges: Integers) -> Floats:
@@ -124,11 +122,10 @@ def metres_per_unit(shapes: Floats, dictionary: Dictionary) -> Floats | None:
         size = float(dictionary.edge_length.sum())
     else:
         assert dictionary.atom_scale is not None
-        extent = std(shapes)
-        size = float((dictionary.atom_scale * std(dictionary.atoms)).mean())
-    return np.divide(
-        metres * size, extent, out=np.full(len(shapes), np.nan), where=np.asarray(extent > 0)
-    )
+        extent = spread(shapes)
+        size = float((dictionary.atom_scale * spread(dictionary.atoms)).mean())
+    unknown = np.full(len(shapes), np.nan)
+    return np.divide(metres * size, extent, out=unknown, where=np.asarray(extent > 0))
 
 
 def knows_size(dictionary: Dictionary) -> bool:
@@ -162,29 +159,22 @@ def find_skeleton(edges: Integers, points: int) -> Skeleton:
     for a, b in edges.tolist():
         neighbours[a].append(b)
         neighbours[b].append(a)
-    if len(edges) != points - 1:
-        raise ValueError(f"{len(edges)} edges of {points} landmarks are not a tree")
     root = max(range(points), key=lambda j: len(neighbours[j]))
-    parent, order, todo = {root: root}, [], [root]
-    while todo:
-        at = todo.pop(0)
-        for other in neighbours[at]:
-            if other not in parent:
-                parent[other] = at
-                order.append(other)
-                todo.append(other)
-    if len(parent) != points:
-        raise ValueError("the edges leave landmarks apart")
+    parent, order = {root: root}, [root]
+    for at in order:
+        children = [j for j in neighbours[at] if j not in parent]
+        parent |= dict.fromkeys(children, at)
+        order += children
+    if len(edges) != points - 1 or len(parent) != points:
+        raise ValueError(f"{len(edges)} edges of {points} landmarks are not a tree")
     limbs = []
     for leaf in range(points):
-        if leaf == root or len(neighbours[leaf]) != 1:
-            continue
         chain = [leaf]
         while parent[chain[-1]] != root and len(neighbours[parent[chain[-1]]]) == 2:
             chain.append(parent[chain[-1]])
-        if len(chain) > 1:
+        if leaf != root and len(neighbours[leaf]) == 1 and len(chain) > 1:
             limbs.append(tuple(chain[-2::-1]))
-    return Skeleton(tuple(order), tuple(parent[j] for j in range(points)), tuple(limbs))
+    return Skeleton(tuple(order[1:]), tuple(parent[j] for j in range(points)), tuple(limbs))
 
 
 def vary(

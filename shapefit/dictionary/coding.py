@@ -30,11 +30,8 @@ def sparse_code(
     0); returns C (n, k). Never worse than the start. Each shape stops when no change of a single
     coefficient would still move it by more than `tolerance` of its norm.
 
-    An active set method (Lawson and Hanson 1974, with the l1 term): minimise over the
-    coefficients in use, dropping those that reach 0, then use the one too whose coordinate descent
-    step moves the shape most. Atoms in use that depend on each other are exchanged until the
-    rest are independent, so at most 3p coefficients are positive. `duality_gaps` certifies the
-    result. Warns (RuntimeWarning) where a shape could not be brought to stop.
+    An active set method (Lawson and Hanson 1974, with the l1 term), see core/base/active_set.hpp;
+    `duality_gaps` certifies the result. Warns (RuntimeWarning) where a shape does not stop.
     """
     X, B = flat(shapes), flat(atoms)
     C = np.zeros((len(X), len(B))) if start is None else np.array(start, dtype=np.float64)

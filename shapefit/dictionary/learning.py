@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.dictionary.coding import duality_gaps, flat, objectives, sparse_code
@@ -57,7 +56,7 @@ def learn(
     n = len(shapes)
     if not 1 <= k <= n:
         raise ValueError(f"k must be within 1..{n} (the number of shapes), is {k}")
-    chosen = shapes[evenly(n, k)]
+    chosen = shapes[np.linspace(0, n - 1, k).round().astype(np.intp)]
 
     def total(B: Floats, C: Floats) -> float:
         return float(objectives(shapes, B, beta, C).sum())
@@ -73,7 +72,8 @@ def learn(
     for _ in range(iterations):
         updated = update_atoms(shapes, C, B)
         trace.append(total(updated, C))
-        beyond = reach_beyond(B, updated)
+        beyond = updated + REACH * (updated - B)
+        beyond *= BOUND / np.linalg.norm(beyond, axis=(1, 2), keepdims=True).clip(min=BOUND)
         coded = recode(updated, C), recode(beyond, C)
         objective, B, C = min(coded, key=lambda state: state[0])
         trace.append(objective)
@@ -113,38 +113,17 @@ def replace_dead_atoms(shapes: Floats, coefficients: Floats, atoms: Floats) -> F
     if not len(dead):
         return atoms
     B = atoms.copy()
-    worst = find_worst(shapes, coefficients, atoms, len(dead))
-    for i, row in zip(dead, worst, strict=True):
-        B[i] = of_norm_one(shapes[row])
-    return B
-
-
-def find_worst(shapes: Floats, coefficients: Floats, atoms: Floats, number: int) -> list[int]:
-    """Return rows of the shapes that new atoms serve best, each after the earlier ones."""
     residual = shapes - np.tensordot(coefficients, atoms, axes=1)
-    found = []
-    for _ in range(number):
-        found.append(int(np.linalg.norm(residual, axis=(1, 2)).argmax()))
-        taken = of_norm_one(shapes[found[-1]])
-        part = np.tensordot(residual, taken, axes=2)
-        residual -= np.maximum(part, 0.0)[:, None, None] * taken
-    return found
-
-
-def evenly(n: int, number: int) -> NDArray[np.intp]:
-    """Return `number` rows of n at even distances, the first and the last among them."""
-    return np.linspace(0, n - 1, number).round().astype(np.intp)
+    for i in dead:
+        B[i] = of_norm_one(shapes[np.linalg.norm(residual, axis=(1, 2)).argmax()])
+        part = np.maximum(np.tensordot(residual, B[i], axes=2), 0.0)
+        residual -= part[:, None, None] * B[i]
+    return B
 
 
 def of_norm_one(shapes: Floats) -> Floats:
     """Return shapes (..., 3, p), none of them 0, scaled to the bound of atoms."""
     return shapes * (BOUND / np.linalg.norm(shapes, axis=(-2, -1), keepdims=True))
-
-
-def reach_beyond(atoms: Floats, updated: Floats) -> Floats:
-    """Return atoms (k, 3, p) beyond an update, on the line from the old ones, within the bound."""
-    B = updated + REACH * (updated - atoms)
-    return B * (BOUND / np.linalg.norm(B, axis=(1, 2), keepdims=True).clip(min=BOUND))
 
 
 @dataclass(frozen=True)
@@ -194,14 +173,12 @@ def summarise(
 def scale_of_atoms(atoms: Floats, use: Floats, measured: Floats, mean: float) -> Floats:
     """(sum_j C_ji s_j / sum_j C_ji) / spread(B_i): as large as the shapes that use the atom.
 
-    A linear estimate from the sizes s: a learned atom has no size of its own, so that one alone
-    is, grown to the spread 1 of a normalised shape, as large as the training shapes are on
-    average, each by its share in the atom's use. Where all s are equal, so are the sizes of the
-    grown atoms. An atom that no shape uses is as large as all shapes are on average.
+    A learned atom has no size of its own: grown to the spread 1 of a normalised shape it is as
+    large as the training shapes are on average, each by its share in the atom's use. One that no
+    shape uses is as large as all shapes are on average, `mean`.
 
     atoms B (k, 3, p), none 0; use sum_j C_ji and measured sum_j C_ji s_j (k,), sums over the
-    training shapes: coefficients C >= 0 of the normalised ones, shape j measures s_j times its
-    normalised form; mean of all s -> (k,) > 0: atom i measures that times B_i.
+    training shapes, where shape j measures s_j times its normalised form -> (k,) > 0.
     """
     size = np.full(len(atoms), mean)
     np.divide(measured, use, out=size, where=use > 0)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Flags, Floats
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import normalise
 
@@ -74,7 +74,7 @@ class Dictionary:
 
     @property
     def prior_weights(self) -> Floats | None:
-        """Return pi (K,) of the prior, None without one."""
+        """pi (K,) of the prior, None without one."""
         return None if self.prior is None else self.prior.weights
 
     @property
@@ -101,17 +101,17 @@ class Dictionary:
         retained = self.atoms_without(item)
         if not retained.any():
             raise ValueError(f"every atom is the item {item!r}")
-        atoms = self.atoms[retained]
+        vertices, scale = self.mesh_vertices, self.atom_scale
         return replace(
             self,
-            atoms=atoms,
-            mean_shape=normalise(atoms.mean(axis=0)).points,
-            mesh_vertices=None if self.mesh_vertices is None else self.mesh_vertices[retained],
-            atom_scale=None if self.atom_scale is None else self.atom_scale[retained],
+            atoms=self.atoms[retained],
+            mean_shape=normalise(self.atoms[retained].mean(axis=0)).points,
+            mesh_vertices=None if vertices is None else vertices[retained],
+            atom_scale=None if scale is None else scale[retained],
             atom_items=tuple(name for name in self.atom_items or () if name != item),
         )
 
-    def atoms_without(self, item: str) -> NDArray[np.bool_]:
+    def atoms_without(self, item: str) -> Flags:
         """Return the mask (k,) of the atoms that are not the training shape `item`.
 
         Raises ValueError where the atoms have no items.
@@ -163,29 +163,27 @@ class Dictionary:
         columns = np.array([self.landmark_names.index(name) for name in names], dtype=np.int64)
         place = np.full(len(self.landmark_names), -1)
         place[columns] = np.arange(len(columns))
-        edges, partners, acceleration = self.edges, self.mirror_index, self.acceleration
-        give, length, covariance = self.bone_tolerance, self.edge_length, self.edge_covariance
-        if edges is not None:
-            there = np.flatnonzero((place[edges] >= 0).all(axis=1))
-            edges = place[edges[there]]
-            give = None if give is None else give[there]
-            length = None if length is None else length[there]
-            covariance = None if covariance is None else covariance[np.ix_(there, there)]
-        if partners is not None:
-            partners = place[partners[columns]]
-            partners = partners if (partners >= 0).all() else None
+        changes: dict[str, Any] = {}
+        if self.edges is not None:
+            inside = np.flatnonzero((place[self.edges] >= 0).all(axis=1))
+            changes["edges"] = place[self.edges[inside]]
+            for name in ("bone_tolerance", "edge_length", "edge_covariance"):
+                values = getattr(self, name)
+                if values is not None:
+                    changes[name] = values[np.ix_(*[inside] * values.ndim)]
+        if self.mirror_index is not None:
+            partners = place[self.mirror_index[columns]]
+            changes["mirror_index"] = partners if (partners >= 0).all() else None
+        if self.prior is not None:
+            changes["prior"] = self.prior.marginal(columns)
+        if self.acceleration is not None:
+            changes["acceleration"] = self.acceleration[columns]
         return replace(
             self,
             atoms=np.take(self.atoms, columns, axis=2),
             landmark_names=tuple(names),
             mean_shape=np.take(self.mean_shape, columns, axis=1),
-            edges=edges,
-            mirror_index=partners,
-            prior=None if self.prior is None else self.prior.marginal(columns),
-            acceleration=None if acceleration is None else acceleration[columns],
-            bone_tolerance=give,
-            edge_length=length,
-            edge_covariance=covariance,
+            **changes,
         )
 
 
@@ -198,19 +196,15 @@ def mapped(dictionary: Dictionary, A: Floats, residual: Floats) -> Dictionary:
     joint j: edges, motion and names stay as they are; edges get longer as
     their root mean square lengths do.
     """
-    variance = np.tile(residual**2, 3)
     prior, length = dictionary.prior, dictionary.edge_length
     if prior is not None:
-        before = prior
-        every = np.kron(np.eye(3), A)
-        prior = Mixture(
-            prior.weights,
-            prior.means @ A.T,
-            every @ prior.covariances @ every.T + np.diag(variance),
-        )
+        every, noise = np.kron(np.eye(3), A), np.diag(np.tile(apart**2, 3))
+        covariances = every @ prior.covariances @ every.T + noise
+        moved = Mixture(prior.weights, prior.means @ A.T, covariances)
         if length is not None and dictionary.edges is not None:
-            longer = edge_squares(prior, dictionary.edges) / edge_squares(before, dictionary.edges)
+            longer = edge_squares(moved, dictionary.edges) / edge_squares(prior, dictionary.edges)
             length = length * np.sqrt(longer)
+        prior = moved
     return replace(
         dictionary,
         atoms=np.ascontiguousarray(dictionary.atoms @ A.T),

@@ -108,30 +108,20 @@ class Floor(NamedTuple):
         return f"{high}, tilted {tilt} (+- {self.pitch_sd:.0f}), {roll} (+- {self.roll_sd:.0f})"
 
 
-class Feet(NamedTuple):
-    """Of moments (m,) at which a foot rests: its place (m, 3), and how high (m,) that is."""
-
-    place: Floats
-    above: Floats
-
-
 def find_floor(bodies: Sequence[Body], distance_sd: float) -> Floor | None:
     """Return the floor; None where no body stands on feet that rest, or they leave it unsure.
 
     distance_sd: standard deviation of the logarithm of the distance, the same for all frames.
     """
-    bodies = [body for body in bodies if _known(body)]
-    parts = [_bearing(body) for body in bodies]
-    place = np.concatenate([part[0].place for part in parts]) if parts else np.empty((0, 3))
-    if not len(place):
+    needed = {f"{side}{joint}" for side in "lr" for joint in MASS}
+    parts = [_bearing(body) for body in bodies if needed <= body.joints.keys()]
+    stature = float(np.mean([body.stature for body in bodies if needed <= body.joints.keys()] or 1))
+    if not any(len(part.place) for part in parts):
         return None
-    feet = Feet(place, np.concatenate([part[0].above for part in parts]))
-    leaning = np.concatenate([part[1] for part in parts])
-    shared = LASTING**2 * np.concatenate([part[2] for part in parts]).mean(axis=0)
-    stature = float(np.mean([body.stature for body in bodies]))
-    found, covariance = _solve(feet, leaning, shared, FOOT * stature)
-    farther = feet.place * np.array([1.0, 1.0, 1 + distance_sd])
-    change = _solve(Feet(farther, feet.above), leaning, shared, FOOT * stature)[0] - found
+    bearing = Bearing(*map(np.concatenate, zip(*parts, strict=True)))
+    found, covariance = _solve(bearing, FOOT * stature)
+    farther = bearing._replace(place=bearing.place * np.array([1.0, 1.0, 1 + distance_sd]))
+    change = _solve(farther, FOOT * stature)[0] - found
     covariance += np.outer(change, change)
     a, b, g = found
     r = np.sqrt(1 + a**2 + b**2)
@@ -145,12 +135,21 @@ def find_floor(bodies: Sequence[Body], distance_sd: float) -> Floor | None:
     return Floor(np.array([a, 1.0, b]) / r, *map(float, numbers))
 
 
-def _known(body: Body) -> bool:
-    return {f"{side}{joint}" for side in "lr" for joint in MASS} <= body.joints.keys()
+class Bearing(NamedTuple):
+    """Feet and bodies at rest.
+
+    place (m, 3) of the feet and how high (m,) above the floor they are; how bodies lean (k, 2) at
+    moments, and the variances (k, 2) of that.
+    """
+
+    place: Floats
+    above: Floats
+    leaning: Floats
+    variance: Floats
 
 
-def _bearing(body: Body) -> tuple[Feet, Floats, Floats]:
-    """Return the feet that bear a body at each moment; how it leans (k, 2) there, and variances."""
+def _bearing(body: Body) -> Bearing:
+    """Return the feet that bear a body at each moment, and how it leans there."""
     X = {joint: body.points[..., column] for joint, column in body.joints.items()}
     trunk = X["lshoulder"] + X["rshoulder"] - X["lhip"] - X["rhip"]
     ahead = np.cross(X["lhip"] - X["rhip"], trunk)
@@ -187,8 +186,9 @@ def _bearing(body: Body) -> tuple[Feet, Floats, Floats]:
                 variances.append((sd / np.linalg.norm(d)) ** 2)
     if not leaning:
         places = []
-    return (
-        Feet(np.reshape(places, (-1, 3)), np.full(len(places), above)),
+    return Bearing(
+        np.reshape(places, (-1, 3)),
+        np.full(len(places), above),
         np.reshape(leaning, (-1, 2)),
         np.reshape(variances, (-1, 2)),
     )
@@ -215,17 +215,15 @@ def _runs(rest: NDArray[np.bool_], fewest: float) -> Iterator[tuple[int, int]]:
     return ((b, e) for b, e in turns.reshape(-1, 2).tolist() if e - b >= fewest)
 
 
-def _solve(feet: Feet, leaning: Floats, shared: Floats, foot_sd: float) -> tuple[Floats, Floats]:
-    """Return a, b, g and their covariance.
-
-    leaning (k, 2); shared (2,) the variance all share; foot_sd of a foot across the line of sight.
-    """
+def _solve(bearing: Bearing, foot_sd: float) -> tuple[Floats, Floats]:
+    """Return a, b, g and their covariance; foot_sd of a foot across the line of sight."""
+    leaning, shared = bearing.leaning, LASTING**2 * bearing.variance.mean(axis=0)
     usual, weights = np.median(leaning, axis=0), np.ones(len(leaning))
     for _ in range(STEPS):
         weights = 1 / (1 + (((leaning - usual) / SWAY) ** 2).sum(axis=1) / 4)
         usual = weights @ leaning / weights.sum()
     lean_precision = 1 / (SWAY**2 / weights.sum() + LEAN**2 + shared)
-    x, y, z = feet.place.T
+    x, y, z = bearing.place.T
     A = np.column_stack([x, z, np.ones(len(x))])
     a, b = usual
     found = np.array([a, b, -np.median(a * x + y + b * z)])
@@ -233,7 +231,7 @@ def _solve(feet: Feet, leaning: Floats, shared: Floats, foot_sd: float) -> tuple
         r = np.sqrt(1 + found[0] ** 2 + found[1] ** 2)
         along = (found[0] * x + y + found[1] * z) / r
         variance = r**2 * (foot_sd**2 + (DEPTH * along) ** 2)
-        target = r * feet.above - y
+        target = r * bearing.above - y
         w = 1 / (variance + (A @ found - target) ** 2 / 4)
         precision = (A.T * w) @ A + np.diag([*(lean_precision + LEVEL**-2), 0.0])
         found = np.linalg.solve(

@@ -123,9 +123,8 @@ def learn(images: Images) -> Iterator[State]:
     W, outliers = complete(images, max(RANKS), doubting=True)
     if outliers[some].any():
         (views,) = find_views(W, ranks[best : best + 1])
-        doubting = run_trial(
-            replace(known, outliers=outliers[some] & ~hidden), W[some], views[some]
-        )
+        without = replace(known, outliers=outliers[some] & ~hidden)
+        doubting = run_trial(without, W[some], views[some])
         errors = [hidden_error(images[some], hidden, of) for of in (doubting, trials[best])]
         if errors[0] < CLEARLY * errors[1]:
             images = replace(images, outliers=outliers)
@@ -199,45 +198,33 @@ def learn_round(images: Images, state: State, *, hold: bool) -> State:
         found = posterior_mean(block, views, model)
         if doubting or not hold:
             doubted = change_inliers(block, found.flip_gain) if doubting else outliers[rows]
-            climbed = views if hold else ascent(views, found, damping[rows])
-            then = posterior_mean(replace(block, outliers=doubted), climbed, model)
+            moved = views if still else ascent(views, found, damping[rows])
+            then = expect(replace(block, outliers=doubted), moved, model)
             better = then.log_density > found.log_density
-            found, views = choose(better, then, found), choose(better, climbed, views)
+            found, views = choose(better, then, found), choose(better, moved, views)
             outliers[rows] = np.where(better[:, None], doubted, outliers[rows])
         if not hold:
             damping[rows] = np.clip(np.where(better, 0.3, 10.0) * damping[rows], 1e-3, 1e3)
-        rotation[rows], log_scale[rows], shapes[rows] = (
-            views.rotation,
-            views.log_scale,
-            found.shapes,
-        )
+        rotation[rows], log_scale[rows] = views.rotation, views.log_scale
+        shapes[rows] = found.shapes
         density += float(found.log_density.sum())
         covariance += scatter(found, views, model)
         residual_variance += float(found.residual_variance.sum())
     mean = shapes.mean(axis=0)
-    deviation = (shapes - mean).reshape(n, 3 * p)
+    centred = (shapes - mean).reshape(n, 3 * p)
     noise = residual_variance / (2 * int(((images.weights > 0) & ~outliers).sum()))
     size = sequence_means(log_scale, images.sequence)
-    size_variance = float((((log_scale - size[images.sequence]) ** 2).mean() + SCALE**2) / 2)
+    spread = float((((log_scale - size[images.sequence]) ** 2).mean() + SCALE**2) / 2)
+    most = min(MOST_MODES, max(n // IMAGES_PER_MODE, 1))
     following = replace(
-        split_ppca(
-            mean,
-            (covariance + deviation.T @ deviation) / n,
-            most=min(MOST_MODES, max(n // IMAGES_PER_MODE, 1)),
-        ),
+        maximise(mean, (covariance + centred.T @ centred) / n, most=most),
         noise=max(noise, COOLING * model.noise),
         log_size=size,
         size_variance=size_variance,
     )
-    prior = -0.5 * n * (np.log(model.size_variance) + SCALE**2 / model.size_variance)
-    return State(
-        Views(rotation, log_scale),
-        following,
-        damping,
-        shapes,
-        outliers,
-        density + prior,
-    )
+    prior = -0.5 * n * (np.log(model.spread) + SCALE**2 / model.spread)
+    views = Views(rotation, log_scale)
+    return State(views, following, damping, shapes, outliers, density + prior)
 
 
 def sequence_means(values: Floats, sequence: Indices) -> Floats:

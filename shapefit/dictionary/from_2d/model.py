@@ -128,19 +128,17 @@ class Gaussian:
 
 @dataclass(frozen=True)
 class Expected:
-    """Of n images: log_density (n,), shapes E x (n, 3, p), E z (n, q) and translation (n, 2).
+    """Of n images: log_density (n,), shapes E x (n, 3, p) and translation (n, 2).
 
     inverse M^-1 (n, q + 2, q + 2) and gain (n, p) = s^2 rho / v, from which covariances follow;
-    gradient (n, 4) and information (n, 4, 4) of the log density by the view;
-    half_squared_residual (n,), the sum over the visible landmarks of omega^2 E |e|^2; flip_gain (n,
-    p), the log density that an image gains
-    where one landmark becomes an outlier, or stops to be one.
+    gradient (n, 4) and information (n, 4, 4) of the log density by the view; residual_variance
+    (n,), the sum over the visible landmarks of omega^2 E |e|^2; flip_gain (n, p), the log density
+    that an image gains where one landmark becomes an outlier, or stops to be one.
     """
 
     log_density: Floats
     flip_gain: Floats
     shapes: Floats
-    deformation: Floats
     translation: Floats
     inverse: Floats
     gain: Floats
@@ -223,24 +221,15 @@ def posterior_mean(images: Images, views: Views, model: Gaussian) -> Expected:
         omega**2 * share**2 * ((left**2).sum(axis=2) + of_view) + 2 * omega**2 * share * rest
     ).sum(axis=1)
     return Expected(
-        log_density,
-        flip_gain,
-        shapes,
-        z[:, :q],
-        z[:, q:],
-        inverse,
-        gain,
-        gradient,
-        information,
+        log_density, flip_gain, shapes, z[:, q:], inverse, gain, gradient, information,
         residual_variance,
-    )
+    )  # fmt: skip
 
 
 def flip_gain_of(left: Floats, H: Floats, v: Floats, visible: Mask) -> Floats:
     """Log density gained (n, p) where one landmark becomes an outlier, or one stops to be one."""
     A = np.eye(2) + np.where(visible, -1 / v, 1 / v)[..., None, None] * H
-    size = A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] ** 2
-    size = np.maximum(size, 1e-12)
+    size = np.maximum(A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] ** 2, 1e-12)
     a, b = left[..., 0], left[..., 1]
     square = A[..., 1, 1] * a**2 - 2 * A[..., 0, 1] * a * b + A[..., 0, 0] * b**2
     alone = -0.5 * square / (size * v) - np.log(2 * np.pi * v)
@@ -314,12 +303,9 @@ def split_ppca(mean: Floats, covariance: Floats, left: int = 1, most: int = MOST
 
 def choose(mask: Mask, yes: Record, no: Record) -> Record:
     """Return the record whose rows are those of `yes` where the mask (n,) is True, else of `no`."""
-
-    def rows(name: str) -> Floats:
-        one, other = getattr(yes, name), getattr(no, name)
-        return np.where(mask.reshape(-1, *(1,) * (one.ndim - 1)), one, other)
-
-    return type(yes)(**{each.name: rows(each.name) for each in fields(yes)})
+    pairs = ((getattr(yes, each.name), getattr(no, each.name)) for each in fields(yes))
+    rows = (np.where(mask.reshape(-1, *(1,) * (a.ndim - 1)), a, b) for a, b in pairs)
+    return type(yes)(*rows)
 
 
 def evenly(n: int, most: int) -> Indices:
