@@ -155,13 +155,16 @@ test-levels: $(ALL_READY)
 	    SHAPEFIT_LEVEL=$$level build/levels/bin/python -P -m pytest $(PYTEST_OPTIONS) $(SOLVER_TESTS) \
 	        || exit; done
 
-# Python itself never frees all of its memory, so leaks are not checked. -s shows the report.
+# Quick tests that reach each kernel. Python itself never frees all of its memory, so leaks are not
+# checked. -s shows the report.
+SANITIZED_TESTS := tests/core tests/convex tests/dictionary/test_coding.py tests/lifting/test_methods.py \
+    $(addprefix tests/lifting/,global_optimum outliers perspective posterior sequences shared_rotation)
 SANITIZERS = $(shell for library in libasan.so libubsan.so libstdc++.so.6; do \
     $(CXX) -print-file-name=$$library; done)
 sanitize: $(ALL_READY)
 	$(call second_install,sanitized,SHAPEFIT_SANITIZE=ON)
 	LD_PRELOAD='$(SANITIZERS)' ASAN_OPTIONS=detect_leaks=0 UBSAN_OPTIONS=print_stacktrace=1 \
-	    PYTHONMALLOC=malloc build/sanitized/bin/python -P -m pytest -q -s -n 0 $(SOLVER_TESTS)
+	    PYTHONMALLOC=malloc build/sanitized/bin/python -P -m pytest -q -s -n 0 -m 'not slow' $(SANITIZED_TESTS)
 
 arm64: $(READY)
 	$(BIN)/cmake -S shapefit/core -B build/arm64 -G Ninja -DCMAKE_MAKE_PROGRAM='$(CURDIR)/$(BIN)/ninja' \

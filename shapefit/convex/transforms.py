@@ -1,8 +1,7 @@
-"""The transforms of the convex program, of which most are 0, and the norms of their 2x3 blocks.
+"""The transforms of the convex program, of which most are 0, and the norm of their 2x3 blocks.
 
-For a block Q with A = Q Q^T and r = sqrt(det A) = |q_1 x q_2| (the rows' cross product) the
-singular values satisfy s1 + s2 = sqrt(tr A + 2 r) and (s1 + s2)(s1 - s2) = sqrt((A11 - A22)^2 +
-4 A12^2), which stays exact where the two are equal; no SVD is needed.
+For a block Q the singular values satisfy s1^2 + s2^2 = ||Q||_F^2 and s1 s2 = |q_1 x q_2|, the
+length of the rows' cross product; no SVD is needed.
 """
 
 from __future__ import annotations
@@ -99,16 +98,7 @@ def starts_of(count: Indices) -> Indices:
     return np.cumsum(count) - count
 
 
-def sum_and_difference(Q: Floats) -> tuple[Floats, Floats, Floats]:
-    """Return s1 + s2, s1 - s2 and s1 s2 of blocks (..., 2, 3)."""
-    first, second = Q[..., 0, :], Q[..., 1, :]
-    product = np.linalg.norm(np.cross(first, second), axis=-1)
-    A11, A22 = (first**2).sum(axis=-1), (second**2).sum(axis=-1)
-    total = np.sqrt(A11 + A22 + 2 * product)
-    difference = np.hypot(A11 - A22, 2 * (first * second).sum(axis=-1))
-    return total, np.divide(difference, total, out=np.zeros_like(total), where=total > 0), product
-
-
 def nuclear_norm(Q: Floats) -> Floats:
     """||Q||_* = s1 + s2, the dual norm of the spectral norm, of blocks (..., 2, 3)."""
-    return sum_and_difference(Q)[0]
+    product = np.linalg.norm(np.cross(Q[..., 0, :], Q[..., 1, :]), axis=-1)
+    return np.sqrt((Q**2).sum(axis=(-2, -1)) + 2 * product)

@@ -30,8 +30,8 @@ def sparse_code(
     0); returns C (n, k). Never worse than the start. Each shape stops when no change of a single
     coefficient would still move it by more than `tolerance` of its norm.
 
-    An active set method (Lawson and Hanson 1974, with the l1 term), see core/base/active_set.hpp;
-    `duality_gaps` certifies the result. Warns (RuntimeWarning) where a shape does not stop.
+    An active set method (Lawson and Hanson 1974, with the l1 term), see core/base/active_set.hpp. Warns
+    (RuntimeWarning) where a shape does not stop.
     """
     X, B = flat(shapes), flat(atoms)
     C = np.zeros((len(X), len(B))) if start is None else np.array(start, dtype=np.float64)
@@ -61,25 +61,6 @@ def objectives(shapes: Floats, atoms: Floats, beta: float, coefficients: Floats)
     left = flat(shapes) - coefficients @ flat(atoms)
     found: Floats = 0.5 * np.einsum("nd,nd->n", left, left) + beta * coefficients.sum(axis=1)
     return found
-
-
-def duality_gaps(shapes: Floats, atoms: Floats, beta: float, coefficients: Floats) -> Floats:
-    """objective - D(t R) >= objective - optimum for each shape; (n,), for beta > 0.
-
-    The dual is max D(Y) = <Y, S> - 1/2 ||Y||^2 subject to <B_i, Y> <= beta. Y = t R with the
-    residual R and the best t >= 0 that is feasible. Source: as for the lasso, e.g. Massias et al.
-    2018 (celer); a negative <B_i, Y> is free because c >= 0.
-    """
-    X, B = flat(shapes), flat(atoms)
-    R = X - coefficients @ B
-    correlation = (R * X).sum(axis=1)
-    energy = (R**2).sum(axis=1)
-    highest = (R @ B.T).max(axis=1)
-    free = np.divide(correlation, energy, out=np.zeros_like(energy), where=energy > 0)
-    feasible = np.divide(beta, highest, out=np.full_like(energy, np.inf), where=highest > 0)
-    t = np.clip(free, 0.0, feasible)
-    dual = t * correlation - 0.5 * t**2 * energy
-    return 0.5 * energy + beta * coefficients.sum(axis=1) - dual
 
 
 def flat(shapes: Floats) -> Floats:

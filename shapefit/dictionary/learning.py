@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.dictionary.coding import duality_gaps, flat, objectives, sparse_code
-from shapefit.geometry.normalisation import std
+from shapefit.dictionary.coding import flat, objectives, sparse_code
+from shapefit.geometry.normalisation import spread
 
 BOUND = 1.0
 """The largest norm of an atom."""
@@ -131,15 +131,12 @@ class Summary:
     """Figures over n training shapes S with coefficients C for k atoms B.
 
     objective: that of dictionary learning, their sum. relative_error: ||S - C B||_F / ||S||_F over
-    all shapes together. largest_gap: how far the coding of any shape can be from its optimum, as a
-    share of its objective; unknown (None) where beta is 0. active_atoms: the mean number with a
-    positive coefficient; dead_atoms: the number that no shape uses. atom_scale (k,): how large
-    atoms are, by `scale_of_atoms`.
+    all shapes together. active_atoms: the mean number with a positive coefficient; dead_atoms: the
+    number that no shape uses. atom_scale (k,): how large atoms are, by `scale_of_atoms`.
     """
 
     objective: float
     relative_error: float
-    largest_gap: float | None
     active_atoms: float
     dead_atoms: int
     atom_scale: Floats
@@ -153,17 +150,12 @@ def summarise(
     shapes (n, 3, p), n >= 1, their coefficients (n, k) and the sizes (n,) that normalised them.
     """
     values = objectives(shapes, atoms, beta, coefficients)
-    gap = None
-    if beta:
-        gaps = duality_gaps(shapes, atoms, beta, coefficients)
-        gap = float(np.divide(gaps, values, out=np.zeros_like(gaps), where=values > 0).max())
     missed = shapes - np.tensordot(coefficients, atoms, axes=1)
     use = coefficients.sum(axis=0)
     mean_size = float(scale.sum()) / len(shapes)
     return Summary(
         objective=float(values.sum()),
         relative_error=float(np.sqrt((missed**2).sum() / (shapes**2).sum())),
-        largest_gap=gap,
         active_atoms=int((coefficients > 0).sum()) / len(shapes),
         dead_atoms=int((use == 0).sum()),
         atom_scale=scale_of_atoms(atoms, use, scale @ coefficients, mean_size),

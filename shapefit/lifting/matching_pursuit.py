@@ -113,25 +113,23 @@ FLAT = 1e-12
 class Chase:
     """min ||w - M sum_i y_i Q_i||^2 over M and ||y|| = length, for n images of the same weights.
 
-    The chosen shapes are mixed into Q_i = sum_j T_ij B_j whose limb vectors are orthonormal (those
-    of the mean first), so that the sum of squared limb lengths of sum_i y_i Q_i is ||y||^2. All
-    that a round needs are Z_i = w Q_i^T (n, m, 2, 3) and N_ij = Q_i Q_j^T (n, m, m, 3, 3).
+    The chosen shapes are mixed into Q_i = sum_j T_ij B_j whose limb vectors U_i are orthonormal
+    (those of the mean first), so that the sum of squared limb lengths of sum_i y_i Q_i is ||y||^2.
+    All that a round needs are Z_i = w Q_i^T (n, m, 2, 3) and N_ij = Q_i Q_j^T (n, m, m, 3, 3).
     """
 
     def __init__(self, w: Floats, B: Floats, limbs: Floats) -> None:
         """Begin with the mean, the first of the shapes B (s, 3, p) with limbs (s, l)."""
-        n = len(w)
+        n, s = len(w), len(B)
         self.w, self.B, self.limbs = w, B, limbs
         self.length = float(np.linalg.norm(limbs[0]))
         self.energy = (w**2).sum(axis=(1, 2))
-        self.free = np.ones((n, len(B)), dtype=bool)
-        self.rounds = np.zeros(n, np.int64)
-        self.U, self.T = np.zeros((n, 0, limbs.shape[1])), np.zeros((n, 0, len(B)))
-        self.Q, self.y = np.zeros((n, 0, 3, w.shape[2])), np.zeros((n, 0))
-        self.Z, self.N = np.zeros((n, 0, 2, 3)), np.zeros((n, 0, 0, 3, 3))
+        self.free, self.rounds = np.ones((n, s), dtype=bool), np.zeros(n, np.int64)
+        self.T, self.y = np.zeros((n, 0, s)), np.zeros((n, 0))
+        self.U = np.zeros((n, 0, limbs.shape[1]))
+        self.M, self.error = np.empty((n, 2, 3)), np.empty(n)
         self.append(np.zeros(n, np.intp), np.arange(n))
         self.y[:] = self.length
-        self.M, self.error = np.empty((n, 2, 3)), np.empty(n)
         self.aim(np.arange(n))
 
     def run(self, goal: float, change: float, most_atoms: int, most_rounds: int) -> None:
@@ -157,19 +155,17 @@ class Chase:
         S = np.einsum("nm,nmap->nap", self.y[rows], self.Q[rows])
         back = self.M[rows].swapaxes(1, 2) @ (self.w[rows] - self.M[rows] @ S)
         score = np.abs(np.einsum("nap,sap->ns", back, self.B, optimize=True))
-        left, chosen = np.ones(len(rows), dtype=bool), np.full(len(rows), -1)
-        own = (self.limbs**2).sum(axis=1)
-        while left.any():
-            some = np.flatnonzero(left)
+        size, chosen = (self.limbs**2).sum(axis=1), np.full(len(rows), -1)
+        some = np.arange(len(rows))
+        while len(some):
             best = np.where(self.free[rows[some]], score[some], -1.0)
-            atom = best.argmax(axis=1)
-            there = best[np.arange(len(some)), atom] >= 0
-            left[some[~there]] = False
-            some, atom = some[there], atom[there]
+            some = some[best.max(axis=1) >= 0]
+            atom = best[best.max(axis=1) >= 0].argmax(axis=1)
             self.free[rows[some], atom] = False
             rest = self.outside(self.limbs[atom], rows[some])[0]
-            fine = (rest**2).sum(axis=1) > INDEPENDENT * own[atom]
-            chosen[some[fine]], left[some[fine]] = atom[fine], False
+            fine = (rest**2).sum(axis=1) > INDEPENDENT * size[atom]
+            chosen[some[fine]] = atom[fine]
+            some = some[~fine]
         added = chosen >= 0
         if added.any():
             self.append(chosen[added], rows[added])
@@ -186,26 +182,18 @@ class Chase:
 
     def append(self, atoms: NDArray[np.intp], rows: NDArray[np.intp]) -> None:
         """Append one shape to each of the images; the others get zeros."""
-        n, m = self.y.shape
+        n = len(self.y)
         self.free[rows, atoms] = False
         limbs, along = self.outside(self.limbs[atoms], rows)
-        scale = 1 / np.linalg.norm(limbs, axis=1)
-        T, Q = np.zeros((n, 1, len(self.B))), np.zeros((n, 1, 3, self.w.shape[2]))
-        U = np.zeros((n, 1, limbs.shape[1]))
-        unit = np.eye(len(self.B))[atoms]
-        U[rows, 0] = scale[:, None] * limbs
-        T[rows, 0] = scale[:, None] * (unit - np.einsum("nm,nms->ns", along, self.T[rows]))
-        mixed = np.einsum("nm,nmap->nap", along, self.Q[rows])
-        Q[rows, 0] = scale[:, None, None] * (self.B[atoms] - mixed)
-        self.U, self.T = np.concatenate([self.U, U], axis=1), np.concatenate([self.T, T], axis=1)
-        self.Q = np.concatenate([self.Q, Q], axis=1)
-        self.Z = np.concatenate([self.Z, self.w[:, None] @ Q.swapaxes(2, 3)], axis=1)
-        N = np.empty((n, m + 1, m + 1, 3, 3))
-        N[:, :m, :m] = self.N
-        N[:, m] = Q @ self.Q.swapaxes(2, 3)
-        N[:, :, m] = N[:, m].swapaxes(2, 3)
-        self.N = N
+        unit, size = np.eye(len(self.B))[atoms], np.linalg.norm(limbs, axis=1)[:, None]
+        T, U = np.zeros((n, 1, len(self.B))), np.zeros((n, 1, limbs.shape[1]))
+        T[rows, 0] = (unit - np.einsum("nm,nms->ns", along, self.T[rows])) / size
+        U[rows, 0] = limbs / size
+        self.T, self.U = np.concatenate([self.T, T], axis=1), np.concatenate([self.U, U], axis=1)
         self.y = np.concatenate([self.y, np.zeros((n, 1))], axis=1)
+        self.Q = Q = np.tensordot(self.T, self.B, axes=1)
+        self.Z = self.w[:, None] @ Q.swapaxes(2, 3)
+        self.N = Q[:, :, None] @ Q[:, None].swapaxes(3, 4)
 
     def aim(self, rows: NDArray[np.intp]) -> None:
         """M = argmin ||w - M S||^2 for S = sum_i y_i Q_i, of least norm; and the minimum."""

@@ -40,22 +40,6 @@ struct GlobalData {
     Vector<int64_t> status = from("status", "n");  // a Status
 };
 
-// The inequalities of one cell, for the tests that judge them.
-struct CellData {
-    Arguments& from;
-    SearchProblem problem{from};  // of one image
-    Matrix<const double> corners = from("corners", "4 4");  // quaternions
-    double cut = from("cut");
-    Vector<double> excess = from("excess", "20");
-};
-
-// The root cells, likewise.
-struct RootData {
-    Arguments& from;
-    Matrix<double> vertices = from("vertices", "60 4");  // quaternions
-    Matrix<int64_t> cells = from("cells", "300 4");      // the vertices of each
-};
-
 // Quaternions (w, x, y, z) and the two rows of a rotation that the camera sees.
 
 inline double inner4(const double* p, const double* q) {

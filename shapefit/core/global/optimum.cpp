@@ -149,38 +149,4 @@ void find_optimum(const GlobalData& data, Range range) {
 
 const Exported<find_optimum> find_optimum_exported{"find_optimum"};
 
-// The 600-cell modulo sign, for tests.
-void write_root_cells(const RootData& data) {
-    const RootCells roots;
-    for (int v = 0; v < ROOT_VERTICES; ++v)
-        for (int e = 0; e < 4; ++e) data.vertices[v][e] = roots.vertex[v][e];
-    for (int c = 0; c < ROOT_CELLS; ++c)
-        for (int a = 0; a < 4; ++a) data.cells[c][a] = roots.cell[c].vertex[a];
-}
-
-// Whether the cell can be dropped; excess (20,) of the coefficients over their bounds, all nan where
-// a vertex does not reach the cut.
-long judge_alone(const CellData& cell) {
-    const Vector<double> excess = cell.excess;
-    Workspace workspace;
-    RotationObjective objective(workspace, cell.problem);
-    objective.aim(0);
-    Vertices vertices(workspace, objective, 4);
-    vertices.set_cut(cell.cut);
-    const Vertex* corner[4];
-    for (long t = 0; t < excess.size[0]; ++t) excess[t] = NOT_A_NUMBER;
-    bool reached = true;
-    for (int a = 0; a < 4; ++a) {
-        Vertex& vertex = vertices.add(cell.corners[a].data, nullptr);
-        reached &= vertices.reaches(vertex);
-        corner[a] = &vertex;
-    }
-    if (!reached) return 0;
-    find_excess(objective, corner, excess.data);
-    return judge_cell(objective, corner).dropped;
-}
-
-const Exported<write_root_cells> root_cells_exported{"root_cells"};
-const Exported<judge_alone> judge_cell_exported{"judge_cell"};
-
 }  // namespace shapefit

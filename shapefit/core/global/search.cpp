@@ -284,8 +284,7 @@ void find_largest(const Vertex* const* corner, long k, const Forms& forms, doubl
     for (int t = 0; t < TRIPLES; ++t) out[t] = largest(most[t]);
 }
 
-}  // namespace
-
+// By how much the left side of each inequality exceeds the right one, rounding included.
 void find_excess(const RotationObjective& objective, const Vertex* const* corner, double* excess) {
     const ReducedAtoms& atoms = objective.atoms;
     Forms forms;
@@ -306,6 +305,8 @@ void find_excess(const RotationObjective& objective, const Vertex* const* corner
         excess[t] = left[t] + margin - right;
     }
 }
+
+}  // namespace
 
 Verdict judge_cell(const RotationObjective& objective, const Vertex* const* corner) {
     double excess[TRIPLES];

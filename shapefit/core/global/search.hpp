@@ -113,9 +113,6 @@ constexpr int TRIPLES = 20;
 // Of four vertices that reach the cut, in any signs.
 Verdict judge_cell(const RotationObjective& objective, const Vertex* const* corner);
 
-// By how much the left side of each inequality exceeds the right one, rounding included.
-void find_excess(const RotationObjective& objective, const Vertex* const* corner, double* excess);
-
 class CellSearch {
   public:
     CellSearch(Workspace& workspace, RotationObjective& objective, const RootCells& roots, long most_cells);

@@ -156,11 +156,9 @@ def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning
 
 def describe(summary: Summary) -> str:
     """Say how well the atoms code the shapes."""
-    gap = summary.largest_gap
-    of_coding = "" if gap is None else f"relative gap of the coding at most {gap:.1g}, "
     return (
         f"objective {summary.objective:.6g}, relative error {summary.relative_error:.4f}, "
-        f"{of_coding}{summary.active_atoms:.1f} active atoms per shape"
+        f"{summary.active_atoms:.1f} active atoms per shape"
     )
 
 

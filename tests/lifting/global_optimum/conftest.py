@@ -1,7 +1,6 @@
 """The model with one rotation by other means: scipy's non-negative least squares at a rotation."""
 
 from collections.abc import Callable
-from itertools import combinations
 
 import numpy as np
 import pytest
@@ -9,20 +8,6 @@ from scipy.optimize import nnls
 
 from shapefit.convex.problem import Problem
 from shapefit.geometry.rotations import random_rotations
-
-ON_EDGES = tuple(pair for a, b in combinations(range(4), 2) for pair in ((a, a, b), (a, b, b)))
-TRIPLES = (*((a, a, a) for a in range(4)), *ON_EDGES, *combinations(range(4), 3))
-"""The order in which the kernel has the coefficients."""
-
-
-def rotation_rows(q: np.ndarray) -> np.ndarray:
-    """Return the first two rows (..., 2, 3) of the rotations of unit quaternions (..., 4)."""
-    w, x, y, z = np.moveaxis(q, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def best_at(problem: Problem, image: int, rows: np.ndarray) -> tuple[float, np.ndarray]:
