@@ -33,36 +33,6 @@ def table(page):
     return {line[0]: line[1:] for line in lines}
 
 
-class TestPlanted:
-    def test_landmarks_are_the_sum_of_transformed_atoms(self):
-        planted = instance(20, 5, 1)
-        pairs = zip(planted.transforms, planted.atoms, strict=True)
-        np.testing.assert_allclose(planted.landmarks, sum(M @ B for M, B in pairs), atol=1e-12)
-        np.testing.assert_allclose(planted.landmarks, planted.shape[:2], atol=1e-12)
-        c = planted.coefficients
-        assert np.count_nonzero(c) == 5
-        gram = planted.transforms @ planted.transforms.swapaxes(1, 2)
-        np.testing.assert_allclose(gram, c[:, None, None] ** 2 * np.eye(2), atol=1e-12)
-        one = instance(20, 5, 1, one_rotation=True)
-        assert (one.rotations == one.rotations[0]).all()
-
-    def test_draws_have_the_distributions_of_the_paper(self):
-        many = [instance(5, 10, seed) for seed in range(100)]
-        atoms = np.concatenate([one.atoms.ravel() for one in many])
-        c = np.concatenate([one.coefficients[one.coefficients > 0] for one in many])
-        # A coordinate of a random direction is uniform on [-1, 1] (Archimedes).
-        entries = np.concatenate([one.rotations[:, 0, 2] for one in many])
-        assert kstest(atoms, "norm").pvalue > 1e-3
-        assert kstest(c, "uniform").pvalue > 1e-3
-        assert kstest((entries + 1) / 2, "uniform").pvalue > 1e-3
-
-    @pytest.mark.parametrize("free", [True, False])
-    def test_one_atom_comes_back_from_many_landmarks_and_ten_never_from_few(self, free):
-        for seed in range(10):
-            assert error(instance(25, 1, seed), free=free) < 1e-5
-            assert error(instance(10, 10, seed), free=free) > 0.1
-
-
 def test_recovery_is_written_beside_the_paper(tmp_path):
     page = write_recovery(tmp_path, landmarks=(10, 20, 60), active=(1, 2, 3), trials=40)
     with (tmp_path / "recovery.csv").open(newline="", encoding="utf-8") as file:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from shapefit.dictionary.coding import duality_gaps, objectives, sparse_code
+from shapefit.dictionary.coding import sparse_code
+from tests.dictionary.conftest import duality_gaps
 
 BETA = 0.3
 
@@ -47,47 +48,10 @@ class TestOptimality:
         S = np.tensordot(c, atoms, axes=1) + Y
         np.testing.assert_allclose(sparse_code(S[None], atoms, BETA)[0], c, atol=1e-10)
 
-    @pytest.mark.slow
-    def test_agrees_with_scikit_learn(self, shapes, atoms):
-        from sklearn.linear_model import Lasso
-
-        C = sparse_code(shapes, atoms, BETA)
-        size = atoms[0].size
-        judge = Lasso(
-            alpha=BETA / size, positive=True, fit_intercept=False, tol=1e-14, max_iter=10**6
-        )
-        for S, c in zip(flat(shapes), C, strict=True):
-            expected = judge.fit(flat(atoms).T, S).coef_
-            np.testing.assert_allclose(c, expected, atol=1e-7)
-
     def test_without_beta_agrees_with_scipy(self, shapes, atoms):
         C = sparse_code(shapes, atoms, beta=0.0)
         for S, c in zip(flat(shapes), C, strict=True):
             np.testing.assert_allclose(c, nnls(flat(atoms).T, S)[0], atol=1e-10)
-
-
-class TestDualityGap:
-    def test_bounds_what_is_lost_by_any_coefficients(self, shapes, atoms, rng):
-        best = objectives(shapes, atoms, BETA, sparse_code(shapes, atoms, BETA))
-        for size in (0.0, 0.01, 1.0, 100.0):
-            C = size * rng.random((40, 12))
-            lost = objectives(shapes, atoms, BETA, C) - best
-            gaps = duality_gaps(shapes, atoms, BETA, C)
-            assert (gaps >= lost - 1e-10 * (1 + lost)).all()
-            assert (lost > 0).all()
-
-    @pytest.mark.parametrize("beta", [BETA, 1e3])
-    def test_is_that_of_the_best_dual_along_the_residual(self, shapes, atoms, rng, beta):
-        """max over feasible t of D(t R), on a fine grid; t = 1 is not feasible, or not the best."""
-        C = 0.2 * rng.random((40, 12))
-        gaps = duality_gaps(shapes, atoms, beta, C)
-        for S, c, gap in zip(shapes, C, gaps, strict=True):
-            R = S - np.tensordot(c, atoms, axes=1)
-            highest = np.tensordot(atoms, R, axes=2).max()
-            t = np.linspace(0, min(beta / highest, 9) if highest > 0 else 9, 100_001)
-            dual = t * (R * S).sum() - 0.5 * t**2 * (R**2).sum()
-            primal = 0.5 * (R**2).sum() + beta * c.sum()
-            assert gap == pytest.approx(primal - dual.max(), rel=1e-6)
 
 
 class TestHostileAtoms:
@@ -147,15 +111,3 @@ def test_the_tolerance_is_a_share_of_the_shape(shapes, atoms, size):
     shares = (moves / np.linalg.norm(flat(shapes), axis=1)[:, None]).max(axis=1)
     assert (shares <= 0.1).all()
     assert shares.max() > 0.01
-
-
-def test_an_unreachable_tolerance_warns(shapes, atoms):
-    with pytest.warns(RuntimeWarning, match="40 of 40 shapes"):
-        sparse_code(shapes, atoms, BETA, tolerance=-1.0)
-
-
-def test_objectives_are_what_they_say(shapes, atoms, rng):
-    C = rng.random((40, 12)) * (rng.random((40, 12)) < 0.5)
-    residual = flat(shapes) - C @ flat(atoms)
-    expected = 0.5 * (residual**2).sum(axis=1) + BETA * C.sum(axis=1)
-    np.testing.assert_allclose(objectives(shapes, atoms, BETA, C), expected, rtol=1e-14)

@@ -62,24 +62,6 @@ def test_a_component_that_dies_is_left_out():
     assert found.weights.sum() == pytest.approx(1)
 
 
-@pytest.mark.slow
-def test_the_optimum_is_one_for_scikit_learn():
-    from sklearn import mixture
-
-    shapes, _ = draw(500, seed=2)
-    found = learn_mixture(shapes, 3, shrinkage=0.0, floor=1e-9, tolerance=1e-10, max_rounds=200)
-    judge = mixture.GaussianMixture(
-        3,
-        reg_covar=0.0,
-        weights_init=found.mixture.weights,
-        means_init=found.mixture.means.reshape(3, -1),
-        precisions_init=np.linalg.inv(found.mixture.covariances),
-        tol=1e-12,
-    ).fit(shapes.reshape(500, -1))
-    mine = np.logaddexp.reduce(found.mixture.log_density(shapes), axis=1).mean()
-    assert mine == pytest.approx(judge.score(shapes.reshape(500, -1)), abs=1e-6)
-
-
 def test_shrinkage_is_the_share_of_the_covariance_of_all():
     """Of two clusters far apart with as many shapes each, by hand."""
     rng, floor, shrinkage = np.random.default_rng(5), 0.01, 1e-3

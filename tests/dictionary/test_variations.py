@@ -13,12 +13,6 @@ def lengths(shapes):
     return np.linalg.norm(shapes[:, :, EDGES[:, 0]] - shapes[:, :, EDGES[:, 1]], axis=1)
 
 
-def test_limbs_are_the_chains_without_their_first_bone():
-    skeleton = find_skeleton(EDGES, 8)
-    assert sorted(skeleton.limbs) == [(2, 3), (5, 6)]
-    assert skeleton.parent[3] == 2
-
-
 @pytest.mark.parametrize("edges", [EDGES[:-1], np.vstack([EDGES[:-1], [[1, 4]]])])
 def test_bones_that_are_no_tree_are_refused(edges):
     with pytest.raises(ValueError, match=r"tree|apart"):

@@ -87,17 +87,6 @@ def test_a_walk_shows_height_and_tilt(heading, camera):
     np.testing.assert_allclose(ankles, ABOVE_FLOOR["ankle"] * TALL, atol=0.05)
 
 
-def test_standing_turns_up_to_y_and_keeps_lengths():
-    points, _ = visible(walk())
-    floor = find(points)
-    turned = floor._replace(height=0.0).stand(points)
-    np.testing.assert_allclose(
-        floor._replace(height=0.0).stand(floor.up[:, None])[:, 0], [0, 1, 0], atol=1e-12
-    )
-    lengths = np.linalg.norm(np.diff(points), axis=1)
-    np.testing.assert_allclose(np.linalg.norm(np.diff(turned), axis=1), lengths)
-
-
 def test_a_still_body_shows_them_less_well():
     points, _ = visible(still())
     standing, walking = find(points), find(visible(walk(seconds=12))[0])
@@ -105,29 +94,6 @@ def test_a_still_body_shows_them_less_well():
     assert (standing.pitch, standing.roll) == pytest.approx((12, -5), abs=1.5)
     assert standing.pitch_sd > 1.2 * walking.pitch_sd
     assert standing.pitch_sd > 2.5
-
-
-def test_a_floor_far_away_is_less_certain_and_then_unknown():
-    near, far = (find(visible(still(), away=away)[0]) for away in (3.0, 7.0))
-    assert far.height_sd > 1.6 * near.height_sd
-    assert find_floor([body(visible(still(), away=24.0)[0])], 0.05) is None
-
-
-@pytest.mark.parametrize("size", [0.3, 2.5])
-@pytest.mark.parametrize("walker", [walk, still])
-def test_what_a_unit_measures_decides_nothing(walker, size):
-    """Whoever knows the height of the body better finds the same floor, so much larger."""
-    points, _ = visible(walker())
-    one, other = (
-        find_floor([Body(k * points, k * np.full_like(points, 0.05), JOINTS, k * TALL, RATE)], 0.18)
-        for k in (1.0, size)
-    )
-    assert one is not None
-    assert other is not None
-    np.testing.assert_allclose(other.up, one.up, atol=1e-9)
-    assert other[1:] == pytest.approx(
-        (size * one.height, one.pitch, one.roll, size * one.height_sd, *one[5:]), rel=1e-6
-    )
 
 
 def sitting():
@@ -161,27 +127,6 @@ def test_without_feet_or_bodies_there_is_no_floor():
     assert find_floor([], 0.05) is None
     assert find_floor([Body(points, points, joints, TALL, RATE)], 0.05) is None
     assert find_floor([body(np.full_like(points, np.nan))], 0.05) is None
-
-
-def test_gaps_and_one_lifted_foot_change_little():
-    points = still()
-    points[:, 1, JOINTS["lankle"]] += 0.2  # a foot that rests on a step
-    lifted, both = (find(visible(each, pitch=0.0, roll=0.0)[0]) for each in (points, still()))
-    assert lifted.height == pytest.approx(both.height, abs=0.04)
-    walking, _ = visible(walk(seconds=12))
-    whole = find(walking)
-    walking[40:60] = np.nan
-    assert find(walking).height == pytest.approx(whole.height, abs=0.1)
-
-
-def test_bodies_of_one_video_share_the_floor():
-    one, _ = visible(walk())
-    other, _ = visible(walk(heading=np.pi / 2), away=9.0)
-    alone = find(one)
-    both = find_floor([body(one), body(other)], 0.05)
-    assert both is not None
-    assert both.height_sd < alone.height_sd
-    assert both.height == pytest.approx(1.5, abs=0.1)
 
 
 def test_a_wrong_focal_length_is_in_the_bars():

@@ -38,14 +38,6 @@ class TestNearestRotation:
         low = np.linalg.eigvalsh(P)[:, :2]
         assert (low.sum(axis=1) >= -1e-12).all()
 
-    def test_leaves_a_rotation_and_ignores_its_positive_scale(self, rng):
-        R = random_rotations(20, rng)
-        np.testing.assert_allclose(nearest_rotation(7.0 * R), R, atol=1e-13)
-
-    @pytest.mark.parametrize("A", [np.zeros((3, 3)), np.diag([2.0, 0, 0]), np.diag([-1.0, 0, 0])])
-    def test_is_proper_where_many_are_nearest(self, A):
-        assert_proper(nearest_rotation(A))
-
 
 class TestCompleteRotation:
     def test_two_rows_of_a_scaled_rotation_give_the_rotation(self, rng):
@@ -89,7 +81,3 @@ class TestRotationAngle:
         assert rotation_angle(start, start @ turn) == pytest.approx(
             degrees, rel=1e-6, abs=tolerance
         )
-
-    def test_is_nan_where_a_rotation_is(self):
-        both = np.array([np.eye(3), np.full((3, 3), np.nan)])
-        np.testing.assert_array_equal(rotation_angle(both, np.eye(3)), [0, np.nan])

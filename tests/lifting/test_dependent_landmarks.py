@@ -10,7 +10,6 @@ from shapefit.io.skeletons import PEOPLE
 from shapefit.lifting.derived_landmarks import place_dependents
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Lifting
-from shapefit.pipelines import verify
 from tests.pipelines.fitted import fit_images
 
 FEET = slice(15, 21)
@@ -121,18 +120,3 @@ def test_a_file_without_feet_has_a_result_without(images, lift):
     found = lift(images.arrange(PEOPLE, "here", omit=True))
     assert found.landmark_names == PEOPLE
     assert "input_shapes" not in found.columns
-
-
-@pytest.mark.parametrize(
-    "camera",
-    [
-        {"focal": "none"},
-        {"focal": 1200.0, "principal_point": [0.0, 0.0]},
-    ],
-    ids=["weak", "perspective"],
-)
-def test_a_result_with_feet_is_verified(images, lift, tmp_path, camera):
-    lift(images, camera=camera)
-    views = (tmp_path / "views.h5",)
-    request = verify.Request(tmp_path / "result.h5", find_dictionary("people"), views)
-    assert not [outcome.failures for outcome in verify.run(request) if outcome.failures]

@@ -5,10 +5,8 @@ from functools import partial
 import numpy as np
 import pytest
 
-from shapefit.convex.problem import Loss
 from shapefit.convex.solver import Status, solve_newton
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.rotations import rotation_about, rotation_angle
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Program, lift, noise_dual_norm
 from shapefit.lifting.methods import Settings, choose_method
@@ -98,50 +96,6 @@ def test_a_method_without_a_shape_is_a_failure(make_scene, status, reason):
     found = lift(scene.landmarks, scene.weights, scene.atoms, PROGRAM, Flat(status))
     assert found.failures == {0: reason, 1: reason, 2: "all landmarks are hidden"}
     assert np.isnan(found.shapes).all()
-
-
-def test_the_exact_loss_has_no_lambda_to_choose(make_scene):
-    scene, flat = make_scene(n=3), Flat()
-    program = Program(lam=None, loss=Loss.EXACT)
-    lift(scene.landmarks, scene.weights, scene.atoms, program, flat)
-    np.testing.assert_array_equal(flat.problem.lam, 1.0)
-
-
-def test_a_planted_rotation_comes_back(make_scene, convex):
-    """One atom without noise: exact in rotation and, but for the shrinkage, in shape."""
-    scene = make_scene(n=10, k=1, active=1)
-    found = lift(scene.landmarks, scene.weights, scene.atoms, Program(lam=1e-6), convex)
-    assert rotation_angle(found.estimate.rotation, scene.rotation).max() < 1e-3
-    S = scene.shapes
-    S[:, :2] += scene.translation[..., None]
-    np.testing.assert_allclose(found.shapes, S, atol=1e-4)
-
-
-@pytest.mark.parametrize("angle", [0.4, np.pi / 4, 2.0])
-def test_turning_the_image_acts_as_another_lambda_or_not_at_all_if_exact(make_scene, convex, angle):
-    scene = make_scene(n=1, noise=0.2)
-    scene.landmarks[:, 1] *= 0.4
-    Q = rotation_about(np.array([0.0, 0.0, 1.0]), np.array(angle))
-    turned = Q[:2, :2] @ scene.landmarks
-    (ratio,) = normalise(turned).scale / normalise(scene.landmarks).scale
-    assert abs(ratio - 1) > 0.05
-
-    def shapes(landmarks, program):
-        return lift(landmarks, scene.weights, scene.atoms, program, convex).shapes
-
-    after = shapes(turned, Program(lam=0.3))
-    np.testing.assert_allclose(
-        after, Q @ shapes(scene.landmarks, Program(lam=0.3 * ratio)), atol=1e-4
-    )
-    assert np.abs(after - Q @ shapes(scene.landmarks, Program(lam=0.3))).max() > 1e-3
-    exact = Program(lam=None, loss=Loss.EXACT)
-    np.testing.assert_allclose(shapes(turned, exact), Q @ shapes(scene.landmarks, exact), atol=1e-4)
-
-
-def test_the_mean_depth_is_0(make_scene, convex):
-    scene = make_scene(n=4, noise=0.2)
-    found = lift(scene.landmarks, scene.weights, scene.atoms, PROGRAM, convex)
-    np.testing.assert_allclose(found.shapes[:, 2].mean(axis=1), 0.0, atol=1e-12)
 
 
 def test_each_image_has_the_lambda_of_its_own_size_and_landmarks(make_scene):

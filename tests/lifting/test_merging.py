@@ -124,18 +124,3 @@ def test_atoms_that_a_group_lacked_have_no_part(run, atoms):
     )
     np.testing.assert_array_equal(merged.problem.atoms, atoms)
     np.testing.assert_array_equal(merged.problem.landmarks[some], part.problem.landmarks)
-
-
-def test_further_datasets_come_back_in_the_order_of_the_images(run, atoms):
-    def with_further(group):
-        values = {
-            "p_value": np.array(group.images, float),
-            "sd": np.ones((len(group.images), 3)),
-        }
-        estimate = replace(group.lifting.estimate, further=values)
-        return replace(group, lifting=replace(group.lifting, estimate=estimate))
-
-    merged = merge([with_further(group) for group in one_by_one(run)], atoms)
-    further = merged.estimate.further
-    np.testing.assert_array_equal(further["p_value"], np.arange(7.0))
-    assert further["sd"].shape == (7, 3)

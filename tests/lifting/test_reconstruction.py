@@ -6,7 +6,6 @@ from shapefit.geometry.rotations import (
     random_rotations,
 )
 from shapefit.lifting.reconstruction import (
-    is_active,
     reconstruct,
 )
 
@@ -22,17 +21,6 @@ def planted(rng):
 
 def transforms(c, R):
     return c[..., None, None] * R[..., :2, :]
-
-
-def test_planted_coefficients_and_shapes_come_back(planted):
-    c, R, atoms = planted
-    found = reconstruct(Transforms.of(transforms(c, R)), atoms)
-    np.testing.assert_allclose(found.coefficients, c, atol=1e-14)
-    np.testing.assert_allclose(
-        found.shapes, np.einsum("nk,nkab,kbp->nap", c, R, atoms), rtol=0, atol=1e-13
-    )
-    assert found.tight.all()
-    np.testing.assert_array_equal(found.active_atoms, (c > 0).sum(axis=1))
 
 
 def test_all_of_it_is_what_singular_value_decompositions_say(planted, rng):
@@ -71,10 +59,3 @@ def test_a_slightly_loose_active_transform_is_not_tight_and_a_negligible_one_doe
     assert not reconstruct(Transforms.of(M[None]), atoms).tight[0]
     M[1] *= 1e-8
     assert reconstruct(Transforms.of(M[None]), atoms).tight[0]
-
-
-def test_activity_is_beside_the_largest_of_the_image():
-    c = np.array([[1.0, 1e-7, -0.5], [1e-9, 1e-8, 0.0], [0.0, 0.0, 0.0]])
-    np.testing.assert_array_equal(
-        is_active(c), [[True, False, True], [True, True, False], [False, False, False]]
-    )

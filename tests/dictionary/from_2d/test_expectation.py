@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.from_2d.model import (
-    Images,
     Views,
-    ascent,
-    change_inliers,
-    posterior_mean,
+    expect,
+    maximise,
     scatter,
     split_ppca,
 )
@@ -105,42 +103,6 @@ def test_gradient_is_that_of_the_log_density(planted):
 
         slope = (moved(1) - moved(-1)) / (2 * h)
         np.testing.assert_allclose(found.gradient[:, direction], slope, rtol=1e-4, atol=1e-4)
-
-
-def test_climbing_ends_where_the_truth_is(plant):
-    made = plant(20, noise=0.01)
-    off = Views(exponential(np.full((20, 3), 0.1)) @ made.views.rotation, np.full(20, 0.1))
-    views = off
-    for _ in range(20):
-        views = ascent(views, posterior_mean(made.images, views, made.model), np.full(20, 1e-3))
-    apart = np.linalg.norm(views.rotation - made.views.rotation, axis=(1, 2))
-    assert np.median(apart) < 0.1 * np.median(
-        np.linalg.norm(off.rotation - made.views.rotation, axis=(1, 2))
-    )
-    assert np.abs(posterior_mean(made.images, views, made.model).gradient).max() < 1.0
-
-
-@pytest.mark.parametrize("factor", [1e-3, 1e3])
-def test_a_step_is_damped_by_the_mean_information_and_no_longer_than_the_longest(planted, factor):
-    found = posterior_mean(planted.images, planted.views, planted.model)
-    damping = np.array([0.01, 0.1, 1.0, 10.0])
-    gradient = factor * found.gradient
-    climbed = ascent(planted.views, replace(found, gradient=gradient), damping)
-    for i, H in enumerate(found.information):
-        step = np.linalg.solve(H + damping[i] * np.diag(H).mean() * np.eye(4), gradient[i])
-        step *= min(1.0, 0.3 / np.abs(step).max())
-        turned = exponential(step[None, :3])[0] @ planted.views.rotation[i]
-        np.testing.assert_allclose(climbed.rotation[i], turned, atol=1e-9)
-        assert climbed.log_scale[i] - planted.views.log_scale[i] == pytest.approx(step[3])
-
-
-def test_half_of_the_landmarks_of_an_image_stay_believed():
-    for p in (5, 6, 7):
-        images = Images(np.zeros((1, 2, p)), np.ones((1, p)), np.zeros(1, np.intp))
-        for _ in range(p):
-            reason = np.where(images.visible, 1.0, -1.0)  # every landmark would rather be gross
-            images = replace(images, outliers=change_inliers(images, reason))
-        assert images.visible.sum() == (p + 1) // 2
 
 
 def test_the_rest_of_a_covariance_is_the_mean_of_the_eigenvalues_that_are_left(rng):

@@ -8,16 +8,12 @@ import pytest
 
 from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, LEARNED, UNLIKE, evaluate_class
 from shapefit.dictionary.from_2d.learning import (
-    EXACT,
     HOLD,
-    SCALE,
     complete,
-    filled,
     find_views,
     first_state,
     improve,
     learn,
-    learn_round,
     upgrade,
 )
 from shapefit.dictionary.from_2d.model import Images
@@ -31,17 +27,6 @@ def test_planted_shapes_are_recovered_and_the_objective_never_falls(plant, noise
     states = list(learn(made.images))
     assert (np.diff([state.objective for state in states]) > 0).all()
     assert relative_error(states[-1].in_camera, made.shapes) < most
-
-
-def test_rigid_shapes_give_the_views_of_the_truth(plant):
-    made = plant(60, deviation=0.0)
-    W, _ = complete(made.images, 5)
-    (views,) = find_views(W, (3,))
-    between = views.rotation[1:] @ views.rotation[:-1].swapaxes(1, 2)
-    truth = made.views.rotation[1:] @ made.views.rotation[:-1].swapaxes(1, 2)
-    mirror = np.diag([1.0, 1.0, -1.0])
-    apart = min(np.abs(between - truth).max(), np.abs(mirror @ between @ mirror - truth).max())
-    assert apart < 1e-6
 
 
 def test_hidden_landmarks_of_few_factors_are_completed(plant):
@@ -176,33 +161,6 @@ def test_landmarks_are_gross_one_by_one_but_not_where_a_quarter_of_an_image_is(p
     assert not outliers[0].any()
 
 
-def test_a_round_gives_the_spread_of_sizes_its_likeliest_value(plant):
-    made = plant(50, noise=0.01)
-    W, _ = complete(made.images, 5)
-    state = first_state(made.images, W, find_views(W, (5,))[0])
-    found = learn_round(made.images, state, hold=True).model
-    apart = state.views.log_scale - state.views.log_scale.mean()
-
-    def objective(spread):
-        of_sizes = -0.5 * np.sum(np.log(spread) + apart**2 / spread)
-        return of_sizes - 0.5 * len(apart) * (np.log(spread) + SCALE**2 / spread)
-
-    best = objective(found.size_variance)
-    assert best > max(objective(found.size_variance * factor) for factor in (0.99, 1.01))
-
-
-def test_hidden_landmarks_are_placed_about_the_middle_of_those_that_are_seen(rng):
-    w, placed = rng.standard_normal((2, 5, 2, 6))
-    visible = rng.random((5, 6)) < 0.6
-    visible[0] = np.arange(6) == 2
-    W, middle = filled(w, visible, placed)
-    for n in range(5):
-        expected = (w - placed)[n][:, visible[n]].mean(axis=1, keepdims=True)
-        np.testing.assert_allclose(middle[n], expected)
-        whole = np.where(visible[n], w[n] - expected, placed[n])
-        np.testing.assert_allclose(W[n], whole - whole.mean(axis=1, keepdims=True))
-
-
 @pytest.mark.parametrize("rank", [3, 5])
 def test_an_upgrade_of_exact_factors_makes_every_view_orthonormal(rng, rank):
     A = rng.standard_normal((rank, rank))
@@ -215,21 +173,6 @@ def test_an_upgrade_of_exact_factors_makes_every_view_orthonormal(rng, rank):
     np.testing.assert_allclose(gram, np.broadcast_to(np.eye(2), gram.shape), atol=1e-6)
 
 
-def test_an_upgrade_of_exact_factors_takes_few_rounds(rng, monkeypatch):
-    """The steps are Gauss's and Newton's: the misfit squares, round by round."""
-    monkeypatch.setattr("shapefit.dictionary.from_2d.learning.UPGRADE_ROUNDS", 5)
-    test_an_upgrade_of_exact_factors_makes_every_view_orthonormal(rng, 5)
-
-
-@pytest.mark.parametrize("deviation", [0.0, 0.15])
-def test_what_a_rigid_shape_leaves_is_shape_and_half_as_much_noise_at_first(plant, deviation):
-    made = plant(40, deviation=deviation)
-    W, _ = complete(made.images, 5)
-    first = first_state(made.images, W, find_views(W, (5,))[0])
-    left = max(((W - first.in_camera[:, :2]) ** 2).mean(), 0.0005**2)
-    assert (first.model.rest, first.model.noise) == pytest.approx((left, left / 2))
-
-
 def test_views_rest_at_first_and_where_they_are_not_to_turn(plant):
     made = plant(40, noise=0.01)
     W, _ = complete(made.images, 5)
@@ -238,12 +181,3 @@ def test_views_rest_at_first_and_where_they_are_not_to_turn(plant):
         states = improve(made.images, first, HOLD + 2, turning=turning)
         resting = [(state.views.rotation == first.views.rotation).all() for state in states]
         assert resting == [k < HOLD or not turning for k in range(HOLD + 2)]
-
-
-def test_learning_ends_where_nothing_is_left_to_explain(plant):
-    made = plant(40, deviation=0.0)
-    W, _ = complete(made.images, 3)
-    first = first_state(made.images, W, find_views(W, (3,))[0])
-    noise = [state.model.noise for state in improve(made.images, first)]
-    assert noise[-1] < EXACT**2
-    assert len(noise) == HOLD + 2

@@ -20,15 +20,6 @@ class TestFewLandmarks:
         least_norm = (W - W.mean(axis=2, keepdims=True)) @ np.linalg.pinv(X)
         np.testing.assert_allclose(found.camera, least_norm, atol=1e-9)
 
-    @pytest.mark.parametrize("visible", [5, 6, 7])
-    def test_more_atoms_than_landmarks_can_tell(self, make_scene, visible):
-        scene = make_scene(noise=0.3)
-        scene.weights[:, visible:] = 0
-        found = scene.pursue(goal=-1.0, change=1e-12, most_rounds=2000)
-        np.testing.assert_allclose(found.error, 0, atol=1e-8)
-        wanted = scene.squared_limbs(scene.mean)
-        np.testing.assert_allclose(scene.squared_limbs(scene.mix(found)), wanted, rtol=1e-12)
-
     def test_one_landmark_or_none_is_degenerate_by_itself(self, make_scene):
         scene = make_scene()
         expected = scene.pursue()

@@ -12,7 +12,6 @@ from shapefit.geometry.cameras import project, turntable
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
 from shapefit.io import read_shapes
-from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.matching_pursuit import lift_by_pursuit
 from shapefit.lifting.methods import Settings
@@ -38,16 +37,6 @@ class TestEstimate:
             relative = found.coefficients[image] / s.mean()
             np.testing.assert_allclose(relative, pursuit.coefficients[image], atol=1e-12)
         np.testing.assert_allclose(np.linalg.det(found.rotation), 1)
-
-    def test_the_rest_is_that_of_the_pursuit_and_of_the_shape(self, noisy):
-        pursuit, found = noisy.pursue(), estimate(noisy)
-        np.testing.assert_array_equal(found.objective, pursuit.error)
-        np.testing.assert_array_equal(found.iterations, pursuit.rounds)
-        assert found.status == pursuit.status
-        assert list(found.active_atoms) == [(c != 0).sum() for c in pursuit.coefficients]
-        placed = fit_translation(noisy.problem, found.shapes[:, :2])
-        np.testing.assert_array_equal(found.translation, placed.translation)
-        np.testing.assert_array_equal(found.residual, placed.residual)
 
     def test_an_image_without_landmarks_has_no_rotation(self, make_scene):
         scene = make_scene()

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
 
 from shapefit.convex.solver import Status
 from shapefit.geometry.procrustes import similarity_transform
@@ -64,15 +63,6 @@ class TestCertificate:
         assert (np.count_nonzero(found.coefficients, axis=1) == 4).all()
         return noisy, found
 
-    def test_the_coefficients_of_one_step_are_a_global_minimum(self, noisy):
-        """Seen by the camera of the mean shape, from which the first step starts."""
-        found = noisy.pursue(goal=0.0, most_atoms=1, most_rounds=1)
-        for image, weights in enumerate(noisy.weights):
-            w = centred(weights, noisy.problem.landmarks[image])
-            camera = least_squares_camera(w, centred(weights, noisy.mean))
-            multiplier = InnerStep.of(noisy, found, image, camera).check_optimality()
-            assert abs(multiplier) > 1e-3
-
     def test_where_a_loop_comes_to_rest_both_steps_are_optimal(self, settled):
         scene, found = settled
         for image, S in enumerate(scene.mix(found)):
@@ -122,61 +112,3 @@ class TestPlanted:
         np.testing.assert_allclose(
             scene.mix(found), np.broadcast_to(scene.mean, scene.shapes.shape)
         )
-
-
-def plain_pursuit(
-    w: np.ndarray, mean: np.ndarray, bases: np.ndarray, L: np.ndarray, goal, change, most_atoms
-) -> tuple[np.ndarray, np.ndarray, int]:
-    """The method word for word, for w, mean and bases centred and weighted, limbs L (1 + k, l).
-
-    The secular equation is the unreduced one: pencil A^T A + x L L^T, root by bisection.
-    """
-    shapes = np.concatenate([mean[None], bases])
-    chosen, a, rounds = [0], np.ones(1), 0
-    M = least_squares_camera(w, mean)
-    error = ((w - M @ mean) ** 2).sum()
-    while error > goal and len(chosen) <= most_atoms:
-        residual = w - M @ np.tensordot(a, shapes[chosen], 1)
-        overlap = np.abs(np.einsum("ap,iap->i", residual, M @ shapes))
-        overlap[chosen] = -1
-        chosen.append(int(overlap.argmax()))
-        for _ in range(30):
-            before = error
-            A = (M @ shapes[chosen]).reshape(len(chosen), -1).T
-            H = L[chosen] @ L[chosen].T
-            pole = -np.linalg.eigvals(np.linalg.solve(H, A.T @ A)).real.min()
-
-            def mixture(x, A=A, H=H):
-                return np.linalg.solve(A.T @ A + x * H, A.T @ w.ravel())
-
-            def excess(x, H=H, mixture=mixture):
-                return mixture(x) @ H @ mixture(x) - L[0] @ L[0]
-
-            a = mixture(brentq(excess, pole + 1e-12, pole + 1e4, xtol=1e-15))
-            S = np.tensordot(a, shapes[chosen], 1)
-            M = least_squares_camera(w, S)
-            error = ((w - M @ S) ** 2).sum()
-            rounds += 1
-            if abs(before - error) < change:
-                break
-    coefficients = np.zeros(len(shapes))
-    coefficients[chosen] = a
-    return coefficients, M, rounds
-
-
-@pytest.mark.parametrize("most_atoms", [1, 5])
-def test_a_plain_version_does_the_same(noisy, most_atoms):
-    rules = {"goal": 0.02, "change": 1e-3, "most_atoms": most_atoms}
-    found = noisy.pursue(**rules)
-    for image, weights in enumerate(noisy.weights):
-        coefficients, camera, rounds = plain_pursuit(
-            centred(weights, noisy.problem.landmarks[image]),
-            centred(weights, noisy.mean),
-            centred(weights, noisy.bases),
-            find_limbs(np.concatenate([noisy.mean[None], noisy.bases]), noisy.edges),
-            **rules,
-        )
-        np.testing.assert_allclose(found.mean_coefficient[image], coefficients[0], atol=1e-8)
-        np.testing.assert_allclose(found.coefficients[image], coefficients[1:], atol=1e-8)
-        np.testing.assert_allclose(found.camera[image], camera, atol=1e-8)
-        assert found.rounds[image] == rounds

@@ -14,7 +14,6 @@ from shapefit.lifting.methods import Settings, choose_method
 from shapefit.lifting.perspective.view import (
     PerspectiveOptions,
     find_rotations,
-    place_in_depth,
     refine_view,
 )
 from shapefit.lifting.shared_rotation.pose import even_views, find_pose
@@ -126,16 +125,6 @@ def test_an_image_without_a_shape_stays_without(landmarks, dictionary, camera):
     assert found.estimate.status[2] is first.estimate.status[2]
 
 
-def test_what_was_left_out_stays_out(landmarks, dictionary, camera):
-    weights = np.ones((N, P))
-    weights[:, 5] = 0
-    moved = landmarks.copy()
-    moved[:, :, 5] += 500
-    _, clean = view(landmarks, weights, dictionary, camera)
-    _, dirty = view(moved, weights, dictionary, camera)
-    np.testing.assert_array_equal(clean.shapes, dirty.shapes)
-
-
 def test_far_away_it_is_the_weak_perspective_camera(dictionary, rotations, rng):
     """Perspective ends where the depth of the object is small beside its distance."""
     c = rng.dirichlet(np.ones(K), N)
@@ -153,25 +142,3 @@ def test_an_unknown_rotation_is_that_of_the_posed_mean_shape(dictionary, rng):
     np.testing.assert_array_equal(found[:5], known[:5])
     best = find_pose(problem.take(np.arange(5, 30)), mean, even_views(6)).rotation
     np.testing.assert_array_equal(found[5:], best)
-
-
-def test_the_estimate_is_in_normalised_units_and_counts_its_own_atoms(
-    landmarks, dictionary, camera
-):
-    first, found = view(landmarks, np.ones((N, P)), dictionary, camera)
-    norm, e = normalise(landmarks), found.estimate
-    placed = norm.scale[:, None] * e.translation + norm.centroid
-    np.testing.assert_allclose(placed, found.translation)
-    c = e.coefficients
-    np.testing.assert_array_equal(e.active_atoms, (c > 1e-6 * c.max(axis=1)[:, None]).sum(axis=1))
-    assert (e.active_atoms != first.estimate.active_atoms).any()
-
-
-def test_a_flat_shape_before_the_camera_is_put_where_it_is(camera, rng):
-    shape = rng.standard_normal((3, P)) * [[1.0], [1.0], [0.0]] + [[0.4], [-0.3], [0.2]]
-    t = np.stack([rng.uniform(-1, 1, N), rng.uniform(-1, 1, N), rng.uniform(6, 9, N)], axis=1)
-    weights = rng.uniform(0.5, 2, (N, P)) * (rng.random((N, P)) < 0.8)
-    landmarks = project(camera, shape + t[..., None])
-    rotation = np.broadcast_to(np.eye(3), (N, 3, 3))
-    found = place_in_depth(landmarks, weights, shape, camera, rotation)
-    np.testing.assert_allclose(found, t, rtol=1e-10)

@@ -1,7 +1,6 @@
 """`learn-dict` from files to a file: what is learned from, written, left out and refused."""
 
 import json
-import re
 from functools import partial
 from pathlib import Path
 
@@ -139,8 +138,6 @@ class TestOutcomes:
         assert final.written == (made.output,)
         assert made.output.exists()
         assert "relative error" in final.note
-        (gap,) = re.findall(r"relative gap of the coding at most (\S+), ", final.note)
-        assert 0 <= float(gap) < 1e-10
 
     def test_an_alignment_that_did_not_come_to_rest_is_reported(self, config, monkeypatch):
         hasty = partial(generalised_procrustes, max_rounds=1)
