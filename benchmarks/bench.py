@@ -123,13 +123,11 @@ def install(environment: Environment, *options: str) -> None:
     shutil.rmtree(wheels, ignore_errors=True)
     quiet = "-q", "--disable-pip-version-check"
     build = ["--no-deps", "--no-build-isolation", "-C", "build-dir=build/{wheel_tag}"]
-    subprocess.run(
-        [sys.executable, "-m", "pip", "wheel", *quiet, *build, "-w", wheels, environment.source],
-        check=True,
-    )
-    constraints = "--constraint", environment.source / "constraints.txt"
-    pip = [environment.python, "-m", "pip", "install", *quiet, *options, *constraints]
-    subprocess.run([*pip, *wheels.glob("shapefit-*.whl")], check=True)
+    where = ["-w", str(wheels), str(environment.source)]
+    subprocess.run([sys.executable, "-m", "pip", "wheel", *quiet, *build, *where], check=True)
+    constraints = "--constraint", str(environment.source / "constraints.txt")
+    pip = [str(environment.python), "-m", "pip", "install", *quiet, *options, *constraints]
+    subprocess.run([*pip, *map(str, wheels.glob("shapefit-*.whl"))], check=True)
 
 
 def git(*arguments: str) -> subprocess.CompletedProcess[bytes]:

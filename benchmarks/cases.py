@@ -12,7 +12,7 @@ import os
 import subprocess
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cache, partial
@@ -33,7 +33,7 @@ from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.io import LandmarkSet, open_landmarks, read_shapes
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.perspective.view import mean_coefficients
+from shapefit.lifting.perspective import mean_coefficients
 from shapefit.pipelines.fit.camera import read_intrinsics
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
 
@@ -121,22 +121,26 @@ class Row:
 Side = Callable[[], Turn]
 
 
-def compare(case: str, before: Side, now: Side, repeats: int, images: int = 0, **row: Any) -> Row:
+def compare(
+    case: str, sides: Sequence[Side], repeats: int, images: int = 0, *, certified: bool = False
+) -> Row:
     """Run both sides in turns; the ratio is the median of those of neighbouring turns.
 
     Times are images per second where their number is given, else seconds.
     """
+    before, now = sides
     turns = [(before(), now()) for _ in range(repeats)]
     seconds = [float(np.median([turn[side].seconds for turn in turns])) for side in (0, 1)]
-    texts = [f"{images / s:,.0f}/s" if images else f"{s:.3g} s" for s in seconds]
+    old_text, new_text = (f"{images / s:,.0f}/s" if images else f"{s:.3g} s" for s in seconds)
     return Row(
         case,
-        *texts,
+        old_text,
+        new_text,
         ratio=float(np.median([old.seconds / new.seconds for old, new in turns])),
         well_before=min(old.well for old, _ in turns),
         well=min(new.well for _, new in turns),
         change=turns[-1][1].sum / (turns[-1][0].sum or 1.0) - 1.0,
-        **row,
+        certified=certified,
     )
 
 
@@ -152,7 +156,7 @@ def kernels(
     bench: Bench,
 ) -> Iterator[tuple[str, str, Callable[[], Arrays], dict[str, object]]]:
     """Yield names, jobs of worker.py, what makes their arrays, and options; on one thread."""
-    newton = {"tolerance": 1e-4}
+    newton: dict[str, object] = {"tolerance": 1e-4}
     if mocap := bench.mocap:
         frames = cache(partial(mocap_case, mocap))
         yield "subject 13", "newton", frames, newton
@@ -184,7 +188,7 @@ def compare_kernel(
             for side in (bench.old, bench.new)
         ]
         images = len(arrays["landmarks"])
-        return compare(name, *sides, bench.repeats, images, certified=job == "newton")
+        return compare(name, sides, bench.repeats, images, certified=job == "newton")
 
 
 class Worker:
@@ -441,7 +445,7 @@ def compare_commands(bench: Bench, name: str, command: Callable[[Environment], C
     numpy = np.median(
         [timed([bench.new.python, "-c", "import numpy"], bench.folder).seconds for _ in range(5)]
     )
-    row = compare(name, *sides, bench.repeats)
+    row = compare(name, sides, bench.repeats)
     seconds = float(row.now.removesuffix(" s"))
     return Row(**{**vars(row), "imports": seconds / float(numpy)})
 

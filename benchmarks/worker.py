@@ -59,7 +59,7 @@ def posterior(data: Arrays, residual_variance: float) -> Run:
 def perspective(data: Arrays) -> Run:
     """Refine under the full projection of known cameras."""
     from shapefit.geometry.pinhole import Camera
-    from shapefit.lifting.perspective.view import PerspectiveOptions, refine_perspective
+    from shapefit.lifting.perspective import PerspectiveOptions, refine_perspective
 
     problem = build(data)
     return partial(

@@ -30,7 +30,7 @@ def test_a_fault_of_a_case_is_told(row, fault):
 def test_the_ratio_is_the_median_of_neighbouring_turns():
     before = iter([Turn(6.0), Turn(8.0), Turn(90.0)])
     now = iter([Turn(2.0), Turn(2.0), Turn(9.0)])
-    row = compare("case", lambda: next(before), lambda: next(now), 3)
+    row = compare("case", (lambda: next(before), lambda: next(now)), 3)
     assert (row.ratio, row.before, row.now) == (4.0, "8 s", "2 s")
 
 

@@ -26,7 +26,6 @@ from shapefit.dictionary.bodies import (
     find_acceleration,
     find_bone_tolerance,
     find_edge_covariance,
-    find_edge_length,
     find_lengths,
     find_skeleton,
     vary,
@@ -201,7 +200,9 @@ def extend(dictionary: Dictionary, given: ShapeSet) -> Dictionary:
         bone_tolerance=further(
             dictionary.bone_tolerance, unit * find_bone_tolerance(moving, edges, sequences)
         ),
-        edge_length=further(dictionary.edge_length, find_edge_length(moving, edges)),
+        edge_length=further(
+            dictionary.edge_length, find_lengths(moving, edges, sequences)[0].mean(axis=0)
+        ),
         edge_covariance=Regression.of(between, e).joint(dictionary.edge_covariance),
         provenance={**dictionary.provenance, WHERE_MARKED: GROUPS},
     )

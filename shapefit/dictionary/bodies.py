@@ -96,13 +96,6 @@ def find_edge_covariance(lengths: Floats, of_shapes: Floats | None = None) -> Fl
     return S
 
 
-def find_edge_length(shapes: Floats, edges: Integers) -> Floats:
-    """Mean length (e,) of each edge over shapes (n, 3, p), in their unit; edges (e, 2)."""
-    i, j = edges.T
-    found: Floats = np.linalg.norm(shapes[:, :, i] - shapes[:, :, j], axis=1).mean(axis=0)
-    return found
-
-
 def metres_per_unit(shapes: Floats, dictionary: Dictionary) -> Floats | None:
     """Metres (n,) in one unit of lifted shapes (n, 3, p): as large as the training shapes were.
 

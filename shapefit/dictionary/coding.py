@@ -30,8 +30,8 @@ def sparse_code(
     0); returns C (n, k). Never worse than the start. Each shape stops when no change of a single
     coefficient would still move it by more than `tolerance` of its norm.
 
-    An active set method (Lawson and Hanson 1974, with the l1 term), see core/base/active_set.hpp. Warns
-    (RuntimeWarning) where a shape does not stop.
+    An active set method (Lawson and Hanson 1974, with the l1 term), see core/base/active_set.hpp.
+    Warns (RuntimeWarning) where a shape does not stop.
     """
     X, B = flat(shapes), flat(atoms)
     C = np.zeros((len(X), len(B))) if start is None else np.array(start, dtype=np.float64)

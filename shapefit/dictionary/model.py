@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -221,19 +221,6 @@ def edge_squares(prior: Mixture, edges: NDArray[np.integer]) -> Floats:
     own = np.einsum("k,kpaqa->pq", prior.weights, second)
     found: Floats = own[i, i] + own[j, j] - own[i, j] - own[j, i]
     return found
-
-
-class Origin(NamedTuple):
-    """Texts of the provenance of a dictionary; None where it does not say."""
-
-    source: str | None
-    licence: str | None
-    acknowledgement: str | None
-
-
-def origin_of(dictionary: Dictionary) -> Origin:
-    """Return what `learn-dict` stored of the section `origin` of its config."""
-    return Origin(*(dictionary.provenance.get(name) for name in Origin._fields))
 
 
 def describe_learning(dictionary: Dictionary) -> tuple[str, ...]:

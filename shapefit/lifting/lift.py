@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solver import Status
-from shapefit.convex.transforms import nuclear_norm
+from shapefit.convex.transforms import Transforms, nuclear_norm
 from shapefit.geometry.pinhole import project
 from shapefit.lifting.degeneracy import normalise_visible
-from shapefit.lifting.estimate import Estimate, Estimator
+from shapefit.lifting.estimate import Estimate, Estimator, join_images
 
 if TYPE_CHECKING:
     from shapefit.geometry.pinhole import Camera
@@ -213,3 +213,53 @@ def fail_nonfinite(lifting: Lifting) -> Lifting:
         estimate=replace(lifting.estimate, status=tuple(status)),
         failures={**lifting.failures, **dict.fromkeys(broken, NOT_FINITE)},
     )
+
+
+@dataclass(frozen=True)
+class Group:
+    """The lifting of some of the images with some of the atoms.
+
+    images (m,) and atoms (j,): which of all images and of all atoms its axes run over.
+    """
+
+    lifting: Lifting
+    images: Integers
+    atoms: Integers
+
+
+def merge(groups: Sequence[Group], atoms: Floats) -> Lifting:
+    """Join the liftings of groups of images, each image in one group, in the order of the images.
+
+    atoms (k, 3, p) are those that the groups took theirs from; they become those of the problem,
+    and coefficients and transforms get k columns.
+    """
+    order = np.argsort(np.concatenate([group.images for group in groups]))
+    failures = {
+        int(group.images[image]): reason
+        for group in groups
+        for image, reason in group.lifting.failures.items()
+    }
+    padded = [_pad(group, len(atoms)) for group in groups]
+    joined: Lifting = join_images(padded, order)
+    problem = replace(joined.problem, atoms=atoms)
+    return replace(joined, problem=problem, failures=dict(sorted(failures.items())))
+
+
+def _pad(group: Group, k: int) -> Lifting:
+    """Return the lifting with coefficients and transforms of k atoms; the others have no part."""
+    estimate = group.lifting.estimate
+    c, M, proof = estimate.coefficients, estimate.transforms, estimate.convex_proof
+
+    def among_all(transforms: Transforms) -> Transforms:
+        return replace(transforms, atom=group.atoms[transforms.atom], k=k)
+
+    if c is not None:
+        full = np.zeros((len(c), k))
+        full[:, group.atoms] = c
+        estimate = replace(estimate, coefficients=full)
+    if M is not None:
+        estimate = replace(estimate, transforms=among_all(M))
+    if proof is not None:
+        whole = replace(proof, transforms=among_all(proof.transforms))
+        estimate = replace(estimate, convex_proof=whole)
+    return replace(group.lifting, estimate=estimate, failures={})

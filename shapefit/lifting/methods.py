@@ -134,14 +134,11 @@ class Method:
     losses         data terms that it knows
     learned        how the dictionary must be learned, by `method` of learn-dict; empty for any
     needs          fields of the dictionary without which it cannot run
-    yields         optional fields of its Estimate, those on request included
-    further        further datasets of the result that it yields, by name
     proves         "optimum": it is the convex program, and its certificate is that of the result;
                    "bound": it starts from the convex program, whose proof is stored beside it;
                    "global": it is the optimum with one rotation, and its certificate that of the
                    result; what proves it is stored on request;
                    "nothing": a local method
-    one_rotation   all atoms share one rotation
     mixes_atoms    shapes are R sum_i c_i B_i (or sum_i c_i R_i B_i), so that whatever belongs to
                    the atoms, as their meshes, can be mixed alike
     perspective    "refined": under a perspective camera it is followed by a refinement; "own": it
@@ -158,10 +155,7 @@ class Method:
     losses: tuple[str, ...] = ("squared",)
     learned: tuple[str, ...] = ATOMS
     needs: tuple[Need, ...] = ()
-    yields: frozenset[str]
-    further: tuple[str, ...] = ()
     proves: Literal["optimum", "bound", "global", "nothing"] = "nothing"
-    one_rotation: bool = True
     mixes_atoms: bool = True
     perspective: Literal["refined", "own", "none"] = "refined"
     sequences: bool = False
@@ -180,7 +174,6 @@ class Method:
         return run
 
 
-OF_ATOMS = frozenset({"coefficients", "active_atoms", "transforms"})
 ROBUST = ("l1", "sparse-error")
 
 AUTO = "auto"
@@ -200,47 +193,38 @@ POSTERIOR = Method(
     summary="the posterior mean under the prior over shapes, with its uncertainty",
     options=PosteriorOptions,
     needs=(PRIOR,),
-    yields=frozenset({"convex_proof", "deviation"}),
-    further=(
-        "log_evidence", "p_value", "start_distance", "inlier_probability", "shape_correlation",
-    ),
     proves="bound",
     mixes_atoms=False,
     precisions=True,
     perspective="own",
     tolerance=1e-3,
-)  # fmt: skip
+)
 
 METHODS: dict[str, Method] = {
     "convex": Method(
         run="shapefit.lifting.reconstruction:lift_convex",
         summary="the convex program",
         losses=("squared", "exact", *ROBUST),
-        yields=OF_ATOMS | {"relative_gap", "tight", "outliers", "convex_proof"},
         proves="optimum",
-        one_rotation=False,
     ),
     "convex+refine": Method(
-        run="shapefit.lifting.shared_rotation.methods:refine_convex",
+        run="shapefit.lifting.shared_rotation:refine_convex",
         summary="its solution refined to one shared rotation",
         options=AlternationOptions,
         losses=("squared", *ROBUST),
-        yields=OF_ATOMS | {"relative_gap", "outliers", "convex_proof"},
         proves="bound",
     ),
     "global": Method(
-        run="shapefit.lifting.global_optimum.method:find_global",
+        run="shapefit.lifting.global_optimum:find_global",
         summary="the certified optimum over all rotations shared by the atoms",
         options=SearchOptions,
-        yields=OF_ATOMS | {"relative_gap"},
         proves="global",
         tolerance=1e-2,
     ),
     "alternate": Method(
-        run="shapefit.lifting.shared_rotation.methods:alternate_from_mean",
+        run="shapefit.lifting.shared_rotation:alternate_from_mean",
         summary="alternating minimisation from the mean shape",
         options=AlternationOptions,
-        yields=OF_ATOMS,
     ),
     "pmp": Method(
         run="shapefit.lifting.matching_pursuit:lift_by_pursuit",
@@ -254,16 +238,14 @@ METHODS: dict[str, Method] = {
                 lacks_limbs,
             ),
         ),
-        yields=frozenset({"coefficients", "active_atoms"}),
         mixes_atoms=False,
         perspective="none",
     ),
     "mean-shape": Method(
-        run="shapefit.lifting.shared_rotation.methods:pose_mean_shape",
+        run="shapefit.lifting.shared_rotation:pose_mean_shape",
         summary="the pose of the mean shape alone",
         options=AlternationOptions,
         learned=(),
-        yields=frozenset(),
         mixes_atoms=False,
     ),
     "posterior": POSTERIOR,
@@ -271,8 +253,6 @@ METHODS: dict[str, Method] = {
         POSTERIOR,
         run="shapefit.lifting.sequences.clips:lift_frames",
         summary="the posterior of whole sequences: rigid bones, smooth motion",
-        yields=POSTERIOR.yields | {"posterior_modes"},
-        further=(*POSTERIOR.further, "sequence_noise", "image_error"),
         sequences=True,
     ),
 }

@@ -12,7 +12,7 @@ import numpy as np
 
 from shapefit.config import CONFIGS, InfoConfig
 from shapefit.config.paths import find_dictionaries, find_presets
-from shapefit.dictionary.model import SUITS, describe_learning, origin_of
+from shapefit.dictionary.model import SUITS, describe_learning
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
 from shapefit.io import (
     LandmarkSet,
@@ -232,7 +232,8 @@ def _of_dictionary(path: Path) -> list[Line]:
         ("unit", dictionary.unit if dictionary.unit != UNKNOWN_UNIT else "not stated"),
     ]
     lines += [("learned", text) for text in describe_learning(dictionary)]
-    lines += [(key, text) for key, text in origin_of(dictionary)._asdict().items() if text]
+    origin = ("source", "licence", "acknowledgement")
+    lines += [(k, text) for k in origin if (text := dictionary.provenance.get(k))]
     installed = {file: name for name, file in find_dictionaries().items()}
     given = installed.get(path) or _typed(path)
     with_prior = prior is not None and SUITS not in dictionary.provenance

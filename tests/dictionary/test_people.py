@@ -8,7 +8,6 @@ import pytest
 from shapefit.config.loader import load_config
 from shapefit.config.paths import DICTIONARIES
 from shapefit.dictionary.bodies import find_skeleton
-from shapefit.dictionary.model import origin_of
 from shapefit.geometry.procrustes import mirror, rotation_onto
 from shapefit.io import read_dictionary
 from shapefit.io.skeletons import FURTHER, PEOPLE, edges_of, installed_skeletons, people_joints
@@ -60,10 +59,9 @@ def test_its_prior_does_not_know_left_from_right(people):
 
 def test_it_is_small_and_says_where_it_comes_from(people):
     assert FILE.stat().st_size < 800_000
-    origin = origin_of(people)
-    assert "mocap.cs.cmu.edu" in origin.source
-    assert "may not be resold" in origin.licence
-    assert "NSF EIA-0196217" in origin.acknowledgement
+    assert "mocap.cs.cmu.edu" in people.provenance["source"]
+    assert "may not be resold" in people.provenance["licence"]
+    assert "NSF EIA-0196217" in people.provenance["acknowledgement"]
 
 
 def test_it_was_learned_by_the_config_of_the_project(people, project):

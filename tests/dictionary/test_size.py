@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.dictionary.bodies import find_edge_length, metres_per_unit
+from shapefit.dictionary.bodies import find_lengths, metres_per_unit
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
 
@@ -25,7 +25,7 @@ def dictionary(shapes) -> Dictionary:
         landmark_names=tuple("abcd"),
         mean_shape=normalised.points[0],
         edges=EDGES,
-        edge_length=find_edge_length(shapes, EDGES),
+        edge_length=find_lengths(shapes, EDGES, ("",) * len(shapes))[0].mean(axis=0),
         atom_scale=normalised.scale,
         unit="cm",
     )
@@ -33,7 +33,7 @@ def dictionary(shapes) -> Dictionary:
 
 def test_edges_are_as_long_as_they_were(shapes, dictionary):
     factor = metres_per_unit(17 * shapes, dictionary)
-    found = find_edge_length(factor[:, None, None] * 17 * shapes, EDGES)
+    found = find_lengths(factor[:, None, None] * 17 * shapes, EDGES, ("",) * 4)[0].mean(axis=0)
     total = np.linalg.norm(np.diff(shapes, axis=2), axis=1).sum(axis=1).mean()
     assert found.sum() == pytest.approx(total / 100)
 

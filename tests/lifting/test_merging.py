@@ -9,8 +9,7 @@ from shapefit.convex.solver import solve_newton
 from shapefit.convex.transforms import Transforms
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera
-from shapefit.lifting.lift import PerspectiveView, Program, lift
-from shapefit.lifting.merging import Group, merge
+from shapefit.lifting.lift import Group, PerspectiveView, Program, lift, merge
 from shapefit.lifting.methods import Settings, choose_method
 
 PROGRAM = Program(lam=0.1)

@@ -14,17 +14,15 @@ from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
 from shapefit.geometry.rotations import rotation_about
+from shapefit.lifting import shared_rotation as shared
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import (
-    METHODS,
     AlternationOptions,
-    SearchOptions,
     Settings,
     choose_method,
 )
-from shapefit.lifting.shared_rotation import methods as shared
-from shapefit.lifting.shared_rotation.pose import alternate
+from shapefit.lifting.shared_rotation import alternate
 
 RIGID = ("convex+refine", "alternate")
 # Matching pursuit has bases and tests of its own: test_matching_pursuit.py.
@@ -221,35 +219,3 @@ def test_a_failure_of_the_convex_solver_is_not_forgotten(loss, scene, settings):
 
 
 OPTIONAL = {field.name for field in fields(Estimate) if field.default is None}
-
-
-@pytest.mark.parametrize("name", METHODS)
-def test_the_table_says_what_a_method_yields(name, scene, settings):
-    method = METHODS[name]
-    options = SearchOptions() if name == "global" else None
-    settings = replace(settings, needs=NEEDS, options=options)
-    found, further = set(), set()
-    for loss in method.losses:
-        lam = np.full(25, 1.0 if loss == "exact" else 0.05)
-        problem = replace(scene.problem(0.05), lam=lam, loss=Loss(loss), beta=0.1)
-        estimate = choose_method(name, settings)(problem)
-        found |= {field for field in OPTIONAL if getattr(estimate, field) is not None}
-        further |= estimate.further.keys()
-        assert ("convex_proof" in found) == (method.proves in ("optimum", "bound"))
-    assert found == method.yields
-    if "squared_mahalanobis" in further:  # once all is lifted
-        further = further - {"squared_mahalanobis"} | {"p_value", "start_distance"}
-        further |= {"image_error"} if method.sequences else set()
-    assert further == set(method.further)
-
-
-def test_one_rotation_is_what_the_table_says(scene, settings):
-    """The transforms of all atoms are multiples of the same two rows, or they are not."""
-    for name, method in METHODS.items():
-        if "transforms" in method.yields:
-            found = choose_method(name, settings)(scene.problem(0.05))
-            rows = found.coefficients[:, :, None, None] * found.rotation[:, None, :2]
-            alike = np.allclose(
-                found.transforms.dense(), np.where(np.isnan(rows), 0.0, rows), atol=1e-8
-            )
-            assert alike == method.one_rotation

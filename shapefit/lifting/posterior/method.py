@@ -32,8 +32,7 @@ from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior.p_value import draw_table, find_p_values, moments_at
 from shapefit.lifting.posterior.posterior import Outliers, Posterior, find_posterior
 from shapefit.lifting.reconstruction import reconstruct
-from shapefit.lifting.shared_rotation.pose import (
-    even_views,
+from shapefit.lifting.shared_rotation import (
     find_moments,
     find_pose,
     turn_in_plane,

@@ -232,7 +232,7 @@ def lift_images(images: LandmarkSet, lifter: Lifter) -> Lifting:
         labelled = replace(lifting.estimate, outliers=(visible > 0) & ~inliers)
         lifting = replace(lifting, estimate=labelled, failures={**lifting.failures, **lost})
     if camera is not None and method.perspective == "refined":
-        from shapefit.lifting.perspective.view import PerspectiveOptions, refine_view
+        from shapefit.lifting.perspective import PerspectiveOptions, refine_view
 
         options = PerspectiveOptions(threads=lifter.threads)
         lifting = refine_view(lifting, images.landmarks, camera, dictionary, options)
@@ -342,7 +342,7 @@ def lift_omitting(images: LandmarkSet, lifter: Lifter) -> Lifting:
     the columns of the whole dictionary, 0 for atoms left out. Raises InputError where the images
     lack the dataset.
     """
-    from shapefit.lifting.merging import Group, merge
+    from shapefit.lifting.lift import Group, merge
 
     dictionary = lifter.dictionary
     items = find_omitted(images, lifter)

@@ -17,7 +17,6 @@ from shapefit.dictionary.bodies import (
     find_acceleration,
     find_bone_tolerance,
     find_edge_covariance,
-    find_edge_length,
     find_lengths,
 )
 from shapefit.dictionary.model import Dictionary
@@ -209,7 +208,7 @@ def find_motion(given: ShapeSet, shapes: ShapeSet) -> dict[str, Any]:
         found["frame_rate"] = None if found["acceleration"] is None else given.frame_rate
     if edges is None:
         return found
-    found["edge_length"] = find_edge_length(shapes.shapes, edges)
+    found["edge_length"] = find_lengths(shapes.shapes, edges, ("",) * len(shapes))[0].mean(axis=0)
     if len(given):
         of = sequences or ("",) * len(given)
         found["bone_tolerance"] = find_bone_tolerance(given.shapes, edges, of)

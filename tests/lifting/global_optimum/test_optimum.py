@@ -13,10 +13,10 @@ from shapefit.convex.solver import Status, solve_newton
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.estimate import fit_translation
-from shapefit.lifting.global_optimum.method import find_optimum
+from shapefit.lifting.global_optimum import find_optimum
 from shapefit.lifting.methods import AlternationOptions, SearchOptions, Settings, choose_method
 from shapefit.lifting.reconstruction import combine
-from shapefit.lifting.shared_rotation.pose import alternate
+from shapefit.lifting.shared_rotation import alternate
 from tests.lifting.global_optimum.conftest import best_at
 
 

@@ -10,7 +10,7 @@ from shapefit.convex.problem import Loss
 from shapefit.convex.solver import Status, solve_newton
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.shared_rotation.methods import believable
+from shapefit.lifting.shared_rotation import believable
 
 ROBUST = (Loss.ABSOLUTE, Loss.SPARSE_ERROR)
 

@@ -11,7 +11,7 @@ from shapefit.convex.solver import Status
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations, rotation_about, rotation_angle
-from shapefit.lifting.perspective.view import (
+from shapefit.lifting.perspective import (
     REASONS,
     PerspectiveOptions,
     mean_coefficients,

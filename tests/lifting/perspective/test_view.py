@@ -11,12 +11,12 @@ from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations, rotation_angle
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.perspective.view import (
+from shapefit.lifting.perspective import (
     PerspectiveOptions,
     find_rotations,
     refine_view,
 )
-from shapefit.lifting.shared_rotation.pose import even_views, find_pose
+from shapefit.lifting.shared_rotation import find_pose, spread_views
 
 N, K, P = 6, 5, 14
 OPTIONS = PerspectiveOptions(ridge=1e-3, softness=0.1, max_rounds=500)

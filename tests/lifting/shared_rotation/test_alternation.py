@@ -7,7 +7,7 @@ from shapefit.convex.problem import Loss, build_problem
 from shapefit.convex.solver import Status
 from shapefit.geometry.rotations import random_rotations, rotation_about
 from shapefit.lifting.estimate import fit_translation
-from shapefit.lifting.shared_rotation.pose import alternate
+from shapefit.lifting.shared_rotation import alternate
 
 signs = pytest.mark.parametrize("signed", [False, True])
 

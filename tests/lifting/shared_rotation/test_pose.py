@@ -7,8 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from shapefit.convex.problem import build_problem
 from shapefit.geometry.rotations import random_rotations
-from shapefit.lifting.shared_rotation.pose import (
-    even_views,
+from shapefit.lifting.shared_rotation import (
     find_pose,
 )
 

@@ -7,7 +7,7 @@ import pytest
 
 from shapefit.convex.transforms import Transforms
 from shapefit.geometry.rotations import random_rotations
-from shapefit.lifting.shared_rotation import pose as synchronisation
+from shapefit.lifting import shared_rotation as synchronisation
 
 
 class Synchronised(NamedTuple):

@@ -16,7 +16,7 @@ from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Status, read_statuses
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.methods import AlternationOptions, SearchOptions, Settings
-from shapefit.lifting.shared_rotation.methods import alternate_from_mean, describe, refine_convex
+from shapefit.lifting.shared_rotation import alternate_from_mean, describe, refine_convex
 
 
 def find_global(problem: Problem, settings: Settings) -> Estimate:

@@ -21,7 +21,7 @@ from shapefit.geometry.pinhole import Camera, project
 from shapefit.lifting.estimate import fit_translation
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.reconstruction import combine, is_active
-from shapefit.lifting.shared_rotation.pose import find_pose
+from shapefit.lifting.shared_rotation import find_pose
 
 REASONS = {
     Status.DEGENERATE: "landmarks start behind the camera: with so short a focal length it would "

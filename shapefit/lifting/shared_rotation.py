@@ -1,0 +1,303 @@
+"""The methods whose atoms share one rotation, the pose of the mean shape, and the local fits that
+they are made of: alternating minimisation over rotation and coefficients; the nearest transforms
+that share one rotation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shapefit import core
+from shapefit.arrays import Flags, Floats, Integers
+from shapefit.convex.problem import Loss, Problem
+from shapefit.convex.solver import Status, find_outliers, read_statuses
+from shapefit.convex.transforms import Transforms
+from shapefit.geometry.rotations import rotation_about
+from shapefit.lifting.degeneracy import find_degenerate
+from shapefit.lifting.estimate import ConvexProof, Estimate, fit_translation, join_images
+from shapefit.lifting.methods import AlternationOptions, Settings
+from shapefit.lifting.reconstruction import combine, is_active
+
+VIEWS = 6
+"""Views, spread evenly, from which the pose of the mean shape is sought."""
+
+GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
+
+
+def refine_convex(problem: Problem, settings: Settings) -> Estimate:
+    """Synchronise the convex solution to one rotation and alternate from there.
+
+    Over c >= 0, or, where `signed`, over all c (paper, Experiments, "Alternate+"). The convex
+    optimum bounds the objective from below, for c_i Rbar is a transform of spectral norm |c_i|, and
+    the gap is that to its dual. With a robust loss the robust program finds the outliers, and the
+    squared residuals of the other landmarks are refined, which it does not bound; the landmarks
+    stay normalised by all that are seen.
+    """
+    solution = settings.solve(problem)
+    starts = synchronise(solution.transforms, threads=settings.threads)[:, None]
+    outliers = find_outliers(problem, solution)
+    if outliers is None:
+        found = _alternate_or_restart(problem, settings, starts)
+        objective = found.objective
+        bound, gap = solution.objective * (1 - solution.relative_gap), np.zeros_like(objective)
+        np.divide(objective - bound, objective, out=gap, where=objective != 0)
+        found = replace(found, relative_gap=gap)
+    else:
+        outliers = believable(problem, outliers)
+        weights = np.where(outliers, 0.0, problem.weights)
+        inliers = replace(problem, weights=weights, loss=Loss.SQUARED)
+        found = replace(_alternate_or_restart(inliers, settings, starts), outliers=outliers)
+    failed, status = (Status.DEGENERATE, Status.NUMERICAL_FAILURE), found.status
+    if any(each in solution.status for each in failed):  # rare, and slow to ask of each image
+        both = zip(solution.status, status, strict=True)
+        status = tuple(first if first in failed else second for first, second in both)
+    return replace(
+        found,
+        status=status,
+        iterations=solution.iterations + found.iterations,
+        convex_proof=ConvexProof.of(solution),
+    )
+
+
+def alternate_from_mean(problem: Problem, settings: Settings) -> Estimate:
+    """Alternate from the pose of the mean shape (paper, Experiments, "Alternate")."""
+    pose = find_pose(problem, settings.mean_shape, threads=settings.threads)
+    return _alternate(problem, settings, pose.rotation[:, None])
+
+
+def pose_mean_shape(problem: Problem, settings: Settings) -> Estimate:
+    """Pose the mean shape: rotation, scale and translation and nothing else."""
+    pose = find_pose(problem, settings.mean_shape, threads=settings.threads)
+    posed = pose.size > 0
+    R = np.where(posed[:, None, None], pose.rotation, 0.0)
+    shapes = pose.size[:, None, None] * (R @ settings.mean_shape)
+    placed = fit_translation(problem, shapes)
+    return Estimate(
+        shapes=shapes,
+        translation=placed.translation,
+        rotation=pose.rotation,
+        objective=placed.half_squared_residual,
+        residual=placed.residual,
+        iterations=np.zeros(len(shapes), np.int64),
+        status=tuple(Status.CONVERGED if fine else Status.DEGENERATE for fine in posed.tolist()),
+    )
+
+
+def _alternate_or_restart(problem: Problem, settings: Settings, starts: Floats) -> Estimate:
+    """Alternate; where no atom fits at the synchronised rotation, from the mean shape's pose too.
+
+    Without coefficients there is no rotation to go on from, though another one may fit.
+    """
+    found = _alternate(problem, settings, starts)
+    assert found.coefficients is not None
+    empty = np.flatnonzero(~found.coefficients.any(axis=1))
+    if not len(empty):
+        return found
+    part = problem.take(empty)
+    pose = find_pose(part, settings.mean_shape, threads=settings.threads)
+    posed = pose.size > 0  # degenerate images have none
+    again = _alternate(part.take(posed), settings, pose.rotation[posed, None])
+    rows, order = empty[posed], np.arange(len(problem.lam))
+    again = replace(again, iterations=found.iterations[rows] + again.iterations)
+    order[rows] = len(order) + np.arange(len(rows))
+    joined: Estimate = join_images([found, again], order)
+    return joined
+
+
+def _alternate(problem: Problem, settings: Settings, starts: Floats) -> Estimate:
+    """Alternate from starts (n, s, 3, 3) and lay out what it finds."""
+    options = settings.options
+    found = alternate(
+        problem,
+        starts,
+        signed=options.signed,
+        tolerance=options.tolerance,
+        max_rounds=options.max_rounds,
+        threads=settings.threads,
+    )
+    return describe(problem, found.coefficients, found.rotation, found.rounds, found.status)
+
+
+def describe(
+    problem: Problem,
+    coefficients: Floats,
+    rotation: Floats,
+    iterations: Integers,
+    status: tuple[Status, ...],
+) -> Estimate:
+    """Lay out shapes S = R sum_i c_i B_i for c (n, k) and R (n, 3, 3), nan where it is unknown."""
+    R = np.where(np.isfinite(rotation), rotation, 0.0)
+    shapes = combine(coefficients, problem.atoms, R)
+    placed = fit_translation(problem, shapes)
+    return Estimate(
+        shapes=shapes,
+        translation=placed.translation,
+        rotation=rotation,
+        objective=placed.half_squared_residual + problem.lam * np.abs(coefficients).sum(axis=1),
+        residual=placed.residual,
+        iterations=iterations,
+        status=status,
+        coefficients=coefficients,
+        active_atoms=is_active(coefficients).sum(axis=1),
+        transforms=Transforms.with_one_rotation(coefficients, R),
+    )
+
+
+def believable(problem: Problem, outliers: NDArray[np.bool_]) -> Flags:
+    """Outliers (n, p), but none in an image where the others could not be lifted without them."""
+    left = np.where(outliers, 0.0, problem.weights)
+    lost = list(find_degenerate(problem.landmarks, left))
+    kept = outliers.copy()
+    kept[lost] = False
+    return kept
+
+
+@dataclass(frozen=True)
+class Pose:
+    """W ~ size Rbar S + T 1^T for n images: rotation (n, 3, 3), size (n,) >= 0.
+
+    The rotation is nan where no size > 0 fits better than 0, as without visible landmarks.
+    """
+
+    rotation: Floats
+    size: Floats
+
+
+def spread_views(count: int) -> Floats:
+    """Rotations (count, 3, 3) whose optical axes are spread evenly; the first is the identity.
+
+    The axes lie on a golden spiral about the first, each reached by the shortest turn.
+    """
+    height = 1 - 2 * np.arange(count) / count
+    angle = GOLDEN_ANGLE * np.arange(count)
+    axes = np.stack([-np.sin(angle), np.cos(angle), np.zeros(count)], axis=1)
+    turns = np.arccos(height)
+    return np.concatenate(
+        [rotation_about(axis, turn) for axis, turn in zip(axes, turns[:, None], strict=True)]
+    )
+
+
+def turn_in_plane(views: Floats, landmarks_by_shape: Floats) -> Floats:
+    """Turn each view about its optical axis so that <D, Rbar> is largest: (n, v, 3, 3).
+
+    views (v, 3, 3); landmarks_by_shape D = w S^T (n, 2, 3). What it finds is the best rotation
+    for that optical axis, at any scale.
+    """
+    D, R = landmarks_by_shape[:, None], views  # rows of D beside those of every R
+    sine = (D[:, :, 1] * R[:, 0]).sum(axis=-1) - (D[:, :, 0] * R[:, 1]).sum(axis=-1)
+    cosine = (D[:, :, :2] * R[:, :2]).sum(axis=-1).sum(axis=-1)
+    length = np.hypot(sine, cosine)
+    known = length > 0
+    s = np.divide(sine, length, out=np.zeros_like(length), where=known)[..., None]
+    c = np.divide(cosine, length, out=np.ones_like(length), where=known)[..., None]
+    third = np.broadcast_to(R[:, 2], (len(D), *R[:, 2].shape))
+    return np.stack([c * R[:, 0] - s * R[:, 1], s * R[:, 0] + c * R[:, 1], third], axis=2)
+
+
+def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
+    """S Omega^2 S^T (n, 3, 3) and W Omega^2 S^T (n, 2, 3) about the weighted means.
+
+    They are all that a pose depends on; shape S (3, p). Zero for an image without landmarks.
+    """
+    squares = problem.weights[:, None] ** 2
+    total = squares.sum(axis=-1)
+    mean = (squares * shape).sum(axis=-1) / np.where(total > 0, total, 1.0)
+    x = shape - mean[..., None]
+    weighted = (squares * x)[:, None]
+    P = (x[:, :, None] * weighted).sum(axis=-1)
+    D = (problem.landmarks[:, :, None] * weighted).sum(axis=-1)
+    return P, D
+
+
+def find_pose(
+    problem: Problem, shape: Floats, views: Floats | None = None, *, threads: int = 0
+) -> Pose:
+    """argmin ||Omega o (W - s Rbar S - T 1^T)||_F^2 over rotations, s >= 0 and T.
+
+    shape S (3, p); views (v, 3, 3), None for VIEWS of them. Each is turned in the plane as far as
+    it can be, and a trust region starts from there; the best local minimum counts.
+    """
+    P, D = find_moments(problem, shape)
+    rotation, size = np.full((len(P), 3, 3), np.nan), np.zeros(len(P))
+    starts = turn_in_plane(spread_views(VIEWS) if views is None else views, D)
+    core.find_pose(
+        shape_moments=P,
+        landmarks_by_shape=D,
+        starts=starts,
+        rotation=rotation,
+        size=size,
+        threads=threads,
+    )
+    rotation[size == 0] = np.nan
+    return Pose(rotation, size)
+
+
+@dataclass(frozen=True)
+class Alternation:
+    """Local minima for n images: S = R sum_i c_i B_i.
+
+    coefficients c (n, k); rotation R (n, 3, 3), nan where c = 0, for it is unknown then; rounds
+    (n,), over all starts of an image; status, a Status per image.
+    """
+
+    coefficients: Floats
+    rotation: Floats
+    rounds: NDArray[np.int64]
+    status: tuple[Status, ...]
+
+
+def alternate(
+    problem: Problem,
+    starts: Floats,
+    *,
+    signed: bool = AlternationOptions.signed,
+    tolerance: float = AlternationOptions.tolerance,
+    max_rounds: int = AlternationOptions.max_rounds,
+    threads: int = 0,
+) -> Alternation:
+    """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, Rbar Rbar^T = I.
+
+    (Paper, eq. originalnoisy, with weights and translation.) Each round minimises over c >= 0
+    (any c where `signed`), exactly, and over T with it; then takes Rbar to a local minimum by
+    trust region steps. Neither raises the objective. It stops when a round lowers it by at most
+    `tolerance` of itself. starts (n, s, 3, 3) are the rotations to begin at: the best result of
+    an image counts. Fewer than two visible landmarks are DEGENERATE.
+    """
+    problem.require_squared("alternation")
+    n, k = len(problem.landmarks), len(problem.atoms)
+    if starts.shape[1] == 0:
+        raise ValueError("alternation needs starts")
+    coefficients, rotation = np.zeros((n, k)), np.full((n, 3, 3), np.nan)
+    rounds, codes = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    core.alternate(
+        **problem.arrays,
+        starts=np.ascontiguousarray(starts, dtype=np.float64),
+        is_signed=signed,
+        tolerance=tolerance,
+        most_rounds=max_rounds,
+        coefficients=coefficients,
+        rotation=rotation,
+        rounds=rounds,
+        status=codes,
+        threads=threads,
+    )
+    rotation[~coefficients.any(axis=1)] = np.nan
+    status = read_statuses(codes)
+    return Alternation(coefficients, rotation, rounds, status)
+
+
+def synchronise(M: Transforms, *, threads: int = 0) -> Floats:
+    """argmin_Rbar min_{c >= 0} sum_i ||M_i - c_i Rbar||_F^2 over Rbar Rbar^T = I_2, for n images.
+
+    The rotations (n, 3, 3), nan where all M_i are 0: the projection on the deformable Stiefel
+    manifold. For a given Rbar c_i = max(0, <M_i, Rbar>) / 2, which leaves the maximum of
+    sum_i max(0, <M_i, Rbar>)^2: a monotone iteration climbs from the polar factors of sum_i M_i
+    and of the largest M_i, and the best of them counts. That need not be the global maximum, but
+    is where the M_i share a rotation already.
+    """
+    rotation = np.full((len(M.count), 3, 3), np.nan)
+    core.synchronise(**M.arrays, rotation=rotation, threads=threads)
+    return rotation
