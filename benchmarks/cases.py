@@ -22,19 +22,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.convex.problem import build_problem
-from shapefit.convex.solver import solve_newton
 from shapefit.dictionary.learning import learn
-from shapefit.dictionary.mixture import learn_mixture
 from shapefit.geometry.cameras import project, turntable
-from shapefit.geometry.normalisation import Normalised, normalise
-from shapefit.geometry.pinhole import Camera, depth_sign
+from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes
 from shapefit.geometry.rotations import random_rotations, rotation_about
-from shapefit.io import LandmarkSet, open_landmarks, read_shapes
-from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.perspective import mean_coefficients
-from shapefit.pipelines.fit.camera import read_intrinsics
+from shapefit.io import open_landmarks, read_shapes
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -146,64 +139,42 @@ def compare(
 
 def cases(bench: Bench) -> Iterator[tuple[str, Callable[[], Row]]]:
     """Yield what can be measured, each with its name."""
-    for name, job, build, options in kernels(bench):
-        yield name, partial(compare_kernel, bench, name, job, build, options)
+    for name, build in kernels(bench):
+        yield name, partial(compare_kernel, bench, name, build)
     for name, command in commands(bench).items():
         yield name, partial(compare_commands, bench, name, command)
 
 
-def kernels(
-    bench: Bench,
-) -> Iterator[tuple[str, str, Callable[[], Arrays], dict[str, object]]]:
-    """Yield names, jobs of worker.py, what makes their arrays, and options; on one thread."""
-    newton: dict[str, object] = {"tolerance": 1e-4}
+def kernels(bench: Bench) -> Iterator[tuple[str, Callable[[], Arrays]]]:
+    """Yield names of convex programs, and what makes their arrays."""
     if mocap := bench.mocap:
         frames = cache(partial(mocap_case, mocap))
-        yield "subject 13", "newton", frames, newton
-        yield "subject 13, 30% hidden", "newton", partial(hide, frames, 0.3), newton
-        yield "subject 13, shuffled", "newton", partial(shuffle, frames), newton
-        for p, n in ((15, 500), (75, 20)):
-            build = partial(bodies, mocap, p, n)
-            name = f"posterior, 32 components, p={p}"
-            yield name, "posterior", build, {"residual_variance": 0.006}
+        yield "subject 13", frames
+        yield "subject 13, 30% hidden", partial(hide, frames, 0.3)
+        yield "subject 13, shuffled", partial(shuffle, frames)
     if cars := bench.cars:
-        annotated = cache(partial(cars_case, cars))
-        yield "cars, p=66", "newton", annotated, newton
-        yield "cars, convex+refine", "lift", annotated, {"method": "convex+refine"}
-        yield "cars, perspective", "perspective", partial(cars_in_perspective, cars), {}
-        yield "cars, RANSAC", "ransac", annotated, {}
-    for k, p in ((256, 33), (64, 1000)):
-        yield f"made, k={k}, p={p}", "newton", partial(made_case, 20_000 // p, k, p), newton
+        yield "cars, p=66", partial(cars_case, cars)
+    yield "made, k=64, p=1000", partial(made_case, 20, 64, 1000)
 
 
-def compare_kernel(
-    bench: Bench, name: str, job: str, build: Callable[[], Arrays], options: dict[str, object]
-) -> Row:
-    """Write the arrays of a kernel and let warm processes of both sides take turns."""
+def compare_kernel(bench: Bench, name: str, build: Callable[[], Arrays]) -> Row:
+    """Write the arrays of a program and let warm processes of both sides take turns."""
     arrays, data = build(), bench.folder / "arrays.npz"
     np.savez(data, **arrays)
     with ExitStack() as stack:
         sides = [
-            stack.enter_context(Worker(side.python, job, data, options)).take_turn
+            stack.enter_context(Worker(side.python, data)).take_turn
             for side in (bench.old, bench.new)
         ]
-        images = len(arrays["landmarks"])
-        return compare(name, sides, bench.repeats, images, certified=job == "newton")
+        return compare(name, sides, bench.repeats, len(arrays["landmarks"]), certified=True)
 
 
 class Worker:
     """A process of worker.py, warm."""
 
-    def __init__(self, python: Path, job: str, data: Path, options: dict[str, object]) -> None:
+    def __init__(self, python: Path, data: Path) -> None:
         self._process = subprocess.Popen(
-            [
-                python,
-                "-P",
-                WORKER,
-                job,
-                data,
-                *(f"{key}={value}" for key, value in options.items()),
-            ],
+            [python, "-P", WORKER, data],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -213,7 +184,7 @@ class Worker:
         self._read()
 
     def take_turn(self) -> Turn:
-        """Run the job once."""
+        """Solve the program once."""
         assert self._process.stdin
         self._process.stdin.write("go\n")
         self._process.stdin.flush()
@@ -248,10 +219,9 @@ def shuffle(build: Callable[[], Arrays]) -> Arrays:
     return arrays | {"landmarks": arrays["landmarks"][order]}
 
 
-def program(landmarks: Floats, atoms: Floats, **further: Any) -> Arrays:
+def program(landmarks: Floats, atoms: Floats) -> Arrays:
     """The convex program of normalised landmarks (n, 2, p), nan = hidden, and atoms (k, 3, p)."""
-    arrays = {"landmarks": landmarks, "atoms": atoms, "lam": np.array(LAMBDA)}
-    return arrays | {"mean_shape": atoms.mean(axis=0)} | further
+    return {"landmarks": landmarks, "atoms": atoms, "lam": np.array(LAMBDA)}
 
 
 def made_case(n: int, k: int, p: int) -> Arrays:
@@ -291,67 +261,14 @@ def mocap_case(folder: Path) -> Arrays:
     return program(views, learned.atoms)
 
 
-def bodies(folder: Path, p: int, n: int) -> Arrays:
-    """Frames of subject 86 with p landmarks, and a prior of 32 components from the other frames.
-
-    Landmarks beyond the joints lie between two of them, where a third one pulls, with an error.
-    """
-    shapes = read_shapes([folder / "subject86_24fps.h5"]).shapes
-    rng, joints = np.random.default_rng(p), shapes.shape[2]
-    mixing = np.eye(joints, p)
-    for column in range(joints, p):
-        mixing[rng.permutation(joints)[:3], column] = rng.dirichlet([2.0, 2.0, 0.5])
-    points = shapes @ mixing
-    points[:, :, joints:] += 0.003 * rng.standard_normal((len(points), 3, p - joints))
-    aligned = generalised_procrustes(normalise(points[::3]).points).shapes
-    prior = learn_mixture(aligned, 32, shrinkage=0.3, floor=0.01, max_rounds=5).mixture
-    visible = project(points[1 :: len(points) // n][:n], turntable(np.arange(n) / n, "y"))
-    return program(
-        normalise(visible).points,
-        prior.means / np.linalg.norm(prior.means, axis=(1, 2))[:, None, None],
-        weights=prior.weights,
-        means=prior.means,
-        covariances=prior.covariances,
-    )
-
-
 def cars_case(folder: Path) -> Arrays:
     """Annotated cars, each with its mask; all models but one as atoms."""
-    images, atoms, norm = read_cars(folder)
-    return program(np.where(np.isfinite(images.landmarks), norm.points, np.nan), atoms)
-
-
-def cars_in_perspective(folder: Path) -> Arrays:
-    """Cars, their cameras in normalised units, and the rotations that the refinement starts from.
-
-    The optical axis is at 0, 0 (see configs/cars/fit.yaml).
-    """
-    images, atoms, norm = read_cars(folder)
-    arrays = cars_case(folder)
-    settings = Settings(
-        solve=partial(solve_newton, tolerance=1e-4), mean_shape=arrays["mean_shape"]
-    )
-    lift = choose_method("convex+refine", settings)
-    rotation = lift(build_problem(arrays["landmarks"], atoms, 1.0)).rotation
-    focal, _ = read_intrinsics(images, "camera_matrix")
-    camera = Camera(focal, np.zeros_like(focal), depth_sign(images.y_axis)).normalised_as(norm)
-    return arrays | {
-        "rotation": rotation,
-        "prior": mean_coefficients(atoms, arrays["mean_shape"]),
-        "focal": camera.focal,
-        "centre": camera.centre,
-        "sign": np.array(camera.sign),
-    }
-
-
-def read_cars(folder: Path) -> tuple[LandmarkSet, Floats, Normalised]:
-    """Annotated cars, their landmarks in the order of the models, normalised models and images."""
     models = read_shapes([folder / "models.h5"])
     with open_landmarks([folder / "annotated_cars.h5"]) as source:
         (images,) = source.batches(source.count)
-    images = images.arrange(models.landmark_names)
-    norm = normalise(images.landmarks, np.asarray(np.isfinite(images.landmarks).all(axis=1)))
-    return images, normalise(models.shapes).points[:-1], norm
+    w = images.arrange(models.landmark_names).landmarks
+    points = normalise(w, np.asarray(np.isfinite(w).all(axis=1))).points
+    return program(np.where(np.isfinite(w), points, np.nan), normalise(models.shapes).points[:-1])
 
 
 def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
@@ -377,6 +294,25 @@ def commands(bench: Bench) -> dict[str, Callable[[Environment], Command]]:
         "one image": lambda one: [*one_image(one, demo(one)), "--set", "method=convex"],
         "one image, people": lambda one: one_image(one, "people"),
     }
+    if cars := bench.cars:
+        data = ["--set", f"data={cars}"]
+
+        def fit_cars(one: Environment, name: str) -> Command:
+            learned = made(
+                one, "cars.h5", "learn-dict", *config(one, "cars/learn-dict.yaml"), *data
+            )
+            return [
+                "fit",
+                *config(one, f"cars/{name}.yaml"),
+                *data,
+                "-d",
+                learned,
+                "-o",
+                "cars-out.h5",
+            ]
+
+        found["cars, in perspective"] = partial(fit_cars, name="fit")
+        found["cars, RANSAC"] = partial(fit_cars, name="outliers-ransac")
     if not bench.mocap:
         return found
     tested, trained = (bench.mocap / f"subject{number}_24fps.h5" for number in (13, 86))

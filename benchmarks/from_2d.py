@@ -4,8 +4,7 @@
 commands, judges by the truth, and writes results/from_2d/index.md, where other cases keep
 their rows. e3D is the mean of ||X - X^|| / ||X|| over the frames, centroids removed;
 `similarity` the normalised error of `eval`. One sign of depth is chosen per class. Seconds are
-those of the processor, one thread. The case `footage` writes footage.md there: e3D over the number
-of images and the turn of the camera, of sequences of subject 86.
+those of the processor, one thread.
 """
 
 from __future__ import annotations
@@ -24,23 +23,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.coverage import read_images, write_images
-from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, evaluate_class
-from shapefit.dictionary.from_2d.learning import learn
 from shapefit.evaluation.metrics import similarity
 from shapefit.evaluation.report import markdown_table
 from shapefit.geometry.normalisation import std
 from shapefit.geometry.rotations import rotation_about_axis
 from shapefit.io import LandmarkSet, read_results, read_shapes
 from shapefit.io.records import concatenate
-from shapefit.pipelines.learn_dict.from_2d import images_of
 
 Floats = NDArray[np.float64]
 FOLDER = Path("results/from_2d")
 ROW = "row.json"
 FRAMES = 150
 MISSING, NOISE = 0.1, 0.02
-FOOTAGE, FILMED = "footage", 3
-TURNS, NUMBERS = (90, 180, 360, 1080, 3600), (30, 60, 120, 240)
 SIDES = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 OTHER_BODIES = (
     *("--set", "prior.bone_scale=0.15", "--set", "prior.exchange=0.5", "--set", "mirror=true"),
@@ -189,11 +183,11 @@ def body_case(
 
 CASES = (
     sequence_case("pickup", ".0133", 0.020),
-    sequence_case("bone_scale", ".0150", 0.020),
+    sequence_case("stretch", ".0150", 0.020),
     sequence_case("walking", ".0407", 0.0407),
     sequence_case("face", ".0150", 0.0150),
     sequence_case("pickup", "", 0.025, damaged=True),
-    sequence_case("bone_scale", "", 0.027, damaged=True),
+    sequence_case("stretch", "", 0.027, damaged=True),
     body_case("subject-13", ".259 (convex, with 3D)", 0.215, (13, 13)),
     Case("rat", "6-13 with 3D poses", 12.0, millimetres, first(rat), rat),
     body_case("86-to-13", "", 0.27, (86, 13)),
@@ -225,36 +219,6 @@ def measure(case: Case, data: Path, learned: dict[Path, float]) -> tuple[str, ..
     return case.name, case.published, f"{case.goal:g}", f"{error:.4f}", met, f"{taken:.0f}"
 
 
-def film(data: Path, number: int, turn: int) -> str:
-    """Learn each of some sequences from so many frames; return mean e3D, and each verdict."""
-    shapes = read_shapes([data / "mocap/subject86_24fps.h5"])
-    errors, verdicts = [], []
-    for name in list(dict.fromkeys(shapes.sequences or ()))[:FILMED]:
-        whole = shapes.take(np.array(shapes.sequences) == name).shapes
-        chosen = whole[np.linspace(0, len(whole) - 1, number).round().astype(np.intp)]
-        X = rotation_about_axis(1, np.radians(np.linspace(0, turn, number))) @ chosen
-        images = LandmarkSet(
-            landmarks=X[:, :2],
-            landmark_names=shapes.landmark_names,
-            items=tuple(map(str, range(number))),
-            sequences=(name,) * number,
-        )
-        given = images_of(images)
-        *_, state = learn(given)
-        size = std(X[:, :2]).mean() / std(given.landmarks).mean()
-        signs = [np.array([[1.0], [1.0], [sign]]) for sign in (1.0, -1.0)]
-        errors.append(min(float(e3d(size * sign * state.in_camera, X).mean()) for sign in signs))
-        verdicts.append({ALIKE: "r", DOUBTFUL: "d"}.get(evaluate_class(given, state).verdict, "l"))
-    return f"{np.mean(errors):.2f} {''.join(verdicts)}"
-
-
-def measure_footage(data: Path) -> None:
-    """Write the table of how many images and which turn are needed."""
-    rows = [(str(n), *(film(data, n, turn) for turn in TURNS)) for n in NUMBERS]
-    header = ("images", *(f"{turn} degrees" for turn in TURNS))
-    (FOLDER / "footage.md").write_text(markdown_table(header, rows) + "\n", encoding="utf-8")
-
-
 def run(*arguments: str | Path) -> None:
     """Run the command with one thread; failures of single images are part of the result."""
     command = [sys.executable, "-m", "shapefit", *map(str, arguments)]
@@ -274,7 +238,7 @@ def main() -> None:
     """Write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
-    parser.add_argument("cases", nargs="*", help="names of cases, or footage; all by default")
+    parser.add_argument("cases", nargs="*", help="names of cases; all by default")
     given = parser.parse_args()
     learned: dict[Path, float] = {}
     for case in CASES:
@@ -282,9 +246,6 @@ def main() -> None:
             row = measure(case, given.data, learned)
             (FOLDER / case.name / ROW).write_text(json.dumps(row), encoding="utf-8")
             print(" | ".join(row), flush=True)
-    if not given.cases or FOOTAGE in given.cases:
-        FOLDER.mkdir(parents=True, exist_ok=True)
-        measure_footage(given.data)
     measured = [FOLDER / case.name / ROW for case in CASES]
     rows = [json.loads(path.read_text(encoding="utf-8")) for path in measured if path.exists()]
     header = ("case", "published", "goal", "error", "", "seconds")
