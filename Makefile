@@ -96,7 +96,6 @@ paper: $(RUNS)
 	$(SHAPEFIT) eval -c configs/paper/eval.yaml $(SET_DATA) || [ $$? -eq 1 ]
 	$(BIN)/python -m experiments published mocap results/paper/mocap
 	$(BIN)/python -m experiments recovery results/paper/recovery
-	$(BIN)/python -m experiments rotations results/paper
 	$(BIN)/python -m experiments sensitivity results/paper $(if $(DATA),--data '$(DATA)')
 	$(BIN)/python -m experiments index results/paper
 

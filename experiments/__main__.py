@@ -1,7 +1,6 @@
 """The paper's experiments: each is a command, and `make paper` runs all of them.
 
 `python -m experiments recovery FOLDER`       exact recovery of planted transforms
-`python -m experiments rotations FOLDER`      recovery of one planted rotation, by each method
 `python -m experiments sensitivity FOLDER`    timing, and errors against lambda, noise, ...
 `python -m experiments cars FOLDER`           cars with wrong landmarks, by each search
 `python -m experiments published NAME FOLDER` the paper's numbers in a report of `eval`
@@ -80,7 +79,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    names = ("recovery", "rotations", "sensitivity", "cars", "published", "index")
+    names = ("recovery", "sensitivity", "cars", "published", "index")
     parser.add_argument("experiment", choices=names)
     parser.add_argument("words", nargs="+", metavar="[NAME] FOLDER")
     parser.add_argument("--data", type=Path, help="folder of the motion capture files, or cars")
@@ -91,10 +90,6 @@ def main() -> None:
     folder.mkdir(parents=True, exist_ok=True)
     if given.experiment == "recovery":
         print(write_recovery(folder, trials=given.trials or recovery.TRIALS), end="")
-    elif given.experiment == "rotations":
-        path = folder / "rotation-recovery.json"
-        recovery.write_rotation_recovery(path, given.trials or recovery.ROTATION_TRIALS)
-        print("\n\n".join(recovery.rotation_sections(path)))
     elif given.experiment == "sensitivity":
         data = given.data or DATA / "mocap"
         write_experiments(folder, sensitivity.paper_experiments(data), given.only)

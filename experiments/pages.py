@@ -11,7 +11,7 @@ from ruamel.yaml import YAML
 
 from benchmarks import optimality
 from benchmarks.lower_bounds import oracle_rows
-from experiments.recovery import Shares, rotation_sections
+from experiments.recovery import Shares
 from experiments.sensitivity import Point, read_points
 from shapefit.evaluation.report import markdown_table
 
@@ -94,7 +94,6 @@ def index(folder: Path) -> str:
         "![Share recovered exactly, ours and published](recovery/recovery.png)",
         "The numbers, and the deviations from the published ones (themselves read off a figure, "
         "within 0.02, from 100 trials per cell): [recovery/recovery.md](recovery/recovery.md).",
-        *rotation_sections(folder / "rotation-recovery.json"),
         *_timing([p for name in ("timing", "timing-pmp") for p in read_points(folder / name)]),
         *_sensitivity({name: read_points(folder / name) for name in SENSITIVITIES}),
     ]

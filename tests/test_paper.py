@@ -10,22 +10,8 @@ import pytest
 from scipy.stats import kstest
 
 import shapefit
-from experiments import pages, recovery, sensitivity
+from experiments import pages, sensitivity
 from experiments.__main__ import write_points, write_recovery
-from experiments.recovery import plant, recover, run_rotation_cell, transform_error
-from shapefit.convex.solver import Status
-from shapefit.geometry.rotations import rotation_about
-from shapefit.lifting.methods import choose_method
-
-
-def instance(p, z, seed, k=50, **how):
-    return plant(k, p, z, np.random.default_rng(seed), **how)
-
-
-def error(planted, *, free=True):
-    found = recover(planted, free_translation=free, tolerance=1e-8)
-    assert found.status[0] is Status.OPTIMAL
-    return transform_error(planted, found)
 
 
 def table(page):
@@ -49,43 +35,6 @@ def test_recovery_is_written_beside_the_paper(tmp_path):
     assert f"The largest deviation is {most:+.2f}" in page
     assert (tmp_path / "recovery.png").read_bytes()[1:4] == b"PNG"
     assert (tmp_path / "recovery.md").read_text(encoding="utf-8") == page
-
-
-class TestOneRotation:
-    def test_recovered_is_up_to_translation_but_neither_scale_nor_rotation(self):
-        planted = instance(12, 3, 0, k=6, one_rotation=True)
-        shape, R = planted.shape, planted.rotations[0]
-        about = np.array([0.0, 0.0, 1.0])
-        assert recovery.is_recovered(planted, shape + np.array([[1.0], [2.0], [3.0]]), R)
-        assert not recovery.is_recovered(planted, 1.02 * shape, R)
-        for degrees, expected in ((0.9, True), (1.1, False)):
-            turned = rotation_about(about, np.radians(degrees)) @ R
-            assert recovery.is_recovered(planted, shape, turned) == expected
-
-    def test_the_search_recovers_where_the_relaxation_does_not(self):
-        easy, hard = run_rotation_cell(30, 2, 3), run_rotation_cell(20, 6, 4)
-        assert set(easy.recovered.values()) >= {1.0}
-        for cell in (easy, hard):
-            assert cell.recovered["global"] == cell.certified == 1
-            assert cell.missed == cell.better == cell.stopped == 0
-        assert hard.recovered["convex"] < 0.5
-
-    def test_a_miss_is_better_than_the_planted_shape_or_stopped(self, monkeypatch):
-        cell = run_rotation_cell(5, 6, 4, k=30)
-        assert (cell.certified, cell.missed, cell.better) == (1, 4, 4)
-
-        def stopped(name, settings):
-            if name == "global":
-                from shapefit.lifting.methods import SearchOptions
-
-                settings = replace(settings, options=SearchOptions(max_cells=1))
-            return choose_method(name, settings)
-
-        monkeypatch.setattr(recovery, "choose_method", stopped)
-        cell = run_rotation_cell(15, 10, 4)
-        assert cell.certified == 0
-        assert cell.missed == cell.better + cell.stopped
-        assert cell.stopped > 0
 
 
 class TestCorruption:

@@ -33,7 +33,9 @@ def dictionary(shapes) -> Dictionary:
 
 def test_edges_are_as_long_as_they_were(shapes, dictionary):
     factor = metres_per_unit(17 * shapes, dictionary)
-    found = find_lengths(factor[:, None, None] * 17 * shapes, EDGES, ("",) * 4)[0].mean(axis=0)
+    found = find_lengths(factor[:, None, None] * 17 * shapes, EDGES, ("",) * len(shapes))[0].mean(
+        axis=0
+    )
     total = np.linalg.norm(np.diff(shapes, axis=2), axis=1).sum(axis=1).mean()
     assert found.sum() == pytest.approx(total / 100)
 
