@@ -87,7 +87,7 @@ def find_edge_covariance(lengths: Floats, of_shapes: Floats | None = None) -> Fl
         if all(np.sqrt(((log - body) ** 2).mean()) > ALIKE for body in bodies):
             bodies.append(log)
     d = np.array(bodies) - np.mean(bodies, axis=0)
-    S: Floats = d.T @ d + WORTH * SPREAD**2 * np.eye(len(measured))
+    S: Floats = d.T @ d + WORTH * LENGTH_STD**2 * np.eye(len(measured))
     S /= len(bodies) - 1 + WORTH
     if of_shapes is not None:
         logs = np.log(np.where(measured, of_shapes, 1.0))
@@ -115,8 +115,8 @@ def metres_per_unit(shapes: Floats, dictionary: Dictionary) -> Floats | None:
         size = float(dictionary.edge_length.sum())
     else:
         assert dictionary.atom_scale is not None
-        extent = spread(shapes)
-        size = float((dictionary.atom_scale * spread(dictionary.atoms)).mean())
+        extent = std(shapes)
+        size = float((dictionary.atom_scale * std(dictionary.atoms)).mean())
     unknown = np.full(len(shapes), np.nan)
     return np.divide(metres * size, extent, out=unknown, where=np.asarray(extent > 0))
 

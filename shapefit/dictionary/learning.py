@@ -12,7 +12,7 @@ import numpy as np
 
 from shapefit.arrays import Floats
 from shapefit.dictionary.coding import flat, objectives, sparse_code
-from shapefit.geometry.normalisation import spread
+from shapefit.geometry.normalisation import std
 
 BOUND = 1.0
 """The largest norm of an atom."""
@@ -163,7 +163,7 @@ def summarise(
 
 
 def scale_of_atoms(atoms: Floats, use: Floats, measured: Floats, mean: float) -> Floats:
-    """(sum_j C_ji s_j / sum_j C_ji) / spread(B_i): as large as the shapes that use the atom.
+    """(sum_j C_ji s_j / sum_j C_ji) / std(B_i): as large as the shapes that use the atom.
 
     A learned atom has no size of its own: grown to the spread 1 of a normalised shape it is as
     large as the training shapes are on average, each by its share in the atom's use. One that no

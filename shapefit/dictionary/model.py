@@ -198,7 +198,7 @@ def mapped(dictionary: Dictionary, A: Floats, residual: Floats) -> Dictionary:
     """
     prior, length = dictionary.prior, dictionary.edge_length
     if prior is not None:
-        every, noise = np.kron(np.eye(3), A), np.diag(np.tile(apart**2, 3))
+        every, noise = np.kron(np.eye(3), A), np.diag(np.tile(residual**2, 3))
         covariances = every @ prior.covariances @ every.T + noise
         moved = Mixture(prior.weights, prior.means @ A.T, covariances)
         if length is not None and dictionary.edges is not None:

@@ -35,8 +35,8 @@ class Similarity:
 class Alignment:
     """shapes = rotations @ original shapes, and their mean.
 
-    shapes (n, 3, p), mean (3, p), rotations (n, 3, 3) proper; `still` states whether the mean came
-    to rest within the rounds allowed.
+    shapes (n, 3, p), mean (3, p), rotations (n, 3, 3) proper; `converged` states whether the mean
+    came to rest within the rounds allowed.
     """
 
     shapes: Floats

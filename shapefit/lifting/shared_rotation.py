@@ -166,7 +166,7 @@ class Pose:
     size: Floats
 
 
-def spread_views(count: int) -> Floats:
+def even_views(count: int) -> Floats:
     """Rotations (count, 3, 3) whose optical axes are spread evenly; the first is the identity.
 
     The axes lie on a golden spiral about the first, each reached by the shortest turn.
@@ -222,7 +222,7 @@ def find_pose(
     """
     P, D = find_moments(problem, shape)
     rotation, size = np.full((len(P), 3, 3), np.nan), np.zeros(len(P))
-    starts = turn_in_plane(spread_views(VIEWS) if views is None else views, D)
+    starts = turn_in_plane(even_views(VIEWS) if views is None else views, D)
     core.find_pose(
         shape_moments=P,
         landmarks_by_shape=D,

@@ -186,7 +186,7 @@ def first_state(images: Images, W: Floats, views: Views) -> State:
 
 
 def learn_round(images: Images, state: State, *, hold: bool) -> State:
-    """Take one round: a step of each view unless `still`, expectation, and maximisation."""
+    """Take one round: a step of each view unless `hold`, expectation, and maximisation."""
     n, p = images.weights.shape
     model, damping, doubting = state.model, state.damping.copy(), images.outliers is not None
     rotation, log_scale = state.views.rotation.copy(), state.views.log_scale.copy()
@@ -198,8 +198,8 @@ def learn_round(images: Images, state: State, *, hold: bool) -> State:
         found = posterior_mean(block, views, model)
         if doubting or not hold:
             doubted = change_inliers(block, found.flip_gain) if doubting else outliers[rows]
-            moved = views if still else ascent(views, found, damping[rows])
-            then = expect(replace(block, outliers=doubted), moved, model)
+            moved = views if hold else ascent(views, found, damping[rows])
+            then = posterior_mean(replace(block, outliers=doubted), moved, model)
             better = then.log_density > found.log_density
             found, views = choose(better, then, found), choose(better, moved, views)
             outliers[rows] = np.where(better[:, None], doubted, outliers[rows])
@@ -214,15 +214,15 @@ def learn_round(images: Images, state: State, *, hold: bool) -> State:
     centred = (shapes - mean).reshape(n, 3 * p)
     noise = residual_variance / (2 * int(((images.weights > 0) & ~outliers).sum()))
     size = sequence_means(log_scale, images.sequence)
-    spread = float((((log_scale - size[images.sequence]) ** 2).mean() + SCALE**2) / 2)
+    size_variance = float((((log_scale - size[images.sequence]) ** 2).mean() + SCALE**2) / 2)
     most = min(MOST_MODES, max(n // IMAGES_PER_MODE, 1))
     following = replace(
-        maximise(mean, (covariance + centred.T @ centred) / n, most=most),
+        split_ppca(mean, (covariance + centred.T @ centred) / n, most=most),
         noise=max(noise, COOLING * model.noise),
         log_size=size,
         size_variance=size_variance,
     )
-    prior = -0.5 * n * (np.log(model.spread) + SCALE**2 / model.spread)
+    prior = -0.5 * n * (np.log(model.size_variance) + SCALE**2 / model.size_variance)
     views = Views(rotation, log_scale)
     return State(views, following, damping, shapes, outliers, density + prior)
 

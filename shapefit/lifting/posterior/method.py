@@ -33,6 +33,7 @@ from shapefit.lifting.posterior.p_value import draw_table, find_p_values, moment
 from shapefit.lifting.posterior.posterior import Outliers, Posterior, find_posterior
 from shapefit.lifting.reconstruction import reconstruct
 from shapefit.lifting.shared_rotation import (
+    even_views,
     find_moments,
     find_pose,
     turn_in_plane,

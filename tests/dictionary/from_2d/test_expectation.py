@@ -7,8 +7,7 @@ import pytest
 
 from shapefit.dictionary.from_2d.model import (
     Views,
-    expect,
-    maximise,
+    posterior_mean,
     scatter,
     split_ppca,
 )

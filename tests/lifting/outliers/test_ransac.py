@@ -8,7 +8,7 @@ from shapefit.convex.problem import build_problem
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.consensus import find_consensus
-from shapefit.lifting.shared_rotation import find_pose, spread_views
+from shapefit.lifting.shared_rotation import even_views, find_pose
 
 P, N, THRESHOLD = 30, 70, 0.1
 

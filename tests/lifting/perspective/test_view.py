@@ -16,7 +16,7 @@ from shapefit.lifting.perspective import (
     find_rotations,
     refine_view,
 )
-from shapefit.lifting.shared_rotation import find_pose, spread_views
+from shapefit.lifting.shared_rotation import even_views, find_pose
 
 N, K, P = 6, 5, 14
 OPTIONS = PerspectiveOptions(ridge=1e-3, softness=0.1, max_rounds=500)

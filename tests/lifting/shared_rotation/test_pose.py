@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 from shapefit.convex.problem import build_problem
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.shared_rotation import (
+    even_views,
     find_pose,
 )
 
