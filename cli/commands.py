@@ -138,7 +138,6 @@ frame (docs/formats.md). Globs work, - is stdin (CSV).""",
 --workers COUNT  Fit the parts with this many processes.
 --scheduler ADDRESS  Fit the parts on a running Dask cluster.
 --scheduler-file SCHEDULER.json  The same, by the file of the scheduler.
---dry-run  Only list the parts.
 --replace  Replace other results in the folder.
 --fail-untrusted SHARE  Exit with 1 if more than this share of the images is not trusted.""",
         examples="""
@@ -254,7 +253,7 @@ KEYS = {
 FLAGS = {"prior": "auto"}
 """Flags that set their key to something else than true."""
 
-OF_PARTS = ("partition", "workers", "scheduler", "scheduler_file", "dry_run", "replace")
+OF_PARTS = ("partition", "workers", "scheduler", "scheduler_file", "replace")
 NO_KEYS = ("open", "fail_untrusted", *OF_PARTS)
 """Options that are not keys of the config."""
 

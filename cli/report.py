@@ -59,7 +59,6 @@ class Report:
     note: str = ""
     rows: dict[str, str] = field(default_factory=dict)
     written: list[Path] = field(default_factory=list)
-    listing: list[str] = field(default_factory=list)
     data: Callable[[], Any] | None = None
     _failures: list[Failure] = field(default_factory=list)
     _warnings: dict[str, str | Counted] = field(default_factory=dict)
@@ -96,8 +95,6 @@ class Report:
         if self.as_json:
             click.echo(json.dumps(self.values(), ensure_ascii=False, default=str))
             return self.exit_code
-        for row in self.listing:
-            click.echo(printable(row))
         if self.to_stdout:
             click.echo(self.note)
         for line in self.lines():
@@ -121,7 +118,6 @@ class Report:
         self.note = outcome.note or self.note
         self.rows |= dict(outcome.rows)
         self.data = outcome.data or self.data
-        self.listing += outcome.listing
 
     @property
     def untrusted(self) -> int:
@@ -151,7 +147,7 @@ class Report:
             "summary": {label.lower(): text for label, text in self._rows().items() if text},
             "written": [str(path) for path in self.written],
             "seconds": round(self._seconds, 3),
-            "data": self.data() if self.data else self.listing or None,
+            "data": self.data() if self.data else None,
         }
 
     def lines(self) -> Iterator[str]:

@@ -37,8 +37,8 @@ DICTIONARIES = PACKAGE / "data"
 class ResultFolder:
     """A folder as output: one result file for `partition` images each, and a manifest of them.
 
-    `workers` processes of this machine do the parts, or a running Dask scheduler; `dry_run` only
-    lists them, and `replace` replaces other results in the folder.
+    `workers` processes of this machine do the parts, or a running Dask scheduler; `replace`
+    replaces other results in the folder.
     """
 
     path: Path
@@ -46,7 +46,6 @@ class ResultFolder:
     workers: int | None = None
     scheduler: str | None = None
     scheduler_file: Path | None = None
-    dry_run: bool = False
     replace: bool = False
 
     @property

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from shapefit.errors import InputError, abbreviate, counted
-from shapefit.io.inputs import HDF5_SIGNATURE, begins_with, in_words, is_stream
-
-LONG = 1 << 25
-"""Bytes of text that take a second to read."""
+from shapefit.errors import InputError, counted
 
 
 @dataclass(frozen=True)
@@ -71,7 +67,7 @@ class Outcome:
     of them without a result; `unit` is what the items are, where that depends on the config;
     `note` is a short state of the work for a progress bar, `line` is to be shown at once,
     `reasons` counts the items whose result is not to be trusted, by reason;
-    `listing` the lines that the command was asked for, `written` the files that now stand complete;
+    `written` are the files that now stand complete;
     `rows` is a summary for people, label and text; `data` gives what the note says in values of
     JSON, to those who ask.
     """
@@ -85,7 +81,6 @@ class Outcome:
     note: str = ""
     rows: tuple[tuple[str, str], ...] = ()
     line: str = ""
-    listing: tuple[str, ...] = ()
     written: tuple[Path, ...] = ()
     data: Callable[[], Any] | None = None
 
@@ -107,14 +102,6 @@ def add_up(
             both = isinstance(before, Counted) and isinstance(warning, Counted)
             known[key] = before + warning if both else warning  # type: ignore[operator]
     return left
-
-
-def reading(paths: Iterable[Path]) -> Iterator[Outcome]:
-    """Say that files which are read whole come first, where that takes more than a second."""
-    text = [path for path in paths if not is_stream(path) and not begins_with(path, HDF5_SIGNATURE)]
-    size = sum(path.stat().st_size for path in text if path.exists())
-    if size > LONG:
-        yield Outcome(line=f"Reading {in_words(size)} of {abbreviate([p.name for p in text], 1)}.")
 
 
 def nothing_in(count: int, unit: str) -> tuple[str, ...]:

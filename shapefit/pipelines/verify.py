@@ -157,7 +157,7 @@ def find_parts(result: Path) -> tuple[list[Part], tuple[Failure, ...], int]:
     """Return the files of a result, what is false in its manifest, and how many images it lists."""
     if not result.is_dir():
         return [Part(result)], (), 0
-    from shapefit.pipelines.partition.manifest import find_gaps, read_manifest, result_digest
+    from shapefit.pipelines.partition.manifest import read_manifest
 
     manifest = read_manifest(result)
     if manifest is None:
@@ -171,10 +171,8 @@ def find_parts(result: Path) -> tuple[list[Part], tuple[Failure, ...], int]:
                 wrong.append(Failure(name, "is not there, and the manifest lists it"))
                 continue
             parts.append(Part(result / name, tuple(map(str, entry["inputs"])), rows))
-            if entry["digest"] != result_digest(result / name):
-                wrong.append(Failure(name, "is not the file that `fit` wrote, by its digest"))
-        wrong += [Failure("manifest", gap) for gap in find_gaps(manifest)]
-        images = max(images, int(manifest.run.get("images", 0)))
+            if entry["bytes"] != (result / name).stat().st_size:
+                wrong.append(Failure(name, "is not the file that `fit` wrote, by its size"))
     except (KeyError, TypeError, ValueError, IndexError) as error:
         found = f"is not a manifest of results ({type(error).__name__}: {error})"
         raise input_error(manifest.path, found, "fit again") from None

@@ -174,26 +174,22 @@ def read_intrinsics(images: LandmarkSet, name: str) -> tuple[Floats, Floats]:
         raise input_error(place, "the landmarks have no such dataset", fix)
     shape, fix = np.shape(values), f"give one number or 3x3 matrix, or {n} of them, one per image"
     matrices = shape in ((3, 3), (1, 3, 3), (n, 3, 3))
-    if not matrices and shape not in ((), (1,), (n,)):
-        raise input_error(place, f"has the shape {shape}", fix)
-    if np.asarray(values).dtype.kind not in "iuf" or not np.isfinite(values).all():
-        raise input_error(place, "holds numbers that are not real or not finite", fix)
+    if np.asarray(values).dtype.kind not in "iuf" or not (matrices or shape in ((), (1,), (n,))):
+        raise input_error(place, f"has the shape {shape}, or holds no numbers", fix)
     numbers = np.asarray(values, dtype=np.float64)
     if not matrices:
         focal, centre = np.broadcast_to(numbers.reshape(-1, 1), (n, 2)), np.zeros((n, 2))
     else:
         K = np.broadcast_to(numbers, (n, 3, 3))
         focal, centre = np.stack([K[:, 0, 0], K[:, 1, 1]], axis=1), K[:, :2, 2]
-        least = 1e-6 * np.abs(numbers).max()
-        wrong = (abs(K[:, [1, 2, 2], [0, 0, 1]]) > least).any(axis=1) | (
-            abs(K[:, 2, 2] - 1) > least
-        )
+        off = abs(K - np.eye(3))[:, [1, 2, 2, 2], [0, 0, 1, 2]].max(axis=1)
+        wrong = ~(off <= 1e-6 * np.abs(numbers).max())
         if wrong.any():
             rows = ", ".join(" ".join(f"{x:g}" for x in row) for row in K[wrong.argmax()])
             fix = "give matrices with rows fx 0 cx, 0 fy cy, 0 0 1"
             raise input_error(place, f"holds an impossible camera matrix, {rows}", fix)
-    if not (focal > 0).all():
-        found = f"holds the focal length {focal.min():g}"
+    if not (np.isfinite(centre).all() and np.isfinite(focal).all() and (focal > 0).all()):
+        found = f"holds a focal length <= 0, {focal.min():g}, or what is not finite"
         raise input_error(place, found, "give numbers > 0, or leave out the images")
     return np.array(focal), np.array(centre)
 
@@ -241,12 +237,12 @@ def find_coefficients(values: Any) -> Floats:
 
     try:
         coefficients = complete(np.asarray(values, dtype=np.float64))
-        if np.isfinite(coefficients).all() and coefficients.ndim <= 2:
-            return coefficients
     except (ValueError, TypeError, IndexError):
-        pass
-    fix = "give 4, 5 or 8 coefficients of OpenCV's model, for the file or for each image"
-    raise input_error(DISTORTION, f"has the shape {np.shape(values)}, or is not finite", fix)
+        coefficients = np.full((1, 1, 1), np.nan)
+    if coefficients.ndim > 2 or not np.isfinite(coefficients).all():
+        fix = "give 4, 5 or 8 coefficients of OpenCV's model, for the file or for each image"
+        raise input_error(DISTORTION, f"has the shape {np.shape(values)}, or is not finite", fix)
+    return coefficients
 
 
 def datasets_of(camera: CalibratedCamera) -> dict[str, Floats]:

@@ -249,23 +249,15 @@ def read_bar_scale(config: FitConfig) -> tuple[dict[str, Any], str]:
         return {}, ""
     try:
         factors = json.loads(path.read_text(encoding="utf-8"))
-        name = config.method if config.method in factors else next(iter(factors))
-        half, most = (factors[name][level] for level in ("50%", "90%"))
-        valid = None in (half, most) or (half > 0 and most > 0)
-    except (OSError, ValueError, KeyError, TypeError, StopIteration):
-        valid = False
-    if not valid:
-        raise input_error(
-            path, "holds no factors of error bars", "give error_bars.json of a report of eval"
-        )
-    if name != config.method and len(factors) > 1:
-        found = f"has factors of {', '.join(factors)}, not of {config.method}"
-        raise input_error(path, found, f"judge one result alone, or call it {config.method}")
-    if None in (half, most):
-        found = "has no factor: too few landmarks, or error bars that are far too narrow"
-        raise input_error(path, found, "judge more images, or with a larger `prior.bar_scale`")
-    values = {"bar_scale": config.prior.bar_scale * most**2, "calibration": None}
-    return values, f"error bars x {most:.2f} ({path.name})"
+        (only,) = factors.values() if config.method not in factors else (factors[config.method],)
+        factor = float(only["90%"])
+        if not factor > 0:
+            raise ValueError(factor)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        fix = "give error_bars.json of a report of eval in which it was judged on enough images"
+        raise input_error(path, f"holds no factors of error bars of {config.method}", fix) from None
+    values = {"bar_scale": config.prior.bar_scale * factor**2, "calibration": None}
+    return values, f"error bars x {factor:.2f} ({path.name})"
 
 
 def warn_of_dictionary(config: FitConfig, dictionary: Dictionary) -> tuple[str, ...]:
@@ -277,11 +269,8 @@ def warn_of_dictionary(config: FitConfig, dictionary: Dictionary) -> tuple[str, 
     of_learning = describe_learning(dictionary)
     if learned is None or not wanted or config.signed or learned in wanted:
         return of_learning
-    kinds = " or ".join(f"`{kind}`" for kind in wanted)
-    if len(wanted) == 1:
-        kinds = f"`method: {wanted[0]}`"
     found = f"the dictionary was learned with `method: {learned}`"
-    return (f"{found}; {config.method} is made for {kinds}", *of_learning)
+    return (f"{found}; {config.method} is made for {' or '.join(wanted)}", *of_learning)
 
 
 def output_format(config: FitConfig) -> FileFormat:

@@ -42,7 +42,7 @@ from shapefit.pipelines.fit.prepare import (
 )
 from shapefit.pipelines.fit.record import as_result, attributes_of
 from shapefit.pipelines.fit.report import Counts, final_outcome, outcome_of, warn_of_all
-from shapefit.pipelines.outcome import Outcome, reading
+from shapefit.pipelines.outcome import Outcome
 from shapefit.threads import side_by_side
 
 if TYPE_CHECKING:
@@ -74,13 +74,11 @@ def run(
     estimates are those of all inputs, where these are a part of them, and `inputs` the digests of
     this part; the dictionary that of the config, where it was read before.
     """
-    output = config.output
-    assert isinstance(output, Path), "a folder is written part by part"
+    assert isinstance(config.output, Path), "a folder is written part by part"
     dictionary = dictionary or read_dictionary(config.dictionary)
     config, chosen = choose_method(config, dictionary, lambda: in_sequences(config))
-    if find_target_format(output).angles:
+    if find_target_format(config.output).angles:
         config = config.changed(save={"covariance": True})  # an angle is that of several joints
-    yield from reading(config.landmarks if inputs is None else ())
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
         names = source.head.landmark_names
         setup = prepare(config, dictionary, names, lambda: source.first(FIRST), estimates)
@@ -88,7 +86,7 @@ def run(
         counts, seconds = Counts(), 0.0
         with (
             open_export(setup) as export,
-            result_writer(output, options) as writer,
+            result_writer(config.output, options) as writer,
             closing(lift_source(source, setup)) as batches,
         ):
             for batch in batches:
@@ -102,7 +100,7 @@ def run(
                 if export is not None:
                     export.add(batch.record)
             writer.attributes.update(attributes_of(setup, inputs or {}, seconds, counts.images))
-            warnings = warn_of_all(counts, setup, source.head.y_axis)
+            warnings = tuple(warn_of_all(counts, setup, source.head.y_axis))
     yield final_outcome(source, setup, counts, chosen, warnings, writer.summary, export)
 
 

@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.config import LearnDictConfig
@@ -20,7 +19,7 @@ from shapefit.dictionary.from_2d.learning import State, learn
 from shapefit.dictionary.from_2d.model import Images, evenly, hide
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import DEPTH_AMBIGUITY, LEARNED_FROM, OPEN, VERDICT, Dictionary
-from shapefit.errors import InputError, counted, input_error
+from shapefit.errors import counted, input_error
 from shapefit.geometry.normalisation import normalise, std
 from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.geometry.procrustes import rotation_onto
@@ -89,15 +88,7 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     be learned from the images.
     """
     place, inputs = place_of(config), digests(config.shapes)
-    given = concatenate(list(source.batches(4096))) if source.count else None
-    some = None if given is None else given.take(are_usable(given))
-    if some is None or len(some) < FEWEST_IMAGES:
-        raise too_few(0 if some is None else len(some), source.count, place)
-    never = [some.landmark_names[j] for j in np.flatnonzero(~some.visible().any(axis=0))]
-    if never:
-        found = f"no image shows {', '.join(never[:3])}"
-        raise input_error(place, found, "leave out landmarks that are never seen")
-
+    some = usable_images(source, place)
     images = images_of(some)
     state = None
     for state in learn(images):
@@ -134,17 +125,26 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     return (yield from resolve_depth(some, made, config.flip))
 
 
-def are_usable(given: LandmarkSet) -> NDArray[np.bool_]:
-    """Whether each image (n,) shows enough landmarks, and not all at one point."""
+def usable_images(source: LandmarkSource, place: str) -> LandmarkSet:
+    """Return the images that show enough landmarks, not all at one point.
+
+    Raises InputError for too few of them, and for landmarks that none of them shows.
+    """
+    fix = f"give {FEWEST_IMAGES} at least, of different views"
+    if not source.count:
+        raise input_error(place, "holds no images", fix)
+    given = concatenate(list(source.batches(4096)))
     visible = given.visible()
-    distinct: NDArray[np.bool_] = std(np.where(visible[:, None], given.landmarks, 0.0), visible) > 0
-    return distinct & (visible.sum(axis=1) >= FEWEST_VISIBLE)
-
-
-def too_few(usable: int, given: int, place: str) -> InputError:
-    """Return the error that says that these images are not enough."""
-    found = f"too few images: {usable} of {given} show {FEWEST_VISIBLE} landmarks or more"
-    return input_error(place, found, f"give {FEWEST_IMAGES} at least, of different views")
+    distinct = std(np.where(visible[:, None], given.landmarks, 0.0), visible) > 0
+    some = given.take(np.flatnonzero(distinct & (visible.sum(axis=1) >= FEWEST_VISIBLE)))
+    if len(some) < FEWEST_IMAGES:
+        found = f"too few images: {len(some)} of {len(given)} show {FEWEST_VISIBLE} landmarks or more"
+        raise input_error(place, found, fix)
+    never = [some.landmark_names[j] for j in np.flatnonzero(~some.visible().any(axis=0))]
+    if never:
+        found = f"no image shows {', '.join(never[:3])}"
+        raise input_error(place, found, "leave out landmarks that are never seen")
+    return some
 
 
 def images_of(given: LandmarkSet) -> Images:

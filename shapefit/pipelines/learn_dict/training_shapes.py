@@ -136,29 +136,22 @@ def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> NDArray[Any]:
 
     Raises InputError where neither pairs the landmarks.
     """
-    names, place = shapes.landmark_names, place_of(config)
-    points = np.arange(len(names))
+    names, points = shapes.landmark_names, np.arange(len(shapes.landmark_names))
     if isinstance(config.mirror, dict):
         partners = points.copy()
         for pair in config.mirror.items():
             match_landmarks(names, pair, place="mirror")
-            first, second = (names.index(name) for name in pair)
-            if first == second or partners[first] != first or partners[second] != second:
-                found = f"pairs {pair[0]} and {pair[1]}"
-                raise input_error("mirror", found, "name each landmark of a pair once")
-            partners[first], partners[second] = second, first
-        return partners
-    fix = (
-        "name the pairs, `mirror: {rhip: lhip}`, or store the index of each landmark's mirror image"
-    )
-    index = shapes.columns.get("mirror_index")
-    if index is None:
-        raise input_error(place, "has no dataset `mirror_index`", fix)
-    pairs = index.shape == points.shape and index.dtype.kind in "iu"
-    pairs = pairs and bool(((index >= 0) & (index < len(points))).all())
-    if not pairs or (index[index] != points).any() or (index == points).all():
-        raise input_error(f"{place}:/mirror_index", "does not pair the landmarks", fix)
-    return index
+            first, second = map(names.index, pair)
+            partners[[first, second]] = second, first
+    else:
+        partners = shapes.columns.get("mirror_index", np.empty(0))
+    paired = partners.shape == points.shape and partners.dtype.kind in "iu"
+    paired = paired and bool(np.isin(partners, points).all() and (partners != points).any())
+    if not paired or (partners[partners] != points).any():
+        found = "`mirror`, or the dataset `mirror_index` of the shapes, does not pair landmarks"
+        fix = "name each landmark of a pair once, `mirror: {rhip: lhip}`"
+        raise input_error(place_of(config), found, fix)
+    return partners
 
 
 def check_number(number: int, failures: tuple[Failure, ...], config: LearnDictConfig) -> None:
@@ -190,7 +183,7 @@ def align(points: Floats, names: tuple[str, ...], config: LearnDictConfig) -> Al
 
 def aligned_landmarks(names: tuple[str, ...], config: LearnDictConfig) -> list[int] | None:
     """Return the indices of the landmarks that shapes are aligned by; None for all."""
-    if config.align in ("all", "none"):
+    if isinstance(config.align, str):
         return None
     indices: list[int] = match_landmarks(names, config.align, place="align").tolist()
     return indices

@@ -21,21 +21,21 @@ from concurrent.futures import (
     wait,
 )
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from shapefit import __version__
 from shapefit.config import FitConfig
-from shapefit.config.paths import DONE, ResultFolder
+from shapefit.config.paths import DONE, FAILED, ResultFolder
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError, input_error
 from shapefit.io import read_dictionary
 from shapefit.pipelines.fit.prepare import Estimates
 from shapefit.pipelines.fit.run import run as fit
 from shapefit.pipelines.outcome import Counted, Failure, Outcome, add_up
-from shapefit.pipelines.partition.manifest import remove_link, result_digest
+from shapefit.pipelines.partition.manifest import Entry
 from shapefit.pipelines.partition.plan import Part, State, find_state, input_digests
 
 AHEAD = 4
@@ -47,9 +47,8 @@ MOST_LISTED = 20
 MEMORY = "give it more memory, or divide the images into smaller parts"
 
 
-@dataclass(frozen=True)
-class Job:
-    """A part, the config of the run, where the result goes, and what was estimated of all parts.
+class Job(NamedTuple):
+    """A part, the config of the run, the folder of its result, and what all parts have in common.
 
     version of the program that planned it.
     """
@@ -61,23 +60,53 @@ class Job:
     version: str = __version__
 
 
-@dataclass(frozen=True)
-class Done:
-    """A part that has ended: its outcome and line in the manifest, or why it has no result."""
+class Done(NamedTuple):
+    """The line in the manifest of a part that has ended, and its outcome."""
 
-    part: Part
-    outcome: Outcome = field(default_factory=Outcome)
-    entry: dict[str, Any] = field(default_factory=dict)
-    error: str = ""
+    entry: Entry
+    outcome: Outcome
+
+
+def do_jobs(jobs: deque[Job], folder: ResultFolder) -> Generator[Done, None, None]:
+    """Do jobs where the folder says; yield each as it ends.
+
+    Where a process dies, the parts that were under way are done again, each alone in a new one: the
+    part at fault is then known, and reported.
+    """
+    while jobs:
+        lost: list[Job] = []
+        running: dict[Future[Done], Job] = {}
+        with executor(folder) as (pool, at_once):
+            while (jobs or running) and not lost:
+                try:
+                    while jobs and len(running) < at_once:
+                        running[pool.submit(do_job, jobs[0])] = jobs[0]
+                        jobs.popleft()
+                except BrokenExecutor:
+                    break
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    job = running.pop(future)
+                    try:
+                        yield result_of(future, job)
+                    except BrokenExecutor:
+                        lost.append(job)
+        for job in (*lost, *running.values()):
+            with executor(replace(folder, workers=1)) as (pool, _):
+                try:
+                    yield result_of(pool.submit(do_job, job), job)
+                except BrokenExecutor:
+                    yield failed(job, f"its process died, twice: {MEMORY}")
 
 
 @contextmanager
-def executor(workers: int | None, scheduler: Any = None) -> Iterator[tuple[Executor, int]]:
-    """Give an executor and how many parts it does at a time.
+def executor(folder: ResultFolder) -> Iterator[tuple[Executor, int]]:
+    """Give the executor that a folder asks for, and how many parts it does at a time.
 
-    scheduler: keywords of a Dask client. Processes end with this one, however it ends. Raises
-    InputError where Dask is not installed, and where no scheduler answers.
+    Processes end with this one, however it ends. Raises InputError where Dask is not installed, and
+    where no scheduler answers.
     """
+    scheduler = {"address": folder.scheduler, "scheduler_file": folder.scheduler_file}
+    scheduler = {key: str(value) for key, value in scheduler.items() if value is not None}
     if scheduler:
         try:
             from distributed import Client
@@ -94,11 +123,11 @@ def executor(workers: int | None, scheduler: Any = None) -> Iterator[tuple[Execu
         with client:
             at_once = AHEAD * max(1, sum(client.nthreads().values()))
             yield client.get_executor(pure=False), at_once
-    elif workers:
+    elif folder.workers:
         context = multiprocessing.get_context("spawn")
-        pool = ProcessPoolExecutor(workers, context, initializer=end_with_parent)
+        pool = ProcessPoolExecutor(folder.workers, context, initializer=end_with_parent)
         try:
-            yield pool, workers
+            yield pool, folder.workers
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             for process in multiprocessing.active_children():
@@ -132,39 +161,6 @@ def end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def do_jobs(jobs: deque[Job], folder: ResultFolder) -> Generator[Done, None, None]:
-    """Do jobs where the folder says; yield each as it ends.
-
-    Where a process dies, the parts that were under way are done again, each alone in a new one: the
-    part at fault is then known, and reported.
-    """
-    scheduler = {"address": folder.scheduler, "scheduler_file": folder.scheduler_file}
-    client = {key: str(value) for key, value in scheduler.items() if value is not None}
-    while jobs:
-        lost: list[Job] = []
-        running: dict[Future[Done], Job] = {}
-        with executor(folder.workers, client) as (pool, at_once):
-            while (jobs or running) and not lost:
-                try:
-                    while jobs and len(running) < at_once:
-                        running[pool.submit(do_job, jobs[0])] = jobs[0]
-                        jobs.popleft()
-                except BrokenExecutor:
-                    break
-                for future in wait(running, return_when=FIRST_COMPLETED).done:
-                    job = running.pop(future)
-                    try:
-                        yield result_of(future, job)
-                    except BrokenExecutor:
-                        lost.append(job)
-        for job in (*lost, *running.values()):
-            with executor(1) as (pool, _):
-                try:
-                    yield result_of(pool.submit(do_job, job), job)
-                except BrokenExecutor:
-                    yield Done(job.part, error=f"its process died, twice: {MEMORY}")
-
-
 def result_of(future: Future[Done], job: Job) -> Done:
     """Return what became of a job, also of one that killed one worker of Dask after another.
 
@@ -181,11 +177,11 @@ def result_of(future: Future[Done], job: Job) -> Done:
     except Exception as error:
         if type(error).__name__ != "KilledWorker":
             raise
-        return Done(job.part, error=f"one worker after another died of it: {MEMORY}")
+        return failed(job, f"one worker after another died of it: {MEMORY}")
 
 
 def do_job(job: Job) -> Done:
-    """Do a job; `error` says why it could not be done.
+    """Lift a part; whatever goes wrong is its outcome.
 
     Raises InputError where this is not the version that planned it.
     """
@@ -195,18 +191,25 @@ def do_job(job: Job) -> Done:
     try:
         return fit_part(job)
     except InputError as error:
-        return Done(job.part, error="; ".join(error.problems))
+        return failed(job, "; ".join(error.problems))
     except Exception as error:
         text = str(error).partition("\n")[0]
-        return Done(job.part, error=": ".join(filter(None, (type(error).__name__, text))))
+        return failed(job, ": ".join(filter(None, (type(error).__name__, text))))
+
+
+def failed(job: Job, error: str) -> Done:
+    """Return the end of a part without a result."""
+    names_input = any(str(path) in error for path in job.part.inputs)
+    reason = error if names_input else f"{job.part}: {error}"
+    outcome = Outcome(failures=(Failure(job.part.file, reason),))
+    return Done(job.part.describe() | {"status": FAILED, "error": reason}, outcome)
 
 
 def fit_part(job: Job) -> Done:
     """Lift the images of a part and write its result, whole or not at all."""
     began, part, target = time.perf_counter(), job.part, job.folder / job.part.file
     config = job.config.changed(landmarks=part.inputs, output=target)
-    remove_link(target)
-    images, failed = 0, 0
+    images, without = 0, 0
     failures: list[Failure] = []
     warnings: dict[str, str | Counted] = {}
     reasons: dict[str, str | Counted] = {}
@@ -215,27 +218,25 @@ def fit_part(job: Job) -> Done:
     rows = None if part.rows is None else slice(*part.rows)
     for outcome in fit(config, rows, job.estimates, dictionary, inputs):
         images += outcome.done
-        failed += len(outcome.failures)
+        without += len(outcome.failures)
         failures += outcome.failures[: MOST_LISTED - len(failures)]
         add_up(warnings, outcome.warnings, MOST_LISTED)
         add_up(reasons, (replace(reason, items=()) for reason in outcome.reasons))
+    entry = part.describe() | {
+        "digests": inputs,
+        "status": DONE,
+        "images": images,
+        "failed": without,
+        "seconds": round(time.perf_counter() - began, 3),
+        "bytes": target.stat().st_size,
+    }
     outcome = Outcome(
         done=images,
         failures=tuple(failures),
         warnings=tuple(warnings.values()),
         reasons=tuple(reason for reason in reasons.values() if isinstance(reason, Counted)),
     )
-    entry = part.describe() | {
-        "digests": inputs,
-        "status": DONE,
-        "images": images,
-        "failed": failed,
-        "failures": [[failure.item, failure.reason] for failure in failures],
-        "seconds": round(time.perf_counter() - began, 3),
-        "bytes": target.stat().st_size,
-        "digest": result_digest(target),
-    }
-    return Done(part, outcome, entry)
+    return Done(entry, outcome)
 
 
 @lru_cache(maxsize=1)

@@ -1,12 +1,11 @@
 """`manifest.jsonl`: what a folder of results holds, and of what, so that a run can go on.
 
-Its first line is of the run: what was estimated, digests of what all parts depend on, and at the
-end how many parts and images there are. Each other line is of a part, added when the part ends.
+Its first line is of the run: what was estimated, and digests of what all parts depend on. Each
+other line is of a part, added when the part ends.
 """
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -23,7 +22,7 @@ from shapefit.io.inputs import in_words
 LOCK = ".lock"
 
 Entry = dict[str, Any]
-"""The line of a part: what it is made of (see Part.describe), its status, counts and digests."""
+"""The line of a part: what it is made of (see Part.describe), its status, counts and size."""
 
 
 @dataclass
@@ -39,15 +38,9 @@ class Manifest:
         """The lines of the parts that have a result."""
         return {file: entry for file, entry in self.parts.items() if entry["status"] == DONE}
 
-    @property
-    def counts(self) -> dict[str, int]:
-        """How many parts and images there are, as the line of a run that has ended states it."""
-        images = sum(entry["images"] for entry in self.done.values())
-        return {"parts": len(self.parts), "images": images}
-
     def write(self) -> None:
         """Write the manifest, whole or not at all."""
-        lines = ({"shapefit": __version__, **self.run, **self.counts}, *self.parts.values())
+        lines = ({"shapefit": __version__, **self.run}, *self.parts.values())
         with atomic_path(self.path) as temporary:
             temporary.write_bytes(b"".join(map(as_line, lines)))
 
@@ -66,37 +59,13 @@ def as_line(entry: Mapping[str, Any]) -> bytes:
 def read_manifest(folder: Path) -> Manifest | None:
     """Read the manifest of a folder; None where there is none.
 
-    Raises InputError where it is something else, or cannot be read.
+    Raises InputError where it is something else.
     """
     lines = manifest_lines(folder)
     if lines is None:
         return None
     run, *parts = lines
     return Manifest(folder / MANIFEST, run, {entry["file"]: entry for entry in parts})
-
-
-def find_gaps(manifest: Manifest) -> list[str]:
-    """Say where a manifest differs from its own numbers, as that of a run that was killed does."""
-    stated = {name: manifest.run.get(name) for name in manifest.counts}
-    return [
-        f"lists {number} {name}, and counts {stated[name]}"
-        for name, number in manifest.counts.items()
-        if number != stated[name]
-    ]
-
-
-def result_digest(path: Path) -> str | None:
-    """SHA-256 of a result; None where there is no regular file."""
-    if not path.is_file():
-        return None
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def remove_link(path: Path) -> None:
-    """Remove a symbolic link in a folder of results: what is written must not go elsewhere."""
-    if path.is_symlink():
-        path.unlink()
 
 
 @contextmanager
@@ -107,8 +76,6 @@ def locked(folder: Path) -> Iterator[None]:
     """
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    remove_link(folder / LOCK)
-    remove_link(folder / MANIFEST)
     with (folder / LOCK).open("w") as file, suppress(ImportError):  # of systems without such locks
         import fcntl
 

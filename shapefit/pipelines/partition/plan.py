@@ -15,24 +15,21 @@ from typing import Any, NamedTuple
 
 from shapefit.config import FitConfig
 from shapefit.config.paths import ResultFolder
-from shapefit.errors import InputError, abbreviate, counted, listed, path_text, printable
+from shapefit.errors import InputError, abbreviate, listed, path_text, printable
 from shapefit.io import LandmarkSource, digest, digests, open_landmarks
 from shapefit.io.detect import group_inputs
 from shapefit.io.formats import CSV, HDF5, FileFormat
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.prepare import files_of, read_options
 from shapefit.pipelines.fit.run import whole_stretches
-from shapefit.pipelines.partition.manifest import Entry, Manifest, result_digest
+from shapefit.pipelines.partition.manifest import Entry, Manifest
 from shapefit.threads import on_threads
 
 LARGE_TEXT = 1 << 28
 """Bytes of a CSV file from which on it is said that it is one part."""
 
-OF_THE_RUN = (
-    *("landmarks", "output", "dictionary", "data", "threads"),
-    *("scheduler", "scheduler_file", "workers", "dry_run", "replace"),
-)
-"""Keys that do not change what a part holds."""
+OF_THE_RUN = {"landmarks", "output", "dictionary", "data", "threads"}
+"""Keys that do not change what a part holds; the dictionary counts by its digest."""
 
 Rows = tuple[int, int] | None
 State = tuple[int, int]
@@ -42,21 +39,16 @@ Key = tuple[tuple[str, ...], Rows]
 class Part(NamedTuple):
     """Images that become one result file.
 
-    number      of the file; it stays when inputs are added
+    file        name of its result; it stays when inputs are added
     inputs      a file, or those of one recording
     rows        of the one HDF5 file: from the first to before the second; None for all
     states      size in bytes and time of change in ns of each input
     """
 
-    number: int
+    file: str
     inputs: tuple[Path, ...]
     rows: Rows
     states: tuple[State, ...]
-
-    @property
-    def file(self) -> str:
-        """Name of its result."""
-        return f"part-{self.number:05}{HDF5.suffixes[0]}"
 
     def describe(self) -> Entry:
         """Return what the part is made of, as the manifest states it."""
@@ -64,8 +56,7 @@ class Part(NamedTuple):
             "file": self.file,
             "inputs": list(map(path_text, self.inputs)),
             "rows": None if self.rows is None else list(self.rows),
-            "sizes": [size for size, _ in self.states],
-            "changed": [changed for _, changed in self.states],
+            "states": list(map(list, self.states)),
         }
 
     def __str__(self) -> str:
@@ -76,20 +67,16 @@ class Part(NamedTuple):
 class Plan(NamedTuple):
     """What a run does to a folder.
 
-    parts    all that there are to be
-    kept     lines of those that are done and as they were, by their files
-    redone   files of those that are done, but otherwise
-    removed  files of results of other inputs
-    damaged  files that are not what was written
-    refused  why results would be lost, "" where none would
-    digests  of all that every part depends on
+    parts     all that there are to be
+    retained  lines of those that are done and as they were, by their files
+    removed   files of results of other inputs
+    refused   why results would be lost, "" where none would
+    digests   of all that every part depends on
     """
 
     parts: Sequence[Part]
     retained: Mapping[str, Entry]
-    redone: Sequence[str]
     removed: Sequence[str]
-    damaged: Sequence[str]
     refused: str
     digests: Mapping[str, str]
 
@@ -98,90 +85,48 @@ class Plan(NamedTuple):
         """The parts that are to be done."""
         return [part for part in self.parts if part.file not in self.retained]
 
-    def lines(self) -> Iterator[str]:
-        """Yield a line for each part that is to be done, done again or removed."""
-        for part in self.todo:
-            yield f"{part.file}: {'again, ' if part.file in self.redone else ''}{part}"
-        yield from (f"{file}: removed" for file in self.removed)
 
-    def __str__(self) -> str:
-        words = [f"{counted(len(self.todo) - len(self.redone), 'part')} to do"]
-        words += [f"{len(self.retained)} done"]
-        words += [f"{len(self.redone)} to do again"] * bool(self.redone)
-        words += [f"{len(self.removed)} to remove"] * bool(self.removed)
-        words += [f"refused without --replace: {self.refused}"] * bool(self.refused)
-        return ", ".join(words)
+def make_plan(config: FitConfig, folder: ResultFolder, manifest: Manifest | None) -> Plan:
+    """Compare the parts that a config asks for with those that a folder has.
 
-
-def make_plan(config: FitConfig, manifest: Manifest | None) -> Plan:
-    """Compare the parts that a config asks for with those that a folder has."""
-    old = Manifest(Path(), {}) if manifest is None else manifest
-    done, folder = old.done, old.path.parent
-    parts = find_parts(config, {key_of(entry): number_of(entry) for entry in old.parts.values()})
-    assert isinstance(config.output, ResultFolder), "the output is a folder"
+    A part stays where its result has the size that was written, the config and its files are the
+    same, and its inputs have not changed, by size and time or else by their digests.
+    """
+    old = manifest or Manifest(folder.manifest, {})
+    done = old.done
+    parts = find_parts(config, folder.partition, {key_of(p): f for f, p in old.parts.items()})
     plain = {key: value for key, value in config.as_plain().items() if key not in OF_THE_RUN}
-    plain["partition"] = config.output.partition
-    text = json.dumps(plain, sort_keys=True).encode()
-    inputs = {"config": hashlib.sha256(text).hexdigest()}
+    text = json.dumps(plain | {"partition": folder.partition}, sort_keys=True)
+    inputs = {"config": hashlib.sha256(text.encode()).hexdigest()}
     inputs |= {key: digest(path) for key, path in files_of(config).items()}
     changed = [key for key in inputs if done and old.run.get(key) != inputs[key]]
     again = [part for part in parts if part.file in done]
-    found = on_threads(lambda part: result_digest(folder / part.file), again)
-    stored = dict(zip((part.file for part in again), found, strict=True))
-    damaged = [file for file in stored if stored[file] not in (None, done[file]["digest"])]
     altered = [part for part in again if is_altered(part, done[part.file])]
-    lost = {*damaged, *(part.file for part in altered)}
-    retained = [file for file in stored if stored[file] and file not in lost and not changed]
-    removed = [file for file in done if file not in stored]
+    removed = [file for file in done if file not in {part.file for part in again}]
+    retained = {
+        part.file: done[part.file]
+        for part in again
+        if not changed
+        and part not in altered
+        and find_state(folder.path / part.file)[0] == done[part.file]["bytes"]
+    }
     reasons = [f"of another {listed(changed, 'and')}"] if changed else []
     if altered:
         reasons += [f"of {abbreviate(list(map(str, altered)), 3)} before it changed"]
     if removed:
         names = dict.fromkeys(Path(path).name for file in removed for path in done[file]["inputs"])
         reasons += [f"of {abbreviate(list(names), 3)}, not among these parts"]
-    return Plan(
-        parts,
-        {file: done[file] for file in retained},
-        [file for file in stored if file not in retained],
-        removed,
-        damaged,
-        ", and ".join(reasons),
-        inputs,
-    )
+    return Plan(parts, retained, removed, ", and ".join(reasons), inputs)
 
 
-def is_altered(part: Part, entry: Entry) -> bool:
-    """Whether inputs are not those of a line: by sizes and times of change, and then digests."""
-    if all(part.describe()[key] == entry[key] for key in ("sizes", "changed")):
-        return False
-    return input_digests(part.inputs, part.states) != entry.get("digests")
+def find_parts(config: FitConfig, size: int, named: Mapping[Key, str] | None = None) -> list[Part]:
+    """Return the parts of a fit, of `size` images or more, in the order of the inputs.
 
-
-@lru_cache(maxsize=8)
-def input_digests(inputs: tuple[Path, ...], _states: tuple[State, ...]) -> dict[str, str]:
-    """Return the digests of files under their paths, once as long as they do not change."""
-    return digests(inputs)
-
-
-def key_of(entry: Mapping[str, Any]) -> Key:
-    """Return what the part of a line is made of: paths of the inputs, and rows."""
-    return tuple(entry["inputs"]), None if entry["rows"] is None else tuple(entry["rows"])
-
-
-def number_of(entry: Entry) -> int:
-    """Return the number of the part of a line."""
-    return int(entry["file"].removeprefix("part-").partition(".")[0])
-
-
-def find_parts(config: FitConfig, numbers: Mapping[Key, int] | None = None) -> list[Part]:
-    """Return the parts of a fit, in the order of the inputs.
-
-    Parts of these keys keep their numbers; the others get free ones. An HDF5 file is cut where
-    no result changes: after whole stretches of images, which start from one another's solutions,
-    and between sequences where those are lifted whole.
+    Those that are named already keep their files; the others get free ones. An HDF5 file is cut
+    where no result changes: after whole stretches of images, which start from one another's
+    solutions, and between sequences where those are lifted whole.
     """
-    assert isinstance(config.output, ResultFolder), "the output is a folder"
-    options, size = read_options(config), config.output.partition
+    options = read_options(config)
 
     def divide(group: tuple[FileFormat, tuple[Path, ...]]) -> Sequence[Rows]:
         file_format, inputs = group
@@ -200,25 +145,30 @@ def find_parts(config: FitConfig, numbers: Mapping[Key, int] | None = None) -> l
         return rows if len(rows) > 1 else (None,)
 
     groups = group_inputs(list(config.landmarks), options)
-    numbers = numbers or {}
-    used = set(numbers.values())
-    free = (number for number in count() if number not in used)
+    named = dict(named or {})
+    names = (f"part-{number:05}.h5" for number in count())
+    free = (name for name in names if name not in named.values())
     parts = []
     for (_, inputs), ranges in zip(groups, on_threads(divide, groups), strict=True):
         for rows in ranges:
-            part = Part(0, inputs, rows, tuple(map(find_state, inputs)))
-            key = key_of(part.describe())
-            parts.append(part._replace(number=numbers[key] if key in numbers else next(free)))
+            part = Part("", inputs, rows, tuple(map(find_state, inputs)))
+            file = named.get(key_of(part.describe()))
+            parts.append(part._replace(file=file or next(free)))
     return parts
 
 
 def sequence_starts(source: LandmarkSource) -> Iterator[int]:
     """Yield the first row of every run of images of one sequence."""
-    row, last = 0, ""
-    for name in chain.from_iterable(source.sequences()):
+    last = ""
+    for row, name in enumerate(chain.from_iterable(source.sequences())):
         if name != last:
             yield row
-        last, row = name, row + 1
+        last = name
+
+
+def key_of(entry: Mapping[str, Any]) -> Key:
+    """Return what the part of a line is made of: paths of the inputs, and rows."""
+    return tuple(entry["inputs"]), entry["rows"] and tuple(entry["rows"])
 
 
 def find_state(path: Path) -> State:
@@ -228,6 +178,19 @@ def find_state(path: Path) -> State:
     except OSError:
         return 0, 0
     return state.st_size, state.st_mtime_ns
+
+
+def is_altered(part: Part, entry: Entry) -> bool:
+    """Whether inputs are not those of a line: by sizes and times of change, and then digests."""
+    if part.describe()["states"] == entry.get("states"):
+        return False
+    return input_digests(part.inputs, part.states) != entry["digests"]
+
+
+@lru_cache(maxsize=8)
+def input_digests(inputs: tuple[Path, ...], _states: tuple[State, ...]) -> dict[str, str]:
+    """Return the digests of files under their paths, once as long as they do not change."""
+    return digests(inputs)
 
 
 def warn_of_large(parts: Sequence[Part]) -> tuple[str, ...]:

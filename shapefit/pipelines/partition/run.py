@@ -1,7 +1,7 @@
 """`fit` into a folder: parts of the images, one result each, and a manifest of those that are done.
 
-Running again does the parts that are missing or damaged, and those of inputs that were added. A
-folder that holds results which this run would not give is refused, but with `replace`.
+Running again does the parts that are missing, and those of inputs that were added. A folder that
+holds results which this run would not give is refused, but with `replace`.
 """
 
 from __future__ import annotations
@@ -13,9 +13,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 from shapefit.config import FitConfig
-from shapefit.config.paths import FAILED, ResultFolder
-from shapefit.errors import InputError, abbreviate, counted, input_error
-from shapefit.geometry.pinhole import CAMERA_MATRIX
+from shapefit.config.paths import DONE, ResultFolder
+from shapefit.errors import InputError, counted, input_error
 from shapefit.io import LandmarkSet, open_landmarks
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import LANDMARK_COVARIANCE
@@ -30,20 +29,10 @@ from shapefit.pipelines.fit.prepare import (
     prepare,
     read_options,
 )
-from shapefit.pipelines.outcome import Failure, Outcome, reading
+from shapefit.pipelines.outcome import Outcome
 from shapefit.pipelines.partition.executor import Job, dictionary_of, do_jobs
-from shapefit.pipelines.partition.manifest import (
-    Manifest,
-    locked,
-    read_manifest,
-)
-from shapefit.pipelines.partition.plan import (
-    Part,
-    Plan,
-    find_state,
-    make_plan,
-    warn_of_large,
-)
+from shapefit.pipelines.partition.manifest import Manifest, locked, read_manifest
+from shapefit.pipelines.partition.plan import Part, Plan, find_state, make_plan, warn_of_large
 
 
 def run(config: FitConfig) -> Iterator[Outcome]:
@@ -61,11 +50,7 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     if config.method == AUTO and manifest is not None:
         config = config.changed(method=manifest.run["method"])
     config, chosen = choose_method(config, dictionary, lambda: in_sequences(config))
-    yield from reading(config.landmarks)
-    plan = make_plan(config, manifest)
-    if folder.dry_run:
-        yield Outcome(note=str(plan), listing=tuple(plan.lines()))
-        return
+    plan = make_plan(config, folder, manifest)
     if plan.refused and not folder.replace:
         fix = "name another folder, or add --replace, which removes and redoes what differs"
         raise input_error(folder.path, f"holds results that differ: {plan.refused}", fix)
@@ -77,12 +62,9 @@ def run(config: FitConfig) -> Iterator[Outcome]:
     first = {**plan.digests, "method": config.method, "estimated": asdict(estimates)}
     with locked(folder.path):
         yield from (Outcome(line=line) for line in (chosen, *estimates.lines))
-        damaged = [f"damaged, and done again: {abbreviate(plan.damaged)}"] * bool(plan.damaged)
-        warnings = (*estimates.warnings, *damaged, *warn_of_large(plan.parts))
-        yield Outcome(warnings=warnings)
-        yield from do_parts(
-            config, plan, Manifest(folder.manifest, first, dict(plan.retained)), estimates
-        )
+        yield Outcome(warnings=(*estimates.warnings, *warn_of_large(plan.parts)))
+        manifest = Manifest(folder.manifest, first, dict(plan.retained))
+        yield from do_parts(config, folder, plan, manifest, estimates)
 
 
 def first_images(config: FitConfig, parts: Sequence[Part]) -> LandmarkSet:
@@ -96,8 +78,11 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> LandmarkSet:
         left = FIRST - sum(map(len, read))
         if left <= 0:
             break
-        start, stop = part.rows or (0, FIRST)
-        rows = None if part.rows is None else slice(start, min(stop, start + left))
+        rows = (
+            None
+            if part.rows is None
+            else slice(part.rows[0], min(part.rows[1], part.rows[0] + left))
+        )
         try:
             with open_landmarks(part.inputs, options, rows) as source:
                 read.append(source.first(left))
@@ -105,8 +90,8 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> LandmarkSet:
             unreadable.append(error)
     if not read:
         raise unreadable[0]
-    retained = {*OF_CAMERAS, LANDMARK_COVARIANCE, CAMERA_MATRIX}
-    bare = [images.without(images.further.keys() - retained) for images in read]
+    needed = {*OF_CAMERAS, LANDMARK_COVARIANCE}
+    bare = [images.without(images.further.keys() - needed) for images in read]
     files = [SourceFile.of(str(n), images, y_axis=images.y_axis) for n, images in enumerate(bare)]
     try:
         return Source(files, check=False).first(FIRST)
@@ -115,40 +100,26 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> LandmarkSet:
 
 
 def do_parts(
-    config: FitConfig, plan: Plan, manifest: Manifest, estimates: Estimates
+    config: FitConfig, folder: ResultFolder, plan: Plan, manifest: Manifest, estimates: Estimates
 ) -> Iterator[Outcome]:
-    """Do the parts that are not kept, as they end; then remove what is of no part."""
-    folder, total = manifest.path.parent, counted(len(plan.parts), "part")
-    out = config.output
-    assert isinstance(out, ResultFolder), "the output is a folder"
-    if config.threads == 0 and (out.workers or out.scheduler or out.scheduler_file):
+    """Do the parts that are not retained, as they end; remove what is of no part."""
+    if config.threads == 0 and (folder.workers or folder.scheduler or folder.scheduler_file):
         config = config.changed(threads=1)
     shared = config.changed(landmarks=(), **estimates.values)  # each part names its own
     silent = replace(estimates, lines=(), warnings=())
-    jobs = deque(Job(part, shared, folder, silent) for part in plan.todo)
-    lost: list[Failure] = []
+    jobs = deque(Job(part, shared, folder.path, silent) for part in plan.todo)
+    total, lost = counted(len(plan.parts), "part"), 0
     manifest.write()
     for file in plan.removed:
-        (folder / file).unlink(missing_ok=True)
-    try:
-        with closing(do_jobs(jobs, out)) as ended:
-            for done in ended:
-                if done.error:
-                    named = any(str(path) in done.error for path in done.part.inputs)
-                    reason = done.error if named else f"{done.part}: {done.error}"
-                    lost.append(Failure(done.part.file, reason))
-                    failed = {"status": FAILED, "error": reason}
-                    manifest.add(done.part.describe() | failed)
-                else:
-                    manifest.add(done.entry)
-                failed_ones = f", {len(lost)} failed" if lost else ""
-                note = f"{len(manifest.done)} of {total} done{failed_ones}"
-                yield replace(done.outcome, note=note)
-    finally:
-        manifest.write()
+        (folder.path / file).unlink(missing_ok=True)
+    with closing(do_jobs(jobs, folder)) as ended:
+        for entry, outcome in ended:
+            manifest.add(entry)
+            lost += entry["status"] != DONE
+            failed = f", {lost} failed" if lost else ""
+            yield replace(outcome, note=f"{len(manifest.done)} of {total} done{failed}")
     yield Outcome(
-        failures=tuple(lost),
-        warnings=items_in_two(folder, sorted(manifest.done)) if plan.todo else (),
+        warnings=items_in_two(folder.path, sorted(manifest.done)) if plan.todo else (),
         note=f"{len(manifest.done)} of {total} done",
         written=(manifest.path,),
     )

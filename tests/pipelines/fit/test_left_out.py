@@ -126,8 +126,8 @@ def test_models_that_the_dictionary_lacks_are_fitted_with_all_atoms(run, images)
 @pytest.mark.parametrize(("items", "omit", "message"), [
     ((*MODELS, "polo"), "true_modle", "no dataset 'true_modle' .* one of: item, true_model"),
     ((*MODELS, "polo"), "box", "no dataset 'box' with one name per image"),
-    (None, "true_model", "atoms of the dictionary have no items; .*method: exemplars"),
-    (("golf",) * 6, "true_model", "every atom of the dictionary is the item 'golf'"),
+    (None, "true_model", "atoms of the dictionary are of no items; .*method: exemplars"),
+    (("golf",) * 6, "true_model", "atoms of the dictionary are of 1 items"),
     (
         (*MODELS, "polo"), "item",
         "9 of 9 images show items that are not in the dictionary, the first 'image0'; .* such as "

@@ -59,10 +59,10 @@ class TestFamily:
 @pytest.mark.parametrize(
     ("learned", "method", "made_for"),
     [
-        ("pca-bases", "convex", "convex is made for `sparse-coding` or `exemplars`"),
-        ("pca-bases", "alternate", "alternate is made for `sparse-coding` or `exemplars`"),
-        ("sparse-coding", "pmp", "pmp is made for `method: pca-bases`"),
-        ("exemplars", "pmp", "pmp is made for `method: pca-bases`"),
+        ("pca-bases", "convex", "convex is made for sparse-coding or exemplars"),
+        ("pca-bases", "alternate", "alternate is made for sparse-coding or exemplars"),
+        ("sparse-coding", "pmp", "pmp is made for pca-bases"),
+        ("exemplars", "pmp", "pmp is made for pca-bases"),
         ("pca-bases", "pmp", None),
         ("pca-bases", "mean-shape", None),
         ("sparse-coding", "convex+refine", None),

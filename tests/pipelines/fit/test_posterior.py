@@ -72,7 +72,7 @@ def test_noise_widens_and_a_covariance_of_each_landmark_takes_its_place(fit, wit
     assert same.shapes == pytest.approx(noisy.shapes)
     wrong = images.replaced(further={"landmark_covariance": -each})
     fit(with_prior, wrong, method="convex")  # which does not use it
-    with pytest.raises(InputError, match="negative variance"):
+    with pytest.raises(InputError, match="no covariance"):
         fit(with_prior, wrong, method="posterior")
 
 

@@ -189,17 +189,14 @@ def test_bars_too_narrow_become_true_by_a_report(judged, tmp_path, method):
     assert inside == pytest.approx(0.9, abs=0.01)
 
 
-@pytest.mark.parametrize(("text", "found"), [
-    ("{", "no factors"),
-    ('{"posterior": {"90%": 2}}', "no factors"),
-    ('{"posterior": {"50%": 1, "90%": -2}}', "no factors"),
-    ('{"a": {"50%": 1, "90%": 2}, "b": {"50%": 1, "90%": 2}}', "of a, b, not of posterior"),
-    ('{"posterior": {"50%": 1, "90%": null}}', "has no factor"),
+@pytest.mark.parametrize("text", [
+    "{", '{"posterior": {"90%": -2}}', '{"posterior": {"50%": 1, "90%": null}}',
+    '{"a": {"50%": 1, "90%": 2}, "b": {"50%": 1, "90%": 2}}',
 ])  # fmt: skip
-def test_a_file_without_factors_is_refused(people, tmp_path, text, found):
+def test_a_file_without_factors_is_refused(people, tmp_path, text):
     path = tmp_path / "rig.json"
     path.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=found):
+    with pytest.raises(InputError, match="no factors of error bars of posterior"):
         fitted(people, people / "views.h5", method="posterior", prior={"calibration": path})
 
 

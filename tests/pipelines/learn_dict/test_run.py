@@ -131,13 +131,12 @@ class TestEvery:
 class TestOutcomes:
     def test_the_file_is_written_last(self, config):
         run = learn_dict.run(made := config())
-        for _ in range(5):
-            assert next(run).written == ()
+        *before, last = [next(run) for _ in range(6)]
+        assert not any(outcome.written for outcome in before)
         assert not made.output.exists()
-        final = next(run)
-        assert final.written == (made.output,)
+        assert next(run).written == (made.output,)
         assert made.output.exists()
-        assert "relative error" in final.note
+        assert "relative error" in last.note
 
     def test_an_alignment_that_did_not_come_to_rest_is_reported(self, config, monkeypatch):
         hasty = partial(generalised_procrustes, max_rounds=1)
@@ -174,8 +173,9 @@ class TestPcaBases:
     def test_their_number_can_be_given(self, config):
         outcomes, dictionary = learned(config(method="pca-bases", bases=3))
         assert dictionary.k == 6
-        assert [o.note for o in outcomes[1:]] == ["3 bases of walk", "3 bases of run", "6 bases"]
-        assert [o.done for o in outcomes] == [0, 1, 1, 0]
+        notes = ["30 shapes", "3 bases of walk", "3 bases of run", "6 bases"]
+        assert [o.note for o in outcomes[:-1]] == notes
+        assert [o.done for o in outcomes] == [0, 1, 1, 0, 0]
         assert outcomes[-1].written == (config().output,)
 
     def test_need_motion_beyond_rounding(self, config, shapes):
@@ -191,7 +191,6 @@ class TestFailures:
         points[4] = points[4, :, :1]
         outcomes, dictionary = learned(config(shapes.replaced(shapes=points)))
         assert failures(outcomes) == {"item4": "all its landmarks are at one point"}
-        assert [len(o.failures) for o in outcomes] == [1, 0, 0, 0, 0, 0]
         _, expected = learned(config(shapes.take(np.arange(30) != 4)))
         np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
 
@@ -237,7 +236,7 @@ def test_the_protocol_on_motion_capture(real_data: Path, tmp_path):
     assert outcomes[0].note == "3359 shapes"
     assert (np.diff(dictionary.objective_trace) < 0).all()
     assert len(dictionary.objective_trace) == 31
-    assert "relative error 0.02" in outcomes[-1].note
+    assert "relative error 0.02" in outcomes[-2].note
     # The mean stands as the first shape does: no turn brings one nearer to the other.
     first = read_shapes(config.shapes).shapes[0]
     first = normalise(first).points

@@ -78,7 +78,7 @@ def test_meshes_are_left_out_and_a_warning_says_why(make, shapes, rng):
 
 
 def test_shapes_without_pairs_are_refused(make, shapes):
-    with pytest.raises(InputError, match=r"has no dataset `mirror_index`; name the pairs"):
+    with pytest.raises(InputError, match="does not pair landmarks; name each"):
         make(shapes.replaced(further={}), mirror=True, **PLAIN)
 
 
@@ -89,7 +89,7 @@ def test_shapes_without_pairs_are_refused(make, shapes):
 )
 def test_an_index_that_pairs_nothing_is_refused(make, shapes, index):
     broken = shapes.replaced(further={"mirror_index": np.array(index)})
-    with pytest.raises(InputError, match=r"/mirror_index: does not pair the landmarks; "):
+    with pytest.raises(InputError, match="does not pair landmarks; name each"):
         make(broken, mirror=True, **PLAIN)
 
 
@@ -103,4 +103,4 @@ def test_pairs_of_the_config_are_those_of_the_file(make, shapes):
     np.testing.assert_array_equal(told.mirror_index, index)
     first, second = next(iter(mirror.items()))
     with pytest.raises(InputError, match="name each landmark of a pair once"):
-        make(shapes, mirror={first: second, second: names[0]}, **PLAIN)
+        make(shapes, mirror={first: second, names[-1]: second}, **PLAIN)

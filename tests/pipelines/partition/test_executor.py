@@ -13,7 +13,6 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -123,7 +122,7 @@ def children(pid: int) -> list[int]:
 def job(data) -> Job:
     arguments = {"landmarks": (data / "views.h5",), "dictionary": data / "dict.h5"}
     config = load_config("fit", None, (), {**arguments, "output": f"{data}/direct/"})
-    return Job(Part(7, (data / "views.h5",), None, ()), config, data / "direct")
+    return Job(Part("part-00007.h5", (data / "views.h5",), None, ()), config, data / "direct")
 
 
 class TestProcesses:
@@ -172,16 +171,16 @@ class TestProcesses:
         arguments = {"landmarks": ("views.h5",), "dictionary": "dict.h5", "output": folder}
         config = load_config("fit", None, ("method=alternate",), arguments)
         Path("deadly").mkdir()
-        parts = find_parts(config)[:3]
+        parts = find_parts(config, SIZE)[:3]
         jobs = deque(Job(part, config, Path("deadly").absolute()) for part in parts)
-        errors = {done.part.file: done.error for done in do_jobs(jobs, folder)}
-        assert errors[parts[0].file] == errors[parts[2].file] == ""
-        assert errors[parts[1].file].startswith("its process died, twice")
+        entries = {done.entry["file"]: done.entry for done in do_jobs(jobs, folder)}
+        assert entries[parts[0].file]["status"] == entries[parts[2].file]["status"] == "done"
+        assert "its process died, twice" in entries[parts[1].file]["error"]
 
 
 def test_a_worker_of_another_version_ends_the_run(job):
     with pytest.raises(InputError, match=r"is a worker .* `fit` is version 0\.0"):
-        list(do_jobs(deque([replace(job, version="0.0")]), ResultFolder(Path())))
+        list(do_jobs(deque([job._replace(version="0.0")]), ResultFolder(Path())))
 
 
 @pytest.mark.parametrize(
@@ -198,7 +197,7 @@ def test_what_dask_raises_is_reported(job, error, said):
         with pytest.raises(InputError, match=said):
             result_of(future, job)
     else:
-        assert said in result_of(future, job).error
+        assert said in result_of(future, job).entry["error"]
 
 
 @pytest.mark.parametrize(("options", "said", "modules"), [

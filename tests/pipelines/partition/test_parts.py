@@ -1,10 +1,8 @@
 """A fit part by part: the same bits as in one run, resumed where it stopped."""
 
 import fcntl
-import json
 import os
 import signal
-from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -18,7 +16,6 @@ from shapefit.io import write_shapes
 from shapefit.io.records import ShapeSet
 from shapefit.pipelines.fit.run import run as fit_whole
 from shapefit.pipelines.partition import executor as parting
-from shapefit.pipelines.partition.manifest import find_gaps, read_manifest
 from shapefit.pipelines.partition.plan import find_parts
 from shapefit.pipelines.partition.run import run
 from tests.pipelines.partition.made import NAMES, entries, make_dictionary, make_images, same_bits
@@ -92,15 +89,7 @@ class TestResuming:
         with part.open("r+b") as file:
             file.truncate(1000)
 
-    @staticmethod
-    def flip_a_bit(part: Path):
-        """And leave the size and the time of change as they were."""
-        state, data = part.stat(), bytearray(part.read_bytes())
-        data[len(data) // 2] ^= 1
-        part.write_bytes(data)
-        os.utime(part, ns=(state.st_atime_ns, state.st_mtime_ns))
-
-    @pytest.mark.parametrize("harm", ["forget", "remove", "shorten", "flip_a_bit"])
+    @pytest.mark.parametrize("harm", ["forget", "remove", "shorten"])
     def test_one_part_that_is_missing_or_damaged_is_done_again(self, harm):
         fit()
         getattr(self, harm)(OUT / "part-00001.h5")
@@ -109,8 +98,6 @@ class TestResuming:
         assert done(outcomes) == 128
         changed = [name for name, stamp in stamps().items() if stamp != before.get(name)]
         assert changed == ["part-00001.h5"]
-        if harm in ("shorten", "flip_a_bit"):
-            assert "damaged, and done again: part-00001.h5" in texts(outcomes)
         same_as_one_run()
 
     def test_a_new_file_adds_a_part_wherever_it_stands(self, rng):
@@ -119,7 +106,6 @@ class TestResuming:
         make_images("more.h5", rng.normal(size=(3, 2, 8)), 900)
         assert done(fit(landmarks=("more.h5", "one.h5", "two.h5"))) == 3
         assert stamps() == before | {"part-00005.h5": stamps()["part-00005.h5"]}
-        assert json.loads(MANIFEST.read_text().splitlines()[0])["images"] == 503
 
     def test_a_failing_part_stops_no_other(self, monkeypatch):
         real = parting.fit
@@ -154,7 +140,7 @@ class TestResuming:
         real = parting.fit_part
 
         def killed(job):
-            if job.part.number == 3:
+            if job.part.file == "part-00003.h5":
                 os.kill(os.getpid(), signal.SIGKILL)
             return real(job)
 
@@ -212,9 +198,6 @@ class TestResultsAreNotLost:
         before = stamps()
         with pytest.raises(InputError, match=rf"{held}.*--replace"):
             fit(*overrides, landmarks=landmarks, **parts)
-        (plan,) = fit(*overrides, landmarks=landmarks, dry_run=True, **parts)
-        assert held in plan.note
-        assert "--replace" in plan.note
         assert stamps() == before
         assert done(fit(*overrides, landmarks=landmarks, replace=True, **parts)) == again
         assert len(names()) == len(entries())
@@ -226,17 +209,6 @@ class TestResultsAreNotLost:
         Path("camera.toml").write_text(CAMERA.format(2.0))
         with pytest.raises(InputError, match=r"another camera\.calibration.*--replace"):
             fit(*CALIBRATED)
-
-    def test_the_manifest_counts_parts_and_images(self):
-        fit()
-        manifest = read_manifest(OUT)
-        assert find_gaps(manifest) == []
-        assert (manifest.run["parts"], manifest.run["images"]) == (5, 500)
-        shorter = replace(manifest, parts=dict(list(manifest.parts.items())[:-1]))
-        assert find_gaps(shorter) == [
-            "lists 4 parts, and counts 5",
-            "lists 400 images, and counts 500",
-        ]
 
 
 class TestWhatIsRefusedOrReplaced:
@@ -261,18 +233,6 @@ class TestWhatIsRefusedOrReplaced:
         with pytest.raises(InputError, match="is not a manifest of results"):
             fit()
 
-    @pytest.mark.parametrize("name", ["manifest.jsonl", "part-00001.h5"])
-    @pytest.mark.parametrize("by", ["pipe", "endless"])
-    def test_regular_files_only(self, name, by):
-        fit()
-        (OUT / name).unlink()
-        if by == "pipe":
-            os.mkfifo(OUT / name)
-        else:
-            (OUT / name).symlink_to("/dev/zero")
-        assert shapefit(["convert", "out", "-o", "all.csv", "-q"]) == 2
-        assert shapefit(["fit", "one.h5", "-o", "all.csv", "-q", "-d", "out/" + name]) == 2
-
 
 class TestParts:
     """Which parts there are; those of sequences hold whole ones."""
@@ -285,9 +245,8 @@ class TestParts:
 
     @staticmethod
     def planned(*landmarks: str, method: str = "sequences", partition: int = 100_000):
-        folder = ResultFolder(Path("out").absolute(), partition=partition)
-        arguments = {"landmarks": landmarks, "dictionary": "people", "output": folder}
-        return find_parts(load_config("fit", None, (f"method={method}",), arguments))
+        arguments = {"landmarks": landmarks, "dictionary": "people", "output": "out/"}
+        return find_parts(load_config("fit", None, (f"method={method}",), arguments), partition)
 
     def test_are_cut_between_sequences(self):
         one = self.write("a.h5", "a" * 5 + "b" * 30 + "c" * 4 + "d" * 9)
@@ -298,19 +257,9 @@ class TestParts:
         frames = sorted((project / "sample_data/openpose").glob("*.json"))
         given = {"dictionary": "people", "output": "out/", "landmarks": tuple(map(str, frames))}
         (part,) = find_parts(
-            load_config("fit", None, ("keypoints=body_25", "method=posterior"), given)
+            load_config("fit", None, ("keypoints=body_25", "method=posterior"), given), 100
         )
         assert len(part.inputs) == len(frames)
-
-    def test_are_listed_by_a_dry_run(self, capsys):
-        line = "fit one.h5 two.h5 -d dict.h5 -o out/ --partition 200 --dry-run"
-        assert shapefit(line.split()) == 0
-        printed, told = capsys.readouterr()
-        files = [each.partition(":")[0] for each in printed.splitlines()]
-        assert files == [f"part-{n:05}.h5" for n in range(3)]
-        assert "rows 256 to 399" in printed
-        assert "3 parts to do, 0 done" in told
-        assert not OUT.exists()
 
 
 def test_the_folder_is_one_result(rng):
@@ -337,8 +286,8 @@ def test_the_folder_is_one_result(rng):
     assert len(own) >= 500
 
     assert command("verify", "out", "-d", "dict.h5") == 0
-    with h5py.File("out/part-00003.h5", "a") as file:
-        file.attrs["solve_seconds"] = 3.0  # which no check of a result by itself finds
+    with Path("out/part-00003.h5").open("ab") as file:
+        file.write(b"more")
     assert command("verify", "out/", "-d", "dict.h5") == 1
 
 
