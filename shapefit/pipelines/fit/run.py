@@ -74,10 +74,11 @@ def run(
     estimates are those of all inputs, where these are a part of them, and `inputs` the digests of
     this part; the dictionary that of the config, where it was read before.
     """
-    assert isinstance(config.output, Path), "a folder is written part by part"
+    output = config.output
+    assert isinstance(output, Path), "a folder is written part by part"
     dictionary = dictionary or read_dictionary(config.dictionary)
     config, chosen = choose_method(config, dictionary, lambda: in_sequences(config))
-    if find_target_format(config.output).angles:
+    if find_target_format(output).angles:
         config = config.changed(save={"covariance": True})  # an angle is that of several joints
     with open_landmarks(config.landmarks, read_options(config), rows) as source:
         names = source.head.landmark_names
@@ -86,7 +87,7 @@ def run(
         counts, seconds = Counts(), 0.0
         with (
             open_export(setup) as export,
-            result_writer(config.output, options) as writer,
+            result_writer(output, options) as writer,
             closing(lift_source(source, setup)) as batches,
         ):
             for batch in batches:

@@ -138,8 +138,8 @@ def usable_images(source: LandmarkSource, place: str) -> LandmarkSet:
     distinct = std(np.where(visible[:, None], given.landmarks, 0.0), visible) > 0
     some = given.take(np.flatnonzero(distinct & (visible.sum(axis=1) >= FEWEST_VISIBLE)))
     if len(some) < FEWEST_IMAGES:
-        found = f"too few images: {len(some)} of {len(given)} show {FEWEST_VISIBLE} landmarks or more"
-        raise input_error(place, found, fix)
+        found = f"{len(some)} of {len(given)} show {FEWEST_VISIBLE} landmarks or more"
+        raise input_error(place, f"too few images: {found}", fix)
     never = [some.landmark_names[j] for j in np.flatnonzero(~some.visible().any(axis=0))]
     if never:
         found = f"no image shows {', '.join(never[:3])}"
