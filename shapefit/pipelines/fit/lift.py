@@ -271,7 +271,9 @@ def at_border(images: LandmarkSet, lifter: Lifter) -> Flags:
         return marked
     far = np.broadcast_to(size, (n, 2))[..., None]
     away = np.stack([abs(images.landmarks), abs(images.landmarks - far)], axis=1)
-    near = np.asarray(away <= BORDER * far[:, None], dtype=bool).reshape(n, 4, len(images.landmark_names))
+    near = np.asarray(away <= BORDER * far[:, None], dtype=bool).reshape(
+        n, 4, len(images.landmark_names)
+    )
     for edge in edges:
         together: Flags = np.asarray(np.any(near[..., edge].all(axis=2), axis=1))
         marked[:, edge] |= together[:, None]
