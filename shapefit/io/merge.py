@@ -13,7 +13,7 @@ from shapefit.io.layout import EDGES, UNKNOWN_UNIT
 from shapefit.io.options import Direction
 from shapefit.io.records import LandmarkSet, ResultSet, ShapeSet
 
-APART = "use files that agree, or process them separately"
+SEPARATELY = "use files that agree, or process them separately"
 ALL_OR_NONE = "give it to all files (CSV cannot hold it) or to none, or process them separately"
 MESH = frozenset({"mesh_vertices", "mesh_faces"})
 
@@ -38,7 +38,7 @@ def merge_heads(
         for file, head in others:
             if head.landmark_names != names:
                 found = f"its landmarks are not those of {first_file}, in their order"
-                raise input_error(file, found, APART)
+                raise input_error(file, found, SEPARATELY)
     else:
         heads = [(file, head.arrange(names, file)) for file, head in heads]
     if isinstance(first, LandmarkSet):
@@ -100,7 +100,7 @@ def agreed(what: str, stated: Sequence[tuple[str, Any]]) -> Any:
         if value != first:
             one, other = (v if isinstance(v, str) else f"{v:.17g}" for v in (value, first))
             raise input_error(
-                file, f"its {what} is '{one}', that of {first_file} is '{other}'", APART
+                file, f"its {what} is '{one}', that of {first_file} is '{other}'", SEPARATELY
             )
     return known[0][1] if known else None
 
@@ -138,7 +138,9 @@ def _check_columns(heads: Sequence[tuple[str, Any]]) -> None:
                 raise input_error(file, found, ALL_OR_NONE)
         for name in sorted(one):
             if not _agree(first, head, name):
-                raise input_error(file, f"its dataset {name} is not that of {first_file}", APART)
+                raise input_error(
+                    file, f"its dataset {name} is not that of {first_file}", SEPARATELY
+                )
 
 
 def _agree(first: Any, head: Any, name: str) -> bool:

@@ -64,7 +64,7 @@ def open_landmarks(
 
     rows     those of the one HDF5 file that are given out: nothing else of it is read
     selects  the caller selects the individual in files of ours; without, that is refused
-    check    without, only heads are read of HDF5, and values and names are believed
+    check    without, only heads are read of HDF5, and values and names are not checked
     first    so many landmarks are read of CSV, and the source has an `estimate` of its count; of
              HDF5 no carried dataset of more than LARGEST bytes is read
     """

@@ -9,7 +9,7 @@ from shapefit.geometry.normalisation import LARGEST, SMALLEST, Normalised, norma
 
 FEWEST = 3
 BEYOND_CHANCE = FEWEST + 1
-"""Landmarks that must agree with each other to be believed: some shape fits any three."""
+"""Landmarks that must agree with each other to count as inliers: some shape fits any three."""
 
 FLAT = 1e-9
 """Landmarks lie on a line where their second singular value is this small beside the first."""

@@ -19,7 +19,7 @@ SCRIPTS = ("blocks", "geometry", "scene", "look", "plane", "space", "chart", "vi
 def viewer_page(scene: Scene) -> str:
     """Return the page of a scene.
 
-    Names come from files that anybody may have written: in the markup they are escaped, and the
+    Names come from files of any origin: in the markup they are escaped, and the
     script puts them into the document as text only. The Content-Security-Policy lets run the
     script of the page alone, and forbids every request.
     """

@@ -122,7 +122,7 @@ class Scene:
     """n frames of p landmarks, those of a sequence one after the other.
 
     sequences are (name, first frame); recordings the sequences that were seen at once, times (n,)
-    the time of each frame in its recording; one ground a sequence. seen (n, 2, p) are the observed
+    the time of each frame in its recording; one ground a sequence. observed (n, 2, p) are the
     landmarks, nan where hidden; outliers (n, p). sides: each landmark is in the middle (0), on the
     left (1) or on the right (2). space_unit is that of points, length that of their errors and how
     many of it are one of the former, unit that of the image, whose width and height are `image`.
@@ -148,7 +148,7 @@ class Scene:
     flat: bool
     video: bool
     rigid: bool
-    seen: Floats | None = None
+    observed: Floats | None = None
     outliers: NDArray[np.bool_] | None = None
     sides: Sequence[int] | None = None
     meshes: Sequence[MeshSet] = ()

@@ -48,8 +48,8 @@ test("a box leaves out what is unknown, and reaches as far as a body does whiche
 
 test("a camera sees x focal / depth + centre, whichever way z points, or x focal + centre", () => {
   const camera = [100, 200, 5, 6];
-  near([...geometry.seen([1, 2, 10, 1, 2, -10], camera, true)], [15, 46, 15, 46]);
-  near([...geometry.seen([1, 2, 10], camera, false)], [105, 406]);
+  near([...geometry.project([1, 2, 10, 1, 2, -10], camera, true)], [15, 46, 15, 46]);
+  near([...geometry.project([1, 2, 10], camera, false)], [105, 406]);
 });
 
 test("an ellipse is that of the projected covariance", () => {

@@ -32,7 +32,7 @@ def test_a_frame_shows_its_landmarks(page, sequence):
     assert (page.state("view.frame"), page.state("item")) == (310, "walk/0310")
     shown = (
         np.array(
-            page.run("return Array.from(shapefit.data.seen(shapefit.view.frame))"), dtype=float
+            page.run("return Array.from(shapefit.data.observed(shapefit.view.frame))"), dtype=float
         )
         .reshape(-1, 2)
         .T

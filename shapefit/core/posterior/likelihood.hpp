@@ -16,7 +16,7 @@
 //     log N(y; A mu, S) + sum_j (1 - q_j) (log 2 pi |N_j|^1/2 + log g u) + q_j log(1 - g)
 //                         - (1 + q_j) log q_j - (1 - q_j) log(1 - q_j),
 //
-// and a landmark is believed by the odds of its expected Gaussian density beside g u.
+// and a landmark is an inlier by the odds of its expected Gaussian density beside g u.
 #pragma once
 
 #include "../base/lane_triangles.hpp"

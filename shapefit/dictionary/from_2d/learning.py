@@ -108,7 +108,7 @@ def learn(images: Images) -> Iterator[State]:
     """Yield the state after each round from the best start.
 
     Starts are judged by the objective after some rounds with images that lie evenly. Landmarks are
-    believed to be outliers only where others, hidden, are then predicted clearly better: rare poses
+    outliers only where others, hidden, are then predicted clearly better: rare poses
     of a class that is no Gaussian look like outliers, too.
     """
     ranks = tuple(sorted({min(rank, images.landmarks.shape[2] - 1) for rank in RANKS}))

@@ -70,7 +70,7 @@ class Images:
     """n images: landmarks w (n, 2, p), weights omega (n, p), 0 where hidden, sequence (n,).
 
     The landmarks of each sequence, numbered from 0, are of comparable size, and lie anywhere where
-    they are outliers (n, p); None where all are believed.
+    they are outliers (n, p); None where all count as inliers.
     """
 
     landmarks: Floats

@@ -275,11 +275,11 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
             lines += [(names[a - 1], names[b - 1]) for a, b in pairs if a and b]
     every = dict.fromkeys(name for names in names_of.values() for name in names)
     place = {name: number for number, name in enumerate(every)}
-    called: dict[Any, Any] = {}
+    image_names: dict[Any, Any] = {}
     for number, image in enumerate(contents.get("images", ())):
         with parsing(f"{path}:images[{number}]", CHECK):
-            called[_identifier(image["id"])] = image.get("file_name") or image["id"]
-    order = {image: number for number, image in enumerate(called)}
+            image_names[_identifier(image["id"])] = image.get("file_name") or image["id"]
+    order = {image: number for number, image in enumerate(image_names)}
     detections = []
     without = 0
     for number, entry in enumerate(contents.get("annotations", ())):
@@ -305,10 +305,10 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     notes: tuple[str, ...] = ()
     if without:
         notes += (f"{counted(without, 'annotation')} without keypoints left out",)
-    if unlisted := len(order) - len(called):
+    if unlisted := len(order) - len(image_names):
         notes += (f"{counted(unlisted, 'image')} of annotations not listed among the images",)
     return _as_poses(
-        _name_images(path, [called.get(image, image) for image in order]),
+        _name_images(path, [image_names.get(image, image) for image in order]),
         detections,
         scored=False,
         landmark_names=tuple(place) or None,

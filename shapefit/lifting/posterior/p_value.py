@@ -35,7 +35,7 @@ COUNTS = (4, 6, 9, 14, 21, 32, 48)
 """Numbers of landmarks for which images are drawn, besides all of the dictionary, or the last of
 these; between them the moments are interpolated, beyond them they are those of the nearest."""
 
-APART = 1.25
+FACTOR = 1.25
 """Ratio of all landmarks to one of these numbers up to which that is not drawn beside them."""
 
 SCALES = (1.0, 8.0)
@@ -96,7 +96,7 @@ def draw_table(prior: Mixture, scales: tuple[float, ...] = SCALES, threads: int 
     if p > COUNTS[-1]:  # of more, a choice: the time to find a posterior grows with their cube
         prior = prior.marginal(np.sort(np.random.default_rng(SEED).permutation(p)[: COUNTS[-1]]))
         p = COUNTS[-1]
-    counts = [*(count for count in COUNTS if APART * count < p), p]
+    counts = [*(count for count in COUNTS if FACTOR * count < p), p]
     return np.array(
         [
             (scale, count, *draw_moments(widen(prior, scale), count, threads))

@@ -19,7 +19,7 @@ from shapefit.arrays import Floats
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.normalisation import centroid
 
-STILL = 1e-4
+TOLERANCE = 1e-4
 """A climb ends when a step gains less log likelihood, and the next one promises no more."""
 
 
@@ -149,7 +149,7 @@ def find_posterior(
         starts=_whole(starts),
         chance=outliers.chance,
         density=outliers.density,
-        still=STILL,
+        still=TOLERANCE,
         covariance=whole,
         **of_images,
         **{f"mode_{name}": values for name, values in of_modes.items()},

@@ -98,14 +98,14 @@ def warn_of_batch(images: LandmarkSet, lifting: Lifting, setup: Setup) -> Iterat
 class Counts:
     """What adds up over the batches of a fit, for its end.
 
-    judged and trusted images, and the expected errors in metres of these; images in which each
+    evaluated and trusted images, and the expected errors in metres of these; images in which each
     landmark (p,) is an outlier, and visible; bodies (3,): all with both ends, those that lie, those
     on their heads; images of unknown items of `leave_one_out`, and the first.
     """
 
     images: int = 0
     sequences: set[str] = field(default_factory=set)
-    judged: int = 0
+    evaluated: int = 0
     trusted: int = 0
     errors: list[float] = field(default_factory=list)
     outliers: Any = 0
@@ -121,7 +121,7 @@ class Counts:
         self.sequences.update(images.sequences or ())
         if TRUSTED in columns:
             trusted = columns[TRUSTED].astype(bool)
-            self.judged += len(images)
+            self.evaluated += len(images)
             self.trusted += int(trusted.sum())
             errors, metres = columns.get(EXPECTED_ERROR), columns.get(METRES_PER_UNIT)
             if errors is not None and metres is not None:
@@ -251,7 +251,7 @@ def rows_of(
     yield "Camera", lines[0].removeprefix("camera: ")
     if metres:
         yield "Metres", metres
-    if counts.judged:
+    if counts.evaluated:
         size = 100 * np.median(counts.errors) if counts.errors else np.nan
         about = f", expected error about {size:.0f} cm" if counts.errors else ""
         yield "Result", f"{counts.trusted} of {images} trusted{about}"

@@ -42,13 +42,14 @@ def assemble(config: ViewConfig, inputs: Inputs) -> Scene:
         )
     results = [content for content in contents if content.kind == "result"]
     landmark_sets = [content for content in contents if content.kind == "landmarks"]
-    observed = [content.points for content in landmark_sets]
-    observed += [seen for each in results if (seen := each.per_landmark("landmarks")) is not None]
-    seen = first_known(observed) if observed else None
-    layers, meshes, space_unit = make_layers(inputs, seen, notes)
+    image_points = [content.points for content in landmark_sets]
+    inputs_of_results = [result.per_landmark("landmarks") for result in results]
+    image_points += [points for points in inputs_of_results if points is not None]
+    observed = first_known(image_points) if image_points else None
+    layers, meshes, space_unit = make_layers(inputs, observed, notes)
     layers, length = in_usual_units(layers)
     edges = _edges(inputs)
-    notes += missing(layers, seen, has_edges=bool(edges))
+    notes += missing(layers, observed, has_edges=bool(edges))
     outliers = [
         flags == 1 for each in results if (flags := each.per_landmark("outliers")) is not None
     ]
@@ -81,8 +82,8 @@ def assemble(config: ViewConfig, inputs: Inputs) -> Scene:
         grounds=[_ground(floors.get(video_of(name)), y_down) for name, _ in frames.sequences],
         frame_rate=shown_rate,
         rate_known=rate is not None,
-        flat=seen is not None or bool(results),
-        seen=seen,
+        flat=observed is not None or bool(results),
+        observed=observed,
         outliers=np.logical_or.reduce(outliers) if np.any(outliers) else None,
         sides=sides if any(sides) else None,
         recordings=recordings,

@@ -47,7 +47,7 @@ const geometry = (() => {
   }
 
   /** Where a camera [focal lengths x, y, principal point x, y] sees points: x0 y0 x1 ... */
-  function seen(points, camera, perspective) {
+  function project(points, camera, perspective) {
     const places = new Float64Array((points.length / 3) * 2);
     for (let i = 0, j = 0; i < points.length; i += 3, j += 2) {
       const [mx, my] = magnification(camera, perspective, points[i + 2]);
@@ -86,5 +86,5 @@ const geometry = (() => {
     return { low, middle, extent };
   }
 
-  return { viewRotation, inverse, turn, blend, magnification, seen, ellipse, box };
+  return { viewRotation, inverse, turn, blend, magnification, project, ellipse, box };
 })();

@@ -68,7 +68,7 @@ const look = (() => {
    * places are [x, y, depth from 0 (near) to 1 (far)] in px; rowsAt(j) the projection at landmark j.
    */
   function drawBody(context, data, { layer, frame, tints, colour, label }, places, rowsAt) {
-    const [sd, seen, outliers] = [layer.sd(frame), data.seen(frame), data.outliers(frame)];
+    const [sd, observed, outliers] = [layer.sd(frame), data.observed(frame), data.outliers(frame)];
     const [known, radius] = [places.map(([x]) => Number.isFinite(x)), markOf(data)];
     places.forEach(([x, y], j) => {
       if (!known[j] || !Number.isFinite(sd?.[3 * j])) return;
@@ -94,7 +94,7 @@ const look = (() => {
         stroke(context, light, radius / 2, () => [places[a], places[b]].forEach((end) => context.lineTo(end[0] - lift, end[1] - lift)));
       } else if (layer.role === "result" && outliers[a]) cross(context, x, y);
       else {
-        const hidden = layer.role === "result" && seen && !Number.isFinite(seen[2 * a]);
+        const hidden = layer.role === "result" && observed && !Number.isFinite(observed[2 * a]);
         context.arc(x, y, radius + 1, 0, 2 * Math.PI);
         fill(context, hidden ? text("background") : tint);
         if (hidden) stroke(context, tint, 1.5);

@@ -10,7 +10,7 @@ const plane = (() => {
       return { ...body, fitted: body.layer.fitted(body.frame), mesh: mesh && body.layer.inImage(body.frame, mesh) };
     });
     const frames = [...new Set([view.frame, ...bodies.map(({ frame }) => frame)])];
-    const points = [...frames.map(data.seen), ...bodies.flatMap(({ fitted, mesh }) => [fitted, mesh])].filter(Boolean);
+    const points = [...frames.map(data.observed), ...bodies.flatMap(({ fitted, mesh }) => [fitted, mesh])].filter(Boolean);
     const { zoom, middle } = fit(data, view, points, width, height);
     const up = data.y_down ? 1 : -1;
     const at = (values, j) => [width / 2 + zoom * (values[2 * j] - middle[0]), height / 2 + up * zoom * (values[2 * j + 1] - middle[1])];
@@ -24,7 +24,7 @@ const plane = (() => {
       };
       look.drawBody(context, data, body, data.landmarks.map((_, j) => [...at(body.fitted, j), 0]), rowsAt);
     }
-    for (const frame of frames) drawSeen(context, data, frame, bodies.find((body) => body.frame === frame), at);
+    for (const frame of frames) drawObserved(context, data, frame, bodies.find((body) => body.frame === frame), at);
     look.drawScale(context, height, zoom, data.unit);
   }
 
@@ -51,17 +51,17 @@ const plane = (() => {
   }
 
   /** Observed landmarks: discs, crosses where they were judged to be wrong, lines to where the model has them. */
-  function drawSeen(context, data, frame, body, at) {
-    const [seen, outliers] = [data.seen(frame), data.outliers(frame)];
-    if (!seen) return;
+  function drawObserved(context, data, frame, body, at) {
+    const [observed, outliers] = [data.observed(frame), data.outliers(frame)];
+    if (!observed) return;
     const [ink, faint, background, residual] = ["ink", "faint", "background", "residual"].map(look.text);
     for (const [a, b] of body ? [] : data.edges) {
-      if (Number.isFinite(seen[2 * a] + seen[2 * b])) look.stroke(context, faint, 2, () => [a, b].forEach((j) => context.lineTo(...at(seen, j))));
+      if (Number.isFinite(observed[2 * a] + observed[2 * b])) look.stroke(context, faint, 2, () => [a, b].forEach((j) => context.lineTo(...at(observed, j))));
     }
     data.landmarks.forEach((_, j) => {
-      if (!Number.isFinite(seen[2 * j])) return;
-      const [x, y] = at(seen, j);
-      if (body && Number.isFinite(body.fitted[2 * j])) look.stroke(context, residual, 1.5, () => [seen, body.fitted].forEach((p) => context.lineTo(...at(p, j))));
+      if (!Number.isFinite(observed[2 * j])) return;
+      const [x, y] = at(observed, j);
+      if (body && Number.isFinite(body.fitted[2 * j])) look.stroke(context, residual, 1.5, () => [observed, body.fitted].forEach((p) => context.lineTo(...at(p, j))));
       if (outliers[j]) return look.cross(context, x, y);
       context.beginPath();
       context.arc(x, y, look.markOf(data), 0, 2 * Math.PI);

@@ -39,7 +39,7 @@ const scene = (() => {
       groundOf: (frame) => page.grounds[owners[frame]],
       recordingOf: (frame) => recordings[homes[frame]],
       timeOf: (frame) => times[frame],
-      seen: page.seen ? blocks.rows(page.seen) : () => null,
+      observed: page.observed ? blocks.rows(page.observed) : () => null,
       outliers: page.outliers ? blocks.rows(page.outliers) : () => [],
       layers: page.layers.map((layer) => openLayer(layer, meshes)),
     };
@@ -63,7 +63,7 @@ const scene = (() => {
       const frames = framesAt(recording, time);
       const whole = (rows) => frames.flatMap((frame) => rows.flatMap((row) => Array.from(row(frame) ?? [])));
       solid.push(geometry.box(geometry.turn(whole(data.layers.map(({ points }) => points)), upright), 3));
-      flat.push(geometry.box(whole([data.seen]), 2));
+      flat.push(geometry.box(whole([data.observed]), 2));
     }
     const most = (boxes) => [0, 1].map((axis) => {
       const known = boxes.filter(Boolean).map(({ extent }) => extent[axis]).sort((a, b) => a - b);
@@ -84,7 +84,7 @@ const scene = (() => {
       sd,
       mesh: layer.blend ? openBlend(layer.blend, meshes[layer.blend.mesh_set], pose) : () => null,
       faces: layer.blend ? meshes[layer.blend.mesh_set].faces : null,
-      inImage: (frame, values) => camera(frame) && geometry.seen(values, camera(frame), layer.perspective),
+      inImage: (frame, values) => camera(frame) && geometry.project(values, camera(frame), layer.perspective),
       magnification: (frame, depth) => geometry.magnification(camera(frame), layer.perspective, depth),
       has: (frame) => points(frame).some(Number.isFinite),
       measures: layer.measures.map((measure) => ({ ...measure, values: blocks.numbers(measure.values), sd: measure.sd && blocks.numbers(measure.sd) })),

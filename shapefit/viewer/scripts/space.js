@@ -31,11 +31,11 @@ const space = (() => {
     const turned = geometry.viewRotation(view.yaw, view.pitch);
     /** [x, y, depth from 0 to 1] in px of points in the upright frame. */
     const project = (points) => {
-      const seen = geometry.turn(points, turned, box.middle);
-      return Array.from({ length: seen.length / 3 }, (_, j) => [
-        width / 2 + view.pan[0] + zoom * seen[3 * j],
-        height / 2 + view.pan[1] - zoom * seen[3 * j + 1],
-        Math.max(0, Math.min(1, 0.5 - seen[3 * j + 2] / (3.2 * radius))),
+      const rotated = geometry.turn(points, turned, box.middle);
+      return Array.from({ length: rotated.length / 3 }, (_, j) => [
+        width / 2 + view.pan[0] + zoom * rotated[3 * j],
+        height / 2 + view.pan[1] - zoom * rotated[3 * j + 1],
+        Math.max(0, Math.min(1, 0.5 - rotated[3 * j + 2] / (3.2 * radius))),
       ]);
     };
     const place = (points) => project(geometry.turn(points, base));

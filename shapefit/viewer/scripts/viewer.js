@@ -331,7 +331,7 @@
       doubtful: results.some((layer) => layer.reason),
       flat: data.flat, solid: data.layers.length, sides: data.sides && !data.layers[0]?.faces,
       "mesh-choice": results.some((layer) => layer.faces), "upright-choice": !data.video && results.some((layer) => layer.pose(0)),
-      "key-observed": data.seen(0), "key-hidden": results.length && data.seen(0), "key-residual": results.length && data.seen(0),
+      "key-observed": data.observed(0), "key-hidden": results.length && data.observed(0), "key-residual": results.length && data.observed(0),
       "key-outlier": data.outliers(0).length, "key-bars": data.layers.some((layer) => layer.sd(0)),
     };
     for (const [id, there] of Object.entries(has)) $(id).hidden = !there;

@@ -406,7 +406,7 @@ def test_what_was_seen_of_joints_is_seen_of_the_landmarks_that_stand_for_them(de
     assert page.landmarks == tuple(names)
     expected = seen[:, [2, 0, 3, 1]].swapaxes(1, 2)
     expected[:, :, 1] = np.nan
-    np.testing.assert_allclose(page.seen, expected)
+    np.testing.assert_allclose(page.observed, expected)
 
 
 def test_joint_angles_have_bands_from_the_error_bars(desk):

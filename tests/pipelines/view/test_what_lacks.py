@@ -37,7 +37,7 @@ def test_a_page_says_what_it_lacks(desk):
     assert made.data["edges"] == edges.tolist()
     made = desk.view(desk.result(extras={}), desk.landmarks())
     assert "observed" not in made.notes
-    assert made.data["seen"]["shape"] == [6, 5, 2]
+    assert made.data["observed"]["shape"] == [6, 5, 2]
     made = desk.view(desk.landmarks())
     assert "nothing in 3D" in made.notes
     assert made.data["layers"] == []
