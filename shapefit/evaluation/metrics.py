@@ -104,8 +104,8 @@ def truth_scale(estimate: Floats, truth: Floats) -> Floats:
     size = np.abs(np.where(visible[:, None], truth, 0.0)).max(axis=(1, 2), initial=0.0)
     extended = np.ptp(x, axis=-1).max(axis=-1, initial=0.0) > 4 * np.finfo(float).eps * size
     with np.errstate(invalid="ignore"):  # where no landmark is judged
-        spread = np.sqrt((x**2).sum(axis=-1) / visible.sum(axis=-1)[:, None]).mean(axis=-1)
-    return np.where(extended, spread, np.nan)
+        scale = np.sqrt((x**2).sum(axis=-1) / visible.sum(axis=-1)[:, None]).mean(axis=-1)
+    return np.where(extended, scale, np.nan)
 
 
 def visible_in_both(first: Floats, second: Floats) -> Flags:

@@ -150,9 +150,9 @@ def believable(problem: Problem, outliers: NDArray[np.bool_]) -> Flags:
     """Outliers (n, p), but none in an image where the others could not be lifted without them."""
     left = np.where(outliers, 0.0, problem.weights)
     lost = list(find_degenerate(problem.landmarks, left))
-    kept = outliers.copy()
-    kept[lost] = False
-    return kept
+    retained = outliers.copy()
+    retained[lost] = False
+    return retained
 
 
 @dataclass(frozen=True)

@@ -283,7 +283,7 @@ def refine_clip(
     visible = in_unit(clips, clip, size)
     unit, smoothed = np.full(len(there), size), infer(visible)
     scale = (clips.scale * clips.modes.scale[:, 0])[clip]
-    growth = find_growth(scale, there, CONSTANTS.steady * motion.rate)
+    growth = find_growth(scale, there, CONSTANTS.scale_time * motion.rate)
     visible = visible.grown(growth)
     other = infer(visible)
     if other.energy < smoothed.energy:
@@ -291,8 +291,8 @@ def refine_clip(
     moved = unit[:, None, None] * smoothed.points - clips.points[clip]
     square = ((moved / clips.deviation[clip])[there] ** 2).mean(axis=(1, 2))
     if median(square) > CONSTANTS.farthest:
-        steady = infer(visible, rigid=False).points
-        found.points[rows] = ((size * growth)[:, None, None] * steady)[finite]
+        points = infer(visible, rigid=False).points
+        found.points[rows] = ((size * growth)[:, None, None] * points)[finite]
         return
     u = unit[finite][:, None, None]
     found.converged[rows] = smoothed.converged

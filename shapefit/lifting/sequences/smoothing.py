@@ -51,7 +51,7 @@ class Constants:
                     bones that stretch) 0.4 to 0.5 loses more than 10% in 1 to 2 clips, 0.6 and no
                     limit in 2, and no limit has 1.4% less error; on 03 and 118 no limit loses in 3
                     of 40, and has 1% more
-    steady          seconds over which the scale of a body in its images is smoothed. On film of
+    scale_time      seconds over which the scale of a body in its images is smoothed. On film of
                     bodies 01, 02 and 64 (78 clips) sequences have 0.8238 of the error of images by
                     0.5, 0.8250 by 0.35, 0.8232 by 1, and 0.840 in one unit alone
     shared          r, the share of the deviations of single images that neighbouring frames have in
@@ -71,7 +71,7 @@ class Constants:
     widest: float = 3.0
     least_noise: float = 0.003
     farthest: float = 0.5
-    steady: float = 0.5
+    scale_time: float = 0.5
     shared: float = 0.4
     memory: float = 1 / 8
     exchange_price: float = 8.0

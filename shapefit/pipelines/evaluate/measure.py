@@ -98,7 +98,7 @@ def measure(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) ->
     """
     if not len(results):
         raise input_error(file, "holds no images", "check the run that wrote it")
-    results, left_out = _with_visible(file, results, config.least_visible)
+    results, omitted = _with_visible(file, results, config.least_visible)
     rows, wanted, by_frame = _match(file, results, truth, config.match)
     names = common_landmarks(file, results.landmark_names, truth.shapes.landmark_names)
     columns = match_landmarks(results.landmark_names, names)
@@ -123,11 +123,11 @@ def measure(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) ->
     common = in_blocks(m.visible_in_both, estimate, true)
     with np.errstate(all="ignore"):  # overflow is not an error to report
         scale = in_blocks(m.truth_scale, estimate, true)
-    metrics, doubts = _meaningful(config.metrics, arrays, results.rotation)
+    metrics, unclear = _meaningful(config.metrics, arrays, results.rotation)
     units = (truth.shapes.unit, results.unit)
     errors, skipped = _errors(file, results, metrics, arrays, scale, units)
     bars, unjudged = _error_bars(file, results, columns, arrays, scale, units[0])
-    notes += [*skipped, *doubts, *unjudged]
+    notes += [*skipped, *unclear, *unjudged]
     for values in errors.values():
         values[~common.any(axis=-1)] = np.nan
     failures = _failures(results, wanted, rows, common, errors)
@@ -151,7 +151,7 @@ def measure(file: Path, results: ResultSet, truth: Truth, config: EvalConfig) ->
         errors=errors,
         failures=failures,
         # Results of the same images have one warning of those left out together.
-        warnings=(*left_out, *(f"{file}: {text}" for text in notes)),
+        warnings=(*omitted, *(f"{file}: {text}" for text in notes)),
         bars=bars,
         objective=results.objective,
     )

@@ -44,12 +44,14 @@ def write_sheet(config: ViewConfig, output: Path) -> Outcome:
 
 def fitted_image(scene: Scene, row: int) -> FittedImage:
     """Return one frame of the first layer of a scene; the shape is all nan where the fit failed."""
-    layer = scene.layers[0]
+    layer, observed = scene.layers[0], scene.observed
     shape = layer.points[row]
     mesh = _mesh(scene, row)
     return FittedImage(
         title=scene.items[row],
-        landmarks=np.full_like(shape[:2], np.nan) if scene.observed is None else scene.observed[row],
+        landmarks=np.full_like(shape[:2], np.nan)
+        if scene.observed is None
+        else scene.observed[row],
         shape=shape,
         projected=shape[:2] if layer.fitted is None else layer.fitted[row],
         mesh=mesh,
