@@ -176,8 +176,8 @@ def find_parts(result: Path) -> tuple[list[Part], tuple[Failure, ...], int]:
     except (KeyError, TypeError, ValueError, IndexError) as error:
         found = f"is not a manifest of results ({type(error).__name__}: {error})"
         raise input_error(manifest.path, found, "fit again") from None
-    strange = {path.name for path in result.glob("part-*")} - manifest.done.keys()
-    wrong += [Failure(name, "is not in the manifest") for name in sorted(strange)]
+    unlisted = {path.name for path in result.glob("part-*")} - manifest.done.keys()
+    wrong += [Failure(name, "is not in the manifest") for name in sorted(unlisted)]
     if not manifest.done:
         wrong.append(Failure("manifest", "lists no part"))
     return parts, tuple(wrong), images

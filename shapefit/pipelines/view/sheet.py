@@ -49,9 +49,7 @@ def fitted_image(scene: Scene, row: int) -> FittedImage:
     mesh = _mesh(scene, row)
     return FittedImage(
         title=scene.items[row],
-        landmarks=np.full_like(shape[:2], np.nan)
-        if scene.observed is None
-        else scene.observed[row],
+        landmarks=np.full_like(shape[:2], np.nan) if observed is None else observed[row],
         shape=shape,
         projected=shape[:2] if layer.fitted is None else layer.fitted[row],
         mesh=mesh,
