@@ -7,8 +7,7 @@ import pytest
 from shapefit.cli.main import run as shapefit
 
 from shapefit.config import load_config
-from shapefit.io import open_landmarks, read_results, read_shapes, write_shapes
-from shapefit.io.listing import find_kind
+from shapefit.io import read_results, read_shapes, write_shapes
 from shapefit.io.records import LandmarkSet, ShapeSet
 from shapefit.pipelines.convert import run
 from tests.io.files import load, save
@@ -62,12 +61,6 @@ def test_landmarks_to_csv_and_back(tmp_path, landmarks):
     assert same.sequences == landmarks.sequences
 
 
-def test_a_frame_rate_of_the_config_is_stored(tmp_path, landmarks):
-    convert(tmp_path / "views.h5", output=tmp_path / "slow.h5", frame_rate=12.5)
-    with open_landmarks([tmp_path / "slow.h5"]) as source:
-        assert source.head.frame_rate == 12.5
-
-
 def test_doubtful_landmarks_are_hidden(tmp_path, landmarks):
     convert(tmp_path / "views.h5", output=tmp_path / "sure.h5", min_confidence=0.5)
     sure = load(tmp_path / "sure.h5")
@@ -76,16 +69,6 @@ def test_doubtful_landmarks_are_hidden(tmp_path, landmarks):
     np.testing.assert_array_equal(
         np.isnan(sure.landmarks[:, 0]).sum(), doubtful.sum() + 1 - (doubtful[3, 1])
     )
-
-
-def test_shapes_with_gaps(tmp_path, rng):
-    points = rng.normal(size=(3, 3, 4))
-    points[1, :, 2] = np.nan
-    write_shapes(tmp_path / "walk.h5", ShapeSet(points, NAMES, ("x", "y", "z"), unit="m"))
-    convert(tmp_path / "walk.h5", output=tmp_path / "walk.csv")
-    assert find_kind(tmp_path / "walk.csv") == "shapes"
-    same = read_shapes([tmp_path / "walk.csv"], gaps=True)
-    np.testing.assert_array_equal(same.shapes, points)
 
 
 def test_a_result_keeps_its_proof(world, tmp_path):
@@ -97,18 +80,6 @@ def test_a_result_keeps_its_proof(world, tmp_path):
     np.testing.assert_array_equal(
         read_results(tmp_path / "result.csv").shapes, read_results(result).shapes
     )
-
-
-def test_pixels_have_two_decimals_in_csv(tmp_path, landmarks):
-    wide = landmarks.replaced(landmarks=100 * landmarks.landmarks)
-    rounded = np.round(wide.landmarks, 2)
-    wide.landmarks[0, 0, 0] = rounded[0, 0, 0] = 1e308  # times a hundred it is no number
-    save(tmp_path / "wide.h5", wide)
-    convert(tmp_path / "wide.h5", output=tmp_path / "wide.csv")
-    convert(tmp_path / "wide.csv", output=tmp_path / "back.h5")
-    same = load(tmp_path / "back.h5")
-    np.testing.assert_array_equal(same.landmarks, rounded)
-    np.testing.assert_array_equal(same.confidence, wide.confidence)
 
 
 @pytest.mark.parametrize("every", [1, 2, 7])
@@ -152,29 +123,6 @@ def walk(world, tmp_path, monkeypatch) -> Path:
     return tmp_path / "result.h5"
 
 
-def times(path: Path) -> np.ndarray:
-    """Return the times of the frames of a file, in order, each once."""
-    lines = path.read_text().splitlines()
-    if path.suffix == ".bvh":
-        at = next(n for n, line in enumerate(lines) if line.startswith("Frame Time:"))
-        assert lines[at - 1].split()[1] == str(len(lines[at + 1 :]))
-        return np.arange(len(lines[at + 1 :])) * float(lines[at].split()[2])
-    parted = "," if path.suffix == ".csv" else "\t"
-    rows = [line.split(parted) for line in lines]
-    at = next(n for n, row in enumerate(rows) if "time" in row)
-    return np.unique([float(row[rows[at].index("time")]) for row in rows[at + 1 :]])
-
-
-@pytest.mark.parametrize("ending", ["bvh", "mot", "metres.csv", "angles.csv"])
-def test_thinned_motion_lasts_as_long(walk, ending):
-    for every in (1, 2):
-        convert(walk, output=walk.with_name(f"{every}.{ending}"), every=every)
-    whole, thin = (times(walk.with_name(f"{every}.{ending}")) for every in (1, 2))
-    assert (len(whole), len(thin)) == (80, 40)
-    np.testing.assert_allclose(thin, whole[::2], atol=1e-5)
-    assert thin[-1] == pytest.approx(78 / 30, abs=1e-4)
-
-
 @pytest.mark.parametrize("ending", ["trc", "c3d", "metres.csv"])
 def test_what_fit_writes_can_be_judged(walk, ending, capsys):
     convert(walk, output=walk.with_name(f"walk.{ending}"))
@@ -185,9 +133,3 @@ def test_what_fit_writes_can_be_judged(walk, ending, capsys):
     assert "80 images" in told.err + told.out
     (warning,) = [line for line in told.err.splitlines() if line.startswith("Warning")]
     assert warning.endswith("holds shapes alone: no camera, rotation and reprojection")
-
-
-def test_a_dictionary_is_counted_as_one(world, tmp_path, capsys):
-    dictionary = world.dictionary("people")
-    assert shapefit(["convert", str(dictionary), "-o", str(tmp_path / "d.h5")]) == 0
-    assert "Result  1 dictionary" in "".join(capsys.readouterr())

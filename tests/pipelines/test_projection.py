@@ -1,19 +1,14 @@
 """`project`: views of known shapes, with what is carried along and what is drawn at random."""
 
-import json
-
-import h5py
 import numpy as np
 import pytest
 
 from shapefit.config import ProjectConfig
 from shapefit.io import write_shapes
-from shapefit.io.layout import VERSION
 from shapefit.io.records import ShapeSet
 from shapefit.pipelines import projection
 from shapefit.pipelines.projection import (
     BATCH,
-    LEAST_VISIBLE,
     add_noise,
     hide,
     run,
@@ -89,14 +84,6 @@ def test_each_sequence_turns_once_whatever_stands_between_its_frames(tmp_path, s
         np.testing.assert_allclose(np.linalg.det(R), 1, atol=1e-12)
 
 
-def test_shapes_without_sequences_are_one_sequence_over_all_blocks(tmp_path, many):
-    images, _ = view(tmp_path, many)
-    R = images.columns["true_rotation"]
-    turned = np.arctan2(R[:, 0, 2], R[:, 0, 0]) / (2 * np.pi) % 1
-    np.testing.assert_allclose(turned, np.arange(len(many)) / len(many), atol=1e-12)
-    np.testing.assert_allclose(images.landmarks[:, 1], -many.shapes[:, 1], atol=1e-12)
-
-
 def test_names_sequences_unit_and_further_datasets_are_carried(tmp_path, shapes):
     images, _ = view(tmp_path, shapes)
     assert images.landmark_names == NAMES
@@ -105,16 +92,6 @@ def test_names_sequences_unit_and_further_datasets_are_carried(tmp_path, shapes)
     assert (images.unit, images.y_axis, images.confidence) == ("m", "down", None)
     assert list(images.columns["subject"]) == list(shapes.columns["subject"])
     assert list(images.columns["mirror_index"]) == [0, 2, 1, 3, 4]
-
-
-def test_the_file_says_how_it_was_made(tmp_path, shapes):
-    view(tmp_path, shapes, noise=0.5, seed=7)
-    with h5py.File(tmp_path / "views.h5") as file:
-        config = json.loads(file.attrs["config"])
-        assert (config["noise"], config["seed"]) == (0.5, 7)
-        assert list(json.loads(file.attrs["inputs"])) == [str(tmp_path / "shapes0.h5")]
-        assert file.attrs["version"] == VERSION
-        assert "shapefit_version" in file.attrs
 
 
 def test_a_weak_perspective_camera_scales_landmarks_and_noise_has_their_unit(tmp_path, many):
@@ -133,12 +110,6 @@ def test_the_seed_decides(tmp_path, shapes):
     assert not np.array_equal(first.landmarks, other.landmarks, equal_nan=True)
 
 
-def test_blocks_do_not_repeat_each_other(tmp_path, many):
-    images, _ = view(tmp_path, many, camera={"view": "random"})
-    R = images.columns["true_rotation"]
-    assert not np.isclose(R[:BATCH], R[BATCH : 2 * BATCH]).all(axis=(1, 2)).any()
-
-
 def test_an_image_depends_on_its_place_alone(tmp_path, many):
     keys = {
         "noise": 0.1,
@@ -150,27 +121,10 @@ def test_an_image_depends_on_its_place_alone(tmp_path, many):
     assert np.array_equal(whole.landmarks[: BATCH + 50], part.landmarks, equal_nan=True)
 
 
-def test_files_are_seen_one_after_the_other(tmp_path, many):
-    keys = {"noise": 0.1, "camera": {"view": "random"}}
-    whole, _ = view(tmp_path, many, **keys)
-    split, _ = view(tmp_path, many.take(slice(700)), many.take(slice(700, None)), **keys)
-    np.testing.assert_array_equal(split.landmarks, whole.landmarks)
-
-
 def test_no_shapes_give_a_file_without_images(tmp_path, shapes):
     images, outcomes = view(tmp_path, shapes.take(slice(0)))
     assert len(images) == 0
     assert [outcome.done for outcome in outcomes] == [0, 0]
-
-
-def test_csv_in_and_out(tmp_path, shapes):
-    write_shapes(tmp_path / "shapes.csv", shapes)
-    out = tmp_path / "views.csv"
-    list(run(ProjectConfig(shapes=[tmp_path / "shapes.csv"], output=out, hidden=0.2)))
-    lines = out.read_text().splitlines()
-    assert lines[0] == "item,landmark,x,y,sequence"
-    assert len(lines) == 1 + 8 * 5
-    assert sum(",,," in line for line in lines) == 8
 
 
 def test_what_came_with_the_shapes_is_no_truth_of_the_view(tmp_path, shapes):
@@ -211,12 +165,6 @@ def test_each_image_has_its_share_of_hidden_landmarks(noisy, rng, share):
     assert number.mean() == pytest.approx(share * P, abs=5 * 0.5 / np.sqrt(BATCH))
     often = hidden[:, 0].mean(axis=0)
     np.testing.assert_allclose(often, share, atol=5 * np.sqrt(share * (1 - share) / BATCH))
-
-
-@pytest.mark.parametrize("p", [1, 3, 4, 15])
-def test_some_landmarks_stay_visible(rng, p):
-    visible = np.isfinite(hide(rng.standard_normal((50, 2, p)), 0.99, rng)[:, 0])
-    assert np.array_equal(visible.sum(axis=1), np.full(50, min(p, LEAST_VISIBLE)))
 
 
 def test_a_seed_means_the_same_in_every_version():

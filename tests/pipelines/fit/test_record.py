@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from shapefit.io import open_landmarks, write_dictionary
-from shapefit.pipelines.fit.record import OF_A_RESULT
 from tests.io.files import save
 from tests.pipelines.fitted import fit_file
 from tests.pipelines.told import warnings
@@ -26,23 +25,6 @@ def fit(project, made_cars, tmp_path):
         return found, warnings(outcomes)
 
     return fit
-
-
-@pytest.mark.parametrize(
-    "keys",
-    [
-        {"outliers": "l1"},
-        {
-            "method": "convex+refine",
-            "camera": {"focal": "files"},
-        },
-    ],
-)
-def test_every_dataset_of_a_fit_is_known_as_such(fit, keys):
-    """Or of the landmarks: their edges are those of the dictionary, whatever they were."""
-    found, told = fit(**keys)
-    assert found.further.keys() - {"camera_matrix", "edges"} <= OF_A_RESULT
-    assert not [line for line in told if "that a result uses" in line]
 
 
 def test_datasets_of_the_landmarks_do_not_pass_for_those_of_the_fit(fit):

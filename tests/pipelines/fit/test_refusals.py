@@ -1,7 +1,5 @@
 """`fit` and inputs that are refused, or taken with a warning; results as CSV."""
 
-import csv
-
 import numpy as np
 import pytest
 
@@ -9,7 +7,6 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.io import write_dictionary
 from shapefit.io.records import LandmarkSet
-from tests.pipelines.fitted import fit_file
 
 
 def test_a_refused_input_leaves_the_old_result(fit, tmp_path, dictionary):
@@ -19,14 +16,6 @@ def test_a_refused_input_leaves_the_old_result(fit, tmp_path, dictionary):
     assert (tmp_path / "result.h5").read_text() == "old"
     names = ["dictionary.h5", "result.h5", "views.csv"]
     assert sorted(path.name for path in tmp_path.iterdir()) == names
-
-
-def test_csv_has_sequences(tmp_path, dictionary, images, write):
-    fit_file(write(tmp_path / "views.h5", images), dictionary, tmp_path / "shapes.csv")
-    with (tmp_path / "shapes.csv").open() as file:
-        table = list(csv.DictReader(file))
-    assert len(table) == 80
-    assert list(table[0]) == ["item", "landmark", "x", "y", "z", "sequence"]
 
 
 NAMES = tuple("abcdef")

@@ -116,12 +116,6 @@ def test_a_landmark_that_is_mostly_wrong_is_named(planted, tmp_path):
     assert "in which point3 contradicts" in told
 
 
-def test_frames_with_a_landmark_that_is_mostly_wrong_stay_trusted(planted, tmp_path):
-    images, _ = planted[2](1, RESIDUAL_VARIANCE, wrong=3, error=1.5)
-    result, _ = fit_images(tmp_path, images, planted[0], **KEYS)
-    assert result.columns["trusted"].mean() > 0.6
-
-
 def test_of_pairs_as_likely_the_widest_is_taken_with_the_least_variance():
     noise = np.random.default_rng(0).normal(size=(4, 100))
     noise -= noise.mean(axis=1, keepdims=True)

@@ -7,7 +7,7 @@ from shapefit.config import load_config
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
-from shapefit.io import read_results, write_dictionary
+from shapefit.io import write_dictionary
 from shapefit.io.skeletons import FURTHER, PEOPLE
 from shapefit.pipelines.convert import run as convert
 from shapefit.pipelines.fit.run import run as fit
@@ -67,14 +67,6 @@ def test_a_fit_is_written_in_metres_at_once_or_later(tmp_path, films, measured):
         now, later = (points(tmp_path / f"{when}_{name}.trc") for when in ("now", "later"))
         np.testing.assert_array_equal(now, later)
         np.testing.assert_allclose(total(now), 0.6)
-
-
-def test_what_the_result_stores(tmp_path, films, measured):
-    run(fit, "fit", tmp_path / "result.h5", landmarks=[films], dictionary=measured)
-    result = read_results(tmp_path / "result.h5")
-    assert result.attributes["metres_from"] == "edges"
-    metres = result.columns["metres_per_unit"][:, None, None] * result.shapes
-    np.testing.assert_allclose(total(metres.swapaxes(1, 2)), 0.6)
 
 
 def test_without_a_size_height_is_asked_for(tmp_path, films, dictionary):

@@ -69,19 +69,3 @@ def test_models_are_turned_onto_each_other_with_their_meshes(make, models):
     middle = models.shapes.mean(axis=2, keepdims=True)
     turned = alignment.rotations @ (models.mesh_vertices - middle)
     np.testing.assert_allclose(metric(dictionary, dictionary.mesh_vertices), turned, atol=1e-12)
-
-
-def test_the_dictionary_without_a_model_is_that_of_the_others(make, models, same_dictionary):
-    whole, _ = make(models, align="none", **EXEMPLARS)
-    others, _ = make(models.take([0, 1, 2, 3, 5, 6, 7, 8]), align="none", **EXEMPLARS)
-    same_dictionary(whole.without("model4"), others)
-
-
-@pytest.fixture
-def same_dictionary():
-    def check(one, other):
-        assert (one.atom_items, one.unit) == (other.atom_items, other.unit)
-        for name in ("atoms", "mean_shape", "mesh_vertices", "mesh_faces", "atom_scale", "edges"):
-            np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-12)
-
-    return check

@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import trimesh
 
 from shapefit.dictionary.learning import learn
 from shapefit.geometry.normalisation import normalise, std
 from shapefit.geometry.procrustes import generalised_procrustes
-from shapefit.io import ShapeSet, read_shapes
+from shapefit.io import ShapeSet
 from shapefit.meshes.dense import carry_mesh, mesh_of_atoms
 from shapefit.pipelines.learn_dict import from_3d
 from tests.pipelines.told import warnings
@@ -82,19 +81,3 @@ def test_an_atom_that_is_no_mixture_leaves_the_meshes_out(make, models, monkeypa
         "the meshes are left out: an atom is not a linear combination of the training shapes"
     ]
     assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
-
-
-@pytest.mark.real_data
-def test_learned_real_cars_are_closed_meshes_of_car_size(make, real_data):
-    models = read_shapes([real_data / "cars" / "models.h5"])
-    dictionary, outcomes = make(models, k=8, iterations=5, align="none")
-    assert not any("mesh" in warning for warning in warnings(outcomes))
-    assert dictionary.mesh_vertices.shape == (8, 3, 1352)
-    lengths = np.ptp(models.mesh_vertices[:, 2], axis=-1)
-    for vertices, scale in zip(dictionary.mesh_vertices, dictionary.atom_scale, strict=True):
-        mesh = trimesh.Trimesh(scale * vertices.T, dictionary.mesh_faces, process=False)
-        assert mesh.is_watertight
-        assert mesh.is_winding_consistent
-        assert mesh.volume > 0
-        assert np.isfinite(mesh.vertices).all()
-        assert 0.8 * lengths.min() < mesh.extents[2] < 1.2 * lengths.max()

@@ -50,15 +50,3 @@ def test_files_without_a_landmark_that_is_mostly_known(tmp_path, rng):
         learn(trc(tmp_path / "walk.trc", points), tmp_path / "d.h5")
     with pytest.raises(InputError, match="0 shapes to learn from"):
         learn(trc(tmp_path / "walk.trc", points[:0]), tmp_path / "d.h5")
-
-
-@pytest.mark.real_data
-def test_a_real_c3d_is_one_command(tmp_path, real_data):
-    """A walking animal: four points that were never seen are left out."""
-    pytest.importorskip("ezc3d", reason="ezc3d is the extra `c3d`")
-    path = real_data / "formats/motion/runway03.c3d"
-    dictionary, warnings = learn(path, tmp_path / "d.h5", k=16, iterations=3)
-    assert len(dictionary.landmark_names) >= 8
-    assert not any(name.startswith("*") for name in dictionary.landmark_names)
-    assert any("*12" in text for text in warnings)
-    assert np.isfinite(dictionary.atoms).all()

@@ -15,7 +15,6 @@ from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes, rotation_onto
 from shapefit.geometry.rotations import random_rotations
 from shapefit.io import ShapeSet, digest, read_dictionary, read_shapes, write_shapes
-from shapefit.io.source import Source
 from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.learn_dict import training_shapes
 from shapefit.pipelines.learn_dict.training_shapes import every_nth
@@ -73,14 +72,6 @@ class TestDictionary:
         np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
         np.testing.assert_array_equal(dictionary.objective_trace, expected.trace)
         np.testing.assert_array_equal(dictionary.mean_shape, normalise(aligned.mean).points)
-
-    def test_several_files_are_one_set_of_shapes(self, config, shapes, tmp_path):
-        _, whole = learned(config())
-        write_shapes(tmp_path / "walk.h5", shapes.take(slice(0, 10)))
-        write_shapes(tmp_path / "run.h5", shapes.take(slice(10, 30)))
-        files = [str(tmp_path / "walk.h5"), str(tmp_path / "run.h5")]
-        _, joined = learned(config(shapes=files))
-        np.testing.assert_array_equal(joined.atoms, whole.atoms)
 
     def test_knows_how_long_its_edges_were(self, config, shapes):
         i, j = EDGES.T
@@ -194,15 +185,6 @@ class TestFailures:
         _, expected = learned(config(shapes.take(np.arange(30) != 4)))
         np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
 
-    def test_shapes_that_are_not_finite_are_left_out(self, config, shapes, monkeypatch):
-        points = shapes.shapes.copy()
-        points[4, 0, 0], points[7, 1, 2] = np.nan, np.inf
-        spoiled = shapes.replaced(shapes=points)
-        monkeypatch.setattr(Source, "whole", lambda _: spoiled)
-        outcomes, dictionary = learned(config())
-        assert failures(outcomes) == dict.fromkeys(("item4", "item7"), "a coordinate is not finite")
-        assert np.isfinite(dictionary.atoms).all()
-
 
 class TestRefusals:
     def test_failed_shapes_do_not_count(self, config, shapes):
@@ -215,13 +197,6 @@ class TestRefusals:
         points = np.repeat(shapes.shapes[:, :, :1], shapes.shapes.shape[2], axis=2)
         with pytest.raises(InputError, match=r"0 shapes.*; item0, for one: all its landmarks are"):
             list(learn_dict.run(config(shapes.replaced(shapes=points), k=1)))
-
-    def test_a_refusal_leaves_the_old_dictionary(self, config):
-        made = config()
-        made.output.write_bytes(b"old")
-        with pytest.raises(InputError):
-            list(learn_dict.run(config(k=31)))
-        assert made.output.read_bytes() == b"old"
 
 
 @pytest.mark.real_data

@@ -212,13 +212,6 @@ class TestResultsAreNotLost:
 
 
 class TestWhatIsRefusedOrReplaced:
-    @pytest.mark.parametrize("name", ["manifest.jsonl.h5", "part-00000.h5"])
-    def test_a_file_is_never_a_folder_of_results(self, name):
-        Path("part-00007.h5").write_text("of somebody else")
-        before = {path.name for path in Path().iterdir()}
-        assert shapefit(["fit", "one.h5", "-d", "dict.h5", "-o", name, "-q"]) == 0
-        assert {path.name for path in Path().iterdir()} == before | {name}
-
     def test_a_second_run_into_the_folder(self):
         fit()
         with (OUT / ".lock").open("w") as file:
