@@ -156,7 +156,7 @@ test-levels: $(ALL_READY)
 
 # Quick tests that reach each kernel. Python itself never frees all of its memory, so leaks are not
 # checked. -s shows the report.
-SANITIZED_TESTS := tests/core tests/convex tests/dictionary/test_coding.py tests/lifting/test_methods.py \
+SANITIZED_TESTS := tests/core/test_arguments.py tests/convex tests/dictionary/test_coding.py tests/lifting/test_methods.py \
     $(addprefix tests/lifting/,global_optimum outliers perspective posterior sequences shared_rotation)
 SANITIZERS = $(shell for library in libasan.so libubsan.so libstdc++.so.6; do \
     $(CXX) -print-file-name=$$library; done)

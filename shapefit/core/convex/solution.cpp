@@ -62,7 +62,8 @@ double centre(Matrix<const double> W, Vector<const double> omega, Certifier& roo
         if (omega[j] > 0 && first < 0) first = j;
     }
     for (int a = 0; a < 2; ++a) {
-        const double anchor = W[a][first];  // taken off first: landmarks on one point give exact 0
+        // taken off first: landmarks on one point give exact 0; 0 where nothing is seen
+        const double anchor = first < 0 ? 0 : W[a][first];
         mean[a] = 0;
         for (long j = 0; j < p; ++j)
             if (omega[j] > 0) mean[a] += square(omega[j]) * (W[a][j] - anchor) / total;
