@@ -1,4 +1,4 @@
-"""The arrays that signatures name; docstrings give their axes. Their median."""
+"""The arrays that signatures name; docstrings give their axes. Their median; indices."""
 
 from __future__ import annotations
 
@@ -16,3 +16,8 @@ def median(values: NDArray[Any]) -> float:
     """Median of numbers (n,), one at least; NumPy's first takes 0.06 s to import masked arrays."""
     ordered = np.sort(values)
     return float((ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2]) / 2)
+
+
+def evenly(n: int, most: int) -> NDArray[np.intp]:
+    """Return at most so many indices out of n that lie evenly."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).astype(np.intp))

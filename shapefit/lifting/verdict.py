@@ -32,7 +32,9 @@ from shapefit.arrays import Flags, Floats, median
 from shapefit.convex.solver import Status
 from shapefit.geometry.normalisation import std
 from shapefit.lifting.estimate import CORRELATION, Estimate
-from shapefit.lifting.posterior.p_value import VIEWED
+
+VIEWED = 6
+"""Numbers of a view: rotation, scale, translation; they take up as many of the 2 m coordinates."""
 
 TRUSTED, REASONS, P_VALUE = "trusted", "reasons", "p_value"
 """Datasets (n,) of a result: true or false, why not, and a p-value."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from shapefit.arrays import Floats, evenly
 from shapefit.dictionary.from_2d.learning import (
     State,
     complete,
@@ -18,7 +19,7 @@ from shapefit.dictionary.from_2d.learning import (
     improve,
     predict,
 )
-from shapefit.dictionary.from_2d.model import Floats, Images, Views, evenly, hide, posterior_mean
+from shapefit.dictionary.from_2d.model import Images, Views, hide, posterior_mean
 from shapefit.geometry.rotations import rotation_about_axis
 
 SAMPLE, ROUNDS, RANK, MEANS = 200, 15, 9, 10

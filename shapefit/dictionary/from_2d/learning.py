@@ -19,9 +19,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from shapefit.arrays import Floats, evenly
 from shapefit.dictionary.from_2d.model import (
     MOST_MODES,
-    Floats,
     Gaussian,
     Images,
     Indices,
@@ -30,7 +30,6 @@ from shapefit.dictionary.from_2d.model import (
     ascent,
     change_inliers,
     choose,
-    evenly,
     hide,
     posterior_mean,
     scatter,

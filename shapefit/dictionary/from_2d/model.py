@@ -29,9 +29,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from shapefit.arrays import Floats
 from shapefit.geometry.rotations import exponential
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 Record = TypeVar("Record", bound=Any)
@@ -306,11 +306,6 @@ def choose(mask: Mask, yes: Record, no: Record) -> Record:
     pairs = ((getattr(yes, each.name), getattr(no, each.name)) for each in fields(yes))
     rows = (np.where(mask.reshape(-1, *(1,) * (a.ndim - 1)), a, b) for a, b in pairs)
     return type(yes)(*rows)
-
-
-def evenly(n: int, most: int) -> Indices:
-    """Return at most so many indices out of n that lie evenly."""
-    return np.unique(np.linspace(0, n - 1, min(n, most)).astype(np.intp))
 
 
 def hide(visible: Mask) -> Mask:

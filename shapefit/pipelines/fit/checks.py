@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from shapefit.dictionary.from_2d.model import evenly
+from shapefit.arrays import evenly
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.io.skeletons import installed_skeletons

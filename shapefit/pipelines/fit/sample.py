@@ -21,8 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from shapefit.arrays import Floats
-from shapefit.dictionary.from_2d.model import evenly
+from shapefit.arrays import Floats, evenly
 from shapefit.io import LandmarkSet
 from shapefit.io.skeletons import THETA
 from shapefit.lifting.lift import Lifting

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, evenly
 from shapefit.config import LearnDictConfig
 from shapefit.config.commands.learn_dict import PriorConfig
 from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, UNLIKE, Judgement, evaluate_class
 from shapefit.dictionary.from_2d.learning import State, learn
-from shapefit.dictionary.from_2d.model import Images, evenly, hide
+from shapefit.dictionary.from_2d.model import Images, hide
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import DEPTH_AMBIGUITY, LEARNED_FROM, OPEN, VERDICT, Dictionary
 from shapefit.errors import counted, input_error
