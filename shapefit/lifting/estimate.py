@@ -60,8 +60,8 @@ class Estimate:
     method that looks through the camera of the problem itself: then W is seen of shapes +
     camera_translation, both in the unit of the dictionary, and T (n, 2) is where the middle of the
     shapes is seen.
-    further: what else a method knows, (n, ...) by the name of its dataset in the result; in the
-    unit that it is stored in, and among what the table of methods says that it yields.
+    further: what else a method knows, (n, ...) by the name of its dataset in the result, in the
+    unit that it is stored in.
     """
 
     shapes: Floats
