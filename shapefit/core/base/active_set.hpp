@@ -75,7 +75,7 @@ class Cholesky {
         return true;
     }
 
-    // Where the Gram matrix of many vectors stands from the diagonal on, before `decompose`, with
+    // Where the Gram matrix of many vectors stands from the diagonal on, before `svd_and_prox`, with
     // h_e in the place after the last of them.
     double* row(long e) { return rows_ + e * stride_; }
 
@@ -84,7 +84,7 @@ class Cholesky {
     //
     // U row by row, less the products of the rows above, which are summed in registers. `append`
     // takes a sum across lanes for each of them.
-    bool decompose(long count, double dependent, bool lifted, double* minus_Wu) {
+    bool svd_and_prox(long count, double dependent, bool lifted, double* minus_Wu) {
         for (size_ = 0; size_ < count;) {
             double* __restrict current = row(size_);
             const double square = current[size_];
@@ -295,7 +295,7 @@ bool factorise(const Terms& terms, ActiveSet& set, double dependent) {
             terms.overlaps(set.index[e], set.index + e, set.count - e, row + e);
             row[set.count] = terms.pull(set.index[e], set.sign[e]);
         }
-        return set.factor.decompose(set.count, dependent, Terms::scaled, set.column);
+        return set.factor.svd_and_prox(set.count, dependent, Terms::scaled, set.column);
     }
     while (set.factor.size() < set.count) {
         const long m = set.factor.size(), i = set.index[m];

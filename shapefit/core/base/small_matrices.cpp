@@ -39,7 +39,7 @@ void invert_rows(const double* U, double* V, long i, long stride) {
 
 }  // namespace
 
-double factorise_block(double* S, double* V, long n, long stride) {
+double cholesky_inverse(double* S, double* V, long n, long stride) {
     double log_det = 0;
     for (long i = 0; i < n; i += TILE_ROWS) {
         const long from = i / PADDING * PADDING;

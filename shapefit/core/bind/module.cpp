@@ -19,7 +19,7 @@ double monotonic_seconds() {
 
 namespace {
 
-void define(nb::module_& module, const Function& function) {
+void bind_function(nb::module_& module, const Function& function) {
     static std::deque<std::string> signatures;  // Python keeps the pointers
     Signature list;
     function.call(list);
@@ -46,5 +46,5 @@ NB_MODULE(SHAPEFIT_MODULE, module) {
     std::sort(functions.begin(), functions.end(), [](const Function* a, const Function* b) {
         return std::strcmp(a->name, b->name) < 0;
     });
-    for (const Function* each : functions) define(module, *each);
+    for (const Function* each : functions) bind_function(module, *each);
 }

@@ -102,13 +102,13 @@ void ActiveBlocks::find(const double* M, const double* N, double sigma, double t
     for (long c = 0; c < count; ++c)
         for (int e = 0; e < 6; ++e)
             argument[e * room + c] = M[e * k + index[c]] + sigma * N[e * k + index[c]];
-    for (long c = 0; c < count; c += WIDTH) decompose(c, t);
+    for (long c = 0; c < count; c += WIDTH) svd_and_prox(c, t);
     norms = 0;
     for (long c = 0; c < count; ++c) norms += norm[c];
 }
 
 // Frame and prox of blocks c, c + 1, ...
-void ActiveBlocks::decompose(long c, double t) {
+void ActiveBlocks::svd_and_prox(long c, double t) {
     const long n = room;
     const Vector3 x = load3(argument, n, c), y = load3(argument + 3 * n, n, c), normal = cross(x, y);
     const Doubles A = dot(x, x), C = dot(y, y), D = dot(x, y), product = root(dot(normal, normal));

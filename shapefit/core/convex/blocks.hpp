@@ -115,7 +115,7 @@ struct ActiveBlocks {
     void subtract_fit(ReducedAtoms& atoms, double* y0, double* y1, long q) const;
 
   private:
-    void decompose(long c, double t);
+    void svd_and_prox(long c, double t);
     void lay_directions(double sigma, const double* moved);
 
     double* row_;  // (7, 6, room): the six numbers of each direction, and the right-hand side

@@ -111,7 +111,7 @@ long finish_tiles(const GramSystem& s, long i, long j, long left, double (&share
     return finish_tile<first ? DIAGONAL : 1, first>(s, i, j, share), first ? DIAGONAL : 1;
 }
 
-void factorise_block(const GramSystem& s, long i) {
+void cholesky_inverse(const GramSystem& s, long i) {
     double share[BLOCK][BLOCK];
     const long start = grid_at(i);
     long left = (s.columns + 1 - start + WIDTH - 1) / WIDTH;  // vectors of columns, r among them
@@ -154,7 +154,7 @@ void find_least_pivots(const GramSystem& s) {
 
 void solve_system(const GramSystem& s, double* x) {
     if (s.least) find_least_pivots(s);
-    for (long i = 0; i < s.columns; i += BLOCK) factorise_block(s, i);
+    for (long i = 0; i < s.columns; i += BLOCK) cholesky_inverse(s, i);
     substitute_back(s, x);
 }
 

@@ -76,8 +76,8 @@ struct Shapes {
 };
 
 // The visible landmarks of one image. The first one again, with weight 0, fills up vectors.
-struct Sight {
-    Sight(Workspace& workspace, long p)
+struct Observations {
+    Observations(Workspace& workspace, long p)
         : w{workspace.zeros<double>(padded(p)), workspace.zeros<double>(padded(p))},
           omega(workspace.zeros<double>(padded(p))),
           index(workspace.zeros<int64_t>(padded(p))) {}
@@ -129,17 +129,17 @@ struct Position {
     bool in_front = false;    // all are
 };
 
-void project(const Shapes& shapes, const Sight& sight, Position& here) {
-    const long p = shapes.p, filled = sight.filled, length = padded(3 * p);
+void project(const Shapes& shapes, const Observations& observations, Position& here) {
+    const long p = shapes.p, filled = observations.filled, length = padded(3 * p);
     mix_rows(here.at.c, shapes.k, shapes.rows.data, length, length, here.S);
     for (int b = 0; b < 3; ++b)  // gathered where X will be
-        for (long j = 0; j < filled; ++j) here.X[b][j] = here.S[b * p + sight.index[j]];
+        for (long j = 0; j < filled; ++j) here.X[b][j] = here.S[b * p + observations.index[j]];
     // Named pointers: an array of them hides from the compiler that they are apart.
     double *__restrict x = here.X[0], *__restrict y = here.X[1], *__restrict z = here.X[2];
     double *__restrict turned_x = here.turned[0], *__restrict turned_y = here.turned[1];
     double *__restrict turned_z = here.turned[2];
     double *__restrict r_x = here.r[0], *__restrict r_y = here.r[1];
-    const double *w_x = sight.w[0], *w_y = sight.w[1], *omega = sight.omega;
+    const double *w_x = observations.w[0], *w_y = observations.w[1], *omega = observations.omega;
     const double *R = here.at.R, *t = here.at.t;
     double behind = 0;
     for (long j = 0; j < filled; ++j) {
@@ -150,9 +150,9 @@ void project(const Shapes& shapes, const Sight& sight, Position& here) {
         x[j] = turned_x[j] + t[0];
         y[j] = turned_y[j] + t[1];
         z[j] = turned_z[j] + t[2];
-        const double depth = sight.sign * z[j], inverse = 1 / depth;
-        const double u = omega[j] * (sight.centre[0] + sight.focal[0] * x[j] * inverse - w_x[j]);
-        const double v = omega[j] * (sight.centre[1] + sight.focal[1] * y[j] * inverse - w_y[j]);
+        const double depth = observations.sign * z[j], inverse = 1 / depth;
+        const double u = omega[j] * (observations.centre[0] + observations.focal[0] * x[j] * inverse - w_x[j]);
+        const double v = omega[j] * (observations.centre[1] + observations.focal[1] * y[j] * inverse - w_y[j]);
         r_x[j] = depth > 0 ? u : INFINITE;
         r_y[j] = depth > 0 ? v : INFINITE;
         behind += depth > 0 ? 0.0 : 1.0;
@@ -161,11 +161,11 @@ void project(const Shapes& shapes, const Sight& sight, Position& here) {
 }
 
 // The objective; infinite unless all landmarks are in front.
-double evaluate(const Shapes& shapes, const Sight& sight, const Position& here, double softness) {
+double evaluate(const Shapes& shapes, const Observations& observations, const Position& here, double softness) {
     if (!here.in_front) return INFINITE;
     const double square_of = square(softness), inverse = 1 / square_of;
     double loss = 0, distance = 0;
-    for (long j = 0; j < sight.filled; ++j)
+    for (long j = 0; j < observations.filled; ++j)
         loss += log_of_one_plus((square(here.r[0][j]) + square(here.r[1][j])) * inverse);
     for (long i = 0; i < shapes.filled; ++i) distance += square(here.at.c[i] - shapes.prior[i]);
     return 0.5 * (square_of * loss + shapes.ridge * distance);
@@ -191,17 +191,17 @@ class NormalEquations {
     }
 
     // H = J^T J at a position, its upper triangle by blocks of 8.
-    void linearise(const Sight& sight, const Position& here, double softness) {
+    void linearise(const Observations& observations, const Position& here, double softness) {
         const double inverse = 1 / square(softness);
         double *__restrict root_of_weight = root_of_weight_, *__restrict inverse_depth = inverse_depth_;
-        for (long j = 0; j < sight.filled; ++j) {
+        for (long j = 0; j < observations.filled; ++j) {
             const double size = square(here.r[0][j]) + square(here.r[1][j]);
             root_of_weight[j] = 1 / root(1 + size * inverse);
-            inverse_depth[j] = 1 / (sight.sign * here.X[2][j]);
+            inverse_depth[j] = 1 / (observations.sign * here.X[2][j]);
         }
-        for (long j = 0; j < sight.count; ++j)
-            for (int a = 0; a < 2; ++a) fill_row(sight, here, j, a, J_[2 * j + a].data);
-        sum_squares(2 * sight.count);
+        for (long j = 0; j < observations.count; ++j)
+            for (int a = 0; a < 2; ++a) fill_row(observations, here, j, a, J_[2 * j + a].data);
+        sum_squares(2 * observations.count);
     }
 
     void step(double damping, const Unknowns& at, Unknowns& next) {
@@ -223,13 +223,13 @@ class NormalEquations {
 
   private:
     // Row a of landmark j.
-    void fill_row(const Sight& sight, const Position& here, long j, int a,
+    void fill_row(const Observations& observations, const Position& here, long j, int a,
                   double* __restrict row) const {
         const double root_of_weight = root_of_weight_[j], inverse_depth = inverse_depth_[j];
-        const double along = root_of_weight * sight.omega[j] * sight.focal[a] * inverse_depth;
+        const double along = root_of_weight * observations.omega[j] * observations.focal[a] * inverse_depth;
         double v[3] = {}, u[3];  // the derivative in X_j, and in the frame of the atoms
         v[a] = along;
-        v[2] = -along * here.X[a][j] * (sight.sign * inverse_depth);
+        v[2] = -along * here.X[a][j] * (observations.sign * inverse_depth);
         const double turned[3] = {here.turned[0][j], here.turned[1][j], here.turned[2][j]};
         cross(turned, v, row);
         for (int b = 0; b < 3; ++b) row[3 + b] = v[b];
@@ -237,7 +237,7 @@ class NormalEquations {
         const double* R = here.at.R;
         for (int b = 0; b < 3; ++b) u[b] = v[0] * R[b] + v[1] * R[3 + b] + v[2] * R[6 + b];
         const long filled = shapes_.filled;
-        const double* atoms = shapes_.by_landmark[sight.index[j]].data;
+        const double* atoms = shapes_.by_landmark[observations.index[j]].data;
         for (long i = 0; i < filled; ++i)
             row[FIRST + i] = u[0] * atoms[i] + u[1] * atoms[filled + i] + u[2] * atoms[2 * filled + i];
     }
@@ -338,14 +338,14 @@ class Refinement {
     Refinement(Workspace& workspace, const PerspectiveData& data)
         : data_(data),
           shapes_(workspace, data),
-          sight_(workspace, shapes_.p),
+          observations_(workspace, shapes_.p),
           equations_(workspace, shapes_),
           positions_{{workspace, shapes_}, {workspace, shapes_}} {}
 
     // The softness halves from 1 to its last value, so that many landmarks pull while the pose is
     // still coarse. DEGENERATE where a landmark begins behind the camera: no step is taken from there.
     void refine(long image) {
-        sight_.take(data_, image);
+        observations_.take(data_, image);
         Unknowns& start = here().at;
         start.R = Rotation::from(data_.rotation[image].data);
         for (int a = 0; a < 3; ++a) start.t[a] = data_.translation[image][a];
@@ -362,11 +362,11 @@ class Refinement {
 
   private:
     Position& here() { return positions_[current_]; }
-    double value(double soft) { return evaluate(shapes_, sight_, here(), soft); }
+    double value(double soft) { return evaluate(shapes_, observations_, here(), soft); }
 
     Refined go_on() {
         double soft = larger(1, data_.softness), damping = FIRST_DAMPING;
-        project(shapes_, sight_, here());
+        project(shapes_, observations_, here());
         double F = value(soft);
         if (!here().in_front) return {NOT_A_NUMBER, 0, Status::DEGENERATE};
         if (!is_finite(F)) return {NOT_A_NUMBER, 0, Status::NUMERICAL_FAILURE};
@@ -385,11 +385,11 @@ class Refinement {
     // Take the first damped step that lowers the objective F; by what share it fell, 0 for none.
     double improve(double soft, double& damping, double& F) {
         Position& there = positions_[1 - current_];
-        equations_.linearise(sight_, here(), soft);
+        equations_.linearise(observations_, here(), soft);
         for (; damping <= MOST_DAMPING; damping *= HARDEN) {
             equations_.step(damping, here().at, there.at);
-            project(shapes_, sight_, there);
-            const double trial = evaluate(shapes_, sight_, there, soft);
+            project(shapes_, observations_, there);
+            const double trial = evaluate(shapes_, observations_, there, soft);
             if (!(trial < F)) continue;
             const double fall = (F - trial) / F;
             F = trial;
@@ -402,7 +402,7 @@ class Refinement {
 
     const PerspectiveData& data_;
     Shapes shapes_;
-    Sight sight_;
+    Observations observations_;
     NormalEquations equations_;
     Position positions_[2];
     int current_ = 0;

@@ -55,7 +55,7 @@ bool is_near(const double* R, const double* other, double most) {
 //
 // The sum is convex in Rbar, so that the maximiser of its linearisation, the polar factor of
 // sum_i max(0, <M_i, Rbar>) M_i, never lowers it.
-double climb(Tensor<const double> blocks, const Rotation* known, Rotation& R) {
+double ascent(Tensor<const double> blocks, const Rotation* known, Rotation& R) {
     double value = 0;
     for (int round = 0; round < MOST_ROUNDS; ++round) {
         double total[6] = {};
@@ -75,7 +75,7 @@ double climb(Tensor<const double> blocks, const Rotation* known, Rotation& R) {
     return value;
 }
 
-// Climb from the sum of all blocks (k, 2, 3) and from the largest ones; the best goes to R.
+// Ascent from the sum of all blocks (k, 2, 3) and from the largest ones; the best goes to R.
 void synchronise_image(Tensor<const double> blocks, double* norms, Rotation& R) {
     double start[6] = {};
     Rotation trial;
@@ -95,7 +95,7 @@ void synchronise_image(Tensor<const double> blocks, double* norms, Rotation& R) 
             for (int e = 0; e < 6; ++e) start[e] = blocks[longest].data[e];
         }
         if (!polar_rotation(start, trial)) continue;
-        const double value = climb(blocks, best < 0 ? nullptr : &R, trial);
+        const double value = ascent(blocks, best < 0 ? nullptr : &R, trial);
         if (value > best) {
             best = value;
             R = trial;

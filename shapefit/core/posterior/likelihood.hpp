@@ -42,7 +42,7 @@ struct PosteriorData {
     Blocks<const double> starts = from("starts", "n S 3 3");  // nan where there are fewer
     double chance = from("chance");  // that a landmark is an outlier
     double density = from("density");  // of outliers, per area in their unit
-    double still = from("still");  // a climb ends when the log likelihood gains less
+    double still = from("still");  // an ascent ends when the log likelihood gains less
     Tensor<double> mean = from("mean", "n 3 p");  // of y = s (R x + t), mean depth 0
     Tensor<double> deviation = from("deviation", "n 3 p");  // its standard deviations
     // of x with y, x with z and y with z of a landmark
@@ -54,8 +54,8 @@ struct PosteriorData {
     Vector<double> log_evidence = from("log_evidence", "n");  // of the image
     // squared Mahalanobis distance of the landmarks, noise of landmark j over its inlier_probability
     Vector<double> squared_mahalanobis = from("squared_mahalanobis", "n");
-    Vector<bool> stationary = from("stationary", "n");  // whether a climb ended on a maximum
-    Vector<int64_t> rounds = from("rounds", "n");  // steps taken by all climbs together
+    Vector<bool> stationary = from("stationary", "n");  // whether an ascent ended on a maximum
+    Vector<int64_t> rounds = from("rounds", "n");  // steps taken by all ascents together
     // The M most likely modes, where they are wanted.
     Matrix<int64_t> mode_component = from("mode_component", "n M?");  // -1 where there are fewer
     Blocks<double> mode_rotation = from("mode_rotation", "n M 3 3?");
@@ -282,8 +282,8 @@ Translation<Lanes> solve(long n, const LikelihoodSpace<Lanes>& space) {
 
 // X = R mu + R C A^T alpha: in depth by F, and across by P X = y - N alpha - E[t].
 template <class Lanes>
-void expect(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lanes* inlier_probability, const Translation<Lanes>& t,
-            const LikelihoodSpace<Lanes>& space) {
+void posterior_mean(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lanes* inlier_probability,
+                    const Translation<Lanes>& t, const LikelihoodSpace<Lanes>& space) {
     const long N = 2 * seen.m, n = tiled(N);
     for (long j = 0; j < seen.m; ++j) {
         const Lanes *F = space.F + j * n, *alpha = space.alpha + 2 * j, *y = space.y + 2 * j;
@@ -482,7 +482,7 @@ void find_likelihood(const PosteriorData& data, const Observed<Number<Lanes>>& s
                   static_cast<Number<Lanes>>(N - 2) * view.log_scale;
     pull_back(seen, !derived, space);
     if (derived) {
-        expect(seen, shrink * shrink, inlier_probability, t, space);
+        posterior_mean(seen, shrink * shrink, inlier_probability, t, space);
         differentiate(seen, shrink * shrink, inlier_probability, t, space, found);
     }
     believe(data, seen, view, shrink * shrink, inlier_probability, by_others, space, found, next);

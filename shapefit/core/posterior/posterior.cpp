@@ -17,7 +17,7 @@ struct Mode {
     double log_scale;
     double log_evidence;
     double squared_mahalanobis;
-    bool stationary;            // nothing is left to climb, and every way leads down
+    bool stationary;            // nothing is left to ascent, and every way leads down
     double root[VIEW * VIEW];   // W with W^T W = (H + I)^-1, the covariance of the view
     double* inlier_probability;  // (m,)
 };
@@ -42,7 +42,7 @@ struct Curvature {
     bool definite;
 };
 
-Curvature weigh_view(const Climb<Doubles>& at, long lane, double* root_of) {
+Curvature weigh_view(const Ascent<Doubles>& at, long lane, double* root_of) {
     double H[VIEW * VIEW], values[VIEW], axes[VIEW * VIEW], log_det = 0;
     for (int e = 0; e < VIEW * VIEW; ++e) H[e] = at.curvature[e][lane];
     symmetric_eigen({H, {VIEW, VIEW}}, {values, {VIEW}}, {axes, {VIEW, VIEW}});
@@ -54,21 +54,21 @@ Curvature weigh_view(const Climb<Doubles>& at, long lane, double* root_of) {
     return {log_det, values[0] > 1e-6};
 }
 
-// The point on which climb i ended, with its evidence.
+// The point on which ascent i ended, with its evidence.
 void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) {
-    const Climbs<Doubles>& climbs = search.arrived;
-    Climb<Doubles>& at = climbs[i];
+    const Climbs<Doubles>& ascents = search.arrived;
+    Ascent<Doubles>& at = ascents[i];
     const long lane = i % WIDTH;
     const Curvature curvature = weigh_view(at, lane, mode.root);
     mode.stationary = curvature.definite && !(at.moving[lane] > 0);
-    mode.component = climbs.pair[i] % data.means.size[0];
+    mode.component = ascents.pair[i] % data.means.size[0];
     for (int e = 0; e < 9; ++e) mode.R[e] = at.view.R[e][lane];
     mode.log_scale = at.view.log_scale[lane];
     for (long j = 0; j < search.late.seen.m; ++j) mode.inlier_probability[j] = at.inlier_probability[j][lane];
     mode.squared_mahalanobis = at.found.squared_mahalanobis[lane];
     mode.log_evidence = at.found.value[lane] + data.log_weights[mode.component] +
                         0.5 * (VIEW * LOG_TWO_PI - curvature.log_det);
-    // A saddle, or a point on the way, counts only where no climb ends on a maximum.
+    // A saddle, or a point on the way, counts only where no ascent ends on a maximum.
     if (!mode.stationary) mode.log_evidence -= NO_MAXIMUM;
 }
 
@@ -233,7 +233,7 @@ void combine(const PosteriorData& data, long image, const Modes& modes, long kep
 
 }  // namespace
 
-// Climb from every start under every component; weigh the maxima by their evidence, the view
+// Ascent from every start under every component; weigh the maxima by their evidence, the view
 // integrated out by Laplace's approximation; mean and covariance of the mixture of those that count.
 void find_posterior(const PosteriorData& data, Range range) {
     const long p = data.landmarks.size[2];
@@ -250,7 +250,7 @@ void find_posterior(const PosteriorData& data, Range range) {
         }
         search.late.seen.take(data, image);
         search.arrived.count = 0;
-        if (seen.m >= 3) data.rounds[image] = climb_all(data, image, NEGLIGIBLE + LAPLACE, search);
+        if (seen.m >= 3) data.rounds[image] = ascend_all(data, image, NEGLIGIBLE + LAPLACE, search);
         for (long i = 0; i < search.arrived.count; ++i) weigh(data, search, i, modes.modes[i]);
         const long kept = rank(modes, search.arrived.count);
         if (kept)

@@ -1,16 +1,16 @@
-// The climbs of an image side by side, as many in a block as lanes; what has finished makes room.
+// The ascents of an image side by side, as many in a block as lanes; what has finished makes room.
 #pragma once
 
-#include "climb.hpp"
+#include "ascent.hpp"
 
 namespace shapefit {
 
-constexpr long ROUNDS = 2;  // after which finished climbs are dropped
+constexpr long ROUNDS = 2;  // after which finished ascents are dropped
 constexpr long QUICK = 16;  // rounds in single precision; what takes longer starts again in double
 constexpr long MOST_ROUNDS = 200;  // in double
 constexpr double AGREEMENT = 1;    // of single and double precision at the end, in log likelihood
 constexpr double MOST_GROWTH = 100;  // of the scale, on the way up
-constexpr double HOPE = 2;  // how many times what a step promises a climb may still gain
+constexpr double GAIN_FACTOR = 2;  // how many times what a step promises an ascent may still gain
 
 // The components as the lanes take them, side by side: mu (3 p, K), and C_jk (9, K) for k <= j; many of
 // them in rows of whole pairs of vectors.
@@ -68,17 +68,17 @@ struct Climbs {
     Climbs(Workspace& workspace, long most, long p)
         : p(p),
           pair(workspace.zeros<long>(most + width<Lanes>)),
-          lanes(workspace.zeros<Climb<Lanes>>((most + width<Lanes> - 1) / width<Lanes>)) {
+          lanes(workspace.zeros<Ascent<Lanes>>((most + width<Lanes> - 1) / width<Lanes>)) {
         for (long b = 0; b * width<Lanes> < most; ++b) {
             lanes[b].inlier_probability = workspace.zeros<Lanes>(p);
             lanes[b].next = workspace.zeros<Lanes>(p);
         }
     }
 
-    Climb<Lanes>& block(long b) const { return lanes[b]; }
-    Climb<Lanes>& operator[](long i) const { return block(i / width<Lanes>); }
+    Ascent<Lanes>& block(long b) const { return lanes[b]; }
+    Ascent<Lanes>& operator[](long i) const { return block(i / width<Lanes>); }
     long blocks() const { return (count + width<Lanes> - 1) / width<Lanes>; }
-    // Copy climb i of some climbs, or of these, where i is not before the end.
+    // Copy ascent i of some ascents, or of these, where i is not before the end.
     template <class Others>
     void append(const Climbs<Others>& from, long i) {
         const long to_lane = count % width<Lanes>, lane = i % width<Others>;
@@ -87,7 +87,7 @@ struct Climbs {
         });
         pair[count++] = from.pair[i];
     }
-    // Fill the last block with copies of its last climb.
+    // Fill the last block with copies of its last ascent.
     void pad() {
         const long own = count;
         while (count % width<Lanes>) append(*this, own - 1);
@@ -97,7 +97,7 @@ struct Climbs {
     const long p;
     long count = 0;
     long* pair;  // of start and component: K start + component
-    Climb<Lanes>* lanes;
+    Ascent<Lanes>* lanes;
 };
 
 // What the lanes of one precision work with.
@@ -108,13 +108,13 @@ struct Side {
           pack{workspace.zeros<Lanes>(3 * data.means.size[2]),
                workspace.zeros<Lanes>(9 * corner(data.means.size[2]))},
           space(workspace, data.means.size[2]),
-          climbs(workspace, data.starts.size[1] * data.means.size[0], data.means.size[2]) {}
+          ascents(workspace, data.starts.size[1] * data.means.size[0], data.means.size[2]) {}
 
     Components<Number<Lanes>> components;
     Observed<Number<Lanes>> seen;
     Pack<Lanes> pack;
-    ClimbSpace<Lanes> space;
-    Climbs<Lanes> climbs;
+    AscentSpace<Lanes> space;
+    Climbs<Lanes> ascents;
 };
 
 // A short way up in single precision; the end, and a long way, in double: also where single precision
@@ -147,12 +147,12 @@ void fetch(Places<Lanes> of, Side<Lanes>& side) {
     }
 }
 
-// The components of one block of climbs.
+// The components of one block of ascents.
 template <class Lanes>
-void fetch(long b, const Climbs<Lanes>& climbs, Side<Lanes>& side) {
+void fetch(long b, const Climbs<Lanes>& ascents, Side<Lanes>& side) {
     Places<Lanes> of;
     for (int lane = 0; lane < width<Lanes>; ++lane)
-        of[lane] = climbs.pair[b * width<Lanes> + lane] % side.components.count;
+        of[lane] = ascents.pair[b * width<Lanes> + lane] % side.components.count;
     fetch(of, side);
 }
 
@@ -182,35 +182,35 @@ inline double first_scale(const PosteriorData& data, const Observed<double>& see
     return larger(overlap / larger(square, TINY), larger(least, TINY));
 }
 
-// One more climb, from its start.
+// One more ascent, from its start.
 template <class Lanes>
-void add_climb(const PosteriorData& data, long image, long pair, const Observed<double>& seen,
-           Climbs<Lanes>& climbs) {
-    const long K = data.means.size[0], lane = climbs.count % width<Lanes>;
+void add_ascent(const PosteriorData& data, long image, long pair, const Observed<double>& seen,
+           Climbs<Lanes>& ascents) {
+    const long K = data.means.size[0], lane = ascents.count % width<Lanes>;
     const double* R = data.starts[image][pair / K].data;
-    LaneView<Lanes>& view = climbs[climbs.count].view;
+    LaneView<Lanes>& view = ascents[ascents.count].view;
     for (int e = 0; e < 9; ++e) view.R[e][lane] = static_cast<Number<Lanes>>(R[e]);
     const double s = first_scale(data, seen, R, pair % K);
     view.log_scale[lane] = static_cast<Number<Lanes>>(log(s));
-    climbs[climbs.count].largest[lane] = static_cast<Number<Lanes>>(log(s * MOST_GROWTH));
-    climbs.pair[climbs.count++] = pair;
+    ascents[ascents.count].largest[lane] = static_cast<Number<Lanes>>(log(s * MOST_GROWTH));
+    ascents.pair[ascents.count++] = pair;
 }
 
 template <class Lanes>
-double value_of(const PosteriorData& data, const Climbs<Lanes>& climbs, long i) {
-    return climbs[i].found.value[i % width<Lanes>] +
-           data.log_weights[climbs.pair[i] % data.means.size[0]];
+double value_of(const PosteriorData& data, const Climbs<Lanes>& ascents, long i) {
+    return ascents[i].found.value[i % width<Lanes>] +
+           data.log_weights[ascents.pair[i] % data.means.size[0]];
 }
 
-// Those that have arrived leave, and so do those without hope to come near the best.
+// Those that have arrived leave, and so do those without predicted_gain to come near the best.
 template <class Lanes>
 void drop_finished(const PosteriorData& data, double least, Climbs<Lanes>& going, Search& search) {
     const long count = going.count;
     going.count = 0;
     for (long i = 0; i < count; ++i) {
-        const Climb<Lanes>& at = going[i];
+        const Ascent<Lanes>& at = going[i];
         const long lane = i % width<Lanes>;
-        if (!(value_of(data, going, i) + HOPE * at.hope[lane] > least)) continue;
+        if (!(value_of(data, going, i) + GAIN_FACTOR * at.predicted_gain[lane] > least)) continue;
         if (at.moving[lane] > 0)
             going.append(going, i);
         else
@@ -221,40 +221,40 @@ void drop_finished(const PosteriorData& data, double least, Climbs<Lanes>& going
 
 // At most so many rounds for all that have been placed; returns the steps taken.
 template <class Lanes>
-long run_climbs(const PosteriorData& data, long rounds, double margin, double& best, Side<Lanes>& going,
+long run_ascents(const PosteriorData& data, long rounds, double margin, double& best, Side<Lanes>& going,
            Search& search) {
     long steps = 0;
-    going.climbs.pad();
-    for (long b = 0; b < going.climbs.blocks(); ++b) {
-        fetch(b, going.climbs, going);
-        begin(data, going.seen, going.pack, going.space, going.climbs.block(b));
+    going.ascents.pad();
+    for (long b = 0; b < going.ascents.blocks(); ++b) {
+        fetch(b, going.ascents, going);
+        begin(data, going.seen, going.pack, going.space, going.ascents.block(b));
     }
     for (;; rounds -= ROUNDS) {
-        for (long i = 0; i < going.climbs.count; ++i)
-            best = larger(best, value_of(data, going.climbs, i));
-        drop_finished(data, best - margin, going.climbs, search);
-        if (!going.climbs.count || rounds <= 0) return steps;
-        for (long b = 0; b < going.climbs.blocks(); ++b) {
-            fetch(b, going.climbs, going);
-            climb(data, going.seen, going.pack, ROUNDS, going.space, going.climbs.block(b));
+        for (long i = 0; i < going.ascents.count; ++i)
+            best = larger(best, value_of(data, going.ascents, i));
+        drop_finished(data, best - margin, going.ascents, search);
+        if (!going.ascents.count || rounds <= 0) return steps;
+        for (long b = 0; b < going.ascents.blocks(); ++b) {
+            fetch(b, going.ascents, going);
+            ascent(data, going.seen, going.pack, ROUNDS, going.space, going.ascents.block(b));
         }
-        steps += ROUNDS * going.climbs.count;
+        steps += ROUNDS * going.ascents.count;
     }
 }
 
 // Every start under every component.
 template <class Lanes>
 void add_all(const PosteriorData& data, long image, const Observed<double>& seen,
-               Climbs<Lanes>& climbs) {
-    climbs.count = 0;
+               Climbs<Lanes>& ascents) {
+    ascents.count = 0;
     for (long i = 0; i < data.starts.size[1]; ++i)
         if (is_finite(data.starts[image][i].data[0]))
             for (long k = 0; k < data.means.size[0]; ++k)
-                add_climb(data, image, data.means.size[0] * i + k, seen, climbs);
+                add_ascent(data, image, data.means.size[0] * i + k, seen, ascents);
 }
 
 // The likelihood in double precision and its Hessian, where those stand that are near the best.
-// Whether one of them stands on a stationary point, and all are worth what the climb took them for.
+// Whether one of them stands on a stationary point, and all are worth what the ascent took them for.
 inline bool finish_all(const PosteriorData& data, double margin, Search& search) {
     Climbs<Doubles>& arrived = search.arrived;
     Side<Doubles>& late = search.late;
@@ -267,7 +267,7 @@ inline bool finish_all(const PosteriorData& data, double margin, Search& search)
     arrived.pad();
     Doubles apart = {}, standing = {};
     for (long b = 0; b < arrived.blocks(); ++b) {
-        Climb<Doubles>& at = arrived.block(b);
+        Ascent<Doubles>& at = arrived.block(b);
         const Doubles before = at.found.value;
         fetch(b, arrived, late);
         finish(data, late.seen, late.pack, late.space, at);
@@ -278,31 +278,31 @@ inline bool finish_all(const PosteriorData& data, double margin, Search& search)
     return largest(standing) > 0 && !(largest(apart) > 0);
 }
 
-// Climb from all starts of an image under every component. What has `arrived` is not further than
+// Ascent from all starts of an image under every component. What has `arrived` is not further than
 // `margin` below the best, in log likelihood and weight, and finished; what is still moving there ran
 // out of rounds. Returns the steps taken.
-inline long climb_all(const PosteriorData& data, long image, double margin, Search& search) {
+inline long ascend_all(const PosteriorData& data, long image, double margin, Search& search) {
     Side<Singles>& going = search.going;
     Side<Doubles>& late = search.late;
     Climbs<Doubles>& arrived = search.arrived;
     double best = -INFINITE;
     going.seen.take(data, image);
-    add_all(data, image, late.seen, going.climbs);
-    late.climbs.count = arrived.count = 0;
-    long steps = run_climbs(data, QUICK, margin, best, going, search);
-    for (long i = 0; i < going.climbs.count; ++i)
-        add_climb(data, image, going.climbs.pair[i], late.seen, late.climbs);
+    add_all(data, image, late.seen, going.ascents);
+    late.ascents.count = arrived.count = 0;
+    long steps = run_ascents(data, QUICK, margin, best, going, search);
+    for (long i = 0; i < going.ascents.count; ++i)
+        add_ascent(data, image, going.ascents.pair[i], late.seen, late.ascents);
     best = -INFINITE;
     for (long i = 0; i < arrived.count; ++i) best = larger(best, value_of(data, arrived, i));
-    steps += run_climbs(data, MOST_ROUNDS, margin, best, late, search);
-    for (long i = 0; i < late.climbs.count; ++i) arrived.append(late.climbs, i);
+    steps += run_ascents(data, MOST_ROUNDS, margin, best, late, search);
+    for (long i = 0; i < late.ascents.count; ++i) arrived.append(late.ascents, i);
     if (finish_all(data, margin, search)) return steps;
     // single precision does not do
     best = -INFINITE;
     arrived.count = 0;
-    add_all(data, image, late.seen, late.climbs);
-    steps += run_climbs(data, MOST_ROUNDS, margin, best, late, search);
-    for (long i = 0; i < late.climbs.count; ++i) arrived.append(late.climbs, i);
+    add_all(data, image, late.seen, late.ascents);
+    steps += run_ascents(data, MOST_ROUNDS, margin, best, late, search);
+    for (long i = 0; i < late.ascents.count; ++i) arrived.append(late.ascents, i);
     finish_all(data, margin, search);
     return steps;
 }

@@ -42,7 +42,7 @@ bool Banded::factorise(const SequenceData& data, const Place& at, Bones bones, d
             add_product(-1, transposed(W2, D), W2, S_, D, D, D, D, upper_from_column(D));
             add_product(-1, transposed(W2, D), F - 2 * DE, R_, D, E_, E_, E_, every(D));
         }
-        if (!is_finite(factorise_block(S_, V, D, D))) return false;
+        if (!is_finite(cholesky_inverse(S_, V, D, D))) return false;
         clear(F, DE);
         add_product(1, plain(V, D), R_, F, D, E_, E_, E_, up_to_row());
         add_product(1, transposed(F, E_), F, products_, E_, E_, E_, E_, every(D));
@@ -144,7 +144,7 @@ bool Marginal::mix(const SequenceData& data, const Place& at, long f, const doub
     for (long k = 0; k < K; ++k) modes += data.log_share[f][k] > -INFINITE;
     if (modes < 2) return false;
     for (long e = 0; e < DD; ++e) whole_[e] = Sigma[e];
-    if (!is_finite(factorise_block(whole_, V_, D, D))) return false;
+    if (!is_finite(cholesky_inverse(whole_, V_, D, D))) return false;
     multiply_out(V_, rest_, D, D);
     add_precision(data, at, f, -1, rest_);
     double best = -INFINITE, total = 0;
@@ -176,7 +176,7 @@ double Marginal::weigh(const SequenceData& data, const Place& at, long f, long k
     for (long e = 0; e < D * D; ++e) Q[e] = rest_[e];
     for (long i = 0; i < d; ++i)
         for (long j = i; j < d; ++j) Q[i * D + j] += P[i * d + j];
-    const double log_det = factorise_block(Q, V_, D, D);
+    const double log_det = cholesky_inverse(Q, V_, D, D);
     if (!is_finite(log_det)) return -INFINITE;
     for (long e = 0; e < d; ++e) away_[e] = mean[e] - at.y[f][e];
     const double square = multiply_symmetric(P, away_, d, pull_);

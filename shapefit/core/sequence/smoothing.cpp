@@ -30,7 +30,7 @@ void find_precisions(const PrecisionData& data, Range range) {
                                    : factor > 0     ? factor * C[i * d + j]
                                                     : 0.0;
             for (long i = 0; i < d; ++i) S[i * D + i] += data.more[image][k];
-            data.log_det[image][k] = factorise_block(S, V, D, D);
+            data.log_det[image][k] = cholesky_inverse(S, V, D, D);
             multiply_out(V, S, D, D);
             mirror(S, D, D);
             for (long i = 0; i < d; ++i)
@@ -79,7 +79,7 @@ bool find_step(const SequenceData& data, const Place& at, const Banded& factor, 
             step.side[a] =
                 held_back(data, at, a) - data.rigidity[a] * at.too_long[a] - G[(1 + a) * E];
     }
-    if (!is_finite(factorise_block(step.schur, step.inverse, n, n))) return false;
+    if (!is_finite(cholesky_inverse(step.schur, step.inverse, n, n))) return false;
     multiply_out(step.inverse, step.schur, n, n);
     mirror(step.schur, n, n);
     for (long a = 0; a < e; ++a) step.lengths[a] = -dot(step.schur + a * n, step.side, n);

@@ -18,19 +18,19 @@ constexpr double LAST_LENGTH = 0.1, LAST_GAIN = 1e-2;
 
 // Where the lanes of a block stand.
 template <class Lanes>
-struct Climb {
+struct Ascent {
     LaneView<Lanes> view;
     Likelihood<Lanes> found;
     Lanes curvature[VIEW * VIEW];  // Gauss and Newton's, mended; at the end the Hessian of -value
     Lanes damping;
     Lanes moving;  // 1, or 0 where a lane has arrived
-    Lanes hope;    // what the next step is expected to gain
+    Lanes predicted_gain;    // what the next step is expected to gain
     Lanes largest;  // log of the scale beyond which no step goes
 
     Lanes *inlier_probability, *next;  // (p,), of which the first m count
 };
 
-// set(entry of one, that of the other) for each vector of two climbs, or of what they found.
+// set(entry of one, that of the other) for each vector of two ascents, or of what they found.
 template <class One, class Other, class Set>
 [[gnu::always_inline]] inline void each_pair(Likelihood<One>& one, const Likelihood<Other>& other, const Set& set) {
     set(one.value, other.value);
@@ -39,14 +39,14 @@ template <class One, class Other, class Set>
     set(one.squared_mahalanobis, other.squared_mahalanobis);
 }
 template <class One, class Other, class Set>
-void each_pair(Climb<One>& one, const Climb<Other>& other, long p, const Set& set) {
+void each_pair(Ascent<One>& one, const Ascent<Other>& other, long p, const Set& set) {
     for (int e = 0; e < 9; ++e) set(one.view.R[e], other.view.R[e]);
     set(one.view.log_scale, other.view.log_scale);
     each_pair(one.found, other.found, set);
     for (int e = 0; e < VIEW * VIEW; ++e) set(one.curvature[e], other.curvature[e]);
     set(one.damping, other.damping);
     set(one.moving, other.moving);
-    set(one.hope, other.hope);
+    set(one.predicted_gain, other.predicted_gain);
     set(one.largest, other.largest);
     for (long j = 0; j < p; ++j) {
         set(one.inlier_probability[j], other.inlier_probability[j]);
@@ -55,8 +55,8 @@ void each_pair(Climb<One>& one, const Climb<Other>& other, long p, const Set& se
 }
 
 template <class Lanes>
-struct ClimbSpace {
-    ClimbSpace(Workspace& workspace, long p)
+struct AscentSpace {
+    AscentSpace(Workspace& workspace, long p)
         : likelihood(workspace, tiled(2 * p)),
           inlier_probability(workspace.zeros<Lanes>(p)),
           next(workspace.zeros<Lanes>(p)) {}
@@ -116,7 +116,7 @@ void take(Lanes kept, LaneView<Lanes>& to, const LaneView<Lanes>& from) {
 
 // The damped step, and what it promises to gain.
 template <class Lanes>
-Lanes propose(const Climb<Lanes>& at, Lanes* step) {
+Lanes propose(const Ascent<Lanes>& at, Lanes* step) {
     Lanes A[VIEW * VIEW], down[VIEW], slope = {}, length = {};
     for (int e = 0; e < VIEW * VIEW; ++e) A[e] = at.curvature[e];
     for (int i = 0; i < VIEW; ++i) {
@@ -130,9 +130,9 @@ Lanes propose(const Climb<Lanes>& at, Lanes* step) {
     return 0.5 * slope;
 }
 
-// Newton's step, where it is small, and then nothing is left to climb; returns what it gains.
+// Newton's step, where it is small, and then nothing is left to ascent; returns what it gains.
 template <class Lanes>
-Lanes take_last_step(Climb<Lanes>& at) {
+Lanes take_last_step(Ascent<Lanes>& at) {
     Lanes down[VIEW], step[VIEW], gain = {}, length = {};
     for (int i = 0; i < VIEW; ++i) down[i] = -at.found.gradient[i];
     solve_view(at.curvature, down, step);
@@ -150,8 +150,8 @@ Lanes take_last_step(Climb<Lanes>& at) {
 
 // The first values, at the views where the lanes start; inlier probabilities come from the other landmarks.
 template <class Lanes>
-void begin(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, ClimbSpace<Lanes>& space,
-           Climb<Lanes>& at) {
+void begin(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack,
+           AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
     const long m = seen.m;
     for (long j = 0; j < m; ++j) at.next[j] = all<Lanes>(1.0);
     for (long left = data.chance > 0 ? EARLY : 1; left--;) {
@@ -163,7 +163,7 @@ void begin(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const
     at.damping = all<Lanes>(FIRST_DAMPING);
     at.moving = all<Lanes>(1.0);
     Lanes step[VIEW];
-    at.hope = propose(at, step);
+    at.predicted_gain = propose(at, step);
 }
 
 // Steps of Newton's kind, whose curvature is Gauss and Newton's, mended by what the gradient does
@@ -171,8 +171,8 @@ void begin(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const
 // still has arrived. Where every landmark is an outlier the likelihood grows with the scale for ever: there
 // steps end at `largest`.
 template <class Lanes>
-void climb(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, long rounds,
-           ClimbSpace<Lanes>& space, Climb<Lanes>& at) {
+void ascent(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, long rounds,
+           AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
     const long m = seen.m;
     const Lanes enough = all<Lanes>(data.still);
     for (long round = 0; round < rounds && largest(at.moving) > 0; ++round) {
@@ -198,8 +198,8 @@ void climb(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const
             at.next[j] = select(kept, space.next[j], at.next[j]);
         }
         at.damping = select(kept, larger(at.damping * all<Lanes>(EASE), all<Lanes>(1e-9)), at.damping * HARDEN);
-        at.hope = propose(at, step);
-        const Lanes still = indicate(enough - at.hope) * indicate(enough - gain) * kept;
+        at.predicted_gain = propose(at, step);
+        const Lanes still = indicate(enough - at.predicted_gain) * indicate(enough - gain) * kept;
         at.moving *= (1.0 - still) * indicate(MOST_DAMPING - at.damping);
     }
 }
@@ -208,7 +208,7 @@ void climb(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const
 // is still moving where that step is not small: it stands on no stationary point.
 template <class Lanes>
 void finish(const PosteriorData& data, const Observed<Number<Lanes>>& seen,
-            const Pack<Lanes>& pack, ClimbSpace<Lanes>& space, Climb<Lanes>& at) {
+            const Pack<Lanes>& pack, AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
     const auto look = [&](const LaneView<Lanes>& view, Likelihood<Lanes>& found) {
         find_likelihood(data, seen, pack, view, at.inlier_probability, false, true, space.likelihood, found,
                         space.next);
