@@ -156,7 +156,7 @@ CHANGES: dict[str, Change] = {
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_change_of_the_images_or_the_class(case, rng, monkeypatch, name, change):
     """Shapes, and objectives, which are unique where shapes may not be."""
-    monkeypatch.setattr(posterior, "STILL", 1e-12)
+    monkeypatch.setattr(posterior, "TOLERANCE", 1e-12)
     other, expected = CHANGES[change](case, rng)
     found, base = other.estimate(name), case.estimate(name)
     rows = expected(np.arange(N)) if change == "some of the images" else np.arange(N)
@@ -202,7 +202,7 @@ def test_a_weight_of_root_two_counts_as_a_landmark_seen_twice(case, name):
 @pytest.mark.parametrize("name", METHODS)
 def test_landmarks_in_another_unit_and_place(case, monkeypatch, name):
     """Through `lift`, which normalises: nothing of a method depends on pixels."""
-    monkeypatch.setattr(posterior, "STILL", 1e-12)
+    monkeypatch.setattr(posterior, "TOLERANCE", 1e-12)
     method, loss, _ = METHODS[name]
     estimator = choose_method(method, case.settings(name))
     program = Program(None if loss is Loss.EXACT else 0.1, loss, beta=0.3)

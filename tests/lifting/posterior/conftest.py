@@ -67,4 +67,4 @@ def draw_mixture():
 @pytest.fixture
 def to_the_end(monkeypatch):
     """Climb until nothing more is gained, as far as numbers can tell."""
-    monkeypatch.setattr(posterior, "STILL", 1e-12)
+    monkeypatch.setattr(posterior, "TOLERANCE", 1e-12)
