@@ -63,7 +63,7 @@ def read_csv(paths: tuple[Path, ...]) -> Poses:
         values, _, lines = table.read([0, *named])
         if (wrong := ~np.isfinite(values[:, 0])).any():
             problem = "does not say its frame, and others are numbers"
-            raise input_error(f"{path}:{lines[wrong][0]}", problem, "number the frames")
+            raise input_error(f"{path}:{lines[int(wrong.argmax())]}", problem, "number the frames")
         labels, values = number_labels(values[:, 0]), values[:, 1:]
     else:
         values, parts, _ = table.read(named, range(named[0] if named else 1))

@@ -108,7 +108,9 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
     channels = [joint.name for joint in joints for _ in joint.channels]
     motion, _, at = Table(path, rows, channels, None).read(range(len(channels)), finite=True)
     if (empty := np.isnan(motion).any(axis=1)).any():
-        raise input_error(f"{path}:{at[empty][0]}", "a channel is no number", "correct it")
+        raise input_error(
+            f"{path}:{at[int(empty.argmax())]}", "a channel is no number", "correct it"
+        )
     order = sorted(range(len(joints)), key=lambda number: number in ends)
     names, notes = make_unique([joints[number].name for number in order])
     if len(motion) < frames:

@@ -175,7 +175,7 @@ def read_any_table(paths: tuple[Path, ...]) -> Poses:
     if header is None:
         raise input_error(path, "does not name columns of landmarks", "see docs/formats.md")
     rows = split_rows(path, text, header.delimiter)[1:]
-    table = Table(path, rows, header.names, header.delimiter, hint=_describe(header))
+    table = Table(path, rows, header.names, header.delimiter)
     values, names, cells = (_read_wide if header.landmarks else _read_long)(table, header)
     order = _by_number(names, 1 if header.landmarks else 0)
     values = values if order is None else values[:, order]
@@ -212,16 +212,6 @@ def read_any_table(paths: tuple[Path, ...]) -> Poses:
         landmark_names=None if order is not None else tuple(map(printable, names)),
         **fields | ({"video": videos} if videos else {}),
     )
-
-
-def _describe(header: Header) -> str:
-    """Return, for messages, which columns were understood as what."""
-    columns = dict(header.roles)
-    if header.landmarks:
-        name, axes = next(iter(header.landmarks.items()))
-        columns |= {f"{axis} of {name}": column for axis, column in axes.items()}
-    texts = (f"{role} in {printable(header.names[at])}" for role, at in columns.items())
-    return f" (understood so far: {', '.join(texts)})"
 
 
 def _by_number(names: Sequence[str], first: int) -> list[int] | None:
@@ -271,7 +261,7 @@ def _read_long(table: Table, header: Header) -> Grid:
         if first != row:
             problem = f"{name!r} of {' '.join(key)} is also in line {lines[first]}"
             fix = "keep one body per image, or separate them by a column `sequence`"
-            raise table.error(lines[row], problem, fix)
+            raise input_error(f"{table.path}:{lines[row]}", problem, fix)
     size = len(images), len(landmarks), len(header.axes)
     check_fits(str(table.path), 8 * math.prod(size), "what it holds")
     values = np.full(size, np.nan)
@@ -305,7 +295,7 @@ def _whole_numbers(table: Table, cells: Sequence[str], fix: str) -> NDArray[np.i
     wrong |= ~(np.abs(values) < 2.0**53) | (values % 1 != 0)  # beyond, numbers are not told apart
     if wrong.any():
         problem = f"{cells[int(wrong.argmax())]!r} is no whole number"
-        raise input_error(table.path, problem, fix + table.hint)
+        raise input_error(table.path, problem, fix)
     return values.astype(np.int64)
 
 

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 import orjson
 
-from shapefit.arrays import Flags, Floats, Integers
-from shapefit.errors import InputError, input_error, printable
-from shapefit.io.checks import input_problems
+from shapefit.arrays import Flags, Floats
+from shapefit.errors import input_error, printable
 from shapefit.io.inputs import BYTE_ORDER_MARK, read_whole
 from shapefit.io.tidy_table import read_numbers
 
@@ -114,8 +113,7 @@ EMPTY = {"", "na", "n/a", "#n/a", "none", "null", "-", "nan"}
 class Table:
     """Rows of cells below a header, in columns of these names.
 
-    With `padded` rows may end before their empty cells, or after more of them. `hint` ends every
-    message.
+    With `padded` rows may end before their empty cells, or after more of them.
     """
 
     path: Path
@@ -123,7 +121,6 @@ class Table:
     names: Sequence[str] = ()
     delimiter: str | None = ","
     padded: bool = False
-    hint: str = ""
 
     def cells(self, row: int) -> list[str]:
         """Return the cells of a row."""
@@ -131,37 +128,36 @@ class Table:
         cells = text.split(self.delimiter) if isinstance(text, str) else text
         return [cell.strip() for cell in cells]
 
-    def error(self, line: int, problem: str, fix: str) -> InputError:
-        """Return an error of a line."""
-        return input_error(f"{self.path}:{line}", problem, fix + self.hint)
-
     def read(
         self, numbers: Sequence[int], texts: Sequence[int] = (), *, finite: bool = False
-    ) -> tuple[Floats, list[list[str]], Integers]:
+    ) -> tuple[Floats, list[list[str]], list[int]]:
         """Return columns of numbers (n, ...), NaN for empty cells; of texts; and the lines (n,).
 
         Raises InputError for rows of another width, and for cells that are no numbers, or, where
         all must be `finite`, infinite.
         """
-        lines = np.array([line for line, _ in self.rows], np.int64)
-        values = self._read_plain()
+        lines, values = [line for line, _ in self.rows], self._read_plain()
+        if values is not None and not texts:
+            return values[:, numbers], [], lines
+        width, rows = len(self.names), [self.cells(row) for row in range(len(lines))]
+        if self.padded:
+            rows = [row if any(row[width:]) else (row + [""] * width)[:width] for row in rows]
+        for line, row in zip(lines, rows, strict=True):
+            if len(row) != width:
+                problem = f"has {len(row)} cells, not {width}"
+                raise input_error(f"{self.path}:{line}", problem, "write one cell per column")
+        columns = list(zip(*rows, strict=True)) or [()] * width
         if values is not None:
-            rows = [self.cells(row) for row in range(len(lines) if texts else 0)]
-            return values[:, numbers], [[row[column] for row in rows] for column in texts], lines
-        columns = self._columns(lines.tolist())
-        problems: list[tuple[int, str]] = []
+            return values[:, numbers], [list(columns[column]) for column in texts], lines
         values = np.empty((len(lines), len(numbers)))
         for place, column in enumerate(numbers):
             values[:, place], wrong = self._numbers(columns[column])
             wrong |= finite & np.isinf(values[:, place])
-            for row in np.flatnonzero(wrong)[:10].tolist():
+            for row in np.flatnonzero(wrong)[:1].tolist():
                 name, cell = printable(self.names[column]), printable(columns[column][row][:40])
                 fix = "write a number, or leave the cell empty where the landmark is missing"
-                error = self.error(lines[row], f"{cell!r} is no number (column {name})", fix)
-                problems.append((row, str(error)))
-        if problems:
-            problems.sort(key=lambda problem: problem[0])
-            raise input_problems([text for _, text in problems])
+                problem = f"{cell!r} is no number (column {name})"
+                raise input_error(f"{self.path}:{lines[row]}", problem, fix)
         return values, [list(columns[column]) for column in texts], lines
 
     def _read_plain(self) -> Floats | None:
@@ -185,20 +181,6 @@ class Table:
         if len(values) != len(rows) * width or not {*map(type, values)} <= {float, int, type(None)}:
             return None
         return np.array(values, np.float64).reshape(len(rows), width)
-
-    def _columns(self, lines: Sequence[int]) -> list[tuple[str, ...]]:
-        """Return the cells of all rows by column."""
-        width, rows = len(self.names), [self.cells(row) for row in range(len(lines))]
-        if self.padded:
-            rows = [row if any(row[width:]) else (row + [""] * width)[:width] for row in rows]
-        problems = [
-            f"{self.path}:{line}: has {len(row)} cells, not {width}; write one cell per column"
-            for line, row in zip(lines, rows, strict=True)
-            if len(row) != width
-        ]
-        if problems:
-            raise input_problems(problems)
-        return list(zip(*rows, strict=True)) or [()] * width
 
     def _numbers(self, cells: Sequence[str]) -> tuple[Floats, Flags]:
         """Return a column as numbers, and which cells are none."""

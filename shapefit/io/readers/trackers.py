@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
-from shapefit.arrays import Flags, Floats, Integers
+from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error, printable
 from shapefit.io.hdf5_file import DAMAGED, Hdf5File
 from shapefit.io.readers.poses import (
@@ -153,7 +153,7 @@ USER, PREDICTED = 0, 1
 
 
 def read_slp(paths: tuple[Path, ...]) -> Poses:
-    """Read a .slp file: tables of labelled frames, of their instances, and of their points.
+    """Read a .slp file of one skeleton: tables of labelled frames, their instances and points.
 
     An instance that a user placed takes the place of the predicted one from which it was made, or
     which has its track in the same frame. Before version 1.1 of the format the middle of the first
@@ -166,116 +166,88 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
             for name in ("tracks_json", "videos_json")
         )
         shift = 0.0 if file.number("format_id", "metadata") >= 1.1 else 0.5
-        names, skeletons, edges = _read_skeletons(file)
-        frames, instances, owner = _read_instances(file)
-        video, frame = frames["video"][owner].astype(int), frames["frame_idx"][owner].astype(int)
-        track, kind, skeleton = (
-            instances[name].astype(int) for name in ("track", "instance_type", "skeleton")
-        )
-        counts = len(tracks), 2, len(skeletons), len(videos) or 1
-        for values, count in zip((track, kind, skeleton, video), counts, strict=True):
-            there = (values >= -(values is track)) & (values < count)
-            require(there.all(), "has tracks, types, skeletons or videos that are not there")
-        points = np.full((len(instances), len(names), 3), np.nan)
-        for number, places in enumerate(skeletons):
-            for n, table in enumerate(("points", "pred_points")):
-                own = (skeleton == number) & (kind == n)
-                start = instances["point_id_start"][own].astype(np.int64)
-                size = instances["point_id_end"][own].astype(np.int64) - start
-                fits = (size == len(places)).all() and start.min(initial=0) >= 0
-                require(fits, "has another number of points than its skeleton")
-                if own.any():
-                    cells = file.table(table)[start[:, None] + np.arange(len(places))]
-                    xy = [np.where(cells["visible"], cells[axis] - shift, np.nan) for axis in "xy"]
-                    score = cells["score"] if n == PREDICTED else np.full(cells.shape, np.nan)
-                    points[np.ix_(own, places)] = np.stack([*xy, score], axis=-1)
-        individuals = (*make_unique([str(each[1]) for each in tracks], REPEATED)[0], "")  # -1: none
-        who = [individuals[number] for number in track.tolist()]
-        video_names, _ = make_unique([_video(each) for each in videos], REPEATED)
-        names_of = [video_names[n] for n in video] if len(videos) > 1 else video_name(path)
-    replaced = _replaced(
-        instances, [*zip(video.tolist(), frame.tolist(), track.tolist(), strict=True)]
-    )
-    confidence = points[~replaced, :, 2]
+        names, edges = _read_skeleton(file)
+        frames, table = file.table("frames"), file.table("instances")
+        file.last = "frames"
+        frames = frames[np.lexsort((frames["frame_idx"], frames["video"]))]
+        start, end = (frames[f"instance_id_{name}"].astype(np.int64) for name in ("start", "end"))
+        there = (start >= 0) & (end >= start) & (end <= len(table))
+        require(there.all(), "points at instances that are not there")
+        file.last = "instances"
+        owner = np.repeat(np.arange(len(frames)), end - start)
+        rows = [np.arange(*own) for own in zip(start.tolist(), end.tolist(), strict=True)]
+        instances = table[np.concatenate([np.empty(0, int), *rows])]
+        video, frame = (frames[name][owner].astype(int) for name in ("video", "frame_idx"))
+        track, kind = (instances[name].astype(int) for name in ("track", "instance_type"))
+        there = (track >= -1) & (track < len(tracks)) & (instances["skeleton"] == 0)
+        there &= (video >= 0) & (video < (len(videos) or 1)) & np.isin(kind, (USER, PREDICTED))
+        require(there.all(), "has tracks, types, skeletons or videos that are not there")
+        first = instances["point_id_start"].astype(np.int64)
+        count = instances["point_id_end"].astype(np.int64) - first
+        fits = (count == len(names)).all() and first.min(initial=0) >= 0
+        require(fits, "has another number of points than its skeleton")
+        points = np.full((len(instances), len(names), 3), np.nan)  # x, y, score
+        for number, name in enumerate(("points", "pred_points")):
+            if (own := kind == number).any():
+                cells = file.table(name)[first[own, None] + np.arange(len(names))]
+                for place, axis in enumerate("xy"):
+                    points[own, :, place] = np.where(cells["visible"], cells[axis] - shift, np.nan)
+                if number == PREDICTED:
+                    points[own, :, 2] = cells["score"]
+    keys = list(zip(video.tolist(), frame.tolist(), track.tolist(), strict=True))
+    user = kind == USER
+    placed = {key for key, own in zip(keys, user.tolist(), strict=True) if own and key[2] >= 0}
+    origins = instances["from_predicted"][user & (instances["from_predicted"] >= 0)]
+    replaced = np.array([key in placed for key in keys], bool)
+    replaced = ~user & (replaced | np.isin(instances["instance_id"], origins))
     lost = int(replaced.sum())
-    poses = Poses(
+    individuals = (*make_unique([str(each[1]) for each in tracks], REPEATED)[0], "")  # -1: none
+    video_names, _ = make_unique([_video(each) for each in videos], REPEATED)
+    unscored = np.isnan(points[~replaced, :, 2]).all()
+    return Poses(
         name=str(path),
-        video=names_of,
+        video=[video_names[n] for n in video] if len(videos) > 1 else video_name(path),
         points=points[..., :2],
+        confidence=None if unscored else points[..., 2],
         frame=frame,
         label=[*map(str, frame.tolist())],
-        individual=who,
+        individual=[individuals[number] for number in track.tolist()],
         landmark_names=names,
         frame_count=len(frames),
         unit="px",
         edges=edges,
         notes=(f"{lost} predicted instances replaced by those that a user placed",) * bool(lost),
-        confidence=None if np.isnan(confidence).all() else points[..., 2],
-    )
-    return poses.take(~replaced)
+    ).take(~replaced)
 
 
-def _read_instances(file: TrackerFile) -> tuple[Any, Any, Integers]:
-    """Return frames and instances, sorted by video and frame, and the frame of each instance."""
-    frames, instances = file.table("frames"), file.table("instances")
-    file.last = "frames"
-    frames = frames[np.lexsort((frames["frame_idx"], frames["video"]))]
-    start, end = (frames[f"instance_id_{name}"].astype(np.int64) for name in ("start", "end"))
-    there = (start >= 0) & (end >= start) & (end <= len(instances))
-    require(there.all(), "points at instances that are not there")
-    count = end - start
-    owner = np.repeat(np.arange(len(frames)), count)
-    rows = np.arange(len(owner)) + (start - np.cumsum(count) + count)[owner]
-    file.last = "instances"
-    return frames, instances[rows], owner
-
-
-def _replaced(instances: Any, keys: Sequence[tuple[int, int, int]]) -> Flags:
-    """Whether each instance is a predicted one for which a user placed another.
-
-    keys are their video, frame and track.
-    """
-    user: Flags = instances["instance_type"] == USER
-    placed = {key for key, own in zip(keys, user.tolist(), strict=True) if own and key[2] >= 0}
-    origins = instances["from_predicted"][user & (instances["from_predicted"] >= 0)]
-    same_track = np.array([key in placed for key in keys], bool)
-    return ~user & (same_track | np.isin(instances["instance_id"], origins))
-
-
-def _read_skeletons(file: TrackerFile) -> tuple[tuple[str, ...], list[list[int]], Edges]:
-    """Return the landmarks of all skeletons, the places of the nodes of each, and all edges.
+def _read_skeleton(file: TrackerFile) -> tuple[tuple[str, ...], Edges]:
+    """Return the nodes of the one skeleton, and its edges.
 
     The type of a link, 1 for bones and 2 for symmetries, is stated in full the first time, later
     by its place among those.
     """
     file.last = "metadata"
     about = json.loads(file.text("json", "metadata") or "{}")
-    nodes = [str(node["name"]) for node in about["nodes"]]
-    skeletons, pairs = [], []
-    for skeleton in about["skeletons"]:
-        graph = skeleton.get("nx_graph", skeleton)
-        skeletons.append([nodes[node["id"]] for node in graph["nodes"]])
-        types: list[int] = []
-        for link in graph.get("links", ()):
-            kind = link.get("type") or {}
-            if "py/reduce" in kind:
-                types.append(kind["py/reduce"][1]["py/tuple"][0])
-            stated = kind.get("py/id", 1)
-            stated = dict(enumerate(types, 1)).get(stated, stated)
-            if (types[-1] if "py/reduce" in kind else stated) == 1:
-                pairs.append((nodes[link["source"]], nodes[link["target"]]))
-    place = {n: i for i, n in enumerate(dict.fromkeys(n for own in skeletons for n in own))}
-    require(place, "has no skeleton with nodes")
-    edges = dict.fromkeys((place[a], place[b]) for a, b in pairs if {a, b} <= place.keys())
-    return tuple(place), [[place[name] for name in own] for own in skeletons], tuple(edges)
+    require(len(about["skeletons"]) == 1, f"has {len(about['skeletons'])} skeletons, not 1")
+    (skeleton,) = about["skeletons"]
+    ids = [node["id"] for node in skeleton["nodes"]]
+    types: list[int] = []
+    edges = []
+    for link in skeleton.get("links", ()):
+        kind = link.get("type") or {}
+        if "py/reduce" in kind:
+            types.append(kind["py/reduce"][1]["py/tuple"][0])
+        stated = len(types) if "py/reduce" in kind else kind.get("py/id", 1)
+        if dict(enumerate(types, 1)).get(stated, stated) == 1:
+            edges.append((ids.index(link["source"]), ids.index(link["target"])))
+    names = tuple(str(about["nodes"][number]["name"]) for number in ids)
+    require(names, "has no skeleton with nodes")
+    return names, tuple(dict.fromkeys(edges))
 
 
 def _video(video: Any) -> str:
-    """Return what a video is called: its name without suffix, or the folder of its images."""
-    backend = video.get("backend") or {}
-    name = video.get("filename") or backend.get("filename") or backend.get("filenames") or "video"
-    if isinstance(name, list):
-        name = str(name[0]).replace("\\", "/").rpartition("/")[0]
+    """Return what a video is called: the name of its file without suffix."""
+    name = video.get("filename") or (video.get("backend") or {}).get("filename") or "video"
     return Path(file_name(str(name))).stem or "video"
 
 

@@ -25,10 +25,9 @@ REACH = 0.35
 """Of the size of a person (the diagonal of the box): how far landmarks go in a frame, at most, from
 where the motion so far takes them. Somebody who runs crosses a fifth of it at 30 Hz."""
 
-REACH_PER_GAP = 0.1
-"""What each missed frame adds to the reach, up to FARTHEST."""
+REACH_PER_GAP, FARTHEST = 0.1, 1.0
+"""What each missed frame adds to the reach, and the largest reach."""
 
-FARTHEST = 1.0
 LONGEST_GAP = 15
 """Frames without a detection that a track survives."""
 
@@ -43,12 +42,10 @@ LARGEST = 1e100
 
 NO_TRACK = -1
 
-Pairs = list[tuple[int, int]]
-
 
 @dataclass
 class _Tracks:
-    """The T tracks of a video that are still open.
+    """The T tracks of a video that are still open, or the detections of a frame.
 
     points (T, p, 2 or 3), where each landmark was last, NaN before it was seen; motion (T, 2), in
     pixels a frame; boxes (T, 4) and size (T,); frame (T,), of the last detection; number (T,).
@@ -61,15 +58,9 @@ class _Tracks:
     frame: Integers
     number: Integers
 
-    def keep(self, rows: Flags) -> None:
-        """Forget the other tracks."""
-        for name, values in vars(self).items():
-            setattr(self, name, values[rows])
-
-    def begin(self, others: _Tracks) -> None:
-        """Add further tracks."""
-        for name, values in vars(self).items():
-            setattr(self, name, np.concatenate([values, getattr(others, name)]))
+    def take(self, rows: Flags) -> _Tracks:
+        """Return some of the tracks."""
+        return replace(self, **{name: values[rows] for name, values in vars(self).items()})
 
 
 def track_people(poses: Poses) -> Sequence[str] | None:
@@ -85,142 +76,35 @@ def track_people(poses: Poses) -> Sequence[str] | None:
         weights *= np.clip(np.nan_to_num(poses.confidence, nan=1.0), 0, 1)
     points = np.clip(poses.points, -LARGEST, LARGEST)
     points[weights == 0] = np.nan
-    boxes, size = _boxes(points)
     anonymous = np.array([not who for who in poses.individual], bool)
-    videos = [poses.video] * len(poses) if isinstance(poses.video, str) else poses.video
-    frames = poses.frame.tolist()
+    boxes, size = _boxes(points)
+    n = len(poses)
+    detections = _Tracks(
+        points, np.zeros((n, 2)), boxes, size, np.asarray(poses.frame), np.full(n, NO_TRACK)
+    )
     rows_of: defaultdict[tuple[str, int], list[int]] = defaultdict(list)
+    videos, frames = poses.videos, poses.frame.tolist()
     for row in np.flatnonzero(anonymous & weights.any(axis=1)).tolist():
         rows_of[videos[row], frames[row]].append(row)
     open_tracks: dict[str, _Tracks] = {}
-    numbers = np.full(len(poses), NO_TRACK)
     following = 0
     for (video, frame), rows in rows_of.items():
-        detected = _Tracks(
-            points=points[rows],
-            motion=np.zeros((len(rows), 2)),
-            boxes=boxes[rows],
-            size=size[rows],
-            frame=np.full(len(rows), frame),
-            number=np.full(len(rows), NO_TRACK),
-        )
-        if video in open_tracks:
-            following = _follow(open_tracks[video], detected, weights[rows], frame, following)
-        else:
-            detected.number = np.arange(following, following + len(rows))
-            following += len(rows)
-            open_tracks[video] = detected
-        numbers[rows] = detected.number
+        detected = detections.take(np.array(rows))
+        tracks = open_tracks.get(video, detected.take(np.zeros(len(rows), bool)))
+        tracks = tracks.take(np.asarray(frame - tracks.frame <= LONGEST_GAP + 1))
+        if len(tracks.frame):
+            _follow(tracks, detected, weights[rows], frame)
+        new: Flags = np.asarray(detected.number == NO_TRACK)
+        detected.number[new] = np.arange(following, following + new.sum())
+        following += int(new.sum())
+        both = vars(tracks), vars(detected.take(new))
+        open_tracks[video] = _Tracks(*(np.concatenate([one[k] for one in both]) for k in both[0]))
+        detections.number[rows] = detected.number
     taken = set(poses.individual)
     free = (name for n in count(1) if (name := f"person {n}") not in taken)
     names = [*islice(free, following), ""]  # the last is that of NO_TRACK
-    return [who or names[n] for who, n in zip(poses.individual, numbers.tolist(), strict=True)]
-
-
-def _follow(tracks: _Tracks, detected: _Tracks, weights: Floats, frame: int, following: int) -> int:
-    """Number the D detections `seen` in a frame, new ones from `following` on; return the next.
-
-    The tracks go on to them.
-    """
-    passed = frame - tracks.frame
-    if passed.size and passed.max() > LONGEST_GAP + 1:
-        tracks.keep(np.asarray(passed <= LONGEST_GAP + 1))
-        passed = frame - tracks.frame
-    if len(passed):
-        passed = np.maximum(passed, 1)
-        steps = tracks.motion * np.minimum(passed, SMOOTH_MOTION)[:, None]
-        pairs = assign(*_costs(tracks, steps, passed, detected, weights))
-        if pairs:
-            _go_on(tracks, steps, passed, detected, *np.array(pairs).T)
-    new: Flags = np.asarray(detected.number == NO_TRACK)
-    if new.any():
-        detected.number[new] = np.arange(following, following + new.sum())
-        following += int(new.sum())
-        others = replace(detected)
-        others.keep(new)
-        tracks.begin(others)
-    return following
-
-
-def _costs(
-    tracks: _Tracks, steps: Floats, passed: Integers, detected: _Tracks, weights: Floats
-) -> tuple[Floats, Flags]:
-    """Return the cost (T, D) of each track and detection, and which pairs may be one person.
-
-    Tracks are `steps` (T, 2) from where they were, so many frames ago.
-    """
-    size, expected = tracks.size, _moved(tracks.points, steps)
-    boxes = tracks.boxes + np.concatenate([steps, steps], axis=1)
-    reach = np.minimum(REACH + REACH_PER_GAP * (passed - 1), FARTHEST)
-    scale = np.maximum(size[:, None], detected.size)
-    offset = detected.points - expected[:, None]
-    away = np.sqrt(np.einsum("tdpc,tdpc->tdp", offset, offset))
-    common = np.where(np.isnan(away), 0.0, weights)
-    # One landmark that went astray counts no more than the size of the person.
-    away = np.fmin(away, scale[..., None])
-    total = common.sum(axis=2)
-    distance = np.einsum("tdp,tdp->td", away, common) / np.maximum(total, 1e-12)
-    if not total.all():
-        middle = (
-            detected.boxes[:, :2] + detected.boxes[:, 2:] - boxes[:, None, :2] - boxes[:, None, 2:]
-        ) / 2
-        distance = np.where(total > 0, distance, np.sqrt((middle**2).sum(axis=2)))
-    ratio = distance / (scale * reach[:, None])
-    return ratio + (1 - _overlap(boxes[:, None], detected.boxes)) / 2, ratio <= 1
-
-
-def _moved(points: Floats, steps: Floats) -> Floats:
-    """Return points (T, p, d) after steps (T, 2)."""
-    moved = points.copy()
-    moved[..., :2] += steps[:, None]
-    return moved
-
-
-def _go_on(
-    tracks: _Tracks,
-    steps: Floats,
-    passed: Integers,
-    detected: _Tracks,
-    who: Integers,
-    own: Integers,
-) -> None:
-    """Let tracks `who` go on to their detections; landmarks that these lack move as expected."""
-    points = detected.points[own]
-    moved = (points - tracks.points[who])[..., :2]
-    known = ~np.isnan(moved[..., :1])
-    count = known.sum(axis=1)
-    mean = np.where(known, moved, 0.0).sum(axis=1) / np.maximum(count, 1)
-    smooth = tracks.motion[who]
-    motion = smooth + FORGETTING * (mean / passed[who, None] - smooth)
-    tracks.motion[who] = np.where(count > 0, motion, smooth)
-    expected = _moved(tracks.points[who], steps[who])
-    tracks.points[who] = np.where(np.isnan(points), expected, points)
-    tracks.boxes[who] = detected.boxes[own]
-    tracks.size[who] = np.maximum(detected.size[own], 0.95 * tracks.size[who])
-    tracks.frame[who] = detected.frame[own]
-    detected.number[own] = tracks.number[who]
-
-
-def assign(cost: Floats, allowed: Flags) -> Pairs:
-    """Return the pairs of least cost among those allowed, after as many as possible.
-
-    Where the best of each row are different columns, or the best of each column different rows,
-    they are the optimum; else scipy finds it.
-    """
-    padded = np.where(allowed, cost, np.inf)
-    for turned in (False, True):
-        own = padded.T if turned else padded
-        rows = np.flatnonzero(np.isfinite(own).any(axis=1))
-        best = own[rows].argmin(axis=1) if len(rows) else rows
-        if len(set(best.tolist())) == len(rows):
-            pairs = zip(rows.tolist(), best.tolist(), strict=True)
-            return [(b, a) if turned else (a, b) for a, b in pairs]
-    from scipy.optimize import linear_sum_assignment
-
-    unlikely = 1.0 + 2.0 * float(np.abs(cost[allowed]).sum())
-    chosen = linear_sum_assignment(np.where(allowed, cost, unlikely))
-    pairs = zip(*(each.tolist() for each in chosen), strict=True)
-    return [(row, column) for row, column in pairs if allowed[row, column]]
+    numbers = detections.number.tolist()
+    return [who or names[n] for who, n in zip(poses.individual, numbers, strict=True)]
 
 
 def _boxes(points: Floats) -> tuple[Floats, Floats]:
@@ -233,9 +117,83 @@ def _boxes(points: Floats) -> tuple[Floats, Floats]:
     return np.concatenate([low, high], axis=1), np.maximum(size, 1e-9)
 
 
+def _follow(tracks: _Tracks, detected: _Tracks, weights: Floats, frame: int) -> None:
+    """Number those of the D detections of a frame that go on a track; these tracks go on to them.
+
+    Landmarks that a detection lacks move as its track does.
+    """
+    passed = np.maximum(frame - tracks.frame, 1)
+    steps = tracks.motion * np.minimum(passed, SMOOTH_MOTION)[:, None]
+    expected = tracks.points.copy()
+    expected[..., :2] += steps[:, None]
+    pairs = assign(*_costs(tracks, expected, steps, passed, detected, weights))
+    who, own = np.array(pairs, np.intp).reshape(-1, 2).T
+    points = detected.points[own]
+    moved = (points - tracks.points[who])[..., :2]
+    known = ~np.isnan(moved[..., :1])
+    common = known.sum(axis=1)
+    mean = np.where(known, moved, 0.0).sum(axis=1) / np.maximum(common, 1)
+    smooth = tracks.motion[who]
+    motion = smooth + FORGETTING * (mean / passed[who, None] - smooth)
+    tracks.motion[who] = np.where(common > 0, motion, smooth)
+    tracks.points[who] = np.where(np.isnan(points), expected[who], points)
+    tracks.boxes[who] = detected.boxes[own]
+    tracks.size[who] = np.maximum(detected.size[own], 0.95 * tracks.size[who])
+    tracks.frame[who] = frame
+    detected.number[own] = tracks.number[who]
+
+
+def _costs(
+    tracks: _Tracks,
+    expected: Floats,
+    steps: Floats,
+    passed: Integers,
+    detected: _Tracks,
+    weights: Floats,
+) -> tuple[Floats, Flags]:
+    """Return the cost (T, D) of each track and detection, and which pairs may be one person.
+
+    Tracks are expected at (T, p, d), `steps` (T, 2) from where they were, so many frames ago.
+    """
+    boxes = tracks.boxes + np.concatenate([steps, steps], axis=1)
+    reach = np.minimum(REACH + REACH_PER_GAP * (passed - 1), FARTHEST)
+    scale = np.maximum(tracks.size[:, None], detected.size)
+    difference = detected.points - expected[:, None]
+    away = np.sqrt(np.einsum("tdpc,tdpc->tdp", difference, difference))
+    common = np.where(np.isnan(away), 0.0, weights)
+    # One landmark that went astray counts no more than the size of the person.
+    away = np.fmin(away, scale[..., None])
+    total = common.sum(axis=2)
+    distance = np.einsum("tdp,tdp->td", away, common) / np.maximum(total, 1e-12)
+    if not total.all():  # without a common landmark, the middles of the boxes
+        own, other = boxes[:, None], detected.boxes
+        middle = (other[:, :2] + other[:, 2:] - own[..., :2] - own[..., 2:]) / 2
+        distance = np.where(total > 0, distance, np.sqrt((middle**2).sum(axis=2)))
+    ratio = distance / (scale * reach[:, None])
+    return ratio + (1 - _overlap(boxes[:, None], detected.boxes)) / 2, ratio <= 1
+
+
 def _overlap(a: Floats, b: Floats) -> Floats:
     """Return intersection over union of boxes (..., 4); 0 for those without an area."""
     sides = np.minimum(a[..., 2:], b[..., 2:]) - np.maximum(a[..., :2], b[..., :2])
     shared = np.maximum(sides, 0).prod(axis=-1)
     areas = (a[..., 2:] - a[..., :2]).prod(axis=-1) + (b[..., 2:] - b[..., :2]).prod(axis=-1)
     return np.asarray(shared / np.maximum(areas - shared, 1e-12))
+
+
+def assign(cost: Floats, allowed: Flags) -> list[tuple[int, int]]:
+    """Return the pairs of least cost among those allowed, after as many as possible.
+
+    Where the best of each row are different columns they are the optimum; else scipy finds it.
+    """
+    padded = np.where(allowed, cost, np.inf)
+    rows = np.flatnonzero(allowed.any(axis=1))
+    best = padded[rows].argmin(axis=1) if len(rows) else rows
+    if len({*best.tolist()}) == len(rows):
+        return list(zip(rows.tolist(), best.tolist(), strict=True))
+    from scipy.optimize import linear_sum_assignment
+
+    unlikely = 1.0 + 2.0 * float(np.abs(cost[allowed]).sum())
+    chosen = linear_sum_assignment(np.where(allowed, cost, unlikely))
+    pairs = zip(*(each.tolist() for each in chosen), strict=True)
+    return [(row, column) for row, column in pairs if allowed[row, column]]

@@ -200,27 +200,3 @@ def test_what_is_wrong_is_named_with_its_place(write, problem, name, change, fou
     with h5py.File(path, "a") as file:
         change(file)
     assert found in problem(path)
-
-
-def test_two_skeletons(write, read):
-    """Instances of each skeleton have its landmarks, and lack those of the other."""
-    path = write("labels.slp")
-    with h5py.File(path, "a") as file:
-        text = file["metadata"].attrs["json"]
-        first = '[{"id": 0}, {"id": 1}, {"id": 2}, {"id": 3}]'
-        other = first.replace("0", "4").replace("1}", "5}").replace("2}", "6}").replace("3}", "7}")
-        assert first in text
-        skeleton = f'{{"nodes": {other}, "links": []}}'
-        text = text.replace('"skeletons": [', f'"skeletons": [{skeleton}, ')
-        nodes = ", ".join(f'{{"name": "wing{number}"}}' for number in range(4))
-        text = text.replace('{"name": "point3"}', f'{{"name": "point3"}}, {nodes}')
-        file["metadata"].attrs["json"] = text
-        table = file["instances"][:]
-        table["skeleton"] = table["track"]
-        file["instances"][...] = table
-    found = read(path)
-    assert found.landmark_names[:5] == ("wing0", "wing1", "wing2", "wing3", "point0")
-    placed = np.isfinite(found.landmarks[:, 0])
-    assert placed[:7, :4].all()
-    assert not placed[:7, 4:].any()
-    assert placed[7:, 4:].sum() == 27
