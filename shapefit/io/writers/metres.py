@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,38 +42,19 @@ def find_stature(shapes: Floats, names: Sequence[str]) -> Floats | None:
     column = joint_columns(names)
     if not set(_JOINTS) <= column.keys():
         return None
-
-    def at(joint: str) -> Floats:
-        return shapes[:, :, column[joint]]
-
-    def length(a: Floats, b: Floats) -> Floats:
-        lengths: Floats = np.linalg.norm(a - b, axis=1)
-        return lengths
-
-    legs = sum(
-        length(at(f"{side}ankle"), at(f"{side}knee")) + length(at(f"{side}knee"), at(f"{side}hip"))
-        for side in "lr"
-    )
-    trunk = length(at("lhip") + at("rhip"), at("lshoulder") + at("rshoulder"))
-    stature: Floats = (legs + trunk) / 2 / ANKLE_TO_SHOULDER
-    return stature
-
-
-def find_extent(shapes: Floats) -> float:
-    """Return the height of shapes (n, 3, p) with y up, that of the tallest frames; nan for none."""
-    placed = np.isfinite(shapes).any(axis=(1, 2))
-    if not placed.any():
-        return float("nan")
-    y = shapes[placed, 1]
-    return float(np.percentile(np.nanmax(y, axis=1) - np.nanmin(y, axis=1), EXTENT_PERCENTILE))
+    at = {joint: shapes[:, :, column[joint]] for joint in _JOINTS}
+    trunk = at["lhip"] + at["rhip"] - at["lshoulder"] - at["rshoulder"]
+    bones = [at[f"{s}ankle"] - at[f"{s}knee"] for s in "lr"]
+    bones += [at[f"{s}knee"] - at[f"{s}hip"] for s in "lr"]
+    lengths = np.linalg.norm([*bones, trunk], axis=2)
+    return np.asarray(lengths.sum(axis=0) / 2 / ANKLE_TO_SHOULDER)
 
 
 FARTHEST = 100.0
 """Metres from a camera to the origin of its world in any room or arena."""
 
 
-@dataclass(frozen=True)
-class MetricShapes:
+class MetricShapes(NamedTuple):
     """points (n, 3, p) in metres, and where their `axes` and their `size` come from, in words.
 
     factor (n,): metres in a unit of each shape.
@@ -95,55 +76,67 @@ def in_metres(
     and x = z = 0 the camera. Raises InputError at `place` where nothing says how large they are.
     """
     if isinstance(records, ShapeSet):
-        return _shapes(records, options, place)
-    upright, axes, known = _upright(records, options, place)
+        shapes, axes = records.shapes, "axes as in the shapes"
+        if options.up is not None:
+            shapes, axes = TO_Y_UP[options.up] @ shapes, f"y up, which was {options.up}"
+        factor, size = _factor(records, shapes, options, place)
+        return MetricShapes(factor[:, None, None] * shapes, factor, axes, size)
+    turn, axes = _turn(records, options, place)
+    upright = turn @ records.shapes
     factor, size = _factor(records, upright, options, place)
-    names = records.landmark_names
+    columns = records.columns
+    if CAMERA_TRANSLATION not in columns or records.translation is None or records.scale is None:
+        points, axes = _in_the_image(upright, factor), f"{axes}; lowest landmark at height 0"
+        return MetricShapes(points, factor, axes, size)
+    points, world = _from_the_camera(records, factor, place)
+    points = turn @ points
+    axes_of = f"{axes}; position from the camera"
     warnings: tuple[str, ...] = ()
-    if known is None:
-        points = _in_the_image(upright, factor)
-        origin = "lowest landmark at height 0"
-    else:
-        world = _per_item(records, EXTRINSIC_TRANSLATION, (3,), place)
-        if EXTRINSIC_ROTATION not in records.columns:
-            world = None
-        points = _in_the_world(records, factor, known, world, place)
-        origin = "position from the camera"
-        warnings = _distance_warning(world)
-        if floor is not None:
-            points = floor.stand(points)
-            axes, origin = "y up from the floor", str(floor)
-        elif EXTRINSIC_ROTATION not in records.columns and find_stature(upright, names) is not None:
-            origin = f"the feet do not show the floor; {origin}"
-    return MetricShapes(points, factor, f"{axes}; {origin}", size, warnings)
+    if world is not None and (far := np.linalg.norm(world, axis=1).max(initial=0)) > FARTHEST:
+        text = f"the camera is {far:.0f} m from the origin of its world: are the extrinsics in"
+        warnings = (f"{text} millimetres? Divide their translation by 1000",)
+    if floor is not None:
+        points, axes_of = floor.stand(points), f"y up from the floor; {floor}"
+    elif (
+        EXTRINSIC_ROTATION not in columns
+        and find_stature(upright, records.landmark_names) is not None
+    ):
+        axes_of = f"{axes}; the feet do not show the floor; position from the camera"
+    return MetricShapes(points, factor, axes_of, size, warnings)
 
 
-def _shapes(records: ShapeSet, options: OutputOptions, place: str) -> MetricShapes:
-    axes = "axes as in the shapes"
-    shapes = records.shapes
+def _turn(records: ResultSet, options: OutputOptions, place: str) -> tuple[Floats, str]:
+    """Return the rotations (n, 3, 3) that turn results so that y is up, and where up comes from."""
+    level = np.diag([1.0, -1.0, -1.0]) if records.y_axis == "up" else np.eye(3)
+    rotation = _per_item(records, EXTRINSIC_ROTATION, (3, 3), place)
+    if rotation is not None:
+        up = options.up or nearest_axis_up(rotation)
+        turn = TO_Y_UP[up] @ rotation.swapaxes(1, 2) @ level
+        return turn, f"y up, the axis {up} of the extrinsics"
     if options.up is not None:
-        shapes, axes = TO_Y_UP[options.up] @ shapes, f"y up, which was {options.up}"
-    factor, size = _factor(records, shapes, options, place)
-    return MetricShapes(factor[:, None, None] * shapes, factor, axes, size)
+        problem = "the result has no extrinsics, so its world has no axes"
+        raise input_error("up", problem, "leave it out: y is then up as in the image")
+    return np.tile(TO_Y_UP[IMAGE_UP] @ level, (len(records), 1, 1)), "y up as in the image"
 
 
 def _factor(
     records: Shapes3D, upright: Floats, options: OutputOptions, place: str
 ) -> tuple[Floats, str]:
-    """Return the metres (n,) in a unit of each shape, and by what."""
-    n = len(records)
-    unit = _unit(records, options, place)
+    """Return the metres (n,) in a unit of each shape, and by what.
+
+    They are those of the unit; of results without one, those of the training shapes, constant
+    unless lengths of edges say them. The height goes over both.
+    """
+    n, unit = len(records), _unit(records, options, place)
     known: Floats | None = None
     size = ""
     if unit is not None:
         known, size = np.full(n, unit), "the unit as given"
     elif isinstance(records, ResultSet):
-        known, size = (
-            _per_item(records, METRES_PER_UNIT, (), place),
-            "the size of the training shapes",
-        )
+        known = _per_item(records, METRES_PER_UNIT, (), place)
+        size = "the size of the training shapes"
         if known is not None and records.attributes.get(METRES_FROM) != "edges":
-            known = np.full(n, _median(known))  # constant, whatever the pose
+            known = np.full(n, _median(known))
     if options.height is None:
         if known is None:
             raise _unknown_size(records, place)
@@ -151,7 +144,7 @@ def _factor(
     stature = find_stature(upright, records.landmark_names)
     whole = np.ones(n) if known is None else known
     if stature is None:
-        tall = find_extent(whole[:, None, None] * upright)
+        tall = _extent(whole[:, None, None] * upright)
     elif known is None and isinstance(records, ResultSet):
         whole, tall = 1 / np.where(stature > 0, stature, np.nan), 1.0
     else:
@@ -169,9 +162,9 @@ def _unit(records: Shapes3D, options: OutputOptions, place: str) -> float | None
     if metres_in(options.unit) is None:
         raise input_error("unit", f"{options.unit!r} is no unit of length", "use m, cm or mm")
     if stated is not None and metres_in(stated) != metres_in(options.unit):
-        found = f"they are in {stated}, not in {options.unit}"
+        problem = f"they are in {stated}, not in {options.unit}"
         fix = "leave out `unit`; `height` sets how large they are in metres"
-        raise input_error(place, found, fix)
+        raise input_error(place, problem, fix)
     return metres_in(options.unit)
 
 
@@ -179,38 +172,19 @@ def _unknown_size(records: Shapes3D, place: str) -> Exception:
     if isinstance(records, ShapeSet):
         known = records.unit != UNKNOWN_UNIT
         named = f"is {records.unit}, which is no length" if known else "is not known"
-        found = f"the unit of the shapes {named}"
-        return input_error(place, found, "give it, e.g. `unit=m`, or `height=1.78`")
-    found = f"the shapes are in {records.unit}, and their size in metres is not known"
+        problem = f"the unit of the shapes {named}"
+        return input_error(place, problem, "give it, e.g. `unit=m`, or `height=1.78`")
+    problem = f"the shapes are in {records.unit}, and their size in metres is not known"
     fix = "give it, e.g. `height=1.78`, or lift with a dictionary learned from shapes in m"
-    return input_error(place, found, fix)
+    return input_error(place, problem, fix)
 
 
-def _upright(
-    records: ResultSet, options: OutputOptions, place: str
-) -> tuple[Floats, str, Floats | None]:
-    """Turn shapes so that y is up; returns them, where up comes from, and the turn (n, 3, 3).
-
-    The shapes are still in their unit. The turn is None unless a camera knows where they are.
-    """
-    level = np.diag([1.0, -1.0, -1.0]) if records.y_axis == "up" else np.eye(3)
-    rotation = _per_item(records, EXTRINSIC_ROTATION, (3, 3), place)
-    if rotation is None:
-        if options.up is not None:
-            found = "the result has no extrinsics, so its world has no axes"
-            raise input_error("up", found, "leave it out: y is then up as in the image")
-        turn = np.tile(TO_Y_UP[IMAGE_UP] @ level, (len(records), 1, 1))
-        axes = "y up as in the image"
-    else:
-        up = options.up or nearest_axis_up(rotation)
-        turn = TO_Y_UP[up] @ rotation.swapaxes(1, 2) @ level
-        axes = f"y up, the axis {up} of the extrinsics"
-    has_position = (
-        CAMERA_TRANSLATION in records.columns
-        and records.translation is not None
-        and records.scale is not None
-    )
-    return turn @ records.shapes, axes, turn if has_position else None
+def _extent(shapes: Floats) -> float:
+    """Return the height of shapes (n, 3, p) with y up, that of the tallest frames; nan for none."""
+    y = shapes[np.isfinite(shapes).any(axis=(1, 2)), 1]
+    if not len(y):
+        return float("nan")
+    return float(np.percentile(np.nanmax(y, axis=1) - np.nanmin(y, axis=1), EXTENT_PERCENTILE))
 
 
 def _in_the_image(upright: Floats, factor: Floats) -> Floats:
@@ -222,42 +196,32 @@ def _in_the_image(upright: Floats, factor: Floats) -> Floats:
     placed = np.flatnonzero(np.isfinite(middle).all(axis=(1, 2)))
     if not len(placed):
         return upright
-    size, first = _median(factor), middle[placed[0]]
-    points = factor[:, None, None] * (upright - middle) + size * (middle - first)
+    points = factor[:, None, None] * (upright - middle)
+    points += _median(factor) * (middle - middle[placed[0]])
     points[:, 1] -= np.nanmin(points[:, 1])
     return points
 
 
-def _distance_warning(world: Floats | None) -> tuple[str, ...]:
-    """Warn of a camera that is too far from the origin of its world, as with millimetres."""
-    far = 0.0 if world is None or not len(world) else float(np.linalg.norm(world, axis=1).max())
-    if far <= FARTHEST:
-        return ()
-    return (
-        f"the camera is {far:.0f} m from the origin of its world: are the extrinsics in "
-        "millimetres? Divide their translation by 1000",
-    )
+def _from_the_camera(
+    records: ResultSet, factor: Floats, place: str
+) -> tuple[Floats, Floats | None]:
+    """X = factor (shape - its origin in the image + scale t), from the world's origin if known.
 
-
-def _in_the_world(
-    records: ResultSet, factor: Floats, turn: Floats, world: Floats | None, place: str
-) -> Floats:
-    """X = factor (shape - its origin in the image + scale t), in the world where that is known."""
-    assert records.translation is not None
-    assert records.scale is not None
+    Returns X in the frame of the shapes, and the translation (n, 3) of the world, or None.
+    """
+    translation, scale = records.translation, records.scale
     t = _per_item(records, CAMERA_TRANSLATION, (3,), place)
+    assert translation is not None
+    assert scale is not None
     assert t is not None
     shapes = records.shapes.copy()
-    shapes[:, :2] -= records.translation[..., None]
-    X = factor[:, None, None] * (shapes + (records.scale[:, None] * t)[..., None])
-    if world is not None:
-        X = X - _in_frame_of(records, world)[..., None]
-    return turn @ X
-
-
-def _in_frame_of(records: ResultSet, vectors: Floats) -> Floats:
-    """Return vectors (n, 3), z away from the camera, in the frame of the shapes."""
-    return vectors * (np.array([1.0, -1.0, -1.0]) if records.y_axis == "up" else 1.0)
+    shapes[:, :2] -= translation[..., None]
+    X = factor[:, None, None] * (shapes + (scale[:, None] * t)[..., None])
+    world = _per_item(records, EXTRINSIC_TRANSLATION, (3,), place)
+    if world is None or EXTRINSIC_ROTATION not in records.columns:
+        return X, None
+    level = np.array([1.0, -1.0, -1.0]) if records.y_axis == "up" else np.ones(3)
+    return X - (world * level)[..., None], world
 
 
 def _per_item(records: ResultSet, name: str, shape: tuple[int, ...], place: str) -> Floats | None:

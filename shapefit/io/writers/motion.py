@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -18,7 +17,7 @@ from shapefit.geometry.floor import Body, Floor, find_floor
 from shapefit.geometry.joint_angles import measure_angles
 from shapefit.geometry.joint_rotations import Rig
 from shapefit.geometry.pinhole import ASSUMED_FOCAL
-from shapefit.io.atomic import atomic_path, check_output, file_stem, staged_files
+from shapefit.io.atomic import check_output, file_stem, staged_files
 from shapefit.io.layout import (
     EDGES,
     FRAME,
@@ -349,21 +348,17 @@ def motion_output(
         if options.markers == "input":
             note = "; ".join(filter(None, (note, _describe_markers(records))))
         files = _files(target, motions, write, angles)
-        if len(files) == 1:
-            with atomic_path(target) as path:
-                write(path, motions[0])
-        else:
-            with staged_files(Path(os.path.realpath(target)).parent) as staged:
-                for name, fill in files.items():
-                    (staged / name).parent.mkdir(parents=True, exist_ok=True)
-                    fill(staged / name)
+        with staged_files(Path(os.path.realpath(target)).parent) as staged:
+            for name, fill, motion in files:
+                (staged / name).parent.mkdir(parents=True, exist_ok=True)
+                fill(staged / name, motion)
         placed = [*dict.fromkeys(f"in {unit} by {each.size}, {each.axes}" for each in motions)]
         if len(placed) > MOST_DESCRIBED:
             others = len(placed) - MOST_DESCRIBED
             placed[MOST_DESCRIBED:] = [f"and {others} others, as their files say"]
         warnings = dict.fromkeys(text for each in motions for text in each.warnings)
-        paths = [target] if len(files) == 1 else [target.parent / name for name in files]
-        note = "; ".join([*placed, *([note] if note else ())])
+        paths = [target.parent / name for name, *_ in files] if len(files) > 1 else [target]
+        note = "; ".join(filter(None, [*placed, note]))
         writer.summary = Summary(note=note, warnings=tuple(warnings), written=tuple(paths))
 
     return output
@@ -371,8 +366,8 @@ def motion_output(
 
 def _files(
     target: Path, motions: Sequence[Motion], write: Write, angles: Write | None
-) -> dict[PurePosixPath, Callable[[Path], None]]:
-    """Return the files to write, by name: one per motion, with angles beside it.
+) -> list[tuple[PurePosixPath, Write, Motion]]:
+    """Return the names of the files to write, with what fills them: one per motion, and its angles.
 
     Names are those of the sequences, without the folders that all are in, / and spaces; those
     that become the same get a number.
@@ -383,14 +378,10 @@ def _files(
     while all(len(part) > shared + 1 and part[shared] == parts[0][shared] for part in parts):
         shared += 1
     names, _ = make_unique(["_".join(p[shared:]).replace(" ", "_") or "motion" for p in parts])
-    files: dict[PurePosixPath, Callable[[Path], None]] = {}
+    files: list[tuple[PurePosixPath, Write, Motion]] = []
     for name, motion in zip(names, motions, strict=True):
         stem = file_stem(f"{resolved.stem}_{name}") if len(motions) > 1 else resolved.stem
-        files[PurePosixPath(f"{stem}{resolved.suffix}")] = partial(_fill, write, motion)
+        files.append((PurePosixPath(f"{stem}{resolved.suffix}"), write, motion))
         if angles is not None and motion.angle_names:
-            files[PurePosixPath(f"{stem}_angles.csv")] = partial(_fill, angles, motion)
+            files.append((PurePosixPath(f"{stem}_angles.csv"), angles, motion))
     return files
-
-
-def _fill(write: Write, motion: Motion, path: Path) -> None:
-    write(path, motion)
