@@ -12,9 +12,10 @@ from typing import Any, NamedTuple
 import h5py
 import numpy as np
 
-from shapefit.arrays import Floats, Integers
+from shapefit.arrays import Floats
 from shapefit.errors import input_error, printable
 from shapefit.io.hdf5_file import DAMAGED, Hdf5File
+from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import (
     Edges,
     Poses,
@@ -367,13 +368,12 @@ UNITS = {"pixel": "px", "pixels": "px", "px": "px", "meters": "m", "metres": "m"
 
 
 class Series(NamedTuple):
-    """A PoseEstimationSeries: one landmark over time, of an animal, which is in a module.
+    """A PoseEstimationSeries: one landmark of an animal over time.
 
     points (n, 2 or 3) times the conversion that is stated; confidence (n,), NaN where there is
     none; times (n,) in seconds; rate in Hz, of a series that states it.
     """
 
-    module: str
     animal: str
     landmark: str
     points: Floats
@@ -384,61 +384,48 @@ class Series(NamedTuple):
 
 
 def read_nwb(paths: tuple[Path, ...]) -> Poses:
-    """Read every PoseEstimation below `processing`. Raises InputError where there is none.
+    """Read every PoseEstimation below `processing`; a series may have times of its own.
 
-    Series of one animal may have times of their own; they are joined by time. Several modules with
-    animals of the same names are several videos.
+    Raises InputError where there is none, and for animals of one name in several modules.
     """
     path = paths[0]
     with open_tracker(path) as file:
         groups = [*_groups(file, "processing", 5)]  # modules, animals and their series
         kinds = {name: file.text("neurodata_type", name) for name in groups}
+        animals = [name for name in groups if kinds[name] == "PoseEstimation"]
         series = [
             _read_series(file, name)
             for name in groups
-            if kinds[name] == "PoseEstimationSeries"
-            and kinds.get(name.rpartition("/")[0]) == "PoseEstimation"
+            if kinds[name] == "PoseEstimationSeries" and name.rpartition("/")[0] in animals
         ]
         if not series:
             problem = "holds no PoseEstimation (ndx-pose), so no landmarks"
             raise input_error(path, problem, "give a file of estimated poses")
         names, edges = _skeletons_of(file, groups, series)
-        dimensions = {one.points.shape[1] for one in series}
-        require(len(dimensions) == 1, "holds 2D and 3D series; save them in files of their own")
-    people = [*dict.fromkeys(one.animal for one in series)]
-    several = len(people) < len({(one.module, one.animal) for one in series})
-    videos, labels, times = [], [], []
-    parts: list[tuple[Floats, Integers, Integers]] = []
-    for module in dict.fromkeys(one.module if several else "" for one in series):
-        own = [one for one in series if one.module == module or not several]
-        times.append(np.unique(np.concatenate([one.times for one in own])))
-        # x, y, [z,] confidence of each landmark of each animal
-        cells = np.full((len(times[-1]), len(people), len(names), max(dimensions) + 1), np.nan)
-        present = np.zeros(cells.shape[:2], bool)
-        for one in own:
-            at, who = np.searchsorted(times[-1], one.times), people.index(one.animal)
-            values = np.column_stack([one.points, one.confidence])
-            cells[at, who, names.index(one.landmark)] = values
-            present[at, who] = True
-        frame, individual = np.nonzero(present)
-        parts.append((cells[present], frame, individual))
-        texts = number_labels(times[-1])
-        labels += [texts[number] for number in frame.tolist()]
-        videos += [module] * len(frame)
-    cells, frame, individual = map(np.concatenate, zip(*parts, strict=True))
-    units = {UNITS.get(one.unit, "unknown") for one in series}
-    return Poses(
-        name=str(path),
-        video=videos if several else video_name(path),
-        points=cells[..., :-1],
-        confidence=None if np.isnan(cells[..., -1]).all() else cells[..., -1],
-        frame=frame,
-        label=labels,
-        individual=[people[number] for number in individual.tolist()],
+        axes = {one.points.shape[1] for one in series}
+        require(len(axes) == 1, "holds 2D and 3D series; save them in files of their own")
+        people = [*dict.fromkeys(one.animal for one in series)]
+        once = len({(one.animal, one.landmark) for one in series}) == len(series)
+        require(once, "has animals of one name in several modules; save each in its own file")
+    times = np.unique(np.concatenate([one.times for one in series]))
+    points = np.full((len(times), len(people), len(names), *axes), np.nan)
+    confidence = np.full(points.shape[:3], np.nan)
+    present = np.zeros(points.shape[:2], bool)
+    for one in series:
+        at, who = np.searchsorted(times, one.times), people.index(one.animal)
+        place = at, who, names.index(one.landmark)
+        points[place], confidence[place], present[at, who] = one.points, one.confidence, True
+    (unit, *others) = {UNITS.get(one.unit, UNKNOWN_UNIT) for one in series}
+    return of_frames(
+        path,
+        points,
+        None if np.isnan(confidence).all() else confidence,
+        number_labels(times),
+        individuals=people,
+        present=present,
         landmark_names=tuple(names),
-        frame_count=sum(map(len, times)),
         frame_rate=_frame_rate(series, times),
-        unit="px" if dimensions == {2} else units.pop() if len(units) == 1 else "unknown",
+        unit="px" if axes == {2} else UNKNOWN_UNIT if others else unit,
         edges=edges,
     )
 
@@ -454,7 +441,7 @@ def _groups(file: TrackerFile, group: str, levels: int) -> Iterator[str]:
 
 
 def _read_series(file: TrackerFile, group: str) -> Series:
-    module, animal, landmark = group.split("/")[-3:]
+    animal, landmark = group.split("/")[-2:]
     data, scores, start = (f"{group}/{name}" for name in ("data", "confidence", "starting_time"))
     points = file.numbers(data)
     require(points.ndim == 2 and points.shape[1] in (2, 3), f"has the shape {points.shape}")
@@ -472,7 +459,7 @@ def _read_series(file: TrackerFile, group: str) -> Series:
     require(rising, "does not increase; give each point a time of its own, in their order")
     fits = times.shape == confidence.shape == (count,)
     require(fits, f"is not of the {count} points of the series")
-    return Series(module, animal, landmark, points, confidence, times, rate, unit)
+    return Series(animal, landmark, points, confidence, times, rate, unit)
 
 
 def _skeletons_of(
@@ -485,9 +472,9 @@ def _skeletons_of(
     names: dict[str, None] = {}
     pairs: dict[tuple[str, str], None] = {}
     nodes = {group: file.texts(f"{group}/nodes") for group in groups}
-    for module, animal in dict.fromkeys((one.module, one.animal) for one in series):
-        own = {one.landmark: None for one in series if (one.module, one.animal) == (module, animal)}
-        near = sorted(nodes, key=lambda name: f"/{module}/{animal}/" not in f"{name}/")
+    for animal in dict.fromkeys(one.animal for one in series):
+        own = {one.landmark: None for one in series if one.animal == animal}
+        near = sorted(nodes, key=lambda name: f"/{animal}/" not in f"{name}/")
         group = next((name for name in near if own.keys() <= {*nodes[name]}), None)
         if group is not None:
             lines = file.edges(f"{group}/edges", len(nodes[group]))
@@ -499,14 +486,13 @@ def _skeletons_of(
     return order, tuple(edges)
 
 
-def _frame_rate(series: Sequence[Series], times: Sequence[Floats]) -> float | None:
-    """Return the frame rate that the series state, or that the times of all videos keep to 1%."""
+def _frame_rate(series: Sequence[Series], times: Floats) -> float | None:
+    """Return the frame rate that the series state, or that their times keep to 1%."""
     stated = {one.rate for one in series if len(one.times) > 1}
     if len(stated) == 1 and (rate := stated.pop()) is not None:
         return rate
-    steps = [np.diff(own) for own in times if len(own) > 2]
-    if stated or not steps:
+    steps = np.diff(times)
+    if stated or len(steps) < 2:
         return None
-    middle = float(np.median(np.concatenate(steps)))
-    smooth = all((np.abs(own - middle) <= 0.01 * middle).all() for own in steps)
-    return 1 / middle if smooth else None
+    middle = float(np.median(steps))
+    return 1 / middle if (np.abs(steps - middle) <= 0.01 * middle).all() else None
