@@ -80,12 +80,12 @@ def read_image_files(paths: tuple[Path, ...]) -> Poses:
             detections += _detections(people, number, file, needed=people is contents)
             hands = ("face_keypoints_2d", "hand_left_keypoints_2d", "hand_right_keypoints_2d")
             further += sum(any(person.get(key) for key in hands) for person in people)
-    notes: tuple[str, ...] = ()
-    if without_people:
-        files_left = f"{counted(len(without_people), 'file')} without people left out"
-        notes += (f"{files_left} ({abbreviate(without_people)})",)
-    if further:
-        notes += (f"hands and faces left out, of {counted(further, 'detection')}",)
+    texts = {
+        f"{counted(len(without_people), 'file')} without people left out "
+        f"({abbreviate(without_people)})": without_people,
+        f"hands and faces left out, of {counted(further, 'detection')}": further,
+    }
+    notes = tuple(text for text, some in texts.items() if some)
     return _as_poses(images, detections, notes=notes, frame_count=len(files) - len(without_people))
 
 
@@ -302,18 +302,18 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
             if "track_id" not in entry and isinstance(attributes, dict):  # CVAT's and sleap-io's
                 who = attributes.get("track_id", attributes.get("object_id"))
             detections.append(Detection(keypoints, image, who))
-    notes: tuple[str, ...] = ()
-    if without:
-        notes += (f"{counted(without, 'annotation')} without keypoints left out",)
-    if unlisted := len(order) - len(image_names):
-        notes += (f"{counted(unlisted, 'image')} of annotations not listed among the images",)
+    unlisted = len(order) - len(image_names)
+    texts = {
+        f"{counted(without, 'annotation')} without keypoints left out": without,
+        f"{counted(unlisted, 'image')} of annotations not listed among the images": unlisted,
+    }
     return _as_poses(
         _name_images(path, [image_names.get(image, image) for image in order]),
         detections,
         scored=False,
         landmark_names=tuple(place) or None,
         edges=tuple(dict.fromkeys((place[a], place[b]) for a, b in lines)),
-        notes=notes,
+        notes=tuple(text for text, number in texts.items() if number),
     )
 
 
@@ -349,12 +349,12 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     named = isinstance(texts, list) and all(isinstance(name, str) for name in texts)
     names = tuple(texts) if named and len(texts) == len({*texts}) == count else None
     edges = edges_of(meta.get("skeleton_links"), count) if names else ()
-    images = _number_images(path, path.name.partition(".")[0], labels)
-    return _as_poses(images, detections, landmark_names=names, edges=edges)
+    return _as_poses(_frames_of(path, labels), detections, landmark_names=names, edges=edges)
 
 
-def _number_images(path: Path, video: str, labels: Sequence[str]) -> Images:
-    """Return the frames of a file of one video."""
+def _frames_of(path: Path, labels: Sequence[str], video: str = "") -> Images:
+    """Return the frames of a file of one video, by default called as the file."""
+    video = video or path.name.partition(".")[0]
     return Images(str(path), labels, [video] * max(len(labels), 1), range(len(labels)))
 
 
@@ -362,8 +362,7 @@ def _name_images(path: Path, names: Sequence[Any]) -> Images:
     """Return the images of a file, called without folder and ending where that tells them apart."""
     stems = [Path(name).stem if isinstance(name, str) else str(name) for name in names]
     labels = stems if len({*stems}) == len(stems) else [*map(str, names)]
-    images = _number_images(path, path.name.partition(".")[0], labels)
-    return images._replace(unordered=not are_series(labels))
+    return _frames_of(path, labels)._replace(unordered=not are_series(labels))
 
 
 BODIES = (
@@ -449,7 +448,7 @@ def _of_points(
         rows = ((point.get("x"), point.get("y"), _first(point, SCORES, 1.0)) for point in body)
         numbers = [math.nan if value is None else value for row in rows for value in row]
         detections.append(Detection(numbers, number))
-    images = _number_images(path, video_name(path), labels)
+    images = _frames_of(path, labels, video_name(path))
     return _as_poses(images, detections, missing="unplaced", unit=None, landmark_names=names)
 
 
