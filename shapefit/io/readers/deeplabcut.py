@@ -86,7 +86,7 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
     path = paths[0]
     blocks: list[tuple[Columns, NDArray[Any]]] = []
     with open_tracker(path) as file:
-        tables = [name for name in file.root if file.text("pandas_type", name)]
+        tables = [n for n in file.root if isinstance(n, str) and file.text("pandas_type", n)]
         tables = [name for name in KEYS if name in tables] or tables
         if len(tables) != 1:
             texts = listed(map(printable, tables), "and") if tables else "none"
