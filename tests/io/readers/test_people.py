@@ -340,23 +340,6 @@ def test_only_regular_files_of_a_folder_are_opened(written, tmp_path, make, name
         read(tmp_path / "cam")
 
 
-def test_so_many_landmarks_that_no_other_key_is_seen(written, tmp_path, rng):
-    """133 landmarks are more than the beginning of a file that recognisers look at."""
-    points = rng.uniform(1, 900, (133, 3))
-    points[:, 2] /= 1000
-    pairs = {"keypoints": points[:, :2].tolist(), "keypoint_scores": points[:, 2].tolist()}
-    flat = {"keypoints": points.ravel().tolist(), "image_id": 7, "category_id": 1, "score": 1}
-    for path, item in (
-        (written("images/cat.json", [pairs]), "images/cat/0"),
-        (tmp_path / "images", "images/cat/0"),
-        (written("results.json", [flat]), "results/7/0"),
-    ):
-        found, _ = read(path)
-        assert list(found.items) == [item]
-        np.testing.assert_array_equal(found.landmarks[0].T, points[:, :2])
-        np.testing.assert_array_equal(found.weights()[0], points[:, 2])
-
-
 @pytest.mark.parametrize(
     ("confidence", "seen"), [(0, [False, False, True]), (0.5, [True, True, True])]
 )

@@ -86,20 +86,6 @@ def test_a_short_gap_is_survived_and_a_long_one_is_not(rng: np.random.Generator)
         assert {*tracks(instances([one], None)[0]).tolist()} == numbers
 
 
-def test_nobody_jumps(rng: np.random.Generator) -> None:
-    one, other = walking(0, 1, 40, rng), walking(1000, 1, 40, rng)
-    one[20:], other[:20] = np.nan, np.nan
-    assert {*tracks(instances([one, other], None)[0]).tolist()} == {1, 2}
-
-
-def test_hidden_landmarks_do_not_break_a_track(rng: np.random.Generator) -> None:
-    people = [walking(0, 4, 90, rng), walking(500, -4, 90, rng)]
-    for person in people:
-        person[rng.random(person.shape[:2]) < 0.5] = np.nan
-    block, who = instances(people, rng)
-    assert same_partition(tracks(block), who)
-
-
 def test_identities_of_the_file_and_empty_detections_stay(rng: np.random.Generator) -> None:
     block, _ = instances([walking(0, 1, 4, rng), walking(500, 1, 4, rng)], None)
     points = block.points.copy()
