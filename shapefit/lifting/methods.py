@@ -1,4 +1,4 @@
-"""The table of methods: what each needs of a dictionary, yields, reads from the config, and runs.
+"""The table of methods: what each needs of a dictionary, reads from the config, and runs.
 
 It is light, and stands below the methods themselves, which are imported where they are chosen:
 the config, the chain of `fit`, the exports and the page of a result ask the table.
