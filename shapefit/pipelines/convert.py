@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,6 +38,8 @@ MESH_FORMATS = ("obj", "ply", "glb")
 BATCH = 4096
 """Items in memory at a time."""
 
+SELECTING = {"format", "individual", "track"}
+"""Options of inputs that results have, too."""
 FORMS = {"landmarks": LANDMARKS, "shapes": SHAPES, "result": RESULTS}
 
 Source = LandmarkSource | ShapeSource | ResultSource
@@ -55,26 +56,25 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
     if kind == "dictionary":
         yield rewrite_dictionary(config, target)
         return
-    if kind == "result":
-        _check_keys_of_results(options)
+    for key, value in vars(options).items() if kind == "result" else ():
+        if key not in SELECTING and value != getattr(AS_THEY_ARE, key):
+            found = "has no effect on results, which are written as they are"
+            raise input_error(key, found, "leave it out")
     if config.frame_rate is not None and target is CSV:
         found = "`frame_rate` has no effect here: CSV does not hold it"
         raise input_error("frame_rate", found, "leave it out, or write .h5")
-    placed = OutputOptions(
-        height=config.height,
-        unit=config.unit,
-        up=config.up,
-        markers=config.markers,
-    )
+    height, unit, up, markers = config.height, config.unit, config.up, config.markers
+    placed = OutputOptions(height=height, unit=unit, up=up, markers=markers)
     with (
         _open(kind, config.files, options) as source,
         record_writer(config.output, FORMS[kind], config.to, placed) as writer,
     ):
         chunks, count = _choose(source, config)
+        noun = "shape" if kind == "shapes" else "image"
         for chunk in chunks:
             writer.append(_with_rate(chunk, config))
-            yield Outcome(done=len(chunk), total=count, unit=_unit(kind))
-        warnings = source.notes + nothing_in(count, _unit(kind) + "s")
+            yield Outcome(done=len(chunk), total=count, unit=noun)
+        warnings = source.notes + nothing_in(count, f"{noun}s")
         yield Outcome(total=count, warnings=warnings)
     summary = writer.summary
     written = summary.written or (config.output,)
@@ -116,14 +116,6 @@ def write_meshes(config: ConvertConfig) -> Iterator[Outcome]:
         )
 
 
-def _check_keys_of_results(options: InputOptions) -> None:
-    """Raise InputError for options that would change the landmarks of a result."""
-    for key, value in vars(replace(options, format="auto", individual=None, track="none")).items():
-        if value != getattr(AS_THEY_ARE, key):
-            found = "has no effect on results, which are written as they are"
-            raise input_error(key, found, "leave it out")
-
-
 def find_common_kind(files: Sequence[Path], options: InputOptions) -> Kind:
     """Return what the files hold. Raises InputError where they hold different things."""
     if any(map(is_stream, files)):
@@ -132,7 +124,7 @@ def find_common_kind(files: Sequence[Path], options: InputOptions) -> Kind:
     first = kinds[files[0]]
     for path, kind in kinds.items():
         if kind != first:
-            found = f"holds {_named(kind)}, and {files[0]} holds {_named(first)}"
+            found = f"holds another kind ({kind}) than {files[0]} ({first})"
             raise input_error(path, found, "convert them one after the other")
     return first
 
@@ -166,8 +158,13 @@ def _choose(source: Source, config: ConvertConfig) -> tuple[Iterator[Any], int]:
     frames = None
     if every > 1:
         rows, frames = _thinned(source, rows, np.array(sequences, object)[rows], every)
-    parts = (_numbered(source.take(rows[own]), frames, own) for own in _slices(len(rows)))
-    return parts if len(rows) else source.batches(BATCH), len(rows)
+
+    def parts() -> Iterator[Any]:
+        for own in (slice(start, start + BATCH) for start in range(0, len(rows), BATCH)):
+            records = source.take(rows[own])
+            yield records if frames is None else records.replaced(frame=frames[own])
+
+    return parts() if len(rows) else source.batches(BATCH), len(rows)
 
 
 def _thinned(
@@ -194,26 +191,9 @@ def _thinned(
     return rows[left == 0], number[left == 0]
 
 
-def _slices(count: int) -> Iterator[slice]:
-    return (slice(start, start + BATCH) for start in range(0, count, BATCH))
-
-
-def _numbered(records: Any, frames: NDArray[np.int64] | None, rows: slice) -> Any:
-    """Return records with these numbers of frames, if any."""
-    return records if frames is None else records.replaced(frame=frames[rows])
-
-
 def _with_rate(records: Any, config: ConvertConfig) -> Any:
     """Return the records with the frame rate that the config leaves them, where one is known."""
     rate = config.frame_rate or records.frame_rate
     if rate is None or (config.frame_rate is None and config.every == 1):
         return records
     return records.replaced(frame_rate=rate / config.every)
-
-
-def _unit(kind: Kind) -> str:
-    return "shape" if kind == "shapes" else "image"
-
-
-def _named(kind: Kind) -> str:
-    return {"result": "a result", "dictionary": "a dictionary"}.get(kind, kind)

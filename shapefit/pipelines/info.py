@@ -76,16 +76,12 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
     known: list[Path] = []
     folders = find_folders(config.files)
     for folder, manifest in folders.items():
-        first: dict[str, str] = {}
         for part in (folder / name for name in manifest.done):
             try:
-                if first and not part.is_file():
-                    raise input_error(part, "there is no such file", "run the same fit again")
-                first = first or dict(_of_result(part))
+                descriptions.append(_of_folder(folder, manifest, dict(_of_result(part))))
+                break  # all others are like the first that can be read
             except InputError as error:
                 fail(part, error)
-        if first:
-            descriptions.append(_of_folder(folder, manifest, first))
     for path in config.files:
         if path.parent in folders:
             continue
@@ -174,9 +170,8 @@ def _describe(
 
 def _first(source: Source[Any]) -> Any:
     """Return the first items of a source."""
-    return source.first(
-        min(BATCH, max(1, MOST_LANDMARKS // max(1, len(source.head.landmark_names))))
-    )
+    most = MOST_LANDMARKS // max(1, len(source.head.landmark_names))
+    return source.first(min(BATCH, max(1, most)))
 
 
 def _of_records(sample: Records, source: Source[Any], noun: str) -> list[Line]:

@@ -93,7 +93,7 @@ def test_a_folder_of_results_is_one_input(fitted):
     assert info(results[0]).note.startswith(f"{results[0]}\n")
 
 
-@pytest.mark.parametrize(("number", "change"), [(0, "spoiled"), (0, "removed"), (1, "removed")])
+@pytest.mark.parametrize(("number", "change"), [(0, "spoiled"), (0, "removed")])
 def test_a_part_that_cannot_be_read_is_named(fitted, tmp_path, number, change):
     shutil.copytree(fitted, tmp_path / "out")
     part = tmp_path / f"out/part-0000{number}.h5"

@@ -32,8 +32,7 @@ def embed_images(images: Path, items: Sequence[str]) -> dict[int, Picture]:
     where there is no such folder, no image, no Pillow, and for what is no image.
     """
     if find_spec("PIL") is None:
-        fix = "install it with `pip install pillow`, or leave `images` out"
-        raise input_error("images", "Pillow is not installed", fix)
+        raise input_error("images", "Pillow is not installed", "run `pip install pillow`")
     if PLACEHOLDER not in str(images) and not images.is_dir():
         fix = f"name a folder, or a path with {PLACEHOLDER}"
         raise input_error("images", f"there is no folder {images}", fix)

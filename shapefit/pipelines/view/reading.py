@@ -89,11 +89,9 @@ class Content:
     def per_landmark(self, dataset: str) -> Any:
         """Return a dataset whose last axis is that of landmarks as (n, ..., p)."""
         values = self.per_frame(dataset)
-        return (
-            None
-            if values is None
-            else np.where(self.columns < 0, np.nan, values[..., self.columns])
-        )
+        if values is None:
+            return None
+        return np.where(self.columns < 0, np.nan, values[..., self.columns])
 
     @property
     def points(self) -> Floats:
@@ -144,7 +142,10 @@ def read_inputs(config: ViewConfig) -> Inputs:
         if len(stated) > 1:
             problem = "y points up in some files and down in others"
             raise input_error(", ".join(sources), problem, "show them on pages of their own")
-        size = sum(_page_bytes(source, chosen) for source in sources.values())
+        size = 0
+        for source in sources.values():
+            bytes_of_frame = FRAME_BYTES + LANDMARK_BYTES * len(source.head.landmark_names)
+            size += bytes_of_frame * sum(item in chosen for each in source.names() for item in each)
         step = math.ceil(size / (MEGABYTES * 1e6)) or 1
         read = {name: _take(source, chosen, step) for name, source in sources.items()}
         notes = [*(note for each in sources.values() for note in each.notes), *chosen.warnings]
@@ -170,9 +171,8 @@ def _kind(path: Path, options: InputOptions) -> Kind:
     """Return what a file is shown as. CSV with a column z is a result: shapes before a camera."""
     kind = find_kind(path, options)
     if kind == "dictionary":
-        raise input_error(
-            path, "is a shapefit-dictionary file", "give results, shapes or landmarks"
-        )
+        fix = "give results, shapes or landmarks"
+        raise input_error(path, "is a shapefit-dictionary file", fix)
     return "result" if kind == "shapes" and detect_format(path, options.format) is CSV else kind
 
 
@@ -183,12 +183,6 @@ def _open(paths: Sequence[Path], kind: Kind, options: InputOptions) -> Any:
     if kind == "shapes":
         return open_shapes(paths, options, gaps=detect_format(paths[0], options.format) is not HDF5)
     return open_results(paths, OPTIONAL - READ)
-
-
-def _page_bytes(source: Any, chosen: ChosenItems) -> int:
-    """Return how much of a page the chosen items of a source take."""
-    count = sum(item in chosen for block in source.names() for item in block)
-    return count * (FRAME_BYTES + LANDMARK_BYTES * len(source.head.landmark_names))
 
 
 def _take(source: Any, chosen: ChosenItems, step: int) -> tuple[Any, list[int]]:
@@ -211,20 +205,20 @@ def _take(source: Any, chosen: ChosenItems, step: int) -> tuple[Any, list[int]]:
 
 
 def _as_shown(records: AnyRecords, true_names: Sequence[str]) -> AnyRecords:
-    """Return a result whose observed landmarks are (n, 2, p), by the names that the truth has.
+    """Return a result by the names that the truth has, its observed landmarks as (n, 2, p).
 
     Those of its input are observed where a joint stands for them.
     """
     observed = records.per_item.get("landmarks")
     if not isinstance(records, ResultSet):
         return records
-    joints, shown = records.landmark_names, with_shapes_of(records, true_names)
+    shown = with_shapes_of(records, true_names)
     if observed is None:
         return shown
-    if shown.landmark_names != joints:
+    if shown is not records:
         stands_for = people_joints(shown.landmark_names)
         names = [stands_for.get(name, name) for name in shown.landmark_names]
-        columns = columns_of(joints, names)
+        columns = columns_of(records.landmark_names, names)
         observed = np.where(columns[:, None] < 0, np.nan, observed[:, columns])
         shown = shown.without(["edges"])
     return shown.with_columns({"landmarks": np.swapaxes(observed, 1, 2)})

@@ -19,7 +19,6 @@ from shapefit.viewer.scene import Scene
 
 PAGES, SHEETS = ("", ".html", ".htm"), (".png", ".svg")
 """Endings of the names of a page, and of a sheet of pictures."""
-MEGABYTE = 1_000_000
 
 
 def run(config: ViewConfig) -> Iterator[Outcome]:
@@ -31,11 +30,8 @@ def run(config: ViewConfig) -> Iterator[Outcome]:
     output = config.output
     if output is None:
         output = Path.cwd() / f"{next(iter(config.files.values()))[0].stem}.html"
-    if is_stream(output):
-        problem = "a page is not written to a terminal"
-        raise input_error("output", problem, "give the name of a file")
-    if output.suffix.lower() not in PAGES + SHEETS:
-        problem = f"is a page or a sheet of pictures, and its name ends in {output.suffix}"
+    if is_stream(output) or output.suffix.lower() not in PAGES + SHEETS:
+        problem = "is not written to a terminal, and its name must have a known ending"
         raise input_error(output, problem, f"end it in {listed(PAGES[1:] + SHEETS)}")
     check_output(output)
     if output.suffix.lower() in SHEETS:
@@ -46,7 +42,7 @@ def run(config: ViewConfig) -> Iterator[Outcome]:
     page, scene = make_page(config)
     with atomic_path(output) as temporary:
         temporary.write_bytes(page)
-    size = f"{len(page) / MEGABYTE:.1f} MB"
+    size = f"{len(page) / 1e6:.1f} MB"
     yield Outcome(done=len(scene.items), warnings=scene.notes, note=size, written=(output,))
 
 
