@@ -1,10 +1,7 @@
-"""Meshes to test with: a box, and the real cars with meshes in the paper's orientation."""
+"""Meshes to test with: a box."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -31,22 +28,3 @@ def box_faces() -> NDArray[np.int64]:
             (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
         ]
     )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Cars:
-    """34 models in metres: shapes (34, 3, 66), mesh_vertices (34, 3, 1352)."""
-
-    shapes: Floats
-    mesh_vertices: Floats
-    mesh_faces: NDArray[np.int64]
-
-
-@pytest.fixture(scope="session")
-def cars(real_data: Path) -> Cars:
-    with h5py.File(real_data / "cars" / "models.h5") as file:
-        return Cars(
-            file["shapes"][:].astype(float).swapaxes(1, 2),
-            file["mesh_vertices"][:].astype(float).swapaxes(1, 2),
-            file["mesh_faces"][:].astype(np.int64),
-        )

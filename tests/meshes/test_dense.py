@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from shapefit.dictionary.learning import learn
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.procrustes import generalised_procrustes, similarity_transform
 from shapefit.geometry.rotations import random_rotations
@@ -59,18 +58,6 @@ def test_an_atom_out_of_the_span_of_the_shapes_is_refused(rng):
         mesh_of_atoms(shapes[:2] + 1e-3 * rng.normal(size=(2, 3, 7)), shapes, meshes)
 
 
-@pytest.mark.real_data
-def test_learned_atoms_of_real_cars_have_meshes(cars):
-    normalised, alignment = normalised_models(cars.shapes)
-    carried = carry_mesh(cars.mesh_vertices, normalised, alignment.rotations)
-    *_, learned = learn(alignment.shapes, 8, 0.1, iterations=5)
-    meshes = mesh_of_atoms(learned.atoms, alignment.shapes, carried)
-    rebuilt = object_frame(meshes, learned.coefficients)
-    error = np.linalg.norm(rebuilt - carried, axis=1).mean()
-    floor = np.linalg.norm(carried.mean(axis=0) - carried, axis=1).mean()
-    assert error < 0.7 * floor
-
-
 def test_a_fit_by_one_atom_has_the_metric_size_of_its_model(rng):
     models = np.array([1.0, 3.0, 0.2])[:, None, None] * rng.normal(size=(3, 3, 8)) + 5
     normalised, alignment = normalised_models(models)
@@ -95,21 +82,3 @@ def test_the_metric_size_of_a_mixture_is_the_mean_of_the_sizes_of_its_parts(box)
 def test_without_coefficients_there_is_no_metric_size(rng):
     factor = metric_scale(rng.normal(size=(2, 3, 4)), np.array([[0.0, 0], [1, 0]]), np.ones(2))
     np.testing.assert_array_equal(np.isnan(factor), [True, False])
-
-
-@pytest.mark.real_data
-def test_the_metric_size_of_a_car_out_of_the_dictionary_is_nearer_than_the_mean(cars):
-    from scipy.optimize import nnls
-
-    normalised, alignment = normalised_models(cars.shapes)
-    size = np.linalg.norm(alignment.shapes, axis=(1, 2)) * normalised.scale
-    errors, floor = [], []
-    for own in range(len(size)):
-        others = np.arange(len(size)) != own
-        B = alignment.shapes[others]
-        c = nnls(B.reshape(len(B), -1).T, alignment.shapes[own].ravel())[0][None]
-        factor = metric_scale(B, c, normalised.scale[others])[0]
-        errors.append(abs(factor * np.linalg.norm(object_frame(B, c)) / size[own] - 1))
-        floor.append(abs(size[others].mean() / size[own] - 1))
-    assert np.mean(errors) < 0.04
-    assert np.mean(floor) > 0.05

@@ -49,23 +49,6 @@ def test_a_box_comes_back_and_vertices_that_coincide_stay_apart(file_format, box
     assert_same(mesh, twice, faces, file_format)
 
 
-@EVERY
-@pytest.mark.real_data
-def test_a_real_car_comes_back_watertight_as_a_viewer_opens_it(file_format, cars):
-    for vertices in cars.mesh_vertices[::11]:
-        content = mesh_file(vertices, cars.mesh_faces, file_format)
-        kind = file_format.split("-")[0]
-        # the usual way, with vertices that coincide merged
-        mesh = trimesh.load_mesh(io.BytesIO(content), file_type=kind)
-        assert len(mesh.faces) == 2700
-        assert mesh.is_watertight
-        assert mesh.is_winding_consistent
-        expected = trimesh.Trimesh(vertices.T, cars.mesh_faces, process=False).volume
-        assert mesh.volume == pytest.approx(expected, rel=1e-6)
-        (exact,) = opened(content, file_format).values()
-        assert_same(exact, vertices, cars.mesh_faces, file_format)
-
-
 def test_what_the_formats_say_of_themselves(box, box_faces):
     files = {name: mesh_file(box(1, 1, 1), box_faces, name) for name in PRECISION}
     assert files["ply"].startswith(b"ply\nformat binary_little_endian 1.0\n")
