@@ -44,9 +44,9 @@ def draw_errors(title: str, unit: str, errors: Mapping[str, Floats]) -> str:
     for number, (name, values) in enumerate(finite.items()):
         colour, y = COLOURS[number % len(COLOURS)], below + LINE * number
         every = np.unique(np.linspace(0, len(values) - 1, POINTS).astype(int))[: len(values)]
-        x = LEFT + WIDTH * (every + 0.5) / max(len(errors[name]), 1)
-        height = TOP + HEIGHT * (1 - values[every] / largest)
-        line = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, height, strict=True))
+        across = LEFT + WIDTH * (every + 0.5) / max(len(errors[name]), 1)
+        down = TOP + HEIGHT * (1 - values[every] / largest)
+        line = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(across, down, strict=True))
         parts.append(
             f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="1.8"/>'
         )
@@ -63,7 +63,7 @@ def _ticks(largest: float) -> Floats:
     """Return round numbers from 0 to the largest, five to ten of them."""
     power = 10.0 ** math.floor(math.log10(largest))
     step = next(power * part for part in (0.1, 0.2, 0.5, 1) if largest / (power * part) <= 10)
-    return step * np.arange(int(largest / step * (1 + 1e-9)) + 1)
+    return np.asarray(step * np.arange(int(largest / step * (1 + 1e-9)) + 1))
 
 
 def _text(x: float, y: float, text: str, anchor: str = "middle") -> str:

@@ -17,13 +17,10 @@ from shapefit.io import ResultSet
 from shapefit.io.atomic import check_folder, file_stem, staged_files
 from shapefit.io.inputs import is_stream
 from shapefit.meshes.dense import metric_scale, object_frame
-from shapefit.meshes.export import MeshFormat, mesh_file, tubes
+from shapefit.meshes.export import MeshFormat, mesh_file
 
 BATCH = 64
 """Images whose vertices are in memory at a time."""
-
-LARGEST = 1e38
-"""Coordinate that PLY and GLB can hold, in single precision."""
 
 
 class MeshWriter:
@@ -36,24 +33,18 @@ class MeshWriter:
         """
         self._dictionary, self._format = dictionary, to
         self._folder, self._staging = folder, staging
-        self._count = self._missing = self._too_large = 0
+        self._count = self._missing = 0
 
     def add(self, result: ResultSet) -> None:
-        """Write the files of some images, from mesh vertices (n, 3, q) or landmarks (n, 3, p)."""
+        """Write the files of some images."""
+        assert self._dictionary.mesh_faces is not None
         rows = np.flatnonzero(has_shape(result))
         self._missing += len(result) - len(rows)
         for start in range(0, len(rows), BATCH):
             images = result.take(rows[start : start + BATCH])
             placed = in_object_frame(images, self._dictionary)
             for item, points in zip(images.items, placed, strict=True):
-                if self._format != "obj" and np.abs(points).max() > LARGEST:
-                    self._too_large += 1
-                    continue
-                vertices, faces = points, self._dictionary.mesh_faces
-                if faces is None:
-                    assert self._dictionary.edges is not None
-                    vertices, faces = tubes(points, self._dictionary.edges)
-                content = mesh_file(vertices, faces, self._format)
+                content = mesh_file(points, self._dictionary.mesh_faces, self._format)
                 stem = file_stem(item)
                 path = self._staging / stem.with_name(f"{stem.name}.{self._format}")
                 path.parent.mkdir(parents=True, exist_ok=True)
@@ -74,11 +65,7 @@ class MeshWriter:
     def warnings(self) -> tuple[str, ...]:
         """Which images have no mesh, counted."""
         missing = f"images without a shape (failed, or with all coefficients 0): {self._missing}"
-        large = f"images with coordinates beyond {LARGEST:g}: {self._too_large}"
-        return (
-            *((f"{missing}; they have no mesh",) if self._missing else ()),
-            *((f"{large}; they have no mesh: write OBJ",) if self._too_large else ()),
-        )
+        return (f"{missing}; they have no mesh",) if self._missing else ()
 
 
 @contextmanager
@@ -93,10 +80,10 @@ def check_dictionary(dictionary: Dictionary, place: str | Path, *, mixes_atoms: 
 
     mixes_atoms: whether the shapes are combinations of the atoms, as the meshes then are.
     """
-    if dictionary.mesh_vertices is None and dictionary.edges is None:
-        fix = "learn it from shapes with `mesh_vertices` and `mesh_faces`, or with `edges`"
-        raise input_error(place, "has neither a mesh nor edges to export", fix)
-    if dictionary.mesh_vertices is not None and not mixes_atoms:
+    if dictionary.mesh_vertices is None:
+        fix = "learn it from shapes with `mesh_vertices` and `mesh_faces`"
+        raise input_error(place, "has no mesh to export", fix)
+    if not mixes_atoms:
         found = "the result has no coefficients to combine the meshes of the atoms"
         raise input_error(place, found, "fit with `--method convex` or `convex+refine`")
 
@@ -120,26 +107,19 @@ def check_mesh_folder(folder: Path, key: str, to: MeshFormat, result: Path | Non
 
 
 def in_object_frame(result: ResultSet, dictionary: Dictionary) -> Floats:
-    """size * sum_i c_i V_i, or size * R^T (S - T) / s for landmarks without meshes: (n, 3, q).
+    """size * sum_i c_i V_i: (n, 3, q).
 
     The frame is that of the dictionary, in which objects stand upright. The size is that of the
     dictionary's shapes (metres, for instance) where it knows the sizes of its atoms, else that of
     the shape in the image.
     """
-    assert result.scale is not None
-    assert result.rotation is not None
-    c, s = result.coefficients, result.scale
-    size = s
-    if dictionary.atom_scale is not None and c is not None:
+    c, size = result.coefficients, result.scale
+    assert c is not None
+    assert size is not None
+    assert dictionary.mesh_vertices is not None
+    if dictionary.atom_scale is not None:
         size = metric_scale(dictionary.atoms, c, dictionary.atom_scale)
-    if dictionary.mesh_vertices is not None:
-        assert c is not None
-        points = object_frame(dictionary.mesh_vertices, c)
-    else:
-        shapes = result.shapes.copy()
-        shapes[:, :2] -= np.asarray(result.translation)[:, :, None]
-        points = result.rotation.swapaxes(1, 2) @ (shapes / s[:, None, None])
-    return np.asarray(size[:, None, None] * points)
+    return np.asarray(size[:, None, None] * object_frame(dictionary.mesh_vertices, c))
 
 
 def has_shape(result: ResultSet) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""Mesh files and tubes, opened again by trimesh."""
+"""Mesh files, opened again by trimesh."""
 
 import io
 import json
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from shapefit.meshes.export import SIDES, mesh_file, tubes
+from shapefit.meshes.export import mesh_file
 
 # OBJ: 8 decimals. PLY and GLB: single precision.
 PRECISION = {"obj": (0, 5.1e-9), "ply": (6e-8, 0), "glb": (6e-8, 0)}
@@ -65,39 +65,3 @@ def test_what_the_formats_say_of_themselves(box, box_faces):
     for accessor in head["accessors"]:  # of positions: viewers frame by the bounds
         if accessor["type"] == "VEC3":
             assert (accessor["min"], accessor["max"]) == ([-0.5] * 3, [0.5] * 3)
-
-
-def test_a_tube_is_a_capsule_of_its_thickness():
-    points = np.array([[0.0, 10, 3], [0, 0, 0], [0, 0, 0]])
-    vertices, faces = tubes(points, np.array([[0, 1]]), thickness=0.1)  # radius 0.5
-    mesh = trimesh.Trimesh(vertices.T, faces)
-    prism = 10 * SIDES / 2 * np.sin(2 * np.pi / SIDES) * 0.5**2
-    assert prism < mesh.volume < prism + 4 / 3 * np.pi * 0.5**3
-    np.testing.assert_allclose(mesh.bounds, [[-0.5, -0.5, -0.5], [10.5, 0.5, 0.5]])
-
-
-def test_each_tube_is_closed_and_wound_outwards_whatever_its_direction(rng):
-    points = rng.normal(size=(3, 12))
-    points[:, 1] = points[:, 0] + (0, 0, 1)  # along an axis
-    points[:, 3] = points[:, 2] - (0, 0, 1)  # against it
-    points[:, 11] = points[:, 10]  # of no length
-    edges = np.array([[0, 1], *([i + 1, i] for i in range(2, 11))])
-    vertices, faces = tubes(points, edges)
-    parts = trimesh.Trimesh(vertices.T, faces, process=False).split(only_watertight=False)
-    assert len(parts) == len(edges)
-    for part in parts:
-        assert part.is_watertight
-        assert part.is_winding_consistent
-        assert part.volume > 0
-    middles = vertices.reshape(3, len(edges), -1).mean(axis=2)
-    expected = points[:, edges].mean(axis=2)  # sorted already
-    np.testing.assert_allclose(middles[:, :-1], expected[:, :-1], atol=1e-12)
-
-
-@pytest.mark.parametrize("edges", [[[0, 1], [1, 2]], [[0, 1], [2, 1]], [[1, 0], [1, 2], [2, 1]]])
-def test_tubes_in_one_line_stay_apart_when_a_reader_merges_vertices(edges):
-    points = np.array([[0.0, 1, 2], [0, 0, 0], [0, 0, 0]])
-    vertices, faces = tubes(points, np.array(edges))
-    mesh = trimesh.Trimesh(vertices.T, faces)
-    assert mesh.is_watertight
-    assert mesh.body_count == 2

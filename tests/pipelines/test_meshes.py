@@ -11,7 +11,7 @@ from shapefit.errors import InputError
 from shapefit.io import read_dictionary, read_results, write_dictionary
 from shapefit.pipelines.convert import run
 from shapefit.pipelines.meshes import has_shape
-from tests.io.files import load, save
+from tests.io.files import load
 from tests.pipelines.fitted import fit_images
 
 # OBJ: 8 decimals. PLY and GLB: single precision.
@@ -86,32 +86,13 @@ def test_fit_writes_what_convert_writes(tmp_path, cars, world):
         assert same.read_bytes() == each.read_bytes()
 
 
-def test_people_are_a_closed_tube_a_bone(tmp_path, world):
-    path = world.dictionary("exemplars of people")
-    result = world.fit("people", "exemplars of people", method="convex+refine")
-    dictionary, fit = read_dictionary(path), read_results(result)
-    convert(result, path, tmp_path / "meshes")
-    for image, item in enumerate(fit.items[:3]):
-        points = fit.shapes[image] - np.array([*fit.translation[image], 0])[:, None]
-        size = metres(dictionary, fit.coefficients[image]) / fit.scale[image]
-        points = size * fit.rotation[image].T @ points
-        mesh = only_mesh(tmp_path / "meshes" / f"{item}.ply")
-        parts = mesh.split()
-        assert mesh.is_watertight
-        assert len(parts) == len(dictionary.edges)
-        middles = np.array([part.vertices.mean(axis=0) for part in parts])
-        expected = points[:, dictionary.edges].mean(axis=2).T
-        apart = np.linalg.norm(middles[:, None] - expected[None], axis=2)
-        assert apart.min(axis=0).max() < 1e-6 * np.ptp(points, axis=1).max()
-
-
 @pytest.mark.parametrize(
     ("change", "keys", "message"),
     [
         (
             {"edges": None, "mesh_vertices": None, "mesh_faces": None},
             {},
-            "neither a mesh nor edges",
+            "has no mesh to export",
         ),
         ({}, {"method": "pmp"}, "no coefficients to combine the meshes of the atoms"),
         ({}, {"export": {"folder": "-"}}, "standard output; give the name of a folder"),
@@ -142,18 +123,6 @@ def test_convert_names_what_is_missing(tmp_path, cars, world):
     with pytest.raises(InputError, match="its landmarks are not those of"):
         convert(result, world.dictionary("people"), tmp_path / "meshes")
     assert not (tmp_path / "meshes").exists()
-
-
-def test_what_is_too_large_for_single_precision_has_no_mesh(tmp_path, cars, world):
-    dictionary = replace(read_dictionary(cars[0]), atom_scale=None)
-    write_dictionary(tmp_path / "pixels.h5", dictionary)
-    fit = read_results(cars[1]).take(slice(3))
-    scale = fit.scale * np.array([1, 1e45, 1])
-    save(tmp_path / "large.h5", fit.replaced(scale=scale))
-    for to, meshes in (("ply", 2), ("obj", 3)):
-        outcomes = convert(tmp_path / "large.h5", tmp_path / "pixels.h5", tmp_path / to, to)
-        assert outcomes[-1].note == f"{meshes} meshes"
-        assert len(outcomes[-1].warnings) == 3 - meshes
 
 
 def test_a_shape_without_extent_has_no_mesh(cars):
