@@ -124,7 +124,7 @@ def find_common_kind(files: Sequence[Path], options: InputOptions) -> Kind:
     first = kinds[files[0]]
     for path, kind in kinds.items():
         if kind != first:
-            found = f"holds another kind ({kind}) than {files[0]} ({first})"
+            found = f"holds {kind}, and {files[0]} holds {first}"
             raise input_error(path, found, "convert them one after the other")
     return first
 

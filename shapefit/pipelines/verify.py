@@ -202,9 +202,9 @@ def verify_part(
         methods[fit.method] = fit
         missing = [name for name in fit.required(head.columns) if name not in head.columns]
         wrong = [(name, "is missing, and every such fit writes it") for name in missing]
-        if hashlib.sha256(head.attributes["config"].encode()).hexdigest() != head.attributes.get(
-            "config_digest"
-        ):
+        if hashlib.sha256(
+            str(head.attributes["config"]).encode()
+        ).hexdigest() != head.attributes.get("config_digest"):
             wrong.append(("config", "is not that of the fit, by its digest"))
         needed = [fit.dictionary, *(fit.landmarks if part.rows is None else ())]
         wrong += [(name, "has no digest") for name in needed if name not in fit.digests]

@@ -264,10 +264,10 @@ def _meaningful(
     """
     estimate: Any = arrays[m.ESTIMATE]
     some = list(items.subsample(SAMPLE, len(estimate)))
-    e, x, R, S = (
-        None if array is None else array[some]
-        for array in (estimate, arrays[m.TRUTH], arrays[m.TRUE_ROTATION], stated)
-    )
+    every = (estimate, arrays[m.TRUTH], arrays[m.TRUE_ROTATION], stated)
+    e, x, R, S = (None if array is None else array[some] for array in every)
+    assert e is not None
+    assert x is not None
     reasons: list[str] = []
     with np.errstate(all="ignore"):
         error, mirrored = (

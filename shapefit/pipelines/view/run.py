@@ -30,8 +30,11 @@ def run(config: ViewConfig) -> Iterator[Outcome]:
     output = config.output
     if output is None:
         output = Path.cwd() / f"{next(iter(config.files.values()))[0].stem}.html"
-    if is_stream(output) or output.suffix.lower() not in PAGES + SHEETS:
-        problem = "is not written to a terminal, and its name must have a known ending"
+    if is_stream(output):
+        problem = "a page is not written to a terminal"
+        raise input_error("output", problem, "give the name of a file")
+    if output.suffix.lower() not in PAGES + SHEETS:
+        problem = f"is a page or a sheet of pictures, and its name ends in {output.suffix}"
         raise input_error(output, problem, f"end it in {listed(PAGES[1:] + SHEETS)}")
     check_output(output)
     if output.suffix.lower() in SHEETS:
