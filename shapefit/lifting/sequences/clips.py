@@ -50,6 +50,10 @@ NOISE = "sequence_noise"
 """Dataset (n,) of the deviation of a coordinate with which the landmarks of a sequence were taken,
 nan for images that are not refined."""
 
+LONGEST = 4096
+"""Frames that are refined together; longer sequences are cut into parts of about one length, for
+memory."""
+
 FEWEST = 3
 """Frames of a sequence: fewer have no acceleration and stay what their images say."""
 
@@ -248,12 +252,12 @@ def is_informative(clips: Clips) -> Flags:
 
 
 def split(sequences: Sequence[str]) -> list[slice]:
-    """Slices of equal neighbours in `sequences` (n,), in pieces of at most `CONSTANTS.longest`."""
+    """Slices of equal neighbours in `sequences` (n,), in pieces of at most `LONGEST`."""
     values = np.array(sequences, dtype=object)
     ends = [0, *(np.flatnonzero(values[1:] != values[:-1]) + 1).tolist(), len(values)]
     found = []
     for start, stop in pairwise(ends):
-        pieces = -(-(stop - start) // CONSTANTS.longest)
+        pieces = -(-(stop - start) // LONGEST)
         cuts = [start + (stop - start) * k // pieces for k in range(pieces + 1)] if pieces else []
         found += [slice(a, b) for a, b in pairwise(cuts)]
     return found

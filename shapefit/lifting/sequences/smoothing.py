@@ -36,8 +36,6 @@ class Constants:
     """The numbers of the model of sequences, in one place; none is a key.
 
     modes           of a frame that count; the others have next to no share
-    longest         frames that are refined together; longer sequences are cut into parts of about
-                    one length, for memory
     widest          standard deviation of a coordinate, in the size of the landmarks, beyond which
                     an image says nothing: its posterior then has next to no scale. Frames whose
                     image says nothing have it: the others place them
@@ -52,8 +50,8 @@ class Constants:
                     limit in 2, and no limit has 1.4% less error; on 03 and 118 no limit loses in 3
                     of 40, and has 1% more
     scale_time      seconds over which the scale of a body in its images is smoothed. On film of
-                    bodies 01, 02 and 64 (78 clips) sequences have 0.8238 of the error of images by
-                    0.5, 0.8250 by 0.35, 0.8232 by 1, and 0.840 in one unit alone
+                    bodies 01, 02 and 64 (79 clips, no limit) sequences have 0.824 of the error of
+                    images by 0.5, 0.825 by 0.35, 0.823 by 1, and 0.840 in one unit alone
     shared          r, the share of the deviations of single images that neighbouring frames have in
                     common: in error bars, and in what images say of lengths. On film of six bodies
                     90% regions hold 0.91 to 0.97 in each of twelve cells; 0.5 holds more than 0.97
@@ -62,12 +60,11 @@ class Constants:
                     what it got wrong before: that of second differences, see
                     `find_acceleration_scale`
     exchange_price  log likelihood that an exchange of left and right costs, see `exchanges`. At 8
-                    no clean clip of 198 of film has one, and 92% of 3,600 exchanged frames are
-                    found; at 20 78%
+                    no clean clip of 336 of film has one, and where 8 of 60 frames are exchanged or
+                    bursts of 8, 2 to 3 of 1,000 frames stay wrong
     """
 
     modes: int = 4
-    longest: int = 4096
     widest: float = 3.0
     least_noise: float = 0.003
     farthest: float = 0.5

@@ -17,9 +17,9 @@ from shapefit.io.layout import LANDMARK_COVARIANCE
 from shapefit.io.records import concatenate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.posterior.method import scale_of_bars
-from shapefit.lifting.sequences.clips import Motion, refine_lifting, split
+from shapefit.lifting.sequences.clips import LONGEST, Motion, refine_lifting, split
 from shapefit.lifting.sequences.exchanges import find_exchanges
-from shapefit.lifting.sequences.smoothing import CONSTANTS, Lengths
+from shapefit.lifting.sequences.smoothing import Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def in_pieces(groups: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
     for group in groups:
         start = stop = 0
         for clip in split(group.sequences or ()):
-            if clip.stop - start > CONSTANTS.longest and stop > start:
+            if clip.stop - start > LONGEST and stop > start:
                 yield group.take(slice(start, stop))
                 start = stop
             stop = clip.stop

@@ -248,9 +248,8 @@ def test_ended_sequences_are_given_out_before_the_stream_ends():
 
 @pytest.mark.parametrize("names", ["", "aab", "aaaaaaaaab", "aaabbbbbbbbbcc", "abcdefgh"])
 def test_long_sequences_are_lifted_in_the_pieces_that_are_refined(names, monkeypatch):
-    limited = replace(clips.CONSTANTS, longest=4)
     for module in (clips, fit_sequences):
-        monkeypatch.setattr(module, "CONSTANTS", limited)
+        monkeypatch.setattr(module, "LONGEST", 4)
     whole = frames_of(names)
     pieces = list(in_pieces([whole]))
     assert [item for piece in pieces for item in piece.items] == list(whole.items)
