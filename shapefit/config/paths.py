@@ -201,8 +201,8 @@ def expand_named(value: Any) -> tuple[Path, ...]:
 
 def find_dictionary(value: Any) -> Path:
     """Return the file of a dictionary: the one at a path, or the installed one of that name."""
-    (path, *_) = expand_named(value)
-    return expand_one(path)
+    files = expand_named(value)
+    return expand_one(files[0] if len(files) == 1 else value)
 
 
 def _output(value: Any) -> Path | ResultFolder:

@@ -181,3 +181,9 @@ def test_what_is_no_name_of_a_dictionary(folder, name):
     if name == "poeple":
         installed = ", ".join(find_dictionaries())
         assert found.endswith(f"and no installed dictionary 'poeple'; installed: {installed}")
+
+
+def test_one_file_is_not_several(folder):
+    (folder / "b.h5").touch()
+    told = only_problem("fit", "", "dictionary='*.h5'")
+    assert "matches 2 files; name one" in told
