@@ -87,7 +87,6 @@ FLAT_ENTRY = """
 from shapefit.lifting.methods import METHODS, Method
 METHODS["flat"] = Method(
     run="toy:lift_flat", summary="every landmark at depth 0", learned=(), mixes_atoms=False,
-    yields=frozenset(), further=("flatness",),
 )
 """
 

@@ -28,6 +28,9 @@ Schema = type[CommandConfig]
 Places = dict[Location, tuple[str, str]]
 """Where a key and its value stand, as a message names them."""
 
+MAX_VALUES = 100_000
+"""Aliases of aliases make more of them than memory holds, from a few lines."""
+
 SIMILAR = 0.65
 """Share of letters in common from which on a name is taken for a misspelt one."""
 
@@ -116,8 +119,12 @@ def read_yaml(text: str, name: str, *, with_lines: bool = True) -> tuple[Any, Pl
 
     def plain(node: Any, location: Location, at: tuple[str, str]) -> Any:
         places[location] = at
+        if len(places) > MAX_VALUES:
+            raise ValueError(f"more than {MAX_VALUES} values, aliases written out; write fewer")
         kind = str(node.tag).rpartition(":")[2]
         if isinstance(node.value, str):
+            if any("\ud800" <= letter <= "\udfff" for letter in node.value):
+                raise ValueError("half a letter, which no file can hold")
             is_text = kind not in ("int", "float", "bool", "null")
             return node.value if is_text else yaml.constructor.construct_object(node)
         items: dict[Any, Any] = {}
@@ -154,6 +161,8 @@ def _read_config(schema: Schema, command: str, path: Path) -> tuple[dict[str, An
     presets = find_presets(command)
     preset = presets.get(str(path)) if not path.exists() or path.is_dir() else None
     name = "standard input" if path == STANDARD_STREAM else str(path)
+    if path.is_fifo() and path.parent.name != "fd":  # but <(...) of a shell is /dev/fd/63
+        raise input_error(name, "is a pipe", "save the config to a file, or send it to -")
     try:
         if path == STANDARD_STREAM:
             data = sys.stdin.buffer.read() if sys.stdin else b""

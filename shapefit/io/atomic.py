@@ -21,6 +21,7 @@ from shapefit.errors import input_error, path_text
 from shapefit.io.inputs import is_stream, require_file
 
 OF_THE_DISK = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
+OF_PERMISSION = frozenset({errno.EACCES, errno.EPERM, errno.EROFS})
 OTHER_FOLDER = "choose another folder, or change its permissions"
 
 
@@ -64,17 +65,20 @@ def storage_errors(
 ) -> Iterator[None]:
     """Turn errors of these numbers, by default of the disk, into InputErrors at `target`.
 
-    `numbers` = None stands for all of them.
+    Those of permission count where they are of a temporary. `numbers` = None
+    stands for all of them.
     """
     try:
         yield
     except OSError as error:
-        if numbers is not None and error.errno not in numbers:
+        temporary = ".partial" in str(error.filename)
+        allowed = temporary and error.errno in OF_PERMISSION
+        if numbers is not None and error.errno not in numbers and not allowed:
             raise
         fix = "choose another name, or another folder"
         if error.errno in OF_THE_DISK:
             fix = "free some space or choose another disk"
-        elif error.errno in (errno.EACCES, errno.EPERM, errno.EROFS):
+        elif error.errno in OF_PERMISSION:
             fix = OTHER_FOLDER
         reason = error.strerror or str(error)  # libraries raise OSError without a number, too
         raise input_error(target, f"cannot be written: {reason}", fix) from error

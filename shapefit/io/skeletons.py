@@ -166,7 +166,7 @@ def people_parts(names: Iterable[str]) -> dict[str, Part]:
 
 def part_names(names: Iterable[str]) -> dict[str, str]:
     """Return the part of the body, a name in `PARTS`, of those of the names that mark one."""
-    part_of = {joint: joint for joint in (*PEOPLE, *FURTHER)} | _marked()
+    part_of = {**{joint: joint for joint in (*PEOPLE, *FURTHER)}, **_marked()}
     return {name: part_of[name] for name in names if name in part_of}
 
 

@@ -121,7 +121,7 @@ def test_what_the_command_warns_of_is_a_warning(people, views):
             r"confidence: has the shape \(2, 15\); it must be \(150, 15\)",
         ),
         ({"weights": np.full((150, 15), -1)}, r"^landmarks\.confidence\[0\]: landmark 'pelvis' is"),
-        ({"leave_one_out": "model"}, "the atoms of the dictionary have no items"),
+        ({"leave_one_out": "model"}, "the atoms of the dictionary are of no items"),
     ],
 )
 def test_what_is_wrong_is_an_error_with_its_place(people, views, changes, message):

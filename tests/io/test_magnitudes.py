@@ -39,5 +39,5 @@ def test_a_mean_shape_must_be_a_shape(dictionary_file, edit, problems, mean):
     (line,) = problems(read_dictionary, edit(dictionary_file, mean_shape=mean))
     assert line == (
         f"{dictionary_file}:/mean_shape: all its landmarks are at one point; "
-        "learn the dictionary again"
+        "make the dictionary again"
     )

@@ -1,7 +1,6 @@
 """Pipes where a file must be, a million strange names, no memory, and heads of large files."""
 
 import os
-import resource
 import subprocess
 import sys
 import time
@@ -77,18 +76,6 @@ def test_a_message_about_very_many_names_is_short_and_quick(folder, capsys):
     assert len(told) < 4000
     assert "none of the 100000 landmarks" in told
     assert time.process_time() - before < 10
-
-
-def test_no_memory_is_no_internal_error(folder):
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_AS, (60_000_000, 60_000_000))
-
-    done = subprocess.run(
-        [sys.executable, "-m", "shapefit", "info", "views.h5"],
-        capture_output=True, text=True, preexec_fn=limit, check=False,
-    )  # fmt: skip
-    assert done.returncode == 2, done.stderr
-    assert "memory: there is not enough" in done.stderr
 
 
 def test_info_reads_the_heads_of_large_files(folder, rng, capsys, monkeypatch):

@@ -161,7 +161,7 @@ class TestProcesses:
         (tmp_path / "sitecustomize.py").write_text(
             "import os, sys\n"
             "def hook(event, args):\n"
-            "    if event == 'open' and str(args[0]).find('part-00001') >= 0:\n"
+            "    if event == 'os.rename' and 'part-00001' in str(args[1]):\n"
             "        os._exit(9)\n"
             "sys.addaudithook(hook)\n"
         )
