@@ -117,7 +117,7 @@ def write_angles(path: Path, motion: Motion) -> None:
             motion.frames,
             motion.frames / motion.rate,
             motion.trusted,
-            pairs.reshape(len(pairs), -1),
+            pairs.reshape(len(pairs), 2 * len(names)),
             motion.angle_deviations,
             strict=True,
         )
@@ -184,8 +184,11 @@ def _load_ezc3d() -> Any:
 def write_c3d(path: Path, motion: Motion) -> None:
     """Write one motion in millimetres; a missing point has the residual -1.
 
-    Raises InputError where it has more frames or landmarks, or longer names, than a file can hold.
+    Raises InputError where it has no frame, or more frames or landmarks, or longer names, than a
+    file can hold.
     """
+    if not len(motion.points):
+        raise input_error(motion.name or "C3D", "there is no frame to write", "give more images")
     names, last = motion.landmark_names, motion.first + len(motion.points)
     if max([len(names), *(len(name.encode()) for name in names)]) > MAX_LABELS:
         problem = f"C3D holds {MAX_LABELS} landmarks at most, with names of {MAX_LABELS} bytes"
