@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import sys
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -110,7 +111,7 @@ def read_yaml(text: str, name: str, *, with_lines: bool = True) -> tuple[Any, Pl
     for a key that stands twice.
     """
     from ruamel.yaml import YAML
-    from ruamel.yaml.error import MarkedYAMLError, YAMLError
+    from ruamel.yaml.error import MarkedYAMLError, YAMLError, YAMLWarning
 
     yaml, places = YAML(typ="safe", pure=True), Places()
 
@@ -141,7 +142,9 @@ def read_yaml(text: str, name: str, *, with_lines: bool = True) -> tuple[Any, Pl
 
     first = f"{name}:1:1" if with_lines else name
     try:
-        root = yaml.compose(text)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", YAMLWarning)  # on repeated anchors
+            root = yaml.compose(text)
         return (None if root is None else plain(root, (), (first, first))), places
     except MarkedYAMLError as error:
         mark, problem = error.problem_mark or error.context_mark, error.problem or error.context
