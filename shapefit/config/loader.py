@@ -143,9 +143,9 @@ def read_yaml(text: str, name: str, *, with_lines: bool = True) -> tuple[Any, Pl
     first = f"{name}:1:1" if with_lines else name
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", YAMLWarning)  # on repeated anchors
+            warnings.simplefilter("ignore", YAMLWarning)  # on YAML 1.1, and repeated anchors
             root = yaml.compose(text)
-        return (None if root is None else plain(root, (), (first, first))), places
+            return (None if root is None else plain(root, (), (first, first))), places
     except MarkedYAMLError as error:
         mark, problem = error.problem_mark or error.context_mark, error.problem or error.context
         first = position(mark) if mark else first
