@@ -149,7 +149,7 @@ def own_format(path: Path) -> FileFormat | None:
 
 @lru_cache
 def _recognised(path: Path, *_state: int) -> FileFormat | None:
-    """Return the format of a file of ours in this state, which several steps of a command ask."""
+    """Return the format of a file of ours; `_state`, its size and time, is the key of the cache."""
     head = read_head(path, HEAD_BYTES)
     if head.startswith(HDF5_SIGNATURE):
         from shapefit.io.hdf5_file import as_text, open_hdf5

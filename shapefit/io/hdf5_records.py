@@ -500,9 +500,9 @@ def _encoded(texts: Array) -> Array:
 
 @contextmanager
 def _disk_space(path: Path) -> Iterator[Callable[[int], None]]:
-    """Give what reserves room on the disk for bytes that follow: a full one crashes HDF5.
+    """Give a function that reserves space for bytes to come, as HDF5 crashes on a full disk.
 
-    What was not needed is given back after the file was closed.
+    Space that was not needed is freed once the file is closed.
     """
     file = os.open(path, os.O_RDWR)
     needed, reserved = SPARE, 0

@@ -184,9 +184,9 @@ def model_names(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def edges_of(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
-    """Return the bones between landmarks most of which have names of one skeleton.
+    """Return the bones of the skeleton that names most of the landmarks, as pairs of positions.
 
-    It is the one that has most of the names; none where that is no more than half of them.
+    None where no skeleton names more than half of them.
     """
     place = {name: number for number, name in enumerate(names)}
     bones = [_bones(text) for text in _data()["further_bones"].values()]

@@ -90,9 +90,9 @@ class Estimate:
         return np.array([*map(words.__getitem__, map(id, self.status))], dtype=object)
 
     def in_unit(self, grow: Floats | float = 1.0, shrink: Floats | float = 1.0) -> Estimate:
-        """Return it with error bars times grow / shrink, numbers (n, 1, 1) or one for all.
+        """Return the estimate in another unit: error bars times grow / shrink, (n, 1, 1) or one.
 
-        A unit that is smaller by `grow`, or larger by `shrink`; variances change by the squares.
+        The unit is smaller by `grow`, or larger by `shrink`; variances change by the squares.
         """
         deviation, covariance = self.deviation, self.covariance
         return replace(

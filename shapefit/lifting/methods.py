@@ -281,7 +281,7 @@ def those(is_so: Callable[[Method], object]) -> tuple[str, ...]:
 
 
 def find_conflict(fit: Any) -> str | None:
-    """Say which key of a config of `fit` its method cannot use; None where all go together."""
+    """Return the key of a config of `fit` that its method cannot use; None where there is none."""
     if fit.method == AUTO:
         return None
     name, method = fit.method, METHODS[fit.method]

@@ -254,7 +254,7 @@ def observe(
     residual_variance: float,
     grow: Floats | float = 1.0,
 ) -> Observations:
-    """Lay out the modes of t frames, all in one unit.
+    """Return the Gaussian mixtures that the images of t frames give, all in one unit.
 
     log_evidence (t, k), -inf where a frame has fewer modes; means (t, k, 3, p); covariances
     (t, k, 3p, 3p), to be multiplied by grow^2 (t,), in whose memory the precisions then stand. A

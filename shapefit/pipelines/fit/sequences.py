@@ -165,7 +165,7 @@ def find_motion(dictionary: Dictionary, rate: float | None) -> Motion:
 
 
 def find_usual_lengths(dictionary: Dictionary) -> Lengths | None:
-    """Return what the bodies of the training shapes say of the lengths of another, if they do.
+    """Return the mean bone lengths of the training bodies and their precision, None if unknown.
 
     Of any size g: Q = P - P 1 1^T P / (1^T P 1) for the precision P of the logarithms. Of people
     only limbs: detectors put hips, shoulders and heads elsewhere than training shapes have them.

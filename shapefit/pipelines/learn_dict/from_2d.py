@@ -182,7 +182,7 @@ def describe(found: Judgement, size: float) -> str:
 
 
 def find_reasons(found: Judgement, sided: bool) -> Iterator[str]:
-    """Say what may be wrong with shapes that were learned; sided: near and far are known."""
+    """Return what may be wrong with learned shapes; sided: near and far are known."""
     if found.verdict == DOUBTFUL:
         yield (
             "depth is doubtful: each half of the images by itself gives shapes "

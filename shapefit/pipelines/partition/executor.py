@@ -162,7 +162,7 @@ def end_with_parent() -> None:
 
 
 def result_of(future: Future[Done], job: Job) -> Done:
-    """Return what became of a job, also of one that killed one worker of Dask after another.
+    """Return the result of a job; a failure where it killed one worker of Dask after another.
 
     Raises InputError where the scheduler is lost, and for workers without this version of shapefit.
     """
