@@ -22,6 +22,7 @@ from shapefit.io.inputs import is_stream, require_file
 
 OF_THE_DISK = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 OF_PERMISSION = frozenset({errno.EACCES, errno.EPERM, errno.EROFS})
+PARTIAL = ".partial"
 OTHER_FOLDER = "choose another folder, or change its permissions"
 
 
@@ -71,7 +72,7 @@ def storage_errors(
     try:
         yield
     except OSError as error:
-        temporary = ".partial" in str(error.filename)
+        temporary = PARTIAL in str(error.filename)
         allowed = temporary and error.errno in OF_PERMISSION
         if numbers is not None and error.errno not in numbers and not allowed:
             raise
@@ -133,7 +134,7 @@ def _temporary(folder: Path, suffix: str) -> Iterator[Path]:
     On any error folders that are new and empty are removed.
     """
     missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
-    temporary = folder / f".{secrets.token_hex(8)}.partial{suffix[:20]}"
+    temporary = folder / f".{secrets.token_hex(8)}{PARTIAL}{suffix[:20]}"
     failed = True
     try:
         with storage_errors(folder, None):

@@ -281,7 +281,7 @@ def refine_clip(
         model = Model(motion.bones, stiffness, motion.give, known)
         if not rigid:
             model = Model(motion.bones[:0], stiffness, motion.give[:0])
-        return smooth(visible, model, sigma, covariances=covariances)
+        return smooth(visible, model, sigma, covariances=covariances and rigid)
 
     rows = np.arange(clip.start, clip.stop)[finite]
     visible = in_unit(clips, clip, size)
