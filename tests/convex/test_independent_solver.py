@@ -8,6 +8,8 @@ import pytest
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solver import Status, solve_newton
 
+pytestmark = pytest.mark.slow  # cvxpy comes with the packages of the slow tests
+
 
 class Clarabel:
     """The program of one image as the paper writes it, built once for a size and a loss."""
