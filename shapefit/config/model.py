@@ -22,32 +22,26 @@ Value = TypeVar("Value")
 Mark = TypeVar("Mark")
 
 
-def _tuples(value: Any) -> Any:
-    return tuple(_tuples(item) for item in value) if isinstance(value, list) else value
+def _as_tuples(value: Any) -> Any:
+    return tuple(_as_tuples(item) for item in value) if isinstance(value, list) else value
 
 
-FromLists = BeforeValidator(_tuples)
+FromLists = BeforeValidator(_as_tuples)
 """Annotation metadata: lists (of lists ...) become tuples, so that a config cannot change."""
 
+HIDDEN = "hidden"
+"""Annotation metadata: a key of experiments, which no page lists."""
 
-class Hidden:
-    """Annotation metadata: a key of experiments, which no page lists."""
-
-
-HIDDEN = Hidden()
-
-
-class AutoField:
-    """Annotation metadata: None inside is `auto` in YAML."""
-
+AUTO = "auto"
+"""Annotation metadata, and the text in YAML that is None inside."""
 
 Auto = Annotated[
     Value | None,
-    AutoField(),
-    BeforeValidator(lambda value: None if value == "auto" else value),
-    PlainSerializer(lambda value: "auto" if value is None else value),
+    AUTO,
+    BeforeValidator(lambda value: None if value == AUTO else value),
+    PlainSerializer(lambda value: AUTO if value is None else value),
 ]
-"""A value, or `auto`, which is None inside."""
+"""A value, or `auto`."""
 
 
 class ConfigModel(BaseModel):
@@ -71,9 +65,8 @@ def section(model: type[ConfigModel]) -> Any:
 
 
 class CommandConfig(ConfigModel):
-    """Everything that can be set for one command; COMMAND is its name."""
+    """Everything that can be set for one command."""
 
-    COMMAND: ClassVar[str] = ""
     OUTPUT: ClassVar[str] = ""
     """End of the name of an output that is not given, after the name of the first input."""
 
@@ -81,7 +74,7 @@ class CommandConfig(ConfigModel):
     """Folder that replaces `{data}` at the beginning of any other path."""
 
     @model_validator(mode="after")
-    def _checks_its_output(self) -> Self:
+    def _check_output(self) -> Self:
         """Name the output after the first input where it is not given; refuse to replace inputs."""
         files = [path for _, path in self.inputs() if path != STANDARD_STREAM]
         output = getattr(self, "output", None)
@@ -101,14 +94,15 @@ class CommandConfig(ConfigModel):
         """Yield the files to read, except those of sections, each with its key."""
         for key in type(self).model_fields:
             if key not in ("output", "data"):
-                for path in _paths(getattr(self, key)):
+                for path in _paths_in(getattr(self, key)):
                     yield key, path
 
     def changed(self, **values: Any) -> Self:
         """Return the config with other values, unchecked; those of a section as a mapping."""
-        old = {key: getattr(self, key) for key in values}
         changes = {
-            key: old[key].model_copy(update=value) if isinstance(old[key], ConfigModel) else value
+            key: old.model_copy(update=value)
+            if isinstance(old := getattr(self, key), ConfigModel)
+            else value
             for key, value in values.items()
         }
         return self.model_copy(update=changes)
@@ -119,25 +113,24 @@ class CommandConfig(ConfigModel):
 
     def as_plain(self) -> dict[str, Any]:
         """Return the config as JSON has it; a path that is not UTF-8 has escapes (`path_text`)."""
-        values: dict[str, Any] = _plain(self.model_dump(warnings=False))
+        values: dict[str, Any] = _as_plain(self.model_dump(warnings=False))
         return values
 
 
-def _plain(value: Any) -> Any:
+def _as_plain(value: Any) -> Any:
     if isinstance(value, Mapping):
-        return {key: _plain(inner) for key, inner in value.items()}
+        return {key: _as_plain(inner) for key, inner in value.items()}
     if isinstance(value, tuple | list):
-        return [_plain(item) for item in value]
+        return [_as_plain(item) for item in value]
     return path_text(value) if isinstance(value, Path) else value
 
 
-def _paths(value: Any) -> Iterator[Path]:
-    """Yield the paths in a value: itself, or those in tuples and mappings."""
+def _paths_in(value: Any) -> Iterator[Path]:
     if isinstance(value, Path):
         yield value
     elif isinstance(value, tuple | Mapping):
         for inner in value.values() if isinstance(value, Mapping) else value:
-            yield from _paths(inner)
+            yield from _paths_in(inner)
 
 
 class Key(NamedTuple):
@@ -151,7 +144,7 @@ class Key(NamedTuple):
     @property
     def listed(self) -> bool:
         """Whether pages and messages name the key."""
-        return self.mark(Hidden) is None
+        return HIDDEN not in self.field.metadata
 
     def mark(self, kind: type[Mark]) -> Mark | None:
         """Return the annotation metadata of a type that the field has, if any."""
@@ -163,8 +156,7 @@ def keys_of(model: type[BaseModel]) -> dict[tuple[str, ...], Key]:
     """Return all keys of a model by their ways, as YAML spells them; sections come first."""
     keys: dict[tuple[str, ...], Key] = {}
     for name, field in model.model_fields.items():
-        kind = field.annotation
-        way: tuple[str, ...] = (field.alias or name,)
+        kind, way = field.annotation, (field.alias or name,)
         section = kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
         keys[way] = Key(model, name, field, section)
         if section is not None:

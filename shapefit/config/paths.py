@@ -7,8 +7,9 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path, PurePath
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from pydantic import AfterValidator, BeforeValidator, InstanceOf, PlainSerializer, PlainValidator
 
@@ -54,28 +55,25 @@ class ResultFolder:
         return self.path / MANIFEST
 
 
-@dataclass(frozen=True)
-class Description:
-    """Annotation metadata: what a field expects, where its type does not say it well."""
+class Description(NamedTuple):
+    """Annotation metadata: what a field expects, where its type does not say it well.
+
+    `paths` and `names`: the field holds paths, or names of installed dictionaries.
+    """
 
     phrase: str
+    paths: bool = False
+    names: bool = False
 
 
-@dataclass(frozen=True)
-class PathField(Description):
-    """Annotation metadata: the field holds paths, or names of installed dictionaries."""
-
-    takes_names: bool = False
-
-
-def in_folder(value: Any, folder: Path, field: PathField) -> Any:
+def in_folder(value: Any, folder: Path, *, names: bool) -> Any:
     """Return the paths in a value, which a config in this folder names, relative to the folder."""
 
     def anchor(path: str) -> str:
         if path in ("", "-") or path.startswith(DATA):
             return path
         joined = os.path.join(folder, os.path.expanduser(path))
-        is_name = field.takes_names and not os.path.exists(joined)
+        is_name = names and not os.path.exists(joined)
         return str(find_dictionaries().get(path, joined)) if is_name else joined
 
     return change_texts(value, anchor)
@@ -90,53 +88,28 @@ def change_texts(value: Any, change: Callable[[str], str]) -> Any:
     return change(value) if isinstance(value, str) else value
 
 
-def absolute_path(value: Any) -> Path:
-    """Return the absolute path of a text or path; `-` stays. Raises ValueError."""
-    text = str(value)
-    if not isinstance(value, str | Path) or not text or "\0" in text:
-        raise ValueError(f"expected a path, found {value!r}")
-    if DATA in text:
-        raise ValueError(f"{text!r} begins with the folder `data`; give --set data=FOLDER")
-    path = Path(text)
-    return path if path == STANDARD_STREAM else Path(os.path.abspath(os.path.expanduser(path)))
+def find_dictionaries() -> dict[str, Path]:
+    """Return the installed dictionaries by their names, sorted."""
+    return {file.stem: file for file in sorted(DICTIONARIES.glob("*.h5"))}
 
 
-def expand_path(value: Any) -> tuple[Path, ...]:
-    """Return the files that a path or glob names, sorted, at least one. Raises ValueError.
+def find_presets(command: str) -> dict[str, Path]:
+    """Return the installed configs of a command by name, sorted: `cars` is cars/fit.yaml of `fit`.
 
-    A pipe with a name is a file too (`<(...)` in a shell makes one), and so is a folder, whose
-    files may be one recording; but not for a glob. A folder of results stands for its results.
+    They are in the package, or beside it in a checkout. `sequences` is people/sequences.yaml.
     """
-    path = absolute_path(value)
-    if path == STANDARD_STREAM or os.path.exists(path):
-        return result_parts(path) or (path,)
-    if not glob.has_magic(str(path)):
-        raise ValueError(f"no file {path}; check the spelling")
-    folder, parts = Path(path.parts[0]), path.parts[1:]
-    while len(parts) > 1 and (folder / parts[0]).is_dir():  # its name may have brackets
-        folder, parts = folder / parts[0], parts[1:]
-    matches = glob.glob(os.path.join(*parts), root_dir=folder, recursive=True)
-    files = tuple(sorted(folder / match for match in matches if os.path.isfile(folder / match)))
-    if not files:
-        raise ValueError(f"no file matches {path}; check the pattern")
-    return files
-
-
-def result_parts(folder: Path) -> tuple[Path, ...]:
-    """Return the results in a folder that `fit` wrote part by part, in the order of their numbers.
-
-    There are none for anything else. Raises InputError as `manifest_lines`.
-    """
-    _, *parts = manifest_lines(folder) or [{}]
-    done = {part["file"]: part["status"] == DONE for part in parts}
-    names = sorted((name for name in done if done[name]), key=lambda name: (len(name), name))
-    return tuple(folder / name for name in names)
+    folder = PACKAGE / "configs"
+    folder = folder if folder.is_dir() else PACKAGE.parent / "configs"
+    files = {file.parent.name: file for file in folder.glob(f"*/{command}.yaml")}
+    if command == "fit":
+        files["sequences"] = folder / "people/sequences.yaml"
+    return dict(sorted(files.items()))
 
 
 def manifest_lines(folder: Path) -> list[dict[str, Any]] | None:
     """Return the lines of the manifest of a folder: the run, then a part each, the last one counts.
 
-    A line without an end is left out. None where there is no manifest. Raises InputError where a
+    A line without an end is omitted. None where there is no manifest. Raises InputError where a
     file of that name is something else.
     """
     path = folder / MANIFEST
@@ -153,42 +126,53 @@ def manifest_lines(folder: Path) -> list[dict[str, Any]] | None:
     return [run, *parts]
 
 
-def expand_one(value: Any) -> Path:
-    """Return the one file that a path or glob names. Raises ValueError."""
-    files = expand_path(value)
-    if len(files) > 1:
-        raise ValueError(f"{value} matches {len(files)} files; name one")
-    if files[0].is_dir():
-        raise ValueError(f"{files[0]} is a folder; name a file in it")
-    return files[0]
+def result_parts(folder: Path) -> tuple[Path, ...]:
+    """Return the results in a folder that `fit` wrote part by part, in the order of their numbers.
 
-
-def find_dictionaries() -> dict[str, Path]:
-    """Return the installed dictionaries by their names, sorted."""
-    return {file.stem: file for file in sorted(DICTIONARIES.glob("*.h5"))}
-
-
-def presets_folder() -> Path:
-    """Return the folder of installed configs: in the package, or beside it in a checkout."""
-    installed = PACKAGE / "configs"
-    return installed if installed.is_dir() else PACKAGE.parent / "configs"
-
-
-def find_presets(command: str) -> dict[str, Path]:
-    """Return the installed configs of a command by name, sorted: `cars` is cars/fit.yaml of `fit`.
-
-    People have a second one of `fit`, for whole sequences.
+    There are none for anything else. Raises InputError as `manifest_lines`.
     """
-    files = {file.parent.name: file for file in presets_folder().glob(f"*/{command}.yaml")}
-    if command == "fit":
-        files |= {file.stem: file for file in presets_folder().glob("people/sequences.yaml")}
-    return dict(sorted(files.items()))
+    _, *parts = manifest_lines(folder) or [{}]
+    done = {part["file"]: part["status"] == DONE for part in parts}
+    names = sorted((name for name in done if done[name]), key=lambda name: (len(name), name))
+    return tuple(folder / name for name in names)
+
+
+# What reads a value: each raises ValueError for a wrong one.
+
+
+def absolute_path(value: Any) -> Path:
+    """Return the absolute path of a text or path; `-` stays."""
+    text = str(value)
+    if not isinstance(value, str | Path) or not text or "\0" in text:
+        raise ValueError(f"expected a path, found {value!r}")
+    if DATA in text:
+        raise ValueError(f"{text!r} begins with the folder `data`; give --set data=FOLDER")
+    path = Path(text)
+    return path if path == STANDARD_STREAM else Path(os.path.abspath(os.path.expanduser(path)))
+
+
+def expand_path(value: Any) -> tuple[Path, ...]:
+    """Return the files that a path or glob names, sorted, at least one.
+
+    A path can be that of a pipe, or of a folder, whose files may be one recording; a glob names
+    neither. A folder of results stands for its results.
+    """
+    path = absolute_path(value)
+    if path == STANDARD_STREAM or os.path.exists(path):
+        return result_parts(path) or (path,)
+    if not glob.has_magic(str(path)):
+        raise ValueError(f"no file {path}; check the spelling")
+    matches = sorted(map(Path, glob.glob(str(path), recursive=True)))
+    files = tuple(match for match in matches if match.is_file())
+    if not files:
+        raise ValueError(f"no file matches {path}; check the pattern")
+    return files
 
 
 def expand_named(value: Any) -> tuple[Path, ...]:
     """Return the files that a path or glob names, or the installed dictionary of that name.
 
-    A file wins over an installed dictionary, a folder does not. Raises ValueError.
+    A file wins over an installed dictionary, a folder does not.
     """
     path, installed = absolute_path(value), find_dictionaries()
     if str(value) in installed and not path.is_file():
@@ -199,10 +183,20 @@ def expand_named(value: Any) -> tuple[Path, ...]:
     return expand_path(value)
 
 
-def find_dictionary(value: Any) -> Path:
-    """Return the file of a dictionary: the one at a path, or the installed one of that name."""
-    files = expand_named(value)
-    return expand_one(files[0] if len(files) == 1 else value)
+def _one(expand: Callable[[Any], tuple[Path, ...]]) -> Callable[[Any], Path]:
+    """Return what reads the path of exactly one file."""
+
+    def read(value: Any) -> Path:
+        path, *others = expand(value)
+        if others or path.is_dir():
+            raise ValueError(f"{value} is not one file; name one")
+        return path
+
+    return read
+
+
+find_dictionary = _one(expand_named)
+"""Return the file of a dictionary: the one at a path, or the installed one of that name."""
 
 
 def _output(value: Any) -> Path | ResultFolder:
@@ -234,34 +228,22 @@ def _not_empty(value: Any) -> Any:
     return value
 
 
-def _as_tuple(value: Any) -> tuple[Any, ...]:
-    return tuple(value) if isinstance(value, list | tuple) else (value,)
-
-
-def _joined(files: tuple[tuple[Path, ...], ...]) -> tuple[Path, ...]:
-    """Join what several paths name, each file once."""
-    return tuple(dict.fromkeys(path for paths in files for path in paths))
-
-
 def unless_none(read: Callable[[Any], Any]) -> BeforeValidator:
     """Return what reads a value that may be None."""
     return BeforeValidator(lambda value: None if value is None else read(value))
 
 
 # The kinds of fields. Each item of a list becomes the tuple of the files that it names (so that a
-# wrong item is reported at its place), and the tuples are joined last.
+# wrong item is reported at its place), and the tuples are joined last, each file once.
 
-_PATH = PathField("a path")
-_DICTIONARY = PathField("a path, or the name of an installed dictionary", takes_names=True)
+_PATH = Description("a path", paths=True)
+_DICTIONARY = Description("a path, or the name of an installed dictionary", paths=True, names=True)
+_TO_LIST = BeforeValidator(lambda v: tuple(v) if isinstance(v, list | tuple) else (v,))
+_JOINED = AfterValidator(lambda files: tuple(dict.fromkeys(chain.from_iterable(files))))
 
 OutputPath = Annotated[
     Path, _PATH, BeforeValidator(lambda v: UNNAMED if v is None else absolute_path(v))
 ]
-
-OptionalPath = Annotated[Path | None, _PATH, unless_none(absolute_path)]
-
-OptionalInputPath = Annotated[Path | None, _PATH, unless_none(expand_one)]
-
 OutputOrFolder = Annotated[
     Path | InstanceOf[ResultFolder],
     _PATH,
@@ -270,29 +252,31 @@ OutputOrFolder = Annotated[
 ]
 """A file to write, or a folder: `FOLDER/`."""
 
-OptionalInputPaths = Annotated[
+OptionalPath = Annotated[Path | None, _PATH, unless_none(absolute_path)]
+OptionalInputPath = Annotated[Path | None, _PATH, unless_none(_one(expand_path))]
+InputPaths = Annotated[
     tuple[Annotated[Path, PlainValidator(expand_path)], ...],
-    PathField("a path or glob, or a list of them"),
-    BeforeValidator(_as_tuple),
-    AfterValidator(_joined),
+    Description("a path or glob, or a list of them", paths=True),
+    _TO_LIST,
+    BeforeValidator(_not_empty),
+    _JOINED,
 ]
-
-InputPaths = Annotated[OptionalInputPaths, BeforeValidator(_not_empty)]
 
 DictionaryPath = Annotated[Path, _DICTIONARY, BeforeValidator(find_dictionary)]
-
 OptionalDictionaryPath = Annotated[Path | None, _DICTIONARY, unless_none(find_dictionary)]
-
 PathsOrNames = Annotated[
     tuple[Annotated[Path, PlainValidator(expand_named)], ...],
-    PathField("a path, a glob or the name of an installed dictionary, or a list of them", True),
-    BeforeValidator(_as_tuple),
-    AfterValidator(_joined),
+    Description(
+        "a path, a glob or the name of an installed dictionary, or a list of them",
+        paths=True,
+        names=True,
+    ),
+    _TO_LIST,
+    _JOINED,
 ]
-
 NamedFiles = Annotated[
     Mapping[str, InputPaths],
-    PathField("a path or glob, a list of them, or a mapping of names to paths"),
+    Description("a path or glob, a list of them, or a mapping of names to paths", paths=True),
     BeforeValidator(_named),
 ]
 """Names -> files; in a list, a file is called by its name without folder and ending."""

@@ -16,11 +16,12 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 from pydantic import BaseModel
 
 from shapefit.config.commands import CONFIGS
-from shapefit.config.model import AutoField, Key, keys_of
+from shapefit.config.model import AUTO, Key, keys_of
 from shapefit.config.paths import Description
 from shapefit.errors import input_error, listed
 
-WORDS = {int: "a whole number", float: "a number", str: "a text"}
+WORDS = {int: "a whole number", float: "a number", str: "a text", bool: "true or false"}
+PLURALS = {"a whole number": "whole numbers", "a number": "numbers", "a text": "texts"}
 BOUNDS = {"ge": ">=", "gt": ">", "le": "<=", "lt": "<"}
 
 
@@ -69,7 +70,7 @@ def _default(key: Key) -> str:
     if isinstance(default, Path):
         return default.stem or "by the input"
     if default is None:
-        return "auto" if key.mark(AutoField) else "none"
+        return AUTO if AUTO in key.field.metadata else "none"
     return json.dumps(default)
 
 
@@ -78,52 +79,37 @@ def expects(key: Key) -> str:
     if key.section is not None:
         names = [way[0] for way, inner in keys_of(key.section).items() if inner.listed]
         return f"a mapping with the keys {', '.join(names)}"
-    if description := key.mark(Description):
-        return description.phrase
-    return _words(key.field.annotation, key.field.metadata)
+    description = key.mark(Description)
+    return description.phrase if description else _words(key.field.annotation, key.field.metadata)
 
 
 def _words(annotation: Any, metadata: Sequence[Any] = ()) -> str:
-    """Return the words for a type and its bounds."""
-    auto = ["auto"] if any(isinstance(entry, AutoField) for entry in metadata) else []
+    """Return the words for a type and its bounds, for a union those of its types."""
+    kinds = [annotation]
+    if get_origin(annotation) in (Union, UnionType):
+        kinds = [kind for kind in get_args(annotation) if kind is not NoneType]
+    words = [word for kind in kinds for word in _kind_words(kind)]
+    words += [AUTO] if AUTO in metadata else []
     flat = [inner for entry in metadata for inner in getattr(entry, "metadata", (entry,))]
-    bounds = [
-        f"{sign} {getattr(entry, name)}"
-        for entry in flat
-        for name, sign in BOUNDS.items()
-        if hasattr(entry, name)
-    ]
-    return f"{listed([*_alternatives(annotation), *auto])} {' and '.join(bounds)}".rstrip()
+    bounds = [f"{BOUNDS[n]} {getattr(b, n)}" for b in flat for n in BOUNDS if hasattr(b, n)]
+    return f"{listed(words)} {' and '.join(bounds)}".rstrip()
 
 
-def _alternatives(annotation: Any) -> Iterator[str]:
-    """Yield the words for each type of a union, and each value of a literal."""
-    origin, arguments = get_origin(annotation), get_args(annotation)
+def _kind_words(kind: Any) -> tuple[str, ...]:
+    """Return the words for one type, or for each value of a literal."""
+    origin, inner = get_origin(kind), get_args(kind)
     if origin is Annotated:
-        yield _words(arguments[0], arguments[1:])
-    elif origin in (Union, UnionType):
-        for kind in arguments:
-            yield from _alternatives(kind)
-    elif origin is Literal:
-        yield from arguments
-    elif origin is tuple:
-        number = "" if Ellipsis in arguments else f"{len(arguments)} "
-        yield f"a list of {number}{_plural(arguments[0])}"
-    elif origin is not None:
-        yield f"a mapping to {_plural(arguments[1])}"
-    elif annotation is bool:
-        yield from ("true", "false")
-    elif annotation is not NoneType:
-        yield WORDS[annotation]
-
-
-def _plural(annotation: Any) -> str:
-    """Return the words for several values of a type: `numbers > 0` for `a number > 0`."""
-    text = _words(annotation)
-    for word in ("whole number", "number", "text"):
-        if text.startswith(f"a {word}"):
-            return f"{word}s{text.removeprefix(f'a {word}')}"
-    return text
+        return (_words(inner[0], inner[1:]),)
+    if origin is Literal:
+        return inner
+    if origin is None:
+        return tuple(WORDS[kind].split(" or "))
+    values = _words(inner[0] if origin is tuple else inner[1])
+    for word, plural in PLURALS.items():
+        values = values.replace(word, plural)
+    if origin is tuple:
+        return (f"a list of {values}" if Ellipsis in inner else f"a list of {len(inner)} {values}",)
+    return (f"a mapping to {values}",)
 
 
 def meaning(key: Key) -> str:

@@ -40,24 +40,21 @@ class CameraConfig(ConfigModel):
     """The camera of the images; the section is printed with every fit."""
 
     focal: Positive | Literal["auto", "none", "files"] = "auto"
-    """Focal length in pixels; files: as in the `camera_matrix` of the landmarks; none: weak
-    perspective, which is also auto for methods without a prior. For others auto is the calibration,
-    else the camera matrix of the files, else 1.1 times the longer side of the image if its size is
-    known, else none."""
+    """Focal length in pixels; files: of the `camera_matrix` of the landmarks; none: weak
+    perspective; auto: none for methods without a prior, otherwise of the calibration, the files, or
+    1.1 times the longer side of the image."""
     focal_sd: Annotated[float, Field(ge=0), HIDDEN] = 0.0
     """Standard deviation of the logarithm of `focal`: 0.2 where it is assumed."""
     principal_point: Annotated[tuple[float, float] | None, FromLists] = None
-    """Where the optical axis meets the image, in pixels; by default that of the camera matrix, else
-    the centre of the image."""
+    """Where the optical axis meets the image, in pixels; by default of the camera matrix, or the
+    centre."""
     calibration: OptionalInputPath = None
-    """File with calibrated cameras (TOML of anipose, Pose2Sim, caliscope or FreeMoCap, or OpenCV's
-    YAML or JSON)."""
+    """File of cameras: TOML of anipose, Pose2Sim, caliscope or FreeMoCap, or OpenCV's."""
     name: Annotated[
         Text | None,
         BeforeValidator(lambda value: str(value) if type(value) is int else value),  # a port
     ] = None
-    """The camera of the calibration that took the images, by section, name or port; not needed if
-    there is one."""
+    """The camera of the calibration, by section, name or port; not needed if there is one."""
 
     @property
     def model(self) -> str:
@@ -86,12 +83,10 @@ class PriorConfig(ConfigModel):
     """How the methods posterior and sequences weigh landmarks against the prior."""
 
     scale: Auto[Positive] = None
-    """Factor on the covariances of the prior; auto: 1, 2, 4 or 8, whichever makes the first images
-    most likely."""
+    """Factor on the covariances of the prior; auto: the likeliest of 1, 2, 4 and 8."""
     residual_variance: Auto[Positive] = None
-    """Variance of a landmark's coordinate that neither prior nor camera explains, in the unit of
-    normalised shapes; `noise` adds to it. auto: the dictionary's value, times 1, 2, 4 or 8,
-    whichever makes the first images most likely."""
+    """Variance of a normalised coordinate that neither prior nor camera explains; `noise` adds to
+    it. auto: the dictionary's value, times the likeliest of 1, 2, 4 and 8."""
     calibration: OptionalInputPath = None
     """error_bars.json of a report of eval, whose factors scale the error bars."""
     bar_scale: Annotated[Positive, HIDDEN] = PosteriorOptions.bar_scale
@@ -102,8 +97,7 @@ class SaveConfig(ConfigModel):
     """What an HDF5 result holds besides the shapes."""
 
     proof: Auto[bool] = None
-    """The certificate of the convex program, for `shapefit verify`; auto: for methods without a
-    prior."""
+    """The certificate for `shapefit verify`; auto: for methods without a prior."""
     covariance: bool = False
     """The covariance of all landmarks of an image, `shape_covariance` (n, 3p, 3p) (large)."""
 
@@ -120,7 +114,6 @@ class ExportConfig(ConfigModel):
 class FitConfig(MetresConfig):
     """Lift 2D landmarks to 3D shapes with a dictionary."""
 
-    COMMAND = "fit"
     OUTPUT = ".h5"
 
     landmarks: InputPaths
@@ -128,8 +121,8 @@ class FitConfig(MetresConfig):
     dictionary: DictionaryPath = Field(default_factory=lambda: find_dictionaries()["people"])
     """Dictionary file that learn-dict wrote, or the name of an installed one."""
     output: OutputOrFolder = UNNAMED
-    """Result file: HDF5, CSV (.csv, or - for stdout), TRC, C3D or BVH by its ending
-    (docs/export.md); FOLDER/ for one file per part; by default NAME.h5 in the working directory."""
+    """Result file, in the format of its ending (docs/export.md); - for stdout, FOLDER/ for one file
+    per part; by default NAME.h5 in the working directory."""
     method: MethodName = Field(
         default=AUTO,
         description=f"How to lift: {summarise()}. auto: with a prior sequences for videos and "
@@ -137,30 +130,27 @@ class FitConfig(MetresConfig):
     )
     camera: CameraConfig = section(CameraConfig)
     lam: Positive | Literal["auto"] = Field(default=0.1, alias="lambda")
-    """Weight of the sum of spectral norms, for normalised landmarks and atoms; auto derives it from
-    `noise`."""
+    """Weight of the sum of spectral norms; auto derives it from `noise`."""
     noise: NotNegative | None = None
-    """Standard deviation of a landmark's coordinate in pixels. `lambda: auto` needs it; it adds to
-    `prior.residual_variance`."""
+    """Standard deviation of a landmark's coordinate in pixels."""
     outliers: Literal["none", "ransac", "sparse-error", "l1"] = "none"
-    """How methods without a prior treat wrong landmarks: ransac rejects them before the fit;
-    sparse-error and l1 are robust losses of the convex program."""
+    """How methods without a prior treat wrong landmarks: reject them before the fit (ransac), or a
+    robust loss."""
     outlier_threshold: Annotated[Positive | None, HIDDEN] = None
     """Residual beyond which a landmark is an outlier: 0.25 for ransac, 0.1 for sparse-error."""
     tolerance: Auto[Positive] = None
-    """Relative duality gap at which an image is solved; auto: 1e-6, 1e-3 for methods with a prior,
-    and 0.01 for global."""
+    """Relative duality gap at which an image is solved; auto: 1e-6, with a prior 1e-3, of global
+    0.01."""
     prior: PriorConfig = section(PriorConfig)
     skeleton: Annotated[
         Auto[dict[Part, Positive]],
         Description("a mapping of head, hips and shoulders to factors > 0, or auto"),
     ] = None
-    """How the skeleton of a detector of people differs from the dictionary's, as {head: 1.5, hips:
-    1.15, shoulders: 1}: factors on the height of the head and on the distances of hips and
-    shoulders; auto: estimated from the first images."""
+    """How a detector's skeleton of people differs from the dictionary's: factors on the height of
+    the head and the distances of hips and shoulders; auto: estimated from the first images."""
     leave_one_out: Text | None = None
-    """Dataset of the landmarks that names, for each image, the training shape (exemplar) that its
-    fit must not use; `item` if images are named after training shapes."""
+    """Dataset that names for each image the training shape (exemplar) that its fit must not use, or
+    `item`."""
     save: SaveConfig = section(SaveConfig)
     export: ExportConfig = section(ExportConfig)
     threads: Annotated[int, Field(ge=0, le=1024)] = 0

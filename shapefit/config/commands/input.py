@@ -26,15 +26,14 @@ class LandmarksConfig(CommandConfig):
     rename: Mapping[str, str] = Field(default_factory=dict)
     """Landmarks to rename: name in the files -> name in the dictionary or in the results."""
     keypoints: Text | None = None
-    """Skeleton that names the landmarks of files without names, such as body_25b or coco_17
-    (docs/formats.md); numbered: 0, 1 and so on."""
+    """Skeleton that names the landmarks of files without names, such as body_25b; numbered: 0, 1
+    and so on."""
     min_confidence: Auto[NotNegative] = None
     """Hide less confident landmarks; auto: 0.1 for a fit with a prior, otherwise 0."""
     y_axis: Literal["down", "up"] | None = None
     """Direction of y in the images; by default that of the format, or down (pixels)."""
     image_size: Annotated[tuple[Positive, Positive] | None, FromLists] = None
-    """Width and height of the images in pixels; by default as the files state it. The camera and
-    coordinates that are fractions of it (MediaPipe, YOLO) need it."""
+    """Width and height of the images in pixels; fractions of it (MediaPipe, YOLO) need it."""
 
 
 class MetresConfig(LandmarksConfig):
@@ -45,8 +44,7 @@ class MetresConfig(LandmarksConfig):
     height: Annotated[
         float | None, Field(gt=0, le=3), Description("a height in metres, at most 3, such as 1.78")
     ] = None
-    """Height of the body or object, for outputs in metres (docs/export.md); by default that of the
-    training shapes."""
+    """Height of the body or object, for outputs in metres; by default of the training shapes."""
     markers: Literal["joints", "input"] = "joints"
     """Markers of a TRC file: joints, or input for the landmarks of the detector by their names."""
 
@@ -55,7 +53,7 @@ class TruthConfig(CommandConfig):
     """How results are compared with the truth."""
 
     match: Text = "item"
-    """What identifies the true shape of an image: `item`; `frame`, its frame and sequence; or a
-    dataset of the result that holds items of the truth."""
+    """What identifies the true shape of an image: `item`; `frame` (and sequence); or a dataset that
+    holds items of the truth."""
     rename: Mapping[str, str] = Field(default_factory=dict)
     """Landmarks of the truth to rename: name in its files -> name in the results."""

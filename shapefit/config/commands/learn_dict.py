@@ -3,23 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from shapefit.config.commands.input import Count, LandmarksConfig
 from shapefit.config.model import HIDDEN, ConfigModel, FromLists, section
 from shapefit.config.paths import UNNAMED, Description, InputPaths, OutputPath
-
-_ALIGN = "`all`, `none`, or a list of at least three different landmark names"
-
-
-def _landmark_choice(value: Any) -> Any:
-    if value in ("all", "none"):
-        return value
-    if not isinstance(value, list | tuple) or len({*map(str, value)}) < max(3, len(value)):
-        raise ValueError(f"expected {_ALIGN}, found {value!r}")
-    return tuple(value)
 
 
 class PriorConfig(ConfigModel):
@@ -28,11 +18,10 @@ class PriorConfig(ConfigModel):
     components: Annotated[int, Field(ge=0, le=1000)] | Literal["auto"] = 0
     """Gaussians in the mixture; 0 learns none, auto one for every 150 shapes, from 1 to 32."""
     bone_scale: float = Field(default=0.0, ge=0, le=1)
-    """Standard deviation of the logarithm of bone lengths, by which training shapes are varied to
-    stand for other bodies; the edges of the shapes must be a tree."""
+    """Standard deviation of the logarithm of bone lengths, by which training shapes are varied;
+    their edges must be a tree."""
     exchange: float = Field(default=0.0, ge=0, le=1)
-    """Share of the shapes that take limbs, the chains of bones with a free end, from other shapes:
-    other poses."""
+    """Share of the shapes that take limbs from other shapes."""
     shrinkage: Annotated[float, Field(ge=0, lt=1), HIDDEN] = 0.3
     """Share of the covariance of all shapes in that of a component of average size."""
     floor: Annotated[float, Field(gt=0), HIDDEN] = 0.01
@@ -42,7 +31,6 @@ class PriorConfig(ConfigModel):
 class LearnDictConfig(LandmarksConfig):
     """Learn a dictionary of rotatable basis shapes from 3D shapes or from 2D landmarks."""
 
-    COMMAND = "learn-dict"
     OUTPUT = "_dictionary.h5"
 
     shapes: InputPaths
@@ -52,30 +40,29 @@ class LearnDictConfig(LandmarksConfig):
     landmarks: Annotated[tuple[str, ...] | None, FromLists] = Field(default=None, min_length=1)
     """Landmarks to keep, in this order, by their names after `rename`; by default, all."""
     method: Literal["sparse-coding", "exemplars", "pca-bases"] = "sparse-coding"
-    """Non-negative sparse coding with bounded atoms; exemplars, which makes every training shape an
-    atom; or principal components of each sequence, for matching pursuit."""
+    """Non-negative sparse coding; exemplars: every training shape an atom; or principal components
+    of each sequence, for matching pursuit."""
     every: Annotated[
         Count | Annotated[Mapping[str, Count], Field(min_length=1)],
         Description("a whole number >= 1, or a mapping of globs on sequence names to such numbers"),
     ] = 1
-    """Keep every n-th shape of each sequence; in a mapping such as {13_*: 18, "*": 2} the first
-    glob that fits a sequence counts."""
+    """Keep every n-th shape of each sequence; of {13_*: 18, "*": 2} the first glob that fits."""
     align: Annotated[
-        Literal["all", "none"] | tuple[str, ...],
-        Description(_ALIGN),
-        BeforeValidator(_landmark_choice),
+        Literal["all", "none"] | Annotated[tuple[str, ...], Field(min_length=3)],
+        Description("all, none, or a list of at least three landmark names"),
+        FromLists,
     ] = "all"
     """Landmarks by which training shapes are aligned; none keeps them in their common frame."""
     mirror: Annotated[
         dict[str, str] | bool, Description("true, false, or a mapping of landmark names")
     ] = False
-    """The partner of each landmark on one side, such as rhip: lhip, or true for the pairs that the
-    shapes state. Mirror images of the shapes, without meshes, become training shapes, too."""
+    """Learn from mirror images, too: the partner of each landmark of one side, such as rhip: lhip,
+    or true for the pairs that the shapes state."""
     k: Count = 64
-    """Number of atoms; at most the number of shapes (sparse-coding only)."""
+    """Number of atoms of sparse-coding."""
     flip: bool | None = None
-    """Depth of shapes learned from 2D landmarks, which are ambiguous: true exchanges near and far,
-    false confirms them. Without it no shape is trusted, unless cameras decide."""
+    """Of shapes learned from 2D landmarks: true exchanges near and far, false confirms them. No
+    shape is trusted without, unless cameras decide."""
     prior: PriorConfig = section(PriorConfig)
     beta: Annotated[float, Field(ge=0), HIDDEN] = 0.1
     """Weight of the sparsity of the coefficients."""

@@ -24,10 +24,8 @@ from shapefit.config.paths import (
     InputPaths,
     NamedFiles,
     OptionalDictionaryPath,
-    OptionalInputPaths,
     OptionalPath,
     OutputPath,
-    PathField,
     PathsOrNames,
     absolute_path,
     unless_none,
@@ -62,27 +60,24 @@ class CameraConfig(ConfigModel):
         FromLists,
         AfterValidator(_rotation),
     ] = "turntable"
-    """One full turn per sequence about the y axis, a random rotation per image, or one rotation for
-    all, from object to camera frame (x and y as in the landmarks)."""
+    """One full turn per sequence about y, a random rotation per image, or one from object to camera
+    frame for all."""
     scale: Positive | None = None
-    """Pixels per unit of the shape, for a weak-perspective camera; without it the camera is
-    orthographic and landmarks have the unit of the shapes."""
+    """Pixels per unit of the shape; without it landmarks have the unit of the shapes."""
 
 
 class ProjectConfig(CommandConfig):
     """Project 3D shapes to synthetic 2D landmarks."""
 
-    COMMAND = "project"
     OUTPUT = "_landmarks.h5"
 
     shapes: InputPaths
     """Files of 3D shapes (- is stdin, CSV)."""
     output: OutputPath = UNNAMED
-    """Landmark file to write: HDF5, or CSV (.csv, or - for stdout); by default NAME_landmarks.h5 in
-    the working directory."""
+    """Landmark file to write, HDF5 or CSV; by default NAME_landmarks.h5 in the working folder."""
     camera: CameraConfig = section(CameraConfig)
     y_axis: Literal["down", "up"] = "down"
-    """Direction of y in the landmarks that are written: down, as pixels are counted, or up."""
+    """Direction of y in the landmarks."""
     noise: NotNegative = 0.0
     """Standard deviation of Gaussian noise on each coordinate, in the unit of the landmarks."""
     hidden: float = Field(default=0.0, ge=0, lt=1)
@@ -94,12 +89,10 @@ class ProjectConfig(CommandConfig):
 class EvalConfig(TruthConfig):
     """Compare results with the truth."""
 
-    COMMAND = "eval"
     OUTPUT = "_report"
 
     results: NamedFiles
-    """Result files to compare, each with the name of its row; files in a list are named after the
-    file, without folder and suffix."""
+    """Result files to compare, each with its name; in a list files name themselves."""
     truth: InputPaths
     """Files of the true 3D shapes."""
     output: OutputPath = UNNAMED
@@ -114,8 +107,8 @@ class EvalConfig(TruthConfig):
     least_visible: Annotated[int, Field(ge=0), HIDDEN] = 0
     """Minimum number of visible landmarks of an image; others are counted in a warning."""
     truth_frame: Literal["object", "camera"] = "object"
-    """Frame of the true shapes: `object`, which the dataset `true_rotation` of the result turns
-    into the camera frame; or `camera` (x and y as in the image)."""
+    """Frame of the true shapes: `object`, which `true_rotation` of the result turns into that of
+    the camera; or `camera`."""
     plots: bool = True
     """Also draw the errors, sorted, by method (SVG)."""
 
@@ -123,35 +116,29 @@ class EvalConfig(TruthConfig):
 class ConvertConfig(MetresConfig):
     """Write what files hold in another format."""
 
-    COMMAND = "convert"
-
     files: InputPaths
-    """Files of landmarks, shapes or results, all of one kind, in any format that can be read, or
-    folders with one file per frame."""
+    """Files of landmarks, shapes or results, of one kind, or folders with one file per frame."""
     output: OutputPath
     """File to write, or the folder of meshes; - is stdout (CSV)."""
     dictionary: OptionalDictionaryPath = None
     """Dictionary that a result was fitted with: its meshes or edges are written."""
     to: Text = "auto"
-    """Format to write (docs/export.md); auto: as the name of the output says, HDF5 without an
-    ending. obj, ply and glb write a mesh of each image of a result into the folder `output`."""
+    """Format to write (docs/export.md), by default that of the output's ending, or HDF5. obj, ply
+    and glb write a mesh of each image of a result into the folder `output`."""
     every: Count = 1
     """Take every n-th item of each sequence, the first one first."""
     unit: Text | None = None
     """Unit of shapes whose files do not state it (m, cm, mm, ...), for outputs in metres."""
     up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
-    """Axis of the shapes, or of the world of the camera, that points up and becomes y in metres. By
-    default shapes keep their axes, and the world's is the one nearest to up in the image."""
+    """Axis of the shapes, or of the world of the camera, that points up and becomes y in metres; by
+    default that of the shapes, or the nearest to up in the image."""
 
 
 class InfoConfig(CommandConfig):
     """Describe files and print the next command."""
 
-    COMMAND = "info"
-
     files: PathsOrNames = ()
-    """Files of any kind and format, folders with one file per frame, and installed dictionaries by
-    name; without any, what is installed is listed."""
+    """Files of any kind, or names of dictionaries; without any, what is installed is listed."""
     format: Text = "auto"
     """Format of the files (docs/formats.md); auto recognises it by their content."""
     keypoints: Text | None = None
@@ -161,12 +148,9 @@ class InfoConfig(CommandConfig):
 class ViewConfig(TruthConfig):
     """Write one HTML page that shows results, to rotate and play."""
 
-    COMMAND = "view"
-
     files: NamedFiles
-    """Results, shapes or landmarks to show, each with its name on the page; files in a list are
-    named after the file, without folder and suffix."""
-    truth: OptionalInputPaths = ()
+    """Results, shapes or landmarks to show, each with its name; in a list files name themselves."""
+    truth: InputPaths = ()
     """Files of the true 3D shapes, aligned with the first result by the best similarity."""
     keypoints: Text | None = None
     """Skeleton that names the landmarks of files without names, such as body_25b."""
@@ -174,21 +158,23 @@ class ViewConfig(TruthConfig):
     """Dictionary with the edges and meshes to draw."""
     images: Annotated[
         Path | None,
-        PathField("a folder, or a path with {item} in it"),
+        Description("a folder, or a path with {item} in it", paths=True),
         unless_none(absolute_path),
     ] = None
-    """PNG or JPEG images under the landmarks: a folder, whose files are named after the items or
-    are the numbered frames of a video, or a path in which `{item}` stands for the item."""
+    """PNG or JPEG images under the landmarks: a folder of files named after the items or frames, or
+    a path with `{item}`."""
     items: Annotated[tuple[str, ...], FromLists] = ("*",)
     """Items to show: names or globs."""
     frame_rate: Positive | None = None
     """Frames per second; by default, as stated in the files."""
     output: OptionalPath = None
-    """HTML file to write, or PNG or SVG for a sheet of pictures; by default NAME.html in the
-    working directory, after the first file."""
+    """HTML file to write, or PNG or SVG for a sheet of pictures; by default NAME.html."""
 
 
 OTHERS: dict[str, type[CommandConfig]] = {
-    config.COMMAND: config
-    for config in (ProjectConfig, EvalConfig, ConvertConfig, InfoConfig, ViewConfig)
+    "project": ProjectConfig,
+    "eval": EvalConfig,
+    "convert": ConvertConfig,
+    "info": InfoConfig,
+    "view": ViewConfig,
 }
