@@ -1,9 +1,7 @@
 """`project`: 3D shapes in, synthetic 2D landmarks with the true rotation out.
 
-Random numbers belong to the seed, the purpose, and the position of the image: they are drawn for
-whole batches of `BATCH` images, from a stream of their own for each batch and purpose. So what
-happens to an image does not depend on how many follow, and less noise leaves the same landmarks
-hidden.
+Random numbers depend on the seed, the purpose, and the position of the image: each batch has one
+stream per purpose. So an image does not depend on how many follow, nor what is hidden on the noise.
 """
 
 from __future__ import annotations
@@ -20,15 +18,8 @@ from shapefit.arrays import Floats
 from shapefit.config import ProjectConfig
 from shapefit.geometry import cameras
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import (
-    LandmarkSet,
-    ShapeSet,
-    check_output,
-    digests,
-    landmark_writer,
-    open_shapes,
-)
-from shapefit.io.layout import CORRUPTED, free_names
+from shapefit.io import LandmarkSet, ShapeSet, check_output, digests, landmark_writer, open_shapes
+from shapefit.io.layout import CORRUPTED
 from shapefit.io.options import InputOptions
 from shapefit.pipelines.outcome import Outcome, nothing_in
 
@@ -38,39 +29,33 @@ BATCH = 1024
 LEAST_VISIBLE = 3
 """Landmarks of an image that are never hidden."""
 
-
 VIEW, NOISE, HIDDEN = 0, 1, 2
 """Purposes of random numbers; the values are part of what a seed means."""
 
 TRUE_ROTATION = "true_rotation"
-OF_THE_VIEW = (TRUE_ROTATION, CORRUPTED)
-"""Datasets that belong to the images: what came with the shapes gets another name."""
-
-PIXELS = "px"
 
 TURN = np.diag([1.0, -1.0, -1.0])
 """From a camera frame whose y points up to one whose y points down."""
 
 
 def run(config: ProjectConfig) -> Iterator[Outcome]:
-    """Look at every shape with the camera of the config; yields an Outcome per batch of images.
+    """Project every shape with the camera of the config; yields an Outcome per batch of images.
 
     The images have the items, sequences and further datasets of the shapes and `true_rotation`
-    (n, 3, 3), object to camera frame; y points as the config says. An orthographic camera keeps the
-    unit of the shapes, a weak-perspective one gives px. Raises InputError for files that cannot be
-    read or written.
+    (n, 3, 3), object to camera frame. An orthographic camera keeps the unit of the shapes, a
+    weak-perspective one gives px. Raises InputError for files that cannot be read or written.
     """
     check_output(config.output)
     with (
         open_shapes(config.shapes, InputOptions()) as source,
         landmark_writer(config.output) as writer,
     ):
-        names = np.array(list(chain.from_iterable(source.sequences())), dtype=str)
-        turns = turns_of(names if len(names) else np.array([""] * source.count))
-        for batch, part in enumerate(source.batches(BATCH)):
+        sequences = list(chain.from_iterable(source.sequences())) or [""] * source.count
+        turns = turns_of(np.array(sequences, dtype=str))
+        for batch, shapes in enumerate(source.batches(BATCH)):
             first = batch * BATCH
-            writer.append(_images(part, turns[first : first + len(part)], config, batch))
-            yield Outcome(done=len(part), total=source.count)
+            writer.append(project(shapes, turns[first : first + len(shapes)], config, batch))
+            yield Outcome(done=len(shapes), total=source.count)
         writer.attributes.update(
             version=__version__,
             config=config.as_json(),
@@ -90,8 +75,8 @@ def turns_of(sequences: NDArray[np.str_]) -> Floats:
     return turns
 
 
-def _images(shapes: ShapeSet, turns: Floats, config: ProjectConfig, batch: int) -> LandmarkSet:
-    """Return a batch of n images of shapes that have made these turns (n,)."""
+def project(shapes: ShapeSet, turns: Floats, config: ProjectConfig, batch: int) -> LandmarkSet:
+    """Return the images of a batch of n shapes that have made these turns (n,)."""
     n, camera = len(shapes), config.camera
     if camera.view == "turntable":
         rotations = cameras.turntable(turns, "y")
@@ -106,23 +91,23 @@ def _images(shapes: ShapeSet, turns: Floats, config: ProjectConfig, batch: int) 
         landmarks = add_noise(landmarks, config.noise, stream(config.seed, NOISE, batch))
     if config.hidden > 0:
         landmarks = hide(landmarks, config.hidden, stream(config.seed, HIDDEN, batch))
-    names = free_names(shapes.further, OF_THE_VIEW)
-    per_item = {names[name]: v for name, v in shapes.per_item.items() if name in names}
+    further = {name: v for name, v in shapes.further.items() if name != CORRUPTED}
     return LandmarkSet(
         landmarks=landmarks,
         landmark_names=shapes.landmark_names,
         items=shapes.items,
         sequences=shapes.sequences,
-        unit=shapes.unit if camera.scale is None else PIXELS,
+        unit=shapes.unit if camera.scale is None else "px",
         y_axis=config.y_axis,
         frame_rate=shapes.frame_rate,
-        columns={**per_item, TRUE_ROTATION: rotations},
-        whole={names[name]: v for name, v in shapes.whole.items() if name in names},
+        columns={name: v for name, v in shapes.per_item.items() if name in further}
+        | {TRUE_ROTATION: rotations},
+        whole={name: v for name, v in shapes.whole.items() if name in further},
     )
 
 
 def stream(seed: int, purpose: int, batch: int) -> np.random.Generator:
-    """Return the random numbers of one purpose for images batch * BATCH, ... of the set."""
+    """Return the random numbers of one purpose for a batch of images."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(purpose, batch)))
 
 
