@@ -126,54 +126,19 @@ def of_norm_one(shapes: Floats) -> Floats:
     return shapes * (BOUND / np.linalg.norm(shapes, axis=(-2, -1), keepdims=True))
 
 
-@dataclass(frozen=True)
-class Summary:
-    """Figures over n training shapes S with coefficients C for k atoms B.
-
-    objective: that of dictionary learning, their sum. relative_error: ||S - C B||_F / ||S||_F over
-    all shapes together. active_atoms: the mean number with a positive coefficient; dead_atoms: the
-    number that no shape uses. atom_scale (k,): how large atoms are, by `scale_of_atoms`.
-    """
-
-    objective: float
-    relative_error: float
-    active_atoms: float
-    dead_atoms: int
-    atom_scale: Floats
-
-
-def summarise(
-    shapes: Floats, coefficients: Floats, scale: Floats, atoms: Floats, beta: float
-) -> Summary:
-    """Return how well atoms (k, 3, p), none 0, code the training shapes, and how large they are.
-
-    shapes (n, 3, p), n >= 1, their coefficients (n, k) and the sizes (n,) that normalised them.
-    """
-    values = objectives(shapes, atoms, beta, coefficients)
-    missed = shapes - np.tensordot(coefficients, atoms, axes=1)
-    use = coefficients.sum(axis=0)
-    mean_size = float(scale.sum()) / len(shapes)
-    return Summary(
-        objective=float(values.sum()),
-        relative_error=float(np.sqrt((missed**2).sum() / (shapes**2).sum())),
-        active_atoms=int((coefficients > 0).sum()) / len(shapes),
-        dead_atoms=int((use == 0).sum()),
-        atom_scale=scale_of_atoms(atoms, use, scale @ coefficients, mean_size),
-    )
-
-
-def scale_of_atoms(atoms: Floats, use: Floats, measured: Floats, mean: float) -> Floats:
+def scale_of_atoms(atoms: Floats, coefficients: Floats, scale: Floats) -> Floats:
     """(sum_j C_ji s_j / sum_j C_ji) / std(B_i): as large as the shapes that use the atom.
 
-    A learned atom has no size of its own: grown to the spread 1 of a normalised shape it is as
+    A learned atom has no size: grown to the standard deviation 1 of a normalised shape it is as
     large as the training shapes are on average, each by its share in the atom's use. One that no
-    shape uses is as large as all shapes are on average, `mean`.
+    shape uses is as large as all shapes are on average.
 
-    atoms B (k, 3, p), none 0; use sum_j C_ji and measured sum_j C_ji s_j (k,), sums over the
-    training shapes, where shape j measures s_j times its normalised form -> (k,) > 0.
+    atoms B (k, 3, p), none 0; coefficients C (n, k); scale s (n,), by which shapes were normalised;
+    returns (k,) > 0.
     """
-    size = np.full(len(atoms), mean)
-    np.divide(measured, use, out=size, where=use > 0)
+    use = coefficients.sum(axis=0)
+    size = np.full(len(atoms), float(scale.sum()) / len(scale))
+    np.divide(scale @ coefficients, use, out=size, where=use > 0)
     sizes: Floats = size / std(atoms)
     return sizes
 

@@ -1,10 +1,53 @@
-"""How lengths of edges differ between bodies: planted ones, one alone, edges without length."""
+"""Bodies: how they move, their bones, their size, and other bodies made of them."""
+
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from shapefit.dictionary.bodies import find_edge_covariance
-from shapefit.dictionary.mixture import Mixture
-from shapefit.dictionary.model import Dictionary, mapped
+from shapefit.dictionary.bodies import (
+    find_acceleration,
+    find_bone_tolerance,
+    find_edge_covariance,
+    find_lengths,
+    find_skeleton,
+    metres_per_unit,
+    vary,
+)
+from shapefit.dictionary.model import Dictionary
+from shapefit.geometry.normalisation import normalise
+
+BONES = np.array([[0, 1], [1, 2], [1, 3]])
+
+
+@pytest.fixture
+def film(rng):
+    """400 shapes that wander far from the origin, of different sizes."""
+    steps = 0.1 * rng.standard_normal((400, 3, 4)).cumsum(axis=0)
+    return 50 + rng.uniform(1, 3, (400, 1, 1)) * (rng.standard_normal((3, 4)) + steps)
+
+
+@pytest.mark.parametrize("sequences", ["a" * 400, "a" * 130 + "b" * 170 + "a" * 100])
+def test_acceleration_is_the_root_mean_square_of_second_differences(film, sequences):
+    y = (film - film.mean(axis=2, keepdims=True)) / np.median(normalise(film).scale)
+    runs = zip(sequences, sequences[1:], sequences[2:], strict=False)
+    inside = [t for t, run in enumerate(runs, 1) if len(set(run)) == 1]
+    squares = [(y[t - 1] - 2 * y[t] + y[t + 1]) ** 2 for t in inside]
+    expected = np.sqrt(np.mean(squares, axis=(0, 1)))
+    np.testing.assert_allclose(find_acceleration(film, list(sequences)), expected, rtol=1e-10)
+
+
+def test_too_few_differences_are_none(film):
+    assert find_acceleration(film[:101], ["a"] * 101) is None
+    assert find_acceleration(film[:102], ["a"] * 102) is not None
+
+
+def test_give_is_the_deviation_of_lengths_within_each_sequence(film):
+    sequences = np.array(list("ab" * 200))
+    lengths = np.linalg.norm(film[:, :, BONES[:, 0]] - film[:, :, BONES[:, 1]], axis=1)
+    variance = [lengths[sequences == name].var(axis=0) for name in "ab"]
+    expected = np.sqrt(np.mean(variance, axis=0)) / np.median(normalise(film).scale)
+    np.testing.assert_allclose(find_bone_tolerance(film, BONES, sequences), expected, rtol=1e-10)
 
 
 def test_many_bodies_say_how_bodies_differ(rng):
@@ -29,35 +72,6 @@ def test_an_edge_without_length_differs_by_the_usual_spread(rng):
     assert found[1, 0] == found[1, 2] == 0
 
 
-def test_edges_of_landmarks_are_as_long_as_their_map_makes_them(rng):
-    """Root mean square lengths of samples of the prior, before and behind the map."""
-    mean, A = rng.standard_normal((2, 3, 4)), np.eye(4)
-    A[3] = [0.2, 0.3, -0.4, 0.9]
-    B = 0.3 * rng.standard_normal((2, 12, 12))
-    prior = Mixture(np.array([0.3, 0.7]), mean, B @ B.swapaxes(1, 2) + 0.01 * np.eye(12))
-    edges, length = np.array([[0, 1], [1, 2], [2, 3]]), np.array([1.0, 2, 3])
-    given = Dictionary(mean, tuple("abcd"), mean[0], edges, prior=prior, edge_length=length)
-    drawn = [
-        rng.multivariate_normal(m.ravel(), C, 200_000)
-        for m, C in zip(mean, prior.covariances, strict=True)
-    ]
-
-    def squares(A):
-        along = [
-            (x.reshape(-1, 3, 4) @ A.T)[:, :, edges[:, 0]]
-            - (x.reshape(-1, 3, 4) @ A.T)[:, :, edges[:, 1]]
-            for x in drawn
-        ]
-        return sum(
-            share * (each**2).sum(axis=1).mean(axis=0)
-            for share, each in zip(prior.weights, along, strict=True)
-        )
-
-    expected = length * np.sqrt(squares(A) / squares(np.eye(4)))
-    found = mapped(given, A, np.zeros(4)).edge_length
-    np.testing.assert_allclose(found, expected, rtol=0.01)
-
-
 def test_shapes_of_nobody_knows_whom_are_one_body_and_as_much_surer_as_they_are_alike():
     """Of bones of one length, S is that of one body; lengths that differ add how they do."""
     one = np.array([[1.0, 2.0, 0.5]])
@@ -69,3 +83,87 @@ def test_shapes_of_nobody_knows_whom_are_one_body_and_as_much_surer_as_they_are_
     np.testing.assert_allclose(found, alone + 0.01 * np.eye(3), atol=1e-3)
     other[7, 1] = 0.0
     np.testing.assert_allclose(find_edge_covariance(one, other)[1], alone[1], atol=1e-12)
+
+
+CHAIN = np.array([[0, 1], [1, 2], [2, 3]])
+
+
+@pytest.fixture
+def shapes(rng):
+    return rng.normal(size=(6, 3, 4))
+
+
+@pytest.fixture
+def dictionary(shapes) -> Dictionary:
+    normalised = normalise(shapes)
+    return Dictionary(
+        atoms=normalised.points,
+        landmark_names=tuple("abcd"),
+        mean_shape=normalised.points[0],
+        edges=CHAIN,
+        edge_length=find_lengths(shapes, CHAIN, ("",) * len(shapes))[0].mean(axis=0),
+        atom_scale=normalised.scale,
+        unit="cm",
+    )
+
+
+def test_edges_are_as_long_as_they_were(shapes, dictionary):
+    factor = metres_per_unit(17 * shapes, dictionary)
+    found = find_lengths(factor[:, None, None] * 17 * shapes, CHAIN, ("",) * len(shapes))[0].mean(
+        axis=0
+    )
+    total = np.linalg.norm(np.diff(shapes, axis=2), axis=1).sum(axis=1).mean()
+    assert found.sum() == pytest.approx(total / 100)
+
+
+def test_without_edges_the_size_is_that_of_the_training_shapes(shapes, dictionary):
+    factor = metres_per_unit(5 * shapes, replace(dictionary, edges=None, edge_length=None))
+    size = normalise(factor[:, None, None] * 5 * shapes).scale
+    np.testing.assert_allclose(size, dictionary.atom_scale.mean() / 100)
+
+
+def test_what_has_no_size(shapes, dictionary):
+    assert metres_per_unit(shapes, replace(dictionary, unit="unknown")) is None
+    nothing = replace(dictionary, edge_length=None, atom_scale=None)
+    assert metres_per_unit(shapes, nothing) is None
+    lost = np.concatenate([np.full((1, 3, 4), np.nan), np.zeros((1, 3, 4))])
+    assert np.isnan(metres_per_unit(lost, dictionary)).all()
+
+
+TREE = np.array([[0, 1], [1, 2], [2, 3], [0, 4], [4, 5], [5, 6], [0, 7]])
+"""A trunk at 0, two limbs 1-2-3 and 4-5-6, and a head at 7."""
+
+
+def lengths(shapes):
+    return np.linalg.norm(shapes[:, :, TREE[:, 0]] - shapes[:, :, TREE[:, 1]], axis=1)
+
+
+@pytest.mark.parametrize("edges", [TREE[:-1], np.vstack([TREE[:-1], [[1, 4]]])])
+def test_bones_that_are_no_tree_are_refused(edges):
+    with pytest.raises(ValueError, match=r"tree|apart"):
+        find_skeleton(edges, 8)
+
+
+def test_stretching_keeps_directions_and_partners_alike():
+    shapes = np.random.default_rng(0).normal(size=(50, 3, 8))
+    partners = np.array([0, 4, 5, 6, 1, 2, 3, 7])
+    varied = vary(
+        shapes, find_skeleton(TREE, 8), copies=1, bone_scale=0.2, exchange=0.0, partners=partners
+    )
+    factor = lengths(varied) / lengths(shapes)
+    assert factor[:, :3] == pytest.approx(factor[:, 3:6])
+    assert np.log(factor).std() == pytest.approx(0.2, abs=0.04)
+    bones = [s[:, :, TREE[:, 1]] - s[:, :, TREE[:, 0]] for s in (shapes, varied)]
+    cosine = (bones[0] * bones[1]).sum(axis=1) / (lengths(shapes) * lengths(varied))
+    assert cosine == pytest.approx(1.0)
+
+
+def test_exchanged_limbs_come_from_other_shapes_whole():
+    shapes = np.random.default_rng(0).normal(size=(30, 3, 8))
+    varied = vary(shapes, find_skeleton(TREE, 8), copies=1, bone_scale=0.0, exchange=1.0)
+    assert varied[:, :, [0, 1, 4, 7]] == pytest.approx(shapes[:, :, [0, 1, 4, 7]])
+    limb = (varied[:, :, [2, 3]] - varied[:, :, [1, 1]]).reshape(30, -1)
+    given = (shapes[:, :, [2, 3]] - shapes[:, :, [1, 1]]).reshape(30, -1)
+    nearest = np.abs(limb[:, None] - given).max(axis=2)
+    assert nearest.min(axis=1) == pytest.approx(0.0, abs=1e-12)
+    assert len(set(nearest.argmin(axis=1).tolist())) == 30

@@ -1,8 +1,7 @@
-"""Coding: hand-solved cases, planted optima, certificates, scikit-learn and scipy as judges."""
+"""Coding: hand-solved cases, planted optima, certificates."""
 
 import numpy as np
 import pytest
-from scipy.optimize import nnls
 
 from shapefit.dictionary.coding import sparse_code
 from tests.dictionary.conftest import duality_gaps
@@ -48,11 +47,6 @@ class TestOptimality:
         S = np.tensordot(c, atoms, axes=1) + Y
         np.testing.assert_allclose(sparse_code(S[None], atoms, BETA)[0], c, atol=1e-10)
 
-    def test_without_beta_agrees_with_scipy(self, shapes, atoms):
-        C = sparse_code(shapes, atoms, beta=0.0)
-        for S, c in zip(flat(shapes), C, strict=True):
-            np.testing.assert_allclose(c, nnls(flat(atoms).T, S)[0], atol=1e-10)
-
 
 class TestHostileAtoms:
     """Atoms that depend on each other, exactly and nearly; more atoms than dimensions."""
@@ -77,15 +71,8 @@ class TestHostileAtoms:
             gaps = duality_gaps(shapes, atoms, beta, C)
             assert (C >= 0).all(), name
             assert (gaps <= 1e-7 * energy).all(), name
-            assert ((C > 0).sum(axis=1) <= 12).all(), name
-
-    def test_atoms_in_use_are_independent(self, rng):
-        shapes = rng.standard_normal((50, 3, 4))
-        for name, atoms in self.families(rng):
-            start = rng.random((50, len(atoms)))
-            for c in sparse_code(shapes, atoms, 0.1, start=start):
-                in_use = flat(atoms)[c > 0]
-                assert np.linalg.matrix_rank(in_use) == len(in_use), name
+            for c in C:  # atoms in use are independent
+                assert np.linalg.matrix_rank(flat(atoms)[c > 0]) == (c > 0).sum(), name
 
 
 class TestStart:

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.mixture import Mixture
-from shapefit.io.skeletons import FURTHER, PEOPLE
-from tools.further_joints import BALL, BEHIND, BELOW, Regression, extend_prior, with_heels
+from tools.further_joints import extend_prior
 
 
 @pytest.fixture
@@ -14,13 +13,6 @@ def prior(rng):
     roots = rng.standard_normal((2, 12, 12)) / 4
     C = roots @ roots.swapaxes(1, 2) + 0.05 * np.eye(12)
     return Mixture(np.array([0.4, 0.6]), rng.standard_normal((2, 3, 4)), C)
-
-
-def test_a_regression_makes_the_covariance_that_it_was_taken_from(rng):
-    root = rng.standard_normal((5, 7, 7))
-    C = root @ root.swapaxes(1, 2)
-    again = Regression.of(C, 4).joint(C[:, :4, :4])
-    np.testing.assert_allclose(again, C, atol=1e-9)
 
 
 def test_the_prior_of_the_known_landmarks_stays_to_the_last_bit(prior, rng):
@@ -48,17 +40,3 @@ def test_a_landmark_that_follows_from_others_is_found(prior, rng):
     np.testing.assert_allclose(found.means, prior.means @ rows.T, atol=1e-3)
     expected = every @ prior.covariances @ every.T
     np.testing.assert_allclose(found.covariances, expected, atol=1e-3)
-
-
-def test_heels_lie_behind_and_below_the_ankles_of_a_man_who_stands(rng):
-    names = [name for name in (*PEOPLE, *FURTHER) if not name.endswith("heel")]
-    shapes = rng.standard_normal((1, 3, len(names)))
-    for side in "rl":
-        ankle = shapes[0, :, names.index(f"{side}ankle")]
-        shapes[0, :, names.index(f"{side}knee")] = ankle + np.array([0, 0.25, 0])
-        shapes[0, :, names.index(f"{side}ball")] = ankle + np.array([BALL[0], -BALL[1], 0])
-    found = with_heels(shapes, names)[0]
-    joints = (*PEOPLE, *FURTHER)
-    for side in "rl":
-        away = found[:, joints.index(f"{side}heel")] - found[:, joints.index(f"{side}ankle")]
-        np.testing.assert_allclose(away, [-BEHIND, -BELOW, 0], atol=1e-12)

@@ -8,9 +8,9 @@ import pytest
 from shapefit.dictionary.coding import objectives, sparse_code
 from shapefit.dictionary.learning import (
     learn,
+    principal_components,
     replace_dead_atoms,
     scale_of_atoms,
-    summarise,
     update_atoms,
 )
 from shapefit.geometry.normalisation import normalise, std
@@ -26,8 +26,9 @@ def last(rounds):
     return state
 
 
-def summary(shapes, state, beta=BETA):
-    return summarise(shapes, state.coefficients, np.ones(len(shapes)), state.atoms, beta)
+def relative_error(shapes, state):
+    missed = shapes - np.tensordot(state.coefficients, state.atoms, axes=1)
+    return np.linalg.norm(missed) / np.linalg.norm(shapes)
 
 
 def norms(shapes):
@@ -81,7 +82,7 @@ class TestPlanted:
         overlap = np.tensordot(state.atoms, atoms, axes=([1, 2], [1, 2]))
         np.testing.assert_allclose(np.diag(overlap), 1, atol=1e-4)
         np.testing.assert_allclose(state.coefficients, C, atol=0.05)
-        assert summary(shapes, state).relative_error < 1e-3
+        assert relative_error(shapes, state) < 1e-3
 
 
 class TestDeadAtoms:
@@ -103,7 +104,7 @@ class TestDeadAtoms:
         first = sparse_code(shapes, start, BETA)
         assert (first.max(axis=0) == 0).sum() == 7
         state = next(learn(shapes, 8, BETA, iterations=1))
-        assert summary(shapes, state).dead_atoms == 0
+        assert state.coefficients.any(axis=0).all()
         assert (np.diff(state.trace) < 0).all()
 
 
@@ -122,10 +123,8 @@ def test_motion_capture_is_reconstructed_with_few_atoms(real_data):
     assert len(shapes) == 3356
     shapes = generalised_procrustes(normalise(shapes).points).shapes
     state = last(learn(shapes, 64, 0.1, iterations=15))
-    found = summary(shapes, state)
-    assert found.relative_error <= 0.030
-    assert found.active_atoms <= 14
-    assert found.dead_atoms == 0
+    assert relative_error(shapes, state) <= 0.030
+    assert (state.coefficients > 0).sum(axis=1).mean() <= 14
     assert (np.diff(state.trace) < 0).all()
     objective = objectives(shapes, state.atoms, 0.1, state.coefficients)
     gaps = duality_gaps(shapes, state.atoms, 0.1, state.coefficients)
@@ -170,33 +169,52 @@ def test_certificate(mixtures, coefficients, start):
     np.testing.assert_allclose(slope, -u[:, None, None] * atoms, atol=1e-8)
 
 
-def test_of_a_small_state():
+def test_sizes_of_atoms_are_those_of_the_shapes_that_use_them():
     atoms = np.zeros((3, 3, 2))
     atoms[0, 0], atoms[1, 1], atoms[2, 2] = [1, -1], [1, -1], [1, -1]
     C = np.array([[1.0, 2, 0], [0, 4, 0]])
-    shapes = np.array([[[1.0, -1], [2, -2], [3, -3]], [[0, 0], [4, -4], [4, -4]]])
-    found = summarise(shapes, C, np.array([1.0, 3]), atoms, BETA)
-    assert found.active_atoms == 1.5
-    assert found.dead_atoms == 1
-    # The residuals are (0, 0, 3) and (0, 0, 4), twice; the shapes have 14 + 32, twice.
-    assert found.relative_error == pytest.approx(5 / np.sqrt(46))
-    assert found.objective == pytest.approx(25 + 0.1 * 7)
-    # The spread of each atom is 1/3; the second is used twice by the first shape, four times by
+    # The deviation of each atom is 1/3; the second is used twice by the first shape, four times by
     # the other; nobody uses the third.
-    np.testing.assert_allclose(found.atom_scale, [3, 3 * (2 + 12) / 6, 6])
+    found = scale_of_atoms(atoms, C, np.array([1.0, 3]))
+    np.testing.assert_allclose(found, [3, 3 * (2 + 12) / 6, 6])
 
 
-def sizes_of(atoms, coefficients, scale):
-    use, measured = coefficients.sum(axis=0), scale @ coefficients
-    return scale_of_atoms(atoms, use, measured, scale.mean())
-
-
-def test_shapes_of_one_size_are_measured_right_in_whichever_unit(shapes):
+def test_shapes_of_one_size_are_measured_right(shapes):
     """A fit of the training shapes themselves gives back 2.5 m, up to what the fit misses."""
     *_, learned = learn(shapes[:20], 12, 0.0, iterations=10)
-    sizes = sizes_of(learned.atoms, learned.coefficients, np.full(20, 2.5))
+    sizes = scale_of_atoms(learned.atoms, learned.coefficients, np.full(20, 2.5))
     rebuilt = np.tensordot(learned.coefficients, learned.atoms, axes=1)
     length = metric_scale(learned.atoms, learned.coefficients, sizes) * std(rebuilt)
     np.testing.assert_allclose(length, 2.5, rtol=0.05)
-    in_mm = sizes_of(learned.atoms, learned.coefficients, np.full(20, 2500.0))
-    np.testing.assert_allclose(in_mm, 1000 * sizes, rtol=1e-12)
+
+
+class TestPrincipalComponents:
+    def test_as_many_as_the_energy_needs_and_no_more(self, rng):
+        # Of energies 25, 4, 1 the first holds 0.833, the first two 0.967.
+        components = np.linalg.qr(rng.standard_normal((18, 3)))[0].T
+        C = np.linalg.qr(np.column_stack([np.ones(30), rng.standard_normal((30, 3))]))[0][:, 1:]
+        planted = rng.standard_normal((3, 6)) + ((C * [5, 2, 1]) @ components).reshape(30, 3, 6)
+        shares = (0.5, 0.83, 0.84, 0.96, 0.97, 0.999)
+        counts = [len(principal_components(planted, share)) for share in shares]
+        assert counts == [1, 1, 2, 2, 3, 3]
+
+    @pytest.mark.parametrize("components", [1, 4, 9])
+    def test_they_leave_the_least_residual(self, shapes, components):
+        """Certificate (Eckart and Young): the residual is the sum of the other squared values."""
+        found = principal_components(shapes, components).reshape(components, -1)
+        np.testing.assert_allclose(found @ found.T, np.eye(components), atol=1e-12)
+        X = (shapes - shapes.mean(axis=0)).reshape(len(shapes), -1)
+        residual = np.linalg.norm(X - X @ found.T @ found) ** 2
+        least = (np.linalg.svd(X, compute_uv=False)[components:] ** 2).sum()
+        assert residual == pytest.approx(least, rel=1e-12)
+
+    def test_never_more_than_the_rank(self, shapes):
+        for bases in (1 - 1e-15, 99):
+            assert len(principal_components(shapes[:5], bases)) == 4
+
+    def test_rounding_of_single_precision_is_no_motion(self, shapes, rng):
+        still = np.repeat(10 * shapes[:1], 40, axis=0)
+        rounded = still * (1 + np.finfo(np.float32).eps * rng.uniform(-0.5, 0.5, still.shape))
+        assert len(principal_components(rounded)) == 0
+        moving = rounded + 1e-4 * np.sin(np.arange(40))[:, None, None] * shapes[1]
+        assert len(principal_components(moving)) == 1

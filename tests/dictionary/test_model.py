@@ -1,11 +1,12 @@
-"""The dictionary: what is left of it without the atoms of one training shape."""
+"""The dictionary: without the atoms of one training shape, and of other landmarks."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from shapefit.dictionary.model import Dictionary
+from shapefit.dictionary.mixture import Mixture
+from shapefit.dictionary.model import Dictionary, mapped
 from shapefit.geometry.normalisation import normalise
 
 
@@ -51,3 +52,32 @@ def test_atoms_without_items_and_the_last_item_cannot_be_left_out(exemplars):
         replace(exemplars, atom_items=None).without("polo")
     with pytest.raises(ValueError, match="every atom is the item 'golf'"):
         replace(exemplars, atom_items=("golf",) * 5).without("golf")
+
+
+def test_edges_of_landmarks_are_as_long_as_their_map_makes_them(rng):
+    """Root mean square lengths of samples of the prior, before and behind the map."""
+    mean, A = rng.standard_normal((2, 3, 4)), np.eye(4)
+    A[3] = [0.2, 0.3, -0.4, 0.9]
+    B = 0.3 * rng.standard_normal((2, 12, 12))
+    prior = Mixture(np.array([0.3, 0.7]), mean, B @ B.swapaxes(1, 2) + 0.01 * np.eye(12))
+    edges, length = np.array([[0, 1], [1, 2], [2, 3]]), np.array([1.0, 2, 3])
+    given = Dictionary(mean, tuple("abcd"), mean[0], edges, prior=prior, edge_length=length)
+    drawn = [
+        rng.multivariate_normal(m.ravel(), C, 200_000)
+        for m, C in zip(mean, prior.covariances, strict=True)
+    ]
+
+    def squares(A):
+        along = [
+            (x.reshape(-1, 3, 4) @ A.T)[:, :, edges[:, 0]]
+            - (x.reshape(-1, 3, 4) @ A.T)[:, :, edges[:, 1]]
+            for x in drawn
+        ]
+        return sum(
+            share * (each**2).sum(axis=1).mean(axis=0)
+            for share, each in zip(prior.weights, along, strict=True)
+        )
+
+    expected = length * np.sqrt(squares(A) / squares(np.eye(4)))
+    found = mapped(given, A, np.zeros(4)).edge_length
+    np.testing.assert_allclose(found, expected, rtol=0.01)

@@ -5,7 +5,6 @@ Landmarks that are hidden from the fit judge what was learned.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +13,7 @@ import numpy as np
 from shapefit.arrays import Floats, evenly
 from shapefit.config import LearnDictConfig
 from shapefit.config.commands.learn_dict import PriorConfig
-from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, UNLIKE, Judgement, evaluate_class
+from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, UNLIKE, evaluate_class
 from shapefit.dictionary.from_2d.learning import State, learn
 from shapefit.dictionary.from_2d.model import Images, hide
 from shapefit.dictionary.mixture import Mixture
@@ -67,7 +66,7 @@ QUICK = 3
 SURE = 5.0
 """Standard errors of the evidence beyond which perspective decides what is near."""
 
-FIX = {
+FIXES = {
     ALIKE: "give images from more sides: the camera or the body must turn, and not be flat",
     UNLIKE: "give images of one class, whose landmarks are in the same order in all of them",
 }
@@ -79,50 +78,59 @@ MIRRORED = (
     "far, `flip=false` if it is not"
 )
 
+MIRROR = np.array([1.0, 1.0, -1.0])[:, None]
+"""Exchanges near and far of shapes (..., 3, p)."""
+
 
 def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Learning:
     """Lift the images by what they have in common, and learn a dictionary from the shapes.
 
-    A mixture over shapes takes the place of the Gaussian that lifted them while it predicts hidden
-    landmarks; at last near is told from far. Raises InputError with the verdict where depth cannot
-    be learned from the images.
+    A mixture over shapes replaces the Gaussian that lifted them if it predicts hidden landmarks as
+    well; at last near is told from far. Raises InputError with the verdict where depth cannot be
+    learned from the images.
     """
-    place, inputs = place_of(config), digests(config.shapes)
+    place = place_of(config)
     some = usable_images(source, place)
-    images = images_of(some)
-    state = None
+    images = normalised_images(some)
     for state in learn(images):
-        per = state.objective / (2 * int((images.weights > 0).sum()))
-        yield Outcome(done=1, unit="round", note=f"evidence {per:.3f} a coordinate")
-    assert state is not None
+        density = state.objective / (2 * int((images.weights > 0).sum()))
+        yield Outcome(done=1, unit="round", note=f"evidence {density:.3f} a coordinate")
     judgement = evaluate_class(images, state)
-    size = float(np.median(std(some.landmarks, some.visible())))
-    evidence = describe(judgement, size)
-    if not judgement.fine:
-        raise input_error(place, f"{judgement.verdict} ({evidence})", FIX[judgement.verdict])
-    sided = config.flip is not None or CAMERA_MATRIX in some.columns
-    outliers = f"{int(state.outliers.sum())} of {counted(int(some.visible().sum()), 'landmark')}"
-    yield Outcome(
-        line=f"{counted(len(some), 'image')}: {judgement.verdict}; {evidence}; {outliers} outliers "
-        "set aside",
-        warnings=tuple(find_reasons(judgement, sided)),
+    evidence = (
+        f"hidden landmarks predicted to {judgement.learned:.3f} of the size of a shape (rigid "
+        f"{judgement.rigid:.3f}, flat {judgement.flat:.3f}), evidence of depth "
+        f"{judgement.gain:.2f} per landmark, views up to {judgement.turn:.0f} degrees apart"
     )
-
-    # Outliers stay: a mixture may believe them, and sets aside those that it does not.
-    unit = some.replaced(landmarks=np.where(some.visible()[:, None], images.landmarks, np.nan))
+    if not judgement.fine:
+        fix = FIXES[judgement.verdict]
+        raise input_error(place, f"{judgement.verdict} ({evidence})", fix)
+    doubtful = (
+        "depth is doubtful: each half of the images by itself gives shapes "
+        f"{judgement.half_distance:.2f} of their size apart: give poses from more sides"
+    )
+    yield Outcome(
+        line=f"{counted(len(some), 'image')}: {judgement.verdict}; {evidence}; "
+        f"{int(state.outliers.sum())} landmarks are outliers",
+        warnings=(doubtful,) if judgement.verdict == DOUBTFUL else (),
+    )
+    # Outliers stay: the posterior of a mixture weighs them anew.
+    visible = some.visible()[:, None]
+    unit = some.replaced(landmarks=np.where(visible, images.landmarks, np.nan))
     shapes = ShapeSet(
-        shapes=state.in_camera * np.array([1.0, 1.0, -1.0 if config.flip else 1.0])[:, None],
+        shapes=state.in_camera * (MIRROR if config.flip else 1.0),
         landmark_names=some.landmark_names,
         items=some.items,
         sequences=some.sequences,
         frame_rate=some.frame_rate,
         edges=some.columns.get(EDGES),
     )
-    made = yield from learn_mixtures(unit, shapes, state, config, inputs)
+    made = yield from learn_mixtures(unit, shapes, state, config)
+    made, decided_by = resolve_depth(some, made, config.flip)
+    if decided_by == OPEN:
+        yield Outcome(warnings=(MIRRORED,))
     verdict = "doubtful" if judgement.verdict == DOUBTFUL else "learned"
-    known = {LEARNED_FROM: "landmarks", VERDICT: verdict}
-    made = replace(made, provenance={**made.provenance, **known})
-    return (yield from resolve_depth(some, made, config.flip))
+    known = {LEARNED_FROM: "landmarks", VERDICT: verdict, DEPTH_AMBIGUITY: decided_by}
+    return replace(made, provenance={**made.provenance, **known})
 
 
 def usable_images(source: LandmarkSource, place: str) -> LandmarkSet:
@@ -130,24 +138,22 @@ def usable_images(source: LandmarkSource, place: str) -> LandmarkSet:
 
     Raises InputError for too few of them, and for landmarks that none of them shows.
     """
-    fix = f"give {FEWEST_IMAGES} at least, of different views"
-    if not source.count:
-        raise input_error(place, "holds no images", fix)
     given = concatenate(list(source.batches(4096)))
     visible = given.visible()
     distinct = std(np.where(visible[:, None], given.landmarks, 0.0), visible) > 0
     some = given.take(np.flatnonzero(distinct & (visible.sum(axis=1) >= FEWEST_VISIBLE)))
     if len(some) < FEWEST_IMAGES:
-        found = f"{len(some)} of {len(given)} show {FEWEST_VISIBLE} landmarks or more"
-        raise input_error(place, f"too few images: {found}", fix)
+        problem = f"{len(some)} of {len(given)} show {FEWEST_VISIBLE} landmarks or more"
+        fix = f"give {FEWEST_IMAGES} at least, of different views"
+        raise input_error(place, f"too few images: {problem}", fix)
     never = [some.landmark_names[j] for j in np.flatnonzero(~some.visible().any(axis=0))]
     if never:
-        found = f"no image shows {', '.join(never[:3])}"
-        raise input_error(place, found, "leave out landmarks that are never seen")
+        fix = "leave out landmarks that are never seen"
+        raise input_error(place, f"no image shows {', '.join(never[:3])}", fix)
     return some
 
 
-def images_of(given: LandmarkSet) -> Images:
+def normalised_images(given: LandmarkSet) -> Images:
     """Bring the landmarks of each sequence, or of each image without one, to the size 1.
 
     Landmarks that lie far out do not count for the size, as outliers do not.
@@ -163,42 +169,12 @@ def images_of(given: LandmarkSet) -> Images:
         sequence = np.unique(np.array(given.sequences, dtype=str), return_inverse=True)[1]
         squares = np.bincount(sequence, size**2) / np.bincount(sequence)
         size = np.sqrt(squares)[sequence]
-    placed = np.where(visible[:, None], w - normalised.centroid[..., None], 0.0)
-    return Images(placed / size[:, None, None], given.weights(), sequence)
-
-
-def describe(found: Judgement, size: float) -> str:
-    """Say how well hidden landmarks are predicted, and how much the views vary.
-
-    size of a shape in the unit of the landmarks, pixels as a rule.
-    """
-    return (
-        f"hidden landmarks predicted to {size * found.learned:.3g} in the unit of the landmarks, "
-        f"{found.learned:.3f} of the size of a shape (rigid "
-        f"{found.rigid:.3f}, flat {found.flat:.3f}), evidence of depth {found.gain:.2f} per "
-        f"landmark, views up to {found.turn:.0f} degrees apart, each half of the images by itself "
-        f"{found.half_distance:.3f} off"
-    )
-
-
-def find_reasons(found: Judgement, sided: bool) -> Iterator[str]:
-    """Return what may be wrong with learned shapes; sided: near and far are known."""
-    if found.verdict == DOUBTFUL:
-        yield (
-            "depth is doubtful: each half of the images by itself gives shapes "
-            f"{found.half_distance:.2f} of their size apart, which is much "
-            "of what shapes differ: give poses from more sides"
-        )
-    if not sided:
-        yield MIRRORED
+    centred = np.where(visible[:, None], w - normalised.centroid[..., None], 0.0)
+    return Images(centred / size[:, None, None], given.weights(), sequence)
 
 
 def learn_mixtures(
-    images: LandmarkSet,
-    shapes: ShapeSet,
-    state: State,
-    config: LearnDictConfig,
-    inputs: dict[str, str],
+    images: LandmarkSet, shapes: ShapeSet, state: State, config: LearnDictConfig
 ) -> Learning:
     """Learn mixtures over the shapes that the prior before lifted, while they predict better.
 
@@ -206,6 +182,7 @@ def learn_mixtures(
     where bodies are to vary, one of varied shapes. Hidden landmarks judge how sure it is, and
     shapes that were lifted, and not measured, say nothing of it.
     """
+    inputs = digests(config.shapes)
 
     def learned(shapes: ShapeSet, components: int, rounds: int, *, varied: bool) -> Learning:
         unchanged = {} if varied else {"bone_scale": 0.0, "exchange": 0.0}
@@ -217,24 +194,18 @@ def learn_mixtures(
     number = number_of_components(len(images), prior)
     made = yield from learned(shapes, 0, QUICK, varied=False)
     best = replace(made, **gaussian_prior(state, made.mean_shape, flipped=bool(config.flip)))
-    error = predict_hidden(images, best)
-    best_shapes = shapes
+    best_shapes, least = shapes, predict_hidden(images, best)
     for _ in range(MIXTURES):
         mixed = yield from learned(shapes, number, QUICK, varied=False)
-        found = predict_hidden(images, mixed)
+        error = predict_hidden(images, mixed)
         gaussian = best.residual_variance is not None
-        retained = found < (CLOSE * error if gaussian and number > 1 else error)
-        yield Outcome(
-            line=f"prior of {counted(number, 'component')}: hidden landmarks {found:.4f} off, "
-            f"{error:.4f} before; {'kept' if retained else 'left out'}"
-        )
-        if not retained:  # no round after such a one was ever better, and some were read wrongly
-            break
-        best, error, best_shapes = mixed, found, shapes
+        if error >= (CLOSE * least if gaussian and number > 1 else least):
+            break  # no round after such a one was ever better, and some were read wrongly
+        best, best_shapes, least = mixed, shapes, error
         lifted = lift_by(images, mixed, method).shapes
         grown = np.linalg.norm(lifted, axis=(1, 2)) / np.linalg.norm(shapes.shapes, axis=(1, 2))
-        fine = (grown > 1 / LARGER) & (grown < LARGER)  # not so where it is nan
-        shapes = shapes.replaced(shapes=np.where(fine[:, None, None], lifted, shapes.shapes))
+        well_read = (grown > 1 / LARGER) & (grown < LARGER)  # not so where it is nan
+        shapes = shapes.replaced(shapes=np.where(well_read[:, None, None], lifted, shapes.shapes))
     if config.prior.bone_scale or config.prior.exchange:
         return (yield from learned(best_shapes, number, config.iterations, varied=True))
     made = yield from learned(best_shapes, 0, config.iterations, varied=False)
@@ -244,55 +215,49 @@ def learn_mixtures(
 def gaussian_prior(state: State, mean: Floats, *, flipped: bool) -> dict[str, Any]:
     """Return what was learned as `prior` of normalised shapes, turned onto their mean (3, p).
 
-    `residual_variance` is the variance of what it cannot place. The size of a shape is the
+    `residual_variance` is the variance of what it does not explain. The size of a shape is the
     image's to find, so that the covariance has no part along the mean.
     """
     model = state.model
     d = model.mean.size
     scale = float(normalise(model.mean).scale)
-    mirror = np.diag([1.0, 1.0, -1.0 if flipped else 1.0])  # the shapes were flipped alike
+    mirror = np.diag(MIRROR[:, 0]) if flipped else np.eye(3)  # the shapes were flipped alike
     turn = rotation_onto(mirror @ model.mean, mean) @ mirror
     mu = (turn @ model.mean) / scale
     unit = mu.ravel() / np.linalg.norm(mu)
     Q = (np.eye(d) - np.outer(unit, unit)) @ np.kron(turn, np.eye(d // 3)) / scale
     C = Q @ model.covariance @ Q.T + 1e-9 * np.eye(d)
+    variance = max(model.noise / scale**2, MIN_RESIDUAL_VARIANCE)
     prior = Mixture(np.ones(1), mu[None], (C + C.T)[None] / 2)
-    return {
-        "prior": prior,
-        "residual_variance": np.array([max(model.noise / scale**2, MIN_RESIDUAL_VARIANCE)]),
-    }
+    return {"prior": prior, "residual_variance": np.array([variance])}
 
 
 def resolve_depth(
     images: LandmarkSet, made: Dictionary, flip: bool | None
-) -> Generator[Outcome, None, Dictionary]:
-    """Return the dictionary, or its mirror image where cameras see that one.
+) -> tuple[Dictionary, str]:
+    """Return the dictionary, or its mirror image where cameras see that one, and what has decided.
 
-    Its provenance says what has decided; the key `flip` goes before cameras.
+    The key `flip` goes before cameras.
     """
-    decided_by = OPEN if flip is None else "stated by `flip`"
-    if flip is None and CAMERA_MATRIX in images.columns:
+    if flip is not None:
+        return made, "stated by `flip`"
+    if CAMERA_MATRIX in images.columns:
         gain, deviation = evidence_of_mirror(images, made)
         if abs(gain) >= SURE * deviation:
-            decided_by = "told by perspective"
-            made = mirror_image(made) if gain > 0 else made
-            yield Outcome(
-                line=f"perspective: near and far {'exchanged' if gain > 0 else 'kept'}, log "
-                f"evidence {abs(gain):.2f} +- {deviation:.2f} an image"
-            )
-        else:
-            yield Outcome(warnings=(MIRRORED,))
-    return replace(made, provenance={**made.provenance, DEPTH_AMBIGUITY: decided_by})
+            return mirror_image(made) if gain > 0 else made, "told by perspective"
+    return made, OPEN
 
 
 def mirror_image(made: Dictionary) -> Dictionary:
     """Return the dictionary with near and far exchanged."""
-    z = np.array([1.0, 1.0, -1.0])[:, None]
-    sign = np.repeat(z, made.mean_shape.shape[1])
     prior = made.prior
     assert prior is not None, "learned from landmarks"
-    mirrored = Mixture(prior.weights, z * prior.means, np.outer(sign, sign) * prior.covariances)
-    return replace(made, atoms=z * made.atoms, mean_shape=z * made.mean_shape, prior=mirrored)
+    sign = np.repeat(MIRROR, made.mean_shape.shape[1])
+    mirrored = Mixture(
+        prior.weights, MIRROR * prior.means, np.outer(sign, sign) * prior.covariances
+    )
+    atoms, mean_shape = MIRROR * made.atoms, MIRROR * made.mean_shape
+    return replace(made, atoms=atoms, mean_shape=mean_shape, prior=mirrored)
 
 
 def evidence_of_mirror(images: LandmarkSet, dictionary: Dictionary) -> tuple[float, float]:
@@ -304,11 +269,11 @@ def evidence_of_mirror(images: LandmarkSet, dictionary: Dictionary) -> tuple[flo
     middle = read_intrinsics(some, CAMERA_MATRIX)[1][:, :1]
     w = some.landmarks.copy()
     w[:, 0] = 2 * middle - w[:, 0]
-    retained, mirrored = (
-        lift_by(each, dictionary, "posterior", CAMERA_MATRIX).estimate.further["log_evidence"]
-        for each in (some, some.replaced(landmarks=w))
+    as_seen, mirrored = (
+        lift_by(records, dictionary, "posterior", CAMERA_MATRIX).estimate.further["log_evidence"]
+        for records in (some, some.replaced(landmarks=w))
     )
-    return mean_gain(retained, mirrored)[:2]
+    return mean_gain(as_seen, mirrored)[:2]
 
 
 def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> float:
@@ -318,10 +283,10 @@ def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> float:
     """
     some = images.take(evenly(len(images), SAMPLE))
     hidden = hide(some.visible())
-    known = some.replaced(landmarks=np.where(hidden[:, None], np.nan, some.landmarks))
-    found = lift_by(known, dictionary, "posterior")
+    others = some.replaced(landmarks=np.where(hidden[:, None], np.nan, some.landmarks))
+    predicted = lift_by(others, dictionary, "posterior").shapes[:, :2]
     size = std(some.landmarks, some.visible())[:, None]
-    residual = np.linalg.norm(found.shapes[:, :2] - some.landmarks, axis=1) / size
+    residual = np.linalg.norm(predicted - some.landmarks, axis=1) / size
     return float(np.nanmedian(residual[hidden]))
 
 
@@ -330,8 +295,7 @@ def lift_by(
 ) -> Lifting:
     """Lift images as `fit` does with its defaults, without p-values, which nobody would read.
 
-    They have the landmarks of the dictionary. camera names the dataset of their camera matrices,
-    None for weak perspective.
+    camera names the dataset of their camera matrices, None for weak perspective.
     """
     check_needs(method, dictionary, "dictionary")
     intrinsics = None if camera is None else Intrinsics(dataset=camera)

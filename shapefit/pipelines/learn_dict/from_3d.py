@@ -13,7 +13,7 @@ from shapefit.arrays import Floats
 from shapefit.config import LearnDictConfig
 from shapefit.config.commands.learn_dict import PriorConfig
 from shapefit.dictionary.bodies import find_skeleton, vary
-from shapefit.dictionary.learning import Summary, learn, principal_components, summarise
+from shapefit.dictionary.learning import learn, principal_components, scale_of_atoms
 from shapefit.dictionary.mixture import Mixture, learn_mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted, input_error
@@ -36,7 +36,8 @@ MOST_ROUNDS = 20
 """Rounds of expectation maximisation, which ends sooner where it gains nothing."""
 
 SHAPES_PER_COMPONENT, MOST_COMPONENTS = 150, 32
-"""Of a mixture whose components are not given."""
+"""Of a mixture whose components are not given. A component of 45 coordinates needs a hundred shapes
+and more beside what all shapes say."""
 
 FEWEST_COPIES, MOST_COPIES, ENOUGH = 2, 100, 1500
 """Copies of each shape that is varied, and how many shapes are enough for a mixture."""
@@ -55,15 +56,14 @@ def learn_from_shapes(
     yield Outcome(failures=training.failures, warnings=training.warnings, note=note)
     match config.method:
         case "exemplars":
-            made = yield from exemplars(training)
+            made = exemplars(training)
         case "pca-bases":
-            made = yield from pca_bases(training, config.bases)
+            made = pca_bases(training, config.bases)
         case _:
             made = yield from sparse_coding(training, config)
-    prior = None
-    if config.prior.components:
-        prior = learn_prior(training, config)
-        yield Outcome(note=f"prior of {counted(len(prior), 'component')}")
+    if config.method != "sparse-coding":
+        yield Outcome(rows=(("Result", f"{counted(made.k, 'atom')} from {note}"),))
+    prior = learn_prior(training, config) if config.prior.components else None
     provenance = {
         "method": config.method,
         "version": __version__,
@@ -82,13 +82,11 @@ def with_p_value_table(made: Dictionary) -> Dictionary:
     return replace(made, p_value_table=draw_table(made.prior))
 
 
-def exemplars(training: TrainingShapes) -> Learning:
+def exemplars(training: TrainingShapes) -> Dictionary:
     """Make every training shape an atom, with its mesh."""
-    atoms = training.alignment.shapes
-    yield Outcome(done=len(atoms), unit="shape", note=counted(len(atoms), "atom"))
     return replace(
         training.dictionary,
-        atoms=atoms,
+        atoms=training.alignment.shapes,
         mesh_vertices=training.mesh_vertices,
         mesh_faces=training.original.mesh_faces,
         atom_scale=training.scale,
@@ -96,24 +94,18 @@ def exemplars(training: TrainingShapes) -> Learning:
     )
 
 
-def pca_bases(training: TrainingShapes, wanted: float) -> Learning:
-    """Join the principal components of each sequence, as many as `wanted`, or of that share."""
+def pca_bases(training: TrainingShapes, wanted: float) -> Dictionary:
+    """Join the principal components of each sequence, as many as `wanted`, or of that share.
+
+    Meshes are left out: bases are differences of shapes, not shapes.
+    """
     sequences = np.array(training.original.sequences or ("",) * len(training))
     names = dict.fromkeys(sequences.tolist())
-    found = []
-    for name in names:
-        moving = training.alignment.shapes[sequences == name]
-        found.append(principal_components(moving, wanted))
-        note = f"{len(found[-1])} bases" + (f" of {name}" if name else "")
-        yield Outcome(done=1, total=len(names), unit="sequence", note=note)
-    bases = np.concatenate(found)
+    aligned = training.alignment.shapes
+    bases = np.concatenate([principal_components(aligned[sequences == s], wanted) for s in names])
     if not len(bases):
         problem = "the shapes of each sequence are all alike"
         raise input_error("shapes", problem, "give sequences that move")
-    warnings: tuple[str, ...] = ()
-    if training.mesh_vertices is not None:
-        warnings = ("the meshes are left out: bases are differences of shapes, not shapes",)
-    yield Outcome(total=len(names), warnings=warnings, note=f"{len(bases)} bases")
     return replace(training.dictionary, atoms=bases)
 
 
@@ -124,41 +116,26 @@ def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning
     for learned in learn(shapes, k, config.beta, iterations=rounds):
         note = f"objective {learned.trace[-1]:.6g}"
         yield Outcome(done=1, total=rounds, unit="round", note=note)
-    summary = summarise(shapes, learned.coefficients, training.scale, learned.atoms, config.beta)
-    warnings = []
-    if summary.dead_atoms:
-        warnings.append(f"{summary.dead_atoms} of {k} atoms are used by no training shape")
-    meshes = None
+    atoms, C = learned.atoms, learned.coefficients
+    error = np.linalg.norm(shapes - np.tensordot(C, atoms, axes=1)) / np.linalg.norm(shapes)
+    meshes, warnings = None, list[str]()
     if training.mesh_vertices is not None:
         try:
-            meshes = mesh_of_atoms(learned.atoms, shapes, training.mesh_vertices)
-        except ValueError as error:
-            warnings.append(f"the meshes are left out: {error}")
+            meshes = mesh_of_atoms(atoms, shapes, training.mesh_vertices)
+        except ValueError as problem:
+            warnings = [f"the meshes are left out: {problem}"]
     result = (
         f"learned {counted(k, 'atom')} from {counted(len(shapes), 'shape')} "
-        f"(reconstruction error {summary.relative_error:.1%})"
+        f"(reconstruction error {error:.1%})"
     )
-    yield Outcome(
-        total=rounds,
-        warnings=tuple(warnings),
-        note=describe(summary),
-        rows=(("Result", result),),
-    )
+    yield Outcome(total=rounds, warnings=tuple(warnings), rows=(("Result", result),))
     return replace(
         training.dictionary,
-        atoms=learned.atoms,
+        atoms=atoms,
         mesh_vertices=meshes,
         mesh_faces=None if meshes is None else training.original.mesh_faces,
-        atom_scale=summary.atom_scale,
+        atom_scale=scale_of_atoms(atoms, C, training.scale),
         objective_trace=learned.trace,
-    )
-
-
-def describe(summary: Summary) -> str:
-    """Say how well the atoms code the shapes."""
-    return (
-        f"objective {summary.objective:.6g}, relative error {summary.relative_error:.4f}, "
-        f"{summary.active_atoms:.1f} active atoms per shape"
     )
 
 
@@ -171,12 +148,11 @@ def learn_prior(training: TrainingShapes, config: LearnDictConfig) -> Mixture:
     prior, number = config.prior, len(training)
     components = number_of_components(number, prior)
     if components > number:
-        there = counted(number, "shape")
-        found = f"{components} components are more than the {there} to learn from"
-        raise input_error("prior.components", found, "lower it, or give more shapes")
+        problem = f"{components} components are more than the {number} shapes to learn from"
+        raise input_error("prior.components", problem, "lower it, or give more shapes")
     shapes = training.alignment.shapes
     if prior.bone_scale or prior.exchange:
-        shapes = vary_shapes(training, config, number_of_copies(number, prior))
+        shapes = vary_shapes(training, config)
     return learn_mixture(
         shapes,
         components,
@@ -187,25 +163,16 @@ def learn_prior(training: TrainingShapes, config: LearnDictConfig) -> Mixture:
 
 
 def number_of_components(number: int, prior: PriorConfig) -> int:
-    """Return the components of a mixture over so many shapes: one of few, 32 at most, or as said.
-
-    A component of 45 coordinates needs a hundred shapes and more beside what all shapes say.
-    """
+    """Return the components of a mixture over so many shapes, by the section `prior`."""
     if prior.components != "auto":
         return prior.components
     return min(max(number // SHAPES_PER_COMPONENT, 1), MOST_COMPONENTS)
 
 
-def number_of_copies(number: int, prior: PriorConfig) -> int:
-    """Return the copies of each of so many shapes: one, or enough where they are varied."""
-    if not (prior.bone_scale or prior.exchange):
-        return 1
-    return min(max(FEWEST_COPIES, ENOUGH // number), MOST_COPIES)
-
-
-def vary_shapes(training: TrainingShapes, config: LearnDictConfig, copies: int) -> Floats:
+def vary_shapes(training: TrainingShapes, config: LearnDictConfig) -> Floats:
     """Return varied shapes (copies n, 3, p), normalised and turned onto the mean of all."""
-    edges, points = training.original.edges, training.alignment.shapes.shape[2]
+    aligned, edges = training.alignment.shapes, training.original.edges
+    points = aligned.shape[2]
     try:
         if edges is None:
             raise ValueError("the shapes have no edges")
@@ -214,9 +181,9 @@ def vary_shapes(training: TrainingShapes, config: LearnDictConfig, copies: int) 
         fix = "give shapes whose `edges` are bones, or leave out `bone_scale` and `exchange`"
         raise input_error("prior", str(error), fix) from None
     varied = vary(
-        training.alignment.shapes,
+        aligned,
         skeleton,
-        copies=copies,
+        copies=min(max(FEWEST_COPIES, ENOUGH // len(aligned)), MOST_COPIES),
         bone_scale=config.prior.bone_scale,
         exchange=config.prior.exchange,
         partners=training.dictionary.mirror_index,
@@ -225,8 +192,7 @@ def vary_shapes(training: TrainingShapes, config: LearnDictConfig, copies: int) 
     if config.align == "none":
         return varied
     # Landmarks that are indexed lie in another order in memory, in which sums round differently.
-    names = training.original.landmark_names
-    chosen = aligned_landmarks(names, config) or list(range(points))
+    chosen = aligned_landmarks(training.original.landmark_names, config) or list(range(points))
     turn = rotation_onto(choose(varied, chosen), choose(training.alignment.mean, chosen))
     turned: Floats = turn @ varied
     return turned

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shapefit.arrays import Floats
+from shapefit.arrays import Floats, Integers
 from shapefit.config import LearnDictConfig
 from shapefit.dictionary.bodies import (
     find_acceleration,
@@ -31,7 +30,7 @@ from shapefit.geometry.procrustes import (
 )
 from shapefit.io import ShapeSet, match_landmarks
 from shapefit.meshes.dense import carry_mesh
-from shapefit.pipelines.outcome import Failure, Note
+from shapefit.pipelines.outcome import Failure
 
 
 @dataclass(frozen=True)
@@ -62,17 +61,30 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
     normalised are failures. Raises InputError for shapes without the pairs of landmarks that
     `mirror` needs, unknown landmarks in `align`, no shapes, and fewer shapes than atoms.
     """
-    usable, _ = separate(given)
-    thinned = given.take(every_nth(given.sequences or ("",) * len(given), config.every))
-    retained, failures = separate(thinned)
-    shapes = retained
-    partners = find_partners(retained, config) if config.mirror else None
-    if partners is not None and len(retained):
-        twice = retained.take(np.tile(np.arange(len(retained)), 2))
-        mirrored = mirror(retained.shapes, partners, lateral_axis(retained.shapes, partners))
-        both = np.concatenate([retained.shapes, mirrored])
+    usable, failures = separate(given)
+    shapes = usable.take(every_nth(usable.sequences or ("",) * len(usable), config.every))
+    partners = find_partners(shapes, config) if config.mirror else None
+    warnings: tuple[str, ...] = ()
+    if partners is not None and len(shapes):
+        mirrored = mirror(shapes.shapes, partners, lateral_axis(shapes.shapes, partners))
+        both = np.concatenate([shapes.shapes, mirrored])
+        if shapes.mesh_vertices is not None:
+            warnings = (
+                "the meshes are left out: `mirror` mirrors landmarks, whose partners are known; "
+                "vertices have no partners; `mirror: false` keeps the meshes",
+            )
+        twice = shapes.take(np.tile(np.arange(len(shapes)), 2))
         shapes = twice.replaced(shapes=both, mesh_vertices=None, mesh_faces=None)
-    check_number(len(shapes), failures, config)
+    if not len(shapes):
+        example = f"; {failures[0].item}, for one: {failures[0].reason}" if failures else ""
+        raise input_error(
+            "shapes", f"there are 0 shapes to learn from{example}", "give more shapes"
+        )
+    if number_of_atoms(len(shapes), config) > len(shapes):
+        problem = (
+            f"{config.k} atoms are more than the {counted(len(shapes), 'shape')} to learn from"
+        )
+        raise input_error("k", problem, "lower k or `every`, or give more shapes")
     normalised = normalise(shapes.shapes)
     alignment = align(normalised.points, shapes.landmark_names, config)
     mesh = shapes.mesh_vertices
@@ -91,7 +103,7 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
             **find_motion(usable, shapes),
         ),
         failures=failures,
-        warnings=tuple(find_warnings(retained, shapes, alignment, config)),
+        warnings=warnings,
     )
 
 
@@ -100,15 +112,15 @@ def separate(shapes: ShapeSet) -> tuple[ShapeSet, tuple[Failure, ...]]:
     distinct = ~coincide(shapes.shapes)
     extent = np.ptp(shapes.shapes, axis=-1).max(axis=-1, initial=0.0)
     usable = distinct & np.isfinite(extent) & (extent >= SMALLEST)
-
-    def reason(i: int) -> str:
-        if not np.isfinite(extent[i]):
-            return "a coordinate is not finite"
-        if not distinct[i]:
-            return "all its landmarks are at one point"
-        return f"its landmarks are too close together, within {extent[i]:.2g}: use a smaller unit"
-
-    failures = tuple(Failure(shapes.items[i], reason(i)) for i in np.flatnonzero(~usable).tolist())
+    failures = tuple(
+        Failure(
+            shapes.items[i],
+            "all its landmarks are at one point"
+            if np.isfinite(extent[i])
+            else "a coordinate is not finite",
+        )
+        for i in np.flatnonzero(~usable).tolist()
+    )
     return shapes.take(usable), failures
 
 
@@ -131,7 +143,7 @@ def every_nth(sequences: tuple[str, ...], n: int | Mapping[str, int]) -> list[in
     return retained
 
 
-def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> NDArray[Any]:
+def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> Integers:
     """Return the partner (p,) of each landmark on the other side, by `mirror` or the file.
 
     Raises InputError where neither pairs the landmarks.
@@ -140,30 +152,21 @@ def find_partners(shapes: ShapeSet, config: LearnDictConfig) -> NDArray[Any]:
     if isinstance(config.mirror, dict):
         partners = points.copy()
         for pair in config.mirror.items():
-            match_landmarks(names, pair, place="mirror")
-            first, second = map(names.index, pair)
+            first, second = match_landmarks(names, pair, place="mirror")
             partners[[first, second]] = second, first
     else:
         partners = shapes.columns.get("mirror_index", np.empty(0))
-    paired = partners.shape == points.shape and partners.dtype.kind in "iu"
-    paired = paired and bool(np.isin(partners, points).all() and (partners != points).any())
-    if not paired or (partners[partners] != points).any():
-        found = "`mirror`, or the dataset `mirror_index` of the shapes, does not pair landmarks"
+    if not (
+        partners.shape == points.shape
+        and partners.dtype.kind in "iu"
+        and np.isin(partners, points).all()
+        and (partners != points).any()
+        and (partners[partners] == points).all()
+    ):
+        problem = "`mirror`, or the dataset `mirror_index` of the shapes, does not pair landmarks"
         fix = "name each landmark of a pair once, `mirror: {rhip: lhip}`"
-        raise input_error(place_of(config), found, fix)
+        raise input_error(place_of(config), problem, fix)
     return partners
-
-
-def check_number(number: int, failures: tuple[Failure, ...], config: LearnDictConfig) -> None:
-    """Raise InputError where there are no shapes, or not as many as atoms."""
-    if not number:
-        found = "there are 0 shapes to learn from"
-        if failures:
-            found += f"; {failures[0].item}, for one: {failures[0].reason}"
-        raise input_error("shapes", found, "give more shapes")
-    if number_of_atoms(number, config) > number:
-        found = f"{config.k} atoms are more than the {counted(number, 'shape')} to learn from"
-        raise input_error("k", found, "lower k or `every`, or give more shapes")
 
 
 def number_of_atoms(number: int, config: LearnDictConfig) -> int:
@@ -194,38 +197,20 @@ def find_motion(given: ShapeSet, shapes: ShapeSet) -> dict[str, Any]:
 
     Motion and differences between bodies are those of all shapes given, lengths those of `shapes`.
     """
-    found: dict[str, Any] = {}
+    motion: dict[str, Any] = {}
     edges, sequences = given.edges, given.sequences
     if sequences:
-        found["acceleration"] = find_acceleration(given.shapes, sequences)
-        found["frame_rate"] = None if found["acceleration"] is None else given.frame_rate
+        motion["acceleration"] = find_acceleration(given.shapes, sequences)
+        motion["frame_rate"] = None if motion["acceleration"] is None else given.frame_rate
     if edges is None:
-        return found
-    found["edge_length"] = find_lengths(shapes.shapes, edges, ("",) * len(shapes))[0].mean(axis=0)
-    if len(given):
-        of = sequences or ("",) * len(given)
-        found["bone_tolerance"] = find_bone_tolerance(given.shapes, edges, of)
-        if len(edges):
-            lengths, bodies, _ = find_lengths(given.shapes, edges, of)
-            unknown = None if sequences else lengths
-            found["edge_covariance"] = find_edge_covariance(bodies, unknown)
-    return found
-
-
-def find_warnings(
-    given: ShapeSet, shapes: ShapeSet, alignment: Alignment, config: LearnDictConfig
-) -> Iterator[str]:
-    """Say what was lost between the shapes given and those to learn from."""
-    if config.method == "sparse-coding" and number_of_atoms(len(shapes), config) < config.k:
-        there = counted(len(shapes), "shape")
-        yield Note(f"{len(shapes)} atoms in place of {config.k}: there are {there}")
-    if not alignment.converged:
-        yield f"the mean of the aligned shapes was still moving after {alignment.rounds} rounds"
-    if given.mesh_vertices is not None and shapes.mesh_vertices is None:
-        yield (
-            "the meshes are left out: `mirror` mirrors landmarks, whose partners are known; "
-            "vertices have no partners; `mirror: false` keeps the meshes"
-        )
+        return motion
+    motion["edge_length"] = find_lengths(shapes.shapes, edges, ("",) * len(shapes))[0].mean(axis=0)
+    of = sequences or ("",) * len(given)
+    motion["bone_tolerance"] = find_bone_tolerance(given.shapes, edges, of)
+    if len(edges):
+        lengths, bodies, _ = find_lengths(given.shapes, edges, of)
+        motion["edge_covariance"] = find_edge_covariance(bodies, None if sequences else lengths)
+    return motion
 
 
 def place_of(config: LearnDictConfig) -> str:

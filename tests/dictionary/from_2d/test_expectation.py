@@ -5,12 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from shapefit.dictionary.from_2d.model import (
-    Views,
-    posterior_mean,
-    scatter,
-    split_ppca,
-)
+from shapefit.dictionary.from_2d.model import Views, posterior_mean, scatter, split_ppca
 from shapefit.geometry.rotations import exponential
 
 WIDE = 1e8

@@ -7,15 +7,7 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, LEARNED, UNLIKE, evaluate_class
-from shapefit.dictionary.from_2d.learning import (
-    HOLD,
-    complete,
-    find_views,
-    first_state,
-    improve,
-    learn,
-    upgrade,
-)
+from shapefit.dictionary.from_2d.learning import complete, learn, upgrade
 from shapefit.dictionary.from_2d.model import Images
 from shapefit.geometry.rotations import exponential, random_rotations, rotation_about_axis
 from tests.dictionary.from_2d.conftest import relative_error
@@ -27,14 +19,6 @@ def test_planted_shapes_are_recovered_and_the_objective_never_falls(plant, noise
     states = list(learn(made.images))
     assert (np.diff([state.objective for state in states]) > 0).all()
     assert relative_error(states[-1].in_camera, made.shapes) < most
-
-
-def test_hidden_landmarks_of_few_factors_are_completed(plant):
-    made = plant(100, modes=1)
-    hidden = replace(made.images, weights=(np.arange(1200).reshape(100, 12) % 10 > 0) * 1.0)
-    whole, _ = complete(made.images, 6)
-    apart = complete(hidden, 6)[0] - whole
-    assert np.sqrt((apart**2).mean()) < 0.05 * whole.std()
 
 
 def test_depth_is_judged_determined_where_views_turn_only(plant):
@@ -171,13 +155,3 @@ def test_an_upgrade_of_exact_factors_makes_every_view_orthonormal(rng, rank):
     Q = upgrade(L, A[:, :3] + 0.05 * rng.standard_normal((rank, 3)))
     gram = (L @ Q) @ np.swapaxes(L @ Q, 1, 2)
     np.testing.assert_allclose(gram, np.broadcast_to(np.eye(2), gram.shape), atol=1e-6)
-
-
-def test_views_rest_at_first_and_where_they_are_not_to_turn(plant):
-    made = plant(40, noise=0.01)
-    W, _ = complete(made.images, 5)
-    first = first_state(made.images, W, find_views(W, (5,))[0])
-    for turning in (True, False):
-        states = improve(made.images, first, HOLD + 2, turning=turning)
-        resting = [(state.views.rotation == first.views.rotation).all() for state in states]
-        assert resting == [k < HOLD or not turning for k in range(HOLD + 2)]

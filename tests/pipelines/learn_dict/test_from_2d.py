@@ -6,19 +6,13 @@ import numpy as np
 import pytest
 
 from shapefit.config import InfoConfig, LearnDictConfig
-from shapefit.dictionary.from_2d.judgement import DOUBTFUL, LEARNED, Judgement
 from shapefit.dictionary.model import Dictionary, describe_learning
 from shapefit.errors import InputError
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
-from shapefit.io import (
-    LandmarkSet,
-    read_dictionary,
-    write_dictionary,
-)
+from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
 from shapefit.pipelines import info, verify
 from shapefit.pipelines.learn_dict import run as learn_dict
-from shapefit.pipelines.learn_dict.from_2d import find_reasons
 from tests.io.files import save
 from tests.pipelines.fitted import fit_file
 
@@ -81,8 +75,8 @@ def test_what_was_learned_lifts_the_images_and_flip_exchanges_near_and_far(
     assert min(flipped) < 0.1
 
 
-def told_of(tmp_path):
-    """Return what `info` says of the dictionary that was learned."""
+def description(tmp_path):
+    """What `info` says of the dictionary that was learned."""
     return next(iter(info.run(InfoConfig(files=(tmp_path / "dict.h5",))))).note
 
 
@@ -97,7 +91,7 @@ def test_no_image_is_trusted_and_bars_cover_both_until_near_is_told_from_far(
     texts = [str(text) for each in outcomes for text in each.warnings]
     (warning,) = [text for text in texts if "learned from 2D" in text]
     assert "learned from 2D landmarks: learned; near and far open" in warning
-    assert "near and far open" in told_of(tmp_path)
+    assert "near and far open" in description(tmp_path)
     request = verify.Request(files[2], files[1], (files[0],))
     assert not [each.failures for each in verify.run(request) if each.failures]
     found = result.shapes - result.shapes.mean(axis=2, keepdims=True)
@@ -111,7 +105,7 @@ def test_who_states_what_is_near_has_images_trusted(learn, tmp_path, class_of_sh
     learn(class_of_shapes[:, :2], flip=flip)
     result = lift(tmp_path)
     assert result.columns["trusted"].mean() > 0.9
-    assert "learned; near and far stated by `flip`" in told_of(tmp_path)
+    assert "learned; near and far stated by `flip`" in description(tmp_path)
 
 
 def test_the_verdict_stays_with_the_dictionary(tmp_path):
@@ -133,8 +127,8 @@ def test_a_known_camera_decides_what_is_near(learn, tmp_path, class_of_shapes, s
     size = np.linalg.norm(shapes, axis=(1, 2)).mean() / np.sqrt(P)
     visible = shapes[:, :2] / (1 + shapes[:, 2:] / (4 * size))
     camera = np.array([[400 * size, 0, 300], [0, 400 * size, 300], [0, 0, 1.0]])
-    outcomes = learn(visible, {"further": {"camera_matrix": camera}})
-    assert any("perspective: near and far" in outcome.line for outcome in outcomes)
+    learn(visible, {"further": {"camera_matrix": camera}})
+    assert "near and far told by perspective" in description(tmp_path)
     found = lift(tmp_path)
     assert found.columns["trusted"].any()
     assert error(found, shapes, 1) < 0.3 < error(found, shapes, -1)
@@ -168,15 +162,6 @@ def test_images_that_do_not_determine_depth_end_with_the_verdict(
     with pytest.raises(InputError, match=verdict):
         learn(make(class_of_shapes, rng))
     assert not (tmp_path / "dict.h5").exists()
-
-
-def test_doubtful_depth_and_the_mirror_image_are_said():
-    found = Judgement(0.01, 0.2, 0.02, 0.3, 90.0, 0.4, DOUBTFUL)
-    assert found.fine
-    doubtful, mirrored = find_reasons(found, sided=False)
-    assert "each half of the images by itself gives shapes 0.40" in doubtful
-    assert "near and far" in mirrored
-    assert not list(find_reasons(replace(found, verdict=LEARNED), sided=True))
 
 
 def test_missing_landmarks_and_confidences_and_sequences_are_taken(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from shapefit.dictionary.mixture import Mixture, learn_mixture, maximise
+from shapefit.dictionary.mixture import Mixture, learn_mixture
 
 
 def draw(n: int, seed: int = 0, p: int = 3):
@@ -35,22 +35,6 @@ def test_no_round_lowers_the_objective(shrinkage):
     trace = learn_mixture(shapes, 6, shrinkage=shrinkage, floor=0.05, tolerance=0.0).trace
     assert len(trace) > 5
     assert (np.diff(trace) >= -1e-8 * np.abs(trace[1:])).all()
-
-
-def test_rounds_end_at_the_first_that_gains_no_more_than_the_tolerance_a_shape():
-    shapes = np.random.default_rng(1).normal(size=(400, 3, 4)) ** 3
-    trace = learn_mixture(shapes, 6, shrinkage=0.3, floor=0.05, tolerance=0.02).trace
-    gains = np.diff(trace) / 400
-    assert len(gains) > 2
-    assert gains[-1] <= 0.02 < gains[:-1].min()
-
-
-def test_a_component_that_dies_keeps_its_mean():
-    shapes, _ = draw(50)
-    X = shapes.reshape(50, -1)
-    share = np.column_stack([np.ones(50), 1.8e-4 * (np.arange(50) < 5)])
-    found = maximise(X, share, np.eye(9), 1.0, 0.01)
-    np.testing.assert_allclose(found.means[1], shapes[:5].mean(axis=0))
 
 
 def test_a_component_that_dies_is_left_out():

@@ -1,0 +1,179 @@
+"""Atoms and priors of `learn-dict`: the three methods, meshes, sizes, provenance, progress."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from shapefit import __version__
+from shapefit.config import LearnDictConfig
+from shapefit.dictionary.learning import learn, principal_components
+from shapefit.errors import InputError
+from shapefit.geometry.normalisation import normalise, std
+from shapefit.geometry.procrustes import generalised_procrustes, rotation_onto
+from shapefit.io import digest, read_dictionary, read_shapes, write_shapes
+from shapefit.io.records import ShapeSet
+from shapefit.meshes.dense import carry_mesh, mesh_of_atoms
+from shapefit.pipelines.learn_dict import from_3d
+from shapefit.pipelines.learn_dict.run import run
+from tests.pipelines.learn_dict.conftest import EDGES, FACES
+from tests.pipelines.told import warnings
+
+LEARNED = {"k": 4, "iterations": 5}
+EXEMPLARS = {"method": "exemplars"}
+
+
+class TestSparseCoding:
+    def test_atoms_are_learned_from_normalised_aligned_shapes(self, make, shapes):
+        dictionary, _ = make(shapes, k=6, iterations=4)
+        aligned = generalised_procrustes(normalise(shapes.shapes).points)
+        *_, expected = learn(aligned.shapes, 6, 0.1, iterations=4)
+        np.testing.assert_array_equal(dictionary.atoms, expected.atoms)
+        np.testing.assert_array_equal(dictionary.objective_trace, expected.trace)
+        np.testing.assert_array_equal(dictionary.mean_shape, normalise(aligned.mean).points)
+        i, j = EDGES.T
+        lengths = np.linalg.norm(shapes.shapes[:, :, i] - shapes.shapes[:, :, j], axis=1)
+        np.testing.assert_allclose(dictionary.edge_length, lengths.mean(axis=0))
+
+    def test_the_provenance_says_where_it_comes_from(self, make, shapes, tmp_path):
+        provenance = make(shapes, beta=0.2, **LEARNED)[0].provenance
+        assert (provenance["version"], provenance["method"]) == (__version__, "sparse-coding")
+        assert json.loads(provenance["config"])["beta"] == 0.2
+        source = tmp_path / "shapes.h5"
+        assert json.loads(provenance["inputs"]) == {str(source): digest(source)}
+
+    def test_the_file_is_written_last(self, shapes, tmp_path):
+        write_shapes(tmp_path / "shapes.h5", shapes)
+        output = tmp_path / "dict.h5"
+        keys = {"shapes": str(tmp_path / "shapes.h5"), "output": str(output), **LEARNED}
+        learning = run(LearnDictConfig(**keys))
+        before = [next(learning) for _ in range(7)]
+        assert not any(outcome.written for outcome in before)
+        assert not output.exists()
+        assert "reconstruction error" in before[-1].rows[0][1]
+        assert next(learning).written == (output,)
+        assert output.exists()
+
+    def test_sizes_are_in_the_unit_of_the_shapes(self, make, models):
+        dictionary, _ = make(models, **LEARNED)
+        assert (dictionary.unit, dictionary.atom_items) == ("m", None)
+        normalised = normalise(models.shapes)
+        *_, learned = learn(generalised_procrustes(normalised.points).shapes, 4, 0.1, iterations=5)
+        grown = dictionary.atom_scale * std(dictionary.atoms)
+        share = learned.coefficients / learned.coefficients.sum(axis=0)
+        np.testing.assert_allclose(grown, share.T @ normalised.scale, rtol=1e-12)
+
+    @pytest.mark.parametrize("align", ["all", "none", ["a", "b", "c"]])
+    def test_vertices_go_with_the_landmarks_on_which_they_lie(self, make, models, align):
+        dictionary, outcomes = make(models, align=align, **LEARNED)
+        assert warnings(outcomes) == []
+        np.testing.assert_allclose(
+            dictionary.mesh_vertices, dictionary.atoms[:, :, :4], rtol=0, atol=1e-12
+        )
+        np.testing.assert_array_equal(dictionary.mesh_faces, FACES)
+
+    def test_meshes_mixed_otherwise_follow_the_mixture(self, make, models, rng):
+        meshes = rng.standard_normal((12, 3, 7))
+        dictionary, _ = make(models.replaced(mesh_vertices=meshes), **LEARNED)
+        normalised = normalise(models.shapes)
+        alignment = generalised_procrustes(normalised.points)
+        carried = carry_mesh(meshes, normalised, alignment.rotations)
+        expected = mesh_of_atoms(dictionary.atoms, alignment.shapes, carried)
+        np.testing.assert_array_equal(dictionary.mesh_vertices, expected)
+
+    def test_an_atom_that_is_no_mixture_leaves_the_meshes_out(self, make, models, monkeypatch):
+        def learn_elsewhere(shapes, *settings, **options):
+            *_, learned = learn(shapes, *settings, **options)
+            bent = learned.atoms + 0.1 * np.sin(np.arange(15)).reshape(3, 5)
+            yield replace(learned, atoms=bent - bent.mean(axis=-1, keepdims=True))
+
+        monkeypatch.setattr(from_3d, "learn", learn_elsewhere)
+        dictionary, outcomes = make(models.take([0, 1, 2, 3]), **LEARNED)
+        assert warnings(outcomes) == [
+            "the meshes are left out: an atom is not a linear combination of the training shapes"
+        ]
+        assert (dictionary.mesh_vertices, dictionary.mesh_faces) == (None, None)
+
+
+class TestExemplars:
+    def test_every_normalised_model_is_an_atom(self, make, models):
+        dictionary, outcomes = make(models, align="none", **EXEMPLARS)
+        normalised = normalise(models.shapes)
+        np.testing.assert_array_equal(dictionary.atoms, normalised.points)
+        np.testing.assert_array_equal(dictionary.atom_scale, normalised.scale)
+        mean = normalise(normalised.points.mean(axis=0)).points
+        np.testing.assert_array_equal(dictionary.mean_shape, mean)
+        assert dictionary.atom_items == models.items
+        np.testing.assert_array_equal(dictionary.edges, models.edges)
+        np.testing.assert_array_equal(dictionary.mesh_faces, FACES)
+        assert warnings(outcomes) == []
+        assert dictionary.provenance["method"] == "exemplars"
+
+    def test_models_are_turned_onto_each_other_with_their_meshes(self, make, models):
+        dictionary, _ = make(models, align="all", **EXEMPLARS)
+        alignment = generalised_procrustes(normalise(models.shapes).points)
+        np.testing.assert_array_equal(dictionary.atoms, alignment.shapes)
+        middle = models.shapes.mean(axis=2, keepdims=True)
+        turned = alignment.rotations @ (models.mesh_vertices - middle)
+        metric = dictionary.atom_scale[:, None, None] * dictionary.mesh_vertices
+        np.testing.assert_allclose(metric, turned, atol=1e-12)
+
+
+class TestPcaBases:
+    """Components of each sequence one after another, and the mean pose."""
+
+    @pytest.mark.parametrize("bases", [0.9, 3])
+    def test_are_those_of_each_aligned_sequence(self, make, shapes, bases):
+        dictionary, _ = make(shapes, method="pca-bases", bases=bases)
+        aligned = generalised_procrustes(normalise(shapes.shapes).points)
+        parts = aligned.shapes[:10], aligned.shapes[10:]
+        expected = np.concatenate([principal_components(part, bases) for part in parts])
+        np.testing.assert_array_equal(dictionary.atoms, expected)
+        np.testing.assert_array_equal(dictionary.mean_shape, normalise(aligned.mean).points)
+        assert dictionary.objective_trace.size == 0
+
+    def test_need_motion_beyond_rounding(self, make, shapes):
+        of_sequence = np.array([shapes.sequences.index(name) for name in shapes.sequences])
+        still = shapes.shapes[of_sequence].astype(np.float32).astype(np.float64)
+        with pytest.raises(InputError, match=r"shapes: .* all alike; give sequences that move"):
+            make(shapes.replaced(shapes=still), method="pca-bases")
+
+
+class TestPrior:
+    @pytest.mark.parametrize(
+        ("prior", "message"),
+        [
+            ({"components": 31}, "prior.components: 31 components are more than the 30 shapes"),
+            ({"components": 1, "bone_scale": 0.1}, "prior: the shapes have no edges"),
+        ],
+    )
+    def test_what_is_refused(self, make, shapes, prior, message):
+        with pytest.raises(InputError, match=message):
+            make(shapes.replaced(edges=None), prior=prior, **EXEMPLARS)
+
+    @pytest.mark.parametrize(("number", "components"), [(20, 1), (320, 2)])
+    def test_a_component_for_every_150_shapes(self, make, rng, number, components):
+        points = rng.normal(size=(number, 3, 5))
+        many = ShapeSet(points, tuple("abcde"), tuple(f"pose {i}" for i in range(number)))
+        made, outcomes = make(many, prior={"components": "auto"}, k=4, iterations=2)
+        assert len(made.prior) == components
+        rounds = [outcome for outcome in outcomes if outcome.unit == "round"]
+        assert sum(outcome.done for outcome in rounds) == 2  # whatever the prior takes
+
+
+@pytest.mark.real_data
+def test_the_protocol_on_motion_capture(real_data: Path, tmp_path):
+    """Every third frame of each sequence: 3,359 shapes."""
+    source = real_data / "mocap" / "subject86_24fps.h5"
+    config = LearnDictConfig(shapes=str(source), output=str(tmp_path / "dict.h5"), every=3)
+    outcomes = list(run(config))
+    dictionary = read_dictionary(config.output)
+    assert outcomes[0].note == "3359 shapes"
+    assert (np.diff(dictionary.objective_trace) < 0).all()
+    assert len(dictionary.objective_trace) == 31
+    assert "reconstruction error 2." in outcomes[-2].rows[0][1]
+    # The mean stands as the first shape does: no turn brings one nearer to the other.
+    first = normalise(read_shapes(config.shapes).shapes[0]).points
+    np.testing.assert_allclose(rotation_onto(first, dictionary.mean_shape), np.eye(3), atol=1e-6)
