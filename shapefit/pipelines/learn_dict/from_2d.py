@@ -269,11 +269,11 @@ def evidence_of_mirror(images: LandmarkSet, dictionary: Dictionary) -> tuple[flo
     middle = read_intrinsics(some, CAMERA_MATRIX)[1][:, :1]
     w = some.landmarks.copy()
     w[:, 0] = 2 * middle - w[:, 0]
-    as_seen, mirrored = (
+    unchanged, mirrored = (
         lift_by(records, dictionary, "posterior", CAMERA_MATRIX).estimate.further["log_evidence"]
         for records in (some, some.replaced(landmarks=w))
     )
-    return mean_gain(as_seen, mirrored)[:2]
+    return mean_gain(unchanged, mirrored)[:2]
 
 
 def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> float:
