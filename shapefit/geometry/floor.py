@@ -8,23 +8,21 @@ camera, weighted least squares find a, b and g of
     a = d_x / d_y,  b = d_z / d_y      d from the feet that bear a body to its centre of mass
     a = 0,          b = 0              cameras are held about level
 
-A body that stands keeps its centre of mass above its feet: over a few steps that says more than the
-places of the feet, unless it walks far. Depth is the weak side of one camera. So the error of a
-foot is mostly along its ray, that of d has the deviations of the fit, and a distance that is wrong
-for all frames (an assumed focal length) counts as one error of all of them.
+Over a few steps, that a body balances says more than where its feet are. The error of a foot is
+mostly along its ray, and a distance that is wrong for all frames (an assumed focal length) counts
+as one error of all of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.geometry.rotations import turn_up
+from shapefit.geometry.rotations import shortest_rotations
 
 MASS = {"shoulder": 0.31, "hip": 0.39, "elbow": 0.04, "wrist": 0.03, "knee": 0.17, "ankle": 0.06}
 """Shares of the centre of mass that both joints of a kind bear: those of the segments between them
@@ -39,16 +37,15 @@ FORWARD = 0.045
 
 STRAIGHT, SLOW, LOWER, SECONDS = 0.85, 0.17, 0.07, 0.3
 """A leg bears where hip and ankle are at least this share of its length apart, and its foot moves
-by at most so many heights of the body in a second, is at most so many heights above the other, and
-does so for so many seconds. All lengths are in heights of the body: the metres in a unit, which
-nobody may know well, decide nothing."""
+by at most so many heights of the body a second and is at most so many heights above the other, for
+so many seconds. In heights of the body, as its size in metres may be wrong."""
 
 ALONG = 1 / 3
-"""What motion along the line of sight counts for, which one camera hardly sees."""
+"""Weight of motion along the line of sight, which one camera hardly sees."""
 
 LEVEL, SWAY, LEAN = (np.tan(np.radians(degrees)) for degrees in (15.0, 5.0, 2.0))
-"""Deviations of tilt: of cameras, which people hold or put up about level; of a body from moment to
-moment; of what is the same in all moments. Chosen, as the others, on seven filmed bodies."""
+"""Deviations of tilt: of cameras; of a body from moment to moment; of a body in all moments alike.
+Chosen, as the others, on seven filmed bodies."""
 
 LASTING = 0.5
 """Share of the deviations of a fit that all frames have in common (docs/sequences.md)."""
@@ -58,20 +55,18 @@ FOOT, DEPTH, SIZE = 0.03, 0.12, 0.04
 and of the size of a body."""
 
 SURE = 0.29
-"""Most heights of the body of the deviation of a height that counts as known, about half a metre;
-beyond it, a camera that is taken as level is as good a guess."""
+"""Largest deviation of a height that counts as known, in heights of the body; beyond it, a camera
+that is taken as level is as good a guess."""
 
 STEPS = 10
-"""Of least squares with weights 1 / (1 + u^2 / 4) of residuals u in deviations: a foot on a stair,
-or a moment off balance, counts little."""
+"""Of least squares with weights 1 / (1 + u^2 / 4) of residuals u in deviations, so that a foot on a
+stair counts little."""
 
 
-@dataclass(frozen=True)
-class Body:
-    """One body before the camera: points (n, 3, p) and deviations (n, 3, p) in metres.
+class Body(NamedTuple):
+    """A body before the camera: points and their deviations (n, 3, p) in metres, nan in gaps.
 
-    joints -> columns; stature in metres; rate in Hz. Frames are in order of time, nan where there
-    is nothing.
+    joints: the column of each joint; stature in metres; rate in Hz.
     """
 
     points: Floats
@@ -98,10 +93,10 @@ class Floor(NamedTuple):
 
     def stand(self, points: Floats) -> Floats:
         """R x + (0, height, 0) with the shortest rotation R up = y; points (..., 3, p)."""
-        return turn_up(self.up) @ points + np.array([[0.0], [self.height], [0.0]])
+        turn = shortest_rotations(self.up, np.array([[0.0, 1.0, 0.0]]))[0]
+        return turn @ points + np.array([[0.0], [self.height], [0.0]])
 
     def __str__(self) -> str:
-        """Say it in one line."""
         high = f"camera {self.height:.2f} m (+- {self.height_sd:.2f}) above the floor"
         tilt = f"{abs(self.pitch):.0f} degrees {'down' if self.pitch > 0 else 'up'}"
         roll = f"{abs(self.roll):.0f} to the {'left' if self.roll > 0 else 'right'}"
@@ -114,32 +109,31 @@ def find_floor(bodies: Sequence[Body], distance_sd: float) -> Floor | None:
     distance_sd: standard deviation of the logarithm of the distance, the same for all frames.
     """
     needed = {f"{side}{joint}" for side in "lr" for joint in MASS}
-    parts = [_bearing(body) for body in bodies if needed <= body.joints.keys()]
-    stature = float(np.mean([body.stature for body in bodies if needed <= body.joints.keys()] or 1))
+    whole = [body for body in bodies if needed <= body.joints.keys()]
+    parts = [_bearing(body) for body in whole]
     if not any(len(part.place) for part in parts):
         return None
     bearing = Bearing(*map(np.concatenate, zip(*parts, strict=True)))
-    found, covariance = _solve(bearing, FOOT * stature)
+    stature = float(np.mean([body.stature for body in whole]))
+    abg, covariance = _solve(bearing, FOOT * stature)
     farther = bearing._replace(place=bearing.place * np.array([1.0, 1.0, 1 + distance_sd]))
-    change = _solve(farther, FOOT * stature)[0] - found
+    change = _solve(farther, FOOT * stature)[0] - abg
     covariance += np.outer(change, change)
-    a, b, g = found
+    a, b, g = abg
     r = np.sqrt(1 + a**2 + b**2)
     slope = np.array([-g * a / r**3, -g * b / r**3, 1 / r])
     height_sd = np.sqrt(slope @ covariance @ slope + (SIZE * g / r) ** 2)
     if height_sd > SURE * stature:
         return None
-    sd = np.degrees(np.sqrt(np.diag(covariance)[:2]) / (1 + found[:2] ** 2))
-    roll, pitch = np.degrees(np.arctan(found[:2]))
-    numbers = (g / r, pitch, roll, height_sd, sd[1], sd[0])
+    roll, pitch = np.degrees(np.arctan(abg[:2]))
+    roll_sd, pitch_sd = np.degrees(np.sqrt(np.diag(covariance)[:2]) / (1 + abg[:2] ** 2))
+    numbers = (g / r, pitch, roll, height_sd, pitch_sd, roll_sd)
     return Floor(np.array([a, 1.0, b]) / r, *map(float, numbers))
 
 
 class Bearing(NamedTuple):
-    """Feet and bodies at rest.
-
-    place (m, 3) of the feet and how high (m,) above the floor they are; how bodies lean (k, 2) at
-    moments, and the variances (k, 2) of that.
+    """Places (m, 3) of feet at rest and how high (m,) above the floor they are; how bodies lean
+    (k, 2) at moments, and the variances (k, 2) of that.
     """
 
     place: Floats
@@ -154,26 +148,16 @@ def _bearing(body: Body) -> Bearing:
     trunk = X["lshoulder"] + X["rshoulder"] - X["lhip"] - X["rhip"]
     ahead = np.cross(X["lhip"] - X["rhip"], trunk)
     ahead *= FORWARD * body.stature / np.linalg.norm(ahead, axis=1, keepdims=True)
-    centre = sum(
-        (m / 2 * (X[f"l{joint}"] + X[f"r{joint}"]) for joint, m in MASS.items()), 0 * trunk
-    )
+    parts = (m / 2 * (X[f"l{joint}"] + X[f"r{joint}"]) for joint, m in MASS.items())
+    centre = sum(parts, 0 * trunk)
     marks = [mark for mark in ABOVE_FLOOR if {f"l{mark}", f"r{mark}"} <= X.keys()]
     feet = np.stack([np.mean([X[f"{s}{mark}"] for mark in marks], axis=0) for s in "lr"])
     under = np.stack([X[f"{s}ankle"] + ahead for s in "lr"])
-    above = body.stature * float(np.mean([ABOVE_FLOOR[mark] for mark in marks]))
     upright = centre - under.mean(axis=0)
     high = (under * upright / np.linalg.norm(upright, axis=1, keepdims=True)).sum(axis=2)
-    slow = SLOW * body.stature
-    rests = np.stack(
-        [_rests(X, s, foot, body.rate, slow) for s, foot in zip("lr", feet, strict=True)]
-    )
+    rests = np.stack([_rests(body, X, s, foot) for s, foot in zip("lr", feet, strict=True)])
     rests = np.asarray(rests & (high < high.min(axis=0) + LOWER * body.stature))
     fewest = max(SECONDS * body.rate, 2)
-    places = [
-        foot[begin:end].mean(axis=0)
-        for foot, rest in zip(feet, rests, strict=True)
-        for begin, end in _runs(rest, fewest)
-    ]
     leaning, variances = [], []
     ankles = [body.joints[f"{s}ankle"] for s in "lr"]
     for begin, end in _runs(np.asarray(rests.any(axis=0)), fewest):
@@ -184,35 +168,33 @@ def _bearing(body: Body) -> Bearing:
                 leaning.append(d[[0, 2]] / d[1])
                 sd = body.deviations[rows][:, ::2][..., ankles].mean(axis=(0, 2))
                 variances.append((sd / np.linalg.norm(d)) ** 2)
-    if not leaning:
-        places = []
-    return Bearing(
-        np.reshape(places, (-1, 3)),
-        np.full(len(places), above),
-        np.reshape(leaning, (-1, 2)),
-        np.reshape(variances, (-1, 2)),
-    )
+    places = [
+        foot[begin:end].mean(axis=0)
+        for foot, rest in zip(feet, rests if leaning else (), strict=False)
+        for begin, end in _runs(rest, fewest)
+    ]
+    above = body.stature * float(np.mean([ABOVE_FLOOR[mark] for mark in marks]))
+    shaped = (np.reshape(leaning, (-1, 2)), np.reshape(variances, (-1, 2)))
+    return Bearing(np.reshape(places, (-1, 3)), np.full(len(places), above), *shaped)
 
 
-def _rests(
-    X: Mapping[str, Floats], side: str, foot: Floats, rate: float, slow: float
-) -> NDArray[np.bool_]:
-    """Whether a foot (n, 3) is slower than `slow`, in m/s, and below a leg that is straight."""
+def _rests(body: Body, X: Mapping[str, Floats], side: str, foot: Floats) -> NDArray[np.bool_]:
+    """Whether a foot (n, 3) is slow and below a leg that is straight."""
     hip, knee, ankle = (X[f"{side}{joint}"] for joint in ("hip", "knee", "ankle"))
     leg = np.linalg.norm(hip - knee, axis=1) + np.linalg.norm(knee - ankle, axis=1)
-    step, frame = max(round(rate * SECONDS / 2), 1), np.arange(len(foot))
+    step, frame = max(round(body.rate * SECONDS / 2), 1), np.arange(len(foot))
     early, late = np.maximum(frame - step, 0), np.minimum(frame + step, len(foot) - 1)
-    moved = (foot[late] - foot[early]) * rate / np.maximum(late - early, 1)[:, None]
+    moved = (foot[late] - foot[early]) * body.rate / np.maximum(late - early, 1)[:, None]
     ray = foot / np.linalg.norm(foot, axis=1, keepdims=True)
     moved = moved - (1 - ALONG) * (moved * ray).sum(axis=1, keepdims=True) * ray
-    at_rest = np.linalg.norm(moved, axis=1) < slow
-    return np.asarray(at_rest & (np.linalg.norm(hip - ankle, axis=1) > STRAIGHT * leg))
+    slow = np.linalg.norm(moved, axis=1) < SLOW * body.stature
+    return np.asarray(slow & (np.linalg.norm(hip - ankle, axis=1) > STRAIGHT * leg))
 
 
-def _runs(rest: NDArray[np.bool_], fewest: float) -> Iterator[tuple[int, int]]:
-    """Give begin and end of each run of at least so many frames."""
+def _runs(rest: NDArray[np.bool_], fewest: float) -> list[tuple[int, int]]:
+    """Return begin and end of each run of at least so many frames."""
     turns = np.flatnonzero(np.diff(np.concatenate([[False], rest, [False]])))
-    return ((b, e) for b, e in turns.reshape(-1, 2).tolist() if e - b >= fewest)
+    return [(b, e) for b, e in turns.reshape(-1, 2).tolist() if e - b >= fewest]
 
 
 def _solve(bearing: Bearing, foot_sd: float) -> tuple[Floats, Floats]:
@@ -223,18 +205,18 @@ def _solve(bearing: Bearing, foot_sd: float) -> tuple[Floats, Floats]:
         weights = 1 / (1 + (((leaning - usual) / SWAY) ** 2).sum(axis=1) / 4)
         usual = weights @ leaning / weights.sum()
     lean_precision = 1 / (SWAY**2 / weights.sum() + LEAN**2 + shared)
+    prior = np.diag([*(lean_precision + LEVEL**-2), 0.0])
     x, y, z = bearing.place.T
     A = np.column_stack([x, z, np.ones(len(x))])
-    a, b = usual
-    found = np.array([a, b, -np.median(a * x + y + b * z)])
+    abg = np.array([*usual, -np.median(usual[0] * x + y + usual[1] * z)])
+    precision = prior
     for _ in range(STEPS):
-        r = np.sqrt(1 + found[0] ** 2 + found[1] ** 2)
-        along = (found[0] * x + y + found[1] * z) / r
-        variance = r**2 * (foot_sd**2 + (DEPTH * along) ** 2)
+        r = np.sqrt(1 + abg[0] ** 2 + abg[1] ** 2)
+        along = (abg[0] * x + y + abg[1] * z) / r
         target = r * bearing.above - y
-        w = 1 / (variance + (A @ found - target) ** 2 / 4)
-        precision = (A.T * w) @ A + np.diag([*(lean_precision + LEVEL**-2), 0.0])
-        found = np.linalg.solve(
-            precision, A.T @ (w * target) + np.array([*(lean_precision * usual), 0.0])
-        )
-    return found, np.linalg.inv(precision)
+        variance = r**2 * (foot_sd**2 + (DEPTH * along) ** 2)
+        w = 1 / (variance + (A @ abg - target) ** 2 / 4)
+        precision = (A.T * w) @ A + prior
+        linear = A.T @ (w * target) + np.array([*(lean_precision * usual), 0.0])
+        abg = np.linalg.solve(precision, linear)
+    return abg, np.linalg.inv(precision)

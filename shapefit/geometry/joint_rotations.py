@@ -3,23 +3,23 @@
     x_child = x + G (l r),    G = P L
 
 where r is the direction of a bone at rest and l its length, G the rotation of a node in space, P
-that of its parent and L its own, which files of animation hold.
+the rotation of its parent and L its own, which files of animation hold.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse.csgraph import breadth_first_order, minimum_spanning_tree, shortest_path
 from scipy.spatial.distance import cdist
 
 from shapefit.arrays import Floats, Integers
-from shapefit.geometry.rotations import nearest_rotation, rotation_about
+from shapefit.geometry.rotations import nearest_rotation, rotation_about, shortest_rotations
 
 FRAMES = 200
-"""Frames, spread over a motion, that say which landmarks keep their distance."""
+"""Frames, evenly over a motion, that say which landmarks keep their distance."""
 
 BRANCHES = 3
 """Bones at a landmark whose directions make a frame."""
@@ -27,12 +27,11 @@ BRANCHES = 3
 PRIOR = 0.02
 """Weight of the parent's rotation beside bones, of 1 each, that may all lie in one line."""
 
-OPPOSITE = 1e-9
-"""1 + cosine of directions between which there is no shortest turn."""
+Pose = Mapping[int, Sequence[float]]
+"""Landmark where a bone ends -> the direction (3,) of the bone."""
 
 
-@dataclass(frozen=True)
-class Node:
+class Node(NamedTuple):
     """A joint of the tree at the landmark `joint`; `above` is the number of its parent, or -1.
 
     aims are the landmarks at the other ends of its bones. Where several bones leave a landmark,
@@ -45,12 +44,11 @@ class Node:
     aims: tuple[int, ...]
 
 
-@dataclass(frozen=True)
-class Rig:
+class Rig(NamedTuple):
     """A tree of m nodes in motion: offsets (m, 3) from the parent at rest.
 
-    The pose at rest is that of the frame `rest`, or one that was chosen (`in_pose`). rotations
-    L (m, f, 3, 3) in the frame of the parent; root (f, 3), where the first node is.
+    rotations L (m, f, 3, 3) in the frame of the parent; root (f, 3), where the first node is; rest,
+    the frame of which the pose at rest is made.
     """
 
     tree: tuple[Node, ...]
@@ -60,38 +58,28 @@ class Rig:
     rest: int
 
 
-def find_rig(points: Floats, edges: Integers, root: int | None = None) -> Rig:
-    """Return the bones of points (f, 3, p), all known, and their rotations: see `find_tree`."""
+def find_rig(
+    points: Floats, edges: Integers, root: int | None = None, pose: Pose | None = None
+) -> Rig:
+    """Return the bones of points (f, 3, p), all known, and their rotations: see `find_tree`.
+
+    At rest bones have their median lengths and the directions of `pose`. Bones without one turn
+    with their parent, from the pose of a usual frame.
+    """
     tree = find_tree(points, edges, root)
     rest = _find_rest(points, tree)
+    bones = np.stack([points[:, :, n.joint] - points[:, :, tree[n.above].joint] for n in tree])
+    bones[0] = 0
+    lengths, at_rest = np.median(np.linalg.norm(bones, axis=2), axis=1), _unit(bones[:, rest])
     G = _find_rotations(points, tree, rest)
+    ends = {n.joint: at for n, length, at in zip(tree, lengths, at_rest, strict=True) if length}
+    T = _find_pose(tree, ends, pose or {})
     above = [node.above for node in tree[1:]]
     L = np.concatenate([G[:1], G[above].swapaxes(-1, -2) @ G[1:]])
-    return Rig(tree, _find_offsets(points, tree, rest), L, points[:, :, tree[0].joint], rest)
-
-
-def in_pose(rig: Rig, directions: Mapping[int, Sequence[float]]) -> Rig:
-    """o' = T_parent o, L' = T_parent L T^T: the same motion of a rig with another pose at rest.
-
-    directions: landmark where a bone ends -> its direction at rest (3,). T (m, 3, 3) turns the
-    bones of a node to them: the shortest way a single one, by least squares several. Bones without
-    a direction turn with their parent.
-    """
-    tree, T = rig.tree, np.empty((len(rig.tree), 3, 3))
-    bones = {node.joint: o for node, o in zip(tree, rig.offsets, strict=True) if o.any()}
-    for number, node in enumerate(tree):
-        P = T[node.above] if node.above >= 0 else np.eye(3)
-        aims = [end for end in node.aims if end in directions and end in bones]
-        ends = _unit(np.array([directions[end] for end in aims]).reshape(-1, 3))
-        starts = _unit(np.array([bones[end] for end in aims]).reshape(-1, 3))
-        if len(aims) == len(node.aims) == 1:
-            T[number] = _shortest_turns(P @ starts[0], ends)[0] @ P
-        else:
-            T[number] = nearest_rotation(ends.T @ starts + PRIOR * P) if aims else P
-    above = [node.above for node in tree[1:]]
     P = np.concatenate([np.eye(3)[None], T[above]])
-    L = P[:, None] @ rig.rotations @ T[:, None].swapaxes(-1, -2)
-    return replace(rig, offsets=(P @ rig.offsets[..., None])[..., 0], rotations=L)
+    offsets = (P @ (lengths[:, None] * at_rest)[..., None])[..., 0]
+    rotations = P[:, None] @ L @ T[:, None].swapaxes(-1, -2)
+    return Rig(tree, offsets, rotations, points[:, :, tree[0].joint], rest)
 
 
 def forward_kinematics(rig: Rig) -> Floats:
@@ -115,12 +103,12 @@ def find_tree(points: Floats, edges: Integers, root: int | None = None) -> tuple
     cost = 1 + distances.std(axis=0)  # what is nearly 0 would be no edge to scipy
     is_no_edge = np.ones_like(cost)
     is_no_edge[edges[:, 0], edges[:, 1]] = is_no_edge[edges[:, 1], edges[:, 0]] = 0
-    tree = minimum_spanning_tree(np.triu(cost + cost.max() * is_no_edge, 1))
+    graph = minimum_spanning_tree(np.triu(cost + cost.max() * is_no_edge, 1))
     if root is None:
-        hops = shortest_path(tree, directed=False, unweighted=True)
+        hops = shortest_path(graph, directed=False, unweighted=True)
         branches = np.count_nonzero(hops == 1, axis=1) >= BRANCHES
         root = int(np.where(branches | ~branches.any(), hops.sum(axis=1), np.inf).argmin())
-    order, above = breadth_first_order(tree, root, directed=False)
+    order, above = breadth_first_order(graph, root, directed=False)
     children: list[tuple[int, ...]] = [() for _ in above]
     for landmark in sorted(order[1:].tolist()):
         children[above[landmark]] += (landmark,)
@@ -154,16 +142,6 @@ def _find_rest(points: Floats, tree: Sequence[Node]) -> int:
     return int(np.abs(bends - np.median(bends, axis=0)).sum(axis=1).argmin())
 
 
-def _find_offsets(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
-    """Return where nodes are from their parents at rest (m, 3): bones have their median lengths."""
-    offsets = np.zeros((len(tree), 3))
-    for number, node in enumerate(tree[1:], 1):
-        bone = points[:, :, node.joint] - points[:, :, tree[node.above].joint]
-        if bone.any():
-            offsets[number] = np.median(np.linalg.norm(bone, axis=1)) * _unit(bone)[rest]
-    return offsets
-
-
 def _find_rotations(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
     """Return the rotation G (m, f, 3, 3) in space of every node, the identity in the frame `rest`.
 
@@ -171,10 +149,9 @@ def _find_rotations(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
     bone turns the shortest way from the mean direction, seen by its parent, and then about itself
     as the bones that follow do. A node without bones turns with its parent.
     """
-    f = len(points)
-    G = np.empty((len(tree), f, 3, 3))
+    G = np.empty((len(tree), len(points), 3, 3))
     for number, node in enumerate(tree):
-        P = G[node.above] if node.above >= 0 else np.tile(np.eye(3), (f, 1, 1))
+        P = G[node.above] if node.above >= 0 else np.tile(np.eye(3), (len(points), 1, 1))
         bones = [_unit(points[:, :, end] - points[:, :, node.joint]) for end in node.aims]
         if not bones:
             G[number] = P
@@ -199,7 +176,7 @@ def _aim(bone: Floats, following: Sequence[Floats]) -> Floats:
     which bends both ways, and never jumps from one side to the other.
     """
     mean = _unit(bone.mean(axis=0))
-    Q = _shortest_turns(mean, bone)
+    Q = shortest_rotations(mean, bone)
     e1, e2, _ = np.linalg.svd(np.eye(3) - np.outer(mean, mean))[0].T
     if np.cross(e1, e2) @ mean < 0:
         e2 = -e2
@@ -213,15 +190,23 @@ def _aim(bone: Floats, following: Sequence[Floats]) -> Floats:
     return Q @ rotation_about(mean, np.angle(z + w))
 
 
-def _shortest_turns(start: Floats, ends: Floats) -> Floats:
-    """R = I + K + K^2 / (1 + cos), K = [start x end]_x: (3,), (f, 3), unit -> (f, 3, 3)."""
-    cosine = ends @ start
-    K = np.cross(np.cross(start, ends)[:, None, :], np.eye(3)).swapaxes(-1, -2)
-    R = np.eye(3) + K + K @ K / np.maximum(1 + cosine, OPPOSITE)[:, None, None]
-    across = np.eye(3)[np.abs(start).argmin()]
-    axis = _unit(across - (across @ start) * start)
-    R[1 + cosine < OPPOSITE] = 2 * np.outer(axis, axis) - np.eye(3)
-    return R
+def _find_pose(tree: Sequence[Node], at_rest: Mapping[int, Floats], pose: Pose) -> Floats:
+    """Return the rotations T (m, 3, 3) that turn the bones of each node to a pose.
+
+    at_rest: landmark where a bone ends -> its direction. A single bone turns the shortest way,
+    several turn by least squares.
+    """
+    T = np.empty((len(tree), 3, 3))
+    for number, node in enumerate(tree):
+        P = T[node.above] if node.above >= 0 else np.eye(3)
+        aims = [end for end in node.aims if end in pose and end in at_rest]
+        ends = _unit(np.array([pose[end] for end in aims], np.float64).reshape(-1, 3))
+        starts = np.array([at_rest[end] for end in aims]).reshape(-1, 3)
+        if len(aims) == len(node.aims) == 1:
+            T[number] = shortest_rotations(P @ starts[0], ends)[0] @ P
+        else:
+            T[number] = nearest_rotation(ends.T @ starts + PRIOR * P) if aims else P
+    return T
 
 
 def _turn_back(R: Floats, vectors: Floats) -> Floats:

@@ -6,6 +6,9 @@ import numpy as np
 
 from shapefit.arrays import Floats
 
+OPPOSITE = 1e-9
+"""1 + cosine of directions between which there is no shortest rotation."""
+
 
 def nearest_rotation(A: Floats) -> Floats:
     """argmin ||R - A||_F over proper rotations; A and R (..., 3, 3)."""
@@ -62,13 +65,15 @@ def exponential(turns: Floats) -> Floats:
     return np.eye(3) + np.sinc(angle / np.pi) * K + 0.5 * np.sinc(angle / (2 * np.pi)) ** 2 * K @ K
 
 
-def turn_up(up: Floats) -> Floats:
-    """Return the smallest rotation (3, 3) that takes a direction (3,) to y."""
-    unit = up / np.linalg.norm(up)
-    if unit[1] < -1 + 1e-12:
-        return np.diag([1.0, -1.0, -1.0])
-    across = np.cross(np.cross(unit, [0.0, 1.0, 0.0]), np.eye(3)).T  # v -> (up x y) x v
-    return np.eye(3) + across + across @ across / (1 + unit[1])
+def shortest_rotations(start: Floats, ends: Floats) -> Floats:
+    """R = I + K + K^2 / (1 + cos), K = [start x end]_x: (3,), (f, 3), unit -> (f, 3, 3)."""
+    cosine = ends @ start
+    K = np.cross(np.cross(start, ends)[:, None, :], np.eye(3)).swapaxes(-1, -2)
+    R = np.eye(3) + K + K @ K / np.maximum(1 + cosine, OPPOSITE)[:, None, None]
+    across = np.eye(3)[np.abs(start).argmin()]
+    axis = across - (across @ start) * start
+    R[1 + cosine < OPPOSITE] = 2 * np.outer(axis, axis) / (axis @ axis) - np.eye(3)
+    return R
 
 
 def rotation_angle(first: Floats, second: Floats) -> Floats:

@@ -80,12 +80,22 @@ def _write_csv(target: Path, form: Layout) -> Output:
 
 def _write_motion(name: str, target: Path, form: Layout, options: OutputOptions) -> Output:
     from shapefit.io.writers import tables
-    from shapefit.io.writers.bones import bvh_output
+    from shapefit.io.writers.bvh import write_bvh
+    from shapefit.io.writers.motion import motion_output
 
-    outputs = {"bvh": bvh_output, "c3d": tables.c3d_output, "trc": tables.trc_output}
-    outputs |= {"mot": tables.mot_output, "metres": tables.metres_output}
-    outputs |= {"angles": tables.angles_output}
-    return outputs[name](target, form, options)
+    if name == "c3d":
+        tables.load_ezc3d()
+    writers = {"bvh": write_bvh, "c3d": tables.write_c3d, "trc": tables.write_trc}
+    writers |= {"mot": tables.write_mot, "metres": tables.write_metres}
+    writers |= {"angles": tables.write_angles}
+    return motion_output(
+        target,
+        options,
+        writers[name],
+        unit="mm" if name == "c3d" else "m",
+        angles=WRITTEN[name].angles,
+        beside=tables.write_angles if name == "trc" else None,
+    )
 
 
 HEAD_BYTES = 4096

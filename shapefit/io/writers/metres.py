@@ -1,4 +1,4 @@
-"""Shapes and results in metres and upright: never what was measured in pixels as if it were not."""
+"""Shapes and results in metres and upright: what was measured in pixels never passes for metres."""
 
 from __future__ import annotations
 
@@ -27,37 +27,17 @@ ANKLE_TO_SHOULDER = 0.818 - 0.039
 """Share of the height of a person between the heights of ankles and shoulders (R. Drillis and R.
 Contini, Body segment parameters, 1966)."""
 
-_JOINTS = [f"{side}{joint}" for side in "lr" for joint in ("hip", "knee", "ankle", "shoulder")]
-
 EXTENT_PERCENTILE = 95.0
 """Of the frames of a sequence: a few that went wrong do not count."""
-
-
-def find_stature(shapes: Floats, names: Sequence[str]) -> Floats | None:
-    """(|ankle knee| + |knee hip| + |hips shoulders|) / 0.779 along the body: (n,).
-
-    shapes (n, 3, p); legs are the mean of both, hips and shoulders the middles of theirs. None
-    where the landmarks are not those of a person with hips, knees, ankles and shoulders.
-    """
-    column = joint_columns(names)
-    if not set(_JOINTS) <= column.keys():
-        return None
-    at = {joint: shapes[:, :, column[joint]] for joint in _JOINTS}
-    trunk = at["lhip"] + at["rhip"] - at["lshoulder"] - at["rshoulder"]
-    bones = [at[f"{s}ankle"] - at[f"{s}knee"] for s in "lr"]
-    bones += [at[f"{s}knee"] - at[f"{s}hip"] for s in "lr"]
-    lengths = np.linalg.norm([*bones, trunk], axis=2)
-    return np.asarray(lengths.sum(axis=0) / 2 / ANKLE_TO_SHOULDER)
-
 
 FARTHEST = 100.0
 """Metres from a camera to the origin of its world in any room or arena."""
 
 
 class MetricShapes(NamedTuple):
-    """points (n, 3, p) in metres, and where their `axes` and their `size` come from, in words.
+    """points (n, 3, p) in metres; factor (n,), the metres in a unit of each shape.
 
-    factor (n,): metres in a unit of each shape.
+    axes and size say in words where the axes and the size come from.
     """
 
     points: Floats
@@ -73,50 +53,64 @@ def in_metres(
     """Return one sequence in metres.
 
     Results have y up, shapes keep their axes unless `up` turns them. On a floor y = 0 is the floor,
-    and x = z = 0 the camera. Raises InputError at `place` where nothing says how large they are.
+    and x = z = 0 the camera. Raises InputError at `place` where the size is unknown.
     """
-    if isinstance(records, ShapeSet):
-        shapes, axes = records.shapes, "axes as in the shapes"
-        if options.up is not None:
-            shapes, axes = TO_Y_UP[options.up] @ shapes, f"y up, which was {options.up}"
-        factor, size = _factor(records, shapes, options, place)
-        return MetricShapes(factor[:, None, None] * shapes, factor, axes, size)
     turn, axes = _turn(records, options, place)
-    upright = turn @ records.shapes
+    upright = turn @ records.points
     factor, size = _factor(records, upright, options, place)
-    columns = records.columns
-    if CAMERA_TRANSLATION not in columns or records.translation is None or records.scale is None:
-        points, axes = _in_the_image(upright, factor), f"{axes}; lowest landmark at height 0"
-        return MetricShapes(points, factor, axes, size)
-    points, world = _from_the_camera(records, factor, place)
+    if isinstance(records, ShapeSet):
+        return MetricShapes(factor[:, None, None] * upright, factor, axes, size)
+    if not {CAMERA_TRANSLATION, "translation", "scale"} <= records.columns.keys():
+        points = _in_the_image(upright, factor)
+        return MetricShapes(points, factor, f"{axes}; lowest landmark at height 0", size)
+    points, far = _from_the_camera(records, factor, place)
     points = turn @ points
-    axes_of = f"{axes}; position from the camera"
-    warnings: tuple[str, ...] = ()
-    if world is not None and (far := np.linalg.norm(world, axis=1).max(initial=0)) > FARTHEST:
-        text = f"the camera is {far:.0f} m from the origin of its world: are the extrinsics in"
-        warnings = (f"{text} millimetres? Divide their translation by 1000",)
+    axes = f"{axes}; position from the camera"
     if floor is not None:
-        points, axes_of = floor.stand(points), f"y up from the floor; {floor}"
-    elif (
-        EXTRINSIC_ROTATION not in columns
-        and find_stature(upright, records.landmark_names) is not None
-    ):
-        axes_of = f"{axes}; the feet do not show the floor; position from the camera"
-    return MetricShapes(points, factor, axes_of, size, warnings)
+        points, axes = floor.stand(points), f"y up from the floor; {floor}"
+    warning = f"the camera is {far:.0f} m from the origin of its world: if its extrinsics are in "
+    warning += "millimetres, divide their translation by 1000"
+    return MetricShapes(points, factor, axes, size, (warning,) if far > FARTHEST else ())
 
 
-def _turn(records: ResultSet, options: OutputOptions, place: str) -> tuple[Floats, str]:
-    """Return the rotations (n, 3, 3) that turn results so that y is up, and where up comes from."""
-    level = np.diag([1.0, -1.0, -1.0]) if records.y_axis == "up" else np.eye(3)
+def find_stature(shapes: Floats, names: Sequence[str]) -> Floats | None:
+    """(|ankle knee| + |knee hip| + |hips shoulders|) / 0.779 along the body: (n,).
+
+    shapes (n, 3, p); legs are the mean of both, hips and shoulders the middles of theirs. None
+    where the landmarks are not those of a person with hips, knees, ankles and shoulders.
+    """
+    column = joint_columns(names)
+    joints = [f"{side}{joint}" for side in "lr" for joint in ("hip", "knee", "ankle", "shoulder")]
+    if not set(joints) <= column.keys():
+        return None
+    at = {joint: shapes[:, :, column[joint]] for joint in joints}
+    trunk = at["lhip"] + at["rhip"] - at["lshoulder"] - at["rshoulder"]
+    bones = [at[f"{s}ankle"] - at[f"{s}knee"] for s in "lr"]
+    bones += [at[f"{s}knee"] - at[f"{s}hip"] for s in "lr"]
+    lengths = np.linalg.norm([*bones, trunk], axis=2)
+    return np.asarray(lengths.sum(axis=0) / 2 / ANKLE_TO_SHOULDER)
+
+
+def flip(records: Shapes3D) -> Floats:
+    """Return the signs (3,) between the frame of results and x right, y down, z away."""
+    return np.array([1.0, -1.0, -1.0]) if records.y_axis == "up" else np.ones(3)
+
+
+def _turn(records: Shapes3D, options: OutputOptions, place: str) -> tuple[Floats, str]:
+    """Return the rotations that turn shapes so that y is up, and where up comes from."""
+    up = options.up
+    if isinstance(records, ShapeSet):
+        axes = "axes as in the shapes" if up is None else f"y up, which was {up}"
+        return TO_Y_UP[up or "y"], axes
     rotation = _per_item(records, EXTRINSIC_ROTATION, (3, 3), place)
     if rotation is not None:
-        up = options.up or nearest_axis_up(rotation)
-        turn = TO_Y_UP[up] @ rotation.swapaxes(1, 2) @ level
+        up = up or nearest_axis_up(rotation)
+        turn = TO_Y_UP[up] @ rotation.swapaxes(1, 2) @ np.diag(flip(records))
         return turn, f"y up, the axis {up} of the extrinsics"
-    if options.up is not None:
+    if up is not None:
         problem = "the result has no extrinsics, so its world has no axes"
         raise input_error("up", problem, "leave it out: y is then up as in the image")
-    return np.tile(TO_Y_UP[IMAGE_UP] @ level, (len(records), 1, 1)), "y up as in the image"
+    return TO_Y_UP[IMAGE_UP] @ np.diag(flip(records)), "y up as in the image"
 
 
 def _factor(
@@ -124,67 +118,49 @@ def _factor(
 ) -> tuple[Floats, str]:
     """Return the metres (n,) in a unit of each shape, and by what.
 
-    They are those of the unit; of results without one, those of the training shapes, constant
-    unless lengths of edges say them. The height goes over both.
+    By the unit, or of results by the training shapes: constant unless edges tell their lengths. The
+    height overrides both.
     """
-    n, unit = len(records), _unit(records, options, place)
-    known: Floats | None = None
-    size = ""
-    if unit is not None:
-        known, size = np.full(n, unit), "the unit as given"
-    elif isinstance(records, ResultSet):
-        known = _per_item(records, METRES_PER_UNIT, (), place)
-        size = "the size of the training shapes"
-        if known is not None and records.attributes.get(METRES_FROM) != "edges":
-            known = np.full(n, _median(known))
+    n, unit = len(records), _metres_in_unit(records, options, place)
+    factor, size = (None if unit is None else np.full(n, unit)), "the unit as given"
+    if unit is None and isinstance(records, ResultSet):
+        factor, size = (
+            _per_item(records, METRES_PER_UNIT, (), place),
+            "the size of the training shapes",
+        )
+        if factor is not None and records.attributes.get(METRES_FROM) != "edges":
+            factor = np.full(n, _median(factor))
     if options.height is None:
-        if known is None:
-            raise _unknown_size(records, place)
-        return known, size
+        if factor is None:
+            fix = "give it, e.g. `height=1.78`"
+            fix += ", or `unit=m`" if isinstance(records, ShapeSet) else ""
+            problem = f"the size in metres is not known (the unit is {records.unit})"
+            raise input_error(place, problem, fix)
+        return factor, size
     stature = find_stature(upright, records.landmark_names)
-    whole = np.ones(n) if known is None else known
+    whole = np.ones(n) if factor is None else factor
     if stature is None:
-        tall = _extent(whole[:, None, None] * upright)
-    elif known is None and isinstance(records, ResultSet):
+        y = whole[:, None] * upright[:, 1]
+        extents = np.fmax.reduce(y, axis=1) - np.fmin.reduce(y, axis=1)
+        extents = extents[np.isfinite(extents)]
+        tall = float(np.percentile(extents, EXTENT_PERCENTILE)) if len(extents) else np.nan
+    elif factor is None and isinstance(records, ResultSet):
         whole, tall = 1 / np.where(stature > 0, stature, np.nan), 1.0
     else:
         tall = _median(whole * stature)
-    if not tall > 0:
-        whole, tall = np.full(n, np.nan), 1.0
-    return whole * (options.height / tall), f"height {options.height:g} m"
+    return whole * (options.height / tall if tall > 0 else np.nan), f"height {options.height:g} m"
 
 
-def _unit(records: Shapes3D, options: OutputOptions, place: str) -> float | None:
+def _metres_in_unit(records: Shapes3D, options: OutputOptions, place: str) -> float | None:
     """Return the metres in the unit of the records, None where it is no length."""
-    stated = None if records.unit == UNKNOWN_UNIT else records.unit
-    if options.unit is None:
-        return None if stated is None else metres_in(stated)
-    if metres_in(options.unit) is None:
-        raise input_error("unit", f"{options.unit!r} is no unit of length", "use m, cm or mm")
-    if stated is not None and metres_in(stated) != metres_in(options.unit):
-        problem = f"they are in {stated}, not in {options.unit}"
+    unit = options.unit or records.unit
+    if options.unit is not None and metres_in(unit) is None:
+        raise input_error("unit", f"{unit!r} is no unit of length", "use m, cm or mm")
+    if records.unit != UNKNOWN_UNIT and metres_in(records.unit) != metres_in(unit):
+        problem = f"they are in {records.unit}, not in {unit}"
         fix = "leave out `unit`; `height` sets how large they are in metres"
         raise input_error(place, problem, fix)
-    return metres_in(options.unit)
-
-
-def _unknown_size(records: Shapes3D, place: str) -> Exception:
-    if isinstance(records, ShapeSet):
-        known = records.unit != UNKNOWN_UNIT
-        named = f"is {records.unit}, which is no length" if known else "is not known"
-        problem = f"the unit of the shapes {named}"
-        return input_error(place, problem, "give it, e.g. `unit=m`, or `height=1.78`")
-    problem = f"the shapes are in {records.unit}, and their size in metres is not known"
-    fix = "give it, e.g. `height=1.78`, or lift with a dictionary learned from shapes in m"
-    return input_error(place, problem, fix)
-
-
-def _extent(shapes: Floats) -> float:
-    """Return the height of shapes (n, 3, p) with y up, that of the tallest frames; nan for none."""
-    y = shapes[np.isfinite(shapes).any(axis=(1, 2)), 1]
-    if not len(y):
-        return float("nan")
-    return float(np.percentile(np.nanmax(y, axis=1) - np.nanmin(y, axis=1), EXTENT_PERCENTILE))
+    return metres_in(unit)
 
 
 def _in_the_image(upright: Floats, factor: Floats) -> Floats:
@@ -202,26 +178,20 @@ def _in_the_image(upright: Floats, factor: Floats) -> Floats:
     return points
 
 
-def _from_the_camera(
-    records: ResultSet, factor: Floats, place: str
-) -> tuple[Floats, Floats | None]:
+def _from_the_camera(records: ResultSet, factor: Floats, place: str) -> tuple[Floats, float]:
     """X = factor (shape - its origin in the image + scale t), from the world's origin if known.
 
-    Returns X in the frame of the shapes, and the translation (n, 3) of the world, or None.
+    Returns X in the frame of the shapes, and the metres from the camera to the world's origin.
     """
-    translation, scale = records.translation, records.scale
     t = _per_item(records, CAMERA_TRANSLATION, (3,), place)
-    assert translation is not None
-    assert scale is not None
-    assert t is not None
     shapes = records.shapes.copy()
-    shapes[:, :2] -= translation[..., None]
-    X = factor[:, None, None] * (shapes + (scale[:, None] * t)[..., None])
+    shapes[:, :2] -= records.translation[..., None]
+    X = factor[:, None, None] * (shapes + (records.scale[:, None] * t)[..., None])
     world = _per_item(records, EXTRINSIC_TRANSLATION, (3,), place)
     if world is None or EXTRINSIC_ROTATION not in records.columns:
-        return X, None
-    level = np.array([1.0, -1.0, -1.0]) if records.y_axis == "up" else np.ones(3)
-    return X - (world * level)[..., None], world
+        return X, 0.0
+    far = float(np.linalg.norm(world, axis=1).max(initial=0))
+    return X - (world * flip(records))[..., None], far
 
 
 def _per_item(records: ResultSet, name: str, shape: tuple[int, ...], place: str) -> Floats | None:
@@ -229,11 +199,11 @@ def _per_item(records: ResultSet, name: str, shape: tuple[int, ...], place: str)
     values = records.columns.get(name)
     if values is None:
         return None
-    n = len(records)
-    if values.shape not in (shape, (n, *shape)) or values.dtype.kind not in "fiu":
+    whole = (len(records), *shape)
+    if values.shape not in (shape, whole) or values.dtype.kind not in "fiu":
         fix = f"give numbers of the shape {shape}, or one such for each image"
         raise input_error(place, f"its dataset {name} has the shape {values.shape}", fix)
-    return np.broadcast_to(np.asarray(values, np.float64), (n, *shape))
+    return np.broadcast_to(np.asarray(values, np.float64), whole)
 
 
 def _median(values: Floats) -> float:

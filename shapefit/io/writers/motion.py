@@ -1,153 +1,45 @@
-"""Records parted into sequences, each a motion in metres with gaps; their writer."""
+"""Motion in metres: records parted into sequences, with joint angles, on a floor; their writer."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, field
-from pathlib import Path, PurePosixPath
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats, Integers
-from shapefit.errors import abbreviate, counted, input_error
+from shapefit.errors import counted, input_error
+from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP, Up, nearest_axis_up
 from shapefit.geometry.floor import Body, Floor, find_floor
-from shapefit.geometry.joint_angles import measure_angles
-from shapefit.geometry.joint_rotations import Rig
+from shapefit.geometry.joint_angles import known_angles, measure_angles
 from shapefit.geometry.pinhole import ASSUMED_FOCAL
 from shapefit.io.atomic import check_output, file_stem, staged_files
-from shapefit.io.layout import (
-    EDGES,
-    FRAME,
-    INPUT_NAMES,
-    INPUT_SD,
-    INPUT_SHAPES,
-    METRES_PER_UNIT,
-    Layout,
-)
+from shapefit.io.layout import EDGES, FRAME, INPUT_NAMES, INPUT_SD, INPUT_SHAPES, PROOF
 from shapefit.io.options import OutputOptions, RecordWriter, Summary
 from shapefit.io.readers.poses import make_unique
-from shapefit.io.records import Names, ShapeSet, concatenate
-from shapefit.io.skeletons import (
-    edges_of,
-    installed_skeletons,
-    joint_columns,
-    model_names,
-    people_joints,
-)
-from shapefit.io.writers.angles import ANGLE_SD, ANGLES, angle_columns, angle_names
+from shapefit.io.records import Names, ResultSet, ShapeSet, concatenate
+from shapefit.io.skeletons import edges_of, joint_columns, model_names
 from shapefit.io.writers.metres import (
     CAMERA_TRANSLATION,
     EXTRINSIC_ROTATION,
-    EXTRINSIC_TRANSLATION,
     Shapes3D,
     find_stature,
+    flip,
     in_metres,
 )
-from shapefit.lifting.verdict import P_VALUE, REASONS
+from shapefit.lifting.estimate import CORRELATION
+from shapefit.lifting.verdict import REASONS
 
-RETAINED = {
-    *("shapes", "translation", "scale", "shape_sd"),
-    *(EDGES, METRES_PER_UNIT, CAMERA_TRANSLATION, EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION),
-    *(FRAME, REASONS, P_VALUE, ANGLES, ANGLE_SD, "focal", "principal_point", "landmarks"),
-    *(INPUT_SHAPES, INPUT_SD, INPUT_NAMES),
-}
-"""Columns that files of motion are made of."""
+COVARIANCE = "shape_covariance"
+ANGLES, ANGLE_SD = "joint_angles", "joint_angle_sd"
+"""Columns (n, a) of records on their way to a file of motion, in degrees."""
 
-MOST_GAPS = 100
-"""Frames without an item, for each with one; with more it is no sequence."""
-
-MOST_DESCRIBED = 3
-"""Floors of different videos that the note of a command describes."""
-
-NO_RATE = "the frame rate is unknown, so times are numbers of frames; set `frame_rate`"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Motion:
-    """Every frame of a sequence from its first to its last.
-
-    points (f, 3, p) in metres, nan where there is nothing; first, the number of the first frame;
-    rate in Hz, 1 where it is not known; edges (e, 2) between landmarks; axes and size in words;
-    warnings about the sequence; trusted (f,), true, false, or "" where
-    the records do not say; rig for files that hold turning bones. deviations
-    (f, p) of points in metres, angles and their deviations (f, a) in degrees; nan where they are
-    not known.
-    """
-
-    name: str
-    landmark_names: Names
-    points: Floats
-    first: int
-    rate: float
-    axes: str
-    size: str
-    warnings: tuple[str, ...]
-    deviations: Floats
-    angles: Floats
-    angle_deviations: Floats
-    angle_names: Names = ()
-    trusted: Sequence[str] = ()
-    edges: Integers = field(default_factory=lambda: np.empty((0, 2), np.int64))
-    rig: Rig | None = None
-
-    @property
-    def frames(self) -> NDArray[np.int64]:
-        """Return the number of each frame (f,)."""
-        return self.first + np.arange(len(self.points), dtype=np.int64)
-
-
-def find_motions(records: Shapes3D, options: OutputOptions, place: str) -> list[Motion]:
-    """Part records by sequence, each in the order of its frames, on the floor of its video.
-
-    Raises InputError as `_tracks`, and for frames too far apart.
-    """
-    tracks = _tracks(records, place)
-    floors = find_floors(records, options, place)
-    return [
-        _motion(name, track, frames, options, place, floors.get(video_of(name)))
-        for name, track, frames in tracks
-    ]
-
-
-def _tracks(records: Shapes3D, place: str) -> list[tuple[str, Shapes3D, Integers]]:
-    """Part records by sequence: name, items and their frames (n,), in the order of these.
-
-    Frames are those of the dataset `frame`, or, without one, the order of the items. Raises
-    InputError where two items of a sequence are of one frame, and for items of no sequence whose
-    places in a video are known: nobody says that they are of one body.
-    """
-    names = np.array(records.sequences or ("",) * len(records), dtype=object)
-    frames = records.columns.get(FRAME)
-    if frames is None or frames.shape != (len(records),) or frames.dtype.kind not in "iu":
-        frames = None
-    loose = [item for item, name in zip(records.items, names, strict=True) if not name]
-    if frames is not None and len(loose) > 1:
-        found = f"{abbreviate(loose)} belong to no sequence: they are no motion"
-        fix = "read them with `track: nearest`, which joins detections over frames"
-        raise input_error(place, found, fix)
-    tracks = []
-    for name in dict.fromkeys(names.tolist()) or ("",):
-        rows = np.flatnonzero(names == name)
-        own = np.arange(len(rows)) if frames is None else frames[rows].astype(np.int64)
-        order = np.argsort(own, kind="stable")
-        own, track = own[order], records.take(rows[order])
-        same = np.flatnonzero(np.diff(own) == 0)
-        if len(same):
-            one, other = track.items[same[0]], track.items[same[0] + 1]
-            found = f"'{one}' and '{other}' are of one frame of one sequence"
-            fix = "read detections with `track: nearest`, which joins them, or one `individual`"
-            raise input_error(place, found, fix)
-        tracks.append((name, track, own))
-    return tracks
-
-
-def video_of(sequence: str) -> str:
-    """Return the video of a sequence, which is `video/individual` or a video."""
-    return sequence.rpartition("/")[0] or sequence
-
+LARGE = {*PROOF, COVARIANCE, "transforms", "coefficients", "mesh_vertices"}
+"""Columns that files of motion do without."""
 
 FOCAL_SD, SCALE_SD = 0.18, 0.05
 """Of the logarithm of the distance to a body: by a focal length that is assumed (lenses have .8 to
@@ -156,12 +48,134 @@ FOCAL_SD, SCALE_SD = 0.18, 0.05
 USUAL_RATE = 25.0
 """Frames a second where nobody says."""
 
+NO_RATE = "the frame rate is unknown, so times are numbers of frames; set `frame_rate`"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motion:
+    """Every frame of a sequence from its first to its last.
+
+    points (f, 3, p) and their deviations (f, p) in metres, angles and their deviations (f, a) in
+    degrees, nan where unknown; first, the number of the first frame; rate in Hz, 1 where it is not
+    known; edges (e, 2) between landmarks; axes and size in words; trusted (f,): true, false, or ""
+    where the records do not say.
+    """
+
+    name: str
+    landmark_names: Names
+    points: Floats
+    first: int
+    rate: float
+    edges: Integers
+    axes: str
+    size: str
+    warnings: tuple[str, ...]
+    trusted: Sequence[str]
+    deviations: Floats
+    angle_names: Names
+    angles: Floats
+    angle_deviations: Floats
+
+    @property
+    def frames(self) -> NDArray[np.int64]:
+        """Return the number of each frame (f,)."""
+        return self.first + np.arange(len(self.points), dtype=np.int64)
+
+
+Write = Callable[[Path, Motion], str | None]
+"""Fills a new file with a motion; may return a note for the summary."""
+
+
+class MotionWriter(RecordWriter[Shapes3D]):
+    """Takes shapes or results; keeps their points, as the scale of a sequence takes all of it."""
+
+    def __init__(self, options: OutputOptions, *, angles: bool) -> None:
+        """Take records for files in metres; `angles`, whether joint angles are written of them."""
+        super().__init__()
+        self.parts: list[Shapes3D] = []
+        self._options, self._angles = options, angles
+
+    def append(self, record: Shapes3D) -> None:
+        """Take the items of a record after those that are there."""
+        if self._options.markers == "input" and INPUT_SHAPES not in record.columns:
+            problem = "`--markers input`: there are no landmarks of a detector beside the joints"
+            fix = "leave it out, or lift them with `posterior` or `sequences`"
+            raise input_error("markers", problem, fix)
+        self.begun = True
+        if self._angles:
+            record = record.with_columns(angle_columns(record, self._options.up))
+        self.parts.append(record.without(LARGE))
+
+
+@contextmanager
+def motion_output(
+    target: Path,
+    options: OutputOptions,
+    write: Write,
+    *,
+    unit: str = "m",
+    angles: bool = False,
+    beside: Write | None = None,
+) -> Iterator[MotionWriter]:
+    """Give a writer to a file per sequence; all appear on a clean exit.
+
+    One sequence goes to `target`; several are named after it: man.trc becomes man_NAME.trc.
+    `angles`, whether joint angles are written; `beside` writes them to NAME_angles.csv. Raises
+    InputError where the files cannot be written; earlier ones then stay.
+    """
+    check_output(target)
+    writer = MotionWriter(options, angles=angles)
+    yield writer
+    writer.check_begun()
+    records: Shapes3D = concatenate(writer.parts)  # type: ignore[type-var]
+    writer.parts.clear()
+    motions = find_motions(records, options, str(target))
+    resolved = Path(os.path.realpath(target))
+    stems = _file_stems(resolved.stem, [motion.name for motion in motions])
+    files = []
+    for stem, motion in zip(stems, motions, strict=True):
+        files.append((f"{stem}{resolved.suffix}", write, motion))
+        if beside is not None and motion.angle_names:
+            files.append((f"{stem}_angles.csv", beside, motion))
+    with staged_files(resolved.parent) as staged:
+        notes = [fill(staged / name, motion) for name, fill, motion in files]
+    placed = [f"in {unit} by {motion.size}, {motion.axes}" for motion in motions]
+    writer.summary = Summary(
+        note="; ".join(dict.fromkeys(filter(None, (*placed, *notes)))),
+        warnings=tuple(dict.fromkeys(text for motion in motions for text in motion.warnings)),
+        written=tuple(target.parent / name for name, *_ in files) if len(files) > 1 else (target,),
+    )
+
+
+def _file_stems(stem: str, names: Sequence[str]) -> list[str]:
+    """Return the stems of the files of sequences: after the target's their names, if several.
+
+    Folders that all names share are left out; those that are then the same get a number.
+    """
+    parts, shared = [name.split("/") for name in names], 0
+    while all(len(part) > shared + 1 and part[shared] == parts[0][shared] for part in parts):
+        shared += 1
+    short, _ = make_unique(["_".join(part[shared:]).replace(" ", "_") for part in parts])
+    return [str(file_stem(f"{stem}_{name}")) if len(names) > 1 else stem for name in short]
+
+
+def find_motions(records: Shapes3D, options: OutputOptions, place: str) -> list[Motion]:
+    """Part records by sequence, each in the order of its frames, on the floor of its video.
+
+    Raises InputError at `place` as `_tracks` and `in_metres`.
+    """
+    floors = find_floors(records, options, place)
+    return [
+        _motion(name, track, frames, options, place, floors.get(video_of(name)))
+        for name, track, frames in _tracks(records, place)
+    ]
+
 
 def find_floors(records: Shapes3D, options: OutputOptions, place: str) -> dict[str, Floor]:
     """Return the floor that the bodies of each video stand on, by its name, where it is known.
 
-    It takes results under perspective, in the frame of their camera, and what is to be trusted of
-    them. Raises InputError as `in_metres`.
+    It takes results under perspective, in the frame of their camera, and of them what is trusted.
+    Raises InputError as `in_metres`.
     """
     columns, names = records.columns, records.landmark_names
     if isinstance(records, ShapeSet) or CAMERA_TRANSLATION not in columns:
@@ -169,12 +183,11 @@ def find_floors(records: Shapes3D, options: OutputOptions, place: str) -> dict[s
     if EXTRINSIC_ROTATION in columns or find_stature(records.shapes[:0], names) is None:
         return {}
     size = 2 * np.max(columns.get("principal_point", 0.0))
-    assumed = bool(np.isclose(np.max(columns.get("focal", 0.0)), ASSUMED_FOCAL * size))
+    assumed = np.isclose(np.max(columns.get("focal", 0.0)), ASSUMED_FOCAL * size)
     bodies: dict[str, list[Body]] = {}
     for name, track, _ in _tracks(records, place):
-        placed = in_metres(track, options, place)
-        points, sd = placed.points, track.columns.get("shape_sd", np.full_like(track.shapes, 0.1))
-        points, rate = points.copy(), track.frame_rate or USUAL_RATE
+        metric, rate = in_metres(track, options, place), track.frame_rate or USUAL_RATE
+        points, sd = metric.points.copy(), track.columns.get("shape_sd", np.full(1, 0.1))
         if (reasons := track.columns.get(REASONS)) is not None:
             points[reasons != ""] = np.nan
         for ankle in (joint_columns(names)[f"{side}ankle"] for side in "lr"):
@@ -182,11 +195,87 @@ def find_floors(records: Shapes3D, options: OutputOptions, place: str) -> dict[s
         stature = find_stature(points, names)
         assert stature is not None
         if np.isfinite(stature).any():
+            deviations = metric.factor[:, None, None] * np.broadcast_to(sd, points.shape)
             tall = float(np.nanmedian(stature))
-            body = Body(points, placed.factor[:, None, None] * sd, joint_columns(names), tall, rate)
+            body = Body(points, deviations, joint_columns(names), tall, rate)
             bodies.setdefault(video_of(name), []).append(body)
-    found = {name: find_floor(of, FOCAL_SD if assumed else SCALE_SD) for name, of in bodies.items()}
-    return {name: floor for name, floor in found.items() if floor is not None}
+    floors = {
+        name: find_floor(of, FOCAL_SD if assumed else SCALE_SD) for name, of in bodies.items()
+    }
+    return {name: floor for name, floor in floors.items() if floor is not None}
+
+
+def video_of(sequence: str) -> str:
+    """Return the video of a sequence, which is `video/individual` or a video."""
+    return sequence.rpartition("/")[0] or sequence
+
+
+def angle_names(names: Sequence[str]) -> Names:
+    """Return the names of the joint angles that landmarks determine; none unless it is a body."""
+    return tuple(angle.name for angle in known_angles(joint_columns(names)))
+
+
+def angle_columns(record: Shapes3D, up: Up | None) -> dict[str, Floats]:
+    """Return the joint angles of records and their deviations (n, a), {} if there are none.
+
+    Results are upright as their camera is, or by the axis `up` of its world; shapes by their axis
+    `up`, y by default. Deviations take into account how the errors of landmarks go together where
+    the record has `shape_covariance`; without, they are two to three times as large.
+    """
+    joints = joint_columns(record.landmark_names)
+    if not known_angles(joints):
+        return {}
+    upward: Floats = TO_Y_UP[up or "y"][1]
+    covariance = None
+    if isinstance(record, ResultSet):
+        rotation = record.columns.get(EXTRINSIC_ROTATION)
+        upward = TO_Y_UP[IMAGE_UP][1]
+        if rotation is not None:
+            upward = rotation @ TO_Y_UP[up or nearest_axis_up(rotation)][1]
+        upward, covariance = upward * flip(record), _covariance(record)
+    values, sd = measure_angles(record.points, upward, joints, covariance)
+    return {ANGLES: values, ANGLE_SD: sd}
+
+
+def _covariance(record: ResultSet) -> Floats | None:
+    """Return the covariance of the landmarks together, or else that of each (n, p, 3, 3)."""
+    whole = record.columns.get(COVARIANCE)
+    if whole is not None or record.shape_sd is None:
+        return whole
+    sd = record.shape_sd.swapaxes(1, 2)
+    covariance = np.eye(3) * sd[..., None] ** 2
+    correlation = record.columns.get(CORRELATION)
+    if correlation is not None:
+        for number, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
+            product = correlation[..., number] * sd[..., i] * sd[..., j]
+            covariance[..., i, j] = covariance[..., j, i] = product
+    return covariance
+
+
+def _tracks(records: Shapes3D, place: str) -> list[tuple[str, Shapes3D, Integers]]:
+    """Part records by sequence: name, items and their frames (n,), in the order of these.
+
+    Frames are those of the dataset `frame`, or, without one, the order of the items. Raises
+    InputError where two items of a sequence are of one frame.
+    """
+    names = np.array(records.sequences or ("",) * len(records), dtype=object)
+    stated = records.columns.get(FRAME)
+    if stated is not None and (stated.ndim != 1 or stated.dtype.kind not in "iu"):
+        stated = None
+    tracks = []
+    for name in dict.fromkeys(names.tolist()) or ("",):
+        rows = np.flatnonzero(names == name)
+        frames = np.arange(len(rows)) if stated is None else stated[rows].astype(np.int64)
+        order = np.argsort(frames, kind="stable")
+        frames, track = frames[order], records.take(rows[order])
+        same = np.flatnonzero(np.diff(frames) == 0)
+        if len(same):
+            one, other = track.items[same[0]], track.items[same[0] + 1]
+            problem = f"'{one}' and '{other}' are of one frame of one sequence"
+            fix = "read detections with `track: nearest`, which joins them, or one `individual`"
+            raise input_error(place, problem, fix)
+        tracks.append((name, track, frames))
+    return tracks
 
 
 def _visible_around(records: Shapes3D, column: int, rate: float) -> NDArray[np.bool_]:
@@ -213,17 +302,14 @@ def _motion(
     """Return one sequence in metres, its frames (n,) in order, with gaps for those it lacks."""
     names, angles = angle_names(records.landmark_names), records.columns.get(ANGLES)
     if floor is not None and angles is not None:  # tilts of trunk and head to the true vertical
-        up = floor.up * (np.array([1.0, -1.0, -1.0]) if records.y_axis == "down" else 1.0)
+        up = floor.up * np.array([1.0, -1.0, -1.0]) * flip(records)
         angles = measure_angles(records.shapes, up, joint_columns(records.landmark_names))[0]
     if options.markers == "input":
         records = _as_markers(records)
-    placed = in_metres(records, options, place, floor)
+    metric = in_metres(records, options, place, floor)
     n, first = len(frames), int(frames[0]) if len(frames) else 0
     length = int(frames[-1]) - first + 1 if n else 0
     of = f" of {name}" if name else ""
-    if length > MOST_GAPS * n:
-        found = f"there are {counted(n, 'item')} in {length:,} frames{of}"
-        raise input_error(place, found, "write items that are so far apart to HDF5 or CSV")
 
     def by_frame(values: Floats) -> Floats:
         """Return values of the items (n, ...) for each frame (f, ...), nan in gaps."""
@@ -231,157 +317,41 @@ def _motion(
         per_frame[frames - first] = values
         return per_frame
 
-    trusted, reasons = [""] * length, records.columns.get(REASONS)
-    for frame, reason in zip(frames.tolist(), () if reasons is None else reasons, strict=False):
-        trusted[frame - first] = "false" if reason else "true"
+    points, reasons, none = by_frame(metric.points), records.columns.get(REASONS), np.empty((n, 0))
+    trusted = np.full(length, "", dtype=object)
+    if reasons is not None:
+        trusted[frames - first] = np.where(reasons == "", "true", "false")
+    gaps = length - int(np.isfinite(points).any(axis=(1, 2)).sum())
+    warnings = (*metric.warnings, *([f"{counted(gaps, 'frame')} without a shape{of}"] * bool(gaps)))
     sd = records.columns.get("shape_sd", np.full_like(records.shapes, np.nan))
-    none = np.empty((n, 0))
-    failed = int((~np.isfinite(placed.points).any(axis=(1, 2))).sum())
-    warnings = list(placed.warnings)
-    if failed:
-        warnings.append(f"{counted(failed, 'item')} without a shape{of}: gaps")
-    if length > n:
-        warnings.append(f"{counted(length - n, 'frame')} without an item{of}: gaps")
-    if not records.frame_rate:
-        warnings.append(NO_RATE)
-    rate, stated = records.frame_rate or 1.0, records.lines
+    stated = records.lines
     edges = edges_of(records.landmark_names) if stated is None else stated
     return Motion(
         name=name,
         landmark_names=records.landmark_names,
-        points=by_frame(placed.points),
-        deviations=by_frame(placed.factor[:, None] * np.sqrt((sd**2).sum(axis=1))),
+        points=points,
+        first=first,
+        rate=records.frame_rate or 1.0,
+        edges=np.asarray(edges, np.int64).reshape(-1, 2),
+        axes=metric.axes,
+        size=metric.size,
+        warnings=warnings if records.frame_rate else (*warnings, NO_RATE),
+        trusted=trusted.tolist(),
+        deviations=by_frame(metric.factor[:, None] * np.sqrt((sd**2).sum(axis=1))),
+        angle_names=names,
         angles=by_frame(none if angles is None else angles),
         angle_deviations=by_frame(records.columns.get(ANGLE_SD, none)),
-        angle_names=names,
-        first=first,
-        rate=rate,
-        edges=np.asarray(edges, np.int64).reshape(-1, 2),
-        axes=placed.axes,
-        size=placed.size,
-        warnings=tuple(warnings),
-        trusted=trusted,
     )
 
 
 def _as_markers(records: Shapes3D) -> Shapes3D:
     """Return the landmarks of the files, by the names that models know, in place of the joints."""
-    columns = records.columns
-    sd, given = columns.get(INPUT_SD), tuple(map(str, columns[INPUT_NAMES]))
+    columns, names = records.columns, tuple(map(str, records.columns[INPUT_NAMES]))
+    sd = columns.get(INPUT_SD)
     retained = records.without((INPUT_SHAPES, INPUT_SD, INPUT_NAMES))
     return retained.replaced(
         shapes=columns[INPUT_SHAPES].swapaxes(1, 2),
         shape_sd=None if sd is None else sd.swapaxes(1, 2),
-        landmark_names=model_names(given),
-        further={**retained.further, EDGES: np.array(edges_of(given), np.int64).reshape(-1, 2)},
+        landmark_names=model_names(names),
+        further={**retained.further, EDGES: np.array(edges_of(names), np.int64).reshape(-1, 2)},
     )
-
-
-def _describe_markers(records: Shapes3D) -> str:
-    """Say which markers were fitted where they were seen, and which follow from the others."""
-    own = tuple(map(str, records.columns[INPUT_NAMES]))
-    fitted = people_joints(own)
-    following = [name for name in own if name not in fitted]
-    skeletons = (set(each.landmark_names) for each in installed_skeletons().values())
-    whole = next((each for each in skeletons if set(own) <= each), set(own))
-    note = f"{counted(len(own), 'marker')} of the files"
-    note += f"; {abbreviate(following)} estimated by the model alone" if following else ""
-    missing = sorted(whole - set(own))
-    return note + (f"; {abbreviate(missing)} not marked, or not determined" if missing else "")
-
-
-Write = Callable[[Path, Motion], None]
-"""Fills a new file with a motion."""
-
-Prepare = Callable[[Sequence[Motion], str], tuple[list[Motion], str]]
-"""Makes of motions what a format holds, with a note; raises InputError at a place if it cannot."""
-
-Output = Callable[[Path, Layout, OutputOptions], AbstractContextManager["MotionWriter"]]
-
-
-class MotionWriter(RecordWriter[Shapes3D]):
-    """Takes shapes or results; keeps their points, as the scale of a sequence takes all of it."""
-
-    def __init__(self, options: OutputOptions, *, angles: bool) -> None:
-        """Take records for files in metres; `angles`, whether joint angles are written of them."""
-        super().__init__()
-        self.parts: list[Shapes3D] = []
-        self._options, self._angles = options, angles
-
-    def append(self, record: Shapes3D) -> None:
-        """Take the items of a record after those that are there."""
-        if self._options.markers == "input" and INPUT_SHAPES not in record.columns:
-            found = "`--markers input`: there are no landmarks of a detector beside the joints"
-            fix = "leave it out, or lift them with `posterior` or `sequences`"
-            raise input_error("markers", found, fix)
-        self.begun = True
-        measured = angle_columns(record, self._options.up) if self._angles else {}
-        own = record.with_columns(measured)
-        self.parts.append(own.without(own.columns.keys() - RETAINED))  # type: ignore[arg-type]
-
-
-def motion_output(
-    write: Write,
-    unit: str = "m",
-    prepare: Prepare | None = None,
-    angles: Write | None = None,
-    measured: bool = False,
-) -> Output:
-    """Return what gives a writer to a file per sequence; all appear on a clean exit.
-
-    One sequence goes to `target`; several are named after it: man.trc becomes man_NAME.trc.
-    `angles` writes joint angles beside each; `measured`, whether they are part of the format. What
-    is returned raises InputError where the files cannot be written; earlier ones then stay.
-    """
-
-    @contextmanager
-    def output(target: Path, form: Layout, options: OutputOptions) -> Iterator[MotionWriter]:
-        check_output(target)
-        writer = MotionWriter(options, angles=measured or angles is not None)
-        yield writer
-        writer.check_begun()
-        records: Shapes3D = concatenate(writer.parts)  # type: ignore[type-var]
-        writer.parts.clear()
-        motions, note = find_motions(records, options, str(target)), ""
-        if prepare is not None:
-            motions, note = prepare(motions, str(target))
-        if options.markers == "input":
-            note = "; ".join(filter(None, (note, _describe_markers(records))))
-        files = _files(target, motions, write, angles)
-        with staged_files(Path(os.path.realpath(target)).parent) as staged:
-            for name, fill, motion in files:
-                (staged / name).parent.mkdir(parents=True, exist_ok=True)
-                fill(staged / name, motion)
-        placed = [*dict.fromkeys(f"in {unit} by {each.size}, {each.axes}" for each in motions)]
-        if len(placed) > MOST_DESCRIBED:
-            others = len(placed) - MOST_DESCRIBED
-            placed[MOST_DESCRIBED:] = [f"and {others} others, as their files say"]
-        warnings = dict.fromkeys(text for each in motions for text in each.warnings)
-        paths = [target.parent / name for name, *_ in files] if len(files) > 1 else [target]
-        note = "; ".join(filter(None, [*placed, note]))
-        writer.summary = Summary(note=note, warnings=tuple(warnings), written=tuple(paths))
-
-    return output
-
-
-def _files(
-    target: Path, motions: Sequence[Motion], write: Write, angles: Write | None
-) -> list[tuple[PurePosixPath, Write, Motion]]:
-    """Return the names of the files to write, with what fills them: one per motion, and its angles.
-
-    Names are those of the sequences, without the folders that all are in, / and spaces; those
-    that become the same get a number.
-    """
-    resolved = Path(os.path.realpath(target))
-    parts = [motion.name.split("/") for motion in motions]
-    shared = 0
-    while all(len(part) > shared + 1 and part[shared] == parts[0][shared] for part in parts):
-        shared += 1
-    names, _ = make_unique(["_".join(p[shared:]).replace(" ", "_") or "motion" for p in parts])
-    files: list[tuple[PurePosixPath, Write, Motion]] = []
-    for name, motion in zip(names, motions, strict=True):
-        stem = file_stem(f"{resolved.stem}_{name}") if len(motions) > 1 else resolved.stem
-        files.append((PurePosixPath(f"{stem}{resolved.suffix}"), write, motion))
-        if angles is not None and motion.angle_names:
-            files.append((PurePosixPath(f"{stem}_angles.csv"), angles, motion))
-    return files

@@ -6,7 +6,6 @@ import csv
 import errno
 import os
 from collections.abc import Iterable, Sequence
-from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +13,14 @@ import numpy as np
 import orjson
 
 from shapefit.errors import input_error, printable
-from shapefit.io.layout import Layout
-from shapefit.io.options import OutputOptions
-from shapefit.io.writers.motion import Motion, MotionWriter, motion_output
-
-# Points in metres.
+from shapefit.io.writers.motion import Motion
 
 BLOCK = 4096
 """Frames that are made text at a time."""
 
-COLUMNS = (
+TRC_COLUMNS = (
     "DataRate CameraRate NumFrames NumMarkers Units OrigDataRate OrigDataStartFrame OrigNumFrames"
 )
-"""Of the header of TRC."""
 
 
 def write_trc(path: Path, motion: Motion) -> None:
@@ -38,7 +32,7 @@ def write_trc(path: Path, motion: Motion) -> None:
     file_name = f"{printable(motion.name) or 'motion'}.trc"
     head = [
         ["PathFileType", "4", "(X/Y/Z)", file_name, f"{motion.axes}; {motion.size}"],
-        COLUMNS.split(),
+        TRC_COLUMNS.split(),
         [rate, rate, str(count), str(p), "m", rate, str(motion.first), str(count)],
         ["Frame#", "Time", *(c for n in motion.landmark_names for c in (printable(n), "", ""))],
         ["", "", *(f"{axis}{number}" for number in range(1, p + 1) for axis in "XYZ")],
@@ -60,6 +54,11 @@ METRES = ("frame", "time", "landmark", "x", "y", "z", "sd", "trusted")
 """Columns; sd is that of the distance to the point, sqrt(sd_x^2 + sd_y^2 + sd_z^2)."""
 
 
+def write_metres(path: Path, motion: Motion) -> None:
+    """Write a row per frame and landmark of one motion; what is not known is empty."""
+    _write_csv(path, METRES, zip(*metres_columns(motion).values(), strict=True), ".7g")
+
+
 def metres_columns(motion: Motion) -> dict[str, Any]:
     """Return METRES of one motion by name: a row per frame and landmark, nan where not known."""
     f, p = len(motion.points), len(motion.landmark_names)
@@ -72,14 +71,6 @@ def metres_columns(motion: Motion) -> dict[str, Any]:
         [answer for answer in motion.trusted for _ in range(p)],
     )
     return dict(zip(METRES, columns, strict=True))
-
-
-def write_metres(path: Path, motion: Motion) -> None:
-    """Write a row per frame and landmark of one motion.
-
-    Points that are not known are empty, and so are deviations without error bars.
-    """
-    _write_csv(path, METRES, zip(*metres_columns(motion).values(), strict=True), ".7g")
 
 
 def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Any], digits: str) -> None:
@@ -96,8 +87,6 @@ def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Any], digits: s
         table.writerows([frame, f"{time:.10g}", *map(cell, rest)] for frame, time, *rest in rows)
 
 
-# Joint angles in degrees.
-
 MAX_ANGLE_SD = 15.0
 """Standard deviation of a joint angle in degrees beyond which it says next to nothing."""
 
@@ -107,98 +96,59 @@ def write_angles(path: Path, motion: Motion) -> None:
 
     The last column names the angles that are uncertain, see `MAX_ANGLE_SD`.
     """
-    names = motion.angle_names
+    names = _angle_names(path, motion)
     header = [column for name in names for column in (name, f"{name}_sd")]
     # (f, a, 2) -> an angle and its deviation after the other
-    pairs = np.stack([motion.angles, motion.angle_deviations], axis=2)
-    rows = (
-        (frame, time, trusted, *values, " ".join(np.array(names)[sd > MAX_ANGLE_SD]))
-        for frame, time, trusted, values, sd in zip(
-            motion.frames,
-            motion.frames / motion.rate,
-            motion.trusted,
-            pairs.reshape(len(pairs), 2 * len(names)),
-            motion.angle_deviations,
-            strict=True,
-        )
-    )
-    _write_csv(path, ["frame", "time", "trusted", *header, "uncertain"], rows, ".4g")
+    pairs = np.stack([motion.angles, motion.angle_deviations], axis=2).reshape(-1, 2 * len(names))
+    uncertain = [" ".join(np.array(names)[sd > MAX_ANGLE_SD]) for sd in motion.angle_deviations]
+    columns = (motion.frames, motion.frames / motion.rate, motion.trusted, *pairs.T, uncertain)
+    header = ["frame", "time", "trusted", *header, "uncertain"]
+    _write_csv(path, header, zip(*columns, strict=True), ".4g")
 
 
 def write_mot(path: Path, motion: Motion) -> None:
-    """Write the joint angles of one motion as OpenSim reads them; gaps are NaN.
-
-    So are angles that are uncertain, see `MAX_ANGLE_SD`.
+    """Write the joint angles of one motion as OpenSim reads them; gaps and uncertain angles (see
+    `MAX_ANGLE_SD`) are NaN.
     """
+    names = _angle_names(path, motion)
     angles = np.where(motion.angle_deviations > MAX_ANGLE_SD, np.nan, motion.angles)
     table = np.column_stack([motion.frames / motion.rate, angles])
+    head = f"{printable(motion.name) or 'Coordinates'}\nversion=1\nnRows={len(table)}\n"
+    head += f"nColumns={table.shape[1]}\ninDegrees=yes\nendheader\n"
     with path.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(f"{printable(motion.name) or 'Coordinates'}\nversion=1\nnRows={len(table)}\n")
-        file.write(f"nColumns={table.shape[1]}\ninDegrees=yes\nendheader\n")
-        file.write("\t".join(["time", *motion.angle_names]) + "\n")
+        file.write(head + "\t".join(["time", *names]) + "\n")
         for row in table.tolist():
             cells = (f"{value:.10g}" if np.isfinite(value) else "NaN" for value in row)
             file.write("\t".join(cells) + "\n")
 
 
-def _require_angles(motions: Sequence[Motion], place: str) -> tuple[list[Motion], str]:
-    """Raise InputError where landmarks determine no joint angle."""
-    if not all(motion.angle_names for motion in motions):
+def _angle_names(path: Path, motion: Motion) -> Sequence[str]:
+    """Return the names of the joint angles. Raises InputError where landmarks determine none."""
+    if not motion.angle_names:
         fix = "lift with the dictionary `people`, or rename landmarks to its joints (`rename`)"
-        raise input_error(place, "no joint angle follows from these landmarks", fix)
-    return list(motions), ""
+        raise input_error(path.name, "no joint angle follows from these landmarks", fix)
+    return motion.angle_names
 
-
-trc_output = motion_output(write_trc, angles=write_angles)
-metres_output = motion_output(write_metres)
-angles_output = motion_output(write_angles, prepare=_require_angles, measured=True)
-mot_output = motion_output(write_mot, prepare=_require_angles, measured=True)
-
-
-# C3D
 
 MAX_FRAMES, MAX_LABELS = 65535, 255
 """Largest number of a frame, in 16 bits; landmarks, and bytes of a name: a byte counts each."""
 
 
-def c3d_output(
-    target: Path, form: Layout, options: OutputOptions
-) -> AbstractContextManager[MotionWriter]:
-    """Give a writer to C3D files, one per individual, that appear on a clean exit.
-
-    Raises InputError, before any work, where ezc3d is not installed.
-    """
-    _load_ezc3d()
-    return motion_output(write_c3d, "mm")(target, form, options)
-
-
-def _load_ezc3d() -> Any:
-    try:
-        import ezc3d
-    except ImportError as error:
-        fix = "run `pip install ezc3d`"
-        raise input_error("C3D", "these files need the library ezc3d", fix) from error
-    return ezc3d
-
-
 def write_c3d(path: Path, motion: Motion) -> None:
     """Write one motion in millimetres; a missing point has the residual -1.
 
-    Raises InputError where it has no frame, or more frames or landmarks, or longer names, than a
-    file can hold.
+    Raises InputError for more frames or landmarks, or longer names, than a file can hold.
     """
-    if not len(motion.points):
-        raise input_error(motion.name or "C3D", "there is no frame to write", "give more images")
     names, last = motion.landmark_names, motion.first + len(motion.points)
     if max([len(names), *(len(name.encode()) for name in names)]) > MAX_LABELS:
         problem = f"C3D holds {MAX_LABELS} landmarks at most, with names of {MAX_LABELS} bytes"
-        raise input_error(motion.name or "C3D", problem, "write TRC, or rename the landmark")
-    if last > MAX_FRAMES:
-        problem = f"the frames run to {last:,}, and C3D numbers {MAX_FRAMES:,} at most"
-        raise input_error(motion.name or "C3D", problem, "write TRC, or shorter sequences")
+        raise input_error(path.name, problem, "write TRC, or rename the landmark")
+    if not len(motion.points) or last > MAX_FRAMES:
+        problem = f"C3D holds the frames 1 to {MAX_FRAMES:,}, and these run to {last:,}"
+        raise input_error(path.name, problem, "write TRC, or shorter sequences")
     points = 1000 * motion.points.transpose(1, 2, 0)  # (f, 3, p) -> (3, p, f)
     visible = np.isfinite(points).all(axis=0)
-    file = _load_ezc3d().c3d()
+    file = load_ezc3d().c3d()
     file["header"]["points"]["first_frame"] = motion.first
     point = file["parameters"]["POINT"]
     point["RATE"]["value"], point["UNITS"]["value"] = [motion.rate], ["mm"]
@@ -207,10 +157,19 @@ def write_c3d(path: Path, motion: Motion) -> None:
         file.add_parameter("POINT", f"{axis}_SCREEN", [f"+{axis}"])
     file.add_parameter("SHAPEFIT", "AXES", [motion.axes])
     file.add_parameter("SHAPEFIT", "SIZE", [motion.size])
-    file["data"]["points"] = np.concatenate(
-        [np.where(visible, points, np.nan), np.ones((1, *visible.shape))]
-    )
+    homogeneous = [np.where(visible, points, np.nan), np.ones((1, *visible.shape))]
+    file["data"]["points"] = np.concatenate(homogeneous)
     file["data"]["meta_points"]["residuals"] = np.where(visible, 0.0, -1.0)[None]
     file.write(str(path))
     if path.stat().st_size < 16 * visible.size:  # of a full disk the library says nothing
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def load_ezc3d() -> Any:
+    """Return the module ezc3d. Raises InputError where it is not installed."""
+    try:
+        import ezc3d
+    except ImportError as error:
+        fix = "run `pip install ezc3d`"
+        raise input_error("C3D", "these files need the library ezc3d", fix) from error
+    return ezc3d

@@ -16,8 +16,8 @@ from shapefit.geometry.normalisation import as_metres
 from shapefit.geometry.procrustes import similarity_transform
 from shapefit.io.layout import METRES_PER_UNIT, UNKNOWN_UNIT
 from shapefit.io.records import concatenate
-from shapefit.io.writers.angles import ANGLE_SD, ANGLES, angle_columns, angle_names
 from shapefit.io.writers.metres import EXTRINSIC_ROTATION
+from shapefit.io.writers.motion import ANGLE_SD, ANGLES, angle_columns, angle_names
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.verdict import REASONS
 from shapefit.pipelines.view.reading import POSE, Content, Inputs

@@ -10,24 +10,9 @@ from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.io.skeletons import PEOPLE
 
-HEIGHTS = {
-    "pelvis": (0, 1.0),
-    "rhip": (-0.1, 0.95),
-    "rknee": (-0.1, 0.5),
-    "rankle": (-0.1, 0.08),
-    "lhip": (0.1, 0.95),
-    "lknee": (0.1, 0.5),
-    "lankle": (0.1, 0.08),
-    "neck": (0, 1.4),
-    "head": (0, 1.65),
-    "rshoulder": (-0.18, 1.42),
-    "relbow": (-0.3, 1.15),
-    "rwrist": (-0.35, 0.9),
-    "lshoulder": (0.18, 1.42),
-    "lelbow": (0.3, 1.15),
-    "lwrist": (0.35, 0.9),
-}
-"""x and height of the joints, in metres."""
+X = [0, -0.1, -0.1, -0.1, 0.1, 0.1, 0.1, 0, 0, -0.18, -0.3, -0.35, 0.18, 0.3, 0.35]
+Z = [1.0, 0.95, 0.5, 0.08, 0.95, 0.5, 0.08, 1.4, 1.65, 1.42, 1.15, 0.9, 1.42, 1.15, 0.9]
+"""To the left and height of the joints PEOPLE, in metres."""
 
 STRAIGHT = ("hip", "knee", "ankle", "shoulder")
 """One above the other: from ankles to shoulders are 1.34 m."""
@@ -50,29 +35,25 @@ class Scene:
 @pytest.fixture
 def scene(rng) -> Scene:
     """Four frames at 25 Hz, a tilted camera with extrinsics, y down."""
-    x, z = np.array([HEIGHTS[joint] for joint in PEOPLE]).T
     free = ~np.isin(PEOPLE, [f"{side}{joint}" for side in "lr" for joint in STRAIGHT])
-    body = np.stack([x, free * rng.normal(scale=0.05, size=len(x)), z])
+    body = np.stack([X, free * rng.normal(scale=0.05, size=len(X)), Z])
     steps = np.array([[0.0, 0.0, 0.0], [0.1, 0.3, 0.0], [0.2, 0.6, 0.02], [0.3, 0.9, 0.0]])
     world = body + steps[..., None]
-    tilt = np.radians(20)
     level = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # looks along y; z is up in the image
-    c, s = np.cos(tilt), np.sin(tilt)
+    c, s = np.cos(np.radians(20)), np.sin(np.radians(20))
     R = np.array([[1.0, 0, 0], [0, c, -s], [0, s, c]]) @ level
-    t = np.array([0.1, 0.2, 4.0])
-    return Scene(world, visible(world, R, t))
+    return Scene(world, visible(world, R, np.array([0.1, 0.2, 4.0])))
 
 
 def visible(
     world: np.ndarray, R: np.ndarray, t: np.ndarray, names: tuple[str, ...] = PEOPLE
 ) -> ResultSet:
     """Lay out the world as a fit under perspective does; the unit of the dictionary is 0.4 m."""
-    X = (R @ world + t[:, None]) / 0.4
-    origin = X.mean(axis=2)
-    S = X - origin[..., None]
+    camera = (R @ world + t[:, None]) / 0.4
+    origin = camera.mean(axis=2)
     scale = FOCAL / origin[:, 2]
     place = CENTRE + FOCAL * origin[:, :2] / origin[:, 2:]
-    shapes = scale[:, None, None] * S
+    shapes = scale[:, None, None] * (camera - origin[..., None])
     shapes[:, :2] += place[..., None]
     n = len(world)
     return ResultSet(
@@ -99,36 +80,28 @@ def visible(
 @pytest.fixture
 def shapes(scene) -> ShapeSet:
     """The same motion as shapes in centimetres."""
-    result = scene.result
-    return ShapeSet(
-        100 * scene.world, PEOPLE, result.items, result.sequences, unit="cm", frame_rate=25.0
-    )
+    points, of = 100 * scene.world, scene.result
+    return ShapeSet(points, PEOPLE, of.items, of.sequences, unit="cm", frame_rate=25.0)
 
 
-@pytest.fixture
-def without():
-    """Return a result without some of its datasets."""
+def parse_trc(path):
+    """Return the first line, the header, the names, and the numbers (f, 2 + 3 p), nan if empty.
 
-    def reduced(result: ResultSet, *names: str) -> ResultSet:
-        return result.without(names)
+    It shares nothing with the writer and the reader of the package.
+    """
+    lines = path.read_text(encoding="utf-8").split("\n")
+    assert lines.pop() == ""
+    header = dict(zip(lines[1].split("\t"), lines[2].split("\t"), strict=True))
+    cells = [line.split("\t") for line in lines[3:]]
+    assert len({len(row) for row in cells}) == 1
+    names, axes = cells[0][2::3], cells[1][2:]
+    assert cells[0][:2] == ["Frame#", "Time"]
+    assert axes == [f"{axis}{n}" for n in range(1, len(names) + 1) for axis in "XYZ"]
+    rows = [[float(cell) if cell else np.nan for cell in row] for row in cells[2:]]
+    return lines[0].split("\t"), header, names, np.array(rows)
 
-    return reduced
 
-
-@pytest.fixture
-def facing():
-    """Return the same result as it is found in landmarks whose y points this way."""
-
-    def turned(result: ResultSet, y_axis: str) -> ResultSet:
-        if y_axis == "down":
-            return result
-        turn = np.array([1.0, -1.0, -1.0])
-        t = result.columns["camera_translation"] * turn
-        return result.replaced(
-            shapes=turn[:, None] * result.shapes,
-            translation=result.translation * turn[:2],
-            further=result.further | {"camera_translation": t},
-            y_axis="up",
-        )
-
-    return turned
+def trc_points(path):
+    """Return the points (f, 3, p) of a TRC file."""
+    rows = parse_trc(path)[3][:, 2:]
+    return rows.reshape(len(rows), -1, 3).swapaxes(1, 2)

@@ -1,14 +1,164 @@
-"""Motion as tables: joints in metres and joint angles, with their deviations."""
+"""TRC, C3D, and tables of joints and joint angles, read back by other parsers."""
 
 import csv
+import sys
 
+import ezc3d
 import numpy as np
 import pytest
 
 from shapefit.errors import InputError
+from shapefit.io import read_shapes
 from shapefit.io.layout import METRES_PER_UNIT
-from shapefit.io.records import ResultSet
+from shapefit.io.records import ResultSet, ShapeSet
+from shapefit.io.writers.tables import MAX_FRAMES
 from tests.io.files import save
+from tests.io.writers.conftest import parse_trc, trc_points
+
+
+def test_trc_has_points_and_times(tmp_path, scene):
+    target = tmp_path / "man.trc"
+    summary = save(target, scene.result.take(slice(0, 3)), scene.result.take([3]))
+    first, header, names, rows = parse_trc(target)
+    assert first[:3] == ["PathFileType", "4", "(X/Y/Z)"]
+    assert first[4].startswith("y up, the axis z of the extrinsics; position from the camera")
+    stated = [header[key] for key in ("Units", "DataRate", "NumFrames", "NumMarkers")]
+    assert (*stated, header["OrigDataStartFrame"]) == ("m", "25", "4", "15", "7")
+    assert names == list(scene.result.landmark_names)
+    np.testing.assert_array_equal(rows[:, 0], [7, 8, 9, 10])
+    np.testing.assert_allclose(rows[:, 1], np.array([7, 8, 9, 10]) / 25)
+    np.testing.assert_allclose(trc_points(target), scene.y_up, atol=1e-12)
+    assert summary.written == (target, tmp_path / "man_angles.csv")
+    assert "in m by the size of the training shapes, y up, the axis z" in summary.note
+    assert summary.warnings == ()
+    back = read_shapes([target])
+    assert (back.unit, back.frame_rate) == ("m", 25)
+    assert back.items == tuple(f"man/{frame}" for frame in range(7, 11))
+
+
+def test_frames_are_sorted_and_those_missing_are_gaps(tmp_path, scene):
+    result = scene.result.take([3, 0, 2])
+    shapes = result.shapes.copy()
+    shapes[2] = np.nan  # frame 9 failed
+    summary = save(tmp_path / "man.trc", result.replaced(shapes=shapes, frame_rate=None))
+    _, header, _, rows = parse_trc(tmp_path / "man.trc")
+    np.testing.assert_array_equal(rows[:, :2].T, [[7, 8, 9, 10], [7, 8, 9, 10]])
+    np.testing.assert_array_equal(np.isnan(rows[:, 2:]).all(axis=1), [False, True, True, False])
+    assert header["NumFrames"] == "4"
+    gaps, rate = summary.warnings
+    assert gaps == "2 frames without a shape of film/anna"
+    assert rate.startswith("the frame rate is unknown")
+
+
+def test_an_unknown_landmark_is_an_empty_cell(tmp_path, shapes, scene):
+    shapes.shapes[1, :, 4] = np.nan
+    save(tmp_path / "walk.trc", shapes, up="z")
+    expected = scene.y_up.copy()
+    expected[1, :, 4] = np.nan
+    np.testing.assert_allclose(trc_points(tmp_path / "walk.trc"), expected, atol=1e-12)
+
+
+def test_names_with_tabs_do_not_shift_columns(tmp_path, shapes):
+    odd = shapes.replaced(landmark_names=("a\tb", "c\nd", *shapes.landmark_names[2:]))
+    save(tmp_path / "odd.trc", odd)
+    assert parse_trc(tmp_path / "odd.trc")[2][:2] == ["a\\tb", "c\\nd"]
+
+
+def test_times_of_a_rate_that_is_nearly_25_are_short(tmp_path, scene):
+    """Other tools state rates such as 1 / 0.04: 99 frames end at 3.96 s, not 3.9599...95."""
+    result = scene.result.replaced(frame_rate=25.000000000000004, frame=np.arange(96, 100))
+    save(tmp_path / "man.trc", result)
+    cells = [line.split("\t")[1] for line in (tmp_path / "man.trc").read_text().splitlines()[5:]]
+    assert cells == ["3.84", "3.88", "3.92", "3.96"]
+
+
+# C3D
+
+
+def test_c3d_has_points_in_millimetres(tmp_path, scene):
+    target = tmp_path / "man.c3d"
+    shapes = scene.result.shapes.copy()
+    shapes[2] = np.nan
+    save(target, scene.result.replaced(shapes=shapes))
+    file = ezc3d.c3d(str(target))
+    point = file["parameters"]["POINT"]
+    stated = [point[key]["value"] for key in ("UNITS", "RATE", "Y_SCREEN")]
+    assert stated == [["mm"], [25], ["+Y"]]
+    assert point["LABELS"]["value"] == list(scene.result.landmark_names)
+    assert file["header"]["points"]["first_frame"] == 7
+    points = file["data"]["points"][:3].transpose(2, 0, 1)
+    np.testing.assert_allclose(points[[0, 1, 3]], 1000 * scene.y_up[[0, 1, 3]], atol=1e-3)
+    assert np.isnan(points[2]).all()
+    residuals = file["data"]["meta_points"]["residuals"][0]
+    np.testing.assert_array_equal(residuals, np.tile([0, 0, -1, 0], (15, 1)))
+    back = read_shapes([target])
+    assert (back.landmark_names, back.frame_rate) == (scene.result.landmark_names, 25)
+
+
+def test_shapes_keep_their_axes_and_promise_none(tmp_path, scene, shapes):
+    save(tmp_path / "walk.c3d", shapes)
+    file = ezc3d.c3d(str(tmp_path / "walk.c3d"))
+    points = file["data"]["points"][:3].transpose(2, 0, 1)
+    np.testing.assert_allclose(points, 1000 * scene.world, atol=1e-3)
+    assert "Y_SCREEN" not in file["parameters"]["POINT"]
+    assert file["parameters"]["SHAPEFIT"]["AXES"]["value"] == ["axes as in the shapes"]
+
+
+def still(names, first=0, frames=2) -> ShapeSet:
+    """Frames of points at the origin."""
+    items, columns = tuple(map(str, range(frames))), {"frame": first + np.arange(frames)}
+    points = np.zeros((frames, 3, len(names)))
+    return ShapeSet(
+        points, names, items, ("a",) * frames, unit="m", frame_rate=30.0, columns=columns
+    )
+
+
+LONG, MANY = ("x" * 256,), tuple(map(str, range(256)))
+
+
+@pytest.mark.parametrize(
+    ("shapes", "problem"),
+    [
+        (still(("a",), MAX_FRAMES - 1), "frames 1 to 65,535, and these run to 65,536; write TRC"),
+        (still(("a",), frames=0), "frames 1 to 65,535, and these run to 0; write TRC"),
+        (still(LONG), "C3D holds 255 landmarks at most, with names of 255 bytes; write TRC"),
+        (still(MANY), "C3D holds 255 landmarks at most, with names of 255 bytes; write TRC"),
+    ],
+)
+def test_more_than_a_c3d_file_can_hold_is_refused(tmp_path, problems, shapes, problem):
+    (line,) = problems(save, tmp_path / "man.c3d", shapes)
+    assert problem in line
+    assert not list(tmp_path.iterdir())
+
+
+def test_as_much_as_a_c3d_file_can_hold_is_written(tmp_path):
+    save(tmp_path / "man.c3d", still((*MANY[:254], "x" * 255), MAX_FRAMES - 2))
+    assert (tmp_path / "man.c3d").is_file()
+
+
+def test_without_the_library_the_error_says_how_to_get_it(tmp_path, scene, problems, monkeypatch):
+    monkeypatch.setitem(sys.modules, "ezc3d", None)
+    (line,) = problems(save, tmp_path / "man.c3d", scene.result)
+    assert line.endswith("need the library ezc3d; run `pip install ezc3d`")
+
+
+def test_a_disk_that_fills_up_unseen(tmp_path, scene, problems, monkeypatch):
+    target = tmp_path / "man.c3d"
+    target.write_bytes(b"old")
+    original = ezc3d.c3d.write
+
+    def cut(self, path):
+        original(self, path)
+        with open(path, "r+b") as file:
+            file.truncate(600)
+
+    monkeypatch.setattr(ezc3d.c3d, "write", cut)
+    (line,) = problems(save, target, scene.result)
+    assert "cannot be written: No space left" in line
+    assert target.read_bytes() == b"old"
+
+
+# Joints and joint angles
 
 JOINTS = ("rhip", "rknee", "rankle")
 BENT = np.array([[0.0, 0.0, 0.3], [0.0, 4.0, 8.0], [0.0, 0.0, 0.0]])
@@ -16,9 +166,9 @@ BENT = np.array([[0.0, 0.0, 0.3], [0.0, 4.0, 8.0], [0.0, 0.0, 0.0]])
 
 
 @pytest.fixture
-def record():
+def leg() -> ResultSet:
     """Three items in frames 3, 4 and 6 of 50 a second, 100 px in a metre."""
-    extras = {
+    columns = {
         METRES_PER_UNIT: np.full(3, 0.01),
         "frame": np.array([3, 4, 6]),
         "reasons": np.array(["", "wide error bars", ""], dtype=object),
@@ -33,7 +183,7 @@ def record():
         frame_rate=50.0,
         unit="px",
         attributes={"metres_from": "edges"},
-        columns=extras,
+        columns=columns,
     )
 
 
@@ -42,23 +192,23 @@ def rows_of(path):
         return list(csv.DictReader(file))
 
 
-def test_joints_in_metres(record, tmp_path):
-    save(tmp_path / "leg.metres.csv", record)
+def test_joints_in_metres(leg, tmp_path):
+    save(tmp_path / "leg.metres.csv", leg)
     rows = rows_of(tmp_path / "leg.metres.csv")
     assert [row["frame"] for row in rows] == [str(f) for f in (3, 4, 5, 6) for _ in JOINTS]
     assert [row["landmark"] for row in rows] == list(JOINTS) * 4
-    assert [float(row["time"]) for row in rows[::3]] == pytest.approx([0.06, 0.08, 0.1, 0.12])
+    assert [row["time"] for row in rows[::3]] == ["0.06", "0.08", "0.1", "0.12"]
     assert [row["trusted"] for row in rows[::3]] == ["true", "false", "", "true"]
-    leg = np.array([[float(row[axis]) for axis in "xyz"] for row in rows[:3]])
-    np.testing.assert_allclose(np.diff(leg, axis=0), [[0, -0.04, 0], [0.003, -0.04, 0]], atol=1e-7)
+    bones = np.diff([[float(row[axis]) for axis in "xyz"] for row in rows[:3]], axis=0)
+    np.testing.assert_allclose(bones, [[0, -0.04, 0], [0.003, -0.04, 0]], atol=1e-7)
     assert float(rows[0]["sd"]) == pytest.approx(0.001 * np.sqrt(3))
     assert {rows[6][name] for name in ("x", "y", "z", "sd")} == {""}
 
 
-def test_angles_beside_and_alone(record, tmp_path):
-    written = [path.name for path in save(tmp_path / "leg.trc", record).written]
+def test_angles_beside_and_alone(leg, tmp_path):
+    written = [path.name for path in save(tmp_path / "leg.trc", leg).written]
     assert written == ["leg.trc", "leg_angles.csv"]
-    save(tmp_path / "leg.angles.csv", record)
+    save(tmp_path / "leg.angles.csv", leg)
     assert (tmp_path / "leg.angles.csv").read_bytes() == (tmp_path / "leg_angles.csv").read_bytes()
     rows = rows_of(tmp_path / "leg_angles.csv")
     angle = ["knee_angle_r", "knee_angle_r_sd"]
@@ -67,23 +217,30 @@ def test_angles_beside_and_alone(record, tmp_path):
     knee = np.degrees(np.arctan2(0.3, 4))
     assert float(rows[0]["knee_angle_r"]) == pytest.approx(knee, rel=1e-3)
     # Across the bones, of 4 px each: the knee counts twice, which moves both.
-    assert float(rows[0]["knee_angle_r_sd"]) == pytest.approx(
-        np.degrees(0.1 / 4 * np.sqrt(1 + 4 + 1)), rel=0.01
-    )
+    sd = np.degrees(0.1 / 4 * np.sqrt(1 + 4 + 1))
+    assert float(rows[0]["knee_angle_r_sd"]) == pytest.approx(sd, rel=0.01)
     assert [row["knee_angle_r"] for row in rows[2:]] == ["", ""]
 
 
-def test_bars_that_move_together_move_no_angle(record, tmp_path):
-    together = np.tile(0.01 * np.eye(3), (3, 3, 3))
+@pytest.mark.parametrize("column", ["shape_covariance", "shape_correlation"])
+def test_deviations_know_how_errors_go_together(leg, tmp_path, column):
+    """Errors of all landmarks alike move no angle; those along the bones alone hardly do."""
+    along = np.tile([0.0, 0.0, 0.0], (3, 3, 1))
+    columns = {"shape_covariance": np.tile(0.01 * np.eye(3), (3, 3, 3)), "shape_correlation": along}
+    sd = leg.shape_sd.copy()
+    if column == "shape_correlation":  # a line at 45 degrees to the bones
+        along[:, :, 0], sd[:, 2] = 1.0, 0.0
     save(
         tmp_path / "leg.angles.csv",
-        record.replaced(further=record.further | {"shape_covariance": together}),
+        leg.replaced(shape_sd=sd).with_columns({column: columns[column]}),
     )
-    assert float(rows_of(tmp_path / "leg.angles.csv")[0]["knee_angle_r_sd"]) < 1e-6
+    expected = 0.0 if column == "shape_covariance" else np.degrees(0.1 / 4 * np.sqrt(6))
+    row = rows_of(tmp_path / "leg.angles.csv")[0]
+    assert float(row["knee_angle_r_sd"]) == pytest.approx(expected, rel=0.2, abs=1e-6)
 
 
-def test_opensim_reads_the_angles(record, tmp_path):
-    save(tmp_path / "leg.mot", record)
+def test_opensim_reads_the_angles(leg, tmp_path):
+    save(tmp_path / "leg.mot", leg)
     lines = (tmp_path / "leg.mot").read_text().splitlines()
     assert lines[:6] == ["a", "version=1", "nRows=4", "nColumns=2", "inDegrees=yes", "endheader"]
     assert lines[6].split("\t") == ["time", "knee_angle_r"]
@@ -91,18 +248,19 @@ def test_opensim_reads_the_angles(record, tmp_path):
     assert lines[9].endswith("\tNaN")
 
 
-def test_angles_that_say_next_to_nothing_are_marked_and_left_out(record, tmp_path):
-    wide = record.replaced(shape_sd=10 * record.shape_sd)
+def test_angles_that_say_next_to_nothing_are_marked_and_left_out(leg, tmp_path):
+    wide = leg.replaced(shape_sd=10 * leg.shape_sd)
     save(tmp_path / "leg.angles.csv", wide)
-    rows = rows_of(tmp_path / "leg.angles.csv")
-    assert float(rows[0]["knee_angle_r_sd"]) > 15
-    assert rows[0]["uncertain"] == "knee_angle_r"
+    row = rows_of(tmp_path / "leg.angles.csv")[0]
+    assert float(row["knee_angle_r_sd"]) > 15
+    assert row["uncertain"] == "knee_angle_r"
     save(tmp_path / "leg.mot", wide)
     assert (tmp_path / "leg.mot").read_text().splitlines()[7].endswith("\tNaN")
 
 
-def test_what_is_no_body_has_no_angles(record, tmp_path):
-    chair = record.replaced(landmark_names=("leg", "seat", "back"))
-    with pytest.raises(InputError, match="no joint angle follows"):
-        save(tmp_path / "chair.mot", chair)
+def test_what_is_no_body_has_no_angles(leg, tmp_path):
+    chair = leg.replaced(landmark_names=("leg", "seat", "back"))
+    for name in ("chair.mot", "chair.angles.csv"):
+        with pytest.raises(InputError, match=f"{name}: no joint angle follows"):
+            save(tmp_path / name, chair)
     assert [path.name for path in save(tmp_path / "chair.trc", chair).written] == ["chair.trc"]

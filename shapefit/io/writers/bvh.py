@@ -1,0 +1,159 @@
+"""Write motions as BVH (metres, y up): bones that turn so that they follow the landmarks."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+
+from shapefit.arrays import Floats
+from shapefit.errors import input_error
+from shapefit.geometry.joint_rotations import Rig, find_rig, forward_kinematics
+from shapefit.io.skeletons import part_names
+from shapefit.io.writers.motion import Motion
+
+TIP = 0.25
+"""Length of what follows the last joint of a limb, in bones before it: there has to be an end."""
+
+DECIMALS = 6
+"""Of metres and degrees."""
+
+ROTATIONS = "Zrotation Xrotation Yrotation"
+
+LIMBS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+"""Without all of these, left and right, it is no person."""
+
+
+def write_bvh(path: Path, motion: Motion) -> str:
+    """Write one motion, gaps bridged in straight lines; say how far joints are from the landmarks.
+
+    Raises InputError where no edge joins two landmarks that have a place.
+    """
+    points = _without_gaps(motion.points)
+    placed = np.asarray(np.isfinite(points).all(axis=(0, 1)))
+    column = np.cumsum(placed) - 1
+    edges = column[motion.edges[placed[motion.edges].all(axis=1)]]
+    if not len(edges):
+        problem = "no edge joins two landmarks that have a place, so there are no bones to turn"
+        fix = "write TRC or C3D, or lift with a dictionary that has `edges`"
+        raise input_error(path.name, problem, fix)
+    points, landmarks = points[:, :, placed], np.array(motion.landmark_names, dtype=object)[placed]
+    parts = _parts(motion.landmark_names)
+    rows = [parts.get(name, {}) for name in landmarks]
+    hips = [j for j, row in enumerate(rows) if row.get("joint") == "Hips"]
+    pose = {j: row["rest"] for j, row in enumerate(rows) if "rest" in row}
+    rig = find_rig(points, edges, hips[0] if hips else None, pose)
+    angles = np.concatenate(np.degrees(find_angles(rig.rotations)), axis=1)
+    table = np.hstack([rig.root, angles]).round(DECIMALS)
+    text = orjson.dumps(table, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2]
+    with path.open("wb") as file:
+        file.write("".join(f"{line}\n" for line in _hierarchy(rig, landmarks, rows)).encode())
+        frame_time = f"{1 / motion.rate:.10g}"
+        file.write(f"MOTION\nFrames: {len(points)}\nFrame Time: {frame_time}\n".encode())
+        file.write(text.replace(b"],[", b"\n").replace(b",", b" ") + b"\n")
+    truth = points[:, :, [node.joint for node in rig.tree]].transpose(2, 0, 1)
+    far = 1000 * np.linalg.norm(forward_kinematics(rig) - truth, axis=2)
+    joints = f"joints of {motion.name}" if motion.name else "joints"
+    return f"{joints} {far.mean():.1f} mm from the landmarks on average, {far.max():.1f} at most"
+
+
+def _without_gaps(points: Floats) -> Floats:
+    """Return points (f, 3, p) over gaps in a straight line; nan what is never known."""
+    points, frames = points.copy(), np.arange(len(points))
+    for track in points.reshape(len(points), -1).T:
+        known = np.isfinite(track)
+        if known.any():
+            track[:] = np.interp(frames, frames[known], track[known])
+    return points
+
+
+def _parts(names: tuple[str, ...]) -> dict[str, Mapping[str, Any]]:
+    """Return the rows of `data/bvh.toml` by the landmarks of a person; none of others."""
+    parts = part_names(names)
+    person = set(parts.values()) >= {f"{side}{limb}" for side in "lr" for limb in LIMBS}
+    return {name: _rows().get(part, {}) for name, part in parts.items() if person}
+
+
+@cache
+def _rows() -> dict[str, dict[str, Any]]:
+    file = Path(__file__).resolve().parents[2] / "data" / "bvh.toml"
+    data = tomllib.loads(file.read_text(encoding="utf-8"))
+    rows: dict[str, dict[str, Any]] = data["middle"]
+    for part, row in data["side"].items():
+        (x, y, z), names = row["rest"], {key: row[key] for key in ("joint", "bone") if key in row}
+        for side, word, sign in (("l", "Left", 1), ("r", "Right", -1)):
+            of_side = {key: f"{word}{name}" for key, name in names.items()}
+            rows[f"{side}{part}"] = {**of_side, "rest": [sign * x, y, z]}
+    return rows
+
+
+def find_angles(rotations: Floats) -> Floats:
+    """R = R_z(a) R_x(b) R_y(c): angles (m, f, 3), in radians, of rotations (m, f, 3, 3).
+
+    They change as little as can be from frame to frame: a, b, c and a + pi, pi - b, c + pi are one
+    rotation, and so are angles that differ by 2 pi.
+    """
+    R = rotations
+    a = np.arctan2(-R[..., 0, 1], R[..., 1, 1])
+    b = np.arcsin(np.clip(R[..., 2, 1], -1, 1))
+    c = np.arctan2(-R[..., 2, 0], R[..., 2, 2])
+    one, other = np.stack([a, b, c], axis=-1), np.stack([a + np.pi, np.pi - b, c + np.pi], axis=-1)
+
+    def change(start: Floats, end: Floats) -> Floats:
+        turn = (end - start + np.pi) % (2 * np.pi) - np.pi
+        return np.abs(turn).sum(axis=-1)
+
+    nearer = change(one[:, :-1], other[:, 1:]) < change(one[:, :-1], one[:, 1:])
+    changed = np.cumsum(nearer, axis=1) % 2 == 1
+    one[:, 1:][changed] = other[:, 1:][changed]
+    return np.unwrap(one, axis=1)
+
+
+def _hierarchy(rig: Rig, landmarks: Floats, rows: list[Mapping[str, Any]]) -> Iterator[str]:
+    """Yield the lines of the tree at rest."""
+    yield "HIERARCHY"
+    depth: list[int] = []
+    for number, (node, name) in enumerate(zip(rig.tree, _names(rig, landmarks, rows), strict=True)):
+        depth.append(depth[node.above] + 1 if number else 0)
+        yield from _closed(depth[number - 1] if number else -1, depth[number])
+        tabs, inner = "\t" * depth[number], "\t" * (depth[number] + 1)
+        yield f"{tabs}{'JOINT' if number else 'ROOT'} {name}"
+        yield f"{tabs}{{"
+        yield f"{inner}OFFSET {_triple(rig.offsets[number])}"
+        channels = ROTATIONS if number else f"Xposition Yposition Zposition {ROTATIONS}"
+        yield f"{inner}CHANNELS {len(channels.split())} {channels}"
+        if not node.aims:
+            yield from (f"{inner}End Site", f"{inner}{{")
+            yield f"{inner}\tOFFSET {_triple(TIP * rig.offsets[number])}"
+            yield f"{inner}}}"
+    yield from _closed(depth[-1], 0)
+
+
+def _closed(depth: int, new: int) -> Iterator[str]:
+    """Yield the brackets that end the joints between two depths."""
+    return ("\t" * level + "}" for level in range(depth, new - 1, -1))
+
+
+def _triple(vector: Floats) -> str:
+    return " ".join(f"{x:.{DECIMALS}f}" for x in vector)
+
+
+def _names(rig: Rig, landmarks: Floats, rows: list[Mapping[str, Any]]) -> list[str]:
+    """Name each node of a rig by its landmark; one that only leads to another, by both."""
+    names: list[str] = []
+    for node in rig.tree:
+        name = rows[node.joint].get("joint", landmarks[node.joint])
+        if node.above >= 0 and rig.tree[node.above].joint == node.joint:
+            (end,) = node.aims
+            name = rows[end].get("bone", f"{name}_{landmarks[end]}")
+        name = re.sub(r"[\s{}]+", "_", name)
+        while name in names:
+            name += "_"
+        names.append(name)
+    return names

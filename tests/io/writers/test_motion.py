@@ -1,0 +1,242 @@
+"""Motions: sequences of files, all or none of them; the floor; the markers of a detector."""
+
+import csv
+import errno
+import os
+import re
+
+import numpy as np
+import pytest
+
+from shapefit.errors import InputError
+from shapefit.geometry.floor import ABOVE_FLOOR
+from shapefit.geometry.pinhole import ASSUMED_FOCAL
+from shapefit.io.formats import record_writer
+from shapefit.io.layout import INPUT_NAMES, INPUT_SD, INPUT_SHAPES, RESULTS
+from shapefit.io.options import AS_KNOWN, OutputOptions
+from shapefit.io.records import ResultSet, concatenate
+from shapefit.io.writers import tables
+from shapefit.io.writers.motion import find_floors
+from tests.geometry import test_floor as planted
+from tests.io.files import load_shapes, save
+from tests.io.writers.conftest import parse_trc, trc_points, visible
+
+
+@pytest.fixture
+def several(scene) -> ResultSet:
+    """A result of two individuals, two frames each."""
+    return scene.result.replaced(
+        items=("a/0", "a/1", "b/0", "b/1"),
+        sequences=("a", "a", "b", "b"),
+        further=scene.result.further | {"frame": np.array([0, 1, 0, 1])},
+    )
+
+
+# Files
+
+
+def test_nothing_appears_before_all_is_written(tmp_path, several):
+    with record_writer(tmp_path / "man.trc", RESULTS) as writer:
+        writer.append(several)
+        assert not list(tmp_path.iterdir())
+    files = [f"man_{name}{end}" for name in "ab" for end in (".trc", "_angles.csv")]
+    assert sorted(os.listdir(tmp_path)) == files
+    np.testing.assert_array_equal(parse_trc(tmp_path / "man_b.trc")[3][:, 0], [0, 1])
+
+
+@pytest.mark.parametrize("rows", [[0, 1], [0, 1, 2, 3]])
+@pytest.mark.parametrize("number", [errno.ENOSPC, None])
+def test_after_an_error_earlier_files_stand_alone(tmp_path, several, rows, number, monkeypatch):
+    earlier = {"man.trc": "old", "man_a.trc": "old"}
+    for name, text in earlier.items():
+        (tmp_path / name).write_text(text)
+    original = tables.write_trc
+
+    def fill(path, motion):
+        original(path, motion)
+        if len(rows) == 2 or motion.name == "b":
+            raise OSError(number, "No space left on device") if number else ZeroDivisionError
+
+    monkeypatch.setattr(tables, "write_trc", fill)
+    with pytest.raises(InputError if number else ZeroDivisionError) as caught:
+        save(tmp_path / "man.trc", several.take(rows))
+    assert "cannot be written: No space left on device; free" in str(caught.value) or not number
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == earlier
+
+
+def test_a_folder_in_the_way(tmp_path, several, problems):
+    (tmp_path / "man_b.trc").mkdir()
+    (line,) = problems(save, tmp_path / "man.trc", several)
+    assert line.startswith(f"{tmp_path / 'man_b.trc'}: it is a folder")
+    assert os.listdir(tmp_path) == ["man_b.trc"]
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "names"),
+    [
+        ("film/anna", "film/person 2", ["man_anna.trc", "man_person_2.trc"]),
+        ("film", "film/b", ["man_film.trc", "man_film_b.trc"]),
+        ("a:b", "../c", ["man_a%3Ab.trc", "man_.._c.trc"]),
+        ("a b", "a_b", ["man_a_b.trc", "man_a_b_2.trc"]),
+    ],
+)
+def test_files_are_named_after_sequences(tmp_path, several, one, other, names):
+    record = several.replaced(sequences=(one, one, other, other))
+    written = save(tmp_path / "man.trc", record).written
+    assert [path.name for path in written[::2]] == names
+    assert sorted(tmp_path.iterdir()) == sorted(written)
+
+
+def test_options_for_metres_need_such_a_format(tmp_path, scene):
+    with pytest.raises(InputError, match="height: an HDF5 file keeps the unit and the axes"):
+        record_writer(tmp_path / "man.h5", RESULTS, options=OutputOptions(height=1.8))
+
+
+def test_two_items_of_one_frame(tmp_path, several, problems):
+    for record in (several.replaced(sequences=("a",) * 4), several.replaced(sequences=None)):
+        (line,) = problems(save, tmp_path / "man.trc", record)
+        assert "man.trc: 'a/0' and 'b/0' are of one frame" in line
+        assert "track: nearest" in line
+    assert not list(tmp_path.iterdir())
+
+
+# The floor
+
+SOLE = ABOVE_FLOOR["ankle"] * planted.TALL
+ANKLES = [planted.JOINTS["lankle"], planted.JOINTS["rankle"]]
+
+
+def seen(points, name="film/anna", **camera) -> ResultSet:
+    """Return what a fit of these bodies finds through a tilted camera."""
+    points, _ = planted.visible(points, **camera)
+    turned = np.diag([1.0, -1.0, -1.0]) @ points
+    result = visible(turned, np.eye(3), np.zeros(3), tuple(planted.JOINTS))
+    n = len(points)
+    sd = np.full_like(result.shapes, 0.05) / result.columns["metres_per_unit"][:, None, None]
+    return result.without(["extrinsic_rotation", "extrinsic_translation"]).replaced(
+        items=tuple(f"{name}/{i}" for i in range(n)), sequences=(name,) * n, shape_sd=sd
+    )
+
+
+@pytest.fixture
+def walk() -> ResultSet:
+    return seen(planted.walk())
+
+
+def test_feet_are_on_the_floor_in_every_format(tmp_path, walk):
+    summary = save(tmp_path / "man.trc", walk)
+    line = r"y up from the floor; camera 1\.\d\d m \(\+- 0\.\d\d\) above the floor, tilted 1\d degr"
+    assert re.search(line, summary.note)
+    assert re.search(line, parse_trc(tmp_path / "man.trc")[0][4])
+    points = trc_points(tmp_path / "man.trc")
+    lower = points[:, 1][:, ANKLES].min(axis=1)
+    assert np.nanmedian(lower) == pytest.approx(SOLE, abs=0.02)
+    save(tmp_path / "man.metres.csv", walk)
+    with (tmp_path / "man.metres.csv").open() as file:
+        rows = [[float(row[axis]) for axis in "xyz"] for row in csv.DictReader(file)]
+    table = np.reshape(rows, (len(points), -1, 3)).swapaxes(1, 2)
+    np.testing.assert_allclose(table, points, atol=1e-6)
+    with (tmp_path / "man_angles.csv").open() as file:
+        tilts = [float(row["trunk_tilt"]) for row in csv.DictReader(file)]
+    assert np.max(tilts) < 2  # to the true vertical, of a camera that is tilted by 12
+
+
+@pytest.mark.parametrize(
+    ("change", "axes"),
+    [
+        (
+            lambda r: r.with_columns(
+                {"extrinsic_rotation": np.eye(3), "extrinsic_translation": np.zeros(3)}
+            ),
+            "y up, the axis -y of the extrinsics; position from the camera",
+        ),
+        (lambda r: r.without(["camera_translation"]), "y up as in the image; lowest landmark at"),
+        (lambda _: seen(planted.sitting()), "y up as in the image; position from the camera"),
+        (lambda _: seen(planted.running()), "y up as in the image; position from the camera"),
+    ],
+)
+def test_other_cameras_keep_their_axes(tmp_path, walk, change, axes):
+    assert axes in save(tmp_path / "man.trc", change(walk)).note
+
+
+@pytest.mark.parametrize("height", [0.4, 6.0])
+def test_a_given_height_does_not_decide_whether_there_is_a_floor(walk, height):
+    stated, given = (
+        find_floors(walk, options, "")["film"]
+        for options in (AS_KNOWN, OutputOptions(height=height))
+    )
+    assert (given.pitch, given.pitch_sd) == pytest.approx((stated.pitch, stated.pitch_sd), abs=1e-6)
+
+
+def test_what_is_not_trusted_or_not_visible_shows_no_floor(walk):
+    reasons = np.array(["wide error bars"] * len(walk), dtype=object)
+    assert list(find_floors(walk, AS_KNOWN, "")) == ["film"]
+    assert find_floors(walk.with_columns({"reasons": reasons}), AS_KNOWN, "") == {}
+    landmarks = np.zeros((len(walk), len(planted.JOINTS), 2))
+    landmarks[5:8, ANKLES] = np.nan  # a gap
+    gap = find_floors(walk.with_columns({"landmarks": landmarks}), AS_KNOWN, "")["film"]
+    np.testing.assert_array_equal(gap.up, find_floors(walk, AS_KNOWN, "")["film"].up)
+    landmarks[:, ANKLES] = np.nan
+    assert find_floors(walk.with_columns({"landmarks": landmarks}), AS_KNOWN, "") == {}
+
+
+def test_individuals_of_a_video_share_the_floor_and_videos_do_not(walk):
+    other = seen(planted.walk(heading=1.0), "film/bert", away=8.0)
+    level = seen(planted.walk(), "other/anna", height=0.5, pitch=-5.0)
+    alone, both = (
+        find_floors(one, AS_KNOWN, "") for one in (walk, concatenate([walk, other, level]))
+    )
+    assert list(both) == ["film", "other"]
+    assert both["film"].height_sd < alone["film"].height_sd
+    assert both["other"].height == pytest.approx(0.5, abs=0.1)
+
+
+def test_an_assumed_focal_length_widens_the_bars(walk):
+    n = len(walk)
+    centre = np.tile([960.0, 540.0], (n, 1))
+
+    def height_sd(focal):
+        columns = {"focal": np.full((n, 2), focal), "principal_point": centre}
+        return find_floors(walk.with_columns(columns), AS_KNOWN, "")["film"].height_sd
+
+    assert height_sd(ASSUMED_FOCAL * 1920) > 1.04 * height_sd(1800.0)
+
+
+# Markers
+
+
+@pytest.fixture
+def lifted(walk) -> ResultSet:
+    """Return the walk with four landmarks of a detector, 1 cm above joints."""
+    columns = [planted.JOINTS[joint] for joint in ("rhip", "lhip", "rhip", "rshoulder")]
+    points = walk.shapes[..., columns].swapaxes(1, 2).copy()
+    points[..., 1] -= 0.01 / walk.columns["metres_per_unit"][:, None]
+    names = np.array(("RHip", "LHip", "MidHip", "Nose"), dtype=object)
+    markers = {INPUT_SHAPES: points, INPUT_SD: np.full_like(points, 2.0), INPUT_NAMES: names}
+    return walk.with_columns(markers)
+
+
+def test_markers_of_the_detector(tmp_path, lifted):
+    """A second reader finds them by the names that models of Pose2Sim know, in the same place."""
+    save(tmp_path / "joints.trc", lifted)
+    save(tmp_path / "man.trc", lifted, markers="input")
+    assert parse_trc(tmp_path / "man.trc")[2] == ["RHip", "LHip", "CHip", "Nose"]
+    markers, joints = (trc_points(tmp_path / f"{name}.trc") for name in ("man", "joints"))
+    difference = markers[..., 0] - joints[..., planted.JOINTS["rhip"]]
+    np.testing.assert_allclose(np.linalg.norm(difference, axis=1), 0.01, atol=1e-6)
+    np.testing.assert_allclose(load_shapes(tmp_path / "man.trc")[0].shapes, markers, atol=1e-12)
+    one, other = (tmp_path / f"{name}_angles.csv" for name in ("man", "joints"))
+    assert one.read_bytes() == other.read_bytes()
+    save(tmp_path / "man.bvh", lifted, markers="input")
+    assert {"CHip", "RHip"} <= set(load_shapes(tmp_path / "man.bvh")[0].landmark_names)
+
+
+def test_markers_of_coco_have_the_names_of_models(tmp_path, lifted):
+    names = np.array(["right_hip", "left_hip", "nose", "left_ear"], dtype=object)
+    save(tmp_path / "man.trc", lifted.with_columns({INPUT_NAMES: names}), markers="input")
+    assert parse_trc(tmp_path / "man.trc")[2] == ["RHip", "LHip", "Nose", "LEar"]
+
+
+def test_without_landmarks_of_a_detector_there_are_no_markers(tmp_path, walk):
+    with pytest.raises(InputError, match="lift them with `posterior` or `sequences`"):
+        save(tmp_path / "man.trc", walk, markers="input")
