@@ -172,15 +172,17 @@ def refine_lifting(
     bars, correlation = add_common_error(smoothed, images, constant)
     mixed = correlation.swapaxes(1, 2).astype(np.float32)
     image_error = np.full(len(centre), np.nan)
-    if whole is not None:
-        scaled = whole * lifting.scale[:, None, None] ** 2
-        image_error = expected_error(lifting.shapes, scaled)
     if whole is not None and refined.covariance is not None:
-        D, of_all = np.tile(grow, 3), np.tile(constant, 3)
-        both = refined.covariance * (D[:, :, None] * D[:, None])
-        both += CONSTANTS.shared**2 * whole[rows]
-        both[:, range(D.shape[1]), range(D.shape[1])] += of_all**2
-        whole = np.where(single, whole, both)
+        image_error = lifting.scale * expected_error(lifting.shapes, whole)
+        both = refined.covariance  # written over, as these take most of the memory
+        factor, axes = np.tile(grow, 3), range(whole.shape[1])
+        both *= factor[:, :, None]
+        both *= factor[:, None]
+        for t in range(len(both)):
+            both[t] += CONSTANTS.shared**2 * whole[rows[t]]
+        both[:, axes, axes] += np.tile(constant, 3) ** 2
+        both[single[:, 0, 0]] = whole[single[:, 0, 0]]
+        whole = both
     stopped = ~refined.converged
     status = found.status
     if stopped.any():
@@ -283,30 +285,35 @@ def refine_clip(
             model = Model(motion.bones[:0], stiffness, motion.give[:0])
         return smooth(visible, model, sigma, covariances=covariances and rigid)
 
+    def store(smoothed: Smoothed, unit: Floats) -> float:
+        """Write a sequence down in the unit of the landmarks; return its energy."""
+        u = unit[finite][:, None, None]
+        found.converged[rows] = smoothed.converged
+        found.points[rows] = u * smoothed.points[finite]
+        found.deviation[rows] = u * smoothed.deviation[finite]
+        found.correlation[rows] = smoothed.correlation[finite]
+        found.noise[rows] = size * sigma
+        if found.covariance is not None and smoothed.covariance is not None:
+            for row in rows:
+                t = row - clip.start
+                found.covariance[row] = unit[t] ** 2 * smoothed.covariance[t]
+        return smoothed.energy
+
     rows = np.arange(clip.start, clip.stop)[finite]
     visible = in_unit(clips, clip, size)
-    unit, smoothed = np.full(len(there), size), infer(visible)
+    energy = store(infer(visible), np.full(len(there), size))  # covariances take most of the memory
     scale = (clips.scale * clips.modes.scale[:, 0])[clip]
     growth = find_growth(scale, there, CONSTANTS.scale_time * motion.rate)
     visible = visible.grown(growth)
     other = infer(visible)
-    if other.energy < smoothed.energy:
-        unit, smoothed = size * growth, other
-    moved = unit[:, None, None] * smoothed.points - clips.points[clip]
+    if other.energy < energy:
+        store(other, size * growth)
+    moved = found.points[clip] - clips.points[clip]
     square = ((moved / clips.deviation[clip])[there] ** 2).mean(axis=(1, 2))
     if median(square) > CONSTANTS.farthest:
         points = infer(visible, rigid=False).points
         found.points[rows] = ((size * growth)[:, None, None] * points)[finite]
-        return
-    u = unit[finite][:, None, None]
-    found.converged[rows] = smoothed.converged
-    found.points[rows] = u * smoothed.points[finite]
-    found.deviation[rows] = u * smoothed.deviation[finite]
-    found.correlation[rows] = smoothed.correlation[finite]
-    found.noise[rows] = size * sigma
-    if found.covariance is not None:
-        assert smoothed.covariance is not None
-        found.covariance[rows] = u**2 * smoothed.covariance[finite]
+        found.converged[rows], found.noise[rows] = True, np.nan
 
 
 def find_growth(scale: Floats, there: Flags, width: float) -> Floats:
