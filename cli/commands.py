@@ -6,7 +6,7 @@ import gc
 import json
 import os
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -314,13 +314,9 @@ def make_options(lines: str) -> dict[str, click.Option]:
 def make_command(spec: Spec) -> click.Command:
     """Return the click command of a row of the table."""
     inputs, metavar = spec.inputs
+    count = -1 if "..." in metavar else 1
     common = make_options(OF_CONFIG.format(name=spec.name) * spec.has_config + OF_REPORT)
-    argument = click.Argument(
-        [f"option_{inputs}"],
-        nargs=-1 if "..." in metavar else 1,
-        required=False,
-        metavar=metavar,
-    )
+    argument = click.Argument([f"option_{inputs}"], nargs=count, required=False, metavar=metavar)
     return click.Command(
         spec.name,
         callback=partial(run_command, spec),
@@ -348,22 +344,12 @@ def run_command(spec: Spec, **options: Any) -> int:
         raise click.UsageError("-q and -v exclude each other; give one of them")
     # No plug-in changes the schema, and looking for them in all installed packages takes long.
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
-    names = {spec.inputs[0], *(o.name[7:] for o in make_options(spec.options).values())}
-    arguments = {KEYS.get(name, name): given[name] for name in names.difference(NO_KEYS)}
-    file, overrides, print_config = (given.get(name) for name in ("config", "set", "print_config"))
-    if file is None and not print_config:
-        check_required(spec, arguments, overrides or ())
-    config: Any = SimpleNamespace(**arguments)
-    if spec.has_config:
-        from shapefit.config import dump_config, load_config
+    config = make_config(spec, given)
+    if given.get("print_config"):
+        from shapefit.config import dump_config
 
-        stand_ins = dict.fromkeys((*spec.required, "output")) if print_config else None
-        path = Path(file) if file else None
-        config = load_config(spec.name, path, overrides or (), arguments, stand_ins=stand_ins)
-        if print_config:
-            click.echo(dump_config(config), nl=False)
-            return 0
-        config = with_parts(config, {name: given.get(name) for name in OF_PARTS})
+        click.echo(dump_config(config), nl=False)
+        return 0
     output = getattr(config, "output", None)
     if given["json"] and output == Path("-"):
         raise click.UsageError("--json and the output both go to stdout; name a file as output")
@@ -390,30 +376,44 @@ def run_command(spec: Spec, **options: Any) -> int:
     return code
 
 
-def check_required(spec: Spec, arguments: Mapping[str, Any], overrides: Sequence[str]) -> None:
-    """Raise click's error, with an example, where an argument that is needed is missing."""
-    context = click.get_current_context()
-    parameters = {parameter.name: parameter for parameter in context.command.params}
+def make_config(spec: Spec, given: Mapping[str, Any]) -> Any:
+    """Return the config of a command: its file, --set, and options.
+
+    Raises click's error, with an example, where an argument that is needed is missing.
+    """
+    names = {spec.inputs[0], *(o.name[7:] for o in make_options(spec.options).values())}
+    arguments = {KEYS.get(name, name): given[name] for name in names.difference(NO_KEYS)}
+    overrides, printing = given.get("set") or (), given.get("print_config")
     set_keys = {override.partition("=")[0].strip() for override in overrides}
-    for key in spec.required:
+    for key in spec.required if given.get("config") is None and not printing else ():
         if not arguments[key] and key not in set_keys:
+            context = click.get_current_context()
+            parameters = {parameter.name: parameter for parameter in context.command.params}
             example = f"For example: {spec.examples.splitlines()[1]}"
             raise click.MissingParameter(example, context, parameters[f"option_{key}"])
+    if not spec.has_config:
+        return SimpleNamespace(**arguments)
+    from shapefit.config import load_config
+
+    path = Path(given["config"]) if given["config"] else None
+    stand_ins = dict.fromkeys((*spec.required, "output")) if printing else None
+    config = load_config(spec.name, path, overrides, arguments, stand_ins=stand_ins)
+    return config if printing else with_parts(config, given)
 
 
-def with_parts(config: Any, options: Mapping[str, Any]) -> Any:
+def with_parts(config: Any, given: Mapping[str, Any]) -> Any:
     """Return the config with options of a folder of results, where any is given.
 
     Raises click.UsageError where the output is no folder, and for ways that exclude each other.
     """
-    given = {name: value for name, value in options.items() if value is not None}
-    if len(given.keys() & {"workers", "scheduler", "scheduler_file"}) > 1:
+    options = {name: given[name] for name in OF_PARTS if given.get(name) is not None}
+    if len(options.keys() & {"workers", "scheduler", "scheduler_file"}) > 1:
         fault = "--workers, --scheduler and --scheduler-file exclude each other"
         raise click.UsageError(f"{fault}; give one of them")
-    if given and not hasattr(config.output, "manifest"):
-        flag = "--" + min(given).replace("_", "-")
+    if options and not hasattr(config.output, "manifest"):
+        flag = "--" + min(options).replace("_", "-")
         raise click.UsageError(f"{flag} needs a folder as output, for example -o results/")
-    return config.changed(output=replace(config.output, **given)) if given else config
+    return config.changed(output=replace(config.output, **options)) if options else config
 
 
 def read_names(spec: Spec, config: Any) -> str:
@@ -425,48 +425,33 @@ def read_names(spec: Spec, config: Any) -> str:
 
 def run_pipeline(command: str, config: Any) -> Iterator[Outcome]:
     """Run the pipeline of a command; only that one is imported."""
+    run: Callable[[Any], Iterator[Outcome]]
     match command:
         case "learn-dict":
-            from shapefit.pipelines.learn_dict.run import run as learn_dict
-
-            return learn_dict(config)
+            from shapefit.pipelines.learn_dict.run import run
         case "project":
-            from shapefit.pipelines.projection import run as project
-
-            return project(config)
+            from shapefit.pipelines.projection import run
         case "fit" if hasattr(config.output, "manifest"):
-            from shapefit.pipelines.partition.run import run as fit_parts
-
-            return fit_parts(config)
+            from shapefit.pipelines.partition.run import run
         case "fit":
-            from shapefit.pipelines.fit.run import run as fit
-
-            return fit(config)
+            from shapefit.pipelines.fit.run import run
         case "eval":
-            from shapefit.pipelines.evaluate.run import run as evaluate
-
-            return evaluate(config)
+            from shapefit.pipelines.evaluate.run import run
         case "convert":
-            from shapefit.pipelines.convert import run as convert
-
-            return convert(config)
+            from shapefit.pipelines.convert import run
         case "info":
-            from shapefit.pipelines.info import run as info
-
-            return info(config)
+            from shapefit.pipelines.info import run
         case "view":
-            from shapefit.pipelines.view.run import run as view
+            from shapefit.pipelines.view.run import run
+        case _:
+            from shapefit.config.paths import find_dictionaries
+            from shapefit.pipelines.verify import Request, run
 
-            return view(config)
-    from shapefit.pipelines.verify import Request
-    from shapefit.pipelines.verify import run as verify
-
-    path = Path(config.dictionary)
-    if not path.is_file():
-        from shapefit.config.paths import find_dictionaries
-
-        path = find_dictionaries().get(config.dictionary, path)
-    return verify(Request(Path(config.result), path, tuple(map(Path, config.landmarks))))
+            path = Path(config.dictionary)
+            if not path.is_file():
+                path = find_dictionaries().get(config.dictionary, path)
+            config = Request(Path(config.result), path, tuple(map(Path, config.landmarks)))
+    return run(config)
 
 
 def list_keys(command: str, section: str, option_json: bool) -> int:

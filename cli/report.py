@@ -75,7 +75,7 @@ class Report:
                 from tqdm import tqdm
 
                 bar = stack.enter_context(tqdm(desc=self.command, dynamic_ncols=True))
-            shown = time.monotonic()
+            shown, silent = time.monotonic(), bar is None and not self.quiet
             for outcome in outcomes:
                 self.add(outcome)
                 if bar is not None:
@@ -85,10 +85,9 @@ class Report:
                     bar.update(outcome.done)
                     if outcome.line:
                         bar.clear()
-                        tell(outcome.line)
-                elif outcome.line and not self.quiet:
+                if outcome.line and not self.quiet:
                     tell(outcome.line)
-                elif not self.quiet and time.monotonic() - shown >= SECONDS_BETWEEN_LINES:
+                elif silent and time.monotonic() - shown >= SECONDS_BETWEEN_LINES:
                     shown = time.monotonic()
                     of = f"/{self.total:,}" if self.total and self.done <= self.total else ""
                     tell(f"{self.command}: {self.done:,}{of} {self.unit}s, {self._seconds:.0f} s")
@@ -121,7 +120,7 @@ class Report:
 
     @property
     def untrusted(self) -> int:
-        """The number of items that are not to be trusted."""
+        """Return the number of items that are not to be trusted."""
         return sum(reason.number for reason in self._untrusted.values())
 
     @property

@@ -1,6 +1,6 @@
 """`fit`, `learn` and `evaluate`: the pipelines of the commands, on arrays.
 
-Keyword arguments are checked against the config of the command: the same keys, defaults and errors.
+Keyword arguments are checked against the config of the command: same keys, defaults and errors.
 """
 
 from __future__ import annotations
@@ -22,8 +22,6 @@ from shapefit.api.records import (
     Landmarks,
     Names,
     Shapes,
-    landmark_set,
-    shapes_of,
     unnamed,
 )
 from shapefit.api.tables import warn
@@ -53,21 +51,22 @@ from shapefit.pipelines.items import keys_of
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes, with_p_value_table
 from shapefit.pipelines.outcome import Counted, Outcome, add_up
 
-PLACE = Path("landmarks")
-WANTED = "give (n, p, 2), or (n, p, 3) with a confidence of 0 to 1"
+FILES: Mapping[str, Mapping[str, Any]] = {
+    "fit": {
+        "landmarks": (Path("landmarks"),),
+        "dictionary": Path("dictionary"),
+        "output": Path("result"),
+    },
+    "learn-dict": {"shapes": (Path("shapes"),), "output": Path("dictionary")},
+    "eval": {
+        "results": {"result": (Path("result"),)},
+        "truth": (Path("truth"),),
+        "output": Path("report"),
+    },
+}
+"""Keys of the commands whose place arrays take, and what stands for the files in messages."""
 
-FIT = {
-    "landmarks": (Path("landmarks"),),
-    "dictionary": Path("dictionary"),
-    "output": Path("result"),
-}
-LEARN = {"shapes": (Path("shapes"),), "output": Path("dictionary")}
-EVALUATE = {
-    "results": {"result": (Path("result"),)},
-    "truth": (Path("truth"),),
-    "output": Path("report"),
-}
-"""What stands for the files of the commands in messages."""
+FUNCTIONS = {"fit": "fit", "learn-dict": "learn", "eval": "evaluate"}
 
 IN_BOTH = ("shapes", "landmark_names", "items", "sequences", "unit", "frame_rate", "extras")
 """Fields of Shapes that a Fit has, too."""
@@ -102,24 +101,25 @@ def fit(
     `prior={"scale": 2}` (docs/config.md). Images without a shape are in `failures` of
     the result; what the command warns of is a Python warning. Raises InputError.
     """
-    section, matrices = _camera(camera)
-    given = {"lambda": lam, "method": method, "camera": section, "keypoints": keypoints}
-    read: FitConfig = config_of("fit", given | options, FIT, config)
+    section: Any = {} if camera is None else camera
+    section = dict(section) if isinstance(section, Mapping) else {"focal": section}
+    matrices = section.get("focal") if np.ndim(section.get("focal")) >= 2 else None
+    section |= {} if matrices is None else {"focal": "files"}
+    given = {"lambda": lam, "method": method, "camera": section or None, "keypoints": keypoints}
+    read: FitConfig = config_of("fit", given | options, config)
     atoms = _dictionary(dictionary)
     images = _images(landmarks, read, atoms.marked(()).landmark_names)
     if weights is not None:
         images = Landmarks.of(images).replaced(confidence=weights).record()
     if matrices is not None:
-        images = images.with_columns({CAMERA_MATRIX: matrices})
+        images = images.with_columns({CAMERA_MATRIX: np.asarray(matrices)})
     wanted, _ = choose_method(read, atoms, lambda: are_long(images.sequences))
     records, seconds = [], 0.0
     failures: dict[str, str] = {}
     with source_of(images, "landmarks", wanted.rename) as source:
-        names = source.head.landmark_names
-        setup = prepare(wanted, atoms, names, lambda: source.first(FIRST))
-        counts = Counts()
+        setup = prepare(wanted, atoms, source.head.landmark_names, lambda: source.first(FIRST))
+        counts, messages = Counts(), dict[str, str | Counted]()
         of_dictionary = warn_of_dictionary(setup.config, setup.dictionary)
-        messages: dict[str, str | Counted] = {}
         add_up(messages, (*setup.estimates.warnings, *of_dictionary))
         reasons = setup.matched.warnings()
         for batch in lift_source(source, setup):
@@ -131,9 +131,8 @@ def fit(
             add_up(messages, outcome.warnings)
     warn((*messages.values(), *reasons, *warn_of_all(counts, setup, images.y_axis)))
     whole = concatenate(records)
-    attributes = attributes_of(setup, {}, seconds, len(whole))
-    whole = whole.replaced(attributes={**whole.attributes, **attributes})
-    return Fit.of(whole, failures=failures)
+    attributes = {**whole.attributes, **attributes_of(setup, {}, seconds, len(whole))}
+    return Fit.of(whole.replaced(attributes=attributes), failures=failures)
 
 
 def _dictionary(given: Dictionary | str | PathLike[str]) -> model.Dictionary:
@@ -151,40 +150,23 @@ def _images(landmarks: Any, section: FitConfig, names: Names) -> LandmarkSet:
     """Return landmarks as the package has them, with these names (p) where they have none.
 
     Arrays with confidences, of a skeleton or of one image are read as files of a detector are.
-    Raises InputError for arrays of other shapes.
     """
-    if isinstance(landmarks, Landmarks):
-        return landmark_set(landmarks, names)
-    points = _array(landmarks)
-    keypoints, with_confidence = section.keypoints, points.ndim == 3 and points.shape[2] == 3
-    if keypoints is None and points.ndim != 2 and not with_confidence:
-        return landmark_set(points, names)
-    further: dict[str, Any] = {}
-    if keypoints is None:
-        if points.shape[-2] != len(names):
+    if not isinstance(landmarks, Landmarks):
+        try:
+            points = np.asarray(landmarks, np.float64)
+        except (TypeError, ValueError):
+            fix = "give (n, p, 2), or (n, p, 3) with a confidence of 0 to 1"
+            raise input_error("landmarks", "is no array of numbers", fix) from None
+        of_detector = points.ndim == 2 or (points.ndim == 3 and points.shape[2] == 3)
+        if of_detector and section.keypoints is None and points.shape[-2] != len(names):
             raise unnamed("landmarks", points.shape[-2], names)
-        further = {"landmark_names": tuple(names)}
-    return landmarks_of(of_array(PLACE, points, **further), input_options(section))[0]
-
-
-def _array(landmarks: ArrayLike) -> NDArray[Any]:
-    try:
-        return np.asarray(landmarks, np.float64)
-    except (TypeError, ValueError):
-        raise input_error("landmarks", "is no array of numbers", WANTED) from None
-
-
-def _camera(
-    camera: Mapping[str, Any] | ArrayLike | None,
-) -> tuple[dict[str, Any] | None, np.ndarray[Any, Any] | None]:
-    """Return the section `camera` of the config, and matrices that it names."""
-    if camera is None:
-        return None, None
-    section = dict(camera) if isinstance(camera, Mapping) else {"focal": camera}
-    focal: Any = section.get("focal")
-    if np.ndim(focal) < 2:
-        return plain(section), None
-    return plain(section | {"focal": "files"}), np.asarray(focal)
+        if of_detector or section.keypoints is not None:
+            named: dict[str, Any] = {} if section.keypoints else {"landmark_names": tuple(names)}
+            poses = of_array(Path("landmarks"), points, **named)
+            return landmarks_of(poses, input_options(section))[0]
+        landmarks = Landmarks(points)
+    whole: LandmarkSet = landmarks.record(names).with_whole_points()
+    return whole
 
 
 def learn(
@@ -201,16 +183,16 @@ def learn(
     """
     # Other methods do not have these keys: their defaults count as not given.
     coding = {key: value for key, value in {"k": k, "beta": beta}.items() if value is not None}
-    config = config_of("learn-dict", coding | options, LEARN)
-    training = source_of(shapes_of(shapes).record(), "shapes", config.rename).whole()
+    config = config_of("learn-dict", coding | options)
+    given = shapes if isinstance(shapes, Shapes | Fit) else Shapes(shapes)
+    training = source_of(given.record(), "shapes", config.rename).whole()
     outcomes: list[Outcome] = []
     making = learn_from_shapes(training, config, {})
-    while True:
-        try:
+    try:
+        while True:
             outcomes.append(next(making))
-        except StopIteration as stop:
-            dictionary = with_p_value_table(stop.value)
-            break
+    except StopIteration as stop:
+        dictionary = with_p_value_table(stop.value)
     failures = [failure for outcome in outcomes for failure in outcome.failures]
     if failures:
         unused = f"{failures[0].item}, for one: {failures[0].reason}"
@@ -236,9 +218,7 @@ class Evaluation:
     def __repr__(self) -> str:
         kinds = {(row.metric, row.unit) for row in self.summaries}
         means = [f"{m} {self.mean(m, u):.3g} {u}" for m, u in self.errors if (m, u) in kinds]
-        parts = [counted(len(self.items), "image"), *means]
-        parts += [f"{len(self.failures)} without errors"] if self.failures else []
-        return f"<shapefit.Evaluation: {', '.join(parts)}>"
+        return f"<shapefit.Evaluation: {', '.join([counted(len(self.items), 'image'), *means])}>"
 
     def mean(self, metric: str, unit: str | None = None) -> float:
         """Return the mean over the groups' means in a metric, in its first unit if none is given.
@@ -266,23 +246,23 @@ def evaluate(
     result lacks the datasets for left out with a warning; options are `groups`,
     `least_visible` and `rename`. Raises InputError.
     """
-    given = {"metrics": metrics, "match": match}
-    config = config_of("eval", given | options, EVALUATE)
     if beyond := options.keys() - {"groups", "least_visible", "rename"}:
         fix = "use `groups`, `least_visible` or `rename`, or the command line"
         raise input_error(f"evaluate.{min(beyond)}", "is a key of reports only", fix)
-    estimated, true = shapes_of(result), shapes_of(truth)
+    config = config_of("eval", {"metrics": metrics, "match": match} | options)
+    estimated, true = (
+        one if isinstance(one, Fit | Shapes) else Shapes(one) for one in (result, truth)
+    )
     names = estimated.landmark_names
     shapes = source_of(true.record(names), "truth", config.rename, gaps=True).whole()
-    values = {name: getattr(estimated, name) for name in IN_BOTH}
-    estimate = estimated if isinstance(estimated, Fit) else Fit(**values)
-    record = estimate.record(shapes.landmark_names)
+    if not isinstance(estimated, Fit):
+        estimated = Fit(**{name: getattr(estimated, name) for name in IN_BOTH})
+    record = estimated.record(shapes.landmark_names).without(BARS)
     if true.items is None:
         if len(true) != len(record):
             fault = f"has {len(true)} shapes for {len(record)} images"
             raise input_error("truth", fault, "give one for each, or name them: Shapes(..., items)")
         shapes = shapes.replaced(items=record.items)
-    record = record.without(BARS)
     measured = measure(Path("result"), record, Truth(shapes, keys_of([shapes])), config)
     grouping, ungrouped = group_sequences(config.groups, measured.sequences)
     warn((*measured.warnings, *ungrouped))
@@ -296,27 +276,19 @@ def evaluate(
 
 
 def config_of(
-    command: str,
-    given: Mapping[str, Any],
-    files: Mapping[str, Any],
-    config: str | PathLike[str] | None = None,
+    command: str, given: Mapping[str, Any], config: str | PathLike[str] | None = None
 ) -> Any:
     """Return the config that the arguments of a function make, over those of a config file.
 
-    `files` (key -> value) are the keys whose place arrays take; in the config they hold these
-    values, for messages. Raises InputError for each problem, with the name of its argument.
+    Raises InputError for each problem, with the name of its argument.
     """
-    function = "learn" if command == "learn-dict" else "evaluate" if command == "eval" else command
-    for key in given.keys() & {*files, "data", "export"}:
+    prefix = f"{FUNCTIONS[command]}."
+    for key in given.keys() & {*FILES[command], "data", "export"}:
         fix = "it is for files: use the command line, or the functions of shapefit that write"
-        raise input_error(f"{function}.{key}", f"there is no argument `{key}`", fix)
-    return load_config(
-        command,
-        None if config is None else Path(config),
-        arguments=plain(given),
-        prefix=f"{function}.",
-        stand_ins=files,
-    )
+        raise input_error(f"{prefix}{key}", f"there is no argument `{key}`", fix)
+    path = None if config is None else Path(config)
+    arguments, stand_ins = plain(given), FILES[command]
+    return load_config(command, path, arguments=arguments, prefix=prefix, stand_ins=stand_ins)
 
 
 def plain(value: Any) -> Any:

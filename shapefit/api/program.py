@@ -58,14 +58,8 @@ def solve(
     method: shapefit/core/convex/newton.hpp.
     """
     W, B = np.asarray(landmarks, np.float64), np.asarray(atoms, np.float64)
-    problem = build_problem(
-        W,
-        B,
-        lam,
-        weights=None if weights is None else np.asarray(weights, np.float64),
-        loss=Loss(loss),
-        beta=beta,
-    )
+    omega = None if weights is None else np.asarray(weights, np.float64)
+    problem = build_problem(W, B, lam, weights=omega, loss=Loss(loss), beta=beta)
     solution = solve_newton(
         problem, tolerance=tolerance, max_iterations=max_iterations, threads=threads
     )

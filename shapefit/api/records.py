@@ -54,26 +54,20 @@ class _Items:
 
         Items without names are numbered. Raises InputError where the names are too few or many.
         """
-        layout, values = self.RECORD.LAYOUT, vars(self)
-        columns = {
-            name: values[name]
-            for name in layout.all.keys() & values.keys() - set(NOT_COLUMNS)
-            if values[name] is not None
-        }
-        n, p = columns[layout.points].shape[:2]
-        given = {name: values[name] for name in NOT_COLUMNS if values.get(name) is not None}
-        given.setdefault("items", tuple(map(str, range(n))))
-        given.setdefault("landmark_names", names or tuple(map(str, range(p))))
-        if len(given["landmark_names"]) != p:
-            raise unnamed(layout.points, p, given["landmark_names"])
+        layout, given = self.RECORD.LAYOUT, {k: v for k, v in vars(self).items() if v is not None}
+        n, p = given[layout.points].shape[:2]
+        plain: dict[str, Any] = {"items": tuple(map(str, range(n)))}
+        plain["landmark_names"] = names or tuple(map(str, range(p)))
+        plain |= {name: given[name] for name in NOT_COLUMNS if name in given}
+        if len(plain["landmark_names"]) != p:
+            raise unnamed(layout.points, p, plain["landmark_names"])
+        columns = {k: v for k, v in given.items() if k in layout.all and k not in NOT_COLUMNS}
         free = free_names(self.extras, {"item", "sequence", "landmark_names", *columns})
-        whole: dict[str, Any] = {}
-        for name, value in self.extras.items():
-            array = np.asarray(value)
-            per_item = array.shape[:1] == (n,) and layout.is_per_item(free[name], array.ndim)
-            (columns if per_item else whole)[free[name]] = array
+        extras = {free[name]: np.asarray(value) for name, value in self.extras.items()}
+        whole = {name: v for name, v in extras.items() if v.shape[:1] != (n,)}
+        columns = {k: v for k, v in extras.items() if k not in whole} | columns
         columns, whole = _transposed(columns, layout), _transposed(whole, layout)
-        return self.RECORD(**given, columns=columns, whole=whole)
+        return self.RECORD(**plain, columns=columns, whole=whole)
 
     def __len__(self) -> int:
         return len(getattr(self, self.RECORD.LAYOUT.points))
@@ -84,8 +78,8 @@ class _Items:
         return part if self.landmark_names is not None else part.replaced(landmark_names=None)
 
     def __repr__(self) -> str:
-        p = getattr(self, self.RECORD.LAYOUT.points).shape[1]
-        parts = (counted(len(self), "item"), counted(p, "landmark"))
+        parts = [counted(len(self), "item")]
+        parts.append(counted(getattr(self, self.RECORD.LAYOUT.points).shape[1], "landmark"))
         return f"<shapefit.{type(self).__name__}: {', '.join(parts)}, in {self.unit}>"
 
     def replaced(self, **changes: Any) -> Self:
@@ -191,12 +185,9 @@ class Fit(_Items):
 
     def __repr__(self) -> str:
         parts = [counted(len(self), "image"), counted(self.shapes.shape[1], "landmark")]
-        if "method" in self.attributes:
-            parts.append(f"method {self.attributes['method']}")
-        if self.failures:
-            parts.append(f"{len(self.failures)} failed")
-        if self.trusted is not None:
-            parts.append(f"{int(np.sum(self.trusted))} trusted")
+        parts += [f"method {self.attributes['method']}"] if "method" in self.attributes else []
+        parts += [f"{len(self.failures)} failed"] if self.failures else []
+        parts += [] if self.trusted is None else [f"{int(np.sum(self.trusted))} trusted"]
         return f"<shapefit.Fit: {', '.join(parts)}, in {self.unit}>"
 
 
@@ -245,34 +236,20 @@ class Dictionary:
 
     def __repr__(self) -> str:
         k, p, _ = self.atoms.shape
-        parts = (counted(k, "atom"), counted(p, "landmark"))
-        return f"<shapefit.Dictionary: {', '.join(parts)}, in {self.unit}>"
+        return (
+            f"<shapefit.Dictionary: {counted(k, 'atom')}, {counted(p, 'landmark')}, in {self.unit}>"
+        )
 
     def replaced(self, **changes: Any) -> Dictionary:
         """Return the same with other fields."""
         return replace(self, **changes)
 
 
-def landmark_set(given: Landmarks | ArrayLike, names: Names | None = None) -> LandmarkSet:
-    """Return landmarks as the package has them; `names` where they do not name landmarks.
-
-    A landmark with one unknown coordinate is unseen.
-    """
-    landmarks = given if isinstance(given, Landmarks) else Landmarks(given)
-    record: LandmarkSet = landmarks.record(names).with_whole_points()
-    return record
-
-
-def shapes_of(given: Fit | Shapes | ArrayLike) -> Fit | Shapes:
-    """Return shapes that may be an array."""
-    return given if isinstance(given, Fit | Shapes) else Shapes(given)
-
-
 def unnamed(dataset: str, p: int, names: Names) -> InputError:
     """Return the error of p landmarks without names that are not as many as these."""
-    skeletons = skeletons_of_size(p)
+    skeletons = skeletons_of_size(p) if dataset == LANDMARKS.points else ()
     fix = f"name them: {dataset.title()}({dataset}, landmark_names=[...])"
-    if skeletons and dataset == LANDMARKS.points:
+    if skeletons:
         fix = f"name them, as in {listed(f'`keypoints={name}`' for name in skeletons)}"
     return input_error(dataset, f"has {p} landmarks without names, not {len(names)}", fix)
 
@@ -303,16 +280,14 @@ def _checked(given: Mapping[str, Any], layout: Layout, prefix: str = "") -> dict
         try:
             if column.kind == "text":
                 values[name] = tuple(map(str, values[name]))
-                shape: tuple[int, ...] = (len(values[name]),)
             else:
                 kind = np.int64 if column.kind == "index" else np.float64
                 values[name] = np.asarray(values[name], kind)
-                shape = values[name].shape
         except (TypeError, ValueError):
             raise input_error(where, "is no array of numbers", "give numbers") from None
-        expected = tuple(sizes.get(str(axis), axis) for axis in column.axes)
+        shape, expected = np.shape(values[name]), tuple(sizes.get(str(a), a) for a in column.axes)
         if not fit_axes(column.axes, shape, sizes):
-            axes = f"({', '.join(map(str, expected))}{',' * (len(expected) == 1)})"
+            axes = str(expected).replace("'", "")
             row = ", one landmark per row" if column.points else ""
             raise input_error(where, f"has the shape {shape}", f"it must be {axes}{row}")
     return values

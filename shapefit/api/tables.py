@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shapefit.io.options import OutputOptions
 from shapefit.io.writers.motion import find_motions
@@ -68,24 +67,18 @@ def to_pandas(fit: Fit) -> Any:
     }
     columns |= dict(zip("xyz", fit.shapes.reshape(n * p, 3).T, strict=True))
     if fit.shape_sd is not None:
-        names = ("sd_x", "sd_y", "sd_z")
-        columns |= dict(zip(names, fit.shape_sd.reshape(n * p, 3).T, strict=True))
-    frames = _frames(fit)
-    per_image: dict[str, Any] = {"frame": frames, "time": frames / (fit.frame_rate or 1)}
-    per_image |= {"sequence": fit.sequences, "trusted": fit.trusted, "reasons": fit.reasons}
+        deviations = fit.shape_sd.reshape(n * p, 3).T
+        columns |= dict(zip(("sd_x", "sd_y", "sd_z"), deviations, strict=True))
+    frames = fit.extras.get("frame")
+    per_image = {
+        "frame": frames,
+        "time": None if frames is None else np.asarray(frames) / (fit.frame_rate or 1),
+        "sequence": fit.sequences,
+        "trusted": fit.trusted,
+        "reasons": fit.reasons,
+    }
     columns |= {name: np.repeat(v, p) for name, v in per_image.items() if v is not None}
     return pandas.DataFrame(columns)
-
-
-def _frames(fit: Fit) -> NDArray[np.int64]:
-    """Return the frame of each image (n,): its dataset, or its number within its sequence."""
-    if "frame" in fit.extras:
-        return np.asarray(fit.extras["frame"], np.int64)
-    names = np.array(fit.sequences or ("",) * len(fit))
-    frames = np.zeros(len(fit), np.int64)
-    for name in np.unique(names):
-        frames[names == name] = np.arange((names == name).sum())
-    return frames
 
 
 def warn(messages: Iterable[object], level: int = 3) -> None:

@@ -18,7 +18,7 @@ from shapefit.geometry.floor import Body, Floor, find_floor
 from shapefit.geometry.joint_angles import known_angles, measure_angles
 from shapefit.geometry.pinhole import ASSUMED_FOCAL
 from shapefit.io.atomic import check_output, file_stem, staged_files
-from shapefit.io.layout import EDGES, FRAME, INPUT_NAMES, INPUT_SD, INPUT_SHAPES, PROOF
+from shapefit.io.layout import EDGES, FRAME, INPUT_NAMES, INPUT_SD, INPUT_SHAPES, METRES_PER_UNIT
 from shapefit.io.options import OutputOptions, RecordWriter, Summary
 from shapefit.io.readers.poses import make_unique
 from shapefit.io.records import Names, ResultSet, ShapeSet, concatenate
@@ -26,6 +26,7 @@ from shapefit.io.skeletons import edges_of, joint_columns, model_names
 from shapefit.io.writers.metres import (
     CAMERA_TRANSLATION,
     EXTRINSIC_ROTATION,
+    EXTRINSIC_TRANSLATION,
     Shapes3D,
     find_stature,
     flip,
@@ -38,8 +39,12 @@ COVARIANCE = "shape_covariance"
 ANGLES, ANGLE_SD = "joint_angles", "joint_angle_sd"
 """Columns (n, a) of records on their way to a file of motion, in degrees."""
 
-LARGE = {*PROOF, COVARIANCE, "transforms", "coefficients", "mesh_vertices"}
-"""Columns that files of motion do without."""
+RETAINED = {
+    *("shapes", "translation", "scale", "shape_sd", "focal", "principal_point", "landmarks"),
+    *(EDGES, METRES_PER_UNIT, CAMERA_TRANSLATION, EXTRINSIC_ROTATION, EXTRINSIC_TRANSLATION),
+    *(FRAME, REASONS, ANGLES, ANGLE_SD, INPUT_SHAPES, INPUT_SD, INPUT_NAMES),
+}
+"""Columns of which files of motion are made."""
 
 FOCAL_SD, SCALE_SD = 0.18, 0.05
 """Of the logarithm of the distance to a body: by a focal length that is assumed (lenses have .8 to
@@ -104,7 +109,7 @@ class MotionWriter(RecordWriter[Shapes3D]):
         self.begun = True
         if self._angles:
             record = record.with_columns(angle_columns(record, self._options.up))
-        self.parts.append(record.without(LARGE))
+        self.parts.append(record.without(record.columns.keys() - RETAINED))
 
 
 @contextmanager

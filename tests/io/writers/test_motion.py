@@ -213,7 +213,7 @@ def lifted(walk) -> ResultSet:
     points[..., 1] -= 0.01 / walk.columns["metres_per_unit"][:, None]
     names = np.array(("RHip", "LHip", "MidHip", "Nose"), dtype=object)
     markers = {INPUT_SHAPES: points, INPUT_SD: np.full_like(points, 2.0), INPUT_NAMES: names}
-    return walk.with_columns(markers)
+    return walk.with_columns({**markers, "landmarks_fitted": walk.shapes[:, :2]})
 
 
 def test_markers_of_the_detector(tmp_path, lifted):
