@@ -176,7 +176,9 @@ def price_of_views(images: Images, state: State, axes: slice) -> float:
     By Laplace's method for a uniform prior over the d axes; H is the information of a rotation
     about them, S = 8 pi^2 the size of all rotations, or 2 pi of those about one axis.
     """
-    H = posterior_mean(images, state.views, state.model).information[:, axes, axes]
+    information = posterior_mean(images, state.views, state.model, slopes=True).information
+    assert information is not None
+    H = information[:, axes, axes]
     d = H.shape[1]
     size = 8 * np.pi**2 if d > 1 else 2 * np.pi
     log_det = np.linalg.slogdet(H + 1e-9 * np.eye(d))[1]

@@ -194,7 +194,7 @@ def learn_round(images: Images, state: State, *, hold: bool) -> State:
     for at in range(0, n, BLOCK):
         rows = slice(at, at + BLOCK)
         block, views = replace(images[rows], outliers=outliers[rows]), state.views[rows]
-        found = posterior_mean(block, views, model)
+        found = posterior_mean(block, views, model, slopes=not hold)
         if doubting or not hold:
             doubted = change_inliers(block, found.flip_gain) if doubting else outliers[rows]
             moved = views if hold else ascent(views, found, damping[rows])

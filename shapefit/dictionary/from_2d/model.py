@@ -28,6 +28,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dtrtri
 
 from shapefit.arrays import Floats
 from shapefit.geometry.rotations import exponential
@@ -130,8 +131,9 @@ class Gaussian:
 class Expected:
     """Of n images: log_density (n,), shapes E x (n, 3, p) and translation (n, 2).
 
-    inverse M^-1 (n, q + 2, q + 2) and gain (n, p) = s^2 rho / v, from which covariances follow;
-    gradient (n, 4) and information (n, 4, 4) of the log density by the view; residual_variance
+    root (n, q + 2, q + 2), the upper factor U of M^-1 = U U^T, and gain (n, p) = s^2 rho / v, from
+    which covariances follow; gradient (n, 4) and information (n, 4, 4) of the log density by the
+    view, None where they were not asked for; residual_variance
     (n,), the sum over the visible landmarks of omega^2 E |e|^2; flip_gain (n, p), the log density
     that an image gains where one landmark becomes an outlier, or stops to be one.
     """
@@ -140,15 +142,17 @@ class Expected:
     flip_gain: Floats
     shapes: Floats
     translation: Floats
-    inverse: Floats
+    root: Floats
     gain: Floats
-    gradient: Floats
-    information: Floats
+    gradient: Floats | None
+    information: Floats | None
     residual_variance: Floats
 
 
-def posterior_mean(images: Images, views: Views, model: Gaussian) -> Expected:
-    """Expectation step: shapes given their images, and the slope of the log density by the views.
+def posterior_mean(
+    images: Images, views: Views, model: Gaussian, *, slopes: bool = False
+) -> Expected:
+    """Expectation step: shapes given their images, with the slopes of the log density by the views.
 
     The gradient is that of the expected log density of image and shape together (Fisher's
     identity); the information is that of the mean shape, the covariance held.
@@ -174,54 +178,55 @@ def posterior_mean(images: Images, views: Views, model: Gaussian) -> Expected:
     M = uB.transpose(0, 2, 1) @ flat
     M[:, np.arange(q), np.arange(q)] += 1.0
     M[:, [q, q + 1], [q, q + 1]] += FLAT
-    inverse = np.linalg.inv(M)
-    linear_term = (uB.transpose(0, 2, 1) @ r.reshape(n, -1, 1))[..., 0]
-    z = (inverse @ linear_term[..., None])[..., 0]
-    left = r - np.einsum("nkq,nq->nk", flat, z).reshape(n, p, 2)
+    L = np.linalg.cholesky(M)
+    root = np.array([dtrtri(one, lower=1)[0].T for one in L])
+    linear_term = uB.transpose(0, 2, 1) @ r.reshape(n, -1, 1)
+    z = (root @ (root.transpose(0, 2, 1) @ linear_term))[..., 0]
+    left = r - (flat @ z[..., None]).reshape(n, p, 2)
     alpha = u[:, :, None] * left
-    log_density = -0.5 * (
-        np.einsum("npc,npc->n", r, alpha)
-        + np.linalg.slogdet(M)[1]
-        + 2 * np.where(visible, np.log(2 * np.pi * v), 0.0).sum(axis=1)
-    )
+    log_density = -0.5 * np.einsum("npc,npc->n", r, alpha)
+    log_density -= np.log(np.einsum("nqq->nq", L)).sum(axis=1)
+    log_density -= np.where(visible, np.log(2 * np.pi * v), 0.0).sum(axis=1)
     log_density += OUTLIERS * (there & ~visible).sum(axis=1)
+    deviation = views.log_scale - model.log_size[images.sequence]
+    variance = model.size_variance
+    log_density -= 0.5 * (deviation**2 / variance + np.log(2 * np.pi * variance))
     gain = rest * u
     shapes = (
         model.mean
         + np.einsum("piq,nq->nip", V, z[:, :q])
         + np.einsum("np,nci,npc->nip", gain / s[:, None], PR, left, optimize=True)
     )
-    # the view: d log p = alpha^T dA x^ - tr(dA C A^T Sigma^-1), of which the second takes the
-    # blocks of each landmark with itself
-    BM = (flat @ inverse).reshape(n, p, 2, q + 2)
-    H = BM @ B.transpose(0, 1, 3, 2)  # what the others leave open of a landmark
+    half = flat @ root
+    blocks = half.reshape(n, p, 2, q + 2)
+    H = blocks @ blocks.transpose(0, 1, 3, 2)  # what the others leave open of a landmark
     BK = u[:, :, None, None] * H
-    K = (u[:, :, None, None] * BM).reshape(n, 2 * p, q + 2).transpose(0, 2, 1)
-    own = np.einsum("nqpc,piq->npic", K[:, :q].reshape(n, q, p, 2), V, optimize=True)
-    stays = (gain / s[:, None])[:, :, None, None] * (np.eye(2) - BK)
-    own += np.einsum("nci,npcd->npid", PR, stays, optimize=True)
-    D = s[:, None, None, None] * np.einsum("oca,nai->noci", TURNS, views.rotation)
-    moved = np.einsum("noci,nip->nopc", D, shapes, optimize=True)
-    gradient = np.einsum("nopc,npc->no", moved, alpha) - np.einsum(
-        "noci,nic->no", D, own.sum(axis=1)
-    )
-    J = np.einsum("noci,ip->nopc", D, model.mean, optimize=True).reshape(n, DIRECTIONS, -1)
-    JB = J @ uB
-    uJ = J * np.repeat(u, 2, axis=1)[:, None]
-    information = J @ uJ.transpose(0, 2, 1) - JB @ inverse @ JB.transpose(0, 2, 1)
-    deviation = views.log_scale - model.log_size[images.sequence]
-    variance = model.size_variance
-    log_density -= 0.5 * (deviation**2 / variance + np.log(2 * np.pi * variance))
-    gradient[:, 3] -= deviation / model.size_variance
-    information[:, 3, 3] += 1 / model.size_variance
     share = np.where(visible, 1 - gain, 0.0)
     flip_gain = np.where(there, flip_gain_of(left, H, v, visible), -np.inf)
     of_view = np.einsum("npcc->np", BK) * v
     residual_variance = (
         omega**2 * share**2 * ((left**2).sum(axis=2) + of_view) + 2 * omega**2 * share * rest
     ).sum(axis=1)
+    gradient = information = None
+    if slopes:
+        # d log p = alpha^T dA x^ - tr(dA C A^T Sigma^-1), of which the second takes the blocks of
+        # each landmark with itself
+        uBM = np.repeat(u, 2, axis=1)[..., None] * (half @ root.transpose(0, 2, 1))
+        K = uBM[..., :q].reshape(n, p, 2, q).transpose(1, 0, 2, 3).reshape(p, 2 * n, q)
+        own = (K @ V.transpose(0, 2, 1)).reshape(p, n, 2, 3).transpose(1, 0, 3, 2)
+        stays = (gain / s[:, None])[:, :, None, None] * (np.eye(2) - BK)
+        own = own.sum(axis=1) + PR.transpose(0, 2, 1) @ stays.sum(axis=1)
+        D = s[:, None, None, None] * np.einsum("oca,nai->noci", TURNS, views.rotation)
+        moved = np.einsum("noci,nip->nopc", D, shapes, optimize=True)
+        gradient = np.einsum("nopc,npc->no", moved, alpha) - np.einsum("noci,nic->no", D, own)
+        J = np.einsum("noci,ip->nopc", D, model.mean, optimize=True).reshape(n, DIRECTIONS, -1)
+        JB = J @ uB @ root
+        uJ = J * np.repeat(u, 2, axis=1)[:, None]
+        information = J @ uJ.transpose(0, 2, 1) - JB @ JB.transpose(0, 2, 1)
+        gradient[:, 3] -= deviation / variance
+        information[:, 3, 3] += 1 / variance
     return Expected(
-        log_density, flip_gain, shapes, z[:, q:], inverse, gain, gradient, information,
+        log_density, flip_gain, shapes, z[:, q:], root, gain, gradient, information,
         residual_variance,
     )  # fmt: skip
 
@@ -256,13 +261,14 @@ def scatter(found: Expected, views: Views, model: Gaussian) -> Floats:
     PR = views.rotation[:, :2]
     # x = mu + (I - gain R^T P^T P R) V z - gain / s R^T P^T t + ..: columns of z, then of t
     D = np.empty((n, 3, p, q + 2))
-    PV = np.einsum("nci,ipq->ncpq", PR, model.modes, optimize=True)
-    D[..., :q] = model.modes - np.einsum("np,nci,ncpq->nipq", found.gain, PR, PV, optimize=True)
+    RPPR = (PR.transpose(0, 2, 1) @ PR).reshape(3 * n, 3)
+    turned = (RPPR @ model.modes.reshape(3, p * q)).reshape(n, 3, p, q)
+    turned *= found.gain[:, None, :, None]
+    np.subtract(model.modes, turned, out=D[..., :q])
     back = np.exp(-views.log_scale)[:, None] * found.gain
     D[..., q:] = -np.einsum("np,nci->nipc", back, PR)
-    flat = D.reshape(n, 3 * p, q + 2)
-    half = flat @ np.linalg.cholesky(found.inverse)
-    total: Floats = np.tensordot(half, half, axes=([0, 2], [0, 2]))
+    half = (D.reshape(n, 3 * p, q + 2) @ found.root).transpose(1, 0, 2).reshape(3 * p, -1)
+    total: Floats = half @ half.T
     retained = np.einsum("np,nci,ncj->pij", found.gain, PR, PR, optimize=True)
     own = model.rest * (n * np.eye(3) - retained)
     blocks = total.reshape(3, p, 3, p)
@@ -273,6 +279,7 @@ def scatter(found: Expected, views: Views, model: Gaussian) -> Floats:
 
 def ascent(views: Views, found: Expected, damping: Floats) -> Views:
     """Take a damped scoring step of each view (n,) towards more log density."""
+    assert found.gradient is not None and found.information is not None
     trace = found.information.trace(axis1=1, axis2=2)[:, None, None] / DIRECTIONS
     H = found.information + (damping[:, None, None] * trace + 1e-12) * np.eye(DIRECTIONS)
     step = np.linalg.solve(H, found.gradient[..., None])[..., 0]
@@ -304,7 +311,10 @@ def split_ppca(mean: Floats, covariance: Floats, left: int = 1, most: int = MOST
 def choose(mask: Mask, yes: Record, no: Record) -> Record:
     """Return the record whose rows are those of `yes` where the mask (n,) is True, else of `no`."""
     pairs = ((getattr(yes, each.name), getattr(no, each.name)) for each in fields(yes))
-    rows = (np.where(mask.reshape(-1, *(1,) * (a.ndim - 1)), a, b) for a, b in pairs)
+    rows = (
+        None if a is None or b is None else np.where(mask.reshape(-1, *(1,) * (a.ndim - 1)), a, b)
+        for a, b in pairs
+    )
     return type(yes)(*rows)
 
 

@@ -84,7 +84,7 @@ def test_doubt_is_what_the_density_gains_where_one_belief_changes(planted):
 
 
 def test_gradient_is_that_of_the_log_density(planted):
-    found = posterior_mean(planted.images, planted.views, planted.model)
+    found = posterior_mean(planted.images, planted.views, planted.model, slopes=True)
     h = 1e-5
     for direction in range(4):
         step = np.zeros((4, 4))
