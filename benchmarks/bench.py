@@ -127,7 +127,8 @@ def install(environment: Environment, *options: str) -> None:
     subprocess.run([sys.executable, "-m", "pip", "wheel", *quiet, *build, *where], check=True)
     constraints = "--constraint", str(environment.source / "constraints.txt")
     pip = [str(environment.python), "-m", "pip", "install", *quiet, *options, *constraints]
-    subprocess.run([*pip, *map(str, wheels.glob("shapefit-*.whl"))], check=True)
+    wheel = next(wheels.glob("shapefit-*.whl"))
+    subprocess.run([*pip, f"{wheel}[plots]"], check=True)
 
 
 def git(*arguments: str) -> subprocess.CompletedProcess[bytes]:

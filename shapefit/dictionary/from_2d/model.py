@@ -279,7 +279,8 @@ def scatter(found: Expected, views: Views, model: Gaussian) -> Floats:
 
 def ascent(views: Views, found: Expected, damping: Floats) -> Views:
     """Take a damped scoring step of each view (n,) towards more log density."""
-    assert found.gradient is not None and found.information is not None
+    assert found.gradient is not None
+    assert found.information is not None
     trace = found.information.trace(axis1=1, axis2=2)[:, None, None] / DIRECTIONS
     H = found.information + (damping[:, None, None] * trace + 1e-12) * np.eye(DIRECTIONS)
     step = np.linalg.solve(H, found.gradient[..., None])[..., 0]
