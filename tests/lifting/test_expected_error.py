@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shapefit.evaluation.metrics import similarity
-from shapefit.lifting.verdict import CALIBRATED, expected_error
+from shapefit.lifting.trust import CALIBRATED, expected_error
 
 
 @pytest.mark.parametrize("kind", ["of all coordinates", "of depths", "a similarity"])

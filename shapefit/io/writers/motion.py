@@ -33,7 +33,7 @@ from shapefit.io.writers.metres import (
     in_metres,
 )
 from shapefit.lifting.estimate import CORRELATION
-from shapefit.lifting.verdict import REASONS
+from shapefit.lifting.trust import REASONS
 
 COVARIANCE = "shape_covariance"
 ANGLES, ANGLE_SD = "joint_angles", "joint_angle_sd"

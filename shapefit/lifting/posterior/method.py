@@ -38,7 +38,7 @@ from shapefit.lifting.shared_rotation import (
     find_pose,
     turn_in_plane,
 )
-from shapefit.lifting.verdict import LIMITS, START_DISTANCE
+from shapefit.lifting.trust import LIMITS, START_DISTANCE
 
 SQUARED_MAHALANOBIS, P_VALUE = "squared_mahalanobis", "p_value"
 """Squared Mahalanobis distance (n,) of the landmarks from those expected, and its p-value."""

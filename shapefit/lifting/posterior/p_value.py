@@ -20,7 +20,7 @@ from shapefit.dictionary.mixture import Mixture, widen
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.methods import PosteriorOptions
 from shapefit.lifting.posterior.posterior import Outliers, find_posterior
-from shapefit.lifting.verdict import VIEWED
+from shapefit.lifting.trust import VIEWED
 
 FEWEST_INLIERS, LEAST_INLIER_SHARE = 3.0, 2 / 3
 """Landmarks that fix a view, and the share of those seen that must be inliers: with fewer the

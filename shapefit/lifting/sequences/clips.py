@@ -43,7 +43,7 @@ from shapefit.lifting.sequences.smoothing import (
     observe,
     smooth,
 )
-from shapefit.lifting.verdict import IMAGE_ERROR, expected_error
+from shapefit.lifting.trust import IMAGE_ERROR, expected_error
 from shapefit.threads import on_threads
 
 NOISE = "sequence_noise"

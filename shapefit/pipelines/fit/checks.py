@@ -17,7 +17,7 @@ from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.lifting.lift import Lifting
-from shapefit.lifting.verdict import (
+from shapefit.lifting.trust import (
     LIMITS,
     P_VALUE,
     START_DISTANCE,

@@ -35,7 +35,7 @@ from shapefit.lifting.methods import (
     Settings,
     choose_method,
 )
-from shapefit.lifting.verdict import SIDES, cover_mirror_image
+from shapefit.lifting.trust import SIDES, cover_mirror_image
 from shapefit.pipelines.fit.camera import IMAGE_SIZE, Intrinsics, find_camera
 from shapefit.pipelines.items import named_items
 from shapefit.threads import on_threads

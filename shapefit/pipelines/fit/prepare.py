@@ -24,7 +24,7 @@ from shapefit.io import LandmarkSet, open_landmarks
 from shapefit.io.formats import HDF5, FileFormat, find_target_format
 from shapefit.io.options import InputOptions, input_options
 from shapefit.lifting.methods import AUTO, METHODS, find_conflict
-from shapefit.lifting.verdict import NOT_OF_THE_CLASS
+from shapefit.lifting.trust import NOT_OF_THE_CLASS
 from shapefit.pipelines.fit.camera import choose_camera, find_calibrated, undistorted
 from shapefit.pipelines.fit.checks import calibrate_bars, check_skeleton
 from shapefit.pipelines.fit.lift import Lifter, check_items, check_needs, lifter_of, weigh

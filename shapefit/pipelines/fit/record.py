@@ -20,7 +20,7 @@ from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Lifting, PerspectiveView
 from shapefit.lifting.methods import METHODS
-from shapefit.lifting.verdict import (
+from shapefit.lifting.trust import (
     EXPECTED_ERROR,
     GAIN,
     IMAGE_ERROR,

@@ -17,7 +17,7 @@ from shapefit.io.options import Summary
 from shapefit.io.skeletons import joint_columns
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
-from shapefit.lifting.verdict import EXPECTED_ERROR, NO_SHAPE, REASONS, TRUSTED
+from shapefit.lifting.trust import EXPECTED_ERROR, NO_SHAPE, REASONS, TRUSTED
 from shapefit.pipelines.fit.camera import warn_of_lens
 from shapefit.pipelines.fit.lift import LEAVE_ONE_OUT, find_items
 from shapefit.pipelines.fit.prepare import Setup, output_format, warn_of_dictionary

@@ -19,7 +19,7 @@ from shapefit.io.records import concatenate
 from shapefit.io.writers.metres import EXTRINSIC_ROTATION
 from shapefit.io.writers.motion import ANGLE_SD, ANGLES, angle_columns, angle_names
 from shapefit.lifting.methods import METHODS
-from shapefit.lifting.verdict import REASONS
+from shapefit.lifting.trust import REASONS
 from shapefit.pipelines.view.reading import POSE, Content, Inputs
 from shapefit.viewer.scene import Blend, Layer, Measure, MeshSet, Words
 

@@ -11,7 +11,7 @@ from shapefit.errors import counted, parse_json
 from shapefit.io.layout import METRES_FROM
 from shapefit.io.skeletons import joint_columns
 from shapefit.io.writers.metres import EXTRINSIC_ROTATION
-from shapefit.lifting.verdict import MIRRORED, REASONS
+from shapefit.lifting.trust import MIRRORED, REASONS
 from shapefit.pipelines.view.layers import AGAINST_TRUTH, EXPECTED, has_camera
 from shapefit.pipelines.view.reading import Content
 from shapefit.viewer.scene import Fact, Layer

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shapefit.arrays import median
-from shapefit.lifting import verdict
+from shapefit.lifting import trust
 from shapefit.lifting.sequences import smoothing
 from shapefit.lifting.sequences.clips import (
     find_acceleration_scale,
@@ -307,7 +307,7 @@ def test_a_unit_of_each_frame_is_that_of_images_observed_in_it(images, body, rng
     np.testing.assert_allclose(found.log_det, np.linalg.slogdet(covariance / g[..., None] ** 2)[1])
 
 
-@pytest.mark.parametrize(("numbers", "most"), [(smoothing.Constants, 8), (verdict.Limits, 6)])
+@pytest.mark.parametrize(("numbers", "most"), [(smoothing.Constants, 8), (trust.Limits, 6)])
 def test_every_number_has_its_reason_in_the_table(numbers, most):
     stated = [line.split()[0] for line in numbers.__doc__.splitlines() if line[4:5].strip()]
     names = [field.name for field in fields(numbers)]

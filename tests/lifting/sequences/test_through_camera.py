@@ -10,7 +10,7 @@ from shapefit.geometry.pinhole import project
 from shapefit.lifting.sequences import clips
 from shapefit.lifting.sequences.clips import Motion
 from shapefit.lifting.sequences.through_camera import refine_through_camera
-from shapefit.lifting.verdict import IMAGE_ERROR, expected_error
+from shapefit.lifting.trust import IMAGE_ERROR, expected_error
 from tests.lifting.posterior.conftest import draw_component
 from tests.lifting.posterior.pinhole import P, Scene
 

@@ -10,7 +10,7 @@ from shapefit.config.paths import find_dictionary
 from shapefit.dictionary.mixture import Mixture
 from shapefit.errors import InputError
 from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
-from shapefit.lifting import verdict
+from shapefit.lifting import trust
 from shapefit.pipelines.fit.lift import Lifter, weigh
 from tests.pipelines.told import failures
 
@@ -89,7 +89,7 @@ def test_a_confidence_of_the_least_that_counts_is_seen():
 def test_implausible_images_are_reported_and_keep_their_status(
     fit, with_prior, images, monkeypatch
 ):
-    monkeypatch.setattr(verdict, "LIMITS", replace(verdict.LIMITS, min_p_value=0.999999))
+    monkeypatch.setattr(trust, "LIMITS", replace(trust.LIMITS, min_p_value=0.999999))
     keys = {"camera": {"focal": "none"}}
     found, outcomes = fit(with_prior, images, method="posterior", **keys)
     (reasons,) = [reasons for out in outcomes for reasons in out.reasons]

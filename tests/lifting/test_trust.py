@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from shapefit.convex.solver import Status
-from shapefit.lifting.verdict import contradicts, find_reasons, median_distance
+from shapefit.lifting.trust import contradicts, find_reasons, median_distance
 
 CUBE = np.array([[1, -1, 1, -1], [1, 1, -1, -1], [1, -1, -1, 1]], dtype=float)
 """Four landmarks whose coordinates have variance 1."""
