@@ -69,7 +69,7 @@ Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 States = NDArray[np.uint64]
 
-STRETCH: int
+IMAGES_PER_BLOCK: int
 """
 
 

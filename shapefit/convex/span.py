@@ -64,8 +64,8 @@ def is_worth_reducing(problem: Problem) -> bool:
 def reduce_images(problem: Problem) -> Iterator[Reduced]:
     """Yield the images in parts of equal weights.
 
-    How a stretch of images is parted does not depend on the others, so that no result depends on
-    how images are batched; stretches of one set of weights stay together, for threads to share.
+    How a block of images is divided does not depend on the others, so that no result depends on
+    how images are batched; blocks of one set of weights stay together, for threads to share.
     """
     together: list[NDArray[np.intp]] = []
     basis_of = lru_cache(maxsize=8)(lambda key: find_basis(problem.atoms, np.frombuffer(key)))
@@ -78,8 +78,8 @@ def reduce_images(problem: Problem) -> Iterator[Reduced]:
         ones = np.ones((len(rows), basis.shape[1]))
         return Reduced(rows, Problem(w @ basis, ones, B @ basis, problem.lam[rows]), basis)
 
-    for start in range(0, len(problem.lam), core.STRETCH):
-        rows = np.arange(start, min(start + core.STRETCH, len(problem.lam)))
+    for start in range(0, len(problem.lam), core.IMAGES_PER_BLOCK):
+        rows = np.arange(start, min(start + core.IMAGES_PER_BLOCK, len(problem.lam)))
         masks, of = np.unique(problem.weights[rows], axis=0, return_inverse=True)
         same = together and (problem.weights[together[-1][0]] == masks).all()
         if together and (len(masks) > 1 or not same):

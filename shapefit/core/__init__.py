@@ -5,7 +5,7 @@ all that this build has and this processor can run, the best first. The environm
 SHAPEFIT_LEVEL forces one; InputError where there is none of that name. Functions take C-contiguous
 float64 arrays, write their outputs in place and release the GIL; the rooms that call them allocate.
 Arrays of another shape raise ValueError, of another type TypeError. They take the images of a batch
-in stretches of STRETCH: only within one do images start from one another's solutions.
+in blocks of IMAGES_PER_BLOCK: only within one do images start from one another's solutions.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ def sparse_code(
     unsettled = np.zeros(len(X), dtype=bool)
     core.code(
         gram=B @ B.T,
-        pulls=X @ B.T - beta,
+        linear_terms=X @ B.T - beta,
         smallest_moves=smallest_move,
         coefficients=C,
         unsettled=unsettled,

@@ -112,8 +112,8 @@ def pursue(
     error, rounds = np.full(n, np.nan), np.zeros(n, np.int64)
     status = np.full(n, Status.DEGENERATE, dtype=object)
     # blocks of images, so that no result depends on how images are batched
-    for start in range(0, n, core.STRETCH):
-        weights = problem.weights[start : start + core.STRETCH]
+    for start in range(0, n, core.IMAGES_PER_BLOCK):
+        weights = problem.weights[start : start + core.IMAGES_PER_BLOCK]
         masks, number = np.unique(weights, axis=0, return_inverse=True)
         for i, mask in enumerate(masks):
             rows = start + np.flatnonzero(number.ravel() == i)

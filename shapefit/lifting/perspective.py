@@ -239,7 +239,7 @@ def mean_coefficients(atoms: Floats, mean_shape: Floats) -> Floats:
     c = np.zeros((1, k))
     core.code(
         gram=A.T @ A + little**2 * np.eye(k),
-        pulls=np.reshape(mean_shape.ravel() @ A, (1, k)),
+        linear_terms=np.reshape(mean_shape.ravel() @ A, (1, k)),
         smallest_moves=np.array([1e-12 * np.linalg.norm(mean_shape)]),
         coefficients=c,
         unsettled=np.zeros(1, dtype=bool),

@@ -33,7 +33,7 @@ class CoefficientStep {
 
     double square(long i) const { return dot_padded(projected(i), projected(i), 2 * atoms_.row); }
     void overlaps(long i, const long* used, long m, double* out) const;
-    double pull(long i, double sign) const { return along_[i] - lam_ * sign; }
+    double linear_term(long i, double sign) const { return along_[i] - lam_ * sign; }
     bool choose(const ActiveSet& used, long& next, double& sign);
 
   private:

@@ -5,38 +5,38 @@
 namespace shapefit {
 
 void Reduction::find(Vector<const double> omega) {
-    seen = 0;
+    visible_count = 0;
     double total = 0;
     for (long j = 0; j < omega.size[0]; ++j) {
         if (!(omega[j] > 0)) continue;
-        visible[seen] = j;
-        h[seen] = omega[j];
+        visible[visible_count] = j;
+        h[visible_count] = omega[j];
         total += square(omega[j]);
-        ++seen;
+        ++visible_count;
     }
-    if (seen == 0) return;
+    if (visible_count == 0) return;
     const double length = root(total);
-    for (long m = 0; m < seen; ++m) h[m] /= length;
-    h[seen - 1] += 1;
+    for (long m = 0; m < visible_count; ++m) h[m] /= length;
+    h[visible_count - 1] += 1;
     // |u + e|^2 = 2 (1 + u_last), so h h^T = 2 v v^T / v^T v
-    const double scale = 1 / root(h[seen - 1]);
-    for (long m = 0; m < seen; ++m) h[m] *= scale;
+    const double scale = 1 / root(h[visible_count - 1]);
+    for (long m = 0; m < visible_count; ++m) h[m] *= scale;
 }
 
 void Reduction::reduce(const double* x, const double* omega, double* out, double anchor) const {
     double along = 0;
-    for (long m = 0; m < seen; ++m)
+    for (long m = 0; m < visible_count; ++m)
         along += (x[visible[m]] - anchor) * omega[visible[m]] * h[m];
-    for (long m = 0; m < seen - 1; ++m)
+    for (long m = 0; m < visible_count - 1; ++m)
         out[m] = (x[visible[m]] - anchor) * omega[visible[m]] - along * h[m];
 }
 
 void Reduction::expand(const double* y, double* out, long p) const {
     double along = 0;
-    for (long m = 0; m < seen - 1; ++m) along += y[m] * h[m];
+    for (long m = 0; m < visible_count - 1; ++m) along += y[m] * h[m];
     for (long j = 0; j < p; ++j) out[j] = 0;
-    for (long m = 0; m < seen - 1; ++m) out[visible[m]] = y[m] - along * h[m];
-    out[visible[seen - 1]] = -along * h[seen - 1];
+    for (long m = 0; m < visible_count - 1; ++m) out[visible[m]] = y[m] - along * h[m];
+    out[visible[visible_count - 1]] = -along * h[visible_count - 1];
 }
 
 Planes find_planes(Tensor<const double> atoms, Workspace& workspace) {
@@ -100,7 +100,7 @@ double ReducedAtoms::reduce(const double* omega, const Reduction& reduction) {
         Doubles squares = {};
         for (int b = 0; b < 3; ++b) {
             Doubles along = {};
-            for (long m = 0; m < reduction.seen; ++m) {
+            for (long m = 0; m < reduction.visible_count; ++m) {
                 const long j = reduction.visible[m];
                 along += (omega[j] * reduction.h[m]) * load(all_.at(b, j, i));
             }
@@ -147,7 +147,7 @@ bool ReducedImage::take(Matrix<const double> W, Vector<const double> weights) {
         for (long j = 0; j < 2 * atoms.row; ++j) w[j] = 0;
     }
     last_weights_ = weights.data;
-    if (reduction.seen < 2) return false;
+    if (reduction.visible_count < 2) return false;
     reduction.reduce_landmarks(W, weights.data, w, atoms.row);
     return true;
 }

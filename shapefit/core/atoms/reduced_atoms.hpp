@@ -13,14 +13,14 @@
 namespace shapefit {
 
 struct Reduction {
-    long seen = 0;         // visible landmarks; q = seen - 1
+    long visible_count = 0;         // visible landmarks; q = visible_count - 1
     Vector<long> visible;  // (p,) their indices
     Vector<double> h;      // (p,) the reflection that maps omega to the last axis
 
     Reduction(Workspace& workspace, long p)
         : visible(workspace.vector<long>(p)), h(workspace.vector<double>(p)) {}
 
-    long coordinates() const { return seen > 0 ? seen - 1 : 0; }
+    long coordinates() const { return visible_count > 0 ? visible_count - 1 : 0; }
 
     // Landmarks of positive weight in omega (p,), and their reflection.
     void find(Vector<const double> omega);

@@ -42,11 +42,11 @@ namespace shapefit {
 // A right side h goes along as y = W^T h.
 class Cholesky {
   public:
-    // For at most `room` vectors at a time.
-    Cholesky(Workspace& workspace, long room)
-        : stride_(padded(room + 1)),
-          columns_(workspace.zeros<double>(room * stride_)),
-          rows_(workspace.zeros<double>(room * stride_)),
+    // For at most `capacity` vectors at a time.
+    Cholesky(Workspace& workspace, long capacity)
+        : stride_(padded(capacity + 1)),
+          columns_(workspace.zeros<double>(capacity * stride_)),
+          rows_(workspace.zeros<double>(capacity * stride_)),
           y_(workspace.zeros<double>(stride_)),
           u_(workspace.zeros<double>(stride_)) {}
 
@@ -54,15 +54,15 @@ class Cholesky {
     void clear() { size_ = 0; }
 
     // Let a vector join: `overlaps` Q_used,v, zeros after it up to padded(size + 1), overwritten by
-    // (-W u, 1), which is orthogonal to those in use; `square` Q_vv; `pull` h_v.
+    // (-W u, 1), which is orthogonal to those in use; `square` Q_vv; `linear_term` h_v.
     // Where pivot^2 <= dependent * square or nan, it is lifted to that if `lifted`, and else the
     // factor stays as it was: then false is returned.
-    bool append(double* overlaps, double square, double pull, double dependent, bool lifted) {
-        double rest = square, rest_of_pull = pull;
+    bool append(double* overlaps, double square, double linear_term, double dependent, bool lifted) {
+        double rest = square, rest_of_linear_term = linear_term;
         for (long e = 0; e < size_; ++e) {
             const double u = dot_padded(column(e), overlaps, padded(e + 1));
             rest -= u * u;
-            rest_of_pull -= u * y_[e];
+            rest_of_linear_term -= u * y_[e];
             u_[e] = -u;
         }
         mix_rows(u_, size_, columns_, stride_, padded(size_), overlaps);
@@ -71,7 +71,7 @@ class Cholesky {
             if (!lifted) return false;
             rest = larger(dependent * square, TINY);
         }
-        join(overlaps, 1 / root(rest), rest_of_pull);
+        join(overlaps, 1 / root(rest), rest_of_linear_term);
         return true;
     }
 
@@ -98,9 +98,9 @@ class Cholesky {
                 if (!lifted) return false;
                 rest = larger(dependent * square, TINY);
             }
-            const double inverse = 1 / root(rest), rest_of_pull = current[count];
+            const double inverse = 1 / root(rest), rest_of_linear_term = current[count];
             for (long f = size_ + 1; f <= count; ++f) current[f] *= inverse;
-            join(minus_Wu, inverse, rest_of_pull);
+            join(minus_Wu, inverse, rest_of_linear_term);
         }
         return true;
     }
@@ -128,13 +128,13 @@ class Cholesky {
 
   private:
     // The vector whose column of W is (minus_Wu, 1) * inverse.
-    void join(const double* minus_Wu, double inverse, double rest_of_pull) {
+    void join(const double* minus_Wu, double inverse, double rest_of_linear_term) {
         const long width = padded(size_);
         double* added = column(size_);
         for (long e = 0; e < PADDING; ++e) added[padded(size_ + 1) - PADDING + e] = 0;
         for (long e = 0; e < width; ++e) added[e] = inverse * minus_Wu[e];
         added[size_] = inverse;
-        y_[size_++] = inverse * rest_of_pull;
+        y_[size_++] = inverse * rest_of_linear_term;
     }
 
     // 8 columns of row `size_` of the Gram matrix, less the products of the rows of U above.
@@ -176,15 +176,15 @@ class Cholesky {
 
 // The used coefficients x = x_e at places index_e, and room to work in.
 struct ActiveSet {
-    // For at most `room` coefficients that are not 0 at a time, those of the start included.
-    ActiveSet(Workspace& workspace, long room)
-        : room(room),
-          index(workspace.zeros<long>(room + 1)),
-          x(workspace.zeros<double>(room + 1)),
-          sign(workspace.zeros<double>(room + 1)),
-          goal(workspace.zeros<double>(padded(room + 1))),
-          column(workspace.zeros<double>(padded(room + 1))),
-          factor(workspace, room + 1) {}
+    // For at most `capacity` coefficients that are not 0 at a time, those of the start included.
+    ActiveSet(Workspace& workspace, long capacity)
+        : capacity(capacity),
+          index(workspace.zeros<long>(capacity + 1)),
+          x(workspace.zeros<double>(capacity + 1)),
+          sign(workspace.zeros<double>(capacity + 1)),
+          goal(workspace.zeros<double>(padded(capacity + 1))),
+          column(workspace.zeros<double>(padded(capacity + 1))),
+          factor(workspace, capacity + 1) {}
 
     void clear() {
         count = 0;
@@ -213,7 +213,7 @@ struct ActiveSet {
         }
     }
 
-    long count = 0, room;
+    long count = 0, capacity;
     long* index;
     double *x, *sign, *goal, *column;
     Cholesky factor;        // of the first of them; the others wait
@@ -275,7 +275,7 @@ Blocked exchange(const Terms& terms, ActiveSet& set) {
     const long last = set.factor.size();
     double* d = set.column;
     double fall = 0;
-    for (long e = 0; e <= last; ++e) fall += d[e] * terms.pull(set.index[e], set.sign[e]);
+    for (long e = 0; e <= last; ++e) fall += d[e] * terms.linear_term(set.index[e], set.sign[e]);
     double way = fall < 0 ? -1 : 1;
     bool ends = false;  // where a coefficient reaches 0; rounding alone can hide the end
     for (long e = 0; e <= last; ++e) ends |= way * d[e] * set.sign[e] < 0;
@@ -293,7 +293,7 @@ bool factorise(const Terms& terms, ActiveSet& set, double dependent) {
         for (long e = 0; e < set.count; ++e) {
             double* row = set.factor.row(e);
             terms.overlaps(set.index[e], set.index + e, set.count - e, row + e);
-            row[set.count] = terms.pull(set.index[e], set.sign[e]);
+            row[set.count] = terms.linear_term(set.index[e], set.sign[e]);
         }
         return set.factor.svd_and_prox(set.count, dependent, Terms::scaled, set.column);
     }
@@ -303,7 +303,7 @@ bool factorise(const Terms& terms, ActiveSet& set, double dependent) {
         for (long e = 0; e < PADDING; ++e) tail[e] = 0;
         terms.overlaps(i, set.index, m, set.column);
         // Where the scale is fixed there is no way along which nothing changes: the pivot is lifted.
-        if (!set.factor.append(set.column, terms.square(i), terms.pull(i, set.sign[m]), dependent,
+        if (!set.factor.append(set.column, terms.square(i), terms.linear_term(i, set.sign[m]), dependent,
                                Terms::scaled))
             return false;
     }
@@ -337,7 +337,7 @@ Ending minimise(Terms& terms, ActiveSet& set, double dependent, long most_rounds
         long next = -1;
         double sign = 1;
         if (!terms.choose(set, next, sign)) return Ending::OPTIMAL;
-        if (rejected || set.count == set.room) return Ending::ROUNDING;
+        if (rejected || set.count == set.capacity) return Ending::ROUNDING;
         set.use(next, 0, sign);
         newest = true;
     }
@@ -362,7 +362,7 @@ struct DenseTerms {
     long k;
 
     double square(long i) const { return Q[i * k + i]; }
-    double pull(long i, double) const { return h[i]; }
+    double linear_term(long i, double) const { return h[i]; }
     double size(long i) const { return a[i]; }
 
     void overlaps(long i, const long* used, long m, double* out) const {

@@ -55,16 +55,16 @@ using Tensor = View<T, 3>;
 template <class T>
 using Blocks = View<T, 4>;
 
-// Images first <= image < last of a batch: whole stretches, but for the end of the batch.
+// Images first <= image < last of a batch: whole blocks, but for the end of the batch.
 struct Range {
     long first = 0;
     long last = 0;
 };
 
-// Images of one stretch may start from one another's solutions; each stretch starts afresh. Its
+// Images of one block may start from one another's solutions; each block starts afresh. Its
 // length is fixed, so that no result depends on the number of threads, nor on how a file is cut into
-// batches of whole stretches.
-constexpr long STRETCH = 64;
+// batches of whole blocks.
+constexpr long IMAGES_PER_BLOCK = 64;
 
 // From outside the code of any instruction set.
 [[noreturn]] void raise_out_of_memory(long bytes);

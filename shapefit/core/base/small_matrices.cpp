@@ -131,14 +131,14 @@ void symmetric_eigen(Matrix<double> A, Vector<double> values, Matrix<double> V) 
         for (long j = 0; j < m; ++j) V[i][j] = i == j;
     const double negligible = ROUNDING * norm({A.data, {m, m}});
     for (int sweep = 0; sweep < MOST_SWEEPS; ++sweep) {
-        bool still = true;
+        bool converged = true;
         for (long p = 0; p < m; ++p)
             for (long q = p + 1; q < m; ++q)
                 if (magnitude(A[p][q]) > negligible) {
                     rotate(A, V, p, q);
-                    still = false;
+                    converged = false;
                 }
-        if (still) break;
+        if (converged) break;
     }
     for (long i = 0; i < m; ++i) values[i] = A[i][i];
     sort(values, V);

@@ -9,21 +9,21 @@
 namespace shapefit {
 namespace {
 
-// At most so many stretches at a time: what a kernel sets up is spent on more images.
-constexpr long MOST_STRETCHES = 8;
+// At most so many blocks at a time: what a kernel sets up is spent on more images.
+constexpr long MAX_BLOCKS = 8;
 
-// Call work(range) on whole stretches that cover 0..count; `threads` = 0 means one per core. The
+// Call work(range) on whole blocks that cover 0..count; `threads` = 0 means one per core. The
 // first exception of a thread is raised again, after all have ended.
 template <class Work>
-void run_stretches(long count, int threads, const Work& work) {
-    const long stretches = (count + STRETCH - 1) / STRETCH;
+void run_blocks(long count, int threads, const Work& work) {
+    const long blocks = (count + IMAGES_PER_BLOCK - 1) / IMAGES_PER_BLOCK;
     const long cores = std::max(1u, std::thread::hardware_concurrency());
-    const long wanted = std::min<long>(threads > 0 ? threads : cores, stretches);
-    const long step = std::clamp(stretches / std::max(1L, 8 * wanted), 1L, MOST_STRETCHES) * STRETCH;
+    const long wanted = std::min<long>(threads > 0 ? threads : cores, blocks);
+    const long step = std::clamp(blocks / std::max(1L, 8 * wanted), 1L, MAX_BLOCKS) * IMAGES_PER_BLOCK;
     std::atomic<long> next{0};
     std::exception_ptr failure;
     std::mutex guard;
-    const auto take_stretches = [&] {
+    const auto take_blocks = [&] {
         try {
             for (long first = next.fetch_add(step); first < count; first = next.fetch_add(step))
                 work(Range{first, std::min(first + step, count)});
@@ -34,8 +34,8 @@ void run_stretches(long count, int threads, const Work& work) {
         }
     };
     std::vector<std::thread> others;
-    for (long t = 1; t < wanted; ++t) others.emplace_back(take_stretches);
-    take_stretches();
+    for (long t = 1; t < wanted; ++t) others.emplace_back(take_blocks);
+    take_blocks();
     for (std::thread& other : others) other.join();
     if (failure) std::rethrow_exception(failure);
 }
@@ -52,13 +52,13 @@ constexpr int NO_ARRAY = -1;
 
 // The array behind an object, or behind a copy of it; returns its rank.
 template <class T>
-int read(nb::handle given, AnyArray& array, std::vector<nb::ndarray<>>& kept) {
+int read(nb::handle given, AnyArray& array, std::vector<nb::ndarray<>>& retained) {
     const auto look = [&](auto found) {
         const int rank = static_cast<int>(found.ndim());
         if (rank != array.rank) return rank;
         array.data = const_cast<std::remove_const_t<T>*>(found.data());
         for (int d = 0; d < array.rank; ++d) array.size[d] = static_cast<long>(found.shape(d));
-        kept.emplace_back(found);
+        retained.emplace_back(found);
         return rank;
     };
     if (array.written) {
@@ -97,10 +97,10 @@ void Call::take(const Argument& argument, AnyArray& array) {
     const nb::handle given = find(argument);
     int rank = NO_ARRAY;
     switch (array.element) {
-        case Element::NUMBER: rank = read<double>(given, array, kept_); break;
-        case Element::FLAG: rank = read<bool>(given, array, kept_); break;
-        case Element::INDEX: rank = read<int64_t>(given, array, kept_); break;
-        case Element::STATE: rank = read<uint64_t>(given, array, kept_); break;
+        case Element::NUMBER: rank = read<double>(given, array, retained_); break;
+        case Element::FLAG: rank = read<bool>(given, array, retained_); break;
+        case Element::INDEX: rank = read<int64_t>(given, array, retained_); break;
+        case Element::STATE: rank = read<uint64_t>(given, array, retained_); break;
     }
     const bool is_array = rank != NO_ARRAY;
     if (!is_array || rank != array.rank || !has_shape(argument, array)) {
@@ -142,7 +142,7 @@ void Call::run(void (*kernel)(const void* data, Range), const void* data) {
     const int threads = static_cast<int>(take_count({*this, "threads", ""}));
     end();
     const nb::gil_scoped_release released;
-    run_stretches(size("n"), threads, [&](Range range) { kernel(data, range); });
+    run_blocks(size("n"), threads, [&](Range range) { kernel(data, range); });
 }
 
 nb::object Call::result() {

@@ -53,7 +53,7 @@ class Call : public Arguments {
     nb::kwargs keywords_;
     size_t taken_ = 0;
     std::vector<Size> sizes_;
-    std::vector<nb::ndarray<>> kept_;
+    std::vector<nb::ndarray<>> retained_;
     std::optional<long> count_;
     std::optional<nb::gil_scoped_release> released_;  // while the function runs
 };

@@ -40,7 +40,7 @@ void bind_function(nb::module_& module, const Function& function) {
 
 NB_MODULE(SHAPEFIT_MODULE, module) {
     using namespace shapefit;
-    module.attr("STRETCH") = STRETCH;
+    module.attr("IMAGES_PER_BLOCK") = IMAGES_PER_BLOCK;
     std::vector<const Function*> functions;
     for (const Function* each = Function::first; each; each = each->next) functions.push_back(each);
     std::sort(functions.begin(), functions.end(), [](const Function* a, const Function* b) {

@@ -12,7 +12,7 @@ double moreau(const double* M, const double* N, double step, const double* dN, d
         for (int e = 0; e < 6; ++e) q[e] = m.q[e] + sigma * (n.q[e] + step * d.q[e]);
         const Invariants<Doubles> block = invariants(q);
         const Doubles plus = nuclear_norm(block);
-        const Doubles minus = block.spread / larger(plus, all(TINY));
+        const Doubles minus = block.discriminant / larger(plus, all(TINY));
         store(total + i, plus);
         // both singular values become (plus - t) / 2, or the first alone falls by t
         const Doubles excess = larger(plus - t, Doubles{}), first = 0.5 * (plus + minus) - t;
@@ -71,7 +71,7 @@ struct Turned {
     Vector3 first, second;
 };
 [[gnu::always_inline]] inline Turned to_frame(const ActiveBlocks& a, const double* G, long c) {
-    const long n = a.room;
+    const long n = a.capacity;
     const Vector3 top = load3(G, n, c), low = load3(G + 3 * n, n, c);
     const Doubles cosine = load(a.cosine + c), sine = load(a.sine + c);
     const Vector3 along = combine(cosine, top, sine, low), across = combine(cosine, low, -sine, top);
@@ -82,9 +82,9 @@ struct Turned {
 
 }  // namespace
 
-ActiveBlocks::ActiveBlocks(Workspace& workspace, long padded_atoms) : room(padded_atoms) {
-    index = workspace.zeros<long>(room);
-    const auto rows = [&](long count) { return workspace.zeros<double>(count * room); };
+ActiveBlocks::ActiveBlocks(Workspace& workspace, long padded_atoms) : capacity(padded_atoms) {
+    index = workspace.zeros<long>(capacity);
+    const auto rows = [&](long count) { return workspace.zeros<double>(count * capacity); };
     argument = rows(6), prox = rows(6), weight = rows(6);
     v = rows(3), w = rows(3), z = rows(3);
     cosine = rows(1), sine = rows(1), norm = rows(1);
@@ -96,12 +96,12 @@ void ActiveBlocks::find(const double* M, const double* N, double sigma, double t
                         const double* total, long k) {
     count = 0;
     for (long i = 0; i < k; ++i) {
-        index[count < room ? count : room - 1] = i;
+        index[count < capacity ? count : capacity - 1] = i;
         count += total[i] > t;
     }
     for (long c = 0; c < count; ++c)
         for (int e = 0; e < 6; ++e)
-            argument[e * room + c] = M[e * k + index[c]] + sigma * N[e * k + index[c]];
+            argument[e * capacity + c] = M[e * k + index[c]] + sigma * N[e * k + index[c]];
     for (long c = 0; c < count; c += WIDTH) svd_and_prox(c, t);
     norms = 0;
     for (long c = 0; c < count; ++c) norms += norm[c];
@@ -109,7 +109,7 @@ void ActiveBlocks::find(const double* M, const double* N, double sigma, double t
 
 // Frame and prox of blocks c, c + 1, ...
 void ActiveBlocks::svd_and_prox(long c, double t) {
-    const long n = room;
+    const long n = capacity;
     const Vector3 x = load3(argument, n, c), y = load3(argument + 3 * n, n, c), normal = cross(x, y);
     const Doubles A = dot(x, x), C = dot(y, y), D = dot(x, y), product = root(dot(normal, normal));
     const Doubles plus = root(A + C + 2.0 * product);
@@ -144,7 +144,7 @@ void ActiveBlocks::svd_and_prox(long c, double t) {
 }
 
 void ActiveBlocks::weigh(double t, Weighing weighing) {
-    const long n = room;
+    const long n = capacity;
     const bool resolvent = weighing == Weighing::resolvent;
     const double whole = resolvent ? MOST_WEIGHT : 1;
     const Doubles none = {}, most = all(whole);
@@ -170,7 +170,7 @@ void ActiveBlocks::weigh(double t, Weighing weighing) {
 
 // Row r of block c is (top . B, low . B): top and low in the coordinates of B, three numbers each.
 void ActiveBlocks::lay_directions(double sigma, const double* moved) {
-    const long n = room;
+    const long n = capacity;
     const Doubles none = {};
     for (long c = 0; c < count; c += WIDTH) {
         const Vector3 v1 = load3(v, n, c), w1 = load3(w, n, c), z1 = load3(z, n, c);
@@ -196,17 +196,17 @@ void ActiveBlocks::lay_directions(double sigma, const double* moved) {
     }
 }
 
-// `directions` rows of one block: (top . B, low . B), the numbers of each `room` apart.
+// `directions` rows of one block: (top . B, low . B), the numbers of each `capacity` apart.
 template <int directions>
-[[gnu::always_inline]] inline void write_block(const double* number, long room, const double* B,
+[[gnu::always_inline]] inline void write_block(const double* number, long capacity, const double* B,
                                                long atom_stride, long q, double* row, long stride) {
     for (int half = 0; half < 2; ++half)  // the second writes over what pads the first
         for (long j = 0; j < atom_stride; j += WIDTH) {
             const Doubles b0 = load(B + j), b1 = load(B + atom_stride + j);
             const Doubles b2 = load(B + 2 * atom_stride + j);
             for (int r = 0; r < directions; ++r) {
-                const double* t = number + (7 * r + 3 * half) * room;
-                store(row + r * stride + half * q + j, t[0] * b0 + t[room] * b1 + t[2 * room] * b2);
+                const double* t = number + (7 * r + 3 * half) * capacity;
+                store(row + r * stride + half * q + j, t[0] * b0 + t[capacity] * b1 + t[2 * capacity] * b2);
             }
         }
 }
@@ -218,15 +218,15 @@ long ActiveBlocks::write_rows(double sigma, ReducedAtoms& atoms, const double* m
     long rows = 0;
     for (long c = 0; c < count; ++c) {
         const double *B = atoms[index[c]], *number = row_ + c;
-        const int directions = weight[4 * room + c] == 0 ? 4 : 6;  // four where f1 = f2
+        const int directions = weight[4 * capacity + c] == 0 ? 4 : 6;  // four where f1 = f2
         double* row = gram.row(rows);
         if (directions == 4)
-            write_block<4>(number, room, B, atoms.row, q, row, gram.stride());
+            write_block<4>(number, capacity, B, atoms.row, q, row, gram.stride());
         else
-            write_block<6>(number, room, B, atoms.row, q, row, gram.stride());
+            write_block<6>(number, capacity, B, atoms.row, q, row, gram.stride());
         for (int r = 0; r < directions; ++r, row += gram.stride()) {
             for (long j = unknowns; j < right; ++j) row[j] = 0;
-            row[right] = number[(7 * r + 6) * room];
+            row[right] = number[(7 * r + 6) * capacity];
         }
         rows += directions;
     }
@@ -234,7 +234,7 @@ long ActiveBlocks::write_rows(double sigma, ReducedAtoms& atoms, const double* m
 }
 
 void ActiveBlocks::apply_weights(const double* X, double* out) const {
-    const long n = room;
+    const long n = capacity;
     for (long c = 0; c < count; c += WIDTH) {
         const Turned G = to_frame(*this, X, c);
         const auto scaled = [&](int r, Doubles value) { return load(weight + r * n + c) * value; };
@@ -255,7 +255,7 @@ void ActiveBlocks::apply_weights(const double* X, double* out) const {
 }
 
 void ActiveBlocks::subtract_fit(ReducedAtoms& atoms, double* y0, double* y1, long q) const {
-    const long stride = atoms.row, n = room;
+    const long stride = atoms.row, n = capacity;
     for (long j = 0; j < q; j += WIDTH) {
         Doubles top = {}, low = {};
         for (long c = 0; c < count; ++c) {

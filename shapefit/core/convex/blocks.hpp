@@ -13,7 +13,7 @@ namespace shapefit {
 
 template <class Number>
 struct Invariants {
-    Number trace, product, spread;  // A + C, r, sqrt((A - C)^2 + 4 D^2)
+    Number trace, product, discriminant;  // A + C, r, sqrt((A - C)^2 + 4 D^2)
 };
 
 template <class Number>
@@ -35,7 +35,7 @@ template <class Number>
 // s1, exact where s2 is s1: the root of the largest eigenvalue of Q Q^T.
 template <class Number>
 [[gnu::always_inline]] inline Number spectral_norm(const Invariants<Number>& block) {
-    return root(0.5 * (block.trace + block.spread));
+    return root(0.5 * (block.trace + block.discriminant));
 }
 
 // Blocks i, i + 1, ... of six rows of `stride` numbers.
@@ -85,15 +85,15 @@ constexpr double MOST_WEIGHT = 1e3;
 struct ActiveBlocks {
     long count = 0;
     double norms = 0;         // sum of the spectral norms of prox
-    long room;                // of every row below, a multiple of PADDING
+    long capacity;                // of every row below, a multiple of PADDING
     long* index;              // atoms
-    double *argument, *prox;  // (6, room)
-    double *v, *w, *z;        // (3, room) right frame; u1 = (cosine, sine), u2 = (-sine, cosine)
-    double *cosine, *sine;    // (room,)
-    double *first, *second;   // (room,) singular values s1, s2 of the argument
-    double* difference;       // (room,) s1 - s2
-    double* norm;             // (room,) f1
-    double* weight;           // (6, room) of the directions in the order above
+    double *argument, *prox;  // (6, capacity)
+    double *v, *w, *z;        // (3, capacity) right frame; u1 = (cosine, sine), u2 = (-sine, cosine)
+    double *cosine, *sine;    // (capacity,)
+    double *first, *second;   // (capacity,) singular values s1, s2 of the argument
+    double* difference;       // (capacity,) s1 - s2
+    double* norm;             // (capacity,) f1
+    double* weight;           // (6, capacity) of the directions in the order above
 
     ActiveBlocks(Workspace& workspace, long padded_atoms);
 
@@ -104,11 +104,11 @@ struct ActiveBlocks {
     void weigh(double t, Weighing weighing);
 
     // Write the rows f with sum f^T f = sigma B_i^T W B_i, W the weights; returns their number. In
-    // the column of the right-hand side: 0, or, where `moved` (6, room) is given,
+    // the column of the right-hand side: 0, or, where `moved` (6, capacity) is given,
     // - sqrt(weight / sigma) <direction, moved>.
     long write_rows(double sigma, ReducedAtoms& atoms, const double* moved, ShiftedGram& gram);
 
-    // out = W X for X and out (6, room): the part of X in each direction, times its weight.
+    // out = W X for X and out (6, capacity): the part of X in each direction, times its weight.
     void apply_weights(const double* X, double* out) const;
 
     // rows (2, q) -= sum_i prox_i B_i; rows y0, y1.
@@ -118,7 +118,7 @@ struct ActiveBlocks {
     void svd_and_prox(long c, double t);
     void lay_directions(double sigma, const double* moved);
 
-    double* row_;  // (7, 6, room): the six numbers of each direction, and the right-hand side
+    double* row_;  // (7, 6, capacity): the six numbers of each direction, and the right-hand side
 };
 
 }  // namespace shapefit

@@ -23,7 +23,7 @@ void SparseErrors::attach(const Reduction& reduction, const double* bounds, doub
 
 void SparseErrors::begin(double threshold, const double* y, long q) {
     threshold_ = threshold;
-    for (long m = 0; m < reduction_->seen; ++m) {
+    for (long m = 0; m < reduction_->visible_count; ++m) {
         const long j = reduction_->visible[m];
         rho_[j] = threshold / bounds_[j];
     }
@@ -46,7 +46,7 @@ ErrorsPoint SparseErrors::find(double* g, long q) {
     ErrorsPoint point;
     for (int a = 0; a < 2; ++a) {
         double along = 0;
-        for (long m = 0; m < reduction_->seen; ++m) {
+        for (long m = 0; m < reduction_->visible_count; ++m) {
             const long j = reduction_->visible[m], at = a * p_ + j;
             const double value = E_[at] + rho_[j] * Y_[at];
             const double excess = magnitude(value) - threshold_;
@@ -86,7 +86,7 @@ void SparseErrors::accept() { memcpy(E_, fresh_, sizeof(double) * 2 * p_); }
 long SparseErrors::count_curved() {
     long count = 0;
     for (int a = 0; a < 2; ++a)
-        for (long m = 0; m < reduction_->seen; ++m) {
+        for (long m = 0; m < reduction_->visible_count; ++m) {
             const long j = reduction_->visible[m];
             curvature_[a * p_ + m] = fresh_[a * p_ + j] != 0 ? rho_[j] : 0;
             count += fresh_[a * p_ + j] != 0;

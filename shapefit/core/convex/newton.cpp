@@ -4,7 +4,7 @@
 
 namespace shapefit {
 
-Room::Room(Workspace& workspace, long padded_atoms, long q, long further_rows)
+NewtonWorkspace::NewtonWorkspace(Workspace& workspace, long padded_atoms, long q, long further_rows)
     : active(workspace, padded_atoms),
       gram(workspace, 6 * padded_atoms + further_rows, 2 * q),
       N(workspace.zeros<double>(6 * padded_atoms)),
@@ -45,11 +45,11 @@ struct ProximalPoint {
 template <class Errors>
 class Lagrangian {
   public:
-    Lagrangian(const ReducedProgram& program, Iterate& iterate, Errors& errors, Room& room)
+    Lagrangian(const ReducedProgram& program, Iterate& iterate, Errors& errors, NewtonWorkspace& work)
         : program_(program),
           iterate_(iterate),
           errors_(errors),
-          room_(room),
+          work_(work),
           q_(program.q()),
           n_(program.unknowns()),
           k_(program.padded_atoms()),
@@ -58,14 +58,14 @@ class Lagrangian {
     long solve(long taken) {
         steps_ = taken;
         for (Inner inner = Inner::SOLVED; inner != Inner::DONE;) {
-            correlate(program_.atoms.planes, iterate_.y, iterate_.y + q_, room_.N);
+            correlate(program_.atoms.planes, iterate_.y, iterate_.y + q_, work_.N);
             begin_outer();
             inner = minimise();
             accept();
             sigma_ *= inner == Inner::SOLVED ? GROWTH : 1 / GROWTH;
             if (inner == Inner::DONE || Errors::robust || !(program_.delta > 0)) continue;
             // the proximal point may be a good start
-            const PrimalDualEnd end = solve_primal_dual(program_, iterate_, room_);
+            const PrimalDualEnd end = solve_primal_dual(program_, iterate_, work_);
             steps_ += end.steps;
             if (end.solved) break;
         }
@@ -103,8 +103,8 @@ class Lagrangian {
 
     // phi(y + step direction); the sums of singular values there are left in total.
     double value_along(double step) {
-        const double part = moreau(iterate_.M, room_.N, step, room_.change, sigma_, threshold(),
-                                   room_.total, k_);
+        const double part = moreau(iterate_.M, work_.N, step, work_.change, sigma_, threshold(),
+                                   work_.total, k_);
         const double square = 0.5 * yy_ + step * yd_ + 0.5 * step * step * dd_;
         return program_.delta * square - yw_ - step * wd_ + part / (2 * sigma_) +
                errors_.value(step);
@@ -112,9 +112,9 @@ class Lagrangian {
 
     // The gradient delta y - w + sum P_i B_i + errors, and the gap of the point it belongs to.
     ProximalPoint find_proximal_point() {
-        ActiveBlocks& active = room_.active;
-        double* g = room_.gradient;
-        active.find(iterate_.M, room_.N, sigma_, threshold(), room_.total, k_);
+        ActiveBlocks& active = work_.active;
+        double* g = work_.gradient;
+        active.find(iterate_.M, work_.N, sigma_, threshold(), work_.total, k_);
         for (long j = 0; j < n_; ++j) g[j] = program_.w[j] - program_.delta * iterate_.y[j];
         active.subtract_fit(program_.atoms, g, g + q_, q_);
         for (long j = 0; j < n_; ++j) g[j] = -g[j];
@@ -127,12 +127,12 @@ class Lagrangian {
     }
 
     double moved_transforms() const {
-        const ActiveBlocks& active = room_.active;
+        const ActiveBlocks& active = work_.active;
         double moved = 0;
         for (int e = 0; e < 6; ++e) {
             const double* row = iterate_.M + e * k_;
             for (long i = 0; i < k_; ++i)
-                moved += room_.total[i] > threshold() ? 0 : square(row[i]);
+                moved += work_.total[i] > threshold() ? 0 : square(row[i]);
             for (long c = 0; c < active.count; ++c)
                 moved += square(active.prox[e * k_ + c] - row[active.index[c]]);
         }
@@ -144,11 +144,11 @@ class Lagrangian {
         const bool quadratic = program_.delta > 0;
         double residual = 0;
         for (long j = 0; j < n_; ++j)
-            residual += square(program_.delta * iterate_.y[j] - room_.gradient[j]);
-        const double primal = program_.lam * room_.active.norms +
-                              errors_.penalty(room_.gradient, q_, quadratic) +
+            residual += square(program_.delta * iterate_.y[j] - work_.gradient[j]);
+        const double primal = program_.lam * work_.active.norms +
+                              errors_.penalty(work_.gradient, q_, quadratic) +
                               program_.delta * 0.5 * residual;
-        const DualBound bound(program_.lam, program_.delta, largest_nuclear_norm(room_.N, k_), share,
+        const DualBound bound(program_.lam, program_.delta, largest_nuclear_norm(work_.N, k_), share,
                               yy_, yw_);
         const double gap = bound.relative_gap(primal);
         return !quadratic && !Errors::robust ? larger(gap, root(gradient)) : gap;
@@ -156,10 +156,10 @@ class Lagrangian {
 
     void take_newton_step(double gradient) {
         find_direction(gradient);
-        double* d = room_.direction;
-        correlate(program_.atoms.planes, d, d + q_, room_.change);
+        double* d = work_.direction;
+        correlate(program_.atoms.planes, d, d + q_, work_.change);
         errors_.aim(d, q_);
-        const double slope = dot(room_.gradient, d, n_);
+        const double slope = dot(work_.gradient, d, n_);
         yd_ = dot(iterate_.y, d, n_), dd_ = dot(d, d, n_), wd_ = dot(program_.w, d, n_);
         const auto falls = [&](double step, double value) {
             return value <= phi_ + ARMIJO * step * slope + 1e-13 * magnitude(phi_);
@@ -168,7 +168,7 @@ class Lagrangian {
         while (!falls(step, value) && !(step < SHORTEST)) value = value_along(step *= 0.5);
         phi_ = value;
         for (long j = 0; j < n_; ++j) iterate_.y[j] += step * d[j];
-        for (long e = 0; e < 6 * k_; ++e) room_.N[e] += step * room_.change[e];
+        for (long e = 0; e < 6 * k_; ++e) work_.N[e] += step * work_.change[e];
         errors_.step(step);
         yy_ = dot(iterate_.y, iterate_.y, n_);
         yw_ = dot(iterate_.y, program_.w, n_);
@@ -177,8 +177,8 @@ class Lagrangian {
 
     // d = -(shift I + sum sigma B_i^T D_i B_i + errors)^-1 gradient.
     void find_direction(double gradient) {
-        ActiveBlocks& active = room_.active;
-        ShiftedGram& gram = room_.gram;
+        ActiveBlocks& active = work_.active;
+        ShiftedGram& gram = work_.gram;
         const bool quadratic = program_.delta > 0;
         active.weigh(threshold(), Weighing::derivative);
         long rows = active.write_rows(sigma_, program_.atoms, nullptr, gram);
@@ -186,17 +186,17 @@ class Lagrangian {
             quadratic ? program_.delta : sigma_ * (1e-13 + 1e-7 * smaller(1, gradient));
         const long curved = errors_.count_curved();
         if (curved > 0 && !(quadratic && rows + curved < n_)) {
-            errors_.write_matrix(shift, room_.matrix);
-            gram.solve(rows, room_.matrix, room_.gradient, room_.direction);
+            errors_.write_matrix(shift, work_.matrix);
+            gram.solve(rows, work_.matrix, work_.gradient, work_.direction);
         } else {
             errors_.append_rows(rows, gram);
-            gram.solve(rows + curved, shift, quadratic, room_.gradient, room_.direction);
+            gram.solve(rows + curved, shift, quadratic, work_.gradient, work_.direction);
         }
-        for (long j = 0; j < n_; ++j) room_.direction[j] = -room_.direction[j];
+        for (long j = 0; j < n_; ++j) work_.direction[j] = -work_.direction[j];
     }
 
     void accept() {
-        const ActiveBlocks& active = room_.active;
+        const ActiveBlocks& active = work_.active;
         memset(iterate_.M, 0, sizeof(double) * 6 * k_);
         for (int e = 0; e < 6; ++e)
             for (long c = 0; c < active.count; ++c)
@@ -207,7 +207,7 @@ class Lagrangian {
     const ReducedProgram& program_;
     Iterate& iterate_;
     Errors& errors_;
-    Room& room_;
+    NewtonWorkspace& work_;
     const long q_, n_, k_;
     double sigma_;
     long steps_ = 0;
@@ -217,14 +217,14 @@ class Lagrangian {
 
 }  // namespace
 
-long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors, Room& room,
+long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors, NewtonWorkspace& work,
                       long taken) {
-    return Lagrangian<NoErrors>(program, iterate, errors, room).solve(taken);
+    return Lagrangian<NoErrors>(program, iterate, errors, work).solve(taken);
 }
 
 long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, SparseErrors& errors,
-                      Room& room, long taken) {
-    return Lagrangian<SparseErrors>(program, iterate, errors, room).solve(taken);
+                      NewtonWorkspace& work, long taken) {
+    return Lagrangian<SparseErrors>(program, iterate, errors, work).solve(taken);
 }
 
 namespace {
@@ -238,72 +238,72 @@ constexpr long MOST_ROUNDS = 8;
 constexpr double HOPELESS = 0.95;
 
 // The right-hand side w - y - sum P_i B_i, and the rest of it in the rows of F.
-long build_system(const ReducedProgram& program, const Iterate& iterate, double sigma, Room& room) {
+long build_system(const ReducedProgram& program, const Iterate& iterate, double sigma, NewtonWorkspace& work) {
     const long k = program.padded_atoms(), n = program.unknowns();
-    ActiveBlocks& active = room.active;
-    sum_singular_values(iterate.M, room.N, sigma, room.total, k);
-    active.find(iterate.M, room.N, sigma, sigma * program.lam, room.total, k);
+    ActiveBlocks& active = work.active;
+    sum_singular_values(iterate.M, work.N, sigma, work.total, k);
+    active.find(iterate.M, work.N, sigma, sigma * program.lam, work.total, k);
     active.weigh(sigma * program.lam, Weighing::resolvent);
     for (int e = 0; e < 6; ++e)
         for (long c = 0; c < active.count; ++c)
-            room.moved[e * k + c] = active.prox[e * k + c] - iterate.M[e * k + active.index[c]];
-    for (long j = 0; j < n; ++j) room.gradient[j] = program.w[j] - iterate.y[j];
-    active.subtract_fit(program.atoms, room.gradient, room.gradient + program.q(), program.q());
-    return active.write_rows(sigma, program.atoms, room.moved, room.gram);
+            work.moved[e * k + c] = active.prox[e * k + c] - iterate.M[e * k + active.index[c]];
+    for (long j = 0; j < n; ++j) work.gradient[j] = program.w[j] - iterate.y[j];
+    active.subtract_fit(program.atoms, work.gradient, work.gradient + program.q(), program.q());
+    return active.write_rows(sigma, program.atoms, work.moved, work.gram);
 }
 
 // M_i <- P_i + W_i (sigma dN_i + P_i - M_i); returns sum ||M_i||_2.
 double move_transforms(const ReducedProgram& program, double sigma, const double* fresh_N,
-                       Iterate& iterate, Room& room) {
+                       Iterate& iterate, NewtonWorkspace& work) {
     const long k = program.padded_atoms();
-    const ActiveBlocks& active = room.active;
+    const ActiveBlocks& active = work.active;
     for (int e = 0; e < 6; ++e)
         for (long c = 0; c < active.count; ++c) {
             const long at = e * k + active.index[c];
-            room.moved[e * k + c] += sigma * (fresh_N[at] - room.N[at]);
+            work.moved[e * k + c] += sigma * (fresh_N[at] - work.N[at]);
         }
-    active.apply_weights(room.moved, room.weighted);
+    active.apply_weights(work.moved, work.weighted);
     memset(iterate.M, 0, sizeof(double) * 6 * k);
     double norms = 0;
     for (long c = 0; c < active.count; c += WIDTH) {
-        BlockLanes M = load_blocks(room.weighted, k, c);
+        BlockLanes M = load_blocks(work.weighted, k, c);
         for (int e = 0; e < 6; ++e) M.q[e] += load(active.prox + e * k + c);
-        for (int e = 0; e < 6; ++e) store(room.weighted + e * k + c, M.q[e]);
+        for (int e = 0; e < 6; ++e) store(work.weighted + e * k + c, M.q[e]);
         const Doubles sizes = spectral_norm(invariants(M.q));
         for (int lane = 0; lane < WIDTH && c + lane < active.count; ++lane) norms += sizes[lane];
     }
     for (int e = 0; e < 6; ++e)
         for (long c = 0; c < active.count; ++c)
-            iterate.M[e * k + active.index[c]] = room.weighted[e * k + c];
+            iterate.M[e * k + active.index[c]] = work.weighted[e * k + c];
     return norms;
 }
 
 }  // namespace
 
-PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate, Room& room) {
+PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate, NewtonWorkspace& work) {
     const long k = program.padded_atoms(), q = program.q(), n = program.unknowns();
     const double sigma = STEP / program.lam;
-    memcpy(room.start_M, iterate.M, sizeof(double) * 6 * k);
-    memcpy(room.start_y, iterate.y, sizeof(double) * n);
+    memcpy(work.start_M, iterate.M, sizeof(double) * 6 * k);
+    memcpy(work.start_y, iterate.y, sizeof(double) * n);
     long steps = 0;
     while (steps < MOST_ROUNDS && steps < program.most_steps) {
-        const long rows = build_system(program, iterate, sigma, room);
-        room.gram.solve(rows, 1, true, room.gradient, room.direction);
-        for (long j = 0; j < n; ++j) iterate.y[j] += room.direction[j];
-        correlate(program.atoms.planes, iterate.y, iterate.y + q, room.change);
-        const double norms = move_transforms(program, sigma, room.change, iterate, room);
-        double* fresh = room.change;
-        room.change = room.N;
-        room.N = fresh;
+        const long rows = build_system(program, iterate, sigma, work);
+        work.gram.solve(rows, 1, true, work.gradient, work.direction);
+        for (long j = 0; j < n; ++j) iterate.y[j] += work.direction[j];
+        correlate(program.atoms.planes, iterate.y, iterate.y + q, work.change);
+        const double norms = move_transforms(program, sigma, work.change, iterate, work);
+        double* fresh = work.change;
+        work.change = work.N;
+        work.N = fresh;
         ++steps;
         const double yy = dot(iterate.y, iterate.y, n), yw = dot(iterate.y, program.w, n);
-        const DualBound bound(program.lam, 1, largest_nuclear_norm(room.N, k), 0, yy, yw);
+        const DualBound bound(program.lam, 1, largest_nuclear_norm(work.N, k), 0, yy, yw);
         const double gap = bound.relative_gap(0.5 * yy + program.lam * norms);
         if (gap <= program.tolerance) return {steps, true};
         if (!(gap < HOPELESS)) break;
     }
-    memcpy(iterate.M, room.start_M, sizeof(double) * 6 * k);
-    memcpy(iterate.y, room.start_y, sizeof(double) * n);
+    memcpy(iterate.M, work.start_M, sizeof(double) * 6 * k);
+    memcpy(iterate.y, work.start_y, sizeof(double) * n);
     return {steps, false};
 }
 

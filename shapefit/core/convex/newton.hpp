@@ -51,7 +51,7 @@ struct Iterate {
 };
 
 // Room for up to q coordinates; everything is written before it is read.
-struct Room {
+struct NewtonWorkspace {
     ActiveBlocks active;
     ShiftedGram gram;
     double *N, *change, *total;    // (6, padded), (6, padded), (padded,)
@@ -60,14 +60,14 @@ struct Room {
     double *start_M, *start_y;
     double* matrix;  // (2 q, 2 q), where there are further rows
 
-    Room(Workspace& workspace, long padded_atoms, long q, long further_rows);
+    NewtonWorkspace(Workspace& workspace, long padded_atoms, long q, long further_rows);
 };
 
 // Solve from the iterate, which is overwritten, within most_steps - taken; returns Newton steps.
-long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors, Room& room,
+long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, NoErrors errors, NewtonWorkspace& work,
                       long taken);
 long solve_lagrangian(const ReducedProgram& program, Iterate& iterate, SparseErrors& errors,
-                      Room& room, long taken);
+                      NewtonWorkspace& work, long taken);
 
 struct PrimalDualEnd {
     long steps;
@@ -76,7 +76,7 @@ struct PrimalDualEnd {
 
 // Takes the iterate, of which room.N holds the correlation, to the tolerance; where it does not get
 // there the iterate is left as it was.
-PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate, Room& room);
+PrimalDualEnd solve_primal_dual(const ReducedProgram& program, Iterate& iterate, NewtonWorkspace& work);
 
 // What a dual point y proves once it is scaled until it is feasible: s y has the value
 // D = s <y, w> - delta/2 s^2 ||y||^2.

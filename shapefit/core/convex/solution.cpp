@@ -1,4 +1,4 @@
-// A stretch of images, each solved from its neighbour's solution where that explains it.
+// A block of images, each solved from its neighbour's solution where that explains it.
 #include <string.h>
 
 #include "../base/registry.hpp"
@@ -53,7 +53,7 @@ struct Sums {
 };
 
 // `centred` and `left` become W less its mean, weighted by omega^2; returns omega . omega.
-double centre(Matrix<const double> W, Vector<const double> omega, Certifier& room, double* mean) {
+double centre(Matrix<const double> W, Vector<const double> omega, Certifier& work, double* mean) {
     const long p = omega.size[0];
     double total = 0;
     long first = -1;
@@ -69,8 +69,8 @@ double centre(Matrix<const double> W, Vector<const double> omega, Certifier& roo
             if (omega[j] > 0) mean[a] += square(omega[j]) * (W[a][j] - anchor) / total;
         for (long j = 0; j < p; ++j) {
             const double value = omega[j] > 0 ? W[a][j] - anchor - mean[a] : 0;
-            room.centred[a][j] = value;
-            room.left[a][j] = value;
+            work.centred[a][j] = value;
+            work.left[a][j] = value;
         }
         mean[a] += anchor;
     }
@@ -125,18 +125,18 @@ void add_axis(const ConvexProgram& program, Vector<const double> omega, double t
 
 // Scale Y until it is feasible; returns D.
 double find_bound(const ConvexProgram& program, Vector<const double> omega, double lam,
-                  Certifier& room, Matrix<double> Y) {
+                  Certifier& work, Matrix<double> Y) {
     const long p = omega.size[0];
     double yy = 0, yw = 0, entry = 0;
     for (int a = 0; a < 2; ++a)
         for (long j = 0; j < p; ++j) {
-            room.weighted[a][j] = Y[a][j] * omega[j];
+            work.weighted[a][j] = Y[a][j] * omega[j];
             yy += square(Y[a][j]);
-            yw += room.weighted[a][j] * room.centred[a][j];
+            yw += work.weighted[a][j] * work.centred[a][j];
             entry = larger(entry, magnitude(Y[a][j]));
         }
-    correlate(room.planes, room.weighted[0].data, room.weighted[1].data, room.N);
-    const double largest = largest_nuclear_norm(room.N, room.planes.padded_atoms);
+    correlate(work.planes, work.weighted[0].data, work.weighted[1].data, work.N);
+    const double largest = largest_nuclear_norm(work.N, work.planes.padded_atoms);
     const DualBound bound(lam, program.delta, largest, entry / program.bound, yy, yw);
     for (long e = 0; e < 2 * p; ++e) Y.data[e] *= bound.scale;
     return bound.value;
@@ -183,9 +183,9 @@ struct Memory {
     bool known = false;
 };
 
-class StretchSolver {
+class BlockSolver {
   public:
-    explicit StretchSolver(const ConvexTask& task)
+    explicit BlockSolver(const ConvexTask& task)
         : task_(task),
           program_(task.program),
           k_(program_.atoms.size[0]),
@@ -195,7 +195,7 @@ class StretchSolver {
           padded_(certifier_.planes.padded_atoms),
           atoms_(workspace_, certifier_.planes, padded_),
           errors_(workspace_, p_),
-          room_(workspace_, padded_, p_ > 1 ? p_ - 1 : 1, robust() ? 2 * p_ : 0) {
+          work_(workspace_, padded_, p_ > 1 ? p_ - 1 : 1, robust() ? 2 * p_ : 0) {
         const auto numbers = [&](long count) { return workspace_.zeros<double>(count); };
         active_ = {workspace_.zeros<int64_t>(padded_ + 1), numbers(6 * padded_)};
         last_weights_ = workspace_.vector<double>(p_);
@@ -213,7 +213,7 @@ class StretchSolver {
 
     void solve(long image) {
         const bool same_mask = take_weights(image);
-        if (reduction_.seen < 2) return give_up(image);
+        if (reduction_.visible_count < 2) return give_up(image);
         take_landmarks(image);
         ReducedProgram reduced{atoms_, w_,
                                program_.lam[image] / (units_.dual * units_.atoms), program_.delta,
@@ -222,14 +222,14 @@ class StretchSolver {
         long steps = solve_reduced(image, reduced, near, 0);
         remember(same_mask);
         write(image);
-        judge(image);
+        set_status(image);
         if (task_.end.status[image] == Status::ITERATION_LIMIT && steps < reduced.most_steps) {
             reduced.tolerance *= STILL_CLOSER;
             take_errors_back(image);
             steps += solve_reduced(image, reduced, false, steps);
             keep();
             write(image);
-            judge(image);
+            set_status(image);
         }
         task_.end.steps[image] = steps;
         give_errors_their_unit(image);
@@ -252,11 +252,11 @@ class StretchSolver {
             rho_[j] = !quadratic() && omega[j] > 0 ? 1 : omega[j];
         }
         reduction_.find(rho_);
-        if (reduction_.seen < 2) return false;
+        if (reduction_.visible_count < 2) return false;
         const double largest = atoms_.reduce(rho_.data, reduction_);
         units_.atoms = largest > 0 ? largest : 1;
         atoms_.scale(1 / units_.atoms);
-        room_.gram.set_unknowns(2 * q());
+        work_.gram.set_unknowns(2 * q());
         return false;
     }
 
@@ -299,7 +299,7 @@ class StretchSolver {
 
     // Whether ||w - sum M_i B_i||^2 is a small share of ||w||^2.
     bool explains() {
-        double* left = room_.gradient;
+        double* left = work_.gradient;
         const long n = 2 * q();
         memcpy(left, w_, sizeof(double) * n);
         list_active(iterate_.M);
@@ -327,8 +327,8 @@ class StretchSolver {
     // M = 0 and the multiple of w that is dual feasible.
     void start_cold(double lam) {
         memset(iterate_.M, 0, sizeof(double) * 6 * padded_);
-        correlate(atoms_.planes, w_, w_ + q(), room_.N);
-        const double largest = larger(largest_nuclear_norm(room_.N, padded_), TINY);
+        correlate(atoms_.planes, w_, w_ + q(), work_.N);
+        const double largest = larger(largest_nuclear_norm(work_.N, padded_), TINY);
         const double scale = smaller(1, lam / largest);
         for (long j = 0; j < 2 * q(); ++j) iterate_.y[j] = scale * w_[j];
     }
@@ -337,16 +337,16 @@ class StretchSolver {
     long solve_reduced(long image, const ReducedProgram& reduced, bool near, long taken) {
         if (robust()) {
             errors_.attach(reduction_, bounds_, task_.point.errors[image].data);
-            return solve_lagrangian(reduced, iterate_, errors_, room_, taken);
+            return solve_lagrangian(reduced, iterate_, errors_, work_, taken);
         }
         long steps = 0;
         if (near && quadratic()) {
-            correlate(atoms_.planes, iterate_.y, iterate_.y + q(), room_.N);
-            const PrimalDualEnd end = solve_primal_dual(reduced, iterate_, room_);
+            correlate(atoms_.planes, iterate_.y, iterate_.y + q(), work_.N);
+            const PrimalDualEnd end = solve_primal_dual(reduced, iterate_, work_);
             steps = end.steps;
             if (end.solved) return steps;
         }
-        return steps + solve_lagrangian(reduced, iterate_, NoErrors{}, room_, taken + steps);
+        return steps + solve_lagrangian(reduced, iterate_, NoErrors{}, work_, taken + steps);
     }
 
     void remember(bool same_mask) {
@@ -371,7 +371,7 @@ class StretchSolver {
         for (int a = 0; a < 2; ++a) {
             double *E = task_.point.errors[image][a].data, *Y = task_.point.dual[image][a].data;
             for (long j = 0; j < p_; ++j) Y[j] = 0;
-            for (long m = 0; m < reduction_.seen; ++m) {
+            for (long m = 0; m < reduction_.visible_count; ++m) {
                 const long j = reduction_.visible[m];
                 const double weight = rho_[j] / last_weights_[j];
                 Y[j] = Y_[a * p_ + j] * weight;
@@ -380,7 +380,7 @@ class StretchSolver {
         }
     }
 
-    void judge(long image) {
+    void set_status(long image) {
         certifier_.certify(image, active_, task_.point, task_.proof);
         const double gap = magnitude(task_.proof.relative_gap[image]);
         last_.known = is_finite(gap);
@@ -389,11 +389,11 @@ class StretchSolver {
             return;
         }
         const bool exact = !quadratic() && !robust();
-        const double judged = exact ? larger(gap, task_.proof.residual[image]) : gap;
-        task_.end.status[image] = judged <= task_.options.tolerance ? Status::OPTIMAL : Status::ITERATION_LIMIT;
+        const double worst = exact ? larger(gap, task_.proof.residual[image]) : gap;
+        task_.end.status[image] = worst <= task_.options.tolerance ? Status::OPTIMAL : Status::ITERATION_LIMIT;
     }
 
-    // E, in the units of the residual after `judge`, in those of the solver, and in the landmarks'.
+    // E, in the units of the residual after `set_status`, in those of the solver, and in the landmarks'.
     void take_errors_back(long image) {
         scale_errors(image, [&](long j) { return rho_[j] / last_weights_[j] / units_.landmarks; });
     }
@@ -404,7 +404,7 @@ class StretchSolver {
     void scale_errors(long image, const Scale& scale) {
         if (!robust()) return;
         for (int a = 0; a < 2; ++a)
-            for (long m = 0; m < reduction_.seen; ++m) {
+            for (long m = 0; m < reduction_.visible_count; ++m) {
                 const long j = reduction_.visible[m];
                 task_.point.errors[image][a][j] *= scale(j);
             }
@@ -436,7 +436,7 @@ class StretchSolver {
     const long padded_;
     ReducedAtoms atoms_;
     SparseErrors errors_;
-    Room room_;
+    NewtonWorkspace work_;
     Vector<double> last_weights_, rho_;
     double *bounds_, *ones_, *w_, *Y_;
     Iterate iterate_;
@@ -447,12 +447,12 @@ class StretchSolver {
 
 }  // namespace
 
-// Solve the images of the range in turn, stretch by stretch, and certify each.
+// Solve the images of the range in turn, block by block, and certify each.
 void solve_convex(const ConvexTask& task, Range range) {
-    StretchSolver stretch(task);
+    BlockSolver solver(task);
     for (long image = range.first; image < range.last; ++image) {
-        if (image % STRETCH == 0) stretch.begin();
-        stretch.solve(image);
+        if (image % IMAGES_PER_BLOCK == 0) solver.begin();
+        solver.solve(image);
     }
 }
 

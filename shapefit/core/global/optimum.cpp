@@ -102,14 +102,14 @@ Ended search_within_limits(const GlobalData& data, double begin, RotationObjecti
                                objective, cells, best);
     if (first.complete) return first;
     double bound = first.bound;
-    long room = data.limits.cells;
+    long remaining = data.limits.cells;
     for (double gap = LOOSER * data.tolerance; gap < 1; gap *= LOOSER) {
         const long before = cells.tested;
         const Ended ended =
-            search(gap, before + room / 2, begin + seconds, objective, cells, best);
+            search(gap, before + remaining / 2, begin + seconds, objective, cells, best);
         bound = larger(ended.bound, bound);
         if (ended.complete) break;
-        room -= cells.tested - before;
+        remaining -= cells.tested - before;
     }
     return {smaller(bound, best.objective), false};
 }

@@ -334,7 +334,7 @@ CellSearch::CellSearch(Workspace& workspace, RotationObjective& objective, const
       roots_(roots),
       objective_(objective),
       stack_(workspace.zeros<Cell>(ROOT_CELLS + DEEPEST)),
-      room_(ROOT_CELLS + DEEPEST) {}
+      capacity_(ROOT_CELLS + DEEPEST) {}
 
 void CellSearch::begin_image() {
     vertices.begin(roots_);
@@ -359,7 +359,7 @@ bool CellSearch::is_dropped(const Cell& cell, int& edge) {
             edge = longest_edge(cell);
             return false;
         }
-    const Verdict verdict = judge(cell);
+    const Verdict verdict = evaluate(cell);
     if (verdict.dropped) return true;
     edge = choose_edge(cell, verdict);
     return false;
@@ -386,7 +386,7 @@ int CellSearch::choose_edge(const Cell& cell, const Verdict& verdict) {
 }
 
 bool CellSearch::split(const Cell& cell, int edge, int& middle) {
-    if (waiting_ + 2 > room_) return false;
+    if (waiting_ + 2 > capacity_) return false;
     const int a = EDGE[edge][0], b = EDGE[edge][1];
     if (!vertices.middle(cell.vertex[a], cell.vertex[b], middle)) return false;
     const int passed = edge == longest_edge(cell) ? 0 : cell.passed + 1;
@@ -404,7 +404,7 @@ double CellSearch::prove_rest() {
         vertices.set_cut(cut);
         for (int number : cell.vertex)
             if (!vertices.reaches(vertices[number])) return false;
-        return judge(cell).dropped;
+        return evaluate(cell).dropped;
     };
     double proven = vertices.cut();
     for (long e = 0; e < waiting_; ++e) {
@@ -432,7 +432,7 @@ double CellSearch::inner_along(const Cell& cell, int edge) {
     return magnitude(inner4(one.q, other.q));
 }
 
-Verdict CellSearch::judge(const Cell& cell) {
+Verdict CellSearch::evaluate(const Cell& cell) {
     const Vertex* corner[4];
     for (int a = 0; a < 4; ++a) corner[a] = &vertices[cell.vertex[a]];
     return judge_cell(objective_, corner);

@@ -45,8 +45,8 @@ struct Vertex {
     double* products;  // Y B_i^T (6, padded k), atoms innermost
     double* Y;         // (2, row)
     long count;        // coefficients that are not 0
-    long* index;       // (room,) their atoms
-    double* x;         // (room,)
+    long* index;       // (capacity,) their atoms
+    double* x;         // (capacity,)
 };
 
 class Vertices {
@@ -143,14 +143,14 @@ class CellSearch {
     long tested = 0;  // cells of the image
 
   private:
-    Verdict judge(const Cell& cell);
+    Verdict evaluate(const Cell& cell);
     int choose_edge(const Cell& cell, const Verdict& verdict);
     double inner_along(const Cell& cell, int edge);
 
     const RootCells& roots_;
     const RotationObjective& objective_;
     Cell* stack_;
-    long waiting_ = 0, room_;
+    long waiting_ = 0, capacity_;
 };
 
 }  // namespace shapefit

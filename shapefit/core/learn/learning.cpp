@@ -8,7 +8,7 @@ namespace shapefit {
 struct CodingData {
     Arguments& from;
     Matrix<const double> gram = from("gram", "k k");  // G = B B^T
-    Matrix<const double> pulls = from("pulls", "n k");  // h = S B^T - beta
+    Matrix<const double> linear_terms = from("linear_terms", "n k");  // h = S B^T - beta
     // by which a coefficient still has to move the shape
     Vector<const double> smallest_moves = from("smallest_moves", "n");
     Matrix<double> coefficients = from("coefficients", "n k");  // c >= 0, the start, overwritten
@@ -41,7 +41,7 @@ void code(const CodingData& data, Range range) {
         for (long i = 0; i < k; ++i)
             if (c[i] > 0) set.use(i, c[i], 1);
         DenseTerms<false> terms{.Q = data.gram.data,
-                                .h = data.pulls[shape].data,
+                                .h = data.linear_terms[shape].data,
                                 .a = nullptr,
                                 .weight = weight,
                                 .least = data.smallest_moves[shape],

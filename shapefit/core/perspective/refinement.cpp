@@ -213,7 +213,7 @@ class NormalEquations {
         for (long i = 0; i < filled; ++i) change_[i] = next.c[i] - at.c[i];
         double pose[POSE];
         for (int e = POSE - 1; e >= 0; --e) {
-            double value = pull_[e] - dot(C_[e].data, change_, filled);
+            double value = linear_term_[e] - dot(C_[e].data, change_, filled);
             for (int f = e + 1; f < POSE; ++f) value -= L_[f][e] * pose[f];
             pose[e] = value / L_[e][e];
         }
@@ -262,19 +262,19 @@ class NormalEquations {
         for (int e = 0; e < POSE; ++e) {
             double* __restrict row = C_[e].data;
             for (long i = 0; i < filled; ++i) row[i] = H_[e][FIRST + i];
-            pull_[e] = -H_[e][RESIDUAL];
+            linear_term_[e] = -H_[e][RESIDUAL];
             double pivot = H_[e][e] * (1 + damping);
             for (int f = 0; f < e; ++f) {
                 double overlap = H_[f][e];
                 for (int b = 0; b < f; ++b) overlap -= L_[e][b] * L_[f][b];
                 L_[e][f] = overlap / L_[f][f];
-                pull_[e] -= L_[e][f] * pull_[f];
+                linear_term_[e] -= L_[e][f] * linear_term_[f];
                 pivot -= square(L_[e][f]);
                 add_to(row, -L_[e][f], C_[f].data, filled);
             }
             L_[e][e] = root(larger(pivot, TINY));
             const double inverse = 1 / L_[e][e];
-            pull_[e] *= inverse;
+            linear_term_[e] *= inverse;
             for (long i = 0; i < filled; ++i) row[i] *= inverse;
         }
     }
@@ -298,7 +298,7 @@ class NormalEquations {
         }
         for (long i = 0; i < filled; ++i) {
             double h = shapes_.ridge * (shapes_.prior[i] - c[i]) - H_[RESIDUAL][FIRST + i];
-            for (int e = 0; e < POSE; ++e) h -= C[e][i] * pull_[e];
+            for (int e = 0; e < POSE; ++e) h -= C[e][i] * linear_term_[e];
             h_[i] = h + dot(Q_[i].data, c, filled);
         }
     }
@@ -321,7 +321,7 @@ class NormalEquations {
     const long width_;
     Matrix<double> J_, H_;         // (2 p, 8 + k'), (8 + k', 8 + k')
     double *root_of_weight_, *inverse_depth_;  // (p,)
-    double L_[POSE][POSE], pull_[POSE];
+    double L_[POSE][POSE], linear_term_[POSE];
     Matrix<double> C_, Q_;                   // (6, k'), (k', k')
     double *h_, *score_, *ones_, *change_;   // (k',)
     ActiveSet set_;

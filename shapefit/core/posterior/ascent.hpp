@@ -109,9 +109,9 @@ void update_curvature(Lanes* B, const Lanes* s, const Lanes* y) {
 }
 
 template <class Lanes>
-void take(Lanes kept, LaneView<Lanes>& to, const LaneView<Lanes>& from) {
-    for (int e = 0; e < 9; ++e) to.R[e] = select(kept, from.R[e], to.R[e]);
-    to.log_scale = select(kept, from.log_scale, to.log_scale);
+void take(Lanes accepted, LaneView<Lanes>& to, const LaneView<Lanes>& from) {
+    for (int e = 0; e < 9; ++e) to.R[e] = select(accepted, from.R[e], to.R[e]);
+    to.log_scale = select(accepted, from.log_scale, to.log_scale);
 }
 
 // The damped step, and what it promises to gain.
@@ -150,13 +150,13 @@ Lanes take_last_step(Ascent<Lanes>& at) {
 
 // The first values, at the views where the lanes start; inlier probabilities come from the other landmarks.
 template <class Lanes>
-void begin(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack,
+void begin(const PosteriorData& data, const Observed<Number<Lanes>>& observed, const Pack<Lanes>& pack,
            AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
-    const long m = seen.m;
+    const long m = observed.m;
     for (long j = 0; j < m; ++j) at.next[j] = all<Lanes>(1.0);
     for (long left = data.chance > 0 ? EARLY : 1; left--;) {
         for (long j = 0; j < m; ++j) at.inlier_probability[j] = at.next[j];
-        find_likelihood(data, seen, pack, at.view, at.inlier_probability, true, left == 0, space.likelihood, at.found,
+        find_likelihood(data, observed, pack, at.view, at.inlier_probability, true, left == 0, space.likelihood, at.found,
                         at.next);
     }
     for (int e = 0; e < VIEW * VIEW; ++e) at.curvature[e] = at.found.curvature[e];
@@ -171,52 +171,52 @@ void begin(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const
 // still has arrived. Where every landmark is an outlier the likelihood grows with the scale for ever: there
 // steps end at `largest`.
 template <class Lanes>
-void ascent(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, long rounds,
+void ascent(const PosteriorData& data, const Observed<Number<Lanes>>& observed, const Pack<Lanes>& pack, long rounds,
            AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
-    const long m = seen.m;
-    const Lanes enough = all<Lanes>(data.still);
+    const long m = observed.m;
+    const Lanes enough = all<Lanes>(data.tolerance);
     for (long round = 0; round < rounds && largest(at.moving) > 0; ++round) {
         Lanes step[VIEW], change[VIEW], mended[VIEW * VIEW];
         propose(at, step);
         move(at.view, step, space.view);
         for (long j = 0; j < m; ++j) space.inlier_probability[j] = at.next[j];
-        find_likelihood(data, seen, pack, space.view, space.inlier_probability, false, true, space.likelihood,
+        find_likelihood(data, observed, pack, space.view, space.inlier_probability, false, true, space.likelihood,
                         space.found, space.next);
         const Lanes gain = space.found.value - at.found.value;
-        const Lanes kept = at.moving * indicate(gain + all<Lanes>(ROUNDING<Lanes>)) *
+        const Lanes accepted = at.moving * indicate(gain + all<Lanes>(ROUNDING<Lanes>)) *
                            indicate(at.largest - space.view.log_scale);
         for (int i = 0; i < VIEW; ++i) change[i] = space.found.gradient[i] - at.found.gradient[i];
         for (int e = 0; e < VIEW * VIEW; ++e)
             mended[e] = data.chance > 0 ? space.found.curvature[e] : at.curvature[e];
         update_curvature(mended, step, change);
         for (int e = 0; e < VIEW * VIEW; ++e)
-            at.curvature[e] = select(kept, mended[e], at.curvature[e]);
-        take(kept, at.view, space.view);
-        each_pair(at.found, space.found, [&](Lanes& old, Lanes found) { old = select(kept, found, old); });
+            at.curvature[e] = select(accepted, mended[e], at.curvature[e]);
+        take(accepted, at.view, space.view);
+        each_pair(at.found, space.found, [&](Lanes& old, Lanes found) { old = select(accepted, found, old); });
         for (long j = 0; j < m; ++j) {
-            at.inlier_probability[j] = select(kept, space.inlier_probability[j], at.inlier_probability[j]);
-            at.next[j] = select(kept, space.next[j], at.next[j]);
+            at.inlier_probability[j] = select(accepted, space.inlier_probability[j], at.inlier_probability[j]);
+            at.next[j] = select(accepted, space.next[j], at.next[j]);
         }
-        at.damping = select(kept, larger(at.damping * all<Lanes>(EASE), all<Lanes>(1e-9)), at.damping * HARDEN);
+        at.damping = select(accepted, larger(at.damping * all<Lanes>(EASE), all<Lanes>(1e-9)), at.damping * HARDEN);
         at.predicted_gain = propose(at, step);
-        const Lanes still = indicate(enough - at.predicted_gain) * indicate(enough - gain) * kept;
-        at.moving *= (1.0 - still) * indicate(MOST_DAMPING - at.damping);
+        const Lanes converged = indicate(enough - at.predicted_gain) * indicate(enough - gain) * accepted;
+        at.moving *= (1.0 - converged) * indicate(MOST_DAMPING - at.damping);
     }
 }
 
 // The Hessian at the end by differences of gradients, the inlier_probability held, and Newton's last step. A lane
 // is still moving where that step is not small: it stands on no stationary point.
 template <class Lanes>
-void finish(const PosteriorData& data, const Observed<Number<Lanes>>& seen,
+void finish(const PosteriorData& data, const Observed<Number<Lanes>>& observed,
             const Pack<Lanes>& pack, AscentSpace<Lanes>& space, Ascent<Lanes>& at) {
     const auto look = [&](const LaneView<Lanes>& view, Likelihood<Lanes>& found) {
-        find_likelihood(data, seen, pack, view, at.inlier_probability, false, true, space.likelihood, found,
+        find_likelihood(data, observed, pack, view, at.inlier_probability, false, true, space.likelihood, found,
                         space.next);
     };
     at.view.R.orthonormalise();  // to the last digit, from one in single precision
     look(at.view, at.found);
     take_last_step(at);
-    for (long j = 0; j < seen.m; ++j) at.inlier_probability[j] = space.next[j];
+    for (long j = 0; j < observed.m; ++j) at.inlier_probability[j] = space.next[j];
     look(at.view, at.found);
     Lanes* H = at.curvature;
     for (int i = 0; i < VIEW; ++i) {

@@ -49,10 +49,10 @@ inline void turn_about(int axis, const Doubles* x, Doubles* out) {
 }
 
 // Q (3, 3), the covariance of landmark k with landmark j, which is seen, to K and the turns' J.
-inline void relate(const Observed<double>& seen, long k, long j, const Doubles* Q, const Doubles* alpha,
+inline void relate(const Observed<double>& observed, long k, long j, const Doubles* Q, const Doubles* alpha,
                    long n, Description& to) {
     const long e = 2 * to.place[j];
-    const double *slope = seen.slope + e;
+    const double *slope = observed.slope + e;
     const Doubles raised[3] = {alpha[e], alpha[e + 1], -slope[0] * alpha[e] - slope[1] * alpha[e + 1]};
     for (int b = 0; b < 3; ++b)
         for (int a = 0; a < 2; ++a)
@@ -65,18 +65,18 @@ inline void relate(const Observed<double>& seen, long k, long j, const Doubles* 
 }
 
 // R C R^T, K and the means, of the components of the lanes.
-inline void turn_components(const Components<double>& from, Places<Doubles> of, const Observed<double>& seen,
+inline void turn_components(const Components<double>& from, Places<Doubles> of, const Observed<double>& observed,
                             const LaneView<Doubles>& view, const Doubles* alpha, long n, Description& to) {
     const RotationOf<Doubles>& R = view.R;
     for (long e = 0; e < VIEW * to.d; ++e) to.J[e] = Doubles{};
     for (long e = 0; e < to.d * n; ++e) to.K[e] = Doubles{};
     for (long j = 0; j < to.p; ++j) to.place[j] = -1;
-    for (long e = 0; e < seen.m; ++e) to.place[seen.index[e]] = e;
+    for (long e = 0; e < observed.m; ++e) to.place[observed.index[e]] = e;
     for (long k = 0; k < to.p; ++k)
         for (long j = 0; j <= k; ++j) {
             Doubles C[9], CR[9], Q[9], transposed[9];
             for (int e = 0; e < 9; ++e)
-                C[e] = pick<Doubles>(from.covariances + (9 * (corner(k) + j) + e) * from.room, from.room, of);
+                C[e] = pick<Doubles>(from.covariances + (9 * (corner(k) + j) + e) * from.capacity, from.capacity, of);
             for (int a = 0; a < 3; ++a)
                 for (int b = 0; b < 3; ++b) CR[3 * b + a] = inner3<Doubles>(C + 3 * a, R + 3 * b);
             for (int a = 0; a < 3; ++a)
@@ -85,18 +85,18 @@ inline void turn_components(const Components<double>& from, Places<Doubles> of, 
                     Q[3 * a + b] = transposed[3 * b + a] = entry;
                     to.C[(3 * k + a) * to.d + 3 * j + b] = to.C[(3 * j + b) * to.d + 3 * k + a] = entry;
                 }
-            if (to.place[j] >= 0) relate(seen, k, j, Q, alpha, n, to);
-            if (to.place[k] >= 0 && j != k) relate(seen, j, k, transposed, alpha, n, to);
+            if (to.place[j] >= 0) relate(observed, k, j, Q, alpha, n, to);
+            if (to.place[k] >= 0 && j != k) relate(observed, j, k, transposed, alpha, n, to);
         }
     for (long j = 0; j < to.p; ++j) {
         Doubles mu[3];
-        for (int a = 0; a < 3; ++a) mu[a] = pick<Doubles>(from.means + (3 * j + a) * from.room, from.room, of);
+        for (int a = 0; a < 3; ++a) mu[a] = pick<Doubles>(from.means + (3 * j + a) * from.capacity, from.capacity, of);
         for (int a = 0; a < 3; ++a) to.mean[3 * j + a] = inner3<Doubles>(R + 3 * a, mu);
     }
 }
 
 // J less s, and the mean becomes X + t.
-inline void differentiate_points(const Observed<double>& seen, const Doubles* q, Doubles shrunk,
+inline void differentiate_points(const Observed<double>& observed, const Doubles* q, Doubles shrunk,
                                  const Translation<Doubles>& t, const LikelihoodSpace<Doubles>& space, long n,
                                  Description& to) {
     const Doubles *alpha = space.alpha, *Bx = alpha + n, *By = Bx + n;
@@ -107,11 +107,11 @@ inline void differentiate_points(const Observed<double>& seen, const Doubles* q,
             turn_about(i, to.mean + 3 * j, turned);
             for (int a = 0; a < 3; ++a) to.J[i * to.d + 3 * j + a] += turned[a];
         }
-    for (long j = 0; j < seen.m; ++j) {
-        const double *V = seen.noise + 3 * j, *slope = seen.slope + 2 * j;
+    for (long j = 0; j < observed.m; ++j) {
+        const double *V = observed.noise + 3 * j, *slope = observed.slope + 2 * j;
         const Doubles share = 2.0 * shrunk / q[j];
         for (int a = 0; a < 2; ++a) {
-            const long e = 2 * j + a, row = 3 * seen.index[j];
+            const long e = 2 * j + a, row = 3 * observed.index[j];
             for (int i = 0; i < 3; ++i) {
                 const Doubles* J = to.J + i * to.d + row;
                 to.change[i * n + e] = slope[a] * J[2] - J[a];
@@ -125,7 +125,7 @@ inline void differentiate_points(const Observed<double>& seen, const Doubles* q,
         const Doubles along = dot(Bx, x, n), across = dot(By, x, n);
         shift[i][0] = t.xx * along + t.xy * across;
         shift[i][1] = t.xy * along + t.yy * across;
-        for (long e = 0; e < 2 * seen.m; ++e) x[e] -= shift[i][e % 2];
+        for (long e = 0; e < 2 * observed.m; ++e) x[e] -= shift[i][e % 2];
     }
     multiply<VIEW>(n, space.L, to.change, to.white);
     multiply_transposed<VIEW>(n, space.L, to.white, to.change);
@@ -174,19 +174,19 @@ inline void add_up(const Translation<Doubles>& t, Doubles size, long n, bool who
 inline void describe(const Side<Doubles>& side, Places<Doubles> of,
                      const LaneView<Doubles>& view, const Doubles* q, const Doubles* root_of, bool whole,
                      Description& to) {
-    const Observed<double>& seen = side.seen;
+    const Observed<double>& observed = side.observed;
     const LikelihoodSpace<Doubles>& space = side.space.likelihood;
-    const long n = tiled(2 * seen.m);
+    const long n = tiled(2 * observed.m);
     const Doubles shrink = exponential(-view.log_scale), size = 1.0 / (shrink * shrink);
-    centre(seen, side.pack, view, shrink, space);
-    fill_covariance(seen, side.pack, view, shrink * shrink, q, space);
+    centre(observed, side.pack, view, shrink, space);
+    fill_covariance(observed, side.pack, view, shrink * shrink, q, space);
     factorise(n, space.L, space.reciprocal);
     invert(n, space.L, space.reciprocal);
     const Translation<Doubles> t = solve(n, space);
-    turn_components(side.components, of, seen, view, space.alpha, n, to);
+    turn_components(side.components, of, observed, view, space.alpha, n, to);
     const Doubles none{}, one = all(1.0);
     for (long e = 0; e < 3 * to.p; ++e) to.mean[e] += dot(to.K + e * n, space.alpha, n);
-    differentiate_points(seen, q, shrink * shrink, t, space, n, to);
+    differentiate_points(observed, q, shrink * shrink, t, space, n, to);
     for (long e = 0; e < 3 * to.p; ++e)
         for (int a = 0; a < 2; ++a)
             to.U[2 * e + a] = (e % 3 == a ? one : none) - dot(to.K + e * n, space.alpha + (1 + a) * n, n);

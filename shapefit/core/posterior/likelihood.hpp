@@ -42,7 +42,7 @@ struct PosteriorData {
     Blocks<const double> starts = from("starts", "n S 3 3");  // nan where there are fewer
     double chance = from("chance");  // that a landmark is an outlier
     double density = from("density");  // of outliers, per area in their unit
-    double still = from("still");  // an ascent ends when the log likelihood gains less
+    double tolerance = from("tolerance");  // an ascent ends when the log likelihood gains less
     Tensor<double> mean = from("mean", "n 3 p");  // of y = s (R x + t), mean depth 0
     Tensor<double> deviation = from("deviation", "n 3 p");  // its standard deviations
     // of x with y, x with z and y with z of a landmark
@@ -147,22 +147,22 @@ struct LikelihoodSpace {
     Workspace& workspace;
     const long n;
 
-    Triangle<Lanes> L{room(Triangle<Lanes>::size(n))};  // S_0, its Cholesky factor L, then L^-1
-    Lanes* reciprocal = room(n);                        // 1 / L_ii (2 m,)
-    Lanes* y = room(n);                                 // (2 m,)
+    Triangle<Lanes> L{allocate(Triangle<Lanes>::size(n))};  // S_0, its Cholesky factor L, then L^-1
+    Lanes* reciprocal = allocate(n);                        // 1 / L_ii (2 m,)
+    Lanes* y = allocate(n);                                 // (2 m,)
     // r and S^-1 r, then 1 along x and y and S_0^-1 of it (3, 2 m)
-    Lanes *r = room(3 * n), *alpha = room(3 * n);
-    Lanes* white = room(VIEW * n);                            // L^-1 of r or of J (4, 2 m)
-    Lanes* BG = room(2 * n);                                  // (2, 2 m), see Translation
-    Lanes *mean = room(3 * n / 2), *X = room(3 * n / 2);      // R mu and X (m, 3)
-    Lanes* A = room(3 * n);                                   // (m, 2, 3)
-    Lanes* F = room(n * n / 2);         // z^T R C A^T, of depths with what is seen (m, 2 m)
-    Lanes* D = room(n);                 // sum_k F_jk S^-1_kj (m, 2)
-    Lanes* J = room(VIEW * n);          // (VIEW, 2 m) of r, then L^-1 of them
-    Lanes* diagonal = room(3 * n / 2);  // S^-1_jj (m, 3)
+    Lanes *r = allocate(3 * n), *alpha = allocate(3 * n);
+    Lanes* white = allocate(VIEW * n);                            // L^-1 of r or of J (4, 2 m)
+    Lanes* BG = allocate(2 * n);                                  // (2, 2 m), see Translation
+    Lanes *mean = allocate(3 * n / 2), *X = allocate(3 * n / 2);      // R mu and X (m, 3)
+    Lanes* A = allocate(3 * n);                                   // (m, 2, 3)
+    Lanes* F = allocate(n * n / 2);         // z^T R C A^T, of depths with what is seen (m, 2 m)
+    Lanes* D = allocate(n);                 // sum_k F_jk S^-1_kj (m, 2)
+    Lanes* J = allocate(VIEW * n);          // (VIEW, 2 m) of r, then L^-1 of them
+    Lanes* diagonal = allocate(3 * n / 2);  // S^-1_jj (m, 3)
 
   private:
-    Lanes* room(long count) { return workspace.zeros<Lanes>(count); }
+    Lanes* allocate(long count) { return workspace.zeros<Lanes>(count); }
 };
 
 // N_j = v + V / s^2 as xx, xy, yy.
@@ -172,27 +172,27 @@ struct Noise {
 };
 
 template <class Lanes>
-[[gnu::always_inline]] inline Noise<Lanes> noise_of(const Observed<Number<Lanes>>& seen, long j, Lanes shrunk) {
-    const Number<Lanes>* V = seen.noise + 3 * j;
-    return {seen.residual_variance[j] + V[0] * shrunk, V[1] * shrunk, seen.residual_variance[j] + V[2] * shrunk};
+[[gnu::always_inline]] inline Noise<Lanes> noise_of(const Observed<Number<Lanes>>& observed, long j, Lanes shrunk) {
+    const Number<Lanes>* V = observed.noise + 3 * j;
+    return {observed.residual_variance[j] + V[0] * shrunk, V[1] * shrunk, observed.residual_variance[j] + V[2] * shrunk};
 }
 
 template <class Lanes>
-void centre(const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, const LaneView<Lanes>& view, Lanes shrunk,
+void centre(const Observed<Number<Lanes>>& observed, const Pack<Lanes>& pack, const LaneView<Lanes>& view, Lanes shrunk,
             const LikelihoodSpace<Lanes>& space) {
-    const long n = tiled(2 * seen.m);
-    for (long j = 0; j < seen.m; ++j) {
+    const long n = tiled(2 * observed.m);
+    for (long j = 0; j < observed.m; ++j) {
         const Lanes* mu = pack.mean + 3 * j;
         for (int a = 0; a < 3; ++a)
             space.mean[3 * j + a] = view.R[3 * a] * mu[0] + view.R[3 * a + 1] * mu[1] +
                                     view.R[3 * a + 2] * mu[2];
         for (int a = 0; a < 2; ++a) {
-            const Number<Lanes> slope = seen.slope[2 * j + a];
+            const Number<Lanes> slope = observed.slope[2 * j + a];
             for (int c = 0; c < 3; ++c)
                 space.A[6 * j + 3 * a + c] = view.R[3 * a + c] - slope * view.R[6 + c];
             space.r[n * (1 + a) + 2 * j + a] = all<Lanes>(1.0);
             space.r[n * (2 - a) + 2 * j + a] = Lanes{};
-            space.y[2 * j + a] = seen.w[2 * j + a] * shrunk;
+            space.y[2 * j + a] = observed.w[2 * j + a] * shrunk;
             space.r[2 * j + a] = space.y[2 * j + a] - space.mean[3 * j + a] + slope * space.mean[3 * j + 2];
         }
     }
@@ -200,11 +200,11 @@ void centre(const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, const 
 
 // S_0, and the covariances F_jk = z^T R C_jk A_k^T of the depth of j with what is seen of k.
 template <class Lanes>
-void fill_covariance(const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack, const LaneView<Lanes>& view, Lanes shrunk,
+void fill_covariance(const Observed<Number<Lanes>>& observed, const Pack<Lanes>& pack, const LaneView<Lanes>& view, Lanes shrunk,
                      const Lanes* inlier_probability, const LikelihoodSpace<Lanes>& space) {
-    const long n = tiled(2 * seen.m);
+    const long n = tiled(2 * observed.m);
     const Lanes* z = view.R + 6;
-    for (long j = 0; j < seen.m; ++j) {
+    for (long j = 0; j < observed.m; ++j) {
         Lanes *upper = space.L[2 * j], *lower = space.L[2 * j + 1];
         Lanes Aj[6];
         for (int e = 0; e < 6; ++e) Aj[e] = space.A[6 * j + e];
@@ -227,14 +227,14 @@ void fill_covariance(const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pac
             Fj[0] = T[6] * A[0] + T[7] * A[1] + T[8] * A[2];
             Fj[1] = T[6] * A[3] + T[7] * A[4] + T[8] * A[5];
         }
-        const Noise<Lanes> N = noise_of(seen, j, shrunk);
+        const Noise<Lanes> N = noise_of(observed, j, shrunk);
         const Lanes share = 1.0 / inlier_probability[j];
         upper[2 * j] += N.xx * share;
         lower[2 * j] += N.xy * share;
         lower[2 * j + 1] += N.yy * share;
     }
     // beyond what is seen: the identity, and nothing that goes with it
-    for (long e = 2 * seen.m; e < n; ++e) {
+    for (long e = 2 * observed.m; e < n; ++e) {
         for (long k = 0; k <= e; ++k) space.L[e][k] = all<Lanes>(k == e ? 1.0 : 0.0);
         for (long j = 0; j < n / 2; ++j) space.F[j * n + e] = Lanes{};
         for (long j = 0; j < n; ++j) space.F[e / 2 * n + j] = Lanes{};
@@ -282,26 +282,26 @@ Translation<Lanes> solve(long n, const LikelihoodSpace<Lanes>& space) {
 
 // X = R mu + R C A^T alpha: in depth by F, and across by P X = y - N alpha - E[t].
 template <class Lanes>
-void posterior_mean(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lanes* inlier_probability,
+void posterior_mean(const Observed<Number<Lanes>>& observed, Lanes shrunk, const Lanes* inlier_probability,
                     const Translation<Lanes>& t, const LikelihoodSpace<Lanes>& space) {
-    const long N = 2 * seen.m, n = tiled(N);
-    for (long j = 0; j < seen.m; ++j) {
+    const long N = 2 * observed.m, n = tiled(N);
+    for (long j = 0; j < observed.m; ++j) {
         const Lanes *F = space.F + j * n, *alpha = space.alpha + 2 * j, *y = space.y + 2 * j;
-        const Noise<Lanes> noise = noise_of(seen, j, shrunk);
+        const Noise<Lanes> noise = noise_of(observed, j, shrunk);
         const Lanes share = 1.0 / inlier_probability[j];
         Lanes z = space.mean[3 * j + 2];
         for (long e = 0; e < N; ++e) z += F[e] * space.alpha[e];
         Lanes* X = space.X + 3 * j;
-        X[0] = y[0] - (noise.xx * alpha[0] + noise.xy * alpha[1]) * share - t.x + seen.slope[2 * j] * z;
-        X[1] = y[1] - (noise.xy * alpha[0] + noise.yy * alpha[1]) * share - t.y + seen.slope[2 * j + 1] * z;
+        X[0] = y[0] - (noise.xx * alpha[0] + noise.xy * alpha[1]) * share - t.x + observed.slope[2 * j] * z;
+        X[1] = y[1] - (noise.xy * alpha[0] + noise.yy * alpha[1]) * share - t.y + observed.slope[2 * j + 1] * z;
         X[2] = z;
     }
 }
 
 // The blocks S^-1_jj, and, unless they are `alone`, D_j = sum_k F_jk S^-1_kj (m, 2).
 template <class Lanes>
-void pull_back(const Observed<Number<Lanes>>& seen, bool alone, const LikelihoodSpace<Lanes>& space) {
-    const long N = 2 * seen.m, n = tiled(N);
+void pull_back(const Observed<Number<Lanes>>& observed, bool alone, const LikelihoodSpace<Lanes>& space) {
+    const long N = 2 * observed.m, n = tiled(N);
     for (long e = 0; e < n; ++e) space.D[e] = Lanes{};
     for (long j = 0; j < n; j += TILE)
         for (long k = alone ? j : 0; k <= j; k += TILE) {
@@ -321,7 +321,7 @@ void pull_back(const Observed<Number<Lanes>>& seen, bool alone, const Likelihood
             }
         }
     const Lanes *Bx = space.alpha + n, *By = Bx + n, *Gx = space.BG, *Gy = Gx + n;
-    for (long j = 0; j < seen.m; ++j) {
+    for (long j = 0; j < observed.m; ++j) {
         const Lanes* F = space.F + j * n;
         Lanes x = {}, y = {};
         for (long e = 0; e < N; ++e) {
@@ -340,14 +340,14 @@ void pull_back(const Observed<Number<Lanes>>& seen, bool alone, const Likelihood
 // Half the change of log det S with a turn G, sum_j tr(P_j G V_j), where V_j (3, 2), the rows of
 // sum_k R C_jk A_k^T S^-1_kj, is D_j in depth, and P_j V_j = I - N_j S^-1_jj - (B G)_j.
 template <class Lanes>
-void turn_determinant(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lanes* inlier_probability,
+void turn_determinant(const Observed<Number<Lanes>>& observed, Lanes shrunk, const Lanes* inlier_probability,
                       const LikelihoodSpace<Lanes>& space, Lanes* gradient) {
     const Lanes* BG = space.BG;
-    const long n = tiled(2 * seen.m);
-    for (long j = 0; j < seen.m; ++j) {
+    const long n = tiled(2 * observed.m);
+    for (long j = 0; j < observed.m; ++j) {
         const Lanes *I = space.diagonal + 3 * j, *D = space.D + 2 * j;
-        const Number<Lanes>* u = seen.slope + 2 * j;
-        const Noise<Lanes> noise = noise_of(seen, j, shrunk);
+        const Number<Lanes>* u = observed.slope + 2 * j;
+        const Noise<Lanes> noise = noise_of(observed, j, shrunk);
         const Lanes share = 1.0 / inlier_probability[j];
         Lanes V[2][2];
         for (int b = 0; b < 2; ++b) {
@@ -364,12 +364,12 @@ void turn_determinant(const Observed<Number<Lanes>>& seen, Lanes shrunk, const L
 
 // The derivatives of r: -P_j G_i X for the turns, -y for log s.
 template <class Lanes>
-void linearise(const Observed<Number<Lanes>>& seen, const LikelihoodSpace<Lanes>& space) {
-    const long n = tiled(2 * seen.m);
-    for (long j = 0; j < seen.m; ++j) {
+void linearise(const Observed<Number<Lanes>>& observed, const LikelihoodSpace<Lanes>& space) {
+    const long n = tiled(2 * observed.m);
+    for (long j = 0; j < observed.m; ++j) {
         const Lanes* X = space.X + 3 * j;
         Lanes* J = space.J + 2 * j;
-        const Number<Lanes>* slope = seen.slope + 2 * j;
+        const Number<Lanes>* slope = observed.slope + 2 * j;
         J[0] = slope[0] * X[1];
         J[1] = X[2] + slope[1] * X[1];
         J[n] = -X[2] - slope[0] * X[0];
@@ -382,22 +382,22 @@ void linearise(const Observed<Number<Lanes>>& seen, const LikelihoodSpace<Lanes>
 }
 
 template <class Lanes>
-void differentiate(const Observed<Number<Lanes>>& seen, Lanes shrunk, const Lanes* inlier_probability, const Translation<Lanes>& t,
+void differentiate(const Observed<Number<Lanes>>& observed, Lanes shrunk, const Lanes* inlier_probability, const Translation<Lanes>& t,
                    const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found) {
-    const long N = 2 * seen.m, n = tiled(N);
-    linearise(seen, space);
+    const long N = 2 * observed.m, n = tiled(N);
+    linearise(observed, space);
     for (int i = 0; i < VIEW; ++i) {
         Lanes total = {};
         for (long e = 0; e < N; ++e) total += space.J[i * n + e] * space.alpha[e];
         found.gradient[i] = total;
     }
-    turn_determinant(seen, shrunk, inlier_probability, space, found.gradient);
+    turn_determinant(observed, shrunk, inlier_probability, space, found.gradient);
     found.gradient[3] += static_cast<Number<Lanes>>(N - 2);
-    if (seen.noisy)
-        for (long j = 0; j < seen.m; ++j) {
-            const Number<Lanes>* V = seen.noise + 3 * j;
+    if (observed.noisy)
+        for (long j = 0; j < observed.m; ++j) {
+            const Number<Lanes>* V = observed.noise + 3 * j;
             const Lanes *alpha = space.alpha + 2 * j, *D = space.diagonal + 3 * j;
-            const Noise<Lanes> noise = noise_of(seen, j, shrunk);
+            const Noise<Lanes> noise = noise_of(observed, j, shrunk);
             const Lanes det = noise.xx * noise.yy - noise.xy * noise.xy;
             found.gradient[3] +=
                 shrunk * ((V[0] * (alpha[0] * alpha[0] - D[0]) + V[2] * (alpha[1] * alpha[1] - D[2]) +
@@ -436,17 +436,17 @@ Lanes predict(const Noise<Lanes>& N, Lanes q, const Lanes* a, const Lanes* D) {
 
 // Add the terms of the inlier_probability to the value; the next inlier_probability.
 template <class Lanes>
-void believe(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const LaneView<Lanes>& view, Lanes shrunk,
+void believe(const PosteriorData& data, const Observed<Number<Lanes>>& observed, const LaneView<Lanes>& view, Lanes shrunk,
              const Lanes* inlier_probability,
              bool by_others, const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found, Lanes* next) {
     if (!(data.chance > 0)) {
-        for (long j = 0; j < seen.m; ++j) next[j] = all<Lanes>(1.0);
+        for (long j = 0; j < observed.m; ++j) next[j] = all<Lanes>(1.0);
         return;
     }
-    const Number<Lanes> kept = log1p(-data.chance);
+    const Number<Lanes> log_inlier = log1p(-data.chance);
     const Lanes outlier = all<Lanes>(log(data.chance * data.density)) + 2.0 * view.log_scale;
-    for (long j = 0; j < seen.m; ++j) {
-        const Noise<Lanes> N = noise_of(seen, j, shrunk);
+    for (long j = 0; j < observed.m; ++j) {
+        const Noise<Lanes> N = noise_of(observed, j, shrunk);
         const Lanes q = inlier_probability[j], rest = 1.0 - q;
         found.gradient[3] -= 2.0 * rest;
         const Lanes log_size = 0.5 * logarithm(N.xx * N.yy - N.xy * N.xy) + all<Lanes>(LOG_TWO_PI);
@@ -455,10 +455,10 @@ void believe(const PosteriorData& data, const Observed<Number<Lanes>>& seen, con
                              N.yy * (a[1] * a[1] - D[2]);
         const Lanes expected = square / (q * q) + 2.0 / q;
         const Lanes density = by_others ? predict(N, q, a, D) : -log_size - 0.5 * expected;
-        const Lanes odds = kept + density - outlier;
+        const Lanes odds = log_inlier + density - outlier;
         const Lanes steep = larger(smaller(odds, all<Lanes>(40.0)), all<Lanes>(-40.0));
         next[j] = larger(1.0 / (1.0 + exponential(-steep)), all<Lanes>(MIN_INLIER_PROBABILITY<Lanes>));
-        found.value += rest * (log_size + outlier) + q * kept - (1.0 + q) * logarithm(q) -
+        found.value += rest * (log_size + outlier) + q * log_inlier - (1.0 + q) * logarithm(q) -
                        rest * logarithm(rest + all<Lanes>(1e-30));
     }
 }
@@ -466,13 +466,13 @@ void believe(const PosteriorData& data, const Observed<Number<Lanes>>& seen, con
 // `inlier_probability` q (m,) in, `next` (m,) its next fixed point; or, `by_others`, what the other landmarks
 // alone say of each, which an outlier cannot sway. Derivatives only where they are wanted.
 template <class Lanes>
-void find_likelihood(const PosteriorData& data, const Observed<Number<Lanes>>& seen, const Pack<Lanes>& pack,
+void find_likelihood(const PosteriorData& data, const Observed<Number<Lanes>>& observed, const Pack<Lanes>& pack,
                      const LaneView<Lanes>& view, const Lanes* inlier_probability, bool by_others, bool derived,
                      const LikelihoodSpace<Lanes>& space, Likelihood<Lanes>& found, Lanes* next) {
-    const long N = 2 * seen.m, n = tiled(N);
+    const long N = 2 * observed.m, n = tiled(N);
     const Lanes shrink = exponential(-view.log_scale);
-    centre(seen, pack, view, shrink, space);
-    fill_covariance(seen, pack, view, shrink * shrink, inlier_probability, space);
+    centre(observed, pack, view, shrink, space);
+    fill_covariance(observed, pack, view, shrink * shrink, inlier_probability, space);
     const Lanes log_det = factorise(n, space.L, space.reciprocal);
     invert(n, space.L, space.reciprocal);
     const Translation<Lanes> t = solve(n, space);
@@ -480,12 +480,12 @@ void find_likelihood(const PosteriorData& data, const Observed<Number<Lanes>>& s
     for (long e = 0; e < n; ++e) found.squared_mahalanobis += space.white[e] * space.white[e];
     found.value = -0.5 * (found.squared_mahalanobis + log_det + t.log_det + all<Lanes>(static_cast<double>(N) * LOG_TWO_PI)) -
                   static_cast<Number<Lanes>>(N - 2) * view.log_scale;
-    pull_back(seen, !derived, space);
+    pull_back(observed, !derived, space);
     if (derived) {
-        posterior_mean(seen, shrink * shrink, inlier_probability, t, space);
-        differentiate(seen, shrink * shrink, inlier_probability, t, space, found);
+        posterior_mean(observed, shrink * shrink, inlier_probability, t, space);
+        differentiate(observed, shrink * shrink, inlier_probability, t, space, found);
     }
-    believe(data, seen, view, shrink * shrink, inlier_probability, by_others, space, found, next);
+    believe(data, observed, view, shrink * shrink, inlier_probability, by_others, space, found, next);
 }
 
 }  // namespace shapefit

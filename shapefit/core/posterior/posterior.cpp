@@ -64,7 +64,7 @@ void weigh(const PosteriorData& data, const Search& search, long i, Mode& mode) 
     mode.component = ascents.pair[i] % data.means.size[0];
     for (int e = 0; e < 9; ++e) mode.R[e] = at.view.R[e][lane];
     mode.log_scale = at.view.log_scale[lane];
-    for (long j = 0; j < search.late.seen.m; ++j) mode.inlier_probability[j] = at.inlier_probability[j][lane];
+    for (long j = 0; j < search.late.observed.m; ++j) mode.inlier_probability[j] = at.inlier_probability[j][lane];
     mode.squared_mahalanobis = at.found.squared_mahalanobis[lane];
     mode.log_evidence = at.found.value[lane] + data.log_weights[mode.component] +
                         0.5 * (VIEW * LOG_TWO_PI - curvature.log_det);
@@ -82,20 +82,20 @@ long rank(Modes& search, long count) {
             search.order[place] = search.order[place - 1];
         search.order[place] = i;
     }
-    long kept = 0;
+    long retained = 0;
     for (long i = 0; i < count; ++i) {
         const Mode& mode = search.modes[search.order[i]];
         if (mode.log_evidence < search.modes[search.order[0]].log_evidence - NEGLIGIBLE) break;
         bool known = false;
-        for (long o = 0; o < kept && !known; ++o) {
+        for (long o = 0; o < retained && !known; ++o) {
             const Mode& other = search.modes[search.order[o]];
-            double apart = 0;
-            for (int e = 0; e < 9; ++e) apart += square(mode.R[e] - other.R[e]);
-            known = other.component == mode.component && apart < SAME_VIEW * SAME_VIEW;
+            double distance = 0;
+            for (int e = 0; e < 9; ++e) distance += square(mode.R[e] - other.R[e]);
+            known = other.component == mode.component && distance < SAME_VIEW * SAME_VIEW;
         }
-        if (!known) search.order[kept++] = search.order[i];
+        if (!known) search.order[retained++] = search.order[i];
     }
-    return kept;
+    return retained;
 }
 
 void fill(double* x, long n, double value) {
@@ -126,9 +126,9 @@ class Mixture {
     // The mean moves by the mode's share; what lies between joins the covariance. mean(e), C(e, f).
     template <class Mean, class Covariance>
     void add(double share, const Mean& mean, const Covariance& C) {
-        const double step = share / (before_ + share), apart = before_ * step;
+        const double step = share / (before_ + share), distance = before_ * step;
         const auto entry = [&](long e, long f) {
-            return share * C(e, f) + apart * (mean(e) - mean_[e]) * (mean(f) - mean_[f]);
+            return share * C(e, f) + distance * (mean(e) - mean_[e]) * (mean(f) - mean_[f]);
         };
         for (long e = 0; e < d_; ++e) squares_[e] += entry(e, e);
         for (long e = 0; e < d_; ++e) mixed_[e] += entry(first(e), second(e));
@@ -163,7 +163,7 @@ void fail(const PosteriorData& data, long image) {
 }
 
 template <class Mean, class Covariance>
-void store(const PosteriorData& data, long image, long rank, const Observed<double>& seen, const Mode& mode,
+void store(const PosteriorData& data, long image, long rank, const Observed<double>& observed, const Mode& mode,
            const Mean& mean, const Covariance& covariance) {
     const long p = data.landmarks.size[2], d = 3 * p;
     data.mode_component[image][rank] = mode.component;
@@ -175,53 +175,53 @@ void store(const PosteriorData& data, long image, long rank, const Observed<doub
         for (long f = 0; f < d; ++f) data.mode_covariance[image][rank][e][f] = covariance(e, f);
     const Vector<double> inlier_probability = data.mode_inlier_probability[image][rank];
     fill(inlier_probability.data, p, NOT_A_NUMBER);
-    for (long j = 0; j < seen.m; ++j) inlier_probability[seen.index[j]] = mode.inlier_probability[j];
+    for (long j = 0; j < observed.m; ++j) inlier_probability[observed.index[j]] = mode.inlier_probability[j];
 }
 
 // Describe the modes from `first` on, one a lane; lanes without one stand for the last.
-void describe_modes(const Modes& modes, long first, long kept, bool whole, Side<Doubles>& side,
+void describe_modes(const Modes& modes, long first, long retained, bool whole, Side<Doubles>& side,
                     Description& description) {
     LaneView<Doubles> view;
     Doubles root_of[VIEW * VIEW];
     Places<Doubles> of;
     for (int lane = 0; lane < WIDTH; ++lane) {
-        const Mode& mode = modes[first + lane < kept ? first + lane : kept - 1];
+        const Mode& mode = modes[first + lane < retained ? first + lane : retained - 1];
         of[lane] = mode.component;
         for (int e = 0; e < 9; ++e) view.R[e][lane] = mode.R[e];
         view.log_scale[lane] = mode.log_scale;
         for (int e = 0; e < VIEW * VIEW; ++e) root_of[e][lane] = mode.root[e];
-        for (long j = 0; j < side.seen.m; ++j) side.space.inlier_probability[j][lane] = mode.inlier_probability[j];
+        for (long j = 0; j < side.observed.m; ++j) side.space.inlier_probability[j][lane] = mode.inlier_probability[j];
     }
     fetch(of, side);
     describe(side, of, view, side.space.inlier_probability, root_of, whole, description);
 }
 
-// The mixture of the first `kept` modes, by their evidence.
-void combine(const PosteriorData& data, long image, const Modes& modes, long kept, Side<Doubles>& side,
+// The mixture of the first `retained` modes, by their evidence.
+void combine(const PosteriorData& data, long image, const Modes& modes, long retained, Side<Doubles>& side,
              Description& description) {
-    const Observed<double>& seen = side.seen;
+    const Observed<double>& observed = side.observed;
     const long p = data.landmarks.size[2];
     const double best = modes[0].log_evidence;
     double total = 0, squared_mahalanobis = 0;
-    for (long i = 0; i < kept; ++i) total += exp(modes[i].log_evidence - best);
+    for (long i = 0; i < retained; ++i) total += exp(modes[i].log_evidence - best);
     const Vector<double> inlier_probability = data.inlier_probability[image];
     fill(inlier_probability.data, p, NOT_A_NUMBER);
-    for (long j = 0; j < seen.m; ++j) inlier_probability[seen.index[j]] = 0;
+    for (long j = 0; j < observed.m; ++j) inlier_probability[observed.index[j]] = 0;
     Mixture mixture(data, image);
     mixture.set_all(0);
-    for (long i = 0; i < kept; ++i) {
+    for (long i = 0; i < retained; ++i) {
         const Mode& mode = modes[i];
         const long lane = i % WIDTH, most_stored = data.mode_component.size[1];
         const double share = exp(mode.log_evidence - best) / total;
         if (lane == 0)
-            describe_modes(modes, i, kept, mixture.is_whole() || i < most_stored, side, description);
+            describe_modes(modes, i, retained, mixture.is_whole() || i < most_stored, side, description);
         const auto row = [=](long e) { return 3 * (e % p) + e / p; };
         const auto mean = [&](long e) { return description.mean[row(e)][lane]; };
         const auto C = [&](long e, long f) { return description.C[row(e) * description.d + row(f)][lane]; };
         mixture.add(share, mean, C);
         squared_mahalanobis += share * mode.squared_mahalanobis;
-        for (long j = 0; j < seen.m; ++j) inlier_probability[seen.index[j]] += share * mode.inlier_probability[j];
-        if (i < most_stored) store(data, image, i, seen, mode, mean, C);
+        for (long j = 0; j < observed.m; ++j) inlier_probability[observed.index[j]] += share * mode.inlier_probability[j];
+        if (i < most_stored) store(data, image, i, observed, mode, mean, C);
     }
     mixture.finish();
     modes[0].R.write(data.rotation[image].data);
@@ -241,20 +241,20 @@ void find_posterior(const PosteriorData& data, Range range) {
     Search search(workspace, data);
     Description description(workspace, p);
     Modes modes(workspace, data.starts.size[1] * data.means.size[0], p);
-    const Observed<double>& seen = search.late.seen;
+    const Observed<double>& observed = search.late.observed;
     for (long image = range.first; image < range.last; ++image) {
         data.rounds[image] = 0;
         for (long i = 0; i < data.mode_component.size[1]; ++i) {
             data.mode_component[image][i] = -1;
             data.mode_log_evidence[image][i] = -INFINITE;
         }
-        search.late.seen.take(data, image);
+        search.late.observed.take(data, image);
         search.arrived.count = 0;
-        if (seen.m >= 3) data.rounds[image] = ascend_all(data, image, NEGLIGIBLE + LAPLACE, search);
+        if (observed.m >= 3) data.rounds[image] = ascend_all(data, image, NEGLIGIBLE + LAPLACE, search);
         for (long i = 0; i < search.arrived.count; ++i) weigh(data, search, i, modes.modes[i]);
-        const long kept = rank(modes, search.arrived.count);
-        if (kept)
-            combine(data, image, modes, kept, search.late, description);
+        const long retained = rank(modes, search.arrived.count);
+        if (retained)
+            combine(data, image, modes, retained, search.late, description);
         else
             fail(data, image);
     }

@@ -20,22 +20,22 @@ struct Components {
 
     Components(Workspace& workspace, const PosteriorData& data)
         : count(data.means.size[0]),
-          room(count < PAIR ? count : (count + PAIR - 1) / PAIR * PAIR),
-          means(workspace.zeros<Number>(3 * data.means.size[2] * room)),
-          covariances(workspace.zeros<Number>(9 * corner(data.means.size[2]) * room)) {
+          capacity(count < PAIR ? count : (count + PAIR - 1) / PAIR * PAIR),
+          means(workspace.zeros<Number>(3 * data.means.size[2] * capacity)),
+          covariances(workspace.zeros<Number>(9 * corner(data.means.size[2]) * capacity)) {
         const long p = data.means.size[2];
         for (long k = 0; k < count; ++k)
             for (long j = 0; j < p; ++j)
                 for (int a = 0; a < 3; ++a) {
-                    means[(3 * j + a) * room + k] = static_cast<Number>(data.means[k][a][j]);
+                    means[(3 * j + a) * capacity + k] = static_cast<Number>(data.means[k][a][j]);
                     for (long l = 0; l <= j; ++l)
                         for (int b = 0; b < 3; ++b)
-                            covariances[(9 * (corner(j) + l) + 3 * a + b) * room + k] =
+                            covariances[(9 * (corner(j) + l) + 3 * a + b) * capacity + k] =
                                 static_cast<Number>(data.covariances[k][a * p + j][b * p + l]);
                 }
     }
 
-    long count, room;
+    long count, capacity;
     Number *means, *covariances;
 };
 
@@ -45,12 +45,12 @@ using Places = decltype(Lanes{} < Lanes{});
 
 // row[at] of each lane. Shuffles of rows of whole pairs of vectors: faster than a gathering instruction.
 template <class Lanes>
-[[gnu::always_inline]] inline Lanes pick(const Number<Lanes>* row, long room, Places<Lanes> at) {
+[[gnu::always_inline]] inline Lanes pick(const Number<Lanes>* row, long capacity, Places<Lanes> at) {
     constexpr long PAIR = 2 * width<Lanes>;
     Lanes found = {};
 #if defined(__AVX512F__) && !defined(__clang__)
-    if (room % PAIR == 0) {
-        for (long first = 0; first < room; first += PAIR) {
+    if (capacity % PAIR == 0) {
+        for (long first = 0; first < capacity; first += PAIR) {
             Lanes pair[2];
             memcpy(pair, row + first, sizeof pair);
             const Lanes some = __builtin_shuffle(pair[0], pair[1], at);  // by `at` modulo PAIR
@@ -104,14 +104,14 @@ struct Climbs {
 template <class Lanes>
 struct Side {
     Side(Workspace& workspace, const PosteriorData& data)
-        : components(workspace, data), seen(workspace, data.means.size[2]),
+        : components(workspace, data), observed(workspace, data.means.size[2]),
           pack{workspace.zeros<Lanes>(3 * data.means.size[2]),
                workspace.zeros<Lanes>(9 * corner(data.means.size[2]))},
           space(workspace, data.means.size[2]),
           ascents(workspace, data.starts.size[1] * data.means.size[0], data.means.size[2]) {}
 
     Components<Number<Lanes>> components;
-    Observed<Number<Lanes>> seen;
+    Observed<Number<Lanes>> observed;
     Pack<Lanes> pack;
     AscentSpace<Lanes> space;
     Climbs<Lanes> ascents;
@@ -133,16 +133,16 @@ struct Search {
 // Component `of` of each lane, as far as it is seen.
 template <class Lanes>
 void fetch(Places<Lanes> of, Side<Lanes>& side) {
-    const Observed<Number<Lanes>>& seen = side.seen;
+    const Observed<Number<Lanes>>& observed = side.observed;
     const Pack<Lanes>& pack = side.pack;
     const auto& from = side.components;
-    for (long j = 0; j < seen.m; ++j) {
+    for (long j = 0; j < observed.m; ++j) {
         for (int a = 0; a < 3; ++a)
-            pack.mean[3 * j + a] = pick<Lanes>(from.means + (3 * seen.index[j] + a) * from.room, from.room, of);
+            pack.mean[3 * j + a] = pick<Lanes>(from.means + (3 * observed.index[j] + a) * from.capacity, from.capacity, of);
         for (long k = 0; k <= j; ++k) {
-            const Number<Lanes>* C = from.covariances + 9 * (corner(seen.index[j]) + seen.index[k]) * from.room;
+            const Number<Lanes>* C = from.covariances + 9 * (corner(observed.index[j]) + observed.index[k]) * from.capacity;
             Lanes* to = pack.covariance + 9 * (corner(j) + k);
-            for (int e = 0; e < 9; ++e) to[e] = pick<Lanes>(C + e * from.room, from.room, of);
+            for (int e = 0; e < 9; ++e) to[e] = pick<Lanes>(C + e * from.capacity, from.capacity, of);
         }
     }
 }
@@ -157,21 +157,21 @@ void fetch(long b, const Climbs<Lanes>& ascents, Side<Lanes>& side) {
 }
 
 // The s that fits s A mu + t to the landmarks best.
-inline double first_scale(const PosteriorData& data, const Observed<double>& seen, const double* R, long k) {
+inline double first_scale(const PosteriorData& data, const Observed<double>& observed, const double* R, long k) {
     const long p = data.means.size[2];
     const double* mu = data.means[k].data;
     double middle[2] = {}, origin[2] = {}, overlap = 0, square = 0, size = 0;
     for (int pass = 0; pass < 2; ++pass)
-        for (long j = 0; j < seen.m; ++j)
+        for (long j = 0; j < observed.m; ++j)
             for (int a = 0; a < 2; ++a) {
-                const long e = seen.index[j];
+                const long e = observed.index[j];
                 double A[3];
-                for (int c = 0; c < 3; ++c) A[c] = R[3 * a + c] - seen.slope[2 * j + a] * R[6 + c];
+                for (int c = 0; c < 3; ++c) A[c] = R[3 * a + c] - observed.slope[2 * j + a] * R[6 + c];
                 const double x = A[0] * mu[e] + A[1] * mu[p + e] + A[2] * mu[2 * p + e];
-                const double w = seen.w[2 * j + a];
+                const double w = observed.w[2 * j + a];
                 if (pass == 0) {
-                    middle[a] += x / static_cast<double>(seen.m);
-                    origin[a] += w / static_cast<double>(seen.m);
+                    middle[a] += x / static_cast<double>(observed.m);
+                    origin[a] += w / static_cast<double>(observed.m);
                 } else {
                     overlap += (x - middle[a]) * (w - origin[a]);
                     square += (x - middle[a]) * (x - middle[a]);
@@ -184,13 +184,13 @@ inline double first_scale(const PosteriorData& data, const Observed<double>& see
 
 // One more ascent, from its start.
 template <class Lanes>
-void add_ascent(const PosteriorData& data, long image, long pair, const Observed<double>& seen,
+void add_ascent(const PosteriorData& data, long image, long pair, const Observed<double>& observed,
            Climbs<Lanes>& ascents) {
     const long K = data.means.size[0], lane = ascents.count % width<Lanes>;
     const double* R = data.starts[image][pair / K].data;
     LaneView<Lanes>& view = ascents[ascents.count].view;
     for (int e = 0; e < 9; ++e) view.R[e][lane] = static_cast<Number<Lanes>>(R[e]);
-    const double s = first_scale(data, seen, R, pair % K);
+    const double s = first_scale(data, observed, R, pair % K);
     view.log_scale[lane] = static_cast<Number<Lanes>>(log(s));
     ascents[ascents.count].largest[lane] = static_cast<Number<Lanes>>(log(s * MOST_GROWTH));
     ascents.pair[ascents.count++] = pair;
@@ -227,7 +227,7 @@ long run_ascents(const PosteriorData& data, long rounds, double margin, double& 
     going.ascents.pad();
     for (long b = 0; b < going.ascents.blocks(); ++b) {
         fetch(b, going.ascents, going);
-        begin(data, going.seen, going.pack, going.space, going.ascents.block(b));
+        begin(data, going.observed, going.pack, going.space, going.ascents.block(b));
     }
     for (;; rounds -= ROUNDS) {
         for (long i = 0; i < going.ascents.count; ++i)
@@ -236,7 +236,7 @@ long run_ascents(const PosteriorData& data, long rounds, double margin, double& 
         if (!going.ascents.count || rounds <= 0) return steps;
         for (long b = 0; b < going.ascents.blocks(); ++b) {
             fetch(b, going.ascents, going);
-            ascent(data, going.seen, going.pack, ROUNDS, going.space, going.ascents.block(b));
+            ascent(data, going.observed, going.pack, ROUNDS, going.space, going.ascents.block(b));
         }
         steps += ROUNDS * going.ascents.count;
     }
@@ -244,13 +244,13 @@ long run_ascents(const PosteriorData& data, long rounds, double margin, double& 
 
 // Every start under every component.
 template <class Lanes>
-void add_all(const PosteriorData& data, long image, const Observed<double>& seen,
+void add_all(const PosteriorData& data, long image, const Observed<double>& observed,
                Climbs<Lanes>& ascents) {
     ascents.count = 0;
     for (long i = 0; i < data.starts.size[1]; ++i)
         if (is_finite(data.starts[image][i].data[0]))
             for (long k = 0; k < data.means.size[0]; ++k)
-                add_ascent(data, image, data.means.size[0] * i + k, seen, ascents);
+                add_ascent(data, image, data.means.size[0] * i + k, observed, ascents);
 }
 
 // The likelihood in double precision and its Hessian, where those stand that are near the best.
@@ -265,17 +265,17 @@ inline bool finish_all(const PosteriorData& data, double margin, Search& search)
     for (long i = 0; i < count; ++i)
         if (value_of(data, arrived, i) > best - margin) arrived.append(arrived, i);
     arrived.pad();
-    Doubles apart = {}, standing = {};
+    Doubles distance = {}, standing = {};
     for (long b = 0; b < arrived.blocks(); ++b) {
         Ascent<Doubles>& at = arrived.block(b);
         const Doubles before = at.found.value;
         fetch(b, arrived, late);
-        finish(data, late.seen, late.pack, late.space, at);
+        finish(data, late.observed, late.pack, late.space, at);
         const Doubles difference = magnitude(at.found.value - before);
-        apart = difference < AGREEMENT ? apart : all(1.0);
+        distance = difference < AGREEMENT ? distance : all(1.0);
         standing = larger(1.0 - at.moving, standing);
     }
-    return largest(standing) > 0 && !(largest(apart) > 0);
+    return largest(standing) > 0 && !(largest(distance) > 0);
 }
 
 // Ascent from all starts of an image under every component. What has `arrived` is not further than
@@ -286,12 +286,12 @@ inline long ascend_all(const PosteriorData& data, long image, double margin, Sea
     Side<Doubles>& late = search.late;
     Climbs<Doubles>& arrived = search.arrived;
     double best = -INFINITE;
-    going.seen.take(data, image);
-    add_all(data, image, late.seen, going.ascents);
+    going.observed.take(data, image);
+    add_all(data, image, late.observed, going.ascents);
     late.ascents.count = arrived.count = 0;
     long steps = run_ascents(data, QUICK, margin, best, going, search);
     for (long i = 0; i < going.ascents.count; ++i)
-        add_ascent(data, image, going.ascents.pair[i], late.seen, late.ascents);
+        add_ascent(data, image, going.ascents.pair[i], late.observed, late.ascents);
     best = -INFINITE;
     for (long i = 0; i < arrived.count; ++i) best = larger(best, value_of(data, arrived, i));
     steps += run_ascents(data, MOST_ROUNDS, margin, best, late, search);
@@ -300,7 +300,7 @@ inline long ascend_all(const PosteriorData& data, long image, double margin, Sea
     // single precision does not do
     best = -INFINITE;
     arrived.count = 0;
-    add_all(data, image, late.seen, late.ascents);
+    add_all(data, image, late.observed, late.ascents);
     steps += run_ascents(data, MOST_ROUNDS, margin, best, late, search);
     for (long i = 0; i < late.ascents.count; ++i) arrived.append(late.ascents, i);
     finish_all(data, margin, search);

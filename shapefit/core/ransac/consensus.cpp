@@ -52,8 +52,8 @@ constexpr double ENOUGH = 20;
 constexpr long CHECKED = 8;  // draws from one check to the next, a multiple of every WIDTH
 
 // The visible landmarks of one image beside those of the shape, without the hidden ones.
-struct SeenLandmarks {
-    SeenLandmarks(Workspace& workspace, long p)
+struct VisibleLandmarks {
+    VisibleLandmarks(Workspace& workspace, long p)
         : x(workspace.zeros<double>(p)),
           y(workspace.zeros<double>(p)),
           h(workspace.zeros<double>(p)),
@@ -128,16 +128,16 @@ struct TripleLanes {
     Doubles to_w[2][2], to_S[2][3];
 };
 
-[[gnu::noinline]] void gather(const SeenLandmarks& seen, const Triple* triples, TripleLanes& lanes) {
-    const double* w[2] = {seen.x, seen.y};
+[[gnu::noinline]] void gather(const VisibleLandmarks& visible, const Triple* triples, TripleLanes& lanes) {
+    const double* w[2] = {visible.x, visible.y};
     for (int l = 0; l < WIDTH; ++l) {
         const long i = triples[l].index[0];
         for (int a = 0; a < 2; ++a) lanes.w[a][l] = w[a][i];
-        for (int b = 0; b < 3; ++b) lanes.S[b][l] = seen.S[b][i];
+        for (int b = 0; b < 3; ++b) lanes.S[b][l] = visible.S[b][i];
         for (int other = 0; other < 2; ++other) {
             const long j = triples[l].index[1 + other];
             for (int a = 0; a < 2; ++a) lanes.to_w[other][a][l] = w[a][j] - w[a][i];
-            for (int b = 0; b < 3; ++b) lanes.to_S[other][b][l] = seen.S[b][j] - seen.S[b][i];
+            for (int b = 0; b < 3; ++b) lanes.to_S[other][b][l] = visible.S[b][j] - visible.S[b][i];
         }
     }
 }
@@ -160,9 +160,9 @@ Plane span(const TripleLanes& triple) {
 }
 
 // Both poses of each triple.
-void pose_triples(const SeenLandmarks& seen, const Triple* triples, Pose<Doubles> poses[2]) {
+void pose_triples(const VisibleLandmarks& visible, const Triple* triples, Pose<Doubles> poses[2]) {
     TripleLanes triple{};
-    gather(seen, triples, triple);
+    gather(visible, triples, triple);
     const Plane plane = span(triple);
     Doubles G[2][2], normal[2];
     for (int a = 0; a < 2; ++a) {
@@ -192,17 +192,17 @@ void pose_triples(const SeenLandmarks& seen, const Triple* triples, Pose<Doubles
 }
 
 // 12 sqrt(det Cov) of the visible landmarks: the area of a rectangle with their covariance.
-double find_area(const SeenLandmarks& seen) {
-    const long m = seen.count;
+double find_area(const VisibleLandmarks& visible) {
+    const long m = visible.count;
     double x = 0, y = 0, xx = 0, yy = 0, xy = 0;
     for (long j = 0; j < m; ++j) {
-        x += seen.x[j] / m;
-        y += seen.y[j] / m;
+        x += visible.x[j] / m;
+        y += visible.y[j] / m;
     }
     for (long j = 0; j < m; ++j) {
-        xx += square(seen.x[j] - x) / m;
-        yy += square(seen.y[j] - y) / m;
-        xy += (seen.x[j] - x) * (seen.y[j] - y) / m;
+        xx += square(visible.x[j] - x) / m;
+        yy += square(visible.y[j] - y) / m;
+        xy += (visible.x[j] - x) * (visible.y[j] - y) / m;
     }
     return 12 * root(larger(xx * yy - xy * xy, 0));
 }
@@ -210,18 +210,18 @@ double find_area(const SeenLandmarks& seen) {
 // The gain of a pose, or of one a lane; -infinity where there is none, and where the tolerance covers
 // the whole area. visit(j, residual^2, its limit) for each landmark.
 template <class Number, class Visit>
-[[gnu::always_inline]] inline Number judge(const SeenLandmarks& seen, const Pose<Number>& pose,
+[[gnu::always_inline]] inline Number evaluate(const VisibleLandmarks& visible, const Pose<Number>& pose,
                                            const Tolerance& tolerance, const Visit& visit) {
     const Number limit = square(tolerance.threshold * pose.size), inverse = 1 / limit, zero{};
     Number M[6], total = zero - TRIPLE;
     for (int e = 0; e < 6; ++e) M[e] = pose.size * pose.R[e];
     const Number Tx = pose.T[0], Ty = pose.T[1];
-    for (long j = 0; j < seen.count; ++j) {
-        const double X = seen.S[0][j], Y = seen.S[1][j], Z = seen.S[2][j];
-        const Number x = seen.x[j] - Tx - M[0] * X - M[1] * Y - M[2] * Z;
-        const Number y = seen.y[j] - Ty - M[3] * X - M[4] * Y - M[5] * Z;
+    for (long j = 0; j < visible.count; ++j) {
+        const double X = visible.S[0][j], Y = visible.S[1][j], Z = visible.S[2][j];
+        const Number x = visible.x[j] - Tx - M[0] * X - M[1] * Y - M[2] * Z;
+        const Number y = visible.y[j] - Ty - M[3] * X - M[4] * Y - M[5] * Z;
         const Number residual = x * x + y * y;
-        total += seen.h[j] * larger(1 - residual * inverse, zero);
+        total += visible.h[j] * larger(1 - residual * inverse, zero);
         visit(j, residual, limit);
     }
     // area / (pi limit) > 1 where the logarithm counts
@@ -232,12 +232,12 @@ template <class Number, class Visit>
 
 // Of one pose, with inside (count,) = 1 for the landmarks in its tolerance, else 0; none is where the
 // gain is -infinity.
-double judge_one(const SeenLandmarks& seen, const Pose<double>& pose, const Tolerance& tolerance,
+double evaluate_one(const VisibleLandmarks& visible, const Pose<double>& pose, const Tolerance& tolerance,
                  double* __restrict inside) {
-    const double gain = judge(seen, pose, tolerance, [=](long j, double residual, double limit) {
+    const double gain = evaluate(visible, pose, tolerance, [=](long j, double residual, double limit) {
         inside[j] = residual <= limit ? 1.0 : 0.0;
     });
-    for (long j = 0; j < seen.count && gain == -INFINITE; ++j) inside[j] = 0;
+    for (long j = 0; j < visible.count && gain == -INFINITE; ++j) inside[j] = 0;
     return gain;
 }
 
@@ -250,22 +250,22 @@ struct Moments {
 };
 
 // inside (count,) is 1 for inliers, else 0.
-Moments find_moments(const SeenLandmarks& seen, const double* inside) {
+Moments find_moments(const VisibleLandmarks& visible, const double* inside) {
     Moments moments{};
-    const double* w[2] = {seen.x, seen.y};
+    const double* w[2] = {visible.x, visible.y};
     double total = 0;
-    for (long j = 0; j < seen.count; ++j) {
-        const double share = seen.h[j] * inside[j];
+    for (long j = 0; j < visible.count; ++j) {
+        const double share = visible.h[j] * inside[j];
         total += share;
-        for (int b = 0; b < 3; ++b) moments.middle[b] += share * seen.S[b][j];
+        for (int b = 0; b < 3; ++b) moments.middle[b] += share * visible.S[b][j];
         for (int a = 0; a < 2; ++a) moments.origin[a] += share * w[a][j];
     }
     for (double& x : moments.middle) x /= total;
     for (double& x : moments.origin) x /= total;
-    for (long j = 0; j < seen.count; ++j) {
-        const double share = seen.h[j] * inside[j];
+    for (long j = 0; j < visible.count; ++j) {
+        const double share = visible.h[j] * inside[j];
         double S[3];
-        for (int b = 0; b < 3; ++b) S[b] = seen.S[b][j] - moments.middle[b];
+        for (int b = 0; b < 3; ++b) S[b] = visible.S[b][j] - moments.middle[b];
         for (int b = 0; b < 3; ++b) {
             for (int a = 0; a < 3; ++a) moments.P[3 * a + b] += share * S[a] * S[b];
             for (int a = 0; a < 2; ++a)
@@ -300,21 +300,21 @@ struct Best {
 };
 
 // Keep what lies inside the tolerance of a pose if it gains more than all before it.
-void keep_better(const SeenLandmarks& seen, double gain, const double* inside, Best& best,
+void keep_better(const VisibleLandmarks& visible, double gain, const double* inside, Best& best,
                  Vector<bool> inliers) {
     if (!(gain > best.gain)) return;
     best.gain = gain;
-    best.inliers = static_cast<long>(sum(inside, seen.count));
-    for (long j = 0; j < seen.count; ++j) inliers[seen.index[j]] = inside[j] > 0;
+    best.inliers = static_cast<long>(sum(inside, visible.count));
+    for (long j = 0; j < visible.count; ++j) inliers[visible.index[j]] = inside[j] > 0;
 }
 
 // Fit a drawn pose to its inliers and judge again, until they stay or `most` times; a fit that gains
 // less than the pose before it does not replace it. A pose with no inliers but its triple is not fitted.
-void refine_pose(const SeenLandmarks& seen, const Tolerance& tolerance, long most, Pose<double>& pose,
+void refine_pose(const VisibleLandmarks& visible, const Tolerance& tolerance, long most, Pose<double>& pose,
             Inside& inside, Best& best, Vector<bool> inliers) {
-    keep_better(seen, judge_one(seen, pose, tolerance, inside.now), inside.now, best, inliers);
-    for (long round = 0; round < most && sum(inside.now, seen.count) > TRIPLE; ++round) {
-        const Moments moments = find_moments(seen, inside.now);
+    keep_better(visible, evaluate_one(visible, pose, tolerance, inside.now), inside.now, best, inliers);
+    for (long round = 0; round < most && sum(inside.now, visible.count) > TRIPLE; ++round) {
+        const Moments moments = find_moments(visible, inside.now);
         const double size = rotation_step({moments.P, moments.D, true}, pose.R).scale;
         if (!(size > 0)) break;
         pose.size = size;
@@ -326,8 +326,8 @@ void refine_pose(const SeenLandmarks& seen, const Tolerance& tolerance, long mos
         double* before = inside.now;
         inside.now = inside.before;
         inside.before = before;
-        keep_better(seen, judge_one(seen, pose, tolerance, inside.now), inside.now, best, inliers);
-        if (!count_differences(inside.now, before, seen.count)) break;
+        keep_better(visible, evaluate_one(visible, pose, tolerance, inside.now), inside.now, best, inliers);
+        if (!count_differences(inside.now, before, visible.count)) break;
     }
 }
 
@@ -348,34 +348,34 @@ Pose<double> pose_of_lane(const Pose<Doubles>& poses, int lane) {
 }
 
 // Let both poses of `count` triples compete, in the order of the draws.
-void compete(const SeenLandmarks& seen, const Triple* triples, int count, long most,
+void compete(const VisibleLandmarks& visible, const Triple* triples, int count, long most,
              const Tolerance& tolerance, Best& best, Inside& inside, Vector<bool> inliers) {
     Pose<Doubles> poses[2];
     Doubles gains[2];
-    pose_triples(seen, triples, poses);
+    pose_triples(visible, triples, poses);
     for (int side = 0; side < 2; ++side)
-        gains[side] = judge(seen, poses[side], tolerance, [](long, Doubles, Doubles) {});
+        gains[side] = evaluate(visible, poses[side], tolerance, [](long, Doubles, Doubles) {});
     for (int lane = 0; lane < count; ++lane)
         for (int side = 0; side < 2; ++side) {
             if (!(gains[side][lane] > best.drawn)) continue;
             best.drawn = gains[side][lane];
             Pose<double> pose = pose_of_lane(poses[side], lane);
-            refine_pose(seen, tolerance, most, pose, inside, best, inliers);
+            refine_pose(visible, tolerance, most, pose, inside, best, inliers);
         }
 }
 
-void search_image(const SeenLandmarks& seen, const ConsensusData& data, uint64_t state,
+void search_image(const VisibleLandmarks& visible, const ConsensusData& data, uint64_t state,
                   Inside& inside, Vector<bool> inliers) {
-    const Tolerance tolerance{data.threshold, find_area(seen)};
+    const Tolerance tolerance{data.threshold, find_area(visible)};
     Best best;
     Triple triples[WIDTH] = {};
     for (long drawn = 0; drawn < data.draws; drawn += WIDTH) {
         // Stop by the inlier ratio: triples of inliers have been drawn often enough.
-        const double good = drawn % CHECKED ? 0 : share_of_triples(best.inliers, seen.count);
+        const double good = drawn % CHECKED ? 0 : share_of_triples(best.inliers, visible.count);
         if (static_cast<double>(drawn) * good >= ENOUGH) break;
         const int count = static_cast<int>(data.draws - drawn < WIDTH ? data.draws - drawn : WIDTH);
-        for (int lane = 0; lane < count; ++lane) triples[lane] = draw_triple(state, seen.count);
-        compete(seen, triples, count, data.most_rounds, tolerance, best, inside, inliers);
+        for (int lane = 0; lane < count; ++lane) triples[lane] = draw_triple(state, visible.count);
+        compete(visible, triples, count, data.most_rounds, tolerance, best, inside, inliers);
     }
 }
 
@@ -384,13 +384,13 @@ void search_image(const SeenLandmarks& seen, const ConsensusData& data, uint64_t
 void find_consensus(const ConsensusData& data, Range range) {
     const long p = data.squares.size[1];
     Workspace workspace;
-    SeenLandmarks seen(workspace, p);
+    VisibleLandmarks visible(workspace, p);
     Inside inside{workspace.zeros<double>(p), workspace.zeros<double>(p)};
     for (long image = range.first; image < range.last; ++image) {
         const Vector<bool> inliers = data.inliers[image];
         for (long j = 0; j < p; ++j) inliers[j] = false;
-        seen.take(data.landmarks[image], data.squares[image], data.shape);
-        if (seen.count >= TRIPLE) search_image(seen, data, data.seeds[image], inside, inliers);
+        visible.take(data.landmarks[image], data.squares[image], data.shape);
+        if (visible.count >= TRIPLE) search_image(visible, data, data.seeds[image], inside, inliers);
     }
 }
 

@@ -17,9 +17,9 @@ void clear(double* x, long n) {
 
 }  // namespace
 
-void Banded::scales(const SequenceData& data, long f, long apart, double* out) const {
+void Banded::scales(const SequenceData& data, long f, long lag, double* out) const {
     const long p = data.stiffness.size[0];
-    const double tied = tie(f, apart, t_);
+    const double tied = tie(f, lag, t_);
     for (long e = 0; e < D_; ++e) out[e] = e < 3 * p ? tied * data.stiffness[e % p] : 0.0;
 }
 
@@ -179,13 +179,13 @@ double Marginal::weigh(const SequenceData& data, const Place& at, long f, long k
     const double log_det = cholesky_inverse(Q, V_, D, D);
     if (!is_finite(log_det)) return -INFINITE;
     for (long e = 0; e < d; ++e) away_[e] = mean[e] - at.y[f][e];
-    const double square = multiply_symmetric(P, away_, d, pull_);
-    for (long e = 0; e < d; ++e) pull_[e] += at.pull[f][e];
+    const double square = multiply_symmetric(P, away_, d, linear_term_);
+    for (long e = 0; e < d; ++e) linear_term_[e] += at.linear_term[f][e];
     multiply_out(V_, Q, D, D);
     mirror(Q, D, D);
-    mix_rows(pull_, D, Q, D, D, delta);
+    mix_rows(linear_term_, D, Q, D, D, delta);
     return data.log_share[f][k] +
-           0.5 * (dot(pull_, delta, d) - square - data.log_det[f][k] - log_det);
+           0.5 * (dot(linear_term_, delta, d) - square - data.log_det[f][k] - log_det);
 }
 
 }  // namespace shapefit

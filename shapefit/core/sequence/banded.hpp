@@ -38,7 +38,7 @@ class Marginal {
           weight_(workspace.zeros<double>(data.log_share.size[1])),
           delta_(workspace.zeros<double>(data.log_share.size[1] * D_)),
           away_(workspace.zeros<double>(D_)),
-          pull_(workspace.zeros<double>(D_)),
+          linear_term_(workspace.zeros<double>(D_)),
           mean_(workspace.zeros<double>(D_)) {}
 
     // Deviations, correlations and covariance of frame f to `data`; Sigma (D, D) is its block of A^-1.
@@ -54,7 +54,7 @@ class Marginal {
     double *each_;                 // Q_k^-1 (K, D, D)
     double *weight_;               // (K,)
     double *delta_;                // (K, D)
-    double *away_, *pull_, *mean_;  // (D,)
+    double *away_, *linear_term_, *mean_;  // (D,)
 };
 
 class Banded {
@@ -89,7 +89,7 @@ class Banded {
 
   private:
     // Column scales of W_f = V_f diag(scales).
-    void scales(const SequenceData& data, long f, long apart, double* out) const;
+    void scales(const SequenceData& data, long f, long lag, double* out) const;
 
     long t_, D_, E_;
     double *V_, *N_, *F_;  // (t, D, D), (t, D, D), V (R - ...) (t, D, E)

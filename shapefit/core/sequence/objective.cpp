@@ -21,7 +21,7 @@ Bone bone_of(const SequenceData& data, const double* y, long b) {
 }
 
 // -log sum_k share_k N(y; m_k, P_k^-1), with the shares at y and the gradient.
-double mix(const SequenceData& data, long f, const double* y, double* share, double* pull,
+double mix(const SequenceData& data, long f, const double* y, double* share, double* linear_term,
            double* scratch) {
     const long K = data.log_share.size[1], d = data.means.size[2], D = padded(d);
     double best = -INFINITE, whole = 0;
@@ -36,10 +36,10 @@ double mix(const SequenceData& data, long f, const double* y, double* share, dou
         best = larger(share[k], best);
     }
     for (long k = 0; k < K; ++k) whole += share[k] = exp(share[k] - best);
-    for (long e = 0; e < d; ++e) pull[e] = 0;
+    for (long e = 0; e < d; ++e) linear_term[e] = 0;
     for (long k = 0; k < K; ++k) {
         share[k] /= whole;
-        if (share[k] > 0) add_to(pull, share[k], scratch + (1 + k) * D, d);
+        if (share[k] > 0) add_to(linear_term, share[k], scratch + (1 + k) * D, d);
     }
     return -(best + log(whole));
 }
@@ -67,12 +67,12 @@ double held_back(const SequenceData& data, const Place& at, long b) {
     return total;
 }
 
-double tie(long f, long apart, long frames) {
+double tie(long f, long lag, long frames) {
     constexpr double DIFFERENCE[3] = {1, -2, 1};
     double total = 0;
-    for (int a = 0; a + apart < 3; ++a) {  // f is member a of the difference that begins at f - a
+    for (int a = 0; a + lag < 3; ++a) {  // f is member a of the difference that begins at f - a
         const bool whole = f >= a && f - a + 3 <= frames;
-        total += whole ? DIFFERENCE[a] * DIFFERENCE[a + apart] : 0.0;
+        total += whole ? DIFFERENCE[a] * DIFFERENCE[a + lag] : 0.0;
     }
     return total;
 }
@@ -83,7 +83,7 @@ void measure(const SequenceData& data, Place& at, double* scratch) {
     for (long b = 0; b < data.lengths.size[0]; ++b) at.too_long[b] = 0;
     for (long f = 0; f < t; ++f) {
         const double *y = at.y[f].data, *w = data.landmarks[f].data, *weight = data.weight[f].data;
-        energy += mix(data, f, y, at.share[f].data, at.pull[f].data, scratch);
+        energy += mix(data, f, y, at.share[f].data, at.linear_term[f].data, scratch);
         for (long e = 0; e < 2 * p; ++e) energy += 0.5 * weight[e] * square(y[e] - w[e]);
         for (long b = 0; b < data.lengths.size[0]; ++b) {
             const double longer = bone_of(data, y, b).length - at.lengths[b];
@@ -121,7 +121,7 @@ void derive(const SequenceData& data, const Place& at, long f, Bones bones, doub
     for (long e = 0; e < D * D; ++e) S[e] = 0;
     for (long e = 0; e < D * E; ++e) R[e] = 0;
     add_precision(data, at, f, 1, S);
-    for (long e = 0; e < d; ++e) R[e * E] = at.pull[f][e];
+    for (long e = 0; e < d; ++e) R[e * E] = at.linear_term[f][e];
     for (long e = 0; e < 2 * p; ++e) {
         S[e * D + e] += weight[e];
         R[e * E] += weight[e] * (y[e] - w[e]);

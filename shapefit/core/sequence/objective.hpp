@@ -28,7 +28,7 @@ struct SequenceData {
     Matrix<const double> hold = from("hold", "e e");  // H of (l - known)^T H (l - known)
     Vector<const double> known = from("known", "e");
     long most_rounds = from("most_rounds");
-    double still = from("still");  // rounds end when the energy per frame falls by less
+    double tolerance = from("tolerance");  // rounds end when the energy per frame falls by less
     Matrix<double> points = from("points", "t 3p");  // y: the start, and then the minimum
     Vector<double> lengths = from("lengths", "e");  // l, likewise
     Matrix<double> deviation = from("deviation", "t 3p");  // of the points
@@ -43,13 +43,13 @@ struct Place {
     Place(Workspace& workspace, const SequenceData& data)
         : y(workspace.matrix<double>(data.points.size[0], padded(data.points.size[1]))),
           lengths(workspace.vector<double>(data.lengths.size[0])),
-          pull(workspace.matrix<double>(data.points.size[0], padded(data.points.size[1]))),
+          linear_term(workspace.matrix<double>(data.points.size[0], padded(data.points.size[1]))),
           share(workspace.matrix<double>(data.points.size[0], data.log_share.size[1])),
           too_long(workspace.vector<double>(data.lengths.size[0])) {}
 
     Matrix<double> y;        // (t, D)
     Vector<double> lengths;  // (e,)
-    Matrix<double> pull;     // gradient of the energy of the mixtures (t, D)
+    Matrix<double> linear_term;     // gradient of the energy of the mixtures (t, D)
     Matrix<double> share;    // of the modes at y (t, K)
     Vector<double> too_long;  // sum over the frames of how much longer than l a bone is (e,)
     double energy = 0;
@@ -78,6 +78,6 @@ double held_back(const SequenceData& data, const Place& at, long b);
 double multiply_symmetric(const double* P, const double* x, long d, double* __restrict out);
 
 // How frame f is tied to frame f + apart by D^T D of the second difference D.
-double tie(long f, long apart, long frames);
+double tie(long f, long lag, long frames);
 
 }  // namespace shapefit

@@ -139,7 +139,7 @@ void smooth_sequence(const SequenceData& data) {
         at = tried;
         tried = before;
         damping = larger(damping / DAMPED_LESS, LEAST_DAMPING);
-        if (gain < data.still * static_cast<double>(t)) break;
+        if (gain < data.tolerance * static_cast<double>(t)) break;
     }
     copy_rows(at->y, data.points, d);
     for (long b = 0; b < e; ++b) data.lengths[b] = at->lengths[b];

@@ -48,16 +48,16 @@ struct Ended {
 };
 
 // Alternate from R and c = 0.
-Ended alternate_image(const AlternationData& data, double lam, Alternation& room, Rotation& R) {
-    const long row = room.image.atoms.row;
-    const double *w = room.image.w, *S = room.shape;
+Ended alternate_image(const AlternationData& data, double lam, Alternation& work, Rotation& R) {
+    const long row = work.image.atoms.row;
+    const double *w = work.image.w, *S = work.shape;
     const double energy = 0.5 * dot_padded(w, w, 2 * row);
     double P[9], D[6], before = INFINITE, now = INFINITE;
-    room.step.set.clear();
-    room.step.aim(w, lam, data.is_signed);
+    work.step.set.clear();
+    work.step.aim(w, lam, data.is_signed);
     for (long round = 0; round < data.most_rounds; ++round) {
-        now = room.step.minimise_at(R);
-        const double penalty = room.step.mix(room.shape);
+        now = work.step.minimise_at(R);
+        const double penalty = work.step.mix(work.shape);
         if (penalty > 0) {
             find_gram(S, row, P);
             for (int a = 0; a < 6; ++a) D[a] = dot_padded(w + a / 3 * row, S + a % 3 * row, row);
@@ -69,16 +69,16 @@ Ended alternate_image(const AlternationData& data, double lam, Alternation& room
     return {now, data.most_rounds, false};
 }
 
-void alternate_starts(const AlternationData& data, long image, Alternation& room) {
+void alternate_starts(const AlternationData& data, long image, Alternation& work) {
     double least = INFINITE;
     data.status[image] = Status::NUMERICAL_FAILURE;
     for (long start = 0; start < data.starts.size[1]; ++start) {
         Rotation R = Rotation::from(data.starts[image][start].data);
-        const Ended ended = alternate_image(data, data.lam[image], room, R);
+        const Ended ended = alternate_image(data, data.lam[image], work, R);
         data.rounds[image] += ended.rounds;
         if (!(ended.objective < least)) continue;
         least = ended.objective;
-        room.step.set.write(data.coefficients[image]);
+        work.step.set.write(data.coefficients[image]);
         R.write(data.rotation[image].data);
         data.status[image] = ended.converged ? Status::CONVERGED : Status::ITERATION_LIMIT;
     }
@@ -88,10 +88,10 @@ void alternate_starts(const AlternationData& data, long image, Alternation& room
 
 void alternate(const AlternationData& data, Range range) {
     Workspace workspace;
-    Alternation room(workspace, data.atoms);
+    Alternation work(workspace, data.atoms);
     for (long image = range.first; image < range.last; ++image) {
-        if (room.image.take(data.landmarks[image], data.weights[image]))
-            alternate_starts(data, image, room);
+        if (work.image.take(data.landmarks[image], data.weights[image]))
+            alternate_starts(data, image, work);
         else
             data.status[image] = Status::DEGENERATE;
     }

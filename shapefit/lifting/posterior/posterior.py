@@ -149,7 +149,7 @@ def find_posterior(
         starts=_whole(starts),
         chance=outliers.chance,
         density=outliers.density,
-        still=TOLERANCE,
+        tolerance=TOLERANCE,
         covariance=whole,
         **of_images,
         **{f"mode_{name}": values for name, values in of_modes.items()},

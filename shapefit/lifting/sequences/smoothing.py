@@ -192,7 +192,7 @@ def smooth(
         hold=hold,
         known=known,
         most_rounds=max_rounds,
-        still=TOLERANCE,
+        tolerance=TOLERANCE,
         points=points,
         lengths=lengths,
         deviation=deviation,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Flags, Floats
 from shapefit.convex.problem import Loss
 from shapefit.convex.solver import solve_newton
-from shapefit.core import STRETCH
+from shapefit.core import IMAGES_PER_BLOCK
 from shapefit.dictionary.mixture import widen
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
@@ -359,8 +359,8 @@ def lift_omitting(images: LandmarkSet, lifter: Lifter) -> Lifting:
 
     groups = [np.flatnonzero(items == item) for item in dict.fromkeys(items.tolist())]
     # the solvers have work for several threads where there is more than a stretch of images
-    lifted = [lift_group(rows, lifter.threads) for rows in groups if len(rows) > STRETCH]
-    small = [rows for rows in groups if len(rows) <= STRETCH]
+    lifted = [lift_group(rows, lifter.threads) for rows in groups if len(rows) > IMAGES_PER_BLOCK]
+    small = [rows for rows in groups if len(rows) <= IMAGES_PER_BLOCK]
     lifted += on_threads(lift_group, small, lifter.threads)
     return merge(lifted, dictionary.atoms) if lifted else lift_images(images, lifter)
 

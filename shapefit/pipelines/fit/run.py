@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from shapefit.config import FitConfig
-from shapefit.core import STRETCH
+from shapefit.core import IMAGES_PER_BLOCK
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import (
     LandmarkSet,
@@ -155,4 +155,4 @@ def read_images(source: LandmarkSource, setup: Setup) -> Iterator[LandmarkSet]:
 
 def whole_stretches(images: int) -> int:
     """Round up to whole stretches: within one, images start from their neighbours' solutions."""
-    return math.ceil(images / STRETCH) * STRETCH
+    return math.ceil(images / IMAGES_PER_BLOCK) * IMAGES_PER_BLOCK

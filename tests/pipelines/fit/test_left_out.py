@@ -101,7 +101,7 @@ def test_each_image_is_fitted_with_the_dictionary_of_the_other_models(run, model
 
 def test_chunks_make_no_difference_but_to_starts(run, monkeypatch):
     whole, _ = run(method="mean-shape")
-    monkeypatch.setattr("shapefit.pipelines.fit.run.STRETCH", 1)
+    monkeypatch.setattr("shapefit.pipelines.fit.run.IMAGES_PER_BLOCK", 1)
     monkeypatch.setattr("shapefit.pipelines.fit.run.CHUNK", 2)
     parts, outcomes = run(method="mean-shape")
     assert len(outcomes) == 6
