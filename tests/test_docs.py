@@ -40,10 +40,8 @@ def console_commands(page: str) -> list[Command]:
     return listed
 
 
-def run_page(page: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> str:
-    """Run the commands of a page in a folder with the sample data; return the tables printed."""
-    for name in ("sample_data", "configs"):
-        (folder / name).symlink_to(PROJECT / name)
+def run_page(page: str, capsys: pytest.CaptureFixture[str]) -> str:
+    """Run the commands of a page; return the tables printed."""
     tables = ""
     for command in console_commands(page):
         words = shlex.split(command.text)
@@ -64,12 +62,14 @@ def without_times(line: str) -> str:
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
+    for name in ("sample_data", "configs"):
+        (tmp_path / name).symlink_to(PROJECT / name)
     monkeypatch.chdir(tmp_path)
     return tmp_path
 
 
-def test_the_commands_of_the_readme(folder, capsys):
-    tables = run_page("README.md", folder, capsys)
+def test_the_commands_of_the_readme_and_the_first_result(folder, capsys):
+    tables = run_page("README.md", capsys)
     text = (PROJECT / "README.md").read_text(encoding="utf-8")
     (sample,) = re.findall(r"```\n(item,landmark,x,y .*?)```", text, re.DOTALL)
     lines = (PROJECT / "sample_data/one_person.csv").read_text(encoding="utf-8").splitlines()
@@ -81,16 +81,13 @@ def test_the_commands_of_the_readme(folder, capsys):
         numbers = (x, y, z) if x == "x" else (f"{float(number):.2f}" for number in (x, y, z))
         assert line_out == ",".join([*names, *numbers])
     assert (folder / "walk.html").is_file()
-
-
-def test_the_first_result(folder, capsys):
-    run_page("docs/first-result.md", folder, capsys)
+    run_page("docs/first-result.md", capsys)
     assert all((folder / f"walk_person_1{end}").is_file() for end in (".trc", ".mot", ".bvh"))
 
 
 @pytest.mark.slow
 def test_your_animal(folder, capsys):
-    run_page("docs/your-animal.md", folder, capsys)
+    run_page("docs/your-animal.md", capsys)
     result = read_results(folder / "dog.h5")
     truth = read_shapes([folder / "sample_data/animal_truth.h5"])
     error = 1000 * similarity(result.shapes, truth.shapes).mean()
@@ -107,7 +104,7 @@ def test_your_animal(folder, capsys):
 @pytest.mark.slow
 @pytest.mark.parametrize("page", SLOW)
 def test_the_commands_of_a_page(folder, capsys, page):
-    run_page(page, folder, capsys)
+    run_page(page, capsys)
 
 
 def test_every_page_with_console_blocks_is_run():

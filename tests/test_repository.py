@@ -13,8 +13,6 @@ from ruamel.yaml import YAML
 
 from shapefit import __version__
 from shapefit.config import CONFIGS
-from shapefit.config.model import keys_of
-from shapefit.config.reference import meaning
 
 PROJECT = Path(__file__).resolve().parents[1]
 DOCS = PROJECT / "docs"
@@ -43,16 +41,6 @@ def test_generated_pages_are_in_step():
     for path, text in pages.items():
         assert path.read_text(encoding="utf-8") == text, "run `make docs`"
         assert all(f"## `{command}`" in text for command in CONFIGS)
-
-
-def test_every_key_is_described_by_a_sentence():
-    described = [
-        (f"{command}: {'.'.join(way)}", meaning(key))
-        for command, model in CONFIGS.items()
-        for way, key in keys_of(model).items()
-    ]
-    assert len(described) > 100
-    assert [key for key, text in described if not text.endswith(".")] == []
 
 
 def broken_links(page: Path) -> Iterator[str]:

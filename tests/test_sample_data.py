@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from shapefit.io import open_landmarks, read_shapes
-from shapefit.io.options import InputOptions
+from shapefit.io import read_shapes
 from tests.io.files import load
 
 ROUNDING = 1e-5
@@ -61,20 +60,3 @@ def test_views_are_pictures_of_the_cars_under_their_true_rotation(folder, cars):
         np.testing.assert_allclose(translation, told, atol=0.01 * translation[2])
         pixels = FOCAL_LENGTH * (A @ translation - b) / translation[2]
         assert np.sqrt((pixels**2).mean()) < 1
-
-
-def test_two_people_walk_past_each_other(folder):
-    """Joined over frames, each is one person who walks one way."""
-    options = InputOptions(keypoints="body_25", track="nearest")
-    with open_landmarks([folder / "openpose"], options) as source:
-        (found,) = source.batches(1000)
-    assert len(found) == 72
-    hip = found.landmarks[:, 0, found.landmark_names.index("MidHip")]
-    for number, direction in ((1, 1), (2, -1)):
-        own = hip[[name == f"openpose/person {number}" for name in found.sequences]]
-        known = np.flatnonzero(np.isfinite(own))
-        assert len(own) == 36
-        assert len(known) > 20
-        moved = direction * np.diff(own[known]) / np.diff(known)
-        assert 5 < moved.mean() < 20
-        assert (moved > -10).all()

@@ -88,25 +88,6 @@ def test_names_stand_for_the_installed_configs(project: Path, environment, tmp_p
     assert (tmp_path / "out/shapes.csv").read_text(encoding="utf-8").count("\n") > 108
 
 
-def test_people_are_lifted_with_what_is_installed(project: Path, environment, tmp_path: Path):
-    shutil.copy(project / "sample_data" / "people_views.csv", tmp_path)
-    line = "shapefit fit -c people people_views.csv -d people -o shapes.csv"
-    run(shlex.split(line), environment, tmp_path)
-    assert (tmp_path / "shapes.csv").read_text(encoding="utf-8").count("\n") > 12 * 15
-
-
 def test_every_module_imports_from_the_wheel(wheel: Path, environment, tmp_path: Path):
     (where,) = run(["python", "-P", "-c", IMPORT_ALL], environment, tmp_path).splitlines()
     assert Path(where).is_relative_to(wheel.parent)
-
-
-def test_the_example_of_the_readme_runs(project: Path, readme_commands, environment, tmp_path):
-    for name in ("configs", "sample_data"):
-        shutil.copytree(project / name, tmp_path / name)
-    printed = ""
-    for command in [line for line in readme_commands if line.startswith("shapefit ")][:5]:
-        printed += run(shlex.split(command), environment, tmp_path)
-    assert (tmp_path / "walk_person_2.trc").is_file()
-    assert (tmp_path / "walk.html").is_file()
-    assert printed.startswith("item,landmark,x,y,z\n")
-    assert printed.count("\n") == 1 + 15

@@ -61,15 +61,6 @@ def test_arrays_are_matched_by_their_order(chain, sample):
         )
 
 
-def test_an_image_that_failed_has_no_error(chain, sample):
-    truth = shapefit.read_shapes(sample / "people_test.h5")
-    shapes = chain.shapes.copy()
-    shapes[2] = np.nan
-    found = shapefit.evaluate(chain.replaced(shapes=shapes), truth, metrics=["similarity"])
-    assert list(found.failures) == [chain.items[2]]
-    assert np.isnan(found.errors["similarity", "normalised"][2])
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

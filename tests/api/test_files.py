@@ -35,24 +35,6 @@ def test_what_is_read_is_written_as_it_was(tmp_path, sample, people, views):
     assert found.attributes["method"] == "convex"
 
 
-def test_csv_is_read_and_written(tmp_path, sample):
-    images = shapefit.read_landmarks(sample / "people_views.csv")
-    shapefit.write_landmarks(tmp_path / "again.csv", images)
-    again = shapefit.read_landmarks(tmp_path / "again.csv")
-    np.testing.assert_array_equal(again.landmarks, images.landmarks)
-
-
-def test_several_files_are_one_set(sample, tmp_path):
-    names = ("people_frames.csv", "people_test.h5")
-    apart = [shapefit.read_shapes(sample / name).replaced(extras={}) for name in names]
-    shapefit.write_shapes(tmp_path / "a.h5", apart[1])
-    shapefit.write_shapes(
-        tmp_path / "b.csv", apart[0].replaced(items=list("abcdefgh"), sequences=None)
-    )
-    both = shapefit.read_shapes(tmp_path / "a.h5", tmp_path / "b.csv")
-    assert both.items == (*apart[1].items, *"abcdefgh")
-
-
 def test_a_file_that_is_not_there_is_an_error(tmp_path):
     for read in (shapefit.read_shapes, shapefit.read_landmarks, shapefit.read_dictionary):
         with pytest.raises(shapefit.InputError, match=r"nowhere\.h5"):

@@ -52,17 +52,3 @@ def test_what_does_not_fit_is_refused(program):
         shapefit.solve(W[:, :5], B, 0.1)
     with pytest.raises(ValueError, match="'huge' is not a valid Loss"):
         shapefit.solve(W, B, 0.1, loss="huge")
-
-
-@pytest.mark.slow
-def test_cvxpy_finds_the_same(program):
-    import cvxpy
-
-    W, B = program
-    M = [cvxpy.Variable((2, 3)) for _ in B]
-    T = cvxpy.Variable((2, 1))
-    model = sum(M_i @ B_i for M_i, B_i in zip(M, B, strict=True)) + T @ np.ones((1, W.shape[1]))
-    norms = sum(cvxpy.sigma_max(M_i) for M_i in M)
-    problem = cvxpy.Problem(cvxpy.Minimize(cvxpy.sum_squares(W - model) / 2 + 0.1 * norms))
-    expected = problem.solve(cvxpy.CLARABEL)
-    assert shapefit.solve(W, B, 0.1).objective == pytest.approx(expected, rel=1e-5)

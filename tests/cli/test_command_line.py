@@ -170,24 +170,6 @@ def test_a_page_is_opened_where_that_is_wished(shapefit, fake_pipeline, folder, 
     assert "No browser was found; open" in shapefit("view", "result.h5", "--open").err
 
 
-def test_the_pipeline_is_closed_when_the_command_line_breaks_off(
-    shapefit, fake_pipeline, monkeypatch
-):
-    closed = []
-
-    def run(_config):
-        try:
-            yield Outcome(done=1)
-        finally:
-            closed.append(True)
-
-    fake_pipeline("fit.run", [])
-    monkeypatch.setattr(sys.modules["shapefit.pipelines.fit.run"], "run", run)
-    monkeypatch.setattr("shapefit.cli.report.Report.add", lambda *_: 1 / 0)
-    assert shapefit(*FIT.split()).code == 3
-    assert closed == [True]
-
-
 def test_progress_is_a_line_now_and_then_without_a_terminal(shapefit, fake_pipeline, monkeypatch):
     clock = count(0, 4)  # seconds: a line after every third look at the clock
     monkeypatch.setattr("shapefit.cli.report.time.monotonic", lambda: next(clock))
@@ -216,12 +198,6 @@ def test_a_printed_config_serves_once_its_inputs_are_given(shapefit, fake_pipeli
     config = load_config("fit", folder / "printed.yaml", (), inputs)
     assert config == load_config("fit", None, ("lambda=2",), inputs)
     assert configs == []
-
-
-@pytest.mark.parametrize("arguments", [["--help"], ["-h"], ["--version"], ["fit", "--help"]])
-def test_help_and_version_go_to_stdout(shapefit, arguments):
-    result = shapefit(*arguments)
-    assert (result.code, result.err, "shapefit" in result.out) == (0, "", True)
 
 
 def complete(words: str, kind: str = "bash_complete") -> list[str]:

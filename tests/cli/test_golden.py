@@ -25,7 +25,6 @@ def inputs(project, tmp_path_factory):
         (folder / name).write_text(text, encoding="utf-8")
     (folder / "empty.h5").touch()
     (folder / "noise.bin").write_bytes(b"\0\1\2\3")
-    (folder / "clip.mp4").write_bytes(b"\0\0\0\x20ftypisom\0\0")
     (folder / "bad.h5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(100))
     for line in TABLE["made"]:
         done = run_in(folder, *shlex.split(line))

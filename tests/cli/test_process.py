@@ -1,4 +1,4 @@
-"""The installed command as a process: pipes, signals, terminals, streams, full disks, names."""
+"""The installed command as a process: pipes, signals, terminals, streams, full disks."""
 
 import os
 import pty
@@ -96,22 +96,6 @@ def test_a_signal_unwinds_the_pipeline(folder, number, told):
     assert process.wait() == 128 + number
 
 
-def test_an_ignored_signal_stays_ignored(folder):
-    body = """
-    import os, signal
-    os.kill(os.getpid(), signal.SIGHUP)
-    yield Outcome(done=1)
-    """
-    done = subprocess.run(
-        driver(folder, body),
-        capture_output=True,
-        text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
-        check=False,
-    )
-    assert (done.returncode, "Result  1 image, " in done.stderr) == (0, True)
-
-
 BAR_BODY = """
 for done in range(3):
     time.sleep(0.15)
@@ -179,22 +163,3 @@ def test_a_full_disk_behind_standard_output_is_no_internal_error(fitted, command
     assert (code, out) == (2, "")
     assert "Error: standard output: " in told
     assert "free some" in told
-
-
-@pytest.mark.slow
-def test_every_command_works_in_a_folder_that_is_not_utf8(tmp_path, project):
-    folder = Path(os.fsdecode(os.fsencode(tmp_path) + b"/caf\xe9"))
-    folder.mkdir()
-    for name in ("people_test.h5", "people_frames.csv"):
-        shutil.copy(project / "sample_data" / name, folder)
-    shutil.copy(folder / "people_test.h5", folder / os.fsdecode(b"caf\xe9.h5"))
-    commands = (
-        ["learn-dict", "people_frames.csv", "-o", "d.h5", "--set", "k=3", "--set", "iterations=1"],
-        ["project", os.fsdecode(b"caf\xe9.h5"), "-o", os.fsdecode(b"views\xe9.h5")],
-        ["fit", os.fsdecode(b"views\xe9.h5"), "-d", "d.h5", "-o", os.fsdecode(b"r\xe9.h5")],
-        ["fit", "views*.h5", "-d", "d.h5", "-o", "r.h5", "--print-config"],
-        ["eval", os.fsdecode(b"r\xe9.h5"), "--truth", "people_test.h5", "-o", "report"],
-    )
-    for command in commands:
-        done = subprocess.run([COMMAND, *command], cwd=folder, capture_output=True, check=False)
-        assert (done.returncode, b"Error" in done.stderr) == (0, False), done.stderr

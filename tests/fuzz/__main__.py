@@ -24,13 +24,13 @@ def main() -> int:
     parser.add_argument("--kinds", nargs="+", default=list(KINDS), choices=list(KINDS))
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     arguments = parser.parse_args()
-    if arguments.past:
-        return ended(run([Case(name, 0) for name in FINDINGS]))
     seeds = range(arguments.first, arguments.first - (-arguments.cases // len(arguments.kinds)))
     blocks = [
         [Case(kind, seed) for seed in seeds[at : at + BLOCK] for kind in arguments.kinds]
         for at in range(0, len(seeds), BLOCK)
     ]
+    if arguments.past:
+        blocks = [[Case(name, 0) for name in FINDINGS]]
     # Each in a process of its own: libraries that spoil files keep some of the memory.
     whole = Tally()
     with get_context("spawn").Pool(max(arguments.jobs, 1), maxtasksperchild=1) as pool:
@@ -38,13 +38,7 @@ def main() -> int:
             whole.codes += tally.codes
             whole.findings += tally.findings
             print(whole, flush=True)
-    return ended(whole)
-
-
-def ended(tally: Tally) -> int:
-    """Print how many cases there were; returns the exit code."""
-    print(tally)
-    return 1 if tally.findings else 0
+    return 1 if whole.findings else 0
 
 
 if __name__ == "__main__":

@@ -14,10 +14,11 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import h5py
 import numpy as np
@@ -26,7 +27,7 @@ from shapefit.cli.main import run as run_command
 import shapefit
 
 from .kinds import KINDS, make_base_files
-from .past_findings import FINDINGS
+from .past_findings import FINDINGS, edit
 
 SECONDS = 20
 """Of the processor, for one case."""
@@ -43,58 +44,42 @@ IN_MEMORY = Path("/dev/shm")
 """Folder of files that no disk has to hold."""
 
 
-@dataclass(frozen=True)
-class Case:
+class Case(NamedTuple):
     """The case of a kind and a seed: the same on every machine."""
 
     kind: str
     seed: int
 
-    def __str__(self) -> str:
-        return f"{self.kind} {self.seed}"
-
-
-@dataclass(frozen=True)
-class Finding:
-    """A case that did what it must not."""
-
-    case: Case
-    what: str
-    command: tuple[str, ...]
-    told: str
-
-    def __str__(self) -> str:
-        words = " ".join(map(ascii, self.command))
-        return f"{self.case}: {self.what}\n    {words}\n    {self.told[-3000:]!r}"
-
 
 @dataclass
 class Tally:
-    """What came of the cases so far."""
+    """What came of the cases so far: exit codes, and descriptions of what must not happen."""
 
     codes: Counter[str] = field(default_factory=Counter)
-    findings: list[Finding] = field(default_factory=list)
-
-    @property
-    def cases(self) -> int:
-        """How many were run."""
-        return sum(self.codes.values())
+    findings: list[str] = field(default_factory=list)
 
     def __str__(self) -> str:
         counts = ", ".join(f"{code}: {number}" for code, number in sorted(self.codes.items()))
-        return f"{self.cases} cases; exit codes {counts}; {len(self.findings)} findings"
+        cases = sum(self.codes.values())
+        return f"{cases} cases; exit codes {counts}; {len(self.findings)} findings"
 
 
 def run(cases: list[Case]) -> Tally:
-    """Run cases in this process, and print what is wrong."""
+    """Run cases in copies of a folder of good files, and print what is wrong."""
+    tally = Tally()
     with tempfile.TemporaryDirectory(dir=IN_MEMORY if IN_MEMORY.is_dir() else None) as folder:
-        base, work = Path(folder) / "base", Path(folder) / "work"
+        base, work = Path(folder) / "base", Path(folder) / "case"
         base.mkdir()
-        work.mkdir()
         with silenced():
             make_base_files(base)
             import_all()
-        return run_cases(cases, base, work)
+        for case in cases:
+            shutil.rmtree(work, ignore_errors=True)
+            shutil.copytree(base, work)
+            for finding in run_case(case, work, tally):
+                print(finding, flush=True)
+                tally.findings.append(finding)
+    return tally
 
 
 def import_all() -> None:
@@ -102,9 +87,8 @@ def import_all() -> None:
     package = Path(shapefit.__file__).parent
     for file in package.rglob("[!_]*.py"):
         with suppress(ImportError):  # of libraries that are optional
-            importlib.import_module(
-                ".".join(file.relative_to(package.parent).with_suffix("").parts)
-            )
+            name = ".".join(file.relative_to(package.parent).with_suffix("").parts)
+            importlib.import_module(name)
     gc.collect()
     gc.freeze()
 
@@ -116,60 +100,44 @@ def silenced() -> Iterator[None]:
         yield
 
 
-def run_cases(cases: Iterable[Case], base: Path, work: Path) -> Tally:
-    """Run the cases one after the other, in copies of the folder of good files; print findings."""
-    tally = Tally()
-    for case in cases:
-        folder = work / "case"
-        shutil.rmtree(folder, ignore_errors=True)
-        shutil.copytree(base, folder)
-        for finding in run_case(case, folder, tally):
-            print(finding, flush=True)
-            tally.findings.append(finding)
-    return tally
-
-
-def run_case(case: Case, folder: Path, tally: Tally) -> Iterator[Finding]:
+def run_case(case: Case, folder: Path, tally: Tally) -> Iterator[str]:
     """Spoil the files in the folder, run the command there, and yield what is wrong with that."""
     command = case_command(case, folder)
     before = set(os.listdir(folder))
     status, usage = in_child(lambda: run_command(command), folder)
-    told = (folder / "stderr").read_text(errors="surrogateescape")
+    text = (folder / "stderr").read_text(errors="surrogateescape")
     code = os.waitstatus_to_exitcode(status)
-
-    def found(what: str) -> Finding:
-        return Finding(case, what, command, told)
-
     if -code in CRASHES and _crashes_h5py(folder):
         tally.codes["crash of libhdf5"] += 1
         return
     tally.codes[str(code)] += 1
-    if code == -signal.SIGXCPU or usage.ru_utime + usage.ru_stime > SECONDS:
-        yield found(f"takes more than {SECONDS} s")
-    elif code not in ALLOWED:
-        yield found(f"exit code {code}")
-    if usage.ru_maxrss * 1024 > BYTES:
-        yield found(f"takes {usage.ru_maxrss >> 10} MB")
-    if "Traceback" in told or "Warning: " in told.replace("\nWarning: ", "\n").removeprefix(
-        "Warning: "
-    ):
-        yield found("Python speaks on standard error")
-    if any(not line.isprintable() for line in told.split("\n")):
-        yield found("the message is not plain text")
     new = set(os.listdir(folder)) - before - {"stderr", "stdout"}
-    if litter := [name for name in new if "partial" in name]:
-        yield found(f"leaves {litter}")
-    if code == 2 and new - {"out"}:
-        yield found(f"refuses its input and writes {new}")
-    if code == 0 and "out.h5" in new and not _is_finite(folder / "out.h5"):
-        yield found("writes nan without a word")
+    late = code == -signal.SIGXCPU or usage.ru_utime + usage.ru_stime > SECONDS
+    lines = text.split("\n")
+    faults = {
+        f"takes more than {SECONDS} s": late,
+        f"exit code {code}": not late and code not in ALLOWED,
+        f"takes {usage.ru_maxrss >> 10} MB": usage.ru_maxrss * 1024 > BYTES,
+        "Python speaks on standard error": "Traceback" in text
+        or any("Warning: " in line.removeprefix("Warning: ") for line in lines),
+        "the message is not plain text": not all(line.isprintable() for line in lines),
+        f"leaves {new}": any("partial" in name for name in new),
+        f"refuses its input and writes {new}": code == 2 and bool(new - {"out"}),
+        "writes nan without a word": code == 0
+        and "out.h5" in new
+        and not _is_finite(folder / "out.h5"),
+    }
+    words = " ".join(map(ascii, command))
+    for fault in (text for text, holds in faults.items() if holds):
+        yield f"{case.kind} {case.seed}: {fault}\n    {words}\n    {text[-3000:]!r}"
 
 
 def case_command(case: Case, folder: Path) -> tuple[str, ...]:
     """Spoil the files in the folder; returns the command line that reads them."""
     if case.kind in FINDINGS:
-        spoil, command = FINDINGS[case.kind]
-        spoil(folder)
+        name, changes, command = FINDINGS[case.kind]
+        if name:
+            edit(folder / name, changes)
         return command
     try:
         return KINDS[case.kind](random.Random(f"{case.kind}{case.seed}"), folder)
@@ -178,14 +146,14 @@ def case_command(case: Case, folder: Path) -> tuple[str, ...]:
         raise
 
 
-def in_child(work: object, folder: Path) -> tuple[int, resource.struct_rusage]:
+def in_child(work: Callable[[], int], folder: Path) -> tuple[int, resource.struct_rusage]:
     """Run in a fork whose streams are files of the folder; returns its status and what it took."""
     child = os.fork()
     if child == 0:
         become(folder)
         code = 70
         try:
-            code = work()  # type: ignore[operator]
+            code = work()
             sys.stdout.flush()
             sys.stderr.flush()
         except SystemExit as error:
@@ -207,8 +175,7 @@ def become(folder: Path) -> None:
     os.chdir(folder)
     for number, name in enumerate(("/dev/null", "stdout", "stderr")):
         flags = os.O_RDONLY if number == 0 else os.O_WRONLY | os.O_CREAT | os.O_TRUNC
-        descriptor = os.open(name, flags, 0o600)
-        os.dup2(descriptor, number)
+        os.dup2(os.open(name, flags, 0o600), number)
     sys.stdin = open(0, closefd=False)  # noqa: SIM115
     sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
     sys.stderr = open(2, "w", closefd=False, errors="backslashreplace")  # noqa: SIM115
@@ -224,23 +191,18 @@ def become(folder: Path) -> None:
 def _crashes_h5py(folder: Path) -> bool:
     """Whether h5py alone crashes on a file of the folder: then the fault is that of libhdf5."""
 
+    def read(name: str, node: object) -> None:
+        if isinstance(node, h5py.Dataset) and node.size < 10**6:
+            node[()]
+
     def read_all() -> int:
         for path in folder.glob("*.h5"):
-            try:
-                with h5py.File(path, "r") as file:
-                    list(file.attrs.items())
-                    names: list[str] = []
-                    file.visit(names.append)
-                    for name in names:
-                        node = file[name]
-                        if isinstance(node, h5py.Dataset) and node.size < 10**6:
-                            node[()]
-            except Exception:
-                continue
+            with suppress(Exception), h5py.File(path, "r") as file:
+                list(file.attrs.items())
+                file.visititems(read)
         return 0
 
-    status, _ = in_child(read_all, folder)
-    return os.waitstatus_to_exitcode(status) < 0
+    return os.waitstatus_to_exitcode(in_child(read_all, folder)[0]) < 0
 
 
 def _is_finite(path: Path) -> bool:

@@ -16,7 +16,6 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 
 ERRORS = (errno.ENOSPC, errno.EIO, errno.EACCES)
@@ -25,20 +24,17 @@ SHIM = Path(__file__).with_name("failing_calls.c")
 
 OLD, NEW = ("--set=threads=1", "--set=lambda=0.3"), ("--set=threads=1", "--set=lambda=0.1")
 FIT = ("fit", "views.h5", "-d", "dict.h5")
-MESHES = ("--set", "export.folder=out/meshes")
+MESHES = ("-o", "out/r.h5", "--set", "export.folder=out/meshes")
 LEARN = ("learn-dict", "shapes.h5", "-o", "out/d.h5", "--set", "iterations=2", "--set", "k=3")
 EVAL = ("eval", "--truth", "shapes.h5", "-o", "out/report", "--set=plots=false")
-PROJECT = ("project", "shapes.h5")
+PROJECT = ("project", "shapes.h5", "-o", "out/v.h5")
 
 COMMANDS = {
     "fit to HDF5": ((*FIT, "-o", "out/r.h5", *OLD), (*FIT, "-o", "out/r.h5", *NEW)),
     "fit to CSV": ((*FIT, "-o", "out/r.csv", *OLD), (*FIT, "-o", "out/r.csv", *NEW)),
-    "fit with meshes": (
-        (*FIT, "-o", "out/r.h5", *MESHES, *OLD),
-        (*FIT, "-o", "out/r.h5", *MESHES, *NEW),
-    ),
+    "fit with meshes": ((*FIT, *MESHES, *OLD), (*FIT, *MESHES, *NEW)),
     "learn-dict": ((*LEARN, "--set=beta=0.3"), (*LEARN, "--set=beta=0.1")),
-    "project": ((*PROJECT, "-o", "out/v.h5"), (*PROJECT, "-o", "out/v.h5", "--set=noise=0.1")),
+    "project": (PROJECT, (*PROJECT, "--set=noise=0.1")),
     "eval": ((*EVAL, "result.csv"), (*EVAL, "result.h5")),
 }
 """Commands whose outputs are there already, made by the first, when the second runs."""
@@ -51,53 +47,42 @@ def main() -> int:
     parser.add_argument("--kill", type=int, default=0, help="kill -9 at so many moments instead")
     parser.add_argument("--quick", action="store_true", help="one of the errors for each call")
     arguments = parser.parse_args()
-    if "failing_calls" not in os.environ.get("LD_PRELOAD", ""):
-        with tempfile.TemporaryDirectory() as folder:
-            library = build(Path(folder))
-            return subprocess.call(
-                [sys.executable, "-m", "tests.fuzz.faults", *sys.argv[1:]],
-                env=os.environ | {"LD_PRELOAD": str(library)},
-            )
-    return run(arguments.commands, arguments.kill, quick=arguments.quick)
+    with tempfile.TemporaryDirectory() as folder:
+        if "failing_calls" in os.environ.get("LD_PRELOAD", ""):
+            return run(arguments, Path(folder))
+        library = Path(folder) / "failing_calls.so"
+        compiler = (sysconfig.get_config_var("CC") or "cc").split()[0]
+        compiler = compiler if shutil.which(compiler) else "cc"
+        shared = ("-shared", "-fPIC", "-O1", "-o", str(library), str(SHIM), "-ldl")
+        subprocess.run([compiler, *shared], check=True)
+        command = [sys.executable, "-m", "tests.fuzz.faults", *sys.argv[1:]]
+        return subprocess.call(command, env=os.environ | {"LD_PRELOAD": str(library)})
 
 
-def build(folder: Path) -> Path:
-    """Compile the shim; returns its path."""
-    library = folder / "failing_calls.so"
-    compiler = (sysconfig.get_config_var("CC") or "cc").split()[0]
-    compiler = compiler if shutil.which(compiler) else "cc"
-    command = [compiler, "-shared", "-fPIC", "-O1", "-o", library, SHIM, "-ldl"]
-    subprocess.run(command, check=True)
-    return library
-
-
-def run(commands: Sequence[str], kills: int, *, quick: bool) -> int:
-    """Run the cases of these commands; returns the exit code."""
+def run(arguments: argparse.Namespace, folder: Path) -> int:
+    """Run the cases of the commands; returns the exit code."""
     from .campaign import silenced
     from .kinds import make_base_files
 
-    shim = ctypes.CDLL(os.environ["LD_PRELOAD"])
     failed = cases = 0
-    with tempfile.TemporaryDirectory() as folder:
-        base = Path(folder) / "base"
-        base.mkdir()
-        with silenced():
-            make_base_files(base)
-        for name in commands:
-            bench = Bench(shim, *COMMANDS[name], base, Path(folder) / "case")
-            if kills:
-                share = -(-kills // len(commands))
-                moments = [number * bench.calls // share for number in range(share)]
-                plan = [(call, -signal.SIGKILL) for call in moments]
-            else:
-                plan = [(call, error) for call in range(bench.calls) for error in ERRORS]
-                plan = plan[:: len(ERRORS) + 1] if quick else plan
-            wrong = [problem for case in plan if (problem := bench.try_case(*case))]
-            for problem in wrong[:20]:
-                print(f"{name}: {problem}", flush=True)
-            cases += len(plan)
-            failed += len(wrong)
-            print(f"{name}: {bench.calls} calls, {len(plan)} cases, {len(wrong)} wrong", flush=True)
+    base = folder / "base"
+    base.mkdir()
+    with silenced():
+        make_base_files(base)
+    for name in arguments.commands:
+        bench = Bench(*COMMANDS[name], base, folder / "case")
+        plan = [(call, error) for call in range(bench.calls) for error in ERRORS]
+        plan = plan[:: len(ERRORS) + 1] if arguments.quick else plan
+        if arguments.kill:
+            share = -(-arguments.kill // len(arguments.commands))
+            moments = [number * bench.calls // share for number in range(share)]
+            plan = [(call, -signal.SIGKILL) for call in moments]
+        wrong = [problem for case in plan if (problem := bench.try_case(*case))]
+        for problem in wrong[:20]:
+            print(f"{name}: {problem}", flush=True)
+        cases += len(plan)
+        failed += len(wrong)
+        print(f"{name}: {bench.calls} calls, {len(plan)} cases, {len(wrong)} wrong", flush=True)
     print(f"{cases} cases, {failed} wrong")
     return 1 if failed else 0
 
@@ -106,23 +91,18 @@ class Bench:
     """One command, whose outputs are there already, and what becomes of them."""
 
     def __init__(
-        self,
-        shim: ctypes.CDLL,
-        old: tuple[str, ...],
-        new: tuple[str, ...],
-        base: Path,
-        folder: Path,
+        self, old: tuple[str, ...], new: tuple[str, ...], base: Path, folder: Path
     ) -> None:
         """Make the old outputs, and count the calls of the new run."""
-        self._shim, self._command, self._folder = shim, new, folder
-        shutil.rmtree(folder, ignore_errors=True)
+        self._shim = ctypes.CDLL(os.environ["LD_PRELOAD"])
+        self._command, self._folder, self._retained = new, folder, folder.with_name("retained")
+        for path in (folder, self._retained):
+            shutil.rmtree(path, ignore_errors=True)
         shutil.copytree(base, folder)
         (folder / "out").mkdir()
         assert self._run(old)[0] == 0
-        self._kept = folder.with_name("kept")
-        shutil.rmtree(self._kept, ignore_errors=True)
-        shutil.copytree(folder / "out", self._kept)
-        self._old = content(self._kept)
+        shutil.copytree(folder / "out", self._retained)
+        self._old = content(self._retained)
         code, self.calls = self._run(new)
         assert code == 0
         self._new = content(folder / "out")
@@ -131,25 +111,21 @@ class Bench:
         """Let one call fail; returns what is wrong, an empty text where all is well."""
         out = self._folder / "out"
         shutil.rmtree(out)
-        shutil.copytree(self._kept, out)
+        shutil.copytree(self._retained, out)
         code, _ = self._run(self._command, call, error)
         word = f"call {call}, error {error}, exit code {code}"
-        killed = error < 0 and code == error
-        if code not in (0, 2) and not killed:
-            return word
-        found = content(out)
-        hidden = {name for name in found if ".partial" in name}
-        if hidden and not killed:
-            return f"{word}: leaves {sorted(hidden)}"
-        if killed:
-            # The next run puts back what this one was replacing.
+        if error < 0 and code == error:  # the next run puts back what this one was replacing
             again, _ = self._run(self._command)
             return f"{word}: the next run ends with {again}" if again else ""
+        files = content(out)
+        hidden = sorted(name for name in files if ".partial" in name)
+        if code not in (0, 2) or hidden:
+            return f"{word}: leaves {hidden}"
         names = self._old.keys() | self._new
-        states = {self._state(name, found.get(name)) for name in names} - {"same"}
+        states = {self._state(name, files.get(name)) for name in names} - {"same"}
         # The files of a folder move there one by one, each whole, after what stands beside it.
-        apart = any("/" in name for name in names)
-        wanted = {"new"} if code == 0 else {"old", "new"} if apart else {"old"}
+        folders = any("/" in name for name in names)
+        wanted = {"new"} if code == 0 else {"old", "new"} if folders else {"old"}
         return "" if states <= wanted else f"{word}: outputs are {sorted(states)}"
 
     def _state(self, name: str, data: bytes | None) -> str:
@@ -196,8 +172,7 @@ def is_whole(path: Path) -> bool:
 
         with h5py.File(path) as file:
             return "format" in file.attrs and all(node.shape is not None for node in file.values())
-    data = path.read_bytes()
-    return path.suffix not in (".csv", ".md") or data.endswith(b"\n")
+    return path.suffix not in (".csv", ".md") or path.read_bytes().endswith(b"\n")
 
 
 if __name__ == "__main__":

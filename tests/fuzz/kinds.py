@@ -96,8 +96,8 @@ def make_base_files(folder: Path) -> None:
 
 def _method(rng: Random) -> str:
     losses = ("outliers=none", "outliers=l1", "outliers=sparse-error")
-    methods = ("convex+refine", "alternate", "mean-shape")
-    return rng.choice([*losses] + [f"method={name}" for name in methods])
+    methods = ("convex+refine", "alternate", "mean-shape", "global")
+    return rng.choice([*losses, *(f"method={name}" for name in methods)])
 
 
 def make_table(rng: Random, folder: Path) -> Command:
@@ -107,55 +107,39 @@ def make_table(rng: Random, folder: Path) -> Command:
     out = rng.choice(("out.h5", "out.csv"))
     if name == "views.csv":
         return ("fit", name, "-d", "dict.h5", "-o", out, "--set=threads=1", "--set", _method(rng))
-    if rng.random() < 0.15:
-        return ("view", name, "-o", "out.html")
+    view = ("view", name, "-o", "out.html")
     if name == "result.csv":
-        return ("eval", name, "--truth", "shapes.h5", "-o", "out", NO_PLOTS)
-    return rng.choice(
-        (
-            ("learn-dict", name, *LEARN),
-            ("project", name, "-o", out, "--set", f"noise={rng.choice((0, 0.1))}"),
-            ("eval", "result.h5", "--truth", name, "-o", "out", NO_PLOTS),
-        )
-    )
+        return rng.choice((("eval", name, *TRUTH), view))
+    return rng.choice((*_of_shapes(name, out), view))
 
 
+TRUTH = ("--truth", "shapes.h5", "-o", "out", NO_PLOTS)
 FITS = (
-    *("export.folder=out_meshes", "rotations=orthogonal", "transforms=true", "leave_one_out=model"),
-    *("outliers=ransac", "camera={focal: 1000}", "lambda=auto"),
-    *("noise=0.1", "rotations=orthogonal", "strict=true", "solver.max_iterations=2"),
+    *("export.folder=out_meshes", "leave_one_out=model", "outliers=ransac", "lambda=auto"),
+    *("camera={focal: 1000}", "noise=0.1", "save.proof=false", "tolerance=0.1"),
 )
+MOTION_FILES = ("out.trc", "out.bvh", "out.c3d", "out.mot", "out.metres.csv")
 
 
 def make_hdf5(rng: Random, folder: Path) -> Command:
     """Spoil one of our HDF5 files, and read it."""
-    dictionaries = ("dict.h5", "exemplars.h5", "bases.h5")
-    results = ("result.h5", "result.h5", "refined.h5")
-    name = rng.choice(("views.h5", "shapes.h5", *dictionaries, *results))
+    dictionaries, results = ("dict.h5", "exemplars.h5", "bases.h5"), ("result.h5", "refined.h5")
+    name = rng.choice(("views.h5", "shapes.h5", *dictionaries, "result.h5", *results))
     spoil_hdf5(rng, folder / name)
     out = rng.choice(("out.h5", "out.csv"))
-    verify = ("verify", "result.h5", "-d", "dict.h5", "--landmarks", "views.h5")
+    verify = ("-d", "dict.h5", "--landmarks", "views.h5")
     if name == "shapes.h5":
-        return rng.choice(
-            (
-                ("learn-dict", name, *LEARN),
-                ("learn-dict", name, "-o", "out.h5", "--set", "method=exemplars"),
-                ("learn-dict", name, "-o", "out.h5", "--set", "method=pca-bases"),
-                ("project", name, "-o", out, "--set", "hidden=0.2"),
-                ("eval", "result.h5", "--truth", name, "-o", "out", NO_PLOTS),
-            )
-        )
+        method = f"method={rng.choice(('exemplars', 'pca-bases'))}"
+        motion = ("convert", name, "-o", rng.choice(MOTION_FILES))
+        learn = ("learn-dict", name, "-o", "out.h5", "--set", method)
+        return rng.choice((*_of_shapes(name, out), learn, motion))
     if name in results:
-        return rng.choice(
-            (
-                ("eval", name, "--truth", "shapes.h5", "-o", "out", NO_PLOTS),
-                ("verify", name, *verify[2:]),
-                ("view", "views.h5", name, "--truth", "shapes.h5", "-o", "out.html"),
-            )
-        )
+        page = ("view", "views.h5", name, "--truth", "shapes.h5", "-o", "out.html")
+        motion = ("convert", name, "-o", rng.choice(MOTION_FILES), "--height", "1.8")
+        return rng.choice((("eval", name, *TRUTH), ("verify", name, *verify), page, motion))
     if rng.random() < 0.1:
         if name == "views.h5":
-            return rng.choice((verify, ("view", name, "-o", "out.html")))
+            return rng.choice((("verify", "result.h5", *verify), ("view", name, "-o", "out.html")))
         view = ("view", "result.h5", "-d", name, "-o", "out.html")
         return rng.choice((("verify", "result.h5", "-d", name), view))
     dictionary = name if name in dictionaries else "dict.h5"
@@ -163,6 +147,15 @@ def make_hdf5(rng: Random, folder: Path) -> Command:
     further = ("--set", rng.choice(FITS)) if rng.random() < 0.4 else ()
     fit = ("fit", "views.h5", "-d", dictionary, "-o", out, "--set=threads=1", "--set", chosen)
     return (*fit, *further)
+
+
+def _of_shapes(name: str, out: str) -> tuple[Command, ...]:
+    """Return command lines that read shapes."""
+    return (
+        ("learn-dict", name, *LEARN),
+        ("project", name, "-o", out, "--set", "hidden=0.2", "--set", "noise=0.1"),
+        ("eval", "result.h5", "--truth", name, "-o", "out", NO_PLOTS),
+    )
 
 
 # Files of other tools
@@ -235,7 +228,6 @@ YAML_VALUES = (
     *("all", "auto", "[nose, neck, pelvis]", "item", "model", "weight", "none", "[0.3, 0.2]"),
 )
 
-
 KEYS = {
     command: [
         (".".join(way), key.field.annotation) for way, key in keys_of(CONFIGS[command]).items()
@@ -244,25 +236,16 @@ KEYS = {
 }
 
 
-def _right_value(rng: Random, annotation: Any) -> str:
-    """Return a value that the type admits, whatever else the schema says."""
+def _setting(rng: Random, command: str) -> tuple[str, str]:
+    """Return a key and, in most cases, a value that its type admits."""
+    key, annotation = rng.choice(KEYS[command])
     literal = get_origin(annotation) is Literal
     kind = rng.choice([annotation] if literal else [annotation, *get_args(annotation)])
-    if get_origin(kind) is Literal:
-        return str(rng.choice(get_args(kind)))
-    if kind is bool:
-        return rng.choice(("true", "false"))
-    if kind is int:
-        return str(rng.choice((0, 1, 2, 3, 7, 50)))
-    if kind is float:
-        return f"{10.0 ** rng.uniform(-9, 9):.3g}"
-    return rng.choice(YAML_VALUES)
-
-
-def _setting(rng: Random, command: str) -> tuple[str, str]:
-    key, annotation = rng.choice(KEYS[command])
-    right = rng.random() < 0.6
-    value = _right_value(rng, annotation) if right else rng.choice(YAML_VALUES)
+    values: Any = YAML_VALUES
+    if rng.random() < 0.6:
+        numbers = {bool: ("true", "false"), int: range(8), float: (10 ** rng.uniform(-9, 9),)}
+        values = get_args(kind) if get_origin(kind) is Literal else numbers.get(kind, YAML_VALUES)
+    value = str(rng.choice(values))
     if key == "k" and value.strip("'\"+-").isdigit():  # large ones are right and take long
         value = str(min(int(value.strip("'\"+-")), 4))
     return key, value
@@ -285,14 +268,10 @@ def make_yaml(rng: Random, folder: Path) -> Command:
     """A good config with some keys more, spoiled as text."""
     command = rng.choice(list(COMMANDS))
     more = dict(_setting(rng, command) for _ in range(rng.choice((0, 1, 2))))
-    lines = []
+    text = ""
     for key, value in (COMMANDS[command] | more).items():
-        *sections, last = key.split(".")
-        text = f"{last}: {value}"
-        for section in reversed(sections):
-            text = f"{section}: {{{text}}}"
-        lines.append(text)
-    text = "\n".join(lines) + "\n"
+        section, _, last = key.rpartition(".")
+        text += f"{section}: {{{last}: {value}}}\n" if section else f"{last}: {value}\n"
     for _ in range(rng.choice((0, 1, 1, 2))):
         text = _spoil_yaml(rng, text)
     (folder / "config.yaml").write_bytes(text.encode("utf-8", "surrogatepass"))

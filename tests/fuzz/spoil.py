@@ -42,41 +42,26 @@ MOST_VALUES = 10**6
 Rows = list[list[str]]
 
 
-# Tables
-
-
 def spoil_table(rng: Random, path: Path) -> None:
     """Change cells, columns and rows of a CSV file, at times its bytes as well."""
     rows = [line.split(",") for line in path.read_text().splitlines()]
     for _ in range(rng.choice((0, 1, 1, 2, 3))):
         if rows[0]:  # a header without any column cannot be spoiled further
-            rng.choice(TABLE_CHANGES)(rng, rows)
-    text = "\n".join(",".join(row) for row in rows) + "\n"
-    data = text.encode("utf-8", "surrogatepass")
-    if rng.random() < 0.4:
-        data = spoil_text_bytes(rng, data)
-    path.write_bytes(data)
+            rng.choice((_cells, _header, _columns, _rows))(rng, rows)
+    data = ("\n".join(",".join(row) for row in rows) + "\n").encode("utf-8", "surrogatepass")
+    path.write_bytes(spoil_text_bytes(rng, data) if rng.random() < 0.4 else data)
 
 
-def _cell(rng: Random, rows: Rows) -> None:
-    row = rng.choice(rows[1:] or rows)
-    if row:
-        row[rng.randrange(len(row))] = rng.choice(NUMBERS + NAMES)
-
-
-def _column(rng: Random, rows: Rows) -> None:
-    place = rng.randrange(len(rows[0]))
-    for row in rows[1:]:
-        if place < len(row):
-            row[place] = rng.choice((row[place], rng.choice(NUMBERS), rng.choice(NAMES)))
-
-
-def _scale_column(rng: Random, rows: Rows) -> None:
+def _cells(rng: Random, rows: Rows) -> None:
+    """Change one cell, some of a column, or the size of all numbers."""
+    kind, place = rng.randrange(3), rng.randrange(len(rows[0]))
     factor = 10.0 ** rng.uniform(-330, 308)
-    for row in rows[1:]:
-        for place in range(2, min(5, len(row))):
+    for row in [rng.choice(rows[1:] or rows)] if kind == 0 else rows[1:]:
+        if kind < 2 and place < len(row):
+            row[place] = rng.choice((row[place], *rng.choice((NUMBERS, NAMES))))
+        for number in range(2, min(5, len(row))) if kind == 2 else ():
             with suppress(ValueError):
-                row[place] = str(float(row[place] or "nan") * factor)
+                row[number] = str(float(row[number] or "nan") * factor)
 
 
 def _header(rng: Random, rows: Rows) -> None:
@@ -84,12 +69,12 @@ def _header(rng: Random, rows: Rows) -> None:
     rows[0][rng.randrange(len(rows[0]))] = rng.choice(names)
 
 
-def _drop_column(rng: Random, rows: Rows) -> None:
-    place = rng.randrange(len(rows[0]))
-    rows[:] = [row[:place] + row[place + 1 :] for row in rows]
-
-
-def _add_column(rng: Random, rows: Rows) -> None:
+def _columns(rng: Random, rows: Rows) -> None:
+    """Drop a column, or add one."""
+    if rng.random() < 0.5:
+        place = rng.randrange(len(rows[0]))
+        rows[:] = [row[:place] + row[place + 1 :] for row in rows]
+        return
     name = rng.choice(("confidence", "sequence", "z", "weight"))
     values = (rng.choice(NUMBERS + NAMES), str(rng.random()), "95")
     for number, row in enumerate(rows):
@@ -97,25 +82,16 @@ def _add_column(rng: Random, rows: Rows) -> None:
 
 
 def _rows(rng: Random, rows: Rows) -> None:
-    start = rng.randrange(1, len(rows) + 1)
-    rows[start : start + rng.randrange(40)] = rng.choice(([], rows[1:3], [[]], [[""] * 9]))
-
-
-def _shuffle(rng: Random, rows: Rows) -> None:
-    rows[1:] = rng.sample(rows[1:], len(rows) - 1)
-
-
-def _width(rng: Random, rows: Rows) -> None:
-    row = rng.choice(rows)
-    row[:] = row[: rng.randrange(len(row) + 1)] + [""] * rng.randrange(4)
-
-
-TABLE_CHANGES: tuple[Callable[[Random, Rows], object], ...] = (
-    *(_cell, _column, _scale_column, _header, _drop_column, _add_column, _rows, _shuffle, _width),
-)
-
-
-# Text, JSON and bytes
+    """Drop, repeat, empty or shuffle rows, or change the width of one."""
+    start, row = rng.randrange(1, len(rows) + 1), rng.choice(rows)
+    match rng.randrange(3):
+        case 0:
+            new = rng.choice(([], rows[1:3], [[]], [[""] * 9]))
+            rows[start : start + rng.randrange(40)] = new
+        case 1:
+            rows[1:] = rng.sample(rows[1:], len(rows) - 1)
+        case _:
+            row[:] = row[: rng.randrange(len(row) + 1)] + [""] * rng.randrange(4)
 
 
 def insert(rng: Random, data: Any, piece: Any) -> Any:
@@ -166,33 +142,30 @@ def spoil_words(rng: Random, text: str) -> str:
 
 def spoil_json(rng: Random, path: Path) -> None:
     """Replace, drop, repeat or add values somewhere in a JSON file."""
-    found = json.loads(path.read_text("utf-8"))
+    data = json.loads(path.read_text("utf-8"))
     for _ in range(rng.choice((1, 1, 2, 3))):
-        places = list(_places(found))
+        places = list(_places(data))
         if not places:
             break
-        *way, last = rng.choice(places)
-        at = found
-        for key in way:
-            at = at[key]
+        parent, last = rng.choice(places)
         kind = rng.random()
         if kind < 0.6:
-            at[last] = deepcopy(rng.choice(JSON_VALUES))  # since it may be spoiled next
+            parent[last] = deepcopy(rng.choice(JSON_VALUES))  # since it may be spoiled next
         elif kind < 0.8:
-            del at[last]
-        elif isinstance(at, list):
-            at.insert(last, deepcopy(at[last]))
+            del parent[last]
+        elif isinstance(parent, list):
+            parent.insert(last, deepcopy(parent[last]))
         else:
-            at[rng.choice(JSON_KEYS)] = deepcopy(rng.choice(JSON_VALUES))
-    path.write_text(json.dumps(found), encoding="utf-8")
+            parent[rng.choice(JSON_KEYS)] = deepcopy(rng.choice(JSON_VALUES))
+    path.write_text(json.dumps(data), encoding="utf-8")
 
 
-def _places(found: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    if path:
-        yield path
-    keys = found if isinstance(found, dict) else range(len(found) if isinstance(found, list) else 0)
+def _places(data: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield every list or mapping in JSON with each of its keys."""
+    keys = data if isinstance(data, dict) else range(len(data) if isinstance(data, list) else 0)
     for key in keys:
-        yield from _places(found[key], (*path, key))
+        yield data, key
+        yield from _places(data[key])
 
 
 def spoil_bytes(rng: Random, path: Path) -> None:
@@ -210,9 +183,6 @@ def spoil_bytes(rng: Random, path: Path) -> None:
         case _:
             data[:0] = rng.randbytes(512)
     path.write_bytes(data)
-
-
-# HDF5
 
 
 def spoil_hdf5(rng: Random, path: Path) -> None:
@@ -243,10 +213,6 @@ def _dataset(rng: Random, file: Any) -> Any:
     return rng.choice([one for one in datasets if (one.size or 0) <= MOST_VALUES])
 
 
-def _delete(rng: Random, file: Any) -> None:
-    del file[_dataset(rng, file).name]
-
-
 def _numbers(rng: Random, file: Any) -> None:
     """Change one number, some, or all; by a value, by a factor, or by a byte."""
     dataset = _dataset(rng, file)
@@ -271,9 +237,9 @@ def _numbers(rng: Random, file: Any) -> None:
 
 def _texts(rng: Random, file: Any) -> None:
     dataset = _dataset(rng, file)
-    if dataset.dtype.kind != "O" or dataset.ndim != 1 or not len(dataset):
+    if dataset.dtype.kind not in "OS" or dataset.ndim != 1 or not len(dataset):
         return
-    texts = [text.encode() for text in dataset.asstr()[()]]
+    texts = [bytes(text) for text in dataset[()]]
     for _ in range(rng.choice((1, 2, len(texts)))):
         name = rng.choice((*NAMES, texts[0].decode("utf-8", "ignore")))
         texts[rng.randrange(len(texts))] = name.encode("utf-8", "surrogatepass")
@@ -294,22 +260,20 @@ def _type(rng: Random, file: Any) -> None:
 
 
 def _shape(rng: Random, file: Any) -> None:
+    """Change the shape of a dataset, or make it a large one that nobody wrote."""
     dataset = _dataset(rng, file)
+    name, rank = dataset.name, dataset.ndim
+    if rank and dataset.dtype.kind not in "OS" and rng.random() < 0.4:
+        shape = (10 ** rng.randrange(5, 12), *dataset.shape[1:])
+        del file[name]
+        file.create_dataset(name, shape, "f8", chunks=(1,) * rank)
+        return
     values = np.asarray(dataset[()])
     changed: list[Any] = [values[None], values.ravel(), values.T, h5py.Empty("f8")]
     if values.ndim:
         changed += [values[..., :-1], values[1:], values[:0], np.concatenate([values, values])]
     text = {"dtype": h5py.string_dtype()} if dataset.dtype.kind == "O" else {}
-    put(file, dataset.name, rng.choice(changed), **text)
-
-
-def _sparse(rng: Random, file: Any) -> None:
-    dataset = _dataset(rng, file)
-    name, rank = dataset.name, dataset.ndim
-    if rank and dataset.dtype.kind != "O":
-        shape = (10 ** rng.randrange(5, 12), *dataset.shape[1:])
-        del file[name]
-        file.create_dataset(name, shape, "f8", chunks=(1,) * rank)
+    put(file, name, rng.choice(changed), **text)
 
 
 def _further(rng: Random, file: Any) -> None:
@@ -321,23 +285,22 @@ def _further(rng: Random, file: Any) -> None:
     file[rng.choice(names)] = rng.choice(values)
 
 
-def _link(rng: Random, file: Any) -> None:
+def _replace(rng: Random, file: Any) -> None:
+    """Delete a dataset, at times for a link or a group."""
     name = _dataset(rng, file).name
     del file[name]
     links = (h5py.SoftLink("/nowhere"), h5py.SoftLink(name), h5py.SoftLink("/"))
     elsewhere = (h5py.ExternalLink("shapes.h5", "/shapes"), h5py.ExternalLink("nowhere.h5", "/"))
-    file[name] = rng.choice((*links, *elsewhere))
-
-
-def _group(rng: Random, file: Any) -> None:
-    name = _dataset(rng, file).name
-    del file[name]
-    file.create_group(name)
+    match rng.randrange(3):
+        case 0:
+            file[name] = rng.choice((*links, *elsewhere))
+        case 1:
+            file.create_group(name)
 
 
 def _attribute(rng: Random, file: Any) -> None:
-    known = ("y_axis", "unit", "frame_rate", "solve_seconds", "config", "kind", "method")
-    name = rng.choice([*file.attrs, *known])
+    usual = ("y_axis", "unit", "frame_rate", "solve_seconds", "config", "kind", "method")
+    name = rng.choice([*file.attrs, *usual])
     values = (
         *(np.nan, np.inf, -1, 2, "text", "", "\x1b[2J", b"\xff", [1, 2], np.zeros((2, 2)), 10**18),
         *(h5py.Empty("f8"), True),
@@ -349,6 +312,6 @@ def _attribute(rng: Random, file: Any) -> None:
 
 
 HDF5_CHANGES: tuple[Callable[[Random, Any], object], ...] = (
-    *(_delete, _numbers, _numbers, _numbers, _texts, _texts, _type, _shape, _sparse),
-    *(_further, _link, _group, _attribute),
+    *(_numbers, _numbers, _numbers, _texts, _texts, _type, _shape, _shape),
+    *(_further, _replace, _replace, _attribute),
 )
