@@ -29,14 +29,11 @@ import numpy as np
 
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.geometry.pinhole import project
-from shapefit.lifting.estimate import CORRELATION
+from shapefit.lifting.estimate import CORRELATION, PAIRS
 from shapefit.lifting.lift import Lifting
 
 UNSEEN = 1e9
 """Residual variance of what an image does not show."""
-
-PAIRS = ((0, 1), (0, 2), (1, 2))
-"""Coordinates of a landmark, in the order of the correlations."""
 
 
 class Points(NamedTuple):

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 CORRELATION = "shape_correlation"
 """Dataset (n, p, 3) of the correlations of x with y, x with z and y with z of each landmark."""
 
+PAIRS = ((0, 1), (0, 2), (1, 2))
+"""Coordinates of a landmark, in the order of the correlations."""
+
 
 @dataclass(frozen=True)
 class ConvexProof:

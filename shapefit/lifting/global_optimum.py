@@ -5,8 +5,8 @@ It is certified by branch and bound: the result states the gap to a bound on all
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from shapefit.convex.solver import Status, read_statuses
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.methods import AlternationOptions, SearchOptions, Settings
 from shapefit.lifting.shared_rotation import alternate_from_mean, describe, refine_convex
+
+DEFAULTS = SearchOptions()
 
 
 def find_global(problem: Problem, settings: Settings) -> Estimate:
@@ -37,28 +39,21 @@ def find_global(problem: Problem, settings: Settings) -> Estimate:
     return replace(estimate, relative_gap=found.relative_gap)
 
 
-@dataclass(frozen=True)
-class GlobalOptimum:
+class GlobalOptimum(NamedTuple):
     """min_R v(R) for n images, and how well it is known.
 
     coefficients c (n, k); rotation R (n, 3, 3), nan where c = 0; objective U (n,) there, and bound
-    L (n,) <= v(R) for every rotation R; cells and vertices (n,) of the search; status, a Status
-    for each image: OPTIMAL where U - L <= tolerance U, up to rounding.
+    L (n,) <= v(R) for every rotation R; relative_gap (U - L) / U (n,), 0 where U = 0; cells (n,) of
+    the search; status, a Status per image: OPTIMAL where U - L <= tolerance U, up to rounding.
     """
 
     coefficients: Floats
     rotation: Floats
     objective: Floats
     bound: Floats
+    relative_gap: Floats
     cells: Integers
-    vertices: Integers
     status: tuple[Status, ...]
-
-    @property
-    def relative_gap(self) -> Floats:
-        """(U - L) / U (n,), 0 where U = 0."""
-        U, gap = self.objective, np.zeros_like(self.objective)
-        return np.divide(U - self.bound, U, out=gap, where=U > 0)
 
 
 def find_optimum(
@@ -66,7 +61,7 @@ def find_optimum(
     starts: Floats | None = None,
     *,
     tolerance: float = 1e-2,
-    options: SearchOptions | None = None,
+    options: SearchOptions = DEFAULTS,
     threads: int = 0,
 ) -> GlobalOptimum:
     """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1 over all R.
@@ -77,24 +72,26 @@ def find_optimum(
     Raises ValueError for a loss other than the squared one.
     """
     problem.require_squared("the search")
-    options = options or SearchOptions()
     n, k = len(problem.landmarks), len(problem.atoms)
-    codes = np.zeros(n, np.int64)
-    found: dict[str, Any] = {
-        "coefficients": np.zeros((n, k)),
-        "rotation": np.full((n, 3, 3), np.nan),
-        **{name: np.full(n, np.nan) for name in ("objective", "bound")},
-        **{name: np.zeros(n, np.int64) for name in ("cells", "vertices")},
-    }
+    coefficients, rotation = np.zeros((n, k)), np.full((n, 3, 3), np.nan)
+    objective, bound = np.full((2, n), np.nan)
+    cells, vertices, codes = np.zeros((3, n), np.int64)
     core.find_optimum(
         **problem.arrays,
         starts=np.zeros((n, 0, 3, 3)) if starts is None else np.ascontiguousarray(starts, float),
         tolerance=tolerance,
         most_cells=options.max_cells,
         most_seconds=options.max_seconds,
-        **found,
+        coefficients=coefficients,
+        rotation=rotation,
+        objective=objective,
+        bound=bound,
+        cells=cells,
+        vertices=vertices,
         status=codes,
         threads=threads,
     )
-    found["rotation"][~found["coefficients"].any(axis=1)] = np.nan
-    return GlobalOptimum(**found, status=read_statuses(codes))
+    rotation[~coefficients.any(axis=1)] = np.nan
+    gap = np.divide(objective - bound, objective, out=np.zeros(n), where=objective > 0)
+    status = read_statuses(codes)
+    return GlobalOptimum(coefficients, rotation, objective, bound, gap, cells, status)

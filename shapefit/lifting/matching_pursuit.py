@@ -200,8 +200,8 @@ class Search:
         outside = size - (np.linalg.solve(L, G[chosen]) ** 2).sum(axis=1)
         score = np.where(outside > INDEPENDENT * size, score, -1.0)
         atom = score.argmax(axis=1)
-        there = score.max(axis=1, initial=-1.0) >= 0
-        return rows[there], np.column_stack([chosen, atom])[there]
+        is_free = score.max(axis=1, initial=-1.0) >= 0
+        return rows[is_free], np.column_stack([chosen, atom])[is_free]
 
     @staticmethod
     def moments(w: Floats, Q: Floats) -> tuple[Floats, Floats]:

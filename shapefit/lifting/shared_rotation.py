@@ -1,17 +1,15 @@
-"""The methods whose atoms share one rotation, the pose of the mean shape, and the local fits that
-they are made of: alternating minimisation over rotation and coefficients; the nearest transforms
-that share one rotation.
-"""
+"""The methods whose atoms share one rotation, and the pose of the mean shape."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import core
-from shapefit.arrays import Flags, Floats, Integers
+from shapefit.arrays import Floats, Integers
 from shapefit.convex.problem import Loss, Problem
 from shapefit.convex.solver import Status, find_outliers, read_statuses
 from shapefit.convex.transforms import Transforms
@@ -26,6 +24,8 @@ VIEWS = 6
 
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
 
+DEFAULTS = AlternationOptions()
+
 
 def refine_convex(problem: Problem, settings: Settings) -> Estimate:
     """Synchronise the convex solution to one rotation and alternate from there.
@@ -33,8 +33,7 @@ def refine_convex(problem: Problem, settings: Settings) -> Estimate:
     Over c >= 0, or, where `signed`, over all c (paper, Experiments, "Alternate+"). The convex
     optimum bounds the objective from below, for c_i Rbar is a transform of spectral norm |c_i|, and
     the gap is that to its dual. With a robust loss the robust program finds the outliers, and the
-    squared residuals of the other landmarks are refined, which it does not bound; the landmarks
-    stay normalised by all that are seen.
+    squared residuals of the other landmarks are refined, which it does not bound.
     """
     solution = settings.solve(problem)
     starts = synchronise(solution.transforms, threads=settings.threads)[:, None]
@@ -46,8 +45,9 @@ def refine_convex(problem: Problem, settings: Settings) -> Estimate:
         np.divide(objective - bound, objective, out=gap, where=objective != 0)
         found = replace(found, relative_gap=gap)
     else:
-        outliers = believable(problem, outliers)
         weights = np.where(outliers, 0.0, problem.weights)
+        lost = list(find_degenerate(problem.landmarks, weights))  # not to be lifted without them
+        outliers[lost], weights[lost] = False, problem.weights[lost]
         inliers = replace(problem, weights=weights, loss=Loss.SQUARED)
         found = replace(_alternate_or_restart(inliers, settings, starts), outliers=outliers)
     failed, status = (Status.DEGENERATE, Status.NUMERICAL_FAILURE), found.status
@@ -74,13 +74,13 @@ def pose_mean_shape(problem: Problem, settings: Settings) -> Estimate:
     posed = pose.size > 0
     R = np.where(posed[:, None, None], pose.rotation, 0.0)
     shapes = pose.size[:, None, None] * (R @ settings.mean_shape)
-    placed = fit_translation(problem, shapes)
+    placement = fit_translation(problem, shapes)
     return Estimate(
         shapes=shapes,
-        translation=placed.translation,
+        translation=placement.translation,
         rotation=pose.rotation,
-        objective=placed.half_squared_residual,
-        residual=placed.residual,
+        objective=placement.half_squared_residual,
+        residual=placement.residual,
         iterations=np.zeros(len(shapes), np.int64),
         status=tuple(Status.CONVERGED if fine else Status.DEGENERATE for fine in posed.tolist()),
     )
@@ -109,15 +109,7 @@ def _alternate_or_restart(problem: Problem, settings: Settings, starts: Floats) 
 
 def _alternate(problem: Problem, settings: Settings, starts: Floats) -> Estimate:
     """Alternate from starts (n, s, 3, 3) and lay out what it finds."""
-    options = settings.options
-    found = alternate(
-        problem,
-        starts,
-        signed=options.signed,
-        tolerance=options.tolerance,
-        max_rounds=options.max_rounds,
-        threads=settings.threads,
-    )
+    found = alternate(problem, starts, settings.options, settings.threads)
     return describe(problem, found.coefficients, found.rotation, found.rounds, found.status)
 
 
@@ -131,13 +123,14 @@ def describe(
     """Lay out shapes S = R sum_i c_i B_i for c (n, k) and R (n, 3, 3), nan where it is unknown."""
     R = np.where(np.isfinite(rotation), rotation, 0.0)
     shapes = combine(coefficients, problem.atoms, R)
-    placed = fit_translation(problem, shapes)
+    placement = fit_translation(problem, shapes)
+    penalty = problem.lam * np.abs(coefficients).sum(axis=1)
     return Estimate(
         shapes=shapes,
-        translation=placed.translation,
+        translation=placement.translation,
         rotation=rotation,
-        objective=placed.half_squared_residual + problem.lam * np.abs(coefficients).sum(axis=1),
-        residual=placed.residual,
+        objective=placement.half_squared_residual + penalty,
+        residual=placement.residual,
         iterations=iterations,
         status=status,
         coefficients=coefficients,
@@ -146,17 +139,7 @@ def describe(
     )
 
 
-def believable(problem: Problem, outliers: NDArray[np.bool_]) -> Flags:
-    """Outliers (n, p), but none in an image where the others could not be lifted without them."""
-    left = np.where(outliers, 0.0, problem.weights)
-    lost = list(find_degenerate(problem.landmarks, left))
-    retained = outliers.copy()
-    retained[lost] = False
-    return retained
-
-
-@dataclass(frozen=True)
-class Pose:
+class Pose(NamedTuple):
     """W ~ size Rbar S + T 1^T for n images: rotation (n, 3, 3), size (n,) >= 0.
 
     The rotation is nan where no size > 0 fits better than 0, as without visible landmarks.
@@ -183,8 +166,7 @@ def even_views(count: int) -> Floats:
 def turn_in_plane(views: Floats, landmarks_by_shape: Floats) -> Floats:
     """Turn each view about its optical axis so that <D, Rbar> is largest: (n, v, 3, 3).
 
-    views (v, 3, 3); landmarks_by_shape D = w S^T (n, 2, 3). What it finds is the best rotation
-    for that optical axis, at any scale.
+    views (v, 3, 3); landmarks_by_shape D = w S^T (n, 2, 3).
     """
     D, R = landmarks_by_shape[:, None], views  # rows of D beside those of every R
     sine = (D[:, :, 1] * R[:, 0]).sum(axis=-1) - (D[:, :, 0] * R[:, 1]).sum(axis=-1)
@@ -212,17 +194,15 @@ def find_moments(problem: Problem, shape: Floats) -> tuple[Floats, Floats]:
     return P, D
 
 
-def find_pose(
-    problem: Problem, shape: Floats, views: Floats | None = None, *, threads: int = 0
-) -> Pose:
-    """argmin ||Omega o (W - s Rbar S - T 1^T)||_F^2 over rotations, s >= 0 and T.
+def find_pose(problem: Problem, shape: Floats, *, threads: int = 0) -> Pose:
+    """argmin ||Omega o (W - s Rbar S - T 1^T)||_F^2 over rotations, s >= 0 and T; shape S (3, p).
 
-    shape S (3, p); views (v, 3, 3), None for VIEWS of them. Each is turned in the plane as far as
-    it can be, and a trust region starts from there; the best local minimum counts.
+    Trust regions start from even views, each turned in the plane as far as it can be; the best
+    local minimum counts.
     """
     P, D = find_moments(problem, shape)
     rotation, size = np.full((len(P), 3, 3), np.nan), np.zeros(len(P))
-    starts = turn_in_plane(even_views(VIEWS) if views is None else views, D)
+    starts = turn_in_plane(even_views(VIEWS), D)
     core.find_pose(
         shape_moments=P,
         landmarks_by_shape=D,
@@ -235,8 +215,7 @@ def find_pose(
     return Pose(rotation, size)
 
 
-@dataclass(frozen=True)
-class Alternation:
+class Alternation(NamedTuple):
     """Local minima for n images: S = R sum_i c_i B_i.
 
     coefficients c (n, k); rotation R (n, 3, 3), nan where c = 0, for it is unknown then; rounds
@@ -252,10 +231,7 @@ class Alternation:
 def alternate(
     problem: Problem,
     starts: Floats,
-    *,
-    signed: bool = AlternationOptions.signed,
-    tolerance: float = AlternationOptions.tolerance,
-    max_rounds: int = AlternationOptions.max_rounds,
+    options: AlternationOptions = DEFAULTS,
     threads: int = 0,
 ) -> Alternation:
     """min 1/2 ||Omega o (W - Rbar sum_i c_i B_i - T 1^T)||_F^2 + lambda ||c||_1, Rbar Rbar^T = I.
@@ -263,21 +239,19 @@ def alternate(
     (Paper, eq. originalnoisy, with weights and translation.) Each round minimises over c >= 0
     (any c where `signed`), exactly, and over T with it; then takes Rbar to a local minimum by
     trust region steps. Neither raises the objective. It stops when a round lowers it by at most
-    `tolerance` of itself. starts (n, s, 3, 3) are the rotations to begin at: the best result of
-    an image counts. Fewer than two visible landmarks are DEGENERATE.
+    the tolerance. starts (n, s, 3, 3) are the rotations to begin at: the best result of an image
+    counts. Fewer than two visible landmarks are DEGENERATE.
     """
     problem.require_squared("alternation")
     n, k = len(problem.landmarks), len(problem.atoms)
-    if starts.shape[1] == 0:
-        raise ValueError("alternation needs starts")
     coefficients, rotation = np.zeros((n, k)), np.full((n, 3, 3), np.nan)
     rounds, codes = np.zeros(n, np.int64), np.zeros(n, np.int64)
     core.alternate(
         **problem.arrays,
         starts=np.ascontiguousarray(starts, dtype=np.float64),
-        is_signed=signed,
-        tolerance=tolerance,
-        most_rounds=max_rounds,
+        is_signed=options.signed,
+        tolerance=options.tolerance,
+        most_rounds=options.max_rounds,
         coefficients=coefficients,
         rotation=rotation,
         rounds=rounds,
@@ -285,8 +259,7 @@ def alternate(
         threads=threads,
     )
     rotation[~coefficients.any(axis=1)] = np.nan
-    status = read_statuses(codes)
-    return Alternation(coefficients, rotation, rounds, status)
+    return Alternation(coefficients, rotation, rounds, read_statuses(codes))
 
 
 def synchronise(M: Transforms, *, threads: int = 0) -> Floats:
@@ -295,8 +268,7 @@ def synchronise(M: Transforms, *, threads: int = 0) -> Floats:
     The rotations (n, 3, 3), nan where all M_i are 0: the projection on the deformable Stiefel
     manifold. For a given Rbar c_i = max(0, <M_i, Rbar>) / 2, which leaves the maximum of
     sum_i max(0, <M_i, Rbar>)^2: a monotone iteration climbs from the polar factors of sum_i M_i
-    and of the largest M_i, and the best of them counts. That need not be the global maximum, but
-    is where the M_i share a rotation already.
+    and of the largest M_i, and the best local maximum counts.
     """
     rotation = np.full((len(M.count), 3, 3), np.nan)
     core.synchronise(**M.arrays, rotation=rotation, threads=threads)

@@ -19,7 +19,7 @@ from shapefit.io import (
     read_dictionary,
     write_dictionary,
 )
-from shapefit.io.formats import HDF5, FileFormat, find_target_format, record_writer
+from shapefit.io.formats import HDF5, find_target_format, record_writer
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
 from shapefit.io.listing import Kind, find_kind
@@ -51,7 +51,11 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
     options = input_options(config, "motion" if target.in_metres else "none")
     kind = find_common_kind(config.files, options)
     if kind == "dictionary":
-        yield rewrite_dictionary(config, target)
+        if target is not HDF5 or len(config.files) > 1:
+            problem = "is a dictionary, which is written as HDF5, one file at a time"
+            raise input_error(config.files[0], problem, "name one dictionary, and an output in .h5")
+        write_dictionary(config.output, read_dictionary(config.files[0], old=True))
+        yield Outcome(done=1, total=1, unit="dictionary", written=(config.output,))
         return
     keys = ("height", "unit", "up", "markers")
     output = OutputOptions(**{key: getattr(config, key) for key in keys})
@@ -74,15 +78,6 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
         note=summary.note,
         written=summary.written or (config.output,),
     )
-
-
-def rewrite_dictionary(config: ConvertConfig, target: FileFormat) -> Outcome:
-    """Write a dictionary as HDF5 of today's version. Raises InputError for other formats."""
-    if target is not HDF5 or len(config.files) > 1:
-        problem = "is a dictionary, which is written as HDF5, one file at a time"
-        raise input_error(config.files[0], problem, "name one dictionary, and an output in .h5")
-    write_dictionary(config.output, read_dictionary(config.files[0], old=True))
-    return Outcome(done=1, total=1, unit="dictionary", written=(config.output,))
 
 
 def write_meshes(config: ConvertConfig) -> Iterator[Outcome]:
@@ -151,8 +146,8 @@ def select(source: Source, config: ConvertConfig) -> tuple[Iterator[Any], int]:
     if wanted is not None:
         rows = np.flatnonzero([s == wanted or s.endswith(f"/{wanted}") for s in sequences])
         if not len(rows):
-            known = list(dict.fromkeys(name.rpartition("/")[2] for name in sequences if name))
-            fix = f"there are {abbreviate(known)}" if known else "leave `individual` out"
+            others = list(dict.fromkeys(name.rpartition("/")[2] for name in sequences if name))
+            fix = f"there are {abbreviate(others)}" if others else "leave `individual` out"
             place = ", ".join(map(str, config.files))
             raise input_error(place, f"has no individual {wanted!r}", fix)
     numbers = None

@@ -44,11 +44,11 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
         yield Outcome(note=describe_installed())
         return
     if any(map(is_stream, config.files)):
-        found = "standard input can be read only once"
-        raise input_error("-", found, "save it to a file and name that")
+        problem = "standard input can be read only once"
+        raise input_error("-", problem, "save it to a file and name that")
     options = input_options(config)
     folders = find_folders(config.files)
-    descriptions = [describe_folder(*each) for each in folders.items()]
+    descriptions = [describe_folder(folder, manifest) for folder, manifest in folders.items()]
     errors: dict[Path, InputError] = {}
     readable: list[Path] = []
     for path in config.files:

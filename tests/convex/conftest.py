@@ -1,16 +1,13 @@
 """Problems of all kinds, real views, and a certificate in plain NumPy as independent judge."""
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
 import pytest
 
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solver import Solution, Status
-from shapefit.geometry.cameras import project, turntable
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 
@@ -47,22 +44,6 @@ def make_problem(rng: np.random.Generator) -> Callable[..., Problem]:
         return build_problem(landmarks, atoms, options.get("lam", 0.1), weights=weights, loss=loss)
 
     return make
-
-
-@pytest.fixture(scope="session")
-def real_views(real_data: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Turntable views (1000, 2, 15) of people and 64 training shapes of unit norm as atoms."""
-
-    def shapes(name: str, count: int) -> np.ndarray:
-        with h5py.File(real_data / "mocap" / name) as file:
-            whole = file["shapes"]
-            at = np.linspace(0, len(whole) - 1, count).astype(int)
-            return normalise(whole[at].transpose(0, 2, 1).astype(float)).points
-
-    atoms = shapes("subject86_24fps.h5", 64)
-    atoms /= np.linalg.norm(atoms, axis=(1, 2), keepdims=True)
-    people = shapes("subject13_24fps.h5", 1000)
-    return normalise(project(people, turntable(np.linspace(0, 20, 1000), "y"))).points, atoms
 
 
 @pytest.fixture

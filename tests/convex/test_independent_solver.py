@@ -67,15 +67,3 @@ def test_other_losses_on_random_images(
     make_problem: Callable[..., Problem], loss: Loss, k: int, p: int
 ) -> None:
     assert_agreement(make_problem(10, k, p, loss=loss))
-
-
-@pytest.mark.real_data
-def test_squared_loss_on_real_images(
-    real_views: tuple[np.ndarray, np.ndarray], rng: np.random.Generator
-) -> None:
-    """Thirty people with all 64 atoms: ten plain, ten masked, ten weighted."""
-    views, atoms = real_views
-    weights = np.ones((30, 15))
-    weights[10:20] = rng.random((10, 15)) > 0.3
-    weights[20:] = rng.uniform(0, 1, (10, 15))
-    assert_agreement(build_problem(views[::34][:30], atoms, 0.1, weights=weights))

@@ -7,7 +7,6 @@ import pytest
 
 from shapefit.convex.problem import Loss, Problem, build_problem
 from shapefit.convex.solver import Status, solve_newton
-from shapefit.geometry.rotations import random_rotations
 
 LAM, BETA = 0.7, 0.4
 
@@ -86,20 +85,3 @@ def test_planted_optimum_is_found(loss: Loss, seed: int, weighted: bool) -> None
     np.testing.assert_allclose(found.translation[0], planted.translation, atol=1e-4)
     if loss.has_quadratic:  # D is strongly concave, so Y is unique
         np.testing.assert_allclose(found.dual[0], planted.dual, atol=1e-4)
-
-
-def test_exact_recovery_of_the_paper() -> None:
-    """k = 50, p = 40, z = 3: the noiseless program gives back M (paper, section Simulation)."""
-    rng = np.random.default_rng(11)
-    n, k, p, z = 20, 50, 40, 3
-    for _ in range(2):
-        atoms = rng.standard_normal((k, 3, p))
-        M = np.zeros((n, k, 2, 3))
-        for image in range(n):
-            active = rng.choice(k, z, replace=False)
-            M[image, active] = rng.uniform(0, 1, (z, 1, 1)) * random_rotations(z, rng)[:, :2]
-        problem = build_problem(np.einsum("nkab,kbp->nap", M, atoms), atoms, 1.0, loss=Loss.EXACT)
-        found = solve_newton(problem, tolerance=1e-8)
-        assert set(found.status) == {Status.OPTIMAL}
-        error = np.linalg.norm((found.transforms.dense() - M).reshape(n, -1), axis=1)
-        assert (error <= 1e-6 * np.linalg.norm(M.reshape(n, -1), axis=1)).all()

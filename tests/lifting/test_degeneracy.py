@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from shapefit.geometry.normalisation import normalise
-from shapefit.lifting.degeneracy import FLAT, find_degenerate, normalise_visible
+from shapefit.lifting.degeneracy import FLAT, find_degenerate
 
 TRIANGLE = np.array([[0.0, 1.0, 0.0, 0.3], [0.0, 0.0, 1.0, 0.2]])
 
@@ -45,25 +44,3 @@ def test_coordinates_that_cannot_be_squared_are_found():
     assert found[2].startswith("landmarks too close together, within 7e-201: use a smaller unit")
     assert "too close together" in found[3]
     assert "too large" in found[4]
-
-
-def test_only_images_that_can_be_lifted_are_normalised(rng):
-    landmarks = rng.standard_normal((60, 2, 9)) + 7.0
-    weights = np.where(rng.random((60, 9)) < 0.3, 0.0, rng.random((60, 9)))
-    weights[:, :3] = 1.0
-    landmarks[::7, 1] = 3 * landmarks[::7, 0] - 2
-    landmarks[1::14] *= 1e200
-    landmarks[2::14] *= 1e-200
-    weights[3, 2:] = 0.0
-    landmarks[5] = 1.7e308 * np.sign(rng.standard_normal((2, 9)))
-    with np.errstate(all="raise", under="ignore"):
-        found, failures = normalise_visible(landmarks, weights)
-        assert failures == find_degenerate(landmarks, weights)
-    bad, fine = list(failures), np.setdiff1d(np.arange(60), list(failures))
-    assert len(bad) > 15
-    assert not found.points[bad].any()
-    assert np.isnan(found.scale[bad]).all()
-    assert np.isnan(found.centroid[bad]).all()
-    expected = normalise(landmarks[fine], weights[fine] > 0)
-    for name in ("points", "centroid", "scale"):
-        np.testing.assert_array_equal(getattr(found, name)[fine], getattr(expected, name))

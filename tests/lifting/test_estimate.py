@@ -43,14 +43,6 @@ def test_a_shape_is_placed_where_no_other_place_is_better(scene, rng):
         np.testing.assert_allclose(placed.residual[i], np.sqrt(best.fun / whole), rtol=1e-9)
 
 
-def test_a_given_place_is_kept(scene, rng):
-    problem, S, T = scene.problem(0.1), rng.standard_normal((5, 2, 12)), rng.normal(size=(5, 2))
-    placed = fit_translation(problem, S, T)
-    np.testing.assert_array_equal(placed.translation, T)
-    left = scene.weights[:, None] * (problem.landmarks - S - T[..., None])
-    np.testing.assert_allclose(placed.half_squared_residual, 0.5 * (left**2).sum(axis=(1, 2)))
-
-
 def test_images_of_two_estimates_are_joined_in_the_order_asked_for(run):
     one, other = (replace(run(lam), further={"sd": np.full(5, lam)}) for lam in (0.1, 1.0))
     order = np.array([7, 0, 5, 3])

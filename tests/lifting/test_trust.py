@@ -1,10 +1,17 @@
-"""Rules over what a result stores of its error: planted doubts are found, and only those."""
+"""Rules over what a result stores of its error, and the error that is expected."""
 
 import numpy as np
 import pytest
 
 from shapefit.convex.solver import Status
-from shapefit.lifting.trust import contradicts, find_reasons, median_distance
+from shapefit.evaluation.metrics import similarity
+from shapefit.lifting.trust import (
+    CALIBRATED,
+    contradicts,
+    expected_error,
+    find_reasons,
+    median_distance,
+)
 
 CUBE = np.array([[1, -1, 1, -1], [1, 1, -1, -1], [1, -1, -1, 1]], dtype=float)
 """Four landmarks whose coordinates have variance 1."""
@@ -69,3 +76,26 @@ def test_the_first_reason_that_holds_is_named(changes, reason):
 def test_a_file_that_contradicts_the_dictionary(kappa, distance, visible, images, wrong):
     apart = median_distance(np.full(images, distance), np.full(images, visible))
     assert contradicts(kappa, apart) == wrong
+
+
+@pytest.mark.parametrize("kind", ["of all coordinates", "of depths", "a similarity"])
+def test_the_expected_error_is_that_of_draws(rng, kind):
+    p, draws = 12, 300
+    shape = rng.standard_normal((3, p))
+    L = 0.05 * rng.standard_normal((3 * p, 3 * p)) / 3
+    if kind == "of depths":
+        L[: 2 * p] = 0.0
+    if kind == "a similarity":
+        x, y, z = shape - shape.mean(axis=1, keepdims=True)
+        o = np.zeros(p)
+        L = 0.02 * np.array([np.r_[o + 1, o, o], np.r_[-y, x, o], np.r_[x, y, z]]).T
+    truths = shape + (L @ rng.standard_normal((L.shape[1], draws))).T.reshape(draws, 3, p)
+    found = expected_error(shape[None], (L @ L.T)[None])[0] / CALIBRATED
+    measured = similarity(np.repeat(shape[None], draws, axis=0), truths).mean()
+    assert found == pytest.approx(measured, rel=0.08, abs=2e-3)
+
+
+def test_what_is_not_finite_has_no_expected_error():
+    shapes, covariance = np.ones((2, 3, 4)), np.tile(np.eye(12), (2, 1, 1))
+    shapes[0, 0, 0], covariance[1, 0, 0] = np.nan, np.nan
+    assert np.isnan(expected_error(shapes, covariance)).all()

@@ -71,7 +71,7 @@ class Judgement:
 
     @property
     def fine(self) -> bool:
-        """Whether a class was learned, be it doubtful."""
+        """Whether a class was learned, possibly with doubtful depth."""
         return self.verdict in (LEARNED, DOUBTFUL)
 
 

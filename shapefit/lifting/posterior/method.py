@@ -26,22 +26,18 @@ from shapefit.convex.solver import Solution, Status
 from shapefit.convex.transforms import Transforms
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.procrustes import similarity_errors
+from shapefit.geometry.rotations import shortest_rotations
 from shapefit.lifting.degeneracy import normalise_visible
 from shapefit.lifting.estimate import CORRELATION, ConvexProof, Estimate, fit_translation
 from shapefit.lifting.methods import PosteriorOptions, Settings
 from shapefit.lifting.posterior.p_value import draw_table, find_p_values, moments_at
 from shapefit.lifting.posterior.posterior import Outliers, Posterior, find_posterior
 from shapefit.lifting.reconstruction import reconstruct
-from shapefit.lifting.shared_rotation import (
-    even_views,
-    find_moments,
-    find_pose,
-    turn_in_plane,
-)
-from shapefit.lifting.trust import LIMITS, START_DISTANCE
+from shapefit.lifting.shared_rotation import even_views, find_moments, find_pose, turn_in_plane
+from shapefit.lifting.trust import LIMITS, P_VALUE, START_DISTANCE
 
-SQUARED_MAHALANOBIS, P_VALUE = "squared_mahalanobis", "p_value"
-"""Squared Mahalanobis distance (n,) of the landmarks from those expected, and its p-value."""
+SQUARED_MAHALANOBIS = "squared_mahalanobis"
+"""Squared Mahalanobis distance (n,) of the landmarks from those expected."""
 
 NEARLY_EXACT = 3e-3
 """Residual variance below which landmarks look like outliers from any view but the right one."""
@@ -71,6 +67,10 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         starts = face(starts, problem.landmarks, visible, camera)
     found = find_from(problem, starts, settings, modes, options.covariance)
     lost = np.isnan(found.log_evidence)
+    status = np.full(len(lost), Status.ITERATION_LIMIT, dtype=object)
+    status[found.stationary] = Status.CONVERGED
+    status[lost] = Status.NUMERICAL_FAILURE
+    status[failed] = np.array(solution.status, dtype=object)[failed]
     translation = found.mean[:, :2].mean(axis=2)
     shapes = found.mean.copy()
     shapes[:, :2] -= translation[:, :, None]
@@ -82,18 +82,7 @@ def lift_to_posterior(problem: Problem, settings: Settings, modes: int = 0) -> E
         objective=-found.log_evidence,
         residual=fit_translation(problem, shapes[:, :2], translation).residual,
         iterations=solution.iterations + found.rounds,
-        status=tuple(
-            status
-            if status in FAILED
-            else Status.NUMERICAL_FAILURE
-            if hopeless
-            else Status.CONVERGED
-            if stationary
-            else Status.ITERATION_LIMIT
-            for status, hopeless, stationary in zip(
-                solution.status, lost.tolist(), found.stationary.tolist(), strict=True
-            )
-        ),
+        status=tuple(status.tolist()),
         deviation=grow * found.deviation,
         covariance=grow_covariance(found.covariance, grow),
         posterior_modes=found.modes if modes else None,
@@ -334,13 +323,8 @@ def face(
     ray[:, :2] = (middle - camera.centre) / camera.focal
     ray[:, 2] = camera.sign
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
-    axis = np.array([0.0, 0.0, camera.sign])
-    x, y, z = np.cross(axis, ray).T
-    zero = np.zeros_like(x)
-    K = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
-    turn = np.eye(3) + K + K @ K / (1 + ray @ axis)[:, None, None]
-    turned: Floats = turn[:, None] @ rotations
-    return turned
+    turns = shortest_rotations(np.array([0.0, 0.0, camera.sign]), ray)
+    return turns[:, None] @ rotations
 
 
 def place(points: Floats, scale: Floats, rays: Rays, camera: Camera) -> Placement:

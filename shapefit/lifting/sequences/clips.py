@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Flags, Floats, median
 from shapefit.convex.problem import Problem
 from shapefit.convex.solver import Status
-from shapefit.lifting.estimate import CORRELATION, Estimate
+from shapefit.lifting.estimate import CORRELATION, PAIRS, Estimate
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import Settings
 from shapefit.lifting.posterior.method import lift_to_posterior
@@ -59,9 +59,6 @@ FEWEST = 3
 
 GAP = 1e-6
 """Weight of an interpolated scale beside that of an image: it decides within long gaps alone."""
-
-PAIRS = ((0, 1), (0, 2), (1, 2))
-"""Coordinates of a landmark, in the order of the correlations."""
 
 
 @dataclass(frozen=True)

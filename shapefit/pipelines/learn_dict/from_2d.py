@@ -129,8 +129,8 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     if decided_by == OPEN:
         yield Outcome(warnings=(MIRRORED,))
     verdict = "doubtful" if judgement.verdict == DOUBTFUL else "learned"
-    known = {LEARNED_FROM: "landmarks", VERDICT: verdict, DEPTH_AMBIGUITY: decided_by}
-    return replace(made, provenance={**made.provenance, **known})
+    further = {LEARNED_FROM: "landmarks", VERDICT: verdict, DEPTH_AMBIGUITY: decided_by}
+    return replace(made, provenance={**made.provenance, **further})
 
 
 def usable_images(source: LandmarkSource, place: str) -> LandmarkSet:

@@ -174,9 +174,7 @@ def vary_shapes(training: TrainingShapes, config: LearnDictConfig) -> Floats:
     aligned, edges = training.alignment.shapes, training.original.edges
     points = aligned.shape[2]
     try:
-        if edges is None:
-            raise ValueError("the shapes have no edges")
-        skeleton = find_skeleton(edges, points)
+        skeleton = find_skeleton(np.empty((0, 2), int) if edges is None else edges, points)
     except ValueError as error:
         fix = "give shapes whose `edges` are bones, or leave out `bone_scale` and `exchange`"
         raise input_error("prior", str(error), fix) from None

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from shapefit.dictionary.from_2d.judgement import ALIKE, DOUBTFUL, LEARNED, UNLIKE, evaluate_class
-from shapefit.dictionary.from_2d.learning import complete, learn, upgrade
+from shapefit.dictionary.from_2d.learning import learn, upgrade
 from shapefit.dictionary.from_2d.model import Images
 from shapefit.geometry.rotations import exponential, random_rotations, rotation_about_axis
 from tests.dictionary.from_2d.conftest import relative_error
@@ -132,17 +132,6 @@ def test_no_landmark_of_clean_images_is_gross_even_where_a_pose_is_rare(plant, r
     made.images.landmarks[:5] += (views @ raised)[:, :2]
     *_, state = learn(made.images)
     assert not state.outliers.any()
-
-
-def test_landmarks_are_gross_one_by_one_but_not_where_a_quarter_of_an_image_is(plant, rng):
-    made = plant(100, p=24, noise=0.01)
-    thrown = np.zeros((100, 24), bool)
-    thrown[0, :10] = thrown[5, 3] = True
-    off = np.where(rng.random((100, 2, 24)) < 0.5, -1.0, 1.0) * thrown[:, None]
-    spoilt = replace(made.images, landmarks=made.images.landmarks + off)
-    _, outliers = complete(spoilt, 9, doubting=True)
-    assert outliers[5, 3]
-    assert not outliers[0].any()
 
 
 @pytest.mark.parametrize("rank", [3, 5])

@@ -8,7 +8,7 @@ from shapefit.convex.problem import build_problem
 from shapefit.geometry.normalisation import normalise
 from shapefit.geometry.rotations import random_rotations
 from shapefit.lifting.consensus import find_consensus
-from shapefit.lifting.shared_rotation import even_views, find_pose
+from shapefit.lifting.shared_rotation import find_pose
 
 P, N, THRESHOLD = 30, 70, 0.1
 
@@ -56,7 +56,7 @@ def test_the_inliers_are_those_of_the_pose_fitted_to_them(posed, shape, rng):
     weights = rng.uniform(0.5, 1, (N, P))
     found = search(landmarks, shape, weights)
     problem = build_problem(landmarks, shape[None], 1.0, weights=np.where(found, weights, 0.0))
-    pose = find_pose(problem, shape, even_views(12))
+    pose = find_pose(problem, shape)
     left = landmarks - pose.size[:, None, None] * pose.rotation[:, :2] @ shape
     share = np.where(found, weights**2, 0.0)
     T = (left * share[:, None]).sum(axis=2) / share.sum(axis=1)[:, None]

@@ -10,7 +10,6 @@ from shapefit.convex.problem import Loss
 from shapefit.convex.solver import Status, solve_newton
 from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
-from shapefit.lifting.shared_rotation import believable
 
 ROBUST = (Loss.ABSOLUTE, Loss.SPARSE_ERROR)
 
@@ -53,21 +52,10 @@ def test_planted_outliers_are_labelled_and_left_out(loss, corrupted, settings):
 
 
 def test_labels_that_leave_too_little_are_not_believed(scene, settings):
-    problem = scene.problem(0.02)
-    outliers = np.ones((20, 40), bool)
-    outliers[0, :3] = False  # three are enough
-    believed = believable(problem, outliers)
-    np.testing.assert_array_equal(believed[0], outliers[0])
-    assert not believed[1:].any()
-    # beta so small that every landmark is an outlier of the convex program
+    """With a beta so small that every landmark is an outlier of the convex program."""
     program = Program(0.02, Loss.SPARSE_ERROR, beta=1e-9)
-    found = lift(
-        scene.landmarks,
-        scene.weights,
-        scene.atoms,
-        program,
-        choose_method("convex+refine", settings),
-    )
+    method = choose_method("convex+refine", settings)
+    found = lift(scene.landmarks, scene.weights, scene.atoms, program, method)
     assert found.failures == {}
     assert np.isfinite(found.shapes).all()
     assert not found.estimate.outliers.any()

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from shapefit.convex.problem import build_problem
 from shapefit.convex.solver import Status, solve_newton
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
@@ -13,10 +12,8 @@ from shapefit.lifting.lift import Program, lift
 from shapefit.lifting.methods import Settings, choose_method
 from shapefit.lifting.perspective import (
     PerspectiveOptions,
-    find_rotations,
     refine_view,
 )
-from shapefit.lifting.shared_rotation import even_views, find_pose
 
 N, K, P = 6, 5, 14
 OPTIONS = PerspectiveOptions(ridge=1e-3, softness=0.1, max_rounds=500)
@@ -123,22 +120,3 @@ def test_an_image_without_a_shape_stays_without(landmarks, dictionary, camera):
     assert np.isnan(found.perspective.translation[2]).all()
     assert np.isfinite(np.delete(found.shapes, 2, axis=0)).all()
     assert found.estimate.status[2] is first.estimate.status[2]
-
-
-def test_far_away_it_is_the_weak_perspective_camera(dictionary, rotations, rng):
-    """Perspective ends where the depth of the object is small beside its distance."""
-    c = rng.dirichlet(np.ones(K), N)
-    far = Camera(np.full((N, 2), 1e8), np.zeros((N, 2)), 1.0)
-    X = rotations @ np.tensordot(c, dictionary.atoms, axes=1) + np.array([0, 0, 1e6])[:, None]
-    _, found = view(project(far, X), np.ones((N, P)), dictionary, far)
-    np.testing.assert_allclose(found.shapes[:, :2], found.landmarks_fitted, rtol=1e-4, atol=1e-2)
-
-
-def test_an_unknown_rotation_is_that_of_the_posed_mean_shape(dictionary, rng):
-    problem = build_problem(rng.standard_normal((30, 2, P)), dictionary.atoms, 0.1)
-    mean = dictionary.mean_shape
-    known = np.where(np.arange(30)[:, None, None] < 5, np.eye(3), np.nan)
-    found = find_rotations(known, problem, mean, 0)
-    np.testing.assert_array_equal(found[:5], known[:5])
-    best = find_pose(problem.take(np.arange(5, 30)), mean, even_views(6)).rotation
-    np.testing.assert_array_equal(found[5:], best)

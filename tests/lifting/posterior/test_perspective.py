@@ -5,7 +5,7 @@ import pytest
 
 from shapefit.geometry.pinhole import Camera, project
 from shapefit.geometry.rotations import random_rotations
-from shapefit.lifting.posterior.method import face, find_rays, noise_of_rays, place
+from shapefit.lifting.posterior.method import face, find_rays, noise_of_rays
 from shapefit.lifting.posterior.posterior import find_posterior
 from tests.lifting.posterior.pinhole import RESIDUAL_VARIANCE, P, Scene
 
@@ -58,17 +58,6 @@ def test_the_camera_makes_near_shapes_better_and_its_regions_hold(draw_mixture, 
         inside = (square < bound).mean(axis=1)
         spread = inside.std() / np.sqrt(len(inside))
         assert inside.mean() == pytest.approx(share, abs=4 * spread + 0.02)
-
-
-def test_the_place_before_the_camera_is_found(draw_mixture):
-    prior = draw_mixture(4, p=P, size=0.05)
-    scene = Scene(prior, 100, 6.0, 1.0)
-    rays, found = through_camera(prior, scene)
-    at = place(found.mean, found.scale, rays, scene.camera)
-    assert np.median(np.abs(at.translation / scene.translation - 1)[:, 2]) < 0.04
-    visible = project(scene.camera, at.shapes + at.translation[..., None])
-    unit = 1000 / 6.0
-    assert np.abs(visible - scene.landmarks).mean() < 1.5 * np.sqrt(RESIDUAL_VARIANCE) * unit
 
 
 def test_a_long_lens_sees_weak_perspective(draw_mixture):

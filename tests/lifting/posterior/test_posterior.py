@@ -6,61 +6,7 @@ import pytest
 from shapefit.dictionary.mixture import Mixture
 from shapefit.geometry.rotations import rotation_about
 from shapefit.lifting.posterior.posterior import Outliers
-from tests.lifting.posterior import dense
 from tests.lifting.posterior.dense import draw_images, solve
-
-
-def test_the_mean_of_a_mixture_is_that_of_importance_sampling(draw_mixture):
-    prior, residual_variance, p = draw_mixture(2), 0.02, 7
-    _, w, R = draw_images(prior, 1, 4, residual_variance)
-    found = solve(prior, w, R[:, None], residual_variance, covariance=True, modes=6)
-    # views about those of the modes, weighed by the exact likelihood of all components
-    rng = np.random.default_rng(0)
-    modes, share = found.modes, found.modes.shares[0]
-    used = np.flatnonzero(share > 0)
-    draws, spread = 4000, 0.25
-    which = rng.choice(used, size=draws, p=share[used] / share[used].sum())
-    scene = [
-        dense.Scene(w[0], np.full(p, residual_variance), np.zeros((p, 2, 2)), mean, C)
-        for mean, C in zip(prior.means, prior.covariances, strict=True)
-    ]
-    log_weight, means = [], []
-    for m in which:
-        theta = spread * rng.normal(size=4) * [1, 1, 1, 0.5]
-        R, s = dense.moved(modes.rotation[0, m], modes.scale[0, m], theta)
-        densities = []
-        for o in used:
-            off = R @ modes.rotation[0, o].T
-            turn = rotation_vector(off)
-            grow = np.log(s / modes.scale[0, o])
-            z = np.append(turn, grow / 0.5) / spread
-            # a turn by |t| takes up (2 - 2 cos |t|) / |t|^2 of the volume of its vector
-            angle = np.linalg.norm(turn)
-            volume = (2 - 2 * np.cos(angle)) / angle**2
-            densities.append(np.log(share[o] / share[used].sum()) - 0.5 * z @ z - np.log(volume))
-        ones = np.ones(p)
-        logs = np.array(
-            [
-                np.log(weight) + dense.log_likelihood(each, R, s, (0, 0.05), ones)
-                for weight, each in zip(prior.weights, scene, strict=True)
-            ]
-        )
-        part = np.exp(logs - logs.max())
-        conditional = [dense.condition(each, R, s, ones)[0] for each in scene]
-        means.append(np.einsum("k,kd->d", part / part.sum(), conditional))
-        log_weight.append(logs.max() + np.log(part.sum()) - np.logaddexp.reduce(densities))
-    weight = np.exp(np.array(log_weight) - max(log_weight))
-    weight /= weight.sum()
-    assert 1 / (weight**2).sum() > 50  # enough draws count
-    sampled = weight @ np.array(means)
-    deviation = found.deviation[0].ravel()
-    assert np.abs(sampled - found.mean[0].ravel()).max() < 0.35 * deviation.max()
-
-
-def rotation_vector(R):
-    angle = np.arccos(np.clip((np.trace(R) - 1) / 2, -1, 1))
-    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    return axis / max(2 * np.sin(angle), 1e-12) * angle
 
 
 def test_regions_hold_what_they_say_for_shapes_of_the_model(draw_mixture):
@@ -114,15 +60,6 @@ def test_a_climb_that_ends_on_a_saddle_does_not_count_beside_a_maximum():
     assert found.modes.shares[0] == pytest.approx([0.5, 0.5, 0], abs=1e-5)
 
 
-def test_surprise_is_never_negative(draw_mixture):
-    """An outlier is no surprise where outliers are denser than the others at their peak."""
-    prior, residual_variance = draw_mixture(5, p=13, size=0.08), 0.005
-    _, w, R = draw_images(prior, 10, 7, residual_variance)
-    w[:, :, 4] += np.array([2.0, -1.5])
-    found = solve(prior, w, R[:, None], residual_variance, outliers=Outliers(0.9, 1e4))
-    assert (found.squared_mahalanobis >= 0).all()
-
-
 def test_components_together_are_those_alone(draw_mixture):
     """Climbs side by side, that leave as they arrive or lose hope, change nothing that counts."""
     prior, residual_variance = draw_mixture(8, k=13, p=9, size=0.1), 0.01
@@ -146,14 +83,3 @@ def test_components_together_are_those_alone(draw_mixture):
     share = np.exp(logs - evidence)
     mean = np.einsum("kn,knap->nap", share, np.stack([one.mean for one in alone]))
     assert np.abs(together.mean - mean).max() < 0.02
-
-
-def test_climbs_end_where_nothing_more_is_to_be_gained(draw_mixture, request):
-    prior, residual_variance = draw_mixture(3), 0.01
-    _, w, R = draw_images(prior, 20, 5, residual_variance)
-    options = {"outliers": Outliers(0.02)}
-    early = solve(prior, w, R[:, None], residual_variance, **options)
-    request.getfixturevalue("to_the_end")
-    late = solve(prior, w, R[:, None], residual_variance, **options)
-    assert (early.rounds < late.rounds).mean() > 0.5
-    assert early.log_evidence == pytest.approx(late.log_evidence, abs=2e-3)

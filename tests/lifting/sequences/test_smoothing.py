@@ -1,13 +1,11 @@
 """The inference over a sequence: optimality, planted bodies, copies of a frame, error bars."""
 
 import itertools
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from shapefit.arrays import median
-from shapefit.lifting import trust
 from shapefit.lifting.sequences import smoothing
 from shapefit.lifting.sequences.clips import (
     find_acceleration_scale,
@@ -20,7 +18,6 @@ from shapefit.lifting.sequences.smoothing import (
     Observations,
     fill,
     find_precisions,
-    further_weight,
     observe,
     smooth,
 )
@@ -113,32 +110,6 @@ def test_a_rigid_body_is_found_where_single_images_are_far_off(images, body, mod
     np.testing.assert_allclose(found.lengths, true, rtol=0.06)
 
 
-def test_known_lengths_up_to_scale_are_kept(images, body, model):
-    true = np.linalg.norm(body[0, :, model.bones[:, 0]] - body[0, :, model.bones[:, 1]], axis=1)
-    visible = images(body, noise=0.002)
-    exact = Lengths(40 * true, np.eye(4) / 0.01**2)
-    found = smooth(visible, replace(model, known=exact), 0.003, max_rounds=50)
-    ratio = found.lengths / true
-    np.testing.assert_allclose(ratio / ratio.mean(), 1, atol=0.03)
-
-
-def test_copies_of_a_frame_stay_within_a_standard_deviation(images, body, model):
-    one = images(body[:1], noise=0.02)
-    copies = replace(
-        one,
-        **{
-            name: np.repeat(getattr(one, name), 30, axis=0)
-            for name in ("landmarks", "trust", "start", "log_share", "mean", "precision", "log_det")
-        },
-    )
-    found = smooth(copies, model, 0.1)
-    sd = np.sqrt(np.diag(np.linalg.inv(one.precision[0, 0]))).reshape(3, -1)
-    assert (np.abs(found.points - copies.start) < sd).all()
-    np.testing.assert_allclose(
-        found.points, np.broadcast_to(found.points[0], (30, 3, 5)), atol=1e-4
-    )
-
-
 def only_mode(visible):
     """The images with their first modes alone."""
     parts = ("log_share", "mean", "precision", "log_det")
@@ -214,17 +185,6 @@ def test_a_frame_by_itself_has_the_covariance_of_its_mixture(model, rng, apart, 
     assert found.correlation[0, 2, 3] == pytest.approx(expected[8, 13] / (sd[8] * sd[13]), abs=1e-6)
 
 
-def test_neighbours_that_know_the_mode_leave_no_doubt(images, body, model):
-    """Both depths of the middle frame are as likely; of its neighbours one alone."""
-    visible = only_mode(images(np.repeat(body[:1], 5, axis=0), depth=0.01))
-    two = images(np.repeat(body[:1], 5, axis=0), depth=0.01)
-    share = np.tile([0.0, -np.inf], (5, 1))
-    share[2] = np.log([0.5, 0.5])
-    sure = smooth(replace(two, log_share=share), model, 0.03, max_rounds=30)
-    alone = smooth(visible, model, 0.03, max_rounds=30)
-    np.testing.assert_allclose(sure.deviation, alone.deviation, rtol=0.2)
-
-
 @pytest.mark.parametrize("lag", [1, 3])
 def test_the_scale_of_accelerations_is_that_of_the_motion(images, rng, body, lag):
     """Neither noise that forgets itself within the lag nor jumps of landmarks are motion."""
@@ -243,17 +203,6 @@ def test_the_scale_of_accelerations_is_that_of_the_motion(images, rng, body, lag
     jumping = replace(moving, landmarks=moving.landmarks + jumps)
     assert find_acceleration_scale(jumping, expected, lag) < 10
     assert find_acceleration_scale(images(body[:3]), expected, lag) == 1
-
-
-def test_landmarks_stated_to_be_exacter_count_by_their_trust(images, body, rng):
-    visible = images(body)
-    trust = rng.random(visible.trust.shape)
-    expected = np.concatenate([trust, trust], axis=1) * (
-        1 / 0.05**2 - 1 / visible.residual_variance
-    )
-    found = further_weight(replace(visible, trust=trust), 0.05)
-    np.testing.assert_allclose(found, expected)
-    assert not further_weight(visible, 0.2).any()  # nothing is stated beyond what images have
 
 
 def test_frames_without_modes_lie_between_their_neighbours(images, body):
@@ -305,20 +254,6 @@ def test_a_unit_of_each_frame_is_that_of_images_observed_in_it(images, body, rng
     np.testing.assert_allclose(found.mean * g, visible.mean)
     np.testing.assert_allclose(np.linalg.inv(found.precision), covariance / g[..., None] ** 2)
     np.testing.assert_allclose(found.log_det, np.linalg.slogdet(covariance / g[..., None] ** 2)[1])
-
-
-@pytest.mark.parametrize(("numbers", "most"), [(smoothing.Constants, 8), (trust.Limits, 6)])
-def test_every_number_has_its_reason_in_the_table(numbers, most):
-    stated = [line.split()[0] for line in numbers.__doc__.splitlines() if line[4:5].strip()]
-    names = [field.name for field in fields(numbers)]
-    assert [name for name in stated if name in names] == names
-    assert len(names) <= most
-
-
-@pytest.mark.parametrize("count", [1, 2, 5, 6])
-def test_the_median_is_that_of_numpy(rng, count):
-    values = rng.standard_normal(count)
-    assert median(values) == np.median(values)
 
 
 def test_errors_that_images_share_do_not_outweigh_known_lengths(images, body, model, monkeypatch):

@@ -75,35 +75,6 @@ def test_landmarks_of_true_depths_are_those_of_weak_perspective(scene, lifting):
     np.testing.assert_allclose(back.landmarks_fitted, exact)
 
 
-def test_without_a_camera_nothing_is_brought_anywhere(scene, lifting):
-    plain = replace(lifting, perspective=None)
-    retained = refine_through_camera(plain, scene.landmarks, lambda weak, w: (weak, w))
-    assert retained[0] is plain
-    assert retained[1] is scene.landmarks
-
-
-def test_landmarks_are_trusted_by_belief_times_the_square_of_their_confidence(
-    scene, prior, rng, monkeypatch
-):
-    """Confidence multiplies residuals, trust their squares, as 1/sigma^2 does."""
-    confidence = rng.uniform(0.3, 1, (N, P))
-    lifting = scene.lift(prior, confidence, modes=2)
-    given = []
-
-    def keep(own, *_, **__):
-        given.append(own)
-        raise InterruptedError
-
-    monkeypatch.setattr(clips, "refine_clips", keep)
-    motion = Motion(np.array([[0, 1]]), np.ones(P), np.ones(1))
-    with pytest.raises(InterruptedError):
-        clips.refine_lifting(lifting, scene.landmarks, ["one"] * N, motion, 0.01, None, 1.0)
-    weights = lifting.problem.weights
-    np.testing.assert_allclose(weights / weights[:, :1], confidence / confidence[:, :1])
-    inlier_probability = lifting.estimate.further["inlier_probability"]
-    np.testing.assert_allclose(given[0].trust, inlier_probability * weights**2)
-
-
 def test_the_expected_error_of_the_images_is_kept_beside_that_of_the_sequence(scene, lifting):
     motion = Motion(np.array([[0, 1]]), np.full(P, 0.05), np.ones(1))
     images = lifting.estimate.covariance * lifting.scale[:, None, None] ** 2

@@ -146,7 +146,10 @@ class TestPrior:
         ("prior", "message"),
         [
             ({"components": 31}, "prior.components: 31 components are more than the 30 shapes"),
-            ({"components": 1, "bone_scale": 0.1}, "prior: the shapes have no edges"),
+            (
+                {"components": 1, "bone_scale": 0.1},
+                "prior: 0 edges of 5 landmarks are not a tree; give shapes",
+            ),
         ],
     )
     def test_what_is_refused(self, make, shapes, prior, message):

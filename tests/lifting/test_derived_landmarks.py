@@ -1,4 +1,4 @@
-"""Feet hang on ankles: what an image shows of them turns them, and moves nothing else."""
+"""Feet hang on ankles and move nothing else; rows of weights of landmarks, and their error bars."""
 
 import numpy as np
 import pytest
@@ -6,8 +6,7 @@ import pytest
 from shapefit.config.paths import find_dictionary
 from shapefit.convex.solver import Status
 from shapefit.io import LandmarkSet, read_dictionary
-from shapefit.io.skeletons import PEOPLE
-from shapefit.lifting.derived_landmarks import place_dependents
+from shapefit.lifting.derived_landmarks import PAIRS, place_dependents, see_rows
 from shapefit.lifting.estimate import Estimate
 from shapefit.lifting.lift import Lifting
 from tests.pipelines.fitted import fit_images
@@ -116,7 +115,21 @@ def test_the_noise_of_an_ankle_is_shared_by_its_foot():
     np.testing.assert_allclose(bars, exact + moved, rtol=1e-4, atol=1e-6)
 
 
-def test_a_file_without_feet_has_a_result_without(images, lift):
-    found = lift(images.arrange(PEOPLE, "here", omit=True))
-    assert found.landmark_names == PEOPLE
-    assert "input_shapes" not in found.columns
+def test_error_bars_of_rows_are_those_of_samples(rng):
+    """Planted: points drawn with a covariance of all landmarks, seen through the rows."""
+    n, p, q = 2, 5, 3
+    rows = rng.standard_normal((q, p))
+    root = rng.standard_normal((n, 3 * p, 3 * p))
+    covariance = root @ root.swapaxes(1, 2)
+    mean, apart = rng.standard_normal((n, 3, p)), np.array([0.0, 2.0, 0.0])
+    found = see_rows(rows, mean, covariance, apart)
+    draws = np.einsum("nij,nsj->nsi", root, rng.standard_normal((n, 40_000, 3 * p)))
+    points = (mean[:, None] + draws.reshape(n, -1, 3, p)) @ rows.T
+    points += apart * rng.standard_normal(points.shape)
+    np.testing.assert_allclose(points.mean(axis=1), found.points, atol=0.2)
+    np.testing.assert_allclose(points.std(axis=1), found.deviation, rtol=0.03)
+    for row, (a, b) in enumerate(PAIRS):
+        for image in range(n):
+            for j in range(q):
+                own = np.corrcoef(points[image, :, a, j], points[image, :, b, j])[0, 1]
+                assert abs(own - found.correlation[image, row, j]) < 0.03

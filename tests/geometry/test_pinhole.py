@@ -38,14 +38,6 @@ def test_forward_and_back(rng, name):
     np.testing.assert_allclose(undistort(moved, complete(lens)), points, atol=1e-12)
 
 
-def test_a_lens_for_each_image(rng):
-    lenses = complete(np.array([[-0.3, 0.1, 0, 0, 0], [0.2, 0, 0, 0, 0.0]]))
-    points = rng.uniform(-0.5, 0.5, (2, 2, 9))
-    both = undistort(points, lenses)
-    for image in range(2):
-        np.testing.assert_allclose(both[image], undistort(points[image], lenses[image]), atol=1e-14)
-
-
 def test_where_the_lens_bends_back_there_is_no_point():
     """1 - 0.3 r^2 turns over at r = 1.054, where the lens reaches 0.7027."""
     points = np.array([[0.70, 0.71, -5.0, np.nan], [0.0, 0.0, 0.0, 0.0]])
