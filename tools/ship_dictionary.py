@@ -17,8 +17,6 @@ import h5py
 import numpy as np
 
 from shapefit.io import read_dictionary
-from shapefit.io.hdf5_records import digest_of
-from shapefit.io.layout import DIGEST
 
 ORIGIN = {
     "source": "CMU Motion Capture Database, mocap.cs.cmu.edu: subjects 01, 02, 03, 10, 64, 86, 118 "
@@ -45,7 +43,6 @@ def main() -> None:
         attributes["config"] = json.dumps(without_folders(json.loads(attributes["config"])))
         digests = json.loads(attributes["inputs"])
         attributes["inputs"] = json.dumps({Path(key).name: text for key, text in digests.items()})
-        attributes[DIGEST] = digest_of(attributes)
         # Written once: what an attribute held before would stay in the bytes of the file.
         for name, value in attributes.items():
             shipped.attrs[name] = value

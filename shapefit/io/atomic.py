@@ -30,18 +30,16 @@ def check_output(target: Path, instead: str = "give the name of a file in it") -
     """Return the file that writing to `target` would replace, links followed. Writes nothing.
 
     Raises InputError where its folder can be neither written to nor made, or `target` is a folder
-    (`instead` says what to do then) or some other thing that cannot be replaced by a file. `-` is
-    always good.
+    (`instead` says what to do then) or a device. `-` is always good.
     """
     if is_stream(target):
         return target
-    if os.path.exists(target) and not os.path.isfile(target) and not os.path.isdir(target):
-        # Before links are followed: those of /dev/stdout and the like can lead to no path at all.
-        found = "it is not a regular file"
-        raise input_error(target, found, "give the name of a file, or - for CSV to standard output")
-    resolved = Path(os.path.realpath(target))
-    if os.path.isdir(resolved):
+    if os.path.isdir(target):
         raise input_error(target, "it is a folder", instead)
+    if os.path.exists(target) and not os.path.isfile(target):
+        fix = "give the name of a file, or - for CSV to standard output"
+        raise input_error(target, "it is not a regular file", fix)
+    resolved = Path(os.path.realpath(target))
     around = next(folder for folder in resolved.parents if os.path.lexists(folder))
     if not os.path.isdir(around):
         raise input_error(target, f"{around} is not a folder", "choose another folder")
@@ -53,9 +51,7 @@ def check_output(target: Path, instead: str = "give the name of a file in it") -
 
 def check_folder(folder: Path) -> None:
     """Raise InputError unless the folder can be made or written to; change nothing."""
-    if is_stream(folder):
-        raise input_error("output", "a report is several files", "give the name of a folder")
-    if os.path.exists(folder) and not os.path.isdir(folder):
+    if is_stream(folder) or (os.path.exists(folder) and not os.path.isdir(folder)):
         raise input_error(folder, "it is not a folder", "give the name of a folder")
     check_output(folder / "report" if os.path.isdir(folder) else folder)
 
@@ -66,22 +62,19 @@ def storage_errors(
 ) -> Iterator[None]:
     """Turn errors of these numbers, by default of the disk, into InputErrors at `target`.
 
-    Those of permission count where they are of a temporary. `numbers` = None
-    stands for all of them.
+    `numbers` = None stands for all of them.
     """
     try:
         yield
     except OSError as error:
-        temporary = PARTIAL in str(error.filename)
-        allowed = temporary and error.errno in OF_PERMISSION
-        if numbers is not None and error.errno not in numbers and not allowed:
+        if numbers is not None and error.errno not in numbers:
             raise
         fix = "choose another name, or another folder"
         if error.errno in OF_THE_DISK:
             fix = "free some space or choose another disk"
         elif error.errno in OF_PERMISSION:
             fix = OTHER_FOLDER
-        reason = error.strerror or str(error)  # libraries raise OSError without a number, too
+        reason = os.strerror(error.errno) if error.errno else str(error)
         raise input_error(target, f"cannot be written: {reason}", fix) from error
 
 
@@ -135,16 +128,15 @@ def _temporary(folder: Path, suffix: str) -> Iterator[Path]:
     """
     missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     temporary = folder / f".{secrets.token_hex(8)}{PARTIAL}{suffix[:20]}"
-    failed = True
     try:
         with storage_errors(folder, None):
             folder.mkdir(parents=True, exist_ok=True)
         yield temporary
-        failed = False
+        missing = []
     finally:
         with suppress(OSError):
             temporary.unlink() if temporary.is_file() else shutil.rmtree(temporary)
-        for new in missing if failed else ():
+        for new in missing:
             with suppress(OSError):
                 new.rmdir()
 
@@ -159,13 +151,12 @@ def digest(path: Path) -> str:
 
     That of a folder is the digest of the names and digests of its files, in their order.
     """
-    if is_stream(path):
-        return "stream"
     if path.is_dir():
         files = sorted(file for file in path.iterdir() if file.is_file())
         text = "".join(f"{path_text(file.name)} {digest(file)}\n" for file in files)
         return hashlib.sha256(text.encode()).hexdigest()
-    require_file(path)
+    if not is_stream(path):
+        require_file(path)
     if not path.is_file():
         return "stream"
     with path.open("rb") as file:
@@ -179,10 +170,10 @@ def file_stem(item: str) -> PurePosixPath:
     so are dots and spaces at its ends; an empty part is %. No path leads out of its folder, and no
     two items have the same.
     """
-    return PurePosixPath(*map(_file_part, item.split("/")))
-
-
-def _file_part(text: str) -> str:
-    bad = frozenset('%<>:"|?*\\')  # `%` begins an escape; the others Windows does not allow
-    letters = (c if c.isprintable() and c not in bad else quote(c, safe="") for c in text)
-    return re.sub(r"^[. ]|[. ]$", lambda end: f"%{ord(end[0]):02X}", "".join(letters)) or "%"
+    parts = []
+    for part in item.split("/"):  # `%` begins an escape; the others Windows does not allow
+        text = "".join(
+            c if c.isprintable() and c not in '%<>:"|?*\\' else quote(c, "") for c in part
+        )
+        parts.append(re.sub(r"^[. ]|[. ]$", lambda end: f"%{ord(end[0]):02X}", text) or "%")
+    return PurePosixPath(*parts)

@@ -18,7 +18,6 @@ from shapefit.io.formats import HDF5, check_holds, own_format, record_writer
 from shapefit.io.layout import DICTIONARY, FIELDS
 
 AGAIN = "make the dictionary again"
-NO_COVARIANCE = "is no covariance: not symmetric, or not positive definite"
 PRIOR = ("prior_weights", "prior_means", "prior_covariances")
 
 
@@ -46,55 +45,49 @@ def check_dictionary(fields: Mapping[str, Any], place: Place) -> None:
     """Raise InputError for the fields of a dictionary with which no fit is possible."""
     atoms, mean, names = fields["atoms"], fields["mean_shape"], fields["landmark_names"]
     if atoms.size == 0:
-        found = f"has the shape {atoms.swapaxes(-1, -2).shape}"
-        raise input_error(place("atoms", None), found, "a dictionary needs atoms and landmarks")
+        fault = f"has the shape {atoms.swapaxes(-1, -2).shape}"
+        raise input_error(place("atoms", None), fault, "a dictionary needs atoms and landmarks")
     check_finite(place, "atoms", atoms, names)
     check_finite(place, "mean_shape", mean[None], names)
     check_mesh(place, fields, len(names))
-    for name, found in _faults(fields):
-        raise input_error(place(name, None), found, AGAIN)
+    for name, fault in _faults(fields):
+        raise input_error(place(name, None), fault, AGAIN)
 
 
 def _faults(fields: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield the datasets whose values are of no use, and why."""
     if coincide(fields["mean_shape"]):
         yield "mean_shape", "all its landmarks are at one point"
-    for name in ("acceleration", "bone_tolerance", "edge_length", "atom_scale"):
-        if (values := fields.get(name)) is not None:
-            least = np.nextafter(0, 1) if name == "atom_scale" else 0
-            if not ((values >= least) & (values < np.inf)).all():
-                yield name, "holds numbers that cannot be"
-    if "" in (fields["atom_items"] or ()):
-        yield "atom_item", "an item has no name"
+    numbers = dict.fromkeys(("acceleration", "bone_tolerance", "edge_length"), 0.0)
+    for name, least in {**numbers, "atom_scale": np.nextafter(0, 1)}.items():
+        values = fields.get(name)
+        if values is not None and not ((values >= least) & (values < np.inf)).all():
+            yield name, "holds numbers that cannot be"
     if (index := fields["mirror_index"]) is not None:
         points = np.arange(len(index))
         if not (np.isin(index, points).all() and (index[index] == points).all()):
             yield "mirror_index", "does not pair the landmarks"
-    if (C := fields.get("edge_covariance")) is not None and C.size and not _is_covariance(C):
-        yield "edge_covariance", NO_COVARIANCE
-    table = fields.get("p_value_table")
-    if table is not None and not (
-        len(table) and np.isfinite(table).all() and (table[:, [0, 1, 3]] > 0).all()
-    ):
-        yield "p_value_table", "holds no moments of a prior"
+    C, table = fields.get("edge_covariance"), fields.get("p_value_table")
+    if C is not None and C.size and not _is_covariance(C):
+        yield "edge_covariance", "is no covariance"
+    if table is not None and (not table.size or not np.isfinite(table).all()):
+        yield "p_value_table", "holds numbers that cannot be"
 
 
 def _take_prior(fields: dict[str, Any], place: Place) -> Mixture | None:
     """Take the parts of the prior out of the fields; None without one."""
-    parts = [fields.pop(name) for name in PRIOR]
-    absent = [name for name, part in zip(PRIOR, parts, strict=True) if part is None]
+    parts = {name: fields.pop(name) for name in PRIOR}
+    absent = [name for name, part in parts.items() if part is None]
     if len(absent) == len(PRIOR):
         return None
     if absent:
         raise input_error(place(absent[0], None), "is missing; the file has a prior", AGAIN)
-    weights, means, covariances = parts
+    weights, means, covariances = parts.values()
     if not ((weights > 0).all() and abs(weights.sum() - 1) < 1e-6):
         raise input_error(place(PRIOR[0], None), "are no shares that add up to 1", AGAIN)
-    if not np.isfinite(means).all():
-        raise input_error(place(PRIOR[1], None), "holds what is no number", AGAIN)
     mixture = Mixture.of_landmarks(weights, means, covariances)
-    if not _is_covariance(mixture.covariances):
-        raise input_error(place(PRIOR[2], None), NO_COVARIANCE, AGAIN)
+    if not (np.isfinite(means).all() and _is_covariance(mixture.covariances)):
+        raise input_error(place(PRIOR[2], None), "is no covariance, or the means are none", AGAIN)
     return mixture
 
 

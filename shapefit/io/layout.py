@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from typing import Literal, NamedTuple
 
 Axes = tuple[str | int, ...]
@@ -11,11 +11,12 @@ Axes = tuple[str | int, ...]
 class Column(NamedTuple):
     """One dataset.
 
-    `axes` are as in the file: letters for sizes that agree over the file (see AXES), numbers for
-    fixed sizes. `points` are coordinates, one point per row in the file (..., p, 3) and per column
-    in memory (..., 3, p). A "label" is text or an integer code. `counted_by` names the dataset that
-    says how many rows of this one belong to each item, one item after the other. `stored` is the
-    NumPy type in the file where it is smaller than that in memory.
+    axes        as in the file: letters for sizes that agree over the file (AXES), or numbers
+    kind        a label is text or an integer code
+    points      coordinates, one point per row in the file (..., p, 3), per column in memory
+                (..., 3, p)
+    counted_by  the dataset that holds how many rows of this one belong to each item
+    stored      NumPy type in the file where it is smaller than in memory
     """
 
     axes: Axes
@@ -30,53 +31,40 @@ class Column(NamedTuple):
         """Whether it gets longer with more items."""
         return self.axes[0] == "n" or bool(self.counted_by)
 
-    @property
-    def memory_axes(self) -> Axes:
-        """Axes of the array in memory."""
-        return (*self.axes[:-2], self.axes[-1], self.axes[-2]) if self.points else self.axes
+
+Table = Mapping[str, Column]
 
 
-Table = dict[str, Column]
-
-
-class Layout:
+class Layout(NamedTuple):
     """The datasets of one kind of file.
 
-    name      value of its root attribute `format`; kind is the name without `shapefit-`
-    points    the dataset that every file has: landmarks, shapes or atoms
-    datasets  columns by name
-    further   those that may stand beside them; in memory they are as in the file
-    versions  of files that every command reads; version 1 of others is read by `convert` and `info`
+    name is the root attribute `format`, points the dataset that every file has; `further` may stand
+    beside `datasets`, and are in memory as in the file.
     """
 
-    def __init__(
-        self,
-        name: str,
-        points: str,
-        datasets: Table,
-        further: Table | None = None,
-        versions: tuple[int, ...] = (),
-    ) -> None:
-        self.name, self.points, self.datasets = name, points, datasets
-        self.kind = name.removeprefix("shapefit-")
-        self.names = datasets.keys()
-        self.all = {**datasets, **(further or {})}
-        self.versions = (VERSION, *versions)
+    name: str
+    points: str
+    datasets: Table
+    further: Table
+
+    @property
+    def kind(self) -> str:
+        """The name without `shapefit-`."""
+        return self.name.removeprefix("shapefit-")
+
+    @property
+    def all(self) -> Table:
+        """All datasets that it lists."""
+        return {**self.datasets, **self.further}
 
     def is_per_item(self, name: str, axes: int) -> bool:
-        """Whether a dataset with so many axes has rows for items, unless its file says it."""
+        """Whether a dataset with so many axes has rows for items, unless its file states it."""
         column = self.all.get(name)
         return 0 < axes != OF_FILE.get(name) if column is None else column.per_item
 
 
 VERSION = 2
 UNKNOWN_UNIT = "unknown"
-
-PLAIN_ATTRIBUTES = frozenset({"format", "version", "unit", "y_axis", "frame_rate"})
-"""Root attributes that the formats define; others of these names are stored with a prefix."""
-
-DIGEST = "attributes_sha256"
-"""Root attribute: SHA-256 of those that are texts."""
 
 PER_ITEM = "per_item"
 """Attribute of a dataset that no layout lists: whether it has a row for each item."""
@@ -121,32 +109,23 @@ OF_FILE = {
 }
 """Datasets that no layout lists and that belong to the file when they have so many axes."""
 
-EDGES = "edges"
-"""Dataset (e, 2) of landmarks and of results: pairs of landmarks that a line joins."""
-
-FRAME = "frame"
-"""Dataset (n,): the place of each item in its video, from 0."""
-
+EDGES = "edges"  # (e, 2) of landmarks and results: pairs of landmarks that a line joins
+FRAME = "frame"  # (n,): the place of each item in its video, from 0
+LANDMARK_COVARIANCE = "landmark_covariance"  # (n, p, 2, 2) in the unit of the landmarks squared
 LABELS = OUTLIERS, CORRUPTED = "outliers", "corrupted"
 """Datasets (n, p) of the landmarks that a fit calls outliers, and of those that were made so."""
 
-LANDMARK_COVARIANCE = "landmark_covariance"
-"""Covariance (n, p, 2, 2) of each landmark, in the unit of the landmarks squared."""
-
-METRES_PER_UNIT = "metres_per_unit"
-"""Dataset (n,) of results: metres in one unit of the shape of each image."""
-
-METRES_FROM = "metres_from"
-"""Attribute of results that have it: by what the size was found, edges or spread."""
+METRES_PER_UNIT = "metres_per_unit"  # (n,) of results: metres in one unit of the shape of an image
+METRES_FROM = "metres_from"  # attribute: by what that size was found, edges or spread
 
 INPUT_SHAPES, INPUT_SD = "input_shapes", "input_shape_sd"
 INPUT_CORRELATION, INPUT_NAMES = "input_shape_correlation", "input_landmark_names"
 """Of a result: the landmarks of the files in 3D with their error bars, beside the joints."""
 
 
-def _columns(axes: Axes, names: str, *more: str, points: bool = False) -> Table:
+def _columns(axes: Axes, names: str, *, points: bool = False) -> dict[str, Column]:
     """Return columns of numbers with the same axes."""
-    return {name: Column(axes, points=points) for name in (*names.split(), *more)}
+    return {name: Column(axes, points=points) for name in names.split()}
 
 
 _NAMES = {"landmark_names": Column(("p",), "text", required=True)}
@@ -168,14 +147,11 @@ LANDMARKS = Layout(
         "landmarks": Column(("n", "p", 2), required=True, points=True),
         "confidence": Column(("n", "p")),
     },
-    versions=(1,),
+    {},
 )
 
 SHAPES = Layout(
-    "shapefit-shapes",
-    "shapes",
-    {**_ITEMS, **_SHAPES, **_EDGES, **_VERTICES, **_FACES},
-    versions=(1,),
+    "shapefit-shapes", "shapes", {**_ITEMS, **_SHAPES, **_EDGES, **_VERTICES, **_FACES}, {}
 )
 
 PROOF = {
@@ -218,7 +194,7 @@ RESULTS = Layout(
         **_columns(("n", "p", 2), "landmarks"),
         **_columns(("n", "p", 3), "shape_correlation"),
         **_columns(("n", "r", "r"), "shape_covariance"),
-        **_columns(("n", "i", 3), INPUT_SHAPES, INPUT_SD, INPUT_CORRELATION),
+        **_columns(("n", "i", 3), f"{INPUT_SHAPES} {INPUT_SD} {INPUT_CORRELATION}"),
         **_columns(("p", "p"), "landmark_map"),
         **{name: Column(("n",), "text") for name in ("reasons", "omitted")},
         INPUT_NAMES: Column(("i",), "text"),
@@ -248,6 +224,7 @@ DICTIONARY = Layout(
         **_columns(("c", "p", 3), "prior_means", points=True),
         **_columns(("c", "p", 3, "p", 3), "prior_covariances"),
     },
+    {},
 )
 
 LAYOUTS = {layout.name: layout for layout in (LANDMARKS, SHAPES, RESULTS, DICTIONARY)}
@@ -266,15 +243,12 @@ def fit_axes(axes: Axes, shape: tuple[int, ...], sizes: dict[str, int]) -> bool:
 def free_names(names: Iterable[str], taken: Collection[str]) -> dict[str, str]:
     """Return the name under which each dataset can stand in a file that has those in `taken`.
 
-    `input_` is put before a name that is taken until it is free. In HDF5 the dataset `a/b` lies in
-    the group `a`, for which there is no room where `a` is a dataset.
+    `input_` is put before a name that is taken, or whose group is, until it is free.
     """
-    names = list(names)
-    groups = {name.partition("/")[0] for name in names}
-    free: dict[str, str] = {}
+    names, free = list(names), {}
     for name in names:
         new = name
-        while (group := new.partition("/")[0]) in taken or (new != name and group in groups):
+        while new.partition("/")[0] in taken or (new != name and new in names):
             new = f"input_{new}"
         free[name] = new
     return free

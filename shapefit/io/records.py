@@ -28,7 +28,6 @@ from shapefit.io.names import match_landmarks, renamed
 Names = tuple[str, ...]
 Attribute = str | float | int
 Columns = Mapping[str, Any]
-Direction = Literal["up", "down"]
 Rows = NDArray[Any] | Sequence[int] | slice
 
 _TYPES = {"number": np.float64, "index": np.int64}
@@ -39,11 +38,11 @@ class Records:
     """n items of one kind with p landmarks; LAYOUT lists the datasets and their axes.
 
     landmark_names (p,), items (n,) unique, sequences (n,) or None: tuples of texts. `per_item` and
-    `whole` hold the other datasets by name: those with a row for each item (or, where the layout
-    counts them, some rows), and those of the file. Columns of the layout stand as
-    `Column.memory_axes` has them, others as in the file. What the layout lists is an attribute too,
-    None where it is absent. unit is that of lengths; frame_rate in Hz; y_axis where y points, None
-    for shapes; attributes are stored with the file.
+    `whole` hold the other datasets by name: those with a row for each item (some rows, where the
+    layout counts them), and those of the file. Points of the layout stand in columns (..., 3, p),
+    all else as in the file. What the layout lists is an attribute too, None where it is absent.
+    unit is that of lengths; frame_rate in Hz; y_axis where y points, None for shapes; attributes
+    are stored with the file.
     """
 
     LAYOUT: ClassVar[Layout]
@@ -56,7 +55,7 @@ class Records:
         sequences: Sequence[str] | None = None,
         *,
         unit: str = UNKNOWN_UNIT,
-        y_axis: Direction | None = None,
+        y_axis: Literal["up", "down"] | None = None,
         frame_rate: float | None = None,
         attributes: Mapping[str, Attribute] | None = None,
         columns: Columns | None = None,
@@ -67,9 +66,10 @@ class Records:
 
         `columns` have a row for each item unless the layout says otherwise (`is_per_item`); `whole`
         belong to the file. Raises ValueError where axes disagree, and TypeError for a keyword that
-        the layout does not list: a programmer's error.
+        the layout does not list.
         """
-        self._require_listed(named)
+        if unlisted := named.keys() - self.LAYOUT.all.keys():
+            raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unlisted))}")
         self.landmark_names, self.items = tuple(landmark_names), tuple(items)
         self.sequences = None if sequences is None else tuple(sequences)
         self.unit, self.frame_rate = unit, frame_rate
@@ -84,40 +84,29 @@ class Records:
                 (self.per_item if per_item else self.whole).setdefault(name, array)
         self._check_axes()
 
-    def _require_listed(self, names: Columns, *more: Collection[str]) -> None:
-        if unknown := names.keys() - set(self.LAYOUT.all).union(*more):
-            raise TypeError(f"{type(self).__name__} has no {', '.join(sorted(unknown))}")
-
     def _as_array(self, name: str, value: Any) -> NDArray[Any]:
         column = self.LAYOUT.datasets.get(name)
         return np.asarray(value, _TYPES.get(column.kind) if column else None)
 
     def _check_axes(self) -> None:
-        n, sizes = len(self), {"n": len(self), "p": len(self.landmark_names)}
-        if self.sequences is not None and len(self.sequences) != n:
-            raise ValueError(f"there are {n} items and {len(self.sequences)} sequences")
+        sizes = {"n": len(self), "p": len(self.landmark_names)}
         if self.LAYOUT.points not in self.per_item:
             raise TypeError(f"{type(self).__name__} needs {self.LAYOUT.points}")
         for name, values in self.columns.items():
             column = self.LAYOUT.datasets.get(name)
-            axes = column.memory_axes if column else ("n", *values.shape[1:])
-            if (column or name in self.per_item) and not fit_axes(axes, values.shape, sizes):
-                expected = tuple(sizes.get(str(axis), axis) for axis in axes)
-                found = f"{name} has the shape {values.shape}"
-                raise ValueError(f"{found}; expected {axes} = {expected}")
+            shape = values.swapaxes(-1, -2).shape if column and column.points else values.shape
+            axes = column.axes if column else ("n", *shape[1:])
+            if (column or name in self.per_item) and not fit_axes(axes, shape, sizes):
+                raise ValueError(f"{name} has the shape {shape}; expected {axes} with {sizes}")
 
     def __getattr__(self, name: str) -> Any:
         """Return a column that the layout lists; None where it is absent."""
-        if name.startswith("_") or name not in type(self).LAYOUT.all:
+        if name not in self.LAYOUT.datasets and name not in self.LAYOUT.further:
             raise AttributeError(f"{type(self).__name__} has no {name}")
         return self.per_item.get(name, self.whole.get(name))
 
     def __len__(self) -> int:
         return len(self.items)
-
-    def __repr__(self) -> str:
-        counts = f"{len(self)} items, {len(self.landmark_names)} landmarks"
-        return f"<{type(self).__name__} of {counts}: {', '.join(self.columns)}>"
 
     @property
     def columns(self) -> dict[str, NDArray[Any]]:
@@ -126,8 +115,8 @@ class Records:
 
     @property
     def further(self) -> dict[str, NDArray[Any]]:
-        """The columns that the layout does not list, as they stand in the file."""
-        return {n: values for n, values in self.columns.items() if n not in self.LAYOUT.names}
+        """The columns that stand in memory as in the file."""
+        return {name: v for name, v in self.columns.items() if name not in self.LAYOUT.datasets}
 
     @property
     def points(self) -> Floats:
@@ -145,35 +134,29 @@ class Records:
     def replaced(self, **changes: Any) -> Self:
         """Return the same with other attributes and columns; None removes a column.
 
-        A column that is there stays per item, or of the file. `per_item` and `whole` stand for all
-        columns of either kind, `further` for all that the layout does not list.
+        A column that is there stays per item, or of the file. `further` stands for all of these.
         """
         fields = {name: changes.pop(name, getattr(self, name)) for name in _FIELDS}
-        per_item = dict(changes.pop("per_item", self.per_item))
-        whole = dict(changes.pop("whole", self.whole))
         if "further" in changes:
-            further = dict.fromkeys(self.further) | dict(changes.pop("further"))
-            listed = self.LAYOUT.names
-            changes = {name: v for name, v in further.items() if name not in listed} | changes
-        else:
-            self._require_listed(changes, per_item, whole)
-        whole |= {name: changes.pop(name) for name in changes.keys() & whole.keys()}
+            changes = dict.fromkeys(self.further) | dict(changes.pop("further")) | changes
+        whole = {name: changes.pop(name, values) for name, values in self.whole.items()}
         whole = {name: values for name, values in whole.items() if values is not None}
-        return type(self)(**fields, columns={**per_item, **changes}, whole=whole)
+        return type(self)(**fields, columns={**self.per_item, **changes}, whole=whole)
 
     def with_columns(self, columns: Columns | None = None, whole: Columns | None = None) -> Self:
         """Return the same with more columns, in place of those of the same names."""
-        rest = self.without({**(columns or {}), **(whole or {})})
-        return rest.replaced(
-            per_item={**rest.per_item, **(columns or {})}, whole={**rest.whole, **(whole or {})}
-        )
+        per_item, of_file = columns or {}, whole or {}
+        rest = self.without({**per_item, **of_file})
+        fields = {name: getattr(self, name) for name in _FIELDS}
+        columns, whole = {**rest.per_item, **per_item}, {**rest.whole, **of_file}
+        return type(self)(**fields, columns=columns, whole=whole)
 
     def without(self, names: Collection[str]) -> Self:
         """Return the same without these columns."""
-        return self.replaced(
-            per_item={name: v for name, v in self.per_item.items() if name not in names},
-            whole={name: v for name, v in self.whole.items() if name not in names},
-        )
+        bare = copy(self)
+        bare.per_item = {name: v for name, v in self.per_item.items() if name not in names}
+        bare.whole = {name: v for name, v in self.whole.items() if name not in names}
+        return bare
 
     def take(self, indices: Rows) -> Self:
         """Return the items at these indices (numbers, a mask or a slice), in their order."""
@@ -182,12 +165,13 @@ class Records:
         taken.items = tuple(self.items[row] for row in rows.tolist())
         if self.sequences is not None:
             taken.sequences = tuple(self.sequences[row] for row in rows.tolist())
-        own: Any = indices if isinstance(indices, slice) else rows  # a slice copies nothing
-        counts = {n: c.counted_by for n, c in self.LAYOUT.datasets.items() if c.counted_by}
-        taken.per_item = {
-            name: values[_pieces(self.per_item[counts[name]], rows) if name in counts else own]
-            for name, values in self.per_item.items()
-        }
+        chosen: Any = indices if isinstance(indices, slice) else rows  # a slice copies nothing
+        taken.per_item = {}
+        for name, values in self.per_item.items():
+            column = self.LAYOUT.datasets.get(name)
+            counts = column and self.per_item.get(column.counted_by)
+            pieces = chosen if counts is None else _counted_rows(counts, rows)
+            taken.per_item[name] = values[pieces]
         return taken
 
     def with_whole_points(self) -> Self:
@@ -236,11 +220,9 @@ class ShapeSet(Records):
         if self.edges is not None:
             changes["edges"] = position[self.edges]
         if (index := self.whole.get("mirror_index")) is not None:
-            whole_numbers = index.dtype.kind in "iu" and index.shape == (len(names),)
-            if not whole_numbers or ((index < 0) | (index >= len(names))).any():
-                found = "does not pair the landmarks"
+            if not np.array_equal(np.sort(index, axis=None), np.arange(len(names))):
                 fix = "store the index of each landmark's mirror image, or remove it"
-                raise input_error(f"{place}:/mirror_index", found, fix)
+                raise input_error(f"{place}:/mirror_index", "does not pair the landmarks", fix)
             changes["mirror_index"] = position[index[columns]]
         return self.replaced(landmark_names=names, **changes)
 
@@ -281,18 +263,14 @@ class LandmarkSet(Records):
         p, wanted = len(self.landmark_names), set(names)
         retained = [j for j in range(p) if not omit or self.landmark_names[j] in wanted]
         places = match_landmarks(names, [self.landmark_names[j] for j in retained], place)
-
-        def arranged(values: NDArray[Any], absent: float, axis: int = -1) -> NDArray[Any]:
-            every = np.moveaxis(values, axis, -1)
-            wider = np.full((*every.shape[:-1], len(names)), absent, values.dtype)
-            wider[..., places] = every[..., retained]
-            return np.moveaxis(wider, -1, axis)
-
-        changes: dict[str, Any] = {"landmarks": arranged(self.landmarks, np.nan)}
+        points = np.full((len(self), 2, len(names)), np.nan)
+        points[..., places] = self.landmarks[..., retained]
+        changes: dict[str, Any] = {"landmarks": points}
         for name in ("confidence", *LABELS, LANDMARK_COVARIANCE):
             values = self.per_item.get(name)
             if values is not None and values.shape[:2] == (len(self), p):
-                changes[name] = arranged(values, 0, axis=1)
+                changes[name] = np.zeros((len(self), len(names), *values.shape[2:]), values.dtype)
+                changes[name][:, places] = values[:, retained]
         if (lines := self.lines) is not None:
             position = np.full(p, -1)
             position[retained] = places
@@ -304,19 +282,11 @@ class LandmarkSet(Records):
 class ResultSet(Records):
     """The fit of n images: shapes (n, 3, p) in the camera frame and `unit`, NaN where it failed.
 
-    landmarks_fitted (n, 2, p) of a perspective camera (of others they are shapes[:, :2]);
-    coefficients (n, k); rotation (n, 3, 3); translation (n, 2); scale, objective, relative_gap,
-    iterations, status (n); shape_sd (n, 3, p), standard deviations of the shapes; transforms
-    (n, k, 2, 3); mesh_vertices (n, 3, q). All but the shapes may be None, as in a CSV file.
-
-    What proves the optimum of the convex program, in normalised units: dual (n, 2, p), feasible;
-    convex_translation (n, 2), convex_objective and convex_relative_gap (n,), the last two where
-    objective and relative_gap are not those of the program; the transforms that are not 0, one
-    image after the other: active_transforms (a, 2, 3) of the atoms transform_atom (a,), and
-    transform_count (n,) of them for each image.
-
-    attributes are stored with the file (method, times, config, digests). What else a fit writes is
-    listed in `layout.RESULTS`.
+    landmarks_fitted (n, 2, p) of a perspective camera (of others they are shapes[:, :2]). All but
+    the shapes may be None, as in a CSV file. What proves the optimum (`layout.PROOF`) is in
+    normalised units; the transforms that are not 0 stand one image after the other:
+    active_transforms (a, 2, 3) of the atoms transform_atom (a,), transform_count (n,) of each
+    image. attributes are stored with the file (method, times, config, digests).
     """
 
     LAYOUT = RESULTS
@@ -331,10 +301,7 @@ Record = TypeVar("Record", bound=Records)
 
 
 def concatenate(parts: Sequence[Record]) -> Record:
-    """Join records of the same landmarks and columns, in their order.
-
-    What is not per item is taken from the first part.
-    """
+    """Join records of the same landmarks and columns; what is of the file comes from the first."""
     first = parts[0]
     if len(parts) == 1:
         return first
@@ -348,8 +315,8 @@ def concatenate(parts: Sequence[Record]) -> Record:
     return joined
 
 
-def _pieces(counts: Integers, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+def _counted_rows(counts: Integers, items: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return the rows of what is counted by `counts` (n,) that belong to these items."""
     ends = np.cumsum(counts)
-    pieces = [np.arange(ends[row] - counts[row], ends[row]) for row in rows]
+    pieces = [np.arange(ends[item] - counts[item], ends[item]) for item in items]
     return np.concatenate([np.empty(0, dtype=np.intp), *pieces])

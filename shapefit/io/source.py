@@ -422,10 +422,9 @@ def _open(
     if file_format is HDF5:
         file = _open_hdf5(path, form, gaps, large=first is None, **how)
     else:
-        from shapefit.io.csv_file import read_csv
-        from shapefit.io.tidy_table import Spool
+        from shapefit.io.tidy_table import Spool, read_csv
 
-        records, notes, estimate = read_csv(path, form.kind, gaps=gaps, first=first)
+        records, notes = read_csv(path, form.kind, gaps=gaps)
         file = SourceFile.of(name, records)
         if isinstance(records, Spool):
             file = replace(file, texts=records.texts, close=records.close)
@@ -434,7 +433,7 @@ def _open(
             notes += tuple(f"{name}: {text}" for text in warn_of_zeros(some.swapaxes(1, 2)))
         if form is SHAPES:
             check_magnitudes(name, records.shapes, records.items, records.landmark_names)
-        file = replace(file, notes=notes, estimate=estimate)
+        file = replace(file, notes=notes)
     if form is LANDMARKS:
         file = _in_pixels(file, options) if how["check"] else file
         return _hiding(file, options.min_confidence)
@@ -466,7 +465,6 @@ def _open_hdf5(
     reader = Hdf5Reader(path, form, old=old)
     stated, names = reader.stated["y_axis"], reader.landmark_names
     start, stop, _ = (rows or slice(None)).indices(reader.count)
-    without = without if large else {*without, *reader.large(LARGEST, BLOCK)}
 
     def opened() -> Hdf5Reader:
         nonlocal reader

@@ -1,17 +1,14 @@
-"""The tidy table, one row a landmark of an item: its columns, and how its rows become records.
-
-`csv_file` knows text alone.
-"""
+"""The tidy table, one row a landmark of an item: its columns, and how its rows become records."""
 
 from __future__ import annotations
 
-import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from itertools import count
+from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import orjson
@@ -20,11 +17,15 @@ from numpy.typing import NDArray
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import input_error
 from shapefit.io.checks import input_problems
-from shapefit.io.inputs import check_fits
+from shapefit.io.csv_file import open_table
+from shapefit.io.inputs import check_fits, is_stream, source_name
 from shapefit.io.records import KINDS, LandmarkSet, concatenate
 
-IGNORED = ("sd_x", "sd_y", "sd_z", "modes", "trusted")
-"""Columns of results that may be there, and that nothing here reads back."""
+OPTIONAL = {
+    "landmarks": ("confidence", "sequence"),
+    "shapes": ("sequence", "sd_x", "sd_y", "sd_z", "modes", "trusted"),
+}
+"""Columns that may be there; of shapes and results all but `sequence` are not read back."""
 
 FINITE_FIX = "write a finite number"
 FIXES = {
@@ -37,53 +38,201 @@ FIXES = {
 MISSED = -1.0
 """Both coordinates of a landmark without confidence that was not found."""
 
-IDENTITIES = ("person_id", "track_id", "individual", "id")
-"""Columns that tell apart who is in one image: items and sequences end in them."""
-
 MAX_IN_MEMORY = 1 << 19
-"""Landmarks of a table that are held; more go to a temporary file, item by item."""
-
-SCATTERED = "the rows of items do not stand together, so that it was read whole: sort it by item"
-
-Cells = Mapping[str, Sequence[str]]
-Block = tuple[Integers, Cells]
-"""The lines of some rows, and their cells by column."""
+"""Rows of a table that are held; more go to a temporary file, item by item."""
 
 
-class Rows(NamedTuple):
-    """An open table: its name and columns, and its rows, which `blocks` reads anew."""
+def read_csv(path: Path, kind: str, *, gaps: bool = False) -> tuple[Any, tuple[str, ...]]:
+    """Read `item,landmark,x,y[,confidence]` or `item,landmark,x,y,z`, each with `[,sequence]`.
 
-    name: str
-    columns: Sequence[str]
-    blocks: Callable[[], Iterator[Block]]
-    once: bool
+    Return records, or a Spool of many landmarks, and warnings. Items and landmarks stand in order
+    of appearance. A landmark that has no row or lacks a coordinate is NaN, its confidence 0; shapes
+    need all unless `gaps`. Raises InputError for the first wrong cells, by line.
+    """
+    name, spool = source_name(path), None
+    columns, blocks = open_table(path)
+    _check_columns(columns, kind, f"{name}:1")
+    table = _Table(name, columns, kind, gaps)
+    for lines, cells in blocks:
+        table.take(lines, cells)
+        if kind == "landmarks" and table.size > MAX_IN_MEMORY:
+            spool = spool or Spool()
+            spool.append(table.pop_complete())
+    rest = table.records()
+    if spool is None:
+        return rest, ()
+    spool.append(rest)
+    if not spool.repeats():
+        return spool, ()
+    spool.close()
+    fault = "the rows of items do not stand together"
+    if is_stream(path) or not path.is_file():
+        raise input_error(name, fault, "sort them by item, or name the file itself")
+    table = _Table(name, columns, kind, gaps)
+    for lines, cells in open_table(path)[1]:
+        table.take(lines, cells)
+    return table.records(), (f"{name}: {fault}, so that it was read whole: sort it by item",)
 
 
-def table_columns(kind: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the columns that a table of a kind needs, and those that it may have."""
-    if kind == "landmarks":
-        return ("item", "landmark", "x", "y"), ("confidence", "sequence")
-    return ("item", "landmark", "x", "y", "z"), ("sequence", *IGNORED)
-
-
-def check_columns(columns: Sequence[str], kind: str, place: str) -> None:
+def _check_columns(columns: Sequence[str], kind: str, place: str) -> None:
     """Raise InputError for columns that are unknown, there twice, or missing."""
-    required, optional = table_columns(kind)
-    wanted = ",".join(required) + "".join(f"[,{column}]" for column in optional)
-    names = {*required, *optional, *IDENTITIES}
+    required = ("item", "landmark", "x", "y", *(() if kind == "landmarks" else ("z",)))
+    names = (*required, *OPTIONAL.get(kind, OPTIONAL["shapes"]))
+    wanted = ",".join(required) + "".join(f"[,{column}]" for column in names[len(required) :])
     problems = []
-    for column in columns:
+    for column in dict.fromkeys((*columns, *required)):
         if column not in names:
             near = get_close_matches(column, names, n=1)
             fix = f"did you mean '{near[0]}'?" if near else f"the columns are {wanted}"
             problems.append(f"{place}: unknown column '{column}'; {fix}")
         elif columns.count(column) > 1:
             problems.append(f"{place}: the column '{column}' repeats; keep one of them")
-    for column in required:
-        if column not in columns:
+        elif column not in columns and column in required:
             problems.append(f"{place}: there is no column '{column}'; the columns are {wanted}")
     if problems:
         raise input_problems(problems)
+
+
+class _Table:
+    """The rows of a table while its blocks come in: numbers of items and landmarks, and values."""
+
+    def __init__(self, name: str, columns: Sequence[str], kind: str, gaps: bool) -> None:
+        self._name, self._kind = name, kind
+        self._axes = ("x", "y") if kind == "landmarks" else ("x", "y", "z")
+        self._finite = kind == "shapes" and not gaps
+        self._fix = FIXES["gaps" if gaps else kind]
+        self._scored = kind == "landmarks" and "confidence" in columns
+        self._sequences: dict[str, str] | None = {} if "sequence" in columns else None
+        self._items = _numbering()
+        self._landmarks = _numbering()
+        self._parts: list[tuple[Any, ...]] = []
+        self.size = 0
+        self._problems: list[tuple[int, str]] = []
+
+    def take(self, lines: Integers, cells: Mapping[str, Sequence[str]]) -> None:
+        """Take some rows; raises InputError for wrong ones."""
+        for column in ("item", "landmark"):
+            if "" in cells[column]:
+                empty = np.array([text == "" for text in cells[column]])
+                self._note(column, cells, lines, empty, f"name the {column}")
+        item = _numbers_of(cells["item"], self._items)
+        landmark = _numbers_of(cells["landmark"], self._landmarks)
+        if self._sequences is not None:
+            fresh = dict(zip(reversed(cells["item"]), reversed(cells["sequence"]), strict=True))
+            for name, sequence in fresh.items():
+                self._sequences.setdefault(name, sequence)
+            first = [*map(self._sequences.__getitem__, cells["item"])]
+            if first != [*cells["sequence"]]:
+                wrong = np.array(first, object) != np.array(cells["sequence"], object)
+                fix = "give all rows of an item one sequence"
+                self._note("sequence", cells, lines, wrong, fix)
+        points = []
+        for axis in self._axes:
+            values, invalid = read_numbers(cells[axis])
+            wrong = invalid | (~np.isfinite(values) if self._finite else np.isinf(values))
+            self._note(axis, cells, lines, wrong, self._fix)
+            points.append(values)
+        missing = np.isnan(points).any(axis=0)
+        confidence = np.zeros(len(lines))
+        if self._scored:
+            confidence, _ = read_numbers(cells["confidence"])
+            wrong = ~(np.isfinite(confidence) & (confidence >= 0))
+            fix = "write 0 (hidden) or a positive number"
+            self._note("confidence", cells, lines, wrong, fix)
+        if self._kind == "landmarks":  # as some detectors write what they miss
+            missing |= (np.array(points) == MISSED).all(axis=0) & ~(confidence > 0)
+        for values in points:
+            values[missing] = np.nan
+        self._raise_problems()
+        self.size += len(lines)
+        self._parts.append((lines.astype(np.int32), item, landmark, *points, confidence))
+
+    def records(self) -> Any:
+        """Return what was taken. Raises InputError for double rows, and for what shapes lack."""
+        columns = [np.concatenate(part) for part in zip(*self._parts, strict=True)]
+        items, names = tuple(self._items), tuple(self._landmarks)
+        n, p, d = len(items), len(names), len(self._axes)
+        check_fits(self._name, n * p * 8 * (d + 2))
+        planes = np.full((d, n * p), np.nan)
+        confidence = np.zeros(n * p)
+        if columns:
+            lines, item, landmark, *values, scores = columns
+            cells = item * np.int64(p) + landmark
+            counts = np.bincount(cells, minlength=n * p)
+            if (counts > 1).any():
+                self._raise_for_repeated(lines, cells)
+            if self._finite and not counts.all():
+                self._raise_for_missing(np.flatnonzero(counts == 0))
+            for plane, column in zip(planes, values, strict=True):
+                plane[cells] = column
+            confidence[cells] = scores
+        points = np.ascontiguousarray(planes.reshape(d, n, p).swapaxes(0, 1))
+        sequences = None if self._sequences is None else [self._sequences[name] for name in items]
+        fields: dict[str, Any] = {"confidence": confidence.reshape(n, p)} if self._scored else {}
+        return KINDS[self._kind](points, names, items, sequences, **fields)
+
+    def pop_complete(self) -> LandmarkSet:
+        """Take out all items but the last one, of which more rows may come."""
+        images: LandmarkSet = self.records()
+        last = len(images) - 1
+        item = images.items[last]
+        kept = [np.concatenate(part) for part in zip(*self._parts, strict=True)]
+        rows = kept[1] == last
+        kept = [column[rows] for column in kept]
+        kept[1][:] = 0
+        self._parts, self._items, self.size = [tuple(kept)], _numbering(item), len(kept[1])
+        if self._sequences is not None:
+            self._sequences = {item: self._sequences[item]}
+        return images.take(slice(0, last))
+
+    def _raise_for_repeated(self, lines: Integers, cells: Integers) -> None:
+        """Raise InputError for the rows whose item and landmark are on an earlier line, too."""
+        items, names = tuple(self._items), tuple(self._landmarks)
+        _, first, inverse = np.unique(cells, return_index=True, return_inverse=True)
+        for row in np.flatnonzero(first[inverse] != np.arange(len(cells))).tolist():
+            i, j = divmod(int(cells[row]), len(names))
+            again = f"is also on line {lines[first[inverse[row]]]}; keep one of them"
+            self._tell(lines[row], f"item '{items[i]}', landmark '{names[j]}' {again}")
+        self._raise_problems()
+
+    def _raise_for_missing(self, cells: Integers) -> None:
+        """Raise InputError for items and landmarks without a row."""
+        items, names = tuple(self._items), tuple(self._landmarks)
+        fix = "write every landmark of every item"
+        pairs = [divmod(cell, len(names)) for cell in cells[:10].tolist()]
+        faults = [f"item '{items[i]}' has no landmark '{names[j]}'; {fix}" for i, j in pairs]
+        raise input_problems([f"{self._name}: {fault}" for fault in faults], len(cells))
+
+    def _note(
+        self,
+        column: str,
+        cells: Mapping[str, Sequence[str]],
+        lines: Integers,
+        wrong: Flags,
+        fix: str,
+    ) -> None:
+        """Note the wrong cells of a column."""
+        for row in np.flatnonzero(wrong).tolist() if wrong.any() else ():
+            cell = cells[column][row]
+            fault = f"is '{cell}'" if cell else "is empty"
+            self._tell(lines[row], f"{column} {fault}; {fix}")
+
+    def _tell(self, line: int, fault: str) -> None:
+        self._problems.append((int(line), f"{self._name}:{line}: {fault}"))
+
+    def _raise_problems(self) -> None:
+        if self._problems:
+            raise input_problems([text for _, text in sorted(self._problems, key=lambda p: p[0])])
+
+
+def _numbering(*texts: str) -> defaultdict[str, int]:
+    """Return a dictionary that gives the next number to each new text, beginning with these."""
+    return defaultdict(count(len(texts)).__next__, zip(texts, count()))
+
+
+def _numbers_of(texts: Sequence[str], numbers: defaultdict[str, int]) -> NDArray[np.int32]:
+    """Return the number of the text in each row; a new text gets the next one."""
+    return np.fromiter(map(numbers.__getitem__, texts), np.int32, len(texts))
 
 
 class Spool:
@@ -94,278 +243,61 @@ class Spool:
 
     def __init__(self) -> None:
         self.landmark_names: tuple[str, ...] = ()
-        self.starts = [0]
         self._file = TemporaryFile()  # noqa: SIM115 gone with the source
-        self._offsets: list[int] = []
+        self._starts, self._offsets = [0], list[int]()
+        self._hashes: list[NDArray[np.int64]] = []
         self._last: tuple[int, LandmarkSet] | None = None
 
     def __len__(self) -> int:
-        return self.starts[-1]
+        return self._starts[-1]
 
     def append(self, images: LandmarkSet) -> None:
         """Write images after those that are there."""
+        self.landmark_names = images.landmark_names
         self._offsets.append(self._file.seek(0, 2))
-        self.starts.append(len(self) + len(images))
-        texts = "\0".join((*images.items, *(images.sequences or ()))).encode()
-        np.save(self._file, np.frombuffer(texts, np.uint8))
-        for values in (images.landmarks, images.confidence):
-            np.save(self._file, np.empty(0) if values is None else values)
+        self._starts.append(len(self) + len(images))
+        self._hashes.append(np.fromiter(map(hash, images.items), np.int64, len(images)))
+        texts = orjson.dumps((images.items, images.sequences))
+        absent = np.empty(0)
+        scores = absent if images.confidence is None else images.confidence
+        for values in (np.frombuffer(texts, np.uint8), images.landmarks, scores):
+            np.save(self._file, values)
 
-    def part(self, number: int) -> LandmarkSet:
-        """Read the images of a part; landmarks that came later are unseen in it."""
-        if self._last is None or self._last[0] != number:
-            self._file.seek(self._offsets[number])
-            texts, points, confidence = (np.load(self._file) for _ in range(3))
-            n, _, p = points.shape
-            items = tuple(texts.tobytes().decode().split("\0"))
-            images = LandmarkSet(
-                points,
-                self.landmark_names[:p],
-                items[:n],
-                items[n:] or None,
-                confidence=confidence if confidence.size else None,
-            )
-            self._last = number, images.arrange(self.landmark_names)
-        return self._last[1]
+    def repeats(self) -> bool:
+        """Whether an item is there twice, as its rows do not stand together."""
+        hashes = np.sort(np.concatenate(self._hashes))
+        return bool((hashes[1:] == hashes[:-1]).any())
 
     def take(self, rows: slice) -> LandmarkSet:
         """Return the images of these rows."""
         parts = []
-        for number, (start, stop) in enumerate(zip(self.starts, self.starts[1:], strict=False)):
-            if start < rows.stop and rows.start < stop:
-                own = slice(max(rows.start - start, 0), rows.stop - start)
-                parts.append(self.part(number).take(own))
-        return concatenate(parts) if parts else self.part(0).take(slice(0))
+        for number, start in enumerate(self._starts[:-1]):
+            if start < rows.stop and rows.start < self._starts[number + 1]:
+                inner = slice(max(rows.start - start, 0), rows.stop - start)
+                parts.append(self._part(number).take(inner))
+        return concatenate(parts) if parts else self._part(0).take(slice(0))
 
     def texts(self, name: str) -> Iterator[Sequence[str]]:
         """Read the items, or the sequences, part by part."""
         for number in range(len(self._offsets)):
-            images = self.part(number)
+            images = self._part(number)
             yield images.items if name == "item" else images.sequences or ()
 
     def close(self) -> None:
         """Close the file, with which it is gone."""
         self._file.close()
 
-
-def read_tidy(
-    rows: Rows, kind: str, *, gaps: bool = False, first: int | None = None
-) -> tuple[Any, tuple[str, ...], int | None]:
-    """Return the records of a table, or a Spool of many landmarks; warnings; and the last line.
-
-    That is None unless only some `first` landmarks are read, and there are more.
-
-    Items and landmarks stand in order of appearance. A landmark that has no row or lacks a
-    coordinate is NaN, its confidence 0; shapes need all unless `gaps`. Raises InputError for the
-    first wrong cells, by line.
-    """
-    table = _Table(rows, kind, gaps)
-    spool = Spool() if kind == "landmarks" else None
-    hashes: list[NDArray[np.int64]] = []
-
-    def flush(last: int) -> None:
-        images = table.pop(last)
-        hashes.append(np.fromiter(map(hash, images.items), np.int64, len(images)))
-        assert spool is not None
-        spool.append(images)
-
-    for lines, cells in rows.blocks():
-        table.take(lines, cells)
-        if first is not None and table.size > min(first, MAX_IN_MEMORY) and not rows.once:
-            return table.pop(-1), (), int(lines[-1])
-        if spool is not None and table.size > MAX_IN_MEMORY:
-            flush(-1)
-    if not hashes or spool is None:
-        return table.records(), (), None
-    flush(0)
-    order = np.sort(np.concatenate(hashes))
-    if (order[1:] != order[:-1]).all():
-        spool.landmark_names = table.names("landmark")
-        return spool, (), None
-    spool.close()
-    if rows.once:
-        found = "rows of an item do not stand together"
-        raise input_error(rows.name, found, "sort them by item, or name the file itself")
-    table = _Table(rows, kind, gaps)
-    for lines, cells in rows.blocks():
-        table.take(lines, cells)
-    return table.records(), (f"{rows.name}: {SCATTERED}",), None
-
-
-class _Table:
-    """The arrays of a table while its blocks come in."""
-
-    def __init__(self, rows: Rows, kind: str, gaps: bool) -> None:
-        self._rows, self._kind = rows, kind
-        self._axes = ("x", "y") if kind == "landmarks" else ("x", "y", "z")
-        self._finite = kind == "shapes" and not gaps
-        self._fix = FIXES["gaps" if gaps else kind]
-        self._has = {name: name in rows.columns for name in ("confidence", "sequence")}
-        self._has["sequence"] |= bool({*IDENTITIES} & {*rows.columns})
-        texts = ("item", "landmark", "sequence")
-        self._numbers = {name: defaultdict[str, int](count().__next__) for name in texts}
-        d = len(self._axes)
-        self._grids: dict[str, tuple[NDArray[Any], float]] = {
-            "lines": (np.zeros((0, 0), np.uint32), 0),  # of each item and landmark; 0 is none
-            "points": (np.empty((0, d, 0)), np.nan),
-            "confidence": (np.empty((0, 0)), 0.0),
-            "sequence": (np.empty(0, np.int64), -1),
-        }
-        self._problems: list[tuple[int, str]] = []
-
-    @property
-    def size(self) -> int:
-        """Number of landmarks of all items."""
-        return len(self._numbers["item"]) * len(self._numbers["landmark"])
-
-    def names(self, column: str) -> tuple[str, ...]:
-        """Return the texts of a column in order of appearance."""
-        return tuple(self._numbers[column])
-
-    def take(self, lines: Integers, cells: Cells) -> None:
-        """Take some rows; raises InputError for wrong ones."""
-        cells = _with_identities(cells)
-        before = len(self._numbers["item"])
-        item, landmark = (self._number(name, cells, lines) for name in ("item", "landmark"))
-        n, p = len(self._numbers["item"]), len(self._numbers["landmark"])
-        place = item * p + landmark
-        first_lines = self._grid("lines", n, p).reshape(-1)
-        fresh = np.flatnonzero(first_lines[place] == 0)[::-1]  # of equal ones the first wins
-        first_lines[place[fresh]] = lines[fresh]
-        first = first_lines[place]
-        for row in np.flatnonzero(first != lines).tolist():
-            names = f"item '{cells['item'][row]}', landmark '{cells['landmark'][row]}'"
-            self._tell(lines[row], f"{names} is also on line {first[row]}; keep one of them")
-        if self._has["sequence"]:
-            codes = self._number("sequence", cells, lines)
-            sequence = self._grid("sequence", n)
-            new = np.flatnonzero(item >= before)[::-1]
-            sequence[item[new]] = codes[new]
-            wrong = codes != sequence[item]
-            self._note("sequence", cells, lines, wrong, "give all rows of an item one sequence")
-        columns = []
-        for axis in self._axes:
-            values, invalid = read_numbers(cells[axis])
-            wrong = invalid | (~np.isfinite(values) if self._finite else np.isinf(values))
-            self._note(axis, cells, lines, wrong, self._fix)
-            columns.append(values)
-        missing = np.isnan(columns).any(axis=0)
-        confidence: Any = np.zeros(len(lines))
-        if self._has["confidence"]:
-            confidence, _ = read_numbers(cells["confidence"])
-            wrong = ~(np.isfinite(confidence) & (confidence >= 0))
-            fix = "write 0 (hidden) or a positive number"
-            self._note("confidence", cells, lines, wrong, fix)
-            self._grid("confidence", n, p).reshape(-1)[place] = confidence
-        if self._kind == "landmarks":  # as some detectors write what they miss
-            missing |= (np.asarray(columns) == MISSED).all(axis=0) & ~(confidence > 0)
-        d = len(columns)
-        points = self._grid("points", n, d, p).reshape(-1)
-        for number, values in enumerate(columns):
-            points[(item * d + number) * p + landmark] = np.where(missing, np.nan, values)
-        if self._problems:
-            raise input_problems([text for _, text in sorted(self._problems, key=lambda p: p[0])])
-
-    def records(self) -> Any:
-        """Return what was taken. Raises InputError for landmarks that shapes lack."""
-        items, names = self.names("item"), self.names("landmark")
-        n, p = len(items), len(names)
-        if self._finite:
-            missing = np.argwhere(self._grid("lines", n, p)[:n] == 0)
-            problems = [
-                f"{self._rows.name}: item '{items[row]}' has no landmark '{names[column]}'; "
-                "write every landmark of every item"
-                for row, column in missing[:10].tolist()
-            ]
-            if problems:
-                raise input_problems(problems, len(missing))
-        return self._of_items(items, n)
-
-    def pop(self, last: int) -> LandmarkSet:
-        """Take out the items that are there, but for the last one where `last` is -1."""
-        items = self.names("item")
-        n = len(items) + last
-        images: LandmarkSet = self._of_items(items[:n], n)
-        retained = {"item": items[n:], "sequence": self.names("sequence")}
-        for name, (values, fill) in self._grids.items():
-            self._grids[name] = values[n : len(items)].copy(), fill
-        sequence = self._grids["sequence"][0]
-        retained["sequence"] = tuple(retained["sequence"][code] for code in sequence.tolist())
-        sequence[:] = 0  # of one item at most
-        for name, texts in retained.items():
-            self._numbers[name] = defaultdict(count(len(texts)).__next__, zip(texts, count()))
-        return images
-
-    def _of_items(self, items: tuple[str, ...], n: int) -> Any:
-        p, d = len(self._numbers["landmark"]), len(self._axes)
-        fields: dict[str, Any] = {"landmark_names": self.names("landmark"), "items": items}
-        if self._has["sequence"]:
-            texts = self.names("sequence")
-            codes = self._grid("sequence", n)[:n].tolist()
-            fields["sequences"] = tuple(texts[code] for code in codes)
-        if self._has["confidence"]:
-            fields["confidence"] = self._cut("confidence", n, p)
-        return KINDS[self._kind](self._cut("points", n, d, p), **fields)
-
-    def _grid(self, name: str, *shape: int) -> NDArray[Any]:
-        """Return an array of at least these axes, the first with room to grow."""
-        values, fill = self._grids[name]
-        length, *others = values.shape
-        if others != list(shape[1:]):
-            check_fits(self._rows.name, math.prod(shape) * values.itemsize)
-            wider = np.full((length, *shape[1:]), fill, values.dtype)
-            wider[tuple(map(slice, values.shape))] = values
-            values = wider
-        if shape[0] > length:  # where the array lies, so that it is never held twice
-            values.resize((shape[0] * 5 // 4, *shape[1:]), refcheck=False)
-            values[length:] = fill
-        self._grids[name] = values, fill
-        return values
-
-    def _cut(self, name: str, *shape: int) -> NDArray[Any]:
-        """Return an array of these axes, without the room to grow where all of it is taken."""
-        values = self._grid(name, *shape)
-        if shape[0] == len(self._numbers["item"]):
-            values.resize(shape, refcheck=False)
-        return values[: shape[0]]
-
-    def _number(self, column: str, cells: Cells, lines: Integers) -> Integers:
-        """Return the number of the text in each row; a new text gets the next one."""
-        texts = cells[column]
-        if column != "sequence" and "" in texts:
-            unnamed = np.array([text == "" for text in texts])
-            self._note(column, cells, lines, unnamed, f"name the {column}")
-        number, period = self._numbers[column].__getitem__, len(self._numbers[column])
-        if 0 < period < len(texts) and texts[period:] == texts[:-period]:  # as most tables repeat
-            return np.resize(np.fromiter(map(number, texts[:period]), np.int64), len(texts))
-        return np.fromiter(map(number, texts), np.int64, len(texts))
-
-    def _note(self, column: str, cells: Cells, lines: Integers, wrong: Flags, fix: str) -> None:
-        """Note the wrong cells of a column."""
-        for row in np.flatnonzero(wrong).tolist() if wrong.any() else ():
-            cell = cells[column][row]
-            found = f"'{cell}'" if cell else "empty"
-            self._tell(lines[row], f"{column} is {found}; {fix}")
-
-    def _tell(self, line: int, found: str) -> None:
-        self._problems.append((int(line), f"{self._rows.name}:{line}: {found}"))
-
-
-def _with_identities(cells: Cells) -> Cells:
-    """Return columns of which items and sequences end in who is in the image, where that is said.
-
-    Without sequences, each individual is one.
-    """
-    named = next((cells[name] for name in IDENTITIES if name in cells), None)
-    if named is None:
-        return cells
-    items = zip(cells["item"], named, strict=True)
-    sequences = zip(cells.get("sequence", [""] * len(named)), named, strict=True)
-    return {
-        **cells,
-        "item": [f"{item}/{who}" if item and who else item for item, who in items],
-        "sequence": ["/".join(filter(None, pair)) for pair in sequences],
-    }
+    def _part(self, number: int) -> LandmarkSet:
+        """Read the images of a part; landmarks that came later are unseen in it."""
+        if self._last is None or self._last[0] != number:
+            self._file.seek(self._offsets[number])
+            texts, points, confidence = (np.load(self._file) for _ in range(3))
+            items, sequences = orjson.loads(texts.tobytes())
+            names = self.landmark_names[: points.shape[2]]
+            scores = confidence if confidence.size else None
+            images = LandmarkSet(points, names, items, sequences, confidence=scores)
+            self._last = number, images.arrange(self.landmark_names)
+        return self._last[1]
 
 
 def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
@@ -385,11 +317,11 @@ def read_numbers(cells: Sequence[str]) -> tuple[Floats, Flags]:
             return np.fromiter(values, np.float64, len(values)), invalid
         if kinds <= {float, int, type(None)} and values.count(None) == cells.count(""):
             return np.array(values, np.float64), invalid
-    numbers = np.full(len(cells), math.nan)
+    numbers = np.full(len(cells), np.nan)
     for row, cell in enumerate(map(str.strip, cells)):
         try:
             invalid[row] = "_" in cell or not cell.isascii()  # which float() alone would take
-            numbers[row] = math.nan if invalid[row] else float(cell or "nan")
+            numbers[row] = np.nan if invalid[row] else float(cell or "nan")
         except ValueError:
             invalid[row] = True
     return numbers, invalid

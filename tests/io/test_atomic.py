@@ -53,7 +53,10 @@ class TestOneFile:
             (ZeroDivisionError(), ZeroDivisionError),
             (PermissionError(errno.EACCES, "elsewhere"), PermissionError),
             (BrokenPipeError(errno.EPIPE, "gone"), BrokenPipeError),
-            *((OSError(n, "no"), InputError) for n in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)),
+            *(
+                (OSError(n, os.strerror(n)), InputError)
+                for n in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+            ),
         ],
     )
     def test_after_an_error_the_old_one_stands_alone(self, tmp_path, error, raised):
@@ -64,7 +67,9 @@ class TestOneFile:
         assert target.read_bytes() == b"old"
         assert os.listdir(tmp_path) == ["out.bin"]
         if raised is InputError:
-            assert str(found.value).startswith(f"{target}: cannot be written: no; free some space")
+            assert str(found.value).startswith(
+                f"{target}: cannot be written: {error.strerror}; free"
+            )
 
     @pytest.mark.parametrize(
         ("number", "fix"),

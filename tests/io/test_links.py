@@ -55,14 +55,6 @@ def _external_link(file: h5py.File, name: str, folder: Path) -> None:
     file[name] = h5py.ExternalLink(str(folder / "other.h5"), "/values")
 
 
-def _soft_link_outside(file: h5py.File, name: str, folder: Path) -> None:
-    file[name] = h5py.SoftLink("/nothing/here")
-
-
-def _soft_link_to_itself(file: h5py.File, name: str, _: Path) -> None:
-    file[name] = h5py.SoftLink(f"/{name}")
-
-
 def _virtual(source: str, dataset: str) -> Callable[[h5py.File, str, Path], None]:
     def make(file: h5py.File, name: str, folder: Path) -> None:
         layout = h5py.VirtualLayout((N, 4, 2), "f8")
@@ -76,8 +68,6 @@ def _virtual(source: str, dataset: str) -> Callable[[h5py.File, str, Path], None
 LINKS = {
     "external storage": _external_storage,
     "external link": _external_link,
-    "soft link to nothing": _soft_link_outside,
-    "soft link to itself": _soft_link_to_itself,
     "virtual of another file": _virtual("other.h5", "values"),
     "virtual of itself": _virtual(".", "{}"),
 }

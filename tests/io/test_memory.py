@@ -1,13 +1,9 @@
 """What does not fit in memory, or in its file, is refused by name before it is asked for."""
 
-import tracemalloc
-import zipfile
-import zlib
 
 import h5py
 import numpy as np
 import pytest
-from shapefit.cli.main import run
 
 from shapefit.io import inputs, open_landmarks, read_dictionary, read_results, read_shapes
 
@@ -41,8 +37,8 @@ def sparse(tmp_path):
     [
         ({"p": MANY}, "landmark_names", "B of memory, and "),
         ({"further": (MANY, 100)}, "further", "B of memory, and "),
-        ({"further": (10**5, 100)}, "further", ": of its 80 MB the file holds 0 bytes; "),
-        ({"n": MANY}, "shapes", " the file holds 0 bytes; "),
+        ({"further": (10**5, 100)}, "further", ": the file does not hold its 80 MB; "),
+        ({"n": MANY}, "shapes", ": the file does not hold its 2.4 TB; "),
     ],
 )
 def test_a_file_of_some_kilobytes_that_would_take_more(sparse, problems, sizes, place, found):
@@ -99,53 +95,9 @@ def landmark_file(path, **further):
     return path
 
 
-@pytest.mark.parametrize("command", ["info bomb.h5", "convert bomb.h5 -o out.h5"])
-@pytest.mark.parametrize("filters", ["gzip", "gzip twice"])
-def test_a_chunk_that_inflates_beyond_its_dataset(tmp_path, monkeypatch, capsys, command, filters):
-    monkeypatch.chdir(tmp_path)
-    path = landmark_file(tmp_path / "bomb.h5")
-    packed = zlib.compress(bytes(LARGE), 9)
-    with h5py.File(path, "r+") as file:
-        if filters == "gzip twice":
-            del file["landmarks"]
-            creation = h5py.h5p.create(h5py.h5p.DATASET_CREATE)
-            creation.set_chunk((3, 4, 2))
-            creation.set_deflate(9)
-            creation.set_filter(h5py.h5z.FILTER_DEFLATE, 0, (9,))
-            space = h5py.h5s.create_simple((3, 4, 2))
-            h5py.h5d.create(file.id, b"landmarks", h5py.h5t.IEEE_F64LE, space, creation)
-            packed = zlib.compress(packed, 9)
-        file["landmarks"].id.write_direct_chunk((0, 0, 0), packed)
-    assert path.stat().st_size < LARGE / 500
-    assert run(command.split()) == 2
-    told = capsys.readouterr().err
-    assert "bomb.h5:/landmarks: a compressed chunk holds more than the 192 bytes" in told
-    assert not (tmp_path / "out.h5").exists()
-
-
 def test_large_chunks_that_hold_what_they_declare_are_read(tmp_path, rng):
     noise = np.frombuffer(rng.bytes(100_000), np.uint8)
     with open_landmarks([landmark_file(tmp_path / "wide.h5", noise=noise)]) as source:
         found = source.whole()
     np.testing.assert_array_equal(found.whole["noise"], noise)
     assert found.landmarks[2, 1, 3] == 230
-
-
-def test_info_reads_no_large_datasets(tmp_path, capsys):
-    path = landmark_file(tmp_path / "carried.h5", carried=np.zeros((1, LARGE // 8)))
-    tracemalloc.start()
-    try:
-        assert run(["info", str(path)]) == 0
-        assert tracemalloc.get_traced_memory()[1] < LARGE / 10
-    finally:
-        tracemalloc.stop()
-    assert "images:       3" in capsys.readouterr().out
-
-
-def test_an_archive_of_arrays_says_its_size_before_it_is_read(tmp_path, problems):
-    path = tmp_path / "zeros.npz"
-    with zipfile.ZipFile(path, "w") as archive, archive.open("landmarks.npy", "w") as file:
-        head = {"descr": "<f8", "fortran_order": False, "shape": (10**9, 17, 2)}
-        np.lib.format.write_array_header_1_0(file, head)
-    (line,) = problems(open_landmarks, [path])
-    assert "cannot be read as an array (" in line

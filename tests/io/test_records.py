@@ -162,12 +162,12 @@ def test_a_mirror_index_belongs_to_the_file_where_there_are_as_many_shapes_as_la
 @pytest.mark.parametrize(
     ("name", "values", "wanted"),
     [
-        ("trusted", np.ones((5, 2)), "store numbers (items)"),
-        ("metres_per_unit", np.ones(5, complex), "store numbers (items)"),
-        ("log_evidence", np.full(5, "high", dtype=object), "store numbers (items)"),
-        ("reasons", np.empty(0, dtype=object), "store UTF-8 text (items)"),
-        ("landmark_map", np.eye(3), "store numbers (landmarks, landmarks)"),
-        ("input_landmark_names", np.arange(4), "store UTF-8 text (landmarks of the detector)"),
+        ("trusted", np.ones((5, 2)), "store numbers (5 items)"),
+        ("metres_per_unit", np.ones(5, complex), "store numbers (5 items)"),
+        ("log_evidence", np.full(5, "high", dtype=object), "store numbers (5 items)"),
+        ("reasons", np.empty(0, dtype=object), "store UTF-8 text (5 items)"),
+        ("landmark_map", np.eye(3), "store numbers (4 landmarks, 4 landmarks)"),
+        ("input_landmark_names", np.arange(4), "store UTF-8 text (4 landmarks of the detector)"),
     ],
 )
 def test_what_a_fit_writes_beside_the_layout_has_its_axes(tmp_path, results, name, values, wanted):
@@ -178,21 +178,13 @@ def test_what_a_fit_writes_beside_the_layout_has_its_axes(tmp_path, results, nam
     assert name in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("count", "found"),
-    [
-        (-1, "is -1, not a number"),
-        (9, "is 9, not a"),
-        (1, "holds 6 active transforms, and"),
-        (4, "holds 6 active transforms, and"),
-    ],
-)
-def test_counts_that_do_not_fit_are_refused(tmp_path, results, count, found):
+@pytest.mark.parametrize("count", [-1, 1, 4])
+def test_counts_that_do_not_fit_are_refused(tmp_path, results, count):
     proved = results.replaced(
         transform_count=np.array([2, 0, 1, count, 0]),
         transform_atom=np.arange(6),
         active_transforms=np.zeros((6, 2, 3)),
     )
     save(tmp_path / "result.h5", proved)
-    with pytest.raises(InputError, match=found):
+    with pytest.raises(InputError, match="transform_count: does not count the 6 active transforms"):
         read_results(tmp_path / "result.h5", proofs=True)

@@ -7,7 +7,7 @@ from shapefit.cli.main import run
 
 from shapefit.errors import InputError
 from shapefit.io import LandmarkSet, open_landmarks, read_dictionary, read_results
-from shapefit.io.layout import DIGEST, PER_ITEM, RENAMED
+from shapefit.io.layout import PER_ITEM, RENAMED
 from tests.io.files import load, save
 
 
@@ -15,7 +15,6 @@ def to_version_1(path):
     """Give a file the names of version 1, and none of what came with version 2."""
     with h5py.File(path, "a") as file:
         file.attrs["version"] = 1
-        del file.attrs[DIGEST]
         for old, name in RENAMED.items():
             if name in file:
                 file.move(name, old)
@@ -27,16 +26,6 @@ def test_attributes_are_text(landmark_file):
     with h5py.File(landmark_file) as file:
         assert file.attrs["y_axis"] == "down"
         assert file.attrs["unit"] == "px"
-
-
-def test_changed_texts_of_attributes_are_seen(landmark_file):
-    with h5py.File(landmark_file, "a") as file:
-        file.attrs["unit"] = "mm"
-    with pytest.raises(InputError, match="remove the attribute attributes_sha256"):
-        load(landmark_file)
-    with h5py.File(landmark_file, "a") as file:
-        del file.attrs[DIGEST]
-    assert load(landmark_file).unit == "mm"
 
 
 @pytest.mark.parametrize("n", [2, 3, 4])
