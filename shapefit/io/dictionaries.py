@@ -18,6 +18,13 @@ from shapefit.io.formats import HDF5, check_holds, own_format, record_writer
 from shapefit.io.layout import DICTIONARY, FIELDS
 
 AGAIN = "make the dictionary again"
+TINY = np.nextafter(0, 1)
+LEAST = {
+    **dict.fromkeys(("acceleration", "bone_tolerance", "edge_length"), 0.0),
+    "atom_scale": TINY,
+    "p_value_table": np.array([TINY, TINY, np.finfo(float).min, TINY]),
+}
+"""The least that numbers of a dictionary can be; all are finite."""
 PRIOR = ("prior_weights", "prior_means", "prior_covariances")
 
 
@@ -58,8 +65,7 @@ def _faults(fields: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield the datasets whose values are of no use, and why."""
     if coincide(fields["mean_shape"]):
         yield "mean_shape", "all its landmarks are at one point"
-    numbers = dict.fromkeys(("acceleration", "bone_tolerance", "edge_length"), 0.0)
-    for name, least in {**numbers, "atom_scale": np.nextafter(0, 1)}.items():
+    for name, least in LEAST.items():
         values = fields.get(name)
         if values is not None and not ((values >= least) & (values < np.inf)).all():
             yield name, "holds numbers that cannot be"
@@ -67,11 +73,9 @@ def _faults(fields: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         points = np.arange(len(index))
         if not (np.isin(index, points).all() and (index[index] == points).all()):
             yield "mirror_index", "does not pair the landmarks"
-    C, table = fields.get("edge_covariance"), fields.get("p_value_table")
+    C = fields.get("edge_covariance")
     if C is not None and C.size and not _is_covariance(C):
         yield "edge_covariance", "is no covariance"
-    if table is not None and (not table.size or not np.isfinite(table).all()):
-        yield "p_value_table", "holds numbers that cannot be"
 
 
 def _take_prior(fields: dict[str, Any], place: Place) -> Mixture | None:

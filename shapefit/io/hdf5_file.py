@@ -147,8 +147,10 @@ class Hdf5File:
             value_bytes = TEXT_BYTES if text else max(2 * dataset.dtype.itemsize, VALUE_BYTES)
             check_fits(self.place(name), count * prod(shape[1:]) * value_bytes)
             size = prod(shape) * dataset.dtype.itemsize
-            if size > ALWAYS_FITS and size > MOST_COMPRESSED * dataset.id.get_storage_size():
-                raise self.fault(name, f"the file does not hold its {in_words(size)}")
+            present = dataset.id.get_storage_size() if size > ALWAYS_FITS else size
+            if size > MOST_COMPRESSED * present:
+                fault = f"of its {in_words(size)} the file holds {in_words(present)}"
+                raise self.fault(name, fault, "write its values, or make it smaller")
             values = dataset[rows]
             return _decoded(values) if text else values
 

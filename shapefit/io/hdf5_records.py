@@ -78,7 +78,10 @@ def _check_format(file: Hdf5File, *formats: str) -> str:
         with file.damage():
             holds = abbreviate([printable(name) for name in sorted(file.root)]) or "nothing"
         missing = f"has no root attribute format, and holds {holds}"
-        fix = f"give a file of {OTHER_TOOLS}, or set it to {listed(formats)} if that is its layout"
+        fix = (
+            f"give a file of {OTHER_TOOLS}, or set it, in a file of shapefit, to "
+        fix += listed(formats)
+        )
         raise input_error(file.path, missing, fix)
     if stated not in formats:
         raise input_error(file.path, f"is a {stated} file", f"give a {listed(formats)} file")

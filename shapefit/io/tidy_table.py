@@ -79,6 +79,9 @@ def _check_columns(columns: Sequence[str], kind: str, place: str) -> None:
     required = ("item", "landmark", "x", "y", *(() if kind == "landmarks" else ("z",)))
     names = (*required, *OPTIONAL.get(kind, OPTIONAL["shapes"]))
     wanted = ",".join(required) + "".join(f"[,{column}]" for column in names[len(required) :])
+    if not {*names} & {*columns}:
+        fault = f"the header is '{','.join(columns)[:80]}'"
+        raise input_error(place, fault, f"write the header {','.join(required)}, with commas")
     problems = []
     for column in dict.fromkeys((*columns, *required)):
         if column not in names:
@@ -150,6 +153,7 @@ class _Table:
     def records(self) -> Any:
         """Return what was taken. Raises InputError for double rows, and for what shapes lack."""
         columns = [np.concatenate(part) for part in zip(*self._parts, strict=True)]
+        self._parts = [tuple(columns)] if columns else []
         items, names = tuple(self._items), tuple(self._landmarks)
         n, p, d = len(items), len(names), len(self._axes)
         check_fits(self._name, n * p * 8 * (d + 2))
@@ -175,12 +179,10 @@ class _Table:
         """Take out all items but the last one, of which more rows may come."""
         images: LandmarkSet = self.records()
         last = len(images) - 1
-        item = images.items[last]
-        kept = [np.concatenate(part) for part in zip(*self._parts, strict=True)]
-        rows = kept[1] == last
-        kept = [column[rows] for column in kept]
-        kept[1][:] = 0
-        self._parts, self._items, self.size = [tuple(kept)], _numbering(item), len(kept[1])
+        item, (lines, items, *values) = images.items[last], self._parts[0]
+        rows = np.flatnonzero(items == last)
+        remaining = (lines[rows], np.zeros_like(items[rows]), *(column[rows] for column in values))
+        self._parts, self._items, self.size = [remaining], _numbering(item), len(rows)
         if self._sequences is not None:
             self._sequences = {item: self._sequences[item]}
         return images.take(slice(0, last))
@@ -238,7 +240,7 @@ def _numbers_of(texts: Sequence[str], numbers: defaultdict[str, int]) -> NDArray
 class Spool:
     """Images of a large table in a temporary file without a name, in parts of some thousands.
 
-    Those of a part are read together; the last part that was read is kept.
+    Those of a part are read together; the last part that was read is rows_of_last.
     """
 
     def __init__(self) -> None:
