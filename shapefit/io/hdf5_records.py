@@ -78,10 +78,8 @@ def _check_format(file: Hdf5File, *formats: str) -> str:
         with file.damage():
             holds = abbreviate([printable(name) for name in sorted(file.root)]) or "nothing"
         missing = f"has no root attribute format, and holds {holds}"
-        fix = (
-            f"give a file of {OTHER_TOOLS}, or set it, in a file of shapefit, to "
-        fix += listed(formats)
-        )
+        ours = f"set it, in a file of shapefit, to {listed(formats)}"
+        fix = f"give a file of {OTHER_TOOLS}, or {ours}"
         raise input_error(file.path, missing, fix)
     if stated not in formats:
         raise input_error(file.path, f"is a {stated} file", f"give a {listed(formats)} file")

@@ -1,6 +1,5 @@
 """What does not fit in memory, or in its file, is refused by name before it is asked for."""
 
-
 import h5py
 import numpy as np
 import pytest

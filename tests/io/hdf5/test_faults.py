@@ -116,7 +116,9 @@ def test_a_root_attribute_of_another_kind(landmark_file, problems, name, value):
     assert line.startswith(f"{landmark_file}: ")
     assert line.endswith(
         {
-            "format": "shapefit-landmarks file" if value != h5py.Empty("f") else "to shapefit-landmarks",
+            "format": "shapefit-landmarks file"
+            if value != h5py.Empty("f")
+            else "to shapefit-landmarks",
             "version": "this program reads version 2, a number",
             "y_axis": "set it to up or down",
         }[name]
