@@ -45,4 +45,4 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
         return cast(Kind, file_format.records[0])
     from shapefit.io.readers.items import read_poses
 
-    return "landmarks" if read_poses(file_format, (path,), keep=True).dimensions == 2 else "shapes"
+    return "landmarks" if read_poses(file_format, (path,)).dimensions == 2 else "shapes"

@@ -36,7 +36,6 @@ MOST_BYTES = 1 << 20
 """Of a calibration in YAML."""
 
 OF_TOOLS = "give the calibration of anipose, Pose2Sim, caliscope or OpenCV (TOML, YAML, JSON)"
-UNDISTORT = "remove the distortion of the landmarks first"
 CORRECT = (
     "give a matrix without skew, 4, 5 or 8 of OpenCV's k1 k2 p1 p2 k3 k4 k5 k6, and the rotation "
     "as a vector or a matrix; of other lenses remove the distortion of the landmarks first"
@@ -52,8 +51,6 @@ class CalibratedCamera:
     file.
     """
 
-    section: str
-    names: tuple[str, ...]
     matrix: Floats
     distortion: Floats
     size: Floats | None
@@ -68,24 +65,21 @@ def read_camera(path: Path, name: str | None) -> CalibratedCamera:
     that it has, and for cameras that cannot be.
     """
     require_file(path)
-    with parsing(path, OF_TOOLS):
-        cameras = list(_sections(path.stem, _read_content(path), set()))
-        require(cameras, "has no section with the `matrix` of a camera")
-    labels = []
-    for section, table in cameras:
-        others = [other for other in _names(table) if other != section]
-        labels.append(f"{section} ({', '.join(others)})" if others else section)
-    chosen = cameras
-    for key in ("", "name", "port") if name is not None else ():
-        chosen = [each for each in cameras if (str(each[1].get(key)) if key else each[0]) == name]
-        if len(chosen) == 1:
-            break
+    with parsing(path, "a calibration", OF_TOOLS):
+        cameras = [*_sections(path.stem, _read_content(path))]
+        require(cameras, "no section with the `matrix` of a camera")
+    names = [
+        [section, *(str(table[key]) for key in ("name", "port") if key in table)]
+        for section, table in cameras
+    ]
+    chosen = [number for number, some in enumerate(names) if name is None or name in some]
     if len(chosen) != 1:
-        what = f"has {len(cameras)} cameras" if name is None else f"has no camera {name!r}"
-        raise input_error(path, what, f"set `camera.name`: there are {listed(labels, 'and')}")
-    section, table = chosen[0]
-    with parsing(f"{path}: {section}", UNDISTORT if _is_fisheye(table) else CORRECT):
-        return _camera(section, table)
+        problem = f"has {len(cameras)} cameras" if name is None else f"has no camera {name!r}"
+        labels = listed((" or ".join(dict.fromkeys(some)) for some in names), "and")
+        raise input_error(path, problem, f"set `camera.name`: there are {labels}")
+    section, table = cameras[chosen[0]]
+    with parsing(f"{path}: {section}", "a camera", CORRECT):
+        return _camera(table)
 
 
 def _read_content(path: Path) -> Any:
@@ -96,30 +90,23 @@ def _read_content(path: Path) -> Any:
     if not start.startswith((b"%YAML", b"---")) and path.suffix.lower() not in (".yaml", ".yml"):
         return tomllib.loads(path.read_bytes().decode())
     from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
 
-    require(path.stat().st_size <= MOST_BYTES, f"has more than {MOST_BYTES} bytes of YAML")
+    require(path.stat().st_size <= MOST_BYTES, f"more than {MOST_BYTES} bytes of YAML")
     # OpenCV writes a directive and tags that YAML does not have
     text = re.sub(r"\A%YAML.*|!!opencv-[\w-]+", "", path.read_text("utf-8"))
     # ruamel.yaml takes minutes to read these two
-    require(re.search(r"(?:[\[{]\s*){20}", text) is None, "nests lists too deeply")
-    require(re.search(r"[:\[,-]\s*[&*]\w", text) is None, "has an anchor or an alias")
-    try:
-        return YAML(typ="safe", pure=True).load(text)
-    except (YAMLError, RecursionError) as error:
-        raise ValueError(" ".join(str(error).split())) from error
+    require(re.search(r"(?:[\[{]\s*){20}", text) is None, "lists nested too deeply")
+    require(re.search(r"[:\[,-]\s*[&*]\w", text) is None, "an anchor or an alias")
+    return YAML(typ="safe", pure=True).load(text)
 
 
-def _sections(name: str, value: Any, visited: set[int]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Yield the mappings with a camera matrix, each once, and their names or numbers."""
-    if id(value) in visited or not isinstance(value, dict | list):
-        return
-    visited.add(id(value))
+def _sections(name: str, value: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield the mappings with a camera matrix, and their names or numbers."""
     if isinstance(value, dict) and _field(value, "matrix") is not None:
         yield name, value
-        return
-    for key, within in value.items() if isinstance(value, dict) else enumerate(value):
-        yield from _sections(str(key), within, visited)
+    elif isinstance(value, dict | list):
+        for key, within in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from _sections(str(key), within)
 
 
 def _field(table: Mapping[str, Any], field: str) -> Any:
@@ -129,17 +116,11 @@ def _field(table: Mapping[str, Any], field: str) -> Any:
     return next((value for value in values if value is not None and value not in ([], "")), None)
 
 
-def _names(table: Mapping[str, Any]) -> tuple[str, ...]:
-    return tuple(str(table[key]) for key in ("name", "port") if key in table)
-
-
-def _is_fisheye(table: Mapping[str, Any]) -> bool:
+def _camera(table: Mapping[str, Any]) -> CalibratedCamera:
+    """Return the camera of a section. Raises ValueError for fields that cannot be."""
     model = str(table.get("distortion_model", "")).lower()
-    return table.get("fisheye") is True or model in ("fisheye", "equidistant")
-
-
-def _camera(section: str, table: Mapping[str, Any]) -> CalibratedCamera:
-    require(not _is_fisheye(table), "is a fisheye lens, whose model is another one")
+    fisheye = table.get("fisheye") is True or model in ("fisheye", "equidistant")
+    require(not fisheye, "a fisheye lens, whose model is another one")
     matrix = _array(table, "matrix", (3, 3))
     assert matrix is not None
     rest = matrix - np.diag(np.diag(matrix))
@@ -151,8 +132,6 @@ def _camera(section: str, table: Mapping[str, Any]) -> CalibratedCamera:
     if {"image_width", "image_height"} <= table.keys():
         table = {"size": [table["image_width"], table["image_height"]], **table}
     return CalibratedCamera(
-        section=section,
-        names=_names(table),
         matrix=matrix,
         distortion=_distortion(_array(table, "distortion")),
         size=_array(table, "size", (2,)),
@@ -163,12 +142,10 @@ def _camera(section: str, table: Mapping[str, Any]) -> CalibratedCamera:
 
 def _distortion(given: Floats | None) -> Floats:
     given = np.zeros(COEFFICIENTS) if given is None else given.ravel()
-    beyond = f"has {len(given)} coefficients of distortion, of a thin prism or a tilted sensor"
+    beyond = f"{len(given)} coefficients of distortion, of a thin prism or a tilted sensor"
     require(not given[COEFFICIENTS:].any(), beyond)
     given = given[:COEFFICIENTS]
-    if len(given) < 4:  # k1, or k1 k2, or k1 k2 p1
-        given = np.concatenate([given, np.zeros(4 - len(given))])
-    return complete(given)
+    return complete(np.pad(given, (0, max(4 - len(given), 0))))  # k1, or k1 k2, or k1 k2 p1
 
 
 def _rotation(given: Floats | None) -> Floats | None:
@@ -179,8 +156,7 @@ def _rotation(given: Floats | None) -> Floats | None:
         angle = float(np.linalg.norm(given))
         return rotation_about(given.ravel(), np.array([angle]))[0] if angle > 0 else np.eye(3)
     square = given.shape == (3, 3) and np.linalg.norm(given @ given.T - np.eye(3)) <= 1e-3
-    require(square, f"the rotation is none (shape {given.shape})")
-    require(np.linalg.det(given) > 0, "the rotation is a reflection")
+    require(square and np.linalg.det(given) > 0, f"a rotation that is none (shape {given.shape})")
     return given
 
 
@@ -189,15 +165,11 @@ def _array(table: Mapping[str, Any], field: str, shape: tuple[int, ...] = ()) ->
     given = _field(table, field)
     if given is None:
         return None
-    wanted = f"{' x '.join(map(str, shape))} numbers" if shape else "numbers"
-    try:
-        values = np.array(given["data"] if isinstance(given, dict) else given, dtype=np.float64)
-        if isinstance(given, dict):
-            values = values.reshape(int(given["rows"]), int(given["cols"]))
-    except (ValueError, TypeError):
-        values = np.array(np.nan)
-    if shape == (3,) and values.shape in ((3, 1), (1, 3)):
+    values = np.array(given["data"] if isinstance(given, dict) else given, np.float64)
+    if isinstance(given, dict):
+        values = values.reshape(int(given["rows"]), int(given["cols"]))
+    if shape == (3,) and values.size == 3:
         values = values.ravel()
     fits = np.isfinite(values).all() and shape in ((), values.shape)
-    require(fits, f"{field} is {str(given)[:60]}, not {wanted}")
+    require(fits, f"{field} is {str(given)[:60]}, not {' x '.join(map(str, shape))} numbers")
     return values

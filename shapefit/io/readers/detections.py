@@ -7,16 +7,14 @@ rule without an identity over frames. They differ in where the people of a frame
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from shapefit.errors import abbreviate, counted, input_error, listed
-from shapefit.io.inputs import read_whole
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import (
     FRACTION,
@@ -30,15 +28,12 @@ from shapefit.io.readers.poses import (
     require,
     video_name,
 )
-from shapefit.io.readers.text import decode, read_json
+from shapefit.io.readers.text import floats, read_json, read_text
 from shapefit.io.skeletons import skeletons_of_size
-from shapefit.io.tidy_table import read_numbers
-
-CHECK = "check what wrote the file"
 
 
 class Detection(NamedTuple):
-    """x, y and confidence of each landmark, none where nothing was found; the image; who it is."""
+    """x, y and confidence of each landmark, none where nothing was seen; the image; who it is."""
 
     numbers: Sequence[float]
     image: int
@@ -46,14 +41,14 @@ class Detection(NamedTuple):
 
 
 class Images(NamedTuple):
-    """The images of a recording, in order: their labels, videos, and positions in these (n).
+    """The images of a video, in order: their labels (n), and their positions in it (n).
 
     name is for messages; `unordered` images are, as far as names say, no frames of a video.
     """
 
     name: str
+    video: str
     labels: Sequence[str]
-    videos: Sequence[str]
     frames: Sequence[int]
     unordered: bool = False
 
@@ -69,24 +64,17 @@ def read_image_files(paths: tuple[Path, ...]) -> Poses:
     """
     files, images = _find_images(paths, ".json")
     detections: list[Detection] = []
-    without_people: list[str] = []
-    further = 0
+    others = []
     for number, file in enumerate(files):
-        contents = read_json(file)
-        people = contents if isinstance(contents, list) else _people_of(contents)
-        if people is None:
-            without_people.append(file.name)
-        else:
-            detections += _detections(people, number, file, needed=people is contents)
-            hands = ("face_keypoints_2d", "hand_left_keypoints_2d", "hand_right_keypoints_2d")
-            further += sum(any(person.get(key) for key in hands) for person in people)
-    texts = {
-        f"{counted(len(without_people), 'file')} without people left out "
-        f"({abbreviate(without_people)})": without_people,
-        f"hands and faces left out, of {counted(further, 'detection')}": further,
-    }
-    notes = tuple(text for text, some in texts.items() if some)
-    return _as_poses(images, detections, notes=notes, frame_count=len(files) - len(without_people))
+        with parsing(file, "a file of OpenPose or MMPose"):
+            content = read_json(file)
+            people = content if isinstance(content, list) else _people_of(content)
+            if people is None:
+                others.append(file.name)
+            else:
+                detections += _detections(people, number)
+    note = f"{counted(len(others), 'file')} without people left out ({abbreviate(others)})"
+    return _as_poses(images, detections, notes=(note,) if others else ())
 
 
 BOX, DATA = 5, "data.yaml"
@@ -96,49 +84,46 @@ BOX, DATA = 5, "data.yaml"
 def read_yolo(paths: tuple[Path, ...]) -> Poses:
     """Read YOLO's labels: a line for each detection, in fractions of the image.
 
-    A line is class, centre and size of a box, and x, y and mostly v of each landmark; predictions
-    may end in a score and a track. `kpt_shape` in the data.yaml beside the labels says how many
-    landmarks there are, and whether v is given: 0 is missing, 1 and 2 are placed, fractions are
-    confidences. Without v, a landmark at 0, 0 is missing.
+    A line is class, centre and size of a box, and x, y and v of each landmark; predictions may end
+    in a score and a track. v is 0 for missing, 1 and 2 for placed, or a confidence. `kpt_shape` in
+    the data.yaml beside the labels says how many landmarks there are, and whether v is left out:
+    then a landmark at 0, 0 is missing. Without data.yaml v is 0, 1, 2, or there are COCO's 17.
     """
-    files, images = _find_images(paths, ".txt", but="classes.txt")
+    files, images = _find_images(paths, ".txt")
+    data = _read_data_yaml(paths[0] if paths[0].is_dir() else paths[0].parent)
     rows: list[tuple[int, list[float]]] = []
     for number, file in enumerate(files):
-        for line, text in enumerate(decode(read_whole(file)).splitlines(), start=1):
-            with parsing(f"{file}:{line}", "give labels of poses"):
+        for line, text in enumerate(read_text(file).split("\n"), 1):
+            with parsing(f"{file}:{line}", "a label of YOLO"):
                 if cells := text.partition("#")[0].split():
-                    values, wrong = read_numbers(cells)
-                    require(not wrong.any(), f"{cells[int(wrong.argmax())][:40]!r} is no number")
-                    rows.append((number, values.tolist()))
-    data = _read_data_yaml(paths[0] if paths[0].is_dir() else paths[0].parent)
-    shape: Any = data.get("kpt_shape")
-    with parsing(images.name, f"put the {DATA} of the data set beside the labels"):
-        count, step = _guess_shape([row for _, row in rows]) if shape is None else shape
-        require(count in range(10_000) and step in (2, 3), f"kpt_shape is {shape}")
+                    rows.append((number, floats(cells)))
+    smallest = min((len(row) for _, row in rows), default=BOX) - BOX
+    count, step = data.get("kpt_shape") or (smallest // 3, 3)
     width = BOX + count * step
     detections = []
     for number, row in rows:
-        with parsing(files[number], f"check kpt_shape in {DATA}"):
+        with parsing(files[number], "labels of YOLO", f"check kpt_shape in {DATA}"):
             given = f"a line of {len(row)} numbers, and {count} landmarks take {width}"
-            require(len(row) - width in (0, 1, 2), given)
-        numbers = row[BOX:width]
+            require(step in (2, 3) and len(row) - width in (0, 1, 2), given)
+            marked = count == 17 or {*row[BOX + 2 : width : 3]} <= {0, 1, 2}
+            require(data or marked, f"no {DATA} beside them, and v is not 0, 1 or 2")
+        points = np.reshape(row[BOX:width], (count, step))
         if step == 2:
-            points = zip(numbers[::2], numbers[1::2], strict=True)
-            numbers = [value for x, y in points for value in (x, y, float(x > 0 or y > 0))]
-        detections.append(Detection(numbers, number, row[-1] if len(row) == width + 2 else None))
-    names: Any = data.get("kpt_names")
-    classes = data.get("names")
+            points = np.column_stack([points, (points > 0).any(axis=1)])
+        who = row[-1] if len(row) == width + 2 else None
+        detections.append(Detection(points.ravel().tolist(), number, who))
+    names = data.get("kpt_names")
     if isinstance(names, dict):  # a list for each class, of which the first is taken
         names = next(iter(names.values()), None)
-    named = isinstance(names, list) and len(names) == len({*map(str, names)}) == count
-    people = (list(classes.values()) if isinstance(classes, dict) else classes) == ["person"]
-    usual = None if count == 17 and (people or shape is None) else tuple(map(str, range(count)))
+    people = not data or data.get("names") in (["person"], {0: "person"})
+    usual = None if people and count == 17 else [*map(str, range(count))]
+    names = names if isinstance(names, list) and len(names) == count else usual
     return _as_poses(
         images,
         detections,
         scored=any({*one.numbers[2::3]} - {0, 1, 2} for one in detections),
         unit=FRACTION,
-        landmark_names=tuple(map(str, names)) if named else usual,
+        landmark_names=names and tuple(map(str, names)),
         edges=edges_of(data.get("skeleton"), count),
     )
 
@@ -146,81 +131,39 @@ def read_yolo(paths: tuple[Path, ...]) -> Poses:
 def _read_data_yaml(folder: Path) -> dict[str, Any]:
     """Return the nearest data.yaml in this folder or three above it, {} without; or InputError."""
     from ruamel.yaml import YAML
-    from ruamel.yaml.error import YAMLError
 
     folder = folder.resolve()
     paths = (place / DATA for place in (folder, *folder.parents[:3]))
     path = next((path for path in paths if path.is_file()), None)
-    try:
+    with parsing(path or folder, "YAML", "correct it"):
         content = YAML(typ="safe", pure=True).load(path) if path else {}
-    except (YAMLError, RecursionError, ValueError) as error:
-        text = " ".join(str(error).split())[:80]
-        raise input_error(path or folder, f"is no YAML ({text})", "correct it") from error
     return content if isinstance(content, dict) else {}
 
 
-def _guess_shape(rows: list[list[float]]) -> tuple[int, int]:
-    """Return the landmarks of lines, and the numbers of each, where no data.yaml states it."""
-    smallest = min((len(row) - BOX for row in rows), default=0)
-    for length in (smallest, smallest - 1, smallest - 2):
-        marks = {v for row in rows for v in row[BOX + 2 : BOX + length : 3]}
-        if length > 0 and length % 3 == 0 and (marks <= {0, 1, 2} or length == 51):
-            return length // 3, 3
-    problem = f"lines of {smallest} numbers after the box, and no {DATA} with kpt_shape beside them"
-    require(not rows or (smallest % 2 == 0 and smallest % 3), problem)
-    return smallest // 2, 2
+def _find_images(paths: Sequence[Path], suffix: str) -> tuple[Sequence[Path], Images]:
+    """Return the files of a folder that is given as a whole, or these files, in order.
 
-
-def _find_images(
-    paths: Sequence[Path], suffix: str, but: str = ""
-) -> tuple[Sequence[Path], Images]:
-    """Return the files of a folder that is given as a whole, but for one, or these files, in order.
-
-    The last number in a name is that of the frame. Names that differ in more than this number are
-    of several videos, unless one of these would have a single frame: then each name is that of an
-    image. Raises InputError for two files of one frame, and for links that lead nowhere, pipes and
-    devices in a folder, which cannot be read whole.
+    Where names differ in one number alone it is that of the frame; else each is that of an image.
+    Raises InputError for links that lead nowhere, pipes and devices, which cannot be read whole.
     """
     folder, files = paths[0].parent, list(paths)
     if paths[0].is_dir():
         folder = paths[0]
-        files = [f for f in folder.iterdir() if f.name.lower().endswith(suffix) and f.name != but]
-        files = [file for file in files if not file.is_dir()]
+        files = [path for path in folder.iterdir() if path.name.lower().endswith(suffix)]
+        files = [path for path in files if not path.is_dir()]
     for file in files:
         if not file.is_file():
-            problem = "leads to no file" if file.is_symlink() else "is not a regular file"
-            raise input_error(file, problem, "remove it, or name the files themselves")
+            fix = "remove it, or name the files themselves"
+            raise input_error(file, "is not a regular file", fix)
     name, video = str(paths[0] if len(files) == 1 else folder), folder.resolve().name
-    files.sort(
-        key=lambda file: [  # 9 stands before 10
-            (False, int(piece), "") if piece.isdigit() else (True, 0, piece)
-            for piece in re.split(r"([0-9]+)", file.name)
-        ]
-    )
-    stems = [file.name.rpartition(".")[0] or file.name for file in files]
-    series: dict[tuple[str, str], dict[int, Path]] = {}
-    for file, stem in sorted(zip(files, stems, strict=True), key=lambda pair: pair[0].name):
-        if match := LAST_NUMBER.match(stem):
-            numbered = series.setdefault((match[1], match[3]), {})
-            if (other := numbered.setdefault(int(match[2]), file)) is not file:
-                problem = f"two files of frame {int(match[2])}, {other.name} and {file.name}"
-                raise input_error(folder, problem, "remove or rename one of them")
-    counts = [len(numbered) for numbered in series.values()]
-    if sum(counts) < len(files) or (len(counts) > 1 and 1 in counts):
-        unordered = not all(map(str.isdigit, stems))
-        return files, Images(name, stems, [video] * len(files), range(len(files)), unordered)
-    names = [video]
-    if len(series) > 1:  # what files have before the number, where that differs
-        names = [before.rstrip("._- ") for before, _ in series]
-        if len({*names, ""}) <= len(series):
-            names = [before + after for before, after in series]
-    rows = [
-        (numbered[number], str(number), name, number - min(numbered))
-        for name, numbered in zip(names, series.values(), strict=True)
-        for number in sorted(numbered)
-    ]
-    files, labels, videos, frames = map(list, zip(*rows, strict=True)) if rows else ([], [], [], [])
-    return files, Images(name, labels, videos or [video], frames)
+    if not are_series([file.stem for file in files]):
+        files.sort()
+        labels = [file.stem for file in files]
+        return files, Images(name, video, labels, range(len(files)), unordered=True)
+    numbered = {int(match[2]): f for f in files if (match := LAST_NUMBER.match(f.stem))}
+    numbers = sorted(numbered)
+    frames = [number - numbers[0] for number in numbers]
+    return [numbered[n] for n in numbers], Images(name, video, [*map(str, numbers)], frames)
 
 
 # One file of all images.
@@ -231,11 +174,11 @@ def read_alphapose(paths: tuple[Path, ...]) -> Poses:
 
     Its layout `cmu` says `bodies` and `joints`. The folder `sep-json` beside it is OpenPose's.
     """
-    contents = read_json(paths[0])
+    content = read_json(paths[0])
     detections: list[Detection] = []
-    for number, (image, frame) in enumerate(contents.items()):
-        detections += _detections(_people_of(frame), number, f"{paths[0]}: {image}")
-    images = _name_images(paths[0], [*contents])._replace(unordered=False)
+    for number, frame in enumerate(content.values()):
+        detections += _detections(_people_of(frame), number)
+    images = _name_images(paths[0], [*content])._replace(unordered=False)
     return _as_poses(images, detections, alphapose=True)
 
 
@@ -247,15 +190,12 @@ def read_coco_results(paths: tuple[Path, ...]) -> Poses:
     """
     detections: list[Detection] = []
     numbers: dict[Any, int] = {}
-    for row, entry in enumerate(read_json(paths[0])):
-        place = f"{paths[0]}:[{row}]"
-        with parsing(place, "give COCO results of keypoints"):
-            require(isinstance(entry["keypoints"], list), "no keypoints")
-            image = numbers.setdefault(_identifier(entry["image_id"]), len(numbers))
-        detections += _detections([entry], image, place)
+    for entry in read_json(paths[0]):
+        image = numbers.setdefault(entry["image_id"], len(numbers))
+        detections += _detections([entry], image, needed=True)
     names = all(isinstance(image, str) for image in numbers)
     images = _name_images(paths[0], [*numbers])
-    return _as_poses(images, detections, missing="at origin", alphapose=names)
+    return _as_poses(images, detections, hide_unscored=False, alphapose=names)
 
 
 def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
@@ -264,63 +204,35 @@ def read_coco_annotations(paths: tuple[Path, ...]) -> Poses:
     keypoints are [x, y, v, ...]; v = 0 is missing, whatever the coordinates, 1 hidden and 2
     visible. Categories may have different landmarks: then all names together, in their order.
     """
-    path, contents = paths[0], read_json(paths[0])
-    names_of: dict[Any, list[str]] = {}
-    lines: list[tuple[str, str]] = []
-    for number, category in enumerate(contents.get("categories", ())):
-        with parsing(f"{path}:categories[{number}]", "give each landmark a name of its own"):
-            names_of[_identifier(category["id"])] = names = [*(category.get("keypoints") or [])]
-            check_names(names, "landmark")
-            pairs = edges_of(category.get("skeleton"), len(names) + 1)  # counted from 1
-            lines += [(names[a - 1], names[b - 1]) for a, b in pairs if a and b]
-    every = dict.fromkeys(name for names in names_of.values() for name in names)
-    place = {name: number for number, name in enumerate(every)}
-    image_names: dict[Any, Any] = {}
-    for number, image in enumerate(contents.get("images", ())):
-        with parsing(f"{path}:images[{number}]", CHECK):
-            image_names[_identifier(image["id"])] = image.get("file_name") or image["id"]
-    order = {image: number for number, image in enumerate(image_names)}
+    content = read_json(paths[0])
+    place: dict[str, int] = {}
+    columns: dict[Any, list[int]] = {}
+    edges: dict[tuple[int, int], None] = {}
+    for category in content.get("categories", ()):
+        names = category.get("keypoints") or []
+        check_names(names, "landmark")
+        columns[category["id"]] = here = [place.setdefault(name, len(place)) for name in names]
+        pairs = edges_of(category.get("skeleton"), len(names) + 1)  # counted from 1
+        edges |= {(here[a - 1], here[b - 1]): None for a, b in pairs if a and b}
+    images = content.get("images", ())
+    labels = {image["id"]: image.get("file_name") or image["id"] for image in images}
+    order = {image: number for number, image in enumerate(labels)}
     detections = []
-    without = 0
-    for number, entry in enumerate(contents.get("annotations", ())):
-        with parsing(f"{path}:annotations[{number}]", "give x, y and v of each landmark"):
-            keypoints, attributes = entry.get("keypoints"), entry.get("attributes")
-            if not isinstance(keypoints, list) or not keypoints:
-                without += 1
-                continue
-            image = order.setdefault(_identifier(entry["image_id"]), len(order))
+    for entry in content.get("annotations", ()):
+        if keypoints := entry.get("keypoints"):
+            image = order.setdefault(entry["image_id"], len(order))
             if place:  # those of the category among those of all
-                names, given = names_of[entry.get("category_id")], keypoints
-                require(names, "keypoints of a category without any")
-                count = f"{len(given)} numbers for {len(names)} landmarks"
-                require(len(given) == 3 * len(names), count)
-                keypoints = [0.0] * (3 * len(place))
-                for n, name in enumerate(names):
-                    at = 3 * place[name]
-                    keypoints[at : at + 3] = given[3 * n : 3 * n + 3]
-            who = entry.get("track_id")
-            if "track_id" not in entry and isinstance(attributes, dict):  # CVAT's and sleap-io's
-                who = attributes.get("track_id", attributes.get("object_id"))
-            detections.append(Detection(keypoints, image, who))
-    unlisted = len(order) - len(image_names)
-    texts = {
-        f"{counted(without, 'annotation')} without keypoints left out": without,
-        f"{counted(unlisted, 'image')} of annotations not listed among the images": unlisted,
-    }
+                here, points = columns[entry.get("category_id")], np.zeros((len(place), 3))
+                points[here] = np.reshape(keypoints, (len(here), 3))
+                keypoints = points.ravel().tolist()
+            detections.append(Detection(keypoints, image, entry.get("track_id")))
     return _as_poses(
-        _name_images(path, [image_names.get(image, image) for image in order]),
+        _name_images(paths[0], [labels.get(image, image) for image in order]),
         detections,
         scored=False,
         landmark_names=tuple(place) or None,
-        edges=tuple(dict.fromkeys((place[a], place[b]) for a, b in lines)),
-        notes=tuple(text for text, number in texts.items() if number),
+        edges=tuple(edges),
     )
-
-
-def _identifier(value: Any) -> Any:
-    """Return what identifies an image or category. Raises FormatError for what cannot."""
-    require(isinstance(value, int | float | str), f"no image ({str(value)[:40]})")
-    return value
 
 
 def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
@@ -329,46 +241,36 @@ def read_mmpose_video(paths: tuple[Path, ...]) -> Poses:
     An instance has keypoints [[x, y], ...] and keypoint_scores, which are taken as they are; they
     may be a little above 1. `meta_info` has the names, by number, as texts or in a list.
     """
-    path, contents = paths[0], read_json(paths[0])
+    path, content = paths[0], read_json(paths[0])
     meta: Any = {}
-    if isinstance(contents, dict):
-        meta, contents = contents.get("meta_info"), contents["instance_info"]
-        meta = meta if isinstance(meta, dict) else {}
-    if contents and "instances" not in contents[0]:
-        contents = [{"frame_id": 0, "instances": contents}]
+    if isinstance(content, dict):
+        meta, content = content.get("meta_info") or {}, content["instance_info"]
+    if content and "instances" not in content[0]:
+        content = [{"frame_id": 0, "instances": content}]
     detections: list[Detection] = []
-    labels = []
-    for number, frame in enumerate(contents):
-        with parsing(f"{path}:[{number}]", CHECK):
-            label, people = frame.get("frame_id"), frame["instances"]
-        labels.append(str(number if label is None else label))
-        detections += _detections(people, number, f"{path}:[{number}]", needed=True)
-    count = next((len(one.numbers) // 3 for one in detections if one.numbers), 0)
-    texts: Any = meta.get("keypoint_id2name")
-    texts = [texts.get(str(n)) for n in range(count)] if isinstance(texts, dict) else texts
-    named = isinstance(texts, list) and all(isinstance(name, str) for name in texts)
-    names = tuple(texts) if named and len(texts) == len({*texts}) == count else None
-    edges = edges_of(meta.get("skeleton_links"), count) if names else ()
-    return _as_poses(_frames_of(path, labels), detections, landmark_names=names, edges=edges)
-
-
-def _frames_of(path: Path, labels: Sequence[str], video: str = "") -> Images:
-    """Return the frames of a file of one video, by default called as the file."""
-    video = video or path.name.partition(".")[0]
-    return Images(str(path), labels, [video] * max(len(labels), 1), range(len(labels)))
+    for number, frame in enumerate(content):
+        detections += _detections(frame["instances"], number, needed=True)
+    names: Any = meta.get("keypoint_id2name")
+    if isinstance(names, dict):
+        names = [names[str(number)] for number in range(len(names))]
+    labels = [str(frame.get("frame_id", number)) for number, frame in enumerate(content)]
+    return _as_poses(
+        Images(str(path), video_name(path), labels, range(len(labels))),
+        detections,
+        landmark_names=names and tuple(names),
+        edges=edges_of(meta.get("skeleton_links"), len(names or ())),
+    )
 
 
 def _name_images(path: Path, names: Sequence[Any]) -> Images:
     """Return the images of a file, called without folder and ending where that tells them apart."""
     stems = [Path(name).stem if isinstance(name, str) else str(name) for name in names]
     labels = stems if len({*stems}) == len(stems) else [*map(str, names)]
-    return _frames_of(path, labels)._replace(unordered=not are_series(labels))
+    unordered = not are_series(labels)
+    return Images(str(path), video_name(path), labels, range(len(labels)), unordered)
 
 
-BODIES = (
-    *("pose_landmarks", "poseLandmarks", "landmarks", "landmark", "keypoints"),
-    *("multi_hand_landmarks", "hand_landmarks", "handLandmarks", "face_landmarks"),
-)
+BODIES = ("pose_landmarks", "poseLandmarks", "landmarks", "landmark", "keypoints", "hand_landmarks")
 """Keys of bodies, the first that an object has; landmarks in metres (`world`) are not read."""
 
 
@@ -379,17 +281,15 @@ def read_mediapipe(paths: tuple[Path, ...]) -> Poses:
     `pose_landmarks` or the like. A file has one frame, a list of them, or an object with `frames`.
     x and y are fractions of the image.
     """
-    contents = read_json(paths[0])
-    if isinstance(contents, dict):
-        lists = (contents.get(key) for key in ("frames", "results"))
-        contents = next((frames for frames in lists if isinstance(frames, list)), [contents])
-    elif _is_body(contents):
-        contents = [contents]
-    bodies = [(body, n) for n, frame in enumerate(contents) for body in _bodies(frame)]
-    names: tuple[Any, ...] = tuple(p.get("name") for p in bodies[0][0]) if bodies else ()
-    named = all(isinstance(name, str) and name for name in names) and len({*names}) == len(names)
-    labels = [str(number) for number in range(len(contents))]
-    return _of_points(paths[0], labels, bodies, names if named and names else None)
+    content = read_json(paths[0])
+    if isinstance(content, dict):
+        content = content.get("frames") or content.get("results") or [content]
+    elif _is_body(content):
+        content = [content]
+    bodies = [(body, number) for number, frame in enumerate(content) for body in _bodies(frame)]
+    names = tuple(str(point.get("name") or "") for point in bodies[0][0]) if bodies else ()
+    labels = [*map(str, range(len(content)))]
+    return _of_points(paths[0], labels, bodies, names if names and all(names) else None)
 
 
 def _is_body(content: Any) -> bool:
@@ -413,20 +313,17 @@ def read_named_points(paths: tuple[Path, ...]) -> Poses:
     A point is [x, y], [x, y, confidence] or {x, y, confidence}; a landmark that a frame lacks is
     missing.
     """
-    contents = read_json(paths[0])
-    frames = contents if isinstance(contents, dict) else dict(enumerate(contents))
+    content = read_json(paths[0])
+    frames = content if isinstance(content, dict) else dict(enumerate(content))
     names = tuple(dict.fromkeys(name for frame in frames.values() for name in frame))
-    bodies: list[tuple[list[dict[str, Any]], int]] = []
-    for number, (label, frame) in enumerate(frames.items()):
-        with parsing(f"{paths[0]}: {label}", "give [x, y] or [x, y, confidence]"):
-            points = [frame.get(name) or {"x": None, "y": None} for name in names]
-            for place, point in enumerate(points):
-                if isinstance(point, list):
-                    require(len(point) in (2, 3), f"a point of {len(point)} numbers")
-                    points[place] = dict(zip(("x", "y", "score"), point, strict=False))
-                else:
-                    require({"x", "y"} <= point.keys(), "no point")
-            bodies.append((points, number))
+    bodies = []
+    for number, frame in enumerate(frames.values()):
+        points = [frame.get(name) or {} for name in names]
+        for place, point in enumerate(points):
+            if isinstance(point, list):
+                require(len(point) in (2, 3), f"a point of {len(point)} numbers")
+                points[place] = dict(zip(("x", "y", "score"), point, strict=False))
+        bodies.append((points, number))
     return _of_points(paths[0], [*map(str, frames)], bodies, names)
 
 
@@ -448,8 +345,8 @@ def _of_points(
         rows = ((point.get("x"), point.get("y"), _first(point, SCORES, 1.0)) for point in body)
         numbers = [math.nan if value is None else value for row in rows for value in row]
         detections.append(Detection(numbers, number))
-    images = _frames_of(path, labels, video_name(path))
-    return _as_poses(images, detections, missing="unplaced", unit=None, landmark_names=names)
+    images = Images(str(path), video_name(path), labels, range(len(labels)))
+    return _as_poses(images, detections, hide_unscored=False, unit=None, landmark_names=names)
 
 
 # What all have in common.
@@ -458,92 +355,75 @@ POSE = ("pose_keypoints_2d", "pose_keypoints", "joints", "keypoints")
 WHO = ("person_id", "track_id", "idx")
 
 
-def _first(content: Mapping[str, Any], keys: Iterable[str], default: Any = None) -> Any:
+def _first(content: Mapping[str, Any], keys: Sequence[str], default: Any = None) -> Any:
     """Return the value of the first key that an object has."""
     return next((content[key] for key in keys if content.get(key) is not None), default)
 
 
-def _people_of(contents: Any) -> list[Any] | None:
-    """Return the people of a frame; None where the file is not of this kind."""
-    if not isinstance(contents, dict):
-        return None
-    for key in ("people", "bodies"):
-        if key in contents and isinstance(people := contents[key] or [], list):
-            return people
-    return [] if contents.keys() <= {"version", "part_candidates"} else None
+def _people_of(frame: Mapping[str, Any]) -> Any:
+    """Return the people of a frame; None where it is not of this kind."""
+    empty = frame.keys() <= {"version", "part_candidates"}
+    people = (frame[key] or [] for key in ("people", "bodies") if key in frame)
+    return next(people, [] if empty else None)
 
 
-def _detections(
-    people: Any, image: int, place: str | Path, *, needed: bool = False
-) -> list[Detection]:
+def _detections(people: Any, image: int, *, needed: bool = False) -> list[Detection]:
     """Return the people of an image, who may have no landmarks unless they are `needed`.
 
     The landmarks of each are x, y, confidence in one list, or [x, y] beside `keypoint_scores`.
     """
     detections = []
-    with parsing(place, CHECK):
-        require(isinstance(people, list), "no list of people")
-        for person in people:
-            points = _first(person, POSE)
-            require(points is not None or not needed, "a person without keypoints")
-            points = [] if points is None else points
-            require(isinstance(points, list), "keypoints that are no list")
-            if points and isinstance(points[0], list):
-                scores = person.get("keypoint_scores")
-                scores = [1.0] * len(points) if scores is None else scores
-                scored = zip(points, scores, strict=True)
-                points = [number for (x, y), score in scored for number in (x, y, score)]
-            if len(points) % 3:
-                require(False, f"a person of {len(points)} numbers, not 3 a landmark")
-            detections.append(Detection(points, image, _first(person, WHO)))
+    require(isinstance(people, list), "no list of people")
+    for person in people:
+        numbers = _first(person, POSE)
+        require(numbers is not None or not needed, "a person without keypoints")
+        require(isinstance(numbers or [], list), "keypoints that are no list")
+        numbers = numbers or []
+        if numbers and isinstance(numbers[0], list):
+            scores = _first(person, ("keypoint_scores",), [1.0] * len(numbers))
+            scored = zip(numbers, scores, strict=True)
+            numbers = [number for (x, y), score in scored for number in (x, y, score)]
+        if len(numbers) % 3:
+            require(False, f"a person of {len(numbers)} numbers, not 3 a landmark")
+        detections.append(Detection(numbers, image, _first(person, WHO)))
     return detections
 
 
 def _as_poses(
     images: Images,
-    detections: Sequence[Detection],
+    detections: list[Detection],
     *,
-    missing: str = "unscored",
+    hide_unscored: bool = True,
     scored: bool = True,
     alphapose: bool = False,
     unit: str | None = "px",
     notes: tuple[str, ...] = (),
-    frame_count: int | None = None,
     **fields: Any,
 ) -> Poses:
     """Return detections as poses; without names landmarks are those of the usual skeleton.
 
-    A landmark is missing where it has no confidence (`unscored`), no numbers (`unplaced`), or is
-    `at origin` with a confidence of 0; the others say how sure they are where they are `scored`.
-    AlphaPose states confidences of 0 to 6, and newer models of it give 0 to 1: where one is above
-    2, all are divided by 6. Without a unit the points are fractions where they can be. Raises
-    InputError where detections have different numbers of landmarks, and for texts.
+    A landmark is missing where it has no number, and to `hide_unscored`, where its confidence is
+    not above 0; the others say how sure they are where they are `scored`. AlphaPose states
+    confidences of 0 to 6, and newer models of it give 0 to 1: where one is above 2, all are divided
+    by 6. Without a unit the points are fractions where they can be. Raises InputError where
+    detections have different numbers of landmarks.
     """
-    count = len(images.labels) if frame_count is None else frame_count
-    sizes = Counter(len(one.numbers) for one in detections if one.numbers)
+    detections = sorted(detections, key=lambda one: one.image)
+    sizes = Counter(len(one.numbers) // 3 for one in detections if one.numbers)
     if len(sizes) > 1:
-        kinds = [f"{n} detections with {s // 3}" for s, n in sorted(sizes.items())]
+        kinds = [f"{n} detections with {p}" for p, n in sorted(sizes.items())]
         fix = "give the files of each skeleton in a separate call"
         raise input_error(images.name, f"several skeletons: {listed(kinds, 'and')} landmarks", fix)
-    width = next(iter(sizes), 0)
-    if not width:
-        notes += (f"nobody was found in {counted(count, 'frame')}",)
-        detections, scored, unit, fields = (), False, "px", {}
-    nothing = [math.nan] * width
-    with parsing(images.name, CHECK):
-        values = np.array([one.numbers or nothing for one in detections], np.float64)
-        values = values.reshape(len(detections), width // 3, 3)
+    p = next(iter(sizes), len(fields.get("landmark_names") or ()))
+    nothing = [math.nan] * (3 * p)
+    values = np.array([one.numbers or nothing for one in detections], np.float64)
+    values = values.reshape(len(detections), p, 3)
     values = np.where(np.isfinite(values), values, np.nan)
     points, confidence = values[..., :2], values[..., 2]
     if alphapose and np.nanmax(confidence, initial=0) > 2:
         confidence = confidence / 6
         notes += ("confidences divided by 6, the largest that AlphaPose states",)
-    absent = {
-        "unscored": ~(confidence > 0),
-        "unplaced": np.isnan(points).any(axis=2),
-        "at origin": np.isnan(values).any(axis=2)
-        | (np.isin(points, (0, -1)).all(axis=2) & (confidence == 0)),
-    }[missing]
+    missing = np.isnan(values).any(axis=2) | (hide_unscored & ~(confidence > 0))
     if unit is None:
         fractions = are_fractions(points[np.isfinite(values).all(axis=2)])
         unit = FRACTION if fractions else UNKNOWN_UNIT
@@ -554,26 +434,22 @@ def _as_poses(
         # Some tools number the people of each frame anew.
         notes += (f"numbers of people are not used, as {doubles} of them occur twice in a frame",)
         who = [""] * len(who)
-    frame = np.array([images.frames[one.image] for one in detections], np.int64)
-    videos = [images.videos[one.image] for one in detections]
-    usual = None if fields.get("landmark_names") else skeletons_of_size(width // 3)
-    poses = Poses(
+    usual = None if fields.get("landmark_names") else skeletons_of_size(p)
+    return Poses(
         name=images.name,
-        video=videos if len({*images.videos}) != 1 else images.videos[0],
-        points=np.where(absent[..., None], np.nan, points),
-        confidence=np.where(absent, 0.0, np.nan_to_num(confidence)) if scored else None,
-        frame=frame,
+        video=images.video,
+        points=np.where(missing[..., None], np.nan, points),
+        confidence=np.where(missing, 0.0, np.nan_to_num(confidence)) if scored else None,
+        frame=np.array([images.frames[one.image] for one in detections], np.int64),
         label=[images.labels[one.image] for one in detections],
         individual=who,
         skeleton=usual[0] if usual else None,
-        frame_count=count,
+        frame_count=len(images.labels),
         unit=unit,
         unordered=images.unordered,
         notes=notes,
         **fields,
     )
-    numbers = {video: number for number, video in enumerate(dict.fromkeys(videos))}
-    return poses.take(np.lexsort((frame, np.array([numbers[video] for video in videos]))))
 
 
 def _identity(who: Any) -> str:

@@ -32,74 +32,60 @@ R = TypeVar("R", LandmarkSet, ShapeSet)
 
 
 def read_landmarks(
-    known: FileFormat, paths: tuple[Path, ...], options: InputOptions
+    form: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[LandmarkSet, Notes]:
     """Return the images of a file of poses, and warnings of what is left out. Raises InputError."""
-    return landmarks_of(_read_kind(known, paths, "landmarks"), options)
+    return landmarks_of(_read_kind(form, paths, "landmarks", 2), options)
 
 
 def read_shapes(
-    known: FileFormat, paths: tuple[Path, ...], options: InputOptions, *, gaps: bool = False
+    form: FileFormat, paths: tuple[Path, ...], options: InputOptions, *, gaps: bool = False
 ) -> tuple[ShapeSet, Notes]:
     """Return the shapes of a file of poses, and warnings of what is left out. Raises InputError.
 
     With `gaps` landmarks may be unknown, NaN; without, the whole shapes of those mostly known.
     """
-    poses = _read_kind(known, paths, "shapes")
+    poses = _read_kind(form, paths, "shapes", 3)
     fields, notes = _fields(poses, options)
     edges = np.array(poses.edges, np.int64) if poses.edges else None
     shapes = ShapeSet(**fields, edges=edges)
     return (shapes, notes) if gaps else _without_gaps(shapes, notes, source_name(paths[0]))
 
 
-def _read_kind(known: FileFormat, paths: tuple[Path, ...], kind: str) -> Poses:
+def _read_kind(form: FileFormat, paths: tuple[Path, ...], kind: str, dimensions: int) -> Poses:
     """Return the poses in these files. Raises InputError where they are not of this kind."""
-    name, dimensions = source_name(paths[0]), 2 if kind == "landmarks" else 3
-    if known.read_poses is None or kind not in known.records:
-        titles = listed(each.title for each in FORMATS.values() if kind in each.records)
-        fix = f"give {'2D landmarks' if dimensions == 2 else '3D shapes'}: {titles}"
-        raise input_error(name, f"is {known.title}, which holds no {kind}", fix)
-    poses = read_poses(known, paths)
+    name = source_name(paths[0])
+    if kind not in form.records:
+        titles = listed(other.title for other in FORMATS.values() if kind in other.records)
+        fix = f"give {dimensions}D {kind}: {titles}"
+        raise input_error(name, f"is {form.title}, which holds no {kind}", fix)
+    poses = read_poses(form, paths)
     if poses.dimensions != dimensions:
-        fix = "give 2D landmarks; 3D shapes are for learn-dict" if dimensions == 2 else ""
-        problem = f"{known.title} of {poses.dimensions}D points"
-        raise input_error(name, problem, fix or "give 3D shapes")
+        fix = f"give {dimensions}D {kind}"
+        raise input_error(name, f"{form.title} of {poses.dimensions}D points", fix)
     return poses
 
 
-MAX_CACHED = 1 << 27
-"""Bytes of poses that were read to tell what files hold, and are kept until they are read again."""
-
-_cached: dict[tuple[Path, ...], tuple[object, Poses]] = {}
-"""Files -> their format and state when they were read, and what they hold."""
-
-
-def read_poses(known: FileFormat, paths: tuple[Path, ...], *, keep: bool = False) -> Poses:
-    """Return the poses in these files, in 2D or 3D; `keep` them for the next call.
+def read_poses(form: FileFormat, paths: tuple[Path, ...]) -> Poses:
+    """Return the poses in these files, in 2D or 3D. Raises InputError.
 
     The garbage collector rests: it would walk again and again over the millions of lists of a
     large JSON file, several times as slow.
     """
-    if known.read_poses is None:
-        raise ValueError(f"{known.title} is no format of poses")
-    files = [f for path in paths for f in (sorted(path.iterdir()) if path.is_dir() else [path])]
-    stats = [(file, file.lstat()) for file in files]
-    state = known.title, [(file, stat.st_size, stat.st_mtime_ns) for file, stat in stats]
-    before, poses = _cached.pop(paths, (None, None))
-    if poses is None or before != state:
-        running = gc.isenabled()
-        gc.disable()
-        try:
-            with parsing(source_name(paths[0]), f"give {known.title} as its program writes it"):
-                poses = known.read_poses(paths)
-        finally:
-            if running:
-                gc.enable()
-    assert poses is not None
-    retained = sum(other.points.nbytes for _, other in _cached.values())
-    if keep and retained + poses.points.nbytes <= MAX_CACHED:
-        _cached[paths] = state, poses
-    return poses
+    if form.read_poses is None:
+        raise ValueError(f"{form.title} is no format of poses")
+    running = gc.isenabled()
+    gc.disable()
+    try:
+        with parsing(source_name(paths[0]), form.title):
+            return form.read_poses(paths)
+    finally:
+        if running:
+            gc.enable()
+
+
+FRACTIONS = "x and y are fractions of the width and height of the image"
+SIZE_FIX = "give the size of the images in pixels: `image_size=[1920,1080]`"
 
 
 def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Notes]:
@@ -120,10 +106,6 @@ def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Note
     return LandmarkSet(**fields, y_axis=options.y_axis, whole=edges), notes
 
 
-FRACTIONS = "x and y are fractions of the width and height of the image"
-SIZE_FIX = "give the size of the images in pixels: `image_size=[1920,1080]`"
-
-
 def size_needed(name: str) -> InputError:
     """Return the error for fractions of images whose size is not known."""
     return input_error(name, FRACTIONS, SIZE_FIX)
@@ -133,9 +115,7 @@ def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]
     """Return what landmarks and shapes both have, and notes."""
     names, assumed = _landmark_names(poses, options)
     poses, items, sequences = select(poses, options)
-    columns = {FRAME: poses.frame}
-    if poses.confidence is not None:
-        columns["confidence"] = poses.confidence
+    scored = {} if poses.confidence is None else {"confidence": poses.confidence}
     fields = {
         # poses (n, p, d), records (n, d, p)
         "points": np.ascontiguousarray(poses.points.transpose(0, 2, 1)),
@@ -144,7 +124,7 @@ def _fields(poses: Poses, options: InputOptions) -> tuple[dict[str, Any], Notes]
         "sequences": sequences if any(sequences) else None,
         "unit": poses.unit,
         "frame_rate": poses.frame_rate,
-        "columns": columns,
+        "columns": {FRAME: poses.frame} | scored,
     }
     return fields, tuple(f"{poses.name}: {note}" for note in (*poses.notes, *assumed))
 
@@ -155,7 +135,7 @@ NUMBERED = "numbered"
 
 
 def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...], Notes]:
-    """Return the names of the landmarks, and notes of what was assumed.
+    """Return the names of the landmarks, and a note of what was assumed.
 
     They are those of the file. Where it has none, they are those of the skeleton `keypoints`, of
     the one that its format implies, or their numbers where no skeleton has as many, or `keypoints`
@@ -183,19 +163,17 @@ def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...
         problem = f"{count} landmarks, and {chosen} has {len(names)}"
         raise input_error(poses.name, problem, f"set another `{KEY}`{others}")
     versions = [name for name in fitting if name.startswith(chosen) and name != chosen]
-    return names, tuple(
-        f"{count} landmarks without names taken as those of {chosen}; "
-        f"`{KEY}={other}` if they are not"
-        for other in (() if wanted else versions)
-    )
+    note = f"{count} landmarks without names taken as those of {chosen}"
+    note += "".join(f"; `{KEY}={other}` if they are not" for other in versions)
+    return names, () if wanted or not versions else (note,)
 
 
 def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[str]]:
     """Return the poses that the options select, one sequence after the other; items; sequences.
 
     Items and sequences are (n) texts, "" for no sequence. Poses without a landmark are left out.
-    Raises InputError for an individual that is not there, for images without order of which motion
-    is asked for, and for an individual that is twice in a frame.
+    Raises InputError for an individual that is not there, and for images without order of which
+    motion is asked for.
     """
     named = bool(poses.individuals)
     if options.track == "motion" and poses.unordered and (poses.frame_count or 0) > 1:
@@ -216,11 +194,6 @@ def select(poses: Poses, options: InputOptions) -> tuple[Poses, list[str], list[
     if wanted is not None:
         rows = rows & np.array([who == wanted for who in poses.individual or ()])
     retained = np.flatnonzero(rows).tolist()
-    times = Counter(items[row] for row in retained)
-    if twice := [item for item, number in times.items() if number > 1]:
-        problem = f"{abbreviate(twice)} occur{'s' * (len(twice) == 1)} more than once"
-        fix = "give each frame a number of its own, and each individual one place in it"
-        raise input_error(poses.name, problem, fix)
     first = {name: n for n, name in enumerate(dict.fromkeys(sequences[row] for row in retained))}
     retained.sort(key=lambda row: first[sequences[row]])
     poses = poses.take(np.array(retained, np.intp))
@@ -231,7 +204,7 @@ def _hide(poses: Poses, least: float) -> tuple[Poses, Flags]:
     """Return poses without landmarks that are not to be used, and which have any left."""
     points, confidence = poses.points, poses.confidence
     placed: Flags = np.asarray(np.isfinite(points).all(axis=2))
-    infinite = int((~placed & np.isinf(points).any(axis=2)).sum())
+    infinite = int(np.isinf(points).any(axis=2).sum())
     doubtful = 0
     if confidence is not None:
         low = placed & (confidence < least)
@@ -279,16 +252,16 @@ def _without_gaps(shapes: ShapeSet, notes: Notes, name: str) -> tuple[ShapeSet, 
     """
     if not len(shapes):
         return shapes, notes
-    known = np.asarray(np.isfinite(shapes.shapes).all(axis=1))
-    often: Flags = np.asarray(known.mean(axis=0) >= MIN_SHARE)
+    finite = np.asarray(np.isfinite(shapes.shapes).all(axis=1))
+    often: Flags = np.asarray(finite.mean(axis=0) >= MIN_SHARE)
     if not often.any():
         problem = f"no landmark is known in {MIN_SHARE:.0%} of its {counted(len(shapes), 'shape')}"
         raise input_error(name, problem, "give shapes with fewer gaps")
-    rows: Flags = np.asarray(known[:, often].all(axis=1))
-    lost = [each for each, stays in zip(shapes.landmark_names, often, strict=True) if not stays]
-    if lost:
-        text = f"left out, known in less than {MIN_SHARE:.0%} of the shapes"
-        notes += (f"{name}: {counted(len(lost), 'landmark')} {text} ({abbreviate(lost)})",)
+    rows: Flags = np.asarray(finite[:, often].all(axis=1))
+    names = np.array(shapes.landmark_names, object)[~often].tolist()
+    if names:
+        text = f"left out, known in less than {MIN_SHARE:.0%} of the shapes ({abbreviate(names)})"
+        notes += (f"{name}: {counted(len(names), 'landmark')} {text}",)
         shapes = _columns(shapes, np.flatnonzero(often))
     if not rows.all():
         omitted = counted(int((~rows).sum()), "shape")
@@ -309,21 +282,15 @@ def keep_landmarks(records: R, names: Sequence[str], place: str) -> R:
     return _columns(records, columns)
 
 
-MIRROR = "mirror_index"
-
-
 def _columns(shapes: ShapeSet, columns: NDArray[np.intp]) -> ShapeSet:
     """Return the shapes with some of their landmarks, and the edges between those.
 
     Of a tree, whose edges lead from parents to children, a landmark is joined to the nearest of
-    its forebears that stays.
+    its forebears that stays. The index of mirrored landmarks does not stay.
     """
-    place = {int(old): new for new, old in enumerate(columns)}
-    changes: dict[str, Any] = {}
-    if (index := shapes.whole.get(MIRROR)) is not None:
-        whole = all(int(index[old]) in place for old in place)
-        changes[MIRROR] = np.array([place[int(index[old])] for old in place]) if whole else None
+    changes: dict[str, Any] = {name: None for name in ("mirror_index",) if name in shapes.whole}
     if shapes.edges is not None:
+        place = {old: new for new, old in enumerate(columns.tolist())}
         edges = shapes.edges.tolist()
         parents = {child: parent for parent, child in edges}
         tree, pairs = len(parents) == len(edges), []
@@ -336,6 +303,6 @@ def _columns(shapes: ShapeSet, columns: NDArray[np.intp]) -> ShapeSet:
         changes["edges"] = np.array(pairs, np.int64).reshape(-1, 2)
     return shapes.replaced(
         shapes=shapes.shapes[:, :, columns],
-        landmark_names=tuple(shapes.landmark_names[int(j)] for j in columns),
+        landmark_names=tuple(shapes.landmark_names[number] for number in columns.tolist()),
         **changes,
     )

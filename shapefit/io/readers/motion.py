@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.errors import input_error, listed
+from shapefit.errors import input_error
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import Poses, check_names, make_unique, of_frames, parsing, require
-from shapefit.io.readers.text import Table, read_text, split_rows
-from shapefit.io.tidy_table import read_numbers
+from shapefit.io.readers.text import floats, read_table, read_text
 
 Channel = tuple[bool, int]
 """Whether it turns, and the axis."""
@@ -37,11 +35,11 @@ class Joint:
     channels: Sequence[Channel] = ()
 
 
-def forward_kinematics(joints: Sequence[Joint], values: Floats, *, degrees: bool) -> Floats:
+def forward_kinematics(joints: Sequence[Joint], values: Floats) -> Floats:
     """x = x_parent + R_parent (before + shift) + R after, with R = R_parent C M C^T.
 
-    values (n, c) are those of all channels, joint by joint; returns positions (n, joints, 3). C is
-    the frame of the joint, M turns by its channels, and shift moves by them.
+    values (n, c) are those of all channels, joint by joint, angles in degrees; returns positions
+    (n, joints, 3). C is the frame of the joint, M turns by its channels, and shift moves by them.
     """
     from scipy.spatial.transform import Rotation
 
@@ -55,7 +53,7 @@ def forward_kinematics(joints: Sequence[Joint], values: Floats, *, degrees: bool
         columns = values[:, starts[number] : starts[number + 1]]
         for (turns, axis), value in zip(joint.channels, columns.T, strict=True):
             if turns:
-                turn = Rotation.from_euler("xyz"[axis], value[:, None], degrees)
+                turn = Rotation.from_euler("xyz"[axis], value[:, None], degrees=True)
                 motion = motion @ turn.as_matrix()
             else:
                 before[:, axis] += value
@@ -75,21 +73,13 @@ def _parents_first(parents: Sequence[int]) -> list[int]:
     return order
 
 
-def _floats(words: Sequence[str], count: int) -> list[float]:
-    """Return so many words as finite numbers. Raises FormatError where they are none."""
-    values, _ = read_numbers(words)
-    fits = len(values) == count and np.isfinite(values).all()
-    require(fits, f"expected {count} numbers, found {' '.join(words)[:40]!r}")
-    return values.tolist()
-
-
 CHANNELS = {"rotation": True, "position": False, "r": True, "t": False}
 
 
 def _channel(axis: str, kind: str) -> Channel:
     """Return a channel of BVH, as Xrotation, or of ASF, as rx."""
-    known = axis.lower() in tuple("xyz") and kind.lower() in CHANNELS
-    require(known, f"there is no channel {axis + kind!r}, as Xrotation, Yposition, rx or ty")
+    exists = axis.lower() in tuple("xyz") and kind.lower() in CHANNELS
+    require(exists, f"there is no channel {axis + kind!r}, as Xrotation, Yposition, rx or ty")
     return CHANNELS[kind.lower()], "xyz".index(axis.lower())
 
 
@@ -101,27 +91,21 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
 
     The end of joint J is `J_end`. Raises InputError for a tree or a motion that cannot be read.
     """
-    path = paths[0]
-    text = read_text(path)
-    joints, ends, lines, frames, seconds = _read_hierarchy(path, text)
-    rows = [row for row in split_rows(path, text, None) if row[0] > lines]
+    path, text = paths[0], read_text(paths[0])
+    joints, ends, lines, seconds = _read_hierarchy(path, text)
     channels = [joint.name for joint in joints for _ in joint.channels]
-    motion, _, at = Table(path, rows, channels, None).read(range(len(channels)), finite=True)
-    if (empty := np.isnan(motion).any(axis=1)).any():
-        raise input_error(
-            f"{path}:{at[int(empty.argmax())]}", "a channel is no number", "correct it"
-        )
+    table = read_table(path, text, channels, None, after=lines)
+    motion = table.numbers(range(len(channels)), finite=True)
+    require(not np.isnan(motion).any(), "a channel is no number")
     order = sorted(range(len(joints)), key=lambda number: number in ends)
     names, notes = make_unique([joints[number].name for number in order])
-    if len(motion) < frames:
-        notes += (f"{frames - len(motion)} frames are announced, but not there",)
     rate = 1.0 / seconds if seconds > 0 else None
     if rate is not None and rate > 1 and abs(rate - round(rate)) < 1e-3 * rate:
         rate = float(round(rate))  # the time was rounded: 0.033333 s is 30 Hz
     place = {old: number for number, old in enumerate(order)}
     return of_frames(
         path,
-        forward_kinematics(joints, motion, degrees=True)[:, order],
+        forward_kinematics(joints, motion)[:, order],
         video=path.stem,
         landmark_names=names,
         frame_rate=rate,
@@ -130,45 +114,39 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
     )
 
 
-def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], set[int], int, int, float]:
-    """Return the joints, which of them are ends, the lines before the motion, frames, and seconds.
+def _read_hierarchy(path: Path, text: str) -> tuple[list[Joint], set[int], int, float]:
+    """Return the joints, which of them are ends, the lines before the motion, and the frame time.
 
     Raises InputError, naming the line.
     """
     joints: list[Joint] = []
     above: list[int] = []
     ends: set[int] = set()
-    frames = -1
     for number, line in enumerate(text.split("\n"), 1):
         word, *rest = line.replace("{", " ").replace("}", " ").split() or [""]
-        key = word.upper()
-        parent = above[-1] if above else -1
-        with parsing(f"{path}:{number}", "correct it"):
+        key, parent = word.upper(), above[-1] if above else -1
+        with parsing(f"{path}:{number}", "BVH", "correct it"):
             if key in ("ROOT", "JOINT", "END"):
                 require((parent < 0) == (key == "ROOT"), f"{key} stands in the wrong place")
                 above.append(len(joints))
                 ends |= {len(joints)} if key == "END" else set()
                 name = f"{joints[parent].name}_end" if key == "END" else " ".join(rest)
                 joints.append(Joint(name, parent))
-            elif key in ("OFFSET", "CHANNELS"):
-                require(above, f"{key} belongs to no joint")
-                if key == "OFFSET":
-                    joints[parent].before = np.array(_floats(rest, 3))
-                else:
-                    channels = [_channel(name[:1], name[1:]) for name in rest[1:]]
-                    count = f"{' '.join(rest[:1])} channels, and {len(channels)} names"
-                    require(rest[:1] == [str(len(channels))], count)
-                    joints[parent].channels = channels
-            elif key == "FRAMES:":
-                frames = int(_floats(rest[:1], 1)[0])
+            elif key == "OFFSET":
+                joints[above[-1]].before = np.array(floats(rest, 3))
+            elif key == "CHANNELS":
+                channels = [_channel(name[:1], name[1:]) for name in rest[1:]]
+                count = f"{' '.join(rest[:1])} channels, and {len(channels)} names"
+                require(rest[:1] == [str(len(channels))], count)
+                joints[above[-1]].channels = channels
             elif key == "FRAME" and rest[:1] == ["Time:"]:
                 require(joints and not above, "the tree of joints is not complete")
                 for joint in joints:  # a channel of position replaces the offset along its axis
                     joint.before[[axis for turns, axis in joint.channels if not turns]] = 0
-                return joints, ends, number, frames, _floats(rest[1:2], 1)[0]
+                return joints, ends, number, floats(rest[1:2], 1)[0]
             else:
-                known = key in ("", "HIERARCHY", "MOTION")
-                require(known, f"begins with {word!r}, which is no word of BVH")
+                exists = key in ("", "HIERARCHY", "MOTION", "FRAMES:")
+                require(exists, f"begins with {word!r}, which is no word of BVH")
         if "}" in line and above:
             del above[-line.count("}") :]
     raise input_error(path, "has no motion, or is cut off before it", "give a complete BVH file")
@@ -180,15 +158,6 @@ INCH = 0.0254
 WHOLE = "give whole files, in which every frame lists the bones of the skeleton"
 
 
-class Skeleton(NamedTuple):
-    """Bones, the root first, in the order of the file; scale of lengths; unit of angles."""
-
-    bones: list[Joint]
-    unit: str
-    scale: float
-    degrees: bool
-
-
 def read_acclaim(paths: tuple[Path, ...]) -> Poses:
     """Return the ends of the bones of one or more motions: the root, then bones as ASF lists them.
 
@@ -197,57 +166,57 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
     there is no skeleton, or another one.
     """
     motions = [path for path in paths if path.suffix.lower() == ".amc"]
-    if not motions:
-        fix = "give the AMC file of the motion"
-        raise input_error(paths[0], "is a skeleton without a motion", fix)
+    require(motions, "a skeleton without a motion; give the AMC file, too")
     given = [path for path in paths if path.suffix.lower() == ".asf"]
     skeletons = [_read_skeleton(_find_skeleton(path, given)) for path in motions]
-    first = skeletons[0]
-    names = [bone.name for bone in first.bones]
-    parts = []
-    for path, skeleton in zip(motions, skeletons, strict=True):
-        if [bone.name for bone in skeleton.bones] != names or skeleton.unit != first.unit:
+    bones, unit, _ = skeletons[0]
+    names = [bone.name for bone in bones]
+    labels, ends = [], []
+    for path, (others, _, scale) in zip(motions, skeletons, strict=True):
+        if [bone.name for bone in others] != names:
             problem = f"has another skeleton than {motions[0]}"
             raise input_error(path, problem, "convert them one by one")
-        parts.append(_read_motion(path, skeleton))
+        with parsing(path, "AMC", WHOLE):
+            frames, values = _read_motion(path, others)
+        labels.append(frames)
+        ends.append(scale * forward_kinematics(others, values))
     return of_frames(
         motions[0] if len(motions) == 1 else motions[0].parent,
-        np.concatenate([ends for _, ends in parts]),
-        labels=[label for labels, _ in parts for label in labels],
-        video=[path.stem for path, part in zip(motions, parts, strict=True) for _ in part[0]],
-        frame=np.concatenate([np.arange(len(labels)) for labels, _ in parts]),
+        np.concatenate(ends),
+        labels=[label for frames in labels for label in frames],
+        video=[path.stem for path, frames in zip(motions, labels, strict=True) for _ in frames],
+        frame=np.concatenate([np.arange(len(frames)) for frames in labels]),
         landmark_names=tuple(names),
-        unit=first.unit,
-        edges=tuple((b.parent, i) for i, b in enumerate(first.bones) if b.parent >= 0),
+        unit=unit,
+        edges=tuple((bone.parent, i) for i, bone in enumerate(bones) if bone.parent >= 0),
     )
 
 
 def _find_skeleton(motion: Path, given: list[Path]) -> Path:
     """Return the skeleton of a motion. Raises InputError where there is none, or several are."""
-    beside = sorted(p for p in motion.parent.iterdir() if p.suffix.lower() == ".asf")
-    for paths in (given, beside):
+    folder = sorted(path for path in motion.parent.iterdir() if path.suffix.lower() == ".asf")
+    for paths in (given, folder):
         if named := [path for path in paths if motion.stem.startswith(path.stem)]:
             return max(named, key=lambda path: len(path.stem))
         if len(paths) == 1:
             return paths[0]
-    if not beside:
-        problem = "there is no ASF file in its folder"
-        raise input_error(motion, problem, "put the skeleton beside the motion")
-    problem = f"none of the ASF files in its folder is named like it ({listed(map(str, beside))})"
-    raise input_error(motion, problem, "give the right one with it, or rename it")
+    fix = "put the ASF file beside it, and call it as the motion begins, or give it, too"
+    raise input_error(
+        motion, f"none of the {len(folder)} skeletons beside it is named like it", fix
+    )
 
 
-def _read_skeleton(path: Path) -> Skeleton:
-    """Read an ASF file. Raises InputError for what is no skeleton.
+def _read_skeleton(path: Path) -> tuple[list[Joint], str, float]:
+    """Return the bones of an ASF file, the root first, their unit, and what lengths are times.
 
     Lengths are in inches / `length`, as the motion capture database of CMU has them (0.45), and
-    given out in metres; with `length 1` their unit is unknown.
+    given out in metres; with `length 1` their unit is unknown. Raises InputError, naming the line.
     """
     units: dict[str, str] = {}
     root = {"name": ["root"], "dof": ["TX", "TY", "TZ", "RX", "RY", "RZ"], "axis": []}
     root |= {"position": ["0"] * 3, "orientation": ["0"] * 3}
-    blocks: list[tuple[str, dict[str, list[str]]]] = [(f"{path}: root", root)]
-    links: list[tuple[int, list[str]]] = []
+    blocks: list[tuple[int, dict[str, list[str]]]] = [(1, root)]
+    links: list[list[str]] = []
     section = ""
     for number, line in enumerate(read_text(path).split("\n"), 1):
         word, *rest = line.split("#")[0].split() or [""]
@@ -255,7 +224,7 @@ def _read_skeleton(path: Path) -> Skeleton:
         if key.startswith(":"):
             section = key
         elif key == "begin" and section == ":bonedata":
-            blocks.append((f"{path}:{number}", {"dof": []}))
+            blocks.append((number, {"dof": []}))
         elif key in ("begin", "end", ""):
             continue
         elif section == ":units":
@@ -264,87 +233,70 @@ def _read_skeleton(path: Path) -> Skeleton:
             block = blocks[0 if section == ":root" else -1][1]
             block["dof" if key == "order" else key] = rest
         elif section == ":hierarchy":
-            links.append((number, [word, *rest]))
-    degrees = not units.get("angle", "deg").startswith("rad")
+            links.append([word, *rest])
     bones = []
-    for place, block in blocks:
-        with parsing(place, WHOLE):
-            bones.append(_bone(block, degrees))
-    with parsing(path, WHOLE):
-        require(len(bones) > 1, "has no bones")
+    for number, block in blocks:
+        with parsing(f"{path}:{number}", "a bone of ASF", WHOLE):
+            bones.append(_bone(block))
+    with parsing(path, "ASF", WHOLE):
+        require(units.get("angle", "deg").startswith("deg"), "angles in radians")
         check_names([bone.name for bone in bones], "bone")
-        (length,) = _floats([units.get("length", "1")], 1)
-        require(length > 0, f"has the unit of length {length:g}")
+        (length,) = floats([units.get("length", "1")])
+        require(length > 0, f"the unit of length {length:g}")
         index = {bone.name: number for number, bone in enumerate(bones)}
-        pairs = [(index[above], index[name]) for _, (above, *below) in links for name in below]
+        pairs = [(index[above], index[name]) for above, *below in links for name in below]
         for above, child in pairs:
             bones[child].parent = above
         children = sorted(child for _, child in pairs)
         reached = len(_parents_first([bone.parent for bone in bones])) == len(bones)
-        whole = reached and children == [*range(1, len(bones))]
+        whole = len(bones) > 1 and reached and children == [*range(1, len(bones))]
         require(whole, "the hierarchy does not reach every bone once")
-    scale, unit = (1.0, UNKNOWN_UNIT) if length == 1 else (INCH / length, "m")
-    return Skeleton(bones, unit, scale, degrees)
+    return bones, UNKNOWN_UNIT if length == 1 else "m", 1.0 if length == 1 else INCH / length
 
 
-def _bone(block: dict[str, list[str]], degrees: bool) -> Joint:
+def _bone(block: dict[str, list[str]]) -> Joint:
     """Return a bone, or the root, whose place is where it turns; its first angle turns first."""
     from scipy.spatial.transform import Rotation
 
     before, after, turn = np.zeros(3), np.zeros(3), block["axis"]
     if "orientation" in block:
         turn = [*block["orientation"], *turn]
-        before = np.array(_floats(block["position"], 3))
+        before = np.array(floats(block["position"], 3))
     else:
-        after = np.array(_floats(block["direction"], 3)) * _floats(block["length"], 1)[0]
-    angles, letters = _floats(turn[:3], 3), (turn[3:] or ["XYZ"])[0].lower()
-    require(sorted(letters) == ["x", "y", "z"], f"the axes are {letters!r}, not XYZ in any order")
-    axes = Rotation.from_euler(letters, angles, degrees=degrees).as_matrix()
+        after = np.array(floats(block["direction"], 3)) * floats(block["length"], 1)[0]
+    angles, letters = floats(turn[:3], 3), (turn[3:] or ["XYZ"])[0].lower()
+    axes = Rotation.from_euler(letters, angles, degrees=True).as_matrix()
     channels = [_channel(name[1:], name[:1]) for name in reversed(block["dof"])]
     return Joint(block["name"][0], -1, before, after, axes, channels)
 
 
-def _read_motion(path: Path, skeleton: Skeleton) -> tuple[list[str], Floats]:
-    """Return the labels of the frames of a motion, and the ends (n, bones, 3) of all bones.
+def _read_motion(path: Path, bones: Sequence[Joint]) -> tuple[list[str], Floats]:
+    """Return the labels of the frames of a motion, and the channels (n, c) of all bones.
 
     Raises InputError, naming the line, for frames that list other bones than the first.
     """
-    lines = read_text(path).split("\n")
-    settings = {line.strip().upper() for line in lines[:100]}
-    degrees = ":DEGREES" in settings or (":RADIANS" not in settings and skeleton.degrees)
-    count = {bone.name: len(bone.channels) for bone in skeleton.bones}
     labels: list[str] = []
     rows: list[tuple[int, list[str]]] = []
-    size = 0
-    for line, words in enumerate(map(str.split, lines), 1):
-        if not words or words[0][0] in "#:":
-            continue
+    for line, words in enumerate(map(str.split, read_text(path).split("\n")), 1):
         if len(words) == 1 and words[0].isdigit():
-            size = len(rows) if len(labels) == 1 else size
             labels.append(words[0])
-        else:
+        elif words and words[0][0] not in "#:":
             rows.append((line, words))
-    if not rows:
-        return [], np.empty((0, len(skeleton.bones), 3))
-    size = size or len(rows)
+        require(words != [":RADIANS"], "angles in radians")
+    size = len(rows) // max(len(labels), 1)
     order = [words[0] for _, words in rows[:size]]
+    count = {bone.name: len(bone.channels) for bone in bones}
     for (line, (name, *cells)), wanted in zip(rows, order * len(labels), strict=False):
         if name != wanted or len(cells) != count.get(name):
             problem = f"{len(cells)} numbers of {name!r}, not {count.get(wanted, 0)} of {wanted!r}"
             raise input_error(f"{path}:{line}", problem, WHOLE)
-    if len(rows) != size * len(labels):
-        raise input_error(path, "a frame lacks bones, its number, or has too many", WHOLE)
-    values, _ = read_numbers([cell for _, words in rows for cell in words[:0:-1]])
-    if (wrong := ~np.isfinite(values)).any():
-        places = [(line, cell) for line, words in rows for cell in words[:0:-1]]
-        line, cell = places[int(wrong.argmax())]
-        raise input_error(f"{path}:{line}", f"{cell[:40]!r} is no number", "correct it")
+    require(len(rows) == size * len(labels), "a frame lacks bones, its number, or has too many")
+    values = floats([cell for _, words in rows for cell in words[:0:-1]])
     starts = dict(zip(order, np.cumsum([0, *(count[n] for n in order)]).tolist(), strict=False))
-    padded = np.column_stack([values.reshape(len(labels), -1), np.zeros(len(labels))])
+    padded = np.column_stack([np.reshape(values, (len(labels), -1)), np.zeros(len(labels))])
     columns = [
         starts[bone.name] + number if bone.name in starts else -1  # a bone that does not move
-        for bone in skeleton.bones
+        for bone in bones
         for number in range(count[bone.name])
     ]
-    ends = forward_kinematics(skeleton.bones, padded[:, columns], degrees=degrees)
-    return labels, skeleton.scale * ends
+    return labels, padded[:, columns]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import count
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.errors import abbreviate, counted, input_error, printable
+from shapefit.errors import InputError, abbreviate, counted, input_error, printable
 from shapefit.io.layout import UNKNOWN_UNIT
 
 FRACTION = "fraction of the image"
@@ -66,28 +66,27 @@ class Poses:
     notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        """Raise InputError for names that are empty or repeat, and fields that do not agree.
+        """Raise ValueError for names that are empty or repeat, and fields that do not agree.
 
         In 2D what tools write for a missing landmark becomes NaN: (-1, -1) without a confidence or
         with 0, and (0, 0) with a confidence of 0.
         """
         n, p, d = self.points.shape
-        with parsing(self.name, "name each landmark once, and give each point its frame"):
-            require(d in (2, 3), f"has points of {d} coordinates")
-            check_names(self.landmark_names or (), "landmark")
-            names = p if self.landmark_names is None else len(self.landmark_names)
-            require(names == p or not n, f"has {p} landmarks, and names {names}")
-            scored = self.confidence is None or self.confidence.shape == (n, p)
-            require(scored, f"has other confidences than its {n} poses of {p} landmarks")
-            for field in PER_POSE[2:]:
-                values = getattr(self, field)
-                fits = values is None or isinstance(values, str) or len(values) == n
-                require(fits, f"has another number of {field}s than its {n} poses")
+        require(d in (2, 3), f"points of {d} coordinates")
+        check_names(self.landmark_names or (), "landmark")
+        names = p if self.landmark_names is None else len(self.landmark_names)
+        require(names == p or not n, f"{names} names of {p} landmarks")
+        scores = self.confidence
+        require(scores is None or scores.shape == (n, p), "other confidences than landmarks")
+        for field in PER_POSE[2:]:
+            values = getattr(self, field)
+            fits = values is None or isinstance(values, str) or len(values) == n
+            require(fits, f"another number of {field}s than of poses")
         if d == 2:
             missing = (self.points == -1).all(axis=2)
-            if self.confidence is not None:
-                missing &= ~(self.confidence > 0)
-                missing |= (self.points == 0).all(axis=2) & (self.confidence == 0)
+            if scores is not None:
+                missing &= ~(scores > 0)
+                missing |= (self.points == 0).all(axis=2) & (scores == 0)
             points = np.where(missing[..., None], np.nan, self.points)
             object.__setattr__(self, "points", points)
 
@@ -116,14 +115,14 @@ class Poses:
 
     def take(self, rows: NDArray[Any]) -> Poses:
         """Return some of the poses, by a mask or by numbers."""
-        numbers = np.arange(len(self))[rows]
+        rows = np.arange(len(self))[rows]
         changes: dict[str, Any] = {}
         for field in PER_POSE:
             values = getattr(self, field)
             if isinstance(values, np.ndarray):
-                changes[field] = values[numbers]
+                changes[field] = values[rows]
             elif values is not None and not isinstance(values, str):
-                changes[field] = [values[number] for number in numbers.tolist()]
+                changes[field] = [values[row] for row in rows.tolist()]
         return replace(self, **changes)
 
 
@@ -133,30 +132,26 @@ def of_frames(
     confidence: Floats | None = None,
     labels: Sequence[str] | None = None,
     *,
-    individuals: Sequence[str] | NDArray[Any] | None = None,
+    individuals: Sequence[str] | None = None,
     present: NDArray[np.bool_] | None = None,
     **fields: Any,
 ) -> Poses:
-    """Return the poses of points (n, i, p, d), i individuals in each of n frames.
+    """Return the poses of points (n, [i,] p, d), of i individuals in each of n frames.
 
-    Points (n, p, d) are those of one individual. confidence (n, [i,] p); labels (n), by default
-    the numbers of the frames; individuals are i names, or (n, i) where they change places;
-    `present` (n, i) are the poses that count, by default all. 2D points are in pixels. `fields` are
-    those of `Poses`, and go before what follows from the path.
+    confidence (n, [i,] p); labels (n), by default the numbers of the frames; individuals (i) are
+    names; `present` (n, i) are the poses that count, by default all. `fields` are those of `Poses`,
+    and go before the defaults. Raises ValueError for sizes that do not agree.
     """
     n, p, d = len(points), *points.shape[-2:]
     many = points.shape[1] if points.ndim == 4 else 1
     labels = [*map(str, range(n))] if labels is None else labels
-    with parsing(path, "give each individual a name of its own, each point its confidence"):
-        if isinstance(individuals, tuple | list):
-            check_names(individuals, "individual")
-            require(len(individuals) == many, f"names {len(individuals)} of {many} individuals")
-        if confidence is not None:
-            shape = f"has the shape {confidence.shape}, and points {points.shape}"
-            require(confidence.shape == points.shape[:-1], f"the confidence {shape}")
-            confidence = confidence.reshape(n * many, p)
+    if confidence is not None:
+        require(confidence.shape == points.shape[:-1], "other confidences than landmarks")
+        confidence = confidence.reshape(n * many, p)
     if individuals is not None:
-        individuals = np.broadcast_to(np.array(individuals, object), (n, many)).ravel().tolist()
+        check_names(individuals, "individual")
+        require(len(individuals) == many, f"{len(individuals)} names of {many} individuals")
+        individuals = [*individuals] * n
     defaults: dict[str, Any] = {
         "name": str(path),
         "video": video_name(path),
@@ -177,35 +172,30 @@ def are_fractions(coordinates: Floats) -> bool:
     return coordinates.size > 0 and bool(coordinates.min() >= -0.5 and coordinates.max() <= 1.5)
 
 
-class FormatError(ValueError):
-    """What a file should not hold, in words; `parsing` names the file."""
-
-
 @contextmanager
-def parsing(place: str | Path | Callable[[], str], fix: str) -> Iterator[None]:
-    """Turn whatever a reader stumbles over here into the InputError that names the place."""
+def parsing(place: str | Path, title: str, fix: str = "export it again") -> Iterator[None]:
+    """Turn whatever a file leads to here into the InputError that names it and its format."""
     try:
         yield
-    except (LookupError, TypeError, ValueError, AttributeError, OverflowError) as error:
-        text = printable(str(error).strip().partition("\n")[0][:160])
-        if isinstance(error, KeyError):
-            text = f"there is no {text}"
-        elif not isinstance(error, FormatError):
-            text = f"is not as its format says ({text})"
-        raise input_error(place() if callable(place) else place, text, fix) from error
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:  # damage leads anywhere
+        reason = printable(str(error).strip().partition("\n")[0][:160]) or type(error).__name__
+        reason = f"it has no {reason}" if isinstance(error, KeyError) else reason
+        raise input_error(place, f"cannot be read as {title} ({reason})", fix) from error
 
 
 def require(condition: object, problem: str) -> None:
-    """Raise FormatError with the problem, unless a condition holds."""
+    """Raise ValueError with the problem, unless a condition holds."""
     if not condition:
-        raise FormatError(problem)
+        raise ValueError(problem)
 
 
 def check_names(names: Sequence[str], what: str) -> None:
-    """Raise FormatError for names that are empty or repeat."""
-    require(all(names), f"a {what} has no name")
+    """Raise ValueError for names that are empty or repeat."""
+    require(all(names), f"a {what} without a name")
     twice = next((name for name, number in Counter(names).items() if number > 1), "")
-    require(not twice, f"the {what} {twice!r} is there twice")
+    require(not twice, f"the {what} {twice!r} twice")
 
 
 # Names.
@@ -255,10 +245,9 @@ def are_series(names: Sequence[str]) -> bool:
 def number_labels(values: NDArray[Any]) -> list[str]:
     """Return numbers or times of frames, in seconds, as text, to the microsecond.
 
-    Raises FormatError where one is no number.
+    Raises ValueError where one is no number.
     """
-    for row in np.flatnonzero(~np.isfinite(values))[:1].tolist():
-        raise FormatError(f"entry {row} is no frame; number the frames")
+    require(np.isfinite(values).all(), "a frame without a number")
     return [
         str(int(value)) if value == int(value) else f"{value:.6f}".rstrip("0").rstrip(".")
         for value in values.tolist()

@@ -7,10 +7,7 @@ may be a comma.
 
 from __future__ import annotations
 
-import csv
-import math
 import re
-import zipfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,9 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.errors import InputError, abbreviate, input_error, printable
+from shapefit.errors import abbreviate, input_error, printable
 from shapefit.io.checks import warn_of_zeros
-from shapefit.io.inputs import check_fits
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import (
     FRACTION,
@@ -33,7 +29,7 @@ from shapefit.io.readers.poses import (
     require,
     video_name,
 )
-from shapefit.io.readers.text import Table, read_json, read_text, split_rows
+from shapefit.io.readers.text import Table, read_json, read_table, read_text
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.io.tidy_table import read_numbers
 
@@ -44,12 +40,12 @@ ROLES: Mapping[str, str] = {
     for role, names in {
         "item": "item image filename file file_name image_name image_id img",
         "frame": "frame frame_id frame_idx frame_index frame_number frame_no fnum",
-        "sequence": "sequence video clip session",
+        "sequence": "sequence video clip session port cam_id",
         "individual": "individual person person_id track track_id animal subject id",
         "landmark": "landmark joint bodypart body_part keypoint part node marker landmark_name "
-        "joint_name keypoint_name landmark_id joint_id keypoint_id landmark_index",
-        "x": "x x_px px",
-        "y": "y y_px py",
+        "joint_name keypoint_name landmark_id joint_id keypoint_id landmark_index point_id",
+        "x": "x x_px px img_loc_x",
+        "y": "y y_px py img_loc_y",
         "z": "z",
         "confidence": "confidence conf likelihood score visibility probability prob v c",
     }.items()
@@ -72,21 +68,15 @@ _OF_LANDMARK = (
 class Header(NamedTuple):
     """A header as it was understood.
 
-    names of all columns; roles -> column; landmarks -> their roles -> column of a wide table, None
+    names of all columns; roles -> column; landmarks -> their roles -> column of a wide table, none
     of a long one; names of columns without a role.
     """
 
     delimiter: str
-    names: tuple[str, ...]
+    names: Sequence[str]
     roles: Mapping[str, int]
-    landmarks: Mapping[str, Mapping[str, int]] | None
-    others: tuple[str, ...]
-
-    @property
-    def axes(self) -> tuple[str, ...]:
-        """The coordinates that there are columns for, and the confidence."""
-        points = [self.roles] if self.landmarks is None else self.landmarks.values()
-        return tuple(axis for axis in OF_POINTS if any(axis in columns for columns in points))
+    landmarks: Mapping[str, Mapping[str, int]]
+    others: Sequence[str]
 
 
 def parse_header(line: str) -> Header | None:
@@ -96,56 +86,29 @@ def parse_header(line: str) -> Header | None:
     NAME_y, or x_NAME and y_NAME, of two landmarks at least.
     """
     for delimiter in sorted((",", ";", "\t"), key=line.count, reverse=True):
-        try:
-            cells = next(csv.reader([line], delimiter=delimiter), [])
-        except csv.Error:
-            return None
-        names = tuple(cell.strip() for cell in cells)
-        roles, others = _find_roles(dict(enumerate(names)))
+        names = [cell.strip() for cell in line.replace('"', "").split(delimiter)]
+        landmarks: dict[str, dict[str, int]] = {}
+        roles: dict[str, int] = {}
+        others = []
+        for column, name in enumerate(names):
+            role = ROLES.get(name.lower().replace(" ", "_"))
+            matches = (pattern.fullmatch(name) for pattern in _OF_LANDMARK)
+            match = next((match.groupdict() for match in matches if match), None)
+            if match is not None and role is None:
+                landmark = match.get("name") or str(int(match["number"]))
+                axis = ROLES.get(match["axis"].lower(), "confidence")
+                landmarks.setdefault(landmark, {}).setdefault(axis, column)
+            elif role is not None and role not in roles:
+                roles[role] = column
+            elif name:
+                others.append(name)
         if {"landmark", "x", "y"} <= roles.keys() and {"item", "frame"} & roles.keys():
-            return Header(delimiter, names, roles, None, tuple(filter(None, others)))
-        if (header := _parse_wide(delimiter, names)) is not None:
-            return header
+            return Header(delimiter, names, roles, {}, [*others, *landmarks])
+        others += [name for name, axes in landmarks.items() if not {"x", "y"} <= axes.keys()]
+        landmarks = {name: axes for name, axes in landmarks.items() if name not in others}
+        if len(landmarks) > 1:
+            return Header(delimiter, names, roles, landmarks, others)
     return None
-
-
-def _find_roles(names: Mapping[int, str]) -> tuple[dict[str, int], list[str]]:
-    """Return the first column of each role, and the names of those without one."""
-    roles: dict[str, int] = {}
-    others = []
-    for column, name in names.items():
-        role = ROLES.get(name.lower().replace(" ", "_"))
-        if role is None or role in roles:
-            others.append(name)
-        else:
-            roles[role] = column
-    if not {"item", "frame"} & roles.keys() and "individual" in roles:
-        roles["item"] = roles.pop("individual")  # an id of each row or image
-    return roles, others
-
-
-def _parse_wide(delimiter: str, names: tuple[str, ...]) -> Header | None:
-    landmarks: dict[str, dict[str, int]] = {}
-    rest: dict[int, str] = {}
-    for column, name in enumerate(names):
-        matches = (pattern.fullmatch(name) for pattern in _OF_LANDMARK)
-        parts = next((match.groupdict() for match in matches if match), None)
-        if parts is None:
-            rest[column] = name
-            continue
-        landmark = parts.get("name") or str(int(parts["number"]))
-        axis = ROLES.get(parts["axis"].lower(), "confidence")
-        if axis in landmarks.setdefault(landmark, {}):
-            return None
-        landmarks[landmark][axis] = column
-    placed = {name: axes for name, axes in landmarks.items() if {"x", "y"} <= axes.keys()}
-    if len(placed) < 2:
-        return None
-    roles, others = _find_roles(rest)
-    roles = {role: column for role, column in roles.items() if role not in OF_POINTS}
-    others += [name for name in landmarks if name not in placed]
-    others = [name for name in others if name and not name.lower().startswith("unnamed")]
-    return Header(delimiter, names, roles, placed, tuple(others))
 
 
 # Tables.
@@ -155,8 +118,8 @@ class Grid(NamedTuple):
     """What a table holds: values (n, p, axes); names (p); cells (n) of item, frame and so on."""
 
     values: Floats
-    names: list[str]
-    cells: dict[str, list[str]]
+    names: Sequence[str]
+    cells: Mapping[str, Sequence[str]]
 
 
 METRES = {"frame", "time", "landmark", "x", "y", "z", "sd", "trusted"}
@@ -170,144 +133,128 @@ def read_any_table(paths: tuple[Path, ...]) -> Poses:
     depth that detectors guess, which is left out. Landmarks that are numbered have no names.
     """
     path = paths[0]
+    table, header = _open_table(path)
+    columns = header.landmarks.values() or [header.roles]
+    axes = [axis for axis in OF_POINTS if any(axis in places for places in columns)]
+    values, names, cells = (_read_wide if header.landmarks else _read_long)(table, header, axes)
+    fields: dict[str, Any] = {}
+    notes: tuple[str, ...] = ()
+    order = _by_number(names)
+    if order is None:
+        fields["landmark_names"] = tuple(map(printable, names))
+    else:
+        values = values[:, order]
+    points, confidence = values, None
+    if "confidence" in axes:
+        points, confidence = values[..., :-1], values[..., -1]
+    if not header.landmarks and {*header.names} >= METRES:
+        steps = np.ptp(table.numbers([header.names.index("frame"), header.names.index("time")]), 0)
+        rate = round(float(steps[0] / steps[1]), 6) if steps.all() else 1.0
+        fields |= {"unit": "m", "frame_rate": None if rate == 1 else rate}
+    elif header.others:
+        notes += (f"columns left out: {abbreviate([*map(printable, header.others)])}",)
+    if points.shape[2] == 3 and confidence is not None:
+        points = points[..., :2]
+        notes += ("z left out, the depth that a detector guesses beside its confidence",)
+    if "sequence" in cells:
+        fields["video"] = [f"{video_name(path)}/{name}" for name in cells["sequence"]]
+    if "frame" in cells:
+        fields["frame"] = _places(cells["frame"], fields.get("video"))
+    labels = cells.get("item") or cells.get("frame")
+    if "individual" in cells:
+        fields["individual"] = [*map(_name_individual, cells["individual"])]
+    if labels and not {"frame", "sequence"} & cells.keys():
+        fields = {"individual": [""] * len(points)} | fields
+        fields["unordered"] = not are_series(labels)
+    points = np.where(np.isnan(points).any(axis=2, keepdims=True), np.nan, points)
+    poses = of_bodies(path, points, confidence, labels, notes=notes, **fields)
+    return poses.take(_order(poses)) if "frame" in cells else poses
+
+
+def _open_table(path: Path) -> tuple[Table, Header]:
     text = read_text(path)
     header = parse_header(text.partition("\n")[0])
-    if header is None:
-        raise input_error(path, "does not name columns of landmarks", "see docs/formats.md")
-    rows = split_rows(path, text, header.delimiter)[1:]
-    table = Table(path, rows, header.names, header.delimiter)
-    values, names, cells = (_read_wide if header.landmarks else _read_long)(table, header)
-    order = _by_number(names, 1 if header.landmarks else 0)
-    values = values if order is None else values[:, order]
-    scored = "confidence" in header.axes
-    points, confidence = (values[..., :-1], values[..., -1]) if scored else (values, None)
-    fields: dict[str, Any] = {}
-    if not header.landmarks and {*header.names} >= METRES:
-        columns = [header.names.index(name) for name in ("frame", "time")]
-        steps = np.ptp(table.read(columns)[0], axis=0)
-        rate = round(float(steps[0] / steps[1]), 6) if steps.all() else 1.0
-        fields = {"unit": "m", "frame_rate": None if rate == 1 else rate}
-    elif header.others:
-        fields["notes"] = (f"columns left out: {abbreviate([*map(printable, header.others)])}",)
-    if points.shape[2] == 3 and scored:
-        points = points[..., :2]
-        note = "z left out, the depth that a detector guesses beside its confidence"
-        fields["notes"] = (*fields.get("notes", ()), note)
-    if "z" in header.axes and points.shape[1] == 33:
-        fields["skeleton"] = "mediapipe_33"
-    videos = [f"{video_name(path)}/{name}" for name in cells.get("sequence", ())] or None
-    if "frame" in cells:
-        rows_of, fields["frame"] = _in_order(cells["frame"], videos, table)
-        points, confidence = points[rows_of], None if confidence is None else confidence[rows_of]
-        cells = {role: [own[row] for row in rows_of] for role, own in cells.items()}
-        videos = videos and [videos[row] for row in rows_of]
-    people = cells.get("individual")
-    return of_bodies(
-        path,
-        np.where(np.isnan(points).any(axis=2, keepdims=True), np.nan, points),
-        confidence,
-        labels=cells.get("item") or cells.get("frame"),
-        images=cells.keys() & OF_IMAGES <= {"item", "individual"} and "item" in cells,
-        individuals=people and [*map(_name_individual, people)],
-        landmark_names=None if order is not None else tuple(map(printable, names)),
-        **fields | ({"video": videos} if videos else {}),
-    )
+    require(header is not None, "it does not name columns of landmarks, see docs/formats.md")
+    assert header is not None
+    return read_table(path, text, header.names, header.delimiter, after=1), header
 
 
-def _by_number(names: Sequence[str], first: int) -> list[int] | None:
-    """Return the order of landmarks that are called by all numbers from 0, or up to `first`, on."""
+def _by_number(names: Sequence[str]) -> list[int] | None:
+    """Return the order of landmarks that are called by all numbers from 0 or 1 on."""
     if not all(name.isascii() and name.isdigit() and len(name) < 10 for name in names):
         return None
     numbers = [*map(int, names)]
     start = min(numbers, default=0)
-    whole = start <= first and sorted(numbers) == [*range(start, start + len(names))]
+    whole = start < 2 and sorted(numbers) == [*range(start, start + len(names))]
     return sorted(range(len(names)), key=numbers.__getitem__) if whole else None
 
 
 def _name_individual(cell: str) -> str:
     """Return an individual as files of detectors name it: 3 is `id 3`, -1 and nothing nobody."""
-    values, wrong = read_numbers([cell])
-    if wrong[0] or np.isnan(values[0]):
+    (value,), wrong = read_numbers([cell])
+    if wrong.any():
         return printable(cell)
-    return f"id {values[0]:g}" if values[0] >= 0 else ""
+    return f"id {value:g}" if value >= 0 else ""
 
 
-def _read_wide(table: Table, header: Header) -> Grid:
+def _read_wide(table: Table, header: Header, axes: Sequence[str]) -> Grid:
     """Read a table with a row per image."""
-    assert header.landmarks is not None
-    roles = [role for role in OF_IMAGES if role in header.roles]
-    numbers = sorted({at for axes in header.landmarks.values() for at in axes.values()})
-    cells, texts, _ = table.read(numbers, [header.roles[role] for role in roles], finite=True)
-    cells = np.column_stack([cells, np.full(len(cells), np.nan)])
+    columns = sorted({at for places in header.landmarks.values() for at in places.values()})
+    numbers = table.numbers(columns, finite=True)
+    numbers = np.column_stack([numbers, np.full(len(numbers), np.nan)])
     places = [
-        [numbers.index(axes[axis]) if axis in axes else -1 for axis in header.axes]
-        for axes in header.landmarks.values()
+        [columns.index(places[axis]) if axis in places else -1 for axis in axes]
+        for places in header.landmarks.values()
     ]
-    return Grid(cells[:, places], [*header.landmarks], dict(zip(roles, texts, strict=True)))
+    roles = [role for role in OF_IMAGES if role in header.roles]
+    texts = table.texts(*(header.roles[role] for role in roles))
+    return Grid(numbers[:, places], [*header.landmarks], dict(zip(roles, texts, strict=True)))
 
 
-def _read_long(table: Table, header: Header) -> Grid:
+def _read_long(table: Table, header: Header, axes: Sequence[str]) -> Grid:
     """Read a table with a row per landmark of an image."""
     roles = [role for role in OF_IMAGES if role in header.roles]
-    texts = [header.roles[role] for role in ("landmark", *roles)]
-    numbers = [header.roles[axis] for axis in header.axes]
-    cells, (landmark_cells, *keys), lines = table.read(numbers, texts, finite=True)
+    texts, *keys = table.texts(*(header.roles[role] for role in ("landmark", *roles)))
+    numbers = table.numbers([header.roles[axis] for axis in axes], finite=True)
     landmarks: dict[str, int] = {}
     images: dict[tuple[str, ...], int] = {}
     rows: dict[tuple[int, int], int] = {}
-    for row, (name, *key) in enumerate(zip(landmark_cells, *keys, strict=True)):
+    for row, (name, *key) in enumerate(zip(texts, *keys, strict=True)):
         image = images.setdefault(tuple(key), len(images))
         first = rows.setdefault((image, landmarks.setdefault(name, len(landmarks))), row)
         if first != row:
-            problem = f"{name!r} of {' '.join(key)} is also in line {lines[first]}"
+            problem = f"{name!r} of {' '.join(key)} is also in line {table.lines[first]}"
             fix = "keep one body per image, or separate them by a column `sequence`"
-            raise input_error(f"{table.path}:{lines[row]}", problem, fix)
-    size = len(images), len(landmarks), len(header.axes)
-    check_fits(str(table.path), 8 * math.prod(size), "what it holds")
-    values = np.full(size, np.nan)
-    at, landmark = np.array([*rows], np.int64).reshape(-1, 2).T
-    values[at, landmark] = cells
-    of_images = zip(*images, strict=True) if images else ((),) * len(roles)
-    by_role = {role: [*texts] for role, texts in zip(roles, of_images, strict=True)}
-    return Grid(values, [*landmarks], by_role)
+            raise input_error(f"{table.path}:{table.lines[row]}", problem, fix)
+    values = np.full((len(images), len(landmarks), len(axes)), np.nan)
+    values[tuple(np.array([*rows], np.int64).reshape(-1, 2).T)] = numbers
+    cells = zip(*images, strict=True) if images else ((),) * len(roles)
+    return Grid(values, [*landmarks], dict(zip(roles, cells, strict=True)))
 
 
-def _in_order(
-    cells: Sequence[str], videos: Sequence[str] | None, table: Table
-) -> tuple[NDArray[np.intp], NDArray[np.int64]]:
-    """Return the order of images by video and frame, and each one's place from the video's first.
-
-    Videos stand as they appear. Raises InputError for frames that are no whole numbers.
-    """
-    values = _whole_numbers(table, cells, "number the frames, or call the column `item`")
-    videos = videos or [""] * len(cells)
-    numbers = {name: number for number, name in enumerate(dict.fromkeys(videos))}
-    video = np.array([numbers[name] for name in videos], np.int64)
-    starts = np.full(len(numbers), np.iinfo(np.int64).max)
-    np.minimum.at(starts, video, values)
-    order = np.lexsort((values, video))
-    return order, (values - starts[video])[order]
-
-
-def _whole_numbers(table: Table, cells: Sequence[str], fix: str) -> NDArray[np.int64]:
-    """Return cells as whole numbers. Raises InputError for the first that is none."""
-    values, wrong = read_numbers(cells)
-    wrong |= ~(np.abs(values) < 2.0**53) | (values % 1 != 0)  # beyond, numbers are not told apart
-    if wrong.any():
-        problem = f"{cells[int(wrong.argmax())]!r} is no whole number"
-        raise input_error(table.path, problem, fix)
+def _whole_numbers(cells: Sequence[str]) -> NDArray[np.int64]:
+    """Return cells as whole numbers. Raises ValueError for the first that is none."""
+    values, _ = read_numbers(cells)
+    wrong = ~(np.abs(values) < 2.0**53) | (values % 1 != 0)  # beyond, numbers are not told apart
+    unfit = [cell for cell, flag in zip(cells, wrong.tolist(), strict=True) if flag]
+    fix = "number the frames, or call the column `item`"
+    require(not unfit, f"{unfit[:1]} is no whole number; {fix}")
     return values.astype(np.int64)
 
 
-CALISCOPE = {
-    "port": "sequence",
-    "cam_id": "sequence",
-    "frame_index": "frame",
-    "point_id": "landmark",
-    "img_loc_x": "x",
-    "img_loc_y": "y",
-}
-"""Columns of caliscope, and what they hold."""
+def _places(cells: Sequence[str], videos: Sequence[str] | None) -> NDArray[np.int64]:
+    """Return the positions of frames in their videos, from the first of each on."""
+    frames = _whole_numbers(cells)
+    _, video = np.unique(videos or [""] * len(cells), return_inverse=True)
+    starts = np.full(len(frames), np.iinfo(np.int64).max)
+    np.minimum.at(starts, video, frames)
+    return frames - starts[video]
+
+
+def _order(poses: Poses) -> NDArray[np.intp]:
+    """Return the order of poses by frame in each video; videos stand as they appear."""
+    numbers = {name: number for number, name in enumerate(dict.fromkeys(poses.videos))}
+    return np.lexsort((poses.frame, np.array([numbers[name] for name in poses.videos])))
 
 
 def read_caliscope(paths: tuple[Path, ...]) -> Poses:
@@ -318,27 +265,20 @@ def read_caliscope(paths: tuple[Path, ...]) -> Poses:
     row is missing.
     """
     path = paths[0]
-    rows = split_rows(path, read_text(path))
-    names = tuple(cell.strip('"') for cell in Table(path, rows[:1]).cells(0))
-    roles = {CALISCOPE[name]: column for column, name in enumerate(names) if name in CALISCOPE}
-    table = Table(path, rows[1:], names)
-    grid = _read_long(table, Header(",", names, roles, None, ()))
-    ids, frames, ports = (
-        _whole_numbers(table, cells, "give camera, frame and point of each row as numbers")
-        for cells in (grid.names, grid.cells["frame"], grid.cells["sequence"])
-    )
+    values, names, cells = _read_long(*_open_table(path), "xy")
+    ids, ports, frames = map(_whole_numbers, (names, cells["sequence"], cells["frame"]))
     body = dict(enumerate(installed_skeletons()["mediapipe_33"].landmark_names))
     by_number = np.argsort(ids, kind="stable")
     videos = [f"{path.name.partition('.')[0]}/port {port}" for port in ports]
-    order, places = _in_order([*map(str, frames)], videos, table)
-    return of_frames(
+    poses = of_frames(
         path,
-        grid.values[order][:, by_number],
-        labels=[str(frames[row]) for row in order],
-        frame=places,
-        video=[videos[row] for row in order],
+        values[:, by_number],
+        labels=[*map(str, frames)],
+        frame=_places(cells["frame"], videos),
+        video=videos,
         landmark_names=tuple(body.get(number, str(number)) for number in ids[by_number].tolist()),
     )
+    return poses.take(_order(poses))
 
 
 # Arrays of landmarks without names: (n, p, 2), or 3 with a confidence; (p, 2 or 3) is one image.
@@ -354,34 +294,18 @@ def read_array(paths: tuple[Path, ...]) -> Poses:
     In a .npz the confidences may be an array (n, p) of their own.
     """
     path = paths[0]
-    try:
-        if path.name.lower().endswith((".json", ".json.gz")):
-            return of_array(path, np.array(read_json(path), np.float64))
-        if zipfile.is_zipfile(path):
-            return of_array(path, *_read_archive(path))
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
-        check_fits(str(path), 2 * 8 * array.size)
-        return of_array(path, np.array(array))
-    except InputError:
-        raise
-    except Exception as error:  # NumPy has many kinds of error for damaged files
-        problem = f"cannot be read as an array ({str(error).partition(chr(10))[0][:80]})"
-        fix = f"{WANTED}; save it again with numpy.save, without objects"
-        raise input_error(path, problem, fix) from error
-
-
-def _read_archive(path: Path) -> tuple[NDArray[Any], NDArray[Any] | None]:
-    """Return the points and confidences of a .npz."""
-    with zipfile.ZipFile(path) as archive, np.load(path, allow_pickle=False) as arrays:
-        sizes = {entry.filename.removesuffix(".npy"): entry.file_size for entry in archive.filelist}
-        points = [name for name in sizes if name.lower() in POINTS]
-        scores = [name for name in sizes if name.lower() in SCORES]
-        points = points or [name for name in sizes if name not in scores]
-        if len(points) != 1:
-            names = abbreviate([*map(printable, sizes)]) or "nothing"
-            raise input_error(path, f"holds {names}", "call the landmarks `landmarks`")
-        check_fits(str(path), 3 * sum(sizes[name] for name in (*points, *scores[:1])))
-        return arrays[points[0]], arrays[scores[0]] if scores else None
+    if path.name.lower().endswith((".json", ".json.gz")):
+        return of_array(path, np.array(read_json(path), np.float64))
+    with parsing(path, "an array", f"{WANTED}; save it again with numpy.save, without objects"):
+        arrays = np.load(path, mmap_mode="r", allow_pickle=False)
+        if not isinstance(arrays, np.lib.npyio.NpzFile):
+            return of_array(path, arrays)
+        scores = [name for name in arrays if name.lower() in SCORES]
+        points = [name for name in arrays if name.lower() in POINTS]
+        points = points or [name for name in arrays if name not in scores]
+        names = abbreviate([*map(printable, arrays)]) or "nothing"
+        require(len(points) == 1, f"it holds {names}; call the landmarks `landmarks`")
+        return of_array(path, arrays[points[0]], arrays[scores[0]] if scores else None)
 
 
 def of_array(
@@ -389,60 +313,45 @@ def of_array(
 ) -> Poses:
     """Return the images of an array (n, p, 2 or 3) or (p, 2 or 3); `path` names it in messages.
 
-    `fields` is what else `of_bodies` takes. Raises InputError for arrays of other shapes, and for
-    a third number that is no confidence.
+    `fields` are those of Poses. Raises InputError for arrays of other shapes, and for a third
+    number that is no confidence.
     """
     if points.ndim == 2:
         points, scores = points[None], None if scores is None else scores[None]
-    with parsing(path, WANTED):
+    with parsing(path, "an array of landmarks", WANTED):
         numeric = points.dtype.kind in "biuf" and points.ndim == 3 and points.shape[2] in (2, 3)
-        require(numeric, f"is an array of {points.dtype} and the shape {points.shape}")
+        require(numeric, f"{points.dtype} of the shape {points.shape}")
         points = points.astype(np.float64)
         points = np.where(np.isfinite(points), points, np.nan)
         if points.shape[2] == 3:
-            last = points[..., 2]
-            least, most = np.nanmin(last, initial=np.inf), np.nanmax(last, initial=-np.inf)
-            problem = f"its third numbers run from {least:g} to {most:g}, so are they confidences?"
-            require(scores is None and not (least < 0 or most > 1), problem)
-            points, scores = points[..., :2], last
-        if scores is not None:
-            problem = f"has confidences of the shape {scores.shape}, and points {points.shape}"
-            require(scores.shape == points.shape[:2], problem)
-            scores = np.nan_to_num(scores.astype(np.float64))
-    points = np.where(np.isnan(points).any(axis=2, keepdims=True), np.nan, points)
-    return of_bodies(path, points, scores, **fields)
+            require(scores is None, "three numbers of each landmark beside its confidence")
+            points, scores = points[..., :2], points[..., 2]
+            least, most = np.nanmin(scores, initial=np.inf), np.nanmax(scores, initial=-np.inf)
+            fits = not (least < 0 or most > 1)
+            require(fits, f"third numbers run from {least:g} to {most:g}, are they confidences?")
+        scores = None if scores is None else np.nan_to_num(scores.astype(np.float64))
+        points = np.where(np.isnan(points).any(axis=2, keepdims=True), np.nan, points)
+        return of_bodies(path, points, scores, **fields)
 
 
 def of_bodies(
     path: Path,
     points: Floats,
     confidence: Floats | None,
-    *,
     labels: Sequence[str] | None = None,
-    images: bool = False,
-    individuals: Sequence[str] | None = None,
+    *,
     notes: tuple[str, ...] = (),
     **fields: Any,
 ) -> Poses:
     """Return the poses of points (n, p, 2 or 3), one body per image, NaN where one is missing.
 
-    labels (n) are names or numbers of the images, by default their places. They are `images` that
-    have nothing to do with one another, or the frames of a video, of these individuals, by default
-    of one. `fields` are those of Poses. Raises InputError for confidences below 0.
+    labels (n) are names or numbers of the images, by default their places. `fields` are those of
+    Poses. Raises ValueError for confidences below 0.
     """
-    n, _, dimensions = points.shape
-    if confidence is not None and (confidence < 0).any():
-        problem = f"has a confidence of {np.nanmin(confidence):g}"
-        raise input_error(path, problem, "write 0 (hidden) or a positive number")
-    if dimensions == 2 and confidence is None:
+    require(confidence is None or not (confidence < 0).any(), "a confidence below 0")
+    flat = points.shape[2] == 2
+    if flat and confidence is None:
         notes += warn_of_zeros(points)
-    fraction = dimensions == 2 and are_fractions(points[np.isfinite(points)])
-    labels = labels or [str(row) for row in range(n)]
-    defaults: dict[str, Any] = {
-        "individual": individuals or ([""] * n if images else None),
-        "unit": FRACTION if fraction else UNKNOWN_UNIT,
-        "size_needed": fraction,
-        "unordered": images and not are_series(labels),
-        "notes": notes,
-    }
-    return of_frames(path, points, confidence, labels, **defaults | fields)
+    fraction = flat and are_fractions(points[np.isfinite(points)])
+    fields = {"unit": FRACTION if fraction else UNKNOWN_UNIT, "size_needed": fraction} | fields
+    return of_frames(path, points, confidence, labels, notes=notes, **fields)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from re import sub
 from typing import Any, NamedTuple
@@ -13,8 +12,7 @@ import h5py
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.errors import input_error, printable
-from shapefit.io.hdf5_file import DAMAGED, Hdf5File
+from shapefit.io.hdf5_file import Hdf5File
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import (
     Edges,
@@ -23,7 +21,6 @@ from shapefit.io.readers.poses import (
     make_unique,
     number_labels,
     of_frames,
-    parsing,
     require,
     video_name,
 )
@@ -32,61 +29,35 @@ REPEATED = "{} ({})"
 """What a name that is there already is called."""
 
 
-@contextmanager
-def open_tracker(path: Path) -> Iterator[TrackerFile]:
-    """Open an HDF5 file of another tool; errors are reported of the dataset that was read last."""
-    with TrackerFile(path) as file, parsing(lambda: file.place(file.last), DAMAGED):
-        yield file
-
-
 class TrackerFile(Hdf5File):
     """An open HDF5 file of another tool."""
 
-    last = ""
-
     def numbers(self, name: str) -> Floats:
         """Return a dataset as numbers."""
-        self.last = name
-        values = self.rows(name)
-        require(np.asarray(values).dtype.kind in "biuf", "holds no numbers")
-        return np.asarray(values, np.float64)
-
-    def table(self, name: str) -> Any:
-        """Return a table of named columns as it stands in the file."""
-        self.last = name
-        return self.rows(name)
+        values = np.asarray(self.rows(name))
+        require(values.dtype.kind in "biuf", f"{name} holds no numbers")
+        return values.astype(np.float64)
 
     def texts(self, name: str) -> tuple[str, ...]:
         """Return a dataset of names; () where it is absent or empty, as SLEAP writes numbers."""
-        self.last = name
-        if not self.is_dataset(name) or self.stored(name).dataset.size == 0:
-            return ()
-        require(self.stored(name).text, "holds no text")
-        with self.damage(name):
-            return tuple(map(as_text, np.ravel(self.stored(name).dataset[()])))
+        values = np.ravel(np.asarray(self.rows(name), object) if self.is_dataset(name) else ())
+        require(all(isinstance(value, str) for value in values), f"{name} holds no text")
+        return tuple(values.tolist())
 
     def text(self, attribute: str, node: str = "/") -> str:
         """Return an attribute as text; "" for none."""
-        return as_text(self.attribute(attribute, node) or "")
+        value = self.attribute(attribute, node) or ""
+        return value.decode("utf-8", "backslashreplace") if isinstance(value, bytes) else str(value)
 
-    def number(self, attribute: str, node: str) -> float:
-        """Return an attribute that is a number; 0 for none."""
-        value = self.attribute(attribute, node)
-        return float(value) if isinstance(value, int | float) and np.isfinite(value) else 0.0
+    def number(self, attribute: str, node: str = "/") -> float:
+        """Return an attribute that is a number above 0; 0 for none."""
+        return max(float(self.attribute(attribute, node) or 0), 0.0)
 
     def edges(self, name: str, count: int) -> Edges:
         """Return the pairs of landmarks in a dataset (e, 2); none where it is absent or empty."""
-        if not self.is_dataset(name) or 0 in self.stored(name).shape:
-            return ()
-        pairs = self.numbers(name)
-        fits = pairs.ndim == 2 and pairs.shape[1] == 2 and ((pairs >= 0) & (pairs < count)).all()
-        require(fits, "points at landmarks that are not there")
+        pairs = self.numbers(name).reshape(-1, 2) if self.is_dataset(name) else np.empty((0, 2))
+        require(((pairs >= 0) & (pairs < count)).all(), f"{name} points at no landmarks")
         return tuple((int(a), int(b)) for a, b in pairs)
-
-
-def as_text(value: Any) -> str:
-    """Return bytes of a file as text; what is not UTF-8 as escapes."""
-    return value.decode("utf-8", "backslashreplace") if isinstance(value, bytes) else str(value)
 
 
 # SLEAP: the analysis HDF5, an array of all tracks, and .slp, tables of frames and instances.
@@ -104,50 +75,39 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
     are its instances.
     """
     path = paths[0]
-    with open_tracker(path) as file:
-        nodes = file.texts("node_names")
-        occupied = file.is_dataset("track_occupancy") and file.stored("track_occupancy").shape
-        tracks = file.numbers("tracks")
-
-        def agreement(order: tuple[str, ...]) -> tuple[bool, bool]:
-            size = dict(zip(order, tracks.shape, strict=True))
-            named = (size["xy"], size["node"]) == (2, len(nodes))
-            return named, (size["frame"], size["track"]) == occupied
-
-        axes = _dims(file, "tracks", max(SLEAP_ORDER, FRAMES_FIRST, key=agreement))
-        # any order -> (frame, track, node, xy)
-        points = tracks.transpose([axes.index(axis) for axis in FRAMES_FIRST])
-        fits = points.shape[2:] == (len(nodes), 2)
-        require(fits, f"has the shape {tracks.shape} for {len(nodes)} nodes")
-        confidence = None
-        if file.is_dataset("point_scores"):
-            order = _dims(file, "point_scores", tuple(axis for axis in axes if axis != "xy"))
-            scores = file.numbers("point_scores")
-            confidence = scores.transpose([order.index(axis) for axis in FRAMES_FIRST[:3]])
+    with TrackerFile(path) as file:
+        nodes, names = file.texts("node_names"), file.texts("track_names")
+        tracks, dims = file.numbers("tracks"), file.attribute("dims", "tracks")
+        scored, occupied = file.is_dataset("point_scores"), file.is_dataset("track_occupancy")
+        occupancy = file.numbers("track_occupancy").shape if occupied else None
+        scores = file.numbers("point_scores") if scored else None
         edges = file.edges("edge_inds", len(nodes))
-        names = file.texts("track_names")
+
+    def agreement(order: tuple[str, ...]) -> tuple[bool, bool]:
+        size = dict(zip(order, tracks.shape, strict=True))
+        named = (size["xy"], size["node"]) == (2, len(nodes))
+        return named, (size["frame"], size["track"]) == occupancy
+
+    axes = [*max(SLEAP_ORDER, FRAMES_FIRST, key=agreement)]
+    if dims is not None:
+        axes = [*map(str, dims if isinstance(dims, list) else json.loads(dims))]
+    # any order -> (frame, track, node, xy)
+    points = tracks.transpose([axes.index(axis) for axis in FRAMES_FIRST])
+    require(points.shape[2:] == (len(nodes), 2), f"tracks {tracks.shape} of {len(nodes)} nodes")
+    if scores is not None:
+        axes.remove("xy")
+        scores = scores.transpose([axes.index(axis) for axis in FRAMES_FIRST[:3]])
     many = points.shape[1]
-    names = tuple(name or f"track_{n}" for n, name in enumerate(names or ("",) * many))
+    names = tuple(name or f"track_{number}" for number, name in enumerate(names or ("",) * many))
     return of_frames(
         path,
         points,
-        confidence,
+        scores,
         present=np.asarray(np.isfinite(points).any(axis=(2, 3))) if many > 1 else None,
         landmark_names=nodes,
         individuals=make_unique(names, REPEATED)[0] or None,
         edges=edges,
     )
-
-
-def _dims(file: TrackerFile, name: str, default: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the axes that the attribute `dims` of a dataset names, or else the default."""
-    stated = file.attribute("dims", name)
-    if stated is None:
-        return default
-    axes = stated if isinstance(stated, list) else json.loads(as_text(stated))
-    axes = tuple(map(as_text, axes))
-    require(sorted(axes) == sorted(default), f"has `dims` {axes}, not {', '.join(default)}")
-    return axes
 
 
 USER, PREDICTED = 0, 1
@@ -161,58 +121,56 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
     pixel was at 0.5.
     """
     path = paths[0]
-    with open_tracker(path) as file:
+    with TrackerFile(path) as file:
         tracks, videos = (
             [json.loads(text) for text in file.texts(name)]
             for name in ("tracks_json", "videos_json")
         )
+        names, edges = _read_skeleton(json.loads(file.text("json", "metadata")))
         shift = 0.0 if file.number("format_id", "metadata") >= 1.1 else 0.5
-        names, edges = _read_skeleton(file)
-        frames, table = file.table("frames"), file.table("instances")
-        file.last = "frames"
-        frames = frames[np.lexsort((frames["frame_idx"], frames["video"]))]
-        start, end = (frames[f"instance_id_{name}"].astype(np.int64) for name in ("start", "end"))
-        there = (start >= 0) & (end >= start) & (end <= len(table))
-        require(there.all(), "points at instances that are not there")
-        file.last = "instances"
-        owner = np.repeat(np.arange(len(frames)), end - start)
-        rows = [np.arange(*own) for own in zip(start.tolist(), end.tolist(), strict=True)]
-        instances = table[np.concatenate([np.empty(0, int), *rows])]
-        video, frame = (frames[name][owner].astype(int) for name in ("video", "frame_idx"))
-        track, kind = (instances[name].astype(int) for name in ("track", "instance_type"))
-        there = (track >= -1) & (track < len(tracks)) & (instances["skeleton"] == 0)
-        there &= (video >= 0) & (video < (len(videos) or 1)) & np.isin(kind, (USER, PREDICTED))
-        require(there.all(), "has tracks, types, skeletons or videos that are not there")
-        first = instances["point_id_start"].astype(np.int64)
-        count = instances["point_id_end"].astype(np.int64) - first
-        fits = (count == len(names)).all() and first.min(initial=0) >= 0
-        require(fits, "has another number of points than its skeleton")
-        points = np.full((len(instances), len(names), 3), np.nan)  # x, y, score
-        for number, name in enumerate(("points", "pred_points")):
-            if (own := kind == number).any():
-                cells = file.table(name)[first[own, None] + np.arange(len(names))]
-                for place, axis in enumerate("xy"):
-                    points[own, :, place] = np.where(cells["visible"], cells[axis] - shift, np.nan)
-                if number == PREDICTED:
-                    points[own, :, 2] = cells["score"]
-    keys = list(zip(video.tolist(), frame.tolist(), track.tolist(), strict=True))
+        frames, instances = file.rows("frames"), file.rows("instances")
+        tables = [file.rows("points"), file.rows("pred_points")]
+    frames = frames[np.lexsort((frames["frame_idx"], frames["video"]))]
+    start, end = (frames[f"instance_id_{name}"].astype(np.int64) for name in ("start", "end"))
+    exist = (start >= 0) & (end >= start) & (end <= len(instances))
+    require(exist.all(), "frames of instances that it does not hold")
+    of_frame = np.repeat(np.arange(len(frames)), end - start)
+    rows = [np.arange(*ends) for ends in zip(start.tolist(), end.tolist(), strict=True)]
+    instances = instances[np.concatenate([np.empty(0, int), *rows])]
+    video, frame = (frames[name][of_frame].astype(int) for name in ("video", "frame_idx"))
+    track, kind = (instances[name].astype(int) for name in ("track", "instance_type"))
+    first, last = (instances[f"point_id_{name}"].astype(np.int64) for name in ("start", "end"))
+    exist = (track >= -1) & (track < len(tracks)) & (instances["skeleton"] == 0)
+    exist &= (video >= 0) & (video < (len(videos) or 1)) & np.isin(kind, (USER, PREDICTED))
+    exist &= (first >= 0) & (last - first == len(names))
+    require(exist.all(), "instances of tracks, skeletons, videos or points that it does not hold")
+    points = np.full((len(instances), len(names), 3), np.nan)  # x, y, score
+    for number, table in enumerate(tables):
+        mine = kind == number
+        cells = table[first[mine, None] + np.arange(len(names))]
+        for place, axis in enumerate("xy"):
+            points[mine, :, place] = np.where(cells["visible"], cells[axis] - shift, np.nan)
+        if number == PREDICTED:
+            points[mine, :, 2] = cells["score"]
     user = kind == USER
-    placed = {key for key, own in zip(keys, user.tolist(), strict=True) if own and key[2] >= 0}
+    keys = list(zip(video.tolist(), frame.tolist(), track.tolist(), strict=True))
+    placed = {key for key, by_user in zip(keys, user.tolist(), strict=True) if by_user}
     origins = instances["from_predicted"][user & (instances["from_predicted"] >= 0)]
-    replaced = np.array([key in placed for key in keys], bool)
+    replaced = np.array([key in placed and key[2] >= 0 for key in keys], bool)
     replaced = ~user & (replaced | np.isin(instances["instance_id"], origins))
     lost = int(replaced.sum())
-    individuals = (*make_unique([str(each[1]) for each in tracks], REPEATED)[0], "")  # -1: none
-    video_names, _ = make_unique([_video(each) for each in videos], REPEATED)
-    unscored = np.isnan(points[~replaced, :, 2]).all()
+    individuals = (*make_unique([str(name) for _, name, *_ in tracks], REPEATED)[0], "")
+    files = [about.get("filename") or about["backend"].get("filename") for about in videos]
+    stems = [Path(file_name(str(name or "video"))).stem for name in files]
+    video_names, _ = make_unique(stems, REPEATED)
     return Poses(
         name=str(path),
         video=[video_names[n] for n in video] if len(videos) > 1 else video_name(path),
         points=points[..., :2],
-        confidence=None if unscored else points[..., 2],
+        confidence=None if np.isnan(points[~replaced, :, 2]).all() else points[..., 2],
         frame=frame,
         label=[*map(str, frame.tolist())],
-        individual=[individuals[number] for number in track.tolist()],
+        individual=[individuals[number] for number in track.tolist()],  # -1: none
         landmark_names=names,
         frame_count=len(frames),
         unit="px",
@@ -221,35 +179,24 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
     ).take(~replaced)
 
 
-def _read_skeleton(file: TrackerFile) -> tuple[tuple[str, ...], Edges]:
+def _read_skeleton(about: Any) -> tuple[tuple[str, ...], Edges]:
     """Return the nodes of the one skeleton, and its edges.
 
     The type of a link, 1 for bones and 2 for symmetries, is stated in full the first time, later
     by its place among those.
     """
-    file.last = "metadata"
-    about = json.loads(file.text("json", "metadata") or "{}")
-    require(len(about["skeletons"]) == 1, f"has {len(about['skeletons'])} skeletons, not 1")
     (skeleton,) = about["skeletons"]
     ids = [node["id"] for node in skeleton["nodes"]]
     types: list[int] = []
-    edges = []
+    edges: dict[tuple[int, int], None] = {}
     for link in skeleton.get("links", ()):
         kind = link.get("type") or {}
         if "py/reduce" in kind:
             types.append(kind["py/reduce"][1]["py/tuple"][0])
         stated = len(types) if "py/reduce" in kind else kind.get("py/id", 1)
         if dict(enumerate(types, 1)).get(stated, stated) == 1:
-            edges.append((ids.index(link["source"]), ids.index(link["target"])))
-    names = tuple(str(about["nodes"][number]["name"]) for number in ids)
-    require(names, "has no skeleton with nodes")
-    return names, tuple(dict.fromkeys(edges))
-
-
-def _video(video: Any) -> str:
-    """Return what a video is called: the name of its file without suffix."""
-    name = video.get("filename") or (video.get("backend") or {}).get("filename") or "video"
-    return Path(file_name(str(name))).stem or "video"
+            edges[ids.index(link["source"]), ids.index(link["target"])] = None
+    return tuple(str(about["nodes"][number]["name"]) for number in ids), tuple(edges)
 
 
 # JABS and movement.
@@ -264,44 +211,21 @@ LINES = ((0, 1), (0, 2), (0, 3), (3, 6), (6, 9), (9, 10), (10, 11), (6, 4), (6, 
 
 
 def read_jabs(paths: tuple[Path, ...]) -> Poses:
-    """Read `poseest/points` of JABS: (frame, [instance,] point, [y, x]), where y comes first.
+    """Read version 2 of JABS, of one mouse: `poseest/points` (frame, point, [y, x]).
 
-    A confidence of 0 is a point that was not found. Version 2 knows one mouse. Version 3 counts the
-    instances of a frame and gives them tracks; from version 4 on they have identities, from 1, and
-    0 where there is none.
+    A confidence of 0 is a point that was not found.
     """
-    path = paths[0]
-    with open_tracker(path) as file:
+    with TrackerFile(paths[0]) as file:
         points = file.numbers("poseest/points")[..., ::-1]
-        require(points.ndim in (3, 4) and points.shape[-1] == 2, f"has the shape {points.shape}")
-        frames, *many = points.shape[:-2]
-        ids, absent = np.zeros((frames, 1)), np.zeros((frames, 1), bool)
-        version = np.ravel(file.attribute("version", "poseest") or 2)[0]
-        if many and version > 3:
-            ids = file.numbers("poseest/instance_embed_id")
-            absent = ids <= 0
-        elif many:
-            ids = file.numbers("poseest/instance_track_id")
-            counts = file.numbers("poseest/instance_count")
-            absent = np.arange(*many) >= counts[:, None]
-        require(ids.shape == absent.shape == (frames, *(many or [1])), "is of other instances")
-        confidence = np.ones(points.shape[:-1])
-        if file.is_dataset("poseest/confidence"):
-            confidence = file.numbers("poseest/confidence")
-            require(confidence.shape == points.shape[:-1], f"has the shape {confidence.shape}")
-    visible = confidence > 0
-    lost = int((visible.any(axis=-1).reshape(absent.shape) & absent).sum())
-    named = points.shape[-2] == len(MOUSE)
+        confidence = file.numbers("poseest/confidence")
+    require(points.ndim == 3, "later versions, of several mice, are not read")
     return of_frames(
-        path,
-        np.where(visible[..., None], points, np.nan),
+        paths[0],
+        np.where(confidence[..., None] > 0, points, np.nan),
         confidence,
-        present=~absent,
-        video=sub(r"_pose_est(_v\d+)?$", "", video_name(path)),
-        landmark_names=MOUSE if named else None,
-        individuals=ids.astype(int).astype(str) if many else None,
-        edges=LINES if named else (),
-        notes=(f"{lost} instances without an identity left out",) if lost else (),
+        video=sub(r"_pose_est(_v\d+)?$", "", video_name(paths[0])),
+        landmark_names=MOUSE,
+        edges=LINES,
     )
 
 
@@ -312,54 +236,39 @@ def read_movement(paths: tuple[Path, ...]) -> Poses:
     """Read movement's netCDF, which is HDF5: `position` over time, space, keypoints, individuals.
 
     The axes are named by dimension scales, in any order. Newer versions say `keypoint` and
-    `individual`; one individual or keypoint that was picked out has no axis.
+    `individual`.
     """
-    path = paths[0]
-    with open_tracker(path) as file:
-        if (kind := file.text("ds_type")) != "poses":
-            problem = f"holds {printable(kind) or 'data of no stated type'}, not poses"
-            fix = "give a data set of poses; bounding boxes have no landmarks"
-            raise input_error(path, problem, fix)
+    with TrackerFile(paths[0]) as file:
+        kind = file.text("ds_type")
+        require(kind == "poses", f"{kind or 'data of no stated type'}, not poses")
         points = _arranged(file, "position", AXES)
-        scored = file.is_dataset("confidence")
+        scored, timed = file.is_dataset("confidence"), file.is_dataset("time")
         confidence = _arranged(file, "confidence", AXES[:3]) if scored else None
-        labels = None
-        if file.is_dataset("time"):
-            labels = number_labels(file.numbers("time"))
-            require(len(labels) == len(points), f"has {len(labels)} of {len(points)} frames")
-        names: dict[str, tuple[str, ...]] = {}
-        for axis, size in zip(AXES[1:], points.shape[1:], strict=True):
-            numbered = tuple(f"{axis}_{number}" for number in range(size))
-            dataset = next((name for name in (axis, f"{axis}s") if file.is_dataset(name)), "")
-            names[axis] = file.texts(dataset) if dataset and file.stored(dataset).text else numbered
-        space = names["space"]
-        require(space in (("x", "y"), ("x", "y", "z")), f"names the coordinates {', '.join(space)}")
-        require(len(space) == points.shape[3], "has another number of coordinates")
-        rate = file.number("fps", "/")
+        labels = number_labels(file.numbers("time")) if timed else None
+        individuals, landmarks, space = (
+            file.texts(axis if file.is_dataset(axis) else f"{axis}s") for axis in AXES[1:]
+        )
+        rate = file.number("fps")
+    require(space == tuple("xyz"[: points.shape[3]]), f"the coordinates {', '.join(space)}")
     return of_frames(
-        path,
+        paths[0],
         points,
         confidence,
         labels,
-        landmark_names=names["keypoint"],
-        individuals=names["individual"],
+        landmark_names=landmarks,
+        individuals=individuals,
         frame_rate=rate if rate > 0 else None,
     )
 
 
 def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
-    """Return a dataset with the wanted axes in order; an animal or point picked out is 1 long."""
-    values = file.numbers(name)
-    with file.damage(name):  # h5py's own `dims` can abort the process on damaged files
-        scales = file.stored(name).dataset.attrs["DIMENSION_LIST"]
-        names = [as_text(h5py.h5r.get_name(own[0], file.root.id) or b"") for own in scales]
-    axes = [axis.strip("/").removesuffix("s") for axis in names]
-    retained = [axis for axis in wanted if axis in axes]
-    needed = {"time", *wanted[3:]} <= {*axes}
-    require(needed and sorted(retained) == sorted(axes), f"has the axes {', '.join(axes)}")
-    values = values.transpose([axes.index(axis) for axis in retained])
-    sizes = dict(zip(retained, values.shape, strict=True))
-    return values.reshape([sizes.get(axis, 1) for axis in wanted])
+    """Return a dataset with the wanted axes in order."""
+    # h5py's own `dims` can abort the process on damaged files
+    scales = file.root[name].attrs["DIMENSION_LIST"]
+    paths = [h5py.h5r.get_name(scale[0], file.root.id) or b"" for scale in scales]
+    axes = [path.decode().strip("/").removesuffix("s") for path in paths]
+    require(sorted(wanted) == sorted(axes), f"{name} has the axes {', '.join(axes)}")
+    return file.numbers(name).transpose([axes.index(axis) for axis in wanted])
 
 
 # NWB.
@@ -386,113 +295,97 @@ class Series(NamedTuple):
 def read_nwb(paths: tuple[Path, ...]) -> Poses:
     """Read every PoseEstimation below `processing`; a series may have times of its own.
 
-    Raises InputError where there is none, and for animals of one name in several modules.
+    Raises ValueError where there is none, and for animals of one name in several modules.
     """
-    path = paths[0]
-    with open_tracker(path) as file:
+    with TrackerFile(paths[0]) as file:
         groups = [*_groups(file, "processing", 5)]  # modules, animals and their series
         kinds = {name: file.text("neurodata_type", name) for name in groups}
-        animals = [name for name in groups if kinds[name] == "PoseEstimation"]
         series = [
             _read_series(file, name)
             for name in groups
-            if kinds[name] == "PoseEstimationSeries" and name.rpartition("/")[0] in animals
+            if kinds[name] == "PoseEstimationSeries"
+            and kinds.get(name.rpartition("/")[0]) == "PoseEstimation"
         ]
-        if not series:
-            problem = "holds no PoseEstimation (ndx-pose), so no landmarks"
-            raise input_error(path, problem, "give a file of estimated poses")
-        names, edges = _skeletons_of(file, groups, series)
-        axes = {one.points.shape[1] for one in series}
-        require(len(axes) == 1, "holds 2D and 3D series; save them in files of their own")
-        people = [*dict.fromkeys(one.animal for one in series)]
-        once = len({(one.animal, one.landmark) for one in series}) == len(series)
-        require(once, "has animals of one name in several modules; save each in its own file")
+        require(series, "no PoseEstimation (ndx-pose), so no landmarks")
+        landmarks = dict.fromkeys(one.landmark for one in series)
+        names, edges = _join_skeletons(file, groups, landmarks)
+    axes = {one.points.shape[1] for one in series}
+    require(len(axes) == 1, "2D and 3D series; save them in files of their own")
+    animals = [*dict.fromkeys(one.animal for one in series)]
+    once = len({(one.animal, one.landmark) for one in series}) == len(series)
+    require(once, "animals of one name in several modules; save each in its own file")
     times = np.unique(np.concatenate([one.times for one in series]))
-    points = np.full((len(times), len(people), len(names), *axes), np.nan)
+    points = np.full((len(times), len(animals), len(names), *axes), np.nan)
     confidence = np.full(points.shape[:3], np.nan)
     present = np.zeros(points.shape[:2], bool)
     for one in series:
-        at, who = np.searchsorted(times, one.times), people.index(one.animal)
-        place = at, who, names.index(one.landmark)
-        points[place], confidence[place], present[at, who] = one.points, one.confidence, True
-    (unit, *others) = {UNITS.get(one.unit, UNKNOWN_UNIT) for one in series}
+        at, animal = np.searchsorted(times, one.times), animals.index(one.animal)
+        place = at, animal, names.index(one.landmark)
+        points[place], confidence[place], present[at, animal] = one.points, one.confidence, True
+    units = {UNITS.get(one.unit, UNKNOWN_UNIT) for one in series}
     return of_frames(
-        path,
+        paths[0],
         points,
         None if np.isnan(confidence).all() else confidence,
         number_labels(times),
-        individuals=people,
+        individuals=animals,
         present=present,
         landmark_names=tuple(names),
         frame_rate=_frame_rate(series, times),
-        unit="px" if axes == {2} else UNKNOWN_UNIT if others else unit,
+        unit="px" if axes == {2} else units.pop() if len(units) == 1 else UNKNOWN_UNIT,
         edges=edges,
     )
 
 
 def _groups(file: TrackerFile, group: str, levels: int) -> Iterator[str]:
     """Yield the groups below a group, so many levels deep."""
-    with file.damage(group):
-        nodes = file.root.get(group, {})
-        names = [name for name in nodes if isinstance(nodes.get(name), h5py.Group)]
-    for name in names if levels else ():
-        yield f"{group}/{name}"
-        yield from _groups(file, f"{group}/{name}", levels - 1)
+    for name, node in file.root[group].items() if levels and group in file.root else ():
+        if isinstance(node, h5py.Group):
+            yield f"{group}/{name}"
+            yield from _groups(file, f"{group}/{name}", levels - 1)
 
 
 def _read_series(file: TrackerFile, group: str) -> Series:
     animal, landmark = group.split("/")[-2:]
     data, scores, start = (f"{group}/{name}" for name in ("data", "confidence", "starting_time"))
-    points = file.numbers(data)
-    require(points.ndim == 2 and points.shape[1] in (2, 3), f"has the shape {points.shape}")
-    count = len(points)
-    points = points * (file.number("conversion", data) or 1.0) + file.number("offset", data)
-    unit = (file.text("unit", data) or "pixels").lower()
-    confidence = file.numbers(scores) if file.is_dataset(scores) else np.full(count, np.nan)
+    points = file.numbers(data) * (file.number("conversion", data) or 1.0)
+    points += file.attribute("offset", data) or 0.0
+    confidence = file.numbers(scores) if file.is_dataset(scores) else np.full(len(points), np.nan)
     rate = None
     if file.is_dataset(start):
-        rate = max(file.number("rate", start), 0.0) or None
-        times = file.numbers(start).reshape(()) + np.arange(count) / (rate or 1.0)
+        rate = file.number("rate", start) or None
+        times = file.numbers(start) + np.arange(len(points)) / (rate or 1.0)
     else:
         times = file.numbers(f"{group}/timestamps")
     rising = np.isfinite(times).all() and (np.diff(times) > 0).all()
-    require(rising, "does not increase; give each point a time of its own, in their order")
-    fits = times.shape == confidence.shape == (count,)
-    require(fits, f"is not of the {count} points of the series")
+    require(rising, f"the times of {group} do not increase")
+    fits = times.shape == confidence.shape == points.shape[:-1]
+    require(fits, f"{group} has other numbers of points, times and confidences")
+    unit = (file.text("unit", data) or "pixels").lower()
     return Series(animal, landmark, points, confidence, times, rate, unit)
 
 
-def _skeletons_of(
-    file: TrackerFile, groups: Sequence[str], series: Sequence[Series]
+def _join_skeletons(
+    file: TrackerFile, groups: Sequence[str], landmarks: dict[str, None]
 ) -> tuple[list[str], Edges]:
-    """Return all landmarks, in the order of skeletons, then of appearance; and their edges.
-
-    The skeleton of an animal is the first that has all of its landmarks; its own comes first.
-    """
-    names: dict[str, None] = {}
-    pairs: dict[tuple[str, str], None] = {}
-    nodes = {group: file.texts(f"{group}/nodes") for group in groups}
-    for animal in dict.fromkeys(one.animal for one in series):
-        own = {one.landmark: None for one in series if one.animal == animal}
-        near = sorted(nodes, key=lambda name: f"/{animal}/" not in f"{name}/")
-        group = next((name for name in near if own.keys() <= {*nodes[name]}), None)
-        if group is not None:
-            lines = file.edges(f"{group}/edges", len(nodes[group]))
-            pairs |= dict.fromkeys((nodes[group][a], nodes[group][b]) for a, b in lines)
-            names |= dict.fromkeys(name for name in nodes[group] if name in own)
-        names |= own
-    order = [*names]
-    edges = ((order.index(a), order.index(b)) for a, b in pairs if {a, b} <= names.keys())
-    return order, tuple(edges)
+    """Return all landmarks, in the order of skeletons, then of appearance; and all edges."""
+    skeletons = {group: file.texts(f"{group}/nodes") for group in groups}
+    nodes = dict.fromkeys(node for nodes in skeletons.values() for node in nodes)
+    names = [*dict.fromkeys([*(node for node in nodes if node in landmarks), *landmarks])]
+    edges: dict[tuple[int, int], None] = {}
+    for group, nodes_here in skeletons.items():
+        for ends in file.edges(f"{group}/edges", len(nodes_here)):
+            a, b = (nodes_here[end] for end in ends)
+            if a in landmarks and b in landmarks:
+                edges[names.index(a), names.index(b)] = None
+    return names, tuple(edges)
 
 
 def _frame_rate(series: Sequence[Series], times: Floats) -> float | None:
     """Return the frame rate that the series state, or that their times keep to 1%."""
     stated = {one.rate for one in series if len(one.times) > 1}
-    if len(stated) == 1 and (rate := stated.pop()) is not None:
-        return rate
     steps = np.diff(times)
-    if stated or len(steps) < 2:
-        return None
+    if stated != {None} or len(steps) < 2:
+        return stated.pop() if len(stated) == 1 else None
     middle = float(np.median(steps))
     return 1 / middle if (np.abs(steps - middle) <= 0.01 * middle).all() else None

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from itertools import count, islice
+from typing import NamedTuple
 
 import numpy as np
 
@@ -43,24 +43,19 @@ LARGEST = 1e100
 NO_TRACK = -1
 
 
-@dataclass
-class _Tracks:
-    """The T tracks of a video that are still open, or the detections of a frame.
+class _Detections(NamedTuple):
+    """N detections; the last one of a track also holds what is known of the track so far.
 
-    points (T, p, 2 or 3), where each landmark was last, NaN before it was seen; motion (T, 2), in
-    pixels a frame; boxes (T, 4) and size (T,); frame (T,), of the last detection; number (T,).
+    points (N, p, 2 or 3), those of a track where each landmark was last, NaN before it was seen;
+    weights (N, p); frame (N,); motion (N, 2), in pixels a frame; boxes (N, 4) and size (N,).
     """
 
     points: Floats
+    weights: Floats
+    frame: Integers
     motion: Floats
     boxes: Floats
     size: Floats
-    frame: Integers
-    number: Integers
-
-    def take(self, rows: Flags) -> _Tracks:
-        """Return some of the tracks."""
-        return replace(self, **{name: values[rows] for name, values in vars(self).items()})
 
 
 def track_people(poses: Poses) -> Sequence[str] | None:
@@ -76,101 +71,98 @@ def track_people(poses: Poses) -> Sequence[str] | None:
         weights *= np.clip(np.nan_to_num(poses.confidence, nan=1.0), 0, 1)
     points = np.clip(poses.points, -LARGEST, LARGEST)
     points[weights == 0] = np.nan
-    anonymous = np.array([not who for who in poses.individual], bool)
-    boxes, size = _boxes(points)
-    n = len(poses)
-    detections = _Tracks(
-        points, np.zeros((n, 2)), boxes, size, np.asarray(poses.frame), np.full(n, NO_TRACK)
+    detections = _Detections(
+        points, weights, np.asarray(poses.frame), np.zeros((len(poses), 2)), *_boxes(points)
     )
+    anonymous = np.array([not who for who in poses.individual], bool)
     rows_of: defaultdict[tuple[str, int], list[int]] = defaultdict(list)
     videos, frames = poses.videos, poses.frame.tolist()
     for row in np.flatnonzero(anonymous & weights.any(axis=1)).tolist():
         rows_of[videos[row], frames[row]].append(row)
-    open_tracks: dict[str, _Tracks] = {}
+    number = np.full(len(poses), NO_TRACK)
+    open_tracks: dict[str, Integers] = {}  # the last detection of each
     following = 0
-    for (video, frame), rows in rows_of.items():
-        detected = detections.take(np.array(rows))
-        tracks = open_tracks.get(video, detected.take(np.zeros(len(rows), bool)))
-        tracks = tracks.take(np.asarray(frame - tracks.frame <= LONGEST_GAP + 1))
-        if len(tracks.frame):
-            _follow(tracks, detected, weights[rows], frame)
-        new: Flags = np.asarray(detected.number == NO_TRACK)
-        detected.number[new] = np.arange(following, following + new.sum())
-        following += int(new.sum())
-        both = vars(tracks), vars(detected.take(new))
-        open_tracks[video] = _Tracks(*(np.concatenate([one[k] for one in both]) for k in both[0]))
-        detections.number[rows] = detected.number
+    for (video, frame), detected in rows_of.items():
+        rows = np.array(detected)
+        tracks = open_tracks.get(video, rows[:0])
+        tracks = tracks[frame - detections.frame[tracks] <= LONGEST_GAP + 1]
+        if len(tracks):
+            who, which = _follow(detections, tracks, rows)
+            number[rows[which]] = number[tracks[who]]
+            tracks[who] = rows[which]
+        new = rows[number[rows] == NO_TRACK]
+        number[new] = np.arange(following, following + len(new))
+        following += len(new)
+        open_tracks[video] = np.concatenate([tracks, new])
     taken = set(poses.individual)
     free = (name for n in count(1) if (name := f"person {n}") not in taken)
     names = [*islice(free, following), ""]  # the last is that of NO_TRACK
-    numbers = detections.number.tolist()
-    return [who or names[n] for who, n in zip(poses.individual, numbers, strict=True)]
+    return [who or names[n] for who, n in zip(poses.individual, number.tolist(), strict=True)]
 
 
 def _boxes(points: Floats) -> tuple[Floats, Floats]:
     """Return the boxes (N, 4) around points (N, p, d), least and largest x and y; the diagonals."""
     flat = points[..., :2]
-    known = np.isfinite(flat)
-    low = np.where(known, flat, np.inf).min(axis=1, initial=np.inf)
-    high = np.where(known, flat, -np.inf).max(axis=1, initial=-np.inf)
+    finite = np.isfinite(flat)
+    low = np.where(finite, flat, np.inf).min(axis=1, initial=np.inf)
+    high = np.where(finite, flat, -np.inf).max(axis=1, initial=-np.inf)
     size = np.sqrt(((high - low) ** 2).sum(axis=1))
     return np.concatenate([low, high], axis=1), np.maximum(size, 1e-9)
 
 
-def _follow(tracks: _Tracks, detected: _Tracks, weights: Floats, frame: int) -> None:
-    """Number those of the D detections of a frame that go on a track; these tracks go on to them.
+def _follow(detections: _Detections, tracks: Integers, rows: Integers) -> Integers:
+    """Return which tracks (T,) go on in which detections (D,) of a frame, as pairs (2, m).
 
-    Landmarks that a detection lacks move as its track does.
+    The detections take over what is known of the tracks; landmarks that a detection lacks move as
+    its track does.
     """
-    passed = np.maximum(frame - tracks.frame, 1)
-    steps = tracks.motion * np.minimum(passed, SMOOTH_MOTION)[:, None]
-    expected = tracks.points.copy()
+    passed = np.maximum(detections.frame[rows[0]] - detections.frame[tracks], 1)
+    steps = detections.motion[tracks] * np.minimum(passed, SMOOTH_MOTION)[:, None]
+    expected = detections.points[tracks]
     expected[..., :2] += steps[:, None]
-    pairs = assign(*_costs(tracks, expected, steps, passed, detected, weights))
-    who, own = np.array(pairs, np.intp).reshape(-1, 2).T
-    points = detected.points[own]
-    moved = (points - tracks.points[who])[..., :2]
-    known = ~np.isnan(moved[..., :1])
-    common = known.sum(axis=1)
-    mean = np.where(known, moved, 0.0).sum(axis=1) / np.maximum(common, 1)
-    smooth = tracks.motion[who]
+    pairs = assign(*_costs(detections, tracks, rows, expected, steps, passed))
+    who, which = np.array(pairs, np.intp).reshape(-1, 2).T
+    before, after = tracks[who], rows[which]
+    points = detections.points[after]
+    moved = (points - detections.points[before])[..., :2]
+    common = ~np.isnan(moved[..., :1])
+    number = common.sum(axis=1)
+    mean = np.where(common, moved, 0.0).sum(axis=1) / np.maximum(number, 1)
+    smooth = detections.motion[before]
     motion = smooth + FORGETTING * (mean / passed[who, None] - smooth)
-    tracks.motion[who] = np.where(common > 0, motion, smooth)
-    tracks.points[who] = np.where(np.isnan(points), expected[who], points)
-    tracks.boxes[who] = detected.boxes[own]
-    tracks.size[who] = np.maximum(detected.size[own], 0.95 * tracks.size[who])
-    tracks.frame[who] = frame
-    detected.number[own] = tracks.number[who]
+    detections.motion[after] = np.where(number > 0, motion, smooth)
+    detections.points[after] = np.where(np.isnan(points), expected[who], points)
+    detections.size[after] = np.maximum(detections.size[after], 0.95 * detections.size[before])
+    return np.array([who, which])
 
 
 def _costs(
-    tracks: _Tracks,
+    detections: _Detections,
+    tracks: Integers,
+    rows: Integers,
     expected: Floats,
     steps: Floats,
     passed: Integers,
-    detected: _Tracks,
-    weights: Floats,
 ) -> tuple[Floats, Flags]:
     """Return the cost (T, D) of each track and detection, and which pairs may be one person.
 
     Tracks are expected at (T, p, d), `steps` (T, 2) from where they were, so many frames ago.
     """
-    boxes = tracks.boxes + np.concatenate([steps, steps], axis=1)
+    boxes, others = (detections.boxes[tracks] + np.tile(steps, 2))[:, None], detections.boxes[rows]
     reach = np.minimum(REACH + REACH_PER_GAP * (passed - 1), FARTHEST)
-    scale = np.maximum(tracks.size[:, None], detected.size)
-    difference = detected.points - expected[:, None]
+    scale = np.maximum(detections.size[tracks, None], detections.size[rows])
+    difference = detections.points[rows] - expected[:, None]
     away = np.sqrt(np.einsum("tdpc,tdpc->tdp", difference, difference))
-    common = np.where(np.isnan(away), 0.0, weights)
+    common = np.where(np.isnan(away), 0.0, detections.weights[rows])
     # One landmark that went astray counts no more than the size of the person.
     away = np.fmin(away, scale[..., None])
     total = common.sum(axis=2)
     distance = np.einsum("tdp,tdp->td", away, common) / np.maximum(total, 1e-12)
     if not total.all():  # without a common landmark, the middles of the boxes
-        own, other = boxes[:, None], detected.boxes
-        middle = (other[:, :2] + other[:, 2:] - own[..., :2] - own[..., 2:]) / 2
+        middle = (others[:, :2] + others[:, 2:] - boxes[..., :2] - boxes[..., 2:]) / 2
         distance = np.where(total > 0, distance, np.sqrt((middle**2).sum(axis=2)))
     ratio = distance / (scale * reach[:, None])
-    return ratio + (1 - _overlap(boxes[:, None], detected.boxes)) / 2, ratio <= 1
+    return ratio + (1 - _overlap(boxes, others)) / 2, ratio <= 1
 
 
 def _overlap(a: Floats, b: Floats) -> Floats:
@@ -195,5 +187,5 @@ def assign(cost: Floats, allowed: Flags) -> list[tuple[int, int]]:
 
     unlikely = 1.0 + 2.0 * float(np.abs(cost[allowed]).sum())
     chosen = linear_sum_assignment(np.where(allowed, cost, unlikely))
-    pairs = zip(*(each.tolist() for each in chosen), strict=True)
+    pairs = zip(*(numbers.tolist() for numbers in chosen), strict=True)
     return [(row, column) for row, column in pairs if allowed[row, column]]

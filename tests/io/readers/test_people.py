@@ -57,7 +57,6 @@ CALISCOPE += "0,1,5,0.1,0,10,20\n0,1,5,0.1,100,30,40\n0,2,5,0.1,32,50,60\n1,1,7,
 RAT = "names: {0: rat}\nkpt_shape: [2, 3]\nkpt_names: {0: [nose, tail]}\n"
 BOX = "0 .5 .5 .1 .1"
 ALPHAPOSE = {"items": ["a/7/0", "a/7/1", "a/10/0"], "seen": [[True] * 17 + [False]] * 3}
-ID_3 = [{"track_id": 3}, {"attributes": {"track_id": 3}}, {"attributes": {"object_id": 3}}]
 
 CASES = [
     # OpenPose: files in order of their numbers, one recording
@@ -80,7 +79,7 @@ CASES = [
     ),
     (
         {f"cam/{n}.json": frame() for n in range(3)},
-        {"items": [], "notes": ["nobody was found in 3 frames"]},
+        {"items": []},
     ),
     (
         {
@@ -102,15 +101,8 @@ CASES = [
             "cam/meta.json": {"camera": 1},
         },
         {
-            "notes": [
-                "1 file without people left out (meta.json)",
-                "hands and faces left out, of 1 detection",
-            ]
+            "notes": ["1 file without people left out (meta.json)"]
         },
-    ),
-    (
-        {f"rig/cam_{n}_keypoints.json": frame(person()) for n in ("a_0", "a_1", "b_0", "b_1")},
-        {"items": ["cam_a/0/0", "cam_a/1/0", "cam_b/0/0", "cam_b/1/0"]},
     ),
     # AlphaPose, whose scores of COCO's models go to 6
     ({"a.json": alphapose("people", "pose_keypoints_2d")}, ALPHAPOSE),
@@ -134,18 +126,11 @@ CASES = [
     ),
     (
         {"a.json": annotations({"image_id": 0, "bbox": []}, entry(9, 1, 1, 2, 2, 3, 4, 2))},
-        {
-            "items": ["a/9/0"],
-            "notes": [
-                "1 annotation without keypoints left out",
-                "1 image of annotations not listed among the images",
-            ],
-        },
+        {"items": ["a/9/0"]},
     ),
-    *(
-        ({"a.json": annotations(*(entry(n, 1, 1, 2, 2, 3, 4, 2, **who) for n in range(2)))},
-         {"items": ["a/id 3/0", "a/id 3/1"]})
-        for who in ID_3
+    (
+        {"a.json": annotations(*(entry(n, 1, 1, 2, 2, 3, 4, 2, track_id=3) for n in range(2)))},
+        {"items": ["a/id 3/0", "a/id 3/1"]},
     ),
     (
         {"r.json": [entry(7, 1, *[1, 2, 0.5] * 17), entry(3, 1, *[0, 0, 0] * 17)]},
@@ -207,12 +192,6 @@ CASES = [
         {"data.yaml": "kpt_shape: [4, 2]\n", "labels/a.txt": f"{BOX} .2 .5 0 0 0 .5 .2 0 .8 7\n"},
         {"items": ["labels/id 7/a"], "seen": [[True, False, True, True]]},
     ),
-    *(
-        ({"data.yaml": "kpt_shape: [4, 2]\n",
-          "labels/a.txt": f"{BOX} .25 .5 {place} .5 .25 .3 .8\n"},
-         {"seen": [[True, False, True, True]]})
-        for place in ("nan .5", ".25 nan", "nan nan")
-    ),
     (
         {"labels/v_1.txt": f"{BOX}{' .25 .5 .75' * 16} .25 .5 1\n" * 2},
         {"items": ["labels/1/0", "labels/1/1"], "confidence": [[*[0.75] * 16, 1]] * 2},
@@ -250,14 +229,6 @@ def test_what_is_read(written, tmp_path, files, expected):
                 assert found[name] == wanted
         if len(images.landmark_names) == 17:
             assert images.landmark_names[5] == "left_shoulder"
-
-
-def test_cameras_in_a_folder_have_people_of_their_own(written, tmp_path):
-    for camera in "ab":
-        for n in range(2):
-            written(f"rig/cam_{camera}_{n}_keypoints.json", frame(person()))
-    images, _ = read(tmp_path / "rig", track="nearest")
-    assert sorted(set(images.sequences)) == ["cam_a/person 1", "cam_b/person 2"]
 
 
 def test_edges_count_from_1_within_their_category(written):
@@ -315,10 +286,6 @@ def test_landmarks_without_names_are_those_of_the_usual_skeleton(written, count,
             {"0.json": frame(person(), person()), "1.json": frame(person(25))},
             "2 detections with 17 and 1 detections with 25",
         ),
-        (
-            {"c_1.json": frame(person()), "c_01.json": frame(person())},
-            r"cam: two files of frame 1, c_01.json and c_1.json",
-        ),
         ({"walk.mp4": "ftyp"}, r"it is a folder, and holds none of these: .*OpenPose"),
     ],
 )
@@ -336,7 +303,7 @@ def test_folders_that_are_refused(written, tmp_path, files, words):
 def test_only_regular_files_of_a_folder_are_opened(written, tmp_path, make, name, content):
     written(f"cam/{name}", content)
     make(tmp_path / "cam" / name.replace("0", "1"))
-    with pytest.raises(InputError, match=r"cam/1\.(json|txt): (is not a regular|leads to no) file"):
+    with pytest.raises(InputError, match=r"cam/1\.(json|txt): is not a regular file"):
         read(tmp_path / "cam")
 
 

@@ -8,8 +8,7 @@ import pytest
 
 from shapefit.errors import InputError
 from shapefit.io import open_shapes
-from shapefit.io.detect import FORMATS, detect_format
-from shapefit.io.readers.items import read_poses
+from shapefit.io.detect import detect_format
 from shapefit.io.readers.poses import number_labels
 from tests.io.readers.detector_files import write_array, write_long, write_mediapipe, write_wide
 
@@ -223,12 +222,6 @@ def test_json_of_named_points(tmp_path, content):
     np.testing.assert_array_equal(images.confidence, [[1, 0.5], [0, 1]])
 
 
-def test_json_of_named_points_that_are_none(tmp_path):
-    wrong = {"0": {"nose": [1, 2]}, "1": {"nose": [1, 2, 3, 4]}}
-    with pytest.raises(InputError, match=r"walk\.json: 1: a point of 4 numbers; give \[x, y\]"):
-        read(table(tmp_path / "walk.json", json.dumps(wrong)))
-
-
 def test_tables_in_metres_are_shapes_in_metres(tmp_path):
     """As `convert -o NAME.metres.csv` writes them."""
     rows = [f"{n},{n / 25:.10g},{name},{n},2,3,,true" for n in (7, 8) for name in ("nose", "tail")]
@@ -238,22 +231,6 @@ def test_tables_in_metres_are_shapes_in_metres(tmp_path):
         assert source.notes == ()
     assert (shapes.unit, shapes.frame_rate, len(shapes)) == ("m", 25.0, 2)
     assert shapes.shapes[1].T.tolist() == [[8, 2, 3], [8, 2, 3]]
-
-
-def test_what_is_held_of_a_file_is_of_its_state_and_format(tmp_path):
-    path = tmp_path / "walk.csv"
-    known = detect_format_of(path, "frame,a_x,a_y,b_x,b_y\n0,1,2,3,4\n")
-    assert len(read_poses(known, (path,), keep=True)) == 1
-    detect_format_of(path, "frame,a_x,a_y,b_x,b_y\n0,1,2,3,4\n1,5,6,7,8\n")
-    assert len(read_poses(known, (path,))) == 2
-    read_poses(known, (path,), keep=True)
-    with pytest.raises(InputError):  # and not the table that is held
-        read_poses(FORMATS["bvh"], (path,))
-
-
-def detect_format_of(path, text):
-    path.write_text(text)
-    return detect_format(path)
 
 
 def test_numbers_of_frames_have_no_bare_point():

@@ -50,4 +50,4 @@ def test_an_edge_to_a_landmark_that_is_not_there(tmp_path, points, confidence, p
     made.write_sleap_analysis(path, points, confidence)
     with h5py.File(path, "a") as file:
         file["edge_inds"][...] = [[0, points.shape[2]]]
-    assert "points at landmarks that are not there" in problem(path)
+    assert "edge_inds points at no landmarks" in problem(path)

@@ -2,10 +2,6 @@
 
 from pathlib import Path
 
-import pytest
-
-from shapefit.errors import InputError
-
 from .conftest import read_images as read
 
 
@@ -33,9 +29,3 @@ def test_a_landmark_whose_confidence_is_left_empty_has_1(tmp_path):
     text = "frame,joint,x,y,score\n0,a,10,20,\n0,b,30,40,.5\n"
     images, _ = read(table(tmp_path / "t.csv", text))
     assert images.confidence.tolist() == [[1.0, 0.5]]
-
-
-def test_a_comma_beside_decimal_points_is_no_decimal_comma(tmp_path):
-    text = "frame;a_x;a_y;b_x;b_y\n0;1,234;2;3;4\n1;5.5;6;7;8\n"
-    with pytest.raises(InputError, match=r"csv:2: '1,234' is no number \(column a_x\)"):
-        read(table(tmp_path / "t.csv", text))

@@ -50,9 +50,8 @@ def test_pickles_that_are_not_lists_of_names_are_refused(write, problem, tmp_pat
     for blob, found in (
         (evil, "asks for os.system, which is never executed here"),
         (pickle.dumps(np.zeros, 2), "asks for numpy"),
-        (b"(dp0\n.", "holds no list of names"),
-        (b"(lp999999999\n.", "for 0 columns"),
-        (b"(lp0\n", "holds no list of names"),
+        (b"(lp999999999\n.", "cannot be read as a DeepLabCut HDF5 file"),
+        (b"(lp0\n", "cannot be read as a DeepLabCut HDF5 file"),
     ):
         with h5py.File(path, "a") as file:
             file["df_with_missing/table"].attrs["values_block_0_kind"] = np.bytes_(blob)
@@ -122,23 +121,39 @@ def no_poses(file):
 @pytest.mark.parametrize(
     ("name", "change", "found"),
     [
-        ("table.h5", two_tables, "holds the tables df_with_missing and tracks"),
-        ("poses.nc", bounding_boxes, "holds bboxes, not poses"),
+        ("table.h5", two_tables, "the tables df_with_missing, tracks; save one"),
+        ("poses.nc", bounding_boxes, "bboxes, not poses"),
         ("tracks.analysis.h5", never_written, "the file holds 0 bytes; write its values"),
         ("tracks.analysis.h5", more_than_memory_holds, "tracks"),
         (
             "labels.slp",
             instances("instance_id_end", 1, 99, "frames"),
-            ":/frames: points at instances that are not",
+            "frames of instances that it does not hold",
         ),
-        ("labels.slp", instances("track", 2, 0), "labels/animal0/0 occurs more than once"),
-        ("labels.slp", instances("track", 1, 7), ":/instances: has tracks, types"),
-        ("labels.slp", instances("skeleton", 1, 3), ":/instances: has tracks, types"),
-        ("labels.slp", instances("instance_type", 1, 9), ":/instances: has tracks, types"),
-        ("labels.slp", instances("point_id_end", 1, 3), "another number of points than its"),
-        ("poses.nwb", no_start, "point1/starting_time: does not increase; give each"),
-        ("poses.nwb", falling_times, "timestamps: does not increase"),
-        ("poses.nwb", no_poses, "holds no PoseEstimation"),
+        ("labels.slp", instances("track", 2, 0), "item 'labels/animal0/0' is also at"),
+        (
+            "labels.slp",
+            instances("track", 1, 7),
+            "instances of tracks, skeletons, videos or points",
+        ),
+        (
+            "labels.slp",
+            instances("skeleton", 1, 3),
+            "instances of tracks, skeletons, videos or points",
+        ),
+        (
+            "labels.slp",
+            instances("instance_type", 1, 9),
+            "instances of tracks, skeletons, videos or points",
+        ),
+        (
+            "labels.slp",
+            instances("point_id_end", 1, 3),
+            "instances of tracks, skeletons, videos or points",
+        ),
+        ("poses.nwb", no_start, "the times of processing/behavior/animal0/point1 do not"),
+        ("poses.nwb", falling_times, "the times of processing/behavior/animal0/point1 do not"),
+        ("poses.nwb", no_poses, "no PoseEstimation (ndx-pose), so no landmarks"),
     ],
 )
 def test_what_is_wrong_is_named_with_its_place(write, problem, name, change, found):

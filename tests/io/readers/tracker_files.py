@@ -210,22 +210,13 @@ def write_movement(path: Path, points: Floats, confidence: Floats, *, plural: bo
                 file[dataset].dims[number].attach_scale(file[axis])
 
 
-def write_jabs(path: Path, points: Floats, confidence: Floats, *, version: int = 4) -> None:
-    """Write a pose file: of one mouse for version 2, of several with tracks or identities."""
-    n, many, _, _ = points.shape
-    swapped = np.nan_to_num(points[..., ::-1]).astype("u2")
-    scores = np.where(np.isfinite(points).all(axis=-1), confidence, 0).astype("f4")
+def write_jabs(path: Path, points: Floats, confidence: Floats) -> None:
+    """Write a pose file of version 2, of the first mouse."""
     with h5py.File(path, "w") as file:
         group = file.create_group("poseest")
-        if version == 2:
-            group["points"], group["confidence"] = swapped[:, 0], scores[:, 0]
-            return
-        group.attrs["version"] = np.array([version, 0], "u2")
-        group["points"], group["confidence"] = swapped, scores
-        group["instance_count"] = np.full(n, many, "u1")
-        group["instance_track_id"] = np.tile(np.arange(many, dtype="u4"), (n, 1))
-        if version > 3:
-            group["instance_embed_id"] = np.tile(1 + np.arange(many, dtype="u4"), (n, 1))
+        group["points"] = np.nan_to_num(points[:, 0, :, ::-1]).astype("u2")
+        seen = np.isfinite(points[:, 0]).all(axis=-1)
+        group["confidence"] = np.where(seen, confidence[:, 0], 0).astype("f4")
 
 
 WRITERS: dict[str, Callable[..., None]] = {
@@ -236,6 +227,6 @@ WRITERS: dict[str, Callable[..., None]] = {
     "labels.slp": write_slp,
     "poses.nwb": write_nwb,
     "poses.nc": write_movement,
-    "mice_pose_est_v4.h5": write_jabs,
+    "mouse_pose_est_v2.h5": write_jabs,
 }
 """What writes a file of each format, by a name for it."""
