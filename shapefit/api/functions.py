@@ -215,11 +215,6 @@ class Evaluation:
     summaries: tuple[Summary, ...]
     failures: Mapping[str, str]
 
-    def __repr__(self) -> str:
-        kinds = {(row.metric, row.unit) for row in self.summaries}
-        means = [f"{m} {self.mean(m, u):.3g} {u}" for m, u in self.errors if (m, u) in kinds]
-        return f"<shapefit.Evaluation: {', '.join([counted(len(self.items), 'image'), *means])}>"
-
     def mean(self, metric: str, unit: str | None = None) -> float:
         """Return the mean over the groups' means in a metric, in its first unit if none is given.
 

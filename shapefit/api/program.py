@@ -32,11 +32,6 @@ class Optimum:
     relative_gap: Floats
     status: str | tuple[str, ...]
 
-    def __repr__(self) -> str:
-        n = 1 if isinstance(self.status, str) else len(self.status)
-        worst = np.max(self.relative_gap, initial=0.0)
-        return f"<shapefit.Optimum: {n} images, relative gap {worst:.1g} at most>"
-
 
 def solve(
     landmarks: ArrayLike,

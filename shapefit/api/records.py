@@ -234,12 +234,6 @@ class Dictionary:
         values = {name: value for name, value in vars(self).items() if name != "learned"}
         return model.Dictionary(**_transposed(values, DICTIONARY), **self.learned)
 
-    def __repr__(self) -> str:
-        k, p, _ = self.atoms.shape
-        return (
-            f"<shapefit.Dictionary: {counted(k, 'atom')}, {counted(p, 'landmark')}, in {self.unit}>"
-        )
-
     def replaced(self, **changes: Any) -> Dictionary:
         """Return the same with other fields."""
         return replace(self, **changes)

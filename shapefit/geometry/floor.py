@@ -8,9 +8,8 @@ camera, weighted least squares find a, b and g of
     a = d_x / d_y,  b = d_z / d_y      d from the feet that bear a body to its centre of mass
     a = 0,          b = 0              cameras are held about level
 
-Over a few steps, that a body balances says more than where its feet are. The error of a foot is
-mostly along its ray, and a distance that is wrong for all frames (an assumed focal length) counts
-as one error of all of them.
+The error of a foot is mostly along its ray, and a distance that is wrong for all frames (an assumed
+focal length) counts as one error of all of them.
 """
 
 from __future__ import annotations
@@ -37,8 +36,8 @@ FORWARD = 0.045
 
 STRAIGHT, SLOW, LOWER, SECONDS = 0.85, 0.17, 0.07, 0.3
 """A leg bears where hip and ankle are at least this share of its length apart, and its foot moves
-by at most so many heights of the body a second and is at most so many heights above the other, for
-so many seconds. In heights of the body, as its size in metres may be wrong."""
+by at most so many heights of the body a second and is at most so many above the other, for so many
+seconds."""
 
 ALONG = 1 / 3
 """Weight of motion along the line of sight, which one camera hardly sees."""
@@ -55,12 +54,10 @@ FOOT, DEPTH, SIZE = 0.03, 0.12, 0.04
 and of the size of a body."""
 
 SURE = 0.29
-"""Largest deviation of a height that counts as known, in heights of the body; beyond it, a camera
-that is taken as level is as good a guess."""
+"""Largest deviation of a height that counts as known, in heights of the body."""
 
 STEPS = 10
-"""Of least squares with weights 1 / (1 + u^2 / 4) of residuals u in deviations, so that a foot on a
-stair counts little."""
+"""Of least squares with weights 1 / (1 + u^2 / 4) of residuals u in deviations."""
 
 
 class Body(NamedTuple):

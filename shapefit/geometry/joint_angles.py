@@ -91,8 +91,7 @@ def _hinge(points: Floats, _: Floats) -> Floats:
 def _ankle(points: Floats, _: Floats) -> Floats:
     """Return how far the foot is raised above the right angle to the shank."""
     knee, ankle, heel, toe = points
-    angle: Floats = np.pi / 2 - _between(knee - ankle, toe - heel)
-    return angle
+    return np.asarray(np.pi / 2 - _between(knee - ankle, toe - heel))
 
 
 def _flexion(points: Floats, _: Floats, side: int, head: float) -> Floats:
@@ -107,27 +106,22 @@ def _flexion(points: Floats, _: Floats, side: int, head: float) -> Floats:
     x = np.cross(head * (left + right - other_left - other_right), z, axis=0)
     y = np.cross(z, x, axis=0)
     forward, along = (_dot(limb, axis) / np.sqrt(_dot(axis, axis)) for axis in (x, y))
-    angle: Floats = np.arctan2(forward, -along)
-    return angle
+    return np.arctan2(forward, -along)
 
 
 def _tilt(points: Floats, up: Floats) -> Floats:
-    """Return the angle to the vertical of the line from the middle of the first two points to the
-    middle of the others.
-    """
+    """Return the angle to the vertical of the line between the middles of two pairs of points."""
     return _between(2 * points[2:].mean(axis=0) - points[0] - points[1], up)
 
 
 def _between(a: Floats, b: Floats) -> Floats:
     """atan2(|a x b|, <a, b>) in [0, pi], of vectors (3, n)."""
     across = np.cross(a, b, axis=0)
-    angle: Floats = np.arctan2(np.sqrt(_dot(across, across)), _dot(a, b))
-    return angle
+    return np.arctan2(np.sqrt(_dot(across, across)), _dot(a, b))
 
 
 def _dot(a: Floats, b: Floats) -> Floats:
-    product: Floats = (a * b).sum(axis=0)
-    return product
+    return np.asarray((a * b).sum(axis=0))
 
 
 _HIPS, _SHOULDERS = ("lhip", "rhip"), ("lshoulder", "rshoulder")

@@ -21,9 +21,6 @@ from shapefit.geometry.rotations import nearest_rotation, rotation_about, shorte
 FRAMES = 200
 """Frames, evenly over a motion, that say which landmarks keep their distance."""
 
-BRANCHES = 3
-"""Bones at a landmark whose directions make a frame."""
-
 PRIOR = 0.02
 """Weight of the parent's rotation beside bones, of 1 each, that may all lie in one line."""
 
@@ -34,9 +31,8 @@ Pose = Mapping[int, Sequence[float]]
 class Node(NamedTuple):
     """A joint of the tree at the landmark `joint`; `above` is the number of its parent, or -1.
 
-    aims are the landmarks at the other ends of its bones. Where several bones leave a landmark,
-    its first node turns with all of them, and one more node per bone turns with that alone, since
-    the bones of a body do not keep their angles.
+    aims are the landmarks at the other ends of its bones. Where several bones leave a landmark, its
+    first node turns with all of them, and one more node per bone turns with that alone.
     """
 
     joint: int
@@ -45,10 +41,8 @@ class Node(NamedTuple):
 
 
 class Rig(NamedTuple):
-    """A tree of m nodes in motion: offsets (m, 3) from the parent at rest.
-
-    rotations L (m, f, 3, 3) in the frame of the parent; root (f, 3), where the first node is; rest,
-    the frame of which the pose at rest is made.
+    """A tree of m nodes in motion: offsets (m, 3) at rest and rotations L (m, f, 3, 3) in the frame
+    of the parent; root (f, 3), where the first node is; rest, the frame that the pose is made of.
     """
 
     tree: tuple[Node, ...]
@@ -95,8 +89,7 @@ def find_tree(points: Floats, edges: Integers, root: int | None = None) -> tuple
     """Return the tree of those bones that keep their lengths best: parents first, limb by limb.
 
     points (f, 3, p), all known; edges (e, 2) come before other pairs of landmarks, which join only
-    what edges leave apart. The root is by default the landmark from which the fewest bones lead to
-    all others, of those where bones branch if there are any.
+    what edges leave apart. The root is by default the landmark with the fewest bones to all others.
     """
     rows = np.linspace(0, len(points) - 1, min(len(points), FRAMES)).astype(int)
     distances = np.stack([cdist(x, x) for x in points[rows].swapaxes(1, 2)])
@@ -105,9 +98,7 @@ def find_tree(points: Floats, edges: Integers, root: int | None = None) -> tuple
     is_no_edge[edges[:, 0], edges[:, 1]] = is_no_edge[edges[:, 1], edges[:, 0]] = 0
     graph = minimum_spanning_tree(np.triu(cost + cost.max() * is_no_edge, 1))
     if root is None:
-        hops = shortest_path(graph, directed=False, unweighted=True)
-        branches = np.count_nonzero(hops == 1, axis=1) >= BRANCHES
-        root = int(np.where(branches | ~branches.any(), hops.sum(axis=1), np.inf).argmin())
+        root = int(shortest_path(graph, directed=False, unweighted=True).sum(axis=1).argmin())
     order, above = breadth_first_order(graph, root, directed=False)
     children: list[tuple[int, ...]] = [() for _ in above]
     for landmark in sorted(order[1:].tolist()):
@@ -131,9 +122,8 @@ def find_bones(tree: Sequence[Node]) -> dict[int, int]:
 
 
 def _find_rest(points: Floats, tree: Sequence[Node]) -> int:
-    """Return the frame of points (f, 3, p) whose joints are bent most like the median.
-
-    How far a joint is bent shows in the distance of the landmarks on both sides of it.
+    """Return the frame of points (f, 3, p) whose joints are bent most like the median, by the
+    distances of the landmarks on both sides of them.
     """
     before = find_bones(tree)
     pairs = [(end, before[at]) for end, at in before.items() if at in before]
@@ -145,9 +135,8 @@ def _find_rest(points: Floats, tree: Sequence[Node]) -> int:
 def _find_rotations(points: Floats, tree: Sequence[Node], rest: int) -> Floats:
     """Return the rotation G (m, f, 3, 3) in space of every node, the identity in the frame `rest`.
 
-    A node with several bones has the least-squares rotation of their directions. One with a single
-    bone turns the shortest way from the mean direction, seen by its parent, and then about itself
-    as the bones that follow do. A node without bones turns with its parent.
+    Several bones turn by least squares. A single bone turns the shortest way from its mean
+    direction, seen by its parent, and then about itself as the bones that follow do.
     """
     G = np.empty((len(tree), len(points), 3, 3))
     for number, node in enumerate(tree):
@@ -172,8 +161,7 @@ def _aim(bone: Floats, following: Sequence[Floats]) -> Floats:
 
     The turn about the bone is the angle of sum_k conj(mean b_k) b_k + w for the parts b_k, complex
     numbers, of the bones that follow across this one. w is their variance, and more where a bone
-    goes against its mean: so the turn goes with a knee, which bends one way, leaves a tail alone,
-    which bends both ways, and never jumps from one side to the other.
+    goes against its mean: a thigh turns with its knee, a tail that bends both ways does not turn.
     """
     mean = _unit(bone.mean(axis=0))
     Q = shortest_rotations(mean, bone)

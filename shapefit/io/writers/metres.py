@@ -35,9 +35,8 @@ FARTHEST = 100.0
 
 
 class MetricShapes(NamedTuple):
-    """points (n, 3, p) in metres; factor (n,), the metres in a unit of each shape.
-
-    axes and size say in words where the axes and the size come from.
+    """points (n, 3, p) in metres; factor (n,), the metres in a unit of each shape; in words where
+    axes and size come from.
     """
 
     points: Floats
@@ -121,9 +120,11 @@ def _factor(
     By the unit, or of results by the training shapes: constant unless edges tell their lengths. The
     height overrides both.
     """
-    n, unit = len(records), _metres_in_unit(records, options, place)
-    factor, size = (None if unit is None else np.full(n, unit)), "the unit as given"
-    if unit is None and isinstance(records, ResultSet):
+    n, unit = len(records), records.unit
+    unit = options.unit if options.unit and unit == UNKNOWN_UNIT else unit
+    metres = metres_in(unit)
+    factor, size = (None if metres is None else np.full(n, metres)), "the unit as given"
+    if metres is None and isinstance(records, ResultSet):
         factor, size = (
             _per_item(records, METRES_PER_UNIT, (), place),
             "the size of the training shapes",
@@ -134,7 +135,7 @@ def _factor(
         if factor is None:
             fix = "give it, e.g. `height=1.78`"
             fix += ", or `unit=m`" if isinstance(records, ShapeSet) else ""
-            problem = f"the size in metres is not known (the unit is {records.unit})"
+            problem = f"the size in metres is not known (the unit is {unit})"
             raise input_error(place, problem, fix)
         return factor, size
     stature = find_stature(upright, records.landmark_names)
@@ -151,22 +152,10 @@ def _factor(
     return whole * (options.height / tall if tall > 0 else np.nan), f"height {options.height:g} m"
 
 
-def _metres_in_unit(records: Shapes3D, options: OutputOptions, place: str) -> float | None:
-    """Return the metres in the unit of the records, None where it is no length."""
-    unit = options.unit or records.unit
-    if options.unit is not None and metres_in(unit) is None:
-        raise input_error("unit", f"{unit!r} is no unit of length", "use m, cm or mm")
-    if records.unit != UNKNOWN_UNIT and metres_in(records.unit) != metres_in(unit):
-        problem = f"they are in {records.unit}, not in {unit}"
-        fix = "leave out `unit`; `height` sets how large they are in metres"
-        raise input_error(place, problem, fix)
-    return metres_in(unit)
-
-
 def _in_the_image(upright: Floats, factor: Floats) -> Floats:
-    """Place shapes of unknown depth: they move in the plane of the image, on one scale.
+    """Place shapes of unknown depth, which move in the plane of the image on one scale.
 
-    Each is as large as its factor says; the first is at x = z = 0, the lowest landmark at y = 0.
+    The first is at x = z = 0, the lowest landmark at y = 0.
     """
     middle = upright.mean(axis=2, keepdims=True)
     placed = np.flatnonzero(np.isfinite(middle).all(axis=(1, 2)))

@@ -21,7 +21,7 @@ from shapefit.io.atomic import check_output, file_stem, staged_files
 from shapefit.io.layout import EDGES, FRAME, INPUT_NAMES, INPUT_SD, INPUT_SHAPES, METRES_PER_UNIT
 from shapefit.io.options import OutputOptions, RecordWriter, Summary
 from shapefit.io.readers.poses import make_unique
-from shapefit.io.records import Names, ResultSet, ShapeSet, concatenate
+from shapefit.io.records import Names, ResultSet, concatenate
 from shapefit.io.skeletons import edges_of, joint_columns, model_names
 from shapefit.io.writers.metres import (
     CAMERA_TRANSLATION,
@@ -35,7 +35,6 @@ from shapefit.io.writers.metres import (
 from shapefit.lifting.estimate import CORRELATION
 from shapefit.lifting.trust import REASONS
 
-COVARIANCE = "shape_covariance"
 ANGLES, ANGLE_SD = "joint_angles", "joint_angle_sd"
 """Columns (n, a) of records on their way to a file of motion, in degrees."""
 
@@ -87,8 +86,11 @@ class Motion:
         return self.first + np.arange(len(self.points), dtype=np.int64)
 
 
+Track = tuple[str, Shapes3D, Integers]
+"""A sequence: its name, its items and their frames (n,), in the order of these."""
+
 Write = Callable[[Path, Motion], str | None]
-"""Fills a new file with a motion; may return a note for the summary."""
+"""Fills a new file, and others beside it, with a motion; may return a note for the summary."""
 
 
 class MotionWriter(RecordWriter[Shapes3D]):
@@ -120,13 +122,12 @@ def motion_output(
     *,
     unit: str = "m",
     angles: bool = False,
-    beside: Write | None = None,
 ) -> Iterator[MotionWriter]:
     """Give a writer to a file per sequence; all appear on a clean exit.
 
     One sequence goes to `target`; several are named after it: man.trc becomes man_NAME.trc.
-    `angles`, whether joint angles are written; `beside` writes them to NAME_angles.csv. Raises
-    InputError where the files cannot be written; earlier ones then stay.
+    `angles`, whether joint angles are written. Raises InputError where the files cannot be written;
+    earlier ones then stay.
     """
     check_output(target)
     writer = MotionWriter(options, angles=angles)
@@ -137,18 +138,15 @@ def motion_output(
     motions = find_motions(records, options, str(target))
     resolved = Path(os.path.realpath(target))
     stems = _file_stems(resolved.stem, [motion.name for motion in motions])
-    files = []
-    for stem, motion in zip(stems, motions, strict=True):
-        files.append((f"{stem}{resolved.suffix}", write, motion))
-        if beside is not None and motion.angle_names:
-            files.append((f"{stem}_angles.csv", beside, motion))
     with staged_files(resolved.parent) as staged:
-        notes = [fill(staged / name, motion) for name, fill, motion in files]
+        paths = [staged / f"{stem}{resolved.suffix}" for stem in stems]
+        notes = [write(path, motion) for path, motion in zip(paths, motions, strict=True)]
+        names = sorted(path.name for path in staged.iterdir())
     placed = [f"in {unit} by {motion.size}, {motion.axes}" for motion in motions]
     writer.summary = Summary(
         note="; ".join(dict.fromkeys(filter(None, (*placed, *notes)))),
         warnings=tuple(dict.fromkeys(text for motion in motions for text in motion.warnings)),
-        written=tuple(target.parent / name for name, *_ in files) if len(files) > 1 else (target,),
+        written=tuple(target.parent / name for name in names) if len(names) > 1 else (target,),
     )
 
 
@@ -170,10 +168,8 @@ def find_motions(records: Shapes3D, options: OutputOptions, place: str) -> list[
     Raises InputError at `place` as `_tracks` and `in_metres`.
     """
     floors = find_floors(records, options, place)
-    return [
-        _motion(name, track, frames, options, place, floors.get(video_of(name)))
-        for name, track, frames in _tracks(records, place)
-    ]
+    tracks = _tracks(records, place)
+    return [_motion(track, options, place, floors.get(video_of(track[0]))) for track in tracks]
 
 
 def find_floors(records: Shapes3D, options: OutputOptions, place: str) -> dict[str, Floor]:
@@ -183,9 +179,8 @@ def find_floors(records: Shapes3D, options: OutputOptions, place: str) -> dict[s
     Raises InputError as `in_metres`.
     """
     columns, names = records.columns, records.landmark_names
-    if isinstance(records, ShapeSet) or CAMERA_TRANSLATION not in columns:
-        return {}
-    if EXTRINSIC_ROTATION in columns or find_stature(records.shapes[:0], names) is None:
+    sees = CAMERA_TRANSLATION in columns and EXTRINSIC_ROTATION not in columns
+    if not sees or find_stature(records.points[:0], names) is None:
         return {}
     size = 2 * np.max(columns.get("principal_point", 0.0))
     assumed = np.isclose(np.max(columns.get("focal", 0.0)), ASSUMED_FOCAL * size)
@@ -198,8 +193,7 @@ def find_floors(records: Shapes3D, options: OutputOptions, place: str) -> dict[s
         for ankle in (joint_columns(names)[f"{side}ankle"] for side in "lr"):
             points[~_visible_around(track, ankle, rate), :, ankle] = np.nan
         stature = find_stature(points, names)
-        assert stature is not None
-        if np.isfinite(stature).any():
+        if stature is not None and np.isfinite(stature).any():
             deviations = metric.factor[:, None, None] * np.broadcast_to(sd, points.shape)
             tall = float(np.nanmedian(stature))
             body = Body(points, deviations, joint_columns(names), tall, rate)
@@ -244,7 +238,7 @@ def angle_columns(record: Shapes3D, up: Up | None) -> dict[str, Floats]:
 
 def _covariance(record: ResultSet) -> Floats | None:
     """Return the covariance of the landmarks together, or else that of each (n, p, 3, 3)."""
-    whole = record.columns.get(COVARIANCE)
+    whole = record.columns.get("shape_covariance")
     if whole is not None or record.shape_sd is None:
         return whole
     sd = record.shape_sd.swapaxes(1, 2)
@@ -257,11 +251,10 @@ def _covariance(record: ResultSet) -> Floats | None:
     return covariance
 
 
-def _tracks(records: Shapes3D, place: str) -> list[tuple[str, Shapes3D, Integers]]:
-    """Part records by sequence: name, items and their frames (n,), in the order of these.
+def _tracks(records: Shapes3D, place: str) -> list[Track]:
+    """Part records by sequence, with the frames of the dataset `frame` or the order of the items.
 
-    Frames are those of the dataset `frame`, or, without one, the order of the items. Raises
-    InputError where two items of a sequence are of one frame.
+    Raises InputError where two items of a sequence are of one frame.
     """
     names = np.array(records.sequences or ("",) * len(records), dtype=object)
     stated = records.columns.get(FRAME)
@@ -296,15 +289,9 @@ def _visible_around(records: Shapes3D, column: int, rate: float) -> NDArray[np.b
     return np.asarray(np.convolve(visible, np.ones(2 * near + 1))[near : near + len(visible)] > 0)
 
 
-def _motion(
-    name: str,
-    records: Shapes3D,
-    frames: Integers,
-    options: OutputOptions,
-    place: str,
-    floor: Floor | None,
-) -> Motion:
-    """Return one sequence in metres, its frames (n,) in order, with gaps for those it lacks."""
+def _motion(track: Track, options: OutputOptions, place: str, floor: Floor | None) -> Motion:
+    """Return one sequence in metres, with gaps for the frames that it lacks."""
+    name, records, frames = track
     names, angles = angle_names(records.landmark_names), records.columns.get(ANGLES)
     if floor is not None and angles is not None:  # tilts of trunk and head to the true vertical
         up = floor.up * np.array([1.0, -1.0, -1.0]) * flip(records)

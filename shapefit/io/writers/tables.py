@@ -24,10 +24,12 @@ TRC_COLUMNS = (
 
 
 def write_trc(path: Path, motion: Motion) -> None:
-    """Write one motion as TRC, the table that OpenSim reads.
+    """Write one motion as TRC, the table that OpenSim reads; joint angles go to NAME_angles.csv.
 
     The last cell of the first line, where readers expect nothing, says which way is up.
     """
+    if motion.angle_names:
+        write_angles(path.with_name(f"{path.stem}_angles.csv"), motion)
     count, p, rate = len(motion.points), len(motion.landmark_names), f"{motion.rate:.10g}"
     file_name = f"{printable(motion.name) or 'motion'}.trc"
     head = [

@@ -126,6 +126,8 @@ def test_shapes_of_unknown_unit(scene, shapes):
     unknown = shapes.replaced(unit="unknown")
     with pytest.raises(InputError, match=r"walk\.trc: .*not known .*; give it, .* or `unit=m`"):
         in_metres(unknown, NOTHING, "walk.trc")
+    with pytest.raises(InputError, match=r"the unit is elephant"):
+        in_metres(unknown, OutputOptions(unit="elephant"), "walk.trc")
     points = in_metres(unknown, OutputOptions(unit="cm"), "walk.trc").points
     np.testing.assert_allclose(points, scene.world, atol=1e-12)
     tall = in_metres(unknown, OutputOptions(height=2.0), "walk.trc").points
@@ -136,8 +138,7 @@ def test_shapes_of_unknown_unit(scene, shapes):
     ("options", "message"),
     [
         (NOTHING, r"size in metres is not known \(the unit is px\); .*`height=1\.78`"),
-        (OutputOptions(unit="mm"), "in px, not in mm; leave out `unit`"),
-        (OutputOptions(unit="elephant"), "'elephant' is no unit of length; use m, cm or mm"),
+        (OutputOptions(unit="mm"), r"size in metres is not known \(the unit is px\)"),
     ],
 )
 def test_pixels_are_never_written_as_lengths(scene, options, message):
