@@ -51,9 +51,7 @@ from shapefit.io.skeletons import (
     people_joints,
 )
 from shapefit.io.writers.motion import find_floors
-from shapefit.pipelines.evaluate.measure import Truth
 from shapefit.pipelines.evaluate.measure import measure as measure_file
-from shapefit.pipelines.items import Keys
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -309,7 +307,6 @@ def measure(
     body = (shapes.sequences or ("",))[0].split("_")[0]
     rng = np.random.default_rng([int(body), count])
     images, truth = film(shapes, choose_clips(shapes, count, longest, rng), rng, cell)
-    known = Truth(truth, Keys(truth.items))
     names = np.array(truth.sequences)
     row: dict[str, Any] = {"cell": cell.name, "body": body, "ratio": np.nan}
     by_clip: dict[str, list[float]] = {}
@@ -318,7 +315,7 @@ def measure(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             fit = shapefit.fit(shapefit.Landmarks.of(images), dictionary, config=config)
-        judged = measure_file(Path(method), fit.record(), known, JUDGED)
+        judged = measure_file(Path(method), fit.record(), truth, JUDGED)
         error = judged.errors["similarity", "normalised"]
         row[method] = np.mean([np.nanmean(error[names == name]) for name in np.unique(names)])
         if judged.bars is not None:

@@ -16,8 +16,7 @@ import numpy as np
 
 import shapefit
 from shapefit.arrays import Flags, Floats
-from shapefit.evaluation.report import decimals_of, markdown_table, number
-from shapefit.evaluation.summaries import ALL
+from shapefit.evaluation.report import ALL, decimals_of, markdown_table, number
 
 PROJECT = Path(__file__).resolve().parents[1]
 CONFIGS, RESULTS = PROJECT / "configs", PROJECT / "results"

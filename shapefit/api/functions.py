@@ -28,7 +28,7 @@ from shapefit.api.tables import warn
 from shapefit.config import FitConfig, load_config
 from shapefit.dictionary import model
 from shapefit.errors import counted, input_error
-from shapefit.evaluation.summaries import Summary, group_sequences, summarise
+from shapefit.evaluation.report import Summary, group_sequences, summarise
 from shapefit.geometry.pinhole import CAMERA_MATRIX
 from shapefit.io.dictionaries import check_given_dictionary
 from shapefit.io.options import input_options
@@ -36,7 +36,7 @@ from shapefit.io.readers.items import landmarks_of
 from shapefit.io.readers.tables import of_array
 from shapefit.io.records import LandmarkSet, concatenate
 from shapefit.io.source import source_of
-from shapefit.pipelines.evaluate.measure import Truth, measure
+from shapefit.pipelines.evaluate.measure import measure
 from shapefit.pipelines.fit.prepare import (
     FIRST,
     are_long,
@@ -47,7 +47,6 @@ from shapefit.pipelines.fit.prepare import (
 from shapefit.pipelines.fit.record import attributes_of
 from shapefit.pipelines.fit.report import Counts, outcome_of, warn_of_all
 from shapefit.pipelines.fit.run import lift_source
-from shapefit.pipelines.items import keys_of
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes, with_p_value_table
 from shapefit.pipelines.outcome import Counted, Outcome, add_up
 
@@ -258,7 +257,7 @@ def evaluate(
             fault = f"has {len(true)} shapes for {len(record)} images"
             raise input_error("truth", fault, "give one for each, or name them: Shapes(..., items)")
         shapes = shapes.replaced(items=record.items)
-    measured = measure(Path("result"), record, Truth(shapes, keys_of([shapes])), config)
+    measured = measure(Path("result"), record, shapes, config)
     grouping, ungrouped = group_sequences(config.groups, measured.sequences)
     warn((*measured.warnings, *ungrouped))
     return Evaluation(

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from shapefit.arrays import Flags, Floats
+from shapefit.arrays import Floats
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, visible_in_both
 
 QUANTILES = {0.5: 2.3659738843753377, 0.9: 6.251388631170325}
@@ -41,21 +40,6 @@ class ErrorBars(NamedTuple):
         return np.divide(inside, count, out=none, where=count > 0)
 
 
-@dataclass(frozen=True)
-class Coverage:
-    """How often the truth of the landmarks of a group is inside the error bars.
-
-    counted landmarks; inside, the share of each of `QUANTILES`; the median width by unit. Every
-    image of the group has the same weight.
-    """
-
-    method: str
-    group: str
-    counted: int
-    inside: tuple[float, ...]
-    median_width: Mapping[str, float]
-
-
 def find_squares(
     estimate: Floats,
     truth: Floats,
@@ -85,7 +69,7 @@ def find_squares(
         weights = np.where(visible[:, None] & np.isfinite(sd), 1 / np.maximum(sd, least), 0.0) ** 2
         weights[:, 2] = visible  # depths: the centroid
         shares = weights / weights.sum(axis=2, keepdims=True)
-        e, y = (each - (shares * each).sum(axis=2, keepdims=True) for each in (e, y))
+        e, y = (points - (shares * points).sum(axis=2, keepdims=True) for points in (e, y))
         size = (weights * y**2)[:, :2].sum(axis=(1, 2))
         scale = (weights * e * y)[:, :2].sum(axis=(1, 2)) / size
         leverage = (shares + weights * y**2 / size[:, None, None])[:, :2]
@@ -114,40 +98,28 @@ def mahalanobis(z: Floats, correlation: Floats | None) -> Floats:
     return np.asarray(x**2 + rest**2 / of_y + (depth - b * x - tie * rest) ** 2 / of_depth)
 
 
-def join_bars(parts: Sequence[ErrorBars | None], images: Sequence[int]) -> ErrorBars | None:
-    """Return the error bars of files of one method with so many images; None where none has any."""
-    some = [part for part in parts if part is not None]
-    if not some:
-        return None
-    most = max(part.square.shape[1] for part in some)
+def cover(
+    method: str, bars: ErrorBars, sequences: Sequence[str], grouping: Mapping[str, Sequence[str]]
+) -> Iterator[dict[str, Any]]:
+    """Sum up the error bars of images of these sequences (n,), for each group that has any.
 
-    def joined(arrays: Iterable[Floats | None]) -> Floats:
-        whole = np.full((sum(images), most), np.nan)
-        for end, count, values in zip(np.cumsum(images), images, arrays, strict=True):
-            if values is not None:
-                whole[end - count : end, : values.shape[1]] = values
-        return whole
-
-    widths = {unit: joined(part and part.width[unit] for part in parts) for unit in some[0].width}
-    return ErrorBars(joined(part and part.square for part in parts), widths)
-
-
-def cover(method: str, bars: ErrorBars, groups: Mapping[str, Flags]) -> Iterator[Coverage]:
-    """Sum up the error bars of the images (n,) of each group that has any."""
-    for group, members in groups.items():
-        square = bars.square[members]
-        counted = int((~np.isnan(square)).sum())
-        if counted:
-            inside = tuple(int((square <= q).sum()) / counted for q in QUANTILES.values())
-            widths = {unit: float(np.nanmedian(w[members])) for unit, w in bars.width.items()}
-            yield Coverage(method, group, counted, inside, widths)
+    counted landmarks; inside, the share of each of `QUANTILES`; median_width by unit.
+    """
+    names = np.array(sequences, dtype=str)
+    for group, members in grouping.items():
+        some = np.isin(names, list(members))
+        square, row = bars.square[some], {"method": method, "group": group}
+        if counted := int((~np.isnan(square)).sum()):
+            inside = [int((square <= q).sum()) / counted for q in QUANTILES.values()]
+            widths = {unit: float(np.nanmedian(w[some])) for unit, w in bars.width.items()}
+            yield row | {"counted": counted, "inside": inside, "median_width": widths}
 
 
 def bar_scale_factors(bars: ErrorBars) -> dict[str, float | None]:
     """Return how many times as wide error bars are true at each of `QUANTILES`, by its name.
 
     sqrt(r / q) for the distance r that as many of the m landmarks do not exceed as split
-    conformal prediction asks for, ceil((m + 1) level), and the quantile q of chi^2. None
+    conformal prediction requires, ceil((m + 1) level), and the quantile q of chi^2. None
     where these are too few, or lie beyond `FARTHEST`.
     """
     squares = np.sort(bars.square[~np.isnan(bars.square)])

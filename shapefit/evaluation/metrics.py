@@ -65,14 +65,14 @@ def reprojection(fitted: Floats, observed: Floats) -> Floats:
     return np.sqrt(_mean_over_visible(squares, visible, fewest=1))
 
 
-def precision(labelled: Flags, corrupted: Flags) -> Floats:
+def precision(labelled: NDArray[Any], corrupted: NDArray[Any]) -> Floats:
     """|labelled and corrupted| / |labelled| of each image (n,); nan where nothing is labelled."""
-    count = labelled.sum(axis=-1)
-    nothing = np.full(len(count), np.nan)
-    return np.divide((labelled & corrupted).sum(axis=-1), count, out=nothing, where=count > 0)
+    count = (labelled != 0).sum(axis=-1)
+    both = ((labelled != 0) & (corrupted != 0)).sum(axis=-1)
+    return np.divide(both, count, out=np.full(len(count), np.nan), where=count > 0)
 
 
-def recall(labelled: Flags, corrupted: Flags) -> Floats:
+def recall(labelled: NDArray[Any], corrupted: NDArray[Any]) -> Floats:
     """|labelled and corrupted| / |corrupted| of each image (n,); nan where nothing is corrupted."""
     return precision(corrupted, labelled)
 
@@ -96,14 +96,14 @@ def box_diagonal(observed: Floats, boxes: Floats | None = None) -> Floats:
 def truth_scale(estimate: Floats, truth: Floats) -> Floats:
     """Standard deviation of the true landmarks on both sides: error / scale is normalised.
 
-    (n, 3, p) each -> (n,); nan where the true landmarks lie on one point, which leaves no scale.
-    It is taken in the frame of the truth file, for `similarity` and `camera` alike.
+    (n, 3, p) each -> (n,), in the frame of the truth file; nan where the true landmarks lie on one
+    point, which leaves no scale.
     """
     visible = visible_in_both(estimate, truth)
     x = centred(truth, visible)
     size = np.abs(np.where(visible[:, None], truth, 0.0)).max(axis=(1, 2), initial=0.0)
     extended = np.ptp(x, axis=-1).max(axis=-1, initial=0.0) > 4 * np.finfo(float).eps * size
-    with np.errstate(invalid="ignore"):  # where no landmark is judged
+    with np.errstate(invalid="ignore"):  # where no landmark is on both sides
         scale = np.sqrt((x**2).sum(axis=-1) / visible.sum(axis=-1)[:, None]).mean(axis=-1)
     return np.where(extended, scale, np.nan)
 
@@ -137,70 +137,47 @@ LENGTH, IMAGE, SHARE = "length", "image", "share"
 """Units of metrics: that of the truth, and normalised by the true shape; that of the landmarks, and
 as a share of the box; a share of landmarks."""
 
-
-class Dataset(NamedTuple):
-    """A dataset that a metric takes: its name, and its shape within one image in the file.
-
-    `p` stands for the number of landmarks. Points ("p", d) come one per row in the file and one per
-    column to the metric; `labels` are booleans.
-    """
-
-    name: str
-    shape: tuple[int | Literal["p"], ...] = ()
-    labels: bool = False
-
-
-ESTIMATE, TRUTH = Dataset("estimate", ("p", 3)), Dataset("truth", ("p", 3))
-"""The shapes that are compared, with the landmarks of both: every evaluation has them."""
-LANDMARKS, FITTED = Dataset("landmarks", ("p", 2)), Dataset("landmarks_fitted", ("p", 2))
-BOX = Dataset("bounding_box", (4,))
-ROTATION, TRUE_ROTATION = Dataset("rotation", (3, 3)), Dataset("true_rotation", (3, 3))
-DEVIATION, CORRELATION = Dataset("shape_sd", ("p", 3)), Dataset("shape_correlation", ("p", 3))
-EXPECTED = Dataset("expected_error")
-OUTLIERS = Dataset("outliers", ("p",), labels=True)
-CORRUPTED = Dataset("corrupted", ("p",), labels=True)
+CARRIED: dict[str, tuple[int | Literal["p"], ...]] = {
+    "landmarks": ("p", 2),
+    "bounding_box": (4,),
+    "true_rotation": (3, 3),
+    "shape_correlation": ("p", 3),
+    "expected_error": (),
+    "outliers": ("p",),
+    "corrupted": ("p",),
+}
+"""Datasets that results carry for metrics -> their shape within one image, p landmarks a row."""
 
 
 class Metric(NamedTuple):
     """A number for each image: how far its estimate is from the truth.
 
-    function takes the arrays of `needs` in their order and returns (n,), nan where an image cannot
-    be measured; unit is LENGTH, IMAGE, or a unit such as deg; title is that of a plot. A metric
-    `of_labels` must be asked for by name. Where one is `optional`, its datasets may be absent
-    without a warning; for both nan is no failure.
+    function takes the datasets `needs` in their order (`estimate` and `truth` are the shapes) and
+    returns (n,), nan where an image cannot be measured; unit is LENGTH, IMAGE, SHARE or deg; title
+    is that of a plot. Where `optional`, an image may have no such error and has not failed.
     """
 
     function: Callable[..., Floats]
-    needs: tuple[Dataset, ...]
+    needs: tuple[str, ...]
     unit: str
     title: str
-    of_labels: bool = False
     optional: bool = False
 
-    @property
-    def may_lack(self) -> bool:
-        """Whether nan is no failure of the image."""
-        return self.of_labels or self.optional
 
-
+_SHAPES, _LABELS = ("estimate", "truth"), ("outliers", "corrupted")
 METRICS = {
-    "similarity": Metric(similarity, (ESTIMATE, TRUTH), LENGTH, "3D error up to a similarity"),
-    "camera": Metric(
-        camera, (ESTIMATE, TRUTH, TRUE_ROTATION), LENGTH, "3D error in the camera frame"
-    ),
+    "similarity": Metric(similarity, _SHAPES, LENGTH, "3D error up to a similarity"),
+    "camera": Metric(camera, (*_SHAPES, "true_rotation"), LENGTH, "3D error in the camera frame"),
     "rotation": Metric(
-        rotation_angle, (TRUE_ROTATION, ROTATION), "deg", "Angle to the true rotation"
+        rotation_angle, ("true_rotation", "rotation"), "deg", "Angle to the true rotation"
     ),
-    "reprojection": Metric(reprojection, (FITTED, LANDMARKS), IMAGE, "RMS reprojection error"),
+    "reprojection": Metric(
+        reprojection, ("landmarks_fitted", "landmarks"), IMAGE, "RMS reprojection error"
+    ),
     "expected": Metric(
-        expected, (ESTIMATE, TRUTH, EXPECTED), LENGTH, "Expected 3D error up to a similarity",
-        optional=True,
+        expected, (*_SHAPES, "expected_error"), LENGTH, "Expected 3D error up to a similarity", True
     ),
-    "precision": Metric(
-        precision, (OUTLIERS, CORRUPTED), SHARE, "Precision of the outlier labels", of_labels=True
-    ),
-    "recall": Metric(
-        recall, (OUTLIERS, CORRUPTED), SHARE, "Recall of the outlier labels", of_labels=True
-    ),
-}  # fmt: skip
+    "precision": Metric(precision, _LABELS, SHARE, "Precision of the outlier labels", True),
+    "recall": Metric(recall, _LABELS, SHARE, "Recall of the outlier labels", True),
+}
 """The metrics by name. A new one is a function and a row."""

@@ -1,4 +1,4 @@
-"""The report of an evaluation: all its numbers as CSV, as JSON, as Markdown and in a few lines."""
+"""Errors summed up over sequences and groups: as CSV, as JSON, as Markdown and in a few lines."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ import csv
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from io import StringIO
-from itertools import compress
 from typing import Any
 
 import numpy as np
-import orjson
 
 from shapefit.arrays import Floats
-from shapefit.evaluation.calibration import QUANTILES, WIDTH_OF, Coverage
+from shapefit.errors import abbreviate, input_error
+from shapefit.evaluation.calibration import QUANTILES
 from shapefit.evaluation.metrics import SHARE
-from shapefit.evaluation.summaries import ALL, NORMALISED, Kind, Summary
 
+ALL = "all"
+"""Name of the one group, and of the one sequence, where none are named."""
+NORMALISED, UNKNOWN_UNIT = "normalised", "unknown"
+"""Units of errors against the truth scaled to unit standard deviation, and of a file without."""
 MOST_SHOWN = 10
 """Failed images of a method that the page lists."""
 ABSENT = "–"
@@ -28,87 +31,136 @@ PER_IMAGE = ("method", "sequence", "item", "metric", "error", "unit")
 SUMMARY = ("method", "metric", "group", "sequence", "images", "mean", "median", "p90", "unit")
 """Columns of report.csv."""
 
-_SHARES = [f"{level:.0%}" for level in QUANTILES]
-_ERRORS = (
-    "Each cell is mean / median over the images; of several sequences, the mean of the sequences' "
-    "means and of their medians. Normalised errors are shares of the standard deviation of the "
-    "true shape; those in boxes, of the diagonal of the box around the landmarks."
-)
-_BARS = (
-    f"Share of the landmarks whose truth is inside the {' and '.join(_SHARES)} ellipsoids of the "
-    "error bars, after the truth was placed in the image by its x and y. Wide bars hold anything, "
-    f"so their width is given too: the median of the {WIDTH_OF:.0%} ellipsoids' root mean squared "
-    "semi-axes. Every image has the same weight."
-)
+_ERRORS = """Each cell is mean / median over the images; of several sequences, the mean over them. \
+Normalised errors are shares of the standard deviation of the true shape; those in boxes, of the \
+diagonal of the box around the landmarks."""
+_BARS = """Bars: the share of landmarks whose truth, placed in the image by its x and y, is in the \
+ellipsoids. Wide bars hold anything: the width is the median of the 90% ellipsoids' root mean \
+squared semi-axes."""
+_SHORT = {"similarity": "error aligned", "camera": "camera frame", "rotation": "rotation"}
+"""Metrics of the few lines, and their names there."""
+
+Kind = tuple[str, str]
+"""A metric and its unit."""
+Document = Mapping[str, Any]
+"""What report.json holds: methods, summaries, calibration, factors, warnings, and what made it."""
 
 
 @dataclass(frozen=True)
-class Method:
-    """One method: where its results are, how many images, how many failed, and why.
+class Summary:
+    """Errors of one method in one metric and unit over a sequence, or over a group.
 
-    `failures` maps the failed items to the reason; the mean objective is that of the images that
-    have one, None where not all files state it.
+    `sequence` is None for a group. `images` counts the images with an error, `failed` those
+    without. For a sequence mean, median and 90th percentile are over its images; for a group they
+    are the means of these over its sequences. nan where no image has an error.
     """
 
-    name: str
-    files: tuple[str, ...]
+    method: str
+    metric: str
+    unit: str
+    group: str
+    sequence: str | None
     images: int
-    failures: Mapping[str, str] = field(default_factory=dict)
-    mean_objective: float | None = None
+    failed: int
+    mean: float
+    median: float
+    p90: float
 
 
-@dataclass(frozen=True)
-class Report:
-    """Everything that the tables show.
+def group_sequences(
+    groups: Mapping[str, str], sequences: Iterable[str]
+) -> tuple[dict[str, tuple[str, ...]], list[str]]:
+    """Sequences of each group (name -> glob), and warnings about what matches nothing.
 
-    warnings say what was ignored; coverage how true error bars are; factors, with which they would
-    be true, by method and level; provenance (version, config, digests of the inputs) is ready for
-    JSON.
+    Without groups all are in the group `all`; a sequence may be in several groups. Raises
+    InputError where no sequence is in any group.
     """
+    names = tuple(dict.fromkeys(filter(None, sequences)))
+    if not groups:
+        return {ALL: names}, []
+    grouping = {
+        group: tuple(name for name in names if fnmatchcase(name, glob))
+        for group, glob in groups.items()
+    }
+    outside = [name for name in names if not any(name in members for members in grouping.values())]
+    if len(outside) == len(names):
+        fault = f"no sequence matches any group; the sequences are {abbreviate(names)}"
+        raise input_error("groups", fault, "correct the globs, or leave `groups` out")
+    texts = [f"group {name}: no sequence matches {groups[name]!r}" for name in groups]
+    warnings = [text for text, members in zip(texts, grouping.values(), strict=True) if not members]
+    if outside:
+        warnings.append(f"sequences in no group, only in per_image.csv: {abbreviate(outside)}")
+    return grouping, warnings
 
-    methods: tuple[Method, ...]
-    summaries: tuple[Summary, ...]
-    warnings: tuple[str, ...] = ()
-    coverage: tuple[Coverage, ...] = ()
-    factors: Mapping[str, Mapping[str, float | None]] = field(default_factory=dict)
-    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+def summarise(
+    method: str,
+    sequences: Sequence[str],
+    errors: Mapping[Kind, Floats],
+    grouping: Mapping[str, Sequence[str]],
+) -> Iterator[Summary]:
+    """Sum up errors (n,) by metric and unit: each group followed by its sequences (n,).
+
+    nan is a failed image; an infinite error does not count. A sequence or group without an image
+    that counts is omitted.
+    """
+    names, codes = np.unique(np.array(sequences, dtype=str), return_inverse=True)
+    order = np.argsort(codes, kind="stable")
+    starts = np.searchsorted(codes[order], np.arange(1, len(names)))
+    for (metric, unit), values in errors.items():
+        parts = np.split(values[order], starts)
+        rows = {name: _statistics(part) for name, part in zip(names.tolist(), parts, strict=True)}
+        for group, members in grouping.items():
+            inside = {name: rows[name] for name in members if name in rows and any(rows[name][:2])}
+            if not inside:
+                continue
+            table = np.array(list(inside.values()))
+            fitted = table[table[:, 0] > 0, 2:]
+            mean = fitted.mean(axis=0) if len(fitted) else np.full(3, np.nan)
+            whole = (*table[:, :2].sum(axis=0), *mean)
+            for name, (count, failed, *numbers) in ((None, whole), *inside.items()):
+                counts = int(count), int(failed)
+                yield Summary(method, metric, unit, group, name, *counts, *map(float, numbers))
+
+
+def _statistics(values: Floats) -> tuple[float, ...]:
+    """Return how many errors are finite and nan, and mean, median and 90th percentile of them."""
+    finite = np.sort(values[np.isfinite(values)])
+    numbers = (np.nan,) * 3
+    if n := len(finite):
+        places = np.array([0.5, 0.9]) * (n - 1)
+        numbers = (finite.mean(), *np.interp(places, np.arange(n), finite))
+    return n, int(np.isnan(values).sum()), *numbers
 
 
 def per_image_rows(
     method: str, sequences: Sequence[str], items: Sequence[str], errors: Mapping[Kind, Floats]
-) -> Iterator[bytes]:
-    """Yield lines of per_image.csv: errors (n,) by metric and unit; that of a failed one is empty.
+) -> Iterator[Sequence[Any]]:
+    """Yield rows of per_image.csv: errors (n,) by metric and unit; that of a failed one is empty.
 
-    An infinite error does not count and has no line.
+    An infinite error does not count and has no row.
     """
-    special = re.compile('[,"\r\n]').search
-
-    def cell(text: str) -> str:
-        return '"{}"'.format(text.replace('"', '""')) if special(text) else text
-
-    names = [f"{cell(a)},{cell(b)}" for a, b in zip(sequences, items, strict=True)]
     for (metric, unit), values in errors.items():
-        before, between, after = f"{cell(method)},", f",{cell(metric)},", f",{cell(unit)}\n"
-        counts = ~np.isinf(values)
-        texts = ["" if value != value else repr(value) for value in values[counts].tolist()]
-        pairs = zip(compress(names, counts.tolist()), texts, strict=True)
-        # Joined, not formatted, which takes twice as long.
-        if lines := f"{after}{before}".join(map(between.join, pairs)):
-            yield f"{before}{lines}{after}".encode("utf-8", "surrogateescape")
+        for sequence, item, value in zip(sequences, items, values.tolist(), strict=True):
+            if value != math.inf:
+                yield method, sequence, item, metric, value if value == value else "", unit
 
 
-def report_csv(report: Report) -> str:
+def report_csv(report: Document) -> str:
     """Return the sums as CSV; those of error bars as the metrics inside_50, inside_90 and width.
 
-    `images` of these are the landmarks judged, and the width is a median.
+    `images` of these are the landmarks counted, and the width is a median.
     """
-    rows: list[Iterable[Any]] = [[getattr(s, name) for name in SUMMARY] for s in report.summaries]
-    for c in report.coverage:
-        for level, share in zip(QUANTILES, c.inside, strict=True):
+    rows: list[Iterable[Any]] = [
+        [getattr(s, name) for name in SUMMARY] for s in report["summaries"]
+    ]
+    for c in report["calibration"]:
+        method, group, counted = c["method"], c["group"], c["counted"]
+        for level, share in zip(QUANTILES, c["inside"], strict=True):
             name = f"inside_{100 * level:.0f}"
-            rows.append((c.method, name, c.group, None, c.counted, share, None, None, SHARE))
-        for unit, width in c.median_width.items():
-            rows.append((c.method, "width", c.group, None, c.counted, None, width, None, unit))
+            rows.append((method, name, group, None, counted, share, None, None, SHARE))
+        for unit, width in c["median_width"].items():
+            rows.append((method, "width", group, None, counted, None, width, None, unit))
     text = StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(SUMMARY)
@@ -116,81 +168,63 @@ def report_csv(report: Report) -> str:
     return text.getvalue()
 
 
-def report_json(report: Report) -> str:
-    """All numbers of the report as JSON; null stands for a number that does not exist."""
-
-    def method_json(method: Method) -> dict[str, Any]:
-        failures = [{"item": item, "reason": why} for item, why in method.failures.items()]
-        return {**vars(method), "failed": len(failures), "failures": failures}
-
-    document = {
-        "methods": [method_json(method) for method in report.methods],
-        "summaries": report.summaries,
-        "calibration": report.coverage,
-        "factors": report.factors,
-        "warnings": report.warnings,
-        **report.provenance,
-    }
-    return orjson.dumps(document, option=orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE).decode()
-
-
-def report_markdown(report: Report, plot: str = "") -> str:
-    """Return the page: tables of errors, error bars and images, failures, and the plot's file."""
-    blocks = ["# Errors against the truth", _ERRORS, _error_table(report)]
-    if report.coverage:
-        blocks += ["## Error bars", _BARS, _error_bars(report)]
-    for title, lines in (("Failed", _failed(report.methods)), ("Warnings", report.warnings)):
+def report_markdown(report: Document, plot: str = "") -> str:
+    """Return the page: a table of errors and error bars, failures, and the plot's file."""
+    blocks = ["# Errors against the truth", _ERRORS, _table(report)]
+    if report["calibration"]:
+        blocks.insert(2, _BARS)
+    failed: list[str] = []
+    for method in report["methods"]:
+        name, failures = method["name"], method["failures"]
+        failed += [f"{name}, {one['item']}: {one['reason']}" for one in failures[:MOST_SHOWN]]
+        if (more := len(failures) - MOST_SHOWN) > 0:
+            failed.append(f"{name}: {more} more, all listed in report.json")
+    for title, lines in (("Failed", failed), ("Warnings", report["warnings"])):
         if lines:
-            blocks += [f"## {title}", "\n".join(f"- {_on_one_line(line)}" for line in lines)]
+            blocks += [f"## {title}", "\n".join(f"- {' '.join(line.split())}" for line in lines)]
     if plot:
         blocks += ["## Plot", f"![errors, sorted]({plot})"]
     # No name is HTML.
     return "\n\n".join(re.sub("<(?=[a-zA-Z/!?])", "&lt;", block) for block in blocks) + "\n"
 
 
-def _error_table(report: Report) -> str:
-    """Groups and methods down; mean / median of every metric and unit across, and images."""
-    summaries = [s for s in report.summaries if s.sequence is None]
-    groups = [*dict.fromkeys(s.group for s in summaries)]
-    columns: dict[Kind, list[float]] = {}
-    for s in summaries:
-        columns.setdefault((s.metric, s.unit), []).extend((s.mean, s.median))
-    digits = {kind: decimals_of(values) for kind, values in columns.items()}
-    rows: dict[tuple[str, str], dict[str, str]] = {}
-    for s in sorted(summaries, key=lambda s: groups.index(s.group)):
-        row = rows.setdefault((s.group, s.method), {} if s.group == ALL else {"group": s.group})
-        if "method" not in row:
-            row |= {"method": s.method, "images": str(s.images), "failed": str(s.failed)}
-            row |= {f"{metric} ({unit})": ABSENT for metric, unit in columns}
-        if not math.isnan(s.mean):
-            both = (number(value, digits[s.metric, s.unit]) for value in (s.mean, s.median))
-            row[f"{s.metric} ({s.unit})"] = " / ".join(both)
-    return _table(rows.values())
+def _table(report: Document) -> str:
+    """Groups and methods down; images, mean / median of every metric and error bars across."""
+    counts: dict[Kind, list[str]] = {}
+    columns: dict[str, dict[Kind, tuple[float, ...]]] = {}
+    for s in report["summaries"]:
+        if s.sequence is None:
+            counts.setdefault((s.group, s.method), [str(s.images), str(s.failed)])
+            column = columns.setdefault(f"{s.metric} ({s.unit})", {})
+            if not math.isnan(s.mean):
+                column[s.group, s.method] = s.mean, s.median
+    for c in report["calibration"]:
+        names = [f"in {level:.0%} bars (%)" for level in QUANTILES]
+        bars = {name: 100 * share for name, share in zip(names, c["inside"], strict=True)}
+        bars |= {f"width ({unit})": width for unit, width in c["median_width"].items()}
+        for name, value in bars.items():
+            columns.setdefault(name, {})[c["group"], c["method"]] = (value,)
+    if ratios := expected_ratios(report):
+        columns["expected / error"] = {(group, m): (r,) for (m, group), r in ratios.items()}
+    digits = {
+        name: decimals_of(v for row in c.values() for v in row) for name, c in columns.items()
+    }
+    groups = [*dict.fromkeys(group for group, _ in counts)]
+    rows = []
+    for row in sorted(counts, key=lambda row: groups.index(row[0])):
+        cells = [*row, *counts[row]]
+        for name, column in columns.items():
+            cells.append(" / ".join(number(v, digits[name]) for v in column.get(row, (None,))))
+        rows.append(cells)
+    header, alone = ["group", "method", "images", "failed", *columns], groups == [ALL]
+    return markdown_table(header[alone:], [row[alone:] for row in rows])
 
 
-def _error_bars(report: Report) -> str:
-    """Groups and methods down; shares inside, widths, and how true expected errors are."""
-    coverage, ratios = report.coverage, expected_ratios(report.summaries)
-    units = dict.fromkeys(unit for c in coverage for unit in c.median_width)
-    digits = {unit: decimals_of(c.median_width.get(unit) for c in coverage) for unit in units}
-    return _table(
-        {
-            **({} if c.group == ALL else {"group": c.group}),
-            "method": c.method,
-            "landmarks": str(c.counted),
-            **dict(zip(_SHARES, (f"{100 * share:.1f} %" for share in c.inside), strict=True)),
-            **{f"median width ({u})": number(c.median_width.get(u), d) for u, d in digits.items()},
-            **({"expected / error": number(ratios.get((c.method, c.group)), 2)} if ratios else {}),
-        }
-        for c in coverage
-    )
-
-
-def expected_ratios(summaries: Iterable[Summary]) -> dict[tuple[str, str], float]:
+def expected_ratios(report: Document) -> dict[tuple[str, str], float]:
     """Return mean expected over mean measured errors of each method and group that has both."""
     means = {
         (s.metric, s.method, s.group): s.mean
-        for s in summaries
+        for s in report["summaries"]
         if s.sequence is None and s.unit == NORMALISED
     }
     return {
@@ -200,67 +234,43 @@ def expected_ratios(summaries: Iterable[Summary]) -> dict[tuple[str, str], float
     }
 
 
-def _failed(methods: Iterable[Method]) -> list[str]:
-    lines = []
-    for method in methods:
-        failures = [f"{method.name}, {item}: {why}" for item, why in method.failures.items()]
-        lines += failures[:MOST_SHOWN]
-        if more := len(failures) - MOST_SHOWN if len(failures) > MOST_SHOWN else 0:
-            lines.append(f"{method.name}: {more} more, all listed in report.json")
-    return lines
-
-
-_SHORT = {"similarity": "error aligned", "camera": "camera frame", "rotation": "rotation"}
-"""Metrics of the few lines, and what they are called there."""
-
-
-def short_lines(report: Report) -> list[str]:
+def short_lines(report: Document) -> list[str]:
     """Return a few aligned lines for people: the errors of each method and what its bars hold."""
-    groups: dict[tuple[str, str], list[Summary]] = {}
-    for s in report.summaries:
-        if s.sequence is None:
-            groups.setdefault((s.method, s.group), []).append(s)
-    inside = {(c.method, c.group): c.inside[-1] for c in report.coverage}
-    ratios, wide = expected_ratios(report.summaries), max(len(method) for method, _ in groups)
-    lines = []
-    for (method, group), rows in groups.items():
-        parts = [part for name in _SHORT if (part := _in_short(rows, name))]
-        parts.append(f"{max(s.images for s in rows)} images")
-        if (share := inside.get((method, group))) is not None:
-            parts.append(f"90% bars hold {100 * share:.0f}%")
-        if (ratio := ratios.get((method, group))) is not None:
-            parts.append(f"expected / error {ratio:.2f}")
-        where = "" if group == ALL else f"{group}  "
-        lines.append(f"{method.ljust(wide)}  {where}{'; '.join(parts)}")
-    return lines + [
-        f"{m.name.ljust(wide)}  failed: {len(m.failures)} of {m.images}"
-        for m in report.methods
-        if m.failures
+    parts: dict[tuple[str, str], dict[str, str]] = {}
+    images: dict[tuple[str, str], int] = {}
+    for s in report["summaries"]:
+        if s.sequence is not None:
+            continue
+        texts, row = parts.setdefault((s.method, s.group), {}), (s.method, s.group)
+        images[row] = max(s.images, images.get(row, 0))
+        # The last unit is that of the truth.
+        if s.metric in _SHORT and not math.isnan(s.mean) and s.unit != UNKNOWN_UNIT:
+            factor, unit = (1000, "mm") if s.unit == "m" and s.mean < 1 else (1, s.unit)
+            digits = decimals_of([factor * s.mean, factor * s.median])
+            mean, median = number(factor * s.mean, digits), number(factor * s.median, digits)
+            texts[s.metric] = f"{_SHORT[s.metric]} {mean} mean, {median} median ({unit})"
+    for row, count in images.items():
+        parts[row]["images"] = f"{count} images"
+    for c in report["calibration"]:
+        parts[c["method"], c["group"]]["bars"] = f"90% bars hold {100 * c['inside'][-1]:.0f}%"
+    for of_group, ratio in expected_ratios(report).items():
+        parts[of_group]["ratio"] = f"expected / error {ratio:.2f}"
+    wide = max(len(method) for method, _ in parts)
+    lines = [
+        f"{method.ljust(wide)}  {'' if group == ALL else f'{group}  '}{'; '.join(texts.values())}"
+        for (method, group), texts in parts.items()
     ]
-
-
-def _in_short(summaries: Sequence[Summary], metric: str) -> str:
-    """Say mean and median in the unit of the truth, normalised where that is unknown."""
-    by_unit = {s.unit: s for s in summaries if s.metric == metric and not math.isnan(s.mean)}
-    if not by_unit:
-        return ""
-    unit = min(by_unit, key=lambda u: (u == "unknown", u == NORMALISED))
-    values = [by_unit[unit].mean, by_unit[unit].median]
-    if unit == "m" and values[0] < 1:
-        unit, values = "mm", [1000 * value for value in values]
-    mean, median = (number(value, decimals_of(values)) for value in values)
-    return f"{_SHORT[metric]} {mean} mean, {median} median ({unit})"
-
-
-def _table(rows: Iterable[Mapping[str, str]]) -> str:
-    """Return a table of rows by the names of their columns, all of which every row has."""
-    rows = list(rows)
-    return markdown_table(list(rows[0]), [list(row.values()) for row in rows]) if rows else ""
+    failed = [method for method in report["methods"] if method["failed"]]
+    return lines + [
+        f"{m['name'].ljust(wide)}  failed: {m['failed']} of {m['images']}" for m in failed
+    ]
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table whose columns line up; those after the first stand to the right."""
-    cells = [[_on_one_line(cell).replace("|", "\\|") for cell in row] for row in (header, *rows)]
+    cells = [
+        [" ".join(cell.split()).replace("|", "\\|") for cell in row] for row in (header, *rows)
+    ]
     widths = [max(3, *map(len, column)) for column in zip(*cells, strict=True)]
     rule = ["-" * widths[0], *("-" * (width - 1) + ":" for width in widths[1:])]
     lines = [
@@ -268,11 +278,6 @@ def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
         for row in cells
     ]
     return "\n".join(f"| {' | '.join(line)} |" for line in (lines[0], rule, *lines[1:]))
-
-
-def _on_one_line(text: str) -> str:
-    """Return a text without the line breaks that a name may have."""
-    return " ".join(text.splitlines())
 
 
 def number(value: float | None, decimals: int) -> str:

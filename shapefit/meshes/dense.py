@@ -7,15 +7,15 @@ import numpy as np
 from shapefit.arrays import Floats
 from shapefit.geometry.normalisation import Normalised
 
-# The relative distance of an atom from the span of the training shapes that is still rounding.
 IN_SPAN = 1e-6
+"""Relative distance of an atom from the span of the training shapes that is still rounding."""
 
 
 def carry_mesh(mesh_vertices: Floats, normalised: Normalised, rotations: Floats) -> Floats:
     """R_j (V_j - centroid_j 1^T) / scale_j: normalise and turn meshes as their landmarks were.
 
     mesh_vertices V (n, 3, q) in the frame and unit of the landmarks that gave `normalised`;
-    rotations R (n, 3, 3), those of their alignment. -> (n, 3, q)
+    rotations R (n, 3, 3), those of their alignment -> (n, 3, q).
     """
     centred = mesh_vertices - normalised.centroid[..., None]
     return rotations @ (centred / normalised.scale[..., None, None])
@@ -35,27 +35,17 @@ def mesh_of_atoms(atoms: Floats, shapes: Floats, mesh_vertices: Floats) -> Float
     return np.tensordot(A, mesh_vertices, axes=1)
 
 
-def object_frame(atoms: Floats, coefficients: Floats) -> Floats:
-    """sum_i c_i B_i in normalised units; atoms (k, 3, q), coefficients (n, k) -> (n, 3, q).
-
-    The frame is that of the dictionary. `atoms` may be the mesh vertices of the atoms or, to have
-    the landmarks in the same frame, the atoms themselves.
-    """
-    return np.tensordot(coefficients, atoms, axes=1)
-
-
 def metric_scale(atoms: Floats, coefficients: Floats, atom_scale: Floats) -> Floats:
     """(sum_i w_i s_i ||B_i||_F) / ||sum_i c_i B_i||_F with w_i = c_i ||B_i||_F, sum_i w_i = 1.
 
     The length of a normalised unit, so that an image's shape is as large as its atoms are on
-    average: an image does not determine whether a car is small or far away.
-    atoms (k, 3, p), the landmarks; coefficients (n, k); atom_scale s (k,): atom i measures s_i B_i
-    in the unit wanted (for exemplars the scale that normalised the model) -> (n,), nan where all
-    coefficients are 0.
+    average: an image does not determine whether a car is small or far away. atoms B (k, 3, p), the
+    landmarks; coefficients (n, k); atom_scale s (k,): atom i measures s_i B_i in the unit wanted
+    -> (n,), nan where all coefficients are 0.
     """
     size = np.linalg.norm(atoms, axis=(1, 2))
     share = coefficients * size
-    length = np.linalg.norm(object_frame(atoms, coefficients), axis=(1, 2))
+    length = np.linalg.norm(np.tensordot(coefficients, atoms, axes=1), axis=(1, 2))
     total = share.sum(axis=1) * length
     unknown = np.full_like(total, np.nan)
     return np.divide(share @ (atom_scale * size), total, out=unknown, where=total > 0)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -24,14 +23,8 @@ if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
 
 
-class View(NamedTuple):
-    """Walk around the shape by `turn` and rise above it by `tilt` degrees; (0, 0) stays."""
-
-    turn: float
-    tilt: float
-
-
-OTHER_SIDE = View(60, 15)
+TURN, TILT = 60, 15
+"""Degrees by which the view of the shape walks around it and rises above it."""
 # Okabe and Ito 2008: told apart with every common form of colour blindness.
 VISIBLE, HIDDEN, OUTLIER, BAR = "#0072B2", "#555555", "#D55E00", "#E69F00"
 INK, BODY, PALE = "#333333", "#8FB1E3", "#E3EBF7"
@@ -39,9 +32,8 @@ FAINTNESS = 0.22
 """Opacity of an error bar."""
 SIZE, MARK, DPI = 1.6, 2.4, 150
 """Width of a panel in inches, size of a landmark in points, dots per inch."""
-PAIRS_IN_A_ROW = 4
-LETTERS = 40
-"""Letters of a title that fit above an image."""
+PAIRS_IN_A_ROW, LETTERS = 4, 40
+"""Images in a row, and letters of a title that fit above one."""
 MARGIN = 0.06
 """Free border of a panel, as a share of what it shows."""
 
@@ -57,8 +49,7 @@ class Model(NamedTuple):
     edges: Integers | None = None
 
 
-@dataclass(frozen=True)
-class FittedImage:
+class FittedImage(NamedTuple):
     """The landmarks of an image and the shape fitted to them.
 
     landmarks (2, p), nan = hidden; shape (3, p) and mesh (3, q) in the camera frame and the unit of
@@ -118,7 +109,7 @@ def contact_sheet(images: Sequence[FittedImage], model: Model) -> Figure:
         drawn |= dict(zip(labels, handles, strict=True))
         if image.fitted:
             solid = figure.add_subplot(rows, across, 2 + 2 * number, projection="3d")
-            draw_shape(solid, image, model, OTHER_SIDE)
+            draw_shape(solid, image, model)
     figure.legend(
         drawn.values(), drawn.keys(), loc="lower center", ncols=5, frameon=False, fontsize=7
     )
@@ -142,11 +133,11 @@ def draw_image(axes: Axes, image: FittedImage, model: Model) -> None:
         bones = list(projected.T[model.edges])
         axes.add_collection(LineCollection(bones, colors=BODY, linewidths=1.5))
     if image.fitted and image.sd is not None:
-        known = np.isfinite(image.sd).all(axis=0)
-        width, height = 2 * image.sd[:2, known]
+        stated = np.isfinite(image.sd).all(axis=0)
+        width, height = 2 * image.sd[:2, stated]
         axes.add_collection(
             EllipseCollection(
-                width, height, np.zeros_like(width), units="xy", offsets=projected[:, known].T,
+                width, height, np.zeros_like(width), units="xy", offsets=projected[:, stated].T,
                 transOffset=axes.transData, facecolors=BAR, edgecolors="none", alpha=FAINTNESS,
             )
         )  # fmt: skip
@@ -156,18 +147,13 @@ def draw_image(axes: Axes, image: FittedImage, model: Model) -> None:
     if len(lines):
         residuals = LineCollection(list(lines), colors=INK, linewidths=0.8, label="to the model")
         axes.add_collection(residuals)
+    hollow = {"color": HIDDEN, "markerfacecolor": "white", "markeredgewidth": 0.25 * MARK}
+    cross = {"color": OUTLIER, "marker": "X", "markersize": 2 * MARK, "markeredgewidth": 0.4}
+    dot = {"color": VISIBLE, "markeredgewidth": 0}
     for points, label, look in (
-        (
-            projected[:, hidden],
-            "hidden, from the model",
-            {"color": HIDDEN, "markerfacecolor": "white", "markeredgewidth": 0.25 * MARK},
-        ),
-        (image.landmarks[:, ~wrong], "seen", {"color": VISIBLE, "markeredgewidth": 0}),
-        (
-            image.landmarks[:, wrong],
-            "judged outlier",
-            {"color": OUTLIER, "marker": "X", "markersize": 2 * MARK, "markeredgewidth": 0.4},
-        ),
+        (projected[:, hidden], "hidden, from the model", hollow),
+        (image.landmarks[:, ~wrong], "seen", dot),
+        (image.landmarks[:, wrong], "judged outlier", cross),
     ):
         if np.isfinite(points).any():
             style: dict[str, Any] = {"marker": "o", "markersize": MARK, "linestyle": ""} | look
@@ -182,7 +168,7 @@ def draw_image(axes: Axes, image: FittedImage, model: Model) -> None:
     axes.set_axis_off()
 
 
-def draw_shape(axes: Axes3D, image: FittedImage, model: Model, view: View) -> None:
+def draw_shape(axes: Axes3D, image: FittedImage, model: Model) -> None:
     """Draw the mesh, else the edges, else the points of a shape, in 3D axes, and its error bars."""
     from matplotlib.colors import LightSource
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
@@ -191,7 +177,7 @@ def draw_shape(axes: Axes3D, image: FittedImage, model: Model, view: View) -> No
     solid = points = frame @ image.shape
     if image.mesh is not None and model.faces is not None:
         solid = frame @ image.mesh
-        light = LightSource(azdeg=-45 - view.turn, altdeg=45)
+        light = LightSource(azdeg=-45 - TURN, altdeg=45)
         look = {"facecolors": BODY, "edgecolors": BODY, "linewidths": 0.3}
         mesh = Poly3DCollection(list(solid.T[model.faces]), shade=True, lightsource=light, **look)
         axes.add_collection3d(mesh).set_rasterized(True)
@@ -209,7 +195,7 @@ def draw_shape(axes: Axes3D, image: FittedImage, model: Model, view: View) -> No
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect((1, 1, 1), zoom=1.75)
     axes.set_proj_type("ortho")
-    axes.view_init(elev=view.tilt, azim=-90 - view.turn)
+    axes.view_init(elev=TILT, azim=-90 - TURN)
     axes.set_axis_off()
 
 

@@ -29,7 +29,7 @@ from shapefit.pipelines.items import keys_of
 from shapefit.pipelines.outcome import Outcome, nothing_in
 
 if TYPE_CHECKING:
-    from shapefit.meshes.export import MeshFormat
+    from shapefit.pipelines.meshes import MeshFormat
 
 MESH_FORMATS = ("obj", "ply", "glb")
 """Of a folder with one file per image."""
@@ -88,7 +88,7 @@ def write_meshes(config: ConvertConfig) -> Iterator[Outcome]:
         fix = "name the dictionary of the fit, for example -d cars.h5"
         raise input_error("dictionary", "meshes are made of those of a dictionary", fix)
     to: MeshFormat = config.to  # type: ignore[assignment]
-    check_mesh_folder(config.output, "output", to)
+    check_mesh_folder(config.output, "output")
     dictionary = read_dictionary(config.dictionary)
     with open_results(config.files, without=()) as source:
         if source.head.landmark_names != dictionary.landmark_names:

@@ -17,7 +17,7 @@ and the spectral norm is the root of (g + h) / 2, h = sqrt((||x||^2 - ||y||^2)^2
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,8 +39,7 @@ BLOCK = 128
 """Images whose products with the atoms are in the cache of the processor together."""
 
 
-@dataclass(frozen=True)
-class Program:
+class Program(NamedTuple):
     """The convex program of a fit.
 
     atoms B (k, 3, p), and the items of the training shapes that they are, where they are such;
@@ -59,12 +58,11 @@ class Program:
     tolerance: float
 
 
-@dataclass(frozen=True)
-class Images:
+class Images(NamedTuple):
     """n images as the program has them: landmarks = size x points + centroid.
 
-    points V (n, 2, p), 0 where hidden; weights omega (n, p); centroid (n, 2); size, lam (n,); kept
-    (n, k): the atoms that an image may use, None for all.
+    points V (n, 2, p), 0 where hidden; weights omega (n, p); centroid (n, 2); size, lam (n,);
+    retained (n, k): the atoms that an image may use, None for all.
     """
 
     points: Floats
@@ -83,8 +81,8 @@ def check_certificate(columns: Columns, program: Program, claims: Claims) -> Fla
     images = read_images(columns, program)
     n, (k, _, p) = len(images.size), program.atoms.shape
     rows = program.atoms.reshape(3 * k, p)
-    before = "convex_" if program.refined else ""
-    gap = columns[f"{before}relative_gap"]
+    prefix = "convex_" if program.refined else ""
+    gap = columns[f"{prefix}relative_gap"]
     stated = np.asarray(claims.fitted & np.isfinite(gap))
     M = np.zeros((n, k, 2, 3))
     image = np.repeat(np.arange(n), columns["transform_count"])
@@ -92,17 +90,16 @@ def check_certificate(columns: Columns, program: Program, claims: Claims) -> Fla
     c = spectral_norms(M)
     D = check_dual(images, columns["dual"], program, claims, stated)
     T = columns["convex_translation"]
-    X = M.swapaxes(1, 2).reshape(2 * n, -1) @ rows
-    P, most = objective(images, X.reshape(n, 2, p), T, c.sum(axis=1), program)
-    check_gap(P, D, most, (columns[f"{before}objective"], gap), before, claims, stated)
+    X = (M.swapaxes(1, 2).reshape(2 * n, -1) @ rows).reshape(n, 2, p)
+    P = objective(images, X, T, c.sum(axis=1), program)
+    check_gap(P, D, (columns[f"{prefix}objective"], gap), prefix, claims, stated)
     if images.retained is not None:
         claims.hold("atoms that are left out have no coefficient", images.retained | (c == 0))
     if not program.refined:
         optimal = columns["status"].astype(str) == "optimal"
         text = "the gap of an optimal image is within the tolerance"
         claims.near(text, np.abs(gap), program.tolerance + TOLERANCE, of=claims.fitted & optimal)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            third = np.nan_to_num(np.cross(M[:, :, 0], M[:, :, 1]) / c[..., None])
+        third = np.nan_to_num(np.cross(M[:, :, 0], M[:, :, 1]) / c[..., None])
         turned = np.concatenate([M, third[:, :, None]], axis=2)
         S = (turned.swapaxes(1, 2).reshape(3 * n, -1) @ rows).reshape(n, 3, p)
         check_shapes(columns, images, c, S, T, claims)
@@ -111,9 +108,8 @@ def check_certificate(columns: Columns, program: Program, claims: Claims) -> Fla
         S = R @ (c @ program.atoms.reshape(k, -1)).reshape(n, 3, p)
         square = images.weights**2
         T = np.einsum("nap,np->na", images.points - S[:, :2], square) / square.sum(1)[:, None]
-        P, most = objective(images, S[:, :2], T, np.abs(c).sum(axis=1), program)
-        own = columns["objective"], columns["relative_gap"]
-        check_gap(P, D, most, own, "", claims, stated)
+        P = objective(images, S[:, :2], T, np.abs(c).sum(axis=1), program)
+        check_gap(P, D, (columns["objective"], columns["relative_gap"]), "", claims, stated)
         check_shapes(columns, images, c, S, T, claims)
     return stated
 
@@ -122,24 +118,21 @@ def read_images(columns: Columns, program: Program) -> Images:
     """Weigh and normalise the landmarks of n images of a result.
 
     omega is the confidence, 1 without one, and 0 where a landmark is unseen or was set aside as an
-    outlier. The points have their centroid, over visible ones, at 0 and a mean over coordinates of
-    1 of the standard deviations.
+    outlier.
     """
     landmarks = columns["landmarks"]
     visible = np.isfinite(landmarks).all(axis=1)
-    weights = np.asarray(
-        np.where(visible, columns.get("confidence", visible), 0.0), dtype=np.float64
-    )
+    confidence = columns.get("confidence", visible)
+    weights = np.asarray(np.where(visible, confidence, 0.0), dtype=np.float64)
     if program.searched and "outliers" in columns:
         weights = np.where(columns["outliers"] != 0, 0.0, weights)
-    found = normalise(landmarks, np.asarray(weights > 0))
+    normalised = normalise(landmarks, np.asarray(weights > 0))
     retained = None
     if "omitted" in columns and program.atom_items is not None:
-        retained = columns["omitted"].astype(str)[:, None] != np.array(
-            program.atom_items, dtype=str
-        )
-    lam = columns["lambda"]
-    return Images(found.points, weights, found.centroid, found.scale, lam, retained)
+        items = np.array(program.atom_items, dtype=str)
+        retained = columns["omitted"].astype(str)[:, None] != items
+    V, centroid, size = normalised.points, normalised.centroid, normalised.scale
+    return Images(V, weights, centroid, size, columns["lambda"], retained)
 
 
 def objective(
@@ -147,7 +140,7 @@ def objective(
 ) -> tuple[Floats, Floats]:
     """P (n,) of projections X (n, 2, p), of transforms whose norms sum to `total`, at T (n, 2).
 
-    And the objective without any shape, which is what a difference is to be compared with.
+    And its size, which differences are to be compared with: P and the objective without a shape.
     """
 
     def loss(r: Floats) -> Floats:
@@ -180,32 +173,30 @@ def check_dual(images: Images, Y: Floats, program: Program, claims: Claims, of: 
     claims.near("the dual point is balanced", np.abs(weighted.sum(axis=2)), TOLERANCE * sizes, of)
     hidden = np.where(images.weights[:, None] == 0, Y, 0.0)
     claims.near("the dual point is 0 where nothing is seen", np.abs(hidden), 0.0, of)
-    bound = {"l1": 1.0, "sparse-error": program.beta}.get(program.loss)
-    if bound is not None:
-        off = np.abs(Y).max(axis=(1, 2)) / bound - 1
-        claims.near("the dual point is within the bound of the loss", off, of=of)
+    bound = {"l1": 1.0, "sparse-error": program.beta}.get(program.loss, np.inf)
+    off = np.abs(Y).max(axis=(1, 2)) / bound - 1
+    claims.near("the dual point is within the bound of the loss", off, of=of)
     delta = float(program.loss != "l1")
     along = np.einsum("nap,nap->n", weighted, images.points)
     return np.asarray(along - delta / 2 * np.einsum("nap,nap->n", Y, Y))
 
 
 def check_gap(
-    P: Floats,
+    objective: tuple[Floats, Floats],
     D: Floats,
-    most: Floats,
     stated: tuple[Floats, Floats],
-    before: str,
+    prefix: str,
     claims: Claims,
     of: Flags,
 ) -> None:
-    """Claim the objective P, and the gap (P - D) / P, 0 where both are 0; `most` is P's size."""
-    text = f"{before}objective is that of the shape"
-    claims.near(text, np.abs(stated[0] - P), TOLERANCE * most, of)
+    """Claim the objective P, with its size, and the gap (P - D) / P, 0 where both are 0."""
+    P, size = objective
+    text = f"{prefix}objective is that of the shape"
+    claims.near(text, np.abs(stated[0] - P), TOLERANCE * size, of)
     none = (P == 0) & (D == 0)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        gap = np.where(none, 0.0, (P - D) / P)
-        allowed = TOLERANCE * np.where(none, 1.0, 1 + np.abs(gap) + most / P)
-    text = f"{before}relative_gap is that between objective and dual point"
+    gap = np.where(none, 0.0, (P - D) / P)
+    allowed = TOLERANCE * np.where(none, 1.0, 1 + np.abs(gap) + size / P)
+    text = f"{prefix}relative_gap is that between objective and dual point"
     claims.near(text, np.abs(stated[1] - gap), allowed, of)
 
 
@@ -213,18 +204,21 @@ def check_shapes(
     columns: Columns, images: Images, c: Floats, S: Floats, T: Floats, claims: Claims
 ) -> None:
     """Claim c (n, k) and the shapes size S + (size T + centroid), for S (n, 3, p) and T (n, 2)."""
-    size, own = images.size, columns["coefficients"]
-    off = np.abs(own - c)
-    claims.near("coefficients are those of the transforms", off, TOLERANCE * (1 + largest(c)))
+    size = images.size
     place = size[:, None] * T + images.centroid
     far = ROUNDING * (largest(np.abs(images.centroid)) + size * largest(np.abs(T)))
-    claims.near("scale is the size of the landmarks", np.abs(columns["scale"] / size - 1))
-    off = np.abs(columns["translation"] - place)
-    claims.near("translation is that of the shape", off, TOLERANCE * size + far)
     X = size[:, None, None] * S
     X[:, :2] += place[..., None]
-    allowed = TOLERANCE * size * (1 + largest(np.abs(S))) + far
-    claims.near("shapes are those of the certificate", np.abs(columns["shapes"] - X), allowed)
+    share = TOLERANCE * (1 + largest(np.abs(S)))
+    for text, off, allowed in (
+        ("coefficients are those of the transforms", columns["coefficients"] - c,
+         TOLERANCE * (1 + largest(c))),
+        ("scale is the size of the landmarks", columns["scale"] / size - 1, TOLERANCE),
+        ("translation is that of the shape", columns["translation"] - place,
+         TOLERANCE * size + far),
+        ("shapes are those of the certificate", columns["shapes"] - X, share * size + far),
+    ):  # fmt: skip
+        claims.near(text, np.abs(off), allowed)
 
 
 def spectral_norms(M: Floats) -> Floats:

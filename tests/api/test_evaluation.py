@@ -46,7 +46,7 @@ def test_errors_and_sums_are_those_of_the_command(tmp_path, chain, sample):
 def test_arrays_are_matched_by_their_order(chain, sample):
     truth = shapefit.read_shapes(sample / "people_test.h5")
     rows = [truth.items.index(item) for item in chain.items]
-    with pytest.warns(UserWarning, match="no camera without the dataset `true_rotation`"):
+    with pytest.warns(UserWarning, match="no camera and rotation without `true_rotation`"):
         named = shapefit.evaluate(chain, truth)
     assert {metric for metric, _ in named.errors} >= {"similarity", "reprojection"}
     with pytest.raises(shapefit.InputError, match="truth: has 3 shapes for 150 images"):

@@ -132,12 +132,12 @@ def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folde
     assert (config.output, config.lam, config.outliers) == (folder / "out.csv", 1e-3, "l1")
     configs = fake_pipeline("view.run", [Outcome(done=3, written=(folder / "page.html",))])
     line = "view result.h5 views.h5 --truth shapes.h5 --truth views.h5 -d dict.h5 -o page.html"
-    told = shapefit(*line.split(), "--set", "images=frames/{item}.png")
+    told = shapefit(*line.split(), "--set", "images=frames")
     (config,) = configs
     assert config.files == {"result": (folder / "result.h5",), "views": (folder / "views.h5",)}
     assert config.truth == (folder / "shapes.h5", folder / "views.h5")
     assert (config.dictionary, config.output) == (folder / "dict.h5", folder / "page.html")
-    assert config.images == folder / "frames/{item}.png"
+    assert config.images == folder / "frames"
     assert re.fullmatch(
         r"Read    result.h5, views.h5\nResult  3 frames, \S+ s\nWrote   page.html\n", told.err
     )

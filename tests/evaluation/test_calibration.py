@@ -10,7 +10,6 @@ from shapefit.evaluation.calibration import (
     bar_scale_factors,
     cover,
     find_squares,
-    join_bars,
 )
 
 PAIRS = ((0, 1), (0, 2), (1, 2))
@@ -125,30 +124,18 @@ def test_an_image_that_no_scale_above_zero_fits_is_not_judged(rng):
     assert np.isnan(width).all(axis=1).tolist() == [False, True]
 
 
-def test_groups_and_files_are_summed_up():
+def test_groups_are_summed_up():
     assert [*QUANTILES.values()] == pytest.approx(chi2.ppf([*QUANTILES], 3), rel=1e-14)
     level = np.array([[0.2, 0.8], [0.6, np.nan], [0.95, 0.4]])
     width = {"normalised": np.array([[1.0, 2.0], [3.0, np.nan], [5.0, 6.0]])}
     bars = ErrorBars(chi2.ppf(level, 3), width)
     np.testing.assert_allclose(bars.shares(), [1, 1, 0.5])
-    groups = {"13": np.array([True, True, False]), "14": np.array([False, False, True])}
-    groups["15"] = np.zeros(3, bool)
-    first, second = cover("m", bars, groups)
-    assert (first.group, first.counted) == ("13", 3)
-    assert first.inside == pytest.approx((1 / 3, 1.0))
-    assert first.median_width["normalised"] == pytest.approx(2.0, rel=1 / 8192)
-    assert (second.counted, second.inside) == (2, (0.5, 0.5))
-    parts = [
-        ErrorBars(bars.square[:2], {"normalised": width["normalised"][:2]}),
-        None,
-        ErrorBars(bars.square[2:, :1], {"normalised": width["normalised"][2:, :1]}),
-    ]
-    whole = join_bars(parts, [2, 4, 1])
-    assert np.isnan(whole.square[2:6]).all()
-    groups = {name: np.insert(members, [2] * 4, False) for name, members in groups.items()}
-    same, other = cover("m", whole, groups)
-    assert (same, other.counted) == (first, 1)
-    assert join_bars([None], [3]) is None
+    groups = {"13": ("a", "b"), "14": ("c",), "15": ("d",)}
+    first, second = cover("m", bars, ["a", "b", "c"], groups)
+    assert (first["group"], first["counted"]) == ("13", 3)
+    assert first["inside"] == pytest.approx([1 / 3, 1.0])
+    assert first["median_width"] == {"normalised": 2.0}
+    assert (second["counted"], second["inside"]) == (2, [0.5, 0.5])
 
 
 def test_factors_undo_what_error_bars_lack(rng):

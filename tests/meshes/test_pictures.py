@@ -3,7 +3,6 @@
 import subprocess
 import sys
 import warnings
-from dataclasses import replace
 from io import BytesIO
 
 import numpy as np
@@ -88,7 +87,7 @@ def test_an_object_stands_upright_and_faces_as_it_did(y_axis):
 
 def test_edges_are_drawn_where_there_is_no_mesh_and_bars_where_they_are_known(image):
     edges = np.array([[0, 1], [1, 3]])
-    bars = replace(image, mesh=None, projected_mesh=None, sd=np.ones((3, 8)) * [[10], [20], [40]])
+    bars = image._replace(mesh=None, projected_mesh=None, sd=np.ones((3, 8)) * [[10], [20], [40]])
     flat, right = contact_sheet([bars], Model("down", edges=edges)).axes
     drawn, ellipses, _ = flat.collections
     np.testing.assert_array_equal(drawn.get_segments(), image.shape[:2].T[edges])
@@ -109,12 +108,12 @@ def test_an_image_without_a_shape_says_so(image, box_faces):
     (axes,) = figure.axes
     assert [text.get_text() for text in axes.texts] == ["no shape"]
     assert set(marks(axes)) == {"seen"}
-    empty = replace(failed, landmarks=np.full((2, 8), np.nan))
+    empty = failed._replace(landmarks=np.full((2, 8), np.nan))
     assert marks(contact_sheet([empty], Model("down", box_faces)).axes[0]) == {}
 
 
 def test_the_contact_sheet_has_every_image_and_no_more(image, box_faces):
-    images = [replace(image, title=f"image {i}") for i in range(PAIRS_IN_A_ROW + 2)]
+    images = [image._replace(title=f"image {i}") for i in range(PAIRS_IN_A_ROW + 2)]
     figure = contact_sheet(images, Model("down", box_faces))
     titles = [axes.get_title(loc="left") for axes in figure.axes]
     assert [title for title in titles if title] == [image.title for image in images]
@@ -125,7 +124,7 @@ def test_titles_are_taken_literally_and_long_ones_without_their_middle(image, bo
     assert shortened("$x^2$\n\x1b") == "$x^2$\\n\\x1b"
     assert shortened("recording_of_monday/person 1/" + "0" * 30 + "17").endswith("0017")
     assert len(shortened("a" * 90)) == 40
-    odd = replace(image, title="$\\frac{$ \u4f60")
+    odd = image._replace(title="$\\frac{$ \u4f60")
     for file_format in ("png", "svg"):
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -135,7 +134,7 @@ def test_titles_are_taken_literally_and_long_ones_without_their_middle(image, bo
 def test_pictures_need_no_screen_and_no_pyplot():
     code = """
 import sys
-import shapefit.meshes.dense, shapefit.meshes.export, shapefit.meshes.pictures as pictures
+import shapefit.meshes.dense, shapefit.meshes.pictures as pictures
 assert not {"matplotlib", "trimesh"} & sys.modules.keys()
 import numpy as np
 shape = np.random.default_rng(0).normal(size=(3, 5))

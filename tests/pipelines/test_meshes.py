@@ -1,6 +1,9 @@
 """Meshes of results: what `convert` and `export` of `fit` write is opened again by trimesh."""
 
+import json
+import struct
 from dataclasses import replace
+from io import BytesIO
 
 import numpy as np
 import pytest
@@ -10,7 +13,7 @@ from shapefit.config import CONFIGS
 from shapefit.errors import InputError
 from shapefit.io import read_dictionary, read_results, write_dictionary
 from shapefit.pipelines.convert import run
-from shapefit.pipelines.meshes import has_shape
+from shapefit.pipelines.meshes import has_shape, mesh_file
 from tests.io.files import load
 from tests.pipelines.fitted import fit_images
 
@@ -72,7 +75,7 @@ def test_fit_writes_what_convert_writes(tmp_path, cars, world):
     images = images.replaced(landmarks=landmarks, items=("../up", "gone", "a:b/c"))
     keys = {"method": "convex+refine", "export": {"folder": str(tmp_path / "of_fit")}}
     _, outcomes = fit_images(tmp_path, images, path, **keys)
-    missing = "images without a shape (failed, or with all coefficients 0): 1; they have no mesh"
+    missing = "1 image without a shape and a mesh"
     assert missing in [text for outcome in outcomes for text in outcome.warnings]
     outcomes = convert(tmp_path / "result.h5", path, tmp_path / "converted")
     assert outcomes[-1].warnings == (missing,)
@@ -89,13 +92,9 @@ def test_fit_writes_what_convert_writes(tmp_path, cars, world):
 @pytest.mark.parametrize(
     ("change", "keys", "message"),
     [
-        (
-            {"edges": None, "mesh_vertices": None, "mesh_faces": None},
-            {},
-            "has no mesh to export",
-        ),
+        ({"mesh_vertices": None, "mesh_faces": None}, {}, "has no mesh to export"),
         ({}, {"method": "pmp"}, "no coefficients to combine the meshes of the atoms"),
-        ({}, {"export": {"folder": "-"}}, "standard output; give the name of a folder"),
+        ({}, {"export": {"folder": "-"}}, "several files; give the name of a folder"),
         ({}, {"export": {"folder": "views.h5"}}, "it is not a folder"),
         ({}, {"export": {"folder": "result.h5"}}, "is also the output; give it a different name"),
     ],
@@ -130,3 +129,26 @@ def test_a_shape_without_extent_has_no_mesh(cars):
     shapes = fit.shapes.copy()
     shapes[0], shapes[2] = 1.0, np.nan
     assert has_shape(fit.replaced(shapes=shapes)).tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize("to", PRECISION)
+def test_vertices_that_coincide_stay_apart_in_one_object(to):
+    corners = np.array([[i >> 2 & 1, i >> 1 & 1, i & 1] for i in range(8)], float).T + 1 / 3
+    vertices, around = np.hstack([corners, corners]), np.arange(8)
+    faces = np.stack([around, (around + 1) % 8, (around + 3) % 8], axis=1)
+    faces = np.concatenate([faces, faces + 8])
+    content = mesh_file(vertices, faces, to)
+    assert content == mesh_file(vertices, faces, to)
+    scene = trimesh.load_scene(BytesIO(content), file_type=to, process=False, split_objects=True)
+    (mesh,) = scene.geometry.values()
+    np.testing.assert_allclose(mesh.vertices, vertices.T, atol=PRECISION[to])
+    np.testing.assert_array_equal(mesh.faces, faces)
+    if to == "ply":
+        assert content.startswith(b"ply\nformat binary_little_endian 1.0\n")
+    elif to == "obj":
+        assert {line.split()[0] for line in content.decode().splitlines()} == {"o", "v", "f"}
+    else:
+        magic, version, length, size = struct.unpack("<4sIII", content[:16])
+        assert (magic, version, length) == (b"glTF", 2, len(content))
+        (material,) = json.loads(content[20 : 20 + size])["materials"]
+        assert material["pbrMetallicRoughness"]["metallicFactor"] == 0  # else it is black

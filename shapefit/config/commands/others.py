@@ -30,7 +30,7 @@ from shapefit.config.paths import (
     absolute_path,
     unless_none,
 )
-from shapefit.evaluation.metrics import METRICS
+from shapefit.evaluation.metrics import METRICS, SHARE
 
 if TYPE_CHECKING:
     AnyMetric = str
@@ -100,7 +100,7 @@ class EvalConfig(TruthConfig):
     groups: Mapping[str, str] = Field(default_factory=dict)
     """Groups of sequences to average over: name -> glob on sequence names."""
     metrics: Annotated[tuple[AnyMetric, ...], FromLists] = Field(
-        default=tuple(name for name, metric in METRICS.items() if not metric.of_labels),
+        default=tuple(name for name, metric in METRICS.items() if metric.unit != SHARE),
         min_length=1,
     )
     """Errors to measure; those of the outlier labels only where they are named."""
@@ -158,11 +158,10 @@ class ViewConfig(TruthConfig):
     """Dictionary with the edges and meshes to draw."""
     images: Annotated[
         Path | None,
-        Description("a folder, or a path with {item} in it", paths=True),
+        Description("a folder of pictures", paths=True),
         unless_none(absolute_path),
     ] = None
-    """PNG or JPEG images under the landmarks: a folder of files named after the items or frames, or
-    a path with `{item}`."""
+    """Folder of PNG or JPEG images under the landmarks, named after the items or frames."""
     items: Annotated[tuple[str, ...], FromLists] = ("*",)
     """Items to show: names or globs."""
     frame_rate: Positive | None = None

@@ -118,7 +118,7 @@ def open_export(setup: Setup) -> Iterator[MeshWriter | None]:
         return
     from shapefit.pipelines.meshes import check_dictionary, check_mesh_folder, mesh_writer
 
-    check_mesh_folder(folder, "export.folder", to, Path(str(config.output)))
+    check_mesh_folder(folder, "export.folder", Path(str(config.output)))
     refined = config.camera.model == "perspective" and method.perspective == "refined"
     place, mixes_atoms = str(config.dictionary), method.mixes_atoms or refined
     check_dictionary(setup.dictionary, place, mixes_atoms=mixes_atoms)

@@ -8,59 +8,50 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 from shapefit.errors import input_error
-from shapefit.viewer.scene import Picture
 
-MEGABYTES = 20
-"""Largest page; of more frames than fit, every n-th is shown."""
-SHARE_OF_PICTURES = 0.7
-"""Most of a page that pictures take; of more, every n-th is shown."""
+MOST_BYTES = 14_000_000
+"""Of all pictures of a page; of more, every n-th is shown."""
 LONGEST_SIDE = 960
 """Pixels of the longest side of a picture on the page."""
 QUALITY = 75
 SUFFIXES = (".jpg", ".jpeg", ".png")
+Picture = dict[str, Any]
+"""A data URL, and the size in the pixels of the file."""
 LAST_NUMBER = re.compile(r"(\d{1,12})\D*$")
-PLACEHOLDER = "{item}"
 
 
-def embed_images(images: Path, items: Sequence[str]) -> dict[int, Picture]:
+def embed_images(folder: Path, items: Sequence[str]) -> dict[int, Picture]:
     """Return the pictures of the frames that have one.
 
-    In a folder, a file is called by the item, or by what follows its last slash; or else the files
-    are the frames of a video, in the order of the numbers in their names, from 0. Raises InputError
-    where there is no such folder, no image, no Pillow, and for what is no image.
+    A file is called by the item, or by what follows its last slash; or else the files are the
+    frames of a video, in the order of the numbers in their names, from 0. Raises InputError where
+    there is no such folder, no image, no Pillow, and for what is no image.
     """
     if find_spec("PIL") is None:
         raise input_error("images", "Pillow is not installed", "run `pip install pillow`")
-    if PLACEHOLDER not in str(images) and not images.is_dir():
-        fix = f"name a folder, or a path with {PLACEHOLDER}"
-        raise input_error("images", f"there is no folder {images}", fix)
-    paths = {frame: _candidates(images, item) for frame, item in enumerate(items)}
-    files = {f: next((p for p in each if p.is_file()), None) for f, each in paths.items()}
-    found = {frame: path for frame, path in files.items() if path} or _numbered(images, items)
-    if not found:
-        tried = ", ".join(map(str, paths[0]))
-        raise input_error("images", f"no item has an image, such as {tried}", "correct the path")
-    first = _embed(next(iter(found.values())))
-    step = 1 + int(len(found) * len(first.data) / (SHARE_OF_PICTURES * MEGABYTES * 1e6))
-    return {frame: _embed(found[frame]) for frame in list(found)[::step]}
+    if not folder.is_dir():
+        raise input_error("images", f"there is no folder {folder}", "name a folder of pictures")
+    files = {p.relative_to(folder): p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES}
+    by_name = {str(name.with_suffix("")): path for name, path in files.items()}
+    by_name |= {str(name): path for name, path in files.items()}
+    paths: dict[int, Path] = {}
+    for frame, item in enumerate(items):
+        path = by_name.get(item) or by_name.get(item.rpartition("/")[2])
+        paths |= {frame: path} if path else {}
+    paths = paths or _numbered(list(files.values()), items)
+    if not paths:
+        fault = f"no item has an image, such as {folder / items[0]}.jpg"
+        raise input_error("images", fault, "correct the path")
+    first = _embed(next(iter(paths.values())))
+    step = 1 + int(len(paths) * len(first["data"]) / MOST_BYTES)
+    return {frame: _embed(paths[frame]) for frame in list(paths)[::step]}
 
 
-def _candidates(images: Path, item: str) -> list[Path]:
-    """Return where the image of an item may be; never outside of the folder that the user named."""
-    names = [n for n in dict.fromkeys((item, item.rpartition("/")[2])) if "\0" not in n]
-    inside = [n for n in names if not Path(n).is_absolute() and ".." not in Path(n).parts]
-    if PLACEHOLDER in str(images):
-        return [Path(str(images).replace(PLACEHOLDER, name)) for name in inside]
-    return [images / f"{name}{suffix}" for name in inside for suffix in ("", *SUFFIXES)]
-
-
-def _numbered(folder: Path, items: Sequence[str]) -> dict[int, Path]:
+def _numbered(files: Sequence[Path], items: Sequence[str]) -> dict[int, Path]:
     """Return the n-th numbered file for each item that ends in the number n, from 0."""
-    if PLACEHOLDER in str(folder):
-        return {}
-    files = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES]
     numbered = [(int(end[1]), path) for path in files if (end := LAST_NUMBER.search(path.stem))]
     ordered = dict(enumerate(path for _, path in sorted(numbered)))
     ends = {frame: LAST_NUMBER.search(item) for frame, item in enumerate(items)}
@@ -83,4 +74,5 @@ def _embed(path: Path) -> Picture:
         raise input_error(path, fault, "give PNG or JPEG, or leave it out") from error
     small.thumbnail((LONGEST_SIDE, LONGEST_SIDE))
     small.save(data, "JPEG", quality=QUALITY)
-    return Picture(f"data:image/jpeg;base64,{b64encode(data.getvalue()).decode()}", size)
+    text = b64encode(data.getvalue()).decode()
+    return {"data": f"data:image/jpeg;base64,{text}", "size": size}

@@ -1,10 +1,10 @@
-"""What the files of a page hold, each opened and read once, and its frames."""
+"""What the files of a page hold, each opened and read once, by its frames and landmarks."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import chain
@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
 from shapefit.config import ViewConfig
-from shapefit.dictionary.model import Dictionary
 from shapefit.errors import abbreviate, input_error
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS
-from shapefit.io import ResultSet, open_landmarks, open_shapes, read_dictionary
+from shapefit.io import ResultSet, open_landmarks, open_shapes
 from shapefit.io.detect import detect_format
 from shapefit.io.formats import CSV, HDF5
 from shapefit.io.layout import FRAME
@@ -28,32 +27,39 @@ from shapefit.io.options import InputOptions, input_options
 from shapefit.io.records import concatenate
 from shapefit.io.skeletons import people_joints
 from shapefit.io.source import open_results
+from shapefit.io.writers.metres import EXTRINSIC_ROTATION
+from shapefit.io.writers.motion import angle_columns
 from shapefit.pipelines.evaluate.measure import with_shapes_of
 from shapefit.pipelines.items import BY_FRAME, BY_ITEM, ChosenItems, Keys, find_truth, keys_of
-from shapefit.pipelines.view.images import MEGABYTES
 
+MEGABYTES = 20
+"""Largest page; of more frames than fit, every n-th is shown."""
+FRAME_BYTES, LANDMARK_BYTES = 300, 30
+"""Of a frame of one file on the page, and of each landmark of it, at most."""
 POSE = ("coefficients", "rotation", "translation", "scale")
 """Datasets of a result that carry a mesh."""
 READ = {"sequence", "landmarks_fitted", "status", "shape_sd", *POSE}
 """Datasets of a result that a page is made of, beside those that the format does not list."""
+BY_LANDMARK = ("landmarks", "shapes", "landmarks_fitted", "shape_sd", "outliers")
+"""Datasets whose last axis is that of landmarks."""
 BATCH = 1 << 14
 """Items that are read at a time."""
-FRAME_BYTES, LANDMARK_BYTES = 300, 30
-"""Of a frame of one file on the page, and of each landmark of it, at most."""
 
-Kind = Literal["result", "shapes", "landmarks"]
+Role = Literal["result", "shapes", "landmarks", "truth"]
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Items in the order of the page; sequences (name, first frame) cover them all.
+    """n items in the order of the page; sequences (name, first frame) cover them all.
 
-    About every `step`-th of the chosen frames is here.
+    About every `step`-th of the chosen frames is here. numbers (n,) are their places in their
+    videos, nan where no file states them.
     """
 
     items: tuple[str, ...]
     sequences: tuple[tuple[str, int], ...]
     step: int
+    numbers: Floats
 
     @property
     def by_sequence(self) -> list[NDArray[np.intp]]:
@@ -63,111 +69,84 @@ class Frames:
 
 @dataclass(frozen=True)
 class Content:
-    """The m records of one name, by the n frames and the p landmarks of the page.
+    """The records of one name, and their datasets by the n frames and the p landmarks of the page.
 
-    numbers (m,) are their places in their sequences. rows (n,) is the record of each frame and
-    columns (p,) the landmark of the records for each of the page; -1 where there is none.
+    values are (n, ...), those of landmarks (n, ..., p); nan or "" where there is no record. rows
+    (n,) is the record of each frame and columns (p,) the landmark of the records for each of the
+    page; -1 where there is none.
     """
 
     name: str
-    kind: Kind
+    role: Role
     records: Any
-    numbers: Sequence[int]
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
-
-    def per_frame(self, dataset: str) -> Any:
-        """Return a dataset as (n, ...), nan or "" where there is no record; None without it."""
-        values = self.records.per_item.get(dataset)
-        if values is None:
-            return None
-        is_text = values.dtype.kind in "OSU"
-        per_frame = np.array(values[self.rows], object if is_text else np.float64)
-        per_frame[self.rows < 0] = "" if is_text else np.nan
-        return per_frame
-
-    def per_landmark(self, dataset: str) -> Any:
-        """Return a dataset whose last axis is that of landmarks as (n, ..., p)."""
-        values = self.per_frame(dataset)
-        if values is None:
-            return None
-        return np.where(self.columns < 0, np.nan, values[..., self.columns])
+    values: Mapping[str, Any]
 
     @property
     def points(self) -> Floats:
         """Return the shapes (n, 3, p), or the landmarks (n, 2, p)."""
-        points: Floats = self.per_landmark(self.records.LAYOUT.points)
+        points: Floats = self.values[self.records.LAYOUT.points]
         return points
 
-    @property
-    def y_down(self) -> bool:
-        """Whether y of the records points down."""
-        return self.kind != "shapes" and self.records.y_axis != "up"
 
-
-@dataclass(frozen=True)
-class Inputs:
-    """All that a page is made of: landmarks are those of all files, notes are about the files."""
-
-    contents: Sequence[Content]
-    truth: Content | None
-    dictionary: Dictionary | None
-    frames: Frames
-    landmarks: tuple[str, ...]
-    notes: Sequence[str]
-
-
-def read_inputs(config: ViewConfig) -> Inputs:
-    """Read the chosen items of all files, and their true shapes.
+def read_inputs(
+    config: ViewConfig,
+) -> tuple[list[Content], Content | None, Frames, tuple[str, ...], list[str]]:
+    """Return the chosen items of all files, their true shapes, frames, landmarks, and notes.
 
     Of more than fit into a page every n-th of each sequence is read. Results are shown
     with the landmarks of their input where the truth names these. Raises InputError for what cannot
     be read or shown together, and where no item is chosen.
     """
     options = replace(input_options(config), rename={})  # which is for the truth
-    kinds = {name: _kind(paths[0], options) for name, paths in config.files.items()}
     chosen = ChosenItems("items", config.items)
-    dictionary = None if config.dictionary is None else read_dictionary(config.dictionary)
     with ExitStack() as stack:
         true: Any = None
-        true_names: Sequence[str] = ()
         if config.truth:
             true = stack.enter_context(open_shapes(config.truth, input_options(config), gaps=True))
-            true_names = true.head.landmark_names
+        roles = {name: _role(paths[0], options) for name, paths in config.files.items()}
         sources = {
-            name: stack.enter_context(_open(paths, kinds[name], options))
+            name: stack.enter_context(_open(paths, roles[name], options))
             for name, paths in config.files.items()
         }
-        stated = {source.head.y_axis for source in sources.values() if source.states_y_axis}
-        if len(stated) > 1:
+        place = ", ".join(sources)
+        if len({source.head.y_axis for source in sources.values() if source.states_y_axis}) > 1:
             problem = "y points up in some files and down in others"
-            raise input_error(", ".join(sources), problem, "show them on pages of their own")
+            raise input_error(place, problem, "show them on pages of their own")
         size = 0
         for source in sources.values():
             bytes_of_frame = FRAME_BYTES + LANDMARK_BYTES * len(source.head.landmark_names)
-            size += bytes_of_frame * sum(item in chosen for each in source.names() for item in each)
+            names = chain.from_iterable(source.names())
+            size += bytes_of_frame * sum(name in chosen for name in names)
         step = math.ceil(size / (MEGABYTES * 1e6)) or 1
-        read = {name: _take(source, chosen, step) for name, source in sources.items()}
-        notes = [*(note for each in sources.values() for note in each.notes), *chosen.warnings]
-        sets = {name: _as_shown(records, true_names) for name, (records, _) in read.items()}
-        if not any(map(len, sets.values())):
+        true_names = () if true is None else true.head.landmark_names
+        records = {
+            name: _as_shown(_take(source, chosen, step), true_names)
+            for name, source in sources.items()
+        }
+        notes = [*(note for source in sources.values() for note in source.notes), *chosen.warnings]
+        _join_shapes(records, roles)
+        if not records:
             problem = "no item fits, or there are none"
-            raise input_error(", ".join(sources), problem, "correct `items`, or check the files")
-        landmarks = tuple(dict.fromkeys(chain(*(each.landmark_names for each in sets.values()))))
-        frames = _find_frames(list(sets.values()), step)
-        contents = []
-        for name, records in sets.items():
-            row_of = {item: row for row, item in enumerate(records.items)}
-            rows = np.array([row_of.get(item, -1) for item in frames.items], dtype=np.intp)
-            columns = columns_of(records.landmark_names, landmarks)
-            if len(records):
-                content = Content(name, kinds[name], records, read[name][1], rows, columns)
-                contents.append(content)
+            raise input_error(place, problem, "correct `items`, or check the files")
+        landmarks = tuple(dict.fromkeys(chain(*(one.landmark_names for one in records.values()))))
+        items, sequences = _find_frames(list(records.values()))
+        contents = [
+            _content(name, roles[name], one, columns_of(one.items, items), landmarks)
+            for name, one in records.items()
+        ]
+        numbers = np.full(len(items), np.nan)
+        for content in contents:
+            stated = content.values.get(FRAME)
+            if stated is not None and stated.ndim == 1 and stated.dtype == np.float64:
+                numbers = np.where(np.isfinite(numbers), numbers, stated)
+        frames = Frames(items, sequences, step, numbers)
         truth = None if true is None else _read_truth(config, true, contents, frames, landmarks)
-    return Inputs(contents, truth, dictionary, frames, landmarks, notes)
+    return contents, truth, frames, landmarks, notes
 
 
-def _kind(path: Path, options: InputOptions) -> Kind:
+def _role(path: Path, options: InputOptions) -> Role:
     """Return what a file is shown as. CSV with a column z is a result: shapes before a camera."""
     kind = find_kind(path, options)
     if kind == "dictionary":
@@ -176,32 +155,27 @@ def _kind(path: Path, options: InputOptions) -> Kind:
     return "result" if kind == "shapes" and detect_format(path, options.format) is CSV else kind
 
 
-def _open(paths: Sequence[Path], kind: Kind, options: InputOptions) -> Any:
+def _open(paths: Sequence[Path], role: Role, options: InputOptions) -> Any:
     """Open files of a kind; only in our own files must shapes have all landmarks."""
-    if kind == "landmarks":
+    if role == "landmarks":
         return open_landmarks(paths, options)
-    if kind == "shapes":
+    if role == "shapes":
         return open_shapes(paths, options, gaps=detect_format(paths[0], options.format) is not HDF5)
     return open_results(paths, OPTIONAL - READ)
 
 
-def _take(source: Any, chosen: ChosenItems, step: int) -> tuple[Any, list[int]]:
-    """Read every step-th of the chosen items of each sequence, with their places in these."""
-    parts: list[Any] = []
-    numbers: list[int] = []
-    reached, ranks = Counter[str](), Counter[str]()
+def _take(source: Any, chosen: ChosenItems, step: int) -> Any:
+    """Read every step-th of the chosen items of each sequence."""
+    parts, ranks = [], Counter[str]()
     for batch in source.batches(BATCH):
         rows = []
         sequences = batch.sequences or ("",) * len(batch)
         for row, (item, sequence) in enumerate(zip(batch.items, sequences, strict=True)):
             if item in chosen:
-                if ranks[sequence] % step == 0:
-                    rows.append(row)
-                    numbers.append(reached[sequence])
+                rows += [row] if ranks[sequence] % step == 0 else []
                 ranks[sequence] += 1
-            reached[sequence] += 1
         parts.append(batch.take(rows))
-    return concatenate(parts), numbers
+    return concatenate(parts)
 
 
 def _as_shown(records: AnyRecords, true_names: Sequence[str]) -> AnyRecords:
@@ -209,10 +183,9 @@ def _as_shown(records: AnyRecords, true_names: Sequence[str]) -> AnyRecords:
 
     Those of its input are observed where a joint stands for them.
     """
-    observed = records.per_item.get("landmarks")
     if not isinstance(records, ResultSet):
         return records
-    shown = with_shapes_of(records, true_names)
+    observed, shown = records.per_item.get("landmarks"), with_shapes_of(records, true_names)
     if observed is None:
         return shown
     if shown is not records:
@@ -224,16 +197,26 @@ def _as_shown(records: AnyRecords, true_names: Sequence[str]) -> AnyRecords:
     return shown.with_columns({"landmarks": np.swapaxes(observed, 1, 2)})
 
 
-def columns_of(names: Sequence[str], landmarks: Sequence[str]) -> NDArray[np.intp]:
-    """Return the place among `names` of each landmark, -1 for those that are not there."""
-    place = {name: column for column, name in enumerate(names)}
-    return np.array([place.get(name, -1) for name in landmarks], dtype=np.intp)
+def _join_shapes(records: dict[str, Any], roles: dict[str, Role]) -> None:
+    """Leave out what is empty; make shapes of different items, a file for each individual, one."""
+    for name in [name for name, one in records.items() if not len(one)]:
+        del records[name]
+    shapes = {name: one for name, one in records.items() if roles[name] == "shapes"}
+    items = Counter(item for one in shapes.values() for item in one.items)
+    names = {one.landmark_names for one in shapes.values()}
+    if len(shapes) > 1 and max(items.values()) == len(names) == 1:
+        for name in shapes:
+            del records[name]
+        name = ", ".join(shapes)
+        records[name], roles[name] = concatenate(list(shapes.values())), "shapes"
 
 
-def _find_frames(sets: Sequence[AnyRecords], step: int) -> Frames:
+def _find_frames(
+    sets: Sequence[AnyRecords],
+) -> tuple[tuple[str, ...], tuple[tuple[str, int], ...]]:
     """Return the items of all records in their order, those of a sequence together.
 
-    Sequences of one frame each are no sequences.
+    And the sequences with their first frames. Sequences of one frame each are no sequences.
     """
     sequence_of: dict[str, str] = {}
     for records in sets:
@@ -244,10 +227,33 @@ def _find_frames(sets: Sequence[AnyRecords], step: int) -> Frames:
     for item, sequence in sequence_of.items():
         groups[sequence].append(item)
     if len(groups) == len(sequence_of):
-        return Frames(tuple(sequence_of), (("", 0),), step)
+        return tuple(sequence_of), (("", 0),)
     starts = np.cumsum([0, *map(len, groups.values())])[:-1].tolist()
-    items = tuple(chain.from_iterable(groups.values()))
-    return Frames(items, tuple(zip(groups, starts, strict=True)), step)
+    return tuple(chain.from_iterable(groups.values())), tuple(zip(groups, starts, strict=True))
+
+
+def columns_of(names: Sequence[str], wanted: Sequence[str]) -> NDArray[np.intp]:
+    """Return the place among `names` of each wanted one, -1 for those that are not there."""
+    place = {name: column for column, name in enumerate(names)}
+    return np.array([place.get(name, -1) for name in wanted], dtype=np.intp)
+
+
+def _content(
+    name: str, role: Role, records: Any, rows: NDArray[np.intp], landmarks: Sequence[str]
+) -> Content:
+    """Return records, whose rows (n,) are those of the frames, with their joint angles."""
+    columns = columns_of(records.landmark_names, landmarks)
+    if role in ("result", "shapes"):  # no file states which axis of the world is up
+        records = records.with_columns(angle_columns(records.without([EXTRINSIC_ROTATION]), None))
+    values = {}
+    for dataset, stored in records.per_item.items():
+        is_text = stored.dtype.kind in "OSU"
+        value = np.array(stored[rows], object if is_text else np.float64)
+        value[rows < 0] = "" if is_text else np.nan
+        if dataset in BY_LANDMARK:
+            value = np.where(columns < 0, np.nan, value[..., columns])
+        values[dataset] = value
+    return Content(name, role, records, rows, columns, values)
 
 
 def _read_truth(
@@ -260,39 +266,26 @@ def _read_truth(
     """Read the true shapes of the frames. Raises InputError where there is none of any."""
     names, place = source.head.landmark_names, next(iter(config.files.values()))[0]
     if len(set(landmarks) & set(names)) < FEWEST_LANDMARKS:
-        found = f"fewer than 3 of its landmarks ({abbreviate(landmarks)}) are in the truth"
-        raise input_error(place, found, f"`rename` those of the truth ({abbreviate(names)})")
-    keys = _keys(config.match, contents, frames)
+        fault = f"fewer than 3 of its landmarks ({abbreviate(landmarks)}) are in the truth"
+        raise input_error(place, fault, f"`rename` those of the truth ({abbreviate(names)})")
+    true_keys, keys = Keys(list(chain.from_iterable(source.names()))), Keys(frames.items)
     if config.match == BY_FRAME:
         true_keys = keys_of(source.batches(BATCH))
-    else:
-        true_keys = Keys(list(chain.from_iterable(source.names())))
+        sequences = [name for name, _ in frames.sequences]
+        of_frames = np.repeat(sequences, [len(rows) for rows in frames.by_sequence]).tolist()
+        stated = np.isfinite(frames.numbers).all()
+        numbers = frames.numbers.astype(int).tolist() if stated else None
+        keys = Keys(frames.items, of_frames, numbers, contents[0].records.frame_rate)
+    elif config.match != BY_ITEM:
+        values = [
+            content.values[config.match] for content in contents if config.match in content.values
+        ]
+        texts = [value for value in values if value.dtype == object]
+        if not texts:
+            fault = f"no result has the dataset '{config.match}' of texts"
+            raise input_error("match", fault, "name one that holds items of the truth")
+        keys = Keys(texts[0].tolist())
     wanted, rows = np.unique(find_truth(place, config.match, keys, true_keys), return_inverse=True)
     without = int(wanted[0] < 0)
     records = source.take(wanted[without:])
-    columns = columns_of(names, landmarks)
-    return Content("truth", "shapes", records, (), rows.reshape(-1) - without, columns)
-
-
-def _keys(match: str, contents: Sequence[Content], frames: Frames) -> Keys:
-    """Return what the frames are matched by; an item is "" where no result names one."""
-    if match == BY_ITEM:
-        return Keys(frames.items)
-    if match != BY_FRAME:
-        named = [
-            texts
-            for content in contents
-            if (texts := content.per_frame(match)) is not None and texts.dtype.kind in "OSU"
-        ]
-        if not named:
-            found = f"no result has the dataset '{match}' of texts"
-            raise input_error("match", found, "name one that holds items of the truth")
-        return Keys([next(filter(None, texts), "") for texts in zip(*named, strict=True)])
-    places: dict[str, tuple[str, int]] = {}
-    for content in contents:
-        numbers = content.records.per_item.get(FRAME, content.numbers)
-        sequences = content.records.sequences or ("",) * len(numbers)
-        by_frame = zip(sequences, map(int, numbers), strict=True)
-        places = dict(zip(content.records.items, by_frame, strict=True)) | places
-    names, numbers = zip(*(places[item] for item in frames.items), strict=True)
-    return Keys(frames.items, names, numbers, contents[0].records.frame_rate)
+    return _content("truth", "truth", records, rows.reshape(-1) - without, landmarks)

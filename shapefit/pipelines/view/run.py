@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,46 +12,94 @@ from shapefit.config import ViewConfig
 from shapefit.errors import input_error, listed
 from shapefit.io.atomic import atomic_path, check_output
 from shapefit.io.inputs import is_stream
+from shapefit.meshes.pictures import FittedImage, Model, check_can_draw, contact_sheet, save
+from shapefit.pipelines.items import subsample
 from shapefit.pipelines.outcome import Outcome
-from shapefit.pipelines.view.reading import read_inputs
-from shapefit.pipelines.view.scene import assemble
+from shapefit.pipelines.view.scene import make_scene
 from shapefit.viewer.page import viewer_page
-from shapefit.viewer.scene import Scene
 
 PAGES, SHEETS = ("", ".html", ".htm"), (".png", ".svg")
 """Endings of the names of a page, and of a sheet of pictures."""
+MOST_IMAGES = 24
+"""Images of a sheet, spread evenly over those that are chosen."""
 
 
 def run(config: ViewConfig) -> Iterator[Outcome]:
     """Write the page, or a sheet of pictures; yields one Outcome with what is missing as warnings.
 
-    Raises InputError for files that cannot be read or shown together, and where the page cannot be
-    written.
+    Raises InputError for files that cannot be read or shown together, and where the output cannot
+    be written.
     """
     output = config.output
     if output is None:
         output = Path.cwd() / f"{next(iter(config.files.values()))[0].stem}.html"
     if is_stream(output):
-        problem = "a page is not written to a terminal"
-        raise input_error("output", problem, "give the name of a file")
-    if output.suffix.lower() not in PAGES + SHEETS:
+        raise input_error("output", "a page is not written to a terminal", "name a file")
+    ending = output.suffix.lower()
+    if ending not in PAGES + SHEETS:
         problem = f"is a page or a sheet of pictures, and its name ends in {output.suffix}"
         raise input_error(output, problem, f"end it in {listed(PAGES[1:] + SHEETS)}")
     check_output(output)
-    if output.suffix.lower() in SHEETS:
-        from shapefit.pipelines.view.sheet import write_sheet
-
-        yield write_sheet(config, output)
-        return
-    page, scene = make_page(config)
+    if ending in SHEETS:
+        check_can_draw("output")
+    # Beyond 32-bit floats a value is not finite: missing.
+    with np.errstate(over="ignore", invalid="ignore"):
+        scene = make_scene(config)
+        if ending in SHEETS:
+            figure, count, note = (
+                draw_sheet(scene, output),
+                min(MOST_IMAGES, len(scene["items"])),
+                "",
+            )
+        else:
+            page = viewer_page(scene).encode("utf-8", "xmlcharrefreplace")
+            count, note = len(scene["items"]), f"{len(page) / 1e6:.1f} MB"
     with atomic_path(output) as temporary:
-        temporary.write_bytes(page)
-    size = f"{len(page) / 1e6:.1f} MB"
-    yield Outcome(done=len(scene.items), warnings=scene.notes, note=size, written=(output,))
+        if ending in SHEETS:
+            save(figure, temporary, ending[1:])
+        else:
+            temporary.write_bytes(page)
+    yield Outcome(done=count, warnings=tuple(scene["notes"]), note=note, written=(output,))
 
 
-@np.errstate(over="ignore", invalid="ignore")  # beyond 32-bit floats a value is not finite: missing
-def make_page(config: ViewConfig) -> tuple[bytes, Scene]:
-    """Return the page in UTF-8 and its scene."""
-    scene = assemble(config, read_inputs(config))
-    return viewer_page(scene).encode("utf-8", "xmlcharrefreplace"), scene
+def draw_sheet(scene: Mapping[str, Any], output: Path) -> Any:
+    """Draw images of one result, with the meshes or edges of the dictionary, as a figure."""
+    if [layer["role"] for layer in scene["layers"]] != ["result"]:
+        fix = "give one result of `fit`, or end the name in .html"
+        raise input_error(output, "a sheet shows one result", fix)
+    faces = scene["meshes"][0]["faces"] if scene["meshes"] else None
+    edges = np.asarray(scene["edges"], np.int64).reshape(-1, 2)
+    images = [fitted_image(scene, row) for row in subsample(MOST_IMAGES, len(scene["items"]))]
+    return contact_sheet(images, Model("down" if scene["y_down"] else "up", faces, edges))
+
+
+def fitted_image(scene: Mapping[str, Any], row: int) -> FittedImage:
+    """Return one frame of the first layer of a scene; the shape is all nan where the fit failed.
+
+    Its mesh is s R sum_j w_j V_j + t, which the camera sees at x f / |z| + c.
+    """
+    layer = scene["layers"][0]
+    pose: Any = None if layer["pose"] is None else layer["pose"][row]
+    shape: Any = layer["points"][row]
+    R: Any = None if pose is None else pose[:9].reshape(3, 3)
+    mesh = flat_mesh = None
+    if "blend" in layer:
+        start, atom, weight = (layer["blend"][name] for name in ("start", "atom", "weight"))
+        chosen = slice(start[row], start[row + 1])
+        if start[row] < start[row + 1]:
+            mixed = np.tensordot(weight[chosen], scene["meshes"][0]["vertices"][atom[chosen]], 1)
+            mesh = pose[9] * R @ mixed + pose[10:, None]
+            f, c = np.split(layer["camera"][row][:, None], 2)
+            flat_mesh = f * mesh[:2] / (np.abs(mesh[2]) if layer["perspective"] else 1.0) + c
+    observed, outliers, sd = scene["observed"], scene["outliers"], layer["sd"]
+    return FittedImage(
+        title=scene["items"][row],
+        landmarks=np.full_like(shape[:2], np.nan) if observed is None else observed[row],
+        shape=shape,
+        projected=layer["fitted"][row],
+        mesh=mesh,
+        projected_mesh=flat_mesh,
+        outliers=None if outliers is None else outliers[row],
+        sd=None if sd is None else sd[row],
+        rotation=R,
+    )

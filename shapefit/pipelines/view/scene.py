@@ -4,24 +4,35 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from shapefit.arrays import Integers
+from shapefit.arrays import Floats, Integers
 from shapefit.config import ViewConfig
+from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted
 from shapefit.geometry.cameras import IMAGE_UP, TO_Y_UP
 from shapefit.geometry.floor import Floor
-from shapefit.io.layout import FRAME, METRES_PER_UNIT, UNKNOWN_UNIT
+from shapefit.io import read_dictionary
+from shapefit.io.layout import METRES_PER_UNIT, UNKNOWN_UNIT
 from shapefit.io.options import AS_KNOWN
 from shapefit.io.skeletons import edges_of
 from shapefit.io.writers.motion import find_floors, video_of
-from shapefit.pipelines.view.images import MEGABYTES, embed_images
-from shapefit.pipelines.view.layers import first_known, has_camera, in_usual_units, make_layers
-from shapefit.pipelines.view.messages import assumed, counts, missing, quality
-from shapefit.pipelines.view.reading import Content, Frames, Inputs, columns_of
-from shapefit.viewer.scene import USUAL_RATE, Ground, Scene
+from shapefit.lifting.trust import REASONS
+from shapefit.pipelines.view.images import embed_images
+from shapefit.pipelines.view.layers import (
+    AGAINST_TRUTH,
+    EXPECTED,
+    Layer,
+    first_known,
+    has_camera,
+    in_usual_units,
+    make_layers,
+)
+from shapefit.pipelines.view.reading import MEGABYTES, Content, Frames, columns_of, read_inputs
+from shapefit.viewer.page import USUAL_RATE
 
 MIDDLE, LEFT, RIGHT = 0, 1, 2
 OTHER_SIDE = {"left": "right", "Left": "Right", "LEFT": "RIGHT", "l": "r", "L": "R"}
@@ -29,77 +40,115 @@ WORD_LEFT = re.compile(r"left|Left|LEFT|(?<![A-Za-z])[lL](?![a-z])|^[lL](?=[A-Za
 """`left` anywhere, `l` alone, before or behind a name: left_hip, HipLeft, L_Hip, LHip, HipL."""
 FASTEST = 1e6
 """Frames a second from which on a rate is none."""
+ERRORS = {
+    EXPECTED: ("typical error", "Median over trusted frames of the error to expect: the mean "
+               "distance between the shape and the true one after the best similarity, computed "
+               "from the error bars."),
+    AGAINST_TRUTH: (AGAINST_TRUTH, "Median over frames of the mean distance to the truth, after "
+                    "the best similarity."),
+}  # fmt: skip
+"""Measures that the header states -> their names and definitions there."""
 
 
-def assemble(config: ViewConfig, inputs: Inputs) -> Scene:
-    """Return the scene of these frames, with notes on what is missing."""
-    contents, truth, frames = inputs.contents, inputs.truth, inputs.frames
-    landmarks, notes = inputs.landmarks, [*inputs.notes]
+def make_scene(config: ViewConfig) -> dict[str, Any]:
+    """Return the scene of the files of a config, by the keys of shapefit.viewer.page."""
+    contents, truth, frames, landmarks, notes = read_inputs(config)
+    dictionary = None if config.dictionary is None else read_dictionary(config.dictionary)
     if frames.step > 1:
         notes.append(
             f"One of {frames.step} frames is shown: with all of them the page would be larger than "
             f"{MEGABYTES} MB. `items` chooses others."
         )
-    results = [content for content in contents if content.kind == "result"]
-    landmark_sets = [content for content in contents if content.kind == "landmarks"]
-    image_points = [content.points for content in landmark_sets]
-    inputs_of_results = [result.per_landmark("landmarks") for result in results]
-    image_points += [points for points in inputs_of_results if points is not None]
-    observed = first_known(image_points) if image_points else None
-    layers, meshes, space_unit = make_layers(inputs, observed, notes)
-    layers, length = in_usual_units(layers)
-    edges = _edges(inputs)
-    notes += missing(layers, observed, has_edges=bool(edges))
-    outliers = [
-        flags == 1 for each in results if (flags := each.per_landmark("outliers")) is not None
-    ]
+    results = [content for content in contents if content.role == "result"]
+    in_images = [content.points for content in contents if content.role == "landmarks"]
+    in_images += [one.values["landmarks"] for one in results if "landmarks" in one.values]
+    observed = first_known(in_images) if in_images else None
+    layers, meshes, space_unit = make_layers(contents, truth, dictionary, observed, notes)
+    length = in_usual_units(layers)
+    edges, meshed = (
+        _edges(contents, truth, dictionary, landmarks),
+        any("blend" in x for x in layers),
+    )
+    if results and observed is None:
+        notes.append("The results hold no observed landmarks; add the landmark file to see them.")
+    if not edges and not meshed:
+        text = "No edges are known, so landmarks are points; -d DICT.h5 or --truth may have them."
+        notes.append(text)
+    outliers = [one.values["outliers"] == 1 for one in results if "outliers" in one.values]
     recordings, times = find_recordings(contents, frames)
-    stated = [each.records.frame_rate for each in (*contents, truth) if each is not None]
-    rate = next((r for r in (config.frame_rate, *stated) if r is not None and r < FASTEST), None)
+    rates = [config.frame_rate, *(one.records.frame_rate for one in (*contents, truth) if one)]
+    rate = next((rate for rate in rates if rate is not None and rate < FASTEST), None)
     video = any(name for name, _ in frames.sequences) or (rate is not None and len(times) > 1)
-    rigid = not video and any(layer.blend is not None for layer in layers)
     shown_rate = (rate or USUAL_RATE) / frames.step
-    in_words = f"{shown_rate:.4g} Hz" + ("" if rate else " assumed") if video else ""
-    y_down = any(content.y_down for content in contents)
-    floors = next(filter(None, (_floors(each, frames, shown_rate) for each in results)), {})
+    y_down = any(one.role != "shapes" and one.records.y_axis != "up" for one in contents)
+    floors = next(filter(None, (_floors(one, frames, shown_rate) for one in results)), {})
+    ground = "The floor is not known: each body has its own ground."
+    if floors:
+        ground = f"Floor from resting feet: {'; '.join(map(str, floors.values()))}."
     pictures = {} if config.images is None else embed_images(config.images, frames.items)
     if config.images is not None and len(pictures) < len(frames.items):
         notes.append(f"{len(pictures)} of {counted(len(frames.items), 'frame')} have a picture.")
+    facts = [counted(len(frames.items), "image")]
+    if video:
+        facts = [*_counts(recordings, times, frames)]
+        facts.append(f"{shown_rate:.4g} Hz" + ("" if rate else " assumed"))
     sides = find_sides(landmarks)
-    lengths = [1 + int(times[rows].max()) for rows in frames.by_sequence]
-    moments = sum(max(lengths[member] for member in members) for members in recordings)
-    return Scene(
-        title=", ".join(config.files) + (" and the truth" if truth else ""),
-        items=frames.items,
-        sequences=frames.sequences,
-        landmarks=landmarks,
-        edges=edges,
-        layers=layers,
-        unit=_shown(contents[0].records.unit),
-        space_unit=_shown(space_unit),
-        length=length if space_unit == "m" else (_shown(space_unit), 1),
-        y_down=y_down,
-        grounds=[_ground(floors.get(video_of(name)), y_down) for name, _ in frames.sequences],
-        frame_rate=shown_rate,
-        rate_known=rate is not None,
-        flat=observed is not None or bool(results),
-        observed=observed,
-        outliers=np.logical_or.reduce(outliers) if np.any(outliers) else None,
-        sides=sides if any(sides) else None,
-        recordings=recordings,
-        times=times,
-        meshes=meshes,
-        pictures=pictures,
-        image=_image_size(contents),
-        video=video,
-        rigid=rigid,
-        facts=(
-            *counts(recordings, moments, len(frames.items), in_words),
-            *quality(contents, layers),
-        ),
-        assumed=tuple(assumed(results, [str(floor) for floor in floors.values()], rigid=rigid)),
-        notes=tuple(notes),
-    )
+    return {
+        "title": ", ".join(config.files) + (" and the truth" if truth else ""),
+        "items": frames.items,
+        "sequences": frames.sequences,
+        "landmarks": landmarks,
+        "edges": edges,
+        "layers": layers,
+        "unit": _shown(contents[0].records.unit),
+        "space_unit": _shown(space_unit),
+        "length": length if space_unit == "m" else (_shown(space_unit), 1),
+        "y_down": y_down,
+        "grounds": [_ground(floors.get(video_of(name)), y_down) for name, _ in frames.sequences],
+        "frame_rate": shown_rate,
+        "rate_known": rate is not None,
+        "flat": observed is not None or bool(results),
+        "observed": observed,
+        "outliers": np.logical_or.reduce(outliers) if np.any(outliers) else None,
+        "sides": sides if any(sides) else None,
+        "recordings": recordings,
+        "times": times,
+        "meshes": meshes,
+        "pictures": pictures,
+        "image": _image_size(contents, y_down),
+        "video": video,
+        "rigid": meshed and not video,
+        "facts": [*({"text": text} for text in facts), *_quality(contents, layers)],
+        "assumed": [] if meshed and not video else [ground],
+        "notes": notes,
+    }
+
+
+def find_recordings(
+    contents: Sequence[Content], frames: Frames
+) -> tuple[list[list[int]], Integers]:
+    """Return the sequences that were seen at once, and the time (n,) of each frame among theirs.
+
+    The individuals of a video are its sequences, `video/individual`; or each is a file of shapes.
+    Numbers of frames say what was seen at once. Others are recordings of one sequence.
+    """
+    rows_of = frames.by_sequence
+    files = contents[0].name.split(", ") if contents[0].role == "shapes" else ()
+    videos = defaultdict[object, list[int]](list)
+    for sequence, (name, _) in enumerate(frames.sequences):
+        video = name.rpartition("/")[0] or (name and len(files) == len(rows_of) > 1)
+        numbered = video and np.isfinite(frames.numbers[rows_of[sequence]]).all()
+        videos[video if numbered else sequence].append(sequence)
+    recordings: list[list[int]] = []
+    times = np.concatenate([np.arange(len(rows)) for rows in rows_of])
+    for members in videos.values():
+        rows = np.concatenate([rows_of[member] for member in members])
+        moments, order = np.unique(frames.numbers[rows], return_inverse=True)
+        together = len(moments) < len(rows)  # somebody is seen beside another
+        recordings += [members] if together else [[member] for member in members]
+        if together and len(members) > 1:
+            times[rows] = order
+    return recordings, times
 
 
 def find_sides(names: Sequence[str]) -> list[int]:
@@ -114,81 +163,87 @@ def find_sides(names: Sequence[str]) -> list[int]:
     return sides
 
 
-def find_recordings(
-    contents: Sequence[Content], frames: Frames
-) -> tuple[list[list[int]], Integers]:
-    """Return the sequences that were seen at once, and the time (n,) of each frame among theirs.
+def _counts(recordings: Sequence[Sequence[int]], times: Integers, frames: Frames) -> Iterator[str]:
+    """Yield how many sequences, individuals and frames of videos there are."""
+    if len(recordings) > 1:
+        yield counted(len(recordings), "sequence")
+    if (individuals := max(map(len, recordings))) > 1:
+        yield counted(individuals, "individual")
+    lengths = [1 + int(times[rows].max()) for rows in frames.by_sequence]
+    moments = sum(max(lengths[member] for member in members) for members in recordings)
+    yield counted(moments, "frame")
 
-    The individuals of a video are its sequences, `video/individual`; or each is a file of shapes.
-    The dataset `frame` numbers their frames. Others are recordings of one sequence.
-    """
-    rows_of, numbers = frames.by_sequence, np.full(len(frames.items), np.nan)
-    for content in contents:
-        stated = content.per_frame(FRAME)
-        if stated is not None and stated.ndim == 1 and stated.dtype == np.float64:
-            numbers = np.where(np.isfinite(numbers), numbers, stated)
-    one_each = len(contents) == len(rows_of) and all(each.kind == "shapes" for each in contents)
-    videos = defaultdict[object, list[int]](list)
-    for sequence, (name, _) in enumerate(frames.sequences):
-        video = name.rpartition("/")[0] or (name and one_each)
-        numbered = video and np.isfinite(numbers[rows_of[sequence]]).all()
-        videos[video if numbered else sequence].append(sequence)
-    recordings: list[list[int]] = []
-    times = np.concatenate([np.arange(len(rows)) for rows in rows_of])
-    for members in videos.values():
-        rows = np.concatenate([rows_of[member] for member in members])
-        moments, order = np.unique(numbers[rows], return_inverse=True)
-        together = len(moments) < len(rows)  # somebody is seen beside another
-        recordings += [members] if together else [[member] for member in members]
-        if together and len(members) > 1:
-            times[rows] = order
-    return recordings, times
+
+def _quality(contents: Sequence[Content], layers: Sequence[Layer]) -> Iterator[dict[str, str]]:
+    """Yield how many frames of each layer are trusted, and how large its errors are."""
+    reasons_of = {content.name: content.values.get(REASONS) for content in contents}
+    for layer in layers:
+        prefix = f"{layer['name']}: " if len(contents) > 1 else ""
+        trusted, reasons = np.ones(len(layer["points"]), bool), reasons_of.get(layer["name"])
+        if reasons is not None:
+            trusted = np.isfinite(layer["points"]).any(axis=(1, 2)) & (reasons == "")
+            share = f"{np.count_nonzero(trusted):,} of {len(trusted):,} trusted"
+            style = "trust" if trusted.mean() > 0.5 else "trust doubtful"
+            yield {"text": prefix + share, "style": style}
+        for measure in layer["measures"]:
+            counted_in = trusted if measure["name"] == EXPECTED else True
+            values = measure["values"][counted_in & np.isfinite(measure["values"])]
+            if measure["name"] in ERRORS and values.size:
+                name, definition = ERRORS[measure["name"]]
+                median = float(np.median(values))
+                number = f"{median:.0f}" if median >= 9.5 else f"{median:.2g}"
+                text = f"{prefix}{name} {number} {measure['unit']}".strip()
+                yield {"text": text, "title": definition}
 
 
 def _floors(result: Content, frames: Frames, rate: float) -> Mapping[str, Floor]:
     """Return the floor of each video of a result, by the frames of the page, where it is known."""
-    if not has_camera(result) or METRES_PER_UNIT not in result.records.per_item:
+    if not has_camera(result) or METRES_PER_UNIT not in result.values:
         return {}
-    records = result.records
-    if frames.step > 1:
-        records = records.replaced(frame_rate=rate)
+    records = result.records.replaced(frame_rate=rate) if frames.step > 1 else result.records
     return find_floors(records, AS_KNOWN, result.name)
 
 
-def _ground(floor: Floor | None, y_down: bool) -> Ground:
+def _ground(floor: Floor | None, y_down: bool) -> dict[str, Any]:
     """Return where up is, that of the image where no floor is known, and the floor in metres."""
     level = TO_Y_UP[IMAGE_UP] if y_down else np.eye(3)
     if floor is None:
-        return Ground(level.ravel().tolist())
+        return {"upright": level.ravel().tolist()}
     turn = floor._replace(height=0.0).stand(np.eye(3))
-    return Ground((turn @ level).ravel().tolist(), -floor.height)
+    return {"upright": (turn @ level).ravel().tolist(), "floor": -floor.height}
 
 
-def _edges(inputs: Inputs) -> list[list[int]]:
+def _edges(
+    contents: Sequence[Content],
+    truth: Content | None,
+    dictionary: Dictionary | None,
+    landmarks: Sequence[str],
+) -> list[list[int]]:
     """Return lines between landmarks: of the dictionary, of shapes, of others, of skeletons."""
-    dictionary, true = inputs.dictionary, [inputs.truth] if inputs.truth else []
-    by_kind = sorted(inputs.contents, key=lambda content: content.kind != "shapes")
-    stated = [(each.records.lines, each.columns) for each in (*true, *by_kind)]
+    stated: list[Any] = [] if truth is None else [(truth.records.lines, truth.columns)]
+    by_role = sorted(contents, key=lambda content: content.role != "shapes")
+    stated += [(content.records.lines, content.columns) for content in by_role]
     if dictionary is not None:
-        columns = columns_of(dictionary.landmark_names, inputs.landmarks)
-        stated.insert(0, (dictionary.edges, columns))
+        stated.insert(0, (dictionary.edges, columns_of(dictionary.landmark_names, landmarks)))
     for edges, columns in stated:
         place = {column: j for j, column in enumerate(columns.tolist())}
         ends = [] if edges is None else edges.tolist()
         if pairs := [[place[a], place[b]] for a, b in ends if a in place and b in place]:
             return pairs
-    return [list(pair) for pair in edges_of(inputs.landmarks)]
+    return [list(pair) for pair in edges_of(landmarks)]
 
 
-def _image_size(contents: Sequence[Content]) -> list[float] | None:
+def _image_size(contents: Sequence[Content], y_down: bool) -> list[float] | None:
     """Return the width and height of the images, where a file or its camera states them."""
     for content in contents:
-        size = content.records.columns.get("image_size")
+        size, centre = (
+            content.records.columns.get("image_size"),
+            content.values.get("principal_point"),
+        )
         if size is not None and size.shape[-1:] == (2,) and np.isfinite(size).all():
             return np.reshape(size, (-1, 2))[0].astype(float).tolist()
-        centre = content.per_frame("principal_point")
-        if centre is not None and np.isfinite(centre).any() and content.y_down:
-            middle = np.nanmedian(centre, axis=0)
+        if centre is not None and np.isfinite(centre).any() and y_down:
+            middle: Floats = np.nanmedian(centre, axis=0)
             return (2 * middle).tolist() if middle.all() else None
     return None
 

@@ -4,15 +4,9 @@ import shutil
 from types import SimpleNamespace
 
 import h5py
-import numpy as np
 import pytest
 
-from shapefit.config import LearnDictConfig, ProjectConfig
-from shapefit.io import read_shapes, write_shapes
-from shapefit.pipelines import projection as projecting
-from shapefit.pipelines.learn_dict import run as learn_dict
 from shapefit.pipelines.verify import Request, run
-from tests.io.files import load, save
 
 TERMS = {
     "squared": {},
@@ -70,33 +64,3 @@ def verify_file(result, dictionary, landmarks=()):
 def verify():
     """Return what verifies a file: `done`, `failures` (item -> reason), `note`, `data`."""
     return verify_file
-
-
-@pytest.fixture
-def item_of():
-    """Return what gives the item of an image in a file."""
-
-    def item(path, image):
-        with h5py.File(path) as file:
-            return file["item"].asstr()[image]
-
-    return item
-
-
-@pytest.fixture(scope="session")
-def real(real_data, tmp_path_factory):
-    """A dictionary of subject 86 and images of subject 13; one of all cars, and cars."""
-    folder = tmp_path_factory.mktemp("real")
-    shapes = read_shapes([real_data / "mocap/subject13_24fps.h5"])
-    chosen = np.linspace(0, len(shapes) - 1, 150).astype(int)
-    write_shapes(folder / "shapes.h5", shapes.take(chosen))
-    save(folder / "cars.h5", load(real_data / "cars/annotated_cars.h5").take(slice(0, None, 8)))
-    keys = {"camera": {"view": "turntable"}, "output": str(folder / "people.h5")}
-    list(projecting.run(ProjectConfig(shapes=[str(folder / "shapes.h5")], **keys)))
-    training = [str(real_data / "mocap/subject86_24fps.h5")]
-    keys = {"k": 32, "iterations": 2, "every": 40, "output": str(folder / "people-dict.h5")}
-    list(learn_dict.run(LearnDictConfig(shapes=training, **keys)))
-    models = [str(real_data / "cars/models.h5")]
-    keys = {"method": "exemplars", "align": "none", "output": str(folder / "cars-dict.h5")}
-    list(learn_dict.run(LearnDictConfig(shapes=models, **keys)))
-    return folder

@@ -17,7 +17,6 @@ from tests.pipelines.verify.conftest import TERMS
 
 PERSPECTIVE = {"focal": "files"}
 ALL, NONE = True, False
-LEFT = {"leave_one_out": "true_model"}
 
 KEYS = [
     *(("people", term, ALL) for term in TERMS.values()),
@@ -183,30 +182,13 @@ def test_nothing_that_a_result_names_is_opened(fitted, changed, verify, dictiona
     assert list(found.failures) == [str(pipe)]  # which has no digest
 
 
-def test_csv_cannot_be_verified(tmp_path, verify, dictionaries):
+def test_csv_cannot_be_verified_and_chunks_do_not_matter(
+    tmp_path, fitted, verify, dictionaries, monkeypatch
+):
     path = tmp_path / "shapes.csv"
     path.write_text("item,landmark,x,y,z\na,b,0,0,0\n")
     with pytest.raises(InputError, match="tables hold points only"):
         verify(path, dictionaries["people"])
-
-
-def test_chunks_do_not_matter(fitted, verify, dictionaries, monkeypatch):
-    monkeypatch.setattr("shapefit.pipelines.verify.AT_A_TIME", 1)
-    found = verify(fitted("cars", lam=1.0, **LEFT), dictionaries["cars"])
+    monkeypatch.setattr("shapefit.pipelines.verify.CHUNK", 16)
+    found = verify(fitted("cars", lam=1.0, leave_one_out="true_model"), dictionaries["cars"])
     assert (found.failures, found.done) == ({}, 108)
-
-
-REAL = [
-    *(("people", term) for term in TERMS.values()),
-    ("people", {"method": "convex+refine"}),
-    *(("cars", {"lam": 1.0, "leave_one_out": "true_model"} | term) for term in TERMS.values()),
-]
-
-
-@pytest.mark.real_data
-@pytest.mark.parametrize(("kind", "keys"), REAL)
-def test_real_results_are_accepted(real, verify, tmp_path, kind, keys):
-    landmarks, dictionary = real / f"{kind}.h5", real / f"{kind}-dict.h5"
-    fit_file(landmarks, dictionary, tmp_path / "result.h5", **keys)
-    found = verify(tmp_path / "result.h5", dictionary, [landmarks])
-    assert (found.done > 140, found.failures) == (True, {})

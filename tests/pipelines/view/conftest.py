@@ -9,6 +9,7 @@ import pytest
 
 from shapefit.config import ViewConfig
 from shapefit.pipelines.view.run import run
+from shapefit.pipelines.view.scene import make_scene
 from tests.pipelines.view.files import (
     NAMES,
     random_shapes,
@@ -32,6 +33,9 @@ def desk(tmp_path, rng):
     def landmarks(name="landmarks.h5", n=6, **fields):
         return write_landmarks(tmp_path / name, random_shapes(rng, n)[:, :2], **fields)
 
+    def scene(*files, **settings):
+        return make_scene(ViewConfig(files={file.stem: (file,) for file in files}, **settings))
+
     def view(*files, **settings):
         output = tmp_path / "page.html"
         config = ViewConfig(files={file.stem: (file,) for file in files}, output=output, **settings)
@@ -42,7 +46,7 @@ def desk(tmp_path, rng):
 
     return SimpleNamespace(
         shapes=lambda *size: random_shapes(rng, *size),
-        result=result, truth=truth, landmarks=landmarks, view=view, folder=tmp_path,
+        result=result, truth=truth, landmarks=landmarks, view=view, scene=scene, folder=tmp_path,
     )  # fmt: skip
 
 

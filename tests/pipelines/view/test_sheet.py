@@ -7,8 +7,8 @@ from matplotlib.image import imread
 from shapefit.config import CONFIGS, ViewConfig
 from shapefit.errors import InputError
 from shapefit.io import read_dictionary, read_results
-from shapefit.pipelines.view.run import make_page, run
-from shapefit.pipelines.view.sheet import MOST_IMAGES, fitted_image
+from shapefit.pipelines.view.run import MOST_IMAGES, fitted_image, run
+from shapefit.pipelines.view.scene import make_scene
 from tests.io.files import save
 
 
@@ -35,7 +35,7 @@ def test_the_mesh_lies_under_the_landmarks(world, camera):
     result = world.fit("cars", method="convex+refine", **({"camera": camera} if camera else {}))
     files, path = {"cars": (result,)}, world.dictionary("cars")
     dictionary, fit = read_dictionary(path), read_results(result)
-    scene = make_page(ViewConfig(files=files, dictionary=path))[1]
+    scene = make_scene(ViewConfig(files=files, dictionary=path))
     apart = dictionary.mesh_vertices[0, :, None, :] - dictionary.atoms[0, :, :, None]
     vertex = (apart**2).sum(axis=0).argmin(axis=1)
     seen = fit.shapes[:, :2] if fit.landmarks_fitted is None else fit.landmarks_fitted

@@ -34,10 +34,12 @@ def test_joints_of_people():
     assert sides.count(2) == 6
 
 
-def frames_of(**groups):
+def frames_of(numbers, **groups):
     starts = np.cumsum([0, *map(len, groups.values())]).tolist()
     sequences = tuple(zip([name.replace("_", "/") for name in groups], starts, strict=False))
-    return Frames(tuple("".join(groups.values())), sequences, 1)
+    items = tuple("".join(groups.values()))
+    numbers = np.full(len(items), np.nan) if numbers is None else np.array(numbers, float)
+    return Frames(items, sequences, 1, numbers)
 
 
 @pytest.mark.parametrize(
@@ -52,19 +54,16 @@ def frames_of(**groups):
     ],
 )  # fmt: skip
 def test_individuals_of_a_video_are_seen_at_once(groups, numbers, expected):
-    stated = None if numbers is None else np.array(numbers, float)
-    content = SimpleNamespace(kind="result", per_frame=lambda _: stated)
-    recordings, times = find_recordings([content], frames_of(**groups))
+    content = SimpleNamespace(role="result", name="r")
+    recordings, times = find_recordings([content], frames_of(numbers, **groups))
     assert (sorted(recordings), times.tolist()) == (sorted(expected[0]), expected[1])
 
 
-def test_files_of_one_individual_each_are_seen_at_once():
-    frames, nan = frames_of(anna="ab", ben="cd"), np.nan
-    files = [
-        SimpleNamespace(kind="shapes", per_frame=lambda _, numbers=numbers: np.array(numbers))
-        for numbers in ([0, 1, nan, nan], [nan, nan, 1, 2])
-    ]
-    recordings, times = find_recordings(files, frames)
-    assert (recordings, times.tolist()) == ([[0, 1]], [0, 1, 1, 2])
-    one = [SimpleNamespace(kind="shapes", per_frame=lambda _: np.array([0, 1, 1, 2.0]))]
-    assert find_recordings(one, frames)[0] == [[0], [1]]
+@pytest.mark.parametrize(
+    ("files", "recordings", "times"),
+    [("one, two", [[0, 1]], [0, 1, 1, 2]), ("one", [[0], [1]], [0, 1, 0, 1])],
+)
+def test_files_of_one_individual_each_are_seen_at_once(files, recordings, times):
+    content = SimpleNamespace(role="shapes", name=files)
+    found = find_recordings([content], frames_of([0, 1, 1, 2], anna="ab", ben="cd"))
+    assert (found[0], found[1].tolist()) == (recordings, times)

@@ -8,27 +8,25 @@ import pytest
 from shapefit.config import ViewConfig
 from shapefit.errors import InputError
 from shapefit.io import write_dictionary
-from shapefit.pipelines.view.run import make_page, run
+from shapefit.pipelines.view.run import run
+from shapefit.pipelines.view.scene import make_scene
 
 
 def test_a_result_with_all_it_needs_says_nothing(desk):
     edges = np.array([[0, 1], [1, 2]])
     made = desk.view(desk.result(), truth=(desk.truth(edges=edges),))
-    assert made.notes == "Note: truth aligned to result for display."
+    assert made.notes == ""
     assert made.data["edges"] == edges.tolist()
     assert [layer["name"] for layer in made.data["layers"]] == ["result", "truth"]
     assert made.outcome.done == 6
 
 
 def test_a_page_says_what_it_lacks(desk):
-    failed, edges = desk.shapes(6), np.array([[0, 4]])
-    failed[[1, 4]] = np.nan
+    edges = np.array([[0, 4]])
     truth = desk.truth(edges=edges[:, ::-1])
     for fields, lacks in (
         ({"extras": {}}, "no observed landmarks; add the landmark file"),
         ({}, "No edges are known"),
-        ({"shapes": failed}, "result has no shape of 2 frames"),
-        ({"shapes": np.nan * failed}, "no shape of 6 frames"),
     ):
         made = desk.view(desk.result(**fields))
         assert lacks in made.notes
@@ -39,17 +37,15 @@ def test_a_page_says_what_it_lacks(desk):
     assert "observed" not in made.notes
     assert made.data["observed"]["shape"] == [6, 5, 2]
     made = desk.view(desk.landmarks())
-    assert "nothing in 3D" in made.notes
     assert made.data["layers"] == []
     made = desk.view(truth)
     assert (made.data["flat"], made.notes) == (False, "")
 
 
-def test_shapes_of_other_landmarks_are_not_called_aligned(desk):
+def test_shapes_of_other_landmarks_are_not_shown(desk):
     truth = desk.truth(landmark_names=["a", "b", "x", "y", "z"])
     made = desk.view(desk.result(), truth)
     assert "Not shown, as result has fewer than 3 landmarks of the same names: truth." in made.notes
-    assert "aligned" not in made.notes
     assert [layer["name"] for layer in made.data["layers"]] == ["result"]
 
 
@@ -92,13 +88,11 @@ def test_items_and_landmarks_of_several_results_are_matched_by_name(desk):
     other = desk.result("other.h5", n=3, items=("i1", "i2", "i3"))
     made = desk.view(one, other)
     assert made.data["items"] == ["i0", "i1", "i2", "i3"]
-    assert "one has no shape of 2 frames" in made.notes
     names = ("d", "a", "e")
     other = desk.result("other.h5", n=2, shapes=shapes[:, :, [3, 0, 4]], landmark_names=names)
-    files = {path.stem: (path,) for path in (one, other)}
-    page = make_page(ViewConfig(files=files))[1]
-    assert page.landmarks == tuple("abcde")
-    first, second = (layer.points for layer in page.layers)
+    page = desk.scene(one, other)
+    assert page["landmarks"] == tuple("abcde")
+    first, second = (layer["points"] for layer in page["layers"])
     np.testing.assert_array_equal(second[:, :, [0, 3, 4]], first[:, :, [0, 3, 4]])
     assert np.isnan(second[:, :, 1:3]).all()
 
@@ -115,15 +109,15 @@ def parts(desk):
 
 
 def test_parts_are_one_result(parts):
-    page = make_page(ViewConfig(files={"fit": parts, "two": parts[::-1]}))[1]
-    assert page.items == tuple(f"i{n}" for n in range(100))
-    for layer in page.layers:
-        assert np.isfinite(layer.points).all()
-    page = make_page(ViewConfig(files={"fit": parts}, items=("i1?",)))[1]
-    assert page.items == tuple(f"i{n}" for n in range(10, 20))
+    page = make_scene(ViewConfig(files={"fit": parts, "two": parts[::-1]}))
+    assert page["items"] == tuple(f"i{n}" for n in range(100))
+    for layer in page["layers"]:
+        assert np.isfinite(layer["points"]).all()
+    page = make_scene(ViewConfig(files={"fit": parts}, items=("i1?",)))
+    assert page["items"] == tuple(f"i{n}" for n in range(10, 20))
     parts[1].write_bytes(parts[1].read_bytes()[:1000])
     with pytest.raises(InputError, match="part-1"):
-        make_page(ViewConfig(files={"fit": parts}))
+        make_scene(ViewConfig(files={"fit": parts}))
 
 
 def refused(desk, *files, **settings):
