@@ -75,14 +75,24 @@ def test_landmarks_of_true_depths_are_those_of_weak_perspective(scene, lifting):
     np.testing.assert_allclose(back.landmarks_fitted, exact)
 
 
-def test_the_expected_error_of_the_images_is_kept_beside_that_of_the_sequence(scene, lifting):
+def test_the_expected_error_of_the_images_is_kept_beside_that_of_the_sequence(
+    scene, lifting, monkeypatch
+):
+    """And covariances have the variances of the bars, which grow by landmark."""
+    monkeypatch.setattr(clips, "CONSTANTS", replace(clips.CONSTANTS, farthest=np.inf))
     motion = Motion(np.array([[0, 1]]), np.full(P, 0.05), np.ones(1))
     images = lifting.estimate.covariance * lifting.scale[:, None, None] ** 2
     expected = expected_error(lifting.shapes, images)
 
     def refine(weak, landmarks):
         one = ["one"] * N
-        return clips.refine_lifting(weak, landmarks, one, motion, 0.01, None, np.ones(P))
+        return clips.refine_lifting(weak, landmarks, one, motion, 0.01, None, bar_scale)
 
+    bar_scale = np.linspace(1, 2, P)
     found = refine_through_camera(lifting, scene.landmarks, refine)
     np.testing.assert_allclose(found.estimate.further[IMAGE_ERROR], expected)
+    assert np.isfinite(found.estimate.further[clips.NOISE]).all()
+    C = found.estimate.covariance
+    np.testing.assert_allclose(C, C.swapaxes(1, 2), atol=1e-9 * C.max())
+    variance = np.diagonal(C, axis1=1, axis2=2).reshape(N, 3, P)
+    np.testing.assert_allclose(found.estimate.deviation**2, variance, rtol=1e-6)

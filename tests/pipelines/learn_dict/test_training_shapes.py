@@ -41,6 +41,8 @@ class TestEvery:
         thinned, _ = make(shapes, every=3, **FEW)
         expected, _ = make(shapes.take([0, 3, 6, 9, 10, 13, 16, 19, 22, 25, 28]), **FEW)
         np.testing.assert_array_equal(thinned.atoms, expected.atoms)
+        whole, _ = make(shapes, **FEW)  # bones bend as in all shapes
+        np.testing.assert_array_equal(thinned.bone_tolerance, whole.bone_tolerance)
 
 
 class TestNumber:
