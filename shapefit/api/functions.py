@@ -45,7 +45,7 @@ from shapefit.pipelines.fit.prepare import (
     warn_of_dictionary,
 )
 from shapefit.pipelines.fit.record import attributes_of
-from shapefit.pipelines.fit.report import Counts, outcome_of, warn_of_all
+from shapefit.pipelines.fit.report import Counts, result_of, warn_of_all
 from shapefit.pipelines.fit.run import lift_source
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes, with_p_value_table
 from shapefit.pipelines.outcome import Counted, Outcome, add_up
@@ -113,7 +113,7 @@ def fit(
     if matrices is not None:
         images = images.with_columns({CAMERA_MATRIX: np.asarray(matrices)})
     wanted, _ = choose_method(read, atoms, lambda: are_long(images.sequences))
-    records, seconds = [], 0.0
+    records = []
     failures: dict[str, str] = {}
     with source_of(images, "landmarks", wanted.rename) as source:
         setup = prepare(wanted, atoms, source.head.landmark_names, lambda: source.first(FIRST))
@@ -122,15 +122,14 @@ def fit(
         add_up(messages, (*setup.estimates.warnings, *of_dictionary))
         reasons = setup.matched.warnings()
         for batch in lift_source(source, setup):
-            counts.add(batch.images, batch.record, setup)
-            outcome = outcome_of(batch.images, batch.lifting, batch.record, setup)
+            counts.add(batch.record)
+            outcome = result_of(batch, setup)
             records.append(batch.record)
-            seconds += batch.seconds
             failures |= {failure.item: failure.reason for failure in outcome.failures}
             add_up(messages, outcome.warnings)
     warn((*messages.values(), *reasons, *warn_of_all(counts, setup, images.y_axis)))
     whole = concatenate(records)
-    attributes = {**whole.attributes, **attributes_of(setup, {}, seconds, len(whole))}
+    attributes = {**whole.attributes, **attributes_of(setup, {})}
     return Fit.of(whole.replaced(attributes=attributes), failures=failures)
 
 

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -40,8 +39,11 @@ class Keys:
         sequences = self.sequences or ("",) * len(self.items)
         if self.frames is not None:
             return sequences, self.frames
-        reached = defaultdict[str, Iterator[int]](count)
-        return sequences, [next(reached[name]) for name in sequences]
+        length, frames = Counter[str](), list[int]()
+        for name in sequences:
+            frames.append(length[name])
+            length[name] += 1
+        return sequences, frames
 
 
 def keys_of(parts: Iterable[Records]) -> Keys:
@@ -57,91 +59,76 @@ def keys_of(parts: Iterable[Records]) -> Keys:
     return Keys(items, sequences or None, frames if numbered else None, part.frame_rate)
 
 
-def find_truth(place: str | Path, match: str, own: Keys, truth: Keys) -> NDArray[np.intp]:
-    """Return the true shape (n,) of each image, -1 where there is none.
+def find_truth(place: str | Path, match: str, images: Keys, truth: Keys) -> NDArray[np.intp]:
+    """Return the true shape (n,) of each image, -1 where it has none.
 
     By item, of which an image may name another one, or by frame (or its time, where the rates of
     both differ), and sequence: of the same name, else of one that ends alike (`cam01/anna` and
     `anna`), else of any, as long as that is one. Raises InputError at `place` where no image has a
     true shape.
     """
-    if match != BY_FRAME:
-        known = {item: row for row, item in enumerate(truth.items)}
-        rows = np.array([known.get(item, -1) for item in own.items], dtype=np.intp)
-    else:
-        rows = _by_frame(own, truth)
-    if not (rows < 0).all():
-        return rows
-    found = f"none of its {len(rows)} images is in the truth, which has no '{own.items[0]}'"
-    fix = "give the truth of these images, or set `match`: to `frame` where both are the frames of "
-    fix += f"one recording, or to a dataset that names such items as '{truth.items[0]}'"
+    rows = find_rows(images.items, truth.items)
     if match == BY_FRAME:
-        found = f"no frame of its {len(rows)} images is in the truth, or there in two sequences"
-        fix = "give the truth of these images, of one sequence or of those of the same names"
-    raise input_error(place, found, fix)
+        rows = find_frames(images, truth)
+    if (rows < 0).all():
+        fault = f"none of its {len(rows)} images, such as '{images.items[0]}', is in the truth"
+        fix = "give the truth of these images, or set `match`: to `frame` where both are frames of "
+        fix += f"one recording, or to a dataset that names such items as '{truth.items[0]}'"
+        raise input_error(place, fault, fix)
+    return rows
 
 
-def _by_frame(own: Keys, truth: Keys) -> NDArray[np.intp]:
-    (sequences, frames), (true_sequences, true_frames) = own.by_frame(), truth.by_frame()
-    if own.frame_rate and truth.frame_rate:
-        times = np.array(frames) * (truth.frame_rate / own.frame_rate)
-        frames = np.where(abs(times - times.round()) < NEAR, times.round(), -1).astype(int).tolist()
+def find_rows(wanted: Iterable[object], keys: Iterable[object]) -> NDArray[np.intp]:
+    """Return the row of each key that is wanted, -1 for none."""
+    row = {key: number for number, key in enumerate(keys)}
+    return np.array([row.get(key, -1) for key in wanted], dtype=np.intp)
+
+
+def find_frames(images: Keys, truth: Keys) -> NDArray[np.intp]:
+    """Return the true shape (n,) of each image by sequence and frame, -1 for none."""
+    (sequences, frames), (true_sequences, true_frames) = images.by_frame(), truth.by_frame()
+    if images.frame_rate and truth.frame_rate:
+        times = np.array(frames) * (truth.frame_rate / images.frame_rate)
+        frames = np.where(abs(times - times.round()) < NEAR, times.round(), -1).tolist()
     for ending in (str, lambda name: name.rpartition("/")[2], lambda _: ""):
-        names = zip(map(ending, true_sequences), true_frames, strict=True)
-        known = {name: row for row, name in enumerate(names)}
-        wanted = zip(map(ending, sequences), frames, strict=True)
-        rows = np.array([known.get(name, -1) for name in wanted], dtype=np.intp)
-        if len(known) == len(truth.items) and (rows >= 0).any():
+        keys = [*zip(map(ending, true_sequences), true_frames, strict=True)]
+        rows = find_rows(zip(map(ending, sequences), frames, strict=True), keys)
+        if len(set(keys)) == len(keys) and (rows >= 0).any():
             return rows
     return np.full(len(frames), -1)
 
 
-def named_items(
-    images: Records,
-    dataset: str,
-    place: str | Path,
-    key: str,
-) -> tuple[str, ...]:
+def named_items(images: Records, dataset: str, place: str | Path, key: str) -> tuple[str, ...]:
     """Return what a dataset of the images names, one per image; BY_ITEM names the items.
 
-    `key` of the config chose the dataset. Raises InputError at `place` where they have no
-    such dataset with one name per image.
+    `key` of the config chose the dataset. Raises InputError at `place` where it is none.
     """
     if dataset == BY_ITEM:
         return images.items
-    per_item = {name: images.per_item.get(name) for name in images.further}
-    named = {name: v for name, v in per_item.items() if v is not None and v.ndim == 1}
+    named = {n: v for n, v in images.per_item.items() if n in images.further and v.ndim == 1}
     if dataset not in named:
-        found = f"there is no dataset '{dataset}' with one name per image"
-        texts = (name for name, values in named.items() if values.dtype.kind in "OSU")
-        others = ", ".join([BY_ITEM, *sorted(texts)])
-        raise input_error(place, found, f"set `{key}` to one of: {others}")
+        texts = sorted(name for name, values in named.items() if values.dtype.kind in "OSU")
+        fix = f"set `{key}` to one of: {', '.join([BY_ITEM, *texts])}"
+        raise input_error(place, f"no dataset '{dataset}' has one name per image", fix)
     return tuple(map(str, named[dataset]))
 
 
-def matches(item: str, pattern: str) -> bool:
-    """Whether an item is called `pattern` or matches it as a glob: `a[1]` matches a[1] and a1."""
-    return pattern == item or fnmatchcase(item, pattern)
-
-
 class ChosenItems:
-    """The items that a config key chooses: those that match one of its patterns."""
+    """The items that a config key chooses by its patterns: equal, or as a glob."""
 
     def __init__(self, key: str, patterns: Sequence[str]) -> None:
-        self._key = key
-        self._patterns = tuple(patterns)
-        self._used: set[str] = set()
+        self._key, self._unused = key, dict.fromkeys(patterns, True)
 
     def __contains__(self, item: str) -> bool:
-        """Whether the item is chosen."""
-        matching = [pattern for pattern in self._patterns if matches(item, pattern)]
-        self._used.update(matching)
+        """Whether the item is chosen: `a[1]` chooses a[1] and a1."""
+        matching = [p for p in self._unused if p == item or fnmatchcase(item, p)]
+        self._unused |= dict.fromkeys(matching, False)
         return bool(matching)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What chose none of the items asked for so far."""
-        unused = [pattern for pattern in self._patterns if pattern not in self._used]
+        """Patterns that chose no item so far."""
+        unused = (pattern for pattern, is_unused in self._unused.items() if is_unused)
         return tuple(f"{self._key}: no item has this name or matches '{p}'" for p in unused)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 from shapefit.config import FitConfig
 from shapefit.io import LandmarkSet, ResultSet, read_results
 from shapefit.pipelines.fit.run import run
-from shapefit.pipelines.outcome import Outcome
+from shapefit.pipelines.result import Result as Outcome
 from tests.io.files import save
 
 

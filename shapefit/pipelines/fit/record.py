@@ -12,35 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit import __version__
-from shapefit.arrays import Floats
+from shapefit.arrays import Flags, Floats
 from shapefit.dictionary.bodies import has_lengths, knows_size, metres_per_unit
-from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet, ResultSet
 from shapefit.io.layout import METRES_FROM, METRES_PER_UNIT, RESULTS, free_names
+from shapefit.lifting import trust
 from shapefit.lifting.estimate import Estimate
-from shapefit.lifting.lift import Lifting, PerspectiveView
+from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
-from shapefit.lifting.trust import (
-    EXPECTED_ERROR,
-    GAIN,
-    IMAGE_ERROR,
-    P_VALUE,
-    REASONS,
-    SIDES,
-    START_DISTANCE,
-    TRUSTED,
-    expected_error,
-    find_reasons,
-)
 from shapefit.pipelines.fit.lift import find_omitted
 
 if TYPE_CHECKING:
     from shapefit.pipelines.fit.prepare import Setup
 
-Datasets = dict[str, NDArray[Any] | None]
-
-OF_A_RESULT = RESULTS.all.keys()
-"""Datasets that a fit can write: what came with the landmarks is never mistaken for one of them."""
+Datasets = Mapping[str, NDArray[Any] | None]
 
 
 def as_result(
@@ -49,48 +34,39 @@ def as_result(
     """Lay out a batch as it is stored, with the observed landmarks and what came with them.
 
     inputs are the landmarks of the files in 3D, where they are not those of the dictionary.
+    Datasets of the landmarks that are called as one of a result get `input_` before their names.
     """
-    estimate, dictionary = lifting.estimate, setup.dictionary
-    scaled = estimate.in_unit(lifting.scale[:, None, None])
-    failed = np.isnan(lifting.scale)
-
-    def blank(values: Floats | None) -> Floats | None:
-        """Return values that are nan where an image has no shape."""
-        if values is None or not failed.any():
-            return values
-        return np.where(failed.reshape(-1, *(1,) * (values.ndim - 1)), np.nan, values)
-
-    visible = images.visible()[:, None, :]
+    estimate, dictionary, config = lifting.estimate, setup.dictionary, setup.config
+    scaled, failed = estimate.in_unit(lifting.scale[:, None, None]), np.isnan(lifting.scale)
+    projected = lifting.perspective is not None or setup.matched.moves
     datasets: Datasets = {
-        "landmarks": np.where(visible, images.landmarks, np.nan).swapaxes(1, 2),
-        "landmarks_fitted": lifting.landmarks_fitted if is_projected(lifting, setup) else None,
+        "landmarks": np.where(images.visible()[:, None], images.landmarks, np.nan).swapaxes(1, 2),
+        "landmarks_fitted": lifting.landmarks_fitted if projected else None,
         "confidence": images.confidence,
         "lambda": lifting.problem.lam,
-        "coefficients": blank(estimate.coefficients),
-        "rotation": blank(estimate.rotation),
-        "objective": blank(estimate.objective),
-        "relative_gap": blank(estimate.relative_gap),
+        "coefficients": blank(estimate.coefficients, failed),
+        "rotation": blank(estimate.rotation, failed),
+        "objective": blank(estimate.objective, failed),
+        "relative_gap": blank(estimate.relative_gap, failed),
         "residual": estimate.residual,
         "active_atoms": estimate.active_atoms,
         "tight": estimate.tight,
         "outliers": estimate.outliers,
         METRES_PER_UNIT: metres_per_unit(lifting.shapes, dictionary),
         **estimate.further,
-        **verdict(lifting, scaled, setup),
+        **trusted(lifting, scaled, setup),
+        **of_camera(lifting, setup),
+        **(proof(lifting, config.method, failed) if config.saves_proof else {}),
+        "shape_covariance": by_landmark(scaled.covariance) if config.save.covariance else None,
     }
-    if setup.config.save.covariance:
-        datasets["shape_covariance"] = by_landmark(scaled.covariance)
-    if setup.config.leave_one_out is not None:
-        datasets["omitted"] = find_omitted(images, setup.lifter).astype(object)
-    if lifting.perspective is not None:
-        datasets |= perspective_datasets(lifting.perspective, estimate.coefficients, dictionary)
-    if setup.config.saves_proof:
-        datasets |= proof(lifting, setup.config.method, blank)
-    names = free_names(images.further, OF_A_RESULT)
-    carried = {names[name]: v for name, v in images.per_item.items() if name in names}
-    whole = {names[name]: values for name, values in images.whole.items() if name in names}
+    stored = {name: values for name, values in datasets.items() if values is not None}
+    if config.leave_one_out is not None:
+        stored["omitted"] = find_omitted(images, setup.lifter).astype(object)
+    free = free_names(images.further, RESULTS.all.keys())
+    carried = {free[name]: v for name, v in images.per_item.items() if name in free}
+    whole = {free[name]: values for name, values in images.whole.items() if name in free}
     whole |= {} if dictionary.edges is None else {"edges": dictionary.edges}
-    present = {name: values for name, values in datasets.items() if values is not None}
+    sizes = {METRES_FROM: "edges" if has_lengths(dictionary) else "spread"}
     return ResultSet(
         shapes=lifting.shapes,
         shape_sd=scaled.deviation,
@@ -103,26 +79,21 @@ def as_result(
         sequences=images.sequences,
         unit=images.unit,
         y_axis=images.y_axis,
-        frame_rate=setup.config.frame_rate or images.frame_rate,
-        attributes=size_attributes(dictionary),
-        columns={**carried, **present, **inputs},
+        frame_rate=config.frame_rate or images.frame_rate,
+        attributes=sizes if knows_size(dictionary) else {},
+        columns={**carried, **stored, **inputs},
         whole=whole,
     )
 
 
-def is_projected(lifting: Lifting, setup: Setup) -> bool:
-    """Whether the shapes are seen elsewhere than at their x and y."""
-    return lifting.perspective is not None or setup.mapped.moves
+def blank(values: Floats | None, failed: Flags) -> Floats | None:
+    """Return values (n, ...) that are nan where an image has no shape: failed (n,)."""
+    if values is None or not failed.any():
+        return values
+    return np.where(failed.reshape(-1, *(1,) * (values.ndim - 1)), np.nan, values)
 
 
-def size_attributes(dictionary: Dictionary) -> dict[str, str | float | int]:
-    """Return attributes that say how the sizes in metres were found, where they are known."""
-    if not knows_size(dictionary):
-        return {}
-    return {METRES_FROM: "edges" if has_lengths(dictionary) else "spread"}
-
-
-def verdict(lifting: Lifting, scaled: Estimate, setup: Setup) -> Datasets:
+def trusted(lifting: Lifting, scaled: Estimate, setup: Setup) -> Datasets:
     """Decide for each image whether its shape is to be trusted, where the method knows its error.
 
     From what the result stores: scaled, error bars in its unit. With the error that is expected.
@@ -131,21 +102,22 @@ def verdict(lifting: Lifting, scaled: Estimate, setup: Setup) -> Datasets:
         return {}
     further, expected = scaled.further, np.full(len(lifting.shapes), np.nan)
     if scaled.covariance is not None:
-        expected = expected_error(lifting.shapes, scaled.covariance)
-        expected = np.fmax(expected, GAIN * further.get(IMAGE_ERROR, np.nan))
-    reasons = find_reasons(
+        expected = trust.expected_error(lifting.shapes, scaled.covariance)
+        of_image = further.get(trust.IMAGE_ERROR, np.nan)
+        expected = np.fmax(expected, trust.GAIN * of_image)
+    reasons = trust.find_reasons(
         lifting.shapes,
         expected,
         np.isfinite(further["inlier_probability"]).sum(axis=1),
-        further[P_VALUE],
-        further[START_DISTANCE],
+        further[trust.P_VALUE],
+        further[trust.START_DISTANCE],
         scaled.status,
-        sides=further.get(SIDES),
+        sides=further.get(trust.SIDES),
         depth_ambiguity=setup.dictionary.depth_ambiguity,
     )
-    if setup.estimates.reason:
-        reasons[reasons == ""] = setup.estimates.reason
-    return {TRUSTED: reasons == "", REASONS: reasons, EXPECTED_ERROR: expected}
+    reasons[reasons == ""] = setup.estimates.reason
+    names = (trust.TRUSTED, trust.REASONS, trust.EXPECTED_ERROR)
+    return dict(zip(names, (reasons == "", reasons, expected), strict=True))
 
 
 def by_landmark(covariance: Floats | None) -> Floats | None:
@@ -157,14 +129,15 @@ def by_landmark(covariance: Floats | None) -> Floats | None:
     return blocks.reshape(n, d, d)
 
 
-def perspective_datasets(
-    view: PerspectiveView, coefficients: Floats | None, dictionary: Dictionary
-) -> Datasets:
+def of_camera(lifting: Lifting, setup: Setup) -> Datasets:
     """Lay out a perspective view; the position is in the unit of a dictionary that has sizes."""
-    from shapefit.meshes.dense import metric_scale
-
-    position = None
+    view, dictionary, position = lifting.perspective, setup.dictionary, None
+    if view is None:
+        return {}
+    coefficients = lifting.estimate.coefficients
     if dictionary.atom_scale is not None and coefficients is not None:
+        from shapefit.meshes.dense import metric_scale
+
         unit = metric_scale(dictionary.atoms, coefficients, dictionary.atom_scale)
         position = unit[:, None] * view.translation
     return {
@@ -175,42 +148,39 @@ def perspective_datasets(
     }
 
 
-def proof(lifting: Lifting, method: str, blank: Any) -> Datasets:
+def proof(lifting: Lifting, method: str, failed: Flags) -> Datasets:
     """Lay out what proves the optimum of the convex program, where the method solves one.
 
     Where that program is the method, the result states its objective and gap. Images without a
-    shape have no proof: nan, and no transforms.
+    shape, failed (n,), have no proof: nan, and no transforms.
     """
     certificate = lifting.estimate.convex_proof
     if certificate is None:
         return {}
-    failed, M = np.isnan(lifting.scale), certificate.transforms
+    M = certificate.transforms
     if failed.any():
-        retained = ~failed[M.image]
-        M = replace(
-            M, count=np.where(failed, 0, M.count), atom=M.atom[retained], blocks=M.blocks[retained]
-        )
-    of_start = METHODS[method].proves != "optimum" or lifting.perspective is not None
-    return {
-        "dual": blank(certificate.dual),
-        "convex_translation": blank(certificate.translation),
-        "convex_objective": blank(certificate.objective) if of_start else None,
-        "convex_relative_gap": blank(certificate.relative_gap) if of_start else None,
+        retained, count = ~failed[M.image], np.where(failed, 0, M.count)
+        M = replace(M, count=count, atom=M.atom[retained], blocks=M.blocks[retained])
+    datasets = {
+        "dual": blank(certificate.dual, failed),
+        "convex_translation": blank(certificate.translation, failed),
         "transform_count": M.count,
         "transform_atom": M.atom,
         "active_transforms": M.blocks,
     }
+    if METHODS[method].proves != "optimum" or lifting.perspective is not None:
+        datasets["convex_objective"] = blank(certificate.objective, failed)
+        datasets["convex_relative_gap"] = blank(certificate.relative_gap, failed)
+    return datasets
 
 
-def attributes_of(
-    setup: Setup, inputs: Mapping[str, str], seconds: float, images: int
-) -> dict[str, str | float | int]:
+def attributes_of(setup: Setup, inputs: Mapping[str, str]) -> dict[str, str | float | int]:
     """Return what is stored of a fit beside its images; `inputs` are the digests of its files.
 
     `training_inputs` are those of the files that the dictionary was learned from: `eval` warns
     where one of them is the truth. `estimated` lists what was found or assumed before lifting.
     """
-    config = setup.config.as_json()
+    config, numbers = setup.config.as_json(), setup.estimates.numbers
     return {
         "method": setup.config.method,
         "version": __version__,
@@ -218,8 +188,6 @@ def attributes_of(
         "config_digest": hashlib.sha256(config.encode()).hexdigest(),
         "inputs": json.dumps(inputs),
         "estimated": "; ".join(setup.estimates.lines),
-        **{name: value for name, value in setup.estimates.numbers.items() if value == value},
+        **{name: value for name, value in numbers.items() if value == value},
         "training_inputs": setup.dictionary.provenance.get("inputs", "{}"),
-        "solve_seconds": seconds,
-        "images_per_second": images / seconds if seconds > 0 else 0.0,
     }

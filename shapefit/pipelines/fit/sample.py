@@ -1,38 +1,47 @@
-"""The sample of the first images that a fit is prepared by, and what is chosen by its evidence.
+"""What a fit estimates of the first images, once, from one sample of them.
 
-The log evidence log p(w) of an image under the posterior is compared: for the skeleton theta of a
-detector of people, and for how wide the prior is and how exactly landmarks are known. A prior that
-was learned from few poses is too sure of itself, and landmarks of an animal follow its bones less
-exactly than those of a person. Of factors f on the covariances of the prior and residual variances
-v, a file is lifted with the pair of the greatest mean log evidence
+The log evidence log p(w) of an image under the posterior is compared for the skeleton theta of a
+detector of people, and for factors f on the covariances of the prior and residual variances v:
 
     1/n sum_i log p(w_i | f, v),    f in {1, 2, 4, 8},  v in {v_0, 2 v_0, 4 v_0, 8 v_0},
 
-where v_0 is the residual variance of the dictionary. Smaller ones are not tried: their evidence is
-flat where error bars are far too narrow already. Of pairs that are as likely as the best by the
-standard error of their difference, the widest prior is taken and, with it, the least v.
+where v_0 is that of the dictionary. Smaller ones are not tried: their evidence is flat where error
+bars are far too narrow already. Of pairs that are as likely as the best by the standard error of
+their difference, the widest prior is taken and, with it, the least v.
+
+Left and right exchanged in all frames cannot be decided: a body looks so that faces the other way.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from shapefit.arrays import Floats, evenly
+from shapefit.dictionary.model import LEARNED_FROM, Dictionary
+from shapefit.errors import InputError, input_error
 from shapefit.io import LandmarkSet
-from shapefit.io.skeletons import THETA
+from shapefit.io.skeletons import THETA, installed_skeletons
+from shapefit.lifting import trust
 from shapefit.lifting.lift import Lifting
-from shapefit.pipelines.fit.lift import Lifter, lift_images, with_p_values
-from shapefit.pipelines.joints import MEANS, LandmarkMap, Matched
+from shapefit.lifting.methods import METHODS
+from shapefit.pipelines.fit import lift
+from shapefit.pipelines.fit.camera import choose_camera
+from shapefit.pipelines.fit.lift import Lifter, lift_images
+from shapefit.pipelines.joints import MEANS, Matched, match_names
 
-LARGEST, FEW, FEWEST = 96, 24, 10
-"""Images of a sample, of a first look at it, and images of which fewer say nothing."""
+if TYPE_CHECKING:
+    from shapefit.config import FitConfig
 
-FEWEST_VISIBLE = 5
-"""Landmarks of an image of the sample; four fit almost any shape."""
+LARGEST, CALIBRATED, FEW, FEWEST = 96, 60, 24, 10
+"""Images of a sample, of those with landmarks hidden in turn, of a first look, and the least."""
+
+FEWEST_VISIBLE, FEWEST_NAMES = 5, 4
+"""Landmarks of an image of the sample (four fit almost any shape), and that names must give."""
 
 STEP, RATE = 0.5, 24.0
 """Seconds between the two images of a pair; frames per second where no file states it."""
@@ -43,33 +52,103 @@ STEPS = (-0.2, -0.1, 0.0, 0.1, 0.2)
 FACTORS = (1.0, 2.0, 4.0, 8.0)
 """Of the covariances of the prior, and of the residual variance."""
 
+SCALES = ("scale", "residual_variance")
+"""Keys of `prior` that are chosen by evidence, in the order of a pair of factors."""
+
 OUTLIER, MOSTLY = 0.5, 0.5
 """Inlier probability below which a landmark is an outlier; share of the images in which it is one
 from which on the landmark itself is doubted."""
 
+DOUBTFUL = 0.25
+"""Share of doubtful images from which other skeletons are tried; one that has less than half of
+that share is named. Where names are right a few images in a hundred are doubtful."""
+
+NO_TRUST = "no shape of this file is to be trusted: "
+
 Pair = tuple[float, float]
-"""Factors on the covariances of the prior and on the residual variance."""
 
 
 @dataclass(frozen=True)
-class Sample:
-    """Images spread over the first ones, of those that show enough landmarks.
+class Estimates:
+    """What was estimated: values for keys of a config, lines about them, and warnings.
 
-    in_file, with the landmarks of the files, undistorted; images, with those of the dictionary.
+    The line of the camera is the first. reason says why no image is to be trusted, "" for nothing;
+    growth (p,), factors on the covariances of landmarks; numbers are stored with the result.
     """
 
-    in_file: LandmarkSet
-    images: LandmarkSet
-
-    def __len__(self) -> int:
-        return len(self.images)
-
-    def lift(self, lifter: Lifter) -> Lifting:
-        """Lift the sample by the posterior, with p-values."""
-        return with_p_values(lift_images(self.images, lifter), lifter)
+    values: Mapping[str, Any]
+    lines: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    reason: str = ""
+    growth: tuple[float, ...] = ()
+    numbers: Mapping[str, float] = field(default_factory=dict)
 
 
-def draw_sample(images: LandmarkSet, matched: Matched) -> Sample:
+def estimate(
+    config: FitConfig, dictionary: Dictionary, matched: Matched, images: LandmarkSet
+) -> Estimates:
+    """Estimate the camera and, for methods with a prior, skeleton, prior scale and error bars.
+
+    images are the first ones without distortion; matched, their landmarks beside the dictionary.
+    """
+    learned_from = matched.dictionary.provenance.get(LEARNED_FROM) is not None
+    camera, of_camera = choose_camera(config, images, from_landmarks=learned_from)
+    if not METHODS[config.method].has_prior:
+        return Estimates({"camera": camera}, (f"camera: {of_camera}",))
+    bars, of_report = read_bar_scale(config)
+    bar_scale = config.prior.bar_scale  # a report judged bars that hidden landmarks had widened
+    config = config.changed(camera=camera, prior=bars)
+    lifter = replace(lift.lifter_of(config, matched.dictionary), method="posterior")
+    in_file = draw_sample(images.take(np.flatnonzero(lift.weigh(images, lifter).any(axis=1))))
+    sample = matched.arrange(in_file, "landmarks")
+
+    skeleton, of_skeleton = choose_skeleton(config.skeleton, matched, sample, lifter)
+    theta = {**MEANS, **(skeleton or {})}
+    lifter = replace(lifter, dictionary=matched.observed(theta))
+    lifting = lift_sample(sample, lifter)
+    warning = check_names(in_file, lifting, lifter, dictionary, theta)
+    # a wide prior would take wrong names for poses that it lacks
+    keys = [key for key in SCALES if getattr(config.prior, key) is None and not warning]
+    lifter, of_scale = choose_scale(keys, sample, lifting, lifter)
+    if of_scale:
+        lifting = lift_sample(sample, lifter)
+    growth, numbers, of_bars = calibrate_bars(sample, lifting, lifter, bar_scale)
+    if numbers and trust.contradicts(numbers[KAPPA], numbers[DISTANCE]) and not warning:
+        fix = "are the names of the landmarks right, and does the dictionary have such shapes?"
+        warning = f"{NO_TRUST}{of_bars}; {fix}"
+    scale = {"scale": lifter.prior_scale, "residual_variance": lifter.variance}
+    return Estimates(
+        {"camera": camera, "prior": {**bars, **scale}, "skeleton": skeleton},
+        tuple(filter(None, (f"camera: {of_camera}", of_skeleton, of_scale, of_report, of_bars))),
+        (warning,) if warning else (),
+        trust.NOT_OF_THE_CLASS if warning else "",
+        growth,
+        numbers,
+    )
+
+
+def read_bar_scale(config: FitConfig) -> tuple[dict[str, Any], str]:
+    """Return the keys of `prior` that its `calibration` stands for, and a line about them.
+
+    By the factors of the method, or the only ones. Raises InputError for a file without.
+    """
+    path, method = config.prior.calibration, config.method
+    if path is None:
+        return {}, ""
+    try:
+        factors = json.loads(path.read_text(encoding="utf-8"))
+        (only,) = [factors[method]] if method in factors else factors.values()
+        factor = float(only["90%"])
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        factor = 0.0
+    if not factor > 0:
+        fix = "give error_bars.json of a report of eval in which it was judged on enough images"
+        raise input_error(path, f"holds no factors of error bars of {method}", fix)
+    values = {"bar_scale": config.prior.bar_scale * factor**2, "calibration": None}
+    return values, f"error bars x {factor:.2f} ({path.name})"
+
+
+def draw_sample(images: LandmarkSet) -> LandmarkSet:
     """Draw images that are spread over all; of long sequences pairs that are a step apart."""
     images = images.take(np.flatnonzero(images.visible().sum(axis=1) >= FEWEST_VISIBLE))
     n, rows = len(images), evenly(len(images), LARGEST)
@@ -77,46 +156,54 @@ def draw_sample(images: LandmarkSet, matched: Matched) -> Sample:
         step = max(1, round(STEP * (images.frame_rate or RATE)))
         rows = evenly(n, LARGEST // 2)
         rows = np.union1d(rows, rows[rows + step < n] + step)
-    in_file = images.take(rows)
-    return Sample(in_file, matched.arrange(in_file, "landmarks"))
+    return images.take(rows)
+
+
+def lift_sample(sample: LandmarkSet, lifter: Lifter) -> Lifting:
+    """Lift a sample by the posterior, with p-values."""
+    return lift.with_p_values(lift_images(sample, lifter), lifter)
+
+
+def log_evidence(images: LandmarkSet, lifter: Lifter) -> Floats:
+    """Return log p(w) (n,) of images."""
+    evidence: Floats = lift_images(images, lifter).estimate.further["log_evidence"]
+    return evidence
 
 
 def choose_skeleton(
-    given: Mapping[str, float] | None, mapped: LandmarkMap, sample: Sample, lifter: Lifter
+    given: Mapping[str, float] | None, matched: Matched, sample: LandmarkSet, lifter: Lifter
 ) -> tuple[dict[str, float] | None, str]:
     """Return the parameters of the skeleton, as given, else estimated, else usual; and a line."""
-    if not mapped.joints.markers:
+    if not matched.joints.markers:
         return None if given is None else dict(given), ""
     start = {**MEANS, **(given or {})}
-    names = [name for name in mapped.joints.parameters if name not in (given or {})]
+    names = [name for name in matched.joints.parameters if name not in (given or {})]
     if not names or not len(sample):
         return start, ""
-    few = sample.images.take(evenly(len(sample), FEW))
+    few = sample.take(evenly(len(sample), FEW))
 
     def evidence(theta: Mapping[str, float]) -> float:
-        marked = replace(mapped, theta=theta).apply(lifter.dictionary)
-        return float(np.nansum(log_evidence(few, replace(lifter, dictionary=marked))))
+        observed = replace(lifter, dictionary=matched.observed(theta))
+        return float(np.nansum(log_evidence(few, observed)))
 
-    theta, deviation = maximise_theta(evidence, names, start)
-    errors = {name: f" +- {theta[name] * sd:.2f}" for name, sd in deviation.items()}
-    factors = ", ".join(f"{name} x {theta[name]:.2f}{errors.get(name, '')}" for name in names)
+    theta = maximise_theta(evidence, names, start)
+    factors = ", ".join(f"{name} x {theta[name]:.2f}" for name in names)
     return theta, f"skeleton of the detector: {factors}"
 
 
 def maximise_theta(
     evidence: Callable[[Mapping[str, float]], float], names: Sequence[str], start: dict[str, float]
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Maximise log p(w | theta) + log p(theta) over the named parameters, one by one, twice.
+) -> dict[str, float]:
+    """Return theta that maximises log p(w | theta) + log p(theta), one parameter by one, twice.
 
     Each is taken to the top of the parabola through the best value tried and its neighbours.
-    Returns theta, and the standard deviations of logarithms that the curvature gives.
     """
-    theta, deviation = dict(start), dict[str, float]()
+    theta = dict(start)
     for factor in (1.0, 0.5):
         for name in names:
             x = np.log(theta[name]) + factor * np.array(STEPS)
             prior = -0.5 * ((x - np.log(THETA[name].mean)) / THETA[name].std) ** 2
-            values = prior + [evidence(theta | {name: float(np.exp(each))}) for each in x]
+            values = prior + [evidence(theta | {name: float(np.exp(at))}) for at in x]
             best = min(max(int(np.argmax(values)), 1), len(x) - 2)
             below, at, above = values[best - 1 : best + 2]
             step = x[1] - x[0]
@@ -124,60 +211,38 @@ def maximise_theta(
             top = x[int(np.argmax(values))]
             if curvature > 0:
                 top = x[best] + np.clip((above - below) / (2 * step * curvature), -step, step)
-                deviation[name] = float(curvature**-0.5)
             theta[name] = float(np.exp(top))
-    return theta, deviation
-
-
-class Scale(NamedTuple):
-    """Factors on the covariances of the prior and residual variance; the nats an image gained."""
-
-    prior: float
-    residual_variance: float
-    gain: float
+    return theta
 
 
 def choose_scale(
-    open_keys: Sequence[str], sample: Sample, as_learned: Lifting, lifter: Lifter
-) -> tuple[dict[str, float], str]:
-    """Return `scale` and `residual_variance` of the prior, and a line about what has changed.
+    keys: Sequence[str], sample: LandmarkSet, lifting: Lifting, lifter: Lifter
+) -> tuple[Lifter, str]:
+    """Return the lifter with those keys of SCALES chosen by evidence, and a line about changes.
 
-    Keys that are open are chosen by evidence; without any, both stay as they are in the lifter, by
-    which the sample was lifted `as_learned`.
+    lifting, of the sample by the lifter. Landmarks that are outliers in most images do not count:
+    their errors say nothing of the others, but would make them all less exact.
     """
-    before, scale = lifter.variance, Scale(1.0, 1.0, 0.0)
 
-    def scaled(prior: float, variance: float) -> dict[str, float]:
-        return {"prior_scale": prior * lifter.prior_scale, "residual_variance": variance * before}
+    def scaled(pair: Pair) -> Lifter:
+        prior, variance = pair[0] * lifter.prior_scale, pair[1] * lifter.variance
+        return replace(lifter, prior_scale=prior, residual_variance=variance)
 
-    if open_keys and len(sample) >= FEWEST:
-        scale = find_scale(
-            lambda pair, images: log_evidence(images, replace(lifter, **scaled(*pair))),  # type: ignore[arg-type]
-            without_outliers(sample.images, as_learned),
-            FACTORS if "scale" in open_keys else FACTORS[:1],
-            FACTORS if "residual_variance" in open_keys else FACTORS[:1],
-        )
-    prior, variance = scaled(scale.prior, scale.residual_variance).values()
-    changes = []
-    if scale.prior != 1:
-        changes.append(f"prior widened x {prior:g}: poses unlike the training data")
-    if scale.residual_variance != 1:
-        changes.append(f"residual variance {variance:g} in place of {before:g}")
-    line = ", ".join(changes) + (f" ({scale.gain:+.1f} nats an image)" if changes else "")
-    return {"scale": prior, "residual_variance": variance}, line
-
-
-def without_outliers(images: LandmarkSet, lifting: Lifting) -> LandmarkSet:
-    """Hide landmarks that are outliers in most images.
-
-    Their errors say nothing of the others, but would make them all less exact.
-    """
+    if not keys or len(sample) < FEWEST:
+        return scaled((1.0, 1.0)), ""
     inlier_probability = lifting.estimate.further["inlier_probability"]
     visible = np.maximum(np.isfinite(inlier_probability).sum(axis=0), 1)
     hidden = (inlier_probability < OUTLIER).sum(axis=0) > MOSTLY * visible
-    if not 0 < hidden.sum() <= len(hidden) / 3:  # none, or the prior is wrong, not the landmarks
-        return images
-    return images.replaced(landmarks=np.where(hidden, np.nan, images.landmarks))
+    if 0 < hidden.sum() <= len(hidden) / 3:  # with more, the prior is wrong, not the landmarks
+        sample = sample.replaced(landmarks=np.where(hidden, np.nan, sample.landmarks))
+    factors = (FACTORS if key in keys else FACTORS[:1] for key in SCALES)
+    pair = find_scale(lambda pair, images: log_evidence(images, scaled(pair)), sample, *factors)
+    chosen, changes = scaled(pair), []
+    if pair[0] != 1:
+        changes.append(f"prior widened x {chosen.prior_scale:g}: poses unlike the training data")
+    if pair[1] != 1:
+        changes.append(f"residual variance {chosen.variance:g} in place of {lifter.variance:g}")
+    return chosen, ", ".join(changes)
 
 
 def find_scale(
@@ -185,7 +250,7 @@ def find_scale(
     images: LandmarkSet,
     scales: tuple[float, ...] = FACTORS,
     variances: tuple[float, ...] = FACTORS,
-) -> Scale:
+) -> Pair:
     """Choose among pairs of factors by their evidence (n,) of images, in order of both.
 
     All pairs are tried where, at first sight, the next scale or the next variance is likelier. Of
@@ -195,32 +260,96 @@ def find_scale(
     near = [(f, first[1]) for f in scales[1:2]] + [(first[0], v) for v in variances[1:2]]
     before = evidence(first, few)
     if not any(np.nanmean(evidence(pair, few) - before) > 0 for pair in near):
-        return Scale(*first, 0.0)
+        return first
     of_pair = {(f, v): evidence((f, v), images) for f in scales for v in variances}
     best = max(of_pair, key=lambda pair: float(np.nanmean(of_pair[pair])))
-
-    def is_as_likely(pair: Pair) -> bool:
-        lost, error, _ = mean_gain(of_pair[pair], of_pair[best])
-        return lost <= error
-
-    chosen = max(filter(is_as_likely, of_pair), key=lambda pair: (pair[0], -pair[1]))
-    return Scale(*chosen, mean_gain(of_pair[first], of_pair[chosen])[0])
+    gains = {pair: mean_gain(evidence, of_pair[best]) for pair, evidence in of_pair.items()}
+    likely = [pair for pair, (lost, error) in gains.items() if lost <= error]
+    return max(likely, key=lambda pair: (pair[0], -pair[1]))
 
 
-def log_evidence(images: LandmarkSet, lifter: Lifter) -> Floats:
-    """Return log p(w) (n,) of images."""
-    evidence: Floats = lift_images(images, lifter).estimate.further["log_evidence"]
-    return evidence
-
-
-def mean_gain(before: Floats, after: Floats) -> tuple[float, float, int]:
-    """Return the mean of after - before where it is finite, its standard error, and of how many.
+def mean_gain(before: Floats, after: Floats) -> tuple[float, float]:
+    """Return the mean of after - before where it is finite, and its standard error.
 
     The error is that of the means of sqrt(n) blocks of neighbours, whose gains resemble each other
     (batch means: Flegal and Jones, Annals of Statistics 2010).
     """
     gain = (after - before)[np.isfinite(after - before)]
     if len(gain) < 4:
-        return 0.0, np.inf, len(gain)
+        return 0.0, np.inf
     means = [block.mean() for block in np.array_split(gain, int(np.sqrt(len(gain))))]
-    return float(gain.mean()), float(np.std(means, ddof=1) / np.sqrt(len(means))), len(gain)
+    return float(gain.mean()), float(np.std(means, ddof=1) / np.sqrt(len(means)))
+
+
+KAPPA, DISTANCE = "calibration_kappa", "median_start_distance"
+
+
+def calibrate_bars(
+    sample: LandmarkSet, lifting: Lifting, lifter: Lifter, bar_scale: float
+) -> tuple[tuple[float, ...], dict[str, float], str]:
+    """Return factors (p,) on the covariances of landmarks, numbers to be stored, and a line.
+
+    By the sample, which the lifter lifted; nothing where that is too small. bar_scale, of all
+    covariances without the factors of a report, which come on top.
+    """
+    if len(sample) < trust.LIMITS.fewest_images:
+        return (), {}, ""
+    from shapefit.lifting.posterior.calibration import calibrate
+
+    rows, estimate = evenly(len(sample), CALIBRATED), lifting.estimate
+    inliers, problem = estimate.further["inlier_probability"], lifting.problem.take(rows)
+    settings = lift.settings_of(lifter)
+    calibration = calibrate(problem, estimate.rotation[rows], inliers[rows], settings)
+    visible = np.isfinite(inliers).sum(axis=1)
+    distance = trust.median_distance(estimate.further[trust.START_DISTANCE], visible)
+    inside = {"hidden_landmarks_inside": calibration.inside}
+    line = f"of landmarks hidden in turn, {calibration.inside:.0%} lie in their 90% regions"
+    if np.isfinite(distance):
+        line += f"; median distance from the convex shape {distance:.2f}"
+    numbers = {KAPPA: calibration.kappa, **inside, DISTANCE: distance}
+    return tuple(calibration.growth(bar_scale).tolist()), numbers, line
+
+
+def check_names(
+    in_file: LandmarkSet,
+    lifting: Lifting,
+    lifter: Lifter,
+    dictionary: Dictionary,
+    theta: Mapping[str, float],
+) -> str:
+    """Return a warning where many images are doubtful, but not by the names of another skeleton.
+
+    in_file, the sample with the landmarks of the files; dictionary, that of all files.
+    """
+    names, share, shares = in_file.landmark_names, doubtful_share(lifting), dict[str, float]()
+    if len(in_file) < FEWEST or not share > DOUBTFUL:
+        return ""
+    for other in installed_skeletons().values():
+        if len(other.landmark_names) != len(names) or other.landmark_names == names:
+            continue
+        try:
+            matched = match_names(other.landmark_names, dictionary, other.name)
+        except InputError:  # it has too few landmarks of the dictionary
+            continue
+        renamed = in_file.replaced(landmark_names=other.landmark_names)
+        images = matched.arrange(renamed, other.name)
+        if images.visible().any(axis=0).sum() >= FEWEST_NAMES:
+            as_other = replace(lifter, dictionary=matched.observed(theta))
+            shares[other.name] = doubtful_share(lift_sample(images, as_other))
+    best = min(shares, key=lambda name: shares[name], default="")
+    if not best or not shares[best] < share / 2:
+        return ""
+    return (
+        f"{NO_TRUST}{share:.0%} of a sample of {len(in_file)} images contradict the names of their "
+        f"landmarks, {shares[best]:.0%} those of {best}: is it {best}? Set `keypoints: {best}`"
+    )
+
+
+def doubtful_share(lifting: Lifting) -> float:
+    """Return the share of images with a low p-value or far from their convex shape."""
+    further, limits = lifting.estimate.further, trust.LIMITS
+    visible = np.isfinite(further["inlier_probability"]).sum(axis=1)
+    far = further[trust.START_DISTANCE] > limits.max_distance
+    far &= visible >= limits.fewest_visible
+    doubtful = far | (further[trust.P_VALUE] < limits.min_p_value)
+    return float(doubtful.mean()) if len(doubtful) else float("nan")

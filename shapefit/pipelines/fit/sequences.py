@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shapefit.arrays import Flags, Integers
+from shapefit.arrays import Flags, Floats, Integers
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
 from shapefit.io import LandmarkSet
@@ -40,99 +39,85 @@ LIMBS = ({"hip", "knee"}, {"knee", "ankle"}, {"shoulder", "elbow"}, {"elbow", "w
 
 
 def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
-    """Hold back the last run of images of one sequence until its end is known.
+    """Yield images whose sequences are whole, in their order; a long one in pieces.
 
-    The images stay in their order. As much is held in memory as a chunk and the longest sequence.
     Raises InputError for images without sequences, and where one goes on after another.
     """
     begun: set[str] = set()
-    last: str | None = None
-    pending: list[LandmarkSet] = []
+    rest: list[LandmarkSet] = []
     for chunk in chunks:
-        names = chunk.sequences
+        images, first = concatenate([*rest, chunk]), sum(map(len, rest))
+        names, last = images.sequences, 0
         if names is None:
             fix = "name the sequence of each image, or take `method: posterior`"
             raise input_error("method: sequences", "landmarks without `sequence`", fix)
-        before = [last, *names][: len(names)]
-        starts = [row for row, name in enumerate(names) if name != before[row]]
-        for row in starts:
+        for row in range(first, len(images)):
+            if row and names[row] == names[row - 1]:
+                continue
             if names[row] in begun:
-                found = f"the sequence '{names[row]}' goes on after others, at the item "
-                found += f"'{chunk.items[row]}'"
-                raise input_error("sequence", found, "put its images together, in order of time")
+                fault = f"'{names[row]}' goes on after others, at the item '{images.items[row]}'"
+                raise input_error("sequence", fault, "put its images together, in order of time")
             begun.add(names[row])
-        if pending and starts[:1] == [0]:
-            yield concatenate(pending)
-            pending = []
-        if starts and starts[-1]:
-            yield concatenate([*pending, chunk.take(slice(0, starts[-1]))])
-            pending = []
-        pending.append(chunk.take(slice(starts[-1] if starts else 0, None)))
-        last = names[-1] if names else last
-    if pending:
-        yield concatenate(pending)
+            last = row
+        if last:
+            yield from pieces(images.take(slice(0, last)))
+        rest = [images.take(slice(last, None))]
+    for images in rest:
+        yield from pieces(images)
 
 
-def in_pieces(groups: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
-    """Divide groups of whole sequences into batches that are lifted by themselves.
+def pieces(images: LandmarkSet) -> Iterator[LandmarkSet]:
+    """Divide whole sequences into batches that are lifted by themselves.
 
     A long sequence is refined in pieces anyway; lifted piece by piece, it takes the memory of one.
     """
-    for group in groups:
-        start = stop = 0
-        for clip in split(group.sequences or ()):
-            if clip.stop - start > LONGEST and stop > start:
-                yield group.take(slice(start, stop))
-                start = stop
-            stop = clip.stop
-        yield group.take(slice(start, stop))
+    start = stop = 0
+    for clip in split(images.sequences or ()):
+        if clip.stop - start > LONGEST and stop > start:
+            yield images.take(slice(start, stop))
+            start = stop
+        stop = clip.stop
+    yield images.take(slice(start, stop))
 
 
-class Sides(NamedTuple):
-    """Images whose left and right are put back, which (n,) these are, and where sides are unsure.
-
-    unsure (n,): left and right change places in the sequence, and nobody knows which are right.
-    """
-
-    images: LandmarkSet
-    exchanged: Flags
-    unsure: Flags
-
-
-def restore_sides(images: LandmarkSet, visible: Flags, lifter: Lifter) -> Sides:
+def restore_sides(
+    images: LandmarkSet, visible: Flags, lifter: Lifter
+) -> tuple[LandmarkSet, Floats]:
     """Undo exchanges of left and right for some frames, by continuity in the image.
 
-    seen (n, p), which landmarks count.
+    visible (n, p), which landmarks count. Returns with the images 1 (n,) where they are put back,
+    else 0, and nan where sides change places in the sequence and nobody knows which are right.
     """
-    exchanged, unsure = np.zeros((2, len(images)), dtype=bool)
+    exchanged = np.zeros(len(images))
     partner, rate = lifter.dictionary.mirror_index, lifter.frame_rate or images.frame_rate or RATE
     if partner is None or images.sequences is None:
-        return Sides(images, exchanged, unsure)
+        return images, exchanged
     left = np.flatnonzero(partner > np.arange(len(partner)))
     pairs = np.stack([left, partner[left]], axis=1)
     w = np.where(visible[:, None], images.landmarks, np.nan)
+    wrong = np.zeros(len(images), dtype=bool)
     for clip in split(images.sequences):
         exchanges = find_exchanges(w[clip], pairs, rate)
-        exchanged[clip], unsure[clip] = exchanges.exchanged, not exchanges.continuous
-    return Sides(exchange_sides(images, partner, exchanged), exchanged, unsure)
+        wrong[clip] = exchanges.exchanged
+        exchanged[clip] = exchanges.exchanged if exchanges.continuous else np.nan
+    return exchange_sides(images, partner, wrong), exchanged
 
 
 def exchange_sides(images: LandmarkSet, partner: Integers, rows: Flags) -> LandmarkSet:
     """Exchange left and right of some images (n,), and all that is known of these landmarks."""
     if not rows.any():
         return images
-    changed = {"landmarks": images.landmarks.swapaxes(1, 2)}
-    changed |= {} if images.confidence is None else {"confidence": images.confidence}
-    covariance = images.columns.get(LANDMARK_COVARIANCE)
-    changed |= {} if covariance is None else {LANDMARK_COVARIANCE: covariance}
-    for name, values in changed.items():  # (n, p, ...)
-        of_image = rows.reshape(-1, *(1,) * (values.ndim - 1))
-        changed[name] = np.where(of_image, values[:, partner], values)
-    return images.replaced(**changed | {"landmarks": changed["landmarks"].swapaxes(1, 2)})
+    w = np.where(rows[:, None, None], images.landmarks[..., partner], images.landmarks)
+    changed = {"landmarks": w}
+    for name in ("confidence", LANDMARK_COVARIANCE):
+        if (values := images.columns.get(name)) is not None:  # (n, p, ...)
+            of_image = rows.reshape(-1, *(1,) * (values.ndim - 1))
+            changed[name] = np.where(of_image, values[:, partner], values)
+    return images.replaced(**changed)
 
 
 def refine_sequences(lifting: Lifting, images: LandmarkSet, lifter: Lifter) -> Lifting:
-    """Infer whole sequences from what was found of each image."""
+    """Infer whole sequences from the liftings of their images."""
     dictionary, bars = lifter.dictionary, lifter.posterior
     refine = partial(
         refine_lifting,
@@ -158,10 +143,9 @@ def find_motion(dictionary: Dictionary, rate: float | None) -> Motion:
         acceleration = np.full(len(dictionary.landmark_names), USUAL)
     elif rate is not None and dictionary.frame_rate is not None:
         acceleration = acceleration * (dictionary.frame_rate / rate) ** 1.5
-    tolerance = np.full(len(edges), USUAL) if tolerance is None else tolerance
-    known = find_usual_lengths(dictionary)
+    tolerance = np.maximum(np.full(len(edges), USUAL) if tolerance is None else tolerance, RIGID)
     rate = rate or dictionary.frame_rate or RATE
-    return Motion(edges, acceleration, np.maximum(tolerance, RIGID), known, rate)
+    return Motion(edges, acceleration, tolerance, find_usual_lengths(dictionary), rate)
 
 
 def find_usual_lengths(dictionary: Dictionary) -> Lengths | None:
@@ -173,8 +157,9 @@ def find_usual_lengths(dictionary: Dictionary) -> Lengths | None:
     usual, covariance, edges = dictionary.edge_length, dictionary.edge_covariance, dictionary.edges
     if usual is None or covariance is None or edges is None:
         return None
-    limbs = [is_limb(dictionary.landmark_names, edge) for edge in edges]
-    rows = np.flatnonzero((usual > 0) & (np.array(limbs) if any(limbs) else True))
+    names = dictionary.landmark_names
+    limbs = np.array([{names[end][1:] for end in edge.tolist()} in LIMBS for edge in edges], bool)
+    rows = np.flatnonzero((usual > 0) & (limbs if limbs.any() else True))
     if not len(rows):
         return None
     P = np.linalg.inv(covariance[np.ix_(rows, rows)])
@@ -183,8 +168,3 @@ def find_usual_lengths(dictionary: Dictionary) -> Lengths | None:
     Q[np.ix_(rows, rows)] = P - np.outer(whole, whole) / whole.sum()
     lengths[rows] = usual[rows]
     return Lengths(lengths, Q)
-
-
-def is_limb(names: Sequence[str], edge: NDArray[np.integer]) -> bool:
-    """Whether an edge is a thigh, a shank, an upper or a lower arm of people."""
-    return {names[end][1:] for end in edge.tolist()} in LIMBS

@@ -26,8 +26,8 @@ from shapefit.io import LandmarkSet, LandmarkSource, ShapeSet, digests
 from shapefit.io.layout import EDGES
 from shapefit.io.records import concatenate
 from shapefit.lifting.lift import Lifting
-from shapefit.pipelines.fit.camera import Intrinsics, read_intrinsics
-from shapefit.pipelines.fit.lift import Lifter, check_needs, lift_landmarks
+from shapefit.pipelines.fit.camera import find_camera, read_intrinsics
+from shapefit.pipelines.fit.lift import Lifter, check_needs, lift_images
 from shapefit.pipelines.fit.sample import mean_gain
 from shapefit.pipelines.learn_dict.from_3d import Learning, learn_from_shapes, number_of_components
 from shapefit.pipelines.learn_dict.training_shapes import place_of
@@ -266,14 +266,14 @@ def evidence_of_mirror(images: LandmarkSet, dictionary: Dictionary) -> tuple[flo
     The mirror image of a class is seen as the class is in mirrored images.
     """
     some = images.take(evenly(len(images), SAMPLE))
-    middle = read_intrinsics(some, CAMERA_MATRIX)[1][:, :1]
+    middle = read_intrinsics(some)[1][:, :1]
     w = some.landmarks.copy()
     w[:, 0] = 2 * middle - w[:, 0]
     unchanged, mirrored = (
         lift_by(records, dictionary, "posterior", CAMERA_MATRIX).estimate.further["log_evidence"]
         for records in (some, some.replaced(landmarks=w))
     )
-    return mean_gain(unchanged, mirrored)[:2]
+    return mean_gain(unchanged, mirrored)
 
 
 def predict_hidden(images: LandmarkSet, dictionary: Dictionary) -> float:
@@ -298,6 +298,6 @@ def lift_by(
     camera names the dataset of their camera matrices, None for weak perspective.
     """
     check_needs(method, dictionary, "dictionary")
-    intrinsics = None if camera is None else Intrinsics(dataset=camera)
+    intrinsics = None if camera is None else find_camera
     lifter = Lifter(method=method, dictionary=dictionary, camera=intrinsics)
-    return lift_landmarks(images, lifter, p_values=False)
+    return lift_images(images, lifter)

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from shapefit import __version__
 from shapefit.config.paths import DONE, MANIFEST, manifest_lines
-from shapefit.errors import counted, input_error
+from shapefit.errors import input_error
 from shapefit.io.atomic import atomic_path, check_folder, storage_errors
 from shapefit.io.inputs import in_words
 
@@ -42,18 +42,13 @@ class Manifest:
         """Write the manifest, whole or not at all."""
         lines = ({"shapefit": __version__, **self.run}, *self.parts.values())
         with atomic_path(self.path) as temporary:
-            temporary.write_bytes(b"".join(map(as_line, lines)))
+            temporary.write_bytes(b"".join(json.dumps(line).encode() + b"\n" for line in lines))
 
     def add(self, entry: Entry) -> None:
         """Add the line of a part."""
         self.parts[entry["file"]] = entry
         with storage_errors(self.path, None), self.path.open("ab", buffering=0) as file:
-            file.write(as_line(entry))
-
-
-def as_line(entry: Mapping[str, Any]) -> bytes:
-    """Return a line of the file."""
-    return json.dumps(entry).encode() + b"\n"
+            file.write(json.dumps(entry).encode() + b"\n")
 
 
 def read_manifest(folder: Path) -> Manifest | None:
@@ -76,15 +71,16 @@ def locked(folder: Path) -> Iterator[None]:
     """
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    with (folder / LOCK).open("w") as file, suppress(ImportError):  # of systems without such locks
-        import fcntl
+    with (folder / LOCK).open("w") as file:
+        try:
+            import fcntl
 
-        with suppress(OSError):  # a file system without locks
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                found = "another run is writing results to it"
-                raise input_error(folder, found, "wait until it ends, or choose another") from None
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            fault = "another run is writing results to it"
+            raise input_error(folder, fault, "wait until it ends, or choose another") from None
+        except (ImportError, OSError):  # a system or a disk without locks
+            pass
         yield
 
 
@@ -103,14 +99,9 @@ def find_folders(files: Sequence[Path]) -> dict[Path, Manifest]:
 
 
 def sum_up(parts: Mapping[str, Entry]) -> list[tuple[str, str]]:
-    """Return how many parts and images there are, how large, and the seconds that they took."""
-    images, failed, size, seconds = (
-        sum(entry.get(key) or 0 for entry in parts.values())
-        for key in ("images", "failed", "bytes", "seconds")
+    """Return how many parts and images they are, and how large, for people."""
+    images, failed, size = (
+        sum(entry[key] for entry in parts.values()) for key in ("images", "failed", "bytes")
     )
-    rate = f", {images / seconds:,.0f} images/s" if seconds else ""
-    return [
-        ("parts", f"{len(parts):,}, {in_words(int(size))}"),
-        ("images", f"{images:,}" + (f", {failed:,} without a shape" if failed else "")),
-        ("time", f"{counted(round(seconds), 'second')} in all parts{rate}"),
-    ]
+    without = f", {failed:,} without a shape" if failed else ""
+    return [("parts", f"{len(parts):,}, {in_words(size)}"), ("images", f"{images:,}{without}")]

@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
 from itertools import chain, count
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,39 +15,38 @@ from typing import Any, NamedTuple
 from shapefit.config import FitConfig
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError, abbreviate, listed, path_text, printable
-from shapefit.io import LandmarkSource, digest, digests, open_landmarks
+from shapefit.io import LandmarkSource, digest, open_landmarks
 from shapefit.io.detect import group_inputs
-from shapefit.io.formats import CSV, HDF5, FileFormat
+from shapefit.io.formats import HDF5
+from shapefit.io.options import InputOptions
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit.prepare import files_of, read_options
-from shapefit.pipelines.fit.run import whole_stretches
+from shapefit.pipelines.fit.run import whole_blocks
 from shapefit.pipelines.partition.manifest import Entry, Manifest
-from shapefit.threads import on_threads
-
-LARGE_TEXT = 1 << 28
-"""Bytes of a CSV file from which on it is said that it is one part."""
 
 OF_THE_RUN = {"landmarks", "output", "dictionary", "data", "threads"}
 """Keys that do not change what a part holds; the dictionary counts by its digest."""
 
 Rows = tuple[int, int] | None
 State = tuple[int, int]
-Key = tuple[tuple[str, ...], Rows]
 
 
 class Part(NamedTuple):
-    """Images that become one result file.
+    """Images that become one result file, which keeps its name when inputs are added.
 
-    file        name of its result; it stays when inputs are added
-    inputs      a file, or those of one recording
-    rows        of the one HDF5 file: from the first to before the second; None for all
-    states      size in bytes and time of change in ns of each input
+    inputs are a file, or those of one recording, with their states; rows, of the one HDF5 file,
+    from the first to before the second, None for all.
     """
 
     file: str
     inputs: tuple[Path, ...]
     rows: Rows
     states: tuple[State, ...]
+
+    @property
+    def slice(self) -> slice | None:
+        """The rows, as files are opened with."""
+        return None if self.rows is None else slice(*self.rows)
 
     def describe(self) -> Entry:
         """Return what the part is made of, as the manifest states it."""
@@ -67,10 +65,10 @@ class Part(NamedTuple):
 class Plan(NamedTuple):
     """What a run does to a folder.
 
-    parts     all that there are to be
+    parts     all that the folder is to have
     retained  lines of those that are done and as they were, by their files
     removed   files of results of other inputs
-    refused   why results would be lost, "" where none would
+    refused   which results would be lost, "" for none
     digests   of all that every part depends on
     """
 
@@ -80,81 +78,76 @@ class Plan(NamedTuple):
     refused: str
     digests: Mapping[str, str]
 
-    @property
-    def todo(self) -> list[Part]:
-        """The parts that are to be done."""
-        return [part for part in self.parts if part.file not in self.retained]
-
 
 def make_plan(config: FitConfig, folder: ResultFolder, manifest: Manifest | None) -> Plan:
     """Compare the parts that a config asks for with those that a folder has.
 
     A part stays where its result has the size that was written, the config and its files are the
-    same, and its inputs have not changed, by size and time or else by their digests.
+    same, and its inputs have not changed, by size and time.
     """
     old = manifest or Manifest(folder.manifest, {})
-    done = old.done
     parts = find_parts(config, folder.partition, {key_of(p): f for f, p in old.parts.items()})
     plain = {key: value for key, value in config.as_plain().items() if key not in OF_THE_RUN}
     text = json.dumps(plain | {"partition": folder.partition}, sort_keys=True)
-    inputs = {"config": hashlib.sha256(text.encode()).hexdigest()}
-    inputs |= {key: digest(path) for key, path in files_of(config).items()}
-    changed = [key for key in inputs if done and old.run.get(key) != inputs[key]]
-    again = [part for part in parts if part.file in done]
-    altered = [part for part in again if is_altered(part, done[part.file])]
-    removed = [file for file in done if file not in {part.file for part in again}]
-    retained = {
-        part.file: done[part.file]
-        for part in again
-        if not changed
-        and part not in altered
-        and find_state(folder.path / part.file)[0] == done[part.file]["bytes"]
-    }
-    reasons = [f"of another {listed(changed, 'and')}"] if changed else []
-    if altered:
-        reasons += [f"of {abbreviate(list(map(str, altered)), 3)} before it changed"]
-    if removed:
-        names = dict.fromkeys(Path(path).name for file in removed for path in done[file]["inputs"])
-        reasons += [f"of {abbreviate(list(names), 3)}, not among these parts"]
-    return Plan(parts, retained, removed, ", and ".join(reasons), inputs)
+    digests = {"config": hashlib.sha256(text.encode()).hexdigest()}
+    digests |= {key: digest(path) for key, path in files_of(config).items()}
+    done, states = old.done, {part.file: part.describe()["states"] for part in parts}
+    changed = [key for key in digests if done and old.run.get(key) != digests[key]]
+    lost = [file for file in done if changed or states.get(file) != done[file]["states"]]
+    names = dict.fromkeys(Path(path).name for file in lost for path in done[file]["inputs"])
+    refused = f"of {abbreviate(list(names), 3)} before it changed, or not among the inputs"
+    if changed:
+        refused = f"of another {listed(changed, 'and')}"
+    sizes = {file: find_state(folder.path / file)[0] for file in done if file not in lost}
+    return Plan(
+        parts,
+        {file: done[file] for file, size in sizes.items() if size == done[file]["bytes"]},
+        [file for file in lost if file not in states],
+        refused if lost else "",
+        digests,
+    )
 
 
-def find_parts(config: FitConfig, size: int, named: Mapping[Key, str] | None = None) -> list[Part]:
+def find_parts(
+    config: FitConfig, size: int, named: Mapping[tuple[Any, ...], str] | None = None
+) -> list[Part]:
     """Return the parts of a fit, of `size` images or more, in the order of the inputs.
 
-    Those that are named already keep their files; the others get free ones. An HDF5 file is cut
-    where no result changes: after whole stretches of images, which start from one another's
-    solutions, and between sequences where those are lifted whole.
+    Those that are named already keep their files; the others get free ones.
     """
-    options = read_options(config)
-
-    def divide(group: tuple[FileFormat, tuple[Path, ...]]) -> Sequence[Rows]:
-        file_format, inputs = group
-        if file_format is not HDF5:
-            return (None,)
-        try:
-            with open_landmarks(inputs, options, check=False) as source:
-                total, cuts = source.count, list(range(0, source.count, whole_stretches(size)))
-                if METHODS[config.method].sequences:
-                    cuts = [0]
-                    for row in sequence_starts(source):
-                        cuts += [row] if row - cuts[-1] >= size else []
-        except InputError:  # whoever does its part reports it
-            return (None,)
-        rows = list(zip(cuts, [*cuts[1:], total], strict=True))
-        return rows if len(rows) > 1 else (None,)
-
-    groups = group_inputs(list(config.landmarks), options)
-    named = dict(named or {})
+    options, named = read_options(config), named or {}
     names = (f"part-{number:05}.h5" for number in count())
     free = (name for name in names if name not in named.values())
     parts = []
-    for (_, inputs), ranges in zip(groups, on_threads(divide, groups), strict=True):
+    for file_format, inputs in group_inputs(list(config.landmarks), options):
+        ranges: Sequence[Rows] = [None]
+        if file_format is HDF5:
+            ranges = divide(inputs, options, size, by_sequence=METHODS[config.method].sequences)
         for rows in ranges:
             part = Part("", inputs, rows, tuple(map(find_state, inputs)))
             file = named.get(key_of(part.describe()))
             parts.append(part._replace(file=file or next(free)))
     return parts
+
+
+def divide(
+    inputs: tuple[Path, ...], options: InputOptions, size: int, *, by_sequence: bool
+) -> Sequence[Rows]:
+    """Return the ranges of rows of an HDF5 file that are parts, cut where no result changes.
+
+    That is after whole blocks of images, which start from one another's solutions, or between
+    sequences where those are lifted whole.
+    """
+    try:
+        with open_landmarks(inputs, options, check=False) as source:
+            total, cuts = source.count, list(range(0, source.count, whole_blocks(size)))
+            if by_sequence:
+                cuts = [0]
+                for row in sequence_starts(source):
+                    cuts += [row] if row - cuts[-1] >= size else []
+    except InputError:  # whoever does its part reports it
+        return [None]
+    return list(zip(cuts, [*cuts[1:], total], strict=True)) if len(cuts) > 1 else [None]
 
 
 def sequence_starts(source: LandmarkSource) -> Iterator[int]:
@@ -166,7 +159,7 @@ def sequence_starts(source: LandmarkSource) -> Iterator[int]:
         last = name
 
 
-def key_of(entry: Mapping[str, Any]) -> Key:
+def key_of(entry: Mapping[str, Any]) -> tuple[Any, ...]:
     """Return what the part of a line is made of: paths of the inputs, and rows."""
     return tuple(entry["inputs"]), entry["rows"] and tuple(entry["rows"])
 
@@ -178,27 +171,3 @@ def find_state(path: Path) -> State:
     except OSError:
         return 0, 0
     return state.st_size, state.st_mtime_ns
-
-
-def is_altered(part: Part, entry: Entry) -> bool:
-    """Whether inputs are not those of a line: by sizes and times of change, and then digests."""
-    if part.describe()["states"] == entry.get("states"):
-        return False
-    return input_digests(part.inputs, part.states) != entry["digests"]
-
-
-@lru_cache(maxsize=8)
-def input_digests(inputs: tuple[Path, ...], _states: tuple[State, ...]) -> dict[str, str]:
-    """Return the digests of files under their paths, once as long as they do not change."""
-    return digests(inputs)
-
-
-def warn_of_large(parts: Sequence[Part]) -> tuple[str, ...]:
-    """Name large tables, each of which is one part."""
-    return tuple(
-        f"{path.name} is one part, as text is not divided: `shapefit convert {path.name} -o "
-        f"{path.stem}.h5` makes a file that is"
-        for part in parts
-        for path, (size, _) in zip(part.inputs, part.states, strict=True)
-        if size >= LARGE_TEXT and path.suffix.lower() in CSV.suffixes
-    )

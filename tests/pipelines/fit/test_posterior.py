@@ -6,12 +6,10 @@ import h5py
 import numpy as np
 import pytest
 
-from shapefit.config.paths import find_dictionary
 from shapefit.dictionary.mixture import Mixture
 from shapefit.errors import InputError
-from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
+from shapefit.io import read_dictionary, write_dictionary
 from shapefit.lifting import trust
-from shapefit.pipelines.fit.lift import Lifter, weigh
 from tests.pipelines.told import failures
 
 
@@ -74,16 +72,6 @@ def test_noise_widens_and_a_covariance_of_each_landmark_takes_its_place(fit, wit
     fit(with_prior, wrong, method="convex")  # which does not use it
     with pytest.raises(InputError, match="no covariance"):
         fit(with_prior, wrong, method="posterior")
-
-
-def test_a_confidence_of_the_least_that_counts_is_seen():
-    scores = np.array([[0.0, 0.29, 0.3, 0.31, 7.0]])
-    images = LandmarkSet(
-        landmarks=np.ones((1, 2, 5)), landmark_names=tuple("abcde"), items=("0",), confidence=scores
-    )
-    people = read_dictionary(find_dictionary("people"))
-    lifter = Lifter(method="posterior", dictionary=people, min_confidence=0.3)
-    assert weigh(images, lifter).tolist() == [[0, 0, 1, 1, 1]]
 
 
 def test_implausible_images_are_reported_and_keep_their_status(

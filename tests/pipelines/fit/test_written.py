@@ -1,4 +1,4 @@
-"""`fit` writes TRC and the like, and what it stores lets `convert` do so later."""
+"""`fit` writes TRC, tables and meshes, and what it stores lets `convert` do so later."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,8 @@ def run(command, name, output, *overrides, **arguments):
     config = load_config(name, None, overrides, {"output": output, **arguments})
     outcomes = list(command(config))
     written = [path.name for outcome in outcomes for path in outcome.written]
-    return written, next((each.note for each in reversed(outcomes) if each.note), "")
+    rows = dict(row for outcome in outcomes for row in outcome.rows)
+    return written, rows.get("Metres", "")
 
 
 def points(path):

@@ -1,0 +1,96 @@
+"""What a pipeline reports to its caller while it works."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from shapefit.errors import InputError, counted
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An item that could not be done, and why."""
+
+    item: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Counted:
+    """A warning about some items: `12 images not optimal`. Those with the same text add up.
+
+    items are the names of all of them, where they are known.
+    """
+
+    number: int
+    noun: str
+    text: str
+    items: tuple[str, ...] = ()
+
+    def __add__(self, other: Counted) -> Counted:
+        return replace(self, number=self.number + other.number, items=self.items + other.items)
+
+    def __str__(self) -> str:
+        return f"{counted(self.number, self.noun)} {self.text}"
+
+
+class Note(str):
+    """Stands among the warnings for what is good to know, and no sign of anything wrong."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """The result of one part of the work: `done` items of `total`, None where that is not known.
+
+    reasons count the items whose result is not to be trusted; unit is what the items are, where
+    that depends on the config; note is a short state for a progress bar, and line is shown at once.
+    written are the files that now stand complete; rows, a summary for people, label and text; data
+    gives what the note says in values of JSON.
+    """
+
+    done: int = 0
+    total: int | None = None
+    failures: tuple[Failure, ...] = ()
+    warnings: tuple[str | Counted, ...] = ()
+    reasons: tuple[Counted, ...] = ()
+    unit: str = ""
+    note: str = ""
+    rows: tuple[tuple[str, str], ...] = ()
+    line: str = ""
+    written: tuple[Path, ...] = ()
+    data: Callable[[], Any] | None = None
+
+
+def unread(path: Path, error: InputError) -> Failure:
+    """Return the failure of a file that cannot be read, with its reason but without its name."""
+    problems = (problem.removeprefix(f"{path}:").strip() for problem in error.problems)
+    return Failure(str(path), "; ".join(problems))
+
+
+def add_up(
+    total: dict[str, str | Counted], warnings: Iterable[str | Counted], most: int = sys.maxsize
+) -> int:
+    """Add warnings to those of a run: a text once, numbers with the same text as their sum.
+
+    No more than `most` texts are retained; returns how many were not.
+    """
+    omitted = 0
+    for warning in warnings:
+        text = warning if isinstance(warning, str) else f"{warning.noun} {warning.text}"
+        before = total.get(text)
+        if isinstance(before, Counted) and isinstance(warning, Counted):
+            total[text] = before + warning
+        elif before is None and len(total) >= most:
+            omitted += 1
+        else:
+            total[text] = warning
+    return omitted
+
+
+def nothing_in(count: int, unit: str) -> tuple[str, ...]:
+    """Warn of inputs that hold nothing."""
+    return () if count else (f"the input holds no {unit}",)

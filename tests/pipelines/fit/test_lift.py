@@ -1,0 +1,238 @@
+"""Landmarks that do not count: outliers, those at a border; atoms that an image does without."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from shapefit.config.paths import find_dictionary
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import InputError
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.rotations import random_rotations
+from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
+from shapefit.pipelines.fit.lift import Lifter, at_border, weigh
+from tests.io.files import load
+from tests.pipelines.told import done, failures, warnings
+
+
+def spoil(views, share, rng):
+    """Put a share of the visible landmarks of each image anywhere in the box of the others."""
+    visible, w = views.visible(), views.landmarks
+    rank = np.where(visible, rng.random(visible.shape), np.inf).argsort(axis=1).argsort(axis=1)
+    wrong = rank < np.round(share * visible.sum(axis=1, keepdims=True))
+    low, high = (f(w, axis=2, keepdims=True) for f in (np.nanmin, np.nanmax))
+    landmarks = np.where(wrong[:, None], low + (high - low) * rng.random(w.shape), w)
+    return views.replaced(landmarks=landmarks), wrong
+
+
+class TestOutliers:
+    """`outliers: ransac`: wrong landmarks are as good as hidden, and marked."""
+
+    @pytest.fixture
+    def views(self, project):
+        """Views of the cars with at least 12 visible landmarks."""
+        views = load(project / "sample_data" / "cars_views.h5")
+        return views.take(np.isfinite(views.landmarks[:, 0]).sum(axis=1) >= 12)
+
+    @pytest.fixture
+    def run(self, fit, tmp_path, made_cars):
+        """Return what fits images; it gives the result and the failures."""
+
+        def run(images, **keys):
+            write_dictionary(tmp_path / "dict.h5", made_cars)
+            result, outcomes = fit(tmp_path / "dict.h5", images, **keys)
+            return result, failures(outcomes)
+
+        return run
+
+    @pytest.mark.parametrize("method", ["convex", "alternate", "mean-shape"])
+    def test_they_are_as_good_as_hidden_but_marked(self, method, run, views, rng):
+        spoilt, wrong = spoil(views, 0.3, rng)
+        result, lost = run(spoilt, method=method, outliers="ransac")
+        assert not lost
+        labels = result.columns["outliers"].astype(bool)
+        assert not labels[~spoilt.visible()].any()
+        assert (labels & wrong).sum() > 0.85 * max(labels.sum(), wrong.sum())
+        observed = np.swapaxes(spoilt.landmarks, 1, 2)
+        np.testing.assert_array_equal(result.columns["landmarks"], observed)
+        hidden = spoilt.replaced(landmarks=np.where(labels[:, None], np.nan, spoilt.landmarks))
+        without, _ = run(hidden, method=method)
+        np.testing.assert_array_equal(result.shapes, without.shapes)
+        np.testing.assert_array_equal(result.scale, without.scale)
+        assert "outliers" not in without.columns
+
+    def test_what_is_drawn_belongs_to_the_name_of_an_image(self, run, views, rng):
+        spoilt, _ = spoil(views.take(slice(8)), 0.3, rng)
+        keys = {"outliers": "ransac", "method": "mean-shape"}
+        (whole, _), (some, _) = run(spoilt, **keys), run(spoilt.take([6, 1]), **keys)
+        np.testing.assert_array_equal(some.columns["outliers"], whole.columns["outliers"][[6, 1]])
+
+    def test_images_that_cannot_be_searched_or_lifted(self, run, views, rng):
+        images = views.take(slice(6))
+        landmarks = images.landmarks.copy()
+        visible = [np.flatnonzero(np.isfinite(landmarks[i, 0])) for i in range(6)]
+        landmarks[0][:, visible[0][3:]] = np.nan  # three landmarks
+        landmarks[1][:, visible[1][2:]] = np.nan
+        landmarks[2][:, visible[2]] = 5.0  # all on one point
+        landmarks[3][:, visible[3][5:]] = np.nan  # five landmarks of another shape
+        landmarks[3][:, visible[3][:5]] = rng.uniform(0, 1e3, (2, 5))
+        landmarks[4] = np.nan
+        keys = {"outliers": "ransac", "outlier_threshold": 0.01, "method": "convex+refine"}
+        result, lost = run(images.replaced(landmarks=landmarks), **keys)
+        assert [lost.get(name, "") for name in images.items] == [
+            "",
+            "only 2 visible landmarks, 3 are needed",
+            "all visible landmarks are at one point",
+            "fewer than 4 visible landmarks, not all on one line, agree",
+            "all landmarks are hidden",
+            "",
+        ]
+        labels = result.columns["outliers"].astype(bool)
+        assert not labels[[0, 1, 2, 4]].any()
+        assert labels[3].sum() == 5
+        assert np.isfinite(result.shapes[0]).all()
+        assert np.isnan(result.shapes[1:5]).all()
+
+
+NAMES = tuple(f"point{j}" for j in range(10))
+MODELS = ("golf", "jetta", "passat", "polo", "up")
+SHOWN = ("polo", "golf", "polo", "up", "jetta", "golf", "passat", "up", "polo")
+THROUGH_ALL = {
+    "method": "convex+refine",
+    "outliers": "ransac",
+    "camera": {"focal": 900, "principal_point": [100, 100]},
+}
+
+
+def check_same(one, other, rows=slice(None)):
+    """Assert that rows of a result are another in all that a fit finds, but for axes of atoms."""
+    for name in ("shapes", "rotation", "translation", "scale", "objective", "iterations", "status"):
+        np.testing.assert_array_equal(getattr(one, name)[rows], getattr(other, name), err_msg=name)
+    for name in ("landmarks", "lambda", "residual"):
+        np.testing.assert_array_equal(one.columns[name][rows], other.columns[name])
+
+
+class TestLeaveOneOut:
+    """The model that an image shows has no part in its fit, whatever it looks like."""
+
+    @pytest.fixture
+    def models(self, rng):
+        """Five exemplars in metres, `polo` also as its mirror image."""
+        atoms = normalise(rng.standard_normal((3, 10)) + 0.4 * rng.standard_normal((6, 3, 10)))
+        return Dictionary(
+            atoms=atoms.points,
+            landmark_names=NAMES,
+            mean_shape=normalise(atoms.points.mean(axis=0)).points,
+            atom_scale=rng.uniform(1, 2, 6),
+            unit="m",
+            atom_items=(*MODELS, "polo"),
+        )
+
+    @pytest.fixture
+    def images(self, rng, models):
+        """Nine images of the models; one shows two landmarks only."""
+        shapes = models.atoms[[models.atom_items.index(name) for name in SHOWN]]
+        landmarks = 20 * (random_rotations(9, rng) @ shapes)[:, :2] + 100
+        landmarks += 0.5 * rng.standard_normal(landmarks.shape)
+        landmarks[5, :, 2:] = np.nan
+        return LandmarkSet(
+            landmarks=landmarks,
+            landmark_names=NAMES,
+            items=tuple(f"image{i}" for i in range(9)),
+            unit="px",
+            columns={"true_model": np.array(SHOWN, dtype=object), "box": np.ones((9, 4))},
+        )
+
+    @pytest.fixture
+    def run(self, fit, tmp_path, models, images):
+        """Return what fits images with a dictionary."""
+
+        def run(dictionary=models, views=images, leave_one_out="true_model", **keys):
+            write_dictionary(tmp_path / "dict.h5", dictionary)
+            return fit(tmp_path / "dict.h5", views, leave_one_out=leave_one_out, **keys)
+
+        return run
+
+    @pytest.mark.parametrize(
+        "keys", [{"method": m} for m in ("convex", "alternate", "mean-shape")] + [THROUGH_ALL]
+    )
+    def test_each_image_has_the_dictionary_of_the_other_models(self, run, models, images, keys):
+        """Whose mean is another one: no stage of the fit has seen the model."""
+        result, outcomes = run(**keys)
+        assert warnings(outcomes) == []
+        items = np.array(models.atom_items)
+        for model in MODELS:
+            rows, retained = [i for i in range(9) if SHOWN[i] == model], items != model
+            mean = normalise(models.atoms[retained].mean(axis=0)).points
+            others = Dictionary(models.atoms[retained], NAMES, mean)
+            expected, _ = run(others, images.take(rows), leave_one_out=None, **keys)
+            check_same(result, expected, rows)
+            if expected.coefficients is not None:
+                coefficients = result.coefficients[rows][:, retained]
+                np.testing.assert_array_equal(coefficients, expected.coefficients)
+
+    def test_chunks_and_models_that_the_dictionary_lacks(self, run, images, monkeypatch):
+        shown = np.array(["beetle" if name == "up" else name for name in SHOWN], dtype=object)
+        odd = images.replaced(further={"true_model": shown})
+        whole, _ = run(views=odd, method="mean-shape")
+        assert list(whole.columns["omitted"]) == [
+            "" if name == "beetle" else name for name in shown
+        ]
+        monkeypatch.setattr("shapefit.pipelines.fit.run.IMAGES_PER_BLOCK", 1)
+        monkeypatch.setattr("shapefit.pipelines.fit.run.CHUNK", 2)
+        parts, outcomes = run(views=odd, method="mean-shape")
+        assert done(outcomes) == 9
+        check_same(whole, parts)
+        all_atoms, _ = run(views=images.take([3, 7]), leave_one_out=None, method="mean-shape")
+        check_same(whole, all_atoms, [3, 7])
+
+    @pytest.mark.parametrize(("items", "omit", "message"), [
+        ((*MODELS, "polo"), "true_modle", "no dataset 'true_modle' .* one of: item, true_model"),
+        ((*MODELS, "polo"), "box", "no dataset 'box' has one name per image"),
+        (None, "true_model", "atoms of the dictionary are of no items; .*method: exemplars"),
+        (("golf",) * 6, "true_model", "atoms of the dictionary are of 1 items"),
+        ((*MODELS, "polo"), "item", "show no items of the dictionary; .* golf, jetta, passat"),
+    ])  # fmt: skip
+    def test_names_that_leave_nothing_out_are_refused(
+        self, run, tmp_path, models, items, omit, message
+    ):
+        with pytest.raises(InputError, match=f"leave_one_out: .*{message}"):
+            run(replace(models, atom_items=items), leave_one_out=omit)
+        assert not (tmp_path / "result.h5").exists()
+
+
+W, H = 640.0, 480.0
+
+
+@pytest.mark.parametrize(
+    ("points", "hidden"),
+    [
+        ([(300, 400), (300, 478), (320, 479), (300, 100)], "knee ankle"),
+        ([(300, 400), (300, 470), (320, 479), (300, 100)], ""),  # its neighbour is in the image
+        ([(300, 479), (300, 470), (320, 479), (300, 100)], ""),  # no neighbours
+        ([(3, 200), (2, 300), (300, 400), (5, 100)], "hip knee head"),
+        ([(3, 200), (638, 300), (300, 400), (300, 100)], ""),  # of other sides
+    ],
+)
+def test_neighbours_at_one_border_are_not_seen(points, hidden):
+    names, edges = ("hip", "knee", "ankle", "head"), np.array([[0, 1], [1, 2], [0, 3]])
+
+    def marked(size=None, names_of_edges=names, **columns):
+        images = LandmarkSet(np.array(points, float).T[None], names, ("a",), columns=columns)
+        dictionary = SimpleNamespace(edges=edges, landmark_names=names_of_edges)
+        return at_border(images, SimpleNamespace(dictionary=dictionary, image_size=size))[0]
+
+    for result in (marked((W, H)), marked(image_size=np.array([W, H]))):
+        assert [name for name, at in zip(names, result, strict=True) if at] == hidden.split()
+    assert not marked().any()
+    assert not marked((W, H), tuple("abcd")).any()
+
+
+def test_a_confidence_of_the_least_that_counts_is_seen():
+    scores = np.array([[0.0, 0.29, 0.3, 0.31, 7.0]])
+    images = LandmarkSet(np.ones((1, 2, 5)), tuple("abcde"), ("0",), confidence=scores)
+    people = read_dictionary(find_dictionary("people"))
+    lifter = Lifter(method="posterior", dictionary=people, min_confidence=0.3)
+    assert weigh(images, lifter).tolist() == [[0, 0, 1, 1, 1]]

@@ -1,0 +1,264 @@
+"""`fit` from files to files: shapes that come back, images that fail, what is stored."""
+
+import json
+import warnings
+from functools import partial
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from shapefit.convex.solver import Status, solve_newton
+from shapefit.dictionary.model import Dictionary
+from shapefit.errors import InputError
+from shapefit.geometry.normalisation import normalise
+from shapefit.geometry.rotations import rotation_angle
+from shapefit.io import LandmarkSet, read_dictionary, write_dictionary
+from shapefit.lifting.lift import lift
+from shapefit.lifting.methods import METHODS
+from tests.pipelines.told import failures, texts
+
+PRIORLESS = [name for name, m in METHODS.items() if "prior" not in {n.name for n in m.needs}]
+"""Methods that the plain dictionary of these tests serves; the others have tests of their own."""
+
+NAMES = tuple(f"point{j}" for j in range(10))
+
+
+class TestShapes:
+    def test_an_exact_image_gives_its_shape_rotation_and_place(
+        self, fit, dictionary, images, atoms, rotations
+    ):
+        result, outcomes = fit(dictionary, images, **{"lambda": 1e-4})
+        assert failures(outcomes) == {}
+        truth = 20 * rotations @ atoms[np.arange(8) % 6]
+        truth[:, :2] += np.array([100.0, 50.0])[:, None]
+        np.testing.assert_allclose(result.shapes, truth, atol=0.02)
+        assert rotation_angle(result.rotation, rotations).max() < 0.1
+        assert list(result.status) == ["optimal"] * 8
+        assert (result.relative_gap <= 1e-4).all()
+        assert (result.unit, result.y_axis) == ("px", "down")
+
+    def test_hidden_landmarks_are_filled_in_without_bias(
+        self, fit, dictionary, images, atoms, rotations
+    ):
+        visible = images.landmarks.copy()
+        images.landmarks[np.arange(8), :, np.arange(8)] = np.nan
+        images.landmarks[np.arange(8), :, np.arange(8) - 1] = np.nan
+        result, _ = fit(dictionary, images, **{"lambda": 1e-5})
+        np.testing.assert_allclose(result.shapes[:, :2], visible, atol=0.02)
+        depth = 20 * (rotations @ atoms[np.arange(8) % 6])[:, 2]
+        np.testing.assert_allclose(result.shapes[:, 2], depth, atol=0.1)
+
+    def test_a_landmark_counts_by_its_confidence(self, fit, dictionary, images):
+        """The wrong landmark 3 is followed where it is sure, and hardly where it is not."""
+        images.landmarks[:, :, 3] += 6.0
+        confidence, rest = np.ones((8, 10)), []
+        for sure in (0.1, 1.0, 10.0):
+            confidence[:, 3] = sure
+            result, outcomes = fit(dictionary, images.replaced(confidence=confidence.copy()))
+            assert any("confidences above 1" in text for text in texts(outcomes)) == (sure > 1)
+            residual = (result.shapes[:, :2] - images.landmarks)[:, :, 3]
+            rest.append(np.linalg.norm(residual, axis=1))
+        assert (rest[0] > 1.5 * rest[1]).all()
+        assert (rest[1] > 1.5 * rest[2]).all()
+
+    def test_lambda_follows_the_noise(self, fit, dictionary, images):
+        low, _ = fit(dictionary, images, **{"lambda": "auto", "noise": 0.5})
+        high, _ = fit(dictionary, images, **{"lambda": "auto", "noise": 1.0})
+        lam = low.columns["lambda"]
+        np.testing.assert_allclose(high.columns["lambda"], 2 * lam)
+        np.testing.assert_allclose(lam * low.scale, lam[0] * low.scale[0])
+
+    @pytest.mark.parametrize("loss", ["sparse-error", "l1"])
+    def test_robust_losses_find_the_planted_outliers(self, fit, tmp_path, atoms, images, loss):
+        one = tmp_path / "one.h5"  # with more atoms than landmarks need, anything fits
+        write_dictionary(one, Dictionary(atoms[:1], NAMES, atoms[0]))
+        few = images.take([0, 6])  # the ones that show this atom
+        few.landmarks[np.arange(2), 0, np.arange(2)] += 30
+        wrong = np.eye(2, 10, dtype=bool)
+        robust, _ = fit(one, few, outliers=loss, outlier_threshold=0.2, **{"lambda": 0.01})
+        outliers = robust.columns["outliers"].astype(bool)
+        assert outliers[wrong].all()
+        # its force is bounded, not ended: another landmark may come to lie beyond
+        assert (outliers & ~wrong).sum() <= (1 if loss == "sparse-error" else 0)
+        plain, _ = fit(one, few)
+        assert "outliers" not in plain.columns
+        errors = [
+            np.linalg.norm(result.shapes[:, :2] - few.landmarks, axis=1)[~wrong].max()
+            for result in (robust, plain)
+        ]
+        assert errors[0] < (0.5 if loss == "l1" else 3.0) < errors[1]
+
+    @pytest.mark.parametrize("method", PRIORLESS)
+    def test_zero_images_give_zero_results(self, fit, dictionary, atoms, method):
+        edges = np.array([[0, 1], [1, 2]])
+        prior = read_dictionary(dictionary).prior
+        write_dictionary(dictionary, Dictionary(atoms, NAMES, atoms[0], edges=edges, prior=prior))
+        empty = LandmarkSet(landmarks=np.empty((0, 2, 10)), landmark_names=NAMES, items=())
+        result, outcomes = fit(dictionary, empty, method=method)
+        assert result.shapes.shape == (0, 3, 10)
+        assert failures(outcomes) == {}
+
+
+def rows(points, item):
+    return "".join(f"{item},{n},{x},{y}\n" for n, (x, y) in zip(NAMES, points, strict=True))
+
+
+class TestFailures:
+    @pytest.mark.parametrize(
+        ("points", "reason"),
+        [
+            ([(0, 0), (1, 2)] + 8 * [("", "")], "only 2 visible landmarks"),
+            (10 * [("", "nan")], "all landmarks are hidden"),
+            (10 * [(3, 4)], "one point"),
+            ([(j, 2 * j) for j in range(10)], "one line"),
+        ],
+    )
+    def test_one_bad_image_never_stops_the_rest(self, fit, dictionary, rng, points, reason):
+        text = "item,landmark,x,y\n" + rows(rng.standard_normal((10, 2)), "good")
+        text += rows(points, "bad") + rows(rng.standard_normal((10, 2)), "also good")
+        result, outcomes = fit(dictionary, text)
+        assert list(failures(outcomes)) == ["bad"]
+        assert reason in failures(outcomes)["bad"]
+        assert list(result.status) == ["optimal", Status.DEGENERATE.value, "optimal"]
+        assert np.isnan(result.shapes[1]).all()
+        assert np.isfinite(result.shapes[[0, 2]]).all()
+        observed = [[float(c) if c != "" else np.nan for c in point] for point in points]
+        hidden = np.isnan(observed).any(axis=1, keepdims=True)
+        expected = np.where(hidden, np.nan, observed)
+        np.testing.assert_array_equal(result.columns["landmarks"][1], expected)
+
+    @pytest.mark.parametrize(
+        ("factor", "reason"),
+        [(1e306, "coordinates too large"), (1e-318, "landmarks too close together")],
+    )
+    @pytest.mark.parametrize(
+        "keys",
+        [
+            {},
+            {"lambda": "auto", "noise": 1e305},
+            {"outliers": "ransac", "outlier_threshold": 10.0},
+        ],
+    )
+    def test_coordinates_beyond_arithmetic_fail_without_a_murmur(
+        self, fit, dictionary, images, factor, reason, keys
+    ):
+        landmarks = images.landmarks.copy()
+        landmarks[3] *= factor
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            result, outcomes = fit(dictionary, images.replaced(landmarks=landmarks), **keys)
+        assert failures(outcomes)["image3"].startswith(reason)
+        assert result.status[3] == Status.DEGENERATE.value
+        # ransac also fails others: their atoms are far from the mean shape
+        whole = np.isfinite(result.shapes).all(axis=(1, 2))
+        assert [item in failures(outcomes) for item in images.items] == (~whole).tolist()
+        assert whole.sum() == 7 or keys.get("outliers") == "ransac"
+
+    def test_no_image_is_fitted_without_a_finite_shape(self, fit, dictionary, images, monkeypatch):
+        def lift_badly(*args):
+            lifting = lift(*args)
+            lifting.shapes[5, 2, 0] = np.inf
+            return lifting
+
+        monkeypatch.setattr("shapefit.pipelines.fit.lift.lift", lift_badly)
+        result, outcomes = fit(dictionary, images)
+        assert failures(outcomes) == {"image5": "the fitted shape contains NaN or infinity"}
+        assert result.status[5] == Status.NUMERICAL_FAILURE.value
+        for values in (result.shapes, result.coefficients, result.rotation, result.objective):
+            lost = np.isnan(values.reshape(8, -1)).all(axis=1)
+            np.testing.assert_array_equal(lost, np.arange(8) == 5)
+
+    def test_what_is_not_optimal_is_counted(self, fit, dictionary, images, monkeypatch):
+        two = partial(solve_newton, max_iterations=2)
+        monkeypatch.setattr("shapefit.pipelines.fit.lift.solve_newton", two)
+        _, outcomes = fit(dictionary, images, tolerance=1e-9)
+        assert failures(outcomes) == {}
+        assert texts(outcomes) == ["8 images not optimal"]
+
+    @pytest.mark.parametrize(
+        "keys",
+        [{}, {"method": "alternate"}, {"outliers": "l1"}, {"method": "convex+refine"}],
+        ids=str,
+    )
+    def test_empty_shapes_are_counted_and_have_no_rotation(self, fit, dictionary, images, keys):
+        images.landmarks[2] = 0.0  # fails, and is not counted a second time
+        result, outcomes = fit(dictionary, images, **keys, **{"lambda": 1e3})
+        assert list(failures(outcomes)) == ["image2"]
+        (warning,) = [text for text in texts(outcomes) if "empty" in text]
+        assert warning.startswith("7 images with an empty shape: lambda is at or above lambda_max")
+        assert np.isnan(result.rotation).all()
+        empty = np.arange(8) != 2
+        assert not np.ptp(result.shapes[empty], axis=2).any()
+        if "outliers" not in keys:  # l1 places it at the median
+            middle = result.shapes[empty, :2].mean(axis=2)
+            np.testing.assert_allclose(middle, images.landmarks[empty].mean(axis=2))
+        _, outcomes = fit(dictionary, images, **keys, **{"lambda": 1e-3})
+        assert not any("empty" in text for text in texts(outcomes))
+
+    def test_a_refused_input_leaves_the_old_result(self, fit, tmp_path, dictionary):
+        (tmp_path / "result.h5").write_text("old")
+        with pytest.raises(InputError, match=r"views\.csv:2"):
+            fit(dictionary, "item,landmark,x,y\none,point0,abc,1\n")
+        assert (tmp_path / "result.h5").read_text() == "old"
+        names = ["dictionary.h5", "result.h5", "views.csv"]
+        assert sorted(path.name for path in tmp_path.iterdir()) == names
+
+
+class TestRecord:
+    def test_further_datasets_are_carried_but_not_taken_for_those_of_the_fit(
+        self, fit, dictionary, images
+    ):
+        mine = {name: np.full(8, -7.0) for name in ("status", "lambda", "outliers")}
+        further = {**images.further, **mine, "subject": np.full(8, -7.0)}
+        result, _ = fit(dictionary, images.replaced(further=further))
+        for name in ("true_rotation", "camera_matrix"):
+            np.testing.assert_array_equal(result.columns[name], images.columns[name])
+        assert list(result.status) == ["optimal"] * 8
+        np.testing.assert_array_equal(result.columns["lambda"], 0.1)
+        assert "outliers" not in result.columns
+        for name in (*(f"input_{name}" for name in mine), "subject"):
+            np.testing.assert_array_equal(result.columns[name], -7.0)
+        assert result.sequences == images.sequences
+        assert json.loads(result.attributes["config"])["method"] == "convex"
+        inputs = {Path(name).name for name in json.loads(result.attributes["inputs"])}
+        assert inputs == {"views.h5", "dictionary.h5"}
+
+    def test_objective_and_gap_follow_from_the_datasets(self, fit, tmp_path, rng):
+        """They are enough to prove the optimum, with NumPy and without shapefit."""
+        n, p = 12, 10
+        atoms = normalise(rng.standard_normal((6, 3, p))).points
+        landmarks = 100 + 20 * rng.standard_normal((n, 2, p))
+        landmarks[:, :, 2] = np.nan
+        confidence = rng.uniform(0.2, 1.5, (n, p))
+        confidence[:, 4] = 0
+        items = tuple(f"image{i}" for i in range(n))
+        images = LandmarkSet(landmarks, NAMES, items, confidence=confidence)
+        mean = normalise(atoms.mean(0)).points
+        write_dictionary(tmp_path / "dictionary.h5", Dictionary(atoms, NAMES, mean))
+        fit(tmp_path / "dictionary.h5", images, lam=0.3)
+        with h5py.File(tmp_path / "result.h5") as file:
+            data = {name: file[name][()] for name in file}
+        W = data["landmarks"].transpose(0, 2, 1)
+        visible = np.isfinite(W).all(axis=1)
+        assert visible.sum(axis=1).tolist() == [p - 2] * n
+        omega = np.where(visible, data["confidence"], 0.0)
+        ends = np.cumsum(data["transform_count"])
+        for i in range(n):
+            w, at, weights = W[i][:, visible[i]], atoms[:, :, visible[i]], omega[i, visible[i]]
+            w = (w - w.mean(axis=1, keepdims=True)) / w.std(axis=1).mean()
+            mine = slice(ends[i] - data["transform_count"][i], ends[i])
+            M, used = data["active_transforms"][mine], data["transform_atom"][mine]
+            fitted = np.einsum("kab,kbp->ap", M, at[used])
+            residual = weights * (w - fitted - data["convex_translation"][i][:, None])
+            lam, Y = data["lambda"][i], data["dual"][i].T[:, visible[i]]
+            norms = np.linalg.norm(M, ord=2, axis=(1, 2))
+            primal = 0.5 * (residual**2).sum() + lam * norms.sum()
+            assert primal == pytest.approx(data["objective"][i], rel=1e-12)
+            assert np.abs(Y @ weights).max() <= 1e-12
+            nuclear = np.linalg.svd((Y * weights) @ at.transpose(0, 2, 1), compute_uv=False)
+            assert nuclear.sum(axis=1).max() <= lam * (1 + 1e-12)
+            gap = (primal - (Y * weights * w).sum() + 0.5 * (Y**2).sum()) / primal
+            assert gap == pytest.approx(data["relative_gap"][i], abs=1e-12)
+            assert 0 <= gap <= 1e-4
