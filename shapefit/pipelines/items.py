@@ -71,9 +71,11 @@ def find_truth(place: str | Path, match: str, images: Keys, truth: Keys) -> NDAr
     if match == BY_FRAME:
         rows = find_frames(images, truth)
     if (rows < 0).all():
-        fault = f"none of its {len(rows)} images, such as '{images.items[0]}', is in the truth"
-        fix = "give the truth of these images, or set `match`: to `frame` where both are frames of "
-        fix += f"one recording, or to a dataset that names such items as '{truth.items[0]}'"
+        fault = f"none of its {len(rows)} images is in the truth, which has no '{images.items[0]}'"
+        fix = (
+            "give the truth of these images, or set `match`: to `frame` where both are the frames "
+        )
+        fix += f"of one recording, or to a dataset that names such items as '{truth.items[0]}'"
         raise input_error(place, fault, fix)
     return rows
 
@@ -109,7 +111,7 @@ def named_items(images: Records, dataset: str, place: str | Path, key: str) -> t
     if dataset not in named:
         texts = sorted(name for name, values in named.items() if values.dtype.kind in "OSU")
         fix = f"set `{key}` to one of: {', '.join([BY_ITEM, *texts])}"
-        raise input_error(place, f"no dataset '{dataset}' has one name per image", fix)
+        raise input_error(place, f"there is no dataset '{dataset}' with one name per image", fix)
     return tuple(map(str, named[dataset]))
 
 

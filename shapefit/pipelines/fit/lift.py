@@ -228,7 +228,7 @@ def at_border(images: LandmarkSet, lifter: Lifter) -> Flags:
         return marked
     far = np.broadcast_to(size, (n, 2))[..., None]
     distance = np.stack([abs(images.landmarks), abs(images.landmarks - far)], axis=1)
-    near = (distance <= BORDER * far[:, None]).reshape(n, 4, -1)
+    near = (distance <= BORDER * far[:, None]).reshape(n, 4, len(images.landmark_names))
     for edge in edges:
         marked[:, edge] |= np.any(np.all(near[..., edge], axis=2), axis=1)[:, None]
     return marked

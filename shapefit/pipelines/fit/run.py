@@ -55,6 +55,7 @@ def run(
     with open_landmarks(config.landmarks, preparing.read_options(config), rows) as source:
         names = source.head.landmark_names
         setup = prepare(config, dictionary, names, lambda: source.first(FIRST), estimates)
+        check_export(setup, output)
         options, counts = OutputOptions(height=config.height, markers=config.markers), Counts()
         with (
             result_writer(output, options) as writer,
@@ -105,14 +106,26 @@ def lift_batch(images: LandmarkSet, setup: Setup) -> Batch:
     if setup.dictionary.depth_ambiguity:
         estimate = cover_mirror_image(estimate)
     visible, lifting = weigh(lifted, lifter) > 0, replace(lifting, estimate=estimate)
-    lifting, of_files = setup.matched.to_joints(
+    lifting, input_shapes = setup.matched.to_joints(
         lifting, setup.theta, lifted.landmarks, visible, lifter.variance
     )
-    return Batch(images, lifting, as_result(images, lifting, setup, of_files))
+    return Batch(images, lifting, as_result(images, lifting, setup, input_shapes))
+
+
+def check_export(setup: Setup, result: Path) -> None:
+    """Raise InputError where a result will have no meshes, if the config asks for them."""
+    export, method = setup.config.export, setup.lifter.row
+    if export.folder is not None:
+        from shapefit.pipelines.meshes import check_dictionary, check_mesh_folder
+
+        check_mesh_folder(export.folder, "export.folder", export.format, result)
+        refined = setup.lifter.camera is not None and method.perspective == "refined"
+        mixes, place = method.mixes_atoms or refined, setup.config.dictionary
+        check_dictionary(setup.dictionary, place, mixes_atoms=mixes)
 
 
 def export_meshes(config: FitConfig, result: Path, folder: Path) -> Iterator[Result]:
-    """Write the meshes of a result, as `convert` does. Raises InputError where it has none."""
+    """Write the meshes of a result, as `convert` does."""
     from shapefit.pipelines.convert import write_meshes
 
     to, dictionary = config.export.format, config.dictionary

@@ -190,7 +190,7 @@ class TestLeaveOneOut:
 
     @pytest.mark.parametrize(("items", "omit", "message"), [
         ((*MODELS, "polo"), "true_modle", "no dataset 'true_modle' .* one of: item, true_model"),
-        ((*MODELS, "polo"), "box", "no dataset 'box' has one name per image"),
+        ((*MODELS, "polo"), "box", "no dataset 'box' with one name per image"),
         (None, "true_model", "atoms of the dictionary are of no items; .*method: exemplars"),
         (("golf",) * 6, "true_model", "atoms of the dictionary are of 1 items"),
         ((*MODELS, "polo"), "item", "show no items of the dictionary; .* golf, jetta, passat"),
