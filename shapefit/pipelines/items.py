@@ -72,10 +72,10 @@ def find_truth(place: str | Path, match: str, images: Keys, truth: Keys) -> NDAr
         rows = find_frames(images, truth)
     if (rows < 0).all():
         fault = f"none of its {len(rows)} images is in the truth, which has no '{images.items[0]}'"
-        fix = (
-            "give the truth of these images, or set `match`: to `frame` where both are the frames "
+        fix = "give the truth of these images, or set `match`: to `frame` where both are the "
+        fix += (
+            f"frames of one recording, or to a dataset that names such items as '{truth.items[0]}'"
         )
-        fix += f"of one recording, or to a dataset that names such items as '{truth.items[0]}'"
         raise input_error(place, fault, fix)
     return rows
 
