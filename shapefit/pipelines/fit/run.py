@@ -118,7 +118,7 @@ def check_export(setup: Setup, result: Path) -> None:
     if export.folder is not None:
         from shapefit.pipelines.meshes import check_dictionary, check_mesh_folder
 
-        check_mesh_folder(export.folder, "export.folder", export.format, result)
+        check_mesh_folder(export.folder, "export.folder", result)
         refined = setup.lifter.camera is not None and method.perspective == "refined"
         mixes, place = method.mixes_atoms or refined, setup.config.dictionary
         check_dictionary(setup.dictionary, place, mixes_atoms=mixes)
