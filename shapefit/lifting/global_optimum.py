@@ -28,15 +28,16 @@ def find_global(problem: Problem, settings: Settings) -> Estimate:
     """
     local = replace(settings, options=AlternationOptions())
     ends = [refine_convex(problem, local), alternate_from_mean(problem, local)]
-    found = find_optimum(
+    optimum = find_optimum(
         problem,
         np.stack([end.rotation for end in ends], axis=1),
         tolerance=settings.tolerance,
         options=settings.options,
         threads=settings.threads,
     )
-    estimate = describe(problem, found.coefficients, found.rotation, found.cells, found.status)
-    return replace(estimate, relative_gap=found.relative_gap)
+    coefficients, rotation = optimum.coefficients, optimum.rotation
+    estimate = describe(problem, coefficients, rotation, optimum.cells, optimum.status)
+    return replace(estimate, relative_gap=optimum.relative_gap)
 
 
 class GlobalOptimum(NamedTuple):

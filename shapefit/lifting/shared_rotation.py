@@ -39,25 +39,25 @@ def refine_convex(problem: Problem, settings: Settings) -> Estimate:
     starts = synchronise(solution.transforms, threads=settings.threads)[:, None]
     outliers = find_outliers(problem, solution)
     if outliers is None:
-        found = _alternate_or_restart(problem, settings, starts)
-        objective = found.objective
+        refined = _alternate_or_restart(problem, settings, starts)
+        objective = refined.objective
         bound, gap = solution.objective * (1 - solution.relative_gap), np.zeros_like(objective)
         np.divide(objective - bound, objective, out=gap, where=objective != 0)
-        found = replace(found, relative_gap=gap)
+        refined = replace(refined, relative_gap=gap)
     else:
         weights = np.where(outliers, 0.0, problem.weights)
         lost = list(find_degenerate(problem.landmarks, weights))  # not to be lifted without them
         outliers[lost], weights[lost] = False, problem.weights[lost]
         inliers = replace(problem, weights=weights, loss=Loss.SQUARED)
-        found = replace(_alternate_or_restart(inliers, settings, starts), outliers=outliers)
-    failed, status = (Status.DEGENERATE, Status.NUMERICAL_FAILURE), found.status
-    if any(each in solution.status for each in failed):  # rare, and slow to ask of each image
+        refined = replace(_alternate_or_restart(inliers, settings, starts), outliers=outliers)
+    failed, status = (Status.DEGENERATE, Status.NUMERICAL_FAILURE), refined.status
+    if any(end in solution.status for end in failed):  # rare, and slow to ask of every image
         both = zip(solution.status, status, strict=True)
         status = tuple(first if first in failed else second for first, second in both)
     return replace(
-        found,
+        refined,
         status=status,
-        iterations=solution.iterations + found.iterations,
+        iterations=solution.iterations + refined.iterations,
         convex_proof=ConvexProof.of(solution),
     )
 
@@ -91,26 +91,26 @@ def _alternate_or_restart(problem: Problem, settings: Settings, starts: Floats) 
 
     Without coefficients there is no rotation to go on from, though another one may fit.
     """
-    found = _alternate(problem, settings, starts)
-    assert found.coefficients is not None
-    empty = np.flatnonzero(~found.coefficients.any(axis=1))
+    first = _alternate(problem, settings, starts)
+    assert first.coefficients is not None
+    empty = np.flatnonzero(~first.coefficients.any(axis=1))
     if not len(empty):
-        return found
+        return first
     part = problem.take(empty)
     pose = find_pose(part, settings.mean_shape, threads=settings.threads)
     posed = pose.size > 0  # degenerate images have none
     again = _alternate(part.take(posed), settings, pose.rotation[posed, None])
     rows, order = empty[posed], np.arange(len(problem.lam))
-    again = replace(again, iterations=found.iterations[rows] + again.iterations)
+    again = replace(again, iterations=first.iterations[rows] + again.iterations)
     order[rows] = len(order) + np.arange(len(rows))
-    joined: Estimate = join_images([found, again], order)
+    joined: Estimate = join_images([first, again], order)
     return joined
 
 
 def _alternate(problem: Problem, settings: Settings, starts: Floats) -> Estimate:
     """Alternate from starts (n, s, 3, 3) and lay out what it finds."""
-    found = alternate(problem, starts, settings.options, settings.threads)
-    return describe(problem, found.coefficients, found.rotation, found.rounds, found.status)
+    end = alternate(problem, starts, settings.options, settings.threads)
+    return describe(problem, end.coefficients, end.rotation, end.rounds, end.status)
 
 
 def describe(
@@ -172,9 +172,9 @@ def turn_in_plane(views: Floats, landmarks_by_shape: Floats) -> Floats:
     sine = (D[:, :, 1] * R[:, 0]).sum(axis=-1) - (D[:, :, 0] * R[:, 1]).sum(axis=-1)
     cosine = (D[:, :, :2] * R[:, :2]).sum(axis=-1).sum(axis=-1)
     length = np.hypot(sine, cosine)
-    known = length > 0
-    s = np.divide(sine, length, out=np.zeros_like(length), where=known)[..., None]
-    c = np.divide(cosine, length, out=np.ones_like(length), where=known)[..., None]
+    defined = length > 0
+    s = np.divide(sine, length, out=np.zeros_like(length), where=defined)[..., None]
+    c = np.divide(cosine, length, out=np.ones_like(length), where=defined)[..., None]
     third = np.broadcast_to(R[:, 2], (len(D), *R[:, 2].shape))
     return np.stack([c * R[:, 0] - s * R[:, 1], s * R[:, 0] + c * R[:, 1], third], axis=2)
 

@@ -53,7 +53,7 @@ def learn_from_shapes(
     """
     training = find_training_shapes(given, config)
     note = counted(len(training), "shape")
-    yield Outcome(failures=training.failures, warnings=training.warnings, note=note)
+    yield Outcome(failures=training.failures, note=note)
     match config.method:
         case "exemplars":
             made = exemplars(training)

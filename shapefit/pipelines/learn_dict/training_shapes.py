@@ -48,7 +48,6 @@ class TrainingShapes:
     mesh_vertices: Floats | None
     dictionary: Dictionary
     failures: tuple[Failure, ...]
-    warnings: tuple[str, ...]
 
     def __len__(self) -> int:
         return len(self.original)
@@ -64,15 +63,9 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
     usable, failures = separate(given)
     shapes = usable.take(every_nth(usable.sequences or ("",) * len(usable), config.every))
     partners = find_partners(shapes, config) if config.mirror else None
-    warnings: tuple[str, ...] = ()
     if partners is not None and len(shapes):
         mirrored = mirror(shapes.shapes, partners, lateral_axis(shapes.shapes, partners))
         both = np.concatenate([shapes.shapes, mirrored])
-        if shapes.mesh_vertices is not None:
-            warnings = (
-                "the meshes are left out: `mirror` mirrors landmarks, whose partners are known; "
-                "vertices have no partners; `mirror: false` keeps the meshes",
-            )
         twice = shapes.take(np.tile(np.arange(len(shapes)), 2))
         shapes = twice.replaced(shapes=both, mesh_vertices=None, mesh_faces=None)
     if not len(shapes):
@@ -103,7 +96,6 @@ def find_training_shapes(given: ShapeSet, config: LearnDictConfig) -> TrainingSh
             **find_motion(usable, shapes),
         ),
         failures=failures,
-        warnings=warnings,
     )
 
 
