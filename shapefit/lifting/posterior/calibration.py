@@ -23,7 +23,13 @@ import numpy as np
 from shapefit.arrays import Flags, Floats
 from shapefit.convex.problem import Problem
 from shapefit.lifting.methods import PosteriorOptions, Settings
-from shapefit.lifting.posterior.method import find_from, find_noise, find_rays, noise_of_rays
+from shapefit.lifting.posterior.method import (
+    MOSTLY,
+    find_from,
+    find_noise,
+    find_rays,
+    noise_of_rays,
+)
 
 QUANTILE = 4.605170185988092
 """90% quantile of chi^2 with 2 degrees of freedom."""
@@ -33,10 +39,6 @@ LEVEL = 0.9
 
 FEWEST = 20
 """Predictions of a landmark from which its own kappa is taken."""
-
-MOSTLY = 0.5
-"""Inlier probability below which a landmark is an outlier; one that is so in a larger share of the
-images has no part in the kappa of the file."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,8 @@ def calibrate(
     """Hide each landmark of n images in turn and compare it with what the others predict.
 
     rotation (n, 3, 3), those of the posteriors of the images, from which the ascents start; inliers
-    (n, p), inlier probabilities, nan where a landmark is not seen.
+    (n, p), inlier probabilities, nan where a landmark is not seen. A landmark that is mostly an
+    outlier, in most images, has no part in the kappa of the file.
     """
     square = predict_hidden(problem, rotation, settings)
     bar_scale = settings.options.bar_scale

@@ -77,9 +77,8 @@ def find_changes(landmarks: Floats, pairs: NDArray[np.integer]) -> Floats:
     least = np.where(known, np.minimum(same, other), np.nan)
     step = np.sqrt([_median(column) for column in least.T])
     size = np.sqrt(_median((difference**2).sum(axis=1).ravel()))
-    s2 = (
-        np.maximum(step / 1.177, max(LEAST_STEP * size, 1e-150)) ** 2
-    )  # the median of a Rayleigh variable
+    # 1.177 is the median of a Rayleigh variable
+    s2 = np.maximum(step / 1.177, max(LEAST_STEP * size, 1e-150)) ** 2
     S = (DEGREES + 2) / 2 * np.log((DEGREES + same / s2) / (DEGREES + other / s2))
     total: Floats = np.where(known, S, 0.0).sum(axis=1)
     return total
