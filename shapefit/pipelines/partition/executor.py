@@ -41,10 +41,7 @@ Done = tuple[Entry, Result]
 
 
 class Job(NamedTuple):
-    """A part, the config of the run, the folder of its result, and what all parts share.
-
-    version of the program that planned it.
-    """
+    """A part, the config of the run, the folder of its result, and what all parts share."""
 
     part: Part
     config: FitConfig
@@ -56,8 +53,7 @@ class Job(NamedTuple):
 def do_jobs(jobs: deque[Job], folder: ResultFolder) -> Generator[Done, None, None]:
     """Do jobs where the folder says; yield each as it ends.
 
-    Where a process dies, the parts that were under way are done again, each alone in a new one: the
-    part at fault is then known, and reported.
+    Where a process dies, the parts that were under way are done again, each alone in a new one.
     """
     if not (folder.workers or folder.scheduler or folder.scheduler_file):
         yield from map(do_job, jobs)
@@ -84,8 +80,7 @@ def do_jobs(jobs: deque[Job], folder: ResultFolder) -> Generator[Done, None, Non
 def executor(folder: ResultFolder) -> Iterator[tuple[Executor, int]]:
     """Give the executor that a folder asks for, and how many parts it does at a time.
 
-    Processes end with this one, however it ends. Raises InputError where Dask is not installed, and
-    where no scheduler answers.
+    Processes end with this one, however it ends. Raises InputError where no scheduler answers.
     """
     if folder.workers:
         context = multiprocessing.get_context("spawn")
@@ -130,10 +125,7 @@ def end_with_parent() -> None:
 
 
 def result_of(future: Future[Done], job: Job) -> Done:
-    """Return the result of a job; a failure where it killed one worker of Dask after another.
-
-    Raises InputError where the scheduler is lost, and for workers without shapefit.
-    """
+    """Return the result of a job. Raises InputError where the scheduler or shapefit is missing."""
     try:
         return future.result()
     except (futures.CancelledError, ModuleNotFoundError) as error:
@@ -147,10 +139,7 @@ def result_of(future: Future[Done], job: Job) -> Done:
 
 
 def do_job(job: Job) -> Done:
-    """Lift a part; whatever goes wrong is its result.
-
-    Raises InputError where this is not the version that planned it.
-    """
+    """Lift a part; whatever goes wrong is its result, but for a worker of another version."""
     if job.version != __version__:
         fault = f"is a worker with shapefit {__version__}, but `fit` is version {job.version}"
         raise input_error(platform.node(), fault, "install the same version on all machines")
@@ -193,8 +182,5 @@ def fit_part(job: Job) -> Done:
 
 @lru_cache(maxsize=8)
 def once(read: Callable[[Any], Any], files: Any, _states: Any) -> Any:
-    """Return what is read of files, once as long as their states do not change.
-
-    A process does many parts with one dictionary, and many of one file.
-    """
+    """Return what is read of files, once for many parts as long as their states do not change."""
     return read(files)

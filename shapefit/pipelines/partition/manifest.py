@@ -1,7 +1,6 @@
 """`manifest.jsonl`: what a folder of results holds, and of what, so that a run can go on.
 
-Its first line is of the run: what was estimated, and digests of what all parts depend on. Each
-other line is of a part, added when the part ends.
+Its first line is of the run; each other line is of a part, added when the part ends.
 """
 
 from __future__ import annotations
@@ -52,10 +51,7 @@ class Manifest:
 
 
 def read_manifest(folder: Path) -> Manifest | None:
-    """Read the manifest of a folder; None where there is none.
-
-    Raises InputError where it is something else.
-    """
+    """Read the manifest of a folder, None without one. Raises InputError for something else."""
     lines = manifest_lines(folder)
     if lines is None:
         return None
@@ -65,10 +61,7 @@ def read_manifest(folder: Path) -> Manifest | None:
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Hold a folder of results for this run.
-
-    Raises InputError where another run holds it, and where it cannot be made or written to.
-    """
+    """Hold a folder of results for this run. Raises InputError where that cannot be."""
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / LOCK).open("w") as file:
@@ -85,10 +78,7 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def find_folders(files: Sequence[Path]) -> dict[Path, Manifest]:
-    """Return the folders whose results, two or more, are all among the files; their manifests.
-
-    Raises InputError for a manifest that cannot be read.
-    """
+    """Return the folders whose results, two or more, are all among the files; their manifests."""
     folders: dict[Path, Manifest] = {}
     for folder in dict.fromkeys(file.parent for file in files):
         manifest = read_manifest(folder)

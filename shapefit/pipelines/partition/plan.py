@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain, count
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from shapefit.config import FitConfig
 from shapefit.config.paths import ResultFolder
 from shapefit.errors import InputError, abbreviate, listed, path_text, printable
-from shapefit.io import LandmarkSource, digest, open_landmarks
+from shapefit.io import digest, open_landmarks
 from shapefit.io.detect import group_inputs
 from shapefit.io.formats import HDF5
 from shapefit.io.options import InputOptions
@@ -34,8 +34,7 @@ State = tuple[int, int]
 class Part(NamedTuple):
     """Images that become one result file, which keeps its name when inputs are added.
 
-    inputs are a file, or those of one recording, with their states; rows, of the one HDF5 file,
-    from the first to before the second, None for all.
+    inputs are a file, or those of one recording, with their states; rows None are all.
     """
 
     file: str
@@ -63,13 +62,10 @@ class Part(NamedTuple):
 
 
 class Plan(NamedTuple):
-    """What a run does to a folder.
+    """What a run does to a folder: the parts that it is to have, and lines of those retained.
 
-    parts     all that the folder is to have
-    retained  lines of those that are done and as they were, by their files
-    removed   files of results of other inputs
-    refused   which results would be lost, "" for none
-    digests   of all that every part depends on
+    removed are files of results of other inputs; refused says which would be lost, "" for none;
+    digests are of all that every part depends on.
     """
 
     parts: Sequence[Part]
@@ -82,8 +78,7 @@ class Plan(NamedTuple):
 def make_plan(config: FitConfig, folder: ResultFolder, manifest: Manifest | None) -> Plan:
     """Compare the parts that a config asks for with those that a folder has.
 
-    A part stays where its result has the size that was written, the config and its files are the
-    same, and its inputs have not changed, by size and time.
+    A part stays where its result has the size that was written, and config and inputs are the same.
     """
     old = manifest or Manifest(folder.manifest, {})
     parts = find_parts(config, folder.partition, {key_of(p): f for f, p in old.parts.items()})
@@ -111,10 +106,7 @@ def make_plan(config: FitConfig, folder: ResultFolder, manifest: Manifest | None
 def find_parts(
     config: FitConfig, size: int, named: Mapping[tuple[Any, ...], str] | None = None
 ) -> list[Part]:
-    """Return the parts of a fit, of `size` images or more, in the order of the inputs.
-
-    Those that are named already keep their files; the others get free ones.
-    """
+    """Return the parts of a fit, of `size` images or more; those named already keep their files."""
     options, named = read_options(config), named or {}
     names = (f"part-{number:05}.h5" for number in count())
     free = (name for name in names if name not in named.values())
@@ -135,28 +127,19 @@ def divide(
 ) -> Sequence[Rows]:
     """Return the ranges of rows of an HDF5 file that are parts, cut where no result changes.
 
-    That is after whole blocks of images, which start from one another's solutions, or between
-    sequences where those are lifted whole.
+    That is after whole blocks of images, which start from each other, or between sequences.
     """
     try:
         with open_landmarks(inputs, options, check=False) as source:
             total, cuts = source.count, list(range(0, source.count, whole_blocks(size)))
             if by_sequence:
-                cuts = [0]
-                for row in sequence_starts(source):
-                    cuts += [row] if row - cuts[-1] >= size else []
+                names, cuts = list(chain.from_iterable(source.sequences())), [0]
+                for row in range(1, total):
+                    if names[row] != names[row - 1] and row - cuts[-1] >= size:
+                        cuts.append(row)
     except InputError:  # whoever does its part reports it
         return [None]
     return list(zip(cuts, [*cuts[1:], total], strict=True)) if len(cuts) > 1 else [None]
-
-
-def sequence_starts(source: LandmarkSource) -> Iterator[int]:
-    """Yield the first row of every run of images of one sequence."""
-    last = ""
-    for row, name in enumerate(chain.from_iterable(source.sequences())):
-        if name != last:
-            yield row
-        last = name
 
 
 def key_of(entry: Mapping[str, Any]) -> tuple[Any, ...]:

@@ -1,7 +1,6 @@
 """`fit` into a folder: parts of the images, one result each, and a manifest of those that are done.
 
-Running again does the parts that are missing, and those of inputs that were added. A folder that
-holds results which this run would not give is refused, but with `replace`.
+Running again does the parts that are missing. Results that this run would not give are refused.
 """
 
 from __future__ import annotations
@@ -64,7 +63,6 @@ def first_images(config: FitConfig, parts: Sequence[Part]) -> LandmarkSet:
     """Return the FIRST images of all parts, with what else estimates need.
 
     Inputs that cannot be read, or do not go with the first, are left out: their part reports them.
-    Raises InputError where none of them can be read.
     """
     options, files, images = read_options(config), list[SourceFile[LandmarkSet]](), 0
     needed = {*OF_CAMERAS, LANDMARK_COVARIANCE, config.leave_one_out}
