@@ -18,7 +18,7 @@ import click
 from .report import Report, tell
 
 if TYPE_CHECKING:
-    from shapefit.pipelines.outcome import Outcome
+    from shapefit.pipelines.result import Result
 
 TRACEBACK_VARIABLE = "SHAPEFIT_TRACEBACK"
 
@@ -423,9 +423,9 @@ def read_names(spec: Spec, config: Any) -> str:
     return ", ".join(path.name or str(path) for path in paths[:3]) + more
 
 
-def run_pipeline(command: str, config: Any) -> Iterator[Outcome]:
+def run_pipeline(command: str, config: Any) -> Iterator[Result]:
     """Run the pipeline of a command; only that one is imported."""
-    run: Callable[[Any], Iterator[Outcome]]
+    run: Callable[[Any], Iterator[Result]]
     match command:
         case "learn-dict":
             from shapefit.pipelines.learn_dict.run import run

@@ -17,7 +17,7 @@ import click
 from shapefit.errors import printable
 
 if TYPE_CHECKING:
-    from shapefit.pipelines.outcome import Counted, Failure, Outcome
+    from shapefit.pipelines.result import Counted, Failure, Result
 
 MAX_LISTED = 20
 """Failures (and different warnings) that are listed; the rest is counted."""
@@ -66,7 +66,7 @@ class Report:
     _unlisted: int = 0
     _started: float = field(default_factory=time.monotonic)
 
-    def follow(self, outcomes: Iterator[Outcome]) -> int:
+    def follow(self, outcomes: Iterator[Result]) -> int:
         """Run a pipeline to its end, show its progress and its sum; return the exit code."""
         with ExitStack() as stack:
             stack.enter_context(closing(outcomes))  # type: ignore[type-var]
@@ -100,9 +100,9 @@ class Report:
             tell(line)
         return self.exit_code
 
-    def add(self, outcome: Outcome) -> None:
+    def add(self, outcome: Result) -> None:
         """Add what became of one more part of the work."""
-        from shapefit.pipelines.outcome import add_up
+        from shapefit.pipelines.result import add_up
 
         most = sys.maxsize if self.verbose else MAX_LISTED
         self.done += outcome.done
@@ -151,7 +151,7 @@ class Report:
 
     def lines(self) -> Iterator[str]:
         """Yield the report as lines of text: warnings, failures, then the summary."""
-        from shapefit.pipelines.outcome import Note
+        from shapefit.pipelines.result import Note
 
         if not self.quiet:
             for warning in self._warnings.values():

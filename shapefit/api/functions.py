@@ -48,7 +48,7 @@ from shapefit.pipelines.fit.record import attributes_of
 from shapefit.pipelines.fit.report import Counts, result_of, warn_of_all
 from shapefit.pipelines.fit.run import lift_source
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes, with_p_value_table
-from shapefit.pipelines.outcome import Counted, Outcome, add_up
+from shapefit.pipelines.result import Counted, Result, add_up
 
 FILES: Mapping[str, Mapping[str, Any]] = {
     "fit": {
@@ -184,7 +184,7 @@ def learn(
     config = config_of("learn-dict", coding | options)
     given = shapes if isinstance(shapes, Shapes | Fit) else Shapes(shapes)
     training = source_of(given.record(), "shapes", config.rename).whole()
-    outcomes: list[Outcome] = []
+    outcomes: list[Result] = []
     making = learn_from_shapes(training, config, {})
     try:
         while True:

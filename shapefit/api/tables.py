@@ -12,7 +12,7 @@ import numpy as np
 from shapefit.io.options import OutputOptions
 from shapefit.io.writers.motion import find_motions
 from shapefit.io.writers.tables import METRES, metres_columns
-from shapefit.pipelines.outcome import Note
+from shapefit.pipelines.result import Note
 
 if TYPE_CHECKING:
     from shapefit.api.records import Fit

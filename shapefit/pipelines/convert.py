@@ -26,7 +26,7 @@ from shapefit.io.listing import Kind, find_kind
 from shapefit.io.options import AS_THEY_ARE, InputOptions, OutputOptions, input_options
 from shapefit.io.source import ResultSource, open_results
 from shapefit.pipelines.items import keys_of
-from shapefit.pipelines.outcome import Outcome, nothing_in
+from shapefit.pipelines.result import Result, nothing_in
 
 if TYPE_CHECKING:
     from shapefit.pipelines.meshes import MeshFormat
@@ -42,8 +42,8 @@ LAYOUTS = {"landmarks": LANDMARKS, "shapes": SHAPES, "result": RESULTS}
 Source = LandmarkSource | ShapeSource | ResultSource
 
 
-def run(config: ConvertConfig) -> Iterator[Outcome]:
-    """Read the files and write them; yields an Outcome per batch."""
+def run(config: ConvertConfig) -> Iterator[Result]:
+    """Read the files and write them; yields a Result per batch."""
     if config.to in MESH_FORMATS:
         yield from write_meshes(config)
         return
@@ -55,7 +55,7 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
             problem = "is a dictionary, which is written as HDF5, one file at a time"
             raise input_error(config.files[0], problem, "name one dictionary, and an output in .h5")
         write_dictionary(config.output, read_dictionary(config.files[0], old=True))
-        yield Outcome(done=1, total=1, unit="dictionary", written=(config.output,))
+        yield Result(done=1, total=1, unit="dictionary", written=(config.output,))
         return
     keys = ("height", "unit", "up", "markers")
     output = OutputOptions(**{key: getattr(config, key) for key in keys})
@@ -69,10 +69,10 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
             if rate := config.frame_rate or batch.frame_rate:
                 batch = batch.replaced(frame_rate=rate / config.every)
             writer.append(batch)
-            yield Outcome(done=len(batch), total=count, unit=noun)
+            yield Result(done=len(batch), total=count, unit=noun)
         warnings = source.notes + nothing_in(count, f"{noun}s")
     summary = writer.summary
-    yield Outcome(
+    yield Result(
         total=count,
         warnings=warnings + summary.warnings,
         note=summary.note,
@@ -80,8 +80,8 @@ def run(config: ConvertConfig) -> Iterator[Outcome]:
     )
 
 
-def write_meshes(config: ConvertConfig) -> Iterator[Outcome]:
-    """Write a mesh of each image of the results into a folder; yields an Outcome per batch."""
+def write_meshes(config: ConvertConfig) -> Iterator[Result]:
+    """Write a mesh of each image of the results into a folder; yields a Result per batch."""
     from shapefit.pipelines.meshes import check_dictionary, check_mesh_folder, mesh_writer
 
     if config.dictionary is None:
@@ -99,9 +99,9 @@ def write_meshes(config: ConvertConfig) -> Iterator[Outcome]:
         with mesh_writer(dictionary, config.output, to) as writer:
             for batch in source.batches(BATCH):
                 writer.add(batch)
-                yield Outcome(done=len(batch), total=source.count, unit="image")
+                yield Result(done=len(batch), total=source.count, unit="image")
         warnings = (*writer.warnings, *nothing_in(source.count, "images"))
-        yield Outcome(
+        yield Result(
             total=source.count, warnings=warnings, note=writer.note, written=writer.written
         )
 

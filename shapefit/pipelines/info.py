@@ -23,8 +23,8 @@ from shapefit.io.options import InputOptions, input_options
 from shapefit.io.skeletons import installed_skeletons
 from shapefit.io.source import Source, open_results
 from shapefit.pipelines.joints import is_of_people
-from shapefit.pipelines.outcome import Outcome, unread
 from shapefit.pipelines.partition.manifest import Manifest, find_folders, sum_up
+from shapefit.pipelines.result import Result, unread
 
 FIRST_ITEMS, FIRST_LANDMARKS = 1 << 14, 1 << 18
 """Of a file that are read; of a longer table the number of items is estimated."""
@@ -35,13 +35,13 @@ CAMERA = ("camera_matrix", "distortion", "image_size", "extrinsic_rotation")
 Line = tuple[str, str]
 
 
-def run(config: InfoConfig) -> Iterator[Outcome]:
-    """Describe every input; yields one Outcome with the text as its note.
+def run(config: InfoConfig) -> Iterator[Result]:
+    """Describe every input; yields one Result with the text as its note.
 
     Files that cannot be read are failures. Raises InputError where none can be read.
     """
     if not config.files:
-        yield Outcome(note=describe_installed())
+        yield Result(note=describe_installed())
         return
     if any(map(is_stream, config.files)):
         problem = "standard input can be read only once"
@@ -72,7 +72,7 @@ def run(config: InfoConfig) -> Iterator[Outcome]:
         "\n".join([title, *(f"  {name + ':':<13} {text}" for name, text in lines)])
         for (_, title), *lines in descriptions
     )
-    yield Outcome(
+    yield Result(
         done=len(config.files),
         failures=tuple(unread(path, error) for path, error in errors.items()),
         warnings=warnings,

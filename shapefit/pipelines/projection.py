@@ -21,7 +21,7 @@ from shapefit.geometry.rotations import random_rotations
 from shapefit.io import LandmarkSet, ShapeSet, check_output, digests, landmark_writer, open_shapes
 from shapefit.io.layout import CORRUPTED
 from shapefit.io.options import InputOptions
-from shapefit.pipelines.outcome import Outcome, nothing_in
+from shapefit.pipelines.result import Result, nothing_in
 
 BATCH = 1024
 """Images whose random numbers are drawn together."""
@@ -38,8 +38,8 @@ TURN = np.diag([1.0, -1.0, -1.0])
 """From a camera frame whose y points up to one whose y points down."""
 
 
-def run(config: ProjectConfig) -> Iterator[Outcome]:
-    """Project every shape with the camera of the config; yields an Outcome per batch of images.
+def run(config: ProjectConfig) -> Iterator[Result]:
+    """Project every shape with the camera of the config; yields a Result per batch of images.
 
     The images have the items, sequences and further datasets of the shapes and `true_rotation`
     (n, 3, 3), object to camera frame. An orthographic camera keeps the unit of the shapes, a
@@ -55,14 +55,14 @@ def run(config: ProjectConfig) -> Iterator[Outcome]:
         for batch, shapes in enumerate(source.batches(BATCH)):
             first = batch * BATCH
             writer.append(project(shapes, turns[first : first + len(shapes)], config, batch))
-            yield Outcome(done=len(shapes), total=source.count)
+            yield Result(done=len(shapes), total=source.count)
         writer.attributes.update(
             version=__version__,
             config=config.as_json(),
             inputs=json.dumps(digests(config.shapes)),
         )
     warnings = nothing_in(source.count, "shapes") + writer.summary.warnings
-    yield Outcome(total=source.count, warnings=warnings, written=(config.output,))
+    yield Result(total=source.count, warnings=warnings, written=(config.output,))
 
 
 def turns_of(sequences: NDArray[np.str_]) -> Floats:

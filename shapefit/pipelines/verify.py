@@ -30,7 +30,7 @@ from shapefit.io.source import open_results
 from shapefit.lifting.methods import METHODS, ROBUST
 from shapefit.pipelines.fit.camera import DISTORTION, REMOVED, undistorted
 from shapefit.pipelines.joints import find_joints, named_as_joints
-from shapefit.pipelines.outcome import Failure, Outcome, unread
+from shapefit.pipelines.result import Failure, Result, unread
 from shapefit.threads import side_by_side
 from shapefit.verification.certificate import CERTIFICATE, Program, check_certificate
 from shapefit.verification.claims import Claims, check_ranges
@@ -87,8 +87,8 @@ class Statement(NamedTuple):
     certified: bool
 
 
-def run(request: Request) -> Generator[Outcome, None, None]:
-    """Verify every image of a result; yields an Outcome per chunk, and the summary as the last.
+def run(request: Request) -> Generator[Result, None, None]:
+    """Verify every image of a result; yields a Result per chunk, and the summary as the last.
 
     Raises InputError where the result is no HDF5 result of `fit`, or does not go with the
     dictionary or the landmarks; for a folder only where that is so of every part.
@@ -97,7 +97,7 @@ def run(request: Request) -> Generator[Outcome, None, None]:
     dictionary, digests = read_dictionary(request.dictionary), cache(digest)
     tally = Counter(images=0, certified=0, false=0, empty=0, files=len(wrong), unread=0)
     methods: dict[str, Statement] = {}
-    yield Outcome(failures=tuple(wrong))
+    yield Result(failures=tuple(wrong))
     errors: list[InputError] = []
     for part in parts:
         try:
@@ -107,15 +107,15 @@ def run(request: Request) -> Generator[Outcome, None, None]:
             if len(errors) == len(parts):
                 raise InputError(line for one in errors for line in one.problems) from None
             tally["files"] += 1
-            yield Outcome(failures=(unread(part.file, error),))
+            yield Result(failures=(unread(part.file, error),))
     tally["unread"] = max(listed - tally["images"], tally["unread"])
     data = {**tally, "methods": [*methods], "landmarks": bool(request.landmarks)}
     if tally["images"] + tally["unread"]:
         note = "\n".join(summary_lines(tally, methods, bool(request.landmarks)))
-        yield Outcome(note=note, data=lambda: data)
+        yield Result(note=note, data=lambda: data)
     else:
         none = Failure(str(request.result), "holds no image")
-        yield Outcome(failures=(none,), note="No image was checked.", data=lambda: data)
+        yield Result(failures=(none,), note="No image was checked.", data=lambda: data)
 
 
 def find_parts(result: Path) -> tuple[list[Part], list[Failure], int]:
@@ -151,7 +151,7 @@ def verify_part(
     tally: Counter[str],
     methods: dict[str, Statement],
     digests: Digests,
-) -> Generator[Outcome, None, None]:
+) -> Generator[Result, None, None]:
     """Verify the images of one file, and what it states of them all."""
     require_file(part.file)
     if not begins_with(part.file, HDF5_SIGNATURE):
@@ -172,7 +172,7 @@ def verify_part(
         with open_images(part, head, fit, request.landmarks, digests) as (source, unlike):
             failures = tuple(Failure(*reason) for reason in [*wrong, *unlike])
             tally["files"] += len(failures)
-            yield Outcome(failures=failures)
+            yield Result(failures=failures)
             if missing:
                 tally["unread"] += results.count
                 return
@@ -188,7 +188,7 @@ def verify_part(
                 tally.update(counts)
                 reasons = sorted(claims.reasons.items())
                 failures = tuple(Failure(result.items[i], why) for i, why in reasons)
-                yield Outcome(done=len(result), total=results.count, failures=failures)
+                yield Result(done=len(result), total=results.count, failures=failures)
 
 
 def read_statement(attributes: Mapping[str, Any], file: Path) -> Statement:

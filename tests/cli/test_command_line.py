@@ -16,14 +16,14 @@ from shapefit.config.model import keys_of
 from shapefit.config.reference import rows
 from shapefit.errors import InputError, path_text, printable
 from shapefit.pipelines import verify
-from shapefit.pipelines.outcome import Counted, Failure, Outcome
+from shapefit.pipelines.result import Counted, Failure, Result
 
 NAMES = [spec.name for spec in COMMANDS if spec.has_config]
 FIT = "fit -c fit.yaml"
 EVAL = "eval result.h5 --truth shapes.h5 -o report"
 PIPELINES = {"fit": "fit.run", "eval": "evaluate.run", "view": "view.run"}
 FAILING = tuple(Failure(f"img_{i}", "hidden") for i in range(27))
-NOT_OPTIMAL = [Outcome(warnings=(Counted(n, "image", "not optimal"),)) for n in (128, 13, 1)]
+NOT_OPTIMAL = [Result(warnings=(Counted(n, "image", "not optimal"),)) for n in (128, 13, 1)]
 FORGED = "x\x1b[31mRED\nfit: 8 images in 0.0 s; wrote all"
 INTERNAL = (
     "Internal error: ZeroDivisionError: division by zero (this is a bug in shapefit; --traceback "
@@ -33,57 +33,57 @@ INTERNAL = (
 READ = r"Read    views\.h5\n"
 
 TOLD = {
-    "a sum of all": (FIT, [Outcome(done=2, warnings=("odd",)), Outcome(done=1)], 0,
+    "a sum of all": (FIT, [Result(done=2, warnings=("odd",)), Result(done=1)], 0,
         rf"Warning: odd\n{READ}Result  3 images, \S+ s\n"),
-    "a warning once": (FIT, [Outcome(warnings=("odd",))] * 3, 0,
+    "a warning once": (FIT, [Result(warnings=("odd",))] * 3, 0,
         rf"Warning: odd\n{READ}Result.*\n"),
     "numbers of a warning in sum": (FIT, NOT_OPTIMAL, 0,
         rf"Warning: 142 images not optimal\n{READ}Result.*\n"),
     "too few that are trusted": (f"{FIT} --fail-untrusted 0.2",
-        [Outcome(done=10, reasons=(Counted(3, "image", "wide error bars"),))], 1,
+        [Result(done=10, reasons=(Counted(3, "image", "wide error bars"),))], 1,
         r"Warning: 3 of 10 images not trusted: 3 wide error bars \(-v lists them\)\n"
         rf"Failed: 30% are not trusted, more than --fail-untrusted allows\n{READ}Result.*\n"),
     "enough that are trusted": (f"{FIT} --fail-untrusted 0.3 -q",
-        [Outcome(done=10, reasons=(Counted(3, "image", "wide error bars"),))], 0, ""),
-    "the last note": (FIT, [Outcome(note="a"), Outcome(note="b"), Outcome()], 0,
+        [Result(done=10, reasons=(Counted(3, "image", "wide error bars"),))], 0, ""),
+    "the last note": (FIT, [Result(note="a"), Result(note="b"), Result()], 0,
         rf"{READ}Result  0 images, b, \S+ s\n"),
-    "no item at all": (FIT, [Outcome(total=0)], 1, rf"{READ}Result  0 images, \S+ s\n"),
+    "no item at all": (FIT, [Result(total=0)], 1, rf"{READ}Result  0 images, \S+ s\n"),
     "rows of the pipeline, and one too long": (FIT,
-        [Outcome(rows=(("Read", "x: 2 images"), ("Method", "posterior " * 12))),
-         Outcome(done=2, note="a", rows=(("Result", "all well"), ("Next", "shapefit view r.h5")),
+        [Result(rows=(("Read", "x: 2 images"), ("Method", "posterior " * 12))),
+         Result(done=2, note="a", rows=(("Result", "all well"), ("Next", "shapefit view r.h5")),
             written=(Path.cwd() / "r.h5",))], 0,
         rf"Read    x: 2 images\nMethod  (posterior ?){{10}}\n        posterior posterior\n"
         rf"Result  all well, \S+ s\nWrote   {Path.cwd()}/r.h5\nNext    shapefit view r.h5\n"),
-    "details": (f"{FIT} -v", [Outcome(note="a", rows=(("Result", "all well"),))], 0,
+    "details": (f"{FIT} -v", [Result(note="a", rows=(("Result", "all well"),))], 0,
         rf"{READ}Result  all well, \S+ s\nDetails a\n"),
-    "the unit of the outcomes": (FIT, [Outcome(done=34000, unit="shape")], 0,
+    "the unit of the outcomes": (FIT, [Result(done=34000, unit="shape")], 0,
         rf"{READ}Result  34,000 shapes, .*"),
-    "files": (FIT, [Outcome(written=tuple(Path.cwd() / name for name in "ab"))], 0,
+    "files": (FIT, [Result(written=tuple(Path.cwd() / name for name in "ab"))], 0,
         rf"{READ}Result.*\nWrote   {Path.cwd()}/: a, b\n"),
-    "many files": (FIT, [Outcome(written=tuple(Path(f"/r/{n}.csv") for n in range(9)))], 0,
+    "many files": (FIT, [Result(written=tuple(Path(f"/r/{n}.csv") for n in range(9)))], 0,
         rf"{READ}Result.*\nWrote   9 files in /r/\n"),
-    "all files": (f"{FIT} -v", [Outcome(written=tuple(Path(f"/r/{n}") for n in range(9)))], 0,
+    "all files": (f"{FIT} -v", [Result(written=tuple(Path(f"/r/{n}") for n in range(9)))], 0,
         rf"{READ}Result.*\nWrote   /r/: 0, 1, .* 8\n"),
-    "failures": (FIT, [Outcome(done=30, failures=FAILING[:15]), Outcome(failures=FAILING[15:])], 1,
+    "failures": (FIT, [Result(done=30, failures=FAILING[:15]), Result(failures=FAILING[15:])], 1,
         r"(Failed: img_1?\d: hidden\n){20}Failed: and 7 more\n"
         rf"{READ}Result  30 images, 27 failed, \S+ s\n"),
-    "all failures": (f"{FIT} -v", [Outcome(failures=FAILING)], 1,
+    "all failures": (f"{FIT} -v", [Result(failures=FAILING)], 1,
         rf"(Failed: [^\n]*\n){{27}}{READ}Result.*\n"),
-    "many warnings": (FIT, [Outcome(warnings=(f"w{n}",)) for n in range(27)], 0,
+    "many warnings": (FIT, [Result(warnings=(f"w{n}",)) for n in range(27)], 0,
         rf"(Warning: w1?\d\n){{20}}Warning: and 7 more\n{READ}Result.*\n"),
-    "failures alone": (f"{FIT} -q", [Outcome(failures=FAILING[:1], warnings=("odd",))], 1,
+    "failures alone": (f"{FIT} -q", [Result(failures=FAILING[:1], warnings=("odd",))], 1,
         r"Failed: img_0: hidden\n"),
-    "no forged line": (FIT, [Outcome(failures=(Failure(FORGED, "bad"),), warnings=(FORGED,))], 1,
+    "no forged line": (FIT, [Result(failures=(Failure(FORGED, "bad"),), warnings=(FORGED,))], 1,
         rf"Warning: x\\x1b[^\n]*\nFailed: x\\x1b[^\n]*\n{READ}Result[^\n]*\n"),
     "every problem": (FIT, [InputError(["a.csv:3: no number", "a.csv:5: repeated"])], 2,
         r"Error: a.csv:3: no number\nError: a.csv:5: repeated\n"),
-    "an internal error": (FIT, [Outcome(done=1), ZeroDivisionError("division\nby zero")], 3,
+    "an internal error": (FIT, [Result(done=1), ZeroDivisionError("division\nby zero")], 3,
         re.escape(INTERNAL)),
     "where it arose": (f"{FIT} --traceback", [ZeroDivisionError("division by zero")], 3,
         "Traceback .*" + re.escape(INTERNAL)),
     "too little memory": (FIT, [MemoryError("Unable to allocate 6.71 GiB")], 2,
         r"Error: there is not enough memory: Unable to allocate 6.71 GiB; give fewer items .*"),
-    "an interruption": (FIT, [Outcome(done=1), KeyboardInterrupt()], 130,
+    "an interruption": (FIT, [Result(done=1), KeyboardInterrupt()], 130,
         r"Interrupted; no file is left half written.\n"),
 }  # fmt: skip
 
@@ -100,7 +100,7 @@ def test_what_is_told_goes_to_standard_error(shapefit, fake_pipeline, case):
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])
 def test_a_table_goes_to_standard_output(shapefit, fake_pipeline, quiet):
     report = (Path.cwd() / "report/report.md",)
-    fake_pipeline("evaluate.run", [Outcome(note="ours"), Outcome(note="| table |", written=report)])
+    fake_pipeline("evaluate.run", [Result(note="ours"), Result(note="| table |", written=report)])
     done = shapefit(*EVAL.split(), *quiet)
     assert (done.code, done.out) == (0, "| table |\n")
     assert done.err == ("" if quiet else "Wrote   report/report.md\n")
@@ -115,19 +115,19 @@ def test_each_command_calls_its_pipeline_with_its_config(shapefit, fake_pipeline
         ("project shapes.h5 -o v.h5", "projection", "project"),
         (EVAL, "evaluate.run", "eval"),
     ):
-        configs = fake_pipeline(pipeline, [Outcome(done=1)])
+        configs = fake_pipeline(pipeline, [Result(done=1)])
         assert shapefit(*line.split()).code == 0
         assert [type(config) for config in configs] == [CONFIGS[command]]
 
 
 def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folder):
-    configs = fake_pipeline("fit.run", [Outcome()])
+    configs = fake_pipeline("fit.run", [Result()])
     line = f"{FIT} v*.h5 dict.h5 -o out.csv --set lambda=1e-3 --set outliers=l1"
     shapefit(*line.split(), "-d", "shapes.h5")
     (config,) = configs
     assert config.landmarks == (folder / "views.h5", folder / "dict.h5")
     assert (config.output, config.lam, config.outliers) == (folder / "out.csv", 1e-3, "l1")
-    configs = fake_pipeline("view.run", [Outcome(done=3, written=(folder / "page.html",))])
+    configs = fake_pipeline("view.run", [Result(done=3, written=(folder / "page.html",))])
     line = "view result.h5 views.h5 --truth shapes.h5 --truth views.h5 -d dict.h5 -o page.html"
     told = shapefit(*line.split(), "--set", "images=frames")
     (config,) = configs
@@ -143,7 +143,7 @@ def test_arguments_and_options_reach_the_pipeline(shapefit, fake_pipeline, folde
 def test_verify_hands_on_its_arguments(shapefit, monkeypatch):
     asked = []
     failures = (Failure("a", "the objective is P: off by 1"),)
-    outcomes = [Outcome(done=3, failures=failures), Outcome(note="| claim |")]
+    outcomes = [Result(done=3, failures=failures), Result(note="| claim |")]
     monkeypatch.setattr(verify, "run", lambda request: asked.append(request) or iter_of(outcomes))
     told = shapefit("verify", "result.h5", "-d", "dict.h5", "--landmarks", "views.h5")
     assert asked == [verify.Request(Path("result.h5"), Path("dict.h5"), (Path("views.h5"),))]
@@ -156,7 +156,7 @@ def iter_of(outcomes):
 
 
 def test_a_page_is_opened_where_that_is_wished(shapefit, fake_pipeline, folder, monkeypatch):
-    fake_pipeline("view.run", [Outcome(done=3, written=(folder / "page.html",))])
+    fake_pipeline("view.run", [Result(done=3, written=(folder / "page.html",))])
     opened = []
     monkeypatch.setattr(webbrowser, "open", lambda url: not opened.append(url))
     shapefit("view", "result.h5")
@@ -170,7 +170,7 @@ def test_a_page_is_opened_where_that_is_wished(shapefit, fake_pipeline, folder, 
 def test_progress_is_a_line_now_and_then_without_a_terminal(shapefit, fake_pipeline, monkeypatch):
     clock = count(0, 4)  # seconds: a line after every third look at the clock
     monkeypatch.setattr("shapefit.cli.report.time.monotonic", lambda: next(clock))
-    fake_pipeline("fit.run", [Outcome(done=10, total=90, note="gap 1e-5")] * 9)
+    fake_pipeline("fit.run", [Result(done=10, total=90, note="gap 1e-5")] * 9)
     lines = [line for line in shapefit(*FIT.split()).err.splitlines() if "/90 images, " in line]
     assert 2 <= len(lines) <= 4
     assert lines[0].startswith("fit: ")

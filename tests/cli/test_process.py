@@ -17,7 +17,7 @@ COMMAND = Path(sys.executable).with_name("shapefit")
 DRIVER = """
 import sys, time
 from types import ModuleType
-from shapefit.pipelines.outcome import Outcome
+from shapefit.pipelines.result import Result
 from shapefit.cli import main
 
 def run(config):
@@ -43,7 +43,7 @@ def test_a_reader_that_stops_reading_is_not_an_internal_error(folder, lines):
     sys.stdin.readline()
     for number in range({lines}):
         print(number)
-    yield Outcome(done=1)
+    yield Result(done=1)
     """
     buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
     process = subprocess.Popen(
@@ -75,7 +75,7 @@ def test_a_signal_unwinds_the_pipeline(folder, number, told):
     try:
         print("ready", flush=True)
         time.sleep(60)
-        yield Outcome(done=1)
+        yield Result(done=1)
     finally:
         print("unwound", flush=True)
     """
@@ -99,7 +99,7 @@ def test_a_signal_unwinds_the_pipeline(folder, number, told):
 BAR_BODY = """
 for done in range(3):
     time.sleep(0.15)
-    yield Outcome(done=1, total=3, note=f"gap {done}")
+    yield Result(done=1, total=3, note=f"gap {done}")
 """
 
 

@@ -6,13 +6,13 @@ from typing import Any
 from shapefit.config import FitConfig
 from shapefit.io import LandmarkSet, ResultSet, read_results
 from shapefit.pipelines.fit.run import run
-from shapefit.pipelines.result import Result as Outcome
+from shapefit.pipelines.result import Result
 from tests.io.files import save
 
 
 def fit_file(
     landmarks: Path, dictionary: Path | str, output: Path, **keys: Any
-) -> tuple[ResultSet, list[Outcome]]:
+) -> tuple[ResultSet, list[Result]]:
     """Fit a file of landmarks with keys of the config; return the result and the outcomes."""
     paths = {"landmarks": str(landmarks), "dictionary": str(dictionary), "output": str(output)}
     outcomes = list(run(FitConfig(**paths, **{"method": "convex"} | keys)))
@@ -21,7 +21,7 @@ def fit_file(
 
 def fit_images(
     folder: Path, images: LandmarkSet, dictionary: Path | str, **keys: Any
-) -> tuple[ResultSet, list[Outcome]]:
+) -> tuple[ResultSet, list[Result]]:
     """Write images to views.h5 in a folder and fit them there, to result.h5."""
     save(folder / "views.h5", images)
     return fit_file(folder / "views.h5", dictionary, folder / "result.h5", **keys)

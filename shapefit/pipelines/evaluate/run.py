@@ -30,7 +30,7 @@ from shapefit.io.options import input_options
 from shapefit.io.records import ResultSet
 from shapefit.io.source import open_results
 from shapefit.pipelines.evaluate.measure import Measured, measure, with_shapes_of
-from shapefit.pipelines.outcome import Failure, Outcome
+from shapefit.pipelines.result import Failure, Result
 
 ERROR_BARS = "error_bars.json"
 """File of the report that `prior.calibration` of fit takes."""
@@ -41,7 +41,7 @@ UNREAD = (OPTIONAL - READ) | OF_FILE.keys()
 """Datasets of results that no metric needs: they may differ between the files of a method."""
 
 
-def run(config: EvalConfig) -> Iterator[Outcome]:
+def run(config: EvalConfig) -> Iterator[Result]:
     """Measure the results of every method, then write the tables and the plot.
 
     One outcome a method, with the images that failed, and a last one with the errors in a few lines
@@ -61,7 +61,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
         warnings += new
         failures = [Failure(item, f"{name}: {why}") for item, why in measured.failures.items()]
         done = len(measured.items)
-        yield Outcome(done=done, failures=tuple(failures), warnings=tuple(new), note=name)
+        yield Result(done=done, failures=tuple(failures), warnings=tuple(new), note=name)
     inputs |= digests(file for files in config.results.values() for file in files)
     document, ungrouped = sum_up(config, methods, warnings, inputs)
     options = orjson.OPT_INDENT_2 | orjson.OPT_APPEND_NEWLINE
@@ -76,7 +76,7 @@ def run(config: EvalConfig) -> Iterator[Outcome]:
         write_per_image(folder / "per_image.csv", methods)
         for name, text in texts.items():
             (folder / name).write_bytes(text.encode("utf-8", "xmlcharrefreplace"))
-    yield Outcome(
+    yield Result(
         warnings=tuple(ungrouped),
         note="\n".join(report.short_lines(document)),
         written=tuple(config.output / name for name in ("per_image.csv", *texts)),

@@ -31,7 +31,7 @@ from shapefit.pipelines.fit.lift import Lifter, check_needs, lift_images
 from shapefit.pipelines.fit.sample import mean_gain
 from shapefit.pipelines.learn_dict.from_3d import Learning, learn_from_shapes, number_of_components
 from shapefit.pipelines.learn_dict.training_shapes import place_of
-from shapefit.pipelines.outcome import Outcome
+from shapefit.pipelines.result import Result
 
 FEWEST_IMAGES = 20
 """Images from which depth can be learned at all."""
@@ -94,7 +94,7 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     images = normalised_images(some)
     for state in learn(images):
         density = state.objective / (2 * int((images.weights > 0).sum()))
-        yield Outcome(done=1, unit="round", note=f"evidence {density:.3f} a coordinate")
+        yield Result(done=1, unit="round", note=f"evidence {density:.3f} a coordinate")
     judgement = evaluate_class(images, state)
     evidence = (
         f"hidden landmarks predicted to {judgement.learned:.3f} of the size of a shape (rigid "
@@ -108,7 +108,7 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
         "depth is doubtful: each half of the images by itself gives shapes "
         f"{judgement.half_distance:.2f} of their size apart: give poses from more sides"
     )
-    yield Outcome(
+    yield Result(
         line=f"{counted(len(some), 'image')}: {judgement.verdict}; {evidence}; "
         f"{int(state.outliers.sum())} landmarks are outliers",
         warnings=(doubtful,) if judgement.verdict == DOUBTFUL else (),
@@ -127,7 +127,7 @@ def learn_from_landmarks(source: LandmarkSource, config: LearnDictConfig) -> Lea
     made = yield from learn_mixtures(unit, shapes, state, config)
     made, decided_by = resolve_depth(some, made, config.flip)
     if decided_by == OPEN:
-        yield Outcome(warnings=(MIRRORED,))
+        yield Result(warnings=(MIRRORED,))
     verdict = "doubtful" if judgement.verdict == DOUBTFUL else "learned"
     further = {LEARNED_FROM: "landmarks", VERDICT: verdict, DEPTH_AMBIGUITY: decided_by}
     return replace(made, provenance={**made.provenance, **further})

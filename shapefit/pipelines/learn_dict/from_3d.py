@@ -27,9 +27,9 @@ from shapefit.pipelines.learn_dict.training_shapes import (
     find_training_shapes,
     number_of_atoms,
 )
-from shapefit.pipelines.outcome import Outcome
+from shapefit.pipelines.result import Result
 
-Learning = Generator[Outcome, None, Dictionary]
+Learning = Generator[Result, None, Dictionary]
 """Yields an outcome a round, and returns the dictionary; the last outcome sums up."""
 
 MOST_ROUNDS = 20
@@ -53,7 +53,7 @@ def learn_from_shapes(
     """
     training = find_training_shapes(given, config)
     note = counted(len(training), "shape")
-    yield Outcome(failures=training.failures, note=note)
+    yield Result(failures=training.failures, note=note)
     match config.method:
         case "exemplars":
             made = exemplars(training)
@@ -62,7 +62,7 @@ def learn_from_shapes(
         case _:
             made = yield from sparse_coding(training, config)
     if config.method != "sparse-coding":
-        yield Outcome(rows=(("Result", f"{counted(made.k, 'atom')} from {note}"),))
+        yield Result(rows=(("Result", f"{counted(made.k, 'atom')} from {note}"),))
     prior = learn_prior(training, config) if config.prior.components else None
     provenance = {
         "method": config.method,
@@ -115,7 +115,7 @@ def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning
     k = number_of_atoms(len(shapes), config)
     for learned in learn(shapes, k, config.beta, iterations=rounds):
         note = f"objective {learned.trace[-1]:.6g}"
-        yield Outcome(done=1, total=rounds, unit="round", note=note)
+        yield Result(done=1, total=rounds, unit="round", note=note)
     atoms, C = learned.atoms, learned.coefficients
     error = np.linalg.norm(shapes - np.tensordot(C, atoms, axes=1)) / np.linalg.norm(shapes)
     meshes, warnings = None, list[str]()
@@ -128,7 +128,7 @@ def sparse_coding(training: TrainingShapes, config: LearnDictConfig) -> Learning
         f"learned {counted(k, 'atom')} from {counted(len(shapes), 'shape')} "
         f"(reconstruction error {error:.1%})"
     )
-    yield Outcome(total=rounds, warnings=tuple(warnings), rows=(("Result", result),))
+    yield Result(total=rounds, warnings=tuple(warnings), rows=(("Result", result),))
     return replace(
         training.dictionary,
         atoms=atoms,

@@ -14,10 +14,10 @@ from shapefit.io.listing import find_kind
 from shapefit.io.options import input_options
 from shapefit.pipelines.learn_dict.from_2d import learn_from_landmarks
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes, with_p_value_table
-from shapefit.pipelines.outcome import Outcome
+from shapefit.pipelines.result import Result
 
 
-def run(config: LearnDictConfig) -> Iterator[Outcome]:
+def run(config: LearnDictConfig) -> Iterator[Result]:
     """Learn the dictionary and write it; one outcome per round, sequence or set of exemplars.
 
     Files of 2D landmarks alone are learned from as such. Raises InputError for files that cannot be
@@ -36,4 +36,4 @@ def run(config: LearnDictConfig) -> Iterator[Outcome]:
             notes, shapes = source.notes, source.whole()
         dictionary = yield from learn_from_shapes(shapes, config, digests(config.shapes))
     write_dictionary(config.output, with_p_value_table(dictionary))
-    yield Outcome(warnings=notes, written=(config.output,))
+    yield Result(warnings=notes, written=(config.output,))

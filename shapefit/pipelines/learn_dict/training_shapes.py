@@ -30,7 +30,7 @@ from shapefit.geometry.procrustes import (
 )
 from shapefit.io import ShapeSet, match_landmarks
 from shapefit.meshes.dense import carry_mesh
-from shapefit.pipelines.outcome import Failure
+from shapefit.pipelines.result import Failure
 
 
 @dataclass(frozen=True)

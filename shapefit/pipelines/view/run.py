@@ -14,7 +14,7 @@ from shapefit.io.atomic import atomic_path, check_output
 from shapefit.io.inputs import is_stream
 from shapefit.meshes.pictures import FittedImage, Model, check_can_draw, contact_sheet, save
 from shapefit.pipelines.items import subsample
-from shapefit.pipelines.outcome import Outcome
+from shapefit.pipelines.result import Result
 from shapefit.pipelines.view.scene import make_scene
 from shapefit.viewer.page import viewer_page
 
@@ -24,8 +24,8 @@ MOST_IMAGES = 24
 """Images of a sheet, spread evenly over those that are chosen."""
 
 
-def run(config: ViewConfig) -> Iterator[Outcome]:
-    """Write the page, or a sheet of pictures; yields one Outcome with what is missing as warnings.
+def run(config: ViewConfig) -> Iterator[Result]:
+    """Write the page, or a sheet of pictures; yields one Result with what is missing as warnings.
 
     Raises InputError for files that cannot be read or shown together, and where the output cannot
     be written.
@@ -59,7 +59,7 @@ def run(config: ViewConfig) -> Iterator[Outcome]:
             save(figure, temporary, ending[1:])
         else:
             temporary.write_bytes(page)
-    yield Outcome(done=count, warnings=tuple(scene["notes"]), note=note, written=(output,))
+    yield Result(done=count, warnings=tuple(scene["notes"]), note=note, written=(output,))
 
 
 def draw_sheet(scene: Mapping[str, Any], output: Path) -> Any:

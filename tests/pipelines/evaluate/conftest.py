@@ -11,7 +11,7 @@ from shapefit.geometry.rotations import random_rotations
 from shapefit.io import write_shapes
 from shapefit.io.records import ResultSet, ShapeSet
 from shapefit.pipelines.evaluate.run import run
-from shapefit.pipelines.outcome import Outcome
+from shapefit.pipelines.result import Result
 from tests.io.files import save
 
 NAMES = ("head", "left", "right", "foot", "hand")
@@ -61,10 +61,10 @@ class Desk:
         save(self.folder / name, records)
         return self.folder / name
 
-    def run(self, **changes) -> list[Outcome]:
+    def run(self, **changes) -> list[Result]:
         """Return the outcomes that say something: the first tells of the truth alone."""
         config = EvalConfig(**{**self.config.model_dump(), **changes})
-        return [outcome for outcome in run(config) if outcome != Outcome()]
+        return [outcome for outcome in run(config) if outcome != Result()]
 
     def text(self, name: str) -> str:
         return (self.config.output / name).read_text(encoding="utf-8")
