@@ -5,16 +5,18 @@ The formats of other tools that are read are in `io/detect.py`, which imports al
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, suppress
 from difflib import get_close_matches
-from functools import lru_cache, partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from shapefit.errors import input_error, listed
+from shapefit.errors import InputError, input_error, listed
 from shapefit.io.inputs import (
     BYTE_ORDER_MARK,
+    GZIP_SIGNATURE,
     HDF5_SIGNATURE,
     is_stream,
     read_head,
@@ -26,31 +28,93 @@ from shapefit.io.records import LandmarkSet, ResultSet
 
 Output = AbstractContextManager[RecordWriter[Any]]
 
+HEAD_BYTES = 4096
+"""Of a file that decide its format, where it is neither JSON nor HDF5."""
+
+OURS = "shapefit-"
+"""Beginning of the attribute `format` of our HDF5."""
+
+FIRST = 20
+"""Entries of JSON, and files of a folder, that decide its format."""
+
+GZIP_BITS = 31
+"""Of zlib, by which it reads what gzip wrote."""
+
+
+class Head:
+    """What decides the format of a file: its first bytes, lines and columns, or keys."""
+
+    def __init__(self, path: Path) -> None:
+        """Read the first bytes, unpacked. Raises what reading raises."""
+        self.path, self.bytes = path, read_head(path, HEAD_BYTES)
+        if self.bytes.startswith(GZIP_SIGNATURE):
+            with suppress(zlib.error):
+                self.bytes = zlib.decompressobj(GZIP_BITS).decompress(self.bytes, HEAD_BYTES)
+        self.text = self.bytes.removeprefix(BYTE_ORDER_MARK)
+        self.lines = self.text.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
+        cells = self.lines[0].decode("utf-8", "replace").split(",")
+        self.columns = tuple(cell.strip(' "\t') for cell in cells)
+        self.may_be_json = self.text.lstrip()[:1] in (b"{", b"[")
+
+    def named(self, *endings: str) -> bool:
+        """Whether the name of the file has one of these endings."""
+        return self.path.name.lower().removesuffix(".gz").endswith(endings)
+
+    @cached_property
+    def hdf5(self) -> frozenset[str]:
+        """The names in the root of an HDF5 file, and one level below; empty for damaged ones.
+
+        `@name` is an attribute of the root, `group/name` and `group@name` are below. Of files of
+        ours it is OURS alone.
+        """
+        if not self.bytes.startswith(HDF5_SIGNATURE):
+            return frozenset()
+        from shapefit.io.hdf5_file import as_text, open_hdf5
+
+        try:
+            with open_hdf5(self.path) as file:
+                if str(as_text(file.attrs.get("format", ""))).startswith(OURS):
+                    return frozenset({OURS})
+                names = {*file, *(f"@{name}" for name in file.attrs)}
+                for name in file:
+                    node = file.get(name)
+                    names |= {f"{name}@{attribute}" for attribute in getattr(node, "attrs", ())}
+                    names |= {f"{name}/{inner}" for inner in getattr(node, "keys", tuple)()}
+                return frozenset(names)
+        except Exception:  # h5py has many kinds of error for damaged files: the reader names it
+            return frozenset()
+
+    @cached_property
+    def json(self) -> Any:
+        """The content of a JSON file; None for other files, and damaged ones."""
+        from shapefit.io.readers.text import read_json
+
+        try:
+            return read_json(self.path, keep=True) if self.may_be_json else None
+        except InputError:
+            return None
+
+    @cached_property
+    def keys(self) -> frozenset[str]:
+        """The keys of a JSON object, or of the first objects in a list."""
+        objects = self.json[:FIRST] if isinstance(self.json, list) else [self.json]
+        return frozenset(key for each in objects if isinstance(each, dict) for key in each)
+
 
 class FileFormat(NamedTuple):
-    """A format of files.
+    """A format of files: `title` with its article, and endings of names.
 
-    title        what a file of it is called, with its article
-    suffixes     endings of its names; files of these names are taken for it first, and an output of
-                 such a name is written in it
-    records      the kinds (landmarks, shapes, ...) that it can hold; the content of a file decides
-    recognise    whether a file with such a `Head` is in this format
-    read_poses   of a format of another tool: takes the paths that belong together, returns Poses
-    together     files of one folder are one recording: a frame each, or parts that need each other
-    folders      a folder is an input, too
-    write        takes a path and the layout of the records, gives a RecordWriter in a `with`
-    writes       the kinds that it can write
-    in_metres    what it writes is in metres and upright, a sequence a file; `write` takes
-                 OutputOptions, too
-    angles       it is written with the joint angles of bodies, or holds nothing else
-    points_only  it has no place for what is not a point: attributes, further datasets
-    states_y_axis  whether y points up or down is known of each of its files
+    records are the kinds that it can hold; `recognise` decides by a Head. read_poses, of formats
+    of other tools, takes the paths that belong together: with `together` the files of a folder are
+    one recording, with `folders` a folder is an input. `write` takes a path and the layout of the
+    records, of the kinds `writes`, and OutputOptions if it is `in_metres`: upright, a sequence a
+    file; `angles` are written with it. states_y_axis: y points up or down in each of its files.
     """
 
     title: str
     suffixes: tuple[str, ...]
     records: tuple[str, ...] = ()
-    recognise: Callable[[Any], bool] = lambda head: False
+    recognise: Callable[[Head], bool] = lambda head: False
     read_poses: Callable[[tuple[Path, ...]], Any] | None = None
     together: bool = False
     folders: bool = False
@@ -58,12 +122,7 @@ class FileFormat(NamedTuple):
     writes: tuple[str, ...] = ()
     in_metres: bool = False
     angles: bool = False
-    points_only: bool = True
     states_y_axis: bool = True
-
-    def has_suffix(self, path: Path) -> bool:
-        """Whether the path is named like a file of this format."""
-        return path.name.lower().removesuffix(".gz").endswith(self.suffixes)
 
 
 def _write_hdf5(target: Path, form: Layout) -> Output:
@@ -92,9 +151,6 @@ def _write_motion(name: str, target: Path, form: Layout, options: OutputOptions)
     return motion_output(target, options, writers[name], unit=unit, angles=angles)
 
 
-HEAD_BYTES = 4096
-"""Of a file that decide its format, where it is neither JSON nor HDF5."""
-
 ITEMS = ("landmarks", "shapes", "result")
 ALL = (*ITEMS, "dictionary")
 
@@ -102,18 +158,22 @@ HDF5 = FileFormat(
     "an HDF5 file",
     (".h5", ".hdf5", ".hdf", ".he5"),
     ALL,
+    lambda head: OURS in head.hdf5,
     write=_write_hdf5,
     writes=ALL,
-    points_only=False,
 )
-
 CSV = FileFormat(
-    "a CSV file", (".csv",), ITEMS, write=_write_csv, writes=ITEMS, states_y_axis=False
+    "a CSV file",
+    (".csv",),
+    ITEMS,
+    lambda head: {"item", "landmark"} <= {*head.columns} and not head.named(*HDF5.suffixes),
+    write=_write_csv,
+    writes=ITEMS,
+    states_y_axis=False,
 )
-
 OWN = {"hdf5": HDF5, "csv": CSV}
 
-WRITTEN = {
+TARGETS = OWN | {
     name: FileFormat(
         title,
         (suffix,),
@@ -131,46 +191,18 @@ WRITTEN = {
         ("angles", "a table of joint angles", ".angles.csv"),
     )
 }
-"""Formats that are written for other tools."""
-
-TARGETS = OWN | WRITTEN
 """The formats that can be written, by their names."""
 
 
 def own_format(path: Path) -> FileFormat | None:
-    """Return the format of a file that is ours: CSV by its columns, HDF5 by its attribute `format`.
-
-    Standard input is CSV. None for what is something else, or cannot be read.
-    """
+    """Return the format of a file that is ours, of standard input CSV; None for something else."""
     if is_stream(path):
         return CSV
     try:
-        state = path.stat()
-        return _recognised(path, state.st_mtime_ns, state.st_size) if path.is_file() else None
-    except OSError:
+        head = Head(path) if path.is_file() else None
+    except OSError:  # who opens the file reports it
         return None
-
-
-@lru_cache
-def _recognised(path: Path, *_state: int) -> FileFormat | None:
-    """Return the format of a file of ours; `_state`, its size and time, is the key of the cache."""
-    head = read_head(path, HEAD_BYTES)
-    if head.startswith(HDF5_SIGNATURE):
-        from shapefit.io.hdf5_file import as_text, open_hdf5
-
-        try:
-            with open_hdf5(path) as file:
-                stated = str(as_text(file.attrs.get("format", "")))
-                return HDF5 if stated.startswith("shapefit-") else None
-        except Exception:  # h5py has many kinds of error for damaged files: the reader names it
-            return HDF5
-    return CSV if names_items(head) and not HDF5.has_suffix(path) else None
-
-
-def names_items(head: bytes) -> bool:
-    """Whether text begins with a header that has the columns item and landmark."""
-    line = head.removeprefix(BYTE_ORDER_MARK).replace(b"\r", b"\n").partition(b"\n")[0]
-    return {b"item", b"landmark"} <= {cell.strip(b' "\t') for cell in line.split(b",")}
+    return next((own for own in OWN.values() if head is not None and own.recognise(head)), None)
 
 
 def named_format(name: str, formats: Mapping[str, FileFormat], key: str = "format") -> FileFormat:
@@ -185,10 +217,9 @@ def named_format(name: str, formats: Mapping[str, FileFormat], key: str = "forma
 def check_holds(path: Path, kind: str, file_format: FileFormat) -> None:
     """Raise InputError unless a file is in one of our formats that can hold records of a kind."""
     if file_format.read_poses is not None or kind not in file_format.records:
-        able = [own.title for own in OWN.values() if kind in own.records]
-        problem = f"is {file_format.title}, not {listed(able)}"
-        problem = problem if path.is_file() else "is not a file on a disk"
-        raise input_error(source_name(path), problem, f"give a shapefit-{kind} file")
+        able = listed(own.title for own in OWN.values() if kind in own.records)
+        fix = f"give a shapefit-{kind} file"
+        raise input_error(source_name(path), f"is {file_format.title}, not {able}", fix)
 
 
 def landmark_writer(target: Path) -> AbstractContextManager[RecordWriter[LandmarkSet]]:
@@ -219,15 +250,16 @@ def record_writer(
     """
     file_format = check_target_format(target, form.kind, to)
     if is_stream(target) and file_format is not CSV:
-        problem = "files of this format cannot go to standard output"
-        raise input_error("output", problem, "name a file")
+        fault = "files of this format cannot go to standard output"
+        raise input_error("output", fault, "name a file")
     assert file_format.write is not None
     if file_format.in_metres:
         return file_format.write(target, form, options)
-    if options.given:
-        problem = f"{file_format.title} keeps the unit and the axes of what is written"
-        fix = "leave it out, or end the name in .metres.csv, .trc or .c3d"
-        raise input_error(options.given[0], problem, fix)
+    for name, value in vars(options).items():
+        if value != getattr(AS_KNOWN, name):
+            fault = f"{file_format.title} keeps the unit and the axes of what is written"
+            fix = "leave it out, or end the name in .metres.csv, .trc or .c3d"
+            raise input_error(name, fault, fix)
     return file_format.write(target, form)
 
 
@@ -244,18 +276,18 @@ def find_target_format(path: Path, name: str = "auto") -> FileFormat:
     if fitting := [suffix for suffix in endings if path.name.lower().endswith(suffix)]:
         return endings[max(fitting, key=len)]
     if path.suffix:
-        problem = f"no format that is written ends in {path.suffix}"
-        raise input_error(path, problem, f"end the name in {listed(endings)}")
+        fault = f"no format that is written ends in {path.suffix}"
+        raise input_error(path, fault, f"end the name in {listed(endings)}")
     return HDF5
 
 
 def check_target_format(path: Path, kind: str, name: str = "auto") -> FileFormat:
     """Return the format of an output. Raises InputError where it cannot hold records of a kind."""
     target = find_target_format(path, name)
-    if kind in target.writes:
-        return target
-    noun = target.title.split()[1]
-    if kind == "landmarks" and target.in_metres:
-        fix = "lift them with `shapefit fit` first, or write .h5 or .csv"
-        raise input_error(path, f"2D landmarks cannot be {noun}", fix)
-    raise input_error(path, f"a {kind} cannot be {noun}", "give it a name in .h5")
+    if kind not in target.writes:
+        fix = "give it a name in .h5"
+        if kind == "landmarks" and target.in_metres:
+            fix = "lift them with `shapefit fit` first, or write .h5 or .csv"
+        fault = f"{'2D landmarks' if kind == 'landmarks' else f'a {kind}'} cannot be "
+        raise input_error(path, fault + target.title.split()[1], fix)
+    return target

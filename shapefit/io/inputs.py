@@ -7,7 +7,7 @@ import os
 import sys
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import IO, cast
 
@@ -23,13 +23,8 @@ BLOCK_BYTES = 1 << 16
 LARGEST_BYTES = 1 << 30
 """Of a file that is read whole."""
 
-MEMORY_FACTOR = 14
-"""Memory that parsed JSON takes, as a multiple of the file (numbers of some ten digits)."""
-
 ALWAYS_FITS = 1 << 26
 """Bytes that nobody needs to ask for."""
-
-MACHINE, GROUP = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 
 
 def is_stream(path: Path) -> bool:
@@ -58,14 +53,11 @@ def read_head(path: Path, size: int) -> bytes:
 
 def require_file(path: Path) -> None:
     """Raise InputError unless `path` is a file that can be read and is not empty."""
-    if not os.path.exists(path):
-        folder = next(parent for parent in path.parents if os.path.exists(parent))
-        fix = f"check the path ({folder} exists, what follows does not)"
-        fix = "check its name" if folder == path.parent else fix
-        raise input_error(path, "there is no such file", fix)
-    if os.path.isdir(path):
+    if not path.exists():
+        raise input_error(path, "there is no such file", "check the path")
+    if path.is_dir():
         raise input_error(path, "it is a folder", f"name the files in it, e.g. '{path}/*.h5'")
-    if not os.access(path, os.R_OK, effective_ids=os.access in os.supports_effective_ids):
+    if not os.access(path, os.R_OK):
         raise input_error(path, "may not be read", "change its permissions")
     if path.is_file() and path.stat().st_size == 0:
         raise input_error(path, "is empty (0 bytes)", "make or copy the file again")
@@ -84,8 +76,8 @@ def read_text_blocks(path: Path) -> Iterator[bytes]:
         if not block:
             raise input_error(name, "is empty (0 bytes)", "write a CSV with a header line")
         if block.startswith(HDF5_SIGNATURE):
-            found = "is HDF5, which cannot come through a pipe"
-            raise input_error(name, found, "name the file itself, or send CSV")
+            fault = "is HDF5, which cannot come through a pipe"
+            raise input_error(name, fault, "name the file itself, or send CSV")
         while block:
             yield block
             block = file.read(BLOCK_BYTES)
@@ -96,9 +88,8 @@ def read_whole(path: Path) -> bytes:
     with _open_text(path) as file:
         text = file.read(LARGEST_BYTES + 1)
     if len(text) > LARGEST_BYTES:
-        found = f"holds more than {in_words(LARGEST_BYTES)} of text, and it is read whole"
-        raise input_error(path, found, "divide it into smaller files")
-    check_fits(str(path), MEMORY_FACTOR * len(text), "what it holds")
+        fault = f"holds more than {in_words(LARGEST_BYTES)} of text, and it is read whole"
+        raise input_error(path, fault, "divide it into smaller files")
     return text
 
 
@@ -114,28 +105,16 @@ def _open_text(path: Path) -> Iterator[IO[bytes]]:
             raise input_error(path, f"cannot be unpacked ({error})", fix) from error
 
 
-def check_fits(
-    place: str,
-    size: int,
-    found: str = "it",
-    fix: str = "divide the file, or use a machine with more memory",
-) -> None:
-    """Raise InputError at `place` where `size` bytes are more than the memory that is free."""
-    if size > ALWAYS_FITS and (free := free_memory()) is not None and size > free:
-        taken = f"{found} takes {in_words(size)} of memory, and {in_words(free)} are free"
-        raise input_error(place, taken, fix)
+def check_fits(place: str, size: int, what: str = "it") -> None:
+    """Raise InputError at `place` where `size` bytes are more than this machine has memory."""
+    if size > ALWAYS_FITS and size > (memory := machine_memory()):
+        fault = f"{what} takes {in_words(size)} of memory, and this machine has {in_words(memory)}"
+        raise input_error(place, fault, "divide the file, or use a machine with more memory")
 
 
-def free_memory() -> int | None:
-    """Bytes that the machine or its container still has; None where the system does not say it."""
-    limits = []
-    with suppress(OSError, ValueError, IndexError):
-        lines = MACHINE.read_text().splitlines()
-        limits += [int(n.split()[1]) * 1024 for n in lines if n.startswith("MemAvailable:")]
-    with suppress(OSError, ValueError):
-        limit, used = (int((GROUP / f"memory.{name}").read_text()) for name in ("max", "current"))
-        limits.append(max(limit - used, 0))
-    return min(limits, default=None)
+def machine_memory() -> int:
+    """Bytes of memory of this machine."""
+    return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
 
 
 def in_words(size: int) -> str:

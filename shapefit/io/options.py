@@ -18,20 +18,11 @@ Markers = Literal["joints", "input"]
 
 @dataclass(frozen=True, kw_only=True)
 class InputOptions:
-    """How files are read; the defaults take them as they are.
+    """How files are read: the keys of commands, the defaults take files as they are.
 
-    format            a name in the table of formats, auto by their content
-    keypoints         the skeleton whose names landmarks have in files that do not name them
-    individual        the one individual that is read, by its name; None for all
-    track             nearest joins detections without identity over frames; none leaves each
-                      an item of its own; motion joins them, and refuses images that follow no
-                      order (the default where sequences are asked for)
-    min_confidence    landmarks whose confidence is below this are hidden
-    rename            landmarks, as files have them -> the names that they are given out under
-    image_size        width and height of the images in pixels, by which fractions are multiplied
-    y_axis            where y points in landmarks, against what a format of others has by
-                      convention; None as files say it, and down where they do not
-    landmarks         those that are kept, in this order, by their new names; None for all
+    track joins detections without identity over frames: `nearest`; `motion`, which refuses images
+    that follow no order; or `none`. min_confidence hides landmarks whose confidence is below.
+    landmarks are those that are retained, in this order, by their new names; None for all.
     """
 
     format: str = "auto"
@@ -47,16 +38,11 @@ class InputOptions:
 
 AS_THEY_ARE = InputOptions()
 
-OF_COMMANDS = ("format", "individual", "rename", "keypoints", "y_axis", "image_size")
-"""The keys by which commands read files."""
-
 
 def input_options(config: Any, track: Track = "none") -> InputOptions:
-    """Return how a command reads its files, by the keys of its config.
-
-    `track` says how detections without identity are joined.
-    """
-    given = {key: getattr(config, key) for key in OF_COMMANDS if hasattr(config, key)}
+    """Return how a command reads its files, by the keys of its config."""
+    keys = ("format", "individual", "rename", "keypoints", "y_axis", "image_size")
+    given = {key: getattr(config, key) for key in keys if hasattr(config, key)}
     least = getattr(config, "min_confidence", None) or 0.0
     return InputOptions(**given, track=track, min_confidence=least)
 
@@ -65,22 +51,15 @@ def input_options(config: Any, track: Track = "none") -> InputOptions:
 class OutputOptions:
     """How shapes get into files in metres.
 
-    height      of the body or the object in metres; by default results are as large as the training
-                shapes of their dictionary
-    unit        of shapes whose files do not say it
-    up          axis of the shapes, or of the world that the extrinsics know, that points up
-    markers     input: the landmarks of the files that were lifted, in place of the joints
+    height in metres of the body or the object, by default that of the training shapes; unit of
+    shapes whose files do not state it; up, the axis of the shapes, or of the world that the
+    extrinsics know, that points up; markers `input` are the landmarks that were lifted.
     """
 
     height: float | None = None
     unit: str | None = None
     up: Up | None = None
     markers: Markers = "joints"
-
-    @property
-    def given(self) -> tuple[str, ...]:
-        """Return the names of the keys of a config that are set."""
-        return tuple(name for name, value in vars(self).items() if value != vars(AS_KNOWN)[name])
 
 
 AS_KNOWN = OutputOptions()

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
-from shapefit.io.checks import check_magnitudes, check_values, place_in_memory, warn_of_zeros
+from shapefit.io.checks import Place, check_values, place_in_memory, warn_of_zeros
 from shapefit.io.formats import HDF5, FileFormat, check_holds, own_format, record_writer
 from shapefit.io.inputs import source_name
 from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, UNKNOWN_UNIT, Layout
 from shapefit.io.merge import align_to, merge_heads
-from shapefit.io.names import check_items, check_renamed
+from shapefit.io.names import find_shared_item, match_landmarks
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
 from shapefit.io.records import LandmarkSet, Record, ResultSet, ShapeSet, concatenate
 
@@ -26,25 +26,13 @@ CENTRED = 0.1
 a centre in a unit of their own."""
 
 MAX_IN_MEMORY = 1 << 21
-"""Landmarks of all files together that are held, some 50 MB; of more, rows are read as needed."""
-
-MAX_OPEN = 64
-"""HDF5 files that stay open; of more, each is opened anew for its rows."""
+"""Landmarks of all HDF5 files together that are read at once, some 50 MB; of more, by batches."""
 
 BLOCK = 1 << 12
-"""Images by which landmarks are first looked at."""
+"""Images that are looked at, to see whether landmarks are fractions of an image."""
 
-CHECKED_BYTES = 1 << 24
-"""Of an HDF5 file that are read at a time to be checked."""
-
-PIXELS = 2
-"""Beyond which a coordinate is no fraction of an image."""
-
-LARGEST = 1 << 24
-"""Bytes of a carried dataset that is read where only the first items are wanted."""
-
-GAP = 1 << 10
-"""Rows that are read and dropped rather than begun anew behind them."""
+OPTIONAL = frozenset(n for n, c in RESULTS.datasets.items() if not c.required) - {"sequence"}
+"""Datasets of results that need not be read."""
 
 
 def open_landmarks(
@@ -54,22 +42,18 @@ def open_landmarks(
     *,
     selects: bool = False,
     check: bool = True,
-    first: int | None = None,
 ) -> LandmarkSource:
     """Open files of landmarks in any format (`-` is standard input) as one source.
 
-    Of HDF5 rows are read as they are asked for, CSV is read in one pass, all else whole. Everything
-    is checked before the first image is given out, and raises InputError: what is wrong with a
-    file, items that occur twice, files that do not go together, names to rename that no file has.
+    Large HDF5 is read by batches, CSV in one pass, all else whole. Raises InputError: at once for
+    items that occur twice, files that do not go together, and names to rename that no file has; for
+    wrong values when they are read.
 
     rows     those of the one HDF5 file that are given out: nothing else of it is read
     selects  the caller selects the individual in files of ours; without, that is refused
-    check    without, only heads are read of HDF5, and values and names are not checked
-    first    so many landmarks are read of CSV, and the source has an `estimate` of its count; of
-             HDF5 no carried dataset of more than LARGEST bytes is read
+    check    without, items that occur twice and wrong values are not looked for
     """
-    how: dict[str, Any] = {"rows": rows, "check": check, "first": first}
-    files = _open_all(LANDMARKS, paths, options, selects, **how)
+    files = _open_all(LANDMARKS, paths, options, selects, rows=rows, check=check)
     return Source(files, options.y_axis, check=check)
 
 
@@ -80,7 +64,6 @@ def open_shapes(
     gaps: bool = False,
     selects: bool = False,
     check: bool = True,
-    first: int | None = None,
 ) -> ShapeSource:
     """Open files of shapes in any format as one source, checked as `open_landmarks` does.
 
@@ -88,33 +71,22 @@ def open_shapes(
     the files. With `gaps` a landmark of an item may be unknown: it is NaN, in all coordinates where
     it is in one, and may lack its row in CSV. Without, that is wrong.
     """
-    how: dict[str, Any] = {"gaps": gaps, "check": check, "first": first}
-    files = _open_all(SHAPES, paths, options, selects, **how)
-    return Source(files, check=check)
+    return Source(_open_all(SHAPES, paths, options, selects, gaps=gaps, check=check), check=check)
 
 
 def open_results(
     paths: Sequence[Path],
-    without: Collection[str] | None = None,
+    without: Collection[str] = PROOF,
     *,
-    proofs: bool = False,
     check: bool = True,
     old: bool = False,
-    first: int | None = None,
 ) -> ResultSource:
     """Open results as one source, checked as `open_landmarks` does.
 
-    Datasets in `without` are not read, by default what proves the optimum unless `proofs`. Of CSV
-    all but shapes, names, items and sequences is None. `old` files of version 1 are read, too.
+    Datasets in `without` are not read, by default what proves the optimum. Of CSV all but shapes,
+    names, items and sequences is None. `old` files of version 1 are read, too.
     """
-    left = (() if proofs else frozenset(PROOF)) if without is None else without
-    keep = len(paths) <= MAX_OPEN
-    how: dict[str, Any] = {"without": left, "check": check, "old": old, "first": first}
-    files = [
-        _open(RESULTS, *group, AS_THEY_ARE, keep_open=keep, **how)
-        for path in paths
-        for group in _groups([path], AS_THEY_ARE)
-    ]
+    files = _open_all(RESULTS, paths, AS_THEY_ARE, without=without, check=check, old=old)
     return Source(files, check=check)
 
 
@@ -126,11 +98,11 @@ def source_of(
     With `gaps` landmarks of shapes may be unknown. Raises InputError as for what a file holds.
     """
     place = place_in_memory(name)
-    check_values(records.columns, records.LAYOUT, place, records.landmark_names, gaps=gaps)
-    check_renamed(rename, [(name, records.landmark_names)])
+    check_values(records.columns, records.LAYOUT, place, records.landmark_names, gaps)
+    match_landmarks(records.landmark_names, tuple(rename), "rename")
     records = records.with_whole_points().renamed(rename, name)
     stated = records.y_axis if isinstance(records, LandmarkSet) else None
-    return Source([SourceFile.of(name, records, lambda row: place("item", row), y_axis=stated)])
+    return Source([SourceFile.of(name, records, place, y_axis=stated)])
 
 
 def read_shapes(
@@ -147,7 +119,7 @@ def read_results(path: Path, *, proofs: bool = False) -> ResultSet:
     What proves the optimum stays in the file unless `proofs` asks for it. Raises InputError as
     `open_results`.
     """
-    with open_results([path], proofs=proofs) as source:
+    with open_results([path], () if proofs else PROOF) as source:
         return source.whole()
 
 
@@ -164,9 +136,9 @@ def write_shapes(path: Path, shapes: ShapeSet) -> None:
 class SourceFile(Generic[Record]):
     """One file of a source: `head` has all but the items, `read` returns those of some rows.
 
-    texts reads the datasets item and sequence of all items, block by block; `place` names a row in
-    messages; notes are warnings about what was left out; y_axis is where y points, None where the
-    file does not say it; estimate is the count of a file of which only the first were read.
+    texts reads the datasets item and sequence of all items, block by block; `place` names a row of
+    a dataset in messages; notes are warnings about what was left out; y_axis is where y points,
+    None where the file does not say it.
     """
 
     name: str
@@ -174,24 +146,21 @@ class SourceFile(Generic[Record]):
     count: int
     read: Callable[[slice], Record]
     texts: Callable[[str], Iterable[Sequence[str]]]
-    place: Callable[[int], str]
+    place: Place
     close: Callable[[], None] = lambda: None
     notes: tuple[str, ...] = ()
     y_axis: Direction | None = None
-    estimate: int | None = None
 
     @classmethod
-    def of(
-        cls, name: str, records: Record, place: Callable[[int], str] | None = None, **stated: Any
-    ) -> Self:
-        """Return records in memory as a file; without `place` messages name the file alone."""
+    def of(cls, name: str, records: Record, place: Place | None = None, **stated: Any) -> Self:
+        """Return records in memory as a file; without `place` messages name the item."""
         return cls(
             name=name,
             head=records.take(slice(0, 0)),
             count=len(records),
             read=records.take,
             texts=lambda kind: [records.items if kind == "item" else records.sequences or ()],
-            place=place or (lambda _: name),
+            place=place or (lambda _, row: f"{name}: item '{records.items[row]}'"),
             **stated,
         )
 
@@ -217,7 +186,7 @@ class Source(Generic[Record]):
     """The items of one or more files; a context manager, which closes the files.
 
     `head` has all but the items: their landmarks, unit, columns; `count` is how many items there
-    are.
+    are; `notes` are warnings about what was left out of the files.
     """
 
     def __init__(
@@ -234,43 +203,27 @@ class Source(Generic[Record]):
         """
         self._files = files
         try:
-            self._files = make_unique(files) if check else files
+            self._files = _make_unique(files) if check else files
             self.count = sum(file.count for file in files)
             filled = [file for file in self._files if file.count] or self._files[:1]
-            heads = [(file.name, file.head) for file in filled]  # what is empty may differ
-            self.head: Record = merge_heads(heads, [(f.name, f.y_axis) for f in filled], y_axis)
+            self.head: Record = merge_heads(filled, y_axis)  # what is empty may differ
         except BaseException:
             self.close()
             raise
+        self.notes = tuple(note for file in self._files for note in file.notes)
 
     @property
     def states_y_axis(self) -> bool:
         """Whether a file says where y points."""
         return any(file.y_axis is not None for file in self._files)
 
-    @property
-    def estimate(self) -> int | None:
-        """About how many items there are, where only the first of them were read."""
-        counts = [file.count if file.estimate is None else file.estimate for file in self._files]
-        return sum(counts) if sum(counts) > self.count else None
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """Warnings about what was left out of the files."""
-        return tuple(note for file in self._files for note in file.notes)
-
     def batches(self, size: int, *, by_file: bool = False) -> Iterator[Record]:
-        """Give out the items in order, `size` at a time (fewer in the last batch).
+        """Give out the items in order, `size` >= 1 at a time (fewer in the last batch).
 
         `by_file` gives none of two files together, so that what is made of a file does not depend
         on those before it. A source without items gives one empty set, so that what is made of it
         can be written.
         """
-        if size < 1:
-            raise ValueError(f"size must be at least 1, not {size}")
-        return self._batches(size, by_file)
-
-    def _batches(self, size: int, by_file: bool) -> Iterator[Record]:
         parts: list[Record] = []
         remaining = size
         for file in self._files:
@@ -284,6 +237,15 @@ class Source(Generic[Record]):
                     parts, remaining = [], size
         if parts or not self.count:
             yield concatenate(parts) if parts else self.head
+
+    def chosen(self, rows: NDArray[np.intp], size: int) -> Iterator[Record]:
+        """Give out the items of these rows, which ascend, from batches of `size`."""
+        start = 0
+        for batch in self.batches(size):
+            first, last = np.searchsorted(rows, [start, start + len(batch)])
+            if first < last:
+                yield batch.take(rows[first:last] - start)
+            start += len(batch)
 
     def first(self, count: int) -> Record:
         """Return the first items, at most `count`."""
@@ -303,18 +265,6 @@ class Source(Generic[Record]):
             missing = file.head.sequences is None
             yield from [("",) * file.count] if missing else file.texts("sequence")
 
-    def take(self, rows: NDArray[np.intp]) -> Record:
-        """Return the items of these rows, which ascend, none twice; near ones are read together."""
-        parts: list[Record] = []
-        starts = np.cumsum([0, *(file.count for file in self._files)])
-        numbers = np.searchsorted(starts, rows, "right") - 1
-        for number in np.unique(numbers).tolist():
-            file, own = self._files[number], rows[numbers == number] - starts[number]
-            for near in np.split(own, np.flatnonzero(np.diff(own) > GAP) + 1):
-                part = file.read(slice(int(near[0]), int(near[-1]) + 1)).take(near - near[0])
-                parts.append(align_to(part, self.head, file.name))
-        return concatenate(parts) if parts else self.head
-
     def close(self) -> None:
         """Close the files."""
         for file in self._files:
@@ -330,68 +280,71 @@ class Source(Generic[Record]):
 LandmarkSource = Source[LandmarkSet]
 ShapeSource = Source[ShapeSet]
 ResultSource = Source[ResultSet]
+AnyRecords = ResultSet | ShapeSet | LandmarkSet
 
 
-def make_unique(files: Sequence[SourceFile[Any]]) -> Sequence[SourceFile[Any]]:
+def _make_unique(files: Sequence[SourceFile[Any]]) -> Sequence[SourceFile[Any]]:
     """Return files whose items and sequences begin with the file's name if two have an item."""
-    again = check_items([(lambda file=file: file.texts("item"), file.place) for file in files])  # type: ignore[misc]
-    if again is None:
+    shared = find_shared_item(
+        [(lambda file=file: file.texts("item"), file.place) for file in files]
+    )  # type: ignore[misc]
+    if shared is None:
         return files
     paths = [Path(file.name).with_suffix("").parts for file in files]
     depths = range(1, max(map(len, paths)) + 1)
-    depth = next((d for d in depths if len({own[-d:] for own in paths}) == len(paths)), None)
+    depth = next((d for d in depths if len({parts[-d:] for parts in paths}) == len(paths)), None)
     if depth is None:
-        found = f"the item '{again.item}' is in two files of this name"
-        raise input_error(files[0].name, found, "give each file once, under a name of its own")
-    names = ["/".join(own[-depth:]) for own in paths]
-    example = f"'{again.item}'" + (f" and {again.number - 1} more" if again.number > 1 else "")
-    note = f"{example} in more than one file: items begin with the file, '{names[0]}/...'"
-    named = [file.with_prefix(name) for file, name in zip(files, names, strict=True)]
+        fault = f"the item '{shared}' is in two files of this name"
+        raise input_error(files[0].name, fault, "give each file once, under a name of its own")
+    named = [
+        file.with_prefix("/".join(parts[-depth:])) for file, parts in zip(files, paths, strict=True)
+    ]
+    example = f"'{'/'.join(paths[0][-depth:])}/...'"
+    note = f"'{shared}' in more than one file: items begin with the file, {example}"
     return [replace(named[0], notes=(*named[0].notes, note)), *named[1:]]
 
 
-Group = tuple[FileFormat, tuple[Path, ...]]
-
-
-def _groups(paths: Sequence[Path], options: InputOptions) -> list[Group]:
-    """Return inputs with their formats; the readers of other tools' are imported where needed."""
-    paths = list(dict.fromkeys(paths))
-    own = [own_format(path) if options.format == "auto" else None for path in paths]
-    if all(own):
-        return [(one, (path,)) for one, path in zip(own, paths, strict=True) if one]
-    from shapefit.io.detect import group_inputs
-
-    return group_inputs(paths, options)
-
-
 def _open_all(
-    form: Layout, paths: Sequence[Path], options: InputOptions, selects: bool, **how: Any
+    form: Layout,
+    paths: Sequence[Path],
+    options: InputOptions,
+    selects: bool = False,
+    **how: Any,
 ) -> list[SourceFile[Any]]:
-    """Open files of landmarks or shapes, their landmarks renamed, and of these those kept.
+    """Open files of one layout, their landmarks renamed, and of these those that are retained.
 
     Raises InputError for an individual of files that are ours, unless the caller `selects` it.
     """
-    groups = _groups(paths, options)
-    third_party = any(one.read_poses for one, _ in groups)
-    if options.individual is not None and not selects and not third_party:
+    groups = _groups(paths, options, form)
+    is_ours = not any(file_format.read_poses for file_format, _ in groups)
+    if options.individual is not None and not selects and is_ours:
         fix = "write that individual to a file by `shapefit convert`, and use this"
         raise input_error(paths[0], "`individual` is for files of other tools", fix)
-    most = MAX_IN_MEMORY // len(groups) if form is LANDMARKS else 0
-    how |= {"max_in_memory": most, "keep_open": len(groups) <= MAX_OPEN}
-    files = [_open(form, *group, options, **how) for group in groups]
-    rename, retained = options.rename, options.landmarks
-    check_renamed(rename, [(file.name, file.head.landmark_names) for file in files])
-    if third_party and form is LANDMARKS:
-        from shapefit.io.detect import warn_of_mixture
-
-        files[0] = replace(files[0], notes=files[0].notes + warn_of_mixture(groups))
-    if rename:
+    files = [_open(form, *group, options, share=len(groups), **how) for group in groups]
+    if rename := options.rename:
+        names = dict.fromkeys(name for file in files for name in file.head.landmark_names)
+        match_landmarks(tuple(names), tuple(rename), "rename")
         files = [f.changed(lambda r, n=f.name: r.renamed(rename, n)) for f in files]  # type: ignore[misc]
-    if retained is not None:
+    if (retained := options.landmarks) is not None:
         from shapefit.io.readers.items import keep_landmarks
 
         files = [f.changed(lambda r, n=f.name: keep_landmarks(r, retained, n)) for f in files]  # type: ignore[misc]
     return files
+
+
+def _groups(
+    paths: Sequence[Path], options: InputOptions, form: Layout
+) -> list[tuple[FileFormat, tuple[Path, ...]]]:
+    """Return inputs with their formats; the readers of other tools' are imported where needed."""
+    paths = list(dict.fromkeys(paths))
+    ours = [own_format(path) if options.format == "auto" else None for path in paths]
+    if all(ours):
+        return [(each, (path,)) for each, path in zip(ours, paths, strict=True) if each]
+    from shapefit.io.detect import detect_format, group_inputs
+
+    if form is RESULTS:  # of which each file is checked by itself
+        return [(detect_format(path), (path,)) for path in paths]
+    return group_inputs(paths, options)
 
 
 def _open(
@@ -401,7 +354,7 @@ def _open(
     options: InputOptions,
     *,
     gaps: bool = False,
-    first: int | None = None,
+    check: bool = True,
     **how: Any,
 ) -> SourceFile[Any]:
     """Open a file of any format; one that is read whole gives out parts of what was read."""
@@ -416,54 +369,48 @@ def _open(
             stated = records.y_axis if file_format.states_y_axis else None
             return SourceFile.of(name, records, notes=notes, y_axis=stated)
         records, notes = items.read_shapes(file_format, paths, options, gaps=gaps)
-        check_magnitudes(name, records.shapes, records.items, records.landmark_names)
-        return SourceFile.of(name, records, notes=notes)
+        return _checked(SourceFile.of(name, records, notes=notes), form, gaps=True)
     check_holds(path, form.kind, file_format)
     if file_format is HDF5:
-        file = _open_hdf5(path, form, gaps, large=first is None, **how)
+        file = _open_hdf5(path, form, **how)
     else:
-        from shapefit.io.tidy_table import Spool, read_csv
+        from shapefit.io.csv_file import read_csv
+        from shapefit.io.tidy_table import Spool
 
-        records, notes = read_csv(path, form.kind, gaps=gaps)
-        file = SourceFile.of(name, records)
+        records, notes, _ = read_csv(path, form.kind, gaps=gaps)
+        file = SourceFile.of(name, records, notes=notes)
         if isinstance(records, Spool):
             file = replace(file, texts=records.texts, close=records.close)
         if form is LANDMARKS and file.head.confidence is None:
             some = file.read(slice(0, min(file.count, BLOCK))).landmarks
-            notes += tuple(f"{name}: {text}" for text in warn_of_zeros(some.swapaxes(1, 2)))
-        if form is SHAPES:
-            check_magnitudes(name, records.shapes, records.items, records.landmark_names)
-        file = replace(file, notes=notes)
+            zeros = tuple(f"{name}: {text}" for text in warn_of_zeros(some.swapaxes(1, 2)))
+            file = replace(file, notes=notes + zeros)
+        gaps = True  # the table has looked for them
+    file = _checked(file, form, gaps) if check else file
     if form is LANDMARKS:
-        file = _in_pixels(file, options) if how["check"] else file
-        return _hiding(file, options.min_confidence)
+        file = _in_pixels(file, options) if check else file
+        file = _hiding(file, options.min_confidence)
     return file
 
 
 def _open_hdf5(
     path: Path,
     form: Layout,
-    gaps: bool,
     *,
-    large: bool = True,
+    share: int,
     rows: slice | None = None,
     without: Collection[str] = (),
-    check: bool = True,
     old: bool = False,
-    max_in_memory: int = 0,
-    keep_open: bool = True,
 ) -> SourceFile[Any]:
-    """Open a file of landmarks, shapes or results, or a part of its rows, but for some datasets.
+    """Open a file of ours, or a part of its rows, but for some datasets.
 
-    Unless `large`, carried datasets of more than LARGEST bytes are left out, too.
-
-    Items of at most so many landmarks together are read once and held, others whenever they are
-    needed. Raises InputError for what is wrong with it.
+    Few landmarks are read at once. Of more the file is read by batches; where it has to `share`
+    with others, it is open only between its first and its last row.
     """
     from shapefit.io.hdf5_records import Hdf5Reader
 
     reader = Hdf5Reader(path, form, old=old)
-    stated, names = reader.stated["y_axis"], reader.landmark_names
+    stated, p = reader.stated["y_axis"], len(reader.landmark_names)
     start, stop, _ = (rows or slice(None)).indices(reader.count)
 
     def opened() -> Hdf5Reader:
@@ -472,73 +419,64 @@ def _open_hdf5(
             reader = Hdf5Reader(path, form, old=old)
         return reader
 
-    def blocks() -> Iterator[slice]:
-        size = max(1, min(BLOCK * 4, CHECKED_BYTES // (48 * max(len(names), 1))))
-        return (slice(at, min(at + size, stop)) for at in range(start, stop, size))
-
-    def read(own: slice) -> Any:
-        rows = slice(start + own.start, start + own.stop)
+    def read(part: slice) -> Any:
+        rows = slice(start + part.start, start + part.stop)
         records = opened().records(rows, without)
-        if not keep_open and rows.stop >= stop:
+        if share > 1 and rows.stop >= stop:
             reader.close()
-        return records if form is RESULTS else records.with_whole_points()
+        return records
 
     def texts(name: str) -> Iterator[Sequence[str]]:
-        return (opened().read(name, rows) for rows in blocks())
+        for first in range(start, stop, BLOCK):
+            yield opened().read(name, slice(first, min(first + BLOCK, stop)))
 
-    def place(row: int) -> str:
-        return f"{path}:/item[{start + row}]"
-
-    def check_rows(fields: Mapping[str, Any], at: int) -> None:
-        check_values(fields, form, reader.place, names, start=at, gaps=gaps)
+    def place(name: str, row: int) -> str:
+        return f"{path}:/{name}[{start + row}]"
 
     try:
-        if check and (stop - start) * len(names) <= max_in_memory:
-            records = reader.records(slice(start, stop), without)
-            check_rows(records.columns, start)
+        if form is LANDMARKS and (stop - start) * p <= MAX_IN_MEMORY // share:
+            records = read(slice(0, stop - start))
             reader.close()
-            return SourceFile.of(str(path), records.with_whole_points(), place, y_axis=stated)
-        for block in blocks() if check and form is not RESULTS else ():
-            check_rows(reader.fields(block, without=("item", "sequence")), block.start)
+            return SourceFile.of(str(path), records, place, y_axis=stated)
         head = read(slice(0, 0))
     except BaseException:
         reader.close()
         raise
-    if not keep_open:
-        reader.close()
     close = lambda: reader.close()  # noqa: E731 the one that is open then
     return SourceFile(str(path), head, stop - start, read, texts, place, close, y_axis=stated)
 
 
+def _checked(file: SourceFile[Any], form: Layout, gaps: bool) -> SourceFile[Any]:
+    """Return a file whose values are checked when they are read, and whose points are whole."""
+
+    def read(rows: slice) -> Any:
+        records = file.read(rows)
+        place = lambda name, row: file.place(name, rows.start + row)  # noqa: E731
+        check_values(records.columns, form, place, records.landmark_names, gaps)
+        return records if form is RESULTS else records.with_whole_points()
+
+    return replace(file, read=read)
+
+
 def _in_pixels(file: SourceFile[Any], options: InputOptions) -> SourceFile[Any]:
-    """Return a file of ours with landmarks in pixels, where they are fractions of an image.
+    """Return a file of ours with landmarks in pixels, if the first are fractions of an image.
 
     Raises InputError for fractions without `image_size`.
     """
     if file.head.unit not in ("px", UNKNOWN_UNIT):
         return file
-    count, below, zeros = 0, 0, 0
-    for start in range(0, file.count, BLOCK):
-        points = file.read(slice(start, min(start + BLOCK, file.count))).landmarks
-        values = points[np.isfinite(points)]
-        if np.abs(values).max(initial=0) > PIXELS or not _are_fractions(values):
-            return file
-        count, below = count + values.size, below + int((values < 0).sum())
-        zeros += int((values == 0).sum())
-    if count == zeros or below > CENTRED * count:
+    points = file.read(slice(0, min(file.count, BLOCK))).landmarks
+    values = points[np.isfinite(points)]
+    if not values.any() or np.abs(values).max() > 2 or (values < 0).mean() > CENTRED:
+        return file
+    from shapefit.io.readers import items, poses
+
+    if not poses.are_fractions(values):
         return file
     if options.image_size is None:
-        from shapefit.io.readers.items import size_needed
-
-        raise size_needed(file.name)
+        raise items.size_needed(file.name)
     size = np.array(options.image_size)[:, None]
     return file.changed(lambda r: r.replaced(landmarks=r.landmarks * size, unit="px"))
-
-
-def _are_fractions(values: NDArray[Any]) -> bool:
-    from shapefit.io.readers.poses import are_fractions
-
-    return not values.size or are_fractions(values)
 
 
 def _hiding(file: SourceFile[Any], least: float) -> SourceFile[Any]:

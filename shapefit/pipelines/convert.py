@@ -22,7 +22,6 @@ from shapefit.io import (
 from shapefit.io.formats import HDF5, find_target_format, record_writer
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import LANDMARKS, RESULTS, SHAPES
-from shapefit.io.listing import Kind, find_kind
 from shapefit.io.options import AS_THEY_ARE, InputOptions, OutputOptions, input_options
 from shapefit.io.source import ResultSource, open_results
 from shapefit.pipelines.items import keys_of
@@ -163,9 +162,10 @@ def select(source: Source, config: ConvertConfig) -> tuple[Iterator[Any], int]:
         numbers = None if keys.frames is None else number[left == 0]
 
     def batches() -> Iterator[Any]:
-        for start in range(0, len(rows), BATCH):
-            part = slice(start, start + BATCH)
-            records = source.take(rows[part])
-            yield records if numbers is None else records.replaced(frame=numbers[part])
+        done = 0
+        for records in source.chosen(rows, BATCH):
+            frame = None if numbers is None else numbers[done : done + len(records)]
+            yield records if frame is None else records.replaced(frame=frame)
+            done += len(records)
 
     return batches(), len(rows)

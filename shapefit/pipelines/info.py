@@ -14,20 +14,19 @@ from shapefit.config.paths import find_dictionaries, find_presets
 from shapefit.dictionary.model import SUITS, describe_learning
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
 from shapefit.io import open_landmarks, open_shapes, read_dictionary
-from shapefit.io.detect import detect_format, group_inputs
+from shapefit.io.detect import detect_format, find_kind, group_inputs
 from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import UNKNOWN_UNIT
-from shapefit.io.listing import OPTIONAL, find_kind
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.skeletons import installed_skeletons
-from shapefit.io.source import Source, open_results
+from shapefit.io.source import OPTIONAL, Source, open_results
 from shapefit.pipelines.joints import is_of_people
 from shapefit.pipelines.partition.manifest import Manifest, find_folders, sum_up
 from shapefit.pipelines.result import Result, unread
 
-FIRST_ITEMS, FIRST_LANDMARKS = 1 << 14, 1 << 18
-"""Of a file that are read; of a longer table the number of items is estimated."""
+FIRST_ITEMS = 1 << 14
+"""Of a file that are looked at."""
 
 CAMERA = ("camera_matrix", "distortion", "image_size", "extrinsic_rotation")
 """Datasets that say how the camera saw the landmarks."""
@@ -110,14 +109,13 @@ def describe(
     title = [("name", name), ("format", file_format.title)]
     if kind == "dictionary":
         return title + describe_dictionary(paths[0]), ()
-    how: dict[str, Any] = {"check": False, "first": FIRST_LANDMARKS}
     source: Source[Any]
     if kind == "result":
-        source = open_results(paths, OPTIONAL, old=True, **how)
+        source = open_results(paths, OPTIONAL, check=False, old=True)
     elif kind == "landmarks":
-        source = open_landmarks(paths, options, **how)
+        source = open_landmarks(paths, options, check=False)
     else:
-        source = open_shapes(paths, options, gaps=True, **how)
+        source = open_shapes(paths, options, gaps=True, check=False)
     with source:
         head, items = source.head, describe_items(source, "shape" if kind == "shapes" else "image")
         if kind == "result":
@@ -134,11 +132,10 @@ def describe(
 def describe_items(source: Source[Any], noun: str) -> list[Line]:
     """Return how many items a file has, and what its first ones are like."""
     sample = source.first(FIRST_ITEMS)
-    count = source.count if source.estimate is None else source.estimate
-    part = "" if len(sample) == count else f" (of the first {len(sample):,})"
+    part = "" if len(sample) == source.count else f" (of the first {len(sample):,})"
     names, sequences = sample.landmark_names, dict.fromkeys(filter(None, sample.sequences or ()))
-    about = "" if source.estimate is None else "about "
-    lines = [(f"{noun}s", f"{about}{count:,}"), ("landmarks", f"{len(names)}: {abbreviate(names)}")]
+    listed_names = f"{len(names)}: {abbreviate(names)}"
+    lines = [(f"{noun}s", f"{source.count:,}"), ("landmarks", listed_names)]
     if sequences:
         rate = sample.frame_rate
         lines.append(("sequences", f"{len(sequences)}: {abbreviate(list(sequences))}{part}"))

@@ -207,7 +207,7 @@ def test_results(folder, same, record, size):
             for start in range(0, max(len(record), 1), size):
                 writer.append(record.take(slice(start, start + size)))
         if suffix == "h5":
-            with open_results([path], proofs=True) as source:
+            with open_results([path], ()) as source:
                 same(concatenate(list(source.batches(3))), record)
             same(read_results(path), record.without(PROOF))
         else:

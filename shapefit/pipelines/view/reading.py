@@ -22,7 +22,6 @@ from shapefit.io import ResultSet, open_landmarks, open_shapes
 from shapefit.io.detect import detect_format
 from shapefit.io.formats import CSV, HDF5
 from shapefit.io.layout import FRAME
-from shapefit.io.listing import OPTIONAL, AnyRecords, find_kind
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.records import concatenate
 from shapefit.io.skeletons import people_joints

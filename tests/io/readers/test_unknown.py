@@ -10,7 +10,7 @@ import pytest
 from shapefit.errors import InputError
 from shapefit.io import inputs, open_landmarks
 from shapefit.io.detect import FORMATS, detect_format
-from shapefit.io.listing import find_kind
+from shapefit.io.detect import find_kind
 from shapefit.io.options import InputOptions
 
 TEXT = b"scorer,a,a,a\nbodyparts,nose,nose,nose\ncoords,x,y,likelihood\n0,1,2,0.5\n"
