@@ -7,16 +7,14 @@ import re
 from collections.abc import Callable, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any
 
 from shapefit.errors import abbreviate, input_error, listed
 from shapefit.io.formats import CSV, FIRST, HDF5, OWN, FileFormat, Head, named_format
 from shapefit.io.inputs import HDF5_SIGNATURE, is_stream, require_file
-from shapefit.io.options import AS_THEY_ARE, InputOptions
+from shapefit.io.options import InputOptions
 from shapefit.io.readers import deeplabcut, detections, markers, motion, tables, trackers
 from shapefit.io.readers.text import decode, read_json
-
-Kind = Literal["landmarks", "shapes", "result", "dictionary"]
 
 CONTROL = frozenset(range(32)) - {*b"\t\n\v\f\r\x1a\x1b"}
 """Bytes that no text has."""
@@ -89,30 +87,6 @@ def _refuse_unknown(head: Head) -> None:
         kind = "an object" if isinstance(content, dict) else "a list of objects"
         fix = "give JSON of OpenPose, AlphaPose, MMPose, MediaPipe or COCO (docs/formats.md)"
         raise input_error(head.path, f"is JSON of no known kind, {kind} {keys}", fix)
-
-
-def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
-    """Return what a file holds. A table with the column z holds shapes.
-
-    Raises InputError for what is wrong with the file, and for standard input, which could not be
-    read again.
-    """
-    if is_stream(path):
-        raise input_error("-", "standard input can be read only once", "save it and name the file")
-    file_format = detect_format(path, options.format)
-    if file_format is HDF5:
-        from shapefit.io.hdf5_records import hdf5_kind
-
-        return cast(Kind, hdf5_kind(path))
-    if file_format is CSV:
-        from shapefit.io.csv_file import csv_kind
-
-        return cast(Kind, csv_kind(path))
-    if len(file_format.records) == 1:  # JSON, for one, would be read whole to say so
-        return cast(Kind, file_format.records[0])
-    from shapefit.io.readers.items import read_poses
-
-    return "landmarks" if read_poses(file_format, (path,), keep=True).dimensions == 2 else "shapes"
 
 
 def group_inputs(
@@ -253,12 +227,12 @@ FORMATS: dict[str, FileFormat] = {
     "coco-results": FileFormat(
         "a file of COCO results", (".json",), IMAGES, _json(list, "image_id"),
         detections.read_coco_results),
-    "mmpose-images": FileFormat(
-        "a set of MMPose files", (".json",), IMAGES, is_mmpose_images,
-        detections.read_image_files, together=True, folders=True),
     "mmpose-video": FileFormat(
         "an MMPose file", (".json",), IMAGES,
         _json(object, "instances", "instance_info", "meta_info"), detections.read_mmpose_video),
+    "mmpose-images": FileFormat(
+        "a set of MMPose files", (".json",), IMAGES, is_mmpose_images,
+        detections.read_image_files, together=True, folders=True),
     "openpose": FileFormat(
         "a set of OpenPose files", (".json",), IMAGES, _json(dict, "people", "bodies", "version"),
         detections.read_image_files, together=True, folders=True),

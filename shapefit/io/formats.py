@@ -147,7 +147,7 @@ def _write_motion(name: str, target: Path, form: Layout, options: OutputOptions)
     writers = {"bvh": write_bvh, "c3d": tables.write_c3d, "trc": tables.write_trc}
     writers |= {"mot": tables.write_mot, "metres": tables.write_metres}
     writers |= {"angles": tables.write_angles}
-    unit, angles = "mm" if name == "c3d" else "m", WRITTEN[name].angles
+    unit, angles = "mm" if name == "c3d" else "m", TARGETS[name].angles
     return motion_output(target, options, writers[name], unit=unit, angles=angles)
 
 

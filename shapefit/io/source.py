@@ -4,22 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any, Generic, Self
+from typing import Any, Generic, Literal, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.errors import input_error
 from shapefit.io.checks import Place, check_values, place_in_memory, warn_of_zeros
-from shapefit.io.formats import HDF5, FileFormat, check_holds, own_format, record_writer
-from shapefit.io.inputs import source_name
+from shapefit.io.formats import CSV, HDF5, FileFormat, check_holds, own_format, record_writer
+from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import LANDMARKS, PROOF, RESULTS, SHAPES, UNKNOWN_UNIT, Layout
 from shapefit.io.merge import align_to, merge_heads
 from shapefit.io.names import find_shared_item, match_landmarks
 from shapefit.io.options import AS_THEY_ARE, Direction, InputOptions
 from shapefit.io.records import LandmarkSet, Record, ResultSet, ShapeSet, concatenate
+
+Kind = Literal["landmarks", "shapes", "result", "dictionary"]
 
 CENTRED = 0.1
 """Share of coordinates below 0 from which on they are no fractions of an image, but points about
@@ -88,6 +91,32 @@ def open_results(
     """
     files = _open_all(RESULTS, paths, AS_THEY_ARE, without=without, check=check, old=old)
     return Source(files, check=check)
+
+
+def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
+    """Return what a file holds. A table with the column z holds shapes.
+
+    Raises InputError for what is wrong with the file, and for standard input, which could not be
+    read again.
+    """
+    if is_stream(path):
+        raise input_error("-", "standard input can be read only once", "save it and name the file")
+    from shapefit.io.detect import detect_format
+
+    file_format = detect_format(path, options.format)
+    if file_format is HDF5:
+        from shapefit.io.hdf5_records import hdf5_kind
+
+        return cast(Kind, hdf5_kind(path))
+    if file_format is CSV:
+        from shapefit.io.csv_file import csv_kind
+
+        return cast(Kind, csv_kind(path))
+    if len(file_format.records) == 1:  # JSON, for one, would be read whole to say so
+        return cast(Kind, file_format.records[0])
+    from shapefit.io.readers.items import read_poses
+
+    return "landmarks" if read_poses(file_format, (path,), keep=True).dimensions == 2 else "shapes"
 
 
 def source_of(
@@ -285,9 +314,7 @@ AnyRecords = ResultSet | ShapeSet | LandmarkSet
 
 def _make_unique(files: Sequence[SourceFile[Any]]) -> Sequence[SourceFile[Any]]:
     """Return files whose items and sequences begin with the file's name if two have an item."""
-    shared = find_shared_item(
-        [(lambda file=file: file.texts("item"), file.place) for file in files]
-    )  # type: ignore[misc]
+    shared = find_shared_item([(partial(file.texts, "item"), file.place) for file in files])
     if shared is None:
         return files
     paths = [Path(file.name).with_suffix("").parts for file in files]
@@ -372,7 +399,7 @@ def _open(
         return _checked(SourceFile.of(name, records, notes=notes), form, gaps=True)
     check_holds(path, form.kind, file_format)
     if file_format is HDF5:
-        file = _open_hdf5(path, form, **how)
+        file = _open_hdf5(path, form, check=check, **how)
     else:
         from shapefit.io.csv_file import read_csv
         from shapefit.io.tidy_table import Spool
@@ -398,6 +425,7 @@ def _open_hdf5(
     form: Layout,
     *,
     share: int,
+    check: bool = True,
     rows: slice | None = None,
     without: Collection[str] = (),
     old: bool = False,
@@ -434,7 +462,7 @@ def _open_hdf5(
         return f"{path}:/{name}[{start + row}]"
 
     try:
-        if form is LANDMARKS and (stop - start) * p <= MAX_IN_MEMORY // share:
+        if check and form is LANDMARKS and (stop - start) * p <= MAX_IN_MEMORY // share:
             records = read(slice(0, stop - start))
             reader.close()
             return SourceFile.of(str(path), records, place, y_axis=stated)

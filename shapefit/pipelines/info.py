@@ -14,13 +14,13 @@ from shapefit.config.paths import find_dictionaries, find_presets
 from shapefit.dictionary.model import SUITS, describe_learning
 from shapefit.errors import InputError, abbreviate, counted, input_error, listed
 from shapefit.io import open_landmarks, open_shapes, read_dictionary
-from shapefit.io.detect import detect_format, find_kind, group_inputs
+from shapefit.io.detect import detect_format, group_inputs
 from shapefit.io.formats import FileFormat
 from shapefit.io.inputs import is_stream, source_name
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.skeletons import installed_skeletons
-from shapefit.io.source import OPTIONAL, Source, open_results
+from shapefit.io.source import OPTIONAL, Source, find_kind, open_results
 from shapefit.pipelines.joints import is_of_people
 from shapefit.pipelines.partition.manifest import Manifest, find_folders, sum_up
 from shapefit.pipelines.result import Result, unread

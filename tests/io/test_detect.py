@@ -42,7 +42,6 @@ def test_json_by_its_keys(tmp_path, name, content):
     [
         ('{"people": [', ":1: is not whole JSON"),
         ('{"entries": [{"a": {"at": 0, "x": 1, "y": 2}}]}', "of no known kind, an object with"),
-        ("[[[[1]]]]", "is JSON of no known kind, a list"),
         ('[{"shapes": [], "imagePath": ""}]', "imagePath"),
     ],
 )

@@ -139,22 +139,18 @@ def test_datasets_that_only_some_files_have(tmp_path, shapes, problems):
     part = shapes.take([1])
     write_shapes(one, shapes.take([0]).replaced(mesh_vertices=None, mesh_faces=None))
     write_shapes(three, part)
-    fix = "give it to all files (CSV cannot hold it) or to none, or process them separately"
-    assert problems(read_shapes, [one, three]) == (
-        f"{three}: has no dataset mirror_index, weight, unlike {one}; {fix}",
-    )
-    assert problems(read_shapes, [three, one]) == (
-        f"{one}: has the dataset mirror_index, weight, unlike {three}; {fix}",
-    )
+    fix = "use files that agree, or process them separately"
+    for files, name in (((one, three), "mirror_index"), ((three, one), "mirror_index")):
+        fault = f"its dataset {name} is not that of {files[0]}"
+        assert problems(read_shapes, files) == (f"{files[1]}: {fault}; {fix}",)
     more = {**part.further, "more": np.zeros(1)}
-    write_shapes(two, part.replaced(mesh_vertices=None, mesh_faces=None, further=more))
-    assert problems(read_shapes, [one, two]) == (
-        f"{two}: has the dataset more, unlike {one}; {fix}",
-    )
-    write_shapes(two, part)
-    assert problems(read_shapes, [one, two]) == (
-        f"{two}: has the dataset mesh_faces, mesh_vertices, unlike {one}; {fix}",
-    )
+    for other, name in (
+        (part.replaced(mesh_vertices=None, mesh_faces=None, further=more), "more"),
+        (part, "mesh_faces"),
+    ):
+        write_shapes(two, other)
+        fault = f"its dataset {name} is not that of {one}"
+        assert problems(read_shapes, [one, two]) == (f"{two}: {fault}; {fix}",)
 
 
 def test_files_without_sequences_units_or_shapes_go_with_others(tmp_path, shapes):
@@ -231,11 +227,7 @@ def test_results_that_do_not_go_together(tmp_path, results, problems):
             part.replaced(landmark_names=tuple("abcd")),
             "its landmarks are not those of {}",
         ),
-        (part.replaced(rotation=None), "has no dataset rotation, unlike {}; give it to all"),
-        (
-            part.replaced(coefficients=part.coefficients[:, :3], transforms=None),
-            "has no dataset transforms, unlike {}; give it to all",
-        ),
+        (part.replaced(rotation=None), "its dataset rotation is not that of {}"),
         (part.replaced(mesh_vertices=np.zeros((1, 3, 2))), "its dataset mesh_vertices is not"),
     ):
         save(two, other)

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from shapefit.config import LearnDictConfig
 from shapefit.io import check_output, digests, open_landmarks, open_shapes, write_dictionary
-from shapefit.io.detect import find_kind
 from shapefit.io.formats import check_target_format
 from shapefit.io.inputs import is_stream
 from shapefit.io.layout import DICTIONARY
 from shapefit.io.options import input_options
+from shapefit.io.source import find_kind
 from shapefit.pipelines.learn_dict.from_2d import learn_from_landmarks
 from shapefit.pipelines.learn_dict.from_3d import learn_from_shapes, with_p_value_table
 from shapefit.pipelines.result import Result

@@ -10,8 +10,8 @@ import pytest
 from shapefit.errors import InputError
 from shapefit.io import inputs, open_landmarks
 from shapefit.io.detect import FORMATS, detect_format
-from shapefit.io.detect import find_kind
 from shapefit.io.options import InputOptions
+from shapefit.io.source import find_kind
 
 TEXT = b"scorer,a,a,a\nbodyparts,nose,nose,nose\ncoords,x,y,likelihood\n0,1,2,0.5\n"
 
