@@ -3,8 +3,8 @@
     w = (fixed + sum_k theta_k along_k) x + e,    e of standard deviation `std`
 
 for the joints x of the dictionary: each landmark is a row of weights, which depend on a few
-parameters theta. A file without names gives only the number of its landmarks; `keypoints: NAME`
-names them by one of the skeletons in `data/skeletons.toml`, where landmarks and parts stand, too.
+parameters theta. Skeletons, by which files without names are named, and parts of the body stand in
+`data/skeletons.toml`.
 """
 
 from __future__ import annotations
@@ -40,20 +40,17 @@ class Parameter(NamedTuple):
 
 THETA: Mapping[str, Parameter] = {"head": Parameter(1.5, 0.15), "hips": Parameter(1.15, 0.15)}
 """The components of theta: the height of the top of the head above the shoulders, and the distance
-of the hips, in those of the joints. Their means were chosen on a man on a beam seen by OpenPose
-(docs/people.md), where the evidence of four cameras gives 1.35 to 1.65 and 1.15; the standard
-deviations cover six other bodies."""
+of the hips, in those of the joints. The means are those of one body seen by OpenPose in four
+cameras; the standard deviations cover six others."""
 
 
 @dataclass(frozen=True)
 class Part:
     """A part of the body among the joints: w = (fixed + sum_k theta_k along_k) x + e.
 
-    joint     that it stands for in a fit, if any
-    fixed     weights, which add up to 1
-    along     weights by parameter, which add up to 0
-    std       standard deviation of e, in the unit of normalised shapes
-    alone     whether it stands for the joint alone, or the mean of all such parts does
+    It stands for a `joint` in a fit, if any: `alone`, or as the mean of all such parts. Weights in
+    `fixed` add up to 1, those in `along`, by parameter, to 0; `std` is the standard deviation of e
+    in the unit of normalised shapes.
     """
 
     joint: str | None = None
@@ -71,12 +68,8 @@ class Part:
         return total
 
 
-@dataclass(frozen=True)
-class Skeleton:
-    """The landmarks of one detector, in the order of its files.
-
-    bones are pairs of names, lines of the face included; `edges` are pairs of their numbers.
-    """
+class Skeleton(NamedTuple):
+    """The landmarks of one detector, in the order of its files; bones as pairs of names."""
 
     name: str
     landmark_names: tuple[str, ...]
@@ -84,7 +77,7 @@ class Skeleton:
 
     @property
     def edges(self) -> tuple[tuple[int, int], ...]:
-        """Pairs of landmarks that a bone or a line of the face joins."""
+        """Pairs of numbers of landmarks that a bone or a line of the face joins."""
         place = {name: number for number, name in enumerate(self.landmark_names)}
         return tuple((place[a], place[b]) for a, b in self.bones)
 
@@ -94,20 +87,6 @@ def _data() -> Any:
     """Return the content of `data/skeletons.toml`, which is read in 2 ms (YAML takes 35)."""
     path = Path(__file__).resolve().parents[1] / "data" / "skeletons.toml"
     return tomllib.loads(path.read_text())
-
-
-@cache
-def parts_of_the_body() -> Mapping[str, Part]:
-    """Return the parts of the body that detectors mark, by their names."""
-    joints = {joint: Part(joint, {joint: 1.0}) for joint in (*PEOPLE, *FURTHER)}
-    return joints | {name: Part(**values) for name, values in _data()["parts"].items()}
-
-
-@cache
-def _marked() -> Mapping[str, str]:
-    """Return the part of the body that a landmark of any detector marks."""
-    marked = _data()["marked"].items()
-    return {name: part for part, names in marked for name in names.split()}
 
 
 @cache
@@ -139,48 +118,8 @@ def _expanded(text: str, delimiter: str) -> str:
 
 def skeletons_of_size(count: int) -> tuple[str, ...]:
     """Return the names of the skeletons of so many landmarks, the usual one first."""
-    skeletons = installed_skeletons().items()
-    return tuple(name for name, one in skeletons if len(one.landmark_names) == count)
-
-
-def people_joints(names: Iterable[str]) -> dict[str, str]:
-    """Return the joints of the dictionary `people` by those of the names that mark one alone.
-
-    All skeletons together: no name stands for two joints.
-    """
-    parts = people_parts(names).items()
-    return {name: part.joint for name, part in parts if part.joint and part.alone}
-
-
-def joint_columns(names: Sequence[str]) -> dict[str, int]:
-    """Return the joints of a body that landmarks stand for, by any skeleton -> their columns."""
-    joints = {name: name for name in names if name in (*PEOPLE, *FURTHER)} | people_joints(names)
-    return {joints[name]: column for column, name in enumerate(names) if name in joints}
-
-
-def people_parts(names: Iterable[str]) -> dict[str, Part]:
-    """Return the parts of the body by those of the names that mark one."""
-    parts, marked = parts_of_the_body(), _marked()
-    return {name: parts[marked[name]] for name in names if name in marked}
-
-
-def part_names(names: Iterable[str]) -> dict[str, str]:
-    """Return the part of the body, a name in `PARTS`, of those of the names that mark one."""
-    part_of = {**{joint: joint for joint in (*PEOPLE, *FURTHER)}, **_marked()}
-    return {name: part_of[name] for name in names if name in part_of}
-
-
-def model_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Return landmarks by the names that markers have in the OpenSim models of Pose2Sim.
-
-    They are the detectors' own, but for the middle of the hips of `body_25` and for `coco_17`.
-    """
-    known = {"MidHip": "CHip"}
-    if set(names) <= set(installed_skeletons()["coco_17"].landmark_names):
-        for name in names:
-            side, _, part = name.rpartition("_")
-            known[name] = f"{side[:1].upper()}{part.capitalize()}"
-    return tuple(known.get(name, name) for name in names)
+    skeletons = installed_skeletons().values()
+    return tuple(each.name for each in skeletons if len(each.landmark_names) == count)
 
 
 def edges_of(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
@@ -191,8 +130,55 @@ def edges_of(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
     place = {name: number for number, name in enumerate(names)}
     bones = [_bones(text) for text in _data()["further_bones"].values()]
     bones[1:1] = [skeleton.bones for skeleton in installed_skeletons().values()]
-    known = [{name for pair in pairs for name in pair} & place.keys() for pairs in bones]
-    best = max(range(len(bones)), key=lambda number: len(known[number]))
-    if 2 * len(known[best]) <= len(place):
+    best = max(bones, key=lambda pairs: len({n for pair in pairs for n in pair} & place.keys()))
+    if 2 * len({name for pair in best for name in pair} & place.keys()) <= len(place):
         return ()
-    return tuple((place[a], place[b]) for a, b in bones[best] if a in place and b in place)
+    return tuple((place[a], place[b]) for a, b in best if a in place and b in place)
+
+
+@cache
+def parts_of_the_body() -> Mapping[str, Part]:
+    """Return the joints, and the parts of the body that detectors mark, by their names."""
+    joints = {joint: Part(joint, {joint: 1.0}) for joint in (*PEOPLE, *FURTHER)}
+    return joints | {name: Part(**values) for name, values in _data()["parts"].items()}
+
+
+@cache
+def _marked() -> Mapping[str, str]:
+    """Return the part of the body that a landmark of any detector marks."""
+    marked = _data()["marked"].items()
+    return {name: part for part, names in marked for name in names.split()}
+
+
+def part_names(names: Iterable[str]) -> dict[str, str]:
+    """Return the part of the body of those of the names that are joints, or mark a part."""
+    part_of = {joint: joint for joint in (*PEOPLE, *FURTHER)} | dict(_marked())
+    return {name: part_of[name] for name in names if name in part_of}
+
+
+def people_parts(names: Iterable[str]) -> dict[str, Part]:
+    """Return the parts of the body by those of the names that mark one."""
+    return {name: parts_of_the_body()[_marked()[name]] for name in names if name in _marked()}
+
+
+def people_joints(names: Iterable[str]) -> dict[str, str]:
+    """Return the joints of the dictionary `people` by those of the names that mark one alone."""
+    parts = people_parts(names).items()
+    return {name: part.joint for name, part in parts if part.joint and part.alone}
+
+
+def joint_columns(names: Sequence[str]) -> dict[str, int]:
+    """Return the joints of a body that landmarks stand for, by any skeleton -> their columns."""
+    joints = {name: name for name in names if name in (*PEOPLE, *FURTHER)} | people_joints(names)
+    return {joints[name]: column for column, name in enumerate(names) if name in joints}
+
+
+def model_names(names: Sequence[str]) -> tuple[str, ...]:
+    """Return landmarks by the names that markers have in the OpenSim models of Pose2Sim.
+
+    They are the detectors' own, but for the middle of the hips of `body_25` and for `coco_17`.
+    """
+    if not set(names) <= set(installed_skeletons()["coco_17"].landmark_names):
+        return tuple("CHip" if name == "MidHip" else name for name in names)
+    parts = (name.rpartition("_") for name in names)
+    return tuple(f"{side[:1].upper()}{part.capitalize()}" for side, _, part in parts)

@@ -43,20 +43,16 @@ def open_landmarks(
     options: InputOptions = AS_THEY_ARE,
     rows: slice | None = None,
     *,
-    selects: bool = False,
     check: bool = True,
 ) -> LandmarkSource:
     """Open files of landmarks in any format (`-` is standard input) as one source.
 
-    Large HDF5 is read by batches, CSV in one pass, all else whole. Raises InputError: at once for
-    items that occur twice, files that do not go together, and names to rename that no file has; for
-    wrong values when they are read.
-
-    rows     those of the one HDF5 file that are given out: nothing else of it is read
-    selects  the caller selects the individual in files of ours; without, that is refused
-    check    without, items that occur twice and wrong values are not looked for
+    Large HDF5 is read by batches, CSV in one pass, all else whole; of one HDF5 file only `rows`, if
+    given. Raises InputError: at once for items that occur twice, files that do not go together, and
+    names to rename that no file has; for wrong values when they are read. Without `check` neither
+    is looked for.
     """
-    files = _open_all(LANDMARKS, paths, options, selects, rows=rows, check=check)
+    files = _open_all(LANDMARKS, paths, options, rows=rows, check=check)
     return Source(files, options.y_axis, check=check)
 
 
@@ -65,16 +61,14 @@ def open_shapes(
     options: InputOptions = AS_THEY_ARE,
     *,
     gaps: bool = False,
-    selects: bool = False,
     check: bool = True,
 ) -> ShapeSource:
     """Open files of shapes in any format as one source, checked as `open_landmarks` does.
 
-    Landmarks are matched by name and stand in the order of the first file, items in the order of
-    the files. With `gaps` a landmark of an item may be unknown: it is NaN, in all coordinates where
-    it is in one, and may lack its row in CSV. Without, that is wrong.
+    Landmarks are matched by name and stand in the order of the first file. With `gaps` a landmark
+    of an item may be unknown, NaN, and may lack its row in CSV.
     """
-    return Source(_open_all(SHAPES, paths, options, selects, gaps=gaps, check=check), check=check)
+    return Source(_open_all(SHAPES, paths, options, gaps=gaps, check=check), check=check)
 
 
 def open_results(
@@ -84,10 +78,9 @@ def open_results(
     check: bool = True,
     old: bool = False,
 ) -> ResultSource:
-    """Open results as one source, checked as `open_landmarks` does.
+    """Open results as one source, checked as `open_landmarks` does, `old` ones of version 1, too.
 
-    Datasets in `without` are not read, by default what proves the optimum. Of CSV all but shapes,
-    names, items and sequences is None. `old` files of version 1 are read, too.
+    Datasets in `without` are not read, by default what proves the optimum.
     """
     files = _open_all(RESULTS, paths, AS_THEY_ARE, without=without, check=check, old=old)
     return Source(files, check=check)
@@ -122,10 +115,7 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
 def source_of(
     records: Record, name: str, rename: Mapping[str, str], *, gaps: bool = False
 ) -> Source[Record]:
-    """Return landmarks or shapes in memory as a source; `name` stands for a file in messages.
-
-    With `gaps` landmarks of shapes may be unknown. Raises InputError as for what a file holds.
-    """
+    """Return landmarks or shapes in memory as a source, checked as a file of this name is."""
     place = place_in_memory(name)
     check_values(records.columns, records.LAYOUT, place, records.landmark_names, gaps)
     match_landmarks(records.landmark_names, tuple(rename), "rename")
@@ -143,20 +133,13 @@ def read_shapes(
 
 
 def read_results(path: Path, *, proofs: bool = False) -> ResultSet:
-    """Read a result from a file of any format that has one (`-` is standard input), as one.
-
-    What proves the optimum stays in the file unless `proofs` asks for it. Raises InputError as
-    `open_results`.
-    """
+    """Read a result as one, with what proves the optimum only if `proofs` asks for it."""
     with open_results([path], () if proofs else PROOF) as source:
         return source.whole()
 
 
 def write_shapes(path: Path, shapes: ShapeSet) -> None:
-    """Write shapes to HDF5, or to a table where the name says so (without mesh and edges).
-
-    Raises InputError where the file cannot be written; the old one then stays as it was.
-    """
+    """Write shapes in the format of the name. Raises InputError where that is not possible."""
     with record_writer(path, SHAPES) as writer:
         writer.append(shapes)
 
@@ -165,9 +148,8 @@ def write_shapes(path: Path, shapes: ShapeSet) -> None:
 class SourceFile(Generic[Record]):
     """One file of a source: `head` has all but the items, `read` returns those of some rows.
 
-    texts reads the datasets item and sequence of all items, block by block; `place` names a row of
-    a dataset in messages; notes are warnings about what was left out; y_axis is where y points,
-    None where the file does not say it.
+    texts reads the dataset item or sequence, block by block; `place` names a row of a dataset in
+    messages; y_axis is None where the file does not say it.
     """
 
     name: str
@@ -225,10 +207,10 @@ class Source(Generic[Record]):
         *,
         check: bool = True,
     ) -> None:
-        """Take files, where y points in those that do not say it; check that they go together.
+        """Take files, and where y points in those that do not say it.
 
-        Items that are in two files begin with the name of their file, as all then do. Raises
-        InputError for files that differ, and, if `check`, for equal items in one.
+        Raises InputError for files that do not go together, and, if `check`, for an item that is
+        twice in one; where two files have an item, all items begin with the name of their file.
         """
         self._files = files
         try:
@@ -247,11 +229,9 @@ class Source(Generic[Record]):
         return any(file.y_axis is not None for file in self._files)
 
     def batches(self, size: int, *, by_file: bool = False) -> Iterator[Record]:
-        """Give out the items in order, `size` >= 1 at a time (fewer in the last batch).
+        """Give out the items in order, `size` >= 1 at a time, `by_file` none of two files together.
 
-        `by_file` gives none of two files together, so that what is made of a file does not depend
-        on those before it. A source without items gives one empty set, so that what is made of it
-        can be written.
+        A source without items gives one empty set, so that what is made of it can be written.
         """
         parts: list[Record] = []
         remaining = size
@@ -335,16 +315,11 @@ def _open_all(
     form: Layout,
     paths: Sequence[Path],
     options: InputOptions,
-    selects: bool = False,
     **how: Any,
 ) -> list[SourceFile[Any]]:
-    """Open files of one layout, their landmarks renamed, and of these those that are retained.
-
-    Raises InputError for an individual of files that are ours, unless the caller `selects` it.
-    """
-    groups = _groups(paths, options, form)
-    is_ours = not any(file_format.read_poses for file_format, _ in groups)
-    if options.individual is not None and not selects and is_ours:
+    """Open files of one layout, their landmarks renamed, and of these those that are retained."""
+    groups = _groups(paths, options)
+    if options.individual is not None and not any(group[0].read_poses for group in groups):
         fix = "write that individual to a file by `shapefit convert`, and use this"
         raise input_error(paths[0], "`individual` is for files of other tools", fix)
     files = [_open(form, *group, options, share=len(groups), **how) for group in groups]
@@ -360,17 +335,15 @@ def _open_all(
 
 
 def _groups(
-    paths: Sequence[Path], options: InputOptions, form: Layout
+    paths: Sequence[Path], options: InputOptions
 ) -> list[tuple[FileFormat, tuple[Path, ...]]]:
     """Return inputs with their formats; the readers of other tools' are imported where needed."""
     paths = list(dict.fromkeys(paths))
     ours = [own_format(path) if options.format == "auto" else None for path in paths]
     if all(ours):
         return [(each, (path,)) for each, path in zip(ours, paths, strict=True) if each]
-    from shapefit.io.detect import detect_format, group_inputs
+    from shapefit.io.detect import group_inputs
 
-    if form is RESULTS:  # of which each file is checked by itself
-        return [(detect_format(path), (path,)) for path in paths]
     return group_inputs(paths, options)
 
 
@@ -512,12 +485,10 @@ def _hiding(file: SourceFile[Any], least: float) -> SourceFile[Any]:
     if not least or file.head.confidence is None:
         return file
 
-    def hidden(images: LandmarkSet) -> LandmarkSet:
-        assert images.confidence is not None
+    def hidden(images: Any) -> Any:
         doubtful = images.confidence < least
-        return images.replaced(
-            landmarks=np.where(doubtful[:, None], np.nan, images.landmarks),
-            confidence=np.where(doubtful, 0.0, images.confidence),
-        )
+        points = np.where(doubtful[:, None], np.nan, images.landmarks)
+        weights = np.where(doubtful, 0, images.confidence)
+        return images.replaced(landmarks=points, confidence=weights)
 
     return file.changed(hidden)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -119,12 +120,13 @@ def find_common_kind(files: Sequence[Path], options: InputOptions) -> Kind:
 
 def open_source(kind: Kind, files: Sequence[Path], options: InputOptions) -> Source:
     """Open files of a kind. Raises InputError for options of reading that results do not have."""
+    options = replace(options, individual=None)  # whom `select` selects
     if kind == "landmarks":
-        return open_landmarks(files, options, selects=True)
+        return open_landmarks(files, options)
     if kind == "shapes":
-        return open_shapes(files, options, gaps=True, selects=True)
+        return open_shapes(files, options, gaps=True)
     for key, value in vars(options).items():
-        if value != getattr(AS_THEY_ARE, key) and key not in ("format", "individual", "track"):
+        if value != getattr(AS_THEY_ARE, key) and key not in ("format", "track"):
             problem = "has no effect on results, which are written as they are"
             raise input_error(key, problem, "leave it out")
     return open_results(files, without=(), old=True)

@@ -51,11 +51,3 @@ def test_json_that_is_not_of_a_detector(tmp_path, text, found):
     with pytest.raises(InputError) as error:
         detect_format(path)
     assert found in str(error.value)
-
-
-def test_what_was_kept_to_recognise_a_file_is_not_taken_for_another(tmp_path):
-    path = tmp_path / "0.json"
-    path.write_text("[]")
-    assert detect_format(path) is FORMATS["mmpose-images"]
-    path.write_text('{"version": 1.3}')
-    assert detect_format(path) is FORMATS["openpose"]
