@@ -109,7 +109,7 @@ def find_kind(path: Path, options: InputOptions = AS_THEY_ARE) -> Kind:
         return cast(Kind, file_format.records[0])
     from shapefit.io.readers.items import read_poses
 
-    return "landmarks" if read_poses(file_format, (path,), keep=True).dimensions == 2 else "shapes"
+    return "landmarks" if read_poses(file_format, (path,)).dimensions == 2 else "shapes"
 
 
 def source_of(
@@ -374,10 +374,9 @@ def _open(
     if file_format is HDF5:
         file = _open_hdf5(path, form, check=check, **how)
     else:
-        from shapefit.io.csv_file import read_csv
-        from shapefit.io.tidy_table import Spool
+        from shapefit.io.tidy_table import Spool, read_csv
 
-        records, notes, _ = read_csv(path, form.kind, gaps=gaps)
+        records, notes = read_csv(path, form.kind, gaps=gaps)
         file = SourceFile.of(name, records, notes=notes)
         if isinstance(records, Spool):
             file = replace(file, texts=records.texts, close=records.close)
