@@ -12,7 +12,7 @@ from typing import Any, Generic, Literal, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from shapefit.errors import input_error
+from shapefit.errors import InputError, input_error
 from shapefit.io.checks import Place, check_values, place_in_memory, warn_of_zeros
 from shapefit.io.formats import CSV, HDF5, FileFormat, check_holds, own_format, record_writer
 from shapefit.io.inputs import is_stream, source_name
@@ -387,7 +387,11 @@ def _open(
         gaps = True  # the table has looked for them
     file = _checked(file, form, gaps) if check else file
     if form is LANDMARKS:
-        file = _in_pixels(file, options) if check else file
+        try:
+            file = _in_pixels(file, options) if check else file
+        except InputError:
+            file.close()
+            raise
         file = _hiding(file, options.min_confidence)
     return file
 

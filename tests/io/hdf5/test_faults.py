@@ -224,7 +224,7 @@ def test_faults_far_into_the_file_are_named_by_their_row(
     (line,) = problems(open_landmarks, [path])
     assert line.startswith(f"{path}:/landmarks[4]: landmark 'foot' is (inf, ")
     edit(path, landmarks=landmarks.landmarks.swapaxes(1, 2))
-    (line,) = problems(open_landmarks, [path])
+    line, _ = problems(open_landmarks, [path])
     assert line == f"{path}:/item[3]: is empty; name every item"
     edit(path, item=[*items[:3], "x", "image 1"])
     (line,) = problems(open_landmarks, [path])
