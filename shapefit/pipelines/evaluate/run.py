@@ -25,10 +25,9 @@ from shapefit.io.atomic import check_folder, digests, staged_files
 from shapefit.io.detect import detect_format
 from shapefit.io.formats import check_holds
 from shapefit.io.layout import FRAME, OF_FILE
-from shapefit.io.listing import OPTIONAL
 from shapefit.io.options import input_options
 from shapefit.io.records import ResultSet
-from shapefit.io.source import open_results
+from shapefit.io.source import OPTIONAL, open_results
 from shapefit.pipelines.evaluate.measure import Measured, measure, with_shapes_of
 from shapefit.pipelines.result import Failure, Result
 

@@ -25,7 +25,7 @@ from shapefit.io.layout import FRAME
 from shapefit.io.options import InputOptions, input_options
 from shapefit.io.records import concatenate
 from shapefit.io.skeletons import people_joints
-from shapefit.io.source import open_results
+from shapefit.io.source import OPTIONAL, AnyRecords, find_kind, open_results
 from shapefit.io.writers.metres import EXTRINSIC_ROTATION
 from shapefit.io.writers.motion import angle_columns
 from shapefit.pipelines.evaluate.measure import with_shapes_of
@@ -286,5 +286,5 @@ def _read_truth(
         keys = Keys(texts[0].tolist())
     wanted, rows = np.unique(find_truth(place, config.match, keys, true_keys), return_inverse=True)
     without = int(wanted[0] < 0)
-    records = source.take(wanted[without:])
+    records = concatenate(list(source.chosen(wanted[without:], BATCH)))
     return _content("truth", "truth", records, rows.reshape(-1) - without, landmarks)
