@@ -131,21 +131,18 @@ def _camera(table: Mapping[str, Any]) -> CalibratedCamera:
     require(unskewed, f"an impossible camera matrix, {rows}, not fx 0 cx, 0 fy cy, 0 0 1")
     if {"image_width", "image_height"} <= table.keys():
         table = {"size": [table["image_width"], table["image_height"]], **table}
+    given = _array(table, "distortion")
+    given = np.zeros(COEFFICIENTS) if given is None else given.ravel()
+    beyond = f"{len(given)} coefficients of distortion, of a thin prism or a tilted sensor"
+    require(not given[COEFFICIENTS:].any(), beyond)
+    given = np.pad(given, (0, max(4 - len(given), 0)))  # k1, or k1 k2, or k1 k2 p1
     return CalibratedCamera(
         matrix=matrix,
-        distortion=_distortion(_array(table, "distortion")),
+        distortion=complete(given[:COEFFICIENTS]),
         size=_array(table, "size", (2,)),
         rotation=_rotation(_array(table, "rotation")),
         translation=_array(table, "translation", (3,)),
     )
-
-
-def _distortion(given: Floats | None) -> Floats:
-    given = np.zeros(COEFFICIENTS) if given is None else given.ravel()
-    beyond = f"{len(given)} coefficients of distortion, of a thin prism or a tilted sensor"
-    require(not given[COEFFICIENTS:].any(), beyond)
-    given = given[:COEFFICIENTS]
-    return complete(np.pad(given, (0, max(4 - len(given), 0))))  # k1, or k1 k2, or k1 k2 p1
 
 
 def _rotation(given: Floats | None) -> Floats | None:

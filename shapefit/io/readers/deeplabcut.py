@@ -90,7 +90,7 @@ def read_hdf5(paths: tuple[Path, ...]) -> Poses:
         {*(block.dtype.kind for block in blocks)} <= {*"biuf"}, "pickled values; save it as CSV"
     )
     numeric = index.dtype.kind in "iuf"
-    labels = number_labels(index) if numeric else image_labels([*map(_as_text, index.tolist())])
+    labels = number_labels(index) if numeric else image_labels([*map(str, index.tolist())])
     values = np.concatenate(blocks, axis=1).astype(np.float64)
     require(values.shape == (len(labels), len(columns)), f"{values.shape} values")
     return _of_columns(paths[0], columns, values, labels)
@@ -117,14 +117,10 @@ def _names_of_codes(file: TrackerFile, start: str) -> Columns:
     """Return the names that levels and codes stand for, one tuple each; a code of -1 is no name."""
     levels: list[list[str]] = []
     while file.is_dataset(place := f"{start}_level{len(levels)}"):
-        names = [*map(_as_text, np.ravel(file.rows(place)).tolist()), ""]
+        names = [*file.texts(place), ""]
         codes = np.ravel(file.rows(f"{start}_label{len(levels)}"))
         levels.append([names[code] for code in codes.tolist()])
     return list(zip(*levels, strict=True))
-
-
-def _as_text(value: Any) -> str:
-    return value.decode("utf-8", "backslashreplace") if isinstance(value, bytes) else str(value)
 
 
 COORDINATES = ("x", "y", "z", "likelihood")

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from shapefit.errors import abbreviate, counted, input_error, listed
+from shapefit.errors import input_error, listed
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import (
     FRACTION,
@@ -64,17 +64,12 @@ def read_image_files(paths: tuple[Path, ...]) -> Poses:
     """
     files, images = _find_images(paths, ".json")
     detections: list[Detection] = []
-    others = []
     for number, file in enumerate(files):
-        with parsing(file, "a file of OpenPose or MMPose"):
+        with parsing(file, "a file of people", "remove it from the folder, or export it again"):
             content = read_json(file)
             people = content if isinstance(content, list) else _people_of(content)
-            if people is None:
-                others.append(file.name)
-            else:
-                detections += _detections(people, number)
-    note = f"{counted(len(others), 'file')} without people left out ({abbreviate(others)})"
-    return _as_poses(images, detections, notes=(note,) if others else ())
+            detections += _detections(people, number)
+    return _as_poses(images, detections)
 
 
 BOX, DATA = 5, "data.yaml"
@@ -157,10 +152,9 @@ def _find_images(paths: Sequence[Path], suffix: str) -> tuple[Sequence[Path], Im
             raise input_error(file, "is not a regular file", fix)
     name, video = str(paths[0] if len(files) == 1 else folder), folder.resolve().name
     if not are_series([file.stem for file in files]):
-        files.sort()
-        labels = [file.stem for file in files]
-        return files, Images(name, video, labels, range(len(files)), unordered=True)
-    numbered = {int(match[2]): f for f in files if (match := LAST_NUMBER.match(f.stem))}
+        labels = [file.stem for file in sorted(files)]
+        return sorted(files), Images(name, video, labels, range(len(files)), unordered=True)
+    numbered = {int(LAST_NUMBER.findall(file.stem)[0][1]): file for file in files}
     numbers = sorted(numbered)
     frames = [number - numbers[0] for number in numbers]
     return [numbered[n] for n in numbers], Images(name, video, [*map(str, numbers)], frames)
@@ -397,7 +391,6 @@ def _as_poses(
     scored: bool = True,
     alphapose: bool = False,
     unit: str | None = "px",
-    notes: tuple[str, ...] = (),
     **fields: Any,
 ) -> Poses:
     """Return detections as poses; without names landmarks are those of the usual skeleton.
@@ -414,6 +407,7 @@ def _as_poses(
         kinds = [f"{n} detections with {p}" for p, n in sorted(sizes.items())]
         fix = "give the files of each skeleton in a separate call"
         raise input_error(images.name, f"several skeletons: {listed(kinds, 'and')} landmarks", fix)
+    notes: tuple[str, ...] = ()
     p = next(iter(sizes), len(fields.get("landmark_names") or ()))
     nothing = [math.nan] * (3 * p)
     values = np.array([one.numbers or nothing for one in detections], np.float64)

@@ -34,17 +34,14 @@ R = TypeVar("R", LandmarkSet, ShapeSet)
 def read_landmarks(
     form: FileFormat, paths: tuple[Path, ...], options: InputOptions
 ) -> tuple[LandmarkSet, Notes]:
-    """Return the images of a file of poses, and warnings of what is left out. Raises InputError."""
+    """Return the images of a file of poses, and warnings. Raises InputError."""
     return landmarks_of(_read_kind(form, paths, "landmarks", 2), options)
 
 
 def read_shapes(
     form: FileFormat, paths: tuple[Path, ...], options: InputOptions, *, gaps: bool = False
 ) -> tuple[ShapeSet, Notes]:
-    """Return the shapes of a file of poses, and warnings of what is left out. Raises InputError.
-
-    With `gaps` landmarks may be unknown, NaN; without, the whole shapes of those mostly known.
-    """
+    """Return the shapes of a file of poses, and warnings; without `gaps` the whole ones alone."""
     poses = _read_kind(form, paths, "shapes", 3)
     fields, notes = _fields(poses, options)
     edges = np.array(poses.edges, np.int64) if poses.edges else None
@@ -67,15 +64,10 @@ def _read_kind(form: FileFormat, paths: tuple[Path, ...], kind: str, dimensions:
 
 
 def read_poses(form: FileFormat, paths: tuple[Path, ...]) -> Poses:
-    """Return the poses in these files, in 2D or 3D. Raises InputError.
-
-    The garbage collector rests: it would walk again and again over the millions of lists of a
-    large JSON file, several times as slow.
-    """
-    if form.read_poses is None:
-        raise ValueError(f"{form.title} is no format of poses")
+    """Return the poses in these files, in 2D or 3D. Raises InputError."""
+    assert form.read_poses is not None
     running = gc.isenabled()
-    gc.disable()
+    gc.disable()  # it would walk again and again over the millions of lists of a large JSON file
     try:
         with parsing(source_name(paths[0]), form.title):
             return form.read_poses(paths)
@@ -89,10 +81,9 @@ SIZE_FIX = "give the size of the images in pixels: `image_size=[1920,1080]`"
 
 
 def landmarks_of(poses: Poses, options: InputOptions) -> tuple[LandmarkSet, Notes]:
-    """Return 2D poses as images, and notes.
+    """Return 2D poses as images, and notes; fractions of the image times `image_size`.
 
-    Fractions of the image are pixels where `image_size` is given. Raises InputError where they are
-    useless without.
+    Raises InputError for fractions that are useless without it.
     """
     if poses.unit == FRACTION and options.image_size is not None:
         poses = replace(poses, points=poses.points * options.image_size, unit="px")
@@ -137,10 +128,9 @@ NUMBERED = "numbered"
 def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...], Notes]:
     """Return the names of the landmarks, and a note of what was assumed.
 
-    They are those of the file. Where it has none, they are those of the skeleton `keypoints`, of
-    the one that its format implies, or their numbers where no skeleton has as many, or `keypoints`
-    is `numbered`. Raises InputError for an unknown skeleton, one of another number of landmarks,
-    and where some have as many as the file and `keypoints` names none.
+    They are those of the file, else of the skeleton `keypoints`, else of the one that its format
+    implies, else their numbers. Raises InputError for an unknown skeleton, one of another number
+    of landmarks, and where skeletons have as many as the file and `keypoints` names none.
     """
     wanted, skeletons = options.keypoints, installed_skeletons()
     if wanted is not None and wanted not in (*skeletons, NUMBERED):
@@ -149,7 +139,8 @@ def _landmark_names(poses: Poses, options: InputOptions) -> tuple[tuple[str, ...
         raise input_error(KEY, f"there is no skeleton {wanted!r}", fix)
     if poses.landmark_names is not None:
         return poses.landmark_names, ()
-    count, fitting = poses.landmark_count, skeletons_of_size(poses.landmark_count)
+    count = poses.points.shape[1]
+    fitting = skeletons_of_size(count)
     chosen = wanted or poses.skeleton
     if chosen is None and fitting:
         problem = f"{count} landmarks without names, as {listed(fitting, 'and')} have"

@@ -32,7 +32,7 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
     require(count and names_of[0].lower() == "frame#", "no names of markers in line 4, above X1 Y1")
     require(not any(names_of[3::3] + names_of[4::3]), "names that do not stand above an X")
     labels = [*names_of[2:], *[""] * (3 * count)][: 3 * count : 3]
-    names, notes = make_unique(labels)
+    names, notes = make_unique(labels), list[str]()
     columns = ["Frame#", "Time", *(f"{name} {axis}" for name in names for axis in "XYZ")]
     table = read_table(path, text, columns, delimiter, after=5, padded=True)
     factor, unit = as_metres(about.get("units", ""))
@@ -40,9 +40,9 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
     origin = np.asarray((points == 0).all(axis=2))
     lost = int(float(about.get("numframes", 0))) - len(points)
     if lost > 0:
-        notes += (f"{lost} frames are announced in the header, but not there",)
+        notes.append(f"{lost} frames are announced in the header, but not there")
     if origin.any():
-        notes += (f"{int(origin.sum())} points at exactly 0, 0, 0 taken for missing",)
+        notes.append(f"{int(origin.sum())} points at exactly 0, 0, 0 taken for missing")
     (rate,) = floats([about["datarate"]])
     return of_frames(
         path,
@@ -52,7 +52,7 @@ def read_trc(paths: tuple[Path, ...]) -> Poses:
         landmark_names=names,
         frame_rate=rate if rate > 0 else None,
         unit=unit or UNKNOWN_UNIT,
-        notes=notes,
+        notes=tuple(notes),
     )
 
 
@@ -177,7 +177,7 @@ def _of_markers(
     Labels without a subject are those of the last one. Where a subject has a name twice, as where
     there is none at all, all are landmarks of one body.
     """
-    names, repeated = make_unique(labels)
+    names = make_unique(labels)
     parts = [name.rpartition(":")[::2] for name in names]
     subjects = list(dict.fromkeys(subject for subject, _ in parts if subject)) or [""]
     markers = [(subject or subjects[-1], name) for subject, name in parts]
@@ -196,5 +196,5 @@ def _of_markers(
         individuals=None if subjects == [""] else subjects,
         frame_rate=rate if np.isfinite(rate) and rate > 0 else None,
         unit=unit or UNKNOWN_UNIT,
-        notes=notes + repeated,
+        notes=notes,
     )

@@ -98,7 +98,7 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
     motion = table.numbers(range(len(channels)), finite=True)
     require(not np.isnan(motion).any(), "a channel is no number")
     order = sorted(range(len(joints)), key=lambda number: number in ends)
-    names, notes = make_unique([joints[number].name for number in order])
+    names = make_unique([joints[number].name for number in order])
     rate = 1.0 / seconds if seconds > 0 else None
     if rate is not None and rate > 1 and abs(rate - round(rate)) < 1e-3 * rate:
         rate = float(round(rate))  # the time was rounded: 0.033333 s is 30 Hz
@@ -110,7 +110,6 @@ def read_bvh(paths: tuple[Path, ...]) -> Poses:
         landmark_names=names,
         frame_rate=rate,
         edges=tuple((place[j.parent], place[i]) for i, j in enumerate(joints) if j.parent >= 0),
-        notes=notes,
     )
 
 
@@ -194,16 +193,13 @@ def read_acclaim(paths: tuple[Path, ...]) -> Poses:
 
 def _find_skeleton(motion: Path, given: list[Path]) -> Path:
     """Return the skeleton of a motion. Raises InputError where there is none, or several are."""
-    folder = sorted(path for path in motion.parent.iterdir() if path.suffix.lower() == ".asf")
-    for paths in (given, folder):
-        if named := [path for path in paths if motion.stem.startswith(path.stem)]:
-            return max(named, key=lambda path: len(path.stem))
-        if len(paths) == 1:
-            return paths[0]
-    fix = "put the ASF file beside it, and call it as the motion begins, or give it, too"
-    raise input_error(
-        motion, f"none of the {len(folder)} skeletons beside it is named like it", fix
-    )
+    paths = given or [path for path in motion.parent.iterdir() if path.suffix.lower() == ".asf"]
+    named = [path for path in paths if motion.stem.startswith(path.stem)]
+    if not named and len(paths) != 1:
+        problem = f"none of the {len(paths)} skeletons beside it is named like it"
+        fix = "put the ASF file beside it, and call it as the motion begins, or give it, too"
+        raise input_error(motion, problem, fix)
+    return max(named or paths, key=lambda path: len(path.stem))
 
 
 def _read_skeleton(path: Path) -> tuple[list[Joint], str, float]:

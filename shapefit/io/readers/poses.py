@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Floats
-from shapefit.errors import InputError, abbreviate, counted, input_error, printable
+from shapefit.errors import InputError, input_error, printable
 from shapefit.io.layout import UNKNOWN_UNIT
 
 FRACTION = "fraction of the image"
@@ -40,7 +40,7 @@ class Poses:
     video       what items begin with: one text, or (N,) where a file holds several videos
     landmark_names  None where the file has none: then `keypoints` names them, or else `skeleton`,
                 which the format implies
-    frame_count of the source, frames without a pose too; None where it does not say
+    frame_count of the source, frames without a pose too
     frame_rate  in Hz
     edges       pairs of landmarks, by position
     size_needed of fractions of the image: whether they are useless without `image_size`
@@ -97,11 +97,6 @@ class Poses:
     def dimensions(self) -> int:
         """2 for landmarks, 3 for shapes."""
         return self.points.shape[2]
-
-    @property
-    def landmark_count(self) -> int:
-        """Number of landmarks, p."""
-        return self.points.shape[1]
 
     @property
     def individuals(self) -> tuple[str, ...]:
@@ -231,10 +226,7 @@ LAST_NUMBER = re.compile(r"^(.*?)([0-9]{1,18})([^0-9]*)$", re.DOTALL)
 
 
 def are_series(names: Sequence[str]) -> bool:
-    """Whether names differ in one number, by which they can be the frames of a video.
-
-    Then there are less than 100 numbers from the least to the largest for each name.
-    """
+    """Whether names differ in one number alone, and may be frames: there is one in 100 at least."""
     matches = [match for name in names if (match := LAST_NUMBER.match(name))]
     numbers = {int(match[2]) for match in matches}
     if len({(m[1], m[3]) for m in matches}) > 1 or len(numbers) < len(names):
@@ -243,10 +235,7 @@ def are_series(names: Sequence[str]) -> bool:
 
 
 def number_labels(values: NDArray[Any]) -> list[str]:
-    """Return numbers or times of frames, in seconds, as text, to the microsecond.
-
-    Raises ValueError where one is no number.
-    """
+    """Return frames or seconds as text, to the microsecond. Raises ValueError for no number."""
     require(np.isfinite(values).all(), "a frame without a number")
     return [
         str(int(value)) if value == int(value) else f"{value:.6f}".rstrip("0").rstrip(".")
@@ -254,32 +243,22 @@ def number_labels(values: NDArray[Any]) -> list[str]:
     ]
 
 
-def make_unique(
-    labels: Sequence[str], form: str = "{}_{}"
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return labels, those that repeat an earlier one with a number after them, and a note.
+def make_unique(labels: Sequence[str], form: str = "{}_{}") -> tuple[str, ...]:
+    """Return labels, those that repeat an earlier one with a number after them.
 
     A label without a text is `*7`, as C3D files call the eighth.
     """
     names = [label.strip() or f"*{place}" for place, label in enumerate(labels)]
-    taken, times, changed = {*names}, Counter[str](), []
+    taken, times = {*names}, Counter[str]()
     for place, name in enumerate(names):
         times[name] += 1
         if times[name] > 1:
             numbered = (form.format(name, number) for number in count(times[name]))
             names[place] = next(new for new in numbered if new not in taken)
-            changed.append(names[place])
             taken.add(names[place])
-    note = f"{counted(len(changed), 'label')} repeated, and numbered ({abbreviate(changed)})"
-    return tuple(names), (note,) if changed else ()
+    return tuple(names)
 
 
-def edges_of(lines: Any, landmarks: int) -> Edges:
+def edges_of(lines: Sequence[tuple[int, int]] | None, landmarks: int) -> Edges:
     """Return those of a list of lines that join two of so many landmarks."""
-    return tuple(
-        (line[0], line[1])
-        for line in (lines if isinstance(lines, list) else [])
-        if isinstance(line, list)
-        and len(line) == 2
-        and all(type(end) is int and 0 <= end < landmarks for end in line)
-    )
+    return tuple((a, b) for a, b in lines or () if min(a, b) >= 0 and max(a, b) < landmarks)

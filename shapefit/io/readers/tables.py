@@ -66,11 +66,7 @@ _OF_LANDMARK = (
 
 
 class Header(NamedTuple):
-    """A header as it was understood.
-
-    names of all columns; roles -> column; landmarks -> their roles -> column of a wide table, none
-    of a long one; names of columns without a role.
-    """
+    """Names of all columns; roles -> column; landmarks of a wide table -> their roles -> column."""
 
     delimiter: str
     names: Sequence[str]
@@ -343,10 +339,9 @@ def of_bodies(
     notes: tuple[str, ...] = (),
     **fields: Any,
 ) -> Poses:
-    """Return the poses of points (n, p, 2 or 3), one body per image, NaN where one is missing.
+    """Return the poses of points (n, p, 2 or 3), one body per image; labels (n) name the images.
 
-    labels (n) are names or numbers of the images, by default their places. `fields` are those of
-    Poses. Raises ValueError for confidences below 0.
+    `fields` are those of Poses. Raises ValueError for confidences below 0.
     """
     require(confidence is None or not (confidence < 0).any(), "a confidence below 0")
     flat = points.shape[2] == 2

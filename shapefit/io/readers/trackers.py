@@ -105,7 +105,7 @@ def read_sleap_analysis(paths: tuple[Path, ...]) -> Poses:
         scores,
         present=np.asarray(np.isfinite(points).any(axis=(2, 3))) if many > 1 else None,
         landmark_names=nodes,
-        individuals=make_unique(names, REPEATED)[0] or None,
+        individuals=make_unique(names, REPEATED) or None,
         edges=edges,
     )
 
@@ -159,10 +159,10 @@ def read_slp(paths: tuple[Path, ...]) -> Poses:
     replaced = np.array([key in placed and key[2] >= 0 for key in keys], bool)
     replaced = ~user & (replaced | np.isin(instances["instance_id"], origins))
     lost = int(replaced.sum())
-    individuals = (*make_unique([str(name) for _, name, *_ in tracks], REPEATED)[0], "")
+    individuals = (*make_unique([str(name) for _, name, *_ in tracks], REPEATED), "")
     files = [about.get("filename") or about["backend"].get("filename") for about in videos]
     stems = [Path(file_name(str(name or "video"))).stem for name in files]
-    video_names, _ = make_unique(stems, REPEATED)
+    video_names = make_unique(stems, REPEATED)
     return Poses(
         name=str(path),
         video=[video_names[n] for n in video] if len(videos) > 1 else video_name(path),
@@ -273,18 +273,13 @@ def _arranged(file: TrackerFile, name: str, wanted: Sequence[str]) -> Floats:
 
 # NWB.
 
+POSES_OF_NWB = ("PoseEstimationSeries", "PoseEstimation")
 UNITS = {"pixel": "px", "pixels": "px", "px": "px", "meters": "m", "metres": "m", "meter": "m"}
 
 
 class Series(NamedTuple):
-    """A PoseEstimationSeries: one landmark of an animal over time.
+    """A landmark: points (n, 2 or 3), confidence (n,), times (n,) in seconds, rate in Hz."""
 
-    points (n, 2 or 3) times the conversion that is stated; confidence (n,), NaN where there is
-    none; times (n,) in seconds; rate in Hz, of a series that states it.
-    """
-
-    animal: str
-    landmark: str
     points: Floats
     confidence: Floats
     times: Floats
@@ -297,32 +292,32 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
 
     Raises ValueError where there is none, and for animals of one name in several modules.
     """
+    all_series: dict[tuple[str, str], Series] = {}
     with TrackerFile(paths[0]) as file:
         groups = [*_groups(file, "processing", 5)]  # modules, animals and their series
         kinds = {name: file.text("neurodata_type", name) for name in groups}
-        series = [
-            _read_series(file, name)
-            for name in groups
-            if kinds[name] == "PoseEstimationSeries"
-            and kinds.get(name.rpartition("/")[0]) == "PoseEstimation"
-        ]
-        require(series, "no PoseEstimation (ndx-pose), so no landmarks")
-        landmarks = dict.fromkeys(one.landmark for one in series)
+        for name in groups:
+            if (kinds[name], kinds.get(name.rpartition("/")[0])) == POSES_OF_NWB:
+                *_, animal, landmark = name.split("/")
+                once = (animal, landmark) not in all_series
+                require(once, "animals of one name in several modules; save each in its own file")
+                all_series[animal, landmark] = _read_series(file, name)
+        require(all_series, "no PoseEstimation (ndx-pose), so no landmarks")
+        landmarks = dict.fromkeys(landmark for _, landmark in all_series)
         names, edges = _join_skeletons(file, groups, landmarks)
-    axes = {one.points.shape[1] for one in series}
+    axes = {series.points.shape[1] for series in all_series.values()}
     require(len(axes) == 1, "2D and 3D series; save them in files of their own")
-    animals = [*dict.fromkeys(one.animal for one in series)]
-    once = len({(one.animal, one.landmark) for one in series}) == len(series)
-    require(once, "animals of one name in several modules; save each in its own file")
-    times = np.unique(np.concatenate([one.times for one in series]))
+    animals = [*dict.fromkeys(animal for animal, _ in all_series)]
+    times = np.unique(np.concatenate([series.times for series in all_series.values()]))
     points = np.full((len(times), len(animals), len(names), *axes), np.nan)
     confidence = np.full(points.shape[:3], np.nan)
     present = np.zeros(points.shape[:2], bool)
-    for one in series:
-        at, animal = np.searchsorted(times, one.times), animals.index(one.animal)
-        place = at, animal, names.index(one.landmark)
-        points[place], confidence[place], present[at, animal] = one.points, one.confidence, True
-    units = {UNITS.get(one.unit, UNKNOWN_UNIT) for one in series}
+    for (animal, landmark), series in all_series.items():
+        at, number = np.searchsorted(times, series.times), animals.index(animal)
+        place = at, number, names.index(landmark)
+        points[place], confidence[place] = series.points, series.confidence
+        present[at, number] = True
+    units = {UNITS.get(series.unit, UNKNOWN_UNIT) for series in all_series.values()}
     return of_frames(
         paths[0],
         points,
@@ -331,7 +326,7 @@ def read_nwb(paths: tuple[Path, ...]) -> Poses:
         individuals=animals,
         present=present,
         landmark_names=tuple(names),
-        frame_rate=_frame_rate(series, times),
+        frame_rate=_frame_rate([*all_series.values()], times),
         unit="px" if axes == {2} else units.pop() if len(units) == 1 else UNKNOWN_UNIT,
         edges=edges,
     )
@@ -346,7 +341,6 @@ def _groups(file: TrackerFile, group: str, levels: int) -> Iterator[str]:
 
 
 def _read_series(file: TrackerFile, group: str) -> Series:
-    animal, landmark = group.split("/")[-2:]
     data, scores, start = (f"{group}/{name}" for name in ("data", "confidence", "starting_time"))
     points = file.numbers(data) * (file.number("conversion", data) or 1.0)
     points += file.attribute("offset", data) or 0.0
@@ -362,7 +356,7 @@ def _read_series(file: TrackerFile, group: str) -> Series:
     fits = times.shape == confidence.shape == points.shape[:-1]
     require(fits, f"{group} has other numbers of points, times and confidences")
     unit = (file.text("unit", data) or "pixels").lower()
-    return Series(animal, landmark, points, confidence, times, rate, unit)
+    return Series(points, confidence, times, rate, unit)
 
 
 def _join_skeletons(

@@ -21,18 +21,13 @@ import numpy as np
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.io.readers.poses import Poses
 
-REACH = 0.35
-"""Of the size of a person (the diagonal of the box): how far landmarks go in a frame, at most, from
-where the motion so far takes them. Somebody who runs crosses a fifth of it at 30 Hz."""
+REACH, REACH_PER_GAP, FARTHEST = 0.35, 0.1, 1.0
+"""How far landmarks go in a frame, at most, from where the motion so far takes them, as a share of
+the size of a person (the diagonal of the box; somebody who runs crosses a fifth of it at 30 Hz);
+what each missed frame adds; and the largest reach."""
 
-REACH_PER_GAP, FARTHEST = 0.1, 1.0
-"""What each missed frame adds to the reach, and the largest reach."""
-
-LONGEST_GAP = 15
-"""Frames without a detection that a track survives."""
-
-SMOOTH_MOTION = 3
-"""Frames for which the motion of a track is continued."""
+LONGEST_GAP, SMOOTH_MOTION = 15, 3
+"""Frames without a detection that a track survives, and for which its motion is continued."""
 
 FORGETTING = 0.3
 """Share of a frame's motion in the smooth motion of a track."""

@@ -158,7 +158,7 @@ def _file_stems(stem: str, names: Sequence[str]) -> list[str]:
     parts, shared = [name.split("/") for name in names], 0
     while all(len(part) > shared + 1 and part[shared] == parts[0][shared] for part in parts):
         shared += 1
-    short, _ = make_unique(["_".join(part[shared:]).replace(" ", "_") for part in parts])
+    short = make_unique(["_".join(part[shared:]).replace(" ", "_") for part in parts])
     return [str(file_stem(f"{stem}_{name}")) if len(names) > 1 else stem for name in short]
 
 

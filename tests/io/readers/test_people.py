@@ -95,15 +95,6 @@ CASES = [
             "notes": ["numbers of people are not used, as 1 of them occur twice in a frame"],
         },
     ),
-    (
-        {
-            "cam/0.json": frame(person(face_keypoints_2d=[1, 2, 3])),
-            "cam/meta.json": {"camera": 1},
-        },
-        {
-            "notes": ["1 file without people left out (meta.json)"]
-        },
-    ),
     # AlphaPose, whose scores of COCO's models go to 6
     ({"a.json": alphapose("people", "pose_keypoints_2d")}, ALPHAPOSE),
     ({"a.json": alphapose("bodies", "joints")}, ALPHAPOSE),
@@ -205,7 +196,7 @@ def test_what_is_read(written, tmp_path, files, expected):
     paths = [written(name, content) for name, content in files.items()]
     paths = [path for path in paths if path.name != "data.yaml"]
     folder = paths[0].parent
-    alone = not {"meta.json", "rat_4.txt"} & {path.name for path in paths}  # of no kind by itself
+    alone = not {"rat_4.txt"} & {path.name for path in paths}  # of no kind by itself
     for given in [[folder]] * (folder != tmp_path) + [paths] * alone:
         images, notes = read(*given)
         found = {
@@ -286,6 +277,10 @@ def test_landmarks_without_names_are_those_of_the_usual_skeleton(written, count,
             {"0.json": frame(person(), person()), "1.json": frame(person(25))},
             "2 detections with 17 and 1 detections with 25",
         ),
+        (
+            {"0.json": frame(), "meta.json": {"camera": 1}},
+            r"meta.json: .*no list of people.; remove",
+        ),
         ({"walk.mp4": "ftyp"}, r"it is a folder, and holds none of these: .*OpenPose"),
     ],
 )
@@ -315,3 +310,33 @@ def test_placeholders_with_a_confidence_of_0_are_missing(written, confidence, se
     points = [-1, -1, confidence, 0, 0, confidence, 5, 6, 1]
     found, _ = read(written("r.json", [entry(1, 1, *points)]))
     assert np.isfinite(found.landmarks[0]).all(axis=0).tolist() == seen
+
+
+# YOLO without data.yaml
+
+TAILS = ("", " 0.9", " 0.9 7")
+"""Nothing, a score, a score and a track."""
+
+LAYOUTS = [(count, " 2", tail) for count in (4, 5, 17) for tail in TAILS]
+
+
+@pytest.mark.parametrize(("count", "mark", "tail"), LAYOUTS)
+def test_the_layout_of_lines_is_found(rng, tmp_path, count, mark, tail):
+    points = np.round(rng.uniform(0.1, 0.9, (3, count, 2)), 3)
+    for frame, person in enumerate(points):
+        cells = " ".join(f"{x} {y}{mark}" for x, y in person.tolist())
+        (tmp_path / f"{frame}.txt").write_text(f"0 0.5 0.5 0.2 0.4 {cells}{tail}\n")
+    found, _ = read(tmp_path)
+    assert np.allclose(found.landmarks.swapaxes(1, 2), points)
+    assert (found.landmark_names[0] == "nose") == (count == 17)
+
+
+def test_files_in_any_order_are_read_by_their_names(rng, tmp_path):
+    paths = [tmp_path / f"a_{frame}.txt" for frame in (1, 2, 10)]
+    for path in paths:
+        cells = " ".join(f"{x:.3f} {y:.3f} 2" for x, y in rng.uniform(0.1, 0.9, (4, 2)))
+        path.write_text(f"0 0.5 0.5 0.2 0.4 {cells}\n")
+    in_order, reversed_order = read(*paths)[0], read(*paths[::-1])[0]
+    assert [item.split("/")[1] for item in in_order.items] == ["1", "2", "10"]
+    assert in_order.items == reversed_order.items
+    np.testing.assert_array_equal(in_order.landmarks, reversed_order.landmarks)

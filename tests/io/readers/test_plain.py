@@ -158,17 +158,12 @@ def test_lists_of_mediapipe(tmp_path, wrap):
 
 
 @pytest.mark.parametrize(
-    ("said", "score"),
-    [
-        ({"presence": 0.9, "visibility": 0.2}, 0.2),
-        ({"presence": 0.9, "visibility": None}, 0.9),
-        ({"score": 0.4}, 0.4),
-        ({}, 1.0),
-    ],
+    ("stated", "score"),
+    [({"presence": 0.9, "visibility": 0.2}, 0.2), ({"presence": 0.9}, 0.9), ({}, 1.0)],
 )
-def test_the_confidence_of_mediapipe(tmp_path, said, score):
+def test_the_confidence_of_mediapipe(tmp_path, stated, score):
     """How visible a point is goes before whether it is in the image; without either it is 1."""
-    body = [{"x": 10 * n, "y": 7, "z": -1, **said} for n in range(3)]
+    body = [{"x": 10 * n, "y": 7, "z": -1, **stated} for n in range(3)]
     images, _ = read(table(tmp_path / "walk.json", json.dumps([body])))
     assert images.confidence.tolist() == [[score] * 3]
 
@@ -236,3 +231,24 @@ def test_tables_in_metres_are_shapes_in_metres(tmp_path):
 def test_numbers_of_frames_have_no_bare_point():
     values = np.array([0.0, 1e-9, 2e-9, 0.5, 2.0, 1 / 3])
     assert number_labels(values) == ["0", "0", "0", "0.5", "2", "0.333333"]
+
+
+def test_videos_stand_as_they_appear_and_begin_at_0(tmp_path):
+    text = "video,frame,a_x,a_y,b_x,b_y\nw,9,1,2,3,4\nv,5,5,6,7,8\nw,7,9,10,11,12\n"
+    images, _ = read(table(tmp_path / "t.csv", text))
+    assert images.items == ("t/w/7", "t/w/9", "t/v/5")
+    assert images.columns["frame"].tolist() == [0, 2, 0]
+
+
+def test_numbers_that_do_not_begin_at_0_or_1_are_names(tmp_path):
+    text = "frame,x5,y5,x6,y6\n0,10,20,30,40\n"
+    images, _ = read(table(tmp_path / "t.csv", text), keypoints="numbered")
+    assert images.landmark_names == ("5", "6")
+    images, _ = read(table(tmp_path / "u.csv", text.replace("5", "1").replace("6", "2")))
+    assert images.landmark_names == ("0", "1")
+
+
+def test_a_landmark_whose_confidence_is_left_empty_has_1(tmp_path):
+    text = "frame,joint,x,y,score\n0,a,10,20,\n0,b,30,40,.5\n"
+    images, _ = read(table(tmp_path / "t.csv", text))
+    assert images.confidence.tolist() == [[1.0, 0.5]]

@@ -36,7 +36,7 @@ def alphapose(second):
 REFUSED = [
     # OpenPose
     ("0.json", '{"people": [{"pose_keypoints_2d": [1, 2', "0.json:1: is not whole JSON"),
-    ("0.json", {"people": [3]}, "0.json: cannot be read as a file of OpenPose or MMPose"),
+    ("0.json", {"people": [3]}, "0.json: cannot be read as a file of people"),
     ("0.json", {"people": [{PERSON: 3}]}, "keypoints that are no list"),
     ("0.json", {"people": [{PERSON: [1, 2]}]}, "a person of 2 numbers, not 3"),
     ("0.json", {"people": [{PERSON: [1, "a", 2]}]}, "string to float: 'a'.*; export it again"),

@@ -81,6 +81,10 @@ def two_tables(file):
     file.copy("df_with_missing", "tracks")
 
 
+def edge_to_nowhere(file):
+    file["edge_inds"][...] = [[0, 4]]
+
+
 def bounding_boxes(file):
     file.attrs["ds_type"] = "bboxes"
 
@@ -122,6 +126,7 @@ def no_poses(file):
     ("name", "change", "found"),
     [
         ("table.h5", two_tables, "the tables df_with_missing, tracks; save one"),
+        ("tracks.analysis.h5", edge_to_nowhere, "edge_inds points at no landmarks"),
         ("poses.nc", bounding_boxes, "bboxes, not poses"),
         ("tracks.analysis.h5", never_written, "the file holds 0 bytes; write its values"),
         ("tracks.analysis.h5", more_than_memory_holds, "tracks"),

@@ -8,6 +8,7 @@ import pytest
 
 from shapefit.io import open_landmarks, read_shapes
 from shapefit.io.detect import detect_format
+from tests.io.files import load_shapes
 from tests.io.readers import tracker_files as made
 from tests.io.readers.tracker_files import WRITERS, landmark_names
 
@@ -197,34 +198,27 @@ def test_paths_in_three_columns_and_rows_that_end_early(tmp_path, read):
     assert found.confidence is None
 
 
+PLAIN = """scorer,net,net,net,net,net,net
+bodyparts,a,a,a,b,b,b
+coords,x,y,likelihood,x,y,likelihood
+42150,12.5,-3,0.5,1e-3,2,1
+42151,,,,5,6,0.25
+42153,1,2,1,3,4,
+"""
+
+
 @pytest.mark.parametrize(
-    "change",
-    [
-        lambda text: text.replace("\n", "\r\n"),
-        lambda text: "\ufeff" + text,
-        lambda text: text.replace(",", " , "),
-        lambda text: text.replace("12.5", '"12.5"'),
-        lambda text: text.replace("12.5", "1.25e1"),
-        lambda text: text + "\n\n",
-        lambda text: text.removesuffix("\n"),
-        lambda text: text.replace(",,", ",nan,").replace(",,", ",NaN,"),
-        lambda text: text.replace(",,", ",NA,").replace(",,", ",N/A,"),
-    ],
-)
-def test_csv_is_read_in_every_dress(tmp_path, read, change):
-    text = (
-        "scorer,net,net,net,net,net,net\nbodyparts,a,a,a,b,b,b\n"
-        "coords,x,y,likelihood,x,y,likelihood\n"
-        "42150,12.5,-3,0.5,1e-3,2,1\n42151,,,,5,6,0.25\n42153,1,2,1,3,4,\n"
-    )
-    (tmp_path / "plain.csv").write_text(text)
-    (tmp_path / "other.csv").write_bytes(change(text).encode())
-    want, found = read(tmp_path / "plain.csv"), read(tmp_path / "other.csv")
-    assert want.landmarks[0].tolist() == [[12.5, 0.001], [-3, 2]]
-    assert want.confidence.tolist() == [[0.5, 1], [0, 0.25], [1, 1]]
+    ("old", "new"),
+    [("\n", "\r\n"), ("scorer", "\ufeffscorer"), (",", " , "), ("12.5", '"12.5"'),
+     (",,,", ",nan,NA,"), ("12.5", "1.25e1"), ("4,\n", "4,\n\n\n")],
+)  # fmt: skip
+def test_csv_is_read_in_every_dress(tmp_path, read, old, new):
+    (tmp_path / "p.csv").write_bytes(PLAIN.replace(old, new).encode())
+    found = read(tmp_path / "p.csv")
     assert [item.split("/")[1] for item in found.items] == ["42150", "42151", "42153"]
-    np.testing.assert_array_equal(found.landmarks, want.landmarks)
-    np.testing.assert_array_equal(found.confidence, want.confidence)
+    points = [[[12.5, 0.001], [-3, 2]], [[np.nan, 5], [np.nan, 6]], [[1, 3], [2, 4]]]
+    np.testing.assert_array_equal(found.landmarks, points)
+    assert found.confidence.tolist() == [[0.5, 1], [0, 0.25], [1, 1]]
 
 
 def test_columns_of_other_tools_and_animals_that_were_not_found(tmp_path):
@@ -240,3 +234,34 @@ def test_columns_of_other_tools_and_animals_that_were_not_found(tmp_path):
     assert found.landmarks[:, :, 0].tolist() == [[1, 2], [3, 4]]
     assert "columns left out: x_ens_var, y_ens_var" in notes
     assert "2 individuals without a landmark left out" in notes
+
+
+@pytest.mark.parametrize("frames", [7, 2])  # of two the order of axes is open but for the rule
+def test_an_analysis_file_of_tracks_and_nodes_alone(tmp_path, points, confidence, read, frames):
+    path = tmp_path / "tracks.h5"
+    made.write_sleap_analysis(path, points[:frames], confidence[:frames])
+    whole = read(path)
+    with h5py.File(path, "a") as file:
+        for name in set(file) - {"tracks", "node_names"}:
+            del file[name]
+    found = read(path)
+    np.testing.assert_array_equal(found.landmarks, whole.landmarks)
+    assert found.landmark_names == whole.landmark_names
+    assert found.sequences == tuple(name.replace("animal", "track_") for name in whole.sequences)
+
+
+@pytest.mark.parametrize(
+    ("units", "unit"),
+    [(["meters"], "m"), (["meters", "inches"], "unknown")],
+)
+def test_the_unit_of_shapes_in_nwb_is_that_of_all_series(tmp_path, rng, units, unit):
+    path = tmp_path / "poses.nwb"
+    points = rng.standard_normal((5, 1, 4, 3))
+    made.write_nwb(path, points, np.ones((5, 1, 4)))
+    with h5py.File(path, "a") as file:
+        for number in range(4):
+            data = file[f"processing/behavior/animal0/point{number}/data"]
+            data.attrs["unit"] = units[number % len(units)]
+    shapes, _ = load_shapes(path)
+    assert shapes.unit == unit
+    np.testing.assert_allclose(shapes.shapes.swapaxes(1, 2), points[:, 0])

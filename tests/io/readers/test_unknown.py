@@ -73,15 +73,6 @@ def whole(path, options):
         return source.whole()
 
 
-@pytest.mark.parametrize("column", ["person_id", "track_id", "individual", "id"])
-def test_columns_of_identities_in_wide_tables(tmp_path, column):
-    path = tmp_path / "w.csv"
-    path.write_bytes(WIDE.replace(b"track_id", column.encode()))
-    found = whole(path, InputOptions())
-    assert found.items == ("w/id 1/0", "w/id 2/0")
-    assert found.sequences == ("w/id 1", "w/id 2")
-
-
 @pytest.mark.parametrize(
     ("name", "content"),
     [
@@ -96,13 +87,6 @@ def test_a_calibration_is_no_file_of_landmarks(tmp_path, name, content):
     assert refusal(path).endswith(
         "is a calibration of cameras, not landmarks; give it as --calibration"
     )
-
-
-@pytest.mark.parametrize("start", ["CDF", "BZh", "RIFF", "MATLAB ", "BM"])
-def test_text_with_such_a_beginning_is_text(tmp_path, start):
-    path = tmp_path / "walk.csv"
-    path.write_text(f"{start}é,b\n1,2\n", encoding="utf-8")
-    assert "the header is" in refusal(path)
 
 
 @pytest.mark.parametrize(
@@ -131,8 +115,7 @@ def test_hdf5_of_another_kind_says_what_was_looked_for(tmp_path):
         find_kind(path)
 
 
-@pytest.mark.parametrize("name", [name for name, form in FORMATS.items() if not form.folders])
-def test_a_folder_in_a_format_of_files_is_refused(tmp_path, name):
-    for read in (find_kind, lambda path, options: open_landmarks([path], options).__enter__()):
+def test_a_folder_in_a_format_of_files_is_refused(tmp_path):
+    for name in [name for name, form in FORMATS.items() if not form.folders]:
         with pytest.raises(InputError, match=r"it is a folder, and .* is a file; name the files"):
-            read(tmp_path, InputOptions(format=name))
+            find_kind(tmp_path, InputOptions(format=name))
