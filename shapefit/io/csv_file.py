@@ -151,12 +151,6 @@ def read_rows(texts: Iterable[str], line: int, name: str) -> Iterator[tuple[int,
         raise input_error(f"{name}:{line}", fault, QUOTES) from error
 
 
-DECIMALS, WIDE = 2, 100
-"""Of pixels, where the landmarks of an image spread over so many of them."""
-
-WHOLE = 2.0**52
-"""From which on all numbers of 64 bits are whole."""
-
 NUMBER = 26
 """Bytes of a number with the comma behind it, at most."""
 
@@ -166,21 +160,21 @@ Y_UP = "y points up, which CSV cannot say: read the file with `y_axis=up`"
 @contextmanager
 def csv_output(target: Path) -> Iterator[CsvWriter]:
     """Give a writer to standard output, for `-`, or to a file that appears on a clean exit."""
-    if is_stream(target):
-        if sys.stdout is None:
-            raise input_error("standard output", "is closed", "name a file to write instead")
-
-        def write(data: bytes | memoryview) -> None:
-            sys.stdout.buffer.write(data)
-            sys.stdout.buffer.flush()
-
-        with storage_errors(Path("standard output")):
-            writer = CsvWriter(write)
+    if not is_stream(target):
+        with atomic_path(target) as path, path.open("wb") as file:
+            writer = CsvWriter(file.write)
             yield writer
             writer.check_begun()
         return
-    with atomic_path(target) as path, path.open("wb") as file:
-        writer = CsvWriter(file.write)
+    if sys.stdout is None:
+        raise input_error("standard output", "is closed", "name a file to write instead")
+
+    def write(data: bytes | memoryview) -> None:
+        sys.stdout.buffer.write(data)
+        sys.stdout.buffer.flush()
+
+    with storage_errors(Path("standard output")):
+        writer = CsvWriter(write)
         yield writer
         writer.check_begun()
 
@@ -189,15 +183,13 @@ class CsvWriter(RecordWriter[Records]):
     """Appends records as rows `item,landmark,x,y[,z][,confidence][,sd_x,sd_y,sd_z][,sequence]`.
 
     Results with a verdict also have a column `trusted`. NaN becomes an empty cell; numbers have the
-    fewest digits that read back to the same float, but pixels two decimals, where landmarks spread
-    over WIDE of them or more. CSV has no place for `attributes`.
+    fewest digits that read back to the same float. CSV has no place for `attributes`.
     """
 
     def __init__(self, write: Callable[[bytes | memoryview], object]) -> None:
         super().__init__()
         self._write = write
         self._header = b""
-        self._in_pixels = False
 
     def append(self, record: Records) -> None:
         """Write one row for each landmark of each item.
@@ -207,7 +199,7 @@ class CsvWriter(RecordWriter[Records]):
         numbers, texts = _columns(record)
         header = ",".join(["item", "landmark", *numbers, *texts]).encode()
         if not self.begun:
-            self.begun, self._header, self._in_pixels = True, header, _is_wide(record)
+            self.begun, self._header = True, header
             self._write(header + b"\n")
         elif header != self._header:
             raise ValueError("the columns of this record are not those of the first")
@@ -215,18 +207,7 @@ class CsvWriter(RecordWriter[Records]):
             self.summary = Summary(warnings=(Y_UP,))
         items = max(1, ROWS // max(1, len(record.landmark_names)))
         for start in range(0, len(record), items):
-            part = record.take(slice(start, start + items))
-            self._write(_lines(part, self._in_pixels))
-
-
-def _is_wide(record: Records) -> bool:
-    """Whether these are pixels, of which a hundredth does not count."""
-    if not isinstance(record, LandmarkSet) or record.unit != "px" or not record.landmarks.size:
-        return False
-    known = np.isfinite(record.landmarks)
-    least = np.where(known, record.landmarks, np.inf).min(axis=2)
-    most = np.where(known, record.landmarks, -np.inf).max(axis=2)
-    return bool(np.median((most - least).max(axis=1)) >= WIDE)
+            self._write(_lines(record.take(slice(start, start + items))))
 
 
 def _columns(record: Records) -> tuple[dict[str, Floats], dict[str, Sequence[str]]]:
@@ -248,14 +229,10 @@ def _columns(record: Records) -> tuple[dict[str, Floats], dict[str, Sequence[str
     return numbers, texts
 
 
-def _lines(record: Records, in_pixels: bool) -> memoryview:
+def _lines(record: Records) -> memoryview:
     """Return the lines of some items."""
     names, (columns, texts) = record.landmark_names, _columns(record)
     numbers = np.stack([*columns.values()], axis=-1).reshape(-1, len(columns))
-    if in_pixels:
-        points = numbers[:, :2]
-        some = np.abs(points) < WHOLE
-        points[some] = np.round(points[some], DECIMALS)
     item, landmark = np.divmod(np.arange(len(record) * len(names)), max(len(names), 1))
     before = [cells_of(record.items, item), cells_of(names, landmark)]
     return rows_of(before, numbers, [cells_of(values, item) for values in texts.values()])

@@ -50,9 +50,6 @@ LIBVER = ("v110", "v110")
 SPARE, END_OF_FILE = 1 << 21, 28
 """Bytes reserved beside what is written; where the superblock has the length of the file."""
 
-OTHER_TOOLS = "DeepLabCut, SLEAP, JABS, NWB (the attribute nwb_version) or movement (ds_type)"
-"""The HDF5 files of other tools that are read."""
-
 PLAIN_ATTRIBUTES = frozenset(
     {"format", "version", "unit", "y_axis", "frame_rate", "attributes_sha256"}
 )
@@ -60,9 +57,13 @@ PLAIN_ATTRIBUTES = frozenset(
 PREFIX = "shapefit_"
 """Before the names of other attributes of these names."""
 
-KIND_LETTERS = {"number": "biuf", "index": "iu", "text": "O", "label": "Oiu"}
-"""Types of NumPy that the kinds of datasets can have in files, O for text."""
-KIND_WORDS = {"number": "numbers", "index": "integers", "text": "UTF-8 text", "label": "UTF-8 text"}
+STORED = {
+    "number": ("biuf", "numbers"),
+    "index": ("iu", "integers"),
+    "text": ("O", "UTF-8 text"),
+    "label": ("Oiu", "UTF-8 text"),
+}
+"""Types of NumPy that the kinds of datasets can have in files, O for text, and what they hold."""
 
 
 def hdf5_kind(path: Path) -> str:
@@ -78,8 +79,8 @@ def _check_format(file: Hdf5File, *formats: str) -> str:
         with file.damage():
             holds = abbreviate([printable(name) for name in sorted(file.root)]) or "nothing"
         missing = f"has no root attribute format, and holds {holds}"
-        ours = f"set it, in a file of shapefit, to {listed(formats)}"
-        fix = f"give a file of {OTHER_TOOLS}, or {ours}"
+        fix = "give a file of DeepLabCut, SLEAP, JABS, NWB (nwb_version) or movement (ds_type), or"
+        fix += f" set it, in a file of shapefit, to {listed(formats)}"
         raise input_error(file.path, missing, fix)
     if stated not in formats:
         raise input_error(file.path, f"is a {stated} file", f"give a {listed(formats)} file")
@@ -227,6 +228,7 @@ class Hdf5Reader(Hdf5File):
     def _problems(self) -> Iterator[str]:
         """Yield what is wrong with the kind or shape of each dataset."""
         for name, column in self.form.all.items():
+            letters, values = STORED[column.kind]
             fault = "there is no such dataset" if column.required else ""
             if name in self._names:
                 node, text, shape = self.stored(self._names[name])
@@ -234,19 +236,12 @@ class Hdf5Reader(Hdf5File):
                 fault = (
                     "" if fit_axes(column.axes, shape, self._sizes) else f"has the shape {shape}"
                 )
-                if kind not in KIND_LETTERS[column.kind]:
+                if kind not in letters:
                     fault = f"holds values of type {'text' if text else node.dtype}"
             if fault:
                 axes = [f"{self._sizes.get(str(a), '')} {AXES.get(str(a), a)}" for a in column.axes]
-                wanted = f"{KIND_WORDS[column.kind]} ({', '.join(map(str.strip, axes))})"
-                yield f"{self.place(name)}: {fault}; store {wanted}"
-        for name in sorted(self._names.keys() - self.form.all.keys()):
-            node, text, shape = self.stored(self._names[name])
-            if node.shape is None or (not text and node.dtype.kind not in "biufc"):
-                yield f"{self.place(name)}: cannot be carried over; store numbers or text"
-            elif self._is_per_item(name) and shape[:1] != (count := self._sizes.get("n"),):
-                fix = f"store a row for each of {count} items"
-                yield f"{self.place(name)}: has the shape {shape}, and is per item; {fix}"
+                axes_text = ", ".join(map(str.strip, axes))
+                yield f"{self.place(name)}: {fault}; store {values} ({axes_text})"
 
     def _is_per_item(self, name: str) -> bool:
         """Whether a dataset that is in memory as in the file has a row for each item.
@@ -254,9 +249,10 @@ class Hdf5Reader(Hdf5File):
         Those that no layout lists have an attribute that states it, in version 2.
         """
         node, _, shape = self.stored(self._names[name])
+        if shape[:1] != (self._sizes.get("n"),):
+            return False
         if name in self.form.further or self._attributes["version"] == 1:
-            fits = shape[:1] == (self._sizes.get("n"),)
-            return fits and self.form.is_per_item(name, len(shape))
+            return self.form.is_per_item(name, len(shape))
         with self.damage(name):
             return bool(node.attrs.get(PER_ITEM, False))
 

@@ -90,8 +90,6 @@ class Records:
 
     def _check_axes(self) -> None:
         sizes = {"n": len(self), "p": len(self.landmark_names)}
-        if self.LAYOUT.points not in self.per_item:
-            raise TypeError(f"{type(self).__name__} needs {self.LAYOUT.points}")
         for name, values in self.columns.items():
             column = self.LAYOUT.datasets.get(name)
             shape = values.swapaxes(-1, -2).shape if column and column.points else values.shape

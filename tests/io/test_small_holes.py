@@ -10,7 +10,7 @@ import pytest
 from shapefit.cli.main import run
 
 from shapefit.dictionary.model import Dictionary
-from shapefit.io import LandmarkSet, ResultSet, landmark_writer, result_writer, write_dictionary
+from shapefit.io import LandmarkSet, landmark_writer, write_dictionary
 
 NAMES = ("a", "b", "c", "d")
 
@@ -76,30 +76,3 @@ def test_a_message_about_very_many_names_is_short_and_quick(folder, capsys):
     assert len(told) < 4000
     assert "none of the 100000 landmarks" in told
     assert time.process_time() - before < 10
-
-
-def test_info_reads_the_heads_of_large_files(folder, rng, capsys, monkeypatch):
-    n = 40_000
-    items = tuple(map(str, range(n)))
-    shapes = np.zeros((n, 3, 4)) + np.arange(4)
-    shapes[5] = np.nan
-    with result_writer(folder / "result.h5") as writer:
-        writer.append(ResultSet(shapes, NAMES, items, ("walk",) * n))
-    with landmark_writer(folder / "large.h5") as writer:
-        writer.append(LandmarkSet(shapes[:, :2], NAMES, items, confidence=np.ones((n, 4))))
-    from shapefit.io.hdf5_records import Hdf5Reader
-
-    rows, real = [], Hdf5Reader.read
-
-    def counted(reader, name, part=slice(None)):
-        values = real(reader, name, part)
-        rows.append(len(values) if values is not None and name != "landmark_names" else 0)
-        return values
-
-    monkeypatch.setattr(Hdf5Reader, "read", counted)
-    assert run(["info", "result.h5", "large.h5"]) == 0
-    told = capsys.readouterr().out
-    assert "images:       40,000" in told
-    assert "sequences:    1: walk (of the first 16,384)" in told
-    assert "0.0% of the landmarks (of the first 16,384)" in told
-    assert max(rows) <= 16_384

@@ -11,7 +11,14 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from shapefit.io import csv_file, inputs, open_landmarks, read_results, result_writer
+from shapefit.io import (
+    csv_file,
+    inputs,
+    open_landmarks,
+    read_results,
+    read_shapes,
+    result_writer,
+)
 from shapefit.io.csv_file import read_rows, split_columns
 from shapefit.io.options import InputOptions
 from shapefit.io.records import LandmarkSet, concatenate
@@ -249,6 +256,31 @@ def test_shapes_must_be_finite_and_complete(csv, problems, cell, read_one):
     path = csv("item,landmark,x,y,z\na,head,1,2,3\na,foot,1,2,3\nb,foot,1,2,3\n")
     (line,) = problems(read_one, path)
     assert line == f"{path}: item 'b' has no landmark 'head'; write every landmark of every item"
+
+
+HEAD = "item,landmark,x,y,z\n"
+
+
+@pytest.mark.parametrize("value", ["1e160", "-2e300"])
+def test_a_coordinate_whose_square_overflows_is_named(csv, problems, value):
+    path = csv(f"{HEAD}a,head,1,2,3\na,foot,4,{value},6\n")
+    for read in (lambda: read_shapes([path]), lambda: read_results(path)):
+        (line,) = problems(read)
+        assert line.startswith(f"{path}: item 'a': landmark 'foot' is (4.0, {float(value)}, 6.0); ")
+
+
+def test_the_largest_coordinate_is_read(csv):
+    assert read_shapes([csv(f"{HEAD}a,head,1,2,3\na,foot,4,1e150,6\n")]).shapes.max() == 1e150
+
+
+def test_a_table_whose_rows_share_nothing(tmp_path, problems, monkeypatch):
+    path = tmp_path / "diagonal.csv"
+    rows = (f"item {row},landmark {row},0,0" for row in range(6_000))
+    path.write_text("\n".join(["item,landmark,x,y", *rows]) + "\n")
+    monkeypatch.setattr(inputs, "machine_memory", lambda: 10**8)
+    (line,) = problems(open_landmarks, [path])
+    assert line.startswith(f"{path}: it takes ")
+    assert "this machine has 100 MB; divide the file" in line
 
 
 def test_results_must_not_be_infinite(csv, problems):

@@ -1,4 +1,4 @@
-"""HDF5 files whose values lie elsewhere: refused by every command, whatever kind of file it is."""
+"""Open HDF5 files: values that lie elsewhere, or do not fit in memory, are refused by name."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,7 +9,16 @@ import pytest
 from shapefit.cli.main import run
 
 from shapefit.dictionary.model import Dictionary
-from shapefit.io import LandmarkSet, ShapeSet, write_dictionary, write_shapes
+from shapefit.io import (
+    LandmarkSet,
+    ShapeSet,
+    inputs,
+    read_dictionary,
+    read_results,
+    read_shapes,
+    write_dictionary,
+    write_shapes,
+)
 from tests.io.files import save
 
 SECRET = "what stands in a file of somebody else"
@@ -148,3 +157,58 @@ def test_links_inside_a_file_are_read(files, tmp_path, capsys, kind):
         file["group/again"] = file["kept"]
     code = run(["info", str(path)])
     assert code == 0, capsys.readouterr().err
+
+
+# What does not fit in memory, or in its file
+
+MANY = 10**11
+
+
+@pytest.fixture
+def sparse(tmp_path):
+    """Make a file of shapes of some kB whose datasets, all fill values, are of these sizes."""
+
+    def make(n=1, p=1, **further):
+        path = tmp_path / "sparse.h5"
+        with h5py.File(path, "w") as file:
+            file.attrs.update({"format": "shapefit-shapes", "version": 1})
+            for name, size in (("landmark_names", p), ("item", n)):
+                chunks = (10_000,) if size > 1 else None
+                file.create_dataset(name, (size,), "S1", chunks=chunks, fillvalue=b"a")
+            file.create_dataset("shapes", (n, p, 3), "f8", chunks=(1, 1, 3))
+            for name, shape in further.items():
+                file.create_dataset(name, shape, "f8", chunks=(100,) * len(shape))
+            if n == 1:
+                file["item"][0] = b"a"
+        assert path.stat().st_size < 50_000
+        return path
+
+    return make
+
+
+@pytest.mark.parametrize(
+    ("sizes", "place", "found"),
+    [
+        ({"p": MANY}, "landmark_names", "B of memory, and this machine has "),
+        ({"further": (MANY, 100)}, "further", "B of memory, and this machine has "),
+        ({"further": (10**5, 100)}, "further", ": of its 80 MB the file holds 0 bytes; "),
+        ({"n": MANY}, "item", " the file holds 0 bytes; "),
+    ],
+)
+def test_a_file_of_some_kilobytes_that_would_take_more(sparse, problems, sizes, place, found):
+    path = sparse(**sizes)
+    (line,) = problems(read_shapes, [path])
+    assert line.startswith(f"{path}:/{place}: ")
+    assert found in line
+
+
+def test_the_limit_is_what_is_free(shape_file, dictionary_file, result_file, problems, monkeypatch):
+    monkeypatch.setattr(inputs, "ALWAYS_FITS", 0)
+    readers = (lambda path: read_shapes([path]), read_dictionary, read_results)
+    for read, path in zip(readers, (shape_file, dictionary_file, result_file), strict=True):
+        monkeypatch.setattr(inputs, "machine_memory", lambda: 10**5)
+        read(path)
+        monkeypatch.setattr(inputs, "machine_memory", lambda: 10)
+        (line,) = problems(read, path)
+        assert line.startswith(f"{path}:/")
+        assert "and this machine has 10 bytes; " in line

@@ -1,23 +1,36 @@
-"""Coordinates that are numbers, and yet none to compute with."""
+"""What a dictionary says of its training shapes must be numbers that a fit can use."""
 
+from pathlib import Path
+
+import h5py
 import numpy as np
 import pytest
 
-from shapefit.io import read_dictionary, read_results, read_shapes
+import shapefit
+from shapefit.errors import InputError
+from shapefit.io import read_dictionary, read_shapes, write_dictionary
 
-HEAD = "item,landmark,x,y,z\n"
-
-
-@pytest.mark.parametrize("value", ["1e160", "-2e300"])
-def test_a_coordinate_whose_square_overflows_is_named(csv, problems, value):
-    path = csv(f"{HEAD}a,head,1,2,3\na,foot,4,{value},6\n")
-    for read in (lambda: read_shapes([path]), lambda: read_results(path)):
-        (line,) = problems(read)
-        assert line.startswith(f"{path}: item 'a': landmark 'foot' is (4.0, {float(value)}, 6.0); ")
+PEOPLE = Path(shapefit.__file__).parent / "data" / "people.h5"
 
 
-def test_the_largest_coordinate_is_read(csv):
-    assert read_shapes([csv(f"{HEAD}a,head,1,2,3\na,foot,4,1e150,6\n")]).shapes.max() == 1e150
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("acceleration", np.nan),
+        ("acceleration", -0.1),
+        ("bone_tolerance", -0.1),
+        ("edge_length", np.inf),
+        ("p_value_table", np.nan),
+        ("p_value_table", -1.0),
+    ],
+)
+def test_numbers_of_no_use_are_refused(tmp_path: Path, name: str, value: float):
+    path = tmp_path / "dictionary.h5"
+    write_dictionary(path, read_dictionary(PEOPLE))
+    with h5py.File(path, "r+") as file:
+        file[name][0] = value
+    with pytest.raises(InputError, match=f"{name}.*holds .*make the dictionary again"):
+        read_dictionary(path)
 
 
 def test_vertices_and_atoms_are_named(
