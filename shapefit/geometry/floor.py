@@ -60,6 +60,9 @@ STEPS = 10
 """Of least squares with weights 1 / (1 + u^2 / 4) of residuals u in deviations."""
 
 
+Bearing = tuple[Floats, Floats, Floats, Floats]
+
+
 class Body(NamedTuple):
     """A body before the camera: points and their deviations (n, 3, p) in metres, nan in gaps.
 
@@ -108,13 +111,13 @@ def find_floor(bodies: Sequence[Body], distance_sd: float) -> Floor | None:
     needed = {f"{side}{joint}" for side in "lr" for joint in MASS}
     whole = [body for body in bodies if needed <= body.joints.keys()]
     parts = [_bearing(body) for body in whole]
-    if not any(len(part.place) for part in parts):
+    if not any(len(place) for place, *_ in parts):
         return None
-    bearing = Bearing(*map(np.concatenate, zip(*parts, strict=True)))
+    place, *further = map(np.concatenate, zip(*parts, strict=True))
     stature = float(np.mean([body.stature for body in whole]))
-    abg, covariance = _solve(bearing, FOOT * stature)
-    farther = bearing._replace(place=bearing.place * np.array([1.0, 1.0, 1 + distance_sd]))
-    change = _solve(farther, FOOT * stature)[0] - abg
+    abg, covariance = _solve(FOOT * stature, place, *further)
+    farther = place * np.array([1.0, 1.0, 1 + distance_sd])
+    change = _solve(FOOT * stature, farther, *further)[0] - abg
     covariance += np.outer(change, change)
     a, b, g = abg
     r = np.sqrt(1 + a**2 + b**2)
@@ -128,19 +131,10 @@ def find_floor(bodies: Sequence[Body], distance_sd: float) -> Floor | None:
     return Floor(np.array([a, 1.0, b]) / r, *map(float, numbers))
 
 
-class Bearing(NamedTuple):
-    """Places (m, 3) of feet at rest and how high (m,) above the floor they are; how bodies lean
-    (k, 2) at moments, and the variances (k, 2) of that.
-    """
-
-    place: Floats
-    above: Floats
-    leaning: Floats
-    variance: Floats
-
-
 def _bearing(body: Body) -> Bearing:
-    """Return the feet that bear a body at each moment, and how it leans there."""
+    """Return places (m, 3) of feet at rest and how high (m,) above the floor they are; how the body
+    leans (k, 2) at moments, and the variances (k, 2) of that.
+    """
     X = {joint: body.points[..., column] for joint, column in body.joints.items()}
     trunk = X["lshoulder"] + X["rshoulder"] - X["lhip"] - X["rhip"]
     ahead = np.cross(X["lhip"] - X["rhip"], trunk)
@@ -172,7 +166,7 @@ def _bearing(body: Body) -> Bearing:
     ]
     above = body.stature * float(np.mean([ABOVE_FLOOR[mark] for mark in marks]))
     shaped = (np.reshape(leaning, (-1, 2)), np.reshape(variances, (-1, 2)))
-    return Bearing(np.reshape(places, (-1, 3)), np.full(len(places), above), *shaped)
+    return (np.reshape(places, (-1, 3)), np.full(len(places), above), *shaped)
 
 
 def _rests(body: Body, X: Mapping[str, Floats], side: str, foot: Floats) -> NDArray[np.bool_]:
@@ -194,25 +188,27 @@ def _runs(rest: NDArray[np.bool_], fewest: float) -> list[tuple[int, int]]:
     return [(b, e) for b, e in turns.reshape(-1, 2).tolist() if e - b >= fewest]
 
 
-def _solve(bearing: Bearing, foot_sd: float) -> tuple[Floats, Floats]:
+def _solve(
+    foot_sd: float, place: Floats, above: Floats, leaning: Floats, variance: Floats
+) -> tuple[Floats, Floats]:
     """Return a, b, g and their covariance; foot_sd of a foot across the line of sight."""
-    leaning, shared = bearing.leaning, LASTING**2 * bearing.variance.mean(axis=0)
+    shared = LASTING**2 * variance.mean(axis=0)
     usual, weights = np.median(leaning, axis=0), np.ones(len(leaning))
     for _ in range(STEPS):
         weights = 1 / (1 + (((leaning - usual) / SWAY) ** 2).sum(axis=1) / 4)
         usual = weights @ leaning / weights.sum()
     lean_precision = 1 / (SWAY**2 / weights.sum() + LEAN**2 + shared)
     prior = np.diag([*(lean_precision + LEVEL**-2), 0.0])
-    x, y, z = bearing.place.T
+    x, y, z = place.T
     A = np.column_stack([x, z, np.ones(len(x))])
     abg = np.array([*usual, -np.median(usual[0] * x + y + usual[1] * z)])
     precision = prior
     for _ in range(STEPS):
         r = np.sqrt(1 + abg[0] ** 2 + abg[1] ** 2)
         along = (abg[0] * x + y + abg[1] * z) / r
-        target = r * bearing.above - y
-        variance = r**2 * (foot_sd**2 + (DEPTH * along) ** 2)
-        w = 1 / (variance + (A @ abg - target) ** 2 / 4)
+        target = r * above - y
+        foot = r**2 * (foot_sd**2 + (DEPTH * along) ** 2)
+        w = 1 / (foot + (A @ abg - target) ** 2 / 4)
         precision = (A.T * w) @ A + prior
         linear = A.T @ (w * target) + np.array([*(lean_precision * usual), 0.0])
         abg = np.linalg.solve(precision, linear)

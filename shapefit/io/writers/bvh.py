@@ -53,9 +53,8 @@ def write_bvh(path: Path, motion: Motion) -> str:
     table = np.hstack([rig.root, angles]).round(DECIMALS)
     text = orjson.dumps(table, option=orjson.OPT_SERIALIZE_NUMPY)[2:-2]
     with path.open("wb") as file:
-        file.write("".join(f"{line}\n" for line in _hierarchy(rig, landmarks, rows)).encode())
-        frame_time = f"{1 / motion.rate:.10g}"
-        file.write(f"MOTION\nFrames: {len(points)}\nFrame Time: {frame_time}\n".encode())
+        head = "\n".join(["HIERARCHY", *_joint_lines(rig, _names(rig, landmarks, rows)), "MOTION"])
+        file.write(f"{head}\nFrames: {len(points)}\nFrame Time: {1 / motion.rate:.10g}\n".encode())
         file.write(text.replace(b"],[", b"\n").replace(b",", b" ") + b"\n")
     truth = points[:, :, [node.joint for node in rig.tree]].transpose(2, 0, 1)
     far = 1000 * np.linalg.norm(forward_kinematics(rig) - truth, axis=2)
@@ -115,29 +114,20 @@ def find_angles(rotations: Floats) -> Floats:
     return np.unwrap(one, axis=1)
 
 
-def _hierarchy(rig: Rig, landmarks: Floats, rows: list[Mapping[str, Any]]) -> Iterator[str]:
-    """Yield the lines of the tree at rest."""
-    yield "HIERARCHY"
-    depth: list[int] = []
-    for number, (node, name) in enumerate(zip(rig.tree, _names(rig, landmarks, rows), strict=True)):
-        depth.append(depth[node.above] + 1 if number else 0)
-        yield from _closed(depth[number - 1] if number else -1, depth[number])
-        tabs, inner = "\t" * depth[number], "\t" * (depth[number] + 1)
-        yield f"{tabs}{'JOINT' if number else 'ROOT'} {name}"
-        yield f"{tabs}{{"
-        yield f"{inner}OFFSET {_triple(rig.offsets[number])}"
-        channels = ROTATIONS if number else f"Xposition Yposition Zposition {ROTATIONS}"
-        yield f"{inner}CHANNELS {len(channels.split())} {channels}"
-        if not node.aims:
-            yield from (f"{inner}End Site", f"{inner}{{")
-            yield f"{inner}\tOFFSET {_triple(TIP * rig.offsets[number])}"
-            yield f"{inner}}}"
-    yield from _closed(depth[-1], 0)
-
-
-def _closed(depth: int, new: int) -> Iterator[str]:
-    """Yield the brackets that end the joints between two depths."""
-    return ("\t" * level + "}" for level in range(depth, new - 1, -1))
+def _joint_lines(rig: Rig, names: list[str], number: int = 0, tabs: str = "") -> Iterator[str]:
+    """Yield the lines of a node at rest and of all below it."""
+    below = [k for k, node in enumerate(rig.tree) if node.above == number]
+    yield f"{tabs}{'JOINT' if number else 'ROOT'} {names[number]}"
+    yield f"{tabs}{{"
+    yield f"{tabs}\tOFFSET {_triple(rig.offsets[number])}"
+    channels = ROTATIONS if number else f"Xposition Yposition Zposition {ROTATIONS}"
+    yield f"{tabs}\tCHANNELS {len(channels.split())} {channels}"
+    for child in below:
+        yield from _joint_lines(rig, names, child, f"{tabs}\t")
+    if not below:
+        tip = _triple(TIP * rig.offsets[number])
+        yield f"{tabs}\tEnd Site\n{tabs}\t{{\n{tabs}\t\tOFFSET {tip}\n{tabs}\t}}"
+    yield f"{tabs}}}"
 
 
 def _triple(vector: Floats) -> str:
