@@ -94,15 +94,15 @@ def _ankle(points: Floats, _: Floats) -> Floats:
     return np.asarray(np.pi / 2 - _between(knee - ankle, toe - heel))
 
 
-def _flexion(points: Floats, _: Floats, side: int, head: float) -> Floats:
-    """atan2(d_x, -d_y) of the bone d that begins at the first or second point (side 0 or 1).
+def _flexion(points: Floats, _: Floats, head: float) -> Floats:
+    """atan2(d_x, -d_y) of the bone d of a limb, which ends at the last point.
 
     The first two points are left and right of the line about which the limb turns, the next two of
-    the other end of the trunk; the bone ends at the last. head is 1 at the shoulders and -1 at the
-    hips. y is made orthogonal to z, and x = y x z is forward.
+    the other end of the trunk. head is 1 at the shoulders and -1 at the hips. y is made orthogonal
+    to z, and x = y x z is forward; so the bone may begin at either end of the line.
     """
     left, right, other_left, other_right, end = points
-    z, limb = right - left, end - points[side]
+    z, limb = right - left, end - left
     x = np.cross(head * (left + right - other_left - other_right), z, axis=0)
     y = np.cross(z, x, axis=0)
     forward, along = (_dot(limb, axis) / np.sqrt(_dot(axis, axis)) for axis in (x, y))
@@ -128,8 +128,7 @@ _HIPS, _SHOULDERS = ("lhip", "rhip"), ("lshoulder", "rshoulder")
 
 
 def _angles_of_side(s: str) -> tuple[JointAngle, ...]:
-    leg = partial(_flexion, side="lr".index(s), head=-1.0)
-    arm = partial(_flexion, side="lr".index(s), head=1.0)
+    leg, arm = partial(_flexion, head=-1.0), partial(_flexion, head=1.0)
     return (
         JointAngle(f"hip_flexion_{s}", (*_HIPS, *_SHOULDERS, f"{s}knee"), leg),
         JointAngle(f"knee_angle_{s}", (f"{s}hip", f"{s}knee", f"{s}ankle"), _hinge),

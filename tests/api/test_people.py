@@ -77,6 +77,7 @@ def test_a_fit_is_one_line_and_has_parts(found):
     part = found[4:9]
     assert part.items == found.items[4:9]
     np.testing.assert_array_equal(part.shapes, found.shapes[4:9])
+    np.testing.assert_array_equal(part.extras["frame"], found.extras["frame"][4:9])
     np.testing.assert_array_equal(found[-1].shapes, found.shapes[-1:])
     assert len(found[found.trusted]) == int(found.trusted.sum())
 
