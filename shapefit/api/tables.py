@@ -11,7 +11,7 @@ import numpy as np
 
 from shapefit.io.options import OutputOptions
 from shapefit.io.writers.motion import find_motions
-from shapefit.io.writers.tables import METRES, metres_columns
+from shapefit.io.writers.tables import metres_columns
 from shapefit.pipelines.result import Note
 
 if TYPE_CHECKING:
@@ -41,10 +41,10 @@ def to_metres(
     for motion in motions:
         columns = metres_columns(motion)
         columns["trusted"] = [answer == "true" for answer in columns["trusted"]]
-        parts.append([*columns.values(), [motion.name] * len(columns["x"])])
-    arrays = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    kinds = [(name, a.dtype) for name, a in zip([*METRES, "sequence"], arrays, strict=True)]
-    return np.rec.fromarrays(arrays, dtype=kinds)
+        parts.append(columns | {"sequence": [motion.name] * len(columns["x"])})
+    arrays = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    kinds = [(name, array.dtype) for name, array in arrays.items()]
+    return np.rec.fromarrays([*arrays.values()], dtype=kinds)
 
 
 def stated_height(fit: Fit) -> float | None:

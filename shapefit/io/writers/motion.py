@@ -175,8 +175,7 @@ def find_motions(records: Shapes3D, options: OutputOptions, place: str) -> list[
 def find_floors(records: Shapes3D, options: OutputOptions, place: str) -> dict[str, Floor]:
     """Return the floor that the bodies of each video stand on, by its name, where it is known.
 
-    It takes results under perspective, in the frame of their camera, and of them what is trusted.
-    Raises InputError as `in_metres`.
+    It is that of trusted results under perspective. Raises InputError as `in_metres`.
     """
     columns, names = records.columns, records.landmark_names
     sees = CAMERA_TRANSLATION in columns and EXTRINSIC_ROTATION not in columns
@@ -218,8 +217,7 @@ def angle_columns(record: Shapes3D, up: Up | None) -> dict[str, Floats]:
     """Return the joint angles of records and their deviations (n, a), {} if there are none.
 
     Results are upright as their camera is, or by the axis `up` of its world; shapes by their axis
-    `up`, y by default. Deviations take into account how the errors of landmarks go together where
-    the record has `shape_covariance`; without, they are two to three times as large.
+    `up`, y by default. Without `shape_covariance` deviations are two to three times as large.
     """
     joints = joint_columns(record.landmark_names)
     if not known_angles(joints):
@@ -277,10 +275,7 @@ def _tracks(records: Shapes3D, place: str) -> list[Track]:
 
 
 def _visible_around(records: Shapes3D, column: int, rate: float) -> NDArray[np.bool_]:
-    """Whether a landmark (n,) was seen in the image or in one within a quarter of a second.
-
-    Feet that the model gives where an image ends at the hips stand nowhere.
-    """
+    """Whether a landmark (n,) was seen within a quarter of a second."""
     landmarks = records.columns.get("landmarks")
     if landmarks is None or landmarks.shape[:2] != (len(records), len(records.landmark_names)):
         return np.ones(len(records), dtype=np.bool_)
@@ -304,7 +299,6 @@ def _motion(track: Track, options: OutputOptions, place: str, floor: Floor | Non
     of = f" of {name}" if name else ""
 
     def by_frame(values: Floats) -> Floats:
-        """Return values of the items (n, ...) for each frame (f, ...), nan in gaps."""
         per_frame = np.full((length, *values.shape[1:]), np.nan)
         per_frame[frames - first] = values
         return per_frame

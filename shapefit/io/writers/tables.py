@@ -52,27 +52,26 @@ def write_trc(path: Path, motion: Motion) -> None:
             file.write(b"".join(b"%d\t%b\n" % row for row in rows))
 
 
-METRES = ("frame", "time", "landmark", "x", "y", "z", "sd", "trusted")
-"""Columns; sd is that of the distance to the point, sqrt(sd_x^2 + sd_y^2 + sd_z^2)."""
-
-
 def write_metres(path: Path, motion: Motion) -> None:
     """Write a row per frame and landmark of one motion; what is not known is empty."""
-    _write_csv(path, METRES, zip(*metres_columns(motion).values(), strict=True), ".7g")
+    columns = metres_columns(motion)
+    _write_csv(path, [*columns], zip(*columns.values(), strict=True), ".7g")
 
 
 def metres_columns(motion: Motion) -> dict[str, Any]:
-    """Return METRES of one motion by name: a row per frame and landmark, nan where not known."""
+    """Return the columns of a table of one motion: a row per frame and landmark, nan if not known.
+
+    sd is that of the distance to the point, sqrt(sd_x^2 + sd_y^2 + sd_z^2).
+    """
     f, p = len(motion.points), len(motion.landmark_names)
-    columns = (
-        np.repeat(motion.frames, p),
-        np.repeat(motion.frames / motion.rate, p),
-        list(motion.landmark_names) * f,
-        *(motion.points[:, axis].ravel() for axis in range(3)),
-        motion.deviations.ravel(),
-        [answer for answer in motion.trusted for _ in range(p)],
-    )
-    return dict(zip(METRES, columns, strict=True))
+    return {
+        "frame": np.repeat(motion.frames, p),
+        "time": np.repeat(motion.frames / motion.rate, p),
+        "landmark": list(motion.landmark_names) * f,
+        **{axis: motion.points[:, number].ravel() for number, axis in enumerate("xyz")},
+        "sd": motion.deviations.ravel(),
+        "trusted": [answer for answer in motion.trusted for _ in range(p)],
+    }
 
 
 def _write_csv(path: Path, header: Sequence[str], rows: Iterable[Any], digits: str) -> None:
