@@ -8,7 +8,6 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
-from difflib import get_close_matches
 from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -208,9 +207,7 @@ def own_format(path: Path) -> FileFormat | None:
 def named_format(name: str, formats: Mapping[str, FileFormat], key: str = "format") -> FileFormat:
     """Return the format of a name. Raises InputError at the key for unknown ones."""
     if name not in formats:
-        near = get_close_matches(name, formats, n=1, cutoff=0.4)
-        fix = f"did you mean {near[0]}?" if near else f"use auto, {listed(formats)}"
-        raise input_error(key, f"there is no format {name!r}", fix)
+        raise input_error(key, f"there is no format {name!r}", f"use auto, {listed(formats)}")
     return formats[name]
 
 
@@ -223,12 +220,10 @@ def check_holds(path: Path, kind: str, file_format: FileFormat) -> None:
 
 
 def landmark_writer(target: Path) -> AbstractContextManager[RecordWriter[LandmarkSet]]:
-    """Give a writer of landmarks for use in a `with`; `append` takes chunk after chunk.
+    """Give a writer of landmarks for use in a `with`; `append` takes one record or more.
 
-    A name that ends in .csv and `-` (standard output) give CSV, one in .h5 or without an ending
-    HDF5. The file replaces `target` on a clean exit and leaves nothing behind on an error. At least
-    one record must be appended; it may be empty. Raises InputError where the target cannot be
-    written.
+    The file, in the format of its name, replaces `target` on a clean exit and leaves nothing behind
+    on an error. Raises InputError where it cannot be written.
     """
     return record_writer(target, LANDMARKS)
 
@@ -245,8 +240,7 @@ def record_writer(
 ) -> AbstractContextManager[RecordWriter[Any]]:
     """Write records of one layout, in the format `to`, or in that of the target's name.
 
-    Raises InputError where that format cannot hold them, for all but CSV on standard output, and
-    for options that are for files in metres where it is none.
+    Raises InputError where that format cannot hold them, or has no use for the options.
     """
     file_format = check_target_format(target, form.kind, to)
     if is_stream(target) and file_format is not CSV:

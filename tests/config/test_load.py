@@ -159,19 +159,6 @@ def test_a_config_can_come_from_standard_input(folder, monkeypatch):
         load_config("fit", Path("-"))
 
 
-def sections(model):
-    for key, field in model.model_fields.items():
-        if field.default_factory is not None and hasattr(field.annotation, "model_fields"):
-            yield pytest.param(field, id=f"{model.__name__}.{key}")
-
-
-@pytest.mark.parametrize("field", [s for model in CONFIGS.values() for s in sections(model)])
-def test_the_defaults_of_a_section_are_valid(field):
-    default = field.get_default(call_default_factory=True)
-    assert default == field.annotation.model_validate({})
-    assert default.model_dump() == field.annotation().model_dump()
-
-
 def test_keys_are_few():
     listed = {command: [row.name for row in rows(model)] for command, model in CONFIGS.items()}
     assert sum(map(len, listed.values())) <= 105
@@ -179,12 +166,6 @@ def test_keys_are_few():
 
 
 MINE = {"landmarks": ("a.h5",), "dictionary": "b.h5", "output": "r.h5"}
-
-
-@pytest.mark.parametrize(("name", "method"), [("people", "posterior"), ("sequences", "sequences")])
-def test_people_need_no_file_but_the_landmarks(folder, name, method):
-    config = load_config("fit", Path(name), (), {"landmarks": "a.h5", "dictionary": "people"})
-    assert (config.method, config.dictionary) == (method, DICTIONARIES / "people.h5")
 
 
 def test_the_settings_of_a_preset_count_without_its_data(folder):

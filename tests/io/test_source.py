@@ -57,16 +57,6 @@ def test_permuted_landmarks_are_matched_by_name(tmp_path, shapes, same, order, s
     assert (found.landmark_names, found.items) == (shapes.landmark_names, shapes.items)
 
 
-def test_other_landmarks(tmp_path, shapes, problems):
-    one, two = tmp_path / "a.h5", tmp_path / "b.h5"
-    write_shapes(one, shapes.take([0]))
-    other = ("head", "left hand", "right hand", "feet")
-    write_shapes(two, shapes.take([1]).replaced(landmark_names=other))
-    assert problems(read_shapes, [one, two]) == (
-        f"{two}: there is no landmark 'feet'; did you mean 'foot'?",
-    )
-
-
 def test_items_in_two_files_begin_with_the_name_of_their_file(tmp_path, shapes):
     (tmp_path / "c").mkdir()
     one, two, three = tmp_path / "a.h5", tmp_path / "b.h5", tmp_path / "c" / "b.h5"
