@@ -9,7 +9,6 @@ from html import escape
 import numpy as np
 
 from shapefit.arrays import Floats
-from shapefit.evaluation.metrics import SHARE
 
 # Okabe and Ito 2008: distinguishable with every common form of colour blindness.
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#000000", "#F0E442")
@@ -26,8 +25,12 @@ def draw_errors(title: str, unit: str, errors: Mapping[str, Floats]) -> str:
     """
     finite = {name: np.sort(values[~np.isnan(values)]) for name, values in errors.items()}
     largest = max((values[-1] for values in finite.values() if len(values)), default=0.0) or 1.0
-    label = unit if unit == SHARE else f"error ({unit})"
-    parts = [f'<text x="{LEFT}" y="{TOP - 14}" font-size="16">{escape(title)}</text>']
+    middle, below, label = TOP + HEIGHT / 2, TOP + HEIGHT + 60, f"error ({unit})"
+    parts = [
+        _text(LEFT, TOP - 14, escape(title), "start"),
+        _text(LEFT + WIDTH / 2, TOP + HEIGHT + 38, "images (%), sorted by error"),
+        f'<g transform="rotate(-90 18 {middle})">{_text(18, middle, escape(label))}</g>',
+    ]
     for value in _ticks(largest):
         y = TOP + HEIGHT * (1 - value / largest)
         parts.append(f'<path d="M{LEFT} {y:.1f}h{WIDTH}" stroke="#ddd"/>')
@@ -36,27 +39,21 @@ def draw_errors(title: str, unit: str, errors: Mapping[str, Floats]) -> str:
         x = LEFT + WIDTH * share / 100
         parts.append(f'<path d="M{x:.1f} {TOP}v{HEIGHT}" stroke="#ddd"/>')
         parts.append(_text(x, TOP + HEIGHT + 18, str(share)))
-    parts.append(_text(LEFT + WIDTH / 2, TOP + HEIGHT + 38, "images (%), sorted by error"))
-    middle = TOP + HEIGHT / 2
-    turned = f'<g transform="rotate(-90 18 {middle})">{_text(18, middle, escape(label))}</g>'
-    parts.append(turned)
-    below = TOP + HEIGHT + 60
     for number, (name, values) in enumerate(finite.items()):
         colour, y = COLOURS[number % len(COLOURS)], below + LINE * number
         every = np.unique(np.linspace(0, len(values) - 1, POINTS).astype(int))[: len(values)]
         across = LEFT + WIDTH * (every + 0.5) / max(len(errors[name]), 1)
         down = TOP + HEIGHT * (1 - values[every] / largest)
         line = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(across, down, strict=True))
-        parts.append(
-            f'<polyline points="{line}" fill="none" stroke="{colour}" stroke-width="1.8"/>'
-        )
+        parts.append(f'<polyline points="{line}" fill="none" stroke="{colour}"/>')
         parts.append(f'<path d="M{LEFT} {y}h24" stroke="{colour}" stroke-width="3"/>')
         parts.append(_text(LEFT + 32, y + 4, escape(name), "start"))
-    box = WIDTH + LEFT + 20, below + LINE * len(errors)
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" width="{box[0]}" height="{box[1]}"'
-    style = 'font-family="sans-serif" font-size="12" fill="#333"'
+    size = f'width="{WIDTH + LEFT + 20}" height="{below + LINE * len(errors)}"'
+    head = (
+        f'<svg xmlns="http://www.w3.org/2000/svg" {size} font-family="sans-serif" font-size="12">'
+    )
     back = '<rect width="100%" height="100%" fill="#fff"/>'
-    return "\n".join([f"{head} {style}>", back, *parts, "</svg>\n"])
+    return "\n".join([head, back, *parts, "</svg>\n"])
 
 
 def _ticks(largest: float) -> Floats:

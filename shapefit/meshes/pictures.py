@@ -26,10 +26,8 @@ if TYPE_CHECKING:
 TURN, TILT = 60, 15
 """Degrees by which the view of the shape walks around it and rises above it."""
 # Okabe and Ito 2008: told apart with every common form of colour blindness.
-VISIBLE, HIDDEN, OUTLIER, BAR = "#0072B2", "#555555", "#D55E00", "#E69F00"
+VISIBLE, HIDDEN, OUTLIER = "#0072B2", "#555555", "#D55E00"
 INK, BODY, PALE = "#333333", "#8FB1E3", "#E3EBF7"
-FAINTNESS = 0.22
-"""Opacity of an error bar."""
 SIZE, MARK, DPI = 1.6, 2.4, 150
 """Width of a panel in inches, size of a landmark in points, dots per inch."""
 PAIRS_IN_A_ROW, LETTERS = 4, 40
@@ -54,8 +52,8 @@ class FittedImage(NamedTuple):
 
     landmarks (2, p), nan = hidden; shape (3, p) and mesh (3, q) in the camera frame and the unit of
     the landmarks, nan where the fit failed; projected (2, p) and projected_mesh (2, q): where the
-    camera sees them. outliers (p,): the landmarks judged to be wrong; sd (3, p) standard deviations
-    of the shape; rotation (3, 3) from the object frame, whose y axis then stands upright in 3D.
+    camera sees them. outliers (p,): the landmarks judged to be wrong; rotation (3, 3) from the
+    object frame, whose y axis then stands upright in 3D.
     """
 
     title: str
@@ -65,7 +63,6 @@ class FittedImage(NamedTuple):
     mesh: Floats | None = None
     projected_mesh: Floats | None = None
     outliers: Flags | None = None
-    sd: Floats | None = None
     rotation: Floats | None = None
 
     @property
@@ -118,7 +115,7 @@ def contact_sheet(images: Sequence[FittedImage], model: Model) -> Figure:
 
 def draw_image(axes: Axes, image: FittedImage, model: Model) -> None:
     """Draw the landmarks over the fitted model, as the camera sees them."""
-    from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
+    from matplotlib.collections import LineCollection, PolyCollection
 
     hidden = ~np.isfinite(image.landmarks).all(axis=0)
     wrong = np.zeros_like(hidden) if image.outliers is None else image.outliers
@@ -132,16 +129,6 @@ def draw_image(axes: Axes, image: FittedImage, model: Model) -> None:
     elif image.fitted and model.edges is not None:
         bones = list(projected.T[model.edges])
         axes.add_collection(LineCollection(bones, colors=BODY, linewidths=1.5))
-    if image.fitted and image.sd is not None:
-        stated = np.isfinite(image.sd).all(axis=0)
-        width, height = 2 * image.sd[:2, stated]
-        axes.add_collection(
-            EllipseCollection(
-                width, height, np.zeros_like(width), units="xy", offsets=projected[:, stated].T,
-                transOffset=axes.transData, facecolors=BAR, edgecolors="none", alpha=FAINTNESS,
-            )
-        )  # fmt: skip
-        axes.plot([], [], "o", color=BAR, alpha=2 * FAINTNESS, label="one standard deviation")
     lines = np.stack([image.landmarks.T, projected.T], axis=1)
     lines = lines[np.isfinite(lines).all(axis=(1, 2))]
     if len(lines):
@@ -169,7 +156,7 @@ def draw_image(axes: Axes, image: FittedImage, model: Model) -> None:
 
 
 def draw_shape(axes: Axes3D, image: FittedImage, model: Model) -> None:
-    """Draw the mesh, else the edges, else the points of a shape, in 3D axes, and its error bars."""
+    """Draw the mesh, else the edges, else the points of a shape, in 3D axes."""
     from matplotlib.colors import LightSource
     from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
@@ -186,11 +173,6 @@ def draw_shape(axes: Axes3D, image: FittedImage, model: Model) -> None:
         axes.add_collection3d(Line3DCollection(bones, colors=VISIBLE, linewidths=1.5))
     else:
         axes.plot(*points, linestyle="", marker="o", markersize=2.5, color=VISIBLE)
-    if image.sd is not None and np.isfinite(image.sd).any():
-        bars = frame[:, None, :] * image.sd.T[None]  # (3, p, 3): one standard deviation an axis
-        ends = np.stack([points[:, :, None] - bars, points[:, :, None] + bars], axis=-1)
-        lines = list(ends.reshape(3, -1, 2).transpose(1, 2, 0))
-        axes.add_collection3d(Line3DCollection(lines, colors=BAR, alpha=0.7))
     low, high = _limits(solid)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect((1, 1, 1), zoom=1.75)

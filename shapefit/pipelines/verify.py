@@ -32,8 +32,13 @@ from shapefit.pipelines.fit.camera import DISTORTION, REMOVED, undistorted
 from shapefit.pipelines.joints import find_joints, named_as_joints
 from shapefit.pipelines.result import Failure, Result, unread
 from shapefit.threads import side_by_side
-from shapefit.verification.certificate import CERTIFICATE, Program, check_certificate
-from shapefit.verification.claims import Claims, check_ranges
+from shapefit.verification.certificate import (
+    CERTIFICATE,
+    Claims,
+    Program,
+    check_certificate,
+    check_ranges,
+)
 
 CHUNK = 512
 """Images that are checked together."""
@@ -42,7 +47,7 @@ STREAM = "stream"
 STRAIGHT = 1e-8
 """Of the largest coordinate by which landmarks without the distortion of a lens may be off."""
 ALWAYS = "shapes landmarks lambda scale translation rotation status objective"
-ERROR_BARS = "shape_sd shape_correlation p_value inlier_probability trusted reasons"
+ERROR_BARS = " shape_sd shape_correlation p_value inlier_probability trusted reasons"
 POINTS = {"landmarks", "shape_correlation"}
 POINTS |= {f"input_{name}" for name in ("shapes", "shape_sd", "shape_correlation")}
 """Datasets of a result with one point a row, in the file and maybe in memory, too."""
@@ -218,17 +223,15 @@ def read_statement(attributes: Mapping[str, Any], file: Path) -> Statement:
 def required(fit: Statement, columns: Mapping[str, Any]) -> set[str]:
     """Return the datasets that every such fit writes."""
     name, perspective = fit.config["method"], "focal" in columns
-    method = METHODS[name]
-    names = {*ALWAYS.split(), *(ERROR_BARS.split() * method.has_prior)}
-    names |= {"coefficients"} if method.mixes_atoms else set()
-    names |= {"omitted"} if fit.config.get("leave_one_out") is not None else set()
+    names = ALWAYS + (ERROR_BARS if METHODS[name].has_prior else "")
+    names += " coefficients" if METHODS[name].mixes_atoms else ""
+    names += " omitted" if fit.config.get("leave_one_out") is not None else ""
     if fit.certified:
         prefix = "" if name == "convex" and not perspective else "convex_"
-        names |= {*CERTIFICATE, f"{prefix}objective", f"{prefix}relative_gap"}
-    bounded = name in ("convex", "global") or (
-        fit.certified and fit.config["outliers"] not in ROBUST
-    )
-    return names | ({"relative_gap"} if bounded and not perspective else set())
+        names += f" {' '.join(CERTIFICATE)} {prefix}objective {prefix}relative_gap"
+    bounded = name in ("convex", "global") or fit.config["outliers"] not in ROBUST
+    names += " relative_gap" if bounded and fit.certified and not perspective else ""
+    return set(names.split())
 
 
 def read_program(
@@ -377,12 +380,11 @@ def summary_lines(
     if not fit.certified:
         none = "no certificate is stored" if method in CERTIFIED else "has no certificate"
         why = "states its gap, which is not checked" if method == "global" else none
+    wrong = f", and {counted(tally['files'], 'claim')} of whole files" if tally["files"] else ""
     yield f"Method     {method}"
     yield f"Certified  {tally['certified']} {total}: {why}"
     if tally["empty"]:
         yield f"No shape   {tally['empty']} {total}"
-    landmarks = "landmarks" if with_landmarks else "landmarks only with --landmarks"
-    yield f"Checked    digests, datasets, ranges; {landmarks}"
-    files = tally["files"]
-    wrong = f", and {counted(files, 'claim')} of whole files" if files else ""
+    only = "" if with_landmarks else " only with --landmarks"
+    yield f"Checked    digests, datasets, ranges; landmarks{only}"
     yield f"False      {tally['false'] + tally['unread']} {total}{wrong}"

@@ -116,14 +116,6 @@ def test_what_is_not_known_is_left_out(rng):
     np.testing.assert_allclose(level[0, others], alone[0])
 
 
-def test_an_image_that_no_scale_above_zero_fits_is_not_judged(rng):
-    estimate, C, truth = draw(rng, 2, 6, 0.2)
-    truth[1] = -estimate[1]  # the best scale is 0, at which every error bar is a point
-    level, width = find_levels(estimate, truth, deviations_of(C)[0], None)
-    assert np.isnan(level).all(axis=1).tolist() == [False, True]
-    assert np.isnan(width).all(axis=1).tolist() == [False, True]
-
-
 def test_groups_are_summed_up():
     assert [*QUANTILES.values()] == pytest.approx(chi2.ppf([*QUANTILES], 3), rel=1e-14)
     level = np.array([[0.2, 0.8], [0.6, np.nan], [0.95, 0.4]])

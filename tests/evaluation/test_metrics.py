@@ -73,14 +73,6 @@ class TestSimilarity:
         lacking[side][:, :, :2] = np.nan
         np.testing.assert_allclose(metrics.similarity(**lacking), expected)
 
-    def test_a_point_is_as_far_off_as_the_centroid(self, truth):
-        point = np.full_like(truth, 0.1)
-        point[:, :, 3] = np.nan
-        retained = np.delete(truth, 3, axis=-1)
-        centred = retained - retained.mean(axis=-1, keepdims=True)
-        expected = np.linalg.norm(centred, axis=1).mean(axis=-1)
-        np.testing.assert_allclose(metrics.similarity(point, truth), expected)
-
 
 class TestCamera:
     def test_hand_computed(self):
@@ -92,12 +84,6 @@ class TestCamera:
         wrong = metrics.camera(estimate[None], SQUARE[None], np.eye(3)[None])
         # Unturned <e, x> = 0: the best scale is 0, and every landmark is 1 from the centroid.
         np.testing.assert_allclose(wrong, [1], atol=1e-12)
-
-    def test_forgives_scale_and_translation_only(self, estimate, truth, rng):
-        R = random_rotations(len(truth), rng)
-        error = metrics.camera(R @ estimate, truth, R)
-        np.testing.assert_allclose(metrics.camera(3 * R @ estimate - 5, truth, R), error)
-        assert np.all(metrics.camera(estimate, truth, R) > error)
 
     def test_agrees_with_a_general_minimiser(self, estimate, truth, rng):
         R = random_rotations(len(truth), rng)
@@ -118,37 +104,8 @@ class TestReprojection:
         fitted = np.array([[[3.0, 1, 50], [4, 0, 50]]])
         np.testing.assert_allclose(metrics.reprojection(fitted, observed), [5 / np.sqrt(2)])
 
-    def test_nothing_visible_is_no_error_of_zero(self):
-        nothing = np.full((1, 2, 4), np.nan)
-        assert np.isnan(metrics.reprojection(np.zeros((1, 2, 4)), nothing)).all()
-
-
-class TestFailedImages:
-    def test_are_nan_and_leave_the_others_alone(self, estimate, truth, rng):
-        R = random_rotations(len(truth), rng)
-        whole = metrics.similarity(estimate, truth), metrics.camera(estimate, truth, R)
-        estimate[3] = np.nan
-        for before, after in zip(
-            whole,
-            (metrics.similarity(estimate, truth), metrics.camera(estimate, truth, R)),
-            strict=True,
-        ):
-            assert np.flatnonzero(np.isnan(after)).tolist() == [3]
-            np.testing.assert_allclose(np.delete(after, 3), np.delete(before, 3))
-
-    def test_two_landmarks_are_too_few(self, estimate, truth):
-        estimate[0, :, 2:] = np.nan
-        estimate[1, :, 3:] = np.nan
-        assert np.isnan(metrics.similarity(estimate, truth)).tolist() == [True] + 19 * [False]
-
 
 class TestTruthScale:
-    def test_hand_computed(self):
-        # Population standard deviations sqrt(1/2), sqrt(1/2), 0 of the square.
-        np.testing.assert_allclose(
-            metrics.truth_scale(SQUARE[None], SQUARE[None]), [2 * np.sqrt(0.5) / 3]
-        )
-
     def test_is_that_of_the_landmarks_on_both_sides(self, estimate, truth):
         """What the estimate lacks is not judged, and may lie far away."""
         truth[:, :, 2] = 50.0

@@ -1,7 +1,5 @@
 """What pictures show, and where, read from what matplotlib was given to draw."""
 
-import subprocess
-import sys
 import warnings
 from io import BytesIO
 
@@ -11,7 +9,6 @@ from mpl_toolkits.mplot3d import proj3d
 
 from shapefit.geometry.rotations import rotation_about
 from shapefit.meshes.pictures import (
-    PAIRS_IN_A_ROW,
     FittedImage,
     Model,
     contact_sheet,
@@ -85,20 +82,14 @@ def test_an_object_stands_upright_and_faces_as_it_did(y_axis):
         np.testing.assert_allclose(frame[0], standing(y_axis)[0], atol=1e-12)  # x stays
 
 
-def test_edges_are_drawn_where_there_is_no_mesh_and_bars_where_they_are_known(image):
+def test_edges_are_drawn_where_there_is_no_mesh(image):
     edges = np.array([[0, 1], [1, 3]])
-    bars = image._replace(mesh=None, projected_mesh=None, sd=np.ones((3, 8)) * [[10], [20], [40]])
-    flat, right = contact_sheet([bars], Model("down", edges=edges)).axes
-    drawn, ellipses, _ = flat.collections
+    bare = image._replace(mesh=None, projected_mesh=None)
+    flat, right = contact_sheet([bare], Model("down", edges=edges)).axes
+    drawn, _ = flat.collections
     np.testing.assert_array_equal(drawn.get_segments(), image.shape[:2].T[edges])
-    widths, heights = 2 * ellipses._widths, 2 * ellipses._heights
-    assert (set(widths), set(heights)) == ({20.0}, {40.0})
-    bones, crosses = right.collections
+    (bones,) = right.collections
     assert len(bones._segments3d) == 2
-    lengths = np.linalg.norm(np.diff(crosses._segments3d, axis=1)[:, 0], axis=1)
-    assert sorted(set(np.round(lengths))) == [20, 40, 80]
-    labels = {text.get_text() for text in flat.figure.legends[0].get_texts()}
-    assert "one standard deviation" in labels
 
 
 def test_an_image_without_a_shape_says_so(image, box_faces):
@@ -112,14 +103,6 @@ def test_an_image_without_a_shape_says_so(image, box_faces):
     assert marks(contact_sheet([empty], Model("down", box_faces)).axes[0]) == {}
 
 
-def test_the_contact_sheet_has_every_image_and_no_more(image, box_faces):
-    images = [image._replace(title=f"image {i}") for i in range(PAIRS_IN_A_ROW + 2)]
-    figure = contact_sheet(images, Model("down", box_faces))
-    titles = [axes.get_title(loc="left") for axes in figure.axes]
-    assert [title for title in titles if title] == [image.title for image in images]
-    assert len(figure.axes) == 2 * len(images)
-
-
 def test_titles_are_taken_literally_and_long_ones_without_their_middle(image, box_faces):
     assert shortened("$x^2$\n\x1b") == "$x^2$\\n\\x1b"
     assert shortened("recording_of_monday/person 1/" + "0" * 30 + "17").endswith("0017")
@@ -129,17 +112,3 @@ def test_titles_are_taken_literally_and_long_ones_without_their_middle(image, bo
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             save(contact_sheet([odd], Model("down", box_faces)), BytesIO(), file_format)
-
-
-def test_pictures_need_no_screen_and_no_pyplot():
-    code = """
-import sys
-import shapefit.meshes.dense, shapefit.meshes.pictures as pictures
-assert not {"matplotlib", "trimesh"} & sys.modules.keys()
-import numpy as np
-shape = np.random.default_rng(0).normal(size=(3, 5))
-image = pictures.FittedImage("a", shape[:2], shape, shape[:2])
-pictures.contact_sheet([image], pictures.Model("up"))
-assert "matplotlib.pyplot" not in sys.modules
-"""
-    subprocess.run([sys.executable, "-c", code], check=True)

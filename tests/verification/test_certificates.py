@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from shapefit.verification.certificate import (
+    Claims,
     Program,
     check_certificate,
+    check_ranges,
     nuclear_norms,
     spectral_norms,
 )
-from shapefit.verification.claims import Claims, check_ranges
 
 
 def test_norms_are_sums_of_singular_values(rng):

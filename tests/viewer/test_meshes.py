@@ -73,24 +73,3 @@ def test_the_mesh_of_the_truth_lies_on_the_result(made, open_page):
     true = np.array(page.run(MESH, "truth")).reshape(-1, 3)
     assert np.abs(fitted.mean(axis=0) - true.mean(axis=0)).max() < 0.05 * np.ptp(fitted)
     assert page.complaints() == []
-
-
-def test_the_car_stands_upright_in_its_own_frame(made, open_page):
-    page = open_page(made.path, f"#item={ITEMS[0]}")
-    assert page.run("return document.getElementById('upright').checked")
-    page.keys("1")
-    seen = np.array(page.state("view.projected.weak"))
-    page.keys("3")
-    above = np.array(page.state("view.projected.weak"))
-    tall, long = (np.ptp(each[:, 1]) / np.ptp(each[:, 0]) for each in (seen, above))  # by width
-    assert long > 2 * tall  # a car is longer than it is high
-
-
-def test_a_car_fills_its_panel_whichever_way_it_is_seen(made, open_page):
-    page = open_page(made.path, f"#item={ITEMS[0]}")
-    box = page.find("#space").rect
-    for view in "123":
-        page.keys(view)
-        seen = np.ptp(np.array(page.state("view.projected.weak")), axis=0)
-        share = seen / [box["width"], box["height"]]
-        assert 0.4 < share.max() < 1

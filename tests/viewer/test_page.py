@@ -102,17 +102,6 @@ def test_individuals_of_a_moment_are_in_one_scene(walkers, open_page):
     assert page.complaints() == []
 
 
-def test_left_and_right_have_one_legend(walkers, open_page):
-    """Limbs have the same colours on everybody, as the legend says; the middle is one's own."""
-    page = open_page(walkers.path)
-    tints = "return look.bodiesOf(shapefit.data, shapefit.view).map(({ tints }) => tints)"
-    assert page.run(tints) == [["body-0", "left", "right"], ["body-1", "left", "right"]]
-    assert page.text("#sides") == "left right"
-    page.click("#layers label:nth-of-type(2) input")
-    assert page.run(tints) == [["body-0", "left", "right"]]
-    assert page.find("#sides").is_displayed()
-
-
 def test_the_next_doubtful_frame_is_that_of_anybody(walkers, open_page):
     page = open_page(walkers.path)
     for moment in (9, 20, 9):
@@ -215,22 +204,6 @@ def test_keys_step_through_frames_and_sequences(page):
     assert page.state("view.frame") == 0
 
 
-def test_the_list_leads_to_a_sequence(page):
-    assert page.text("#list").split() == ["walk", "jump"]
-    page.run("""
-      const list = document.getElementById("list");
-      list.value = list.options[1].value;
-      list.dispatchEvent(new Event("change"));""")
-    assert page.state("item") == "jump/0400"
-    page.settle()
-    assert page.text("#list option:checked") == "jump"
-
-
-def test_the_status_of_a_frame_is_said(page):
-    page.run("shapefit.go(123)")
-    assert "iteration limit" in page.text("#told")
-
-
 def test_pages_play_at_once_unless_motion_is_to_be_reduced(made, walkers, open_page):
     page = open_page(made.path)
     assert not page.state("view.playing")
@@ -244,13 +217,6 @@ def test_pages_play_at_once_unless_motion_is_to_be_reduced(made, walkers, open_p
         page.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
 
 
-def test_the_panels_are_painted_into_one_picture(page):
-    wide = page.run("const { width, height } = shapefit.paint(); return [width, height]")
-    boxes = [page.find(f"#{name}").size for name in ("space", "plane")]
-    assert wide[0] == pytest.approx(sum(box["width"] for box in boxes), abs=4)
-    assert wide[1] == pytest.approx(max(box["height"] for box in boxes), abs=2)
-
-
 def test_a_click_on_the_chart_goes_to_that_frame(page):
     page.click("#chart")
     marker, drawn = (page.find(name).rect for name in ("#marker", "#chart"))
@@ -260,19 +226,6 @@ def test_a_click_on_the_chart_goes_to_that_frame(page):
     assert abs(page.state("view.frame") - 400 * clicked) <= 1
     there = drawn["x"] + left + wide * (page.state("view.frame") + 0.5) / 400
     assert marker["x"] + 1 == pytest.approx(there, abs=1.5)
-
-
-def test_layers_are_switched_off_and_on(page):
-    assert page.run(SHOWN) == ["walker", "truth"]
-    page.click("#layers label:nth-of-type(2) input")
-    assert page.run(SHOWN) == ["walker"]
-    assert list(page.state("view.projected")) == ["walker"]
-
-
-def test_the_truth_lies_on_the_result(page, sequence):
-    page.settle()
-    found, truth = (np.array(page.state(f"view.projected.{name}")) for name in ("walker", "truth"))
-    assert 0 < np.abs(found - truth).max() < 0.15 * np.ptp(found)
 
 
 def test_an_address_leads_to_an_item(made, open_page):
@@ -302,20 +255,6 @@ def _pixels(page, canvas):
 
     png = page.find(f"#{canvas}").screenshot_as_png
     return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))
-
-
-def test_no_text_is_small_and_everything_has_a_name(page):
-    small = page.run("""
-      return [...document.querySelectorAll("body *")].filter((e) => e.offsetParent &&
-        [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim()) &&
-        parseFloat(getComputedStyle(e).fontSize) < 12).map((e) => e.outerHTML)""")
-    assert small == []
-    unnamed = page.run("""
-      const kinds = "button, input, select, canvas";
-      const controls = [...document.querySelectorAll(kinds)];
-      return controls.filter((e) => !(e.getAttribute("aria-label") || e.textContent.trim() ||
-        [...(e.labels ?? [])].some((l) => l.textContent.trim()))).map((e) => e.outerHTML)""")
-    assert unnamed == []
 
 
 def test_the_colours_can_be_told_from_the_background():

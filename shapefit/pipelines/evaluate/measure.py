@@ -298,15 +298,15 @@ def _failures(
     failed = np.any([~common.any(axis=-1), *map(np.isnan, certain.values())], axis=0)
     reasons = {}
     for i in np.flatnonzero(failed).tolist():
-        lost = [f"{metric} ({unit})" for (metric, unit), v in certain.items() if np.isnan(v[i])]
-        reason = f"a value needed for {', '.join(lost)} is nan, or all landmarks are at one point"
+        lost = ", ".join(
+            f"{metric} ({unit})" for (metric, unit), v in certain.items() if np.isnan(v[i])
+        )
+        reason = f"{common[i].sum()} landmarks are on both sides, and a value for {lost} is missing"
         if rows[i] < 0:
             reason = "it has no true shape"
         elif not np.isfinite(results.shapes[i]).any():
-            status = "" if results.status is None else f" (status {results.status[i]})"
-            reason = f"the results hold no shape{status}"
-        elif common[i].sum() < FEWEST_LANDMARKS:
-            reason = f"only {common[i].sum()} landmarks are known on both sides"
+            reason = "the results hold no shape"
+            reason += "" if results.status is None else f" (status {results.status[i]})"
         reasons[results.items[i]] = reason
     return reasons
 

@@ -91,7 +91,7 @@ def fitted_image(scene: Mapping[str, Any], row: int) -> FittedImage:
             mesh = pose[9] * R @ mixed + pose[10:, None]
             f, c = np.split(layer["camera"][row][:, None], 2)
             flat_mesh = f * mesh[:2] / (np.abs(mesh[2]) if layer["perspective"] else 1.0) + c
-    observed, outliers, sd = scene["observed"], scene["outliers"], layer["sd"]
+    observed, outliers = scene["observed"], scene["outliers"]
     return FittedImage(
         title=scene["items"][row],
         landmarks=np.full_like(shape[:2], np.nan) if observed is None else observed[row],
@@ -100,6 +100,5 @@ def fitted_image(scene: Mapping[str, Any], row: int) -> FittedImage:
         mesh=mesh,
         projected_mesh=flat_mesh,
         outliers=None if outliers is None else outliers[row],
-        sd=None if sd is None else sd[row],
         rotation=R,
     )

@@ -48,13 +48,6 @@ def test_the_report_has_errors_failures_and_where_they_come_from(desk, truth, re
     assert "- convex, item6: " in desk.text("report.md")
 
 
-def test_without_groups_and_sequences_all_is_one(desk, truth, results):
-    write_shapes(desk.folder / "truth.h5", truth.replaced(sequences=None))
-    desk.write("convex.h5", results.replaced(sequences=None))
-    desk.run(groups={})
-    assert {(row["group"], row["sequence"]) for row in desk.rows()} == {("all", ""), ("all", "all")}
-
-
 def test_groups_and_sequences_that_match_nothing_are_named(desk):
     *_, last = desk.run(groups={"Subject 13": "13_*", "Subject 15": "15_*"})
     assert last.warnings == (

@@ -1,6 +1,5 @@
 """What is on a page: numbers come back, frames are thinned, measures and pictures are there."""
 
-import json
 from base64 import b64decode
 
 import numpy as np
@@ -36,17 +35,6 @@ def test_points_come_back_within_half_a_step_and_far_ones_do_not_spoil_the_other
     away = np.abs(back - points).max(axis=1)
     assert (away <= 0.6 * steps[:, None] + 1e-7 * np.abs(points).max(axis=1))[known].all()
     assert np.isnan(back.swapaxes(1, 2)[~known]).all()
-
-
-@pytest.mark.parametrize("far", [1e39, 1.7e308, np.inf, np.nan])
-def test_what_32_bits_cannot_hold_is_missing(rng, far):
-    points = rng.standard_normal((4, 2, 5))
-    without = points.copy()
-    points[1, :, 2], points[3, :, 0] = (far, 0.5), (0.25, -far)
-    without[1, :, 2] = without[3, :, 0] = np.nan
-    found = block_of_points(points)
-    json.dumps(found, allow_nan=False)
-    assert found == block_of_points(without)
 
 
 def test_many_frames_are_thinned_by_sequence_and_the_page_says_so(desk, monkeypatch):
@@ -209,21 +197,14 @@ def test_individuals_and_their_frames_are_counted(desk):
 def test_up_is_that_of_the_image_whatever_the_extrinsics(desk, y_axis):
     """Nobody says that an axis of a calibration is up."""
     names = ("lhip", "rhip", "lshoulder", "rshoulder", "nose")
-    world = {"extrinsic_rotation": rotation_about_axis(0, np.array(0.3))}
     fields = {"shapes": desk.shapes(6), "y_axis": y_axis, "landmark_names": names}
-    page, plain = (
-        desk.scene(result)
-        for extras in (world, {})
-        for result in [desk.result(extras=extras, **fields)]
-    )
-    tilts = [
-        {m["name"]: m["values"] for m in one["layers"][0]["measures"]} for one in (page, plain)
-    ]
-    assert "trunk tilt" in tilts[0], list(tilts[0])
-    np.testing.assert_array_equal(tilts[0]["trunk tilt"], tilts[1]["trunk tilt"])
+    tilts = []
+    for extras in ({"extrinsic_rotation": rotation_about_axis(0, np.array(0.3))}, {}):
+        page = desk.scene(desk.result(extras=extras, **fields))
+        tilts += [m["values"] for m in page["layers"][0]["measures"] if m["name"] == "trunk tilt"]
+    np.testing.assert_array_equal(*tilts)
     expected = np.diag([1.0, -1, -1] if y_axis == "down" else [1.0, 1, 1])
     np.testing.assert_array_equal(np.reshape(page["grounds"][0]["upright"], (3, 3)), expected)
-    assert "floor" not in page["grounds"][0]
 
 
 def test_people_stand_on_the_floor_that_was_found(desk, monkeypatch):
@@ -323,23 +304,6 @@ def test_frame_rates_come_from_the_config_the_result_or_the_truth(desk):
     assert desk.view(result, frame_rate=12.5).data["frame_rate"] == 12.5
     plain = desk.view(desk.result(sequences=("s",) * 6)).data
     assert (plain["frame_rate"], plain["rate_known"]) == (25, False)
-
-
-def test_a_truth_of_the_detectors_landmarks_is_compared_as_eval_does(desk):
-    """A result has joints and the landmarks of its files; the truth names the latter."""
-    own = desk.shapes(6)
-    columns = {
-        "landmarks": desk.shapes(6)[:, :2].swapaxes(1, 2),
-        "input_shapes": own.swapaxes(1, 2),
-        "input_landmark_names": np.array([f"detected_{name}" for name in "abcde"], dtype=object),
-        "edges": np.array([[0, 4]]),
-    }
-    truth = desk.truth(landmark_names=[f"detected_{name}" for name in "abcde"])
-    made = desk.view(desk.result(extras=columns), truth=(truth,))
-    measures = made.data["layers"][0]["measures"]
-    (error,) = (one["values"] for one in measures if one["name"] == "error against the truth")
-    expected = metrics.similarity(own, read_shapes([truth]).shapes)
-    np.testing.assert_allclose(decoded(error), expected, rtol=0.004)
 
 
 def test_what_was_seen_of_joints_is_seen_of_the_landmarks_that_stand_for_them(desk):

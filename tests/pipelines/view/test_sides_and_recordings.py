@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from shapefit.io.skeletons import PEOPLE, installed_skeletons
+from shapefit.io.skeletons import installed_skeletons
 from shapefit.pipelines.view.reading import Frames
 from shapefit.pipelines.view.scene import find_recordings, find_sides
 from tests.io.files import mirror_pairs
@@ -26,12 +26,6 @@ def test_the_pairs_of_detectors(name):
     assert (sides[right] == 2).all()
     assert (sides[left] == 1).all()
     assert np.count_nonzero(sides) == 2 * len(left)
-
-
-def test_joints_of_people():
-    sides = find_sides(PEOPLE)
-    assert [side for name, side in zip(PEOPLE, sides, strict=True) if name[0] == "l"] == [1] * 6
-    assert sides.count(2) == 6
 
 
 def frames_of(numbers, **groups):

@@ -70,18 +70,6 @@ def test_bones_are_known_by_most_of_the_names(desk, made_dictionary, names, join
     assert ("No edges are known" in made.notes) == (not joined)
 
 
-def test_numbers_of_frames_that_are_not_one_per_item_are_left_out(desk):
-    for frame in (np.array(3.0), np.full(6, "first", object), np.zeros((6, 2))):
-        assert desk.view(desk.result(extras={"frame": frame})).data["recordings"] == [[0]]
-
-
-def test_csv_shows_points(desk):
-    rows = [f"i{i},{name},{i},{j},1" for i in range(3) for j, name in enumerate("abc")]
-    csv = desk.folder / "points.csv"
-    csv.write_text("\n".join(["item,landmark,x,y,z", *rows]), encoding="utf-8")
-    assert [layer["role"] for layer in desk.view(csv).data["layers"]] == ["result"]
-
-
 def test_items_and_landmarks_of_several_results_are_matched_by_name(desk):
     shapes = desk.shapes(2)
     one = desk.result("one.h5", n=2, shapes=shapes)
