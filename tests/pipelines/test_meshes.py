@@ -94,7 +94,7 @@ def test_fit_writes_what_convert_writes(tmp_path, cars, world):
     [
         ({"mesh_vertices": None, "mesh_faces": None}, {}, "has no mesh to export"),
         ({}, {"method": "pmp"}, "no coefficients to combine the meshes of the atoms"),
-        ({}, {"export": {"folder": "-"}}, "several files; give the name of a folder"),
+        ({}, {"export": {"folder": "-"}}, "give the name of a folder"),
         ({}, {"export": {"folder": "views.h5"}}, "it is not a folder"),
         ({}, {"export": {"folder": "result.h5"}}, "is also the output; give it a different name"),
     ],

@@ -137,6 +137,9 @@ def test_other_landmarks_are_found(fitted, verify, dictionaries, landmarks, tmp_
     other.write_text("\n".join(lines) + "\n")
     found = verify(fitted("people"), dictionaries["people"], [other])
     assert set(found.failures) == {str(other), cells[0]}
+    # The file of the fit is known by its digest, whatever its name.
+    same = shutil.copy(landmarks["people"], tmp_path / "renamed.csv")
+    assert verify(fitted("people"), dictionaries["people"], [other, same]).failures == {}
 
 
 WRONG = [
