@@ -24,10 +24,7 @@ NEAR = 0.01
 
 @dataclass(frozen=True)
 class Keys:
-    """What n images or true shapes are matched by: items, sequences and frames (n).
-
-    Where frames are None they are the places in the sequences; all are one sequence by default.
-    """
+    """What n images or true shapes are matched by; frames None are the places in the sequences."""
 
     items: Sequence[str]
     sequences: Sequence[str] | None = None
@@ -62,10 +59,8 @@ def keys_of(parts: Iterable[Records]) -> Keys:
 def find_truth(place: str | Path, match: str, images: Keys, truth: Keys) -> NDArray[np.intp]:
     """Return the true shape (n,) of each image, -1 where it has none.
 
-    By item, of which an image may name another one, or by frame (or its time, where the rates of
-    both differ), and sequence: of the same name, else of one that ends alike (`cam01/anna` and
-    `anna`), else of any, as long as that is one. Raises InputError at `place` where no image has a
-    true shape.
+    By item or by frame and sequence: of the same name, else of one that ends alike (`cam01/anna`
+    and `anna`), else of any, as long as that is one. Raises InputError where no image has one.
     """
     rows = find_rows(images.items, truth.items)
     if match == BY_FRAME:
@@ -101,10 +96,7 @@ def find_frames(images: Keys, truth: Keys) -> NDArray[np.intp]:
 
 
 def named_items(images: Records, dataset: str, place: str | Path, key: str) -> tuple[str, ...]:
-    """Return what a dataset of the images names, one per image; BY_ITEM names the items.
-
-    `key` of the config chose the dataset. Raises InputError at `place` where it is none.
-    """
+    """Return what a dataset, which `key` chose, names for each image; BY_ITEM names the items."""
     if dataset == BY_ITEM:
         return images.items
     named = {n: v for n, v in images.per_item.items() if n in images.further and v.ndim == 1}

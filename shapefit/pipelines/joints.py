@@ -35,10 +35,7 @@ PEOPLE_ALONE = {f"{side}{joint}" for side in "lr" for joint in ("wrist", "ankle"
 def match_names(
     names: Sequence[str], dictionary: Dictionary, place: str, *, in_place: bool = True
 ) -> Matched:
-    """Match the landmarks of files to those of a dictionary by their names.
-
-    Raises InputError where fewer than three landmarks are the dictionary's, and others are not.
-    """
+    """Match the landmarks of files to those of a dictionary; at least three must be in both."""
     joints = find_joints(names, dictionary.landmark_names, in_place=in_place)
     if WHERE_MARKED in dictionary.provenance:
         dictionary = dictionary.marked({*names, *joints.markers})
@@ -61,10 +58,9 @@ def match_names(
 
 @dataclass(frozen=True)
 class Matched:
-    """Landmarks of files beside those of a dictionary.
+    """Landmarks of files beside a dictionary without what these do not mark.
 
-    The dictionary is without what it has only where files mark it, and these do not; a fit can do
-    without the unknown landmarks. in_place: landmarks lie where A says, else at their joints.
+    unknown landmarks are left out. in_place: they lie where A says, else at their joints.
     """
 
     dictionary: Dictionary
@@ -108,10 +104,7 @@ class Matched:
         visible: Flags,
         residual_variance: float,
     ) -> tuple[Lifting, dict[str, NDArray[Any]]]:
-        """Return the lifting of the joints, and all landmarks of the files in 3D as datasets.
-
-        landmarks (n, 2, p) as images show them, and which (n, p) are visible.
-        """
+        """Return the lifting of the joints, and all landmarks of the files in 3D as datasets."""
         if self.has_dependents:
             on = self.dictionary.depends_on
             lifting = place_dependents(lifting, landmarks, visible, on, residual_variance)
@@ -176,10 +169,7 @@ class Joints:
 
 
 def find_joints(names: Sequence[str], joints: Sequence[str], *, in_place: bool = True) -> Joints:
-    """Return the landmarks that stand for joints which the dictionary has and the files do not.
-
-    Without `in_place` landmarks are taken to lie where the joints do, each for itself.
-    """
+    """Return the landmarks that stand for joints which files lack: at these without `in_place`."""
     parts = {
         name: part if in_place else Part(part.joint, {part.joint: 1.0} if part.joint else {})
         for name, part in people_parts([name for name in names if name not in set(joints)]).items()

@@ -21,10 +21,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class Counted:
-    """A warning about some items: `12 images not optimal`. Those with the same text add up.
-
-    items are the names of all of them, where they are known.
-    """
+    """A warning about some items, such as `12 images not optimal`, with their names if known."""
 
     number: int
     noun: str
@@ -74,10 +71,7 @@ def unread(path: Path, error: InputError) -> Failure:
 def add_up(
     total: dict[str, str | Counted], warnings: Iterable[str | Counted], most: int = sys.maxsize
 ) -> int:
-    """Add warnings to those of a run: a text once, numbers with the same text as their sum.
-
-    No more than `most` texts are retained; returns how many were not.
-    """
+    """Add warnings to those of a run, equal texts as one; return how many beyond `most` are not."""
     omitted = 0
     for warning in warnings:
         text = warning if isinstance(warning, str) else f"{warning.noun} {warning.text}"

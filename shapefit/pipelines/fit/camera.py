@@ -33,14 +33,11 @@ PIXELS = ("px", "pixel", "pixels", UNKNOWN_UNIT)
 
 IMAGE_SIZE, DISTORTION, REMOVED = "image_size", "distortion", "removed_distortion"
 """Datasets of landmarks, for all or for each: (2,), width and height in pixels, and (m,),
-coefficients of OpenCV's model, m = 4, 5 or 8. Of a result, those that its landmarks no longer
-have."""
+coefficients of OpenCV's model, m = 4, 5 or 8; of a result, those that it no longer has."""
 
 OF_CAMERAS = (CAMERA_MATRIX, DISTORTION, IMAGE_SIZE)
-"""Datasets of landmarks that describe the camera."""
 
 WEAK = {"focal": "none"}
-"""Keys of `camera` where perspective cannot be known."""
 
 
 def choose_camera(
@@ -134,10 +131,7 @@ def find_camera(
 
 
 def read_intrinsics(images: LandmarkSet) -> tuple[Floats, Floats]:
-    """Return focal (n, 2) and principal point (n, 2) by the camera matrices of the files.
-
-    Of a matrix with a skew, what is left without it. Raises InputError.
-    """
+    """Return focal (n, 2) and principal point (n, 2) by the camera matrices, without their skew."""
     if CAMERA_MATRIX not in images.columns:
         fix = "give `camera.focal`, or landmarks in HDF5 that have it: CSV holds no datasets"
         raise input_error(CAMERA_MATRIX, "the landmarks have no such dataset", fix)
@@ -151,10 +145,7 @@ def read_intrinsics(images: LandmarkSet) -> tuple[Floats, Floats]:
 
 
 def read_dataset(images: LandmarkSet, name: str, *shapes: tuple[int, ...]) -> Floats:
-    """Return a dataset (n, *shape) that holds an array of one of these shapes, or one per image.
-
-    Raises InputError for other shapes, and for what is no finite number.
-    """
+    """Return a dataset (n, *shape) that holds an array of one of these shapes, or one per image."""
     values, n = np.asarray(images.columns[name]), len(images)
     if values.dtype.kind in "iuf" and np.isfinite(values).all():
         for shape in shapes:
@@ -165,10 +156,9 @@ def read_dataset(images: LandmarkSet, name: str, *shapes: tuple[int, ...]) -> Fl
 
 
 def undistorted(images: LandmarkSet, calibrated: CalibratedCamera | None) -> LandmarkSet:
-    """Return the images as a camera without distortion sees them, with what is known of it.
+    """Return the images as the calibrated camera, or that of the files, sees them without a lens.
 
-    The camera is the calibrated one, else that of their datasets. A landmark that no point of the
-    scene can have in this lens is unseen. Raises InputError for datasets that hold no cameras.
+    A landmark that no point of the scene can have in this lens is unseen.
     """
     if calibrated is not None:
         stated = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from hashlib import blake2b
 from pathlib import Path
@@ -48,19 +48,12 @@ BORDER = 0.01
 
 LEAVE_ONE_OUT = "leave_one_out"
 
-SHARED = (
-    *("method", "noise", "tolerance", "image_size", "min_confidence", "signed"),
-    *(LEAVE_ONE_OUT, "frame_rate", "threads"),
-)
-"""Keys of a config that a Lifter has, too."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class Lifter:
     """A method and all that it needs beside the images; None stands for its own default.
 
-    camera is None for weak perspective; noise, the standard deviation of a landmark's coordinate;
-    leave_one_out names the dataset of the atoms that an image does without; threads 0, all cores.
+    camera is None for weak perspective; leave_one_out names the dataset of the atoms to do without.
     """
 
     method: str
@@ -96,24 +89,21 @@ class Lifter:
 
 def lifter_of(config: FitConfig, dictionary: Dictionary) -> Lifter:
     """Return what lifts landmarks of a dictionary as a config says."""
-    given: dict[str, Any] = {name: getattr(config, name) for name in SHARED}
-    prior, threshold = config.prior, config.outlier_threshold
-    model = PosteriorOptions(bar_scale=prior.bar_scale, covariance=config.save.covariance)
-    return Lifter(
-        **given,
-        dictionary=dictionary,
-        camera=camera_of(config.camera),
-        program=Program(
-            lam=None if config.lam == "auto" else config.lam,
-            loss=Loss(config.loss),
-            beta=threshold or BETA,
-            noise=config.noise or 0.0,
-        ),
-        residual_variance=prior.residual_variance,
-        posterior=model,
-        prior_scale=prior.scale or 1.0,
-        outlier_threshold=(threshold or RANSAC_THRESHOLD) if config.searches_outliers else None,
-    )
+    names = (field.name for field in fields(Lifter) if hasattr(config, field.name))
+    shared: dict[str, Any] = {name: getattr(config, name) for name in names}
+    lam, prior = None if config.lam == "auto" else config.lam, config.prior
+    beta, noise = config.outlier_threshold or BETA, config.noise or 0.0
+    threshold = config.outlier_threshold or RANSAC_THRESHOLD
+    chosen = {
+        "dictionary": dictionary,
+        "camera": camera_of(config.camera),
+        "program": Program(lam, Loss(config.loss), beta, noise),
+        "residual_variance": prior.residual_variance,
+        "posterior": PosteriorOptions(bar_scale=prior.bar_scale, covariance=config.save.covariance),
+        "prior_scale": prior.scale or 1.0,
+        "outlier_threshold": threshold if config.searches_outliers else None,
+    }
+    return Lifter(**shared | chosen)
 
 
 def settings_of(lifter: Lifter) -> Settings:
@@ -205,11 +195,7 @@ def with_p_values(lifting: Lifting, lifter: Lifter) -> Lifting:
 
 
 def weigh(images: LandmarkSet, lifter: Lifter) -> Floats:
-    """Weights (n, p): the confidence, or with a prior 1 from `min_confidence` on, else 0.
-
-    A score says how sure a detector is of a landmark, not how exact that is. With covariances it
-    counts.
-    """
+    """Weights (n, p): the confidence; with a prior, that does not count, 1 from a least one on."""
     weights = images.weights()
     if not lifter.row.precisions or LANDMARK_COVARIANCE in images.columns:
         return weights

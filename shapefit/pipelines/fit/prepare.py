@@ -1,7 +1,4 @@
-"""What a fit needs before it lifts: method, names, camera, and what one sample estimates.
-
-It is found once, of all inputs together, and every part is given the same.
-"""
+"""What a fit needs before it lifts, found once and given to all its parts."""
 
 from __future__ import annotations
 
@@ -35,7 +32,6 @@ FIRST = 1024
 FRAMES, COUNTED = 10, 4096
 """Frames of a sequence whose motion says something of its shapes; images that are counted."""
 
-PEOPLE = "people"
 OF_PEOPLE: Mapping[str, Mapping[str, float]] = {
     "posterior": {"residual_variance": 0.006, "bar_scale": 1.6},
     "sequences": {"residual_variance": 0.01, "bar_scale": 1.5},
@@ -45,10 +41,9 @@ OF_PEOPLE: Mapping[str, Mapping[str, float]] = {
 
 @dataclass(frozen=True)
 class Setup:
-    """A fit in which nothing is left open.
+    """A fit in which nothing is left open: config with estimates, theta, skeleton of the detector.
 
-    config has what was estimated; matched, the landmarks of the files beside the dictionary as they
-    need it; theta is the skeleton of the detector, place that of landmark names in messages.
+    place is that of landmark names in messages.
     """
 
     config: FitConfig
@@ -76,10 +71,7 @@ def prepare(
     first: Callable[[], LandmarkSet],
     estimates: Estimates | None = None,
 ) -> Setup:
-    """Return what lifts landmarks of these names; estimate what is open, where nobody has yet.
-
-    `first` reads the first images. Raises InputError where dictionary or camera do not fit.
-    """
+    """Return what lifts landmarks of these names; of `first` images what is open is estimated."""
     method, camera = METHODS[config.method], None
     place = ", ".join(map(str, config.landmarks)) + ": landmark names"
     matched = match_names(landmark_names, dictionary, place, in_place=method.has_prior)
@@ -106,10 +98,7 @@ def prepare(
 def choose_method(
     config: FitConfig, dictionary: Dictionary, has_sequences: Callable[[], bool]
 ) -> tuple[FitConfig, str]:
-    """Return the config with the method that suits dictionary and images, and a line about it.
-
-    Raises InputError where the config asks for what its method does not have.
-    """
+    """Return the config with the method that suits dictionary and images, and a line about it."""
     line = ""
     if config.method == AUTO:
         prior = dictionary.prior is not None
@@ -121,7 +110,7 @@ def choose_method(
             fault, _, fix = conflict.partition("; ")
             raise input_error("fit", fault, fix)
         line = f"{method} (the dictionary has {'a' if prior else 'no'} prior; change with --method)"
-    if PEOPLE in dictionary.provenance.get(SUITS, "").split() and config.method in OF_PEOPLE:
+    if "people" in dictionary.provenance.get(SUITS, "").split() and config.method in OF_PEOPLE:
         given = config.prior.model_fields_set
         values = OF_PEOPLE[config.method].items()
         config = config.changed(prior={key: value for key, value in values if key not in given})

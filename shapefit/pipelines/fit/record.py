@@ -31,10 +31,9 @@ Datasets = Mapping[str, NDArray[Any] | None]
 def as_result(
     images: LandmarkSet, lifting: Lifting, setup: Setup, inputs: Mapping[str, NDArray[Any]]
 ) -> ResultSet:
-    """Lay out a batch as it is stored, with the observed landmarks and what came with them.
+    """Lay out a batch as it is stored, with what came with its landmarks.
 
     inputs are the landmarks of the files in 3D, where they are not those of the dictionary.
-    Datasets of the landmarks that are called as one of a result get `input_` before their names.
     """
     estimate, dictionary, config = lifting.estimate, setup.dictionary, setup.config
     scaled, failed = estimate.in_unit(lifting.scale[:, None, None]), np.isnan(lifting.scale)
@@ -94,10 +93,7 @@ def blank(values: Floats | None, failed: Flags) -> Floats | None:
 
 
 def trusted(lifting: Lifting, scaled: Estimate, setup: Setup) -> Datasets:
-    """Decide for each image whether its shape is to be trusted, where the method knows its error.
-
-    From what the result stores: scaled, error bars in its unit. With the error that is expected.
-    """
+    """Decide which shapes are to be trusted, by error bars in the unit of the result (scaled)."""
     if scaled.deviation is None:
         return {}
     further, expected = scaled.further, np.full(len(lifting.shapes), np.nan)
@@ -149,11 +145,7 @@ def of_camera(lifting: Lifting, setup: Setup) -> Datasets:
 
 
 def proof(lifting: Lifting, method: str, failed: Flags) -> Datasets:
-    """Lay out what proves the optimum of the convex program, where the method solves one.
-
-    Where that program is the method, the result states its objective and gap. Images without a
-    shape, failed (n,), have no proof: nan, and no transforms.
-    """
+    """Lay out what proves the optimum of the convex program; images that failed (n,) have nan."""
     certificate = lifting.estimate.convex_proof
     if certificate is None:
         return {}
@@ -175,11 +167,7 @@ def proof(lifting: Lifting, method: str, failed: Flags) -> Datasets:
 
 
 def attributes_of(setup: Setup, inputs: Mapping[str, str]) -> dict[str, str | float | int]:
-    """Return what is stored of a fit beside its images; `inputs` are the digests of its files.
-
-    `training_inputs` are those of the files that the dictionary was learned from: `eval` warns
-    where one of them is the truth. `estimated` lists what was found or assumed before lifting.
-    """
+    """Return what is stored of a fit beside its images; `inputs` are the digests of its files."""
     config, numbers = setup.config.as_json(), setup.estimates.numbers
     return {
         "method": setup.config.method,

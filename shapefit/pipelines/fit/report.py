@@ -75,8 +75,7 @@ def warn_of_batch(batch: Batch, setup: Setup) -> Iterator[str | Counted]:
 class Counts:
     """What adds up over the batches of a fit, for its end.
 
-    evaluated and trusted images, and the expected errors in metres of these; images in which each
-    landmark (p,) is an outlier, and visible; bodies with both ends, and those on their heads.
+    errors are those expected, in metres; outliers and visible (p,) count images.
     """
 
     images: int = 0
@@ -132,10 +131,7 @@ def warn_of_all(counts: Counts, setup: Setup, y_axis: str | None) -> Iterator[st
 def summary_of(
     source: LandmarkSource, setup: Setup, counts: Counts, method: str, writer: Summary
 ) -> Result:
-    """Return the end of a fit: warnings about all images, a note, and the rows of the summary.
-
-    method, a line about it if nobody named one; writer, the summary of the writer of the result.
-    """
+    """Return the end of a fit: warnings about all images, a note, and the rows of the summary."""
     config, head = setup.config, source.head
     warnings: list[str | Counted] = [*setup.estimates.warnings]
     warnings += [*nothing_in(source.count, "images"), *source.notes, *setup.matched.warnings()]

@@ -1,8 +1,4 @@
-"""`fit`: landmarks in, batch by batch, 3D shapes with their certificates out.
-
-What config and files leave open is estimated of the first images; then each batch is read, lifted,
-laid out and stored.
-"""
+"""`fit`: landmarks in, batch by batch, 3D shapes with their certificates out."""
 
 from __future__ import annotations
 
@@ -12,7 +8,7 @@ from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
-from shapefit.config import ConvertConfig, FitConfig
+from shapefit.config import FitConfig
 from shapefit.core import IMAGES_PER_BLOCK
 from shapefit.dictionary.model import Dictionary
 from shapefit.io import LandmarkSet, LandmarkSource, digests, open_landmarks, read_dictionary
@@ -40,10 +36,7 @@ def run(
     dictionary: Dictionary | None = None,
     inputs: Mapping[str, str] | None = None,
 ) -> Iterator[Result]:
-    """Lift every image of the landmark files, or these rows of the one; a Result per batch.
-
-    Of a part of a fit: estimates of all inputs, dictionary, and digests of its `inputs`.
-    """
+    """Lift every image, or these rows of the one file; of a part, what is known of all is given."""
     output = config.output
     assert isinstance(output, Path), "a folder is written part by part"
     dictionary = dictionary or read_dictionary(config.dictionary)
@@ -75,10 +68,7 @@ def run(
 
 
 def lift_source(source: LandmarkSource, setup: Setup) -> Generator[Batch, None, None]:
-    """From landmarks to the records of a result, batch by batch.
-
-    While one is lifted, the next is read and the last is stored, but with `threads: 1`.
-    """
+    """Lift batch by batch; while one is lifted, the next is read and the last is stored."""
     batches = source.batches(whole_blocks(CHUNK), by_file=True)
     if setup.lifter.row.sequences:
         from shapefit.pipelines.fit.sequences import whole_sequences
@@ -126,6 +116,7 @@ def check_export(setup: Setup, result: Path) -> None:
 
 def export_meshes(config: FitConfig, result: Path, folder: Path) -> Iterator[Result]:
     """Write the meshes of a result, as `convert` does."""
+    from shapefit.config import ConvertConfig
     from shapefit.pipelines.convert import write_meshes
 
     to, dictionary = config.export.format, config.dictionary

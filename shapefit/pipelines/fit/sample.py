@@ -8,8 +8,6 @@ detector of people, and for factors f on the covariances of the prior and residu
 where v_0 is that of the dictionary. Smaller ones are not tried: their evidence is flat where error
 bars are far too narrow already. Of pairs that are as likely as the best by the standard error of
 their difference, the widest prior is taken and, with it, the least v.
-
-Left and right exchanged in all frames cannot be decided: a body looks so that faces the other way.
 """
 
 from __future__ import annotations
@@ -70,10 +68,9 @@ Pair = tuple[float, float]
 
 @dataclass(frozen=True)
 class Estimates:
-    """What was estimated: values for keys of a config, lines about them, and warnings.
+    """What was estimated: values for keys of a config, lines about them, the camera's first.
 
-    The line of the camera is the first. reason says why no image is to be trusted, "" for nothing;
-    growth (p,), factors on the covariances of landmarks; numbers are stored with the result.
+    reason says why no image is to be trusted; growth (p,) are factors on covariances of landmarks.
     """
 
     values: Mapping[str, Any]
@@ -87,10 +84,7 @@ class Estimates:
 def estimate(
     config: FitConfig, dictionary: Dictionary, matched: Matched, images: LandmarkSet
 ) -> Estimates:
-    """Estimate the camera and, for methods with a prior, skeleton, prior scale and error bars.
-
-    images are the first ones without distortion; matched, their landmarks beside the dictionary.
-    """
+    """Estimate the camera and, for methods with a prior, skeleton, prior scale and error bars."""
     learned_from = matched.dictionary.provenance.get(LEARNED_FROM) is not None
     camera, of_camera = choose_camera(config, images, from_landmarks=learned_from)
     if not METHODS[config.method].has_prior:
@@ -128,10 +122,7 @@ def estimate(
 
 
 def read_bar_scale(config: FitConfig) -> tuple[dict[str, Any], str]:
-    """Return the keys of `prior` that its `calibration` stands for, and a line about them.
-
-    By the factors of the method, or the only ones. Raises InputError for a file without.
-    """
+    """Return the keys of `prior` that its `calibration` stands for, and a line about them."""
     path, method = config.prior.calibration, config.method
     if path is None:
         return {}, ""
@@ -194,7 +185,7 @@ def choose_skeleton(
 def maximise_theta(
     evidence: Callable[[Mapping[str, float]], float], names: Sequence[str], start: dict[str, float]
 ) -> dict[str, float]:
-    """Return theta that maximises log p(w | theta) + log p(theta), one parameter by one, twice.
+    """Return theta that maximises log p(w | theta) + log p(theta), twice, one by one.
 
     Each is taken to the top of the parabola through the best value tried and its neighbours.
     """
@@ -271,8 +262,7 @@ def find_scale(
 def mean_gain(before: Floats, after: Floats) -> tuple[float, float]:
     """Return the mean of after - before where it is finite, and its standard error.
 
-    The error is that of the means of sqrt(n) blocks of neighbours, whose gains resemble each other
-    (batch means: Flegal and Jones, Annals of Statistics 2010).
+    By batch means, as neighbours resemble each other (Flegal and Jones, Annals of Statistics 2010).
     """
     gain = (after - before)[np.isfinite(after - before)]
     if len(gain) < 4:
@@ -289,8 +279,7 @@ def calibrate_bars(
 ) -> tuple[tuple[float, ...], dict[str, float], str]:
     """Return factors (p,) on the covariances of landmarks, numbers to be stored, and a line.
 
-    By the sample, which the lifter lifted; nothing where that is too small. bar_scale, of all
-    covariances without the factors of a report, which come on top.
+    bar_scale, of all covariances without the factors of a report, which come on top.
     """
     if len(sample) < trust.LIMITS.fewest_images:
         return (), {}, ""
@@ -317,10 +306,7 @@ def check_names(
     dictionary: Dictionary,
     theta: Mapping[str, float],
 ) -> str:
-    """Return a warning where many images are doubtful, but not by the names of another skeleton.
-
-    in_file, the sample with the landmarks of the files; dictionary, that of all files.
-    """
+    """Return a warning where many images are doubtful, but not by the names of another skeleton."""
     names, share, shares = in_file.landmark_names, doubtful_share(lifting), dict[str, float]()
     if len(in_file) < FEWEST or not share > DOUBTFUL:
         return ""

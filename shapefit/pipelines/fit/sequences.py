@@ -39,10 +39,7 @@ LIMBS = ({"hip", "knee"}, {"knee", "ankle"}, {"shoulder", "elbow"}, {"elbow", "w
 
 
 def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
-    """Yield images whose sequences are whole, in their order; a long one in pieces.
-
-    Raises InputError for images without sequences, and where one goes on after another.
-    """
+    """Yield images whose sequences are whole, in their order; a long one in pieces."""
     begun: set[str] = set()
     rest: list[LandmarkSet] = []
     for chunk in chunks:
@@ -67,10 +64,7 @@ def whole_sequences(chunks: Iterable[LandmarkSet]) -> Iterator[LandmarkSet]:
 
 
 def pieces(images: LandmarkSet) -> Iterator[LandmarkSet]:
-    """Divide whole sequences into batches that are lifted by themselves.
-
-    A long sequence is refined in pieces anyway; lifted piece by piece, it takes the memory of one.
-    """
+    """Divide whole sequences into batches: pieces are refined by themselves, in less memory."""
     start = stop = 0
     for clip in split(images.sequences or ()):
         if clip.stop - start > LONGEST and stop > start:
@@ -134,8 +128,7 @@ def refine_sequences(lifting: Lifting, images: LandmarkSet, lifter: Lifter) -> L
 def find_motion(dictionary: Dictionary, rate: float | None) -> Motion:
     """Return the motion between images at a frame rate, or at that of the training shapes.
 
-    Of a body whose velocity wanders, second differences grow with the 3/2th power of the time
-    between images.
+    Second differences grow with the 3/2th power of the time, where a velocity wanders.
     """
     edges = np.empty((0, 2), np.int64) if dictionary.edges is None else dictionary.edges
     acceleration, tolerance = dictionary.acceleration, dictionary.bone_tolerance
