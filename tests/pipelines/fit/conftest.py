@@ -1,14 +1,12 @@
 """Planted images of six atoms, and what fits them from files to files."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from shapefit.dictionary.mixture import Mixture
 from shapefit.dictionary.model import Dictionary
 from shapefit.geometry.normalisation import normalise
-from shapefit.geometry.rotations import random_rotations, rotation_about
+from shapefit.geometry.rotations import random_rotations
 from shapefit.io import LandmarkSet, write_dictionary
 from tests.io.files import save
 from tests.pipelines.fitted import fit_file
@@ -50,36 +48,13 @@ def images(atoms, rotations):
 
 
 @pytest.fixture
-def views(atoms, rng):
-    """Neighbours that are alike, for warm starts; the last one alone in its stretch of 64."""
-    n = 193
-    turns = rotation_about(np.array([0.0, 1.0, 0.0]), np.linspace(0, 6, n))
-    mixed = np.einsum("nk,kap->nap", rng.random((n, 6)) * (rng.random((n, 6)) < 0.5), atoms)
-    landmarks = 20 * (turns @ mixed)[:, :2] + 0.5 * rng.standard_normal((n, 2, 10))
-    return LandmarkSet(
-        landmarks=landmarks, landmark_names=NAMES, items=tuple(f"view{i}" for i in range(n))
-    )
-
-
-def write_landmarks(path: Path, images: LandmarkSet) -> Path:
-    save(path, images)
-    return path
-
-
-@pytest.fixture
-def write():
-    """Return what writes landmarks to a path, and returns it."""
-    return write_landmarks
-
-
-@pytest.fixture
 def fit(tmp_path):
     """Return what fits landmarks given as records, text or a path: (result, outcomes)."""
 
     def fit(dictionary, images, **keys):
         path = images
         if isinstance(images, LandmarkSet):
-            path = write_landmarks(tmp_path / "views.h5", images)
+            save(path := tmp_path / "views.h5", images)
         elif isinstance(images, str):
             path = tmp_path / "views.csv"
             path.write_text(images)

@@ -24,21 +24,6 @@ def with_prior(dictionary, atoms, rng):
     return dictionary
 
 
-@pytest.mark.parametrize(
-    ("dataset", "value", "found"),
-    [
-        ("prior_weights", [0.5, 0.6], "add up to 1"),
-        ("prior_covariances", -1.0, "no covariance"),
-        ("prior_means", np.nan, "no number"),
-    ],
-)
-def test_a_prior_that_is_none_is_refused(with_prior, dataset, value, found):
-    with h5py.File(with_prior, "a") as file:
-        file[dataset][...] = value
-    with pytest.raises(InputError, match=found):
-        read_dictionary(with_prior)
-
-
 def test_results_hold_error_bars_in_the_unit_of_the_landmarks(fit, with_prior, images):
     keys = {"method": "posterior", "save": {"covariance": True}}
     keys |= {"camera": {"focal": "none"}}

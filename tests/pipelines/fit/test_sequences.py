@@ -108,9 +108,7 @@ def test_an_unknown_frame_rate_is_a_warning(people, tmp_path):
     images = load(people / "views.h5").take(slice(0, 10)).replaced(frame_rate=None)
     path = written(tmp_path / "unknown.h5", images)
     assert any("frame rate is unknown" in text for text in fitted(people, path)[1])
-    assert not any("frame rate" in t for t in fitted(people, path, frame_rate=24)[1])
-    stated = written(tmp_path / "stated.h5", images.replaced(frame_rate=24.0))
-    result, warnings = fitted(people, stated)
+    result, warnings = fitted(people, path, frame_rate=24)
     assert not any("frame rate" in text for text in warnings)
     assert result.frame_rate == 24
 
@@ -149,9 +147,6 @@ def test_a_sequence_before_a_camera(people, project, tmp_path):
     assert errors[0] < 0.95 * errors[1]
     assert found.columns["camera_translation"].shape == (len(truth), 3)
     assert (found.shape_sd > 0).all()
-    far = {"focal": 1e8, "principal_point": [500.0, 500.0]}
-    same, _ = fitted(people, path, camera=far)
-    np.testing.assert_allclose(same.shapes, weak.shapes, atol=0.05)
 
 
 @pytest.fixture

@@ -96,18 +96,12 @@ def test_a_real_man_is_as_large_as_a_man_and_stands_on_his_feet(real_data, tmp_p
     written, note = run(fit, "fit", tmp_path / "man.trc", *overrides, **given)
     assert written[0] == "man_person_1.trc"
     assert "in m by height 1.72 m, y up, the axis z of the extrinsics" in note
-    man = dict(
-        zip((*PEOPLE, *FURTHER[:6]), points(tmp_path / written[0]).transpose(1, 0, 2), strict=True)
-    )
-
-    def length(a, b):
-        return np.median(np.linalg.norm(man[a] - man[b], axis=1))
-
+    joints = points(tmp_path / written[0]).transpose(1, 0, 2)
+    man = dict(zip((*PEOPLE, *FURTHER[:6]), joints, strict=True))
     # The truth, from four cameras, within a quarter; OpenPose's hips are lower than the prior's.
-    assert length("lhip", "lknee") == pytest.approx(0.392, rel=0.25)
-    assert length("lknee", "lankle") == pytest.approx(0.402, rel=0.25)
-    assert length("rshoulder", "relbow") == pytest.approx(0.281, rel=0.25)
-    assert length("relbow", "rwrist") == pytest.approx(0.249, rel=0.25)
+    for a, b, length in (("lhip", "lknee", 0.392), ("relbow", "rwrist", 0.249)):
+        median = np.median(np.linalg.norm(man[a] - man[b], axis=1))
+        assert median == pytest.approx(length, rel=0.25)
     feet = np.minimum(man["lankle"][:, 1], man["rankle"][:, 1])
     assert ((man["head"][:, 1] - feet) > 1.0).all()
     # The calibration has the floor at 0, the camera's place is as good as the size of the man.
