@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import struct
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
@@ -125,6 +126,7 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
     in the header. Raises InputError where ezc3d is not installed.
     """
     path = paths[0]
+    _check_length(path)
     try:
         file = import_module("ezc3d").c3d(os.fspath(path))
     except ImportError as error:
@@ -148,16 +150,25 @@ def read_c3d(paths: tuple[Path, ...]) -> Poses:
     lost = [label for label in labels if label in computed]
     note = f"{counted(len(lost), 'point')} left out, computed by a model ({abbreviate(lost)})"
     factor, unit = as_metres((texts("UNITS") or [""])[0])
-    start, last = (int(file["header"]["points"][f"{end}_frame"]) for end in ("first", "last"))
-    block, scale = (float(about[name]["value"][0]) for name in ("DATA_START", "SCALE"))
-    numbers = file["data"]["points"].size + file["data"]["analogs"].size
-    whole = path.stat().st_size >= 512 * (block - 1) + numbers * (4 if scale < 0 else 2)
-    require(whole and len(points) > last - start, "it is cut off")
+    start = int(file["header"]["points"]["first_frame"])
     frames = [str(start + frame) for frame in range(len(points))]
     rate = float([*np.ravel(about.get("RATE", {}).get("value", ())), 0.0][0])
     labels = [labels[number] for number in markers]
     notes = (note,) if lost else ()
     return _of_markers(path, factor * points[:, markers], labels, frames, rate, unit, notes)
+
+
+def _check_length(path: Path) -> None:
+    """Raise ValueError for a file that is cut off, of which ezc3d would read the rest."""
+    with path.open("rb") as file:
+        head = file.read(512)  # a block, in which C3D counts
+        points, analog, first, last = struct.unpack("<HHHH", head[2:10])
+        scale, start = struct.unpack("<fH", head[12:18])
+        file.seek(512 * (head[0] - 1) + 3)
+        intel = file.read(1) == b"\x54"  # little end first, as all of today's are
+    numbers = max(last - first + 1, 0) * (4 * points + analog)
+    needed = 512 * max(start - 1, 0) + numbers * (4 if scale < 0 else 2)
+    require(not intel or path.stat().st_size >= needed, f"cut off before {needed} bytes")
 
 
 # What Vicon's CSV and C3D share: labels `subject:name`.

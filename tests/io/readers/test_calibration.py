@@ -50,6 +50,11 @@ def test_by_section_name_or_port_and_rotations_of_both_kinds(calibration, name):
     assert camera.translation.tolist() == [1, 2, 3]
 
 
+def test_a_lens_of_one_coefficient(calibration):
+    text = TWO.replace("-0.1, 0.01, 0.001, 0.002, 0.0]", "-0.1]")
+    assert read_camera(calibration(text), "left").distortion.tolist() == [-0.1, *[0] * 7]
+
+
 def test_the_only_camera_needs_no_name_and_may_lack_a_place(calibration):
     text = "[cameras.3]\nmatrix = [[0.8, 0, 0.5], [0, 0.9, 0.4], [0, 0, 1]]\nport = 3\n"
     camera = read_camera(calibration(text), None)

@@ -302,6 +302,14 @@ def test_only_regular_files_of_a_folder_are_opened(written, tmp_path, make, name
         read(tmp_path / "cam")
 
 
+def test_landmarks_below_the_least_confidence_are_hidden(written):
+    found, (note,) = read(
+        written("r.json", [entry(1, 1, 1, 2, 0.4, 3, 4, 0.6)]), min_confidence=0.5
+    )
+    assert np.isfinite(found.landmarks[0]).all(axis=0).tolist() == [False, True]
+    assert "1 landmarks hidden, whose confidence is below `min_confidence`" in note
+
+
 @pytest.mark.parametrize(
     ("confidence", "seen"), [(0, [False, False, True]), (0.5, [True, True, True])]
 )

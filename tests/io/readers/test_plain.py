@@ -9,7 +9,6 @@ import pytest
 from shapefit.errors import InputError
 from shapefit.io import open_shapes
 from shapefit.io.detect import detect_format
-from shapefit.io.readers.poses import number_labels
 from tests.io.readers.detector_files import write_array, write_long, write_mediapipe, write_wide
 
 from .conftest import read_images as read
@@ -226,11 +225,6 @@ def test_tables_in_metres_are_shapes_in_metres(tmp_path):
         assert source.notes == ()
     assert (shapes.unit, shapes.frame_rate, len(shapes)) == ("m", 25.0, 2)
     assert shapes.shapes[1].T.tolist() == [[8, 2, 3], [8, 2, 3]]
-
-
-def test_numbers_of_frames_have_no_bare_point():
-    values = np.array([0.0, 1e-9, 2e-9, 0.5, 2.0, 1 / 3])
-    assert number_labels(values) == ["0", "0", "0", "0.5", "2", "0.333333"]
 
 
 def test_videos_stand_as_they_appear_and_begin_at_0(tmp_path):
