@@ -79,7 +79,7 @@ class Head:
                     node = file.get(name)
                     names |= {f"{name}@{attribute}" for attribute in getattr(node, "attrs", ())}
                     names |= {f"{name}/{inner}" for inner in getattr(node, "keys", tuple)()}
-                return frozenset(names)
+                return frozenset(name for name in names if isinstance(name, str))
         except Exception:  # h5py has many kinds of error for damaged files: the reader names it
             return frozenset()
 

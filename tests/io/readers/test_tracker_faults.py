@@ -166,3 +166,10 @@ def test_what_is_wrong_is_named_with_its_place(write, problem, name, change, fou
     with h5py.File(path, "a") as file:
         change(file)
     assert found in problem(path)
+
+
+def test_a_name_that_is_not_utf8_is_no_reason_to_stop(write):
+    path = write("table.h5")
+    with h5py.File(path, "a") as file:
+        file[b"\xff"] = 1
+    assert read_or_refuse(path) in (True, False)
