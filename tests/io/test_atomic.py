@@ -141,15 +141,6 @@ class TestOneFile:
         assert link.is_symlink()
         assert (tmp_path / "real").read_bytes() == b"new"
 
-    def test_what_a_running_process_writes_stays(self, tmp_path):
-        target = tmp_path / "out.png"
-        with atomic_path(target) as first:
-            assert first.suffix == ".png"
-            assert first.name.startswith(".")
-            write(target, b"second")
-            first.write_bytes(b"first")
-        assert content(tmp_path) == {"out.png": "first"}
-
 
 KILLED = """
 import os, signal, sys
@@ -236,13 +227,6 @@ class TestManyFiles:
         with staged_files(tmp_path / "out"):
             pass
         assert os.listdir(tmp_path) == []
-
-    def test_another_run_at_work_is_left_alone(self, tmp_path):
-        with staged_files(tmp_path) as first:
-            put(first, "a")
-            with staged_files(tmp_path) as second:
-                put(second, "b")
-        assert content(tmp_path) == {"a": "new", "b": "new"}
 
 
 def test_digest(tmp_path, problems):

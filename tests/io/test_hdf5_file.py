@@ -82,35 +82,14 @@ LINKS = {
 }
 
 COMMANDS = {
-    "landmarks": (
-        "fit -c fit.yaml {} -d dictionary.h5 -o out.h5",
-        "convert {} -o out.csv",
-        "info {}",
-        "verify result.h5 -d dictionary.h5 --landmarks {}",
-        "learn-dict -c learn-dict.yaml {} -o out.h5",
-        "view {} -o out.html",
-    ),
+    "landmarks": ("fit -c fit.yaml {} -d dictionary.h5 -o out.h5", "convert {} -o out.csv"),
     "shapes": (
         "learn-dict -c learn-dict.yaml {} -o out.h5",
-        "project -c project.yaml {} -o out.h5",
-        "eval -c eval.yaml result.h5 --truth {} -o out",
         "view result.h5 --truth {} -o out.html",
-        "convert {} -o out.csv",
-        "info {}",
     ),
-    "result": (
-        "eval -c eval.yaml {} --truth shapes.h5 -o out",
-        "view {} -o out.html",
-        "verify {} -d dictionary.h5",
-        "convert {} -o out.csv",
-        "info {}",
-    ),
-    "dictionary": (
-        "fit -c fit.yaml landmarks.h5 -d {} -o out.h5",
-        "verify result.h5 -d {}",
-        "info {}",
-    ),
-    "sleap": ("fit -c fit.yaml {} -d dictionary.h5 -o out.h5", "convert {} -o out.csv", "info {}"),
+    "result": ("eval -c eval.yaml {} --truth shapes.h5 -o out", "verify {} -d dictionary.h5"),
+    "dictionary": ("fit -c fit.yaml landmarks.h5 -d {} -o out.h5", "info {}"),
+    "sleap": ("fit -c fit.yaml {} -d dictionary.h5 -o out.h5", "info {}"),
 }
 POINTS = {
     "landmarks": "landmarks",
