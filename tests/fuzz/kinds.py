@@ -182,8 +182,7 @@ def make_detector(rng: Random, folder: Path) -> Command:
     else:
         path.write_bytes(spoil_text_bytes(rng, path.read_bytes()))
     given = name if rng.random() < 0.7 else str(path.relative_to(folder))
-    track = f"track={rng.choice(('nearest', 'none'))}"
-    return ("convert", given, "-o", rng.choice(("out.h5", "out.csv")), "--set", track)
+    return ("convert", given, "-o", rng.choice(("out.h5", "out.csv")))
 
 
 MOTION = Path(__file__).with_name("motion")
