@@ -104,9 +104,8 @@ def executor(folder: ResultFolder) -> Iterator[tuple[Executor, int]]:
         fix = "run `pip install distributed`; --workers does without"
         raise input_error("fit", "a cluster needs dask distributed", fix) from None
     except (OSError, ValueError, LookupError, TypeError, AssertionError) as error:
-        fault = f"no scheduler answers ({str(error).partition(chr(10))[0]})"
         fix = "start one with `dask scheduler`, or check its address or file"
-        raise input_error("Dask", fault, fix) from None
+        raise input_error("Dask", f"no scheduler answers ({error!r:.200})", fix) from None
     with client:
         yield client.get_executor(pure=False), AHEAD * max(1, sum(client.nthreads().values()))
 
@@ -154,8 +153,7 @@ def do_job(job: Job) -> Done:
 
 def failed(job: Job, error: str) -> Done:
     """Return the end of a part without a result."""
-    names_input = any(str(path) in error for path in job.part.inputs)
-    reason = error if names_input else f"{job.part}: {error}"
+    reason = error if str(job.part.inputs[0]) in error else f"{job.part}: {error}"
     result = Result(failures=(Failure(job.part.file, reason),))
     return job.part.describe() | {"status": FAILED, "error": reason}, result
 
@@ -166,18 +164,21 @@ def fit_part(job: Job) -> Done:
     config = job.config.changed(landmarks=part.inputs, output=target)
     dictionary = once(read_dictionary, config.dictionary, find_state(config.dictionary))
     inputs = once(digests, part.inputs, part.states)
-    images, without, failures = 0, 0, list[Failure]()
     warnings, reasons = dict[str, Any](), dict[str, Any]()
+    images, failures = 0, list[Failure]()
     for result in fit(config, part.slice, job.estimates, dictionary, inputs):
         images += result.done
-        without += len(result.failures)
-        failures += result.failures[: MOST_LISTED - len(failures)]
+        failures += result.failures
         add_up(warnings, result.warnings, MOST_LISTED)
         add_up(reasons, (replace(reason, items=()) for reason in result.reasons))
-    counts = {"status": DONE, "images": images, "failed": without}
+    counts = {"status": DONE, "images": images, "failed": len(failures)}
     counts |= {"bytes": target.stat().st_size, "seconds": round(time.perf_counter() - began, 3)}
-    texts, untrusted = tuple(warnings.values()), tuple(reasons.values())
-    return part.describe() | counts, Result(images, None, tuple(failures), texts, untrusted)
+    texts, untrusted, few = (
+        tuple(warnings.values()),
+        tuple(reasons.values()),
+        failures[:MOST_LISTED],
+    )
+    return part.describe() | counts, Result(images, None, tuple(few), texts, untrusted)
 
 
 @lru_cache(maxsize=8)

@@ -55,8 +55,7 @@ def read_manifest(folder: Path) -> Manifest | None:
     lines = manifest_lines(folder)
     if lines is None:
         return None
-    run, *parts = lines
-    return Manifest(folder / MANIFEST, run, {entry["file"]: entry for entry in parts})
+    return Manifest(folder / MANIFEST, lines[0], {entry["file"]: entry for entry in lines[1:]})
 
 
 @contextmanager
@@ -90,8 +89,7 @@ def find_folders(files: Sequence[Path]) -> dict[Path, Manifest]:
 
 def sum_up(parts: Mapping[str, Entry]) -> list[tuple[str, str]]:
     """Return how many parts and images they are, and how large, for people."""
-    images, failed, size = (
-        sum(entry[key] for entry in parts.values()) for key in ("images", "failed", "bytes")
-    )
+    keys = ("images", "failed", "bytes")
+    images, failed, size = (sum(entry[key] for entry in parts.values()) for key in keys)
     without = f", {failed:,} without a shape" if failed else ""
     return [("parts", f"{len(parts):,}, {in_words(size)}"), ("images", f"{images:,}{without}")]

@@ -90,9 +90,8 @@ def make_plan(config: FitConfig, folder: ResultFolder, manifest: Manifest | None
     changed = [key for key in digests if done and old.run.get(key) != digests[key]]
     lost = [file for file in done if changed or states.get(file) != done[file]["states"]]
     names = dict.fromkeys(Path(path).name for file in lost for path in done[file]["inputs"])
-    refused = f"of {abbreviate(list(names), 3)} before it changed, or not among the inputs"
-    if changed:
-        refused = f"of another {listed(changed, 'and')}"
+    others = f"of {abbreviate(list(names), 3)} before it changed, or not among the inputs"
+    refused = f"of another {listed(changed, 'and')}" if changed else others
     sizes = {file: find_state(folder.path / file)[0] for file in done if file not in lost}
     return Plan(
         parts,

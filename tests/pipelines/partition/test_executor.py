@@ -86,10 +86,7 @@ def listed(folder: Path) -> Sequence[str]:
 
 
 def same_bits(data: Path, output: str) -> None:
-    """Fail unless the parts together are the result of one run, and nothing else is there.
-
-    But for what a killed process was writing, which is left.
-    """
+    """Fail unless the parts together are the result of one run, but for temporaries of the dead."""
     parts = results(data / output)
     assert [part.name for part in parts] == listed(data / output)
     assert len(parts) == PARTS
@@ -211,14 +208,12 @@ def test_without_a_scheduler(data, monkeypatch, options, text):
 # --- a Dask cluster ---
 
 
-@contextmanager
-def started() -> Iterator:
-    """Start a scheduler on loopback and two workers of one process each; stop them in the end."""
+def started():
+    """Start a scheduler on loopback and two workers of one process each."""
     from distributed import LocalCluster
 
-    own = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
-    with LocalCluster(host="127.0.0.1", **own) as cluster:
-        yield cluster
+    keys = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    return LocalCluster(host="127.0.0.1", **keys)
 
 
 @pytest.fixture(scope="module")

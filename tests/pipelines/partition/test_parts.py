@@ -66,15 +66,12 @@ def test_parts_are_files_and_row_ranges_with_the_bits_of_one_run():
     assert [entry["rows"] for entry in entries()][3:] == [[384, 400], None]
     assert names() == [f"part-{n:05}.h5" for n in range(5)]
     same_as_one_run()
+    before = stamps()
+    assert done(fit()) == 0
+    assert stamps() == before
 
 
 class TestResuming:
-    def test_what_is_done_stays(self):
-        fit()
-        before = stamps()
-        assert done(fit()) == 0
-        assert stamps() == before
-
     @pytest.mark.parametrize("harm", ["forget", "remove", "shorten"])
     def test_one_part_that_is_missing_or_damaged_is_done_again(self, harm):
         fit()
@@ -148,22 +145,11 @@ class TestResuming:
         same_as_one_run()
 
 
-CAMERA = """
-[cam]
-matrix = [[1000.0, 0.0, {0}], [0.0, 1000.0, 0.0], [0.0, 0.0, 1.0]]
-distortions = [0.0, 0.0, 0.0, 0.0]
-size = [100, 100]
-rotation = [0.0, 0.0, 0.0]
-translation = [0.0, 0.0, 0.0]
-"""
-
-
+CAMERA = "[cam]\nmatrix = [[1000.0, 0, {}], [0, 1000.0, 0], [0, 0, 1]]\n"
 BOTH = ("one.h5", "two.h5")
 
 
 class TestResultsAreNotLost:
-    """A folder goes on where inputs were added; else it says what it holds, and --replace."""
-
     @pytest.mark.parametrize(
         ("change", "landmarks", "overrides", "parts", "held", "again"),
         [
@@ -198,7 +184,7 @@ class TestResultsAreNotLost:
 
 class TestWhatIsRefusedOrReplaced:
     def test_a_second_run_into_the_folder(self):
-        fit()
+        OUT.mkdir()
         with (OUT / ".lock").open("w") as file:
             fcntl.flock(file, fcntl.LOCK_EX)
             with pytest.raises(InputError, match="another run is writing results to it"):
@@ -252,14 +238,9 @@ def test_the_folder_is_one_result(rng):
     truth = ShapeSet(rng.normal(size=(500, 3, 8)), NAMES, tuple(f"i{n}" for n in range(500)))
     write_shapes(Path("truth.h5"), truth)
     assert command("eval", "out/", "whole.h5", "--truth", "truth.h5", "-o", "report") == 0
-    lines = Path("report/per_image.csv").read_text().splitlines()
-    own, other = (
-        sorted(line.split(",", 1)[1] for line in lines if line.startswith(f"{name},"))
-        for name in ("out", "whole")
-    )
-    assert own == other
-    assert len(own) >= 500
-
+    lines = Path("report/per_image.csv").read_text().splitlines()[1:]
+    assert len(lines) >= 1000
+    assert len({line.partition(",")[2] for line in lines}) == len(lines) / 2
     assert command("verify", "out", "-d", "dict.h5") == 0
     with Path("out/part-00003.h5").open("ab") as file:
         file.write(b"more")
