@@ -383,7 +383,7 @@ def _disk_space(path: Path) -> Iterator[Callable[[int], None]]:
         nonlocal needed, reserved
         needed += size + size // 50  # for metadata
         if needed > reserved and hasattr(os, "posix_fallocate"):
-            reserved = needed + SPARE
+            reserved = needed + SPARE + min(needed, 7 * SPARE)
             try:
                 os.posix_fallocate(file.fileno(), 0, reserved)
             except OSError as error:
