@@ -44,15 +44,16 @@ def open_landmarks(
     rows: slice | None = None,
     *,
     check: bool = True,
+    head: bool = False,
 ) -> LandmarkSource:
     """Open files of landmarks in any format (`-` is standard input) as one source.
 
     Large HDF5 is read by batches, CSV in one pass, all else whole; of one HDF5 file only `rows`, if
     given. Raises InputError: at once for items that occur twice, files that do not go together, and
     names to rename that no file has; for wrong values when they are read. Without `check` neither
-    is looked for.
+    is looked for. With `head` only the first rows of CSV are read.
     """
-    files = _open_all(LANDMARKS, paths, options, rows=rows, check=check)
+    files = _open_all(LANDMARKS, paths, options, rows=rows, check=check, only_head=head)
     return Source(files, options.y_axis, check=check)
 
 
@@ -62,13 +63,15 @@ def open_shapes(
     *,
     gaps: bool = False,
     check: bool = True,
+    head: bool = False,
 ) -> ShapeSource:
     """Open files of shapes in any format as one source, checked as `open_landmarks` does.
 
     Landmarks are matched by name and stand in the order of the first file. With `gaps` a landmark
     of an item may be unknown, NaN, and may lack its row in CSV.
     """
-    return Source(_open_all(SHAPES, paths, options, gaps=gaps, check=check), check=check)
+    files = _open_all(SHAPES, paths, options, gaps=gaps, check=check, only_head=head)
+    return Source(files, check=check)
 
 
 def open_results(
@@ -149,7 +152,8 @@ class SourceFile(Generic[Record]):
     """One file of a source: `head` has all but the items, `read` returns those of some rows.
 
     texts reads the dataset item or sequence, block by block; `place` names a row of a dataset in
-    messages; y_axis is None where the file does not say it.
+    messages; y_axis is None where the file does not say it; share, of all items, those that were
+    read.
     """
 
     name: str
@@ -161,6 +165,7 @@ class SourceFile(Generic[Record]):
     close: Callable[[], None] = lambda: None
     notes: tuple[str, ...] = ()
     y_axis: Direction | None = None
+    share: float = 1.0
 
     @classmethod
     def of(cls, name: str, records: Record, place: Place | None = None, **stated: Any) -> Self:
@@ -197,7 +202,8 @@ class Source(Generic[Record]):
     """The items of one or more files; a context manager, which closes the files.
 
     `head` has all but the items: their landmarks, unit, columns; `count` is how many items there
-    are; `notes` are warnings about what was left out of the files.
+    are, `estimate` how many the files have if only their first ones were read; `notes` are warnings
+    about what was left out of the files.
     """
 
     def __init__(
@@ -216,6 +222,7 @@ class Source(Generic[Record]):
         try:
             self._files = _make_unique(files) if check else files
             self.count = sum(file.count for file in files)
+            self.estimate = round(sum(file.count / file.share for file in files))
             filled = [file for file in self._files if file.count] or self._files[:1]
             self.head: Record = merge_heads(filled, y_axis)  # what is empty may differ
         except BaseException:
@@ -355,6 +362,7 @@ def _open(
     *,
     gaps: bool = False,
     check: bool = True,
+    only_head: bool = False,
     **how: Any,
 ) -> SourceFile[Any]:
     """Open a file of any format; one that is read whole gives out parts of what was read."""
@@ -373,6 +381,11 @@ def _open(
     check_holds(path, form.kind, file_format)
     if file_format is HDF5:
         file = _open_hdf5(path, form, check=check, **how)
+    elif only_head:
+        from shapefit.io.tidy_table import read_csv_head
+
+        records, share = read_csv_head(path, form.kind)
+        file = SourceFile.of(name, records, share=share)
     else:
         from shapefit.io.tidy_table import Spool, read_csv
 

@@ -18,7 +18,7 @@ from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import input_error
 from shapefit.io.checks import input_problems
 from shapefit.io.csv_file import open_table
-from shapefit.io.inputs import check_fits, is_stream, source_name
+from shapefit.io.inputs import check_fits, is_stream, read_head, source_name
 from shapefit.io.records import KINDS, LandmarkSet, concatenate
 
 OPTIONAL = {
@@ -72,6 +72,20 @@ def read_csv(path: Path, kind: str, *, gaps: bool = False) -> tuple[Any, tuple[s
     for lines, cells in open_table(path)[1]:
         table.take(lines, cells)
     return table.records(), (f"{name}: {fault}, so that it was read whole: sort it by item",)
+
+
+def read_csv_head(path: Path, kind: str) -> tuple[Any, float]:
+    """Read the first rows of a table, and return them with their share of all rows."""
+    columns, blocks = open_table(path)
+    _check_columns(columns, kind, f"{source_name(path)}:1")
+    table = _Table(source_name(path), columns, kind, gaps=True)
+    for lines, cells in blocks:
+        table.take(lines, cells)
+        if table.size > MAX_IN_MEMORY // 4 and path.is_file():
+            text = read_head(path, 1 << 20)
+            rows = path.stat().st_size * text.count(b"\n") / len(text)
+            return table.records(), min(table.size / rows, 1.0)
+    return table.records(), 1.0
 
 
 def _check_columns(columns: Sequence[str], kind: str, place: str) -> None:
@@ -240,7 +254,7 @@ def _numbers_of(texts: Sequence[str], numbers: defaultdict[str, int]) -> NDArray
 class Spool:
     """Images of a large table in a temporary file without a name, in parts of some thousands.
 
-    Those of a part are read together; the last part that was read is rows_of_last.
+    Those of a part are read together; the last part that was read is kept.
     """
 
     def __init__(self) -> None:

@@ -113,9 +113,9 @@ def describe(
     if kind == "result":
         source = open_results(paths, OPTIONAL, check=False, old=True)
     elif kind == "landmarks":
-        source = open_landmarks(paths, options, check=False)
+        source = open_landmarks(paths, options, check=False, head=True)
     else:
-        source = open_shapes(paths, options, gaps=True, check=False)
+        source = open_shapes(paths, options, gaps=True, check=False, head=True)
     with source:
         head, items = source.head, describe_items(source, "shape" if kind == "shapes" else "image")
         if kind == "result":
@@ -132,10 +132,13 @@ def describe(
 def describe_items(source: Source[Any], noun: str) -> list[Line]:
     """Return how many items a file has, and what its first ones are like."""
     sample = source.first(FIRST_ITEMS)
-    part = "" if len(sample) == source.count else f" (of the first {len(sample):,})"
+    part = "" if len(sample) == source.estimate else f" (of the first {len(sample):,})"
+    number = f"{source.count:,}"
+    if source.estimate > source.count:
+        number = f"about {float(f'{source.estimate:.2g}'):,.0f}"
     names, sequences = sample.landmark_names, dict.fromkeys(filter(None, sample.sequences or ()))
     listed_names = f"{len(names)}: {abbreviate(names)}"
-    lines = [(f"{noun}s", f"{source.count:,}"), ("landmarks", listed_names)]
+    lines = [(f"{noun}s", number), ("landmarks", listed_names)]
     if sequences:
         rate = sample.frame_rate
         lines.append(("sequences", f"{len(sequences)}: {abbreviate(list(sequences))}{part}"))
