@@ -47,10 +47,6 @@ def equal_singular_values(rng: np.random.Generator) -> Arrays:
     return {"landmarks": landmarks, "atoms": atoms, "lam": 0.1}
 
 
-def visible(count: int, rng: np.random.Generator) -> np.ndarray:
-    return (np.argsort(rng.random((12, 12)), axis=1) < count).astype(float)
-
-
 def many_landmarks(rng: np.random.Generator) -> Arrays:
     found = random(rng, n=1, k=20, p=256)
     shapes = np.tensordot(rng.standard_normal(5), found["atoms"][:5], 1)
@@ -90,8 +86,6 @@ CASES: dict[str, Callable[[np.random.Generator], Arrays]] = {
     "landmarks on one point": changed("landmarks", lambda w: np.full_like(w, 0.1)),
     "two landmarks": lambda rng: random(rng, p=2),
     "three landmarks": lambda rng: random(rng, p=3),
-    "two visible of twelve": lambda rng: {"weights": visible(2, rng)} | random(rng),
-    "three visible of twelve": lambda rng: {"weights": visible(3, rng)} | random(rng),
     "one atom": lambda rng: random(rng, k=1),
     "a thousand atoms": lambda rng: random(rng, n=3, k=1000, p=15),
     "many landmarks": many_landmarks,

@@ -94,12 +94,6 @@ class TestDeadAtoms:
         assert (np.diff(state.trace) < 0).all()
 
 
-@pytest.mark.parametrize("k", [0, 81])
-def test_more_atoms_than_shapes_are_refused(shapes, k):
-    with pytest.raises(ValueError, match="k must be"):
-        next(learn(shapes, k, BETA, iterations=1))
-
-
 LIMIT = 3.3
 """Between the norms of the best free atoms."""
 

@@ -57,8 +57,3 @@ def test_shrinkage_is_the_share_of_the_covariance_of_all():
         k = np.abs(found.means.reshape(2, 9) - cluster.mean(axis=0)).sum(axis=1).argmin()
         expected = (1 - shrinkage) * own + shrinkage * G
         np.testing.assert_allclose(found.covariances[k], expected, rtol=1e-6)
-
-
-def test_more_components_than_shapes_are_refused():
-    with pytest.raises(ValueError, match=r"within 1\.\.5"):
-        learn_mixture(np.zeros((5, 3, 4)), 6, shrinkage=0.1, floor=0.1)
