@@ -152,6 +152,8 @@ def _write_motion(name: str, target: Path, form: Layout, options: OutputOptions)
 
 ITEMS = ("landmarks", "shapes", "result")
 ALL = (*ITEMS, "dictionary")
+INDIVIDUALS = frozenset({"individual", "person", "person_id", "track", "track_id"})
+"""Columns of other tools' tables that have images in a column `item`, too."""
 
 HDF5 = FileFormat(
     "an HDF5 file",
@@ -165,7 +167,11 @@ CSV = FileFormat(
     "a CSV file",
     (".csv",),
     ITEMS,
-    lambda head: {"item", "landmark"} <= {*head.columns} and not head.named(*HDF5.suffixes),
+    lambda head: (
+        {"item", "landmark"} <= {*head.columns}
+        and INDIVIDUALS.isdisjoint(head.columns)
+        and not head.named(*HDF5.suffixes)
+    ),
     write=_write_csv,
     writes=ITEMS,
     states_y_axis=False,

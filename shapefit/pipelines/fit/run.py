@@ -11,8 +11,9 @@ from pathlib import Path
 from shapefit.config import FitConfig
 from shapefit.core import IMAGES_PER_BLOCK
 from shapefit.dictionary.model import Dictionary
+from shapefit.errors import input_error
 from shapefit.io import LandmarkSet, LandmarkSource, digests, open_landmarks, read_dictionary
-from shapefit.io.formats import find_target_format, result_writer
+from shapefit.io.formats import HDF5, find_target_format, result_writer
 from shapefit.io.options import OutputOptions
 from shapefit.lifting.trust import SIDES, cover_mirror_image
 from shapefit.pipelines.fit import prepare as preparing
@@ -108,6 +109,9 @@ def check_export(setup: Setup, result: Path) -> None:
     if export.folder is not None:
         from shapefit.pipelines.meshes import check_dictionary, check_mesh_folder
 
+        if find_target_format(result) is not HDF5:
+            fix = "write the result as HDF5, -o result.h5"
+            raise input_error("export.folder", "meshes are made of a result in HDF5", fix)
         check_mesh_folder(export.folder, "export.folder", result)
         refined = setup.lifter.camera is not None and method.perspective == "refined"
         mixes, place = method.mixes_atoms or refined, setup.config.dictionary
