@@ -167,12 +167,6 @@ class Method:
         """Whether it needs a prior over shapes."""
         return PRIOR in self.needs
 
-    def load(self) -> Run:
-        """Import the method and return it."""
-        module, _, name = self.run.partition(":")
-        run: Run = getattr(import_module(module), name)
-        return run
-
 
 ROBUST = ("l1", "sparse-error")
 
@@ -269,15 +263,11 @@ def choose_method(name: str, settings: Settings) -> Estimator:
     Without options it has its defaults.
     """
     method = METHODS[name]
-    run = method.load()
+    module, _, function = method.run.partition(":")
+    run: Run = getattr(import_module(module), function)
     if settings.options is None and method.options is not None:
         settings = replace(settings, options=method.options())
     return lambda problem: run(problem, settings)
-
-
-def those(is_so: Callable[[Method], object]) -> tuple[str, ...]:
-    """Return the names of the methods of which something is so."""
-    return tuple(name for name, method in METHODS.items() if is_so(method))
 
 
 def find_conflict(fit: Any) -> str | None:
@@ -289,17 +279,16 @@ def find_conflict(fit: Any) -> str | None:
     of_prior = [f"prior.{key}" for key in sorted(fit.prior.model_fields_set)]
     of_prior += ["skeleton"] if "skeleton" in given and fit.skeleton is not None else []
     of_prior += ["save.covariance"] if fit.save.covariance else []
-    priors = listed(f"`method: {each}`" for each in those(lambda other: other.has_prior))
-    able = those(lambda other: fit.loss in other.losses)[0]
     if fit.outliers in ROBUST and fit.loss not in method.losses:
-        found, fix = f"does not support `outliers: {fit.outliers}`", f"use `method: {able}`"
+        fault, fix = f"does not support `outliers: {fit.outliers}`", "use `method: convex`"
     elif fit.leave_one_out and method.has_prior:
-        found = "has a prior that was learned from all shapes; `leave_one_out` needs another"
+        fault = "has a prior that was learned from all shapes; `leave_one_out` needs another"
         fix = "use another method, or a dictionary learned without the shapes"
     elif fit.camera.model == "perspective" and method.perspective == "none":
-        found, fix = "has no perspective camera", "leave out `camera.focal`"
+        fault, fix = "has no perspective camera", "leave out `camera.focal`"
     elif of_prior and not method.has_prior:
-        found, fix = f"has no prior; `{of_prior[0]}` needs one", f"use {priors}, or leave it out"
+        priors = listed(f"`method: {key}`" for key, row in METHODS.items() if row.has_prior)
+        fault, fix = f"has no prior; `{of_prior[0]}` needs one", f"use {priors}, or leave it out"
     else:
         return None
-    return f"the method {name} {found}; {fix}"
+    return f"the method {name} {fault}; {fix}"

@@ -83,10 +83,10 @@ def refine_view(
     nearby = in_unit.normalised_as(norm)
     starts = find_rotations(old.rotation[rows], part, dictionary.mean_shape, options.threads)
     prior = mean_coefficients(dictionary.atoms, dictionary.mean_shape)
-    found = refine_perspective(
+    refined = refine_perspective(
         part.landmarks, part.weights, part.atoms, nearby, starts, prior, options
     )
-    c, R, t = found.coefficients, found.rotation, found.translation
+    c, R, t = refined.coefficients, refined.rotation, refined.translation
     S = combine(c, dictionary.atoms, R)
     depth = camera.sign * t[:, 2]
     scale = np.sqrt(in_unit.focal.prod(axis=1)) / depth
@@ -104,9 +104,9 @@ def refine_view(
         return every
 
     iterations, status = old.iterations.copy(), list(old.status)
-    iterations[rows] += found.rounds
+    iterations[rows] += refined.rounds
     failures = dict(lifting.failures)
-    for row, ending in zip(rows.tolist(), found.status, strict=True):
+    for row, ending in zip(rows.tolist(), refined.status, strict=True):
         status[row] = ending
         if ending in REASONS:
             failures[row] = REASONS[ending]
@@ -115,7 +115,7 @@ def refine_view(
         shapes=among_all(S),
         translation=among_all((origin - norm.centroid) / norm.scale[:, None]),
         rotation=among_all(R),
-        objective=among_all(found.objective),
+        objective=among_all(refined.objective),
         residual=among_all(fit_translation(part, shown, np.zeros((len(rows), 2))).residual),
         iterations=iterations,
         status=tuple(status),
@@ -139,14 +139,13 @@ def refine_view(
     )
 
 
-def find_rotations(known: Floats, problem: Problem, mean_shape: Floats, threads: int) -> Floats:
-    """Rotations (m, 3, 3) as known; where they are nan, those of the posed mean shape (3, p)."""
-    unknown = np.flatnonzero(~np.isfinite(known).all(axis=(1, 2)))
-    if not len(unknown):
-        return known
-    pose = find_pose(problem.take(unknown), mean_shape, threads=threads)
-    R = known.copy()
-    R[unknown] = np.where((pose.size > 0)[:, None, None], pose.rotation, np.eye(3))
+def find_rotations(stated: Floats, problem: Problem, mean_shape: Floats, threads: int) -> Floats:
+    """Rotations (m, 3, 3) as stated; where they are nan, those of the posed mean shape (3, p)."""
+    R = stated.copy()
+    unknown = np.flatnonzero(~np.isfinite(R).all(axis=(1, 2)))
+    if len(unknown):
+        pose = find_pose(problem.take(unknown), mean_shape, threads=threads)
+        R[unknown] = np.where((pose.size > 0)[:, None, None], pose.rotation, np.eye(3))
     return R
 
 
