@@ -444,11 +444,12 @@ def run_pipeline(command: str, config: Any) -> Iterator[Result]:
         case "view":
             from shapefit.pipelines.view.run import run
         case _:
-            from shapefit.config.paths import find_dictionaries
             from shapefit.pipelines.verify import Request, run
 
             path = Path(config.dictionary)
-            if not path.is_file():
+            if not path.is_file():  # the schemas of configs take long to import
+                from shapefit.config.paths import find_dictionaries
+
                 path = find_dictionaries().get(config.dictionary, path)
             config = Request(Path(config.result), path, tuple(map(Path, config.landmarks)))
     return run(config)

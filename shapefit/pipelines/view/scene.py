@@ -83,6 +83,10 @@ def make_scene(config: ViewConfig) -> dict[str, Any]:
     )
     if results and observed is None:
         notes.append("The results hold no observed landmarks; add the landmark file to see them.")
+    given = [one.rows >= 0 for one in contents if one.role == "landmarks"]
+    shown = [(one.rows >= 0) & np.any(given, axis=0) for one in results if given]
+    if shown and not np.any(shown):
+        notes.append("No shape matches the landmarks: give those that the results were fitted to.")
     if not edges and not meshed:
         text = "No edges are known, so landmarks are points; -d DICT.h5 or --truth may have them."
         notes.append(text)

@@ -70,6 +70,12 @@ def test_bones_are_known_by_most_of_the_names(desk, made_dictionary, names, join
     assert ("No edges are known" in made.notes) == (not joined)
 
 
+def test_landmarks_of_other_items_than_the_shapes_are_warned_of(desk):
+    result, text = desk.result(), "No shape matches the landmarks"
+    assert text not in desk.view(result, desk.landmarks()).notes
+    assert text in desk.view(result, desk.landmarks(items=tuple("uvwxyz"))).notes
+
+
 def test_items_and_landmarks_of_several_results_are_matched_by_name(desk):
     shapes = desk.shapes(2)
     one = desk.result("one.h5", n=2, shapes=shapes)
