@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -28,8 +29,8 @@ CENTRED = 0.1
 """Share of coordinates below 0 from which on they are no fractions of an image, but points about
 a centre in a unit of their own."""
 
-MAX_IN_MEMORY = 1 << 21
-"""Landmarks of all HDF5 files together that are read at once, some 50 MB; of more, by batches."""
+MAX_OPEN = 64
+"""HDF5 files that are open together; of more, each is open only while it is read."""
 
 BLOCK = 1 << 12
 """Images that are looked at, to see whether landmarks are fractions of an image."""
@@ -380,7 +381,7 @@ def _open(
         return _checked(SourceFile.of(name, records, notes=notes), form, gaps=True)
     check_holds(path, form.kind, file_format)
     if file_format is HDF5:
-        file = _open_hdf5(path, form, check=check, **how)
+        file = _open_hdf5(path, form, **how)
     elif only_head:
         from shapefit.io.tidy_table import read_csv_head
 
@@ -414,52 +415,50 @@ def _open_hdf5(
     form: Layout,
     *,
     share: int,
-    check: bool = True,
     rows: slice | None = None,
     without: Collection[str] = (),
     old: bool = False,
 ) -> SourceFile[Any]:
     """Open a file of ours, or a part of its rows, but for some datasets.
 
-    Few landmarks are read at once. Of more the file is read by batches; where it has to `share`
-    with others, it is open only between its first and its last row.
+    It stays open, unless it is one of more than MAX_OPEN that `share` a source.
     """
     from shapefit.io.hdf5_records import Hdf5Reader
 
     reader = Hdf5Reader(path, form, old=old)
-    stated, p = reader.stated["y_axis"], len(reader.landmark_names)
     start, stop, _ = (rows or slice(None)).indices(reader.count)
 
-    def opened() -> Hdf5Reader:
+    @contextmanager
+    def opened() -> Iterator[Hdf5Reader]:
         nonlocal reader
         if not reader.root:
             reader = Hdf5Reader(path, form, old=old)
-        return reader
+        try:
+            yield reader
+        finally:
+            if share > MAX_OPEN:
+                reader.close()
 
     def read(part: slice) -> Any:
-        rows = slice(start + part.start, start + part.stop)
-        records = opened().records(rows, without)
-        if share > 1 and rows.stop >= stop:
-            reader.close()
-        return records
+        with opened() as file:
+            return file.records(slice(start + part.start, start + part.stop), without)
 
     def texts(name: str) -> Iterator[Sequence[str]]:
         for first in range(start, stop, BLOCK):
-            yield opened().read(name, slice(first, min(first + BLOCK, stop)))
+            with opened() as file:
+                block = file.read(name, slice(first, min(first + BLOCK, stop)))
+            yield block
 
     def place(name: str, row: int) -> str:
         return f"{path}:/{name}[{start + row}]"
 
+    stated = reader.stated["y_axis"]
+    close: Callable[[], None] = lambda: reader.close()  # noqa: E731 the one that is open then
     try:
-        if check and form is LANDMARKS and (stop - start) * p <= MAX_IN_MEMORY // share:
-            records = read(slice(0, stop - start))
-            reader.close()
-            return SourceFile.of(str(path), records, place, y_axis=stated)
         head = read(slice(0, 0))
     except BaseException:
-        reader.close()
+        close()
         raise
-    close = lambda: reader.close()  # noqa: E731 the one that is open then
     return SourceFile(str(path), head, stop - start, read, texts, place, close, y_axis=stated)
 
 

@@ -296,10 +296,7 @@ def test_datasets_that_are_wrong(request, problems, edit, kind, datasets, lines)
         assert wanted in ("*", line.removeprefix(f"{path}:/").replace(str(path), "{path}"))
 
 
-def test_faults_far_into_the_file_are_named_by_their_row(
-    tmp_path, problems, monkeypatch, landmarks, edit
-):
-    monkeypatch.setattr("shapefit.io.source.MAX_IN_MEMORY", 0)
+def test_faults_far_into_the_file_are_named_by_their_row(tmp_path, problems, landmarks, edit):
     bad = landmarks.landmarks.copy()
     bad[4, 0, 3] = np.inf
     items = (*landmarks.items[:3], "", "image 1")

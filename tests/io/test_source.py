@@ -117,12 +117,12 @@ def test_files_without_sequences_units_edges_or_shapes_go_with_others(tmp_path, 
 # Landmarks
 
 
-@pytest.mark.parametrize("in_memory", [0, 1 << 21])
+@pytest.mark.parametrize("together", [0, 64])
 @pytest.mark.parametrize("by_file", [False, True])
 def test_batches_run_over_the_ends_of_files_unless_asked(
-    tmp_path, landmarks, same, monkeypatch, by_file, in_memory
+    tmp_path, landmarks, same, monkeypatch, by_file, together
 ):
-    monkeypatch.setattr("shapefit.io.source.MAX_IN_MEMORY", in_memory)
+    monkeypatch.setattr("shapefit.io.source.MAX_OPEN", together)
     parts = (slice(0, 1), slice(1, 1), slice(1, 4), slice(4, 5))
     paths = [tmp_path / f"{rows}.h5" for rows in parts]
     for path, rows in zip(paths, parts, strict=True):
