@@ -64,7 +64,11 @@ class _Items:
         columns = {k: v for k, v in given.items() if k in layout.all and k not in NOT_COLUMNS}
         free = free_names(self.extras, {"item", "sequence", "landmark_names", *columns})
         extras = {free[name]: np.asarray(value) for name, value in self.extras.items()}
-        whole = {name: v for name, v in extras.items() if v.shape[:1] != (n,)}
+        whole = {
+            name: v
+            for name, v in extras.items()
+            if v.shape[:1] != (n,) and name not in layout.datasets
+        }
         columns = {k: v for k, v in extras.items() if k not in whole} | columns
         columns, whole = _transposed(columns, layout), _transposed(whole, layout)
         return self.RECORD(**plain, columns=columns, whole=whole)

@@ -62,12 +62,14 @@ def storage_errors(
 ) -> Iterator[None]:
     """Turn errors of these numbers, by default of the disk, into InputErrors at `target`.
 
-    `numbers` = None stands for all of them.
+    `numbers` = None stands for all of them; those of permission always count of a temporary.
     """
     try:
         yield
     except OSError as error:
-        if numbers is not None and error.errno not in numbers:
+        temporary = error.filename is None or PARTIAL in str(error.filename)
+        allowed = temporary and error.errno in OF_PERMISSION
+        if numbers is not None and error.errno not in numbers and not allowed:
             raise
         fix = "choose another name, or another folder"
         if error.errno in OF_THE_DISK:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import errno
 import math
 import os
+import re
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -263,6 +264,7 @@ def hdf5_output(target: Path, form: Layout) -> Iterator[Hdf5Writer]:
     with (
         atomic_path(target) as path,
         storage_errors(target, None),
+        _system_errors(),
         _disk_space(path) as reserve,
         h5py.File(path, "w", libver=LIBVER, rdcc_nbytes=4 * CHUNK_BYTES, locking=False) as file,
     ):
@@ -276,7 +278,8 @@ class Hdf5Writer(RecordWriter[Any]):
 
     Datasets per item are chunked and extended along their first axis, what is not per item comes
     from the first record; `attributes` become root attributes at the end, those of the records
-    too. Texts per item are held until then, when their greatest length is known.
+    too. Texts per item are held until then, when their greatest length is known. Datasets stay open
+    to the end: what HDF5 cannot write when one of them is closed by itself is no error.
     """
 
     def __init__(self, file: Any, form: Layout, reserve: Callable[[int], None]) -> None:
@@ -286,6 +289,7 @@ class Hdf5Writer(RecordWriter[Any]):
         self._whole: dict[str, Array] = {}
         self._shapes: dict[str, tuple[int, ...]] = {}
         self._texts: dict[str, list[Array]] = {}
+        self._open: dict[str, h5py.Dataset] = {}
 
     def append(self, record: Any) -> None:
         """Write the items of a record after those that are there.
@@ -316,9 +320,9 @@ class Hdf5Writer(RecordWriter[Any]):
             stored = _encoded(values) if values.dtype.kind in "OU" else values
             self._reserve(2 * stored.nbytes)
             checked = stored.size > 0 and stored.ndim > 0  # HDF5 has no checksum for one value
-            self._file.create_dataset(name, data=stored, fletcher32=checked)
+            self._open[name] = self._file.create_dataset(name, data=stored, fletcher32=checked)
         for name in self._shapes.keys() - self._form.datasets.keys():
-            self._file[name].attrs[PER_ITEM] = True
+            self._open[name].attrs[PER_ITEM] = True
         stated: dict[str, Any] = {"format": self._form.name, "version": VERSION}
         for name in ("unit", "y_axis", "frame_rate"):
             stated[name] = getattr(self._first, name, None)
@@ -328,16 +332,18 @@ class Hdf5Writer(RecordWriter[Any]):
         for name, value in stated.items():
             if value is not None:
                 self._file.attrs[name] = value
+        self._file.flush()
+        self._open.clear()
 
     def _write_rows(self, name: str, values: Array) -> None:
         """Write rows of a dataset behind those that are there, in chunks of a power of two."""
         rest = values.shape[1:]
-        if name not in self._file:
+        if name not in self._open:
             row_bytes = max(values.itemsize * math.prod(rest), 1)
             rows = max(1, min(CHUNK_BYTES // row_bytes, max(len(values), MIN_CHUNK_ROWS)))
             rows = 1 << (rows.bit_length() - 1)
             self._reserve(rows * row_bytes)
-            self._file.create_dataset(
+            self._open[name] = self._file.create_dataset(
                 name,
                 shape=(0, *rest),
                 maxshape=(None, *(size or None for size in rest)),
@@ -346,7 +352,7 @@ class Hdf5Writer(RecordWriter[Any]):
                 fletcher32=True,
             )
         self._reserve(values.nbytes)
-        dataset = self._file[name]
+        dataset = self._open[name]
         start = len(dataset)
         dataset.resize(start + len(values), axis=0)
         dataset[start:] = values
@@ -396,3 +402,15 @@ def _disk_space(path: Path) -> Iterator[Callable[[int], None]]:
         size = int.from_bytes(os.pread(file.fileno(), 8, END_OF_FILE), "little")
         if os.fstat(file.fileno()).st_size > size > END_OF_FILE:
             os.ftruncate(file.fileno(), size)
+
+
+@contextmanager
+def _system_errors() -> Iterator[None]:
+    """Turn what HDF5 raises where the system refuses to write into the OSError behind it."""
+    try:
+        yield
+    except (OSError, RuntimeError) as error:
+        number = re.search(r"errno = (\d+)", str(error))
+        if number is None:
+            raise
+        raise OSError(int(number[1]), os.strerror(int(number[1]))) from error

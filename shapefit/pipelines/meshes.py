@@ -14,7 +14,7 @@ from shapefit.arrays import Flags, Floats, Integers
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import counted, input_error
 from shapefit.io import ResultSet
-from shapefit.io.atomic import check_folder, file_stem, staged_files
+from shapefit.io.atomic import check_folder, file_stem, staged_files, storage_errors
 from shapefit.meshes.dense import metric_scale
 
 MeshFormat = Literal["obj", "ply", "glb"]
@@ -49,7 +49,9 @@ class MeshWriter:
                 stem = file_stem(item)
                 path = self._staging / stem.with_name(f"{stem.name}.{self._format}")
                 path.parent.mkdir(parents=True, exist_ok=True)
-                path.write_bytes(mesh_file(points, self._dictionary.mesh_faces, self._format))
+                mesh = mesh_file(points, self._dictionary.mesh_faces, self._format)
+                with storage_errors(self._folder, None):
+                    path.write_bytes(mesh)
                 self.count += 1
 
     @property

@@ -132,4 +132,4 @@ def test_what_fit_writes_can_be_judged(walk, ending, capsys):
     told = capsys.readouterr()
     assert "80 images" in told.err + told.out
     (warning,) = [line for line in told.err.splitlines() if line.startswith("Warning")]
-    assert warning.endswith("holds shapes alone: no camera, rotation and reprojection")
+    assert "no camera, rotation and reprojection without" in warning
