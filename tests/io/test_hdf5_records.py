@@ -365,7 +365,7 @@ def test_no_damage_to_datasets_is_read_in_silence(request, tmp_path, name, kind)
 
 
 def read_in_a_process(read, path) -> str:
-    """Return the values, or "refused", also where libhdf5 loops for ever, as some damage lets it."""
+    """Return the values, or "refused", also where damage lets libhdf5 loop for ever."""
     fork = multiprocessing.get_context("fork")
     receiver, sender = fork.Pipe(duplex=False)
 
