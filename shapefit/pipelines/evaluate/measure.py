@@ -17,6 +17,8 @@ from shapefit.evaluation import metrics as m
 from shapefit.evaluation.calibration import ErrorBars, find_squares
 from shapefit.evaluation.metrics import FEWEST_LANDMARKS, METRICS, in_blocks, similarity
 from shapefit.evaluation.report import ALL, NORMALISED, Kind
+from shapefit.geometry.procrustes import similarity_transform
+from shapefit.geometry.rotations import rotation_angle
 from shapefit.io.layout import INPUT_CORRELATION, INPUT_NAMES, INPUT_SD, INPUT_SHAPES, RESULTS
 from shapefit.io.names import match_landmarks
 from shapefit.io.records import ResultSet, ShapeSet
@@ -29,8 +31,10 @@ OF_JOINTS |= {"shape_correlation", "shape_covariance"}
 """Datasets with an axis of the joints, which results have for these but not for the input."""
 MIRRORED = 0.75
 """Of the error, below which the error against the mirrored truth means a left-handed truth."""
+FRAMES_DIFFER = 45.0
+"""Degrees by which rotations are off more than twice as much as the shapes themselves."""
 SAMPLE = 500
-"""Images by which a mirrored truth is recognised."""
+"""Images by which a mirrored truth, and one in another frame, are recognised."""
 
 Indices = NDArray[np.intp]
 Arrays = Mapping[str, Any]
@@ -89,9 +93,9 @@ def measure(file: Path, results: ResultSet, truth: ShapeSet, config: EvalConfig)
         rotation = find_dataset(file, results, "true_rotation")
     arrays = {"estimate": estimate, "truth": true, "true_rotation": rotation}
     with np.errstate(all="ignore"):  # overflow is not an error to report
-        notes += _handedness(estimate, true)
+        metrics, frames = _comparable(config.metrics, arrays, results.rotation)
         scale = in_blocks(m.truth_scale, estimate, true)
-        errors, lacking = _errors(file, results, config.metrics, arrays, scale, truth.unit)
+        errors, lacking = _errors(file, results, metrics, arrays, scale, truth.unit)
         bars = _error_bars(file, results, columns, arrays, scale, truth.unit)
     if bars is None and results.shape_sd is not None:
         lacking.append("the error bars are not compared, without `true_rotation` or `truth_frame`")
@@ -113,7 +117,7 @@ def measure(file: Path, results: ResultSet, truth: ShapeSet, config: EvalConfig)
         sequences=tuple("" if name is None else name or ALL for name in sequences),
         errors=errors,
         failures=failures,
-        warnings=tuple(f"{file}: {text}" for text in (*notes, *lacking)),
+        warnings=tuple(f"{file}: {text}" for text in (*notes, *frames, *lacking)),
         bars=bars,
         objective=results.objective,
     )
@@ -198,17 +202,39 @@ def find_dataset(file: Path, results: ResultSet, name: str) -> Any:
     return np.swapaxes(numbers, 1, 2) if is_points else numbers
 
 
-def _handedness(estimate: Floats, truth: Floats) -> list[str]:
-    """Say where the truth fits much better when it is mirrored."""
-    some = list(subsample(SAMPLE, len(estimate)))
+def _comparable(
+    metrics: Sequence[str], arrays: Arrays, rotation: Floats | None
+) -> tuple[Sequence[str], list[str]]:
+    """Return the metrics without `rotation` where dictionary and truth have different frames.
+
+    Then shapes fit the truth with a small rotation, and their stated rotations (n, 3, 3) are far
+    from the true ones. And say so; and where the truth fits much better when it is mirrored.
+    """
+    some = list(subsample(SAMPLE, len(arrays["estimate"])))
+    e, x = arrays["estimate"][some], arrays["truth"][some]
     error, mirrored = (
-        float(np.median(np.nan_to_num(similarity(estimate[some], turned), nan=np.inf)))
-        for turned in (truth[some], truth[some] * [[-1.0], [1.0], [1.0]])
+        float(np.median(np.nan_to_num(similarity(e, x * [[sign], [1], [1]]), nan=np.inf)))
+        for sign in (1.0, -1.0)
     )
-    if not mirrored < MIRRORED * error < np.inf:
-        return []
-    text = f"the shapes fit the truth better when it is mirrored ({mirrored:.3g} for {error:.3g})"
-    return [f"{text}; is it left-handed? Change the sign of one of its axes"]
+    notes = []
+    if mirrored < MIRRORED * error < np.inf:
+        text = (
+            f"the shapes fit the truth better when it is mirrored ({mirrored:.3g} for {error:.3g})"
+        )
+        notes.append(f"{text}; is it left-handed? Change the sign of one of its axes")
+    if rotation is None or arrays["true_rotation"] is None:
+        return metrics, notes
+    stated, R = rotation[some], arrays["true_rotation"][some]
+    whole = np.isfinite(np.concatenate([e, x, R, stated], axis=2)).all(axis=(1, 2))
+    if "rotation" in metrics and whole.any():
+        turn = similarity_transform(e[whole], R[whole] @ x[whole]).rotation
+        shapes = float(np.median(rotation_angle(turn, np.eye(3))))
+        angle = float(np.median(rotation_angle(R[whole], stated[whole])))
+        if angle > 2 * shapes + FRAMES_DIFFER:
+            metrics = [metric for metric in metrics if metric != "rotation"]
+            text = f"no rotation: off by {angle:.0f} degrees, and the shapes by {shapes:.0f}"
+            notes.append(f"{text}: dictionary and truth have different frames")
+    return metrics, notes
 
 
 def _errors(

@@ -227,6 +227,17 @@ def test_a_mirrored_truth_is_named(results, truth):
     assert "left-handed" in warning
 
 
+def test_rotations_of_another_frame_are_not_measured(results, truth):
+    """The shapes are as in the truth, and the rotations say that they are not."""
+    quarter = rotation_about(np.array([1.0, 0, 0]), np.full(N, np.pi / 2))
+    R = results.rotation
+    found = measured(results.replaced(rotation=R @ quarter), truth)
+    assert ("rotation", "deg") not in found.errors
+    assert "no rotation: off by 90 degrees" in found.warnings[0]
+    wrong = results.replaced(rotation=quarter @ R, shapes=quarter @ results.shapes)
+    np.testing.assert_allclose(measured(wrong, truth).errors["rotation", "deg"], 90)
+
+
 def test_the_expected_error_is_set_beside_the_measured_one(results, truth):
     wanted = ["similarity", "expected"]
     column = np.array([5.0, *[10.0] * 5, np.nan])
