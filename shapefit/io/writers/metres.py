@@ -121,6 +121,9 @@ def _factor(
     height overrides both.
     """
     n, unit = len(records), records.unit
+    if options.unit and metres_in(unit) not in (None, metres_in(options.unit)):
+        problem = f"the shapes are in {unit}, not in {options.unit}"
+        raise input_error("unit", problem, "leave it out")
     unit = options.unit if options.unit and unit == UNKNOWN_UNIT else unit
     metres = metres_in(unit)
     factor, size = (None if metres is None else np.full(n, metres)), "the unit as given"

@@ -142,6 +142,13 @@ def test_pixels_are_never_written_as_lengths(scene, options, message):
         in_metres(scene.result.without([METRES_PER_UNIT]), options, "man.trc")
 
 
+def test_another_unit_than_the_file_states_is_refused(scene):
+    records = scene.result.replaced(unit="mm")
+    with pytest.raises(InputError, match="the shapes are in mm, not in m; leave it out"):
+        in_metres(records, OutputOptions(unit="m"), "man.trc")
+    in_metres(records, OutputOptions(unit="mm"), "man.trc")
+
+
 def test_a_world_in_millimetres_is_suspected(scene):
     far = 1000 * scene.result.columns["extrinsic_translation"]
     result = scene.result.replaced(extrinsic_translation=far)
