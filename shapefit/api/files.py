@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from shapefit import io
-from shapefit.api.records import Dictionary, Fit, Landmarks, Shapes
-from shapefit.api.tables import stated_height
+from shapefit.api.records import Dictionary, Fit, Landmarks, Shapes, stated_height
 from shapefit.config.paths import find_dictionaries
 from shapefit.errors import input_error, listed
 from shapefit.io.formats import find_target_format

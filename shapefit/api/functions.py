@@ -23,8 +23,8 @@ from shapefit.api.records import (
     Names,
     Shapes,
     unnamed,
+    warn,
 )
-from shapefit.api.tables import warn
 from shapefit.config import FitConfig, load_config
 from shapefit.dictionary import model
 from shapefit.errors import counted, input_error

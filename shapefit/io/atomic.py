@@ -67,8 +67,7 @@ def storage_errors(
     try:
         yield
     except OSError as error:
-        temporary = error.filename is None or PARTIAL in str(error.filename)
-        allowed = temporary and error.errno in OF_PERMISSION
+        allowed = PARTIAL in str(error.filename) and error.errno in OF_PERMISSION
         if numbers is not None and error.errno not in numbers and not allowed:
             raise
         fix = "choose another name, or another folder"

@@ -2,144 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, fields, replace
-from functools import partial
+from dataclasses import replace
 from hashlib import blake2b
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shapefit.arrays import Flags, Floats
-from shapefit.convex.problem import Loss
-from shapefit.convex.solver import solve_newton
-from shapefit.dictionary.mixture import widen
-from shapefit.dictionary.model import Dictionary
 from shapefit.errors import input_error
-from shapefit.geometry.pinhole import Camera
 from shapefit.io import LandmarkSet
 from shapefit.io.layout import LANDMARK_COVARIANCE
 from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
-from shapefit.lifting.lift import BETA, Group, Lifting, Program, fail_nonfinite, lift, merge
+from shapefit.lifting.lift import Group, Lifting, fail_nonfinite, lift, merge
 from shapefit.lifting.methods import (
-    METHODS,
     MIN_CONFIDENCE,
-    AlternationOptions,
-    Method,
-    PosteriorOptions,
-    Settings,
     choose_method,
 )
-from shapefit.pipelines.fit.camera import IMAGE_SIZE, camera_of, read_dataset
+from shapefit.pipelines.fit.camera import IMAGE_SIZE, read_dataset
+from shapefit.pipelines.fit.lifter import Lifter, settings_of
 from shapefit.pipelines.items import named_items
 from shapefit.threads import on_threads
 
 if TYPE_CHECKING:
-    from shapefit.config import FitConfig
+    pass
 
-RANSAC_THRESHOLD, DRAWS, MAX_ROUNDS = 0.25, 500, 100
-"""Of the search for outliers: residual of one in units of the size of the shape; triples drawn per
-image (2,000 change no figure of the cars); rounds per image."""
+DRAWS, MAX_ROUNDS = 500, 100
+"""Of the search for outliers: triples drawn per image (2,000 change no figure of the cars), and
+rounds per image."""
 
 BORDER = 0.01
 """Share of the image's size: so near to a side of it a detector leaves what it does not see."""
 
 LEAVE_ONE_OUT = "leave_one_out"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Lifter:
-    """A method and all that it needs beside the images; None stands for its own default.
-
-    camera is None for weak perspective; leave_one_out names the dataset of the atoms to do without.
-    """
-
-    method: str
-    dictionary: Dictionary
-    camera: Callable[[LandmarkSet], Camera] | None = None
-    program: Program = field(default_factory=lambda: Program(0.1))
-    noise: float | None = None
-    tolerance: float | None = None
-    residual_variance: float | None = None
-    posterior: PosteriorOptions = field(default_factory=PosteriorOptions)
-    prior_scale: float = 1.0
-    image_size: tuple[float, float] | None = None
-    min_confidence: float | None = None
-    signed: bool = False
-    outlier_threshold: float | None = None
-    leave_one_out: str | None = None
-    frame_rate: float | None = None
-    threads: int = 0
-
-    @property
-    def row(self) -> Method:
-        """The row of the table of methods."""
-        return METHODS[self.method]
-
-    @property
-    def variance(self) -> float:
-        """The residual variance: as given, of the dictionary, or the default."""
-        learned = self.dictionary.residual_variance
-        if self.residual_variance is not None or learned is None:
-            return self.residual_variance or self.posterior.residual_variance
-        return float(learned[0])
-
-
-def lifter_of(config: FitConfig, dictionary: Dictionary) -> Lifter:
-    """Return what lifts landmarks of a dictionary as a config says."""
-    names = (field.name for field in fields(Lifter) if hasattr(config, field.name))
-    shared: dict[str, Any] = {name: getattr(config, name) for name in names}
-    lam, prior = None if config.lam == "auto" else config.lam, config.prior
-    beta, noise = config.outlier_threshold or BETA, config.noise or 0.0
-    threshold = config.outlier_threshold or RANSAC_THRESHOLD
-    chosen = {
-        "dictionary": dictionary,
-        "camera": camera_of(config.camera),
-        "program": Program(lam, Loss(config.loss), beta, noise),
-        "residual_variance": prior.residual_variance,
-        "posterior": PosteriorOptions(bar_scale=prior.bar_scale, covariance=config.save.covariance),
-        "prior_scale": prior.scale or 1.0,
-        "outlier_threshold": threshold if config.searches_outliers else None,
-    }
-    return Lifter(**shared | chosen)
-
-
-def settings_of(lifter: Lifter) -> Settings:
-    """Return what the method needs besides the problem."""
-    method, dictionary = lifter.row, lifter.dictionary
-    of_program = tolerance = method.tolerance if lifter.tolerance is None else lifter.tolerance
-    if method.proves == "global":  # by another gap
-        of_program = min(tolerance, METHODS["convex"].tolerance)
-    needs = {need.name: getattr(dictionary, need.name) for need in method.needs}
-    options: Any = None if method.options is None else method.options()
-    if isinstance(options, AlternationOptions):
-        options = replace(options, signed=lifter.signed)
-    if method.has_prior:
-        from shapefit.lifting.posterior.p_value import moments_at
-
-        scale, table = lifter.prior_scale, dictionary.p_value_table
-        options = replace(lifter.posterior, residual_variance=lifter.variance)
-        needs["prior"] = widen(needs["prior"], scale)
-        needs["p_value_table"] = None if table is None else moments_at(table, scale)
-    return Settings(
-        solve=partial(solve_newton, tolerance=of_program, threads=lifter.threads),
-        mean_shape=dictionary.mean_shape,
-        needs=needs,
-        options=options,
-        tolerance=tolerance,
-        threads=lifter.threads,
-    )
-
-
-def check_needs(method: str, dictionary: Dictionary, place: str | Path) -> None:
-    """Raise InputError where the dictionary lacks what the method needs, or it is of no use."""
-    for need in METHODS[method].needs:
-        missing = getattr(dictionary, need.name) is None
-        fault = f"no `{need.name}`" if missing else need.useless(dictionary)
-        if fault:
-            raise input_error(place, f"{fault}: {need.what}", need.fix)
 
 
 def lift_landmarks(images: LandmarkSet, lifter: Lifter) -> Lifting:
@@ -241,6 +136,7 @@ def find_inliers(
     """
     from shapefit.lifting.consensus import find_consensus
 
+    assert lifter.outlier_threshold is not None
     seeds = [blake2b(f"0 {item}".encode(), digest_size=8).digest() for item in images.items]
     visible = weights > 0
     searched = visible.sum(axis=1) >= BEYOND_CHANCE
@@ -250,7 +146,7 @@ def find_inliers(
         np.where(searched[:, None], weights, 0.0),
         lifter.dictionary.mean_shape,
         np.frombuffer(b"".join(seeds), dtype="<u8").astype(np.uint64),
-        threshold=lifter.outlier_threshold or RANSAC_THRESHOLD,
+        threshold=lifter.outlier_threshold,
         draws=DRAWS,
         max_rounds=MAX_ROUNDS,
         threads=lifter.threads,

@@ -19,7 +19,8 @@ from shapefit.io.formats import find_target_format
 from shapefit.io.options import InputOptions, input_options
 from shapefit.lifting.methods import AUTO, METHODS, find_conflict
 from shapefit.pipelines.fit.camera import undistorted
-from shapefit.pipelines.fit.lift import Lifter, check_needs, check_omitted, lifter_of
+from shapefit.pipelines.fit.lift import check_omitted
+from shapefit.pipelines.fit.lifter import Lifter, check_needs, lifter_of
 from shapefit.pipelines.fit.sample import Estimates, estimate
 from shapefit.pipelines.joints import MEANS, Matched, match_names
 

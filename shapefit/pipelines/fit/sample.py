@@ -29,7 +29,8 @@ from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
 from shapefit.pipelines.fit import lift
 from shapefit.pipelines.fit.camera import choose_camera
-from shapefit.pipelines.fit.lift import Lifter, lift_images
+from shapefit.pipelines.fit.lift import lift_images
+from shapefit.pipelines.fit.lifter import Lifter, lifter_of, settings_of
 from shapefit.pipelines.joints import MEANS, Matched, match_names
 
 if TYPE_CHECKING:
@@ -92,7 +93,7 @@ def estimate(
     bars, of_report = read_bar_scale(config)
     bar_scale = config.prior.bar_scale  # a report judged bars that hidden landmarks had widened
     config = config.changed(camera=camera, prior=bars)
-    lifter = replace(lift.lifter_of(config, matched.dictionary), method="posterior")
+    lifter = replace(lifter_of(config, matched.dictionary), method="posterior")
     in_file = draw_sample(images.take(np.flatnonzero(lift.weigh(images, lifter).any(axis=1))))
     sample = matched.arrange(in_file, "landmarks")
 
@@ -287,7 +288,7 @@ def calibrate_bars(
 
     rows, estimate = evenly(len(sample), CALIBRATED), lifting.estimate
     inliers, problem = estimate.further["inlier_probability"], lifting.problem.take(rows)
-    settings = lift.settings_of(lifter)
+    settings = settings_of(lifter)
     calibration = calibrate(problem, estimate.rotation[rows], inliers[rows], settings)
     visible = np.isfinite(inliers).sum(axis=1)
     distance = trust.median_distance(estimate.further[trust.START_DISTANCE], visible)

@@ -22,7 +22,7 @@ from shapefit.lifting.sequences.smoothing import Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
 
 if TYPE_CHECKING:
-    from shapefit.pipelines.fit.lift import Lifter
+    from shapefit.pipelines.fit.lifter import Lifter
 
 USUAL = 0.02
 """Second difference of a coordinate from image to image where the dictionary knows none, in units

@@ -27,7 +27,8 @@ from shapefit.io.layout import EDGES
 from shapefit.io.records import concatenate
 from shapefit.lifting.lift import Lifting
 from shapefit.pipelines.fit.camera import find_camera, read_intrinsics
-from shapefit.pipelines.fit.lift import Lifter, check_needs, lift_images
+from shapefit.pipelines.fit.lift import lift_images
+from shapefit.pipelines.fit.lifter import Lifter, check_needs
 from shapefit.pipelines.fit.sample import mean_gain
 from shapefit.pipelines.learn_dict.from_3d import Learning, learn_from_shapes, number_of_components
 from shapefit.pipelines.learn_dict.training_shapes import place_of

@@ -172,7 +172,7 @@ class TestFailures:
 
     def test_what_is_not_optimal_is_counted(self, fit, dictionary, images, monkeypatch):
         two = partial(solve_newton, max_iterations=2)
-        monkeypatch.setattr("shapefit.pipelines.fit.lift.solve_newton", two)
+        monkeypatch.setattr("shapefit.pipelines.fit.lifter.solve_newton", two)
         _, outcomes = fit(dictionary, images, tolerance=1e-9)
         assert failures(outcomes) == {}
         assert texts(outcomes) == ["8 images not optimal"]
