@@ -23,6 +23,7 @@ Mark = TypeVar("Mark")
 
 
 def _as_tuples(value: Any) -> Any:
+    """Return lists (of lists ...) as tuples; all else as it is."""
     return tuple(_as_tuples(item) for item in value) if isinstance(value, list) else value
 
 

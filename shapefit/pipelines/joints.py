@@ -202,7 +202,7 @@ def find_markers(
 
 
 def named_as_joints(images: LandmarkSet, joints: Joints, place: str) -> LandmarkSet:
-    """Return the images with the landmarks that stand for joints named so, or their mean."""
+    """Rename landmarks to the joints that they stand for; several of one joint are averaged."""
     landmarks, confidence, weights = images.landmarks, images.confidence, images.weights()
     for several in (several for several in joints.markers.values() if len(several) > 1):
         columns = [images.landmark_names.index(name) for name in several]

@@ -91,7 +91,7 @@ def content_security_policy(style: str, script: str) -> str:
     )
 
 
-def words(texts: NDArray[Any] | None) -> dict[str, Any] | None:
+def encode_texts(texts: NDArray[Any] | None) -> dict[str, Any] | None:
     """Return texts (n,) as the different ones, and codes (n,) of those of the frames."""
     if texts is None:
         return None

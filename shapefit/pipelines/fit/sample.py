@@ -307,7 +307,7 @@ def check_names(
     dictionary: Dictionary,
     theta: Mapping[str, float],
 ) -> str:
-    """Return a warning where many images are doubtful, but not by the names of another skeleton."""
+    """Return a warning where many images are doubtful, and few by the names of another skeleton."""
     names, share, shares = in_file.landmark_names, doubtful_share(lifting), dict[str, float]()
     if len(in_file) < FEWEST or not share > DOUBTFUL:
         return ""

@@ -18,7 +18,7 @@ from shapefit.io.writers.motion import ANGLE_SD, ANGLES, angle_names
 from shapefit.lifting.methods import METHODS
 from shapefit.lifting.trust import REASONS
 from shapefit.pipelines.view.reading import POSE, Content
-from shapefit.viewer.page import blend, words
+from shapefit.viewer.page import blend, encode_texts
 
 CAMERA = ("camera_translation", "focal", "principal_point")
 """Datasets of a result that say how a camera sees its shapes in perspective."""
@@ -130,8 +130,8 @@ def _result_layer(content: Content, observed: Floats | None, truth: Content | No
         "pose": pose,
         "camera": camera,
         "perspective": in_camera,
-        "status": None if status is None or not status.any() else words(status),
-        "reasons": words(values.get(REASONS)),
+        "status": None if status is None or not status.any() else encode_texts(status),
+        "reasons": encode_texts(values.get(REASONS)),
         "measures": [*_angles(content), *_errors(content, observed, truth)],
     }
 
