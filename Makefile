@@ -10,8 +10,7 @@
 #   make arm64        compile the kernels for arm64 (needs g++-aarch64-linux-gnu)
 #   make fuzz         50,000 damaged files, configs and options, each in a separate process
 #   make mutants      300 small changes of the code, each with the tests that reach it; lists what survives
-#   make faults       every writing call fails with every error, 200 kills, and 200 of a cluster's
-#                     workers; outputs stay whole
+#   make faults       every writing call fails with every error, and 200 kills; outputs stay whole
 #   make pictures     photograph the pages of the demo for README and docs (needs chromium)
 #   make docs         write the generated pages of docs/
 #   make site         the pages as a site with search, in build/site/html; every link is checked
@@ -157,7 +156,7 @@ test-levels: $(ALL_READY)
 # Quick tests that reach each kernel. Python itself never frees all of its memory, so leaks are not
 # checked. -s shows the report.
 SANITIZED_TESTS := tests/core/test_arguments.py tests/convex tests/dictionary/test_coding.py tests/lifting/test_methods.py \
-    $(addprefix tests/lifting/,global_optimum outliers perspective posterior sequences shared_rotation)
+    $(addprefix tests/lifting/,global_optimum outliers perspective posterior sequences test_shared_rotation.py)
 SANITIZERS = $(shell for library in libasan.so libubsan.so libstdc++.so.6; do \
     $(CXX) -print-file-name=$$library; done)
 sanitize: $(ALL_READY)
@@ -193,7 +192,6 @@ mutants: $(READY)
 faults: $(ALL_READY)
 	$(BIN)/python -m tests.fuzz.faults
 	$(BIN)/python -m tests.fuzz.faults --kill 200
-	SHAPEFIT_KILLS=200 $(BIN)/python -m pytest -q tests/pipelines/partition/test_cluster_kills.py
 
 pictures: demo $(ALL_READY)
 	$(BIN)/python tools/page_pictures.py

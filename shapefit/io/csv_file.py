@@ -162,7 +162,13 @@ def csv_output(target: Path) -> Iterator[CsvWriter]:
     """Give a writer to standard output, for `-`, or to a file that appears on a clean exit."""
     if not is_stream(target):
         with atomic_path(target) as path, path.open("wb") as file:
-            writer = CsvWriter(file.write)
+
+            def write_file(data: bytes | memoryview) -> None:
+                with storage_errors(target, None):
+                    file.write(data)
+                    file.flush()
+
+            writer = CsvWriter(write_file)
             yield writer
             writer.check_begun()
         return

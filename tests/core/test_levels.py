@@ -16,7 +16,7 @@ QUICK = [
     "tests/convex/test_newton.py",
     "tests/convex/test_planted.py",
     "tests/dictionary/test_coding.py",
-    "tests/lifting/shared_rotation/test_synchronisation.py",
+    "tests/lifting/test_shared_rotation.py",
 ]
 
 

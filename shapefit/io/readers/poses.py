@@ -188,7 +188,7 @@ def require(condition: object, problem: str) -> None:
 
 def check_names(names: Sequence[str], what: str) -> None:
     """Raise ValueError for names that are empty or repeat."""
-    require(all(names), f"a {what} without a name")
+    require(all(isinstance(name, str) and name for name in names), f"a {what} without a name")
     twice = next((name for name, number in Counter(names).items() if number > 1), "")
     require(not twice, f"the {what} {twice!r} twice")
 

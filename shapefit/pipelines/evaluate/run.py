@@ -21,7 +21,7 @@ from shapefit.evaluation.plots import draw_errors
 from shapefit.evaluation.report import NORMALISED
 from shapefit.geometry.normalisation import LARGEST
 from shapefit.io import open_shapes
-from shapefit.io.atomic import check_folder, digests, staged_files
+from shapefit.io.atomic import check_folder, digests, staged_files, storage_errors
 from shapefit.io.detect import detect_format
 from shapefit.io.formats import check_holds
 from shapefit.io.layout import FRAME, OF_FILE
@@ -71,7 +71,7 @@ def run(config: EvalConfig) -> Iterator[Result]:
     texts["report.md"] = report.report_markdown(document, PLOT if config.plots else "")
     if config.plots:
         texts[PLOT] = _plot(document, methods)
-    with staged_files(config.output) as folder:
+    with staged_files(config.output) as folder, storage_errors(config.output, None):
         write_per_image(folder / "per_image.csv", methods)
         for name, text in texts.items():
             (folder / name).write_bytes(text.encode("utf-8", "xmlcharrefreplace"))
