@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+import numpy as np
 import pytest
 from shapefit.cli.main import run
 
@@ -116,9 +117,9 @@ def test_ten_thousand_frames_play_smoothly(view, project, tmp_path, open_page):
     few, n = read_results(walk), 10_000
     rows = [frame % 36 for frame in range(n)]
     long = few.take(rows).replaced(
-        items=tuple(map(str, range(n))), sequences=("walk",) * n, frame_rate=60.0,
-        per_item={**few.take(rows).per_item, "frame": list(range(n))},
+        items=tuple(map(str, range(n))), sequences=("walk",) * n, frame_rate=60.0
     )  # fmt: skip
+    long = long.with_columns({"frame": np.arange(n)})
     with result_writer(tmp_path / "long.h5") as writer:
         writer.append(long)
     page = open_page(view({"long": (tmp_path / "long.h5",)}).path)
