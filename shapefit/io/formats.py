@@ -152,8 +152,10 @@ def _write_motion(name: str, target: Path, form: Layout, options: OutputOptions)
 
 ITEMS = ("landmarks", "shapes", "result")
 ALL = (*ITEMS, "dictionary")
-INDIVIDUALS = frozenset({"individual", "person", "person_id", "track", "track_id"})
-"""Columns of other tools' tables that have images in a column `item`, too."""
+INDIVIDUALS = frozenset(
+    ["individual", "person", "person_id", "track", "track_id", "animal", "subject", "id"]
+)
+"""Columns of who is in an image, which tables of other tools have, and our CSV has not."""
 
 HDF5 = FileFormat(
     "an HDF5 file",

@@ -51,3 +51,13 @@ def test_json_that_is_not_of_a_detector(tmp_path, text, found):
     with pytest.raises(InputError) as error:
         detect_format(path)
     assert found in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("further", "name"),
+    [("", "csv"), (",confidence,sequence", "csv"), (",person_id", "table"), (",id", "table")],
+)
+def test_a_table_with_a_column_of_individuals_is_none_of_ours(tmp_path, further, name):
+    path = tmp_path / "landmarks.csv"
+    path.write_text(f"item,landmark,x,y{further}\n")
+    assert detect_format(path) is FORMATS[name]

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Floats
 from shapefit.errors import abbreviate, input_error, printable
 from shapefit.io.checks import warn_of_zeros
+from shapefit.io.formats import INDIVIDUALS
 from shapefit.io.layout import UNKNOWN_UNIT
 from shapefit.io.readers.poses import (
     FRACTION,
@@ -41,7 +42,7 @@ ROLES: Mapping[str, str] = {
         "item": "item image filename file file_name image_name image_id img",
         "frame": "frame frame_id frame_idx frame_index frame_number frame_no fnum",
         "sequence": "sequence video clip session port cam_id",
-        "individual": "individual person person_id track track_id animal subject id",
+        "individual": " ".join(INDIVIDUALS),
         "landmark": "landmark joint bodypart body_part keypoint part node marker landmark_name "
         "joint_name keypoint_name landmark_id joint_id keypoint_id landmark_index point_id",
         "x": "x x_px px img_loc_x",
