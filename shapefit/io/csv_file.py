@@ -9,18 +9,18 @@ from __future__ import annotations
 import csv
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from io import StringIO
 from itertools import chain, islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from shapefit import core
 from shapefit.arrays import Floats, Integers
 from shapefit.errors import input_error
-from shapefit.io.atomic import atomic_path, storage_errors
+from shapefit.io.atomic import OF_THE_DISK, atomic_path, storage_errors
 from shapefit.io.checks import input_problems
 from shapefit.io.inputs import is_stream, read_text_blocks, source_name
 from shapefit.io.options import RecordWriter, Summary
@@ -160,26 +160,21 @@ Y_UP = "y points up, which CSV cannot say: read the file with `y_axis=up`"
 @contextmanager
 def csv_output(target: Path) -> Iterator[CsvWriter]:
     """Give a writer to standard output, for `-`, or to a file that appears on a clean exit."""
-    if not is_stream(target):
-        with atomic_path(target) as path, path.open("wb") as file:
+    with ExitStack() as stack:
+        file: Any
+        if is_stream(target):
+            if sys.stdout is None:
+                raise input_error("standard output", "is closed", "name a file to write instead")
+            file, place, numbers = sys.stdout.buffer, Path("standard output"), OF_THE_DISK
+        else:
+            path = stack.enter_context(atomic_path(target))
+            file, place, numbers = stack.enter_context(path.open("wb")), target, None
 
-            def write_file(data: bytes | memoryview) -> None:
-                with storage_errors(target, None):
-                    file.write(data)
-                    file.flush()
+        def write(data: bytes | memoryview) -> None:
+            with storage_errors(place, numbers):
+                file.write(data)
+                file.flush()
 
-            writer = CsvWriter(write_file)
-            yield writer
-            writer.check_begun()
-        return
-    if sys.stdout is None:
-        raise input_error("standard output", "is closed", "name a file to write instead")
-
-    def write(data: bytes | memoryview) -> None:
-        sys.stdout.buffer.write(data)
-        sys.stdout.buffer.flush()
-
-    with storage_errors(Path("standard output")):
         writer = CsvWriter(write)
         yield writer
         writer.check_begun()

@@ -54,7 +54,7 @@ def open_landmarks(
     names to rename that no file has; for wrong values when they are read. Without `check` neither
     is looked for. With `head` only the first rows of CSV are read.
     """
-    files = _open_all(LANDMARKS, paths, options, rows=rows, check=check, only_head=head)
+    files = _open_all(LANDMARKS, paths, options, rows=rows, check=check, head=head)
     return Source(files, options.y_axis, check=check)
 
 
@@ -71,7 +71,7 @@ def open_shapes(
     Landmarks are matched by name and stand in the order of the first file. With `gaps` a landmark
     of an item may be unknown, NaN, and may lack its row in CSV.
     """
-    files = _open_all(SHAPES, paths, options, gaps=gaps, check=check, only_head=head)
+    files = _open_all(SHAPES, paths, options, gaps=gaps, check=check, head=head)
     return Source(files, check=check)
 
 
@@ -363,7 +363,7 @@ def _open(
     *,
     gaps: bool = False,
     check: bool = True,
-    only_head: bool = False,
+    head: bool = False,
     **how: Any,
 ) -> SourceFile[Any]:
     """Open a file of any format; one that is read whole gives out parts of what was read."""
@@ -382,7 +382,7 @@ def _open(
     check_holds(path, form.kind, file_format)
     if file_format is HDF5:
         file = _open_hdf5(path, form, **how)
-    elif only_head:
+    elif head:
         from shapefit.io.tidy_table import read_csv_head
 
         records, share = read_csv_head(path, form.kind)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from shapefit.arrays import Flags, Floats, Integers
 from shapefit.errors import input_error
 from shapefit.io.checks import input_problems
-from shapefit.io.csv_file import open_table
+from shapefit.io.csv_file import Block, open_table
 from shapefit.io.inputs import check_fits, is_stream, read_head, source_name
 from shapefit.io.records import KINDS, LandmarkSet, concatenate
 
@@ -50,9 +50,7 @@ def read_csv(path: Path, kind: str, *, gaps: bool = False) -> tuple[Any, tuple[s
     need all unless `gaps`. Raises InputError for the first wrong cells, by line.
     """
     name, spool = source_name(path), None
-    columns, blocks = open_table(path)
-    _check_columns(columns, kind, f"{name}:1")
-    table = _Table(name, columns, kind, gaps)
+    table, blocks = _begin(path, kind, gaps)
     for lines, cells in blocks:
         table.take(lines, cells)
         if kind == "landmarks" and table.size > MAX_IN_MEMORY:
@@ -68,17 +66,15 @@ def read_csv(path: Path, kind: str, *, gaps: bool = False) -> tuple[Any, tuple[s
     fault = "the rows of items do not stand together"
     if is_stream(path) or not path.is_file():
         raise input_error(name, fault, "sort them by item, or name the file itself")
-    table = _Table(name, columns, kind, gaps)
-    for lines, cells in open_table(path)[1]:
+    table, blocks = _begin(path, kind, gaps)
+    for lines, cells in blocks:
         table.take(lines, cells)
     return table.records(), (f"{name}: {fault}, so that it was read whole: sort it by item",)
 
 
 def read_csv_head(path: Path, kind: str) -> tuple[Any, float]:
     """Read the first rows of a table, and return them with their share of all rows."""
-    columns, blocks = open_table(path)
-    _check_columns(columns, kind, f"{source_name(path)}:1")
-    table = _Table(source_name(path), columns, kind, gaps=True)
+    table, blocks = _begin(path, kind, gaps=True)
     for lines, cells in blocks:
         table.take(lines, cells)
         if table.size > MAX_IN_MEMORY // 4 and path.is_file():
@@ -86,6 +82,13 @@ def read_csv_head(path: Path, kind: str) -> tuple[Any, float]:
             rows = path.stat().st_size * text.count(b"\n") / len(text)
             return table.records(), min(table.size / rows, 1.0)
     return table.records(), 1.0
+
+
+def _begin(path: Path, kind: str, gaps: bool) -> tuple[_Table, Iterator[Block]]:
+    """Return an empty table with the columns of a file, checked, and the blocks of its rows."""
+    name, (columns, blocks) = source_name(path), open_table(path)
+    _check_columns(columns, kind, f"{name}:1")
+    return _Table(name, columns, kind, gaps), blocks
 
 
 def _check_columns(columns: Sequence[str], kind: str, place: str) -> None:

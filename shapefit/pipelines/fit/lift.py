@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from hashlib import blake2b
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,17 +14,11 @@ from shapefit.io import LandmarkSet
 from shapefit.io.layout import LANDMARK_COVARIANCE
 from shapefit.lifting.degeneracy import BEYOND_CHANCE, find_degenerate
 from shapefit.lifting.lift import Group, Lifting, fail_nonfinite, lift, merge
-from shapefit.lifting.methods import (
-    MIN_CONFIDENCE,
-    choose_method,
-)
+from shapefit.lifting.methods import MIN_CONFIDENCE, choose_method
 from shapefit.pipelines.fit.camera import IMAGE_SIZE, read_dataset
 from shapefit.pipelines.fit.lifter import Lifter, settings_of
 from shapefit.pipelines.items import named_items
 from shapefit.threads import on_threads
-
-if TYPE_CHECKING:
-    pass
 
 DRAWS, MAX_ROUNDS = 500, 100
 """Of the search for outliers: triples drawn per image (2,000 change no figure of the cars), and

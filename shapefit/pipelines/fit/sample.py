@@ -27,10 +27,9 @@ from shapefit.io.skeletons import THETA, installed_skeletons
 from shapefit.lifting import trust
 from shapefit.lifting.lift import Lifting
 from shapefit.lifting.methods import METHODS
-from shapefit.pipelines.fit import lift
 from shapefit.pipelines.fit.camera import choose_camera
-from shapefit.pipelines.fit.lift import lift_images
-from shapefit.pipelines.fit.lifter import Lifter, lifter_of, settings_of
+from shapefit.pipelines.fit.lift import lift_images, weigh, with_p_values
+from shapefit.pipelines.fit.lifter import RATE, Lifter, lifter_of, settings_of
 from shapefit.pipelines.joints import MEANS, Matched, match_names
 
 if TYPE_CHECKING:
@@ -42,8 +41,8 @@ LARGEST, CALIBRATED, FEW, FEWEST = 96, 60, 24, 10
 FEWEST_VISIBLE, FEWEST_NAMES = 5, 4
 """Landmarks of an image of the sample (four fit almost any shape), and that names must give."""
 
-STEP, RATE = 0.5, 24.0
-"""Seconds between the two images of a pair; frames per second where no file states it."""
+STEP = 0.5
+"""Seconds between the two images of a pair."""
 
 STEPS = (-0.2, -0.1, 0.0, 0.1, 0.2)
 """Of the logarithm of a parameter, tried about its mean, and half of them about the best."""
@@ -94,7 +93,7 @@ def estimate(
     bar_scale = config.prior.bar_scale  # a report judged bars that hidden landmarks had widened
     config = config.changed(camera=camera, prior=bars)
     lifter = replace(lifter_of(config, matched.dictionary), method="posterior")
-    in_file = draw_sample(images.take(np.flatnonzero(lift.weigh(images, lifter).any(axis=1))))
+    in_file = draw_sample(images.take(np.flatnonzero(weigh(images, lifter).any(axis=1))))
     sample = matched.arrange(in_file, "landmarks")
 
     skeleton, of_skeleton = choose_skeleton(config.skeleton, matched, sample, lifter)
@@ -153,7 +152,7 @@ def draw_sample(images: LandmarkSet) -> LandmarkSet:
 
 def lift_sample(sample: LandmarkSet, lifter: Lifter) -> Lifting:
     """Lift a sample by the posterior, with p-values."""
-    return lift.with_p_values(lift_images(sample, lifter), lifter)
+    return with_p_values(lift_images(sample, lifter), lifter)
 
 
 def log_evidence(images: LandmarkSet, lifter: Lifter) -> Floats:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,9 +19,7 @@ from shapefit.lifting.sequences.clips import LONGEST, Motion, refine_lifting, sp
 from shapefit.lifting.sequences.exchanges import find_exchanges
 from shapefit.lifting.sequences.smoothing import Lengths
 from shapefit.lifting.sequences.through_camera import refine_through_camera
-
-if TYPE_CHECKING:
-    from shapefit.pipelines.fit.lifter import Lifter
+from shapefit.pipelines.fit.lifter import RATE, Lifter
 
 USUAL = 0.02
 """Second difference of a coordinate from image to image where the dictionary knows none, in units
@@ -30,9 +27,6 @@ of the size of the body: that of subject 86 at 24 Hz."""
 
 RIGID = 0.005
 """Deviation of a bone from its length that no data are more exact than, in the same units."""
-
-RATE = 24.0
-"""Frames a second where no file states it."""
 
 LIMBS = ({"hip", "knee"}, {"knee", "ankle"}, {"shoulder", "elbow"}, {"elbow", "wrist"})
 """Joints of people, but for their sides, between which limbs are."""
