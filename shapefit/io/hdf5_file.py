@@ -151,6 +151,9 @@ class Hdf5File:
             if size > MOST_COMPRESSED * present:
                 fault = f"of its {in_words(size)} the file holds {in_words(present)}"
                 raise self.fault(name, fault, "write its values, or make it smaller")
+            if size and not text and dataset.chunks and not dataset.id.get_storage_size():
+                # HDF5 takes long, and gigabytes, to go through many chunks that are not there
+                return np.full((count, *shape[1:]), dataset.fillvalue, dataset.dtype)
             values = dataset[rows]
             return _decoded(values) if text else values
 

@@ -127,7 +127,8 @@ def result_of(future: Future[Done], job: Job) -> Done:
     """Return the result of a job. Raises InputError where the scheduler or shapefit is missing."""
     try:
         return future.result()
-    except (futures.CancelledError, ModuleNotFoundError) as error:
+    except (futures.CancelledError, ModuleNotFoundError, ValueError) as error:
+        # distributed has a ValueError for a future that is lost; those of a job are its result
         fault = getattr(error, "msg", None) or "the scheduler is gone"
         fix = "start it, and workers with this version of shapefit; then run this command again"
         raise input_error("Dask", fault, fix) from None

@@ -177,12 +177,13 @@ def test_a_worker_of_another_version_ends_the_run(job):
     [
         (type("KilledWorker", (Exception,), {})(), "one worker after another died of it"),
         (ModuleNotFoundError("No module named 'shapefit'"), "Dask: No module named 'shapefit'; "),
+        (ValueError("not enough values to unpack (expected 3, got 2)"), "the scheduler is gone"),
     ],
 )
 def test_what_dask_raises_is_reported(job, error, text):
     future: Future = Future()
     future.set_exception(error)
-    if isinstance(error, ImportError):
+    if isinstance(error, ImportError | ValueError):
         with pytest.raises(InputError, match=text):
             result_of(future, job)
     else:
