@@ -22,8 +22,14 @@ import numpy as np
 from shapefit.dictionary.model import Dictionary
 from shapefit.errors import InputError, counted, input_error, parse_json
 from shapefit.geometry.pinhole import CAMERA_MATRIX
-from shapefit.io import LandmarkSet, ResultSet, digest, open_landmarks, read_dictionary
-from shapefit.io import match_landmarks as columns_by_name
+from shapefit.io import (
+    LandmarkSet,
+    ResultSet,
+    digest,
+    match_landmarks,
+    open_landmarks,
+    read_dictionary,
+)
 from shapefit.io.inputs import HDF5_SIGNATURE, begins_with, require_file
 from shapefit.io.options import input_options
 from shapefit.io.source import open_results
@@ -32,18 +38,11 @@ from shapefit.pipelines.fit.camera import DISTORTION, REMOVED, undistorted
 from shapefit.pipelines.joints import find_joints, named_as_joints
 from shapefit.pipelines.result import Failure, Result, unread
 from shapefit.threads import side_by_side
-from shapefit.verification.certificate import (
-    CERTIFICATE,
-    Claims,
-    Program,
-    check_certificate,
-    check_ranges,
-)
+from shapefit.verification import certificate
+from shapefit.verification.certificate import Claims, Program
 
 CHUNK = 512
 """Images that are checked together."""
-STREAM = "stream"
-"""Stands for the digest of what could not be read twice."""
 STRAIGHT = 1e-8
 """Of the largest coordinate by which landmarks without the distortion of a lens may be off."""
 ALWAYS = "shapes landmarks lambda scale translation rotation status objective"
@@ -53,16 +52,7 @@ POINTS |= {f"input_{name}" for name in ("shapes", "shape_sd", "shape_correlation
 """Datasets of a result with one point a row, in the file and maybe in memory, too."""
 CERTIFIED = ("convex", "convex+refine")
 """Methods with a certificate."""
-DEFAULTS: Mapping[str, tuple[Callable[[Any], Any], Any]] = {
-    "outliers": (str, "none"),
-    "outlier_threshold": (float, 0.1),
-    "tolerance": (float, 1e-6),
-}
-"""Keys that say which program it is."""
 FIX = "give a result that `shapefit fit` wrote to a name in .h5"
-
-Digests = Callable[[Path], str]
-Chunks = Callable[[int], Iterator[LandmarkSet]]
 
 
 class Request(NamedTuple):
@@ -78,7 +68,7 @@ class Part(NamedTuple):
 
     file: Path
     inputs: Sequence[str] | None = None
-    rows: tuple[int, int] | None = None
+    rows: slice | None = None
 
 
 class Statement(NamedTuple):
@@ -99,14 +89,13 @@ def run(request: Request) -> Generator[Result, None, None]:
     dictionary or the landmarks; for a folder only where that is so of every part.
     """
     parts, wrong, listed = find_parts(request.result)
-    dictionary, digests = read_dictionary(request.dictionary), cache(digest)
+    dictionary = read_dictionary(request.dictionary)
     tally = Counter(images=0, certified=0, false=0, empty=0, files=len(wrong), unread=0)
-    methods: dict[str, Statement] = {}
     yield Result(failures=tuple(wrong))
-    errors: list[InputError] = []
+    fits, errors, digest_of = list[Statement](), list[InputError](), cache(digest)
     for part in parts:
         try:
-            yield from verify_part(part, request, dictionary, tally, methods, digests)
+            yield from verify_part(part, request, dictionary, tally, fits, digest_of)
         except InputError as error:
             errors.append(error)
             if len(errors) == len(parts):
@@ -114,13 +103,12 @@ def run(request: Request) -> Generator[Result, None, None]:
             tally["files"] += 1
             yield Result(failures=(unread(part.file, error),))
     tally["unread"] = max(listed - tally["images"], tally["unread"])
-    data = {**tally, "methods": [*methods], "landmarks": bool(request.landmarks)}
+    methods = [*dict.fromkeys(fit.config["method"] for fit in fits)]
+    data = {**tally, "methods": methods, "landmarks": bool(request.landmarks)}
+    note, none = "No image was checked.", (Failure(str(request.result), "holds no image"),)
     if tally["images"] + tally["unread"]:
-        note = "\n".join(summary_lines(tally, methods, bool(request.landmarks)))
-        yield Result(note=note, data=lambda: data)
-    else:
-        none = Failure(str(request.result), "holds no image")
-        yield Result(failures=(none,), note="No image was checked.", data=lambda: data)
+        note, none = "\n".join(summary_lines(tally, fits[0], bool(request.landmarks))), ()
+    yield Result(failures=none, note=note, data=lambda: data)
 
 
 def find_parts(result: Path) -> tuple[list[Part], list[Failure], int]:
@@ -132,21 +120,16 @@ def find_parts(result: Path) -> tuple[list[Part], list[Failure], int]:
     manifest = read_manifest(result)
     if manifest is None:
         raise input_error(result, "is a folder without results", "name a result in it")
-    parts, images = [], 0
-    unlisted = {path.name for path in result.glob("part-*")} - manifest.done.keys()
-    wrong = [Failure(name, "is not in the manifest") for name in sorted(unlisted)]
-    try:
-        for name, entry in manifest.done.items():
-            file, images = result / name, images + int(entry["images"])
-            rows = entry["rows"] and (int(entry["rows"][0]), int(entry["rows"][1]))
-            if file.is_file():
-                parts.append(Part(file, tuple(map(str, entry["inputs"])), rows))
-            if not file.is_file() or entry["bytes"] != file.stat().st_size:
-                wrong.append(Failure(name, "is not the file that `fit` wrote, by its size"))
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        fault = f"is not a manifest of results ({type(error).__name__}: {error})"
-        raise input_error(manifest.path, fault, "fit again") from None
-    return parts, wrong, images
+    unlisted = sorted({path.name for path in result.glob("part-*")} - manifest.done.keys())
+    wrong = [Failure(name, "is not in the manifest") for name in unlisted]
+    parts = []
+    for name, entry in manifest.done.items():
+        file, rows = result / name, entry["rows"]
+        if file.is_file():
+            parts.append(Part(file, entry["inputs"], rows and slice(*rows)))
+        if not file.is_file() or entry["bytes"] != file.stat().st_size:
+            wrong.append(Failure(name, "is not the file that `fit` wrote, by its size"))
+    return parts, wrong, sum(entry["images"] for entry in manifest.done.values())
 
 
 def verify_part(
@@ -154,35 +137,31 @@ def verify_part(
     request: Request,
     dictionary: Dictionary,
     tally: Counter[str],
-    methods: dict[str, Statement],
-    digests: Digests,
+    fits: list[Statement],
+    digest_of: Callable[[Path], str],
 ) -> Generator[Result, None, None]:
     """Verify the images of one file, and what it states of them all."""
     require_file(part.file)
     if not begins_with(part.file, HDF5_SIGNATURE):
         raise input_error(part.file, "is not HDF5, and tables hold points only", FIX)
     with open_results([part.file], (), check=False) as results:
-        head = results.head
-        fit = read_statement(head.attributes, part.file)
-        methods[fit.config["method"]] = fit
+        head, attributes = results.head, results.head.attributes
+        fit = read_statement(attributes, part.file)
+        fits.append(fit)
         missing = required(fit, head.columns) - head.columns.keys()
-        wrong = [(name, "is missing, and every such fit writes it") for name in sorted(missing)]
-        config = str(head.attributes["config"]).encode()
-        if hashlib.sha256(config).hexdigest() != head.attributes.get("config_digest"):
-            wrong.append(("config", "is not that of the fit, by its digest"))
-        named = fit.config["dictionary"]
-        needed = [named, *(fit.config["landmarks"] if part.rows is None else ())]
-        wrong += [(name, "has no digest") for name in needed if name not in fit.digests]
-        wrong += compare(request.dictionary, fit.digests.get(named), named, digests)
-        with open_images(part, head, fit, request.landmarks, digests) as (source, unlike):
-            failures = tuple(Failure(*reason) for reason in [*wrong, *unlike])
-            tally["files"] += len(failures)
-            yield Result(failures=failures)
-            if missing:
-                tally["unread"] += results.count
-                return
-            program = read_program(head, part.file, request.dictionary, dictionary, fit)
-            images = repeat(None) if source is None else source(results.count)
+        wrong = [Failure(name, "is missing, and every such fit writes it") for name in missing]
+        digest_of_config = hashlib.sha256(str(attributes["config"]).encode()).hexdigest()
+        if digest_of_config != attributes.get("config_digest"):
+            wrong.append(Failure("config", "is not that of the fit, by its digest"))
+        files, differing = match_files(part, fit, request, digest_of)
+        wrong += differing
+        tally["files"] += len(wrong)
+        yield Result(failures=tuple(wrong))
+        if missing:
+            tally["unread"] += results.count
+            return
+        program = read_program(head, part.file, request.dictionary, dictionary, fit)
+        with open_images(part, head, fit, files, results.count) as images:
             batches = results.batches(CHUNK) if results.count else iter(())
             pairs = zip(batches, images, strict=False)
             for result, claims, certified in side_by_side(
@@ -203,18 +182,19 @@ def read_statement(attributes: Mapping[str, Any], file: Path) -> Statement:
     """
     try:
         config, digests = (parse_json(attributes.get(name, "{}")) for name in ("config", "inputs"))
-        method, landmarks = config["method"], config["landmarks"]
-        landmarks = [landmarks] if isinstance(landmarks, str) else list(map(str, landmarks))
-        config |= {"dictionary": str(config["dictionary"]), "landmarks": landmarks}
-        for key, (type_of, default) in DEFAULTS.items():
-            value = config.get(key)
-            config[key] = default if value is None else type_of(value)
-        stored = config.get("save", {}).get("proof") is not False
-        stated = {str(name): str(value) for name, value in digests.items()}
-        if method not in METHODS:
-            raise ValueError(f"no method {method}")
-        return Statement(config, stated, stored and method in CERTIFIED)
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        beta = config["outlier_threshold"]
+        config |= {
+            "dictionary": str(config["dictionary"]),
+            "landmarks": [*map(str, config["landmarks"])],
+            "outliers": str(config["outliers"]),
+            "outlier_threshold": 0.1 if beta is None else float(beta),
+            "tolerance": float(config["tolerance"]),
+        }
+        certified = config["method"] in CERTIFIED and config["save"]["proof"] is not False
+        if config["method"] not in METHODS:
+            raise ValueError(f"no method {config['method']}")
+        return Statement(config, {name: str(text) for name, text in digests.items()}, certified)
+    except (KeyError, TypeError, ValueError) as error:
         wrong = f"{type(error).__name__}: {error}"
         fault = f"its attributes `config` and `inputs` are not those of a fit ({wrong[:200]})"
         raise input_error(file, fault, FIX) from None
@@ -228,10 +208,37 @@ def required(fit: Statement, columns: Mapping[str, Any]) -> set[str]:
     names += " omitted" if fit.config.get("leave_one_out") is not None else ""
     if fit.certified:
         prefix = "" if name == "convex" and not perspective else "convex_"
-        names += f" {' '.join(CERTIFICATE)} {prefix}objective {prefix}relative_gap"
-    bounded = name in ("convex", "global") or fit.config["outliers"] not in ROBUST
-    names += " relative_gap" if bounded and fit.certified and not perspective else ""
+        names += f" {certificate.CERTIFICATE} {prefix}objective {prefix}relative_gap"
+        bounded = not perspective and fit.config["outliers"] not in ROBUST
+        names += " relative_gap" if bounded else ""
     return set(names.split())
+
+
+def match_files(
+    part: Part, fit: Statement, request: Request, digest_of: Callable[[Path], str]
+) -> tuple[list[Path], list[Failure]]:
+    """Return the landmarks of a part as its fit read them, if all are given; and false digests.
+
+    A file is recognised by the digest that the fit states, else by its name, or it is the only one.
+    """
+    paths, wrong = {fit.config["dictionary"]: [request.dictionary]}, list[Failure]()
+    inputs, given = part.inputs or fit.config["landmarks"], request.landmarks
+    for name in inputs:
+        equal = [path for path in given if digest_of(path) == fit.digests.get(name)]
+        equal += [path for path in given if path.resolve().name == Path(name).name]
+        paths[name] = equal or [*given] * (len(inputs) == len(given) == 1)
+    for name, candidates in paths.items():
+        path, stated = next(iter(candidates), None), fit.digests.get(name)
+        if stated is None and part.rows is None:
+            wrong.append(Failure(name, "has no digest"))
+        elif path is None and given:
+            wrong.append(Failure(name, "is a file of the fit that is not given by --landmarks"))
+        elif path is not None and stated not in (None, "stream", digest_of(path)):
+            reason = f"is not the file of the fit, {name}: the digests differ"
+            reason += f" ({digest_of(path)[:12]}... and {stated[:12]}...)"
+            wrong.append(Failure(str(path), reason))
+    _, *landmarks = paths.values()
+    return [first for first, *_ in landmarks] if all(landmarks) else [], wrong
 
 
 def read_program(
@@ -239,7 +246,7 @@ def read_program(
 ) -> Program:
     """Return the convex program of a fit. Raises InputError for another dictionary."""
     names = f"{path}: landmark names"
-    columns = columns_by_name(dictionary.landmark_names, head.landmark_names, names)
+    columns = match_landmarks(dictionary.landmark_names, head.landmark_names, names)
     k = dictionary.k if head.coefficients is None else head.coefficients.shape[1]
     omits = fit.config.get("leave_one_out") is not None
     if k != dictionary.k or (omits and dictionary.atom_items is None):
@@ -258,6 +265,43 @@ def read_program(
     )
 
 
+@contextmanager
+def open_images(
+    part: Part, head: ResultSet, fit: Statement, files: Sequence[Path], count: int
+) -> Iterator[Iterator[LandmarkSet | None]]:
+    """Open the landmarks of a part as its fit read them; gives None for each without files."""
+    if not files:
+        yield repeat(None)
+        return
+    from shapefit.config.commands.input import LandmarksConfig
+
+    place, method = f"{', '.join(map(str, files))}: landmark names", METHODS[fit.config["method"]]
+    keys = LandmarksConfig.model_fields.keys() & fit.config.keys() - {"data"}
+    try:
+        reading = LandmarksConfig(**{key: fit.config[key] for key in keys})
+        calibrated = (fit.config.get("camera") or {}).get("calibration") is not None
+    except (ValueError, AttributeError):
+        raise input_error(part.file, "does not state how its landmarks were read", FIX) from None
+    # Without identity over frames detections are no motion.
+    options = input_options(reading, "motion" if method.sequences else "none")
+    with open_landmarks(files, options, part.rows) as source:
+        names = source.head.landmark_names
+        joints = find_joints(names, head.landmark_names, in_place=method.has_prior)
+        if source.count != count:
+            fault = f"{counted(source.count, 'image')} for {counted(count, 'result')}"
+            raise input_error(files[0], fault, f"give the landmarks of {part.file}")
+
+        def as_fitted(images: LandmarkSet) -> LandmarkSet:
+            if calibrated and REMOVED in head.columns:
+                lens = {CAMERA_MATRIX: head.columns[CAMERA_MATRIX]}
+                lens[DISTORTION] = head.columns[REMOVED]
+                images = images.with_columns(whole=lens)
+            images = named_as_joints(undistorted(images, None), joints, place)
+            return images.arrange(head.landmark_names, place, omit=True)
+
+        yield map(as_fitted, source.batches(CHUNK))
+
+
 def check_chunk(
     result: ResultSet, given: LandmarkSet | None, program: Program, certified: bool
 ) -> tuple[ResultSet, Claims, Any]:
@@ -268,13 +312,9 @@ def check_chunk(
     claims = Claims(np.isfinite(columns["scale"]) & np.isfinite(columns["shapes"]).all(axis=(1, 2)))
     bounded = np.zeros_like(claims.fitted)
     with np.errstate(all="ignore"):  # what is not finite holds for nothing
-        check_ranges(columns, claims)
+        certificate.check_ranges(columns, claims)
         if certified:
-            atom = columns["transform_atom"]
-            if ((atom < 0) | (atom >= len(program.atoms))).any():
-                fault = f"transforms of atoms that are not among the {len(program.atoms)}"
-                raise input_error("transform_atom", fault, "give the dictionary of the fit")
-            bounded = check_certificate(columns, program, claims)
+            bounded = certificate.check_certificate(columns, program, claims)
         if given is not None:
             check_landmarks(columns, result, given, claims)
     return result, claims, bounded & ~claims.missed
@@ -287,9 +327,8 @@ def check_landmarks(
     everyone, visible = np.ones_like(claims.fitted), given.visible()
     in_file, stated = np.where(visible[:, None], given.landmarks, np.nan), columns["landmarks"]
     off = np.where(np.isnan(stated) & np.isnan(in_file), 0.0, np.abs(stated - in_file))
-    allowed = (
-        STRAIGHT * np.nanmax(np.abs(in_file), initial=1.0) if REMOVED in given.columns else 0.0
-    )
+    straightened = REMOVED in given.columns
+    allowed = STRAIGHT * np.nanmax(np.abs(in_file), initial=1.0) if straightened else 0.0
     claims.near("landmarks are those of the file", off, allowed, of=everyone)
     confidence = given.weights() if given.confidence is None else given.confidence
     same = np.equal(columns.get("confidence", 1.0), confidence) | ~visible
@@ -298,88 +337,14 @@ def check_landmarks(
     claims.hold("items are those of the file", same, of=everyone)
 
 
-def compare(path: Path, stated: str | None, name: str, digests: Digests) -> list[tuple[str, str]]:
-    """Return what is wrong with a file beside the digest that a fit states of it."""
-    actual = digests(path)
-    if stated is None or STREAM in (actual, stated) or actual == stated:
-        return []
-    reason = f"is not the file of the fit, {name}: the digests differ"
-    return [(str(path), f"{reason} ({actual[:12]}... and {stated[:12]}...)")]
-
-
-@contextmanager
-def open_images(
-    part: Part, head: ResultSet, fit: Statement, given: Sequence[Path], digests: Digests
-) -> Iterator[tuple[Chunks | None, list[tuple[str, str]]]]:
-    """Open the landmarks of a part as its fit read them, if they are given; and what is wrong.
-
-    Gives chunks(count).
-    """
-    files, wrong = [], list[tuple[str, str]]()
-    named = part.inputs or fit.config["landmarks"]
-    for name in named if given else ():
-        stated = fit.digests.get(name)
-        file = pair(name, stated, given, digests, alone=len(named) == 1)
-        if file is None:
-            wrong.append((name, "is a file of the fit that is not given by --landmarks"))
-        else:
-            files.append(file)
-            wrong += compare(file, stated, name, digests)
-    if len(files) < len(named):
-        yield None, wrong
-        return
-    from shapefit.config.commands.input import LandmarksConfig
-
-    place = ", ".join(map(str, files)) + ": landmark names"
-    keys = LandmarksConfig.model_fields.keys() & fit.config.keys() - {"data"}
-    try:
-        reading = LandmarksConfig(**{key: fit.config[key] for key in keys})
-        calibrated = (fit.config.get("camera") or {}).get("calibration") is not None
-    except (ValueError, AttributeError):
-        raise input_error(part.file, "does not state how its landmarks were read", FIX) from None
-    rows, method = None if part.rows is None else slice(*part.rows), METHODS[fit.config["method"]]
-    # Without identity over frames detections are no motion.
-    options = input_options(reading, "motion" if method.sequences else "none")
-    with open_landmarks(files, options, rows) as source:
-        names = source.head.landmark_names
-        joints = find_joints(names, head.landmark_names, in_place=method.has_prior)
-
-        def as_fitted(images: LandmarkSet) -> LandmarkSet:
-            if calibrated and REMOVED in head.columns:
-                lens = {CAMERA_MATRIX: head.columns[CAMERA_MATRIX]}
-                lens[DISTORTION] = head.columns[REMOVED]
-                images = images.with_columns(whole=lens)
-            images = named_as_joints(undistorted(images, None), joints, place)
-            return images.arrange(head.landmark_names, place, omit=True)
-
-        def chunks(count: int) -> Iterator[LandmarkSet]:
-            if source.count != count:
-                fault = f"{counted(source.count, 'image')} for {counted(count, 'result')}"
-                raise input_error(files[0], fault, f"give the landmarks of {part.file}")
-            return map(as_fitted, source.batches(CHUNK))
-
-        yield chunks, wrong
-
-
-def pair(
-    name: str, stated: str | None, given: Sequence[Path], digests: Digests, *, alone: bool
-) -> Path | None:
-    """Return the given file with a stated digest, else with this name, else the only one."""
-    equal = [path for path in given if stated is not None and digests(path) == stated]
-    equal += [path for path in given if path.resolve().name == Path(name).name]
-    return next(iter(equal or (given if alone and len(given) == 1 else ())), None)
-
-
-def summary_lines(
-    tally: Mapping[str, int], methods: Mapping[str, Statement], with_landmarks: bool
-) -> Iterator[str]:
+def summary_lines(tally: Mapping[str, int], fit: Statement, with_landmarks: bool) -> Iterator[str]:
     """Yield the summary: what is certified of how many images, what is false."""
     total = f"of {counted(tally['images'] + tally['unread'], 'image')}"
-    (method, fit), *_ = methods.items()
-    why = "the convex program is solved to within the gap that is stated"
-    if not fit.certified:
-        none = "no certificate is stored" if method in CERTIFIED else "has no certificate"
-        why = "states its gap, which is not checked" if method == "global" else none
+    method, why = fit.config["method"], "has no certificate"
+    if fit.certified:
+        why = "the convex program is solved to within the gap that is stated"
+    elif method in (*CERTIFIED, "global"):
+        why = "no certificate is stored" if method in CERTIFIED else "states its gap, not checked"
     wrong = f", and {counted(tally['files'], 'claim')} of whole files" if tally["files"] else ""
     yield f"Method     {method}"
     yield f"Certified  {tally['certified']} {total}: {why}"
